@@ -1,0 +1,182 @@
+"""The rule that discretises energies in time, and its mixed Newton iteration; nothing else knows it.
+
+One step from q0 to q1 of length h, q̄ = (1-α) q0 + α q1, with a quadratic measure e(q):
+
+    residual   ∫ S̄·De(q̄)[w] dx,     S̄ = stress rule(e0, e1)
+
+`PathAverage` (α = ½) takes S̄ = ∫₀¹ ψ'(e0 + s(e1 - e0)) ds.  Then S̄·(e1 - e0) = ψ(e1) - ψ(e0) and
+De(q̄)(q1 - q0) = e1 - e0, so energy is conserved; invariance of e conserves momentum and angular momentum.  The
+average of a convex ψ is the gradient of a convex function of e1: its tangent is symmetric and positive semi-definite,
+so a film that switches between taut, wrinkled and slack does not make Newton's iteration cycle.  The integral is taken
+with Gauss points; what they miss, c = (Δψ - S̄·Δe)/(Δe·Δe), is added along Δe, and its derivative to the tangent.
+
+`EndPoint` (α = 1) takes S̄ = ψ'(e1): statics, and steppers to compare with.
+
+Mixed iteration (Magisano, Leonetti & Garcea, IJNME 109 (2017) 1237, doi:10.1002/nme.5328): the strain ê at the
+quadrature points is a variable of its own, condensed:
+
+    residual   ∫ (S̄(ê) + D̄(ê)(e(q1) - ê))·De(q̄)[w] dx
+    tangent    ∫ D̄ De(q1)[δ]·De(q̄)[w] + α S̄(ê)·D²e[δ, w] dx
+    update     ê = e(q1) - ½ D²e[δ, δ]     the *linearised* strain of the last iterate
+
+(S̄, D̄) are evaluated once an iteration, by one compiled expression, and the forms only read them.
+
+Measured on the free sheet of `demos/spinning_sheet.py` by `demos/studies/stress_rule.py`; its table is in README.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import basix.ufl
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from gossamer_fx.forms import compile_expression, compile_form
+from gossamer_fx.kinematics import Expr
+from gossamer_fx.parts import Array, Dissipated, Stored
+
+
+class StressRule(Protocol):
+    """How the stress of a step follows from the strains at its ends."""
+
+    @property
+    def alpha(self) -> float:
+        """Weight of the end in the configuration q̄ at which forces act."""
+        ...
+
+    def stress(self, part: Stored, e0: Expr, e1: Expr) -> Expr:
+        """S̄, an expression of e0 and the UFL variable e1."""
+        ...
+
+
+@dataclass(frozen=True)
+class PathAverage:
+    """Stress averaged along the straight path in strain space, with `points` Gauss points; see the module."""
+
+    points: int = 10
+    alpha = 0.5
+
+    def stress(self, part: Stored, e0: Expr, e1: Expr) -> Expr:
+        ψ, Δe = part.density, e1 - e0
+        if part.quadratic:
+            return gradient(ψ, (e0 + e1) / 2)
+        s, weight = np.polynomial.legendre.leggauss(self.points)
+        S = sum(float(w) / 2 * gradient(ψ, e0 + float(1 + p) / 2 * Δe) for p, w in zip(s, weight, strict=True))
+        return S + defect(ψ, S, e0, e1)
+
+
+@dataclass(frozen=True)
+class EndPoint:
+    """Stress at the end of the step."""
+
+    alpha = 1.0
+
+    def stress(self, part: Stored, e0: Expr, e1: Expr) -> Expr:
+        return gradient(part.density, e1)
+
+
+def gradient(ψ: Any, e: Expr) -> Expr:
+    """ψ'(e)."""
+    e = ufl.variable(e)
+    return ufl.diff(ψ(e), e)
+
+
+def defect(ψ: Any, S: Expr, e0: Expr, e1: Expr) -> Expr:
+    """What S lacks of conserving energy exactly, along Δe.
+
+    Left out where |Δe| < 1e-5 |e|: there the quadrature misses less than round-off, and the difference of energies
+    would only bring noise.
+    """
+    Δe = e1 - e0
+    Δe2 = ufl.dot(Δe, Δe)
+    smallest = ufl.max_value(1e-10 * (ufl.dot(e0, e0) + ufl.dot(e1, e1)), 1e-40)
+    missing = ψ(e1) - ψ(e0) - ufl.dot(S, Δe)
+    return ufl.conditional(ufl.gt(Δe2, smallest), missing / ufl.max_value(Δe2, smallest), 0.0) * Δe
+
+
+class Coordinates:
+    """The coordinates of one mesh body in a step: start q0, end q1, increment δ of the iteration, step h."""
+
+    def __init__(self, space: fem.FunctionSpace, alpha: float) -> None:
+        self.q0, self.q1, self.δ = (fem.Function(space) for _ in range(3))
+        self.α = fem.Constant(space.mesh, alpha)
+        self.h = fem.Constant(space.mesh, 1.0)
+        self.mid = (1 - self.α) * self.q0 + self.α * self.q1
+        self.w, self.dq = ufl.TestFunction(space), ufl.TrialFunction(space)
+
+
+class ElementForces:
+    """Forces, tangent and energy of one `Stored` or `Dissipated` part, compiled."""
+
+    def __init__(self, part: Stored | Dissipated, at: Coordinates, rule: StressRule) -> None:
+        self.part = part
+        q, w, dq, δ = at.q1, at.w, at.dq, at.δ
+        e = part.measure(q)
+        De = ufl.derivative(e, q, w)
+        De_mid = ufl.replace(De, {q: at.mid})
+        De_dq = ufl.derivative(e, q, dq)
+        D2e = ufl.derivative(De, q, dq)
+        D2e_δδ = ufl.derivative(ufl.derivative(e, q, δ), q, δ)
+
+        m = e.ufl_shape[0]
+        mesh, metadata = at.q1.function_space.mesh, part.dx.metadata()
+        element = _quadrature_element(mesh, metadata, (m,))
+        Q = fem.functionspace(mesh, element)
+        self._e0, self._ê = fem.Function(Q), fem.Function(Q)
+        self._response = fem.Function(fem.functionspace(mesh, _quadrature_element(mesh, metadata, (m + m * m,))))
+        S = ufl.as_vector([self._response[i] for i in range(m)])
+        D = ufl.as_matrix([[self._response[m + i * m + j] for j in range(m)] for i in range(m)])
+
+        ê = ufl.variable(self._ê)
+        if isinstance(part, Stored):
+            S̄ = rule.stress(part, self._e0, ê)
+            self._energy = compile_form(part.density(self._e0) * part.dx)
+        else:
+            S̄ = gradient(part.density, (ê - self._e0) / at.h)
+            self._work = compile_form(ufl.dot(S, self._ê - self._e0) * part.dx)
+        D̄ = ufl.diff(S̄, ê)
+        points = Q.element.interpolation_points()
+        response = [S̄[i] for i in range(m)] + [D̄[i, j] for i in range(m) for j in range(m)]
+        self._respond = compile_expression(ufl.as_vector(response), points)
+        self._strain = compile_expression(e, points)
+        self._linearised = compile_expression(e - D2e_δδ / 2, points)
+
+        self.residual = compile_form(ufl.dot(S + ufl.dot(D, e - self._ê), De_mid) * part.dx)
+        self.tangent = compile_form((ufl.dot(ufl.dot(D, De_dq), De_mid) + at.α * ufl.dot(S, D2e)) * part.dx)
+
+    def accept(self) -> None:
+        """End a step: the strain of its end is that of the next one's start."""
+        self._e0.x.array[:] = self._ê.x.array
+
+    def linearise(self) -> None:
+        """ê from the strain at the last iterate and its linear change by δ; then the stress."""
+        self._ê.interpolate(self._linearised)
+        self._response.interpolate(self._respond)
+
+    def evaluate(self) -> None:
+        """ê = e(q1): the true strain; then the stress."""
+        self._ê.interpolate(self._strain)
+        self._response.interpolate(self._respond)
+
+    def energy(self) -> float:
+        """Owned share of the stored energy at the last accepted state."""
+        return float(fem.assemble_scalar(self._energy))
+
+    def dissipated(self) -> float:
+        """Owned share of the energy that this part takes in the step; before `accept`."""
+        return float(fem.assemble_scalar(self._work))
+
+    @property
+    def strain(self) -> Array:
+        """Strains at the quadrature points, owned and ghost."""
+        array: Array = self._ê.x.array
+        return array
+
+
+def _quadrature_element(mesh: Any, metadata: dict[str, Any], shape: tuple[int, ...]) -> Any:
+    return basix.ufl.quadrature_element(
+        mesh.basix_cell(), value_shape=shape, degree=metadata["quadrature_degree"], scheme="default"
+    )

@@ -1,0 +1,41 @@
+"""What can go wrong, in one sentence each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from mpi4py import MPI
+
+
+class InputError(ValueError):
+    """A scene, mesh or option that cannot be computed; the message names the culprit and the remedy."""
+
+
+class StepFailure(RuntimeError):
+    """A time step that did not converge, also not in sub-steps; the message names time, step, reason and place."""
+
+
+def check(condition: bool, message: str) -> None:
+    """Raise `InputError(message)` unless `condition` holds; for conditions that are the same on every rank."""
+    if not condition:
+        raise InputError(message)
+
+
+def check_on_all(comm: MPI.Comm, condition: bool, message: str) -> None:
+    """As `check`, for conditions that may fail on some ranks only: all ranks raise, so that none waits for ever."""
+    if not comm.allreduce(condition, MPI.LAND):
+        raise InputError(message)
+
+
+def on_rank_zero[T](comm: MPI.Comm, task: Callable[[], T]) -> T | None:
+    """Run `task` on rank 0; an `InputError` there is raised on every rank.  Other ranks get None."""
+    result, message = None, None
+    if comm.rank == 0:
+        try:
+            result = task()
+        except InputError as error:
+            message = str(error)
+    message = comm.bcast(message)
+    if message is not None:
+        raise InputError(message)
+    return result

@@ -1,0 +1,50 @@
+"""Kinematics of surfaces in space, as UFL: every measure is quadratic in the positions.
+
+Positions `x` are the unknowns; the mesh is the stress-free shape.  Components of surface tensors refer to the local
+orthonormal frame `B` of the mesh, and symmetric ones are written as vectors (E11, E22, 2 E12), stresses as
+(S11, S22, S12), so that their dot product is the work per unit reference area.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import ufl
+from dolfinx.mesh import Mesh
+
+Expr = Any  # ufl has no type hints
+
+
+def frame(mesh: Mesh) -> Expr:
+    """Local orthonormal frame B (3x2) of a triangle mesh in space: first edge, and its normal in the surface."""
+    J = ufl.Jacobian(mesh)
+    normal = ufl.cross(J[:, 0], J[:, 1])
+    t1 = J[:, 0] / ufl.sqrt(ufl.dot(J[:, 0], J[:, 0]))
+    t2 = ufl.cross(normal, t1) / ufl.sqrt(ufl.dot(normal, normal))
+    return ufl.as_matrix([[t1[i], t2[i]] for i in range(3)])
+
+
+def surface_gradient(x: Expr, B: Expr) -> Expr:
+    """F = ∇x·B (3x2): the images of the two frame vectors under the motion x."""
+    return ufl.dot(ufl.grad(x), B)
+
+
+def green_lagrange(F: Expr) -> Expr:
+    """E = ½(FᵀF - I) as (E11, E22, 2 E12)."""
+    C = ufl.dot(F.T, F)
+    return ufl.as_vector([(C[0, 0] - 1) / 2, (C[1, 1] - 1) / 2, C[0, 1]])
+
+
+def area_vector(F: Expr) -> Expr:
+    """Normal of the deformed surface times its area per unit reference area."""
+    return ufl.cross(F[:, 0], F[:, 1])
+
+
+def half_trace_and_radius(e: Expr) -> tuple[Expr, Expr]:
+    """Centre and radius of Mohr's circle of e = (e11, e22, 2 e12): principal values are h + r and h - r.
+
+    The radius is guarded at 1e-15: its derivative at equal principal values is zero instead of 0/0.
+    """
+    h = (e[0] + e[1]) / 2
+    r = ufl.sqrt(ufl.max_value(((e[0] - e[1]) ** 2 + e[2] ** 2) / 4, 1e-30))
+    return h, r

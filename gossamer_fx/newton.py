@@ -1,0 +1,145 @@
+"""PETSc's nonlinear solver on the equations of one step, with the mixed iteration of `discrete_gradient`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from petsc4py import PETSc
+
+from gossamer_fx import linear
+from gossamer_fx.parts import Array
+from gossamer_fx.system import System
+
+PREFIX = "gx_"
+
+
+class NotConverged(Exception):
+    """Newton's iteration failed; the message holds reason and place."""
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """When a step counts as solved.
+
+    `relative`: field residual over that of the predictor; residuals below the round-off of `floor` units in the
+    last place of diag(A) q count as zero, whatever their ratio.  `border`: largest fraction in the border equations.
+    """
+
+    relative: float = 1e-10
+    floor: float = 4.0
+    border: float = 1e-12
+    iterations: int = 40
+
+
+class Newton:
+    """Solves r(q1, y) = 0, s(q1, y) = 0 for a compiled system.
+
+    PETSc options with prefix `gx_` apply (e.g. `-gx_snes_monitor`, `-gx_snes_linesearch_type cp`).
+    """
+
+    def __init__(self, system: System, tolerances: Tolerances = Tolerances()) -> None:
+        self.system, self.tolerances = system, tolerances
+        comm = system.comm
+        self._scalars = sum(b.size for b in system.borders)
+        self._composite = linear.Composite(comm, system.q1, self._scalars)
+        self._x, self._F = self._composite.vector(), self._composite.vector()
+        self._r, self._base = system.numbering.vector(), system.numbering.vector()
+        self._diagonal = system.numbering.vector()
+        self.linear_iterations = 0
+
+        self._options = PETSc.Options()
+        defaults = {"snes_linesearch_type": "basic", **linear.defaults(system.numbering.size)}
+        for key, value in defaults.items():
+            if not self._options.hasName(PREFIX + key):
+                self._options.setValue(PREFIX + key, value)
+        self._snes = snes = PETSc.SNES().create(comm)
+        snes.setOptionsPrefix(PREFIX)
+        snes.setType("newtonls")
+        snes.setTolerances(max_it=tolerances.iterations)
+        snes.setFunction(self._function, self._F)
+        if self._scalars:
+            pc = PETSc.PC().create(comm)
+            pc.setOptionsPrefix(PREFIX)
+            pc.setOperators(system.A)
+            pc.setFromOptions()
+            self._bordered = linear.Bordered(self._composite, system.A, pc)
+            J = PETSc.Mat().createPython((self._x.getSizes(), self._x.getSizes()), self._bordered, comm)
+            J.setUp()
+            outer = snes.getKSP().getPC()
+            outer.setOptionsPrefix(PREFIX + "border_")
+            outer.setType("python")
+            outer.setPythonContext(self._bordered)
+        else:
+            J = system.A
+        snes.setJacobian(self._jacobian, J)
+        snes.setFromOptions()
+        snes.setConvergenceTest(self._test)
+
+    def solve(self, predictor: PETSc.Vec, y: Array) -> tuple[Array, int]:
+        """Solve from a predicted q1 and y; q1 is then in the system.  Returns y and the number of iterations.
+
+        Raises:
+            NotConverged: with PETSc's reason and the place of the largest residual.
+        """
+        self.system.q0.copy(self._base)
+        self._reference, self._floor = 0.0, 0.0
+        self._composite.join(predictor, y, self._x)
+        self._snes.solve(None, self._x)
+        self.linear_iterations += self._snes.getLinearSolveIterations()
+        reason = self._snes.getConvergedReason()
+        iterations = int(self._snes.getIterationNumber())
+        if reason <= 0:
+            raise NotConverged(self._complaint(reason, iterations))
+        return self._composite.split(self._x)[1], iterations
+
+    def _function(self, snes: PETSc.SNES, x: PETSc.Vec, F: PETSc.Vec) -> None:
+        z, y = self._composite.split(x)
+        self.system.move(z, self._base)
+        self._evaluate(y, F)
+
+    def _evaluate(self, y: Array, F: PETSc.Vec) -> None:
+        self._s = self.system.residual(y, self._r)
+        self._composite.join(self._r, self._s, F)
+
+    def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
+        A = self.system.tangent()
+        if self._scalars:
+            self._bordered.set(*self.system.coupling())
+            J.assemble()
+        if self._floor == 0:
+            A.getDiagonal(self._diagonal)
+            self._diagonal.pointwiseMult(self._diagonal, self.system.q1)
+            self._floor = self.tolerances.floor * np.finfo(float).eps * self._diagonal.norm()
+        self.system.q1.copy(self._base)
+
+    def _test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
+        if not np.isfinite(norms[2]):
+            return int(PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN)
+        if iteration == 0:
+            self._reference = self._r.norm()
+        if self._solved():
+            # convergence is judged on the true strain, and if it is not reached the iteration goes on from there
+            z, y = self._composite.split(snes.getSolution())
+            self.system.move(z, None)
+            self._evaluate(y, snes.getFunction()[0])
+            if self._solved():
+                return int(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_ABS)
+        if iteration >= self.tolerances.iterations:
+            return int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT)
+        return 0
+
+    def _solved(self) -> bool:
+        limit = max(self.tolerances.relative * self._reference, self._floor)
+        return self._r.norm() <= limit and bool((abs(self._s) <= self.tolerances.border).all())
+
+    def _complaint(self, reason: int, iterations: int) -> str:
+        names = {v: k for k, v in vars(PETSc.SNES.ConvergedReason).items() if isinstance(v, int)}
+        linear_reason = self._snes.getKSP().getConvergedReason()
+        why = names.get(reason, str(reason)).lower().replace("_", " ")
+        if linear_reason < 0:
+            why += f", linear solver {linear_reason}"
+        return (
+            f"{why} after {iterations} iterations, residual {self._r.norm():.1e} N of {self._reference:.1e} N at first, "
+            f"largest in {self.system.place(self._r)}"
+        )

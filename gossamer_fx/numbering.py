@@ -1,0 +1,82 @@
+"""One numbering for the unknowns of all blocks: rank by rank, on each rank block after block."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from gossamer_fx.parts import Block
+
+GlobalIndices = npt.NDArray[np.int32] | npt.NDArray[np.int64]
+
+
+class Numbering:
+    """Global indices of the blocks' unknowns, and the PETSc objects that follow from them.
+
+    Each rank owns one contiguous range: its share of block 0, then of block 1, and so on.
+    """
+
+    def __init__(self, comm: MPI.Comm, blocks: list[Block]) -> None:
+        self.comm, self.blocks = comm, blocks
+        sizes = np.array([b.index_map.size_local * b.size for b in blocks], dtype=np.int64)
+        self.size_local = int(sizes.sum())
+        start = comm.exscan(self.size_local) or 0
+        self.local_starts = np.concatenate([[0], np.cumsum(sizes)])
+        block_starts = np.array(comm.allgather((start + self.local_starts[:-1]).tolist()), dtype=np.int64)
+        self.size = comm.allreduce(self.size_local)
+        self._node_starts = [np.array(comm.allgather(b.index_map.local_range[0])) for b in blocks]
+        self._starts = block_starts
+        self.indices = [self._block_indices(k) for k in range(len(blocks))]
+        # dolfinx enters blocks of a node's numbers at once; PETSc takes them so if all blocks have the same size
+        sizes_of_nodes = {b.size for b in blocks}
+        self._bs = sizes_of_nodes.pop() if len(sizes_of_nodes) == 1 else 1
+        everything = np.concatenate([np.zeros(0, dtype=PETSc.IntType), *self.indices])
+        self._map = PETSc.LGMap().create(
+            (everything[:: self._bs] // self._bs).astype(PETSc.IntType), bsize=self._bs, comm=comm
+        )
+        ends = np.cumsum([0] + [len(i) for i in self.indices])
+        self._local_sets = [self._local_set(a, e) for a, e in zip(ends[:-1], ends[1:], strict=True)]
+
+    def _local_set(self, start: int, end: int) -> PETSc.IS:
+        """The range of local (owned and ghost) unknowns of one block."""
+        blocks = np.arange(start // self._bs, end // self._bs, dtype=PETSc.IntType)
+        return PETSc.IS().createBlock(self._bs, blocks, comm=MPI.COMM_SELF)
+
+    def _block_indices(self, k: int) -> GlobalIndices:
+        """Global index of every owned and ghost unknown of block k."""
+        index_map = self.blocks[k].index_map
+        nodes = index_map.local_to_global(np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32))
+        return self.to_global(k, nodes).ravel()
+
+    def to_global(self, k: int, nodes: npt.NDArray[np.int64]) -> GlobalIndices:
+        """Global indices (n, size) of the unknowns of global nodes (n,) of block k."""
+        size = self.blocks[k].size
+        owner = np.searchsorted(self._node_starts[k], nodes, side="right") - 1
+        first = self._starts[owner, k] + (np.asarray(nodes) - self._node_starts[k][owner]) * size
+        return (first[:, None] + np.arange(size)).astype(PETSc.IntType)
+
+    def owned(self, k: int) -> slice:
+        """Where block k's owned unknowns stand in the local part of a vector."""
+        return slice(int(self.local_starts[k]), int(self.local_starts[k + 1]))
+
+    def vector(self) -> PETSc.Vec:
+        return PETSc.Vec().createMPI((self.size_local, self.size), comm=self.comm)
+
+    def matrix(self) -> PETSc.Mat:
+        """An empty AIJ matrix; its pattern is that of the first assembly."""
+        A = PETSc.Mat().create(self.comm)
+        A.setSizes(((self.size_local, self.size), (self.size_local, self.size)))
+        A.setType("aij")
+        A.setBlockSize(self._bs)
+        A.setLGMap(self._map, self._map)
+        A.setUp()
+        return A
+
+    def submatrix(self, A: PETSc.Mat, k: int) -> PETSc.Mat:
+        """View of the block (k, k) with dolfinx' local numbering; give it back with `restore`."""
+        return A.getLocalSubMatrix(self._local_sets[k], self._local_sets[k])
+
+    def restore(self, A: PETSc.Mat, k: int, view: PETSc.Mat) -> None:
+        A.restoreLocalSubMatrix(self._local_sets[k], self._local_sets[k], view)

@@ -1,0 +1,230 @@
+"""The contract: what a scene contains, as seen by what computes it.
+
+A *body* brings coordinates (a `Block`) and an initial state.  A *part* plays one of five roles:
+
+    Kinetic      a constant mass matrix
+    Stored       an energy ∫ψ(e(q)) of a quadratic measure e and a density ψ
+    Dissipated   a dissipation potential ∫φ(ė) of the rate of a quadratic measure
+    Supplied     a force whose work is booked as supplied
+    Constraint   coordinates that are prescribed
+
+The role alone decides how a part is discretised in time and in which column of the ledger it is booked; neither the
+stepper nor the ledger knows a part by name.  Parts that live on a mesh speak UFL, parts between points speak NumPy
+and see bodies through `Port`s only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeGuard
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+from dolfinx.common import IndexMap
+from mpi4py import MPI
+
+from gossamer_fx.kinematics import Expr
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Coordinates of one body: `index_map` distributes nodes, each with `size` numbers (a multiple of 3: vectors).
+
+    The vectors of a node are positions (3), or a position and directors (6, 9, 12): linear momentum counts the first.
+    """
+
+    index_map: IndexMap
+    size: int
+
+
+class Body(Protocol):
+    """Something with coordinates."""
+
+    name: str
+    comm: MPI.Comm
+    block: Block
+
+    def initial_state(self) -> tuple[Array, Array]:
+        """Owned coordinates [m] and velocities [m/s], flattened, node by node."""
+        ...
+
+    def parts(self) -> Iterable[Part]:
+        """The body's own roles."""
+        ...
+
+    def describe(self, node: int) -> str:
+        """Where an owned node is, in words, for messages."""
+        ...
+
+
+class MeshBody(Body, Protocol):
+    """A body discretised on a mesh."""
+
+    space: fem.FunctionSpace
+
+
+def is_on_mesh(body: Body) -> TypeGuard[MeshBody]:
+    """Whether a body is discretised on a mesh."""
+    return hasattr(body, "space")
+
+
+@dataclass(frozen=True, eq=False)
+class Port:
+    """A point attached to a body: position Σ_k weights[k] q[nodes[k]], a constant linear map of its coordinates.
+
+    `nodes` are global nodes of the body's block, the same on every rank.
+    """
+
+    body: Body
+    nodes: tuple[int, ...]
+    weights: tuple[float, ...] = (1.0,)
+
+
+@dataclass(frozen=True, eq=False)
+class Kinetic:
+    """Kinetic energy ½ v·Mv with the constant mass matrix `mass(v, w)`, a bilinear form."""
+
+    body: MeshBody
+    mass: Callable[[Expr, Expr], ufl.Form]
+
+
+@dataclass(frozen=True, eq=False)
+class PointKinetic:
+    """Kinetic energy of a body without mesh; `mass` (n,) in kg, one for each of its owned nodes."""
+
+    body: Body
+    mass: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Stored:
+    """Stored energy ∫ψ(e(q)) dx: `measure` is quadratic in q, `density` ψ knows the strain only."""
+
+    name: str
+    body: MeshBody
+    measure: Callable[[Expr], Expr]
+    density: Callable[[Expr], Expr]
+    dx: ufl.Measure
+    quadratic: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Dissipated:
+    """Dissipation: stress φ'(ė) against the rate of the measure; φ is quadratic and convex, the loss 2∫∫φ(ė) dx dt."""
+
+    name: str
+    body: MeshBody
+    measure: Callable[[Expr], Expr]
+    density: Callable[[Expr], Expr]
+    dx: ufl.Measure
+
+
+class PointDensity(Protocol):
+    """Energy of a scalar strain, for parts between points."""
+
+    def energy(self, e: float) -> float:
+        """ψ(e) in J."""
+        ...
+
+    def average(self, e0: float, e1: float) -> tuple[float, float]:
+        """(S̄, dS̄/de1) with S̄ (e1 - e0) = ψ(e1) - ψ(e0); at e0 = e1 it is (ψ', ψ''/2)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class PointStored:
+    """Stored energy ψ(e) of one quadratic measure e = ½ X·HX + L·X + c of the stacked port positions X (3k,)."""
+
+    name: str
+    ports: tuple[Port, ...]
+    H: Array  # (3k, 3k)
+    L: Array  # (3k,)
+    c: float
+    density: PointDensity
+
+
+@dataclass(frozen=True, eq=False)
+class Supplied:
+    """A load: `work(q, w)` is its virtual work, linear in w; `at(t)`, if given, sets its constants to time t."""
+
+    name: str
+    body: MeshBody
+    work: Callable[[Expr, Expr], ufl.Form]
+    follows: bool = False  # whether the work form depends on the configuration q
+    at: Callable[[float], None] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Constraint:
+    """Coordinates that keep their initial values: owned and ghost scalar indices of the body's block."""
+
+    name: str
+    body: MeshBody
+    dofs: Indices
+
+
+
+
+@dataclass(frozen=True)
+class Booking:
+    """What a border contributes to the ledger: energies [J] and masses [kg], the supplied ones since the start."""
+
+    stored: dict[str, float]
+    supplied: float
+    mass: float
+    mass_supplied: float
+
+
+class Border(Protocol):
+    """Scalar unknowns y coupled to whole fields, e.g. gas pressures: a border of the matrix, never a block in it.
+
+    They are the same on every rank.  With the coordinates z of the bodies, a Newton step reads
+
+        [ A  G ] [δz]     [ r ]
+        [ Hᵀ C ] [δy] = - [ s ]
+    """
+
+    size: int
+
+    def begin(self, h: float, t: float) -> Array:
+        """Start a step of length h whose rates are taken at time t; returns a first guess of y (size,)."""
+        ...
+
+    def residual(self, y: Array) -> Array:
+        """s(y) (size,), each as a fraction of the quantity that it balances."""
+        ...
+
+    def add_force(self, values: Array) -> None:
+        """Add this border's forces, at the y of the last `residual`, to the owned part of r."""
+        ...
+
+    def tangents(self, body: Body) -> Iterable[fem.Form]:
+        """Their derivatives with respect to the coordinates of one body."""
+        ...
+
+    def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
+        """Owned parts of the columns of G and of H (None: zero), and C (size, size)."""
+        ...
+
+    def accept(self) -> None:
+        """End the step."""
+        ...
+
+    def book(self) -> Booking:
+        """Energies and masses now, and what was supplied since the start."""
+        ...
+
+
+Part = Kinetic | PointKinetic | Stored | Dissipated | PointStored | Supplied | Constraint
+
+
+class BorderMaker(Protocol):
+    """Compiles all items of one kind to one border of a system."""
+
+    def __call__(self, items: list[Any], system: Any) -> Border: ...

@@ -1,0 +1,326 @@
+"""A compiled scene: numbering, forms, sparsity, residual and tangent.  It knows roles and rules, no part by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import dolfinx.cpp
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem, la
+from mpi4py import MPI
+from petsc4py import PETSc
+from scipy.linalg import block_diag
+
+from gossamer_fx.discrete_gradient import Coordinates, ElementForces, StressRule
+from gossamer_fx.forms import compile_form
+from gossamer_fx.numbering import Numbering
+from gossamer_fx.parts import (
+    Array,
+    Body,
+    Border,
+    Constraint,
+    Dissipated,
+    Kinetic,
+    Part,
+    PointKinetic,
+    PointStored,
+    Stored,
+    Supplied,
+    is_on_mesh,
+)
+from gossamer_fx.point_forces import PointForces
+
+
+class LoadForces:
+    """A `Supplied` part, compiled: its force at q̄ and its work over the step."""
+
+    def __init__(self, part: Supplied, at: Coordinates) -> None:
+        self.part = part
+        δW = part.work(at.mid, at.w)
+        self.form = compile_form(δW)
+        self.tangent = compile_form(-ufl.derivative(δW, at.q1, at.dq)) if part.follows else None
+        dofmap = at.q0.function_space.dofmap
+        self.force = la.vector(dofmap.index_map, dofmap.index_map_bs)
+        self._changes = part.follows or part.at is not None
+        self._assembled = False
+
+    def assemble(self) -> None:
+        if self._changes or not self._assembled:
+            self.force.array[:] = 0
+            fem.assemble_vector(self.force.array, self.form)
+            self.force.scatter_reverse(la.InsertMode.add)
+            self._assembled = True
+
+
+@dataclass(frozen=True)
+class Totals:
+    """Energies [J], momenta [kg m/s, kg m²/s] and gas masses [kg] of a state; supplied and dissipated since the start."""
+
+    time: float
+    kinetic: float
+    stored: dict[str, float]
+    supplied: float
+    dissipated: float
+    momentum: Array
+    angular_momentum: Array
+    mass: float
+    mass_supplied: float
+
+    @property
+    def energy(self) -> float:
+        """Kinetic and stored."""
+        return self.kinetic + sum(self.stored.values())
+
+
+class System:
+    """State and equations of a scene for one stress rule.
+
+    The unknowns of a step are the end coordinates q1 of all bodies, in one vector, and the border scalars y.  The
+    residual is
+
+        r = c M (q1 - a) + Σ stored and dissipated forces - Σ loads + border forces
+
+    where the stepper chooses c and a (`inertia`): the midpoint rule has c = 2/h², a = q0 + h v0.
+    """
+
+    def __init__(self, bodies: list[Body], parts: Iterable[Part], rule: StressRule, comm: MPI.Comm) -> None:
+        self.comm, self.bodies, self.rule = comm, bodies, rule
+        self.borders: list[Border] = []
+        self.time, self.h = 0.0, 1.0
+        self._supplied = self._dissipated = 0.0
+        self.numbering = numbering = Numbering(comm, [b.block for b in bodies])
+        self.q0, self.q1, self.v0, self._scratch, self._momenta = (numbering.vector() for _ in range(5))
+        self._start = self.q0.getOwnershipRange()[0]
+
+        parts = list(parts)
+        self.fields = {k: Coordinates(b.space, rule.alpha) for k, b in enumerate(bodies) if is_on_mesh(b)}
+        self._forces = {k: la.vector(bodies[k].block.index_map, bodies[k].block.size) for k in self.fields}
+        self.stored = [(k, ElementForces(p, at, rule)) for k, at, p in self._on_fields(parts, Stored)]
+        self.dissipated = [(k, ElementForces(p, at, rule)) for k, at, p in self._on_fields(parts, Dissipated)]
+        self.loads = [(k, LoadForces(p, at)) for k, at, p in self._on_fields(parts, Supplied)]
+        self._elements = self.stored + self.dissipated
+        points = [p for p in parts if isinstance(p, PointStored)]
+        self._points = PointForces(numbering, bodies, points, rule.alpha) if points else None
+        self._masses = [p for p in parts if isinstance(p, Kinetic | PointKinetic)]
+        self._fixed = self._held(parts)
+        self._any_fixed = comm.allreduce(len(self._fixed)) > 0
+
+    def start(self) -> None:
+        """Take the initial state and set up the matrices; after the borders are attached."""
+        for k, body in enumerate(self.bodies):
+            self.q0.array[self.numbering.owned(k)], self.v0.array[self.numbering.owned(k)] = body.initial_state()
+        self.v0.array[self._fixed] = 0
+        self.move(self.q0, None)
+        self.h = 0.0
+        self.accept(self.v0.copy())
+        self.begin(1.0)
+        self._build_matrices()
+
+    def _on_fields(self, parts: list[Part], role: Any) -> list[tuple[int, Coordinates, Any]]:
+        """The parts of one role, with the index and coordinates of their body."""
+        found = [(self.bodies.index(p.body), p) for p in parts if isinstance(p, role)]
+        return [(k, self.fields[k], p) for k, p in found]
+
+    def _held(self, parts: list[Part]) -> npt.NDArray[np.int64]:
+        """Positions of the coordinates that are held, in this rank's part of a vector."""
+        held = [np.zeros(0, dtype=np.int64)]
+        for part in parts:
+            if isinstance(part, Constraint):
+                owned = self.numbering.owned(self.bodies.index(part.body))
+                held.append(part.dofs[part.dofs < owned.stop - owned.start].astype(np.int64) + owned.start)
+        return np.unique(np.concatenate(held))
+
+    def _build_matrices(self) -> None:
+        """Mass matrix M and tangent A, with one sparsity pattern."""
+        self.A = self.numbering.matrix()
+        self._add_masses(self.A)
+        self._add_tangents()
+        self.A.assemble()
+        self.A.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+        self.A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
+        self.M = self.A.duplicate()
+        self._add_masses(self.M)
+        self.M.assemble()
+
+    def _add_masses(self, target: PETSc.Mat) -> None:
+        for part in self._masses:
+            k = self.bodies.index(part.body)
+            if isinstance(part, Kinetic):
+                at = self.fields[k]
+                self._assemble_matrix(target, k, [compile_form(part.mass(at.dq, at.w))])
+            else:
+                first = self._start + self.numbering.owned(k).start
+                for i, m in enumerate(np.repeat(part.mass, part.body.block.size)):
+                    target.setValue(first + i, first + i, m, addv=PETSc.InsertMode.ADD_VALUES)
+
+    def _assemble_matrix(self, A: PETSc.Mat, k: int, forms: Iterable[fem.Form]) -> None:
+        view = self.numbering.submatrix(A, k)
+        for form in forms:
+            constants = dolfinx.cpp.fem.pack_constants(form._cpp_object)
+            coefficients = dolfinx.cpp.fem.pack_coefficients(form._cpp_object)
+            dolfinx.cpp.fem.petsc.assemble_matrix(view, form._cpp_object, constants, coefficients, [], False)
+        self.numbering.restore(A, k, view)
+
+    # ---- a step ------------------------------------------------------------------------------------------------
+
+    def begin(self, h: float) -> Array:
+        """Start a step of length h from (q0, v0); returns the first guess of the border scalars."""
+        self.h = h
+        t = self.time + self.rule.alpha * h
+        for field in self.fields.values():
+            field.h.value = h
+        for _, load in self.loads:
+            if load.part.at is not None:
+                load.part.at(t)
+        return np.concatenate([np.zeros(0), *[b.begin(h, t) for b in self.borders]])
+
+    def inertia(self, c: float, a: PETSc.Vec) -> None:
+        """Choose c and a of the residual's c M (q1 - a)."""
+        self._c, self._a = c, a
+
+    def move(self, z: PETSc.Vec, base: PETSc.Vec | None) -> None:
+        """Set q1 = z.  Strains follow linearly from `base`, or are the true ones if it is None."""
+        z.copy(self.q1)
+        self._spread(self.q1, "q1")
+        if base is not None:
+            self._scratch.waxpy(-1.0, base, z)
+            self._spread(self._scratch, "δ")
+        for _, force in self._elements:
+            if base is None:
+                force.evaluate()
+            else:
+                force.linearise()
+
+    def residual(self, y: Array, r: PETSc.Vec) -> Array:
+        """Field residual into r; returns the border residual s."""
+        s = [b.residual(part) for b, part in self._split(y)]
+        self._scratch.waxpy(-1.0, self._a, self.q1)
+        self.M.mult(self._scratch, r)
+        r.scale(self._c)
+        for b in self._forces.values():
+            b.array[:] = 0
+        for k, force in self._elements:
+            fem.assemble_vector(self._forces[k].array, force.residual)
+        with r as values:
+            for k, b in self._forces.items():
+                b.scatter_reverse(la.InsertMode.add)
+                self._add_owned(values, k, b.array)
+            for k, load in self.loads:
+                load.assemble()
+                self._add_owned(values, k, -load.force.array)
+            for border in self.borders:
+                border.add_force(values)
+        if self._points:
+            self._points.add_forces(self.q1, r)
+        with r as values:
+            values[self._fixed] = 0
+        return np.concatenate([np.zeros(0), *s])
+
+    def tangent(self) -> PETSc.Mat:
+        """Derivative of the field residual with respect to q1."""
+        self.M.copy(self.A, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+        self.A.scale(self._c)
+        self._add_tangents()
+        self.A.assemble()
+        if self._any_fixed:
+            self.A.zeroRowsColumns((self._fixed + self._start).astype(PETSc.IntType), diag=1.0)
+        return self.A
+
+    def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
+        """Columns and rows of all borders, zero at held coordinates, and their corner."""
+        G: list[Array | None] = []
+        H: list[Array | None] = []
+        corner = np.zeros((0, 0))
+        for border in self.borders:
+            columns, rows, C = border.coupling()
+            G, H, corner = G + columns, H + rows, block_diag(corner, C)
+        for vector in G + H:
+            if vector is not None:
+                vector[self._fixed] = 0
+        return G, H, corner
+
+    def accept(self, v1: PETSc.Vec) -> None:
+        """End the step with the velocities v1; q1 is the state now, and what flowed is booked."""
+        Δq = self.q1.array_r - self.q0.array_r
+        for k, load in self.loads:
+            owned = self.numbering.owned(k)
+            self._supplied += float(Δq[owned] @ load.force.array[: owned.stop - owned.start])
+        for _, force in self.dissipated:
+            self._dissipated += force.dissipated()
+        for _, force in self._elements:
+            force.accept()
+        for border in self.borders:
+            border.accept()
+        self.q1.copy(self.q0)
+        v1.copy(self.v0)
+        for field in self.fields.values():
+            field.q0.x.array[:] = field.q1.x.array
+        if self._points:
+            self._points.begin(self.q0)
+        self.time += self.h
+
+    def book(self) -> Totals:
+        """Energies and momenta of the accepted state, and what was supplied and dissipated since the start."""
+        self.M.mult(self.v0, self._momenta)
+        P, x = self._momenta.array_r, self.q0.array_r
+        momenta = np.zeros((2, 3))
+        for k, body in enumerate(self.bodies):
+            owned = self.numbering.owned(k)
+            p, q = P[owned].reshape(-1, 3), x[owned].reshape(-1, 3)
+            momenta[0] += p[:: body.block.size // 3].sum(axis=0)
+            momenta[1] += np.cross(q, p).sum(axis=0)
+        stored = {f.part.name: f.energy() for _, f in self.stored}
+        for name, energy in (self._points.energies() if self._points else {}).items():
+            stored[name] = stored.get(name, 0.0) + energy
+        local = np.array([self.v0.array_r @ P / 2, self._supplied, self._dissipated, *momenta.ravel(), *stored.values()])
+        kinetic, supplied, dissipated, *rest = self.comm.allreduce(local).tolist()
+        stored = dict(zip(stored, rest[6:], strict=True))
+        mass = mass_supplied = 0.0
+        for border in self.borders:
+            b = border.book()
+            stored |= b.stored
+            supplied, mass, mass_supplied = supplied + b.supplied, mass + b.mass, mass_supplied + b.mass_supplied
+        return Totals(
+            self.time, kinetic, stored, supplied, dissipated, np.array(rest[:3]), np.array(rest[3:6]), mass, mass_supplied
+        )
+
+    def place(self, r: PETSc.Vec) -> str:
+        """Where the residual r is largest, in words."""
+        values = abs(r.array_r)
+        i = int(values.argmax()) if values.size else -1
+        here = (float(values[i]) if i >= 0 else -1.0, self.comm.rank)
+        words = ""
+        for k, body in enumerate(self.bodies):
+            owned = self.numbering.owned(k)
+            if owned.start <= i < owned.stop:
+                words = f"'{body.name}' {body.describe((i - owned.start) // body.block.size)}"
+        return str(self.comm.bcast(words, root=max(self.comm.allgather(here))[1]))
+
+    def _spread(self, z: PETSc.Vec, name: str) -> None:
+        """Copy a vector to the fields' functions `name`, ghosts included."""
+        values = z.array_r
+        for k, field in self.fields.items():
+            function = getattr(field, name).x
+            owned = self.numbering.owned(k)
+            function.array[: owned.stop - owned.start] = values[owned]
+            function.scatter_forward()
+
+    def _add_owned(self, values: Array, k: int, b: Array) -> None:
+        owned = self.numbering.owned(k)
+        values[owned] += b[: owned.stop - owned.start]
+
+    def _add_tangents(self) -> None:
+        for k, body in enumerate(self.bodies):
+            forms = [f.tangent for j, f in [*self._elements, *self.loads] if j == k and f.tangent]
+            forms += [form for border in self.borders for form in border.tangents(body)]
+            self._assemble_matrix(self.A, k, forms)
+        if self._points:
+            self._points.add_tangents(self.q1, self.A)
+
+    def _split(self, y: Array) -> list[tuple[Border, Array]]:
+        ends = np.cumsum([0] + [b.size for b in self.borders])
+        return [(b, y[i:j]) for b, i, j in zip(self.borders, ends[:-1], ends[1:], strict=True)]
