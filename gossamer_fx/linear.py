@@ -20,7 +20,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.parts import Array
 
-DIRECT_UP_TO = 6000  # unknowns; above, multigrid is cheaper than a factorisation
+DIRECT_UP_TO = 6000  # unknowns; above, a multigrid cycle and inexact steps are cheaper than a factorisation
 
 
 class Composite:
@@ -51,69 +51,76 @@ class Composite:
 
 
 class Bordered:
-    """The bordered operator and its preconditioner, as PETSc's Python types."""
+    """The bordered operator, as PETSc's Python matrix."""
 
-    def __init__(self, composite: Composite, A: PETSc.Mat, pc: PETSc.PC) -> None:
-        self._composite, self._A, self._pc = composite, A, pc
+    def __init__(self, composite: Composite, A: PETSc.Mat) -> None:
+        self.composite, self.A = composite, A
         self._out = composite.fields.duplicate()
 
     def set(self, G: list[Array | None], H: list[Array | None], C: Array) -> None:
         """New coupling: owned parts of the columns and rows (None: zero), and the corner."""
-        self._G, self._H, self._C = G, H, C
+        self.G, self.H, self.C = G, H, C
 
-    def _rows(self, z: PETSc.Vec) -> Array:
+    def rows(self, z: PETSc.Vec) -> Array:
         """Hᵀz."""
-        local = np.array([0.0 if h is None else h @ z.array_r for h in self._H])
-        return self._composite.comm.allreduce(local)
-
-    # matrix
+        local = np.array([0.0 if h is None else h @ z.array_r for h in self.H])
+        return self.composite.comm.allreduce(local)
 
     def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, out: PETSc.Vec) -> None:
-        z, y = self._composite.split(x)
-        self._A.mult(z, self._out)
-        with self._out as values:
-            for g, yk in zip(self._G, y, strict=True):
-                if g is not None:
-                    values += g * yk
-        self._composite.join(self._out, self._rows(z) + self._C @ y, out)
+        z, y = self.composite.split(x)
+        self.A.mult(z, self._out)
+        add_columns(self._out, self.G, y)
+        self.composite.join(self._out, self.rows(z) + self.C @ y, out)
 
-    # preconditioner
+
+class BorderedPreconditioner:
+    """Block elimination with a preconditioner of the sparse part, as PETSc's Python preconditioner."""
+
+    def __init__(self, operator: Bordered, sparse: PETSc.PC) -> None:
+        self._operator, self._sparse = operator, sparse
+        self._out = operator.composite.fields.duplicate()
 
     def setUp(self, pc: PETSc.PC) -> None:
-        self._pc.setOperators(self._A)
-        self._pc.setUp()
-        z = self._composite.fields
-        self._Z: list[Array | None] = []
-        Σ = self._C.copy()
-        for k, g in enumerate(self._G):
-            if g is None:
-                self._Z.append(None)
-                continue
-            with z as values:
-                values[:] = g
-            self._pc.apply(z, self._out)
-            self._Z.append(self._out.array_r.copy())
-            Σ[:, k] -= self._rows(self._out)
-        self._Σ = Σ
+        operator = self._operator
+        self._sparse.setOperators(operator.A)
+        self._sparse.setUp()
+        z = operator.composite.fields
+        self._Z: list[Array | None] = [None] * len(operator.G)
+        self._Σ = operator.C.copy()
+        for k, g in enumerate(operator.G):
+            if g is not None:
+                with z as values:
+                    values[:] = g
+                self._sparse.apply(z, self._out)
+                self._Z[k] = self._out.array_r.copy()
+                self._Σ[:, k] -= operator.rows(self._out)
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, out: PETSc.Vec) -> None:
-        z, s = self._composite.split(x)
-        self._pc.apply(z, self._out)
-        δy = np.linalg.solve(self._Σ, s - self._rows(self._out))
-        with self._out as values:
-            for Z, yk in zip(self._Z, δy, strict=True):
-                if Z is not None:
-                    values -= Z * yk
-        self._composite.join(self._out, δy, out)
+        operator = self._operator
+        r, s = operator.composite.split(x)
+        self._sparse.apply(r, self._out)
+        δy = np.linalg.solve(self._Σ, s - operator.rows(self._out))
+        add_columns(self._out, self._Z, -δy)
+        operator.composite.join(self._out, δy, out)
 
 
-def defaults(size: int, iterative_allowed: bool = True) -> dict[str, str]:
-    """PETSc options for a sparse system of `size` unknowns."""
-    if size <= DIRECT_UP_TO or not iterative_allowed:
-        return {"ksp_type": "preonly", "pc_type": "lu", "pc_factor_mat_solver_type": "mumps"}
-    return {
-        "ksp_type": "gmres",
-        "ksp_rtol": "1e-3",
-        "ksp_gmres_restart": "60",
-        "pc_type": "hypre",
-    }
+def add_columns(z: PETSc.Vec, columns: list[Array | None], weights: Array) -> None:
+    """z += Σ weights[k] columns[k], over the columns that are not None."""
+    with z as values:
+        for column, weight in zip(columns, weights, strict=True):
+            if column is not None:
+                values += column * weight
+
+
+def configure(ksp: PETSc.KSP, pc: PETSc.PC, size: int) -> None:
+    """Choose Krylov method and preconditioner of the sparse part for `size` unknowns; PETSc's options may override."""
+    if size <= DIRECT_UP_TO:
+        ksp.setType("preonly")
+        pc.setType("lu")
+        pc.setFactorSolverType("mumps")
+    else:
+        ksp.setType("gmres")
+        ksp.setGMRESRestart(60)
+        ksp.setPCSide(PETSc.PC.Side.RIGHT)
+        ksp.setTolerances(rtol=1e-3, max_it=300)
+        pc.setType("hypre")

@@ -48,30 +48,31 @@ class Newton:
         self._diagonal = system.numbering.vector()
         self.linear_iterations = 0
 
-        self._options = PETSc.Options()
-        defaults = {"snes_linesearch_type": "basic", **linear.defaults(system.numbering.size)}
-        for key, value in defaults.items():
-            if not self._options.hasName(PREFIX + key):
-                self._options.setValue(PREFIX + key, value)
         self._snes = snes = PETSc.SNES().create(comm)
         snes.setOptionsPrefix(PREFIX)
         snes.setType("newtonls")
+        options = PETSc.Options(PREFIX)
+        if not options.hasName("snes_linesearch_type"):
+            options["snes_linesearch_type"] = "basic"
         snes.setTolerances(max_it=tolerances.iterations)
         snes.setFunction(self._function, self._F)
+        ksp = snes.getKSP()
         if self._scalars:
-            pc = PETSc.PC().create(comm)
-            pc.setOptionsPrefix(PREFIX)
-            pc.setOperators(system.A)
-            pc.setFromOptions()
-            self._bordered = linear.Bordered(self._composite, system.A, pc)
+            self._bordered = linear.Bordered(self._composite, system.A)
             J = PETSc.Mat().createPython((self._x.getSizes(), self._x.getSizes()), self._bordered, comm)
             J.setUp()
-            outer = snes.getKSP().getPC()
+            sparse = PETSc.PC().create(comm)
+            sparse.setOptionsPrefix(PREFIX)
+            sparse.setOperators(system.A)
+            linear.configure(ksp, sparse, system.numbering.size)
+            sparse.setFromOptions()
+            outer = ksp.getPC()
             outer.setOptionsPrefix(PREFIX + "border_")
             outer.setType("python")
-            outer.setPythonContext(self._bordered)
+            outer.setPythonContext(linear.BorderedPreconditioner(self._bordered, sparse))
         else:
             J = system.A
+            linear.configure(ksp, ksp.getPC(), system.numbering.size)
         snes.setJacobian(self._jacobian, J)
         snes.setFromOptions()
         snes.setConvergenceTest(self._test)

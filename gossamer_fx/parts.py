@@ -25,6 +25,7 @@ import ufl
 from dolfinx import fem
 from dolfinx.common import IndexMap
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from gossamer_fx.kinematics import Expr
 
@@ -181,6 +182,18 @@ class Booking:
     mass_supplied: float
 
 
+class Assembly(Protocol):
+    """What a border sees of the compiled scene: bodies, their numbering, and the coordinates of the step."""
+
+    comm: MPI.Comm
+    bodies: list[Body]
+    numbering: Any
+    fields: dict[int, Any]
+    rule: Any
+    q0: PETSc.Vec
+    q1: PETSc.Vec
+
+
 class Border(Protocol):
     """Scalar unknowns y coupled to whole fields, e.g. gas pressures: a border of the matrix, never a block in it.
 
@@ -191,6 +204,10 @@ class Border(Protocol):
     """
 
     size: int
+
+    def start(self) -> None:
+        """Take the initial state."""
+        ...
 
     def begin(self, h: float, t: float) -> Array:
         """Start a step of length h whose rates are taken at time t; returns a first guess of y (size,)."""
@@ -227,4 +244,4 @@ Part = Kinetic | PointKinetic | Stored | Dissipated | PointStored | Supplied | C
 class BorderMaker(Protocol):
     """Compiles all items of one kind to one border of a system."""
 
-    def __call__(self, items: list[Any], system: Any) -> Border: ...
+    def __call__(self, items: list[Any], system: Assembly) -> Border: ...

@@ -30,7 +30,7 @@ class PointForces:
     """All `PointStored` parts of a scene, by the rule of `discrete_gradient`: S̄ (e1 - e0) = ψ(e1) - ψ(e0)."""
 
     def __init__(self, numbering: Numbering, bodies: list[Body], parts: list[PointStored], alpha: float) -> None:
-        self._α = alpha
+        self._α, self._names = alpha, [part.name for part in parts]
         start, end = numbering.vector().getOwnershipRange()
         self._mine: list[_Local] = []
         for part in parts:
@@ -89,7 +89,7 @@ class PointForces:
 
     def energies(self) -> dict[str, float]:
         """This rank's energies at the last accepted state, by part."""
-        result: dict[str, float] = {}
+        result = dict.fromkeys(self._names, 0.0)
         for m in self._mine:
-            result[m.part.name] = result.get(m.part.name, 0.0) + m.part.density.energy(m.e0)
+            result[m.part.name] += m.part.density.energy(m.e0)
         return result

@@ -115,9 +115,9 @@ class System:
             self.q0.array[self.numbering.owned(k)], self.v0.array[self.numbering.owned(k)] = body.initial_state()
         self.v0.array[self._fixed] = 0
         self.move(self.q0, None)
-        self.h = 0.0
-        self.accept(self.v0.copy())
-        self.begin(1.0)
+        self._keep()
+        for border in self.borders:
+            border.start()
         self._build_matrices()
 
     def _on_fields(self, parts: list[Part], role: Any) -> list[tuple[int, Coordinates, Any]]:
@@ -251,17 +251,21 @@ class System:
             self._supplied += float(Δq[owned] @ load.force.array[: owned.stop - owned.start])
         for _, force in self.dissipated:
             self._dissipated += force.dissipated()
-        for _, force in self._elements:
-            force.accept()
         for border in self.borders:
             border.accept()
         self.q1.copy(self.q0)
         v1.copy(self.v0)
+        self._keep()
+        self.time += self.h
+
+    def _keep(self) -> None:
+        """q1 and its strains are the start of the next step."""
         for field in self.fields.values():
             field.q0.x.array[:] = field.q1.x.array
+        for _, force in self._elements:
+            force.accept()
         if self._points:
             self._points.begin(self.q0)
-        self.time += self.h
 
     def book(self) -> Totals:
         """Energies and momenta of the accepted state, and what was supplied and dissipated since the start."""

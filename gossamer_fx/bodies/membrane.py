@@ -98,7 +98,7 @@ class Membrane:
         x, y, z = self.space.tabulate_dof_coordinates()[node]
         return f"at the node ({x:.6g}, {y:.6g}, {z:.6g}) m of the mesh"
 
-    def dofs(self, group: str) -> np.ndarray:
+    def nodes(self, group: str) -> np.ndarray:
         """Local nodes (owned and ghost) of a named group of the mesh."""
         dim, entities = self.mesh.group(group)
         self.mesh.domain.topology.create_connectivity(dim, 2)
@@ -107,7 +107,7 @@ class Membrane:
 
     def port(self, group: str) -> Port:
         """The node of a named point of the mesh."""
-        nodes = self.dofs(group)
+        nodes = self.nodes(group)
         owned = nodes[nodes < self.block.index_map.size_local]
         found = [i for part in self.comm.allgather(self.block.index_map.local_to_global(owned).tolist()) for i in part]
         check(len(found) == 1, f"Group '{group}' of '{self.name}' has {len(found)} nodes; a port is one point.")

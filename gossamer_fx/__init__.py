@@ -1,0 +1,82 @@
+"""gossamer_fx: films that wrinkle, inflatables and what holds them, moved with exact conservation.
+
+The public names are loaded when they are used: a scene imports only what it contains.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from gossamer_fx.bodies.membrane import Membrane as Membrane
+    from gossamer_fx.bodies.point_mass import PointMass as PointMass
+    from gossamer_fx.discrete_gradient import EndPoint as EndPoint
+    from gossamer_fx.discrete_gradient import PathAverage as PathAverage
+    from gossamer_fx.errors import InputError as InputError
+    from gossamer_fx.errors import StepFailure as StepFailure
+    from gossamer_fx.gas.enclosure import Piston as Piston
+    from gossamer_fx.gas.ideal_gas import IdealGas as IdealGas
+    from gossamer_fx.gas.orifice import Orifice as Orifice
+    from gossamer_fx.gas.orifice import WallHeat as WallHeat
+    from gossamer_fx.gas.volumes import Ambient as Ambient
+    from gossamer_fx.gas.volumes import Chamber as Chamber
+    from gossamer_fx.gas.volumes import Reservoir as Reservoir
+    from gossamer_fx.gas.volumes import Tank as Tank
+    from gossamer_fx.interactions.fixed import Fixed as Fixed
+    from gossamer_fx.interactions.spring import AxialSpring as AxialSpring
+    from gossamer_fx.ledger import Ledger as Ledger
+    from gossamer_fx.ledger import Progress as Progress
+    from gossamer_fx.loads.damping import Damping as Damping
+    from gossamer_fx.loads.gravity import Gravity as Gravity
+    from gossamer_fx.loads.pressure import Pressure as Pressure
+    from gossamer_fx.materials import Linear as Linear
+    from gossamer_fx.materials import Miyazaki as Miyazaki
+    from gossamer_fx.materials import TensionField as TensionField
+    from gossamer_fx.mesh import Mesh as Mesh
+    from gossamer_fx.mesh import gmsh_mesh as gmsh_mesh
+    from gossamer_fx.mesh import read_mesh as read_mesh
+    from gossamer_fx.midpoint import Midpoint as Midpoint
+    from gossamer_fx.newton import Tolerances as Tolerances
+    from gossamer_fx.picture import Picture as Picture
+    from gossamer_fx.recorder import VTX as VTX
+    from gossamer_fx.recorder import Probes as Probes
+    from gossamer_fx.scene import Scene as Scene
+    from gossamer_fx.simulate import Simulation as Simulation
+
+_HOME = {
+    "bodies.membrane": ["Membrane"],
+    "bodies.point_mass": ["PointMass"],
+    "discrete_gradient": ["EndPoint", "PathAverage"],
+    "errors": ["InputError", "StepFailure"],
+    "gas.enclosure": ["Piston"],
+    "gas.ideal_gas": ["IdealGas"],
+    "gas.orifice": ["Orifice", "WallHeat"],
+    "gas.volumes": ["Ambient", "Chamber", "Reservoir", "Tank"],
+    "interactions.fixed": ["Fixed"],
+    "interactions.spring": ["AxialSpring"],
+    "ledger": ["Ledger", "Progress"],
+    "loads.damping": ["Damping"],
+    "loads.gravity": ["Gravity"],
+    "loads.pressure": ["Pressure"],
+    "materials": ["Linear", "Miyazaki", "TensionField"],
+    "mesh": ["Mesh", "gmsh_mesh", "read_mesh"],
+    "midpoint": ["Midpoint"],
+    "newton": ["Tolerances"],
+    "picture": ["Picture"],
+    "recorder": ["VTX", "Probes"],
+    "scene": ["Scene"],
+    "simulate": ["Simulation"],
+}
+_MODULE = {name: module for module, names in _HOME.items() for name in names}
+__all__ = sorted(_MODULE)
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE:
+        raise AttributeError(f"gossamer_fx has no '{name}'; its names are: {', '.join(__all__)}")
+    return getattr(import_module(f"gossamer_fx.{_MODULE[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

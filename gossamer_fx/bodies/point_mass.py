@@ -1,0 +1,45 @@
+"""A mass without extension."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from dolfinx.common import IndexMap
+from mpi4py import MPI
+
+from gossamer_fx.errors import check
+from gossamer_fx.parts import Array, Block, Part, PointKinetic, Port
+
+
+class PointMass:
+    """A point of `mass` [kg] with `position` [m] and `velocity` [m/s] at the start; it lives on rank 0."""
+
+    def __init__(
+        self,
+        mass: float,
+        position: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        *,
+        comm: MPI.Comm = MPI.COMM_WORLD,
+        name: str = "mass",
+    ) -> None:
+        check(math.isfinite(mass) and mass > 0, f"PointMass '{name}': mass is {mass!r} kg; give a positive number.")
+        self.mass, self.name, self.comm = mass, name, comm
+        self._state = np.asarray(position, dtype=float), np.asarray(velocity, dtype=float)
+        self.block = Block(IndexMap(comm, 1 if comm.rank == 0 else 0), 3)
+
+    def initial_state(self) -> tuple[Array, Array]:
+        here = 3 * self.block.index_map.size_local
+        x, v = self._state
+        return x[:here].copy(), v[:here].copy()
+
+    def parts(self) -> Iterable[Part]:
+        yield PointKinetic(self, np.full(self.block.index_map.size_local, self.mass))
+
+    def port(self) -> Port:
+        return Port(self, (0,))
+
+    def describe(self, node: int) -> str:
+        return "the point mass"

@@ -1,0 +1,117 @@
+"""What holds gas: chambers and tanks with a state of their own, reservoirs and surroundings without."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from gossamer_fx.errors import check
+from gossamer_fx.gas.enclosure import Enclosure, FilmEnclosure
+from gossamer_fx.gas.ideal_gas import IdealGas
+from gossamer_fx.gas.network import GasNetwork
+from gossamer_fx.bodies.membrane import Membrane
+
+
+@dataclass(frozen=True, eq=False)
+class Reservoir:
+    """Gas at constant pressure [Pa] and temperature [K]; what it gives is booked as supplied."""
+
+    pressure: float
+    temperature: float
+    name: str = "reservoir"
+    border = GasNetwork
+
+    def __post_init__(self) -> None:
+        _check_state(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Ambient:
+    """Surroundings at constant pressure [Pa], by default a vacuum, and temperature [K]."""
+
+    pressure: float = 0.0
+    temperature: float = 300.0
+    name: str = "ambient"
+    border = GasNetwork
+
+    def __post_init__(self) -> None:
+        check(
+            math.isfinite(self.pressure) and self.pressure >= 0,
+            f"Ambient '{self.name}': pressure is {self.pressure!r} Pa; give zero (vacuum) or a positive number.",
+        )
+
+
+class Chamber:
+    """A volume of well mixed gas: dm/dt = Σ ṁ, dU/dt = Σ c_p T_up ṁ - p dV/dt + heat, p = (γ-1) U/V.
+
+    Args:
+        enclosure: the closed film that bounds it, or a `Piston`; none for a rigid chamber.
+        gas: the gas; one for all chambers that are connected.
+        pressure, temperature: initial state [Pa], [K]; the initial pressure is positive.
+        dead_volume: rigid volume [m³] that is added to the enclosed one (pipes, valve); positive if the enclosure
+            starts flat.
+        volume: volume [m³] of a rigid chamber.
+        surface: names of the cell groups that bound the chamber, if it is not the whole film.
+        outside: what acts on the outer side of the film; default vacuum.
+    """
+
+    border = GasNetwork
+
+    def __init__(
+        self,
+        enclosure: Membrane | Enclosure | None = None,
+        *,
+        gas: IdealGas,
+        pressure: float,
+        temperature: float,
+        dead_volume: float = 0.0,
+        volume: float | None = None,
+        surface: tuple[str, ...] = (),
+        outside: Ambient | None = None,
+        name: str = "chamber",
+    ) -> None:
+        self.gas, self.pressure, self.temperature, self.name = gas, pressure, temperature, name
+        self.outside = outside
+        _check_state(self)
+        rigid = enclosure is None
+        check(
+            (volume is not None) == rigid,
+            f"Chamber '{name}': give either a film (or piston) that encloses it, or the volume of a rigid chamber.",
+        )
+        fixed = volume if volume is not None else dead_volume
+        check(
+            math.isfinite(fixed) and (fixed > 0 if rigid else fixed >= 0),
+            f"Chamber '{name}': its {'volume' if rigid else 'dead volume'} is {fixed!r} m³; give a positive number.",
+        )
+        self.fixed_volume = fixed
+        self.enclosure = (
+            FilmEnclosure(enclosure, surface, name) if isinstance(enclosure, Membrane) else enclosure
+        )
+
+    def requires(self) -> Iterable[Any]:
+        if self.enclosure is not None:
+            yield from self.enclosure.requires()
+        if self.outside is not None:
+            yield self.outside
+
+
+class Tank(Chamber):
+    """A rigid chamber that blows down: `volume` [m³] at `pressure` [Pa] and `temperature` [K]."""
+
+    def __init__(
+        self, volume: float, *, gas: IdealGas, pressure: float, temperature: float, name: str = "tank"
+    ) -> None:
+        super().__init__(gas=gas, pressure=pressure, temperature=temperature, volume=volume, name=name)
+
+
+def _check_state(holder: Any) -> None:
+    kind, name = type(holder).__name__, holder.name
+    for what, unit in (("pressure", "Pa"), ("temperature", "K")):
+        value = getattr(holder, what)
+        check(
+            math.isfinite(value) and value > 0,
+            f"{kind} '{name}': {what} is {value!r} {unit}; give a positive number"
+            + (" (an almost empty chamber: 1e-3)." if what == "pressure" else "."),
+        )

@@ -1,0 +1,1 @@
+"""What acts between bodies, through ports, or holds them."""

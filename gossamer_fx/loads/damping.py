@@ -1,0 +1,62 @@
+"""Damping of films, off unless it is part of the scene; what it takes is booked as dissipated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import ufl
+from dolfinx import fem
+
+from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.errors import check
+from gossamer_fx.materials import Linear
+from gossamer_fx.parts import Dissipated, Part
+
+
+@dataclass(frozen=True, eq=False)
+class Damping:
+    """Mass- and stiffness-proportional damping of a film.
+
+    mass [1/s]: force -mass ρt v per area; it slows every motion, rigid ones too.
+    stiffness [s]: stress `stiffness`·C Ė with the unwrinkled elastic matrix C (Kelvin-Voigt); rigid motions are free.
+    A mode of angular frequency ω loses the fraction ζ = mass/(2ω) + stiffness ω/2 of critical damping.
+    """
+
+    body: Membrane
+    mass: float = 0.0
+    stiffness: float = 0.0
+    name: str = "damping"
+
+    def __post_init__(self) -> None:
+        check(
+            self.mass >= 0 and self.stiffness >= 0 and self.mass + self.stiffness > 0,
+            f"Damping '{self.name}': mass {self.mass!r} 1/s and stiffness {self.stiffness!r} s; one must be positive, "
+            "none negative.",
+        )
+
+    def requires(self) -> Iterable[Any]:
+        yield self.body
+
+    def parts(self) -> Iterable[Part]:
+        film, law = self.body, self.body.law
+        if self.mass > 0:
+            α = fem.Constant(film.space.mesh, self.mass)
+            yield Dissipated(
+                self.name + " (mass)",
+                film,
+                lambda x: x,
+                lambda v: α * film.area_density / 2 * ufl.dot(v, v),
+                film.mass_dx,
+            )
+        if self.stiffness > 0:
+            β = fem.Constant(film.space.mesh, self.stiffness)
+            unwrinkled = Linear(law.E, law.nu, law.density, law.thickness)
+            yield Dissipated(
+                self.name + " (stiffness)",
+                film,
+                film.measure,
+                lambda ė: β * unwrinkled.energy(ė, film.constants),
+                film.dx,
+            )

@@ -1,0 +1,51 @@
+"""Prescribed pressure on a film."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import ufl
+from dolfinx import fem
+
+from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.errors import check
+from gossamer_fx.kinematics import area_vector
+from gossamer_fx.parts import Part, Supplied
+
+
+@dataclass(frozen=True, eq=False)
+class Pressure:
+    """Follower pressure along the deformed normal of the film: δW = p ∫n·w dA.
+
+    Args:
+        body: the film.
+        value: p [Pa], positive along the normal of the mesh; a number or a function of time [s].
+    """
+
+    body: Membrane
+    value: float | Callable[[float], float]
+    name: str = "pressure"
+
+    def requires(self) -> Iterable[Any]:
+        yield self.body
+
+    def parts(self) -> Iterable[Part]:
+        film, value = self.body, self.value
+        p = fem.Constant(film.space.mesh, 0.0 if callable(value) else float(value))
+        dx = ufl.Measure("dx", film.space.mesh, metadata={"quadrature_degree": 2 * (film.order - 1) + film.order})
+
+        def at(t: float) -> None:
+            now = value(t) if callable(value) else value
+            check(math.isfinite(now), f"Pressure '{self.name}' is {now!r} Pa at t = {t:.6g} s; check its function.")
+            p.value = now
+
+        yield Supplied(
+            self.name,
+            film,
+            lambda x, w: p * ufl.dot(area_vector(film.deformation(x)), w) * dx,
+            follows=True,
+            at=at,
+        )

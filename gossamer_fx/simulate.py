@@ -1,0 +1,199 @@
+"""Running a scene: the loop over steps, retries in sub-steps, outputs."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.discrete_gradient import StressRule
+from gossamer_fx.errors import InputError, StepFailure, check, on_rank_zero
+from gossamer_fx.newton import Newton, NotConverged
+from gossamer_fx.scene import Scene
+from gossamer_fx.system import System, Totals
+
+
+class StepSolver(Protocol):
+    """A time stepper at work on a system."""
+
+    newton: Newton
+
+    def step(self, h: float) -> int:
+        """Advance by h, return the iterations; raise `NotConverged` and change nothing."""
+        ...
+
+
+class Stepper(Protocol):
+    """A time stepper: its step, and the rule by which it takes stresses."""
+
+    @property
+    def dt(self) -> float: ...
+
+    @property
+    def rule(self) -> StressRule: ...
+
+    def start(self, system: System) -> StepSolver: ...
+
+
+class Output(Protocol):
+    """Something that looks at a run: a function of the state, unknown to the solver."""
+
+    @property
+    def times(self) -> Sequence[float]:
+        """Times [s] that the run must meet exactly."""
+        ...
+
+    def open(self, run: Simulation) -> None:
+        """Check the request and make the files; before anything is computed."""
+        ...
+
+    def record(self, run: Simulation, last: bool) -> None:
+        """Look at the state; at the start and after every step."""
+        ...
+
+    def close(self, run: Simulation) -> None:
+        """Finish the files; also after a failure."""
+        ...
+
+
+class Simulation:
+    """A scene in time.
+
+    Args:
+        scene: what there is.
+        stepper: e.g. `Midpoint(dt=1e-3)`.
+        outputs: e.g. `VTX`, `Ledger`, `Probes`, `Picture`, `Progress`.
+        halvings: how often a step that does not converge may be halved.
+
+    Raises:
+        InputError: what is wrong with the scene or the outputs; nothing has been computed then.
+    """
+
+    def __init__(self, scene: Scene, stepper: Stepper, outputs: Sequence[Output] = (), halvings: int = 8) -> None:
+        self.scene, self.stepper, self.outputs = scene, stepper, list(outputs)
+        self.comm = scene.comm
+        started = time.perf_counter()
+        self.system = scene.compile(stepper.rule)
+        self.solver = stepper.start(self.system)
+        self.compile_seconds = time.perf_counter() - started
+        self.halvings = halvings
+        self.step = self.iterations = self.substeps = self.last_iterations = 0
+        self.seconds = 0.0
+        self.until = 0.0
+        self.first = self.system.book()
+        self._totals: Totals | None = self.first
+        self._largest = 0.0
+        for output in self.outputs:
+            output.open(self)
+
+    # ---- what outputs look at ----------------------------------------------------------------------------------
+
+    @property
+    def time(self) -> float:
+        """[s]"""
+        return self.system.time
+
+    @property
+    def totals(self) -> Totals:
+        """Energies, momenta and masses now."""
+        if self._totals is None:
+            self._totals = self.system.book()
+        return self._totals
+
+    @property
+    def energy_error(self) -> float:
+        """Closing error of the ledger, over the largest energy so far."""
+        now, first = self.totals, self.first
+        flows = abs(now.supplied) + abs(now.dissipated)
+        self._largest = max(self._largest, now.kinetic + sum(map(abs, now.stored.values())), flows)
+        missing = (now.energy - first.energy) - (now.supplied - now.dissipated)
+        return missing / self._largest if self._largest else 0.0
+
+    @property
+    def mass_error(self) -> float:
+        """Closing error of the gas masses, over the largest mass."""
+        now, first = self.totals, self.first
+        missing = now.mass - first.mass - now.mass_supplied
+        return missing / max(now.mass, first.mass) if now.mass else 0.0
+
+    # ---- running -----------------------------------------------------------------------------------------------
+
+    def run(self, until: float) -> None:
+        """Advance to the time `until` [s]; steps are evened out so that it and the outputs' times are met.
+
+        Raises:
+            StepFailure: a step failed, also in sub-steps; the outputs are complete up to it.
+        """
+        check(math.isfinite(until), f"until is {until!r}; give the end time in seconds.")
+        self.until = until
+        milestones = sorted({t for o in self.outputs for t in o.times if self.time < t < until} | {until})
+        try:
+            if self.step == 0:
+                self._record(last=False)
+            for milestone in milestones:
+                while (left := milestone - self.time) > 1e-9 * self.stepper.dt:
+                    steps = math.ceil(left / self.stepper.dt - 1e-9)
+                    last = milestone == until and steps == 1
+                    self._advance(left / steps)
+                    if steps == 1:
+                        self.system.time = milestone
+                    self._record(last)
+        finally:
+            for output in self.outputs:
+                output.close(self)
+
+    def _record(self, last: bool) -> None:
+        for output in self.outputs:
+            output.record(self, last)
+
+    def _advance(self, h: float) -> None:
+        started = time.perf_counter()
+        self.last_iterations = self._attempt(h, self.halvings)
+        self.iterations += self.last_iterations
+        self.step += 1
+        self._totals = None
+        self.seconds += time.perf_counter() - started
+
+    def _attempt(self, h: float, halvings: int) -> int:
+        """One step, or two of half the length if it does not converge, and so on."""
+        try:
+            return self.solver.step(h)
+        except NotConverged as failure:
+            if halvings == 0:
+                raise StepFailure(
+                    f"The step {self.step + 1} at t = {self.time:.9g} s failed, also in sub-steps of {h:.3g} s: {failure}."
+                ) from failure
+            self.substeps += 1
+            return self._attempt(h / 2, halvings - 1) + self._attempt(h / 2, halvings - 1)
+
+
+def make_parent(comm: MPI.Comm, path: Path) -> None:
+    """Make the folder of an output file and try to write in it.
+
+    Raises:
+        InputError: the folder cannot be made or written.
+    """
+
+    def task() -> None:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            probe = path.parent / f".{path.name}.try"
+            probe.touch()
+            probe.unlink()
+        except OSError as error:
+            raise InputError(
+                f"Cannot write '{path}' ({error.strerror}); choose a folder that exists and is writable."
+            ) from error
+
+    on_rank_zero(comm, task)
+
+
+def relative_drift(now: np.ndarray, first: np.ndarray, scale: float = 0.0) -> float:
+    """Largest change of a vector over its size (or a given scale)."""
+    size = max(float(np.abs(first).max()), scale)
+    return float(np.abs(now - first).max()) / size if size else 0.0
