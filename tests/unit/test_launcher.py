@@ -1,0 +1,186 @@
+"""The launcher, from inside an environment: it passes everything through and misuse is told in one sentence."""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+GOSSAMER = str(ROOT / "gossamer")
+COMMANDS = ("demo", "test", "python", "mpi", "shell", "lint", "doctor", "setup")
+
+pytestmark = pytest.mark.skipif(
+    "OMPI_COMM_WORLD_SIZE" in os.environ or "PMI_SIZE" in os.environ, reason="an mpirun cannot start another"
+)
+
+
+def launch(*words, program=GOSSAMER, **options):
+    options = {"capture_output": True, "text": True, "timeout": 120, "stdin": subprocess.DEVNULL} | options
+    if "input" in options:
+        del options["stdin"]
+    return subprocess.run([program, *words], **options)
+
+
+@pytest.mark.parametrize("words", [(), ("--help",), ("-h",), ("help",)])
+def test_help(words):
+    done = launch(*words)
+    assert done.returncode == 0 and not done.stderr
+    assert len(done.stdout.splitlines()) == 10
+    for command in COMMANDS:
+        assert re.search(rf"^  {command}\b", done.stdout, re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    "words, culprit",
+    [
+        (("inflate",), "inflate"),
+        (("--verbose",), "--verbose"),
+        (("demo", "no_such_demo"), "no_such_demo"),
+        (("mpi",), "number of ranks"),
+        (("mpi", "two", "script.py"), "number of ranks"),
+        (("mpi", "0", "script.py"), "number of ranks"),
+        (("mpi", "2"), "script"),
+    ],
+)
+def test_misuse_is_one_sentence(words, culprit):
+    done = launch(*words)
+    assert done.returncode == 2 and not done.stdout
+    assert done.stderr.startswith("gossamer: ") and done.stderr.count("\n") == 1
+    assert culprit in done.stderr
+
+
+def test_it_is_plain_sh():
+    for shell in filter(None, map(shutil.which, ("sh", "dash", "bash"))):
+        assert subprocess.run([shell, "-n", GOSSAMER]).returncode == 0
+
+
+def test_packages_are_listed_once():
+    text = (ROOT / "pyproject.toml").read_text()
+    listed = re.search(r"^\[tool\.gossamer\]\ndebian = \[\n(.*?)^\]", text, re.MULTILINE | re.DOTALL)
+    packages = re.findall(r'^    "([a-z0-9.+-]+)",$', listed[1], re.MULTILINE)
+    assert "python3-dolfinx-real" in packages and len(packages) == listed[1].count("\n")
+    for name in ("gossamer", "Containerfile", ".ci/run"):
+        words = set(re.findall(r"[a-z0-9.+-]+", (ROOT / name).read_text()))
+        # The launcher asks apt-get by this name whether a later Debian still has dolfinx 0.9.
+        assert words & set(packages) <= {"python3-dolfinx-real", "mypy"}
+
+
+def test_words_arrive_unchanged():
+    words = ["a b", "", "--flag=c d", "'", '"', "$HOME", "*", "line\nbreak", "-x", "µ"]
+    done = launch("python", "-c", "import sys; print(sys.argv[1:])", *words)
+    assert done.stdout == f"{words}\n"
+
+
+def test_standard_input_and_exit_code():
+    done = launch("python", "-c", "import sys; print(sys.stdin.read()); sys.exit(7)", input="given")
+    assert (done.stdout, done.stderr, done.returncode) == ("given\n", "", 7)
+    done = launch("shell", input="echo $((6 * 7)); exit 3\n")
+    assert (done.stdout, done.returncode) == ("42\n", 3)
+
+
+def test_current_folder_and_project_are_at_hand(tmp_path):
+    folder = tmp_path / "with a space"
+    folder.mkdir()
+    link = tmp_path / "launch"
+    link.symlink_to(GOSSAMER)
+    done = launch("python", "-c", "import os, sys; print(os.getcwd(), sys.path)", cwd=folder, program=str(link))
+    assert done.stdout.startswith(str(folder)) and f"'{ROOT}'" in done.stdout
+
+
+@pytest.mark.parametrize("given, threads", [(None, "1"), ("2", "2")])
+def test_threads(given, threads):
+    environment = {name: value for name, value in os.environ.items() if name != "OMP_NUM_THREADS"}
+    environment |= {"OMP_NUM_THREADS": given} if given else {}
+    done = launch("python", "-c", "import os; print(os.environ['OMP_NUM_THREADS'])", env=environment)
+    assert done.stdout.strip() == threads
+
+
+PATIENT = """
+import signal, sys, time
+def leave(number, frame):
+    print("got", number, flush=True)
+    sys.exit(9)
+signal.signal(signal.SIGTERM, leave)
+signal.signal(signal.SIGHUP, leave)
+print("up", flush=True)
+try:
+    time.sleep(60)
+except KeyboardInterrupt:
+    sys.exit(11)
+"""
+
+
+@pytest.mark.parametrize("number, code", [(signal.SIGTERM, 9), (signal.SIGHUP, 9), (signal.SIGINT, 11)])
+def test_signals_reach_the_program(number, code):
+    with subprocess.Popen([GOSSAMER, "python", "-c", PATIENT], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "up\n"
+        process.send_signal(number)
+        assert process.wait(timeout=20) == code
+
+
+def test_mpi():
+    program = "from mpi4py import MPI; c = MPI.COMM_WORLD; print(c.allreduce(c.rank), end='')"
+    done = launch("mpi", "3", "-c", program)
+    assert (done.stdout.strip(), done.stderr, done.returncode) == ("333", "", 0)
+    assert launch("mpi", "2", "-c", "import sys; sys.exit(5)").returncode == 5
+    done = launch("mpi", "2", "-c", "import sys; print(sys.stdin.read())", input="to rank 0")
+    assert "to rank 0" in done.stdout
+
+
+@pytest.fixture
+def project(tmp_path):
+    """A project of one small test file, beside a copy of the launcher."""
+    for name in ("gossamer", "pyproject.toml"):
+        shutil.copy(ROOT / name, tmp_path)
+    (tmp_path / "tests").mkdir()
+
+    def write(text):
+        (tmp_path / "tests" / "test_small.py").write_text(text)
+        return str(tmp_path / "gossamer")
+
+    return write
+
+
+MARKED = """
+import pytest
+from mpi4py import MPI
+def test_plain():
+    assert MPI.COMM_WORLD.size == 1
+@pytest.mark.mpi
+def test_ranks():
+    assert MPI.COMM_WORLD.rank == 0 or {passes}
+"""
+
+
+def test_tests_run_on_one_rank_then_on_two(project):
+    launcher = project(MARKED.format(passes=True))
+    done = launch("test", program=launcher)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "2 passed" in done.stdout and "1 deselected" in done.stdout
+    assert launch("test", "-k", "plain", program=launcher).returncode == 0
+    assert launch("test", "-m", "not mpi", program=launcher).returncode == 0
+    assert launch("test", "-k", "no_such_test", program=launcher).returncode == 5
+    done = launch("test", program=project(MARKED.format(passes=False)))
+    assert done.returncode != 0 and "FAILED tests/test_small.py::test_ranks" in done.stdout
+
+
+def test_doctor():
+    done = launch("doctor")
+    assert done.returncode == 0, done.stdout + done.stderr
+    for name in ("environment", "python", "dolfinx", "petsc4py", "gmsh", "mpi", "compiler", "self-check"):
+        assert re.search(rf"^{name} +\S", done.stdout, re.MULTILINE)
+    assert "MISSING" not in done.stdout
+
+
+def test_a_private_tree_is_protected():
+    if not os.environ.get("GOSSAMER_ENVIRONMENT", "").startswith("a private"):
+        pytest.skip("this machine has dolfinx 0.9 itself, so that no private tree is used")
+    assert sys.executable == "/usr/bin/python3"
+    for folder in ("/usr", "/etc"):
+        with pytest.raises(OSError):
+            (Path(folder) / "gossamer_was_here").touch()
