@@ -103,12 +103,11 @@ def test_threads(given, threads):
 PATIENT = """
 import signal, sys, time
 def leave(number, frame):
-    print("got", number, flush=True)
     sys.exit(9)
 signal.signal(signal.SIGTERM, leave)
 signal.signal(signal.SIGHUP, leave)
-print("up", flush=True)
 try:
+    print("up", flush=True)
     time.sleep(60)
 except KeyboardInterrupt:
     sys.exit(11)
