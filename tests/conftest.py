@@ -1,0 +1,73 @@
+"""How the tests run: long ones on request, and on several ranks as one test that is reported once.
+
+Under mpirun every rank runs every test.  After each phase the ranks tell each other how it went: a test that fails on
+one rank fails on all, and rank 0 shows what each of them says.  If a rank fails while the others wait for it in the
+middle of the test, it says so itself and ends the run, so that nobody waits for ever.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from pathlib import Path
+
+import hypothesis
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+PATIENCE = 60.0  # s that a failed rank waits for the others
+TALK = MPI.COMM_WORLD.Dup()  # what is left of a test that stopped half-way is not mistaken for one of our messages
+
+hypothesis.settings.register_profile("same on every rank", derandomize=True, database=None, deadline=None)
+hypothesis.settings.load_profile("same on every rank")
+
+
+@pytest.fixture(scope="session")
+def comm() -> MPI.Comm:
+    """All ranks."""
+    return MPI.COMM_WORLD
+
+
+@pytest.fixture
+def folder(tmp_path: Path, comm: MPI.Comm) -> Path:
+    """An empty folder, the same one on every rank."""
+    path: Path = comm.bcast(tmp_path)
+    return path
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    terminal = config.pluginmanager.getplugin("terminalreporter")
+    if TALK.rank > 0 and terminal is not None:
+        terminal._tw._file = open(os.devnull, "w")  # noqa: SIM115 (open until the end)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if "slow" in config.option.markexpr:
+        return
+    slow = [item for item in items if item.get_closest_marker("slow")]
+    if slow:
+        config.hook.pytest_deselected(items=slow)
+        items[:] = [item for item in items if item not in slow]
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(item: pytest.Item):
+    report = (yield).get_result()
+    if TALK.size == 1:
+        return
+    failed = np.zeros(TALK.size, dtype=np.intc)
+    told = TALK.Iallgather(np.array([report.failed], dtype=np.intc), failed)
+    deadline = time.monotonic() + PATIENCE
+    while not told.Test():
+        if report.failed and time.monotonic() > deadline:
+            item.config.pluginmanager.getplugin("capturemanager").suspend_global_capture(in_=True)
+            sys.stderr.write(f"\n{item.nodeid} on rank {TALK.rank}, while others wait for it:\n{report.longreprtext}\n")
+            sys.stderr.flush()
+            TALK.Abort(1)
+        time.sleep(1e-3)
+    if failed.any():
+        texts = TALK.allgather(report.longreprtext if report.failed else "passed")
+        report.outcome = "failed"
+        report.longrepr = "\n\n".join(f"rank {rank}: {text}" for rank, text in enumerate(texts))
