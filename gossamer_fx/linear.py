@@ -20,7 +20,9 @@ from petsc4py import PETSc
 
 from gossamer_fx.parts import Array
 
-DIRECT_UP_TO = 6000  # unknowns; above, a multigrid cycle and inexact steps are cheaper than a factorisation
+# Unknowns up to which a factorisation, and an incomplete one with overlapping subdomains, are cheapest for the tangent
+# of a step; above, an algebraic multigrid cycle is.
+DIRECT_UP_TO, INCOMPLETE_UP_TO = 3000, 40000
 
 
 class Composite:
@@ -123,4 +125,10 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, size: int) -> None:
         ksp.setGMRESRestart(60)
         ksp.setPCSide(PETSc.PC.Side.RIGHT)
         ksp.setTolerances(rtol=1e-3, max_it=300)
-        pc.setType("hypre")
+        if size <= INCOMPLETE_UP_TO:
+            pc.setType("asm")
+            options = PETSc.Options(pc.getOptionsPrefix())
+            if not options.hasName("sub_pc_factor_levels"):
+                options["sub_pc_factor_levels"] = 1
+        else:
+            pc.setType("hypre")

@@ -141,6 +141,11 @@ def _extract(model: Any) -> _Raw:
     surfaces = sorted(set(surfaces)) or [s for _, s in model.getEntities(dim)]
     cells = np.vstack([_elements(model, dim, s) for s in surfaces])
     used = np.unique(cells)
+    check(
+        len(np.unique(np.sort(cells, axis=1), axis=0)) == len(cells),
+        "Two cells of the mesh have the same nodes: where two sheets meet at a corner, choose the triangles so that "
+        "each has a node of its own.",
+    )
     number[used] = np.arange(len(used))
     points = np.zeros((int(tags.max()) + 1, 3))
     points[tags.astype(np.int64)] = coordinates.reshape(-1, 3)
