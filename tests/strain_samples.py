@@ -1,0 +1,47 @@
+"""Any expression of strains at as many strains as wanted: one of them in every cell of a mesh, by the compiled code."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from dolfinx import fem, mesh
+from mpi4py import MPI
+
+from gossamer_fx.forms import compile_expression
+from gossamer_fx.parts import Array
+
+CELLS = 2048
+CENTRE = np.array([[1 / 3, 1 / 3]])
+SQUARE = mesh.create_unit_square(MPI.COMM_SELF, 32, 32)
+STRAINS = fem.functionspace(SQUARE, ("Discontinuous Lagrange", 0, (3,)))
+
+
+class Samples:
+    """`expression(e, ...)` of strain functions e = (E11, E22, 2 E12), evaluated at up to 2048 strains at once."""
+
+    def __init__(self, expression: Callable[..., Any], arguments: int = 1) -> None:
+        self._strains = [fem.Function(STRAINS) for _ in range(arguments)]
+        self._compiled = compile_expression(expression(*self._strains), CENTRE)
+
+    def __call__(self, *strains: Array) -> Array:
+        """Values (n, number of components) at strains (n, 3)."""
+        n = len(strains[0])
+        for function, values in zip(self._strains, strains, strict=True):
+            function.x.array[: 3 * n] = np.ravel(values)
+        values: Array = self._compiled.eval(SQUARE, np.arange(n, dtype=np.int32))
+        return values
+
+
+def random_strains(n: int, size: float, seed: int) -> Array:
+    """Strains of every state: principal values in [-size, size] and any direction, as (E11, E22, 2 E12)."""
+    rng = np.random.default_rng(seed)
+    γ = rng.uniform(-size, size, (n, 2))
+    return strain(γ[:, 0], γ[:, 1], rng.uniform(0, np.pi, n))
+
+
+def strain(γ1: Array, γ2: Array, φ: Array) -> Array:
+    """The strains (n, 3) with principal values γ1, γ2, the first in direction φ."""
+    c, s = np.cos(φ), np.sin(φ)
+    return np.stack([γ1 * c**2 + γ2 * s**2, γ1 * s**2 + γ2 * c**2, 2 * (γ1 - γ2) * c * s], axis=-1)
