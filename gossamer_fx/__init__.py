@@ -9,8 +9,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from gossamer_fx.attachment import Frame as Frame
+    from gossamer_fx.attachment import ground_frame as ground_frame
     from gossamer_fx.bodies.membrane import Membrane as Membrane
     from gossamer_fx.bodies.point_mass import PointMass as PointMass
+    from gossamer_fx.bodies.rigid_body import RigidBody as RigidBody
     from gossamer_fx.discrete_gradient import EndPoint as EndPoint
     from gossamer_fx.discrete_gradient import PathAverage as PathAverage
     from gossamer_fx.errors import InputError as InputError
@@ -24,10 +27,20 @@ if TYPE_CHECKING:
     from gossamer_fx.gas.volumes import Reservoir as Reservoir
     from gossamer_fx.gas.volumes import Tank as Tank
     from gossamer_fx.interactions.fixed import Fixed as Fixed
+    from gossamer_fx.interactions.joint import BallJoint as BallJoint
+    from gossamer_fx.interactions.joint import FixedJoint as FixedJoint
+    from gossamer_fx.interactions.joint import Link as Link
+    from gossamer_fx.interactions.joint import PrismaticJoint as PrismaticJoint
+    from gossamer_fx.interactions.joint import RevoluteJoint as RevoluteJoint
     from gossamer_fx.interactions.spring import AxialSpring as AxialSpring
+    from gossamer_fx.interactions.spring import Damper as Damper
+    from gossamer_fx.interactions.spring import Rope as Rope
+    from gossamer_fx.interactions.spring import Spring as Spring
     from gossamer_fx.ledger import Ledger as Ledger
     from gossamer_fx.ledger import Progress as Progress
     from gossamer_fx.loads.damping import Damping as Damping
+    from gossamer_fx.loads.force import Force as Force
+    from gossamer_fx.loads.force import Torque as Torque
     from gossamer_fx.loads.gravity import Gravity as Gravity
     from gossamer_fx.loads.pressure import Pressure as Pressure
     from gossamer_fx.materials import Linear as Linear
@@ -38,15 +51,19 @@ if TYPE_CHECKING:
     from gossamer_fx.mesh import read_mesh as read_mesh
     from gossamer_fx.midpoint import Midpoint as Midpoint
     from gossamer_fx.newton import Tolerances as Tolerances
+    from gossamer_fx.parts import Ground as Ground
+    from gossamer_fx.parts import Port as Port
     from gossamer_fx.picture import Picture as Picture
-    from gossamer_fx.recorder import VTX as VTX
     from gossamer_fx.recorder import Probes as Probes
+    from gossamer_fx.recorder import VTX as VTX
     from gossamer_fx.scene import Scene as Scene
     from gossamer_fx.simulate import Simulation as Simulation
 
 _HOME = {
+    "attachment": ["Frame", "ground_frame"],
     "bodies.membrane": ["Membrane"],
     "bodies.point_mass": ["PointMass"],
+    "bodies.rigid_body": ["RigidBody"],
     "discrete_gradient": ["EndPoint", "PathAverage"],
     "errors": ["InputError", "StepFailure"],
     "gas.enclosure": ["Piston"],
@@ -54,15 +71,18 @@ _HOME = {
     "gas.orifice": ["Orifice", "WallHeat"],
     "gas.volumes": ["Ambient", "Chamber", "Reservoir", "Tank"],
     "interactions.fixed": ["Fixed"],
-    "interactions.spring": ["AxialSpring"],
+    "interactions.joint": ["BallJoint", "FixedJoint", "Link", "PrismaticJoint", "RevoluteJoint"],
+    "interactions.spring": ["AxialSpring", "Damper", "Rope", "Spring"],
     "ledger": ["Ledger", "Progress"],
     "loads.damping": ["Damping"],
+    "loads.force": ["Force", "Torque"],
     "loads.gravity": ["Gravity"],
     "loads.pressure": ["Pressure"],
     "materials": ["Linear", "Miyazaki", "TensionField"],
     "mesh": ["Mesh", "gmsh_mesh", "read_mesh"],
     "midpoint": ["Midpoint"],
     "newton": ["Tolerances"],
+    "parts": ["Ground", "Port"],
     "picture": ["Picture"],
     "recorder": ["VTX", "Probes"],
     "scene": ["Scene"],

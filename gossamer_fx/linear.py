@@ -114,9 +114,12 @@ def add_columns(z: PETSc.Vec, columns: list[Array | None], weights: Array) -> No
                 values += column * weight
 
 
-def configure(ksp: PETSc.KSP, pc: PETSc.PC, size: int) -> None:
-    """Choose Krylov method and preconditioner of the sparse part for `size` unknowns; PETSc's options may override."""
-    if size <= DIRECT_UP_TO:
+def configure(ksp: PETSc.KSP, pc: PETSc.PC, size: int, saddle: bool) -> None:
+    """Choose Krylov method and preconditioner of the sparse part for `size` unknowns; PETSc's options may override.
+
+    A matrix with multipliers (`saddle`) has zeros on its diagonal, which multigrid cannot smooth: it is factorised.
+    """
+    if saddle or size <= DIRECT_UP_TO:
         ksp.setType("preonly")
         pc.setType("lu")
         pc.setFactorSolverType("mumps")

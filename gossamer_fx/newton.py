@@ -22,23 +22,27 @@ class NotConverged(Exception):
 class Tolerances:
     """When a step counts as solved.
 
-    `relative`: field residual over that of the predictor; residuals below the round-off of `floor` units in the
-    last place of diag(A) q count as zero, whatever their ratio.  `border`: largest fraction in the border equations.
+    `relative`: field residual over that of the predictor; residuals below `absolute` [N], or below the round-off of
+    `floor` units in the last place of diag(A) q, count as zero, whatever their ratio.  `border`: largest fraction in the border equations.
+    `constraint`: largest violation of a constraint between points, in its own units (m, or 1 for directions).
     """
 
     relative: float = 1e-10
+    absolute: float = 0.0
     floor: float = 4.0
     border: float = 1e-12
+    constraint: float = 1e-12
     iterations: int = 40
 
 
 class Newton:
     """Solves r(q1, y) = 0, s(q1, y) = 0 for a compiled system.
 
-    PETSc options with prefix `gx_` apply (e.g. `-gx_snes_monitor`, `-gx_snes_linesearch_type cp`).
+    PETSc options with prefix `gx_` apply (e.g. `-gx_snes_monitor`, `-gx_snes_linesearch_type cp`).  `direct` factorises
+    the matrix whatever its size: without much inertia a film with slack parts is too ill-conditioned for the others.
     """
 
-    def __init__(self, system: System, tolerances: Tolerances = Tolerances()) -> None:
+    def __init__(self, system: System, tolerances: Tolerances = Tolerances(), direct: bool = False) -> None:
         self.system, self.tolerances = system, tolerances
         comm = system.comm
         self._scalars = sum(b.size for b in system.borders)
@@ -47,6 +51,7 @@ class Newton:
         self._r, self._base = system.numbering.vector(), system.numbering.vector()
         self._diagonal = system.numbering.vector()
         self.linear_iterations = 0
+        self.iterations = 0  # of the last solve, also if it failed
 
         self._snes = snes = PETSc.SNES().create(comm)
         snes.setOptionsPrefix(PREFIX)
@@ -54,9 +59,8 @@ class Newton:
         options = PETSc.Options(PREFIX)
         if not options.hasName("snes_linesearch_type"):
             options["snes_linesearch_type"] = "basic"
-        snes.setTolerances(max_it=tolerances.iterations)
         snes.setFunction(self._function, self._F)
-        ksp = snes.getKSP()
+        ksp, saddle = snes.getKSP(), direct or system.constraints is not None
         if self._scalars:
             self._bordered = linear.Bordered(self._composite, system.A)
             J = PETSc.Mat().createPython((self._x.getSizes(), self._x.getSizes()), self._bordered, comm)
@@ -64,7 +68,7 @@ class Newton:
             sparse = PETSc.PC().create(comm)
             sparse.setOptionsPrefix(PREFIX)
             sparse.setOperators(system.A)
-            linear.configure(ksp, sparse, system.numbering.size)
+            linear.configure(ksp, sparse, system.numbering.size, saddle)
             sparse.setFromOptions()
             outer = ksp.getPC()
             outer.setOptionsPrefix(PREFIX + "border_")
@@ -72,7 +76,7 @@ class Newton:
             outer.setPythonContext(linear.BorderedPreconditioner(self._bordered, sparse))
         else:
             J = system.A
-            linear.configure(ksp, ksp.getPC(), system.numbering.size)
+            linear.configure(ksp, ksp.getPC(), system.numbering.size, saddle)
         snes.setJacobian(self._jacobian, J)
         snes.setFromOptions()
         snes.setConvergenceTest(self._test)
@@ -85,14 +89,17 @@ class Newton:
         """
         self.system.q0.copy(self._base)
         self._reference, self._floor = 0.0, 0.0
-        self._composite.join(predictor, y, self._x)
+        predictor.copy(self._r)
+        self.system.prescribe(self._r)
+        self._composite.join(self._r, y, self._x)
+        self._snes.setTolerances(max_it=self.tolerances.iterations)
         self._snes.solve(None, self._x)
         self.linear_iterations += self._snes.getLinearSolveIterations()
         reason = self._snes.getConvergedReason()
-        iterations = int(self._snes.getIterationNumber())
+        self.iterations = int(self._snes.getIterationNumber())
         if reason <= 0:
-            raise NotConverged(self._complaint(reason, iterations))
-        return self._composite.split(self._x)[1], iterations
+            raise NotConverged(self._complaint(reason, self.iterations))
+        return self._composite.split(self._x)[1], self.iterations
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, F: PETSc.Vec) -> None:
         z, y = self._composite.split(x)
@@ -118,7 +125,7 @@ class Newton:
         if not np.isfinite(norms[2]):
             return int(PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN)
         if iteration == 0:
-            self._reference = self._r.norm()
+            self._reference = self.system.imbalance(self._r)[0]
         if self._solved():
             # convergence is judged on the true strain, and if it is not reached the iteration goes on from there
             z, y = self._composite.split(snes.getSolution())
@@ -131,8 +138,10 @@ class Newton:
         return 0
 
     def _solved(self) -> bool:
-        limit = max(self.tolerances.relative * self._reference, self._floor)
-        return self._r.norm() <= limit and bool((abs(self._s) <= self.tolerances.border).all())
+        limit = max(self.tolerances.relative * self._reference, self.tolerances.absolute, self._floor)
+        forces, violation = self.system.imbalance(self._r)
+        held = violation <= self.tolerances.constraint
+        return forces <= limit and held and bool((abs(self._s) <= self.tolerances.border).all())
 
     def _complaint(self, reason: int, iterations: int) -> str:
         names = {v: k for k, v in vars(PETSc.SNES.ConvergedReason).items() if isinstance(v, int)}
@@ -140,7 +149,10 @@ class Newton:
         why = names.get(reason, str(reason)).lower().replace("_", " ")
         if linear_reason < 0:
             why += f", linear solver {linear_reason}"
+        forces, violation = self.system.imbalance(self._r)
+        if violation > self.tolerances.constraint:
+            why += f", constraints off by {violation:.1e}"
         return (
-            f"{why} after {iterations} iterations, residual {self._r.norm():.1e} N of {self._reference:.1e} N at first, "
+            f"{why} after {iterations} iterations, residual {forces:.1e} N of {self._reference:.1e} N at first, "
             f"largest in {self.system.place(self._r)}"
         )

@@ -6,7 +6,7 @@ A *body* brings coordinates (a `Block`) and an initial state.  A *part* plays on
     Stored       an energy ∫ψ(e(q)) of a quadratic measure e and a density ψ
     Dissipated   a dissipation potential ∫φ(ė) of the rate of a quadratic measure
     Supplied     a force whose work is booked as supplied
-    Constraint   coordinates that are prescribed
+    Constraint   coordinates that are held, or measures between points that stay zero
 
 The role alone decides how a part is discretised in time and in which column of the ledger it is booked; neither the
 stepper nor the ledger knows a part by name.  Parts that live on a mesh speak UFL, parts between points speak NumPy
@@ -15,7 +15,7 @@ and see bodies through `Port`s only.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeGuard
 
@@ -77,14 +77,26 @@ def is_on_mesh(body: Body) -> TypeGuard[MeshBody]:
 
 @dataclass(frozen=True, eq=False)
 class Port:
-    """A point attached to a body: position Σ_k weights[k] q[nodes[k]], a constant linear map of its coordinates.
+    """A vector attached to a body: Σ_k weights[k] q[nodes[k], vectors[k]], a constant linear map of its coordinates.
 
-    `nodes` are global nodes of the body's block, the same on every rank.
+    `nodes` are global nodes of the body's block; `vectors` says which of a node's vectors is meant: 0 the position
+    (the default), 1, 2, ... the directors.  With weights of sum 1 on positions it is a point of the body.
     """
 
     body: Body
     nodes: tuple[int, ...]
     weights: tuple[float, ...] = (1.0,)
+    vectors: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Ground:
+    """A vector that stays what it is: a point [m] or a direction of inertial space."""
+
+    vector: tuple[float, float, float]
+
+
+Attached = Port | Ground
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +109,10 @@ class Kinetic:
 
 @dataclass(frozen=True, eq=False)
 class PointKinetic:
-    """Kinetic energy of a body without mesh; `mass` (n,) in kg, one for each of its owned nodes."""
+    """Kinetic energy ½ Σ_ij mass[i, j] v_i·v_j of a body without mesh, v_i the rates of a node's vectors.
+
+    `mass` (n, s, s) for the n owned nodes of s vectors: kg for positions, kg m and kg m² with directors.
+    """
 
     body: Body
     mass: Array
@@ -126,28 +141,93 @@ class Dissipated:
     dx: ufl.Measure
 
 
-class PointDensity(Protocol):
-    """Energy of a scalar strain, for parts between points."""
+@dataclass(frozen=True, eq=False)
+class PointMeasure:
+    """Quadratic measures e_i = ½ X·H_i X + L_i·X + c_i of stacked attached vectors X (3k,): the same at n places.
 
-    def energy(self, e: float) -> float:
-        """ψ(e) in J."""
+    places: n tuples of k vectors, not all of them `Ground`; a place is evaluated on the rank of its first port, and
+        each rank may list all places, or its own only.
+    H (m, 3k, 3k) symmetric, L (m, 3k), c (m,)
+    """
+
+    places: Sequence[tuple[Attached, ...]]
+    H: Array
+    L: Array
+    c: Array
+
+
+class PointDensity(Protocol):
+    """Energy of the m strains e of a point measure; all arguments and results are arrays over n places."""
+
+    def energy(self, e: Array) -> Array:
+        """ψ(e) [J], (n,) of (n, m)."""
         ...
 
-    def average(self, e0: float, e1: float) -> tuple[float, float]:
-        """(S̄, dS̄/de1) with S̄ (e1 - e0) = ψ(e1) - ψ(e0); at e0 = e1 it is (ψ', ψ''/2)."""
+    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        """S̄ (n, m) and dS̄/de1 (n, m, m) with S̄·(e1 - e0) = ψ(e1) - ψ(e0); at e0 = e1 they are (ψ', ψ''/2)."""
+        ...
+
+
+class PointDamping(Protocol):
+    """Stress against the rate of the m strains of a point measure, never with negative loss."""
+
+    def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
+        """S̄ (n, m) and dS̄/de1 (n, m, m) with S̄·(e1 - e0) ≥ 0, the loss in a step of h seconds."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class PointStored:
-    """Stored energy ψ(e) of one quadratic measure e = ½ X·HX + L·X + c of the stacked port positions X (3k,)."""
+    """Stored energy ψ(e) of a point measure."""
 
     name: str
-    ports: tuple[Port, ...]
-    H: Array  # (3k, 3k)
-    L: Array  # (3k,)
-    c: float
+    measure: PointMeasure
     density: PointDensity
+
+
+@dataclass(frozen=True, eq=False)
+class PointDissipated:
+    """Dissipation by the rate of a point measure."""
+
+    name: str
+    measure: PointMeasure
+    density: PointDamping
+
+
+@dataclass(frozen=True, eq=False)
+class PointConstraint:
+    """Measures that stay zero, by multipliers λ: e(q1) = 0 at the end of a step, force De(q̄)ᵀλ in it.
+
+    De(q̄)(q1 - q0) = e(q1) - e(q0) = 0: the force does no work, and conserves what e is invariant to.
+    """
+
+    name: str
+    measure: PointMeasure
+
+
+class PointForce(Protocol):
+    """Force on attached vectors, evaluated alike on every rank."""
+
+    def begin(self, t: float, h: float, X: Array, V: Array) -> None:
+        """Start a step of length h at time t from the vectors X (3k,) and their rates V."""
+        ...
+
+    def force(self, X: Array) -> Array:
+        """Forces (3k,) at the configuration X (3k,) in which forces act."""
+        ...
+
+    def tangent(self, X: Array) -> Array:
+        """Their derivatives (3k, 3k)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class PointSupplied:
+    """A load on attached vectors; its work is booked as supplied."""
+
+    name: str
+    ports: tuple[Attached, ...]
+    law: PointForce
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,13 +243,15 @@ class Supplied:
 
 @dataclass(frozen=True, eq=False)
 class Constraint:
-    """Coordinates that keep their initial values: owned and ghost scalar indices of the body's block."""
+    """Coordinates that keep their initial values, or take the values `motion(t)` [m], (n,) like `dofs`.
+
+    `dofs` are owned and ghost scalar indices of the body's block.
+    """
 
     name: str
     body: MeshBody
     dofs: Indices
-
-
+    motion: Callable[[float], Array] | None = None
 
 
 @dataclass(frozen=True)
@@ -238,7 +320,18 @@ class Border(Protocol):
         ...
 
 
-Part = Kinetic | PointKinetic | Stored | Dissipated | PointStored | Supplied | Constraint
+Part = (
+    Kinetic
+    | PointKinetic
+    | Stored
+    | Dissipated
+    | Supplied
+    | Constraint
+    | PointStored
+    | PointDissipated
+    | PointSupplied
+    | PointConstraint
+)
 
 
 class BorderMaker(Protocol):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,13 +26,18 @@ from gossamer_fx.parts import (
     Dissipated,
     Kinetic,
     Part,
+    PointConstraint,
+    PointDissipated,
     PointKinetic,
     PointStored,
+    PointSupplied,
     Stored,
     Supplied,
     is_on_mesh,
 )
+from gossamer_fx.point_constraints import PointConstraints, multiplier_block
 from gossamer_fx.point_forces import PointForces
+from gossamer_fx.point_loads import PointLoads
 
 
 class LoadForces:
@@ -84,7 +89,8 @@ class System:
 
         r = c M (q1 - a) + Σ stored and dissipated forces - Σ loads + border forces
 
-    where the stepper chooses c and a (`inertia`): the midpoint rule has c = 2/h², a = q0 + h v0.
+    where the stepper chooses c and a (`inertia`): the midpoint rule has c = 2/h², a = q0 + h v0.  Multipliers stand
+    behind the coordinates in the same vector; they have no mass and no rate, and their rows of r are the constraints.
     """
 
     def __init__(self, bodies: list[Body], parts: Iterable[Part], rule: StressRule, comm: MPI.Comm) -> None:
@@ -92,28 +98,40 @@ class System:
         self.borders: list[Border] = []
         self.time, self.h = 0.0, 1.0
         self._supplied = self._dissipated = 0.0
-        self.numbering = numbering = Numbering(comm, [b.block for b in bodies])
+        parts = list(parts)
+        bonds = [p for p in parts if isinstance(p, PointConstraint)]
+        blocks = [b.block for b in bodies] + [multiplier_block(comm, p) for p in bonds]
+        self.numbering = numbering = Numbering(comm, blocks)
         self.q0, self.q1, self.v0, self._scratch, self._momenta = (numbering.vector() for _ in range(5))
         self._start = self.q0.getOwnershipRange()[0]
 
-        parts = list(parts)
         self.fields = {k: Coordinates(b.space, rule.alpha) for k, b in enumerate(bodies) if is_on_mesh(b)}
         self._forces = {k: la.vector(bodies[k].block.index_map, bodies[k].block.size) for k in self.fields}
         self.stored = [(k, ElementForces(p, at, rule)) for k, at, p in self._on_fields(parts, Stored)]
         self.dissipated = [(k, ElementForces(p, at, rule)) for k, at, p in self._on_fields(parts, Dissipated)]
         self.loads = [(k, LoadForces(p, at)) for k, at, p in self._on_fields(parts, Supplied)]
         self._elements = self.stored + self.dissipated
-        points = [p for p in parts if isinstance(p, PointStored)]
+        points = [p for p in parts if isinstance(p, PointStored | PointDissipated)]
         self._points = PointForces(numbering, bodies, points, rule.alpha) if points else None
+        pushes = [p for p in parts if isinstance(p, PointSupplied)]
+        self._pushes = PointLoads(numbering, bodies, pushes, rule.alpha) if pushes else None
+        self.constraints = PointConstraints(numbering, bodies, bonds, rule.alpha) if bonds else None
         self._masses = [p for p in parts if isinstance(p, Kinetic | PointKinetic)]
-        self._fixed = self._held(parts)
+        self._fixed, self._moved = self._held(parts), self._prescribed(parts)
         self._any_fixed = comm.allreduce(len(self._fixed)) > 0
 
     def start(self) -> None:
         """Take the initial state and set up the matrices; after the borders are attached."""
         for k, body in enumerate(self.bodies):
             self.q0.array[self.numbering.owned(k)], self.v0.array[self.numbering.owned(k)] = body.initial_state()
-        self.v0.array[self._fixed] = 0
+        self.v0.array[np.setdiff1d(self._fixed, [i for at, _ in self._moved for i in at])] = 0
+        if self.constraints:
+            free = self.numbering.vector()
+            free.set(1.0)
+            free.array[self._fixed] = 0
+            self.constraints.validate(self.q0, self.v0, free)
+            self._fixed = np.union1d(self._fixed, self.constraints.idle(free, self.q0))
+            self._any_fixed = self.comm.allreduce(len(self._fixed)) > 0
         self.move(self.q0, None)
         self._keep()
         for border in self.borders:
@@ -133,6 +151,17 @@ class System:
                 owned = self.numbering.owned(self.bodies.index(part.body))
                 held.append(part.dofs[part.dofs < owned.stop - owned.start].astype(np.int64) + owned.start)
         return np.unique(np.concatenate(held))
+
+    def _prescribed(self, parts: list[Part]) -> list[tuple[npt.NDArray[np.int64], Callable[[float], Array]]]:
+        """Positions of the coordinates that are moved, in this rank's part of a vector, and their values at a time."""
+        moved = []
+        for part in parts:
+            if isinstance(part, Constraint) and part.motion is not None:
+                owned = self.numbering.owned(self.bodies.index(part.body))
+                mine = part.dofs < owned.stop - owned.start
+                motion, at = part.motion, part.dofs[mine].astype(np.int64) + owned.start
+                moved.append((at, lambda t, motion=motion, mine=mine: motion(t)[mine]))
+        return moved
 
     def _build_matrices(self) -> None:
         """Mass matrix M and tangent A, with one sparsity pattern."""
@@ -154,8 +183,10 @@ class System:
                 self._assemble_matrix(target, k, [compile_form(part.mass(at.dq, at.w))])
             else:
                 first = self._start + self.numbering.owned(k).start
-                for i, m in enumerate(np.repeat(part.mass, part.body.block.size)):
-                    target.setValue(first + i, first + i, m, addv=PETSc.InsertMode.ADD_VALUES)
+                size = part.body.block.size
+                for i, m in enumerate(part.mass):
+                    rows = (first + i * size + np.arange(size)).astype(PETSc.IntType)
+                    target.setValues(rows, rows, np.kron(m, np.eye(3)), addv=PETSc.InsertMode.ADD_VALUES)
 
     def _assemble_matrix(self, A: PETSc.Mat, k: int, forms: Iterable[fem.Form]) -> None:
         view = self.numbering.submatrix(A, k)
@@ -176,7 +207,17 @@ class System:
         for _, load in self.loads:
             if load.part.at is not None:
                 load.part.at(t)
+        if self._points:
+            self._points.h = h
+        if self._pushes:
+            self._pushes.begin(self.time, h, self.q0, self.v0)
         return np.concatenate([np.zeros(0), *[b.begin(h, t) for b in self.borders]])
+
+    def prescribe(self, z: PETSc.Vec) -> None:
+        """Give the moved coordinates of z their values at the end of the step."""
+        with z as values:
+            for at, motion in self._moved:
+                values[at] = motion(self.time + self.h)
 
     def inertia(self, c: float, a: PETSc.Vec) -> None:
         """Choose c and a of the residual's c M (q1 - a)."""
@@ -216,9 +257,46 @@ class System:
                 border.add_force(values)
         if self._points:
             self._points.add_forces(self.q1, r)
+        if self._pushes:
+            self._pushes.add_forces(self.q1, r)
+        if self.constraints:
+            self.constraints.add_forces(self.q1, r)
         with r as values:
+            self._reactions = values[self._fixed]
             values[self._fixed] = 0
         return np.concatenate([np.zeros(0), *s])
+
+    def outside(self) -> PETSc.Vec:
+        """Forces of loads, borders and supports at the last residual; what is inside balances them."""
+        out = self.numbering.vector()
+        with out as values:
+            for k, load in self.loads:
+                self._add_owned(values, k, -load.force.array)
+            for border in self.borders:
+                border.add_force(values)
+        if self._pushes:
+            self._pushes.add_forces(self.q1, out)
+        with out as values:
+            values *= -1
+            values[self._fixed] = self._reactions
+        return out
+
+    def rigid_motions(self) -> list[PETSc.Vec]:
+        """Velocities of the coordinates in three translations and three rotations about the origin, zero where held."""
+        motions = []
+        for i, axis in enumerate([*np.eye(3), *np.eye(3)]):
+            φ = self.numbering.vector()
+            with φ as values:
+                for k, body in enumerate(self.bodies):
+                    owned = self.numbering.owned(k)
+                    q = self.q0.array_r[owned].reshape(-1, 3)
+                    v = np.cross(axis, q) if i >= 3 else np.zeros_like(q)
+                    if i < 3:
+                        v[:: body.block.size // 3] = axis
+                    values[owned] = v.ravel()
+                values[self._fixed] = 0
+            motions.append(φ)
+        return motions
 
     def tangent(self) -> PETSc.Mat:
         """Derivative of the field residual with respect to q1."""
@@ -249,12 +327,20 @@ class System:
         for k, load in self.loads:
             owned = self.numbering.owned(k)
             self._supplied += float(Δq[owned] @ load.force.array[: owned.stop - owned.start])
+        for at, _ in self._moved:
+            self._supplied += float(Δq[at] @ self._reactions[np.searchsorted(self._fixed, at)])
         for _, force in self.dissipated:
             self._dissipated += force.dissipated()
+        if self._points:
+            self._dissipated += self._points.dissipated(self.q1)
+        if self._pushes:
+            self._supplied += self._pushes.work(self.q1)
         for border in self.borders:
             border.accept()
         self.q1.copy(self.q0)
         v1.copy(self.v0)
+        if self.constraints:
+            self.v0.array[self.constraints.owned] = 0
         self._keep()
         self.time += self.h
 
@@ -266,6 +352,8 @@ class System:
             force.accept()
         if self._points:
             self._points.begin(self.q0)
+        if self.constraints:
+            self.constraints.begin(self.q0)
 
     def book(self) -> Totals:
         """Energies and momenta of the accepted state, and what was supplied and dissipated since the start."""
@@ -291,6 +379,14 @@ class System:
         return Totals(
             self.time, kinetic, stored, supplied, dissipated, np.array(rest[:3]), np.array(rest[3:6]), mass, mass_supplied
         )
+
+    def imbalance(self, r: PETSc.Vec) -> tuple[float, float]:
+        """Norm of the forces in r [N], and the largest violation of a constraint."""
+        if self.constraints is None:
+            return float(r.norm()), 0.0
+        values, multipliers = r.array_r, self.constraints.owned
+        forces = self.comm.allreduce(float(values[: multipliers.start] @ values[: multipliers.start]))
+        return forces**0.5, self.comm.allreduce(float(np.abs(values[multipliers]).max(initial=0.0)), op=MPI.MAX)
 
     def place(self, r: PETSc.Vec) -> str:
         """Where the residual r is largest, in words."""
@@ -324,6 +420,10 @@ class System:
             self._assemble_matrix(self.A, k, forms)
         if self._points:
             self._points.add_tangents(self.q1, self.A)
+        if self._pushes:
+            self._pushes.add_tangents(self.q1, self.A)
+        if self.constraints:
+            self.constraints.add_tangents(self.q1, self.A)
 
     def _split(self, y: Array) -> list[tuple[Border, Array]]:
         ends = np.cumsum([0] + [b.size for b in self.borders])

@@ -36,7 +36,7 @@ class PointMass:
         return x[:here].copy(), v[:here].copy()
 
     def parts(self) -> Iterable[Part]:
-        yield PointKinetic(self, np.full(self.block.index_map.size_local, self.mass))
+        yield PointKinetic(self, np.full((self.block.index_map.size_local, 1, 1), self.mass))
 
     def port(self) -> Port:
         return Port(self, (0,))

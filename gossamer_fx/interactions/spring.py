@@ -1,15 +1,18 @@
-"""Springs between points."""
+"""Springs, ropes and dampers between points."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from gossamer_fx.attachment import initial
 from gossamer_fx.errors import check
-from gossamer_fx.parts import Part, PointStored, Port
+from gossamer_fx.interactions.joint import bodies_of, check_sides
+from gossamer_fx.parts import Array, Attached, Part, PointDissipated, PointMeasure, PointStored, Port
 
 
 @dataclass(frozen=True)
@@ -18,11 +21,162 @@ class Quadratic:
 
     k: float
 
-    def energy(self, e: float) -> float:
-        return self.k * e * e / 2
+    def energy(self, e: Array) -> Array:
+        return self.k * np.sum(e * e, axis=1) / 2
 
-    def average(self, e0: float, e1: float) -> tuple[float, float]:
-        return self.k * (e0 + e1) / 2, self.k / 2
+    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        m = e0.shape[1]
+        return self.k * (e0 + e1) / 2, np.broadcast_to(self.k / 2 * np.eye(m), (len(e0), m, m))
+
+
+@dataclass(frozen=True)
+class LengthSpring:
+    """ψ = ½ k (l - L)² of the length l = √(2e), e = ½|x_a - x_b|²; `slack` below L if it is a rope.
+
+    With l0 and l1 at the ends of the step, S̄ = Δψ/Δe = k (1 - 2L/(l0 + l1)) while taut; in a step that passes the
+    natural length, the quotient itself.
+    """
+
+    k: float
+    L: float
+    slack: bool = False
+
+    def _stretch(self, length: Array) -> Array:
+        stretch = length - self.L
+        return np.maximum(stretch, 0.0) if self.slack else stretch
+
+    def energy(self, e: Array) -> Array:
+        return self.k * self._stretch(np.sqrt(2 * e[:, 0])) ** 2 / 2
+
+    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        l0, l1 = (np.sqrt(2 * np.maximum(e[:, 0], 1e-300)) for e in (e0, e1))
+        s0, s1 = self._stretch(l0), self._stretch(l1)
+        both = l0 + l1
+        S = self.k * (1 - 2 * self.L / both)
+        D = 2 * self.k * self.L / both**2 / l1
+        if self.slack:
+            Δe = (l1 - l0) * both / 2
+            passing = (s0 > 0) != (s1 > 0)
+            safe = np.where(np.abs(Δe) > 0, Δe, 1.0)
+            quotient = self.k * (s1**2 - s0**2) / 2 / safe
+            slope = (self.k * s1 / l1 - quotient) / safe
+            loose = (s0 <= 0) & (s1 <= 0)
+            S = np.where(passing, quotient, np.where(loose, 0.0, S))
+            D = np.where(passing, slope, np.where(loose, 0.0, D))
+        return S[:, None], D[:, None, None]
+
+
+@dataclass(frozen=True)
+class LengthDamper:
+    """Axial force c l̇ of the length l = √(2e): S̄ = 2 c (l1 - l0)/(h (l0 + l1))."""
+
+    c: float
+
+    def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
+        l0, l1 = (np.sqrt(2 * np.maximum(e[:, 0], 1e-300)) for e in (e0, e1))
+        S = 2 * self.c / h * (l1 - l0) / (l0 + l1)
+        D = 4 * self.c / h * l0 / (l0 + l1) ** 2 / l1
+        return S[:, None], D[:, None, None]
+
+
+def half_distance_squared(a: Attached, b: Attached) -> PointMeasure:
+    """e = ½|x_a - x_b|²."""
+    difference = np.hstack([np.eye(3), -np.eye(3)])
+    return PointMeasure([(a, b)], (difference.T @ difference)[None], np.zeros((1, 6)), np.zeros(1))
+
+
+@dataclass(frozen=True, eq=False)
+class Spring:
+    """Linear spring between two points: ψ = ½ k (|x_a - x_b| - L)².
+
+    Args:
+        a, b: ports, or one `Ground`.
+        stiffness: k [N/m].
+        length: L [m], at which it is at rest.
+    """
+
+    a: Attached
+    b: Attached
+    stiffness: float
+    length: float
+    name: str = "spring"
+
+    def __post_init__(self) -> None:
+        check_sides("Spring", self.name, self.a, self.b)
+        check(
+            math.isfinite(self.stiffness) and self.stiffness > 0,
+            f"Spring '{self.name}': stiffness is {self.stiffness!r} N/m; give a positive one.",
+        )
+        check(self.length >= 0, f"Spring '{self.name}': length is {self.length!r} m; give none or a positive one.")
+
+    def requires(self) -> Iterable[Any]:
+        yield from bodies_of(self.a, self.b)
+
+    def parts(self) -> Iterable[Part]:
+        density = LengthSpring(self.stiffness, self.length)
+        yield PointStored(self.name, half_distance_squared(self.a, self.b), density)
+
+
+@dataclass(frozen=True, eq=False)
+class Rope:
+    """A rope without mass: it holds two points within its length, with tension k (l - L) beyond it and none below.
+
+    Args:
+        a, b: ports, or one `Ground`.
+        length: L [m].
+        stiffness: k = EA/L [N/m].
+    """
+
+    a: Attached
+    b: Attached
+    length: float
+    stiffness: float
+    name: str = "rope"
+
+    def __post_init__(self) -> None:
+        check_sides("Rope", self.name, self.a, self.b)
+        check(
+            math.isfinite(self.stiffness) and self.stiffness > 0,
+            f"Rope '{self.name}': stiffness is {self.stiffness!r} N/m; give a positive one.",
+        )
+        check(self.length > 0, f"Rope '{self.name}': length is {self.length!r} m; give a positive one.")
+
+    def requires(self) -> Iterable[Any]:
+        yield from bodies_of(self.a, self.b)
+
+    def parts(self) -> Iterable[Part]:
+        density = LengthSpring(self.stiffness, self.length, slack=True)
+        yield PointStored(self.name, half_distance_squared(self.a, self.b), density)
+
+
+@dataclass(frozen=True, eq=False)
+class Damper:
+    """Linear damper between two points: force c d|x_a - x_b|/dt along their connection; its loss is booked.
+
+    Args:
+        a, b: ports, or one `Ground`; they must not coincide.
+        coefficient: c [N s/m].
+    """
+
+    a: Attached
+    b: Attached
+    coefficient: float
+    name: str = "damper"
+
+    def __post_init__(self) -> None:
+        check_sides("Damper", self.name, self.a, self.b)
+        check(
+            math.isfinite(self.coefficient) and self.coefficient > 0,
+            f"Damper '{self.name}': coefficient is {self.coefficient!r} N s/m; give a positive one.",
+        )
+
+    def requires(self) -> Iterable[Any]:
+        yield from bodies_of(self.a, self.b)
+
+    def parts(self) -> Iterable[Part]:
+        distance = float(np.linalg.norm(initial(self.a) - initial(self.b)))
+        check(distance > 0, f"Damper '{self.name}': its two points coincide, so it has no direction; separate them.")
+        yield PointDissipated(self.name, half_distance_squared(self.a, self.b), LengthDamper(self.coefficient))
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +197,9 @@ class AxialSpring:
     name: str = "spring"
 
     def __post_init__(self) -> None:
-        check(self.stiffness > 0, f"AxialSpring '{self.name}': stiffness is {self.stiffness!r} N/m; give a positive one.")
+        check(
+            self.stiffness > 0, f"AxialSpring '{self.name}': stiffness is {self.stiffness!r} N/m; give a positive one."
+        )
         check(any(self.direction), f"AxialSpring '{self.name}': direction has no length; give its axis.")
 
     def requires(self) -> Iterable[Any]:
@@ -52,6 +208,6 @@ class AxialSpring:
     def parts(self) -> Iterable[Part]:
         n = np.asarray(self.direction, dtype=float)
         n /= np.linalg.norm(n)
-        yield PointStored(
-            self.name, (self.port,), np.zeros((3, 3)), n, -float(n @ np.asarray(self.origin)), Quadratic(self.stiffness)
-        )
+        rest = -float(n @ np.asarray(self.origin, dtype=float))
+        measure = PointMeasure([(self.port,)], np.zeros((1, 3, 3)), n[None], np.array([rest]))
+        yield PointStored(self.name, measure, Quadratic(self.stiffness))

@@ -6,25 +6,48 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import ufl
 from dolfinx import fem
 
-from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.parts import Part, Supplied
+from gossamer_fx.kinematics import Expr
+from gossamer_fx.loads.force import ConstantForce
+from gossamer_fx.parts import Body, Kinetic, Part, PointKinetic, PointSupplied, Port, Supplied
 
 
 @dataclass(frozen=True, eq=False)
 class Gravity:
-    """Acceleration `g` [m/s²] of a film; δW = ∫ρt g·w dA."""
+    """Acceleration `g` [m/s²] of a body: its mass matrix times that acceleration, e.g. δW = ∫ρt g·w dA of a film."""
 
-    body: Membrane
+    body: Body
     g: tuple[float, float, float] = (0.0, 0.0, -9.80665)
-    name: str = "gravity"
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            object.__setattr__(self, "name", f"gravity of {self.body.name}")
 
     def requires(self) -> Iterable[Any]:
         yield self.body
 
     def parts(self) -> Iterable[Part]:
-        body = self.body
-        g = fem.Constant(body.space.mesh, tuple(float(c) for c in self.g))
-        yield Supplied(self.name, body, lambda x, w: body.area_density * ufl.dot(g, w) * body.mass_dx)
+        for part in self.body.parts():
+            if isinstance(part, Kinetic):
+                yield self._on_mesh(part)
+            elif isinstance(part, PointKinetic):
+                yield from self._on_points(part)
+
+    def _on_mesh(self, part: Kinetic) -> Part:
+        size, g = part.body.block.size, tuple(float(c) for c in self.g)
+        acceleration = fem.Constant(part.body.space.mesh, g + (0.0,) * (size - 3))
+
+        def work(q: Expr, w: Expr) -> ufl.Form:
+            return part.mass(acceleration, w)
+
+        return Supplied(self.name, part.body, work)
+
+    def _on_points(self, part: PointKinetic) -> Iterable[Part]:
+        masses = np.concatenate(part.body.comm.allgather(part.mass))
+        for node, mass in enumerate(masses):
+            ports = tuple(Port(part.body, (node,), (1.0,), (k,)) for k in range(len(mass)))
+            yield PointSupplied(self.name, ports, ConstantForce(np.outer(mass[:, 0], self.g).ravel()))

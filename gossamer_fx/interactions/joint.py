@@ -1,0 +1,226 @@
+"""Joints: constraints between points and frames of any two bodies, or of a body and the ground.
+
+Each is a set of quadratic measures that stay zero (`PointConstraint`); the multipliers do no work.  With the vectors
+a and b attached to the two sides, and p, q, n directions that are fixed in one of them,
+
+    ball       x_a - x_b = 0
+    link       ½(|x_a - x_b|² - l²) = 0
+    fixed      ball, and g2·p1 = g3·p1 = g2·p3 = 0 for the axes p of one side that coincide with those of the other
+    revolute   ball, and n·p = n·q = 0: the axis n of one side is normal to p, q of the other
+    prismatic  the rotations of fixed, and (x_b - x_a)·p = (x_b - x_a)·q = 0
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gossamer_fx.attachment import Frame, along, initial
+from gossamer_fx.errors import check
+from gossamer_fx.parts import Array, Attached, Part, PointConstraint, PointMeasure, Port
+
+COINCIDE = 1e-8  # m
+
+
+def bodies_of(*sides: Attached | Frame) -> Iterable[Any]:
+    """The bodies that a joint refers to."""
+    for side in sides:
+        origin = side.origin if isinstance(side, Frame) else side
+        if isinstance(origin, Port):
+            yield origin.body
+
+
+def check_sides(kind: str, name: str, a: Attached | Frame, b: Attached | Frame) -> None:
+    """At least one side moves, and they are two bodies."""
+    bodies = list(bodies_of(a, b))
+    check(bool(bodies), f"{kind} '{name}' joins the ground to itself; give a port of a body.")
+    check(
+        len(bodies) < 2 or bodies[0] is not bodies[1] or kind not in ("FixedJoint", "RevoluteJoint", "PrismaticJoint"),
+        f"{kind} '{name}' joins '{bodies[0].name}' to itself; join two bodies.",
+    )
+
+
+def check_coincide(name: str, a: Attached, b: Attached) -> None:
+    distance = float(np.linalg.norm(initial(a) - initial(b)))
+    check(
+        distance <= COINCIDE,
+        f"Joint '{name}': its two points are {distance:.6g} m apart at the start; let them coincide.",
+    )
+
+
+def product(name: str, u: Attached, v: Attached) -> PointConstraint:
+    """u·v = 0."""
+    H = np.kron(np.array([[0.0, 1.0], [1.0, 0.0]]), np.eye(3))
+    place = (u, v) if isinstance(u, Port) else (v, u)
+    return PointConstraint(name, PointMeasure([place], H[None], np.zeros((1, 6)), np.zeros(1)))
+
+
+def coincidence(name: str, a: Attached, b: Attached) -> PointConstraint:
+    """x_a - x_b = 0."""
+    place, L = ((a, b), np.hstack([np.eye(3), -np.eye(3)]))
+    return PointConstraint(name, PointMeasure([place], np.zeros((3, 6, 6)), L, np.zeros(3)))
+
+
+def perpendicular_pair(n: Array) -> tuple[Array, Array]:
+    """Two unit vectors that form a right-handed triad (p, q, n) with the unit vector n."""
+    p = np.cross(n, np.eye(3)[np.argmin(np.abs(n))])
+    p /= np.linalg.norm(p)
+    return p, np.cross(n, p)
+
+
+def same_rotation(name: str, a: Frame, b: Frame) -> Iterable[PointConstraint]:
+    """Three products that keep the relative rotation of two frames, one of which has three directors."""
+    full, other = (a, b) if len(a.directors) == 3 else (b, a)
+    check(
+        len(full.directors) == 3,
+        f"Joint '{name}' joins two beam sections, which have two directors each; join both to a RigidBody.",
+    )
+    g2, g3 = other.directors[-2:]
+    e2, e3 = initial(g2), initial(g3)
+    p1, p3 = along(np.cross(e2, e3), full), along(e3, full)
+    yield product(f"{name} rotation 3", g2, p1)
+    yield product(f"{name} rotation 2", g3, p1)
+    yield product(f"{name} rotation 1", g2, p3)
+
+
+@dataclass(frozen=True, eq=False)
+class BallJoint:
+    """Two points coincide; `a`, `b` are ports, or one is `Ground`."""
+
+    a: Attached
+    b: Attached
+    name: str = "ball"
+
+    def __post_init__(self) -> None:
+        check_sides("BallJoint", self.name, self.a, self.b)
+
+    def requires(self) -> Iterable[Any]:
+        yield from bodies_of(self.a, self.b)
+
+    def parts(self) -> Iterable[Part]:
+        check_coincide(self.name, self.a, self.b)
+        yield coincidence(self.name, self.a, self.b)
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """Two points keep the distance that they have at the start: a massless rigid rod."""
+
+    a: Attached
+    b: Attached
+    name: str = "link"
+
+    def __post_init__(self) -> None:
+        check_sides("Link", self.name, self.a, self.b)
+
+    def requires(self) -> Iterable[Any]:
+        yield from bodies_of(self.a, self.b)
+
+    def parts(self) -> Iterable[Part]:
+        length = float(np.linalg.norm(initial(self.a) - initial(self.b)))
+        check(length > 0, f"Link '{self.name}' has no length; use a BallJoint for points that coincide.")
+        difference = np.hstack([np.eye(3), -np.eye(3)])
+        H, c = difference.T @ difference, -(length**2) / 2
+        yield PointConstraint(
+            self.name, PointMeasure([(self.a, self.b)], H[None] / length, np.zeros((1, 6)), np.array([c / length]))
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class FixedJoint:
+    """Two frames keep their relative position and rotation.
+
+    One of them must have three directors: two beam sections are fixed to each other through a `RigidBody`.
+    """
+
+    a: Frame
+    b: Frame
+    name: str = "fixed"
+
+    def __post_init__(self) -> None:
+        check_sides("FixedJoint", self.name, self.a, self.b)
+
+    def requires(self) -> Iterable[Any]:
+        yield from bodies_of(self.a, self.b)
+
+    def parts(self) -> Iterable[Part]:
+        check_coincide(self.name, self.a.origin, self.b.origin)
+        yield coincidence(self.name, self.a.origin, self.b.origin)
+        yield from same_rotation(self.name, self.a, self.b)
+
+
+@dataclass(frozen=True, eq=False)
+class RevoluteJoint:
+    """Two frames that share a point and an `axis` (a direction in space at the start)."""
+
+    a: Frame
+    b: Frame
+    axis: Sequence[float]
+    name: str = "revolute"
+
+    def __post_init__(self) -> None:
+        check_sides("RevoluteJoint", self.name, self.a, self.b)
+        check(any(self.axis), f"RevoluteJoint '{self.name}': axis has no length; give its direction.")
+
+    def requires(self) -> Iterable[Any]:
+        yield from bodies_of(self.a, self.b)
+
+    def parts(self) -> Iterable[Part]:
+        check_coincide(self.name, self.a.origin, self.b.origin)
+        yield coincidence(self.name, self.a.origin, self.b.origin)
+        n = np.asarray(self.axis, dtype=float)
+        n /= np.linalg.norm(n)
+        full, other = (self.a, self.b) if len(self.a.directors) == 3 else (self.b, self.a)
+        section = np.array([initial(d) for d in other.directors])
+        if len(section) == 2 and np.allclose(section @ n, 0, atol=1e-9):
+            # the axis is the beam's tangent, and its directors are the normals
+            fixed, (p, q) = along(n, full), other.directors
+        else:
+            fixed = along(n, other)
+            p, q = (along(e, full) for e in perpendicular_pair(n))
+        yield product(f"{self.name} tilt 1", fixed, p)
+        yield product(f"{self.name} tilt 2", fixed, q)
+
+
+@dataclass(frozen=True, eq=False)
+class PrismaticJoint:
+    """Two frames slide along an `axis` (a direction in space at the start), which `a` carries; no rotation."""
+
+    a: Frame
+    b: Frame
+    axis: Sequence[float]
+    name: str = "prismatic"
+
+    def __post_init__(self) -> None:
+        check_sides("PrismaticJoint", self.name, self.a, self.b)
+        check(any(self.axis), f"PrismaticJoint '{self.name}': axis has no length; give its direction.")
+
+    def requires(self) -> Iterable[Any]:
+        yield from bodies_of(self.a, self.b)
+
+    def parts(self) -> Iterable[Part]:
+        yield from same_rotation(self.name, self.a, self.b)
+        n = np.asarray(self.axis, dtype=float)
+        n /= np.linalg.norm(n)
+        gap = initial(self.b.origin) - initial(self.a.origin)
+        check(
+            float(np.linalg.norm(np.cross(gap, n))) <= COINCIDE,
+            f"PrismaticJoint '{self.name}': its second point is off the axis through the first; place both on it.",
+        )
+        # (x_b - x_a)·p = 0 of the stacked vectors (x_a, x_b, p), ports first
+        H = np.zeros((3, 3))
+        H[0, 2] = H[2, 0] = -1.0
+        H[1, 2] = H[2, 1] = 1.0
+        for k, e in enumerate(perpendicular_pair(n)):
+            yield PointConstraint(
+                f"{self.name} slide {k + 1}",
+                PointMeasure(
+                    [(self.a.origin, self.b.origin, along(e, self.a))],
+                    np.kron(H, np.eye(3))[None],
+                    np.zeros((1, 9)),
+                    np.zeros(1),
+                ),
+            )

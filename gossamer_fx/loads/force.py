@@ -1,0 +1,163 @@
+"""Forces and torques on points and frames of bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gossamer_fx.attachment import Frame
+from gossamer_fx.errors import check
+from gossamer_fx.interactions.joint import bodies_of
+from gossamer_fx.parts import Array, Attached, Part, PointSupplied, Port
+
+History = Callable[[float], Sequence[float]]
+
+
+@dataclass(frozen=True)
+class ConstantForce:
+    """Forces (3k,) that never change."""
+
+    value: Array
+
+    def begin(self, t: float, h: float, X: Array, V: Array) -> None:
+        pass
+
+    def force(self, X: Array) -> Array:
+        return self.value
+
+    def tangent(self, X: Array) -> Array:
+        return np.zeros((X.size, X.size))
+
+
+class ForceInTime:
+    """Force (3,) as a function of time, taken at the middle of the step."""
+
+    def __init__(self, name: str, value: History) -> None:
+        self._name, self._value = name, value
+        self._now: Array = np.zeros(3)
+
+    def begin(self, t: float, h: float, X: Array, V: Array) -> None:
+        self._now = finite(self._name, self._value, t + h / 2)
+
+    def force(self, X: Array) -> Array:
+        return self._now
+
+    def tangent(self, X: Array) -> Array:
+        return np.zeros((3, 3))
+
+
+def finite(name: str, value: History, t: float) -> Array:
+    """value(t) as three finite numbers."""
+    now = np.asarray(value(t), dtype=float)
+    check(
+        now.shape == (3,) and bool(np.isfinite(now).all()),
+        f"'{name}' is {now.tolist()!r} at t = {t:.6g} s; let its function return three finite numbers.",
+    )
+    return now
+
+
+def in_time(value: Sequence[float] | History) -> History:
+    """A constant vector as a function of time, or the function itself."""
+    if callable(value):
+        return value
+    constant = tuple(float(c) for c in value)
+    return lambda t: constant
+
+
+def cross_matrix(a: Array) -> Array:
+    """[a]× with [a]× b = a × b."""
+    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
+
+
+class Couple:
+    """A torque T on attached vectors r_i (directors, or arms between points): forces f_i = F × r_i with
+
+        (tr S 1 - S) F = T,    S = Σ r_i r_iᵀ
+
+    Then Σ r_i × f_i = T whatever the lengths and angles of the vectors, so the angular momentum grows by exactly hT
+    also at the middle of a step, where directors are shorter than 1.
+    """
+
+    def __init__(self) -> None:
+        self.torque: Array = np.zeros(3)
+
+    def begin(self, t: float, h: float, X: Array, V: Array) -> None:
+        pass
+
+    def _spread(self, r: Array) -> tuple[Array, Array]:
+        """(tr S 1 - S)⁻¹ and F."""
+        S = r.T @ r
+        inverse = np.linalg.inv(np.trace(S) * np.eye(3) - S)
+        return inverse, inverse @ self.torque
+
+    def force(self, X: Array) -> Array:
+        r = X.reshape(-1, 3)
+        forces: Array = np.cross(self._spread(r)[1], r).ravel()
+        return forces
+
+    def tangent(self, X: Array) -> Array:
+        r = X.reshape(-1, 3)
+        inverse, F = self._spread(r)
+        K: Array = np.kron(np.eye(len(r)), cross_matrix(F))
+        for j, d in enumerate(r):
+            # dS F for a change of vector j, and with it dF = -(tr S 1 - S)⁻¹ (tr dS F - dS F)
+            change = 2 * np.outer(F, d) - (d @ F) * np.eye(3) - np.outer(d, F)
+            dF = -inverse @ change
+            for i, other in enumerate(r):
+                K[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] -= cross_matrix(other) @ dF
+        return K
+
+
+class TorqueInTime(Couple):
+    """Torque (3,) in space axes as a function of time, taken at the middle of the step."""
+
+    def __init__(self, name: str, value: History) -> None:
+        super().__init__()
+        self._name, self._value = name, value
+
+    def begin(self, t: float, h: float, X: Array, V: Array) -> None:
+        self.torque = finite(self._name, self._value, t + h / 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Force:
+    """A force on a point of a body.
+
+    Args:
+        port: the point.
+        value: force in space axes [N], three numbers or a function of time [s] that returns them.
+    """
+
+    port: Port
+    value: Sequence[float] | History
+    name: str = "force"
+
+    def requires(self) -> Iterable[Any]:
+        yield self.port.body
+
+    def parts(self) -> Iterable[Part]:
+        yield PointSupplied(self.name, (self.port,), ForceInTime(self.name, in_time(self.value)))
+
+
+@dataclass(frozen=True, eq=False)
+class Torque:
+    """A torque on a rigid body or a beam's section.
+
+    Args:
+        frame: what it turns, e.g. `body.frame()`.
+        value: torque in space axes [N m], three numbers or a function of time [s] that returns them.
+    """
+
+    frame: Frame
+    value: Sequence[float] | History
+    name: str = "torque"
+
+    def requires(self) -> Iterable[Any]:
+        yield from bodies_of(self.frame)
+
+    def parts(self) -> Iterable[Part]:
+        vectors: tuple[Attached, ...] = self.frame.directors
+        yield PointSupplied(self.name, vectors, TorqueInTime(self.name, in_time(self.value)))

@@ -1,0 +1,136 @@
+"""Point masses, rigid bodies and joints against exact motions (REFERENCES D09 a, c, d) and their invariants."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from gossamer_fx.discrete_gradient import PathAverage
+
+TIGHT = gx.Tolerances(relative=1e-13)
+
+
+def midpoint(dt: float) -> gx.Midpoint:
+    return gx.Midpoint(dt=dt, rule=PathAverage(), tolerances=TIGHT)
+
+
+def order(errors: list[float]) -> float:
+    """Slope of the last halving."""
+    return float(np.log2(errors[-2] / errors[-1]))
+
+
+def coordinates(run: gx.Simulation, vectors: int) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates and rates (vectors, 3) of the first bodies."""
+    q, v = (x.array_r[: 3 * vectors].reshape(-1, 3).copy() for x in (run.system.q0, run.system.v0))
+    return q, v
+
+
+SPRING_PENDULUM = {
+    1.0: (-0.95281627, -0.32598524, -0.49398836),
+    5.0: (-0.58812828, 0.40158893, -0.60206206),
+    10.0: (0.40307212, -0.22958217, -1.13735299),
+}
+
+
+def spring_pendulum(dt: float) -> tuple[float, gx.Simulation]:
+    mass = gx.PointMass(1.0, (1.2, 0, -0.3), (0, 0.8, 0))
+    spring = gx.Spring(mass.port(), gx.Ground((0, 0, 0)), stiffness=100.0, length=1.0)
+    run = gx.Simulation(gx.Scene(mass, spring, gx.Gravity(mass, (0, 0, -9.81))), midpoint(dt))
+    error = 0.0
+    for t, exact in SPRING_PENDULUM.items():
+        run.run(until=t)
+        error = max(error, float(np.abs(coordinates(run, 1)[0][0] - exact).max()))
+    return error, run
+
+
+def test_spring_pendulum_is_second_order_and_conserves() -> None:
+    errors = []
+    for dt in (4e-3, 2e-3, 1e-3):
+        error, run = spring_pendulum(dt)
+        errors.append(error)
+        assert abs(run.energy_error) < 1e-10
+        assert run.totals.angular_momentum[2] == pytest.approx(0.96, abs=1e-10)
+    assert 1.9 < order(errors) < 2.1
+    assert errors[-1] < 0.01
+
+
+FREE_BODY = {
+    1.0: (0.40838623, 0.91280923, 1.07808152, 0.71353421),
+    5.0: (0.77041950, -0.63753728, 1.14215384, 0.97089924),
+    10.0: (0.23429408, -0.97216577, 1.06064347, 0.93438499),
+}
+
+
+def free_body(dt: float) -> tuple[float, gx.Simulation]:
+    """Landau & Lifshitz, Mechanics, § 37, I = (1, 2, 3): a plate without thickness."""
+    body = gx.RigidBody(1.0, (1.0, 2.0, 3.0), spin=(1.0, 0.0, 1.2))
+    run = gx.Simulation(gx.Scene(body), midpoint(dt))
+    error = 0.0
+    for t, exact in FREE_BODY.items():
+        run.run(until=t)
+        q, v = coordinates(run, 4)
+        R = q[1:].T
+        W = R.T @ v[1:].T
+        rates = (W[2, 1] - W[1, 2]) / 2, (W[0, 2] - W[2, 0]) / 2, (W[1, 0] - W[0, 1]) / 2
+        error = max(error, float(np.abs(np.array([*rates, R[2, 2]]) - exact).max()))
+        assert np.abs(R.T @ R - np.eye(3)).max() < 1e-12
+    return error, run
+
+
+def test_free_rigid_body_is_second_order_and_conserves() -> None:
+    errors = []
+    for dt in (2e-2, 1e-2, 5e-3):
+        error, run = free_body(dt)
+        errors.append(error)
+        assert abs(run.energy_error) < 1e-11
+        assert run.totals.angular_momentum == pytest.approx(run.first.angular_momentum, abs=1e-11)
+    assert 1.9 < order(errors) < 2.1
+    assert errors[-1] < 1e-3
+
+
+HINGED_RODS = {
+    0.5: (-0.00762363, 0.73574521, -1.97032908, -3.27194317),
+    1.0: (-0.52210314, -1.38683787, -1.62101111, -0.48556604),
+    2.0: (0.37679909, 0.46511273, 1.05153943, 4.49623996),
+}
+
+
+def hinged_rods(dt: float) -> tuple[float, gx.Simulation]:
+    def direction(angle: float) -> np.ndarray:
+        return np.array([np.sin(angle), -np.cos(angle), 0.0])
+
+    def rod(name: str, angle: float, start: np.ndarray) -> gx.RigidBody:
+        e = direction(angle)
+        attitude = np.array([e, np.cross([0, 0, 1], e), [0, 0, 1]]).T
+        return gx.RigidBody(1.0, np.full(3, 1 / 12), start + e / 2, attitude=attitude, name=name)
+
+    upper, lower = np.radians([60.0, 30.0])
+    a, b = rod("upper", upper, np.zeros(3)), rod("lower", lower, direction(upper))
+    scene = gx.Scene(
+        gx.RevoluteJoint(a.frame((-0.5, 0, 0)), gx.ground_frame(), (0, 0, 1), "root"),
+        gx.RevoluteJoint(a.frame((0.5, 0, 0)), b.frame((-0.5, 0, 0)), (0, 0, 1), "hinge"),
+        gx.Gravity(a, (0, -9.81, 0)),
+        gx.Gravity(b, (0, -9.81, 0)),
+    )
+    run = gx.Simulation(scene, midpoint(dt))
+    error = 0.0
+    for t, exact in HINGED_RODS.items():
+        run.run(until=t)
+        q, v = (x.reshape(2, 4, 3) for x in coordinates(run, 8))
+        axis, rate = q[:, 1], v[:, 1]
+        angles, rates = np.arctan2(axis[:, 0], -axis[:, 1]), np.cross(axis, rate)[:, 2]
+        error = max(error, float(np.abs(np.array([*angles, *rates]) - exact).max()))
+        hinge = (q[0, 0] + q[0, 1] / 2) - (q[1, 0] - q[1, 1] / 2)
+        assert np.abs(hinge).max() < 1e-12
+    return error, run
+
+
+def test_hinged_rods_are_second_order_and_conserve() -> None:
+    errors = []
+    for dt in (4e-3, 2e-3, 1e-3):
+        error, run = hinged_rods(dt)
+        errors.append(error)
+        assert abs(run.energy_error) < 1e-10
+    assert 1.9 < order(errors) < 2.1
+    assert errors[-1] < 1e-3
