@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from gossamer_fx.discrete_gradient import EndPoint as EndPoint
     from gossamer_fx.discrete_gradient import PathAverage as PathAverage
     from gossamer_fx.errors import InputError as InputError
+    from gossamer_fx.errors import NoEquilibrium as NoEquilibrium
     from gossamer_fx.errors import StepFailure as StepFailure
     from gossamer_fx.gas.enclosure import Piston as Piston
     from gossamer_fx.gas.ideal_gas import IdealGas as IdealGas
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from gossamer_fx.gas.volumes import Reservoir as Reservoir
     from gossamer_fx.gas.volumes import Tank as Tank
     from gossamer_fx.interactions.fixed import Fixed as Fixed
+    from gossamer_fx.interactions.fixed import Prescribed as Prescribed
     from gossamer_fx.interactions.joint import BallJoint as BallJoint
     from gossamer_fx.interactions.joint import FixedJoint as FixedJoint
     from gossamer_fx.interactions.joint import Link as Link
@@ -41,6 +43,7 @@ if TYPE_CHECKING:
     from gossamer_fx.loads.damping import Damping as Damping
     from gossamer_fx.loads.force import Force as Force
     from gossamer_fx.loads.force import Torque as Torque
+    from gossamer_fx.loads.edge_load import EdgeLoad as EdgeLoad
     from gossamer_fx.loads.gravity import Gravity as Gravity
     from gossamer_fx.loads.pressure import Pressure as Pressure
     from gossamer_fx.materials import Linear as Linear
@@ -58,6 +61,9 @@ if TYPE_CHECKING:
     from gossamer_fx.recorder import VTX as VTX
     from gossamer_fx.scene import Scene as Scene
     from gossamer_fx.simulate import Simulation as Simulation
+    from gossamer_fx.statics import Continuation as Continuation
+    from gossamer_fx.statics import Equilibrium as Equilibrium
+    from gossamer_fx.statics import Found as Found
 
 _HOME = {
     "attachment": ["Frame", "ground_frame"],
@@ -65,17 +71,18 @@ _HOME = {
     "bodies.point_mass": ["PointMass"],
     "bodies.rigid_body": ["RigidBody"],
     "discrete_gradient": ["EndPoint", "PathAverage"],
-    "errors": ["InputError", "StepFailure"],
+    "errors": ["InputError", "NoEquilibrium", "StepFailure"],
     "gas.enclosure": ["Piston"],
     "gas.ideal_gas": ["IdealGas"],
     "gas.orifice": ["Orifice", "WallHeat"],
     "gas.volumes": ["Ambient", "Chamber", "Reservoir", "Tank"],
-    "interactions.fixed": ["Fixed"],
+    "interactions.fixed": ["Fixed", "Prescribed"],
     "interactions.joint": ["BallJoint", "FixedJoint", "Link", "PrismaticJoint", "RevoluteJoint"],
     "interactions.spring": ["AxialSpring", "Damper", "Rope", "Spring"],
     "ledger": ["Ledger", "Progress"],
     "loads.damping": ["Damping"],
     "loads.force": ["Force", "Torque"],
+    "loads.edge_load": ["EdgeLoad"],
     "loads.gravity": ["Gravity"],
     "loads.pressure": ["Pressure"],
     "materials": ["Linear", "Miyazaki", "TensionField"],
@@ -87,6 +94,7 @@ _HOME = {
     "recorder": ["VTX", "Probes"],
     "scene": ["Scene"],
     "simulate": ["Simulation"],
+    "statics": ["Continuation", "Equilibrium", "Found"],
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 __all__ = sorted(_MODULE)

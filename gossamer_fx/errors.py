@@ -15,6 +15,10 @@ class StepFailure(RuntimeError):
     """A time step that did not converge, also not in sub-steps; the message names time, step, reason and place."""
 
 
+class NoEquilibrium(RuntimeError):
+    """A static problem whose equilibrium was not found; the message names what was reached, reason and place."""
+
+
 def check(condition: bool, message: str) -> None:
     """Raise `InputError(message)` unless `condition` holds; for conditions that are the same on every rank."""
     if not condition:

@@ -44,7 +44,7 @@ class LoadForces:
     """A `Supplied` part, compiled: its force at q̄ and its work over the step."""
 
     def __init__(self, part: Supplied, at: Coordinates) -> None:
-        self.part = part
+        self.part, self._at = part, at
         δW = part.work(at.mid, at.w)
         self.form = compile_form(δW)
         self.tangent = compile_form(-ufl.derivative(δW, at.q1, at.dq)) if part.follows else None
@@ -59,6 +59,25 @@ class LoadForces:
             fem.assemble_vector(self.force.array, self.form)
             self.force.scatter_reverse(la.InsertMode.add)
             self._assembled = True
+
+    def path_average(self) -> Array:
+        """The force whose product with Δq is the work of the step, owned and ghost.
+
+        The midpoint rule does its work with the force at q̄.  Of a force at the end of the step, the work along the
+        straight path is taken, by Simpson's rule: exact for forces that are at most cubic in q, such as pressure.
+        """
+        end: Array = self.force.array.copy()
+        α = self._at.α
+        if not self.part.follows or α.value != 1:
+            return end
+        average = end / 6
+        for weight, place in ((1 / 6, 0.0), (4 / 6, 0.5)):
+            α.value = place
+            self.assemble()
+            average += weight * self.force.array
+        α.value = 1.0
+        self.force.array[:] = end
+        return average
 
 
 @dataclass(frozen=True)
@@ -154,13 +173,16 @@ class System:
 
     def _prescribed(self, parts: list[Part]) -> list[tuple[npt.NDArray[np.int64], Callable[[float], Array]]]:
         """Positions of the coordinates that are moved, in this rank's part of a vector, and their values at a time."""
+
+        def restrict(motion: Callable[[float], Array], mine: npt.NDArray[np.bool_]) -> Callable[[float], Array]:
+            return lambda t: motion(t)[mine]
+
         moved = []
         for part in parts:
             if isinstance(part, Constraint) and part.motion is not None:
                 owned = self.numbering.owned(self.bodies.index(part.body))
                 mine = part.dofs < owned.stop - owned.start
-                motion, at = part.motion, part.dofs[mine].astype(np.int64) + owned.start
-                moved.append((at, lambda t, motion=motion, mine=mine: motion(t)[mine]))
+                moved.append((part.dofs[mine].astype(np.int64) + owned.start, restrict(part.motion, mine)))
         return moved
 
     def _build_matrices(self) -> None:
@@ -174,6 +196,7 @@ class System:
         self.M = self.A.duplicate()
         self._add_masses(self.M)
         self.M.assemble()
+        self._largest_mass = float(self.M.getDiagonal().max()[1]) if self.numbering.size else 0.0
 
     def _add_masses(self, target: PETSc.Mat) -> None:
         for part in self._masses:
@@ -190,10 +213,11 @@ class System:
 
     def _assemble_matrix(self, A: PETSc.Mat, k: int, forms: Iterable[fem.Form]) -> None:
         view = self.numbering.submatrix(A, k)
+        unrolled = self.numbering.block_size != self.bodies[k].block.size
         for form in forms:
             constants = dolfinx.cpp.fem.pack_constants(form._cpp_object)
             coefficients = dolfinx.cpp.fem.pack_coefficients(form._cpp_object)
-            dolfinx.cpp.fem.petsc.assemble_matrix(view, form._cpp_object, constants, coefficients, [], False)
+            dolfinx.cpp.fem.petsc.assemble_matrix(view, form._cpp_object, constants, coefficients, [], unrolled)
         self.numbering.restore(A, k, view)
 
     # ---- a step ------------------------------------------------------------------------------------------------
@@ -222,6 +246,11 @@ class System:
     def inertia(self, c: float, a: PETSc.Vec) -> None:
         """Choose c and a of the residual's c M (q1 - a)."""
         self._c, self._a = c, a
+
+    @property
+    def inertia_diagonal(self) -> float:
+        """Largest diagonal entry of c M."""
+        return self._c * self._largest_mass
 
     def move(self, z: PETSc.Vec, base: PETSc.Vec | None) -> None:
         """Set q1 = z.  Strains follow linearly from `base`, or are the true ones if it is None."""
@@ -326,7 +355,7 @@ class System:
         Δq = self.q1.array_r - self.q0.array_r
         for k, load in self.loads:
             owned = self.numbering.owned(k)
-            self._supplied += float(Δq[owned] @ load.force.array[: owned.stop - owned.start])
+            self._supplied += float(Δq[owned] @ load.path_average()[: owned.stop - owned.start])
         for at, _ in self._moved:
             self._supplied += float(Δq[at] @ self._reactions[np.searchsorted(self._fixed, at)])
         for _, force in self.dissipated:
@@ -368,7 +397,9 @@ class System:
         stored = {f.part.name: f.energy() for _, f in self.stored}
         for name, energy in (self._points.energies() if self._points else {}).items():
             stored[name] = stored.get(name, 0.0) + energy
-        local = np.array([self.v0.array_r @ P / 2, self._supplied, self._dissipated, *momenta.ravel(), *stored.values()])
+        local = np.array(
+            [self.v0.array_r @ P / 2, self._supplied, self._dissipated, *momenta.ravel(), *stored.values()]
+        )
         kinetic, supplied, dissipated, *rest = self.comm.allreduce(local).tolist()
         stored = dict(zip(stored, rest[6:], strict=True))
         mass = mass_supplied = 0.0
@@ -377,7 +408,15 @@ class System:
             stored |= b.stored
             supplied, mass, mass_supplied = supplied + b.supplied, mass + b.mass, mass_supplied + b.mass_supplied
         return Totals(
-            self.time, kinetic, stored, supplied, dissipated, np.array(rest[:3]), np.array(rest[3:6]), mass, mass_supplied
+            self.time,
+            kinetic,
+            stored,
+            supplied,
+            dissipated,
+            np.array(rest[:3]),
+            np.array(rest[3:6]),
+            mass,
+            mass_supplied,
         )
 
     def imbalance(self, r: PETSc.Vec) -> tuple[float, float]:

@@ -1,16 +1,16 @@
-"""Nodes that are held."""
+"""Nodes that are held, or moved."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.errors import check
-from gossamer_fx.parts import Constraint, Part
+from gossamer_fx.errors import check, check_on_all
+from gossamer_fx.parts import Array, Constraint, Part
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,3 +44,54 @@ class Fixed:
         nodes = self.body.nodes(self.group)
         dofs = (3 * nodes[:, None] + np.array(self.components)).ravel().astype(np.int32)
         yield Constraint(self.name, self.body, dofs)
+
+
+@dataclass(frozen=True, eq=False)
+class Prescribed:
+    """The nodes of a named group move as prescribed; the work of what moves them is booked as supplied.
+
+    Args:
+        body: a film.
+        group: name of points, curves or surfaces of its mesh.
+        motion: displacement [m] of the points (3, n) of the stress-free shape at a time [s], shape (3, n).
+        components: which of x, y, z (0, 1, 2) are prescribed; the others are free.
+
+    The initial velocity of the nodes is that of the film; where it differs from the rate of the motion, the midpoint
+    rule carries the difference on as an oscillation of the velocity from step to step.
+    """
+
+    body: Membrane
+    group: str
+    motion: Callable[[Array, float], Array]
+    components: tuple[int, ...] = (0, 1, 2)
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        check(
+            set(self.components) <= {0, 1, 2} and bool(self.components),
+            f"Prescribed: components are {self.components!r}; choose from 0, 1, 2.",
+        )
+        self.body.mesh.group(self.group)
+        if not self.name:
+            object.__setattr__(self, "name", f"{self.body.name}/{self.group} moved {self.components}")
+
+    def requires(self) -> Iterable[Any]:
+        yield self.body
+
+    def parts(self) -> Iterable[Part]:
+        nodes = self.body.nodes(self.group)
+        components = list(self.components)
+        dofs = (3 * nodes[:, None] + np.array(components)).ravel().astype(np.int32)
+        X = self.body.space.tabulate_dof_coordinates()[nodes].T
+
+        def position(t: float) -> Array:
+            u = np.asarray(self.motion(X, t), dtype=float)
+            check_on_all(
+                self.body.comm,
+                u.shape == X.shape and bool(np.isfinite(u).all()),
+                f"'{self.name}' returns {u.shape} values, or values that are not finite, at t = {t:.6g} s; give the "
+                f"displacement of {X.shape} points.",
+            )
+            return (X + u).T[:, components].ravel()
+
+        yield Constraint(self.name, self.body, dofs, position)

@@ -1,0 +1,52 @@
+"""Dead load along edges of a film."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import meshtags
+
+from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.errors import check
+from gossamer_fx.parts import Part, Supplied
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeLoad:
+    """Force per reference length along a named group of edges that keeps its direction; δW = ∫f·w ds.
+
+    Args:
+        body: the film.
+        group: name of curves on its rim.
+        force: f [N/m].
+    """
+
+    body: Membrane
+    group: str
+    force: tuple[float, float, float]
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        dim, _ = self.body.mesh.group(self.group)
+        check(dim == 1, f"EdgeLoad: the group '{self.group}' of '{self.body.name}' is no group of edges; name one.")
+        if not self.name:
+            object.__setattr__(self, "name", f"{self.body.name}/{self.group} load")
+
+    def requires(self) -> Iterable[Any]:
+        yield self.body
+
+    def parts(self) -> Iterable[Part]:
+        film = self.body
+        domain = film.mesh.domain
+        domain.topology.create_connectivity(1, 2)
+        _, edges = film.mesh.group(self.group)
+        edges = np.unique(edges).astype(np.int32)
+        tags = meshtags(domain, 1, edges, np.ones(len(edges), dtype=np.int32))
+        f = fem.Constant(domain, tuple(float(c) for c in self.force))
+        ds = ufl.Measure("ds", domain, subdomain_data=tags, metadata={"quadrature_degree": film.order})
+        yield Supplied(self.name, film, lambda x, w: ufl.dot(f, w) * ds(1))

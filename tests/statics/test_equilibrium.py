@@ -1,0 +1,137 @@
+"""Static equilibria with known answers, reactions and work, and what is said when there is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from gossamer_fx import Continuation, Equilibrium, NoEquilibrium
+from meshes.disc import quarter_disc
+from meshes.sheet import sheet
+
+FILM = {"E": 1e9, "nu": 0.3, "density": 1000.0, "thickness": 1e-4}
+LAWS = [gx.Linear(**FILM), gx.Miyazaki(**FILM, residual=1e-6), gx.TensionField(**FILM)]
+
+
+def quarter(comm, law, cells, order, pressure, rim=(0, 1, 2)):
+    """A quarter of a flat disc of radius 1 m under pressure, supported at the rim, in its planes of symmetry."""
+    film = gx.Membrane(quarter_disc(comm, cells, 1.0, order), law, order=order)
+    supports = [gx.Fixed(film, "rim", rim), gx.Fixed(film, "x axis", (1,)), gx.Fixed(film, "y axis", (0,))]
+    return film, gx.Scene(film, gx.Pressure(film, pressure), *supports)
+
+
+def positions(equilibrium, comm):
+    """Owned positions, flattened, and the largest height of all ranks."""
+    x = equilibrium.system.q0.array_r.reshape(-1, 3)
+    return x, comm.allreduce(float(x[:, 2].max()), max)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
+@pytest.mark.parametrize(("cells", "order", "tolerance"), [(12, 1, 2.5e-3), (4, 2, 1.5e-4)], ids=["P1", "P2"])
+def test_clamped_disc_under_pressure_rises_as_it_must_by_every_law(comm, law, cells, order, tolerance):
+    """w0/a and V/a³ of a StVK disc at q = pa/(Et) = 0.1, ν = 0.3, from the axisymmetric equations; nothing wrinkles."""
+    p = 0.1 * FILM["E"] * FILM["thickness"]
+    _, scene = quarter(comm, law, cells, order, p)
+    equilibrium = Equilibrium(scene)
+    found = equilibrium.find()
+    _, w0 = positions(equilibrium, comm)
+    assert w0 == pytest.approx(0.309515, rel=tolerance)
+    assert 4 * found.totals.supplied / p == pytest.approx(0.527859, rel=4 * tolerance)
+    assert found.residual < 1e-8
+    assert found.regular
+    assert found.free == ()
+
+
+def test_mylar_balloon(comm):
+    """Thickness and radius of the inflated balloon of two discs, extrapolated to an inextensible film (Taylor 1919)."""
+    thickness, radius = [], []
+    for q in (4e-3, 2e-3):
+        law = gx.Miyazaki(**FILM, residual=1e-6)
+        film, scene = quarter(comm, law, 12, 1, q * FILM["E"] * FILM["thickness"], rim=(2,))
+        equilibrium = Equilibrium(scene)
+        equilibrium.find()
+        x, w0 = positions(equilibrium, comm)
+        thickness.append(2 * w0)
+        radius.append(np.hypot(*x[film.nodes("rim"), :2].T).mean())
+    assert 2 * thickness[1] - thickness[0] == pytest.approx(0.913893, rel=5e-3)
+    assert 2 * radius[1] - radius[0] == pytest.approx(0.762760, rel=5e-3)
+
+
+def strip(comm, *loads, law=None):
+    """A film of 2 m × 1 m whose left edge is held, with loads made by functions of the film."""
+    film = gx.Membrane(sheet(comm, 8, 4, 2.0, 1.0), law or gx.Linear(**FILM | {"nu": 0.0}))
+    held = gx.Fixed(film, "left")
+    return film, held, gx.Scene(film, held, *(load(film) for load in loads))
+
+
+@pytest.mark.mpi
+def test_reaction_work_and_stretch_of_a_pulled_strip(comm):
+    """Dead load f along an edge, ν = 0: f = E t λ(λ²-1)/2, reaction -f H, work f H (λ-1) L."""
+    λ, L, H = 1.02, 2.0, 1.0
+    f = FILM["E"] * FILM["thickness"] * λ * (λ**2 - 1) / 2
+    _, held, scene = strip(comm, lambda film: gx.EdgeLoad(film, "right", (f, 0.0, 0.0)))
+    equilibrium = Equilibrium(scene)
+    found = equilibrium.find()
+    x = equilibrium.system.q0.array_r.reshape(-1, 3)
+    assert comm.allreduce(float(x[:, 0].max()), max) == pytest.approx(λ * L, rel=1e-9)
+    force, moment = equilibrium.reaction(held, about=(0.0, 0.0, 0.0))
+    np.testing.assert_allclose(force, [-f * H, 0, 0], atol=1e-7 * f)
+    np.testing.assert_allclose(moment, [0, 0, f * H * H / 2], atol=1e-7 * f)
+    assert found.totals.supplied == pytest.approx(f * H * (λ - 1) * L, rel=1e-9)
+
+
+def test_increments_follow_a_prescribed_motion(comm):
+    """A stretched film of ν = 0: the force on the moved edge at every increment, and its work in small ones."""
+    film, _, _ = strip(comm)
+    pulled = gx.Prescribed(film, "right", lambda X, t: np.vstack([t + 0 * X[0], 0 * X[0], 0 * X[0]]))
+    equilibrium = Equilibrium(gx.Scene(film, gx.Fixed(film, "left"), pulled))
+    for t in (0.01, 0.02, 0.04):
+        equilibrium.find(at=t)
+        λ = 1 + t / 2
+        force, _ = equilibrium.reaction(pulled)
+        assert force[0] == pytest.approx(FILM["E"] * FILM["thickness"] * λ * (λ**2 - 1) / 2, rel=1e-7)
+
+
+def test_motions_that_nothing_resists_are_named(comm):
+    """A film with nothing but its prestress: whole and free."""
+    film = gx.Membrane(sheet(comm, 4, 4), gx.Miyazaki(**FILM), displacement=lambda X: 0.01 * X)
+    found = Equilibrium(gx.Scene(film)).find()
+    assert found.free == (
+        "translation x",
+        "translation y",
+        "translation z",
+        "rotation x",
+        "rotation y",
+        "rotation z",
+    )
+    assert not found.regular
+
+
+def test_without_an_equilibrium_the_reason_is_given(comm):
+    """Nothing holds a film that gravity pulls: it falls for ever."""
+    film = gx.Membrane(sheet(comm, 2, 2), gx.Miyazaki(**FILM))
+    scene = gx.Scene(film, gx.Gravity(film))
+    with pytest.raises(NoEquilibrium, match=r"unbalanced force is 1\.0e\+00 of the load.*at the node"):
+        Equilibrium(scene, Continuation(iterations=60)).find()
+
+
+@pytest.mark.parametrize(("name", "value"), [("residual", 0.0), ("step", float("nan")), ("growth", 1.0), ("cut", 2.0)])
+def test_a_search_that_cannot_be_is_refused(name, value):
+    with pytest.raises(gx.InputError, match=name):
+        Continuation(**{name: value})
+
+
+@pytest.mark.mpi
+def test_work_of_a_moved_edge_closes_the_ledger_in_time(comm):
+    """A film shaken at one edge: energy = what the motion supplied, to round-off, and it is not nothing."""
+    film = gx.Membrane(sheet(comm, 4, 4), gx.Miyazaki(**FILM))
+
+    def shake(X, t):
+        return np.vstack([0 * X[0], 0 * X[0], 0.1 * np.sin(50 * t) ** 2 + 0 * X[0]])
+
+    run = gx.Simulation(gx.Scene(film, gx.Prescribed(film, "left", shake)), gx.Midpoint(dt=1e-3))
+    run.run(until=0.03)
+    assert run.totals.supplied > 1e-3
+    assert abs(run.energy_error) < 1e-9
