@@ -11,9 +11,17 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from gossamer_fx.attachment import Frame as Frame
     from gossamer_fx.attachment import ground_frame as ground_frame
+    from gossamer_fx.bodies.beam import Beam as Beam
+    from gossamer_fx.bodies.cable import Cable as Cable
+    from gossamer_fx.bodies.cable import CableLaw as CableLaw
+    from gossamer_fx.bodies.cable import TensionOnly as TensionOnly
     from gossamer_fx.bodies.membrane import Membrane as Membrane
     from gossamer_fx.bodies.point_mass import PointMass as PointMass
     from gossamer_fx.bodies.rigid_body import RigidBody as RigidBody
+    from gossamer_fx.bodies.sections import Section as Section
+    from gossamer_fx.bodies.sections import rectangle as rectangle
+    from gossamer_fx.bodies.sections import solid_circle as solid_circle
+    from gossamer_fx.bodies.sections import tube as tube
     from gossamer_fx.discrete_gradient import EndPoint as EndPoint
     from gossamer_fx.discrete_gradient import PathAverage as PathAverage
     from gossamer_fx.errors import InputError as InputError
@@ -27,6 +35,7 @@ if TYPE_CHECKING:
     from gossamer_fx.gas.volumes import Chamber as Chamber
     from gossamer_fx.gas.volumes import Reservoir as Reservoir
     from gossamer_fx.gas.volumes import Tank as Tank
+    from gossamer_fx.interactions.clamped import Clamped as Clamped
     from gossamer_fx.interactions.fixed import Fixed as Fixed
     from gossamer_fx.interactions.fixed import Prescribed as Prescribed
     from gossamer_fx.interactions.joint import BallJoint as BallJoint
@@ -58,6 +67,11 @@ if TYPE_CHECKING:
     from gossamer_fx.parts import Port as Port
     from gossamer_fx.picture import Picture as Picture
     from gossamer_fx.recorder import Probes as Probes
+    from gossamer_fx.probes import AreaFraction as AreaFraction
+    from gossamer_fx.probes import Displacement as Displacement
+    from gossamer_fx.probes import GasState as GasState
+    from gossamer_fx.probes import Position as Position
+    from gossamer_fx.probes import Velocity as Velocity
     from gossamer_fx.recorder import VTX as VTX
     from gossamer_fx.scene import Scene as Scene
     from gossamer_fx.simulate import Simulation as Simulation
@@ -67,15 +81,19 @@ if TYPE_CHECKING:
 
 _HOME = {
     "attachment": ["Frame", "ground_frame"],
+    "bodies.beam": ["Beam"],
+    "bodies.cable": ["Cable", "CableLaw", "TensionOnly"],
     "bodies.membrane": ["Membrane"],
     "bodies.point_mass": ["PointMass"],
     "bodies.rigid_body": ["RigidBody"],
+    "bodies.sections": ["Section", "rectangle", "solid_circle", "tube"],
     "discrete_gradient": ["EndPoint", "PathAverage"],
     "errors": ["InputError", "NoEquilibrium", "StepFailure"],
     "gas.enclosure": ["Piston"],
     "gas.ideal_gas": ["IdealGas"],
     "gas.orifice": ["Orifice", "WallHeat"],
     "gas.volumes": ["Ambient", "Chamber", "Reservoir", "Tank"],
+    "interactions.clamped": ["Clamped"],
     "interactions.fixed": ["Fixed", "Prescribed"],
     "interactions.joint": ["BallJoint", "FixedJoint", "Link", "PrismaticJoint", "RevoluteJoint"],
     "interactions.spring": ["AxialSpring", "Damper", "Rope", "Spring"],
@@ -91,6 +109,7 @@ _HOME = {
     "newton": ["Tolerances"],
     "parts": ["Ground", "Port"],
     "picture": ["Picture"],
+    "probes": ["AreaFraction", "Displacement", "GasState", "Position", "Velocity"],
     "recorder": ["VTX", "Probes"],
     "scene": ["Scene"],
     "simulate": ["Simulation"],

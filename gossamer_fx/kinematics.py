@@ -1,4 +1,4 @@
-"""Kinematics of surfaces in space, as UFL: every measure is quadratic in the positions.
+"""Kinematics of surfaces and lines in space, as UFL: every measure is quadratic in positions and directors.
 
 Positions `x` are the unknowns; the mesh is the stress-free shape.  Components of surface tensors refer to the local
 orthonormal frame `B` of the mesh, and symmetric ones are written as vectors (E11, E22, 2 E12), stresses as
@@ -48,3 +48,35 @@ def half_trace_and_radius(e: Expr) -> tuple[Expr, Expr]:
     h = (e[0] + e[1]) / 2
     r = ufl.sqrt(ufl.max_value(((e[0] - e[1]) ** 2 + e[2] ** 2) / 4, 1e-30))
     return h, r
+
+
+def line_derivative(f: Expr) -> Expr:
+    """f' along the reference length of a mesh of line elements."""
+    J = ufl.Jacobian(ufl.domain.extract_unique_domain(f))[:, 0]
+    return ufl.dot(ufl.grad(f), J / ufl.sqrt(ufl.dot(J, J)))
+
+
+def bar_strain(x: Expr) -> Expr:
+    """Green-Lagrange strain of a line, (ε,) with ε = ½(x'·x' - 1)."""
+    dx = line_derivative(x)
+    return ufl.as_vector([(ufl.dot(dx, dx) - 1) / 2])
+
+
+def beam_strain(q: Expr) -> Expr:
+    """Strains (ε, γ2, γ3, κ2, κ3, τ) of a beam q = (x, d2, d3).
+
+    ε = ½(x'·x' - 1), γ_i = x'·d_i, κ_i = x'·d_i', τ = ½(d2'·d3 - d3'·d2).
+    """
+    dq = line_derivative(q)
+    dx, dd2, dd3 = (ufl.as_vector([dq[3 * k + i] for i in range(3)]) for k in range(3))
+    d2, d3 = (ufl.as_vector([q[3 * k + i] for i in range(3)]) for k in (1, 2))
+    return ufl.as_vector(
+        [
+            (ufl.dot(dx, dx) - 1) / 2,
+            ufl.dot(dx, d2),
+            ufl.dot(dx, d3),
+            ufl.dot(dx, dd2),
+            ufl.dot(dx, dd3),
+            (ufl.dot(dd2, d3) - ufl.dot(dd3, d2)) / 2,
+        ]
+    )

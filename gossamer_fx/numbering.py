@@ -29,20 +29,21 @@ class Numbering:
         self._node_starts = [np.array(comm.allgather(b.index_map.local_range[0])) for b in blocks]
         self._starts = block_starts
         self.indices = [self._block_indices(k) for k in range(len(blocks))]
-        # dolfinx enters blocks of a node's numbers at once; PETSc takes them so if all blocks have the same size
+        # dolfinx enters blocks of a node's numbers at once; PETSc takes them so if all blocks have the same size,
+        # and one by one otherwise
         sizes_of_nodes = {b.size for b in blocks}
-        self._bs = sizes_of_nodes.pop() if len(sizes_of_nodes) == 1 else 1
+        self.block_size = sizes_of_nodes.pop() if len(sizes_of_nodes) == 1 else 1
         everything = np.concatenate([np.zeros(0, dtype=PETSc.IntType), *self.indices])
         self._map = PETSc.LGMap().create(
-            (everything[:: self._bs] // self._bs).astype(PETSc.IntType), bsize=self._bs, comm=comm
+            (everything[:: self.block_size] // self.block_size).astype(PETSc.IntType), bsize=self.block_size, comm=comm
         )
         ends = np.cumsum([0] + [len(i) for i in self.indices])
         self._local_sets = [self._local_set(a, e) for a, e in zip(ends[:-1], ends[1:], strict=True)]
 
     def _local_set(self, start: int, end: int) -> PETSc.IS:
         """The range of local (owned and ghost) unknowns of one block."""
-        blocks = np.arange(start // self._bs, end // self._bs, dtype=PETSc.IntType)
-        return PETSc.IS().createBlock(self._bs, blocks, comm=MPI.COMM_SELF)
+        blocks = np.arange(start // self.block_size, end // self.block_size, dtype=PETSc.IntType)
+        return PETSc.IS().createBlock(self.block_size, blocks, comm=MPI.COMM_SELF)
 
     def _block_indices(self, k: int) -> GlobalIndices:
         """Global index of every owned and ghost unknown of block k."""
@@ -69,7 +70,7 @@ class Numbering:
         A = PETSc.Mat().create(self.comm)
         A.setSizes(((self.size_local, self.size), (self.size_local, self.size)))
         A.setType("aij")
-        A.setBlockSize(self._bs)
+        A.setBlockSize(self.block_size)
         A.setLGMap(self._map, self._map)
         A.setUp()
         return A

@@ -1,0 +1,122 @@
+"""Beams: positions and two directors of the section."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+import ufl
+from dolfinx import fem, la
+from dolfinx.mesh import Mesh as DolfinxMesh
+
+from gossamer_fx.attachment import Frame
+from gossamer_fx.bodies.curve import Curve
+from gossamer_fx.bodies.ports import global_node
+from gossamer_fx.bodies.rigid_body import orthonormality
+from gossamer_fx.bodies.sections import Section
+from gossamer_fx.errors import check_on_all
+from gossamer_fx.forms import compile_form
+from gossamer_fx.kinematics import Expr, beam_strain
+from gossamer_fx.materials import constants
+from gossamer_fx.mesh import Mesh
+from gossamer_fx.parts import Array, Kinetic, Part, PointConstraint, PointMeasure, Port, Stored
+
+PointFunction = Callable[[Array], Array]
+
+
+class Beam(Curve):
+    """A shear-deformable beam in the coordinates (x, d2, d3): 9 numbers a node, quadratic elements.
+
+    Material points x + X2 d2 + X3 d3.  Strains, taken at two Gauss points where nothing locks,
+
+        ε = ½(x'·x' - 1)   γ_i = x'·d_i   κ_i = x'·d_i'   τ = ½(d2'·d3 - d3'·d2)
+
+    less those of the stress-free shape; W = ½(EA ε² + GA_i γ_i² + EI_i κ_i² + GJ τ²) per length; kinetic energy
+    ½∫(μ|ẋ|² + ρI_i |ḋ_i|²) dS.  The directors stay orthonormal at the nodes, by multipliers: imposed between nodes it
+    would lock.  See Simo, CMAME 49 (1985) 55, and Betsch & Steinmann, IJNME 54 (2002) 1775, doi:10.1002/nme.487, for
+    beams in directors.
+
+    Args:
+        mesh: line elements in space, straight or curved: the stress-free shape.
+        section: stiffness and inertia, e.g. `tube(...)`.
+        normal: direction of d2, made normal to the beam; it must not be along the beam.
+        velocity: initial velocity [m/s], a function of the points (3, n) that returns (3, n); directors move with
+            the difference that it makes over their length, which is exact for rigid motions.  Default: at rest.
+        name: name in messages and output.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh | DolfinxMesh,
+        section: Section,
+        *,
+        normal: Sequence[float] = (0.0, 0.0, 1.0),
+        velocity: PointFunction | None = None,
+        name: str = "beam",
+    ) -> None:
+        super().__init__("Beam", name, mesh, 2, 9)
+        self.section, self._velocity = section, velocity
+        self.constants = constants(section, self.mesh.domain)
+        self._reference = self._stress_free(np.asarray(normal, dtype=float))
+
+    def _stress_free(self, normal: Array) -> fem.Function:
+        """Positions of the mesh, and directors normal to its mean tangent at each node."""
+        J, w = ufl.Jacobian(self.mesh.domain)[:, 0], ufl.TestFunction(self.space)
+        tangent = J / ufl.sqrt(ufl.dot(J, J))
+        mean = fem.assemble_vector(compile_form(sum(tangent[i] * w[i] for i in range(3)) * self.mass_dx))
+        mean.scatter_reverse(la.InsertMode.add)
+        mean.scatter_forward()
+        t = mean.array.reshape(-1, 9)[:, :3]
+        t = t / np.linalg.norm(t, axis=1, keepdims=True)
+        d2 = normal - (t @ normal)[:, None] * t
+        length = np.linalg.norm(d2, axis=1, keepdims=True)
+        check_on_all(
+            self.comm,
+            bool((length > 1e-6 * np.linalg.norm(normal)).all()),
+            f"Beam '{self.name}': its normal {normal.tolist()} is along the beam somewhere; choose another direction.",
+        )
+        d2 = d2 / length
+        q = fem.Function(self.space)
+        x = self.space.tabulate_dof_coordinates()
+        q.x.array[:] = np.hstack([x, d2, np.cross(t, d2)]).ravel()
+        return q
+
+    def measure(self, q: Expr) -> Expr:
+        """Strains (ε, γ2, γ3, κ2, κ3, τ)."""
+        return beam_strain(q) - beam_strain(self._reference)
+
+    def density(self, e: Expr) -> Expr:
+        """Stored energy per unit reference length."""
+        c = self.constants
+        return sum(k * e[i] ** 2 for i, k in enumerate((c.EA, c.GA2, c.GA3, c.EI2, c.EI3, c.GJ))) / 2
+
+    def mass(self, v: Expr, w: Expr) -> ufl.Form:
+        """Of velocities (ẋ, ḋ2, ḋ3)."""
+        c = self.constants
+        inertia = [c.line_density] * 3 + [c.rotary2] * 3 + [c.rotary3] * 3
+        return sum(m * v[i] * w[i] for i, m in enumerate(inertia)) * self.mass_dx
+
+    def parts(self) -> Iterable[Part]:
+        yield Kinetic(self, self.mass)
+        yield Stored(self.name, self, self.measure, self.density, self.dx, quadratic=True)
+        start, end = self.block.index_map.local_range
+        places = [self._directors(node) for node in range(start, end)]
+        yield PointConstraint(f"{self.name} directors", PointMeasure(places, *orthonormality(2)))
+
+    def _directors(self, node: int) -> tuple[Port, Port]:
+        return Port(self, (node,), (1.0,), (1,)), Port(self, (node,), (1.0,), (2,))
+
+    def frame(self, group: str) -> Frame:
+        """Position and directors (d2, d3) at a named point of the mesh."""
+        node = global_node(self, self.mesh, group)
+        return Frame(Port(self, (node,)), self._directors(node))
+
+    def initial_state(self) -> tuple[Array, Array]:
+        q = self._reference.x.array.reshape(-1, 3, 3)[: self.block.index_map.size_local]
+        v = np.zeros_like(q)
+        if self._velocity is not None:
+            x = q[:, 0]
+            v[:, 0] = self._velocity(x.T).T
+            for k in (1, 2):
+                v[:, k] = self._velocity((x + q[:, k]).T).T - v[:, 0]
+        return q.ravel().copy(), v.ravel()

@@ -1,0 +1,108 @@
+"""Cables: lines without bending stiffness."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import Mesh as DolfinxMesh
+
+from gossamer_fx.bodies.curve import Curve
+from gossamer_fx.errors import check
+from gossamer_fx.kinematics import Expr, bar_strain
+from gossamer_fx.materials import constants
+from gossamer_fx.mesh import Mesh
+from gossamer_fx.parts import Array, Kinetic, Part, Stored
+
+PointFunction = Callable[[Array], Array]
+
+
+@dataclass(frozen=True)
+class CableLaw:
+    """St. Venant-Kirchhoff bar: W = ½ EA ε² per unit reference length, ε = ½(λ² - 1); tension N = EA ε λ.
+
+    Args:
+        EA: axial stiffness [N].
+        line_density: mass per unit reference length [kg/m].
+    """
+
+    EA: float
+    line_density: float
+
+    quadratic = True
+
+    def __post_init__(self) -> None:
+        law = type(self).__name__
+        for name in ("EA", "line_density"):
+            value = getattr(self, name)
+            check(math.isfinite(value) and value > 0, f"{law}: {name} is {value!r}; give a positive number.")
+
+    def energy(self, e: Expr, c: Any) -> Expr:
+        """Stored energy per unit reference length [J/m] of e = (ε,)."""
+        return c.EA / 2 * e[0] ** 2
+
+
+@dataclass(frozen=True)
+class TensionOnly(CableLaw):
+    """As `CableLaw` in tension; slack, it stores nothing."""
+
+    quadratic = False
+
+    def energy(self, e: Expr, c: Any) -> Expr:
+        return c.EA / 2 * ufl.max_value(e[0], 0.0) ** 2
+
+
+class Cable(Curve):
+    """A cable whose stress-free shape is the mesh.
+
+    Kinetic energy ½∫μ|v|² dS, stored energy ∫W(ε) dS with the Green-Lagrange strain ε = ½(x'·x' - 1); dS is the
+    reference length.
+
+    Args:
+        mesh: line elements in space.
+        law: `CableLaw` or `TensionOnly`.
+        order: 1 (constant strain) or 2.
+        displacement: initial displacement [m], a function of the points (3, n) that returns (3, n); default none.
+        velocity: initial velocity [m/s], likewise.
+        name: name in messages and output.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh | DolfinxMesh,
+        law: CableLaw,
+        *,
+        order: int = 1,
+        displacement: PointFunction | None = None,
+        velocity: PointFunction | None = None,
+        name: str = "cable",
+    ) -> None:
+        check(order in (1, 2), f"Cable '{name}': order is {order!r}; use 1 or 2.")
+        super().__init__("Cable", name, mesh, order, 3)
+        self.law = law
+        self.constants = constants(law, self.mesh.domain)
+        self._displacement, self._velocity = displacement, velocity
+
+    def parts(self) -> Iterable[Part]:
+        yield Kinetic(self, lambda v, w: self.constants.line_density * ufl.inner(v, w) * self.mass_dx)
+        yield Stored(self.name, self, bar_strain, self.density, self.dx, self.law.quadratic)
+
+    def density(self, e: Expr) -> Expr:
+        """Stored energy per unit reference length."""
+        return self.law.energy(e, self.constants)
+
+    def initial_state(self) -> tuple[Array, Array]:
+        x, v = fem.Function(self.space), fem.Function(self.space)
+        x.interpolate(lambda X: X)
+        if self._displacement is not None:
+            u = fem.Function(self.space)
+            u.interpolate(self._displacement)
+            x.x.array[:] += u.x.array
+        if self._velocity is not None:
+            v.interpolate(self._velocity)
+        owned = self.block.index_map.size_local * 3
+        return x.x.array[:owned].copy(), v.x.array[:owned].copy()

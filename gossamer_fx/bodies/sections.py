@@ -1,0 +1,89 @@
+"""Sections of beams: their stiffness and inertia."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+from gossamer_fx.errors import check
+
+
+@dataclass(frozen=True)
+class Section:
+    """Stiffness and mass of a beam's section with principal axes along the directors d2, d3.
+
+    Args:
+        EA: axial stiffness [N].
+        GA2, GA3: shear stiffness along d2 and d3 [N], shear correction included.
+        EI2, EI3: bending stiffness [N m²], EI2 = E∫X2² dA: bending in the plane of the tangent and d2.
+        GJ: torsional stiffness [N m²].
+        line_density: mass per length [kg/m].
+        rotary2, rotary3: ρ∫X2² dA and ρ∫X3² dA [kg m].
+    """
+
+    EA: float
+    GA2: float
+    GA3: float
+    EI2: float
+    EI3: float
+    GJ: float
+    line_density: float
+    rotary2: float
+    rotary3: float
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            check(math.isfinite(value) and value > 0, f"Section: {field.name} is {value!r}; give a positive number.")
+
+
+def _positive(section: str, **numbers: float) -> None:
+    for name, value in numbers.items():
+        check(math.isfinite(value) and value > 0, f"{section}: {name} is {value!r}; give a positive number.")
+
+
+def _of_shape(E: float, nu: float, density: float, A: float, I2: float, I3: float, J: float, k: float) -> Section:
+    check(-1 < nu <= 0.5, f"Section: nu is {nu!r}; Poisson's ratio lies in (-1, 0.5].")
+    G = E / (2 * (1 + nu))
+    return Section(E * A, k * G * A, k * G * A, E * I2, E * I3, G * J, density * A, density * I2, density * I3)
+
+
+def solid_circle(radius: float, E: float, nu: float, density: float) -> Section:
+    """Circle of `radius` [m]; shear coefficient 6(1+ν)/(7+6ν) (Cowper, J. Appl. Mech. 33 (1966) 335)."""
+    _positive("solid_circle", radius=radius, E=E, density=density)
+    second = math.pi * radius**4 / 4
+    k = 6 * (1 + nu) / (7 + 6 * nu)
+    return _of_shape(E, nu, density, math.pi * radius**2, second, second, 2 * second, k)
+
+
+def tube(outer_radius: float, wall: float, E: float, nu: float, density: float) -> Section:
+    """Tube of outer radius and wall thickness [m].
+
+    With m the ratio of the radii, the shear coefficient is 6(1+ν)(1+m²)²/((7+6ν)(1+m²)² + (20+12ν)m²) (Cowper 1966).
+    """
+    _positive("tube", outer_radius=outer_radius, wall=wall, E=E, density=density)
+    check(
+        wall < outer_radius,
+        f"tube: the wall of {wall!r} m is not thinner than the outer radius of {outer_radius!r} m; for a solid section "
+        "use solid_circle.",
+    )
+    inner = outer_radius - wall
+    area = math.pi * (outer_radius**2 - inner**2)
+    second = math.pi * (outer_radius**4 - inner**4) / 4
+    m2 = (inner / outer_radius) ** 2
+    k = 6 * (1 + nu) * (1 + m2) ** 2 / ((7 + 6 * nu) * (1 + m2) ** 2 + (20 + 12 * nu) * m2)
+    return _of_shape(E, nu, density, area, second, second, 2 * second, k)
+
+
+def rectangle(width2: float, width3: float, E: float, nu: float, density: float) -> Section:
+    """Rectangle of widths along d2 and d3 [m]; shear coefficient 10(1+ν)/(12+11ν) (Cowper 1966).
+
+    Torsion constant J = a b³ (1/3 - 64 b/(π⁵ a) Σ tanh(nπa/(2b))/n⁵), odd n, a ≥ b (Saint-Venant's series; Timoshenko
+    & Goodier, Theory of Elasticity, § 109).
+    """
+    _positive("rectangle", width2=width2, width3=width3, E=E, density=density)
+    a, b = max(width2, width3), min(width2, width3)
+    series = sum(math.tanh(n * math.pi * a / (2 * b)) / n**5 for n in range(1, 100, 2))
+    J = a * b**3 * (1 / 3 - 64 * b / (math.pi**5 * a) * series)
+    k = 10 * (1 + nu) / (12 + 11 * nu)
+    return _of_shape(E, nu, density, a * b, width3 * width2**3 / 12, width2 * width3**3 / 12, J, k)

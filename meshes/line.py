@@ -1,0 +1,38 @@
+"""Lines and polygons of straight elements."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from mpi4py import MPI
+
+from gossamer_fx import Mesh, gmsh_mesh
+
+
+def line(
+    comm: MPI.Comm, points: Sequence[Sequence[float]], elements: int | Sequence[int], closed: bool = False
+) -> Mesh:
+    """Straight segments through `points` [m], each divided into `elements` (one number, or one for each segment).
+
+    Groups: "line"; the points "start" and "end", and all of them as "point 0", "point 1", ...
+    """
+    segments = len(points) if closed else len(points) - 1
+    counts = [elements] * segments if isinstance(elements, int) else list(elements)
+
+    def build(model: Any) -> None:
+        geo = model.geo
+        tags = [geo.addPoint(*(float(c) for c in point)) for point in points]
+        lines = [geo.addLine(tags[i], tags[(i + 1) % len(tags)]) for i in range(segments)]
+        for tag, n in zip(lines, counts, strict=True):
+            geo.mesh.setTransfiniteCurve(tag, n + 1)
+        geo.synchronize()
+        model.addPhysicalGroup(1, lines, name="line")
+        for i, tag in enumerate(tags):
+            model.addPhysicalGroup(0, [tag], name=f"point {i}")
+        if not closed:
+            model.addPhysicalGroup(0, [tags[0]], name="start")
+            model.addPhysicalGroup(0, [tags[-1]], name="end")
+        model.mesh.generate(1)
+
+    return gmsh_mesh(build, comm)

@@ -1,0 +1,130 @@
+"""Beams against the elastica, the frequencies of Euler and Bernoulli, and their sections (REFERENCES D12)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from spectrum import angular_frequencies
+
+import gossamer_fx as gx
+from gossamer_fx.bodies.ports import global_node
+from gossamer_fx.statics import Continuation, Equilibrium
+from meshes.line import line
+
+COMM = MPI.COMM_WORLD
+
+
+def cantilever(elements: int, slenderness: float, load: float) -> tuple[float, float, int]:
+    """Tip (w/L, u/L) and Newton iterations under a dead tip force P = load EI/L² across a circular beam, L/r given."""
+    section = gx.solid_circle(1 / slenderness, E=1e9, nu=0.3, density=1000.0)
+    beam = gx.Beam(line(COMM, [(0, 0, 0), (1, 0, 0)], elements), section)
+    P = load * section.EI2
+    scene = gx.Scene(beam, gx.Clamped(beam, "start"), gx.Force(beam.port("end"), (0, 0, P)))
+    # the axial force is known to 1e-16 EA, which is 4e-9 P at L/r = 1e4
+    search = Continuation(residual=1e-6, step=(section.line_density / P) ** 0.5, inner=1e-6)
+    statics = Equilibrium(scene, search)
+    found = statics.find()
+    node = global_node(beam, beam.mesh, "end")
+    x, _, z = statics.system.q0.array_r[9 * node : 9 * node + 3]
+    return float(z), float(1 - x), found.iterations
+
+
+ELASTICA = {1: (0.301721, 0.056433), 2: (0.493457, 0.160642), 5: (0.713792, 0.387628), 10: (0.810609, 0.554996)}
+
+
+@pytest.mark.parametrize("load", ELASTICA)
+def test_cantilever_is_an_elastica(load: int) -> None:
+    w, u, _ = cantilever(8, 1e3, load)
+    assert (w, u) == pytest.approx(ELASTICA[load], rel=3e-3)
+
+
+def test_four_elements_suffice() -> None:
+    w, u, _ = cantilever(4, 1e3, 10)
+    assert (w, u) == pytest.approx(ELASTICA[10], rel=1e-3)
+
+
+def test_no_locking_and_no_more_iterations_in_slender_beams() -> None:
+    """From L/r = 100, where shear and extension are below 0.1 %, to 1e4; at 10 they add 5 %, as the theory says."""
+    tips, iterations = zip(*[(c[:2], c[2]) for c in (cantilever(8, s, 10) for s in (1e1, 1e2, 1e3, 1e4))], strict=True)
+    assert tips[0][0] > ELASTICA[10][0] * 1.03
+    for tip in tips[1:]:
+        assert tip == pytest.approx(ELASTICA[10], rel=1e-3)
+    assert max(iterations) <= min(iterations) + 3
+
+
+def frequencies(supports: str, slenderness: float = 1e3) -> np.ndarray:
+    """(βL)² = ω√(μL⁴/EI) of bending vibrations, each twice."""
+    section = gx.solid_circle(1 / slenderness, E=1e9, nu=0.3, density=1000.0)
+    beam = gx.Beam(line(COMM, [(0, 0, 0), (1, 0, 0)], 16), section)
+    items: list = [gx.Clamped(beam, "start")] if supports == "clamped-free" else []
+    if supports == "pinned-pinned":
+        items = [gx.BallJoint(beam.port(end), gx.Ground((x, 0, 0)), end) for end, x in (("start", 0), ("end", 1))]
+    ω = angular_frequencies(gx.Scene(beam, *items))
+    return ω * (section.line_density / section.EI2) ** 0.5
+
+
+@pytest.mark.parametrize(
+    ("supports", "rigid", "roots"),
+    [
+        ("free-free", 6, (4.73004074, 7.85320462)),
+        ("clamped-free", 0, (1.87510407, 4.69409113)),
+        ("pinned-pinned", 1, (np.pi, 2 * np.pi)),
+    ],
+)
+def test_bending_frequencies(supports: str, rigid: int, roots: tuple[float, float]) -> None:
+    found = frequencies(supports)
+    assert (found[:rigid] < 0.1 * roots[0] ** 2).all()
+    assert np.sqrt(found[rigid : rigid + 4]) == pytest.approx(np.repeat(roots, 2), rel=1e-2)
+
+
+def test_boom_of_the_antenna() -> None:
+    """Tube of outer radius 0.02 m, wall 0.5 mm, E = 100 GPa, ν = 0.3, 1560 kg/m³."""
+    s = gx.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
+    assert (s.EA, s.EI2, s.EI3, s.GJ, s.line_density) == pytest.approx(
+        (6204645.5, 1210.2937, 1210.2937, 930.99512, 0.09679247), rel=1e-6
+    )
+
+
+def test_square_section_has_the_torsion_constant_of_saint_venant() -> None:
+    """J = 0.140577 a⁴ of a square."""
+    s = gx.rectangle(0.1, 0.1, E=2.0, nu=0.0, density=1.0)
+    assert abs(s.GJ / (0.1405770 * 1e-4) - 1) < 1e-5
+
+
+@pytest.mark.mpi
+def test_thrown_beam_conserves() -> None:
+    """A curved beam, spinning and bent by its own motion, 200 steps: energy, momenta, orthonormal directors."""
+    section = gx.rectangle(0.02, 0.05, E=1e7, nu=0.3, density=1000.0)
+
+    mesh = line(COMM, [(0, 0, 0), (0.5, 0.2, 0), (1, 0.2, 0.3)], 3)
+    beam = gx.Beam(mesh, section, velocity=lambda x: np.cross([3.0, 2.0, 5.0], x.T).T + np.array([[1.0], [0.0], [0.0]]))
+    run = gx.Simulation(gx.Scene(beam), gx.Midpoint(dt=5e-3))
+    run.run(until=1.0)
+    assert abs(run.energy_error) < 1e-11
+    scale = np.linalg.norm(run.first.angular_momentum)
+    assert np.abs(run.totals.momentum - run.first.momentum).max() < 1e-10 * scale
+    assert np.abs(run.totals.angular_momentum - run.first.angular_momentum).max() < 1e-10 * scale
+    owned = run.system.numbering.owned(0)
+    d = run.system.q0.array_r[owned].reshape(-1, 3, 3)[:, 1:]
+    products = np.einsum("nai,nbi->nab", d, d) - np.eye(2)
+    assert np.abs(products).max(initial=0.0) < 1e-10
+    assert run.totals.stored["beam"] > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: gx.tube(0.01, 0.02, 1e9, 0.3, 1e3), "not thinner than the outer radius"),
+        (lambda: gx.solid_circle(0.0, 1e9, 0.3, 1e3), "radius is 0.0"),
+        (
+            lambda: gx.Beam(
+                line(COMM, [(0, 0, 0), (1, 0, 0)], 2), gx.solid_circle(0.1, 1e9, 0.3, 1e3), normal=(1, 0, 0)
+            ),
+            "is along the beam",
+        ),
+    ],
+)
+def test_bad_beams_are_refused(make, words: str) -> None:
+    with pytest.raises(gx.InputError, match=words):
+        make()

@@ -1,0 +1,128 @@
+"""Cables against closed forms (REFERENCES D09 b, D12 c and d, D17 a)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from spectrum import angular_frequencies
+
+import gossamer_fx as gx
+from gossamer_fx.statics import Equilibrium
+from meshes.line import line
+
+COMM = MPI.COMM_WORLD
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(("corners", "stretch"), [(8, 1.017887399), (16, 1.019306166), (32, 1.019678284)])
+def test_spinning_loop_keeps_its_radius(corners: int, stretch: float) -> None:
+    """λ² = 1 + (2μΩ²R²/EA)(4 + 2 cos(2π/N))/6 of a polygon of bars with consistent mass."""
+    angle = 2 * np.pi * np.arange(corners) / corners
+    points = np.array([np.cos(angle), np.sin(angle), 0 * angle]).T
+    loop = gx.Cable(
+        line(COMM, points, 1, closed=True),
+        gx.CableLaw(EA=200.0, line_density=0.01),
+        displacement=lambda x: (stretch - 1) * x,
+        velocity=lambda x: 20.0 * stretch * np.vstack([-x[1], x[0], 0 * x[2]]),
+    )
+    run = gx.Simulation(gx.Scene(loop), gx.Midpoint(dt=2e-3))
+    for k in range(10):
+        run.run(until=0.04 * (k + 1))
+        radius = np.linalg.norm(run.system.q0.array_r.reshape(-1, 3), axis=1)
+        assert np.abs(radius / stretch - 1).max(initial=0.0) < 1e-6
+    assert abs(run.energy_error) < 1e-11
+
+
+def test_elastic_catenary() -> None:
+    """Span 10 m, length 11 m, 5 N/m, EA = 1e4 N, St. Venant-Kirchhoff; accepted within 0.2 %."""
+
+    def sagging(x: np.ndarray) -> np.ndarray:
+        s = x[0] / 11
+        return np.vstack([-x[0] / 11, 0 * s, -4 * 2.2 * s * (1 - s)])
+
+    cable = gx.Cable(
+        line(COMM, [(0, 0, 0), (11, 0, 0)], 40), gx.CableLaw(EA=1e4, line_density=0.5), order=2, displacement=sagging
+    )
+    scene = gx.Scene(
+        cable,
+        gx.Clamped(cable, "start"),
+        gx.Clamped(cable, "end"),
+        gx.Gravity(cable, (0, 0, -10.0)),
+    )
+    found = Equilibrium(scene)
+    found.find()
+    x = found.system.q0.array_r.reshape(-1, 3)
+    sag = -x[:, 2].min()
+    assert sag == pytest.approx(2.044323, rel=2e-3)
+    reactions = found.system._reactions.reshape(2, 3)
+    assert np.abs(reactions[:, 0]) == pytest.approx(32.037271, rel=2e-3)
+    assert np.linalg.norm(reactions, axis=1) == pytest.approx(42.221283, rel=2e-3)
+    assert np.abs(reactions[:, 2]) == pytest.approx(27.5, rel=1e-8)
+
+
+def hanging(tip_mass: float, elements: int = 64) -> gx.Scene:
+    """Cable of 1 m and 1 kg along -z under g = 1 m/s², stretched as its weight and a tip mass stretch it."""
+    EA = 1e5
+
+    def stretched(x: np.ndarray) -> np.ndarray:
+        depth = -x[2]
+        return np.vstack([0 * depth, 0 * depth, -(depth * (1 + tip_mass) - depth**2 / 2) / EA])
+
+    cable = gx.Cable(
+        line(COMM, [(0, 0, 0), (0, 0, -1)], elements), gx.CableLaw(EA, 1.0), order=2, displacement=stretched
+    )
+    items: list = [gx.Clamped(cable, "start")]
+    if tip_mass:
+        mass = gx.PointMass(tip_mass, (0, 0, -1 - (tip_mass + 0.5) / EA))
+        items.append(gx.BallJoint(cable.port("end"), mass.port()))
+    return gx.Scene(cable, *items)
+
+
+def test_hanging_cable_frequencies() -> None:
+    """ω√(L/g) = half the zeros of J0."""
+    ω = angular_frequencies(hanging(0.0), direction=0)
+    assert ω[:4] == pytest.approx([1.20241278, 2.76003906, 4.32686396, 5.89576722], rel=1e-2)
+
+
+def test_hanging_cable_with_tip_mass_frequencies() -> None:
+    """A tip mass of half the cable's; every frequency twice, for both directions."""
+    ω = angular_frequencies(hanging(0.5))
+    assert ω[[0, 2, 4]] == pytest.approx([1.08666161, 3.41989511, 6.28032853], rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("hub", "squares"), [(0.0, (1.0, 6.0, 15.0, 28.0)), (0.2, (1.29755588, 7.56342702, 18.83961821))]
+)
+def test_spinning_cable_frequencies(hub: float, squares: tuple[float, ...]) -> None:
+    """(ω/Ω)² out of plane of a cable spinning about a hub of radius 0 or 0.2 L, Ω = 1 rad/s."""
+    EA, L = 1e5, 1.0
+
+    def stretched(x: np.ndarray) -> np.ndarray:
+        r = x[0]
+        # EA u' = ∫_r^{hub+L} μ Ω² s ds
+        end = hub + L
+        u = (end**2 * (r - hub) / 2 - (r**3 - hub**3) / 6) / EA
+        return np.vstack([u, 0 * u, 0 * u])
+
+    cable = gx.Cable(
+        line(COMM, [(hub, 0, 0), (hub + L, 0, 0)], 64), gx.CableLaw(EA, 1.0), order=2, displacement=stretched
+    )
+    ω = angular_frequencies(gx.Scene(cable, gx.Clamped(cable, "start")), direction=2)
+    assert ω[: len(squares)] ** 2 == pytest.approx(squares, rel=1e-2)
+
+
+def test_tension_only_cable_goes_slack() -> None:
+    """Thrown together it carries nothing: the ends meet as if there were no cable, and energy is kept throughout."""
+    cable = gx.Cable(
+        line(COMM, [(0, 0, 0), (1, 0, 0)], 4),
+        gx.TensionOnly(EA=100.0, line_density=1.0),
+        velocity=lambda x: np.vstack([-(x[0] - 0.5), 0 * x[0], 0 * x[0]]),
+    )
+    run = gx.Simulation(gx.Scene(cable), gx.Midpoint(dt=1e-2))
+    run.run(until=0.8)
+    x = run.system.q0.array_r.reshape(-1, 3)
+    assert np.ptp(x[:, 0]) == pytest.approx(0.2, abs=1e-12)
+    run.run(until=2.05)  # it has passed through itself and is taut again
+    assert abs(run.energy_error) < 1e-10
+    assert run.totals.stored["cable"] > 0
