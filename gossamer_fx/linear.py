@@ -20,9 +20,9 @@ from petsc4py import PETSc
 
 from gossamer_fx.parts import Array
 
-# Unknowns up to which a factorisation, and an incomplete one with overlapping subdomains, are cheapest for the tangent
-# of a step; above, an algebraic multigrid cycle is.
-DIRECT_UP_TO, INCOMPLETE_UP_TO = 3000, 40000
+# Unknowns up to which a factorisation is cheapest, and the ratio of diagonals, tangent to inertia, up to which an
+# incomplete one of overlapping subdomains does in few Krylov iterations; else an algebraic multigrid cycle is used.
+DIRECT_UP_TO, INERTIAL_UP_TO = 3000, 1500.0
 
 
 class Composite:
@@ -128,10 +128,14 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, size: int, saddle: bool) -> None:
         ksp.setGMRESRestart(60)
         ksp.setPCSide(PETSc.PC.Side.RIGHT)
         ksp.setTolerances(rtol=1e-3, max_it=300)
-        if size <= INCOMPLETE_UP_TO:
-            pc.setType("asm")
-            options = PETSc.Options(pc.getOptionsPrefix())
-            if not options.hasName("sub_pc_factor_levels"):
-                options["sub_pc_factor_levels"] = 1
-        else:
-            pc.setType("hypre")
+        pc.setType("hypre")
+
+
+def adapt(pc: PETSc.PC, stiffness: float) -> None:
+    """Take the cheaper preconditioner for a tangent whose diagonal is `stiffness` times that of the inertia."""
+    options = PETSc.Options(pc.getOptionsPrefix())
+    best = "asm" if stiffness <= INERTIAL_UP_TO else "hypre"
+    if pc.getType() in ("asm", "hypre") and pc.getType() != best and not options.hasName("pc_type"):
+        pc.setType(best)
+        if best == "asm" and not options.hasName("sub_pc_factor_levels"):
+            options["sub_pc_factor_levels"] = 1

@@ -70,13 +70,15 @@ class Newton:
             sparse.setOperators(system.A)
             linear.configure(ksp, sparse, system.numbering.size, saddle)
             sparse.setFromOptions()
+            self._preconditioner = sparse
             outer = ksp.getPC()
             outer.setOptionsPrefix(PREFIX + "border_")
             outer.setType("python")
             outer.setPythonContext(linear.BorderedPreconditioner(self._bordered, sparse))
         else:
             J = system.A
-            linear.configure(ksp, ksp.getPC(), system.numbering.size, saddle)
+            self._preconditioner = ksp.getPC()
+            linear.configure(ksp, self._preconditioner, system.numbering.size, saddle)
         snes.setJacobian(self._jacobian, J)
         snes.setFromOptions()
         snes.setConvergenceTest(self._test)
@@ -117,6 +119,8 @@ class Newton:
             J.assemble()
         if self._floor == 0:
             A.getDiagonal(self._diagonal)
+            inertia = self.system.inertia_diagonal
+            linear.adapt(self._preconditioner, self._diagonal.max()[1] / inertia if inertia else np.inf)
             self._diagonal.pointwiseMult(self._diagonal, self.system.q1)
             self._floor = self.tolerances.floor * np.finfo(float).eps * self._diagonal.norm()
         self.system.q1.copy(self._base)
