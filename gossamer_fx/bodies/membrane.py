@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh as DolfinxMesh
 
+from gossamer_fx.bodies.ports import global_node, interpolated, local_nodes
 from gossamer_fx.errors import check
 from gossamer_fx.kinematics import Expr, frame, green_lagrange, surface_gradient
 from gossamer_fx.materials import FilmLaw, constants
@@ -100,15 +101,12 @@ class Membrane:
 
     def nodes(self, group: str) -> np.ndarray:
         """Local nodes (owned and ghost) of a named group of the mesh."""
-        dim, entities = self.mesh.group(group)
-        self.mesh.domain.topology.create_connectivity(dim, 2)
-        nodes: np.ndarray = fem.locate_dofs_topological(self.space, dim, entities)
-        return nodes
+        return local_nodes(self.space, self.mesh, group)
 
     def port(self, group: str) -> Port:
         """The node of a named point of the mesh."""
-        nodes = self.nodes(group)
-        owned = nodes[nodes < self.block.index_map.size_local]
-        found = [i for part in self.comm.allgather(self.block.index_map.local_to_global(owned).tolist()) for i in part]
-        check(len(found) == 1, f"Group '{group}' of '{self.name}' has {len(found)} nodes; a port is one point.")
-        return Port(self, (int(found[0]),))
+        return Port(self, (global_node(self, self.mesh, group),))
+
+    def port_at(self, point: Sequence[float]) -> Port:
+        """The point that is at `point` [m] of the mesh, also between nodes."""
+        return interpolated(self, point)
