@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from mpi4py import MPI
@@ -16,6 +16,9 @@ from gossamer_fx.errors import InputError, StepFailure, check, on_rank_zero
 from gossamer_fx.newton import Newton, NotConverged
 from gossamer_fx.scene import Scene
 from gossamer_fx.system import System, Totals
+
+if TYPE_CHECKING:
+    from gossamer_fx.gas.network import ChamberState
 
 
 class StepSolver(Protocol):
@@ -120,6 +123,28 @@ class Simulation:
         now, first = self.totals, self.first
         missing = now.mass - first.mass - now.mass_supplied
         return missing / max(now.mass, first.mass) if now.mass else 0.0
+
+    @property
+    def chambers(self) -> dict[str, ChamberState]:
+        """States of the gas chambers and tanks by name; none if the scene has no gas."""
+        found: dict[str, ChamberState] = {}
+        for border in self.system.borders:
+            from gossamer_fx.gas.network import GasNetwork
+
+            if isinstance(border, GasNetwork):
+                found |= {s.chamber.name: s for s in border.states}
+        return found
+
+    def chamber(self, name: str) -> ChamberState:
+        """Pressure p [Pa], temperature [K], volume V [m³], mass m [kg] and internal energy U [J] of a chamber.
+
+        Raises:
+            InputError: the scene has no such chamber.
+        """
+        chambers = self.chambers
+        known = ", ".join(chambers) or "none"
+        check(name in chambers, f"The scene has no chamber '{name}'; its chambers and tanks are: {known}.")
+        return chambers[name]
 
     # ---- running -----------------------------------------------------------------------------------------------
 
