@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from gossamer_fx.bodies.sections import tube as tube
     from gossamer_fx.discrete_gradient import EndPoint as EndPoint
     from gossamer_fx.discrete_gradient import PathAverage as PathAverage
+    from gossamer_fx.elastica import Elastica as Elastica
     from gossamer_fx.errors import InputError as InputError
     from gossamer_fx.errors import NoEquilibrium as NoEquilibrium
     from gossamer_fx.errors import StepFailure as StepFailure
@@ -88,6 +89,7 @@ _HOME = {
     "bodies.rigid_body": ["RigidBody"],
     "bodies.sections": ["Section", "rectangle", "solid_circle", "tube"],
     "discrete_gradient": ["EndPoint", "PathAverage"],
+    "elastica": ["Elastica"],
     "errors": ["InputError", "NoEquilibrium", "StepFailure"],
     "gas.enclosure": ["Piston"],
     "gas.ideal_gas": ["IdealGas"],

@@ -47,9 +47,9 @@ class Continuation:
     step: float = 2e-3
     growth: float = 1.6
     quick: int = 8
-    cut: float = 0.3
-    inner: float = 1e-3
-    patience: int = 25
+    cut: float = 0.5
+    inner: float = 1e-2
+    patience: int = 12
     iterations: int = 1000
 
     def __post_init__(self) -> None:
