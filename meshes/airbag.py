@@ -1,0 +1,43 @@
+"""A square airbag: two flat sheets that share their four edges."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mpi4py import MPI
+
+from gossamer_fx import Mesh, gmsh_mesh
+
+CORNERS = ("corner", "right corner", "far corner", "left corner")
+
+
+def airbag(comm: MPI.Comm, edge: float, cells: int) -> Mesh:
+    """Two squares [-edge/2, edge/2]² in z = 0 joined along their edges, with an even number of `cells` on each.
+
+    Nodes inside the sheets coincide in space and differ in topology; normals point outwards.  The triangles alternate,
+    so that no triangle has all its nodes on the seam, where it could not open.
+
+    Groups: "top", "bottom", "seam", and the points `CORNERS`.
+    """
+    cells = 2 * max(round(cells / 2), 1)
+
+    def build(model: Any) -> None:
+        geo, a = model.geo, edge / 2
+        corners = [geo.addPoint(x, y, 0) for x, y in ((-a, -a), (a, -a), (a, a), (-a, a))]
+        lines = [geo.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
+        loop = geo.addCurveLoop(lines)
+        sheets = [geo.addPlaneSurface([loop]) for _ in range(2)]
+        for line in lines:
+            geo.mesh.setTransfiniteCurve(line, cells + 1)
+        for sheet in sheets:
+            geo.mesh.setTransfiniteSurface(sheet, "AlternateLeft")
+        geo.synchronize()
+        for name, sheet in zip(("top", "bottom"), sheets, strict=True):
+            model.addPhysicalGroup(2, [sheet], name=name)
+        model.addPhysicalGroup(1, lines, name="seam")
+        for name, point in zip(CORNERS, corners, strict=True):
+            model.addPhysicalGroup(0, [point], name=name)
+        model.mesh.generate(2)
+        model.mesh.reverse([(2, sheets[1])])
+
+    return gmsh_mesh(build, comm)
