@@ -37,8 +37,9 @@ def folder(tmp_path: Path, comm: MPI.Comm) -> Path:
     return path
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    terminal = config.pluginmanager.getplugin("terminalreporter")
+@pytest.hookimpl(tryfirst=True)
+def pytest_sessionstart(session: pytest.Session) -> None:
+    terminal = session.config.pluginmanager.getplugin("terminalreporter")
     if TALK.rank > 0 and terminal is not None:
         terminal._tw._file = open(os.devnull, "w")  # noqa: SIM115 (open until the end)
 

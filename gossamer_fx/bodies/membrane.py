@@ -52,6 +52,11 @@ class Membrane:
             "space; give triangles in 3-D.",
         )
         check(order in (1, 2), f"Membrane '{name}': order is {order!r}; use 1 or 2.")
+        check(
+            order >= domain.geometry.cmap.degree,
+            f"Membrane '{name}': a film of order {order} cannot take the curved shape of a mesh of order "
+            f"{domain.geometry.cmap.degree} without stress; use order=2, or mesh with plane triangles.",
+        )
         self.name, self.law, self.order, self.comm = name, law, order, domain.comm
         self.space = fem.functionspace(domain, ("Lagrange", order, (3,)))
         self.block = Block(self.space.dofmap.index_map, 3)
