@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from gossamer_fx.bodies.sections import rectangle as rectangle
     from gossamer_fx.bodies.sections import solid_circle as solid_circle
     from gossamer_fx.bodies.sections import tube as tube
+    from gossamer_fx.control.attitude import AttitudeControl as AttitudeControl
+    from gossamer_fx.control.attitude import patch as patch
     from gossamer_fx.discrete_gradient import EndPoint as EndPoint
     from gossamer_fx.discrete_gradient import PathAverage as PathAverage
     from gossamer_fx.elastica import Elastica as Elastica
@@ -51,9 +53,9 @@ if TYPE_CHECKING:
     from gossamer_fx.ledger import Ledger as Ledger
     from gossamer_fx.ledger import Progress as Progress
     from gossamer_fx.loads.damping import Damping as Damping
+    from gossamer_fx.loads.edge_load import EdgeLoad as EdgeLoad
     from gossamer_fx.loads.force import Force as Force
     from gossamer_fx.loads.force import Torque as Torque
-    from gossamer_fx.loads.edge_load import EdgeLoad as EdgeLoad
     from gossamer_fx.loads.gravity import Gravity as Gravity
     from gossamer_fx.loads.pressure import Pressure as Pressure
     from gossamer_fx.materials import Linear as Linear
@@ -67,12 +69,12 @@ if TYPE_CHECKING:
     from gossamer_fx.parts import Ground as Ground
     from gossamer_fx.parts import Port as Port
     from gossamer_fx.picture import Picture as Picture
-    from gossamer_fx.recorder import Probes as Probes
     from gossamer_fx.probes import AreaFraction as AreaFraction
     from gossamer_fx.probes import Displacement as Displacement
     from gossamer_fx.probes import GasState as GasState
     from gossamer_fx.probes import Position as Position
     from gossamer_fx.probes import Velocity as Velocity
+    from gossamer_fx.recorder import Probes as Probes
     from gossamer_fx.recorder import VTX as VTX
     from gossamer_fx.scene import Scene as Scene
     from gossamer_fx.simulate import Simulation as Simulation
@@ -88,6 +90,7 @@ _HOME = {
     "bodies.point_mass": ["PointMass"],
     "bodies.rigid_body": ["RigidBody"],
     "bodies.sections": ["Section", "rectangle", "solid_circle", "tube"],
+    "control.attitude": ["AttitudeControl", "patch"],
     "discrete_gradient": ["EndPoint", "PathAverage"],
     "elastica": ["Elastica"],
     "errors": ["InputError", "NoEquilibrium", "StepFailure"],
@@ -101,8 +104,8 @@ _HOME = {
     "interactions.spring": ["AxialSpring", "Damper", "Rope", "Spring"],
     "ledger": ["Ledger", "Progress"],
     "loads.damping": ["Damping"],
-    "loads.force": ["Force", "Torque"],
     "loads.edge_load": ["EdgeLoad"],
+    "loads.force": ["Force", "Torque"],
     "loads.gravity": ["Gravity"],
     "loads.pressure": ["Pressure"],
     "materials": ["Linear", "Miyazaki", "TensionField"],

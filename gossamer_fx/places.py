@@ -9,7 +9,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.errors import check
 from gossamer_fx.numbering import GlobalIndices, Numbering
-from gossamer_fx.parts import Array, Attached, Body, Ground, PointMeasure, Port
+from gossamer_fx.parts import Array, Assembly, Attached, Body, Ground, PointMeasure, Port
 
 
 def is_here(place: tuple[Attached, ...]) -> bool:
@@ -93,6 +93,13 @@ class Gather:
         self._scatter.scatter(q, self._values)
         parts = np.split(self._values.array_r.copy(), self._ends[:-1])
         return [part.reshape(shape) for part, shape in zip(parts, self._shapes, strict=True)]
+
+
+def values_of(system: Assembly, ports: Sequence[Attached], q: PETSc.Vec) -> Array:
+    """The attached vectors (k, 3) in a state, e.g. `system.q0`, or their rates in `system.v0` if none is `Ground`."""
+    indices, P, offset = attach(system.numbering, system.bodies, tuple(ports))
+    values = Gather(system.numbering, [indices])(q)[0]
+    return (P @ values + offset).reshape(-1, 3)
 
 
 def add_blocks(A: PETSc.Mat, rows: GlobalIndices, columns: GlobalIndices, values: Array) -> None:

@@ -1,0 +1,1 @@
+"""Feedback: torques that follow from the motion, booked as supplied."""

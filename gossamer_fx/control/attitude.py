@@ -1,0 +1,142 @@
+"""Attitude control of rigid and flexible bodies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from gossamer_fx.attachment import Frame, combine, initial
+from gossamer_fx.control.rotation import euler_angles, euler_axes, position_gradient, rotation
+from gossamer_fx.errors import check
+from gossamer_fx.interactions.joint import bodies_of
+from gossamer_fx.loads.force import Couple
+from gossamer_fx.parts import Array, Part, PointSupplied, Port
+
+
+def patch(centre: Port, points: Sequence[Port]) -> Frame:
+    """The arms from a centre to points around it: a position gradient averaged over that piece of a flexible body.
+
+    A torque on it is spread over the points, with the opposite forces at the centre.
+    """
+    return Frame(centre, tuple(combine((1.0, -1.0), (point, centre)) for point in points))
+
+
+class _Law(Couple):
+    """The torque of an `AttitudeControl`, on its vectors."""
+
+    def __init__(self, control: AttitudeControl, reference: Array) -> None:
+        super().__init__()
+        self._control, self._reference, self._next = control, reference, -math.inf
+        self._last: tuple[float, Array] = (math.nan, np.zeros(0))
+        self._before = self._last
+
+    def begin(self, t: float, h: float, X: Array, V: Array) -> None:
+        control = self._control
+        if control.period == 0:
+            self._sample(*self._ahead(t, h / 2, X, V))
+        elif t >= self._next - 1e-9 * control.period:
+            self._next = (t if self._next == -math.inf else self._next) + control.period
+            self._sample(X, V)
+
+    def _ahead(self, t: float, s: float, X: Array, V: Array) -> tuple[Array, Array]:
+        """Vectors and rates s later, in the middle of the step, where the torque acts: second order in the step.
+
+        The acceleration is that of the last step; a step that is tried again starts from the same time.
+        """
+        if t != self._last[0]:
+            self._before, self._last = self._last, (t, V)
+        since, rates = self._before
+        return X + s * V, V if math.isnan(since) else V + s / (t - since) * (V - rates)
+
+    def _sample(self, X: Array, V: Array) -> None:
+        control, reference = self._control, self._reference
+        angles = control.angles_of(X, reference)
+        moved = 1e-6 * np.abs(X).max() / max(float(np.abs(V).max()), 1e-12)
+        ahead, behind = (control.angles_of(X + s * moved * V, reference) for s in (1, -1))
+        rates = np.remainder(ahead - behind + np.pi, 2 * np.pi) - np.pi
+        rates /= 2 * moved
+        control.angles = angles
+        control.torques = control.stiffness * (control.target - angles) - control.damping * rates
+        self.torque = control.axes @ (euler_axes(angles).T @ control.torques)
+
+
+class AttitudeControl:
+    """Proportional-derivative torque on a body whose attitude is that of its position gradient.
+
+    The gradient F at the frame is decomposed, F = R U, and R into Euler angles, R = R_w(γ) R_v(β) R_u(θ), relative to
+    the start.  About the axis of each angle acts
+
+        T = K_p (target - angle) - K_d d(angle)/dt
+
+    as a torque on the frame's vectors, booked as supplied.
+
+    Args:
+        frame: of a rigid body, a beam's section, or a `patch` of a film.
+        target: (θ, β, γ) [rad].
+        stiffness: K_p [N m/rad], one number or three.
+        damping: K_d [N m s/rad], one number or three.
+        axes: rotation matrix whose columns are u, v, w in space at the start.
+        period: time for which a sampled torque is held [s]; 0: sampled in every step, for its middle.
+
+    Attributes:
+        angles: (θ, β, γ) at the last sample.
+        torques: about the axes of the three angles, held since.
+
+    Raises:
+        InputError: the frame has no position gradient.
+    """
+
+    def __init__(
+        self,
+        frame: Frame,
+        target: Sequence[float],
+        stiffness: float | Sequence[float],
+        damping: float | Sequence[float],
+        *,
+        axes: Sequence[Sequence[float]] = ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+        period: float = 0.0,
+        name: str = "attitude control",
+    ) -> None:
+        check(
+            isinstance(frame, Frame) and len(frame.directors) >= 2,
+            f"'{name}' acts on something without position gradient; give the frame of a rigid body or beam, or a patch "
+            "of a film.",
+        )
+        check(math.isfinite(period) and period >= 0, f"'{name}': period is {period!r} s; give none or a positive one.")
+        self.frame, self.period, self.name = frame, period, name
+        self.target = np.asarray(target, dtype=float)
+        self.stiffness, self.damping = (np.broadcast_to(np.asarray(k, dtype=float), 3) for k in (stiffness, damping))
+        check(
+            bool((self.stiffness >= 0).all() and (self.damping >= 0).all()),
+            f"'{name}': gains {self.stiffness.tolist()} N m/rad and {self.damping.tolist()} N m s/rad; none may be "
+            "negative.",
+        )
+        self.axes = np.asarray(axes, dtype=float)
+        check(
+            bool(np.allclose(self.axes.T @ self.axes, np.eye(3), atol=1e-9)),
+            f"'{name}': its axes are not orthonormal; give a rotation matrix with the columns u, v, w.",
+        )
+        self.angles, self.torques = np.zeros(3), np.zeros(3)
+
+    def requires(self) -> Iterable[Any]:
+        yield from bodies_of(self.frame)
+
+    def parts(self) -> Iterable[Part]:
+        yield PointSupplied(self.name, self.frame.directors, _Law(self, self.reference()))
+
+    def reference(self) -> Array:
+        """The frame's vectors at the start, (k, 3)."""
+        vectors = np.array([initial(d) for d in self.frame.directors])
+        check(
+            bool(np.linalg.svd(vectors)[1][1] > 1e-9),
+            f"'{self.name}': the vectors of its frame are parallel, which leaves a rotation open; give others.",
+        )
+        return vectors
+
+    def angles_of(self, X: Array, reference: Array) -> Array:
+        """(θ, β, γ) of the frame's stacked vectors X (3k,)."""
+        R = rotation(position_gradient(X.reshape(-1, 3), reference))
+        return euler_angles(self.axes.T @ R @ self.axes)

@@ -1,0 +1,90 @@
+"""Attitude control against the closed form of a rigid body (REFERENCES D15), and the angles that it measures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.control.rotation import euler_angles, euler_axes, position_gradient, rotation
+from gossamer_fx.places import values_of
+
+
+def controlled(inertia: float, kp: float, kd: float, target: float, period: float, dt: float) -> gx.Simulation:
+    body = gx.RigidBody(1.0, np.full(3, inertia))
+    control = gx.AttitudeControl(body.frame(), (0, 0, target), kp, kd, period=period)
+    return gx.Simulation(gx.Scene(body, control), gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13)))
+
+
+def angle_and_rate(run: gx.Simulation) -> tuple[float, float]:
+    frame = run.scene.bodies[0].frame()
+    d, v = (values_of(run.system, frame.directors, q)[0] for q in (run.system.q0, run.system.v0))
+    return float(np.arctan2(d[1], d[0])), float(np.cross(d, v)[2])
+
+
+TIMES = (1.0, 2.0, 5.0, 10.0, 20.0)
+RESPONSES = [
+    ((1.0, 0.25, 0.5), (0.83524379, 2.72239877, 8.18687664, 8.59672453, 8.01736093)),
+    ((2.0, 0.5, 2.0), (0.72163208, 2.11392894, 5.70162004, 7.67657854, 7.99600481)),
+    ((2.0, 0.5, 4.0), (0.55764165, 1.42189261, 3.58917967, 5.74263061, 7.40876742)),
+]
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(("gains", "degrees"), RESPONSES)
+def test_step_response(gains: tuple[float, float, float], degrees: tuple[float, ...]) -> None:
+    """I θ'' = -K_p (θ - θ_c) - K_d θ' from rest, θ_c = 8°; the ledger closes with the control's work as supplied."""
+    run = controlled(*gains, target=np.radians(8.0), period=0.0, dt=0.05)
+    run.run(until=0.5)
+    for t, exact in zip(TIMES, degrees, strict=True):
+        run.run(until=t)
+        assert np.degrees(angle_and_rate(run)[0]) == pytest.approx(exact, rel=5e-3)
+        assert abs(run.energy_error) < 1e-9
+
+
+def test_torque_held_between_samples() -> None:
+    """I = 1, K_p = 0.25, K_d = 0.5, θ_c = 1 rad, sampled every 0.1 s."""
+    run = controlled(1.0, 0.25, 0.5, target=1.0, period=0.1, dt=0.02)
+    for t, exact in ((1.0, (0.1069307, 0.19332098)), (2.0, (0.34818193, 0.27242071)), (5.0, (1.03769443, 0.13478003))):
+        run.run(until=t)
+        assert angle_and_rate(run) == pytest.approx(exact, rel=5e-3)
+
+
+def turn(axis: int, angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    R = np.eye(3)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    R[i, i] = R[j, j] = c
+    R[j, i], R[i, j] = s, -s
+    return R
+
+
+def test_angles_of_a_stretched_and_turned_patch() -> None:
+    """F = R U of arms in a plane gives R = R_w(γ) R_v(β) R_u(θ) back, whatever the stretch U."""
+    angles = np.array([0.3, -0.4, 1.1])
+    R = turn(2, angles[2]) @ turn(1, angles[1]) @ turn(0, angles[0])
+    U = np.array([[1.2, 0.1, 0], [0.1, 0.9, 0], [0, 0, 1]])
+    arms = np.array([[1.0, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0]])
+    found = rotation(position_gradient(arms @ (R @ U).T, arms))
+    assert found == pytest.approx(R, abs=1e-12)
+    assert euler_angles(found) == pytest.approx(angles, abs=1e-12)
+
+
+def test_axes_of_the_angles() -> None:
+    """dR = [ω]× R with ω = Σ dα_i a_i, by central differences."""
+    angles, ε = np.array([0.3, -0.4, 1.1]), 1e-6
+
+    def R(a: np.ndarray) -> np.ndarray:
+        return turn(2, a[2]) @ turn(1, a[1]) @ turn(0, a[0])
+
+    for i, axis in enumerate(euler_axes(angles)):
+        step = ε * np.eye(3)[i]
+        W = (R(angles + step) - R(angles - step)) / (2 * ε) @ R(angles).T
+        assert np.array([W[2, 1], W[0, 2], W[1, 0]]) == pytest.approx(axis, abs=1e-9)
+
+
+def test_a_point_has_no_attitude() -> None:
+    mass = gx.PointMass(1.0, comm=MPI.COMM_WORLD)
+    with pytest.raises(gx.InputError, match="without position gradient"):
+        gx.AttitudeControl(mass.port(), (0, 0, 0.1), 1.0, 1.0)
