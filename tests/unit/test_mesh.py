@@ -1,0 +1,150 @@
+"""Meshes from gmsh: cells, shapes and named groups, the same on any number of ranks."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from dolfinx import fem
+from mpi4py import MPI
+
+from gossamer_fx import InputError, Membrane, Mesh, Miyazaki, gmsh_mesh, read_mesh
+from meshes.airbag import airbag
+from meshes.sheet import CORNERS, EDGES, sheet
+from meshes.sphere import sphere
+
+LAW = Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
+
+
+def count(mesh: Mesh, name: str) -> int:
+    """Entities of a group, each counted on the rank that owns it."""
+    dim, entities = mesh.group(name)
+    owned = mesh.domain.topology.index_map(dim).size_local
+    return mesh.comm.allreduce(int((entities < owned).sum()))
+
+
+def area(mesh: Mesh) -> float:
+    film = Membrane(mesh, LAW, order=2)
+    return mesh.comm.allreduce(fem.assemble_scalar(fem.form(fem.Constant(mesh.domain, 1.0) * film.dx)))
+
+
+@pytest.mark.mpi
+def test_sheet_has_its_cells_edges_and_corners(comm):
+    mesh = sheet(comm, 6, 4, 3.0, 2.0)
+    assert mesh.domain.topology.index_map(2).size_global == 48 == count(mesh, "film")
+    assert mesh.domain.topology.index_map(0).size_global == 35
+    assert [count(mesh, edge) for edge in EDGES] == [6, 4, 6, 4]
+    assert [count(mesh, corner) for corner in CORNERS] == [1, 1, 1, 1]
+    assert area(mesh) == pytest.approx(6.0, rel=1e-13)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("order", [1, 2])
+def test_nodes_of_a_group_are_where_the_group_is(comm, order):
+    film = Membrane(sheet(comm, 6, 4, 3.0, 2.0), LAW, order=order)
+    X = film.space.tabulate_dof_coordinates()
+    assert abs(X[film.nodes("right"), 0] - 3.0).max(initial=0) <= 1e-12
+    assert abs(X[film.nodes("top"), 1] - 2.0).max(initial=0) <= 1e-12
+    owned = film.nodes("right") < film.block.index_map.size_local
+    assert comm.allreduce(int(owned.sum())) == 4 * order + 1
+    node = film.port("top right").nodes[0]
+    first, last = film.block.index_map.local_range
+    if first <= node < last:
+        assert X[node - first] == pytest.approx([3.0, 2.0, 0.0])
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("order, nodes", [(1, 35), (2, 117)])
+def test_film_of_either_order_has_its_nodes(comm, order, nodes):
+    assert Membrane(sheet(comm, 6, 4), LAW, order=order).block.index_map.size_global == nodes
+
+
+@pytest.mark.mpi
+def test_sheets_of_an_airbag_meet_on_the_seam_only(comm):
+    mesh = airbag(comm, 1.0, 6)
+    assert count(mesh, "top") == count(mesh, "bottom") == 72 and count(mesh, "seam") == 24
+    assert mesh.domain.topology.index_map(0).size_global == 2 * 49 - 24
+    assert mesh.domain.topology.index_map(1).size_global == (3 * 144) // 2  # closed: every edge has two triangles
+    assert area(mesh) == pytest.approx(2.0, rel=1e-13)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("order, rate", [(1, 2), (2, 4)])
+def test_curved_triangles_have_the_area_of_the_sphere(comm, order, rate):
+    cells = (12, 24, 48)
+    errors = [abs(area(sphere(comm, 2.0, n, order)) / (16 * math.pi) - 1) for n in cells]
+    assert -np.polyfit(np.log(cells), np.log(errors), 1)[0] == pytest.approx(rate, abs=0.35)
+
+
+@pytest.mark.mpi
+def test_file_keeps_the_names_of_its_groups(comm, folder):
+    path = folder / "strip.msh"
+
+    def write(model):
+        import gmsh
+
+        points = [model.geo.addPoint(x, y, 0) for x, y in ((0, 0), (2, 0), (2, 1), (0, 1))]
+        lines = [model.geo.addLine(points[i], points[(i + 1) % 4]) for i in range(4)]
+        surface = model.geo.addPlaneSurface([model.geo.addCurveLoop(lines)])
+        for line in lines:
+            model.geo.mesh.setTransfiniteCurve(line, 5)
+        model.geo.mesh.setTransfiniteSurface(surface)
+        model.geo.synchronize()
+        model.addPhysicalGroup(2, [surface], name="strip")
+        model.addPhysicalGroup(1, [lines[3]], name="clamp")
+        model.addPhysicalGroup(0, [points[2]], 7)
+        model.mesh.generate(2)
+        gmsh.write(str(path))
+
+    built = gmsh_mesh(write, comm)
+    comm.barrier()
+    mesh = read_mesh(path, comm)
+    for m in (built, mesh):
+        assert {name: dim for name, (dim, _) in m.groups.items()} == {"strip": 2, "clamp": 1, "7": 0}
+        assert (count(m, "strip"), count(m, "clamp"), count(m, "7")) == (32, 4, 1)
+    assert area(mesh) == pytest.approx(2.0, rel=1e-13)
+
+
+@pytest.mark.mpi
+def test_cells_outside_any_group_are_left_out(comm):
+    """As gmsh itself does when it saves: with physical surfaces, these alone are the mesh."""
+
+    def two_squares(model):
+        first = model.occ.addRectangle(0, 0, 0, 1, 1)
+        model.occ.addRectangle(2, 0, 0, 1, 1)
+        model.occ.synchronize()
+        model.addPhysicalGroup(2, [first], name="wanted")
+        model.mesh.generate(2)
+
+    assert area(gmsh_mesh(two_squares, comm)) == pytest.approx(1.0, rel=1e-13)
+
+
+@pytest.mark.mpi
+def test_orientation_of_the_cells_survives(comm):
+    """Normals of a closed surface keep pointing outwards, also where dolfinx reorders the vertices of cells."""
+    import ufl
+
+    for order in (1, 2):
+        mesh = sphere(comm, 1.0, 12, order)
+        X, n = ufl.SpatialCoordinate(mesh.domain), ufl.CellNormal(mesh.domain)
+        outward = fem.form(ufl.conditional(ufl.gt(ufl.dot(X, n), 0), 1.0, 0.0) * ufl.dx(mesh.domain))
+        assert comm.allreduce(fem.assemble_scalar(outward)) == pytest.approx(area(mesh), rel=1e-3)
+
+
+@pytest.mark.mpi
+def test_unknown_group_is_told_with_the_known_ones(comm):
+    with pytest.raises(InputError, match=r"no group 'lid'.*bottom.*film"):
+        sheet(comm, 2, 2).group("lid")
+
+
+@pytest.mark.mpi
+def test_ranks_share_the_mesh_that_one_has_alone(comm):
+    """Counts on this communicator are those of one rank alone."""
+    alone, shared = sheet(MPI.COMM_SELF, 5, 3), sheet(comm, 5, 3)
+    for dim in range(3):
+        for mesh in (alone, shared):
+            mesh.domain.topology.create_entities(dim)
+        sizes = [mesh.domain.topology.index_map(dim).size_global for mesh in (alone, shared)]
+        assert sizes[0] == sizes[1]
+    assert {name: count(alone, name) for name in alone.groups} == {name: count(shared, name) for name in shared.groups}
