@@ -53,7 +53,7 @@ def buckled_strip(e_E: float, α: float) -> tuple[float, float]:
 
 def cubic(e_E: float) -> tuple[float, float, float]:
     """(c1, c2, c3) of P/P_c = 1 + c1 x + c2 x² + c3 x³, x = δ - e_c, by least squares over δ < 0.3."""
-    curve = np.array([buckled_strip(e_E, α) for α in np.linspace(0.02, 1.2, 200)])
+    curve: Array = np.array([buckled_strip(e_E, α) for α in np.linspace(0.02, 1.2, 200)])
     curve = curve[curve[:, 0] < FITTED_UP_TO]
     x = curve[:, 0] - onset(e_E)
     c = np.linalg.lstsq(np.column_stack([x, x**2, x**3]), curve[:, 1] - 1, rcond=None)[0]

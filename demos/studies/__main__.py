@@ -1,0 +1,63 @@
+"""Run studies: python3 -m demos.studies NAME [--quick] [--out FOLDER] [--fresh]; NAME `all` runs every one.
+
+Writes FOLDER/NAME.csv, .md and .png, and for `all` the part of README.md between the lines `<!-- studies -->` and
+`<!-- /studies -->`.  Ends with code 1 if something is not as a study declares.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import re
+import sys
+from pathlib import Path
+
+from mpi4py import MPI
+
+from gossamer_fx.errors import InputError
+from gossamer_fx.study import Study, run
+from gossamer_fx.study_report import picture, shortfalls, table
+
+HERE = Path(__file__).parent
+NAMES = sorted(path.stem for path in HERE.glob("*.py") if not path.stem.startswith("_"))
+README = HERE.parent.parent / "README.md"
+BETWEEN = re.compile(r"(?<=<!-- studies -->\n).*?(?=<!-- /studies -->)", re.DOTALL)
+
+
+def main() -> int:
+    comm = MPI.COMM_WORLD
+    parser = argparse.ArgumentParser(prog="gossamer study", description=__doc__.splitlines()[0])
+    parser.add_argument("name", choices=[*NAMES, "all"], metavar="NAME", help=", ".join([*NAMES, "all"]))
+    parser.add_argument("--quick", action="store_true", help="fewer and smaller cases")
+    parser.add_argument("--out", type=Path, default=Path("out/studies"), help="folder of the results")
+    parser.add_argument("--fresh", action="store_true", help="compute everything anew")
+    wanted = parser.parse_args()
+    names = NAMES if wanted.name == "all" else [wanted.name]
+    missing, tables = [], []
+    for name in names:
+        study: Study = importlib.import_module(f"demos.studies.{name}").STUDY
+        if wanted.fresh and comm.rank == 0:
+            (wanted.out / f"{name}.csv").unlink(missing_ok=True)
+        comm.barrier()
+        results = run(study, wanted.out, comm, wanted.quick)
+        missing += [f"{name}: {words}" for words in shortfalls(study, results) if not wanted.quick]
+        tables.append(table(study, results))
+        if comm.rank == 0:
+            (wanted.out / f"{name}.md").write_text(tables[-1])
+            if study.measures:
+                picture(study, results, wanted.out / f"{name}.png")
+            print(tables[-1])
+    if comm.rank == 0:
+        if wanted.name == "all" and not wanted.quick and README.is_file():
+            README.write_text(BETWEEN.sub("\n" + "\n".join(tables).replace("\\", r"\\") + "\n", README.read_text()))
+        print("\n".join(missing) or "Everything is as the studies declare.")
+    return 1 if missing else 0
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except InputError as error:
+        if MPI.COMM_WORLD.rank == 0:
+            print(f"gossamer: {error}", file=sys.stderr)
+        sys.exit(2)

@@ -1,0 +1,112 @@
+"""What a study found: a markdown table, a picture of error against run time and h, and what falls short."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+from gossamer_fx.study import Measure, Result, Study
+
+
+def curves(study: Study, results: list[Result]) -> dict[tuple[Any, ...], list[Result]]:
+    """The results that differ in the refined (last) axis only, by the values of the others."""
+    *others, _ = study.axes
+    found: dict[tuple[Any, ...], list[Result]] = {}
+    for result in results:
+        found.setdefault(tuple(result.case[name] for name in others), []).append(result)
+    return found
+
+
+def order(study: Study, measure: Measure, coarse: Result, fine: Result) -> float:
+    """Observed order between two results of a curve; not a number where there is none."""
+    values = [(study.size(r.case), _error(measure, r)) for r in (coarse, fine)]
+    (h0, e0), (h1, e1) = values
+    if not (e0 > 0 and e1 > 0 and h0 != h1):
+        return math.nan
+    return math.log(e0 / e1) / math.log(h0 / h1)
+
+
+def table(study: Study, results: list[Result]) -> str:
+    """Markdown."""
+    head = [*study.axes]
+    for measure in study.measures:
+        head += [measure.name, "error", "order"]
+    head += study.columns
+    lines = [f"### {study.title}", "", "| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    for curve in curves(study, results).values():
+        for previous, result in zip([None, *curve], curve, strict=False):
+            cells = [str(value) for value in result.case.values()]
+            for measure in study.measures:
+                observed = order(study, measure, previous, result) if previous else math.nan
+                cells += [
+                    _number(result.values.get(measure.name, math.nan), 6),
+                    _number(_error(measure, result), 2),
+                    "" if math.isnan(observed) else f"{observed:.1f}",
+                ]
+            cells += [_number(result.values.get(name, math.nan), 3) for name in study.columns]
+            if result.failed:
+                cells[-1] += " (failed)"
+            lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def shortfalls(study: Study, results: list[Result]) -> list[str]:
+    """What is not as the study declares: failures, errors beyond the tolerance, orders below the expected rate."""
+    found = [f"{_words(result.case)}: {result.failed}" for result in results if result.failed]
+    for curve in curves(study, results).values():
+        done = [result for result in curve if not result.failed]
+        for measure in study.measures if done else ():
+            error = _error(measure, done[-1])
+            if not error <= measure.tolerance:
+                found.append(f"{measure.name}, {_words(done[-1].case)}: error {error:.2g} > {measure.tolerance:.2g}")
+            rate = measure.rate(done[-1].case)
+            if math.isfinite(rate) and len(done) > 1:
+                overall = order(study, measure, done[0], done[-1])
+                if not overall >= rate - 0.3:
+                    found.append(f"{measure.name}, {_words(done[-1].case)}: order {overall:.2f}, expected {rate:.2g}")
+    return found
+
+
+def picture(study: Study, results: list[Result], path: Path) -> None:
+    """Error against run time and against h, one row of panels for each measure."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    rows = len(study.measures)
+    figure, panels = pyplot.subplots(rows, 2, figsize=(10, 3.8 * rows), squeeze=False, sharey="row")
+    for measure, (left, right) in zip(study.measures, panels, strict=True):
+        for name, curve in curves(study, results).items():
+            done = [r for r in curve if not r.failed]
+            errors = [_error(measure, r) for r in done]
+            label = ", ".join(map(str, name)) or study.name
+            left.loglog([r.values["seconds"] for r in done], errors, "o-", label=label, markersize=4)
+            overall = order(study, measure, done[0], done[-1]) if len(done) > 1 else math.nan
+            tail = "" if math.isnan(overall) else f" (order {overall:.1f})"
+            right.loglog([study.size(r.case) for r in done], errors, "o-", label=label + tail, markersize=4)
+        left.set_ylabel(f"relative error of {measure.name}")
+        left.set_xlabel("run time without compilation [s]")
+        right.set_xlabel("h")
+        for panel in (left, right):
+            panel.grid(True, which="both", alpha=0.25)
+        right.legend(fontsize=7)
+    figure.suptitle(study.title)
+    figure.tight_layout()
+    figure.savefig(path, dpi=130)
+    pyplot.close(figure)
+
+
+def _error(measure: Measure, result: Result) -> float:
+    if measure.name not in result.values:
+        return math.nan
+    return measure.error(result.case, result.values[measure.name])
+
+
+def _words(case: dict[str, Any]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in case.items())
+
+
+def _number(value: float, digits: int) -> str:
+    return "" if math.isnan(value) else f"{value:.{digits}g}"
