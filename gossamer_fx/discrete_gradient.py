@@ -34,7 +34,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from gossamer_fx.forms import compile_expression, compile_form
+from gossamer_fx.forms import compile_expression, compile_form, constant
 from gossamer_fx.kinematics import Expr
 from gossamer_fx.parts import Array, Dissipated, Stored
 
@@ -102,8 +102,8 @@ class Coordinates:
 
     def __init__(self, space: fem.FunctionSpace, alpha: float) -> None:
         self.q0, self.q1, self.δ = (fem.Function(space) for _ in range(3))
-        self.α = fem.Constant(space.mesh, alpha)
-        self.h = fem.Constant(space.mesh, 1.0)
+        self.α = constant(space.mesh, alpha)
+        self.h = constant(space.mesh, 1.0)
         self.mid = (1 - self.α) * self.q0 + self.α * self.q1
         self.w, self.dq = ufl.TestFunction(space), ufl.TrialFunction(space)
 

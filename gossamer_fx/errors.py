@@ -25,13 +25,13 @@ def check(condition: bool, message: str) -> None:
         raise InputError(message)
 
 
-def check_on_all(comm: MPI.Comm, condition: bool, message: str) -> None:
+def check_on_all(comm: MPI.Intracomm, condition: bool, message: str) -> None:
     """As `check`, for conditions that may fail on some ranks only: all ranks raise, so that none waits for ever."""
     if not comm.allreduce(condition, MPI.LAND):
         raise InputError(message)
 
 
-def on_rank_zero[T](comm: MPI.Comm, task: Callable[[], T]) -> T | None:
+def on_rank_zero[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T | None:
     """Run `task` on rank 0; an `InputError` there is raised on every rank.  Other ranks get None."""
     result, message = None, None
     if comm.rank == 0:

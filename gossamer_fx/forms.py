@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import ufl
-from dolfinx import fem
+from dolfinx import default_scalar_type, fem
+from dolfinx.mesh import Mesh
 
 
 @cache
@@ -32,6 +33,11 @@ def _options() -> dict[str, Any]:
         "cache_dir": str(home / "gossamer_fx" / f"kernels-{cpu}"),
         "cffi_extra_compile_args": ["-O2", "-g0", "-march=native", "-mtune=generic"],
     }
+
+
+def constant(mesh: Mesh, value: float) -> fem.Constant:
+    """A number that may change without a new compilation, as a literal in a form may not."""
+    return fem.Constant(mesh, default_scalar_type(value))
 
 
 def compile_form(form: ufl.Form) -> fem.Form:

@@ -28,7 +28,7 @@ DIRECT_UP_TO, INERTIAL_UP_TO = 3000, 1500.0
 class Composite:
     """Vectors (z, y): fields distributed as A is, scalars y at the end of rank 0's part."""
 
-    def __init__(self, comm: MPI.Comm, fields: PETSc.Vec, scalars: int) -> None:
+    def __init__(self, comm: MPI.Intracomm, fields: PETSc.Vec, scalars: int) -> None:
         self.comm, self.fields, self.scalars = comm, fields.duplicate(), scalars
         self.n = fields.getLocalSize()
 

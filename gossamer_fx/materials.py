@@ -16,10 +16,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import ufl
-from dolfinx import fem
 from dolfinx.mesh import Mesh
 
 from gossamer_fx.errors import check
+from gossamer_fx.forms import constant
 from gossamer_fx.kinematics import Expr, half_trace_and_radius
 
 SLACK, WRINKLED, TAUT = 0, 1, 2
@@ -31,7 +31,7 @@ ROUND_OFF = 1e-12
 
 def constants(law: Any, mesh: Mesh) -> SimpleNamespace:
     """The numbers of a law as UFL constants on `mesh`."""
-    return SimpleNamespace(**{f.name: fem.Constant(mesh, float(getattr(law, f.name))) for f in fields(law)})
+    return SimpleNamespace(**{f.name: constant(mesh, getattr(law, f.name)) for f in fields(law)})
 
 
 @dataclass(frozen=True)

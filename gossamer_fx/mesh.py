@@ -30,7 +30,7 @@ class Mesh:
     groups: dict[str, tuple[int, npt.NDArray[np.int32]]] = field(default_factory=dict)
 
     @property
-    def comm(self) -> MPI.Comm:
+    def comm(self) -> MPI.Intracomm:
         return self.domain.comm
 
     def group(self, name: str) -> tuple[int, npt.NDArray[np.int32]]:
@@ -40,7 +40,7 @@ class Mesh:
         return self.groups[name]
 
 
-def read_mesh(path: str | Path, comm: MPI.Comm) -> Mesh:
+def read_mesh(path: str | Path, comm: MPI.Intracomm) -> Mesh:
     """Read a gmsh file (.msh); physical groups keep their names, unnamed ones are called by their number."""
 
     def load(model: Any) -> None:
@@ -56,7 +56,7 @@ def read_mesh(path: str | Path, comm: MPI.Comm) -> Mesh:
     return gmsh_mesh(load, comm)
 
 
-def gmsh_mesh(build: Callable[[Any], None], comm: MPI.Comm) -> Mesh:
+def gmsh_mesh(build: Callable[[Any], None], comm: MPI.Intracomm) -> Mesh:
     """Mesh what `build(gmsh.model)` makes on rank 0 and distribute it.
 
     `build` creates geometry and physical groups and calls `model.mesh.generate`, or merges a file.  The cells are the
@@ -93,7 +93,7 @@ class _Raw:
     groups: dict[str, tuple[int, npt.NDArray[np.int64]]]
 
 
-def names_of(comm: MPI.Comm, raw: _Raw, names: list[str]) -> list[tuple[str, int, int]]:
+def names_of(comm: MPI.Intracomm, raw: _Raw, names: list[str]) -> list[tuple[str, int, int]]:
     """Name, dimension and nodes per entity of the groups that rank 0 knows."""
     table = [(name, raw.groups[name][0], raw.groups[name][1].shape[1]) for name in names] if comm.rank == 0 else None
     result: list[tuple[str, int, int]] = comm.bcast(table)

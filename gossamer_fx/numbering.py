@@ -18,7 +18,7 @@ class Numbering:
     Each rank owns one contiguous range: its share of block 0, then of block 1, and so on.
     """
 
-    def __init__(self, comm: MPI.Comm, blocks: list[Block]) -> None:
+    def __init__(self, comm: MPI.Intracomm, blocks: list[Block]) -> None:
         self.comm, self.blocks = comm, blocks
         sizes = np.array([b.index_map.size_local * b.size for b in blocks], dtype=np.int64)
         self.size_local = int(sizes.sum())

@@ -29,7 +29,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.kinematics import Expr
 
-Array = npt.NDArray[np.float64]
+Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int32]
 
 
@@ -48,7 +48,7 @@ class Body(Protocol):
     """Something with coordinates."""
 
     name: str
-    comm: MPI.Comm
+    comm: MPI.Intracomm
     block: Block
 
     def initial_state(self) -> tuple[Array, Array]:
@@ -68,6 +68,11 @@ class MeshBody(Body, Protocol):
     """A body discretised on a mesh."""
 
     space: fem.FunctionSpace
+
+
+def is_body(item: object) -> TypeGuard[Body]:
+    """Whether a scene's item has coordinates."""
+    return hasattr(item, "block")
 
 
 def is_on_mesh(body: Body) -> TypeGuard[MeshBody]:
@@ -267,7 +272,7 @@ class Booking:
 class Assembly(Protocol):
     """What a border sees of the compiled scene: bodies, their numbering, and the coordinates of the step."""
 
-    comm: MPI.Comm
+    comm: MPI.Intracomm
     bodies: list[Body]
     numbering: Any
     fields: dict[int, Any]

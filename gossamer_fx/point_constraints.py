@@ -22,7 +22,7 @@ DISTANCE = 1e-8  # largest violation at the start, in units of the constraint; i
 CHECK_UP_TO = 1500  # constraints; above, redundant ones are not looked for (the matrix is then singular)
 
 
-def multiplier_block(comm: MPI.Comm, part: PointConstraint) -> Block:
+def multiplier_block(comm: MPI.Intracomm, part: PointConstraint) -> Block:
     """One multiplier for each measure, on the rank that evaluates it."""
     return Block(IndexMap(comm, len(own_places(part.measure))), len(part.measure.c))
 

@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from gossamer_fx.discrete_gradient import PathAverage, StressRule
 from gossamer_fx.errors import check, check_on_all
-from gossamer_fx.parts import Body, BorderMaker, Part
+from gossamer_fx.parts import Body, BorderMaker, Part, is_body
 from gossamer_fx.system import System
 
 
@@ -53,10 +53,10 @@ class Scene:
 
     @property
     def bodies(self) -> list[Body]:
-        return [item for item in self.items if hasattr(item, "block")]
+        return [item for item in self.items if is_body(item)]
 
     @property
-    def comm(self) -> MPI.Comm:
+    def comm(self) -> MPI.Intracomm:
         """That of the bodies; a scene without bodies is computed on every rank alike."""
         return self.bodies[0].comm if self.bodies else MPI.COMM_WORLD
 

@@ -197,7 +197,7 @@ class Simulation:
             return self._attempt(h / 2, halvings - 1) + self._attempt(h / 2, halvings - 1)
 
 
-def make_parent(comm: MPI.Comm, path: Path) -> None:
+def make_parent(comm: MPI.Intracomm, path: Path) -> None:
     """Make the folder of an output file and try to write in it.
 
     Raises:

@@ -112,7 +112,7 @@ class System:
     behind the coordinates in the same vector; they have no mass and no rate, and their rows of r are the constraints.
     """
 
-    def __init__(self, bodies: list[Body], parts: Iterable[Part], rule: StressRule, comm: MPI.Comm) -> None:
+    def __init__(self, bodies: list[Body], parts: Iterable[Part], rule: StressRule, comm: MPI.Intracomm) -> None:
         self.comm, self.bodies, self.rule = comm, bodies, rule
         self.borders: list[Border] = []
         self.time, self.h = 0.0, 1.0
@@ -454,7 +454,8 @@ class System:
 
     def _add_tangents(self) -> None:
         for k, body in enumerate(self.bodies):
-            forms = [f.tangent for j, f in [*self._elements, *self.loads] if j == k and f.tangent]
+            forms = [f.tangent for j, f in self._elements if j == k]
+            forms += [f.tangent for j, f in self.loads if j == k and f.tangent]
             forms += [form for border in self.borders for form in border.tangents(body)]
             self._assemble_matrix(self.A, k, forms)
         if self._points:

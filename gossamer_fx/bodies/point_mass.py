@@ -22,7 +22,7 @@ class PointMass:
         position: tuple[float, float, float] = (0.0, 0.0, 0.0),
         velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
         *,
-        comm: MPI.Comm = MPI.COMM_WORLD,
+        comm: MPI.Intracomm = MPI.COMM_WORLD,
         name: str = "mass",
     ) -> None:
         check(math.isfinite(mass) and mass > 0, f"PointMass '{name}': mass is {mass!r} kg; give a positive number.")

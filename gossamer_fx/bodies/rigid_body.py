@@ -57,7 +57,7 @@ class RigidBody:
         attitude: npt.ArrayLike = ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
         velocity: Sequence[float] = (0.0, 0.0, 0.0),
         spin: Sequence[float] = (0.0, 0.0, 0.0),
-        comm: MPI.Comm = MPI.COMM_WORLD,
+        comm: MPI.Intracomm = MPI.COMM_WORLD,
         name: str = "body",
     ) -> None:
         check(math.isfinite(mass) and mass > 0, f"RigidBody '{name}': mass is {mass!r} kg; give a positive number.")

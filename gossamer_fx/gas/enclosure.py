@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.errors import check, check_on_all
-from gossamer_fx.forms import compile_form
+from gossamer_fx.forms import compile_form, constant
 from gossamer_fx.kinematics import area_vector
 from gossamer_fx.parts import Array, Assembly, Body, Port
 
@@ -131,7 +131,7 @@ class _CompiledFilm:
         k = system.bodies.index(film)
         self._at, self._owned, self._n = system.fields[k], system.numbering.owned(k), system.numbering.size_local
         self._x = fem.Function(film.space)
-        self._p = fem.Constant(film.space.mesh, 0.0)
+        self._p = constant(film.space.mesh, 0.0)
         degree = 2 * (film.order - 1) + film.order
         owned_cells = cells[cells < film.mesh.domain.topology.index_map(2).size_local]
         whole = film.mesh.domain.topology.index_map(2).size_local == len(owned_cells)
@@ -211,7 +211,7 @@ class Piston:
     """
 
     def __init__(self, port: Port, area: float, direction: tuple[float, float, float]) -> None:
-        n = np.asarray(direction, dtype=float)
+        n: Array = np.asarray(direction, dtype=float)
         check(area > 0, f"Piston: area is {area!r} m²; give a positive number.")
         check(bool(np.linalg.norm(n) > 0), "Piston: direction has no length; give the axis along which it moves.")
         self.port, self.area, self.direction = port, area, n / np.linalg.norm(n)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import ufl
-from dolfinx import fem
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.errors import check
+from gossamer_fx.forms import constant
 from gossamer_fx.materials import Linear
 from gossamer_fx.parts import Dissipated, Part
 
@@ -42,7 +42,7 @@ class Damping:
     def parts(self) -> Iterable[Part]:
         film, law = self.body, self.body.law
         if self.mass > 0:
-            α = fem.Constant(film.space.mesh, self.mass)
+            α = constant(film.space.mesh, self.mass)
             yield Dissipated(
                 self.name + " (mass)",
                 film,
@@ -51,7 +51,7 @@ class Damping:
                 film.mass_dx,
             )
         if self.stiffness > 0:
-            β = fem.Constant(film.space.mesh, self.stiffness)
+            β = constant(film.space.mesh, self.stiffness)
             unwrinkled = Linear(law.E, law.nu, law.density, law.thickness)
             yield Dissipated(
                 self.name + " (stiffness)",

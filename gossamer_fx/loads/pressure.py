@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import ufl
-from dolfinx import fem
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.errors import check
+from gossamer_fx.forms import constant
 from gossamer_fx.kinematics import area_vector
 from gossamer_fx.parts import Part, Supplied
 
@@ -34,7 +34,7 @@ class Pressure:
 
     def parts(self) -> Iterable[Part]:
         film, value = self.body, self.value
-        p = fem.Constant(film.space.mesh, 0.0 if callable(value) else float(value))
+        p = constant(film.space.mesh, 0.0 if callable(value) else value)
         dx = ufl.Measure("dx", film.space.mesh, metadata={"quadrature_degree": 2 * (film.order - 1) + film.order})
 
         def at(t: float) -> None:
