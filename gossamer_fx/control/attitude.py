@@ -12,7 +12,7 @@ from gossamer_fx.attachment import Frame, combine, initial
 from gossamer_fx.control.rotation import euler_angles, euler_axes, position_gradient, rotation
 from gossamer_fx.errors import check
 from gossamer_fx.interactions.joint import bodies_of
-from gossamer_fx.loads.force import Couple
+from gossamer_fx.loads.force import Couple, cross_matrix
 from gossamer_fx.parts import Array, Part, PointSupplied, Port
 
 
@@ -24,43 +24,57 @@ def patch(centre: Port, points: Sequence[Port]) -> Frame:
     return Frame(centre, tuple(combine((1.0, -1.0), (point, centre)) for point in points))
 
 
-class _Law(Couple):
-    """The torque of an `AttitudeControl`, on its vectors."""
+class _Held(Couple):
+    """The torque of an `AttitudeControl` that is sampled at the start of a period and held."""
 
     def __init__(self, control: AttitudeControl, reference: Array) -> None:
         super().__init__()
         self._control, self._reference, self._next = control, reference, -math.inf
-        self._last: tuple[float, Array] = (math.nan, np.zeros(0))
-        self._before = self._last
 
     def begin(self, t: float, h: float, X: Array, V: Array) -> None:
         control = self._control
-        if control.period == 0:
-            self._sample(*self._ahead(t, h / 2, X, V))
-        elif t >= self._next - 1e-9 * control.period:
+        if t >= self._next - 1e-9 * control.period:
             self._next = (t if self._next == -math.inf else self._next) + control.period
-            self._sample(X, V)
+            self.torque = control.sample(X, V, self._reference)
 
-    def _ahead(self, t: float, s: float, X: Array, V: Array) -> tuple[Array, Array]:
-        """Vectors and rates s later, in the middle of the step, where the torque acts: second order in the step.
 
-        The acceleration is that of the last step; a step that is tried again starts from the same time.
-        """
-        if t != self._last[0]:
-            self._before, self._last = self._last, (t, V)
-        since, rates = self._before
-        return X + s * V, V if math.isnan(since) else V + s / (t - since) * (V - rates)
+class _Continuous(Couple):
+    """The torque of an `AttitudeControl` that follows the motion in the step: angles at its middle, rates over it.
 
-    def _sample(self, X: Array, V: Array) -> None:
-        control, reference = self._control, self._reference
-        angles = control.angles_of(X, reference)
-        moved = 1e-6 * np.abs(X).max() / max(float(np.abs(V).max()), 1e-12)
-        ahead, behind = (control.angles_of(X + s * moved * V, reference) for s in (1, -1))
-        rates = np.remainder(ahead - behind + np.pi, 2 * np.pi) - np.pi
-        rates /= 2 * moved
-        control.angles = angles
-        control.torques = control.stiffness * (control.target - angles) - control.damping * rates
-        self.torque = control.axes @ (euler_axes(angles).T @ control.torques)
+    Of the rate of an angle it takes the work -K_d (Δα)²/h: vibrations are damped whatever their frequency and the step.
+    """
+
+    def __init__(self, control: AttitudeControl, reference: Array) -> None:
+        super().__init__()
+        self._control, self._reference = control, reference
+        self._h = 1.0
+        self._X0 = reference.ravel()
+
+    def begin(self, t: float, h: float, X: Array, V: Array) -> None:
+        self._h, self._X0 = h, X
+        self._control.sample(X, V, self._reference)
+
+    def force(self, X: Array) -> Array:
+        control = self._control
+        middle, before, after = (control.angles_of(Y, self._reference) for Y in (X, self._X0, 2 * X - self._X0))
+        self.torque = control.torque(middle, wrapped(after - before) / self._h)
+        return super().force(X)
+
+    def tangent(self, X: Array) -> Array:
+        """With the rotation of a patch that does not stretch, δω = (tr S 1 - S)⁻¹ Σ r_i × δr_i."""
+        control, r = self._control, X.reshape(-1, 3)
+        inverse, _ = self._spread(r)
+        arms = np.hstack([cross_matrix(each) for each in r])
+        axes = euler_axes(control.angles_of(X, self._reference)) @ control.axes.T
+        gain = control.stiffness + 2 * control.damping / self._h
+        turning = axes.T @ (gain[:, None] * np.linalg.solve(axes.T, inverse @ arms))
+        return super().tangent(X) + arms.T @ inverse @ -turning
+
+
+def wrapped(angles: Array) -> Array:
+    """Differences of angles, in [-π, π)."""
+    result: Array = np.remainder(angles + np.pi, 2 * np.pi) - np.pi
+    return result
 
 
 class AttitudeControl:
@@ -79,11 +93,11 @@ class AttitudeControl:
         stiffness: K_p [N m/rad], one number or three.
         damping: K_d [N m s/rad], one number or three.
         axes: rotation matrix whose columns are u, v, w in space at the start.
-        period: time for which a sampled torque is held [s]; 0: sampled in every step, for its middle.
+        period: time for which a sampled torque is held [s]; 0: it follows the motion also within a step.
 
     Attributes:
-        angles: (θ, β, γ) at the last sample.
-        torques: about the axes of the three angles, held since.
+        angles: (θ, β, γ) at the last sample; without period, at the start of the step.
+        torques: about the axes of the three angles, then.
 
     Raises:
         InputError: the frame has no position gradient.
@@ -125,7 +139,8 @@ class AttitudeControl:
         yield from bodies_of(self.frame)
 
     def parts(self) -> Iterable[Part]:
-        yield PointSupplied(self.name, self.frame.directors, _Law(self, self.reference()))
+        law = _Held if self.period > 0 else _Continuous
+        yield PointSupplied(self.name, self.frame.directors, law(self, self.reference()))
 
     def reference(self) -> Array:
         """The frame's vectors at the start, (k, 3)."""
@@ -140,3 +155,16 @@ class AttitudeControl:
         """(θ, β, γ) of the frame's stacked vectors X (3k,)."""
         R = rotation(position_gradient(X.reshape(-1, 3), reference))
         return euler_angles(self.axes.T @ R @ self.axes)
+
+    def sample(self, X: Array, V: Array, reference: Array) -> Array:
+        """The torque in space axes for the frame's vectors and their rates (3k,)."""
+        self.angles = self.angles_of(X, reference)
+        moved = 1e-6 * np.abs(X).max() / max(float(np.abs(V).max()), 1e-12)
+        ahead, behind = (self.angles_of(X + s * moved * V, reference) for s in (1, -1))
+        return self.torque(self.angles, wrapped(ahead - behind) / (2 * moved))
+
+    def torque(self, angles: Array, rates: Array) -> Array:
+        """Torque in space axes."""
+        self.torques = self.stiffness * (self.target - angles) - self.damping * rates
+        in_space: Array = self.axes @ (euler_axes(angles).T @ self.torques)
+        return in_space
