@@ -105,6 +105,8 @@ def values_of(system: Assembly, ports: Sequence[Attached], q: PETSc.Vec) -> Arra
 def add_blocks(A: PETSc.Mat, rows: GlobalIndices, columns: GlobalIndices, values: Array) -> None:
     """Add dense blocks values (n, r, c) at global rows (n, r) and columns (n, c) of A."""
     n, r, c = values.shape
+    if n == 0:  # nothing on this rank
+        return
     A.setValuesIJV(
         np.arange(0, n * r * c + 1, c, dtype=PETSc.IntType),
         np.repeat(columns, r, axis=0).ravel().astype(PETSc.IntType),
