@@ -50,6 +50,8 @@ if TYPE_CHECKING:
     from gossamer_fx.interactions.spring import Damper as Damper
     from gossamer_fx.interactions.spring import Rope as Rope
     from gossamer_fx.interactions.spring import Spring as Spring
+    from gossamer_fx.interactions.torsion import TorsionDamper as TorsionDamper
+    from gossamer_fx.interactions.torsion import TorsionSpring as TorsionSpring
     from gossamer_fx.ledger import Ledger as Ledger
     from gossamer_fx.ledger import Progress as Progress
     from gossamer_fx.loads.damping import Damping as Damping
@@ -102,6 +104,7 @@ _HOME = {
     "interactions.fixed": ["Fixed", "Prescribed"],
     "interactions.joint": ["BallJoint", "FixedJoint", "Link", "PrismaticJoint", "RevoluteJoint"],
     "interactions.spring": ["AxialSpring", "Damper", "Rope", "Spring"],
+    "interactions.torsion": ["TorsionDamper", "TorsionSpring"],
     "ledger": ["Ledger", "Progress"],
     "loads.damping": ["Damping"],
     "loads.edge_load": ["EdgeLoad"],

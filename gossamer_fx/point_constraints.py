@@ -73,6 +73,13 @@ class PointConstraints:
     def _middle_gradient(self, k: int, q: Array) -> Array:
         return self._places[k].gradient((1 - self._α) * self._q0[k] + self._α * q)
 
+    def violation(self, q: PETSc.Vec) -> float:
+        """Largest violation of a constraint in a state, in its own units; the same on every rank."""
+        worst = [
+            float(np.abs(at.strain(x)).max(initial=0.0)) for at, x in zip(self._places, self._gather(q), strict=True)
+        ]
+        return float(self._comm.allreduce(max(worst), op=MPI.MAX))
+
     # ---- before the first step ---------------------------------------------------------------------------------
 
     def idle(self, free: PETSc.Vec, q0: PETSc.Vec) -> Array:

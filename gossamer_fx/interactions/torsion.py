@@ -1,0 +1,152 @@
+"""Torsional springs and dampers about the axis of a hinge.
+
+With a direction a of one side and the pair b, c of the other, normal to the axis, the measures are cos φ = a·b and
+sin φ = a·c.  A law of the angle has the stress
+
+    S̄ = m̄ t,   t = Δφ/(2 sin(Δφ/2)) (-sin φm, cos φm),   φm = (φ0 + φ1)/2
+
+in them, with t·(Δcos, Δsin) = Δφ, so that S̄·Δe = m̄ Δφ is the work of the moment m̄ exactly.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gossamer_fx.attachment import Frame, along
+from gossamer_fx.errors import check
+from gossamer_fx.interactions.joint import bodies_of, check_sides, perpendicular_pair
+from gossamer_fx.parts import Array, Part, PointDissipated, PointMeasure, PointStored
+
+
+def angles(e0: Array, e1: Array) -> tuple[Array, Array]:
+    """Angle at the start in (-π, π], and its change to the end, less than half a turn."""
+    φ0, φ1 = (np.arctan2(e[:, 1], e[:, 0]) for e in (e0, e1))
+    return φ0, np.remainder(φ1 - φ0 + np.pi, 2 * np.pi) - np.pi
+
+
+def stress(m: Array, slope: Array, φ0: Array, Δφ: Array, e1: Array) -> tuple[Array, Array]:
+    """S̄ (n, 2) of the moment m and its derivative with respect to e1, with slope = dm/dφ1."""
+    half, φm = Δφ / 2, φ0 + Δφ / 2
+    small = np.abs(half) < 1e-4
+    safe = np.where(small, 1.0, half)
+    ratio = np.where(small, 1 + half**2 / 6, safe / np.sin(safe))
+    growth = np.where(small, half / 3, (np.sin(safe) - safe * np.cos(safe)) / np.sin(safe) ** 2) / 2
+    direction = np.stack([-np.sin(φm), np.cos(φm)], axis=1)
+    turned = np.stack([-np.cos(φm), -np.sin(φm)], axis=1) / 2
+    t = ratio[:, None] * direction
+    dt = growth[:, None] * direction + ratio[:, None] * turned
+    dφ = np.stack([-e1[:, 1], e1[:, 0]], axis=1) / np.sum(e1 * e1, axis=1)[:, None]
+    D = np.einsum("ni,nj->nij", slope[:, None] * t + m[:, None] * dt, dφ)
+    return m[:, None] * t, D
+
+
+@dataclass(frozen=True)
+class AngularSpring:
+    """ψ = ½ k φ², |φ| < π."""
+
+    k: float
+
+    def energy(self, e: Array) -> Array:
+        return self.k * np.arctan2(e[:, 1], e[:, 0]) ** 2 / 2
+
+    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        φ0, Δφ = angles(e0, e1)
+        return stress(self.k * (φ0 + Δφ / 2), np.full_like(φ0, self.k / 2), φ0, Δφ, e1)
+
+
+@dataclass(frozen=True)
+class AngularDamper:
+    """Moment c Δφ/h."""
+
+    c: float
+
+    def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
+        φ0, Δφ = angles(e0, e1)
+        return stress(self.c / h * Δφ, np.full_like(φ0, self.c / h), φ0, Δφ, e1)
+
+
+def hinge_angle(a: Frame, b: Frame, axis: Sequence[float], rest: float) -> PointMeasure:
+    """(cos, sin) of the angle of b against a about the axis, zero where b is turned by `rest` from the start."""
+    n = np.asarray(axis, dtype=float)
+    n /= np.linalg.norm(n)
+    p, q = perpendicular_pair(n)
+    moving = along(p, b)
+    c, s = math.cos(rest), math.sin(rest)
+    zero, quarter = along(c * p + s * q, a), along(c * q - s * p, a)
+    H = np.zeros((2, 3, 3))
+    H[0, 0, 1] = H[0, 1, 0] = H[1, 0, 2] = H[1, 2, 0] = 1.0
+    place = (moving, zero, quarter)
+    return PointMeasure([place], np.array([np.kron(h, np.eye(3)) for h in H]), np.zeros((2, 9)), np.zeros(2))
+
+
+@dataclass(frozen=True, eq=False)
+class TorsionSpring:
+    """Moment -k φ about the axis of a hinge, φ the angle of b against a from the rest angle, within half a turn.
+
+    Args:
+        a, b: frames with three directors, also `ground_frame()`, joined by a `RevoluteJoint` of this axis.
+        axis: direction in space at the start; angles count in its right-handed sense.
+        stiffness: k [N m/rad].
+        rest: angle of b against a, from the start, at which the spring is at rest [rad].
+    """
+
+    a: Frame
+    b: Frame
+    axis: Sequence[float]
+    stiffness: float
+    rest: float = 0.0
+    name: str = "torsion spring"
+
+    def __post_init__(self) -> None:
+        check_sides("TorsionSpring", self.name, self.a, self.b)
+        check(any(self.axis), f"TorsionSpring '{self.name}': axis has no length; give its direction.")
+        check(
+            math.isfinite(self.stiffness) and self.stiffness > 0,
+            f"TorsionSpring '{self.name}': stiffness is {self.stiffness!r} N m/rad; give a positive one.",
+        )
+        check(
+            abs(self.rest) < math.pi,
+            f"TorsionSpring '{self.name}': rest is {self.rest!r} rad; stay within half a turn.",
+        )
+
+    def requires(self) -> Iterable[Any]:
+        yield from bodies_of(self.a, self.b)
+
+    def parts(self) -> Iterable[Part]:
+        yield PointStored(self.name, hinge_angle(self.a, self.b, self.axis, self.rest), AngularSpring(self.stiffness))
+
+
+@dataclass(frozen=True, eq=False)
+class TorsionDamper:
+    """Moment -c dφ/dt about the axis of a hinge; its loss is booked.
+
+    Args:
+        a, b, axis: as of a `TorsionSpring`.
+        coefficient: c [N m s/rad].
+    """
+
+    a: Frame
+    b: Frame
+    axis: Sequence[float]
+    coefficient: float
+    name: str = "torsion damper"
+
+    def __post_init__(self) -> None:
+        check_sides("TorsionDamper", self.name, self.a, self.b)
+        check(any(self.axis), f"TorsionDamper '{self.name}': axis has no length; give its direction.")
+        check(
+            math.isfinite(self.coefficient) and self.coefficient > 0,
+            f"TorsionDamper '{self.name}': coefficient is {self.coefficient!r} N m s/rad; give a positive one.",
+        )
+
+    def requires(self) -> Iterable[Any]:
+        yield from bodies_of(self.a, self.b)
+
+    def parts(self) -> Iterable[Part]:
+        measure = hinge_angle(self.a, self.b, self.axis, 0.0)
+        yield PointDissipated(self.name, measure, AngularDamper(self.coefficient))
