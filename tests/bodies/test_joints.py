@@ -1,0 +1,149 @@
+"""What cannot be joined is refused with one sentence; closed loops are solved where they are not redundant."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from meshes.line import line
+from meshes.sheet import sheet
+
+COMM = MPI.COMM_WORLD
+LAW = gx.Linear(E=1e6, nu=0.3, density=1000.0, thickness=1e-3)
+SECTION = gx.solid_circle(0.02, E=1e8, nu=0.3, density=1000.0)
+
+
+def body(name: str = "body", position: tuple[float, float, float] = (0.0, 0.0, 0.0), **more) -> gx.RigidBody:
+    return gx.RigidBody(1.0, (1.0, 1.0, 1.0), position, name=name, **more)
+
+
+def film() -> gx.Membrane:
+    return gx.Membrane(sheet(COMM, 2, 2), LAW)
+
+
+def beams() -> tuple[gx.Beam, gx.Beam]:
+    one = gx.Beam(line(COMM, [(0, 0, 0), (1, 0, 0)], 2), SECTION, name="one")
+    two = gx.Beam(line(COMM, [(0, 0, 0), (0, 1, 0)], 2), SECTION, name="two")
+    return one, two
+
+
+def scene_of(joint) -> gx.Scene:
+    scene = gx.Scene(joint)
+    scene.compile()
+    return scene
+
+
+REFUSED = [
+    (lambda: scene_of(gx.BallJoint(body().port((0, 0, 1)), film().port_at((0, 0, 0)))), "1 m apart"),
+    (lambda: film().port_at((0.5, 0.5, 0.1)), "is 0.1 m away from 'film'"),
+    (lambda: film().port("nowhere"), "no group 'nowhere'"),
+    (lambda: film().port("left"), "has 3 nodes; a port is one point"),
+    (lambda: gx.PointMass(0.0), "mass is 0.0 kg"),
+    (lambda: gx.RigidBody(0.0, (1, 1, 1)), "mass is 0.0 kg"),
+    (lambda: gx.RigidBody(1.0, (0, 1, 1)), "inertia is singular"),
+    (lambda: gx.RigidBody(1.0, (1, 1, 3)), "no body has"),
+    (lambda: gx.RigidBody(1.0, (1, 1, 1), attitude=2 * np.eye(3)), "no rotation matrix"),
+    (lambda: gx.BallJoint(gx.Ground((0, 0, 0)), gx.Ground((0, 0, 0))), "joins the ground to itself"),
+    (lambda: scene_of(gx.FixedJoint(*(b.frame("start") for b in beams()))), "join both to a RigidBody"),
+    (lambda: gx.RevoluteJoint(body().frame(), gx.ground_frame(), (0, 0, 0)), "axis has no length"),
+    (
+        lambda: scene_of(gx.BallJoint(body("a", velocity=(1, 0, 0)).port(), body("b").port())),
+        "separate with 1 per second",
+    ),
+    (lambda: scene_of(gx.Link(body("a").port(), body("b").port())), "has no length"),
+    (
+        lambda: scene_of(gx.PrismaticJoint(body("a").frame(), body("b", (0, 0, 1)).frame(), (1, 0, 0))),
+        "off the axis",
+    ),
+    (lambda: gx.Spring(body().port(), gx.Ground((0, 0, 0)), stiffness=-1.0, length=1.0), "stiffness is -1.0"),
+]
+
+
+@pytest.mark.parametrize(("make", "words"), REFUSED)
+def test_bad_input_is_refused(make, words: str) -> None:
+    with pytest.raises(gx.InputError, match=words):
+        make()
+
+
+def test_force_that_is_no_number_is_refused() -> None:
+    a = body()
+    run = gx.Simulation(gx.Scene(a, gx.Force(a.port(), lambda t: (np.nan, 0.0, 0.0))), gx.Midpoint(dt=0.1))
+    with pytest.raises(gx.InputError, match="three finite numbers"):
+        run.run(until=0.1)
+
+
+def four_bars(balls: bool) -> gx.Scene:
+    """A rectangle of ground and three bars in the plane z = 0, its sides turning with 1 rad/s about z.
+
+    With four hinges along z three constraints are redundant; with balls at both ends of the coupler, none.
+    """
+    corners = [np.array(p, dtype=float) for p in ((0, 0, 0), (0, 1, 0), (2, 1, 0), (2, 0, 0))]
+    motions = [((0.5, 0, 0), (0, 0, -1)), ((1.0, 0, 0), (0, 0, 0)), ((0.5, 0, 0), (0, 0, -1))]
+    bars = []
+    for k, (velocity, spin) in enumerate(motions):
+        a, b = corners[k], corners[k + 1]
+        e = (b - a) / np.linalg.norm(b - a)
+        attitude = np.array([e, np.cross([0, 0, 1], e), [0, 0, 1]]).T
+        bars.append(body(f"bar {k}", tuple((a + b) / 2), attitude=attitude, velocity=velocity, spin=spin))
+    sides = [
+        (bars[0].frame_at(corners[0]), gx.ground_frame(corners[0])),
+        (bars[0].frame_at(corners[1]), bars[1].frame_at(corners[1])),
+        (bars[1].frame_at(corners[2]), bars[2].frame_at(corners[2])),
+        (bars[2].frame_at(corners[3]), gx.ground_frame(corners[3])),
+    ]
+    joints: list = []
+    for k, (one, other) in enumerate(sides):
+        if balls and k in (1, 2):
+            joints.append(gx.BallJoint(one.origin, other.origin, f"ball {k}"))
+        else:
+            joints.append(gx.RevoluteJoint(one, other, (0, 0, 1), f"pin {k}"))
+    return gx.Scene(*joints)
+
+
+def test_closed_loop_of_hinges_is_refused_by_name() -> None:
+    with pytest.raises(gx.InputError, match=r"3 of the constraints .*'pin 0.*'pin 3.* follow from the others"):
+        four_bars(balls=False).compile()
+
+
+def test_closed_loop_is_solved() -> None:
+    """The rectangle turns as a parallelogram: its sides stay parallel, the kinetic energy is constant."""
+    run = gx.Simulation(four_bars(balls=True), gx.Midpoint(dt=0.01))
+    run.run(until=1.0)
+    q = run.system.q0.array_r[:36].reshape(3, 4, 3)
+    assert q[0, 1] == pytest.approx(-q[2, 1], abs=1e-9)
+    assert run.totals.kinetic == pytest.approx(run.first.kinetic, rel=1e-10)
+    assert np.arctan2(q[0, 1, 0], q[0, 1, 1]) == pytest.approx(1.0, rel=1e-3)
+    assert run.system.constraints is not None
+    assert run.system.constraints.violation(run.system.q0) < 1e-10
+
+
+def joined(comm: MPI.Comm) -> list[float]:
+    """Film, beam, rigid body, cable and mass, joined across whatever ranks they live on: figures after 20 steps."""
+    film = gx.Membrane(sheet(comm, 3, 3), gx.Miyazaki(1e6, 0.3, 1000.0, 1e-3, residual=1e-3))
+    beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 2), SECTION)
+    hub = gx.RigidBody(1.0, (0.1, 0.1, 0.1), (1.2, 0, 0), comm=comm, name="hub")
+    cable = gx.Cable(line(comm, [(1.2, 0, 0), (1.2, 0, -1)], 4), gx.CableLaw(1e3, 0.5))
+    mass = gx.PointMass(0.5, (1.2, 0, -1.3), comm=comm)
+    scene = gx.Scene(
+        gx.BallJoint(film.port_at((0.4, 0.0, 0.0)), beam.port_at((0.4, 0.0, 0.0)), "tie"),
+        gx.BallJoint(film.port("bottom left"), beam.port("start"), "corner"),
+        gx.FixedJoint(hub.frame_at((1, 0, 0)), beam.frame("end"), "clamp"),
+        gx.BallJoint(cable.port("start"), hub.port(), "hook"),
+        gx.Rope(cable.port("end"), mass.port(), length=0.2, stiffness=500.0),
+        gx.Gravity(mass),
+        gx.Gravity(hub),
+        gx.Torque(hub.frame(), lambda t: (0.0, 0.1 * np.sin(10 * t), 0.2)),
+    )
+    run = gx.Simulation(scene, gx.Midpoint(dt=5e-3))
+    run.run(until=0.1)
+    assert abs(run.energy_error) < 1e-10
+    t = run.totals
+    return [t.kinetic, sum(t.stored.values()), t.supplied, *t.momentum, *t.angular_momentum]
+
+
+@pytest.mark.mpi
+def test_joints_across_ranks() -> None:
+    """All ranks together find what each finds alone."""
+    assert joined(MPI.COMM_WORLD) == pytest.approx(joined(MPI.COMM_SELF), rel=1e-8, abs=1e-10)
