@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from gossamer_fx.gas.volumes import Chamber as Chamber
     from gossamer_fx.gas.volumes import Reservoir as Reservoir
     from gossamer_fx.gas.volumes import Tank as Tank
+    from gossamer_fx.initial import RigidMotion as RigidMotion
+    from gossamer_fx.initial import StartFrom as StartFrom
     from gossamer_fx.interactions.clamped import Clamped as Clamped
     from gossamer_fx.interactions.fixed import Fixed as Fixed
     from gossamer_fx.interactions.fixed import Prescribed as Prescribed
@@ -54,6 +56,7 @@ if TYPE_CHECKING:
     from gossamer_fx.interactions.torsion import TorsionSpring as TorsionSpring
     from gossamer_fx.ledger import Ledger as Ledger
     from gossamer_fx.ledger import Progress as Progress
+    from gossamer_fx.loads.centrifugal import Centrifugal as Centrifugal
     from gossamer_fx.loads.damping import Damping as Damping
     from gossamer_fx.loads.edge_load import EdgeLoad as EdgeLoad
     from gossamer_fx.loads.force import Force as Force
@@ -100,12 +103,14 @@ _HOME = {
     "gas.ideal_gas": ["IdealGas"],
     "gas.orifice": ["Orifice", "WallHeat"],
     "gas.volumes": ["Ambient", "Chamber", "Reservoir", "Tank"],
+    "initial": ["RigidMotion", "StartFrom"],
     "interactions.clamped": ["Clamped"],
     "interactions.fixed": ["Fixed", "Prescribed"],
     "interactions.joint": ["BallJoint", "FixedJoint", "Link", "PrismaticJoint", "RevoluteJoint"],
     "interactions.spring": ["AxialSpring", "Damper", "Rope", "Spring"],
     "interactions.torsion": ["TorsionDamper", "TorsionSpring"],
     "ledger": ["Ledger", "Progress"],
+    "loads.centrifugal": ["Centrifugal"],
     "loads.damping": ["Damping"],
     "loads.edge_load": ["EdgeLoad"],
     "loads.force": ["Force", "Torque"],

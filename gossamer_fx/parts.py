@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeGuard
+from typing import Any, Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -279,6 +279,17 @@ class Assembly(Protocol):
     rule: Any
     q0: PETSc.Vec
     q1: PETSc.Vec
+
+
+@runtime_checkable
+class InitialCondition(Protocol):
+    """Something that changes the initial state of a whole scene, after that of its bodies was taken."""
+
+    name: str
+
+    def set_state(self, system: Assembly, q: PETSc.Vec, v: PETSc.Vec) -> None:
+        """Change coordinates q and velocities v."""
+        ...
 
 
 class Border(Protocol):

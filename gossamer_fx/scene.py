@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from gossamer_fx.discrete_gradient import PathAverage, StressRule
 from gossamer_fx.errors import check, check_on_all
-from gossamer_fx.parts import Body, BorderMaker, Part, is_body
+from gossamer_fx.parts import Body, BorderMaker, InitialCondition, Part, is_body
 from gossamer_fx.system import System
 
 
@@ -21,6 +21,7 @@ class Item(Protocol):
     `requires()`   items that it refers to (they join the scene by themselves)
     `parts()`      its roles
     `block`        coordinates, if it is a body
+    `set_state()`  a change of the initial state of the whole scene
     `border`       the class that compiles all items of its kind to a `Border`, if it brings scalar unknowns
     """
 
@@ -84,5 +85,5 @@ class Scene:
                 makers.setdefault(item.border, []).append(item)
         for maker, group in makers.items():
             system.borders.append(maker(group, system))
-        system.start()
+        system.start([item for item in self.items if isinstance(item, InitialCondition)])
         return system

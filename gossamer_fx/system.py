@@ -24,6 +24,7 @@ from gossamer_fx.parts import (
     Border,
     Constraint,
     Dissipated,
+    InitialCondition,
     Kinetic,
     Part,
     PointConstraint,
@@ -139,10 +140,12 @@ class System:
         self._fixed, self._moved = self._held(parts), self._prescribed(parts)
         self._any_fixed = comm.allreduce(len(self._fixed)) > 0
 
-    def start(self) -> None:
+    def start(self, conditions: Iterable[InitialCondition] = ()) -> None:
         """Take the initial state and set up the matrices; after the borders are attached."""
         for k, body in enumerate(self.bodies):
             self.q0.array[self.numbering.owned(k)], self.v0.array[self.numbering.owned(k)] = body.initial_state()
+        for condition in conditions:
+            condition.set_state(self, self.q0, self.v0)
         self.v0.array[np.setdiff1d(self._fixed, [i for at, _ in self._moved for i in at])] = 0
         if self.constraints:
             free = self.numbering.vector()
