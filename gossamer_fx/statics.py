@@ -38,6 +38,7 @@ class Continuation:
     step        first pseudo-step [s]; about the time in which the load moves the film by its own size
     growth      factor of the pseudo-step after at most `quick` iterations
     cut         factor of the pseudo-step after a failure
+    forget      growth per step of the ceiling that a failure leaves, below the pseudo-step that failed
     inner       relative residual to which a pseudo-step is solved
     patience    Newton iterations after which a pseudo-step has failed
     iterations  Newton iterations in all after which the search is given up
@@ -48,7 +49,8 @@ class Continuation:
     growth: float = 1.6
     quick: int = 8
     cut: float = 0.5
-    inner: float = 1e-2
+    forget: float = 1.1
+    inner: float = 0.1
     patience: int = 12
     iterations: int = 1000
 
@@ -141,18 +143,20 @@ class Equilibrium:
         """Pseudo-steps until the residual is small without inertia."""
         search, h = self.search, self.search.step
         inner = Tolerances(search.inner, border=1e-8, constraint=1e-8, iterations=search.patience)
-        residual, why = math.inf, "no step succeeded"
+        residual, ceiling, why = math.inf, math.inf, "no step succeeded"
         while residual > search.residual:
             try:
                 used = self._step(h, at, inner)
             except NotConverged as failure:
-                h *= search.cut
+                ceiling, h = h * math.sqrt(search.cut), h * search.cut
                 self._cuts += 1
                 why = str(failure)
             else:
                 residual, load = self._unbalanced()
                 inner = replace(inner, absolute=search.residual * load / 2)
-                h *= 1 if used > search.quick else search.growth if used > 3 else search.growth**4
+                ceiling *= search.forget
+                if used <= search.quick:
+                    h = min(h * search.growth, ceiling)
             if self._spent > search.iterations or h < 1e-6 * search.step:
                 raise NoEquilibrium(
                     f"No equilibrium after {self._spent} Newton iterations in {self._steps} pseudo-steps: the "

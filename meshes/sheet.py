@@ -12,11 +12,24 @@ EDGES = ("bottom", "right", "top", "left")
 CORNERS = ("bottom left", "bottom right", "top right", "top left")
 
 
-def sheet(comm: MPI.Comm, nx: int, ny: int, width: float = 1.0, height: float = 1.0, crossed: bool = False) -> Mesh:
-    """nx × ny cells, each of two triangles (or, alternating, `crossed`), on [0, width] × [0, height] in z = 0.
+def sheet(
+    comm: MPI.Comm,
+    nx: int,
+    ny: int,
+    width: float = 1.0,
+    height: float = 1.0,
+    crossed: bool = False,
+    open_corners: bool = False,
+) -> Mesh:
+    """nx × ny cells, each of two triangles, on [0, width] × [0, height] in z = 0.
+
+    The diagonals are parallel or, `crossed`, alternate; then a triangle fills every corner of the sheet, or, with
+    `open_corners` and even nx and ny, no triangle has all its nodes on the edges.
 
     Groups: "film"; the edges `EDGES`; the corner points `CORNERS`.
     """
+
+    pattern = "AlternateLeft" if open_corners else "Alternate" if crossed else "Left"
 
     def build(model: Any) -> None:
         geo = model.geo
@@ -25,7 +38,7 @@ def sheet(comm: MPI.Comm, nx: int, ny: int, width: float = 1.0, height: float = 
         surface = geo.addPlaneSurface([geo.addCurveLoop(lines)])
         for line, n in zip(lines, (nx, ny, nx, ny), strict=True):
             geo.mesh.setTransfiniteCurve(line, n + 1)
-        geo.mesh.setTransfiniteSurface(surface, "Alternate" if crossed else "Left")
+        geo.mesh.setTransfiniteSurface(surface, pattern)
         geo.synchronize()
         model.addPhysicalGroup(2, [surface], name="film")
         for name, line in zip(EDGES, lines, strict=True):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
+from demos.studies import airbag
 from gossamer_fx import Continuation, Equilibrium, NoEquilibrium
 from meshes.disc import quarter_disc
 from meshes.sheet import sheet
@@ -135,3 +136,19 @@ def test_work_of_a_moved_edge_closes_the_ledger_in_time(comm):
     run.run(until=0.03)
     assert run.totals.supplied > 1e-3
     assert abs(run.energy_error) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("cells", "iterations"),
+    [(8, 100), (16, 150), pytest.param(32, 500, marks=pytest.mark.slow)],
+)
+@pytest.mark.parametrize("law", ["Miyazaki 1e-6", "Miyazaki 1e-8"])
+def test_square_airbag_comes_to_rest_in_few_iterations(comm, law, cells, iterations):
+    """Quarter of one sheet from its flat, stress-free state under 5 kPa at once, against converged references."""
+    result = airbag.problem(comm, law, "P1", cells)
+    assert result["iterations"] <= iterations
+    assert result["residual"] < 1e-8
+    assert result["w_M"] == pytest.approx(0.2164, rel=5e-3)
+    assert result["V"] == pytest.approx(0.1250, rel=5e-3 if cells > 8 else 1e-2)
+    assert result["σ1_M"] == pytest.approx(3.92e6, rel=4e-2)
+    assert result["u_A"] == pytest.approx(0.0494, rel=2e-2 if cells > 8 else 4e-2)
