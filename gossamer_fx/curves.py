@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gossamer_fx.camera import STATE_COLOURS
 from gossamer_fx.fields import STATES, AreaFractions
 from gossamer_fx.parts import Array
 from gossamer_fx.simulate import Simulation
-from gossamer_fx.view import STATE_COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,6 +51,8 @@ def observe(run: Simulation, fractions: Sequence[AreaFractions]) -> Moment:
 
 def panels(moments: Sequence[Moment], second: float) -> list[Panel]:
     """What there is to show, over time in units of `second`; each draws itself on its axes."""
+    if len(moments) < 2:
+        return []
     t = np.array([m.time for m in moments]) / second
     energies, pressures = _table([m.energies for m in moments]), _table([m.pressures for m in moments])
     colours = dict(zip(energies, cycle(LINES), strict=False))
@@ -119,8 +121,7 @@ def _errors(axes: Axes, t: Array, errors: dict[str, Array]) -> None:
         axes.plot(t, worst, color=colour)
         if np.isfinite(worst[-1]):
             labels[name] = float(worst[-1]), colour
-    low, high = axes.get_ylim()
-    axes.set_ylim(max(min(low, 1e-16), 1e-17), max(high, 1e-12))
+    axes.set_ylim(1e-17, max([1e-12, *(3 * worst for worst, _ in labels.values())]))
     axes.set_title("Closing error of the ledger, relative")
     _label_ends(axes, labels)
 

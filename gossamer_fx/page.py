@@ -83,7 +83,7 @@ def write(
     top = _TITLE if title else 0.15
     block = _HEADER + grid.rows * (_CAPTION + grid.height + _GAP) if images else 0.0
     with matplotlib.rc_context(_STYLE):
-        page = _Page(top + block + _AXIS + _PANEL + _TICKS)
+        page = _Page(top + block + (_AXIS + _PANEL + _TICKS if panels else 0.0))
         if title:
             page.text(_MARGIN, _TITLE / 2, title, size=13)
         if images:
@@ -95,7 +95,7 @@ def write(
             y = top + _HEADER + (i // grid.columns) * (_CAPTION + grid.height + _GAP)
             page.text(x, y + _CAPTION / 2, caption)
             page.image(x, y + _CAPTION, grid, image)
-        width = (_WIDTH - 2 * _MARGIN) / len(panels)
+        width = (_WIDTH - 2 * _MARGIN) / max(len(panels), 1)
         for i, panel in enumerate(panels):
             axes = page.axes(_MARGIN + i * width, top + block + _AXIS, width - _BESIDE, _PANEL)
             panel(axes)

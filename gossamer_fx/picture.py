@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.camera import STATE_COLOURS, aim, render
 from gossamer_fx.curves import Moment, observe, panels, scaled
 from gossamer_fx.errors import check
 from gossamer_fx.fields import STATES, AreaFractions
 from gossamer_fx.page import DPI, arrange, write
 from gossamer_fx.schedule import Schedule
 from gossamer_fx.simulate import Simulation, make_parent
-from gossamer_fx.view import STATE_COLOURS, Shape, Surface, aim, render
+from gossamer_fx.view import Shape, Sight
 
 MOST_SHAPES = 24
 
@@ -48,7 +49,7 @@ class Picture:
     def open(self, run: Simulation) -> None:
         make_parent(run.comm, self.path)
         films = [body for body in run.system.bodies if isinstance(body, Membrane)]
-        self._surfaces = [Surface(run.system, films)] if films else []
+        self._sights = [Sight(run.system)] if run.system.bodies else []
         self._fractions = [AreaFractions(films)] if films else []
         self._shapes: list[Shape] = []
         self._moments: list[Moment] = []
@@ -57,16 +58,16 @@ class Picture:
         self._moments.append(observe(run, self._fractions))
         chosen = self.schedule.meets(run.time) if self.times else run.step == 0 or last
         if chosen or (last and not self._shapes):
-            self._look(run)
+            self._look()
 
-    def _look(self, run: Simulation) -> None:
-        self._shapes += [surface.shape(run.time) for surface in self._surfaces]
+    def _look(self) -> None:
+        self._shapes += [sight.shape() for sight in self._sights]
 
     def close(self, run: Simulation) -> None:
         if not self._moments:
             return
         if run.time < run.until and all(shape.time < run.time for shape in self._shapes):
-            self._look(run)
+            self._look()
         factor, prefix = scaled(max(m.time for m in self._moments))
         images, metre, grid = [], 1.0, arrange(1, 1.0)
         if self._shapes:
@@ -75,6 +76,7 @@ class Picture:
             metre = grid.width / camera.size[0]
             images = render(run.comm, camera, self._shapes, metre * DPI)
         if run.comm.rank == 0:
+            states = ("taut", "wrinkled", "slack") if self._fractions else ()
             captions = [f"t = {shape.time / factor:.4g} {prefix}s" for shape in self._shapes]
             write(
                 self.path,
@@ -82,7 +84,7 @@ class Picture:
                 list(zip(captions, images, strict=True)),
                 grid,
                 metre,
-                {name: STATE_COLOURS[STATES[name]] for name in ("taut", "wrinkled", "slack")},
+                {name: STATE_COLOURS[STATES[name]] for name in states},
                 panels(self._moments, factor),
                 (self._moments[0].time / factor, self._moments[-1].time / factor, f"{prefix}s"),
             )

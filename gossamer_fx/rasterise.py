@@ -60,20 +60,21 @@ class Canvas:
     ) -> None:
         # a line of each triangle: from the left edge to the right one
         triangle, row = _expand(top, bottom)
-        left, right = _edges(corners[..., 0], corners[..., 1], triangle, row + 0.5)
+        level: Array = row.astype(np.float64) + 0.5
+        left, right = _edges(corners[..., 0], corners[..., 1], triangle, level)
         first = np.ceil(left - 0.5).clip(0, self.width).astype(np.int64)
         last = np.ceil(right - 0.5).clip(0, self.width).astype(np.int64)
         line, column = _expand(first, last)
         # depth and shade are linear: the value on a line at x = 0, and the slope along it
-        depth, depth_slope = _along_lines(corners, (corners[..., 2] - self._near) * self._scale, triangle, row + 0.5)
-        shade, shade_slope = _along_lines(corners, shades * 255.0, triangle, row + 0.5)
+        depth, depth_slope = _along_lines(corners, (corners[..., 2] - self._near) * self._scale, triangle, level)
+        shade, shade_slope = _along_lines(corners, shades * 255.0, triangle, level)
         x = column + 0.5
         z = (depth[line] + depth_slope[line] * x).clip(0, _FARTHEST).astype(np.uint64)
         s = np.rint(shade[line] + shade_slope[line] * x).clip(0, 255).astype(np.int64)
         colour = lookup.ravel()[(kinds[triangle] * lookup.shape[1])[line] + s]
         np.minimum.at(self._pixels, (row * self.width)[line] + column, (z << _COLOUR_BITS) | colour)
 
-    def combine(self, comm: MPI.Comm) -> Canvas:
+    def combine(self, comm: MPI.Intracomm) -> Canvas:
         """The image of all ranks together, on rank 0; on the others this rank's own."""
         whole = Canvas(self.height, self.width, self._near, self._near + _FARTHEST / self._scale)
         comm.Reduce(self._pixels, whole._pixels if comm.rank == 0 else None, op=MPI.MIN)
@@ -114,7 +115,8 @@ def _edges(x: Array, y: Array, triangle: npt.NDArray[np.int64], level: Array) ->
 
     Edges are taken from their upper to their lower end, so that both triangles of an edge find the same number.
     """
-    left, right = np.full(len(level), np.inf), np.full(len(level), -np.inf)
+    left: Array = np.full(len(level), np.inf)
+    right: Array = np.full(len(level), -np.inf)
     for i, j in ((0, 1), (1, 2), (2, 0)):
         down = (y[:, i] < y[:, j]) | ((y[:, i] == y[:, j]) & (x[:, i] < x[:, j]))
         upper, lower = np.where(down, i, j), np.where(down, j, i)

@@ -49,6 +49,7 @@ class VTX:
         check(self.path.suffix == ".bp", f"VTX cannot write '{path}'; give a name that ends in .bp.")
         check(not isinstance(fields, str), f"VTX '{path}': fields is {fields!r}; give a tuple of names, ({fields!r},).")
         self._writer: VTXWriter | None = None
+        self._closed = False
 
     @property
     def times(self) -> Sequence[float]:
@@ -81,6 +82,7 @@ class VTX:
     def record(self, run: Simulation, last: bool) -> None:
         if not self.schedule.due(run.step, run.time, last):
             return
+        check(not self._closed, f"VTX '{self.path}' is finished and cannot be continued; run to the end at once.")
         if self._writer is None:
             from dolfinx.io import VTXWriter
             from dolfinx.io.utils import VTXMeshPolicy
@@ -94,6 +96,7 @@ class VTX:
     def close(self, run: Simulation) -> None:
         if self._writer is not None:
             self._writer.close()
+            self._closed = True
 
 
 class Probes:
@@ -157,6 +160,8 @@ class Probes:
             return
         row = self._row(run)
         if self._file is not None:
+            if self._file.closed:  # the run goes on after its end
+                self._file = self.path.open("a", newline="")
             csv.writer(self._file).writerow([repr(float(run.time)), run.step, *map(repr, row)])
             self._file.flush()
 
