@@ -1,0 +1,89 @@
+"""In-plane bending of a tensioned film that wrinkles on its compression side (Stein & Hedgepeth, NASA TN D-813, 1961).
+
+A film of height H under the axial force P and the transverse dead load σ0 = P/(Ht) on its long edges; its ends stay
+straight and are turned by ±κL/2.  With K = E t H² κ/(2P),
+
+    K ≤ 1    2M/(PH) = K/3              b = 0
+    K ≥ 1    2M/(PH) = 1 - ⅔ K^(-½)     b/H = 1 - K^(-½)      wrinkled below y = b
+
+The ends get the displacement of that solution, ε = κ (y - b) - ν σ0/E; P and M, about
+the centre of the end as it has moved, are reactions; m = 2M/(PH) is compared with the solution for the K of that P:
+turned by 1e-3, dead loads have couples that are not quite nothing beside the moment of a strain of 1e-4.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from demos.studies.airbag import displacement
+from gossamer_fx.fields import AreaFractions
+from gossamer_fx.materials import FilmLaw
+from gossamer_fx.study import Measure, Study
+from meshes.sheet import sheet
+
+H, L, THICKNESS, E, NU, TENSION = 1.0, 1.5, 2e-5, 2.3e9, 0.3, 0.23e6
+P = TENSION * H * THICKNESS
+FILM = {"E": E, "nu": NU, "density": 1400.0, "thickness": THICKNESS}
+LAWS: dict[str, FilmLaw] = {
+    "Miyazaki 1e-6": gx.Miyazaki(**FILM, residual=1e-6),
+    "Miyazaki 1e-4": gx.Miyazaki(**FILM, residual=1e-4),
+    "Elastica 0.05 m": gx.Elastica(**FILM, half_wavelength=0.05),
+    "TensionField": gx.TensionField(**FILM),
+}
+
+
+def exact(K: float) -> tuple[float, float]:
+    """(2M/(PH), b/H)."""
+    return (K / 3, 0.0) if K <= 1 else (1 - 2 / 3 / K**0.5, 1 - K**-0.5)
+
+
+def bent_strip(comm: MPI.Comm, law: FilmLaw, order: int, K: float, cells: int) -> tuple[gx.Prescribed, gx.Equilibrium]:
+    """The film with `cells` edges over its height, and what moves its right end."""
+    κ, b = 2 * P * K / (E * THICKNESS * H**2), exact(K)[1] * H
+    film = gx.Membrane(sheet(comm, round(1.5 * cells), cells, L, H, crossed=True), law, order=order)
+
+    def turn(X: np.ndarray, t: float) -> np.ndarray:
+        ε = (κ * (X[1] - b) if K > 1 else TENSION / E + κ * (X[1] - H / 2)) - NU * TENSION / E
+        return np.vstack([ε * (X[0] - L / 2), 0 * ε, 0 * ε])
+
+    moved = gx.Prescribed(film, "right", turn, (0,))
+    held = [gx.Prescribed(film, "left", turn, (0,)), gx.Fixed(film, "bottom left", (1,)), gx.Fixed(film, "film", (2,))]
+    pull = TENSION * THICKNESS
+    loads = [gx.EdgeLoad(film, "top", (0.0, pull, 0.0)), gx.EdgeLoad(film, "bottom", (0.0, -pull, 0.0))]
+    return moved, gx.Equilibrium(gx.Scene(film, moved, *held, *loads))
+
+
+def problem(comm: MPI.Comm, law: str, element: str, K: float, cells: int) -> dict[str, float]:
+    moved, search = bent_strip(comm, LAWS[law], {"P1": 1, "P2": 2}[element], K, cells)
+    found = search.find()
+    corners = [displacement(moved.body, search, corner) for corner in ("bottom right", "top right")]
+    force, moment = search.reaction(moved, about=(L, H / 2 + float(sum(corners)[1]) / 2, 0.0))
+    slack, wrinkled, _ = AreaFractions([moved.body])(search.system)
+    m = -2 * moment[2] / (force[0] * H)
+    return {
+        "m": m,
+        "m/exact": m / exact(K * P / force[0])[0],
+        "P/P0": force[0] / P,
+        "b/H": slack + wrinkled,
+        "b/H error": abs(slack + wrinkled - exact(K)[1]),
+        "iterations": found.iterations,
+        "residual": found.residual,
+        "seconds": found.seconds,
+        "compile_seconds": search.compile_seconds,
+    }
+
+
+STUDY = Study(
+    "bending_strip",
+    "Bending of a tensioned film",
+    problem,
+    {"law": list(LAWS), "element": ["P1", "P2"], "K": [0.5, 1.5, 2.0, 6.0], "cells": [12, 24, 48]},
+    lambda case: H / case["cells"],
+    (Measure("m/exact", 1.0, 1e-2, lambda case: 1.0 if case["element"] == "P1" else math.inf),),
+    quick={"law": ["Miyazaki 1e-6"], "K": [2.0], "cells": [6, 12]},
+    columns=("m", "P/P0", "b/H", "b/H error", "iterations", "seconds"),
+)
