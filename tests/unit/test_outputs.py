@@ -55,7 +55,6 @@ def table(path: Path) -> dict[str, np.ndarray]:
 # ---- fields --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.mpi
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize(
     ("E11", "E22", "S11", "S22", "state"),
