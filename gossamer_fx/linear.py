@@ -101,7 +101,11 @@ class BorderedPreconditioner:
         operator = self._operator
         r, s = operator.composite.split(x)
         self._sparse.apply(r, self._out)
-        δy = np.linalg.solve(self._Σ, s - operator.rows(self._out))
+        right = s - operator.rows(self._out)
+        try:
+            δy: Array = np.linalg.solve(self._Σ, right)
+        except np.linalg.LinAlgError:  # the iteration has gone astray: PETSc sees it and the step is retried
+            δy = np.full_like(right, np.nan)
         add_columns(self._out, self._Z, -δy)
         operator.composite.join(self._out, δy, out)
 
