@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from gossamer_fx.gas.volumes import Chamber as Chamber
     from gossamer_fx.gas.volumes import Reservoir as Reservoir
     from gossamer_fx.gas.volumes import Tank as Tank
+    from gossamer_fx.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha
     from gossamer_fx.initial import RigidMotion as RigidMotion
     from gossamer_fx.initial import StartFrom as StartFrom
     from gossamer_fx.interactions.clamped import Clamped as Clamped
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
     from gossamer_fx.interactions.spring import Damper as Damper
     from gossamer_fx.interactions.spring import Rope as Rope
     from gossamer_fx.interactions.spring import Spring as Spring
+    from gossamer_fx.interactions.tape import Tape as Tape
     from gossamer_fx.interactions.torsion import TorsionDamper as TorsionDamper
     from gossamer_fx.interactions.torsion import TorsionSpring as TorsionSpring
     from gossamer_fx.ledger import Ledger as Ledger
@@ -103,11 +105,13 @@ _HOME = {
     "gas.ideal_gas": ["IdealGas"],
     "gas.orifice": ["Orifice", "WallHeat"],
     "gas.volumes": ["Ambient", "Chamber", "Reservoir", "Tank"],
+    "generalized_alpha": ["GeneralizedAlpha"],
     "initial": ["RigidMotion", "StartFrom"],
     "interactions.clamped": ["Clamped"],
     "interactions.fixed": ["Fixed", "Prescribed"],
     "interactions.joint": ["BallJoint", "FixedJoint", "Link", "PrismaticJoint", "RevoluteJoint"],
     "interactions.spring": ["AxialSpring", "Damper", "Rope", "Spring"],
+    "interactions.tape": ["Tape"],
     "interactions.torsion": ["TorsionDamper", "TorsionSpring"],
     "ledger": ["Ledger", "Progress"],
     "loads.centrifugal": ["Centrifugal"],

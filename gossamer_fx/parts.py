@@ -147,12 +147,23 @@ class Dissipated:
 
 
 @dataclass(frozen=True, eq=False)
+class AttachedKinetic:
+    """Kinetic energy ½ Σ_ij mass[i, j] v_i·v_j of the rates v of attached vectors, at n places.
+
+    places: n tuples of k ports, as those of a `PointMeasure`; mass (n, k, k) [kg].
+    """
+
+    places: Sequence[tuple[Port, ...]]
+    mass: Array
+
+
+@dataclass(frozen=True, eq=False)
 class PointMeasure:
     """Quadratic measures e_i = ½ X·H_i X + L_i·X + c_i of stacked attached vectors X (3k,): the same at n places.
 
     places: n tuples of k vectors, not all of them `Ground`; a place is evaluated on the rank of its first port, and
         each rank may list all places, or its own only.
-    H (m, 3k, 3k) symmetric, L (m, 3k), c (m,)
+    H (m, 3k, 3k) symmetric, L (m, 3k), c (m,), or (n, m) where the places differ
     """
 
     places: Sequence[tuple[Attached, ...]]
@@ -339,6 +350,7 @@ class Border(Protocol):
 Part = (
     Kinetic
     | PointKinetic
+    | AttachedKinetic
     | Stored
     | Dissipated
     | Supplied

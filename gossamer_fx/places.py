@@ -9,7 +9,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.errors import check
 from gossamer_fx.numbering import GlobalIndices, Numbering
-from gossamer_fx.parts import Array, Assembly, Attached, Body, Ground, PointMeasure, Port
+from gossamer_fx.parts import Array, Assembly, Attached, AttachedKinetic, Body, Ground, PointMeasure, Port
 
 
 def is_here(place: tuple[Attached, ...]) -> bool:
@@ -19,9 +19,9 @@ def is_here(place: tuple[Attached, ...]) -> bool:
     return bool(start <= port.nodes[0] < end)
 
 
-def own_places(measure: PointMeasure) -> list[tuple[Attached, ...]]:
-    """The places that this rank evaluates."""
-    return [place for place in measure.places if is_here(place)]
+def own_places(places: Sequence[tuple[Attached, ...]]) -> list[int]:
+    """Which of the places this rank evaluates."""
+    return [i for i, place in enumerate(places) if is_here(place)]
 
 
 def attach(numbering: Numbering, bodies: list[Body], place: tuple[Attached, ...]) -> tuple[GlobalIndices, Array, Array]:
@@ -48,26 +48,37 @@ def attach(numbering: Numbering, bodies: list[Body], place: tuple[Attached, ...]
     return np.concatenate(indices), P, offset
 
 
+def attach_all(
+    numbering: Numbering, bodies: list[Body], places: Sequence[tuple[Attached, ...]], rows: int
+) -> tuple[GlobalIndices, Array, Array]:
+    """Unknowns (n, D), maps (n, rows, D) and offsets (n, rows) of n places.
+
+    Places with fewer unknowns than others take their first one several times, with weight zero.
+    """
+    attached = [attach(numbering, bodies, place) for place in places]
+    D = max((len(indices) for indices, _, _ in attached), default=0)
+    indices = np.array([np.pad(i, (0, D - len(i)), constant_values=i[0]) for i, _, _ in attached], dtype=PETSc.IntType)
+    P = np.array([np.pad(p, ((0, 0), (0, D - p.shape[1]))) for _, p, _ in attached])
+    o = np.array([offset for _, _, offset in attached])
+    return indices.reshape(len(attached), D), P.reshape(len(attached), rows, D), o.reshape(len(attached), rows)
+
+
 class Places:
     """A point measure on this rank: e_i = ½ q·H_i q + L_i·q + c_i of each place's D unknowns q.
 
     Arrays over n places: indices (n, D), H (n, m, D, D), L (n, m, D), c (n, m).
     """
 
-    def __init__(self, name: str, numbering: Numbering, bodies: list[Body], measure: PointMeasure) -> None:
-        attached = [attach(numbering, bodies, place) for place in own_places(measure)]
-        self.n, self.m = len(attached), len(measure.c)
-        widths = {len(indices) for indices, _, _ in attached}
-        check(len(widths) <= 1, f"The places of '{name}' have different numbers of nodes; give each kind its own part.")
-        self.D = D = widths.pop() if widths else 0
-        self.indices = np.array([i for i, _, _ in attached], dtype=PETSc.IntType).reshape(self.n, D)
-        k = measure.H.shape[1]
-        P = np.array([p for _, p, _ in attached]).reshape(self.n, k, D)
-        o = np.array([o for _, _, o in attached]).reshape(self.n, k)
+    def __init__(self, numbering: Numbering, bodies: list[Body], measure: PointMeasure) -> None:
+        own = own_places(measure.places)
+        self.n, self.m = len(own), measure.H.shape[0]
+        self.indices, P, o = attach_all(numbering, bodies, [measure.places[i] for i in own], measure.H.shape[1])
+        self.D = self.indices.shape[1]
+        c = np.broadcast_to(measure.c, (len(measure.places), self.m))[own]
         Ho = np.einsum("mab,nb->nma", measure.H, o)
         self.H = np.einsum("nax,mab,nby->nmxy", P, measure.H, P, optimize=True)
         self.L = np.einsum("nax,nma->nmx", P, Ho + measure.L)
-        self.c = measure.c + np.einsum("na,nma->nm", o, Ho / 2 + measure.L)
+        self.c = c + np.einsum("na,nma->nm", o, Ho / 2 + measure.L)
 
     def strain(self, q: Array) -> Array:
         """e (n, m)."""
@@ -114,3 +125,12 @@ def add_blocks(A: PETSc.Mat, rows: GlobalIndices, columns: GlobalIndices, values
         addv=PETSc.InsertMode.ADD_VALUES,
         rowmap=rows.ravel().astype(PETSc.IntType),
     )
+
+
+def add_mass(M: PETSc.Mat, numbering: Numbering, bodies: list[Body], part: AttachedKinetic) -> None:
+    """Add the mass matrix of a part to M."""
+    own = own_places(part.places)
+    k = part.mass.shape[1]
+    indices, P, _ = attach_all(numbering, bodies, [part.places[i] for i in own], 3 * k)
+    mass = np.einsum("nij,ab->niajb", part.mass[own], np.eye(3)).reshape(len(own), 3 * k, 3 * k)
+    add_blocks(M, indices, indices, np.einsum("nax,nab,nby->nxy", P, mass, P, optimize=True))

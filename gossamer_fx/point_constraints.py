@@ -24,7 +24,7 @@ CHECK_UP_TO = 1500  # constraints; above, redundant ones are not looked for (the
 
 def multiplier_block(comm: MPI.Intracomm, part: PointConstraint) -> Block:
     """One multiplier for each measure, on the rank that evaluates it."""
-    return Block(IndexMap(comm, len(own_places(part.measure))), len(part.measure.c))
+    return Block(IndexMap(comm, len(own_places(part.measure.places))), part.measure.H.shape[0])
 
 
 class PointConstraints:
@@ -32,7 +32,7 @@ class PointConstraints:
 
     def __init__(self, numbering: Numbering, bodies: list[Body], parts: list[PointConstraint], alpha: float) -> None:
         self._comm, self._α, self._parts = numbering.comm, alpha, parts
-        self._places = [Places(part.name, numbering, bodies, part.measure) for part in parts]
+        self._places = [Places(numbering, bodies, part.measure) for part in parts]
         self._q0: list[Array] = [np.zeros((at.n, at.D)) for at in self._places]
         self._rows = []
         self._owned = []

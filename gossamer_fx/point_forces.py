@@ -1,6 +1,7 @@
 """Energies and dissipation between points of bodies: evaluated where the first port lives, in global numbers.
 
 The rule is that of `discrete_gradient`: force S̄·De(q̄) with S̄·(e1 - e0) = ψ(e1) - ψ(e0), or the loss of the step.
+Steppers that weigh the ends of a step otherwise than by halves take ψ' of the strain of the same weights.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ class PointForces:
     ) -> None:
         self._α, self.h = alpha, 1.0
         self._names = [part.name for part in parts if isinstance(part, PointStored)]
-        places = [Places(part.name, numbering, bodies, part.measure) for part in parts]
+        places = [Places(numbering, bodies, part.measure) for part in parts]
         self._mine = [
             _Local(part, at, np.zeros((at.n, at.D)), np.zeros((at.n, at.m)))
             for part, at in zip(parts, places, strict=True)
@@ -71,10 +72,11 @@ class PointForces:
         e1 = local.at.strain(q)
         if isinstance(local.part, PointDissipated):
             return local.part.density.average(local.e0, e1, self.h)
-        if self._α < 1:
+        if self._α == 0.5:
             return local.part.density.average(local.e0, e1)
-        S, half = local.part.density.average(e1, e1)
-        return S, 2 * half
+        e = (1 - self._α) * local.e0 + self._α * e1
+        S, half = local.part.density.average(e, e)
+        return S, 2 * self._α * half
 
     def energies(self) -> dict[str, float]:
         """This rank's energies at the last accepted state, by part."""

@@ -20,6 +20,7 @@ from gossamer_fx.forms import compile_form
 from gossamer_fx.numbering import Numbering
 from gossamer_fx.parts import (
     Array,
+    AttachedKinetic,
     Body,
     Border,
     Constraint,
@@ -36,6 +37,7 @@ from gossamer_fx.parts import (
     Supplied,
     is_on_mesh,
 )
+from gossamer_fx.places import add_mass
 from gossamer_fx.point_constraints import PointConstraints, multiplier_block
 from gossamer_fx.point_forces import PointForces
 from gossamer_fx.point_loads import PointLoads
@@ -136,7 +138,7 @@ class System:
         pushes = [p for p in parts if isinstance(p, PointSupplied)]
         self._pushes = PointLoads(numbering, bodies, pushes, rule.alpha) if pushes else None
         self.constraints = PointConstraints(numbering, bodies, bonds, rule.alpha) if bonds else None
-        self._masses = [p for p in parts if isinstance(p, Kinetic | PointKinetic)]
+        self._masses = [p for p in parts if isinstance(p, Kinetic | PointKinetic | AttachedKinetic)]
         self._fixed, self._moved = self._held(parts), self._prescribed(parts)
         self._any_fixed = comm.allreduce(len(self._fixed)) > 0
 
@@ -203,6 +205,9 @@ class System:
 
     def _add_masses(self, target: PETSc.Mat) -> None:
         for part in self._masses:
+            if isinstance(part, AttachedKinetic):
+                add_mass(target, self.numbering, self.bodies, part)
+                continue
             k = self.bodies.index(part.body)
             if isinstance(part, Kinetic):
                 at = self.fields[k]
@@ -222,6 +227,27 @@ class System:
             coefficients = dolfinx.cpp.fem.pack_coefficients(form._cpp_object)
             dolfinx.cpp.fem.petsc.assemble_matrix(view, form._cpp_object, constants, coefficients, [], unrolled)
         self.numbering.restore(A, k, view)
+
+    def gyroscopic(self, spin: tuple[float, float, float]) -> PETSc.Mat:
+        """The matrix of the Coriolis force 2 M (ω×v) in a frame that turns with ω = `spin` [rad/s]."""
+        G = self.A.duplicate()
+        G.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, False)
+        for part in self._masses:
+            k = self.bodies.index(part.body)
+            if isinstance(part, Kinetic):
+                at = self.fields[k]
+                ω = fem.Constant(at.q0.function_space.mesh, tuple(float(c) for c in spin))
+                v = [ufl.cross(ω, ufl.as_vector([at.dq[i + j] for j in range(3)])) for i in range(0, len(at.dq), 3)]
+                turned = ufl.as_vector([c for vector in v for c in (vector[0], vector[1], vector[2])])
+                self._assemble_matrix(G, k, [compile_form(2 * part.mass(turned, at.w))])
+            else:
+                first, size = self._start + self.numbering.owned(k).start, part.body.block.size
+                for i, m in enumerate(part.mass):
+                    rows = (first + i * size + np.arange(size)).astype(PETSc.IntType)
+                    turned = np.kron(2 * m, np.cross(np.eye(3), np.asarray(spin)))
+                    G.setValues(rows, rows, turned, addv=PETSc.InsertMode.ADD_VALUES)
+        G.assemble()
+        return G
 
     # ---- a step ------------------------------------------------------------------------------------------------
 
@@ -329,6 +355,11 @@ class System:
                 values[self._fixed] = 0
             motions.append(φ)
         return motions
+
+    def clear_held(self, matrix: PETSc.Mat) -> None:
+        """Set the rows and columns of the held coordinates to zero."""
+        if self._any_fixed:
+            matrix.zeroRowsColumns((self._fixed + self._start).astype(PETSc.IntType), diag=0.0)
 
     def tangent(self) -> PETSc.Mat:
         """Derivative of the field residual with respect to q1."""

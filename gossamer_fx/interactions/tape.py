@@ -1,0 +1,126 @@
+"""Tapes: cables bonded to a film, with no unknowns of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from gossamer_fx.attachment import combine
+from gossamer_fx.bodies.cable import CableLaw, TensionOnly
+from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.errors import check
+from gossamer_fx.interactions.spring import Quadratic
+from gossamer_fx.parts import Array, AttachedKinetic, Part, PointMeasure, PointStored, Port
+
+
+@dataclass(frozen=True)
+class OneSided:
+    """ψ(e) = ½ ⟨e⟩², ⟨e⟩ the positive part; in a step that passes zero, S̄ = Δψ/Δe."""
+
+    def energy(self, e: Array) -> Array:
+        return np.maximum(e[:, 0], 0.0) ** 2 / 2
+
+    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        a, b = np.maximum(e0, 0.0), np.maximum(e1, 0.0)
+        passing = (e0 > 0) != (e1 > 0)
+        Δe = np.where(passing, e1 - e0, 1.0)
+        quotient = (b**2 - a**2) / (2 * Δe)
+        S = np.where(passing, quotient, (a + b) / 2)
+        D = np.where(passing, (b - quotient) / Δe, np.where(e1 > 0, 0.5, 0.0))
+        return S, D[:, :, None]
+
+
+@dataclass(frozen=True, eq=False)
+class Tape:
+    """Bars along a line of a film, each between two points of it that move with the film.
+
+    Stored energy Σ L W(ε) with ε = ½(λ² - 1) of each bar, and its consistent mass.  `along_edges` takes the edges of
+    the film's mesh, `through` any line across it, between nodes too.
+
+    Args:
+        film: what it is bonded to.
+        law: `CableLaw` or `TensionOnly`.
+        bars: pairs of points of the film, their distance at the stress-free shape being the natural length.
+        lengths: natural lengths [m].
+    """
+
+    film: Membrane
+    law: CableLaw
+    bars: Sequence[tuple[Port, Port]]
+    lengths: Array
+    name: str = "tape"
+
+    @staticmethod
+    def along_edges(film: Membrane, law: CableLaw, group: str, name: str = "tape") -> Tape:
+        """Along the edges of the mesh in a named group of curves."""
+        dim, edges = film.mesh.group(group)
+        check(
+            dim == 1, f"Tape '{name}': group '{group}' of '{film.name}' has dimension {dim}; name curves of the mesh."
+        )
+        topology, space = film.mesh.domain.topology, film.space
+        topology.create_connectivity(1, 2)
+        topology.create_connectivity(2, 1)
+        own = edges[edges < topology.index_map(1).size_local]
+        x = space.tabulate_dof_coordinates()
+        bars, lengths = [], []
+        for edge in own:
+            cell = topology.connectivity(1, 2).links(edge)[0]
+            place = int(np.flatnonzero(topology.connectivity(2, 1).links(cell) == edge)[0])
+            nodes = space.dofmap.cell_dofs(cell)[space.dofmap.dof_layout.entity_closure_dofs(1, place)]
+            # from one end to the other, over the node in the middle of a quadratic edge
+            nodes = [nodes[0], *nodes[2:], nodes[1]]
+            chain = space.dofmap.index_map.local_to_global(np.array(nodes, dtype=np.int32))
+            for k in range(len(nodes) - 1):
+                bars.append((Port(film, (int(chain[k]),)), Port(film, (int(chain[k + 1]),))))
+                lengths.append(float(np.linalg.norm(x[nodes[k + 1]] - x[nodes[k]])))
+        everywhere = film.comm.allgather(
+            [(a.nodes[0], b.nodes[0], length) for (a, b), length in zip(bars, lengths, strict=True)]
+        )
+        table = [row for rows in everywhere for row in rows]
+        pairs = [(Port(film, (a,)), Port(film, (b,))) for a, b, _ in table]
+        return Tape(film, law, pairs, np.array([length for _, _, length in table]), name)
+
+    @staticmethod
+    def through(
+        film: Membrane, law: CableLaw, points: Sequence[Sequence[float]], bars: int, name: str = "tape"
+    ) -> Tape:
+        """Through `points` [m] of the film's mesh, `bars` of equal length from each to the next."""
+        check(len(points) >= 2 and bars >= 1, f"Tape '{name}' needs two points and one bar at least; give more.")
+        corners = np.asarray(points, dtype=float)
+        steps = np.arange(bars * (len(corners) - 1) + 1) / bars
+        places = np.array([np.interp(steps, np.arange(len(corners)), corner) for corner in corners.T]).T
+        ports = [film.port_at(place) for place in places]
+        lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        return Tape(film, law, list(pairwise(ports)), lengths, name)
+
+    def __post_init__(self) -> None:
+        check(
+            len(self.bars) > 0 and bool((self.lengths > 0).all()),
+            f"Tape '{self.name}' has no bars, or one without length; give a line of different points.",
+        )
+
+    def requires(self) -> Iterable[Any]:
+        yield self.film
+
+    def parts(self) -> Iterable[Part]:
+        L, law = self.lengths, self.law
+        consistent = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6
+        yield AttachedKinetic(self.bars, law.line_density * L[:, None, None] * consistent)
+        # e = √(EA L) ε, so that the energy of every bar is ½ e²
+        scale = np.sqrt(law.EA * L)
+        vectors = [(_stretch(a, b, s, length),) for (a, b), s, length in zip(self.bars, scale, L, strict=True)]
+        measure = PointMeasure(vectors, np.eye(3)[None], np.zeros((1, 3)), -scale[:, None] / 2)
+        density = OneSided() if isinstance(law, TensionOnly) else Quadratic(1.0)
+        yield PointStored(self.name, measure, density)
+
+
+def _stretch(a: Port, b: Port, scale: float, length: float) -> Port:
+    """√scale (x_b - x_a)/L."""
+    factor = float(np.sqrt(scale) / length)
+    port = combine((factor, -factor), (b, a))
+    assert isinstance(port, Port)
+    return port

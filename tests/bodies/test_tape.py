@@ -1,0 +1,62 @@
+"""Tapes on films (REFERENCES D17 b), and their mass and conservation."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.statics import Equilibrium
+from meshes.sheet import sheet
+
+COMM = MPI.COMM_WORLD
+WIDTH, LENGTH, STRETCH = 0.1, 0.5, 1.01
+FILM = gx.Linear(E=2.3e9, nu=0.3, density=1400.0, thickness=2e-5)
+TAPE = gx.CableLaw(EA=6000.0, line_density=0.01)
+
+
+def strip(order: int, **more) -> gx.Membrane:
+    return gx.Membrane(sheet(COMM, 5, 2, LENGTH, WIDTH), FILM, order=order, **more)
+
+
+def on_edge(film: gx.Membrane) -> gx.Tape:
+    return gx.Tape.along_edges(film, TAPE, "bottom")
+
+
+def across(film: gx.Membrane) -> gx.Tape:
+    """Not on the edges of the mesh."""
+    return gx.Tape.through(film, TAPE, [(0, 0.03, 0), (LENGTH, 0.03, 0)], bars=7)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("tape", [on_edge, across])
+def test_strip_and_tape_share_the_force(tape, order: int) -> None:
+    """N = λ (E1 t b + E2 A2)(λ² - 1)/2 of a strip whose sides are free to contract."""
+    contraction = np.sqrt(1 - FILM.nu * (STRETCH**2 - 1)) - 1
+    film = strip(order, displacement=lambda x: np.vstack([(STRETCH - 1) * x[0], contraction * x[1], 0 * x[2]]))
+    ends = [gx.Fixed(film, "left", (0, 2)), gx.Fixed(film, "right", (0, 2)), gx.Fixed(film, "bottom left", (1,))]
+    statics = Equilibrium(gx.Scene(tape(film), *ends))
+    statics.find()
+    system = statics.system
+    x = system.q0.array_r.reshape(-1, 3)[:, 0]
+    forces = np.zeros(x.size * 3)
+    forces[system._fixed] = system._reactions
+    right = forces.reshape(-1, 3)[x > LENGTH, 0].sum()
+    assert abs(right) == pytest.approx(107.5953, rel=2e-3)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("tape", [on_edge, across])
+def test_taped_film_conserves(tape) -> None:
+    film = strip(1, velocity=lambda x: np.vstack([3 * x[1], -3 * x[0], np.sin(8 * x[0])]))
+    run = gx.Simulation(gx.Scene(tape(film)), gx.Midpoint(dt=1e-3))
+    mass = FILM.density * FILM.thickness * LENGTH * WIDTH + TAPE.line_density * LENGTH
+    y = WIDTH * FILM.density * FILM.thickness * LENGTH * WIDTH / 2
+    y += TAPE.line_density * LENGTH * (0.0 if tape is on_edge else 0.03)
+    assert run.first.momentum[0] == pytest.approx(3 * y, rel=1e-10)
+    assert run.first.momentum[1] == pytest.approx(-3 * mass * LENGTH / 2, rel=1e-10)
+    run.run(until=0.05)
+    assert abs(run.energy_error) < 1e-10
+    assert run.totals.angular_momentum == pytest.approx(run.first.angular_momentum, abs=1e-12)
+    assert run.totals.stored["tape"] > 0
