@@ -298,12 +298,12 @@ class GasNetwork:
                 continue
             almost = pu * (1 - 1e-9)
             moving, at_rest = (self._conductance(o, pu, Tu, pd) for pd in (min(pd, almost), almost))
-            for k, sign, own in zip(o.ends, (-1, 1), np.eye(2), strict=True):
+            for k, sign in zip(o.ends, (-1, 1), strict=True):
                 if k is not None:
                     stiffness = self._h * self._gas.gamma * self._gas.R * Tu / self.states[k].V
                     rates[k] += stiffness * moving
                     resting[k] += stiffness * at_rest
-                    stepped = (ps[0] + 1j * STEP * own[0], ps[1] + 1j * STEP * own[1])
+                    stepped = (ps[0] + 1j * STEP * (sign < 0), ps[1] + 1j * STEP * (sign > 0))
                     slopes[k] -= stiffness * sign * o.orifice.flow(self._gas, o.area, stepped, Ts).imag / STEP
         exponential = np.array([_fitted_weight(z) for z in np.maximum(slopes, 0.0)])
         self._θ = 1 - 1 / (1 / (1 - exponential) + 40 * rates**4 / (1 + rates**2))
