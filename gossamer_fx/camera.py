@@ -29,12 +29,12 @@ _OUTLINE, _OUTLINE_STRENGTH = 6.0, 0.55  # depth [pixels] of a step that is outl
 class Camera:
     """Axonometric camera: `axes` (3, 3) are the unit vectors to the right, up and towards the eye; boxes in metres.
 
-    The picture of each shape shows `size` (width, height) around its place in `centres` (n, 2), with depths in `depth`.
+    The picture of each shape shows `size` (width, height) around its place in `centres`, with depths in `depth`.
     """
 
     axes: Array
     size: tuple[float, float]
-    centres: Array
+    centres: list[tuple[float, float]]
     depth: tuple[float, float]
 
 
@@ -61,7 +61,7 @@ def aim(comm: MPI.Intracomm, shapes: Sequence[Shape]) -> Camera:
     return Camera(
         axes,
         (width, height),
-        centres,
+        [(float(x), float(y)) for x, y in centres],
         (-float(high[:, 2].max()) - margin, -float(low[:, 2].min()) + margin),
     )
 
@@ -97,7 +97,7 @@ def render(comm: MPI.Intracomm, camera: Camera, shapes: Sequence[Shape], scale: 
     width, height = (round(s * scale) * _SUPERSAMPLES for s in camera.size)
     fine, n = scale * _SUPERSAMPLES, _SUPERSAMPLES
     palette, images = _palette(), []
-    for shape, (x, y) in zip(shapes, camera.centres.tolist(), strict=True):
+    for shape, (x, y) in zip(shapes, camera.centres, strict=True):
         to_pixels = _Projection(camera.axes, fine, np.array([width / 2 - x * fine, height / 2 + y * fine, 0.0]))
         canvas = Canvas(height, width, camera.depth[0] * fine, camera.depth[1] * fine)
         corners = to_pixels(shape.corners)
