@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from gossamer_fx.ledger import Ledger as Ledger
     from gossamer_fx.ledger import Progress as Progress
     from gossamer_fx.loads.centrifugal import Centrifugal as Centrifugal
+    from gossamer_fx.loads.centrifugal import Centrifugal as Centrifugal
     from gossamer_fx.loads.damping import Damping as Damping
     from gossamer_fx.loads.edge_load import EdgeLoad as EdgeLoad
     from gossamer_fx.loads.force import Force as Force
@@ -88,6 +89,8 @@ if TYPE_CHECKING:
     from gossamer_fx.statics import Continuation as Continuation
     from gossamer_fx.statics import Equilibrium as Equilibrium
     from gossamer_fx.statics import Found as Found
+    from gossamer_fx.vibration import Mode as Mode
+    from gossamer_fx.vibration import modes as modes
 
 _HOME = {
     "attachment": ["Frame", "ground_frame"],
@@ -115,6 +118,7 @@ _HOME = {
     "interactions.torsion": ["TorsionDamper", "TorsionSpring"],
     "ledger": ["Ledger", "Progress"],
     "loads.centrifugal": ["Centrifugal"],
+    "loads.centrifugal": ["Centrifugal"],
     "loads.damping": ["Damping"],
     "loads.edge_load": ["EdgeLoad"],
     "loads.force": ["Force", "Torque"],
@@ -131,6 +135,7 @@ _HOME = {
     "scene": ["Scene"],
     "simulate": ["Simulation"],
     "statics": ["Continuation", "Equilibrium", "Found"],
+    "vibration": ["Mode", "modes"],
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 __all__ = sorted(_MODULE)

@@ -35,8 +35,8 @@ def onset(e_E: float) -> float:
 
 def buckled_strip(e_E: float, α: float) -> tuple[float, float]:
     """(δ, P/P_c) of the strip with end slope α > 0 [rad]."""
-    s, weights = np.polynomial.legendre.leggauss(64)
-    φ, weights = (s + 1) * math.pi / 4, weights * math.pi / 4
+    s, w = np.polynomial.legendre.leggauss(64)
+    φ, weights = (s + 1) * math.pi / 4, w * math.pi / 4
     k = math.sin(α / 2)
     cos_θ = 1 - 2 * (k * np.sin(φ)) ** 2
 

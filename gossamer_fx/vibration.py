@@ -1,0 +1,128 @@
+"""Small vibrations about an equilibrium, at rest or in a frame that turns with it.
+
+With the tangent K and the constant mass M, and in a frame that turns with ω the Coriolis matrix G = 2 M ω×,
+
+    (λ² M + λ G + K) φ = 0,    λ = growth + 2πi frequency.
+
+K has the geometric stiffness of stresses and of loads that follow; the centrifugal force is a load of the equilibrium.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from gossamer_fx.errors import NoEquilibrium, check
+from gossamer_fx.statics import Equilibrium
+
+AT_REST = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A vibration: `shape` is this rank's part of φ, complex in a turning frame.
+
+    frequency [Hz] ≥ 0; growth [1/s], positive for an equilibrium that is not stable.
+    """
+
+    frequency: float
+    growth: float
+    shape: npt.NDArray[np.complex128]
+
+
+def modes(
+    equilibrium: Equilibrium,
+    count: int,
+    spin: tuple[float, float, float] = AT_REST,
+    above: float = 0.0,
+) -> list[Mode]:
+    """The `count` modes of lowest frequency, at rest those nearest to the frequency `above` [Hz], in order.
+
+    Args:
+        equilibrium: found; its state is the one about which the scene vibrates.
+        spin: ω [rad/s] of the frame; the scene then contains `Centrifugal` forces of the same spin.
+
+    Raises:
+        InputError: no mode is asked for, or the scene has constraints between points or scalar unknowns.
+        NoEquilibrium: the eigenvalue solver found fewer modes.
+    """
+    system = equilibrium.system
+    check(count > 0, f"modes: count is {count!r}; ask for one or more.")
+    check(
+        system.constraints is None and not system.borders,
+        "modes: the scene has joints or gas chambers; give the chambers' pressure as Pressure, and no joints.",
+    )
+    system.inertia(0.0, system.q0)
+    K = system.tangent()
+    M = system.M.copy()
+    system.clear_held(M)
+    if spin == AT_REST:
+        found = _at_rest(K, M, count, (2 * math.pi * above) ** 2)
+    else:
+        G = system.gyroscopic(spin)
+        system.clear_held(G)
+        found = _turning(K, G, M, count)
+    if len(found) < count:
+        raise NoEquilibrium(f"Only {len(found)} of {count} modes converged; ask for fewer, or check the equilibrium.")
+    return sorted(found, key=lambda mode: (mode.frequency, -mode.growth))[:count]
+
+
+def _factorise(st: PETSc.Object) -> None:
+    st.setType("sinvert")
+    ksp = st.getKSP()
+    ksp.setType("preonly")
+    ksp.getPC().setType("lu")
+    ksp.getPC().setFactorSolverType("mumps")
+
+
+def _at_rest(K: PETSc.Mat, M: PETSc.Mat, count: int, shift: float) -> list[Mode]:
+    """K φ = ω² M φ, near ω² = shift."""
+    from slepc4py import SLEPc
+
+    solver = SLEPc.EPS().create(K.comm)
+    solver.setOptionsPrefix("gx_modes_")
+    solver.setOperators(K, M)
+    solver.setProblemType(SLEPc.EPS.ProblemType.GNHEP)  # loads that follow may make K unsymmetric
+    solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+    solver.setTarget(shift)
+    solver.setDimensions(count)
+    solver.setTolerances(1e-9, 500)
+    _factorise(solver.getST())
+    solver.setFromOptions()
+    solver.solve()
+    found = []
+    for i in range(solver.getConverged()):
+        re, im = K.createVecs()
+        λ2 = -complex(solver.getEigenpair(i, re, im))
+        λ = cmath.sqrt(λ2)
+        found.append(Mode(abs(λ.imag) / (2 * math.pi), abs(λ.real), re.array_r + 1j * im.array_r))
+    return found
+
+
+def _turning(K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, count: int) -> list[Mode]:
+    """The quadratic problem; of each conjugate pair the one with positive frequency."""
+    from slepc4py import SLEPc
+
+    solver = SLEPc.PEP().create(K.comm)
+    solver.setOptionsPrefix("gx_modes_")
+    solver.setOperators([K, G, M])
+    solver.setWhichEigenpairs(SLEPc.PEP.Which.TARGET_MAGNITUDE)
+    solver.setTarget(0.0)
+    solver.setDimensions(2 * count + 2)
+    solver.setScale(SLEPc.PEP.Scale.SCALAR)
+    solver.setTolerances(1e-9, 500)
+    _factorise(solver.getST())
+    solver.setFromOptions()
+    solver.solve()
+    found = []
+    for i in range(solver.getConverged()):
+        re, im = K.createVecs()
+        λ = complex(solver.getEigenpair(i, re, im))
+        if λ.imag >= 0:
+            found.append(Mode(λ.imag / (2 * math.pi), λ.real, re.array_r + 1j * im.array_r))
+    return found

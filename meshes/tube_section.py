@@ -1,0 +1,56 @@
+"""A closed circular cylinder with flat caps."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from mpi4py import MPI
+
+from gossamer_fx import Mesh, gmsh_mesh
+
+
+def capped_cylinder(comm: MPI.Comm, radius: float, length: float, around: int, along: int) -> Mesh:
+    """A cylinder about the x axis from x = 0 to `length`, a regular polygon of 4·round(around/4) sides, and its caps.
+
+    Normals point outwards.
+
+    Groups: "wall", "caps", "first rim" (x = 0), "last rim", and the four lines "top", "bottom" (z = ±radius), "left",
+    "right" (y = ±radius) along the wall.
+    """
+    quarter = max(round(around / 4), 1)
+
+    def build(model: Any) -> None:
+        geo = model.geo
+        axes = ((0, 1), (1, 0), (0, -1), (-1, 0))
+        arcs, points = [], []
+        for x in (0.0, length):
+            centre = geo.addPoint(x, 0, 0)
+            ring = [geo.addPoint(x, radius * y, radius * z) for y, z in axes]
+            points.append(ring)
+            arcs.append([geo.addCircleArc(ring[i], centre, ring[(i + 1) % 4]) for i in range(4)])
+        lines = [geo.addLine(p, q) for p, q in zip(*points, strict=True)]
+        walls = [
+            geo.addSurfaceFilling([geo.addCurveLoop([arcs[0][i], lines[(i + 1) % 4], -arcs[1][i], -lines[i]])])
+            for i in range(4)
+        ]
+        caps = [geo.addPlaneSurface([geo.addCurveLoop(ring)]) for ring in arcs]
+        for arc in arcs[0] + arcs[1]:
+            geo.mesh.setTransfiniteCurve(arc, quarter + 1)
+        for line in lines:
+            geo.mesh.setTransfiniteCurve(line, along + 1)
+        for wall in walls:
+            geo.mesh.setTransfiniteSurface(wall, "Alternate")
+        geo.synchronize()
+        model.addPhysicalGroup(2, walls, name="wall")
+        model.addPhysicalGroup(2, caps, name="caps")
+        model.addPhysicalGroup(1, arcs[0], name="first rim")
+        model.addPhysicalGroup(1, arcs[1], name="last rim")
+        for name, line in zip(("top", "left", "bottom", "right"), lines, strict=True):
+            model.addPhysicalGroup(1, [line], name=name)
+        size = 2 * math.pi * radius / (4 * quarter)
+        model.mesh.setSize(model.getEntities(0), size)
+        model.mesh.generate(2)
+        model.mesh.reverse([(2, caps[0])])
+
+    return gmsh_mesh(build, comm)

@@ -1,0 +1,112 @@
+"""Vibrations of tensioned and spinning films about their equilibria."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from gossamer_fx import Centrifugal, Equilibrium, modes
+from meshes.disc import quarter_disc, ring
+from meshes.sheet import EDGES, sheet
+
+N0, THICKNESS, E, NU = 10.0, 2e-5, 2.3e9, 0.3  # N/m, m, Pa
+TENSIONED = gx.Miyazaki(E, NU, 0.028 / THICKNESS, THICKNESS)
+STRETCH = N0 * (1 - NU) / (E * THICKNESS)
+
+
+def stretched(X):
+    return STRETCH * X
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(("order", "cells", "tolerance"), [(1, 16, 0.02), (2, 8, 2e-3)], ids=["P1", "P2"])
+def test_square_film_under_tension(comm, order, cells, tolerance):
+    """f = ½√(N0/ρt) √((m/a)² + (n/a)²) for a = 2.1 m."""
+    film = gx.Membrane(sheet(comm, cells, cells, 2.1, 2.1), TENSIONED, order=order, displacement=stretched)
+    equilibrium = Equilibrium(gx.Scene(film, *(gx.Fixed(film, edge) for edge in EDGES)))
+    equilibrium.find()
+    found = modes(equilibrium, 4)
+    assert [mode.frequency for mode in found] == pytest.approx([6.363363, 10.06136, 10.06136, 12.726726], rel=tolerance)
+    assert max(mode.growth for mode in found) < 1e-6
+    assert len(found[0].shape) == equilibrium.system.numbering.size_local
+
+
+def test_round_film_under_tension(comm):
+    """f = j_mn/(2πa) √(N0/ρt) for a = 1 m; a quarter has the modes of even m: j01, j21, j02."""
+    film = gx.Membrane(quarter_disc(comm, 8, 1.0, 2), TENSIONED, order=2, displacement=stretched)
+    held = [gx.Fixed(film, "rim"), gx.Fixed(film, "x axis", (1,)), gx.Fixed(film, "y axis", (0,))]
+    equilibrium = Equilibrium(gx.Scene(film, *held))
+    equilibrium.find()
+    frequencies = [mode.frequency for mode in modes(equilibrium, 3)]
+    assert frequencies == pytest.approx([7.233104, 15.446646, 16.602991], rel=1e-3)
+
+
+SPIN = 10.0
+SPUN = gx.Miyazaki(1e9, NU, 5e-5 * 1e9 / SPIN**2, 1e-4)  # ρΩ²a²/E = 5e-5
+
+
+@pytest.mark.parametrize("turning", [False, True], ids=["without Coriolis", "with Coriolis"])
+def test_disc_that_spins_about_a_hub(comm, turning):
+    """(ω/Ω)² in the disc's frame, b/a = 0.2, for 0, 1, 1, 2, 2, 3, 3 nodal diameters.
+
+    Transverse vibrations feel no Coriolis force; the equation that has it must give the same.
+    """
+    film = gx.Membrane(ring(comm, 0.2, 1.0, 6, 32, 2), SPUN, order=2)
+    spin = (0.0, 0.0, SPIN)
+    equilibrium = Equilibrium(gx.Scene(film, gx.Fixed(film, "hub"), Centrifugal(film, spin)))
+    equilibrium.find()
+    found = modes(equilibrium, 7, spin) if turning else modes(equilibrium, 7)
+    squares = [(2 * np.pi * mode.frequency / SPIN) ** 2 for mode in found]
+    exact = [0.733432, 1.158668, 1.158668, 2.276136, 2.276136, 3.843137, 3.843137]
+    assert squares == pytest.approx(exact, rel=2e-3)
+
+
+def test_disc_that_spins_freely(comm):
+    """(ω/Ω)² = [(n+2s)(n+2s+2)(3+ν) - n²(1+3ν)]/8: a quarter has n = 0, 2, 4 with s = 0, and n = 0 with s = 1."""
+    film = gx.Membrane(quarter_disc(comm, 8, 1.0, 2), SPUN, order=2)
+    held = [gx.Fixed(film, "x axis", (1,)), gx.Fixed(film, "y axis", (0,))]
+    equilibrium = Equilibrium(gx.Scene(film, *held, Centrifugal(film, (0.0, 0.0, SPIN))))
+    found = equilibrium.find()
+    assert found.free == ("translation z",)
+    x = equilibrium.system.q0.array_r.reshape(-1, 3)
+    rim = comm.allreduce(float(np.hypot(x[:, 0], x[:, 1]).max()), max)
+    assert rim - 1 == pytest.approx((1 - NU) / 4 * 5e-5, rel=1e-2)  # u(a)
+    squares = [(2 * np.pi * mode.frequency / SPIN) ** 2 for mode in modes(equilibrium, 4, above=0.1)]
+    assert squares == pytest.approx([0.0, 2.35, 3.3, 6.1], abs=1e-2)
+
+
+def test_coriolis_force_turns_the_plane_of_a_pendulum(comm):
+    """A mass on equal springs: λ² + ω0² ± 2iΩλ = 0, so ω = √(Ω² + ω0²) ± Ω; across the plane ω0."""
+    mass, k, Ω = 2.0, 50.0, 3.0
+    point = gx.PointMass(mass, (0.0, 0.0, 0.0), comm=comm)
+    axes = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
+    springs = [gx.AxialSpring(point.port(), k, axis, name=f"spring {axis}") for axis in axes]
+    equilibrium = Equilibrium(gx.Scene(point, *springs))
+    equilibrium.find()
+    ω0 = (k / mass) ** 0.5
+    found = modes(equilibrium, 3, (0.0, 0.0, Ω))
+    root = (Ω**2 + ω0**2) ** 0.5
+    assert [2 * np.pi * mode.frequency for mode in found] == pytest.approx([root - Ω, ω0, root + Ω], rel=1e-8)
+
+
+def test_coriolis_matrix_of_a_film(comm):
+    """2 M ω×: force 2 m Ω against x of a velocity along y, and skew."""
+    film = gx.Membrane(sheet(comm, 3, 3), TENSIONED)
+    system = gx.Scene(film).compile()
+    G = system.gyroscopic((0.0, 0.0, SPIN))
+    x, y, *_ = system.rigid_motions()
+    out = x.duplicate()
+    G.mult(y, out)
+    assert x.dot(out) == pytest.approx(-2 * 0.028 * SPIN)
+    G.mult(x, out)
+    assert y.dot(out) == pytest.approx(2 * 0.028 * SPIN)
+
+
+def test_modes_of_a_scene_with_gas_are_refused(comm):
+    from meshes.airbag import airbag
+
+    film = gx.Membrane(airbag(comm, 1.0, 2), TENSIONED)
+    gas = gx.Chamber(film, gas=gx.IdealGas(1.4, 287.0), pressure=1.0, temperature=300.0, dead_volume=1.0)
+    with pytest.raises(gx.InputError, match="gas"):
+        modes(Equilibrium(gx.Scene(film, gas)), 1)
