@@ -73,4 +73,4 @@ def along(direction: Array, frame: Frame) -> Attached:
         bool(np.allclose(weights @ directors, direction, atol=1e-9)),
         "A beam's frame holds directions in the plane of its section only; join it to a RigidBody instead.",
     )
-    return combine(weights.tolist(), frame.directors)
+    return combine([float(w) for w in weights], frame.directors)

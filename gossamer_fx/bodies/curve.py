@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import ufl
@@ -12,10 +13,10 @@ from dolfinx.mesh import Mesh as DolfinxMesh
 from gossamer_fx.bodies.ports import global_node, interpolated, local_nodes
 from gossamer_fx.errors import check
 from gossamer_fx.mesh import Mesh
-from gossamer_fx.parts import Block, Port
+from gossamer_fx.parts import Array, Block, Part, Port
 
 
-class Curve:
+class Curve(ABC):
     """A body on line elements: `size` numbers a node, Lagrange elements of an `order`."""
 
     def __init__(self, kind: str, name: str, mesh: Mesh | DolfinxMesh, order: int, size: int) -> None:
@@ -32,6 +33,14 @@ class Curve:
         # the strain of the element is taken where it does not lock
         self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": max(2 * (order - 1), 1)})
         self.mass_dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2 * order})
+
+    @abstractmethod
+    def initial_state(self) -> tuple[Array, Array]:
+        """Owned coordinates [m] and velocities [m/s], flattened, node by node."""
+
+    @abstractmethod
+    def parts(self) -> Iterable[Part]:
+        """The body's own roles."""
 
     def describe(self, node: int) -> str:
         x, y, z = self.space.tabulate_dof_coordinates()[node]

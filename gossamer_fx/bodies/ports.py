@@ -46,7 +46,8 @@ def interpolated(body: MeshBody, point: Sequence[float], tolerance: float = 1e-6
         tree = geometry.bb_tree(mesh, tdim, entities=cells)
         middle = geometry.create_midpoint_tree(mesh, tdim, cells)
         cell = int(geometry.compute_closest_entity(tree, middle, mesh, x)[0])
-        distance = float(np.sqrt(geometry.squared_distance(mesh, tdim, np.array([cell], dtype=np.int32), x)[0]))
+        here: Any = np.array([cell], dtype=np.int32)  # dolfinx says list and means array
+        distance = float(np.sqrt(geometry.squared_distance(mesh, tdim, here, x)[0]))
     nearest, rank = body.comm.allreduce((distance, body.comm.rank), op=MPI.MIN)
     check(
         nearest <= tolerance,

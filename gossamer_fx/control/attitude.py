@@ -48,7 +48,7 @@ class _Continuous(Couple):
         super().__init__()
         self._control, self._reference = control, reference
         self._h = 1.0
-        self._X0 = reference.ravel()
+        self._X0: Array = reference.ravel()
 
     def begin(self, t: float, h: float, X: Array, V: Array) -> None:
         self._h, self._X0 = h, X
@@ -133,7 +133,8 @@ class AttitudeControl:
             bool(np.allclose(self.axes.T @ self.axes, np.eye(3), atol=1e-9)),
             f"'{name}': its axes are not orthonormal; give a rotation matrix with the columns u, v, w.",
         )
-        self.angles, self.torques = np.zeros(3), np.zeros(3)
+        self.angles: Array = np.zeros(3)
+        self.torques: Array = np.zeros(3)
 
     def requires(self) -> Iterable[Any]:
         yield from bodies_of(self.frame)

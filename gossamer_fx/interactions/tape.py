@@ -112,15 +112,14 @@ class Tape:
         yield AttachedKinetic(self.bars, law.line_density * L[:, None, None] * consistent)
         # e = √(EA L) ε, so that the energy of every bar is ½ e²
         scale = np.sqrt(law.EA * L)
-        vectors = [(_stretch(a, b, s, length),) for (a, b), s, length in zip(self.bars, scale, L, strict=True)]
+        vectors = [(_stretch(a, b, float(k)),) for (a, b), k in zip(self.bars, scale / L**2, strict=True)]
         measure = PointMeasure(vectors, np.eye(3)[None], np.zeros((1, 3)), -scale[:, None] / 2)
         density = OneSided() if isinstance(law, TensionOnly) else Quadratic(1.0)
         yield PointStored(self.name, measure, density)
 
 
-def _stretch(a: Port, b: Port, scale: float, length: float) -> Port:
-    """√scale (x_b - x_a)/L."""
-    factor = float(np.sqrt(scale) / length)
-    port = combine((factor, -factor), (b, a))
+def _stretch(a: Port, b: Port, square: float) -> Port:
+    """√square (x_b - x_a)."""
+    port = combine((square**0.5, -(square**0.5)), (b, a))
     assert isinstance(port, Port)
     return port
