@@ -59,7 +59,6 @@ if TYPE_CHECKING:
     from gossamer_fx.ledger import Ledger as Ledger
     from gossamer_fx.ledger import Progress as Progress
     from gossamer_fx.loads.centrifugal import Centrifugal as Centrifugal
-    from gossamer_fx.loads.centrifugal import Centrifugal as Centrifugal
     from gossamer_fx.loads.damping import Damping as Damping
     from gossamer_fx.loads.edge_load import EdgeLoad as EdgeLoad
     from gossamer_fx.loads.force import Force as Force
@@ -117,7 +116,6 @@ _HOME = {
     "interactions.tape": ["Tape"],
     "interactions.torsion": ["TorsionDamper", "TorsionSpring"],
     "ledger": ["Ledger", "Progress"],
-    "loads.centrifugal": ["Centrifugal"],
     "loads.centrifugal": ["Centrifugal"],
     "loads.damping": ["Damping"],
     "loads.edge_load": ["EdgeLoad"],

@@ -1,49 +1,79 @@
-"""A body seen from a frame that turns with it."""
+"""Centrifugal force: the load under which a steady spin is an equilibrium."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import ufl
 from dolfinx import fem
 
 from gossamer_fx.errors import check
 from gossamer_fx.kinematics import Expr
-from gossamer_fx.parts import Kinetic, MeshBody, Part, Supplied
+from gossamer_fx.parts import Array, Body, Kinetic, Part, PointKinetic, PointSupplied, Port, Supplied
+
+
+class _OnVectors:
+    """Forces Σ_j m_ij A (X_j - c_j) on the vectors of one node, A = |Ω|² 1 - Ω Ωᵀ."""
+
+    def __init__(self, mass: Array, A: Array, centre: Array) -> None:
+        self._K = np.kron(mass, A)
+        self._c = np.concatenate([centre, np.zeros(self._K.shape[0] - 3)])
+
+    def begin(self, t: float, h: float, X: Array, V: Array) -> None:
+        pass
+
+    def force(self, X: Array) -> Array:
+        force: Array = self._K @ (X - self._c)
+        return force
+
+    def tangent(self, X: Array) -> Array:
+        return self._K
 
 
 @dataclass(frozen=True, eq=False)
 class Centrifugal:
-    """Centrifugal force in a frame that turns about the origin; δW = ∫ρ ((ω×x)×ω)·w.
+    """Centrifugal force of a body in axes that turn with `spin` Ω [rad/s] about a point `centre` [m].
 
-    For equilibria of spinning films and cables and the modes about them; `modes` adds the Coriolis force.
-
-    Args:
-        body: a film or cable, whose coordinates are positions.
-        spin: ω [rad/s].
+    δW = M-weighted (|Ω|² 1 - Ω Ωᵀ)(q - c)·w over positions and directors.  With it an equilibrium is the steady spin
+    as seen from these axes: find it, then start with `StartFrom` and `RigidMotion` of the same spin; `modes` about it
+    add the Coriolis force.
     """
 
-    body: MeshBody
-    spin: tuple[float, float, float]
-    name: str = "centrifugal"
+    body: Body
+    spin: Sequence[float]
+    centre: Sequence[float] = (0.0, 0.0, 0.0)
+    name: str = ""
 
     def __post_init__(self) -> None:
-        check(
-            self.body.block.size == 3,
-            f"Centrifugal '{self.name}': '{self.body.name}' has directors; only films and cables are taken.",
-        )
+        check(any(self.spin), f"Centrifugal force on '{self.body.name}': spin is zero; give Ω in rad/s.")
+        if not self.name:
+            object.__setattr__(self, "name", f"centrifugal force on {self.body.name}")
 
     def requires(self) -> Iterable[Any]:
         yield self.body
 
     def parts(self) -> Iterable[Part]:
-        ω = fem.Constant(self.body.space.mesh, tuple(float(c) for c in self.spin))
+        Ω, c = np.asarray(self.spin, dtype=float), np.asarray(self.centre, dtype=float)
+        A = Ω @ Ω * np.eye(3) - np.outer(Ω, Ω)
         for part in self.body.parts():
             if isinstance(part, Kinetic):
-                yield Supplied(self.name, self.body, _work(part, ω), follows=True)
+                yield self._on_mesh(part, A, c)
+            elif isinstance(part, PointKinetic):
+                masses = np.concatenate(part.body.comm.allgather(part.mass))
+                for node, mass in enumerate(masses):
+                    ports = tuple(Port(part.body, (node,), (1.0,), (k,)) for k in range(len(mass)))
+                    yield PointSupplied(self.name, ports, _OnVectors(mass, A, c))
 
+    def _on_mesh(self, part: Kinetic, A: Array, c: Array) -> Part:
+        mesh, size = part.body.space.mesh, part.body.block.size
+        turning, centre = fem.Constant(mesh, A), fem.Constant(mesh, np.concatenate([c, np.zeros(size - 3)]))
 
-def _work(inertia: Kinetic, ω: Expr) -> Any:
-    return lambda x, w: inertia.mass(ufl.cross(ufl.cross(ω, x), ω), w)
+        def work(q: Expr, w: Expr) -> ufl.Form:
+            r = q - centre
+            vectors = [ufl.dot(turning, ufl.as_vector([r[k + i] for i in range(3)])) for k in range(0, size, 3)]
+            return part.mass(ufl.as_vector([vector[i] for vector in vectors for i in range(3)]), w)
+
+        return Supplied(self.name, part.body, work, follows=True)
