@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from petsc4py import PETSc
 
-from gossamer_fx import linear
+import gossamer_fx.linear as linear
 from gossamer_fx.parts import Array
 from gossamer_fx.system import System
 

@@ -164,7 +164,13 @@ class Simulation:
                 while (left := milestone - self.time) > 1e-9 * self.stepper.dt:
                     steps = math.ceil(left / self.stepper.dt - 1e-9)
                     last = milestone == until and steps == 1
-                    self._advance(left / steps)
+                    recorded = self.step
+                    try:
+                        self._advance(left / steps)
+                    except StepFailure:
+                        if self.step > recorded:
+                            self._record(last=True)
+                        raise
                     if steps == 1:
                         self.system.time = milestone
                     self._record(last)
@@ -177,24 +183,30 @@ class Simulation:
             output.record(self, last)
 
     def _advance(self, h: float) -> None:
-        started = time.perf_counter()
-        self.last_iterations = self._attempt(h, self.halvings)
-        self.iterations += self.last_iterations
-        self.step += 1
-        self._totals = None
-        self.seconds += time.perf_counter() - started
+        started, before = time.perf_counter(), self.time
+        self.last_iterations = 0
+        try:
+            self._attempt(h, self.halvings)
+        finally:
+            # sub-steps that were made before one failed are a step, too, and are seen by the outputs
+            if self.time > before:
+                self.iterations += self.last_iterations
+                self.step += 1
+                self._totals = None
+            self.seconds += time.perf_counter() - started
 
-    def _attempt(self, h: float, halvings: int) -> int:
+    def _attempt(self, h: float, halvings: int) -> None:
         """One step, or two of half the length if it does not converge, and so on."""
         try:
-            return self.solver.step(h)
+            self.last_iterations += self.solver.step(h)
         except NotConverged as failure:
             if halvings == 0:
                 raise StepFailure(
                     f"The step {self.step + 1} at t = {self.time:.9g} s failed, also in sub-steps of {h:.3g} s: {failure}."
                 ) from failure
             self.substeps += 1
-            return self._attempt(h / 2, halvings - 1) + self._attempt(h / 2, halvings - 1)
+            self._attempt(h / 2, halvings - 1)
+            self._attempt(h / 2, halvings - 1)
 
 
 def make_parent(comm: MPI.Intracomm, path: Path) -> None:

@@ -1,0 +1,106 @@
+"""Nothing is lost: energy, momentum and angular momentum of films that switch, with loads, supports, damping and gas."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from demos import inflate_tube, spinning_sheet
+from meshes.sheet import sheet
+from meshes.tube import flat_tube
+
+LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
+SHEET = sheet(MPI.COMM_WORLD, 5, 5)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("order, n, dt, steps", [(1, 8, 1e-3, 60), (2, 4, 1e-3, 40), (1, 8, 4e-3, 30)])
+def test_free_sheet(order: int, n: int, dt: float, steps: int) -> None:
+    drift = spinning_sheet.main(n=n, dt=dt, steps=steps, order=order)
+    assert drift["energy_drift"] < 1e-10
+    assert drift["linear_momentum_drift"] < 1e-12
+    assert drift["angular_momentum_drift"] < 1e-12
+
+
+@pytest.mark.mpi
+def test_tube_deployed_from_a_tank(comm, folder: Path) -> None:
+    seen = inflate_tube.main(cells=4, until=4e-3, dt=2e-4, output=folder)
+    assert seen["energy_error"] < 1e-9
+    assert seen["mass_error"] < 1e-12
+    assert seen["volume"] > 1e-3
+    comm.barrier()  # rank 0 writes the picture
+    for name in ("ledger.csv", "gas.csv", "tube.png", "tube.bp"):
+        assert (folder / name).exists()
+
+
+@pytest.mark.mpi
+def test_gas_keeps_the_momenta_of_a_free_film(comm) -> None:
+    """A closed film in tumbling flight, filled from a tank: the gas pushes on itself only."""
+    gas = gx.IdealGas(gamma=1.4, R=296.8)
+    spin = np.array([3.0, -2.0, 5.0])
+    film = gx.Membrane(
+        flat_tube(comm, 0.2, 0.06, 4), LAW, velocity=lambda x: np.cross(spin, x.T).T + np.array([[1.0], [2.0], [3.0]])
+    )
+    bag = gx.Chamber(film, gas=gas, pressure=10.0, temperature=293.0, dead_volume=1e-6, name="bag")
+    tank = gx.Tank(1e-5, gas=gas, pressure=1e5, temperature=293.0)
+    run = gx.Simulation(gx.Scene(film, bag, gx.Orifice(tank, bag, area=1e-7)), gx.Midpoint(dt=2e-4))
+    run.run(until=1e-2)
+    first, last = run.first, run.totals
+    assert abs(run.energy_error) < 1e-12
+    assert np.abs(last.momentum - first.momentum).max() < 1e-12 * np.abs(first.momentum).max()
+    assert np.abs(last.angular_momentum - first.angular_momentum).max() < 1e-11 * np.abs(first.angular_momentum).max()
+
+
+@pytest.mark.mpi
+def test_loads_supports_and_damping_are_booked(comm) -> None:
+    film = gx.Membrane(sheet(comm, 6, 6), LAW)
+    scene = gx.Scene(
+        film,
+        gx.Fixed(film, "left"),
+        gx.Gravity(film, (0.5, 0.0, -9.81)),
+        gx.Pressure(film, lambda t: -2.0 * np.sin(50 * t)),
+        gx.Damping(film, mass=2.0, stiffness=1e-5),
+    )
+    run = gx.Simulation(scene, gx.Midpoint(dt=2e-3))
+    run.run(until=0.06)
+    assert run.totals.supplied > 1e-2
+    assert run.totals.dissipated > 1e-4
+    assert abs(run.energy_error) < 1e-10
+
+
+@settings(max_examples=5)
+@given(st.lists(st.floats(1e-4, 3e-3), min_size=3, max_size=8))
+def test_any_sequence_of_steps(steps: list[float]) -> None:
+    run = gx.Simulation(
+        gx.Scene(gx.Membrane(SHEET, LAW, velocity=spinning_sheet.throw)), gx.Midpoint(dt=1e-3)
+    )
+    for h in steps:
+        run._advance(h)
+    assert abs(run.energy_error) < 1e-11
+    assert np.allclose(run.totals.angular_momentum, run.first.angular_momentum, rtol=0, atol=1e-12)
+
+
+
+
+@pytest.mark.mpi
+def test_a_step_that_fails_says_where_and_leaves_the_ledger(comm, folder: Path) -> None:
+    """One Newton iteration is not enough once the film flutters; the rows up to there are on file."""
+    film = gx.Membrane(sheet(comm, 6, 6), LAW, velocity=spinning_sheet.throw)
+    stepper = gx.Midpoint(dt=2e-3, tolerances=gx.Tolerances(iterations=3))
+    run = gx.Simulation(gx.Scene(film), stepper, [gx.Ledger(folder / "ledger.csv")], halvings=1)
+    with pytest.raises(gx.StepFailure) as caught:
+        run.run(until=1.0)
+    message = str(caught.value)
+    assert "The step " in message and f"t = {run.time:.9g} s" in message
+    assert "iterations" in message and "'film' at the node" in message
+    if comm.rank == 0:
+        rows = list(csv.DictReader((folder / "ledger.csv").open()))
+        assert len(rows) == run.step + 1
+        assert float(rows[-1]["time"]) == pytest.approx(run.time)

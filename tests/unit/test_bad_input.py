@@ -1,0 +1,151 @@
+"""What is wrong with a scene is said in one sentence, by name, before anything is computed; on any number of ranks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from meshes.sheet import sheet
+
+AIR = gx.IdealGas(gamma=1.4, R=287.0)
+LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
+WORLD = MPI.COMM_WORLD
+
+
+def film(**options) -> gx.Membrane:
+    return gx.Membrane(sheet(WORLD, 2, 2), LAW, **options)
+
+
+def tank(**options) -> gx.Tank:
+    return gx.Tank(1e-3, gas=AIR, pressure=1e5, temperature=300.0, **options)
+
+
+def not_a_number(x: np.ndarray) -> np.ndarray:
+    """Finite but for the points with x > 0.9: on two ranks perhaps on one of them only."""
+    return np.where(x[0] > 0.9, np.nan, 0.0 * x)
+
+
+def flipped_pillow(reverse: bool) -> gx.Mesh:
+    """Two sheets on one curve loop; as gmsh makes them, both normals point up."""
+
+    def build(model) -> None:
+        geo = model.geo
+        points = [geo.addPoint(x, y, 0) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
+        lines = [geo.addLine(points[i], points[(i + 1) % 4]) for i in range(4)]
+        loop = geo.addCurveLoop(lines)
+        sheets = [geo.addPlaneSurface([loop]) for _ in range(2)]
+        for line in lines:
+            geo.mesh.setTransfiniteCurve(line, 5)
+        for one in sheets:
+            geo.mesh.setTransfiniteSurface(one, "AlternateLeft")
+        geo.synchronize()
+        model.addPhysicalGroup(2, sheets, name="film")
+        model.mesh.generate(2)
+        if reverse:
+            model.mesh.reverse([(2, sheets[1])])
+
+    return gx.gmsh_mesh(build, WORLD)
+
+
+def chamber_of(mesh: gx.Mesh) -> gx.Scene:
+    return gx.Scene(gx.Chamber(gx.Membrane(mesh, LAW), gas=AIR, pressure=1.0, temperature=300.0, dead_volume=1e-3))
+
+
+CASES: dict[str, tuple[Callable[[], object], str]] = {
+    "missing file": (lambda: gx.read_mesh("nowhere/pillow.msh", WORLD), "nowhere/pillow.msh"),
+    "mesh without the tag": (lambda: gx.Fixed(film(), "rim"), "rim"),
+    "negative thickness": (lambda: gx.Miyazaki(E=1e9, nu=0.3, density=1.0, thickness=-1e-4), "thickness"),
+    "zero modulus": (lambda: gx.Linear(E=0.0, nu=0.3, density=1.0, thickness=1e-4), "E"),
+    "infinite density": (lambda: gx.Linear(E=1e9, nu=0.3, density=np.inf, thickness=1e-4), "density"),
+    "nu = 0.51": (lambda: gx.Miyazaki(E=1e9, nu=0.51, density=1.0, thickness=1e-4), "nu"),
+    "nu = -1": (lambda: gx.Linear(E=1e9, nu=-1.0, density=1.0, thickness=1e-4), "nu"),
+    "residual = 2": (lambda: gx.Miyazaki(E=1e9, nu=0.3, density=1.0, thickness=1e-4, residual=2.0), "residual"),
+    "residual of a tension field": (
+        lambda: gx.TensionField(E=1e9, nu=0.3, density=1.0, thickness=1e-4, residual=1e-3),
+        "TensionField",
+    ),
+    "order 3": (lambda: film(order=3), "order"),
+    "negative pressure": (lambda: gx.Tank(1e-3, gas=AIR, pressure=-1e5, temperature=300.0), "pressure"),
+    "negative temperature": (lambda: gx.Reservoir(1e5, -3.0), "temperature"),
+    "negative surroundings": (lambda: gx.Ambient(-1.0), "Ambient"),
+    "gamma = 1": (lambda: gx.IdealGas(gamma=1.0, R=287.0), "gamma"),
+    "R = 0": (lambda: gx.IdealGas(gamma=1.4, R=0.0), "R"),
+    "chamber without volume": (lambda: gx.Chamber(gas=AIR, pressure=1e5, temperature=300.0), "chamber"),
+    "flat chamber": (
+        lambda: gx.Scene(
+            gx.Chamber(gx.Membrane(flipped_pillow(True), LAW), gas=AIR, pressure=1.0, temperature=300.0)
+        ).compile(),
+        "dead_volume",
+    ),
+    "open surface": (lambda: chamber_of(sheet(WORLD, 2, 2)).compile(), "open"),
+    "inconsistent orientation": (lambda: chamber_of(flipped_pillow(False)).compile(), "normals"),
+    "orifice into itself": (lambda: gx.Orifice(*[tank()] * 2, area=1e-6), "orifice"),
+    "orifice into a film": (lambda: gx.Orifice(tank(), film(), area=1e-6), "holds no gas"),
+    "negative orifice": (lambda: gx.Orifice(tank(), gx.Ambient(), area=-1e-6), "area"),
+    "discharge coefficient 2": (
+        lambda: gx.Orifice(tank(), gx.Ambient(), area=1e-6, discharge_coefficient=2.0),
+        "discharge_coefficient",
+    ),
+    "negative valve": (
+        lambda: gx.Midpoint(dt=0.1)
+        .start(gx.Scene(gx.Orifice(tank(), gx.Ambient(), area=lambda t: -t)).compile())
+        .step(0.1),
+        "area",
+    ),
+    "two gases": (
+        lambda: gx.Scene(
+            gx.Orifice(
+                tank(),
+                gx.Tank(1.0, gas=gx.IdealGas(gamma=1.67, R=2077.0), pressure=1.0, temperature=300.0, name="helium"),
+                area=1e-6,
+            )
+        ).compile(),
+        "helium",
+    ),
+    "reservoir alone": (lambda: gx.Scene(gx.Reservoir(1e5, 300.0)).compile(), "chamber"),
+    "duplicate names": (lambda: gx.Scene(film(), film()), "'film'"),
+    "empty scene": (lambda: gx.Scene(), "empty"),
+    "no part of a scene": (lambda: gx.Scene(LAW), "Miyazaki"),
+    "NaN displacement": (lambda: gx.Scene(film(displacement=not_a_number)).compile(), "displacement"),
+    "NaN velocity": (lambda: gx.Scene(film(velocity=not_a_number)).compile(), "velocity"),
+    "dt = 0": (lambda: gx.Midpoint(dt=0.0), "dt"),
+    "dt < 0": (lambda: gx.Midpoint(dt=-1e-3), "dt"),
+    "dt is no number": (lambda: gx.Midpoint(dt=np.nan), "dt"),
+    "endless run": (lambda: gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3)).run(until=np.nan), "until"),
+    "every = 0": (lambda: gx.VTX("x.bp", every=0), "every"),
+    "unknown field": (
+        lambda: gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3), [gx.VTX("out/x.bp", fields=("stres",))]),
+        "stres",
+    ),
+    "no damping": (lambda: gx.Damping(film()), "damping"),
+    "fourth component": (lambda: gx.Fixed(film(), "left", components=(3,)), "components"),
+    "massless point": (lambda: gx.PointMass(0.0), "mass"),
+    "soft spring": (lambda: gx.AxialSpring(gx.PointMass(1.0).port(), -1.0, (1, 0, 0)), "stiffness"),
+    "piston without area": (lambda: gx.Piston(gx.PointMass(1.0).port(), 0.0, (1, 0, 0)), "area"),
+}
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("case", CASES)
+def test_one_sentence(case: str) -> None:
+    act, culprit = CASES[case]
+    with pytest.raises(gx.InputError) as caught:
+        act()
+    message = str(caught.value)
+    assert culprit in message
+    assert "\n" not in message and message.endswith(".") and 20 < len(message) < 260
+
+
+@pytest.mark.mpi
+def test_unwritable_folder(folder: Path) -> None:
+    blocked = folder / "a file"
+    if WORLD.rank == 0:
+        blocked.write_text("")
+    WORLD.barrier()
+    with pytest.raises(gx.InputError, match="a file"):
+        gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3), [gx.Ledger(blocked / "ledger.csv")])

@@ -1,0 +1,66 @@
+"""A scene pays for what it contains: modules, kernels and blocks of a lone film."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+FILM_ALONE = """
+import json, sys
+from mpi4py import MPI
+import gossamer_fx as gx
+from meshes.sheet import sheet
+
+film = gx.Membrane(sheet(MPI.COMM_WORLD, 2, 2), gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4))
+run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3))
+run.run(until=2e-3)
+system = run.system
+print(json.dumps({
+    "modules": sorted(sys.modules),
+    "unknowns": system.numbering.size,
+    "borders": len(system.borders),
+    "loads": len(system.loads),
+    "dissipated": len(system.dissipated),
+    "points": sum(part is not None for part in (system._points, system._pushes, system.constraints)),
+}))
+"""
+
+ABSENT = ("matplotlib", "pyvista", "slepc4py", "adios4dolfinx", "h5py", "rich")
+ABSENT_PARTS = ("gas", "interactions", "loads", "control", "picture", "recorder", "statics", "study", "modes", "elastica")
+
+
+def run_alone(cache: Path) -> dict:
+    result = subprocess.run(
+        [sys.executable, "-c", FILM_ALONE],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"XDG_CACHE_HOME": str(cache)},
+        check=True,
+        timeout=120,
+    )
+    return dict(json.loads(result.stdout.splitlines()[-1]))
+
+
+def test_a_lone_film_pays_for_itself_only(tmp_path: Path) -> None:
+    seen = run_alone(tmp_path)
+    loaded = {m.split(".")[0] for m in seen["modules"]}
+    assert not loaded & set(ABSENT)
+    parts = {m.split(".")[1] for m in seen["modules"] if m.startswith("gossamer_fx.")}
+    assert not parts & set(ABSENT_PARTS)
+    assert seen["unknowns"] == 3 * 9
+    assert (seen["borders"], seen["loads"], seen["dissipated"], seen["points"]) == (0, 0, 0, 0)
+    # mass, residual, tangent, energy; strain, linearised strain, response
+    kernels = sorted(p.name for p in tmp_path.rglob("libffcx_*.c"))
+    forms = [k for k in kernels if "_forms_" in k]
+    expressions = [k for k in kernels if "_expressions_" in k]
+    assert (len(forms), len(expressions)) == (4, 3)
+
+
+def test_a_second_run_compiles_nothing(tmp_path: Path) -> None:
+    run_alone(tmp_path)
+    before = {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*.so")}
+    run_alone(tmp_path)
+    assert {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*.so")} == before
