@@ -1,0 +1,54 @@
+"""The midpoint rule is of second order in h where the motion is smooth: a taut film that never wrinkles."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from meshes.sheet import EDGES, sheet
+from tests.rates import observed_order
+
+FILM = {"E": 2.3e9, "nu": 0.3, "density": 1400.0, "thickness": 20e-6}
+LINEAR, MIYAZAKI = gx.Linear(**FILM), gx.Miyazaki(**FILM)
+STRETCH = 0.05
+UNTIL = 1e-3  # s, a quarter of a period of the lowest mode
+
+
+def drum(law: gx.Linear | gx.Miyazaki, dt: float, order: int = 1, n: int = 4) -> tuple[np.ndarray, gx.Simulation]:
+    """Positions and velocities [m], [m/s] of a stretched square film after a blow, its edges held."""
+    film = gx.Membrane(
+        sheet(MPI.COMM_SELF, n, n, crossed=True),
+        law,
+        order=order,
+        displacement=lambda X: STRETCH * X,
+        velocity=lambda X: np.vstack([0 * X[0], 0 * X[0], 30 * np.sin(math.pi * X[0]) * np.sin(math.pi * X[1])]),
+    )
+    run = gx.Simulation(gx.Scene(film, *(gx.Fixed(film, edge) for edge in EDGES)), gx.Midpoint(dt=dt))
+    run.run(until=UNTIL)
+    return np.array([run.system.q0.array_r, run.system.v0.array_r]), run
+
+
+@pytest.mark.parametrize("law, order", [(LINEAR, 1), (LINEAR, 2), (MIYAZAKI, 1)], ids=["P1", "P2", "P1 Miyazaki"])
+def test_positions_and_velocities_converge_with_order_two(law, order):
+    n, steps = 4 // order, [5e-5, 2.5e-5, 1.25e-5, 6.25e-6]
+    exact, _ = drum(law, 1.25e-6, order, n)
+    errors = []
+    for h in steps:
+        found, run = drum(law, h, order, n)
+        errors.append(np.sqrt(((found - exact) ** 2).mean(axis=1)))
+        assert abs(run.energy_error) <= 1e-12
+    print(np.array(errors))
+    for position_or_velocity in np.array(errors).T:
+        assert -np.diff(np.log2(position_or_velocity)) == pytest.approx(np.full(3, 2.0), abs=0.2)
+        assert observed_order(steps, position_or_velocity) == pytest.approx(2, abs=0.1)
+
+
+def test_taut_film_moves_as_one_that_cannot_wrinkle():
+    """Path average and correction add nothing, not even noise: the same motion, in as many iterations."""
+    (linear, run_linear), (wrinkling, run_wrinkling) = (drum(law, 5e-5) for law in (LINEAR, MIYAZAKI))
+    assert abs(linear - wrinkling).max() <= 1e-10 * abs(linear).max()
+    assert run_wrinkling.iterations <= run_linear.iterations + 5 and run_wrinkling.substeps == 0
