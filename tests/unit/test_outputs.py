@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import adios2
@@ -25,8 +26,13 @@ LAW = gx.Miyazaki(E=E, nu=NU, density=1400.0, thickness=1e-4, residual=1e-4)
 G, V0, DT = 9.81, np.array([0.5, -0.25, 1.0]), 1e-3
 
 
-def falling_film(comm: MPI.Comm = COMM) -> gx.Membrane:
-    return gx.Membrane(sheet(comm, 3, 4), LAW, velocity=lambda x: np.outer(V0, np.ones(x.shape[1])))
+@cache
+def small_sheet() -> gx.Mesh:
+    return sheet(COMM, 3, 4)
+
+
+def falling_film() -> gx.Membrane:
+    return gx.Membrane(small_sheet(), LAW, velocity=lambda x: np.outer(V0, np.ones(x.shape[1])))
 
 
 def strained(order: int = 1, n: int = 6, stretch: object = None, comm: MPI.Comm = COMM) -> gx.Membrane:
