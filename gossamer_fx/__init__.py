@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from gossamer_fx.errors import InputError as InputError
     from gossamer_fx.errors import NoEquilibrium as NoEquilibrium
     from gossamer_fx.errors import StepFailure as StepFailure
+    from gossamer_fx.form_finding import Prestress as Prestress
+    from gossamer_fx.form_finding import find_form as find_form
     from gossamer_fx.gas.enclosure import Piston as Piston
     from gossamer_fx.gas.ideal_gas import IdealGas as IdealGas
     from gossamer_fx.gas.orifice import Orifice as Orifice
@@ -103,6 +105,7 @@ _HOME = {
     "discrete_gradient": ["EndPoint", "PathAverage"],
     "elastica": ["Elastica"],
     "errors": ["InputError", "NoEquilibrium", "StepFailure"],
+    "form_finding": ["Prestress", "find_form"],
     "gas.enclosure": ["Piston"],
     "gas.ideal_gas": ["IdealGas"],
     "gas.orifice": ["Orifice", "WallHeat"],

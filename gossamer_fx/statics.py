@@ -156,8 +156,8 @@ class Equilibrium:
                 inner = replace(inner, absolute=search.residual * load / 2)
                 ceiling *= search.forget
                 if used <= search.quick:
-                    h = min(h * search.growth, ceiling)
-            if self._spent > search.iterations or h < 1e-6 * search.step:
+                    h = min(h * search.growth, ceiling, 1e9 * search.step)
+            if max(self._spent, self._steps) > search.iterations or h < 1e-6 * search.step:
                 raise NoEquilibrium(
                     f"No equilibrium after {self._spent} Newton iterations in {self._steps} pseudo-steps: the "
                     f"unbalanced force is {residual:.1e} of the load, pseudo-step {h:.1e} s, largest in "

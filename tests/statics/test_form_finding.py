@@ -1,0 +1,50 @@
+"""Shapes of films of prescribed tension."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from gossamer_fx import Prestress, find_form
+from meshes.sheet import sheet
+
+TENSION = Prestress(E=1e9, nu=0.3, density=1000.0, thickness=1e-5, tension=10.0)
+
+
+def soap_film(comm, height):
+    """A quarter of a cylinder of radius 1 m between two rings."""
+    mesh = sheet(comm, 12, 12, np.pi / 2, height)
+    X = mesh.domain.geometry.x
+    X[:] = np.column_stack([np.cos(X[:, 0]), np.sin(X[:, 0]), X[:, 1]])
+    film = gx.Membrane(mesh, TENSION)
+    rings = ("top", "bottom")
+
+    def scene():
+        held = [gx.Fixed(film, ring) for ring in rings]
+        return gx.Scene(film, *held, gx.Fixed(film, "left", (1,)), gx.Fixed(film, "right", (0,)))
+
+    return film, scene
+
+
+@pytest.mark.mpi
+def test_soap_film_between_two_rings_is_a_catenoid(comm):
+    """r = c cosh((z - h/2)/c) with c cosh(h/(2c)) = 1: c = 0.848338 m for h = 1 m."""
+    film, scene = soap_film(comm, 1.0)
+    find_form(film, scene, change=1e-4, updates=10)
+    x, y, z = film.space.mesh.geometry.x.T
+    c = 0.848338
+    assert np.hypot(x, y) == pytest.approx(c * np.cosh((z - 0.5) / c), abs=5e-3)
+
+
+def test_rings_too_far_apart_hold_no_film(comm):
+    """Beyond h = 1.3255 m there is no catenoid."""
+    film, scene = soap_film(comm, 1.6)
+    with pytest.raises(gx.NoEquilibrium, match="pinch"):
+        find_form(film, scene, change=1e-4, updates=10)
+
+
+def test_only_a_film_of_given_tension_has_a_form_to_find(comm):
+    film = gx.Membrane(sheet(comm, 2, 2), gx.Linear(1e9, 0.3, 1e3, 1e-4))
+    with pytest.raises(gx.InputError, match="Prestress"):
+        find_form(film, lambda: gx.Scene(film))
