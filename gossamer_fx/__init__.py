@@ -83,8 +83,8 @@ if TYPE_CHECKING:
     from gossamer_fx.probes import GasState as GasState
     from gossamer_fx.probes import Position as Position
     from gossamer_fx.probes import Velocity as Velocity
-    from gossamer_fx.recorder import Probes as Probes
     from gossamer_fx.recorder import VTX as VTX
+    from gossamer_fx.recorder import Probes as Probes
     from gossamer_fx.scene import Scene as Scene
     from gossamer_fx.simulate import Simulation as Simulation
     from gossamer_fx.statics import Continuation as Continuation

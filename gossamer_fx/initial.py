@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from petsc4py import PETSc
 
+from gossamer_fx.assembly import Assembly
 from gossamer_fx.errors import check
-from gossamer_fx.parts import Array, Assembly
+from gossamer_fx.parts import Array
 
 
 def vectors_of(system: Assembly, k: int, values: Array) -> Array:

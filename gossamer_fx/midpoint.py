@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-
 from gossamer_fx.discrete_gradient import PathAverage
 from gossamer_fx.errors import check
 from gossamer_fx.newton import Newton, Tolerances
@@ -28,9 +27,7 @@ class Midpoint:
     tolerances: Tolerances = field(default_factory=Tolerances)
 
     def __post_init__(self) -> None:
-        check(
-            math.isfinite(self.dt) and self.dt > 0, f"Midpoint: dt is {self.dt!r}; give a positive step in seconds."
-        )
+        check(math.isfinite(self.dt) and self.dt > 0, f"Midpoint: dt is {self.dt!r}; give a positive step in seconds.")
 
     def start(self, system: System) -> MidpointSolver:
         return MidpointSolver(system, self.tolerances)
@@ -61,5 +58,3 @@ class MidpointSolver:
         self._v1.waxpy(-1.0, system.q0, system.q1)
         self._v1.scale(2 / h)
         self._v1.axpy(-1.0, system.v0)
-
-

@@ -23,7 +23,8 @@ class Tolerances:
     """When a step counts as solved.
 
     `relative`: field residual over that of the predictor; residuals below `absolute` [N], or below the round-off of
-    `floor` units in the last place of diag(A) q, count as zero, whatever their ratio.  `border`: largest fraction in the border equations.
+    `floor` units in the last place of diag(A) q, count as zero, whatever their ratio.  `border`: largest fraction in
+    the border equations.
     `constraint`: largest violation of a constraint between points, in its own units (m, or 1 for directions).
     """
 
@@ -92,7 +93,7 @@ class Newton:
         self.system.q0.copy(self._base)
         self._reference, self._floor = 0.0, 0.0
         predictor.copy(self._r)
-        self.system.prescribe(self._r)
+        self.system.supports.prescribe(self._r, self.system.time + self.system.h)
         self._composite.join(self._r, y, self._x)
         self._snes.setTolerances(max_it=self.tolerances.iterations)
         self._snes.solve(None, self._x)

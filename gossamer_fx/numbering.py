@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from itertools import pairwise
+
+import dolfinx.cpp
 import numpy as np
 import numpy.typing as npt
+from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -22,7 +27,7 @@ class Numbering:
         self.comm, self.blocks = comm, blocks
         sizes = np.array([b.index_map.size_local * b.size for b in blocks], dtype=np.int64)
         self.size_local = int(sizes.sum())
-        start = comm.exscan(self.size_local) or 0
+        self.start = start = int(comm.exscan(self.size_local) or 0)
         self.local_starts = np.concatenate([[0], np.cumsum(sizes)])
         block_starts = np.array(comm.allgather((start + self.local_starts[:-1]).tolist()), dtype=np.int64)
         self.size = comm.allreduce(self.size_local)
@@ -38,7 +43,7 @@ class Numbering:
             (everything[:: self.block_size] // self.block_size).astype(PETSc.IntType), bsize=self.block_size, comm=comm
         )
         ends = np.cumsum([0] + [len(i) for i in self.indices])
-        self._local_sets = [self._local_set(a, e) for a, e in zip(ends[:-1], ends[1:], strict=True)]
+        self._local_sets = [self._local_set(a, e) for a, e in pairwise(ends)]
 
     def _local_set(self, start: int, end: int) -> PETSc.IS:
         """The range of local (owned and ghost) unknowns of one block."""
@@ -75,9 +80,13 @@ class Numbering:
         A.setUp()
         return A
 
-    def submatrix(self, A: PETSc.Mat, k: int) -> PETSc.Mat:
-        """View of the block (k, k) with dolfinx' local numbering; give it back with `restore`."""
-        return A.getLocalSubMatrix(self._local_sets[k], self._local_sets[k])
-
-    def restore(self, A: PETSc.Mat, k: int, view: PETSc.Mat) -> None:
-        A.restoreLocalSubMatrix(self._local_sets[k], self._local_sets[k], view)
+    def assemble(self, A: PETSc.Mat, k: int, forms: Iterable[fem.Form]) -> None:
+        """Add bilinear forms of the k-th body's space to the block (k, k) of A."""
+        local = self._local_sets[k]
+        view = A.getLocalSubMatrix(local, local)
+        unrolled = self.block_size != self.blocks[k].size
+        for form in forms:
+            constants = dolfinx.cpp.fem.pack_constants(form._cpp_object)
+            coefficients = dolfinx.cpp.fem.pack_coefficients(form._cpp_object)
+            dolfinx.cpp.fem.petsc.assemble_matrix(view, form._cpp_object, constants, coefficients, [], unrolled)
+        A.restoreLocalSubMatrix(local, local, view)

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from petsc4py import PETSc
 
+from gossamer_fx.assembly import Assembly
 from gossamer_fx.errors import check
 from gossamer_fx.numbering import GlobalIndices, Numbering
-from gossamer_fx.parts import Array, Assembly, Attached, AttachedKinetic, Body, Ground, PointMeasure, Port
+from gossamer_fx.parts import Array, Attached, AttachedKinetic, Body, Ground, PointMeasure, Port
 
 
 def is_here(place: tuple[Attached, ...]) -> bool:

@@ -9,6 +9,7 @@ A multiplier whose measure touches held coordinates only has nothing to do: it i
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from dolfinx.common import IndexMap
 from mpi4py import MPI
 from petsc4py import PETSc
@@ -82,12 +83,12 @@ class PointConstraints:
 
     # ---- before the first step ---------------------------------------------------------------------------------
 
-    def idle(self, free: PETSc.Vec, q0: PETSc.Vec) -> Array:
+    def idle(self, free: PETSc.Vec, q0: PETSc.Vec) -> npt.NDArray[np.int64]:
         """Positions in this rank's part of a vector of the multipliers that touch held coordinates only.
 
         `free` is 1 at coordinates that may move and 0 at held ones.
         """
-        found = [np.zeros(0, dtype=np.int64)]
+        found: list[npt.NDArray[np.int64]] = [np.zeros(0, dtype=np.int64)]
         for k, (at, q, mask) in enumerate(zip(self._places, self._gather(q0), self._gather(free), strict=True)):
             nothing = (np.abs(at.gradient(q)) * mask[:, None, :]).max(axis=2, initial=0.0) < 1e-12
             found.append(np.flatnonzero(nothing.ravel()) + self._owned[k].start)

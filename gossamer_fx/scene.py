@@ -8,9 +8,10 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.assembly import BorderMaker, InitialCondition
 from gossamer_fx.discrete_gradient import PathAverage, StressRule
 from gossamer_fx.errors import check, check_on_all
-from gossamer_fx.parts import Body, BorderMaker, InitialCondition, Part, is_body
+from gossamer_fx.parts import Body, Part, is_body
 from gossamer_fx.system import System
 
 

@@ -15,7 +15,8 @@ from gossamer_fx.discrete_gradient import StressRule
 from gossamer_fx.errors import InputError, StepFailure, check, on_rank_zero
 from gossamer_fx.newton import Newton, NotConverged
 from gossamer_fx.scene import Scene
-from gossamer_fx.system import System, Totals
+from gossamer_fx.system import System
+from gossamer_fx.totals import Totals
 
 if TYPE_CHECKING:
     from gossamer_fx.gas.network import ChamberState
@@ -202,7 +203,8 @@ class Simulation:
         except NotConverged as failure:
             if halvings == 0:
                 raise StepFailure(
-                    f"The step {self.step + 1} at t = {self.time:.9g} s failed, also in sub-steps of {h:.3g} s: {failure}."
+                    f"The step {self.step + 1} at t = {self.time:.9g} s failed, also in sub-steps of {h:.3g} s: "
+                    f"{failure}."
                 ) from failure
             self.substeps += 1
             self._attempt(h / 2, halvings - 1)

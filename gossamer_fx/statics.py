@@ -25,7 +25,8 @@ from gossamer_fx.interactions.fixed import Fixed, Prescribed
 from gossamer_fx.newton import Newton, NotConverged, Tolerances
 from gossamer_fx.parts import Array
 from gossamer_fx.scene import Scene
-from gossamer_fx.system import System, Totals
+from gossamer_fx.system import System
+from gossamer_fx.totals import Totals
 
 MOTIONS = ("translation x", "translation y", "translation z", "rotation x", "rotation y", "rotation z")
 
@@ -208,8 +209,26 @@ class Equilibrium:
         K = system.tangent()
         stiffness, out = K.getDiagonal().norm(PETSc.NormType.NORM_INFINITY), self._rest.duplicate()
         free = []
-        for name, φ in zip(MOTIONS, system.rigid_motions(), strict=True):
+        for name, φ in zip(MOTIONS, rigid_motions(system), strict=True):
             K.mult(φ, out)
             if φ.norm() > 0 and out.norm() < 1e-9 * stiffness * φ.norm():
                 free.append(name)
         return tuple(free)
+
+
+def rigid_motions(system: System) -> list[PETSc.Vec]:
+    """Velocities of the coordinates in three translations and three rotations about the origin, zero where held."""
+    motions = []
+    for i, axis in enumerate([*np.eye(3), *np.eye(3)]):
+        φ = system.numbering.vector()
+        with φ as values:
+            for k, body in enumerate(system.bodies):
+                owned = system.numbering.owned(k)
+                q = system.q0.array_r[owned].reshape(-1, 3)
+                v = np.cross(axis, q) if i >= 3 else np.zeros_like(q)
+                if i < 3:
+                    v[:: body.block.size // 3] = axis
+                values[owned] = v.ravel()
+            values[system.supports.held] = 0
+        motions.append(φ)
+    return motions

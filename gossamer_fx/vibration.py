@@ -60,12 +60,12 @@ def modes(
     system.inertia(0.0, system.q0)
     K = system.tangent()
     M = system.M.copy()
-    system.clear_held(M)
+    system.supports.clear(M, 0.0)
     if spin == AT_REST:
         found = _at_rest(K, M, count, (2 * math.pi * above) ** 2)
     else:
         G = system.gyroscopic(spin)
-        system.clear_held(G)
+        system.supports.clear(G, 0.0)
         found = _turning(K, G, M, count)
     if len(found) < count:
         raise NoEquilibrium(f"Only {len(found)} of {count} modes converged; ask for fewer, or check the equilibrium.")

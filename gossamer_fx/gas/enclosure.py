@@ -10,11 +10,12 @@ import ufl
 from dolfinx import fem, la
 from mpi4py import MPI
 
+from gossamer_fx.assembly import Assembly
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.errors import check, check_on_all
 from gossamer_fx.forms import compile_form, constant
 from gossamer_fx.kinematics import area_vector
-from gossamer_fx.parts import Array, Assembly, Body, Port
+from gossamer_fx.parts import Array, Body, Port
 
 
 class CompiledEnclosure(Protocol):
@@ -158,7 +159,7 @@ class _CompiledFilm:
         G = self._gradient(self._at.q1.x.array)
         if self._comm.allreduce(float(G @ self._q(self._at.q1))) < 0:
             self._sign = -1.0  # all normals point inwards
-        self._G0 = self._sign * G
+        self._G0: Array = self._sign * G
         self.evaluate()
 
     def _q(self, f: fem.Function) -> Array:

@@ -29,8 +29,9 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
+from gossamer_fx.assembly import Assembly, Booking
 from gossamer_fx.errors import check
-from gossamer_fx.parts import Array, Assembly, Body, Booking
+from gossamer_fx.parts import Array, Body
 
 if TYPE_CHECKING:
     from gossamer_fx.gas.enclosure import CompiledEnclosure

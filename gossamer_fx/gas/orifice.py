@@ -12,7 +12,7 @@ from gossamer_fx.gas.network import GasNetwork
 
 
 def isentropic_flow(gas: IdealGas, pu: complex, Tu: complex, pd: complex, laminar: float) -> complex:
-    """Mass flow per effective area [kg/(s m²)] through an orifice, from pressure pu, temperature Tu to pressure pd ≤ pu.
+    """Mass flow per effective area [kg/(s m²)] from pressure pu and temperature Tu through an orifice to pd ≤ pu.
 
         ṁ/(C_d A) = p_u/√(R T_u) Ψ(x),   x = p_d/p_u
         choked, x ≤ (2/(γ+1))^(γ/(γ-1)):  Ψ = √γ (2/(γ+1))^((γ+1)/(2(γ-1)))

@@ -7,11 +7,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.errors import check
 from gossamer_fx.gas.enclosure import Enclosure, FilmEnclosure
 from gossamer_fx.gas.ideal_gas import IdealGas
 from gossamer_fx.gas.network import GasNetwork
-from gossamer_fx.bodies.membrane import Membrane
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,9 +86,7 @@ class Chamber:
             f"Chamber '{name}': its {'volume' if rigid else 'dead volume'} is {fixed!r} m³; give a positive number.",
         )
         self.fixed_volume = fixed
-        self.enclosure = (
-            FilmEnclosure(enclosure, surface, name) if isinstance(enclosure, Membrane) else enclosure
-        )
+        self.enclosure = FilmEnclosure(enclosure, surface, name) if isinstance(enclosure, Membrane) else enclosure
 
     def requires(self) -> Iterable[Any]:
         if self.enclosure is not None:

@@ -23,7 +23,7 @@ def angular_frequencies(scene: gx.Scene, direction: int | None = None) -> np.nda
     system.inertia(0.0, system.q0)
     system.begin(1.0)
     K, M = dense(system.tangent()), dense(system.M)
-    free = np.setdiff1d(np.arange(len(K)), system._fixed)
+    free = np.setdiff1d(np.arange(len(K)), system.supports.held)
     coordinates = free
     Z = np.eye(len(K))
     if system.constraints is not None:

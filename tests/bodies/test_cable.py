@@ -55,7 +55,7 @@ def test_elastic_catenary() -> None:
     x = found.system.q0.array_r.reshape(-1, 3)
     sag = -x[:, 2].min()
     assert sag == pytest.approx(2.044323, rel=2e-3)
-    reactions = found.system._reactions.reshape(2, 3)
+    reactions = found.system.supports.reactions.reshape(2, 3)
     assert np.abs(reactions[:, 0]) == pytest.approx(32.037271, rel=2e-3)
     assert np.linalg.norm(reactions, axis=1) == pytest.approx(42.221283, rel=2e-3)
     assert np.abs(reactions[:, 2]) == pytest.approx(27.5, rel=1e-8)

@@ -1,4 +1,4 @@
-"""Nothing is lost: energy, momentum and angular momentum of films that switch, with loads, supports, damping and gas."""
+"""Nothing is lost: energy and momenta of films that switch, with loads, supports, damping and gas."""
 
 from __future__ import annotations
 
@@ -78,15 +78,11 @@ def test_loads_supports_and_damping_are_booked(comm) -> None:
 @settings(max_examples=5)
 @given(st.lists(st.floats(1e-4, 3e-3), min_size=3, max_size=8))
 def test_any_sequence_of_steps(steps: list[float]) -> None:
-    run = gx.Simulation(
-        gx.Scene(gx.Membrane(SHEET, LAW, velocity=spinning_sheet.throw)), gx.Midpoint(dt=1e-3)
-    )
+    run = gx.Simulation(gx.Scene(gx.Membrane(SHEET, LAW, velocity=spinning_sheet.throw)), gx.Midpoint(dt=1e-3))
     for h in steps:
         run._advance(h)
     assert abs(run.energy_error) < 1e-11
     assert np.allclose(run.totals.angular_momentum, run.first.angular_momentum, rtol=0, atol=1e-12)
-
-
 
 
 @pytest.mark.mpi

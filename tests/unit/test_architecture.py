@@ -15,13 +15,15 @@ PACKAGE = Path(gossamer_fx.__file__).parent
 # From the ground up; a module imports from its own layer or from those below.  A folder stands for its modules.
 LAYERS = (
     ("errors", "forms", "kinematics", "schedule"),
-    ("materials", "elastica", "mesh", "parts"),
+    ("materials", "elastica", "mesh", "parts", "assembly"),
     ("discrete_gradient", "numbering", "places"),
-    ("attachment", "bodies", "gas", "interactions", "loads", "control", "point_forces", "point_constraints", "point_loads"),
-    ("system", "scene", "initial"),
+    ("attachment", "bodies", "gas", "interactions", "loads", "control", "initial"),
+    ("load_forces", "point_forces", "point_constraints", "point_loads", "masses", "supports", "totals"),
+    ("system", "scene"),
     ("linear", "newton"),
-    ("midpoint", "generalized_alpha", "statics", "modes", "simulate"),
-    ("ledger", "fields", "probes", "curves", "camera", "rasterise", "view", "page", "recorder", "picture", "study", "study_report"),
+    ("midpoint", "generalized_alpha", "statics", "form_finding", "vibration", "simulate"),
+    ("ledger", "fields", "probes", "recorder"),
+    ("curves", "camera", "rasterise", "view", "page", "picture", "study", "study_report"),
 )
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p != PACKAGE / "__init__.py")
@@ -43,7 +45,11 @@ def imports_at_run_time(path: Path) -> set[str]:
         for node in ast.walk(block)
     }
     for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("gossamer_fx") and id(node) not in skipped:
+        if (
+            isinstance(node, ast.ImportFrom)
+            and (node.module or "").startswith("gossamer_fx")
+            and id(node) not in skipped
+        ):
             found.add(str(node.module))
     return found
 

@@ -92,9 +92,9 @@ CASES: dict[str, tuple[Callable[[], object], str]] = {
         "discharge_coefficient",
     ),
     "negative valve": (
-        lambda: gx.Midpoint(dt=0.1)
-        .start(gx.Scene(gx.Orifice(tank(), gx.Ambient(), area=lambda t: -t)).compile())
-        .step(0.1),
+        lambda: (
+            gx.Midpoint(dt=0.1).start(gx.Scene(gx.Orifice(tank(), gx.Ambient(), area=lambda t: -t)).compile()).step(0.1)
+        ),
         "area",
     ),
     "two gases": (

@@ -29,7 +29,18 @@ print(json.dumps({
 """
 
 ABSENT = ("matplotlib", "pyvista", "slepc4py", "adios4dolfinx", "h5py", "rich")
-ABSENT_PARTS = ("gas", "interactions", "loads", "control", "picture", "recorder", "statics", "study", "modes", "elastica")
+ABSENT_PARTS = (
+    "gas",
+    "interactions",
+    "loads",
+    "control",
+    "picture",
+    "recorder",
+    "statics",
+    "study",
+    "modes",
+    "elastica",
+)
 
 
 def run_alone(cache: Path) -> dict:
