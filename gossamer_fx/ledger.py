@@ -46,13 +46,17 @@ class Ledger:
 
     def record(self, run: Simulation, last: bool) -> None:
         row = self._row(run)
-        if self._file is not None:
+        if run.comm.rank == 0:
+            if self._file is None:  # a run that goes on
+                self._file = self.path.open("a", newline="")
+                self._writer = csv.writer(self._file)
             self._writer.writerow([repr(float(v)) if isinstance(v, float) else v for v in row.values()])
             self._file.flush()
 
     def close(self, run: Simulation) -> None:
         if self._file is not None:
             self._file.close()
+            self._file = None
 
 
 class Progress:

@@ -95,7 +95,7 @@ class Newton:
         predictor.copy(self._r)
         self.system.supports.prescribe(self._r, self.system.time + self.system.h)
         self._composite.join(self._r, y, self._x)
-        self._snes.setTolerances(max_it=self.tolerances.iterations)
+        self._snes.setTolerances(stol=0.0, max_it=self.tolerances.iterations)  # a small step is no solution
         self._snes.solve(None, self._x)
         self.linear_iterations += self._snes.getLinearSolveIterations()
         reason = self._snes.getConvergedReason()

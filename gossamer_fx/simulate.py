@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -158,7 +159,9 @@ class Simulation:
         check(math.isfinite(until), f"until is {until!r}; give the end time in seconds.")
         self.until = until
         milestones = sorted({t for o in self.outputs for t in o.times if self.time < t < until} | {until})
-        try:
+        with ExitStack() as at_the_end:
+            for output in self.outputs:
+                at_the_end.callback(output.close, self)
             if self.step == 0:
                 self._record(last=False)
             for milestone in milestones:
@@ -175,9 +178,6 @@ class Simulation:
                     if steps == 1:
                         self.system.time = milestone
                     self._record(last)
-        finally:
-            for output in self.outputs:
-                output.close(self)
 
     def _record(self, last: bool) -> None:
         for output in self.outputs:

@@ -100,3 +100,11 @@ def test_a_step_that_fails_says_where_and_leaves_the_ledger(comm, folder: Path) 
         rows = list(csv.DictReader((folder / "ledger.csv").open()))
         assert len(rows) == run.step + 1
         assert float(rows[-1]["time"]) == pytest.approx(run.time)
+
+
+def test_a_run_that_goes_on_continues_the_ledger(folder: Path) -> None:
+    run = gx.Simulation(gx.Scene(gx.PointMass(1.0)), gx.Midpoint(dt=0.1), [gx.Ledger(folder / "ledger.csv")])
+    run.run(until=0.2)
+    run.run(until=0.5)
+    times = [float(row["time"]) for row in csv.DictReader((folder / "ledger.csv").open())]
+    assert np.allclose(times, np.arange(6) * 0.1)
