@@ -11,7 +11,8 @@ from gossamer_fx.system import System
 
 def dense(A: object) -> np.ndarray:
     """A matrix of a small system."""
-    return A.copy().convert("dense").getDenseArray().copy()
+    full = A.copy().convert("dense")  # held while its array is read
+    return full.getDenseArray().copy()
 
 
 def angular_frequencies(scene: gx.Scene, direction: int | None = None) -> np.ndarray:
