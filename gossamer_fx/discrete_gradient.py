@@ -34,6 +34,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
+from gossamer_fx.errors import check
 from gossamer_fx.forms import compile_expression, compile_form, constant
 from gossamer_fx.kinematics import Expr
 from gossamer_fx.parts import Array, Dissipated, Stored
@@ -60,6 +61,9 @@ class PathAverage:
 
     points: int = 10
     alpha = 0.5
+
+    def __post_init__(self) -> None:
+        check(self.points >= 1, f"PathAverage: points is {self.points!r}; take at least one Gauss point.")
 
     def stress(self, part: Stored, e0: Expr, e1: Expr) -> Expr:
         ψ, Δe = part.density, e1 - e0

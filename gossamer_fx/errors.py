@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
+import numpy as np
 from mpi4py import MPI
 
 
@@ -29,6 +31,12 @@ def check_on_all(comm: MPI.Intracomm, condition: bool, message: str) -> None:
     """As `check`, for conditions that may fail on some ranks only: all ranks raise, so that none waits for ever."""
     if not comm.allreduce(condition, MPI.LAND):
         raise InputError(message)
+
+
+def is_vector(value: Any) -> bool:
+    """Whether a value is three finite numbers."""
+    numbers = np.asarray(value, dtype=float)
+    return numbers.shape == (3,) and bool(np.isfinite(numbers).all())
 
 
 def on_rank_zero[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T | None:

@@ -134,7 +134,11 @@ def _extract(model: Any) -> _Raw:
     dim = max((d for d, _ in model.getEntities() if model.mesh.getElements(d)[0].size), default=0)
     check(dim in (1, 2), "The mesh has no triangles or line elements; mesh a surface or a curve.")
     kinds = set(model.mesh.getElementTypes(dim))
-    check(len(kinds) == 1 and kinds <= set(_KINDS), f"Mesh of gmsh element types {sorted(kinds)}; use triangles alone.")
+    names = " and ".join(sorted(model.mesh.getElementProperties(kind)[0] for kind in kinds))
+    check(
+        len(kinds) == 1 and kinds <= set(_KINDS),
+        f"The mesh is made of {names}; use triangles (or line elements) of one order, 1 or 2.",
+    )
     kind, order = _KINDS[kinds.pop()]
     tagged = [(d, g) for d, g in model.getPhysicalGroups() if d <= dim]
     surfaces = [s for d, g in tagged if d == dim for s in model.getEntitiesForPhysicalGroup(d, g)]

@@ -8,6 +8,7 @@ import numpy as np
 from petsc4py import PETSc
 
 import gossamer_fx.linear as linear
+from gossamer_fx.errors import check
 from gossamer_fx.parts import Array
 from gossamer_fx.system import System
 
@@ -34,6 +35,12 @@ class Tolerances:
     border: float = 1e-12
     constraint: float = 1e-12
     iterations: int = 40
+
+    def __post_init__(self) -> None:
+        for name in ("relative", "absolute", "floor", "border", "constraint"):
+            value = getattr(self, name)
+            check(value >= 0, f"Tolerances: {name} is {value!r}; give zero or a positive number.")
+        check(self.iterations >= 1, f"Tolerances: iterations is {self.iterations!r}; allow at least one.")
 
 
 class Newton:

@@ -82,6 +82,7 @@ class Simulation:
     def __init__(self, scene: Scene, stepper: Stepper, outputs: Sequence[Output] = (), halvings: int = 8) -> None:
         self.scene, self.stepper, self.outputs = scene, stepper, list(outputs)
         self.comm = scene.comm
+        check(halvings >= 0, f"halvings is {halvings!r}; give the number of times that a step may be halved, or zero.")
         started = time.perf_counter()
         self.system = scene.compile(stepper.rule)
         self.solver = stepper.start(self.system)
@@ -157,6 +158,7 @@ class Simulation:
             StepFailure: a step failed, also in sub-steps; the outputs are complete up to it.
         """
         check(math.isfinite(until), f"until is {until!r}; give the end time in seconds.")
+        check(until >= self.time, f"until is {until!r} s, but the run is at t = {self.time:.9g} s; give a later time.")
         self.until = until
         milestones = sorted({t for o in self.outputs for t in o.times if self.time < t < until} | {until})
         with ExitStack() as at_the_end:

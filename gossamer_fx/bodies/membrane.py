@@ -62,7 +62,8 @@ class Membrane:
         self.block = Block(self.space.dofmap.index_map, 3)
         self.constants = constants(law, domain)
         self._frame = frame(domain)
-        self._displacement, self._velocity = displacement, velocity
+        self._displacement = _checked(displacement, f"Membrane '{name}': its displacement")
+        self._velocity = _checked(velocity, f"Membrane '{name}': its velocity")
         degree = max(2 * (order - 1), 1)
         self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": degree})
         self.mass_dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2 * order})
@@ -115,3 +116,20 @@ class Membrane:
     def port_at(self, point: Sequence[float]) -> Port:
         """The point that is at `point` [m] of the mesh, also between nodes."""
         return interpolated(self, point)
+
+
+def _checked(function: PointFunction | None, what: str) -> PointFunction | None:
+    """The function, with a check of what it returns."""
+    if function is None:
+        return None
+    check(callable(function), f"{what} is {function!r}; give a function of the points (3, n) that returns (3, n).")
+
+    def values(points: Array) -> Array:
+        result = np.asarray(function(points), dtype=float)
+        check(
+            result.shape == points.shape,
+            f"{what} function returns an array {result.shape} for points {points.shape}; it must return (3, n).",
+        )
+        return result
+
+    return values

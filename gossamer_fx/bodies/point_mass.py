@@ -9,7 +9,7 @@ import numpy as np
 from dolfinx.common import IndexMap
 from mpi4py import MPI
 
-from gossamer_fx.errors import check
+from gossamer_fx.errors import check, is_vector
 from gossamer_fx.parts import Array, Block, Part, PointKinetic, Port
 
 
@@ -26,6 +26,8 @@ class PointMass:
         name: str = "mass",
     ) -> None:
         check(math.isfinite(mass) and mass > 0, f"PointMass '{name}': mass is {mass!r} kg; give a positive number.")
+        for what, value, unit in (("position", position, "m"), ("velocity", velocity, "m/s")):
+            check(is_vector(value), f"PointMass '{name}': {what} is {value!r} {unit}; give three finite numbers.")
         self.mass, self.name, self.comm = mass, name, comm
         self._state = np.asarray(position, dtype=float), np.asarray(velocity, dtype=float)
         self.block = Block(IndexMap(comm, 1 if comm.rank == 0 else 0), 3)

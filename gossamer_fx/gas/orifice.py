@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 from gossamer_fx.errors import check
 from gossamer_fx.gas.ideal_gas import IdealGas
 from gossamer_fx.gas.network import GasNetwork
+from gossamer_fx.gas.volumes import Chamber
 
 
 def isentropic_flow(gas: IdealGas, pu: complex, Tu: complex, pd: complex, laminar: float) -> complex:
@@ -69,7 +71,7 @@ class Orifice:
             )
         check(self.first is not self.second, f"Orifice '{self.name}' leads from '{self.first.name}' back into it.")
         check(
-            callable(self.area) or self.area >= 0,
+            callable(self.area) or 0 <= self.area < math.inf,
             f"Orifice '{self.name}': area is {self.area!r} m²; give a positive number or a function of time.",
         )
         check(
@@ -88,7 +90,10 @@ class Orifice:
     def effective_area(self, t: float) -> float:
         """C_d A [m²] at time t."""
         area = self.area(t) if callable(self.area) else self.area
-        check(area >= 0, f"Orifice '{self.name}': its area at t = {t:.6g} s is {area!r} m²; it cannot be negative.")
+        check(
+            0 <= area < math.inf,
+            f"Orifice '{self.name}': its area at t = {t:.6g} s is {area!r} m²; give a finite one that is not negative.",
+        )
         return self.discharge_coefficient * area
 
     def flow(self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]) -> complex:
@@ -116,9 +121,14 @@ class WallHeat:
 
     def __post_init__(self) -> None:
         check(
-            self.conductance >= 0 and self.temperature > 0,
+            0 <= self.conductance < math.inf and 0 < self.temperature < math.inf,
             f"WallHeat '{self.name}': conductance {self.conductance!r} W/K and temperature {self.temperature!r} K must "
             "be positive.",
+        )
+
+        check(
+            isinstance(self.chamber, Chamber),
+            f"WallHeat '{self.name}': {type(self.chamber).__name__} is no chamber; give one, or a tank.",
         )
 
     def requires(self) -> Iterable[Any]:

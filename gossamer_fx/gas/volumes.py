@@ -41,6 +41,7 @@ class Ambient:
             math.isfinite(self.pressure) and self.pressure >= 0,
             f"Ambient '{self.name}': pressure is {self.pressure!r} Pa; give zero (vacuum) or a positive number.",
         )
+        _check_positive(self, "temperature", "K")
 
 
 class Chamber:
@@ -105,11 +106,13 @@ class Tank(Chamber):
 
 
 def _check_state(holder: Any) -> None:
-    kind, name = type(holder).__name__, holder.name
-    for what, unit in (("pressure", "Pa"), ("temperature", "K")):
-        value = getattr(holder, what)
-        check(
-            math.isfinite(value) and value > 0,
-            f"{kind} '{name}': {what} is {value!r} {unit}; give a positive number"
-            + (" (an almost empty chamber: 1e-3)." if what == "pressure" else "."),
-        )
+    _check_positive(holder, "pressure", "Pa", " (an almost empty chamber: 1e-3)")
+    _check_positive(holder, "temperature", "K")
+
+
+def _check_positive(holder: Any, what: str, unit: str, hint: str = "") -> None:
+    kind, name, value = type(holder).__name__, holder.name, getattr(holder, what)
+    check(
+        math.isfinite(value) and value > 0,
+        f"{kind} '{name}': {what} is {value!r} {unit}; give a positive number{hint}.",
+    )

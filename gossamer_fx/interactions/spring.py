@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.attachment import initial
-from gossamer_fx.errors import check
+from gossamer_fx.errors import check, is_vector
 from gossamer_fx.interactions.joint import bodies_of, check_sides
 from gossamer_fx.parts import Array, Attached, Part, PointDissipated, PointMeasure, PointStored, Port
 
@@ -200,7 +200,14 @@ class AxialSpring:
         check(
             self.stiffness > 0, f"AxialSpring '{self.name}': stiffness is {self.stiffness!r} N/m; give a positive one."
         )
-        check(any(self.direction), f"AxialSpring '{self.name}': direction has no length; give its axis.")
+        check(
+            is_vector(self.direction) and any(self.direction),
+            f"AxialSpring '{self.name}': direction is {self.direction!r}; give its axis, of any length but zero.",
+        )
+        check(
+            is_vector(self.origin),
+            f"AxialSpring '{self.name}': origin is {self.origin!r} m; give three numbers.",
+        )
 
     def requires(self) -> Iterable[Any]:
         yield self.port.body

@@ -10,6 +10,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
+from gossamer_fx.errors import check, is_vector
 from gossamer_fx.kinematics import Expr
 from gossamer_fx.loads.force import ConstantForce
 from gossamer_fx.parts import Body, Kinetic, Part, PointKinetic, PointSupplied, Port, Supplied
@@ -26,6 +27,7 @@ class Gravity:
     def __post_init__(self) -> None:
         if not self.name:
             object.__setattr__(self, "name", f"gravity of {self.body.name}")
+        check(is_vector(self.g), f"Gravity '{self.name}': g is {self.g!r} m/s²; give three finite numbers.")
 
     def requires(self) -> Iterable[Any]:
         yield self.body

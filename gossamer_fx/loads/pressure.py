@@ -29,6 +29,12 @@ class Pressure:
     value: float | Callable[[float], float]
     name: str = "pressure"
 
+    def __post_init__(self) -> None:
+        check(
+            callable(self.value) or math.isfinite(self.value),
+            f"Pressure '{self.name}': value is {self.value!r} Pa; give a finite number or a function of time.",
+        )
+
     def requires(self) -> Iterable[Any]:
         yield self.body
 

@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from meshes.sheet import sheet
+from meshes.sphere import sphere
 
 AIR = gx.IdealGas(gamma=1.4, R=287.0)
 LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
@@ -50,6 +51,13 @@ def flipped_pillow(reverse: bool) -> gx.Mesh:
             model.mesh.reverse([(2, sheets[1])])
 
     return gx.gmsh_mesh(build, WORLD)
+
+
+def quadrilaterals(model) -> None:
+    model.occ.addRectangle(0, 0, 0, 1, 1)
+    model.occ.synchronize()
+    model.mesh.generate(2)
+    model.mesh.recombine()
 
 
 def chamber_of(mesh: gx.Mesh) -> gx.Scene:
@@ -126,6 +134,29 @@ CASES: dict[str, tuple[Callable[[], object], str]] = {
     "fourth component": (lambda: gx.Fixed(film(), "left", components=(3,)), "components"),
     "massless point": (lambda: gx.PointMass(0.0), "mass"),
     "soft spring": (lambda: gx.AxialSpring(gx.PointMass(1.0).port(), -1.0, (1, 0, 0)), "stiffness"),
+    "linear film on curved triangles": (lambda: gx.Membrane(sphere(WORLD, 1.0, 8, order=2), LAW), "order"),
+    "displacement in the plane": (lambda: gx.Scene(film(displacement=lambda x: x[:2])).compile(), "(3, n)"),
+    "velocity without points": (lambda: film(velocity=(0.0, 0.0, 1.0)), "velocity"),
+    "quadrilaterals": (lambda: gx.gmsh_mesh(quadrilaterals, WORLD), "Quadrilateral"),
+    "no elements": (lambda: gx.gmsh_mesh(lambda model: None, WORLD), "no triangles"),
+    "gravity is no number": (lambda: gx.Gravity(film(), (0.0, 0.0, np.nan)), "g is"),
+    "pressure is no number": (lambda: gx.Pressure(film(), np.nan), "pressure"),
+    "endless orifice": (lambda: gx.Orifice(tank(), gx.Ambient(), area=np.inf), "area"),
+    "cold surroundings": (lambda: gx.Ambient(1.0, -3.0), "temperature"),
+    "wall of a reservoir": (lambda: gx.WallHeat(gx.Reservoir(1e5, 300.0), 1.0, 300.0), "wall"),
+    "surface of curves": (
+        lambda: gx.Scene(
+            gx.Chamber(film(), gas=AIR, pressure=1.0, temperature=300.0, dead_volume=1e-3, surface=("left",))
+        ).compile(),
+        "left",
+    ),
+    "point in the plane": (lambda: gx.PointMass(1.0, (0.0, 0.0)), "position"),
+    "spring along nothing": (lambda: gx.AxialSpring(gx.PointMass(1.0).port(), 1.0, (0, 0, 0)), "direction"),
+    "no Gauss points": (lambda: gx.PathAverage(points=0), "points"),
+    "no iterations": (lambda: gx.Tolerances(iterations=0), "iterations"),
+    "tolerance is no number": (lambda: gx.Tolerances(relative=np.nan), "relative"),
+    "halvings = -1": (lambda: gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3), halvings=-1), "halvings"),
+    "back in time": (lambda: gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3)).run(until=-1.0), "until"),
     "piston without area": (lambda: gx.Piston(gx.PointMass(1.0).port(), 0.0, (1, 0, 0)), "area"),
 }
 
