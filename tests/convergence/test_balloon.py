@@ -34,13 +34,12 @@ def balloon(dt: float, times, comm: MPI.Comm, cells: int = 10) -> tuple[np.ndarr
     gas = gx.IdealGas(gamma=1.4, R=287.0)
     bag = gx.Chamber(film, gas=gas, pressure=50.0, temperature=300.0)
     run = gx.Simulation(gx.Scene(film, bag, gx.Orifice(gx.Reservoir(1e5, 300.0), bag, area=3e-5)), gx.Midpoint(dt=dt))
-    (network,) = run.system.borders
     found = []
     for t in times:
         run.run(until=t)
         r = np.linalg.norm(run.system.q0.array_r.reshape(-1, 3), axis=1)
         radius = comm.allreduce(r.sum()) / comm.allreduce(len(r))
-        state = network.states[0]
+        state = run.chamber("chamber")
         found.append((radius, state.p, state.temperature, state.m, run.totals.stored["film"]))
     return np.array(found), run
 

@@ -15,11 +15,10 @@ AIR = gx.IdealGas(gamma=1.4, R=287.0)
 def histories(scene: gx.Scene, dt: float, times) -> tuple[np.ndarray, gx.Simulation]:
     """(p, T, m) of every chamber at the given times, shape (times, chambers, 3), and the run."""
     run = gx.Simulation(scene, gx.Midpoint(dt=dt))
-    (gas,) = run.system.borders
     found = []
     for t in times:
         run.run(until=t)
-        found.append([(s.p, s.temperature, s.m) for s in gas.states])
+        found.append([(s.p, s.temperature, s.m) for s in run.chambers.values()])
     return np.array(found), run
 
 
@@ -152,11 +151,10 @@ def piston(dt: float, times, comm: MPI.Comm = MPI.COMM_SELF) -> tuple[np.ndarray
     )
     inlet = gx.Orifice(gx.Reservoir(1e5, 300.0), cylinder, area=2e-5)
     run = gx.Simulation(gx.Scene(mass, gx.AxialSpring(mass.port(), 2000.0, axis), inlet), gx.Midpoint(dt=dt))
-    (gas,) = run.system.borders
     found = []
     for t in times:
         run.run(until=t)
-        state = gas.states[0]
+        state = run.chamber("chamber")
         x, v = (run.comm.allreduce(float(q.array_r[:1].sum())) for q in (run.system.q0, run.system.v0))
         found.append((x, v, state.p, state.temperature, state.m))
     return np.array(found), run

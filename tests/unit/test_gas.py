@@ -17,8 +17,7 @@ LAMINAR = 1e-5
 
 def start(*items, dt: float):
     run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt))
-    (gas,) = run.system.borders
-    return run, gas.states
+    return run, list(run.chambers.values())
 
 
 def pressures(states):
