@@ -11,7 +11,7 @@ wrinkles and slack patches come and go.
 Where the values come from:
     length 0.8 m       the long tube of the deployment tests in Miyazaki, KAKENHI 19360384 final report (2009), §4(4)
     film               polyimide, Kapton HN 100 (DuPont data sheet H-38492): 25 µm, 2.5 GPa, 0.34, 1420 kg/m³
-    diameter 60 mm     chosen: hoop stress 12 MPa at 10 kPa, a sixth of the film's yield strength (69 MPa, data sheet)
+    diameter 58 mm     chosen: hoop stress 12 MPa at 10 kPa, a sixth of the film's yield strength (69 MPa, data sheet)
     tank               chosen: 20 ml of nitrogen at 1.5 MPa and 293 K fill the tube to about 10 kPa
     valve              chosen: soft start, a bleed of 0.2 mm bore opens the tube, then a bore of 1 mm presses it up;
                        discharge coefficient 0.8
@@ -35,7 +35,7 @@ from gossamer_fx.schedule import Schedule
 from gossamer_fx.simulate import Output
 from meshes.tube import flat_tube
 
-LENGTH, DIAMETER = 0.8, 0.06  # m
+LENGTH, DIAMETER = 0.8, 0.058  # m
 FILM = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual=1e-6)
 NITROGEN = gx.IdealGas(gamma=1.4, R=296.8)
 BLEED, BORE, SOFT = 0.2e-3, 1e-3, (0.02, 0.03)  # m, m, s
