@@ -25,6 +25,7 @@ LAYERS = (
     ("ledger", "fields", "probes", "recorder"),
     ("curves", "camera", "rasterise", "view", "page", "picture", "study", "study_report"),
 )
+HEAVY = {"gmsh", "matplotlib", "pyvista", "slepc4py", "adios4dolfinx", "h5py", "rich", "pandas"}
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p != PACKAGE / "__init__.py")
 
@@ -60,6 +61,18 @@ def test_imports_go_down(path: Path) -> None:
     assert here in LEVEL, f"give '{here}' its layer"
     for module in imports_at_run_time(path):
         assert LEVEL[house_of(module)] <= LEVEL[here], f"{here} imports {module} from above"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_heavy_libraries_are_imported_where_they_are_used(path: Path) -> None:
+    """At the top of a file they would be loaded by scenes that do not need them."""
+    top = [node for node in ast.parse(path.read_text()).body if isinstance(node, ast.Import | ast.ImportFrom)]
+    loaded = {
+        name.split(".")[0]
+        for node in top
+        for name in ([node.module or ""] if isinstance(node, ast.ImportFrom) else [a.name for a in node.names])
+    }
+    assert not loaded & HEAVY
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
