@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import os
 import platform
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -14,6 +17,7 @@ import numpy.typing as npt
 import ufl
 from dolfinx import default_scalar_type, fem
 from dolfinx.mesh import Mesh
+from mpi4py import MPI
 
 
 @cache
@@ -32,6 +36,7 @@ def _options() -> dict[str, Any]:
     return {
         "cache_dir": str(home / "gossamer_fx" / f"kernels-{cpu}"),
         "cffi_extra_compile_args": ["-O2", "-g0", "-march=native", "-mtune=generic"],
+        "timeout": 2,  # s to wait for a kernel that another process has begun; then see `_with_cache`
     }
 
 
@@ -42,9 +47,46 @@ def constant(mesh: Mesh, value: float) -> fem.Constant:
 
 def compile_form(form: ufl.Form) -> fem.Form:
     """Compile a form (or take its kernel from the cache)."""
-    return fem.form(form, jit_options=_options())
+    comm = form.ufl_domain().ufl_cargo().comm
+    return _with_cache(comm, lambda: fem.form(form, jit_options=_options()))
 
 
 def compile_expression(expression: Any, points: npt.NDArray[np.float64]) -> fem.Expression:
     """Compile an expression for evaluation at `points` of the reference cell, shape (n, tdim)."""
-    return fem.Expression(expression, points, jit_options=_options())
+    comm = ufl.domain.extract_unique_domain(expression).ufl_cargo().comm
+    return _with_cache(comm, lambda: fem.Expression(expression, points, jit_options=_options()))
+
+
+def _with_cache[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T:
+    """Compile; if it fails, once more without the kernels that were begun and will never be finished.
+
+    The compiler takes a source file without a kernel for one that another process is compiling, and gives up after a
+    while; so a run that was interrupted while it compiled would spoil all later ones.  Processes that compile hold a
+    shared lock, which ends with them: who has it alone knows that nothing is being compiled.
+    """
+    leads = comm.rank == 0  # it compiles for all, while they wait
+    try:
+        with _lock(fcntl.LOCK_SH) if leads else nullcontext():
+            return task()
+    except (TimeoutError, RuntimeError):
+        if leads:
+            _remove_unfinished()
+    with _lock(fcntl.LOCK_SH) if leads else nullcontext():
+        return task()
+
+
+@contextmanager
+def _lock(kind: int) -> Iterator[Path]:
+    """Hold the cache folder, shared or alone."""
+    folder = Path(_options()["cache_dir"])
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "lock").open("w") as file:
+        fcntl.flock(file, kind)
+        yield folder
+
+
+def _remove_unfinished() -> None:
+    with _lock(fcntl.LOCK_EX) as folder:
+        for source in folder.glob("libffcx_*.c"):
+            if not source.with_suffix(".c.cached").exists():
+                source.unlink()

@@ -1,0 +1,55 @@
+"""The cache of compiled kernels survives runs that were interrupted while they compiled."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, mesh
+
+from gossamer_fx import forms
+
+
+@pytest.fixture
+def cache(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache of kernels."""
+    options = forms._options() | {"cache_dir": str(folder)}
+    monkeypatch.setattr(forms, "_options", lambda: options)
+    return folder
+
+
+@pytest.mark.mpi
+def test_kernels_that_were_never_finished_are_made_anew(comm, cache):
+    domain = mesh.create_unit_square(comm, 3, 3)
+    area = forms.constant(domain, 1.0) * ufl.dx(domain)
+    x, point = ufl.SpatialCoordinate(domain), np.array([[0.25, 0.25]])
+
+    def values():
+        form, expression = forms.compile_form(area), forms.compile_expression(x[0] + x[1], point)
+        return comm.allreduce(fem.assemble_scalar(form)), float(
+            expression.eval(domain, np.zeros(1, dtype=np.int32))[0, 0]
+        )
+
+    first = values()
+    assert first[0] == pytest.approx(1.0)
+    comm.barrier()
+    if comm.rank == 0:  # as if the compiler had been killed: the sources are there, the kernels are not
+        sources = sorted(cache.glob("libffcx_*.c"))
+        assert len(sources) == 2
+        for source in sources:
+            source.with_suffix(".c.cached").unlink()
+    comm.barrier()
+    assert values() == first
+    comm.barrier()
+    assert len(list(cache.glob("libffcx_*.c.cached"))) == 2
+
+
+@pytest.mark.mpi
+def test_an_error_of_the_compiler_is_shown(comm, cache):
+    def task():
+        raise RuntimeError("no space left on device")
+
+    with pytest.raises(RuntimeError, match="no space"):
+        forms._with_cache(comm, task)
