@@ -11,6 +11,7 @@ from mpi4py import MPI
 from gossamer_fx.assembly import BorderMaker, InitialCondition
 from gossamer_fx.discrete_gradient import PathAverage, StressRule
 from gossamer_fx.errors import check, check_on_all
+from gossamer_fx.examination import examine
 from gossamer_fx.parts import Body, Part, is_body
 from gossamer_fx.system import System
 
@@ -70,8 +71,10 @@ class Scene:
         """Number the unknowns, compile the forms, take the initial state.
 
         Raises:
-            InputError: initial data that are not finite, or what a part finds wrong with its surroundings.
+            InputError: cells without size, initial data that are not finite, or what a part finds wrong with its
+                surroundings.
         """
+        examine(self.items, self.comm)
         for body in self.bodies:
             for what, values in zip(("displacement", "velocity"), body.initial_state(), strict=True):
                 check_on_all(

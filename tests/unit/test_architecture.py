@@ -16,10 +16,10 @@ PACKAGE = Path(gossamer_fx.__file__).parent
 LAYERS = (
     ("errors", "forms", "kinematics", "schedule"),
     ("materials", "elastica", "mesh", "parts", "assembly"),
-    ("discrete_gradient", "numbering", "places"),
+    ("discrete_gradient", "numbering", "places", "mesh_quality"),
     ("attachment", "bodies", "gas", "interactions", "loads", "control", "initial"),
     ("load_forces", "point_forces", "point_constraints", "point_loads", "masses", "supports", "totals"),
-    ("system", "scene"),
+    ("system", "examination", "scene"),
     ("linear", "newton"),
     ("midpoint", "generalized_alpha", "statics", "form_finding", "vibration", "simulate"),
     ("ledger", "fields", "probes", "recorder"),
