@@ -51,6 +51,6 @@ def capped_cylinder(comm: MPI.Comm, radius: float, length: float, around: int, a
         size = 2 * math.pi * radius / (4 * quarter)
         model.mesh.setSize(model.getEntities(0), size)
         model.mesh.generate(2)
-        model.mesh.reverse([(2, caps[0])])
+        model.mesh.reverse([(2, wall) for wall in walls] + [(2, caps[1])])
 
     return gmsh_mesh(build, comm)
