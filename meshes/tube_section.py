@@ -1,4 +1,4 @@
-"""A closed circular cylinder with flat caps."""
+"""A circular cylinder, closed by flat caps or open."""
 
 from __future__ import annotations
 
@@ -10,13 +10,23 @@ from mpi4py import MPI
 from gossamer_fx import Mesh, gmsh_mesh
 
 
-def capped_cylinder(comm: MPI.Comm, radius: float, length: float, around: int, along: int) -> Mesh:
-    """A cylinder about the x axis from x = 0 to `length`, a regular polygon of 4·round(around/4) sides, and its caps.
+def capped_cylinder(comm: MPI.Comm, radius: float, length: float, around: int, along: int, order: int = 1) -> Mesh:
+    """`cylinder` with its caps, group "caps"."""
+    return cylinder(comm, radius, length, around, along, order, capped=True)
 
-    Normals point outwards.
 
-    Groups: "wall", "caps", "first rim" (x = 0), "last rim", and the four lines "top", "bottom" (z = ±radius), "left",
-    "right" (y = ±radius) along the wall.
+def cylinder(
+    comm: MPI.Comm, radius: float, length: float, around: int, along: int, order: int = 1, capped: bool = False
+) -> Mesh:
+    """A cylinder about the x axis from x = 0 to `length` [m], with 4·round(around/4) edges around, `along` along it.
+
+    Its section is a regular polygon, or, with curved triangles of `order` 2, close to a circle.  Normals point
+    outwards.  The diagonals of the wall are parallel: where they alternate, nodes of four and of eight triangles bear
+    unequal shares of the pressure, and a film of order 1 takes a chequered shape whose strains, about (edge/radius)²,
+    hide small ones.
+
+    Groups: "wall", "first rim" (x = 0), "last rim", and the four lines "top", "bottom" (z = ±radius), "left", "right"
+    (y = ±radius) along the wall; the points "first top" and so on, where these lines begin.
     """
     quarter = max(round(around / 4), 1)
 
@@ -34,23 +44,26 @@ def capped_cylinder(comm: MPI.Comm, radius: float, length: float, around: int, a
             geo.addSurfaceFilling([geo.addCurveLoop([arcs[0][i], lines[(i + 1) % 4], -arcs[1][i], -lines[i]])])
             for i in range(4)
         ]
-        caps = [geo.addPlaneSurface([geo.addCurveLoop(ring)]) for ring in arcs]
+        caps = [geo.addPlaneSurface([geo.addCurveLoop(ring)]) for ring in arcs] if capped else []
         for arc in arcs[0] + arcs[1]:
             geo.mesh.setTransfiniteCurve(arc, quarter + 1)
         for line in lines:
             geo.mesh.setTransfiniteCurve(line, along + 1)
         for wall in walls:
-            geo.mesh.setTransfiniteSurface(wall, "Alternate")
+            geo.mesh.setTransfiniteSurface(wall, "Left")
         geo.synchronize()
         model.addPhysicalGroup(2, walls, name="wall")
-        model.addPhysicalGroup(2, caps, name="caps")
+        if capped:
+            model.addPhysicalGroup(2, caps, name="caps")
         model.addPhysicalGroup(1, arcs[0], name="first rim")
         model.addPhysicalGroup(1, arcs[1], name="last rim")
-        for name, line in zip(("top", "left", "bottom", "right"), lines, strict=True):
+        for name, line, point in zip(("top", "left", "bottom", "right"), lines, points[0], strict=True):
             model.addPhysicalGroup(1, [line], name=name)
+            model.addPhysicalGroup(0, [point], name=f"first {name}")
         size = 2 * math.pi * radius / (4 * quarter)
         model.mesh.setSize(model.getEntities(0), size)
         model.mesh.generate(2)
-        model.mesh.reverse([(2, wall) for wall in walls] + [(2, caps[1])])
+        model.mesh.reverse([(2, surface) for surface in (*walls, *caps[1:])])
+        model.mesh.setOrder(order)
 
     return gmsh_mesh(build, comm)
