@@ -30,9 +30,9 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.outputs import Output
 from gossamer_fx.probes import GAS
 from gossamer_fx.schedule import Schedule
-from gossamer_fx.simulate import Output
 from meshes.tube import flat_tube
 
 LENGTH, DIAMETER = 0.8, 0.058  # m

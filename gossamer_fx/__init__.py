@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from gossamer_fx.bodies.sections import rectangle as rectangle
     from gossamer_fx.bodies.sections import solid_circle as solid_circle
     from gossamer_fx.bodies.sections import tube as tube
+    from gossamer_fx.case import Case as Case
+    from gossamer_fx.checkpoint import Checkpoints as Checkpoints
+    from gossamer_fx.checkpoint import latest as latest
     from gossamer_fx.control.attitude import AttitudeControl as AttitudeControl
     from gossamer_fx.control.attitude import patch as patch
     from gossamer_fx.discrete_gradient import EndPoint as EndPoint
@@ -29,7 +32,10 @@ if TYPE_CHECKING:
     from gossamer_fx.elastica import Elastica as Elastica
     from gossamer_fx.errors import InputError as InputError
     from gossamer_fx.errors import NoEquilibrium as NoEquilibrium
+    from gossamer_fx.errors import OutputFailure as OutputFailure
     from gossamer_fx.errors import StepFailure as StepFailure
+    from gossamer_fx.events import At as At
+    from gossamer_fx.events import When as When
     from gossamer_fx.form_finding import Prestress as Prestress
     from gossamer_fx.form_finding import find_form as find_form
     from gossamer_fx.gas.enclosure import Piston as Piston
@@ -59,7 +65,7 @@ if TYPE_CHECKING:
     from gossamer_fx.interactions.torsion import TorsionDamper as TorsionDamper
     from gossamer_fx.interactions.torsion import TorsionSpring as TorsionSpring
     from gossamer_fx.ledger import Ledger as Ledger
-    from gossamer_fx.ledger import Progress as Progress
+    from gossamer_fx.interruption import Interrupted as Interrupted
     from gossamer_fx.loads.centrifugal import Centrifugal as Centrifugal
     from gossamer_fx.loads.damping import Damping as Damping
     from gossamer_fx.loads.edge_load import EdgeLoad as EdgeLoad
@@ -68,6 +74,7 @@ if TYPE_CHECKING:
     from gossamer_fx.loads.gravity import Gravity as Gravity
     from gossamer_fx.loads.pressure import Pressure as Pressure
     from gossamer_fx.materials import Linear as Linear
+    from gossamer_fx.log import log_to as log_to
     from gossamer_fx.materials import Miyazaki as Miyazaki
     from gossamer_fx.materials import TensionField as TensionField
     from gossamer_fx.mesh import Mesh as Mesh
@@ -83,7 +90,7 @@ if TYPE_CHECKING:
     from gossamer_fx.probes import GasState as GasState
     from gossamer_fx.probes import Position as Position
     from gossamer_fx.probes import Velocity as Velocity
-    from gossamer_fx.recorder import VTX as VTX
+    from gossamer_fx.progress import Progress as Progress
     from gossamer_fx.recorder import Probes as Probes
     from gossamer_fx.scene import Scene as Scene
     from gossamer_fx.simulate import Simulation as Simulation
@@ -99,17 +106,21 @@ _HOME = {
     "bodies.cable": ["Cable", "CableLaw", "TensionOnly"],
     "bodies.membrane": ["Membrane"],
     "bodies.point_mass": ["PointMass"],
+    from gossamer_fx.step_control import StepControl as StepControl
     "bodies.rigid_body": ["RigidBody"],
     "bodies.sections": ["Section", "rectangle", "solid_circle", "tube"],
     "control.attitude": ["AttitudeControl", "patch"],
     "discrete_gradient": ["EndPoint", "PathAverage"],
     "elastica": ["Elastica"],
-    "errors": ["InputError", "NoEquilibrium", "StepFailure"],
+    "errors": ["InputError", "NoEquilibrium", "OutputFailure", "StepFailure"],
+    "events": ["At", "When"],
     "form_finding": ["Prestress", "find_form"],
     "gas.enclosure": ["Piston"],
     "gas.ideal_gas": ["IdealGas"],
     "gas.orifice": ["Orifice", "WallHeat"],
     "gas.volumes": ["Ambient", "Chamber", "Reservoir", "Tank"],
+    "case": ["Case"],
+    "checkpoint": ["Checkpoints", "latest"],
     "generalized_alpha": ["GeneralizedAlpha"],
     "initial": ["RigidMotion", "StartFrom"],
     "interactions.clamped": ["Clamped"],
@@ -118,7 +129,8 @@ _HOME = {
     "interactions.spring": ["AxialSpring", "Damper", "Rope", "Spring"],
     "interactions.tape": ["Tape"],
     "interactions.torsion": ["TorsionDamper", "TorsionSpring"],
-    "ledger": ["Ledger", "Progress"],
+    "interruption": ["Interrupted"],
+    "ledger": ["Ledger"],
     "loads.centrifugal": ["Centrifugal"],
     "loads.damping": ["Damping"],
     "loads.edge_load": ["EdgeLoad"],
@@ -135,6 +147,7 @@ _HOME = {
     "recorder": ["VTX", "Probes"],
     "scene": ["Scene"],
     "simulate": ["Simulation"],
+    "log": ["log_to"],
     "statics": ["Continuation", "Equilibrium", "Found"],
     "vibration": ["Mode", "modes"],
 }
@@ -144,9 +157,11 @@ __all__ = sorted(_MODULE)
 
 def __getattr__(name: str) -> Any:
     if name not in _MODULE:
+    "progress": ["Progress"],
         raise AttributeError(f"gossamer_fx has no '{name}'; its names are: {', '.join(__all__)}")
     return getattr(import_module(f"gossamer_fx.{_MODULE[name]}"), name)
 
 
 def __dir__() -> list[str]:
     return __all__
+    "step_control": ["StepControl"],

@@ -94,3 +94,11 @@ class BorderMaker(Protocol):
     """Compiles all items of one kind to one border of a system."""
 
     def __call__(self, items: list[Any], system: Assembly) -> Border: ...
+    def memory(self) -> dict[str, Any]:
+        """Its state and what was supplied: numbers, words and lists of them, the same on every rank."""
+        ...
+
+    def recall(self, memory: dict[str, Any]) -> None:
+        """Be as when `memory` was asked for; coordinates and velocities are those of then."""
+        ...
+

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 from mpi4py import MPI
@@ -19,6 +20,10 @@ class StepFailure(RuntimeError):
 
 class NoEquilibrium(RuntimeError):
     """A static problem whose equilibrium was not found; the message names what was reached, reason and place."""
+
+
+class OutputFailure(RuntimeError):
+    """A file that could not be written in the course of a run; the message names it, the reason and the remedy."""
 
 
 def check(condition: bool, message: str) -> None:
@@ -51,3 +56,23 @@ def on_rank_zero[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T | None:
     if message is not None:
         raise InputError(message)
     return result
+
+
+def write_on_all[T](comm: MPI.Intracomm, path: Path, task: Callable[[], T]) -> T:
+    """Run on every rank a `task` that writes `path`.
+
+    Raises:
+        OutputFailure: on every rank, if it failed on one of them.
+    """
+    result, reason = None, ""
+    try:
+        result = task()
+    except (OSError, RuntimeError) as error:
+        reason = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
+    reason = next(filter(None, comm.allgather(reason)), "")
+    if reason:
+        raise OutputFailure(
+            f"Cannot write '{path}' ({reason}); what was written before is kept: make room or mend the folder, and "
+            "restart from the last checkpoint."
+        )
+    return cast(T, result)

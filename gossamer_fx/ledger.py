@@ -1,15 +1,13 @@
-"""The ledger of energy, momentum and mass, as a file; and a progress line."""
+"""The ledger of energy, momentum and mass, as a file."""
 
 from __future__ import annotations
 
-import csv
-import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
-from gossamer_fx.simulate import Simulation, make_parent
+from gossamer_fx.outputs import Table
+from gossamer_fx.simulate import Simulation
 
 
 class Ledger:
@@ -23,14 +21,16 @@ class Ledger:
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
-        self._file: IO[str] | None = None
+        self._table = Table(self.path)
 
     def open(self, run: Simulation) -> None:
-        make_parent(run.comm, self.path)
-        if run.comm.rank == 0:
-            self._file = self.path.open("w", newline="")
-            self._writer = csv.writer(self._file)
-            self._writer.writerow(self._row(run))
+        self._table.create(run.comm, list(self._row(run)))
+
+    def cursor(self) -> dict[str, Any]:
+        return {"end": self._table.end}
+
+    def resume(self, run: Simulation, cursor: dict[str, Any]) -> None:
+        self._table.cut(run.comm, list(self._row(run)), cursor["end"])
 
     def _row(self, run: Simulation) -> dict[str, Any]:
         t = run.totals
@@ -45,58 +45,7 @@ class Ledger:
         return row
 
     def record(self, run: Simulation, last: bool) -> None:
-        row = self._row(run)
-        if run.comm.rank == 0:
-            if self._file is None:  # a run that goes on
-                self._file = self.path.open("a", newline="")
-                self._writer = csv.writer(self._file)
-            self._writer.writerow([repr(float(v)) if isinstance(v, float) else v for v in row.values()])
-            self._file.flush()
+        self._table.append(run.comm, self._row(run).values())
 
     def close(self, run: Simulation) -> None:
-        if self._file is not None:
-            self._file.close()
-            self._file = None
-
-
-class Progress:
-    """A line on the terminal of rank 0: time, step, iterations, ledger error; a summary at the end."""
-
-    times: Sequence[float] = ()
-
-    def __init__(self, stream: IO[str] | None = None, seconds: float = 0.5) -> None:
-        self._stream = stream or sys.stderr
-        self._pause, self._shown = seconds, 0.0
-
-    def open(self, run: Simulation) -> None:
-        self._live = self._stream.isatty()
-        if not self._live:
-            self._pause = max(self._pause, 10.0)
-        self._print(run, f"{run.system.numbering.size} unknowns, compiled in {run.compile_seconds:.1f} s\n")
-
-    def _print(self, run: Simulation, text: str) -> None:
-        if run.comm.rank == 0:
-            self._stream.write(text)
-            self._stream.flush()
-
-    def record(self, run: Simulation, last: bool) -> None:
-        now = time.monotonic()
-        # every rank must agree to look at the totals; rank 0's clock decides
-        if run.comm.bcast(now - self._shown < self._pause and not last):
-            return
-        self._shown = now
-        line = (
-            f"t = {run.time:.6g} of {run.until:.6g} s   step {run.step}   iterations {run.last_iterations}   "
-            f"ledger {run.energy_error:+.1e}"
-        )
-        self._print(run, ("\r" + line.ljust(79)) if self._live else line + "\n")
-
-    def close(self, run: Simulation) -> None:
-        steps = max(run.step, 1)
-        summary = (
-            f"{run.step} steps in {run.seconds:.1f} s, {run.iterations / steps:.1f} iterations a step, "
-            f"{run.substeps} halved; energy closes to {run.energy_error:.1e}"
-        )
-        if run.totals.mass:
-            summary += f", gas mass to {run.mass_error:.1e}"
-        self._print(run, ("\n" if self._live else "") + summary + "\n")
+        pass

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeGuard
+from typing import Any, Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -77,6 +77,19 @@ def is_body(item: object) -> TypeGuard[Body]:
 def is_on_mesh(body: Body) -> TypeGuard[MeshBody]:
     """Whether a body is discretised on a mesh."""
     return hasattr(body, "space")
+
+
+@runtime_checkable
+class Remembers(Protocol):
+    """Something with a past that the coordinates do not tell; any field of a part may be."""
+
+    def memory(self) -> dict[str, Any]:
+        """Numbers, words and lists of them, the same on every rank."""
+        ...
+
+    def recall(self, memory: dict[str, Any]) -> None:
+        """Be as when `memory` was asked for; coordinates and velocities are those of then."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,8 +236,8 @@ class PointConstraint:
 class PointForce(Protocol):
     """Force on attached vectors, evaluated alike on every rank."""
 
-    def begin(self, t: float, h: float, X: Array, V: Array) -> None:
-        """Start a step of length h at time t from the vectors X (3k,) and their rates V."""
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+        """Start a step at time t from the vectors X (3k,) and their rates V; forces act `lag` seconds later."""
         ...
 
     def force(self, X: Array) -> Array:

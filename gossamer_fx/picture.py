@@ -11,8 +11,9 @@ from gossamer_fx.curves import Moment, observe, panels, scaled
 from gossamer_fx.errors import check
 from gossamer_fx.fields import STATES, AreaFractions
 from gossamer_fx.page import DPI, arrange, write
+from gossamer_fx.outputs import make_parent
 from gossamer_fx.schedule import Schedule
-from gossamer_fx.simulate import Simulation, make_parent
+from gossamer_fx.simulate import Simulation
 from gossamer_fx.view import Shape, Sight
 
 MOST_SHAPES = 24

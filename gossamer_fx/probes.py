@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,8 +15,6 @@ from gossamer_fx.simulate import Simulation
 
 if TYPE_CHECKING:
     from gossamer_fx.gas.volumes import Chamber
-
-Probe = Callable[[Simulation], float]
 
 AXES = {"x": 0, "y": 1, "z": 2}
 GAS = ("pressure", "temperature", "volume", "mass")

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import csv
-import math
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from gossamer_fx.errors import InputError, check, on_rank_zero
+from gossamer_fx.errors import check, on_rank_zero, write_on_all
 from gossamer_fx.fields import FieldFunctions, check_fields
+from gossamer_fx.outputs import Probe, Table, ask, make_parent
 from gossamer_fx.parts import MeshBody, is_on_mesh
-from gossamer_fx.probes import Probe
 from gossamer_fx.schedule import Schedule
-from gossamer_fx.simulate import Simulation, make_parent
+from gossamer_fx.simulate import Simulation
 
 if TYPE_CHECKING:
     from dolfinx.io import VTXWriter
@@ -24,7 +23,8 @@ class VTX:
 
     One file holds functions of one element.  Displacement and velocity alone are continuous; with a field that jumps
     between cells all are discontinuous of the body's order, since ParaView does not follow cell data in time
-    (ADIOS2 issue 4179).  The mesh is written once.
+    (ADIOS2 issue 4179).  The mesh is written once.  A run that goes on, also after a restart, begins another file:
+    `film.bp`, `film_0001.bp`, ...; none of them holds a time that another one has.
 
     Args:
         path: `.bp`; made at the first record, so that a run that is refused destroys nothing.
@@ -49,7 +49,7 @@ class VTX:
         check(self.path.suffix == ".bp", f"VTX cannot write '{path}'; give a name that ends in .bp.")
         check(not isinstance(fields, str), f"VTX '{path}': fields is {fields!r}; give a tuple of names, ({fields!r},).")
         self._writer: VTXWriter | None = None
-        self._closed = False
+        self._segment = self._steps = 0  # file that is or was written last, and how many times are in it
 
     @property
     def times(self) -> Sequence[float]:
@@ -82,21 +82,60 @@ class VTX:
     def record(self, run: Simulation, last: bool) -> None:
         if not self.schedule.due(run.step, run.time, last):
             return
-        check(not self._closed, f"VTX '{self.path}' is finished and cannot be continued; run to the end at once.")
+        self._functions.update()
+        write_on_all(run.comm, self._file(self._segment), lambda: self._write(run))
+        self._steps += 1
+
+    def _write(self, run: Simulation) -> None:
         if self._writer is None:
             from dolfinx.io import VTXWriter
             from dolfinx.io.utils import VTXMeshPolicy
 
             self._writer = VTXWriter(
-                run.comm, self.path, self._functions.functions, engine="BP4", mesh_policy=VTXMeshPolicy.reuse
+                run.comm,
+                self._file(self._segment),
+                self._functions.functions,
+                engine="BP5",
+                mesh_policy=VTXMeshPolicy.reuse,
             )
-        self._functions.update()
         self._writer.write(run.time)
+
+    def _file(self, segment: int) -> Path:
+        return self.path.with_stem(f"{self.path.stem}_{segment:04d}") if segment else self.path
 
     def close(self, run: Simulation) -> None:
         if self._writer is not None:
-            self._writer.close()
-            self._closed = True
+            writer, self._writer = self._writer, None
+            write_on_all(run.comm, self._file(self._segment), writer.close)
+            self._next_segment()
+
+    def _next_segment(self) -> None:
+        if self._steps:
+            self._segment, self._steps = self._segment + 1, 0
+
+    def cursor(self) -> dict[str, Any]:
+        return {"segment": self._segment, "steps": self._steps}
+
+    def resume(self, run: Simulation, cursor: dict[str, Any]) -> None:
+        self.open(run)
+        self._segment, self._steps = cursor["segment"], cursor["steps"]
+        on_rank_zero(run.comm, lambda: self._cut())
+        self._next_segment()
+
+    def _cut(self) -> None:
+        """Remove what came after the cursor: later segments, and the end of this one."""
+        import adios2
+
+        here = self._file(self._segment)
+        for later in here.parent.glob(f"{self.path.stem}_[0-9]*.bp"):
+            if later.stem.removeprefix(f"{self.path.stem}_") > f"{self._segment:04d}":
+                shutil.rmtree(later)
+        if self._steps:
+            check(here.is_dir(), f"'{here}' is gone since the checkpoint was written; put it back, or start anew.")
+            io = adios2.Adios().declare_io("cut")
+            io.set_engine("BP5")
+            io.set_parameters({"AppendAfterSteps": str(self._steps)})
+            io.open(str(here), adios2.bindings.Mode.Append).close()
 
 
 class Probes:
@@ -121,7 +160,7 @@ class Probes:
         for name, probe in self.probes.items():
             check(callable(probe), f"Probe '{name}' is {probe!r}; give a function of the run that returns a number.")
             check(name not in ("time", "step"), f"Probe '{name}' has the name of a column that exists; rename it.")
-        self._file: IO[str] | None = None
+        self._table, self._head = Table(self.path), ["time", "step", *self.probes]
 
     @property
     def times(self) -> Sequence[float]:
@@ -130,41 +169,21 @@ class Probes:
     def open(self, run: Simulation) -> None:
         make_parent(run.comm, self.path)
         self._row(run)
-        if run.comm.rank == 0:
-            self._file = self.path.open("w", newline="")
-            csv.writer(self._file).writerow(["time", "step", *self.probes])
+        self._table.create(run.comm, self._head)
+
+    def cursor(self) -> dict[str, Any]:
+        return {"end": self._table.end}
+
+    def resume(self, run: Simulation, cursor: dict[str, Any]) -> None:
+        self._row(run)
+        self._table.cut(run.comm, self._head, cursor["end"])
 
     def _row(self, run: Simulation) -> list[float]:
-        return [self._value(run, name, probe) for name, probe in self.probes.items()]
-
-    def _value(self, run: Simulation, name: str, probe: Probe) -> float:
-        value, problem = math.nan, ""
-        try:
-            value = float(probe(run))
-        except InputError as error:
-            problem = str(error)
-        except Exception as error:  # whatever a user's function raises
-            problem = f"it raises {type(error).__name__} ({error}); correct its function."
-        else:
-            if not math.isfinite(value):
-                problem = f"it returns {value}; it must return a finite number."
-        values, problems = zip(*run.comm.allgather((value, problem)), strict=True)
-        found = next(filter(None, problems), "")
-        if not found and max(values) - min(values) > 1e-9 * max(map(abs, values)):
-            found = "it differs from rank to rank; sum what each rank has with run.comm.allreduce."
-        check(not found, f"Probe '{name}' at t = {run.time:.6g} s: {found}")
-        return value
+        return [ask(run, f"Probe '{name}'", probe) for name, probe in self.probes.items()]
 
     def record(self, run: Simulation, last: bool) -> None:
-        if not self.schedule.due(run.step, run.time, last):
-            return
-        row = self._row(run)
-        if self._file is not None:
-            if self._file.closed:  # the run goes on after its end
-                self._file = self.path.open("a", newline="")
-            csv.writer(self._file).writerow([repr(float(run.time)), run.step, *map(repr, row)])
-            self._file.flush()
+        if self.schedule.due(run.step, run.time, last):
+            self._table.append(run.comm, [float(run.time), run.step, *self._row(run)])
 
     def close(self, run: Simulation) -> None:
-        if self._file is not None:
-            self._file.close()
+        pass

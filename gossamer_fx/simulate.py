@@ -1,4 +1,4 @@
-"""Running a scene: the loop over steps, retries in sub-steps, outputs."""
+"""Running a scene: the loop over steps, and what outputs look at."""
 
 from __future__ import annotations
 
@@ -6,64 +6,29 @@ import math
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from mpi4py import MPI
 
-from gossamer_fx.discrete_gradient import StressRule
-from gossamer_fx.errors import InputError, StepFailure, check, on_rank_zero
-from gossamer_fx.newton import Newton, NotConverged
+from gossamer_fx.errors import StepFailure, check
+from gossamer_fx.history import History
+from gossamer_fx.interruption import Interrupted, Listener, together
+from gossamer_fx.log import LOGGER
+from gossamer_fx.outputs import Output, begin
 from gossamer_fx.scene import Scene
-from gossamer_fx.system import System
+from gossamer_fx.stepping import EqualSteps, Stepper, Stepping
 from gossamer_fx.totals import Totals
 
 if TYPE_CHECKING:
+    from gossamer_fx.checkpoint import Checkpoints
+    from gossamer_fx.events import Event, Watch
     from gossamer_fx.gas.network import ChamberState
+    from gossamer_fx.step_control import StepControl
 
 
-class StepSolver(Protocol):
-    """A time stepper at work on a system."""
-
-    newton: Newton
-
-    def step(self, h: float) -> int:
-        """Advance by h, return the iterations; raise `NotConverged` and change nothing."""
-        ...
-
-
-class Stepper(Protocol):
-    """A time stepper: its step, and the rule by which it takes stresses."""
-
-    @property
-    def dt(self) -> float: ...
-
-    @property
-    def rule(self) -> StressRule: ...
-
-    def start(self, system: System) -> StepSolver: ...
-
-
-class Output(Protocol):
-    """Something that looks at a run: a function of the state, unknown to the solver."""
-
-    @property
-    def times(self) -> Sequence[float]:
-        """Times [s] that the run must meet exactly."""
-        ...
-
-    def open(self, run: Simulation) -> None:
-        """Check the request and make the files; before anything is computed."""
-        ...
-
-    def record(self, run: Simulation, last: bool) -> None:
-        """Look at the state; at the start and after every step."""
-        ...
-
-    def close(self, run: Simulation) -> None:
-        """Finish the files; also after a failure."""
-        ...
+_COUNTS = ("step", "iterations", "substeps", "last_iterations", "seconds")
 
 
 class Simulation:
@@ -74,28 +39,67 @@ class Simulation:
         stepper: e.g. `Midpoint(dt=1e-3)`.
         outputs: e.g. `VTX`, `Ledger`, `Probes`, `Picture`, `Progress`.
         halvings: how often a step that does not converge may be halved.
+        control: lets steps grow and shrink; none: steps of the stepper's dt.
+        events: `At` or `When` something happens.
+        checkpoints: where the run is saved.
+        restart: a checkpoint, or a folder of which the newest is taken: the run goes on from there.
 
     Raises:
         InputError: what is wrong with the scene or the outputs; nothing has been computed then.
     """
 
-    def __init__(self, scene: Scene, stepper: Stepper, outputs: Sequence[Output] = (), halvings: int = 8) -> None:
-        self.scene, self.stepper, self.outputs = scene, stepper, list(outputs)
+    def __init__(
+        self,
+        scene: Scene,
+        stepper: Stepper,
+        outputs: Sequence[Output] = (),
+        halvings: int = 8,
+        *,
+        control: StepControl | None = None,
+        events: Sequence[Event] = (),
+        checkpoints: Checkpoints | None = None,
+        restart: str | Path | None = None,
+    ) -> None:
+        self.scene, self.stepper, self.outputs, self.checkpoints = scene, stepper, list(outputs), checkpoints
         self.comm = scene.comm
-        check(halvings >= 0, f"halvings is {halvings!r}; give the number of times that a step may be halved, or zero.")
         started = time.perf_counter()
         self.system = scene.compile(stepper.rule)
         self.solver = stepper.start(self.system)
+        self.stepping: Stepping = (
+            EqualSteps(self.system, self.solver, stepper.dt, halvings)
+            if control is None
+            else control.start(self.system, self.solver, stepper.dt)
+        )
         self.compile_seconds = time.perf_counter() - started
-        self.halvings = halvings
+        self.history = History(self.system, [self.solver, self.stepping])
         self.step = self.iterations = self.substeps = self.last_iterations = 0
         self.seconds = 0.0
         self.until = 0.0
-        self.first = self.system.book()
-        self._totals: Totals | None = self.first
+        self.first = self._totals = self.system.book()
         self._largest = 0.0
+        self._watch = self._watch_for(events)
+        cursors = [] if restart is None else self._restart(restart)
+        if checkpoints is not None:
+            checkpoints.open(self)
         for output in self.outputs:
-            output.open(self)
+            begin(self, output, cursors)
+
+    def _watch_for(self, events: Sequence[Event]) -> Watch | None:
+        if not events:
+            return None
+        from gossamer_fx.events import Watch
+
+        return Watch(self, events, self.history)
+
+    def _restart(self, restart: str | Path) -> list[tuple[str, dict[str, Any]]]:
+        """Take the state of a checkpoint; returns where its outputs stood."""
+        from gossamer_fx.checkpoint import read
+
+        cursors = read(self, restart)
+        self.tell(f"restarted at t = {self.time:.9g} s, step {self.step}")
+        if self._watch:
+            self._watch.repeat()
+        return cursors
 
     # ---- what outputs look at ----------------------------------------------------------------------------------
 
@@ -107,7 +111,7 @@ class Simulation:
     @property
     def totals(self) -> Totals:
         """Energies, momenta and masses now."""
-        if self._totals is None:
+        if self._totals.time != self.time:
             self._totals = self.system.book()
         return self._totals
 
@@ -154,84 +158,99 @@ class Simulation:
     def run(self, until: float) -> None:
         """Advance to the time `until` [s]; steps are evened out so that it and the outputs' times are met.
 
+        SIGTERM and SIGINT end it after the step that is being made, with a checkpoint if there are any.
+
         Raises:
             StepFailure: a step failed, also in sub-steps; the outputs are complete up to it.
+            OutputFailure: a file could not be written; what was written before is kept.
+            Interrupted: a signal came.
         """
         check(math.isfinite(until), f"until is {until!r}; give the end time in seconds.")
         check(until >= self.time, f"until is {until!r} s, but the run is at t = {self.time:.9g} s; give a later time.")
         self.until = until
-        milestones = sorted({t for o in self.outputs for t in o.times if self.time < t < until} | {until})
-        with ExitStack() as at_the_end:
+        times = [t for o in self.outputs for t in o.times] + (self._watch.times if self._watch else [])
+        with together(self.comm), ExitStack() as at_the_end, Listener() as signals:
             for output in self.outputs:
                 at_the_end.callback(output.close, self)
             if self.step == 0:
                 self._record(last=False)
-            for milestone in milestones:
-                while (left := milestone - self.time) > 1e-9 * self.stepper.dt:
-                    steps = math.ceil(left / self.stepper.dt - 1e-9)
-                    last = milestone == until and steps == 1
+            for milestone in sorted({t for t in times if self.time < t < until} | {until}):
+                while (left := milestone - self.time) > 1e-9 * self.stepping.wanted:
                     recorded = self.step
                     try:
-                        self._advance(left / steps)
+                        ended = self._advance(left / math.ceil(left / self.stepping.wanted - 1e-9), milestone)
                     except StepFailure:
                         if self.step > recorded:
                             self._record(last=True)
+                        elif self.checkpoints is not None:
+                            self.checkpoints.record(self, last=True)
                         raise
-                    if steps == 1:
-                        self.system.time = milestone
-                    self._record(last)
+                    signal = signals.heard(self.comm)
+                    self._record(last=ended or signal > 0 or self.time == until)
+                    if signal:
+                        self._leave(signal)
+                    if ended:
+                        return
 
     def _record(self, last: bool) -> None:
         for output in self.outputs:
             output.record(self, last)
+        if self.checkpoints is not None:
+            self.checkpoints.record(self, last)
 
-    def _advance(self, h: float) -> None:
-        started, before = time.perf_counter(), self.time
-        self.last_iterations = 0
+    def _advance(self, h: float, milestone: float = math.inf) -> bool:
+        """One step of h, or less, up to a milestone; returns whether an event ends the run there."""
+        started, before, stepping, ended = time.perf_counter(), self.time, self.stepping, False
+        iterations, substeps = stepping.iterations, stepping.substeps
         try:
-            self._attempt(h, self.halvings)
+            if self._watch:
+                ended = self._watch.advance(stepping, h)
+            else:
+                stepping.advance(h)
         finally:
+            self.last_iterations = stepping.iterations - iterations
+            self.substeps += stepping.substeps - substeps
             # sub-steps that were made before one failed are a step, too, and are seen by the outputs
             if self.time > before:
                 self.iterations += self.last_iterations
                 self.step += 1
-                self._totals = None
             self.seconds += time.perf_counter() - started
+        if abs(milestone - self.time) <= 1e-9 * stepping.wanted:
+            self.system.time = milestone
+        return ended
 
-    def _attempt(self, h: float, halvings: int) -> None:
-        """One step, or two of half the length if it does not converge, and so on."""
-        try:
-            self.last_iterations += self.solver.step(h)
-        except NotConverged as failure:
-            if halvings == 0:
-                raise StepFailure(
-                    f"The step {self.step + 1} at t = {self.time:.9g} s failed, also in sub-steps of {h:.3g} s: "
-                    f"{failure}."
-                ) from failure
-            self.substeps += 1
-            self._attempt(h / 2, halvings - 1)
-            self._attempt(h / 2, halvings - 1)
+    def _leave(self, number: int) -> None:
+        """Say where the run ended, and end the program."""
+        left = Interrupted(number)
+        where = "" if self.checkpoints is None else f"; restart from '{self.checkpoints.latest}'"
+        LOGGER.warning("stopped by %s at t = %.9g s, after step %d%s", left.signal.name, self.time, self.step, where)
+        raise left
 
+    def tell(self, words: str) -> None:
+        """Say something to those who listen to the log."""
+        LOGGER.info(words)
 
-def make_parent(comm: MPI.Intracomm, path: Path) -> None:
-    """Make the folder of an output file and try to write in it.
+    # ---- checkpoints -------------------------------------------------------------------------------------------
 
-    Raises:
-        InputError: the folder cannot be made or written.
-    """
+    def memory(self) -> dict[str, Any]:
+        """What a checkpoint keeps beside the history."""
+        first = {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in asdict(self.first).items()}
+        return {
+            **{name: getattr(self, name) for name in _COUNTS},
+            "first": first,
+            "largest energy": self._largest,
+            "events": self._watch.memory() if self._watch else {},
+        }
 
-    def task() -> None:
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            probe = path.parent / f".{path.name}.try"
-            probe.touch()
-            probe.unlink()
-        except OSError as error:
-            raise InputError(
-                f"Cannot write '{path}' ({error.strerror}); choose a folder that exists and is writable."
-            ) from error
-
-    on_rank_zero(comm, task)
+    def recall(self, memory: dict[str, Any]) -> None:
+        """Be as when `memory` was asked for."""
+        for name in _COUNTS:
+            setattr(self, name, memory[name])
+        first: dict[str, Any] = {n: np.array(v) if isinstance(v, list) else v for n, v in memory["first"].items()}
+        self.first = Totals(**first)
+        self._largest, self._totals = memory["largest energy"], self.system.book()
+        if self._watch:
+            self._watch.recall(memory["events"])
 
 
 def relative_drift(now: np.ndarray, first: np.ndarray, scale: float = 0.0) -> float:

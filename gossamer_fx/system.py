@@ -52,8 +52,8 @@ class System:
         self.comm, self.bodies, self.rule = comm, bodies, rule
         self.borders: list[Border] = []
         self.time, self.h = 0.0, 1.0
-        self._supplied = self._dissipated = 0.0
-        parts = list(parts)
+        self.supplied_energy = self.dissipated_energy = 0.0
+        self.parts = parts = list(parts)
         bonds = [p for p in parts if isinstance(p, PointConstraint)]
         blocks = [b.block for b in bodies] + [multiplier_block(comm, p) for p in bonds]
         self.numbering = numbering = Numbering(comm, blocks)
@@ -86,11 +86,15 @@ class System:
             free.array[self.supports.held] = 0
             self.constraints.validate(self.q0, self.v0, free)
             self.supports.hold(self.constraints.idle(free, self.q0))
-        self.move(self.q0, None)
-        self._keep()
+        self.resume()
         for border in self.borders:
             border.start()
         self._build_matrices()
+
+    def resume(self) -> None:
+        """Take up what follows from q0, which was set."""
+        self.move(self.q0, None)
+        self._keep()
 
     def _on_fields(self, parts: list[Part], role: Any) -> list[tuple[int, Coordinates, Any]]:
         """The parts of one role, with the index and coordinates of their body."""
@@ -227,14 +231,14 @@ class System:
         Δq = self.q1.array_r - self.q0.array_r
         for k, load in self.loads:
             owned = self.numbering.owned(k)
-            self._supplied += float(Δq[owned] @ load.path_average()[: owned.stop - owned.start])
-        self._supplied += self.supports.work(Δq)
+            self.supplied_energy += float(Δq[owned] @ load.path_average()[: owned.stop - owned.start])
+        self.supplied_energy += self.supports.work(Δq)
         for _, force in self.dissipated:
-            self._dissipated += force.dissipated()
+            self.dissipated_energy += force.dissipated()
         if self._points:
-            self._dissipated += self._points.dissipated(self.q1)
+            self.dissipated_energy += self._points.dissipated(self.q1)
         if self._pushes:
-            self._supplied += self._pushes.work(self.q1)
+            self.supplied_energy += self._pushes.work(self.q1)
         for border in self.borders:
             border.accept()
         self.q1.copy(self.q0)
@@ -269,7 +273,7 @@ class System:
         for name, energy in (self._points.energies() if self._points else {}).items():
             stored[name] = stored.get(name, 0.0) + energy
         local = np.array(
-            [self.v0.array_r @ P / 2, self._supplied, self._dissipated, *momenta.ravel(), *stored.values()]
+            [self.v0.array_r @ P / 2, self.supplied_energy, self.dissipated_energy, *momenta.ravel(), *stored.values()]
         )
         kinetic, supplied, dissipated, *rest = self.comm.allreduce(local).tolist()
         stored = dict(zip(stored, rest[6:], strict=True))

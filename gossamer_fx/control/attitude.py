@@ -31,11 +31,26 @@ class _Held(Couple):
         super().__init__()
         self._control, self._reference, self._next = control, reference, -math.inf
 
-    def begin(self, t: float, h: float, X: Array, V: Array) -> None:
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
         control = self._control
         if t >= self._next - 1e-9 * control.period:
             self._next = (t if self._next == -math.inf else self._next) + control.period
             self.torque = control.sample(X, V, self._reference)
+
+    def memory(self) -> dict[str, Any]:
+        control = self._control
+        due = None if self._next == -math.inf else self._next
+        return {
+            "due": due,
+            "torque": self.torque.tolist(),
+            "angles": control.angles.tolist(),
+            "torques": control.torques.tolist(),
+        }
+
+    def recall(self, memory: dict[str, Any]) -> None:
+        self._next = -math.inf if memory["due"] is None else memory["due"]
+        self.torque = np.array(memory["torque"])
+        self._control.angles, self._control.torques = np.array(memory["angles"]), np.array(memory["torques"])
 
 
 class _Continuous(Couple):
@@ -50,8 +65,8 @@ class _Continuous(Couple):
         self._h = 1.0
         self._X0: Array = reference.ravel()
 
-    def begin(self, t: float, h: float, X: Array, V: Array) -> None:
-        self._h, self._X0 = h, X
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+        self._h, self._X0 = 2 * lag, X
         self._control.sample(X, V, self._reference)
 
     def force(self, X: Array) -> Array:

@@ -212,6 +212,18 @@ class GasNetwork:
     def _outside(self, s: ChamberState) -> float:
         return float(s.chamber.outside.pressure) if s.chamber.outside is not None else 0.0
 
+    def memory(self) -> dict[str, Any]:
+        chambers = [[s.chamber.name, s.p, s.m, s.U, s.V] for s in self.states]
+        return {"chambers": chambers, "supplied": self._supplied, "mass supplied": self._mass_supplied}
+
+    def recall(self, memory: dict[str, Any]) -> None:
+        for s, state in zip(self.states, memory["chambers"], strict=True):
+            s.p, s.m, s.U, s.V = state[1:]
+            if s.enclosure is not None:
+                s.enclosure.evaluate()
+                s.enclosure.accept()
+        self._supplied, self._mass_supplied = memory["supplied"], memory["mass supplied"]
+
     def _volume(self, s: ChamberState) -> float:
         return float(s.chamber.fixed_volume) + (s.enclosure.volume if s.enclosure is not None else 0.0)
 

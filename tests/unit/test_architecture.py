@@ -14,16 +14,19 @@ PACKAGE = Path(gossamer_fx.__file__).parent
 
 # From the ground up; a module imports from its own layer or from those below.  A folder stands for its modules.
 LAYERS = (
-    ("errors", "forms", "kinematics", "schedule"),
+    ("errors", "forms", "kinematics", "schedule", "version"),
     ("materials", "elastica", "mesh", "parts", "assembly"),
     ("discrete_gradient", "numbering", "places", "mesh_quality"),
     ("attachment", "bodies", "gas", "interactions", "loads", "control", "initial"),
     ("load_forces", "point_forces", "point_constraints", "point_loads", "masses", "supports", "totals"),
     ("system", "examination", "scene"),
-    ("linear", "newton"),
-    ("midpoint", "generalized_alpha", "statics", "form_finding", "vibration", "simulate"),
-    ("ledger", "fields", "probes", "recorder"),
-    ("curves", "camera", "rasterise", "view", "page", "picture", "study", "study_report"),
+    ("linear", "newton", "history", "node_names", "outputs", "log", "interruption"),
+    ("stepping", "step_control", "midpoint", "generalized_alpha", "statics", "form_finding", "vibration"),
+    ("events", "checkpoint", "simulate"),
+    ("ledger", "progress", "fields", "probes", "recorder", "description", "recording"),
+    ("case", "curves", "camera", "rasterise", "view", "page", "picture", "study", "study_report"),
+    ("colours", "playback", "run_curves", "plot", "viewer", "report"),
+    ("command", "__main__"),
 )
 HEAVY = {"gmsh", "matplotlib", "pyvista", "slepc4py", "adios4dolfinx", "h5py", "rich", "pandas"}
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}

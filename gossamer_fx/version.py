@@ -1,0 +1,3 @@
+"""Which gossamer_fx this is."""
+
+VERSION = "0.1.0"
