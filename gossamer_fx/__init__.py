@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from gossamer_fx.gas.ideal_gas import IdealGas as IdealGas
     from gossamer_fx.gas.orifice import Orifice as Orifice
     from gossamer_fx.gas.orifice import WallHeat as WallHeat
+    from gossamer_fx.gas.ring import Ring as Ring
     from gossamer_fx.gas.volumes import Ambient as Ambient
     from gossamer_fx.gas.volumes import Chamber as Chamber
     from gossamer_fx.gas.volumes import Reservoir as Reservoir
@@ -118,6 +119,7 @@ _HOME = {
     "gas.enclosure": ["Piston"],
     "gas.ideal_gas": ["IdealGas"],
     "gas.orifice": ["Orifice", "WallHeat"],
+    "gas.ring": ["Ring"],
     "gas.volumes": ["Ambient", "Chamber", "Reservoir", "Tank"],
     "case": ["Case"],
     "checkpoint": ["Checkpoints", "latest"],

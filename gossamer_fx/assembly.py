@@ -33,6 +33,7 @@ class Assembly(Protocol):
     rule: Any
     q0: PETSc.Vec
     q1: PETSc.Vec
+    v0: PETSc.Vec
 
 
 @runtime_checkable
@@ -74,7 +75,11 @@ class Border(Protocol):
         ...
 
     def tangents(self, body: Body) -> Iterable[fem.Form]:
-        """Their derivatives with respect to the coordinates of one body."""
+        """Their derivatives with respect to the coordinates of one body, as far as they are made of forms."""
+        ...
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        """Add the rest of their derivatives to the matrix of all coordinates."""
         ...
 
     def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:

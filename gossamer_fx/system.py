@@ -339,6 +339,8 @@ class System:
             self._pushes.add_tangents(self.q1, self.A)
         if self.constraints:
             self.constraints.add_tangents(self.q1, self.A)
+        for border in self.borders:
+            border.add_tangents(self.A)
 
     def _split(self, y: Array) -> list[tuple[Border, Array]]:
         ends = np.cumsum([0] + [b.size for b in self.borders])

@@ -1,8 +1,9 @@
-"""A tube pressed flat: two strips that share their four edges."""
+"""A tube pressed flat: two strips that share their edges, whole or in compartments."""
 
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 from mpi4py import MPI
@@ -10,7 +11,7 @@ from mpi4py import MPI
 from gossamer_fx import Mesh, gmsh_mesh
 
 
-def flat_tube(comm: MPI.Comm, length: float, diameter: float, cells: int) -> Mesh:
+def flat_tube(comm: MPI.Comm, length: float, diameter: float, cells: int, compartments: int = 1) -> Mesh:
     """A closed tube of `length` and `diameter` [m], pressed flat into z = 0, with `cells` edges of triangles across.
 
     The film of a cylinder is flat when it is unrolled, so the two strips of width π d/2 are stress-free; the ends are
@@ -19,32 +20,51 @@ def flat_tube(comm: MPI.Comm, length: float, diameter: float, cells: int) -> Mes
     on the edges, where it could not open.
 
     Groups: "top", "bottom", the seams "inlet" (x = 0), "tip", "left", "right", and the points "tip left",
-    "tip right".
+    "tip right".  With several `compartments` of equal length also the surface of each, "compartment 1" and so on from
+    the inlet, and the closed line between one and the next, "ring 1" and so on.
     """
     width = math.pi * diameter / 2
     across = 2 * max(round(cells / 2), 1)
-    along = 2 * max(round(across * length / width / 2), 1)
+    along = 2 * max(round(across * length / compartments / width / 2), 1)
 
     def build(model: Any) -> None:
         geo = model.geo
         size = width / across
-        corners = [(0, -width / 2), (length, -width / 2), (length, width / 2), (0, width / 2)]
-        points = [geo.addPoint(x, y, 0, size) for x, y in corners]
-        lines = [geo.addLine(points[i], points[(i + 1) % 4]) for i in range(4)]
-        loop = geo.addCurveLoop(lines)
-        strips = [geo.addPlaneSurface([loop]) for _ in range(2)]
-        for line, n in zip(lines, (along, across, along, across), strict=True):
-            geo.mesh.setTransfiniteCurve(line, n + 1)
-        for strip in strips:
+        stations = range(compartments + 1)
+        right, left = (
+            [geo.addPoint(length * i / compartments, y, 0, size) for i in stations] for y in (-width / 2, width / 2)
+        )
+        right_lines, left_lines = ([geo.addLine(a, b) for a, b in pairwise(side)] for side in (right, left))
+        ends = {0, compartments}
+        top_lines = [geo.addLine(right[i], left[i]) for i in stations]
+        bottom_lines = [top_lines[i] if i in ends else geo.addLine(right[i], left[i]) for i in stations]
+        strips: list[list[int]] = []
+        for cross_lines in (top_lines, bottom_lines):
+            for line in cross_lines:
+                geo.mesh.setTransfiniteCurve(line, across + 1)
+            loops = [
+                geo.addCurveLoop([right_lines[i], cross_lines[i + 1], -left_lines[i], -cross_lines[i]])
+                for i in range(compartments)
+            ]
+            strips.append([geo.addPlaneSurface([loop]) for loop in loops])
+        for line in right_lines + left_lines:
+            geo.mesh.setTransfiniteCurve(line, along + 1)
+        for strip in strips[0] + strips[1]:
             geo.mesh.setTransfiniteSurface(strip, "AlternateLeft")
         geo.synchronize()
         for name, strip in zip(("top", "bottom"), strips, strict=True):
-            model.addPhysicalGroup(2, [strip], name=name)
-        for name, line in zip(("right", "tip", "left", "inlet"), lines, strict=True):
-            model.addPhysicalGroup(1, [line], name=name)
-        model.addPhysicalGroup(0, [points[1]], name="tip right")
-        model.addPhysicalGroup(0, [points[2]], name="tip left")
+            model.addPhysicalGroup(2, strip, name=name)
+        if compartments > 1:
+            for i, pair in enumerate(zip(*strips, strict=True)):
+                model.addPhysicalGroup(2, list(pair), name=f"compartment {i + 1}")
+            for i in range(1, compartments):
+                model.addPhysicalGroup(1, [top_lines[i], bottom_lines[i]], name=f"ring {i}")
+        seams = {"right": right_lines, "tip": top_lines[-1:], "left": left_lines, "inlet": top_lines[:1]}
+        for name, lines in seams.items():
+            model.addPhysicalGroup(1, lines, name=name)
+        model.addPhysicalGroup(0, right[-1:], name="tip right")
+        model.addPhysicalGroup(0, left[-1:], name="tip left")
         model.mesh.generate(2)
-        model.mesh.reverse([(2, strips[1])])
+        model.mesh.reverse([(2, strip) for strip in strips[1]])
 
     return gmsh_mesh(build, comm)

@@ -9,12 +9,15 @@ import numpy as np
 import ufl
 from dolfinx import fem, la
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from gossamer_fx.assembly import Assembly
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.errors import check, check_on_all
 from gossamer_fx.forms import compile_form, constant
+from gossamer_fx.gas.ring import Loop, Ring
 from gossamer_fx.kinematics import area_vector
+from gossamer_fx.mesh_quality import edge_tally
 from gossamer_fx.parts import Array, Body, Port
 
 
@@ -42,7 +45,11 @@ class CompiledEnclosure(Protocol):
         ...
 
     def tangents(self, body: Body) -> Iterable[fem.Form]:
-        """Derivative of the force of the last `add_force`."""
+        """Derivative of the force of the last `add_force`, as far as it is made of forms."""
+        ...
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        """Add the rest of that derivative."""
         ...
 
     def accept(self) -> None:
@@ -59,14 +66,16 @@ class Enclosure(Protocol):
 
 
 class FilmEnclosure:
-    """The volume inside a closed film: V = ⅓∫x·n dA, G[w] = ∫n·w dA, with n the deformed area vector.
+    """The volume inside a film and the fans over its rings: V = ⅓∫x·n dA, G[w] = ∫n·w dA, n the deformed area vector.
 
     V is homogeneous of degree three, so V = ⅓ G(q)·q; and as G is quadratic, ∂W/∂q1 = G(q̄) + α (G(q1) - G(q0))
     for the midpoint α = ½: one linear form gives all.
     """
 
-    def __init__(self, film: Membrane, surface: tuple[str, ...], chamber: str) -> None:
-        self.film, self.surface, self.chamber = film, surface, chamber
+    def __init__(self, film: Membrane, surface: tuple[str, ...], rings: tuple[Ring, ...], chamber: str) -> None:
+        self.film, self.surface, self.rings, self.chamber = film, surface, rings, chamber
+        odd = next((r.edges for r in rings if r.film is not film), None)
+        check(odd is None, f"Chamber '{chamber}': its ring '{odd}' is on another film than '{film.name}'.")
 
     def requires(self) -> Iterable[Any]:
         yield self.film
@@ -87,34 +96,39 @@ class FilmEnclosure:
         )
         return np.unique(np.concatenate([cells for _, cells in groups]))
 
-    def check_closed(self, cells: np.ndarray) -> None:
-        """Every edge of the surface has two triangles that pass it in opposite directions.
+    def check_closed(self, cells: np.ndarray, loops: list[Loop]) -> list[float]:
+        """The signs with which fans over the loops close the surface.
+
+        Every edge then has two triangles that pass it in opposite directions.
 
         Raises:
-            InputError: open edges, or triangles of inconsistent orientation.
+            InputError: open edges, rings inside, or triangles of inconsistent orientation.
         """
-        domain, comm = self.film.mesh.domain, self.film.comm
-        topology = domain.topology
-        topology.create_entities(1)
-        topology.create_connectivity(2, 1)
-        topology.create_connectivity(2, 0)
-        owned = cells[cells < topology.index_map(2).size_local]
-        vertices = topology.connectivity(2, 0).array.reshape(-1, 3)[owned]
-        edges = topology.connectivity(2, 1).array.reshape(-1, 3)[owned]
-        names = topology.index_map(0).local_to_global(vertices.ravel().astype(np.int32)).reshape(-1, 3)
-        # edge i of the reference triangle lies opposite vertex i and is passed from vertex i+1 to i+2
-        direction = np.where(names[:, [1, 2, 0]] < names[:, [2, 0, 1]], 1.0, -1.0)
-        tally = [la.vector(topology.index_map(1)) for _ in range(2)]
-        for vector, contribution in zip(tally, (np.ones_like(direction), direction), strict=True):
-            np.add.at(vector.array, edges, contribution)
-            vector.scatter_reverse(la.InsertMode.add)
-        n = topology.index_map(1).size_local
-        count, sum_of_directions = tally[0].array[:n], tally[1].array[:n]
+        comm, topology = self.film.comm, self.film.mesh.domain.topology
+        count, sum_of_directions = edge_tally(self.film.mesh.domain, cells)
+        topology.create_connectivity(1, 0)
+        open_edges = np.flatnonzero(count == 1)
+        ends = topology.connectivity(1, 0).array.reshape(-1, 2)[open_edges].ravel()
+        names = np.sort(topology.index_map(0).local_to_global(ends).reshape(-1, 2), axis=1)
+        signs = []
+        for ring, loop in zip(self.rings, loops, strict=True):
+            passed = loop.direction(names)
+            film = passed * sum_of_directions[open_edges]
+            found, film_direction = comm.allreduce(np.array([np.count_nonzero(passed), film.sum()]))
+            check(
+                found == len(loop.vertices),
+                f"Chamber '{self.chamber}': its ring '{ring.edges}' is no border of its surface; give the groups of "
+                "triangles on one side of it.",
+            )
+            signs.append(-float(np.sign(film_direction)))
+            spanned = open_edges[passed != 0]
+            count[spanned] += 1
+            sum_of_directions[spanned] += signs[-1] * passed[passed != 0]
         check_on_all(
             comm,
             bool(((count == 0) | (count == 2)).all()),
-            f"Chamber '{self.chamber}': the surface of '{self.film.name}' is open; close it, or name the groups of "
-            "triangles that bound the chamber.",
+            f"Chamber '{self.chamber}': the surface of '{self.film.name}' is open; close it, name the groups of "
+            "triangles that bound the chamber, or span holes by rings.",
         )
         check_on_all(
             comm,
@@ -122,12 +136,14 @@ class FilmEnclosure:
             f"Chamber '{self.chamber}': neighbouring triangles of '{self.film.name}' have opposite normals; orient the "
             "surface consistently (gmsh: model.mesh.reverse).",
         )
+        return signs
 
 
 class _CompiledFilm:
     def __init__(self, enclosure: FilmEnclosure, system: Assembly) -> None:
         film, cells = enclosure.film, enclosure.cells()
-        enclosure.check_closed(cells)
+        self._loops = [Loop(ring, system) for ring in enclosure.rings]
+        self._signs = enclosure.check_closed(cells, self._loops)
         self._film, self._comm, self._name = film, film.comm, enclosure.chamber
         k = system.bodies.index(film)
         self._at, self._owned, self._n = system.fields[k], system.numbering.owned(k), system.numbering.size_local
@@ -156,28 +172,35 @@ class _CompiledFilm:
         self._sign = 1.0
 
     def start(self) -> None:
-        G = self._gradient(self._at.q1.x.array)
+        self._follow()
+        G = self._gradient(1.0)
         if self._comm.allreduce(float(G @ self._q(self._at.q1))) < 0:
             self._sign = -1.0  # all normals point inwards
         self._G0: Array = self._sign * G
         self.evaluate()
 
+    def _follow(self) -> None:
+        for loop in self._loops:
+            loop.follow()
+
     def _q(self, f: fem.Function) -> Array:
         array: Array = f.x.array[: self._owned.stop - self._owned.start]
         return array
 
-    def _gradient(self, x: Array) -> Array:
-        self._x.x.array[:] = x
+    def _gradient(self, share: float) -> Array:
+        """G at (1 - share) q0 + share q1."""
+        self._x.x.array[:] = (1 - share) * self._at.q0.x.array + share * self._at.q1.x.array
         self._vector.array[:] = 0
         fem.assemble_vector(self._vector.array, self._form)
         self._vector.scatter_reverse(la.InsertMode.add)
-        G: Array = self._sign * self._vector.array[: self._owned.stop - self._owned.start]
-        return G
+        G: Array = self._vector.array[: self._owned.stop - self._owned.start].copy()
+        for loop, sign in zip(self._loops, self._signs, strict=True):
+            loop.add_own(G, self._owned.start, sign * loop.gradient(share))
+        return self._sign * G
 
     def evaluate(self) -> None:
-        q0, q1 = self._at.q0.x.array, self._at.q1.x.array
-        self._Gm = self._gradient((1 - self._α) * q0 + self._α * q1)
-        self._G1 = self._gradient(q1)
+        self._follow()
+        self._Gm, self._G1 = self._gradient(self._α), self._gradient(1.0)
         products = self._G1 * self._q(self._at.q1) / 3
         Δq = self._q(self._at.q1) - self._q(self._at.q0)
         local = np.array([products.sum(), abs(products).sum(), self._Gm @ Δq])
@@ -197,6 +220,10 @@ class _CompiledFilm:
     def tangents(self, body: Body) -> Iterable[fem.Form]:
         if body is self._film:
             yield self._tangent
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        for loop, sign in zip(self._loops, self._signs, strict=True):
+            loop.add_tangent(A, -sign * float(self._p.value), self._α)
 
     def accept(self) -> None:
         self._G0 = self._G1
@@ -254,6 +281,9 @@ class _CompiledPiston:
 
     def tangents(self, body: Body) -> Iterable[fem.Form]:
         return ()
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        pass
 
     def accept(self) -> None:
         pass

@@ -28,9 +28,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+from petsc4py import PETSc
 
 from gossamer_fx.assembly import Assembly, Booking
 from gossamer_fx.errors import check
+from gossamer_fx.gas.contract import Aperture, Opening, Volume, Wall
 from gossamer_fx.parts import Array, Body
 
 if TYPE_CHECKING:
@@ -46,7 +48,7 @@ STEP = 1e-30  # of the complex-step derivative
 class ChamberState:
     """State of one chamber: pressure [Pa], mass [kg], internal energy [J], volume [m³]."""
 
-    chamber: Any
+    chamber: Volume
     enclosure: CompiledEnclosure | None
     p: float = 0.0
     m: float = 0.0
@@ -70,20 +72,20 @@ class _Rates:
 
 
 @dataclass
-class _Opening:
-    orifice: Any
+class _Passage:
+    """An opening of the network; its ends are chambers by number, or others."""
+
+    opening: Opening
     ends: tuple[int | None, int | None]
-    area: float = 0.0
+    aperture: Aperture
+    area: float = 0.0  # C_d A of the step [m²]
 
 
 class GasNetwork:
     """Border of a scene's chambers; y = (p1, m1) of each."""
 
     def __init__(self, items: list[Any], system: Assembly) -> None:
-        from gossamer_fx.gas.orifice import Orifice, WallHeat
-        from gossamer_fx.gas.volumes import Chamber
-
-        chambers = [i for i in items if isinstance(i, Chamber)]
+        chambers = [i for i in items if isinstance(i, Volume)]
         check(bool(chambers), "The scene has gas but no chamber or tank; add one, or remove reservoirs and orifices.")
         first = chambers[0]
         odd = next((c.name for c in chambers if c.gas != first.gas), "")
@@ -92,9 +94,11 @@ class GasNetwork:
         self.states = [ChamberState(c, c.enclosure.compile(system) if c.enclosure else None) for c in chambers]
         index = {id(c): k for k, c in enumerate(chambers)}
         self._openings = [
-            _Opening(o, (index.get(id(o.first)), index.get(id(o.second)))) for o in items if isinstance(o, Orifice)
+            _Passage(o, (index.get(id(o.first)), index.get(id(o.second))), o.aperture(system))
+            for o in items
+            if isinstance(o, Opening)
         ]
-        self._walls = [(w, index[id(w.chamber)]) for w in items if isinstance(w, WallHeat)]
+        self._walls = [(w, index[id(w.chamber)]) for w in items if isinstance(w, Wall)]
         self._α = system.rule.alpha
         self._θ: Array = np.full(len(chambers), 0.5)
         self._θ_walls: Array = np.full(len(self._walls), 0.5)
@@ -125,7 +129,7 @@ class GasNetwork:
         p = np.array([s.p for s in self.states], dtype=complex)
         T = np.array([s.temperature for s in self.states], dtype=complex)
         for o in self._openings:
-            o.area = o.orifice.effective_area(t)
+            o.area = o.aperture(h, t)
         self._choose_weights(p, T)
         self._V, self._W = np.array([s.V for s in self.states]), np.zeros(len(self.states))
         return self._settle(np.array([s.p for s in self.states] + [s.m for s in self.states]))
@@ -168,6 +172,11 @@ class GasNetwork:
         for s in self.states:
             if s.enclosure is not None:
                 yield from s.enclosure.tangents(body)
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        for s in self.states:
+            if s.enclosure is not None:
+                s.enclosure.add_tangents(A)
 
     def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
         n = len(self.states)
@@ -287,14 +296,14 @@ class GasNetwork:
             rates.energy_supplied += Q.real
         return rates
 
-    def _flow(self, o: _Opening, p: Complex, T: Complex) -> tuple[complex, complex]:
+    def _flow(self, o: _Passage, p: Complex, T: Complex) -> tuple[complex, complex]:
         """Mass flow from first to second end, and the temperature it carries."""
         ps, Ts = self._at_ends(o, p, T)
-        return complex(o.orifice.flow(self._gas, o.area, ps, Ts)), Ts[0] if ps[0].real >= ps[1].real else Ts[1]
+        return complex(o.opening.flow(self._gas, o.area, ps, Ts)), Ts[0] if ps[0].real >= ps[1].real else Ts[1]
 
-    def _at_ends(self, o: _Opening, p: Complex, T: Complex) -> tuple[Pair, Pair]:
+    def _at_ends(self, o: _Passage, p: Complex, T: Complex) -> tuple[Pair, Pair]:
         """Pressures and temperatures at the ends of an opening."""
-        ends = tuple(zip(o.ends, (o.orifice.first, o.orifice.second), strict=True))
+        ends = tuple(zip(o.ends, (o.opening.first, o.opening.second), strict=True))
         (pa, pb), (Ta, Tb) = (
             [complex(getattr(holder, name)) if k is None else complex(values[k]) for k, holder in ends]
             for name, values in (("pressure", p), ("temperature", T))
@@ -317,16 +326,16 @@ class GasNetwork:
                     rates[k] += stiffness * moving
                     resting[k] += stiffness * at_rest
                     stepped = (ps[0] + 1j * STEP * (sign < 0), ps[1] + 1j * STEP * (sign > 0))
-                    slopes[k] -= stiffness * sign * o.orifice.flow(self._gas, o.area, stepped, Ts).imag / STEP
+                    slopes[k] -= stiffness * sign * o.opening.flow(self._gas, o.area, stepped, Ts).imag / STEP
         exponential = np.array([_fitted_weight(z) for z in np.maximum(slopes, 0.0)])
         self._θ = 1 - 1 / (1 / (1 - exponential) + 40 * rates**4 / (1 + rates**2))
         self._amplification = resting
         cooling = [w.conductance / (self.states[k].m * self._gas.cv) for w, k in self._walls]
         self._θ_walls = np.array([_fitted_weight(self._h * rate) for rate in cooling])
 
-    def _conductance(self, o: _Opening, pu: float, Tu: float, pd: float) -> float:
+    def _conductance(self, o: _Passage, pu: float, Tu: float, pd: float) -> float:
         """Mass flow over pressure difference [kg/(s Pa)]."""
-        return float(o.orifice.flow(self._gas, o.area, (pu, pd), (Tu, Tu)).real) / (pu - pd)
+        return float(o.opening.flow(self._gas, o.area, (pu, pd), (Tu, Tu)).real) / (pu - pd)
 
 
 def _fitted_weight(z: float) -> float:

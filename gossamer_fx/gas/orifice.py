@@ -7,9 +7,12 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from gossamer_fx.assembly import Assembly
 from gossamer_fx.errors import check
+from gossamer_fx.gas.contract import Aperture
 from gossamer_fx.gas.ideal_gas import IdealGas
 from gossamer_fx.gas.network import GasNetwork
+from gossamer_fx.gas.ring import Loop, Ring
 from gossamer_fx.gas.volumes import Chamber
 
 
@@ -50,14 +53,14 @@ class Orifice:
 
     Args:
         first, second: chambers, tanks, reservoirs or surroundings; flow from first to second is positive.
-        area: opening [m²], a number or a function of time [s] (a valve).
+        area: opening [m²], a number, a function of time [s] (a valve), or the `Ring` between two chambers.
         discharge_coefficient: C_d, effective over geometric area.
         laminar: pressure difference, as a fraction of the upstream pressure, below which the law is linear.
     """
 
     first: Any
     second: Any
-    area: float | Callable[[float], float]
+    area: float | Callable[[float], float] | Ring
     discharge_coefficient: float = 1.0
     laminar: float = 1e-5
     name: str = "orifice"
@@ -71,8 +74,8 @@ class Orifice:
             )
         check(self.first is not self.second, f"Orifice '{self.name}' leads from '{self.first.name}' back into it.")
         check(
-            callable(self.area) or 0 <= self.area < math.inf,
-            f"Orifice '{self.name}': area is {self.area!r} m²; give a positive number or a function of time.",
+            isinstance(self.area, Ring) or callable(self.area) or 0 <= self.area < math.inf,
+            f"Orifice '{self.name}': area is {self.area!r} m²; give a positive number, a function of time, or a ring.",
         )
         check(
             0 < self.discharge_coefficient <= 1,
@@ -86,15 +89,25 @@ class Orifice:
     def requires(self) -> Iterable[Any]:
         yield self.first
         yield self.second
+        if isinstance(self.area, Ring):
+            yield from self.area.requires()
 
-    def effective_area(self, t: float) -> float:
-        """C_d A [m²] at time t."""
-        area = self.area(t) if callable(self.area) else self.area
+    def aperture(self, system: Assembly) -> Aperture:
+        """C_d A [m²] of a step of length h whose middle is at time t."""
+        cd, area = self.discharge_coefficient, self.area
+        if isinstance(area, Ring):
+            loop = Loop(area, system)
+            return lambda h, t: cd * loop.aperture(h)
+        if callable(area):
+            return lambda h, t: cd * self._checked(area(t), t)
+        return lambda h, t: cd * area
+
+    def _checked(self, area: float, t: float) -> float:
         check(
             0 <= area < math.inf,
             f"Orifice '{self.name}': its area at t = {t:.6g} s is {area!r} m²; give a finite one that is not negative.",
         )
-        return self.discharge_coefficient * area
+        return area
 
     def flow(self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]) -> complex:
         """Mass flow [kg/s] from first to second at pressures p and temperatures T of the two ends."""

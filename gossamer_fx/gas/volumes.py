@@ -12,6 +12,7 @@ from gossamer_fx.errors import check
 from gossamer_fx.gas.enclosure import Enclosure, FilmEnclosure
 from gossamer_fx.gas.ideal_gas import IdealGas
 from gossamer_fx.gas.network import GasNetwork
+from gossamer_fx.gas.ring import Ring
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +56,8 @@ class Chamber:
             starts flat.
         volume: volume [m³] of a rigid chamber.
         surface: names of the cell groups that bound the chamber, if it is not the whole film.
+        rings: closed lines of the film over which no film closes the chamber; gas passes there only if an `Orifice`
+            leads through.
         outside: what acts on the outer side of the film; default vacuum.
     """
 
@@ -70,6 +73,7 @@ class Chamber:
         dead_volume: float = 0.0,
         volume: float | None = None,
         surface: tuple[str, ...] = (),
+        rings: tuple[Ring, ...] = (),
         outside: Ambient | None = None,
         name: str = "chamber",
     ) -> None:
@@ -87,7 +91,13 @@ class Chamber:
             f"Chamber '{name}': its {'volume' if rigid else 'dead volume'} is {fixed!r} m³; give a positive number.",
         )
         self.fixed_volume = fixed
-        self.enclosure = FilmEnclosure(enclosure, surface, name) if isinstance(enclosure, Membrane) else enclosure
+        check(
+            isinstance(enclosure, Membrane) or not (surface or rings),
+            f"Chamber '{name}': surface and rings belong to a film; give one as enclosure, or leave them out.",
+        )
+        self.enclosure = (
+            FilmEnclosure(enclosure, surface, rings, name) if isinstance(enclosure, Membrane) else enclosure
+        )
 
     def requires(self) -> Iterable[Any]:
         if self.enclosure is not None:

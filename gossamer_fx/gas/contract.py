@@ -1,0 +1,60 @@
+"""What a gas network is made of, as it sees it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol, runtime_checkable
+
+from gossamer_fx.assembly import Assembly
+from gossamer_fx.gas.enclosure import Enclosure
+from gossamer_fx.gas.ideal_gas import IdealGas
+
+Aperture = Callable[[float, float], float]  # C_d A [m²] of a step of length h whose middle is at time t
+
+
+class Holder(Protocol):
+    """Something that gas comes from or goes to, at a pressure [Pa] and a temperature [K]."""
+
+    name: str
+    pressure: float
+    temperature: float
+
+
+@runtime_checkable
+class Volume(Protocol):
+    """A holder with a state of its own, of which pressure and temperature are the initial values."""
+
+    name: str
+    pressure: float
+    temperature: float
+    gas: IdealGas
+    fixed_volume: float
+    enclosure: Enclosure | None
+    outside: Holder | None
+
+
+@runtime_checkable
+class Opening(Protocol):
+    """A way for gas between two holders."""
+
+    name: str
+    first: Holder
+    second: Holder
+
+    def aperture(self, system: Assembly) -> Aperture:
+        """Its effective area in a running scene."""
+        ...
+
+    def flow(self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]) -> complex:
+        """Mass flow [kg/s] from first to second at pressures p and temperatures T of the two ends."""
+        ...
+
+
+@runtime_checkable
+class Wall(Protocol):
+    """Heat conductance [W/K] between a volume and a temperature [K]."""
+
+    name: str
+    chamber: Any
+    conductance: float
+    temperature: float

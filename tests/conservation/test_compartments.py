@@ -1,0 +1,126 @@
+"""Chambers that share a film: rings, the fans that close them, and what passes through."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from meshes.tube import flat_tube
+from meshes.tube_section import capped_cylinder
+
+FILM = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual=1e-6)
+NITROGEN = gx.IdealGas(gamma=1.4, R=296.8)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_cylinder_without_caps_holds_the_volume_of_its_polygon(order):
+    radius, length, sides = 0.1, 0.5, 16
+    film = gx.Membrane(capped_cylinder(MPI.COMM_WORLD, radius, length, sides, 6), FILM, order=order)
+    rims = tuple(gx.Ring(film, name) for name in ("first rim", "last rim"))
+    bag = gx.Chamber(film, gas=NITROGEN, pressure=1e3, temperature=300.0, surface=("wall",), rings=rims)
+    outlet = gx.Orifice(bag, gx.Ambient(), area=rims[1], discharge_coefficient=0.5)
+    run = gx.Simulation(gx.Scene(film, bag, outlet), gx.Midpoint(dt=1e-5))
+    polygon = sides / 2 * radius**2 * math.sin(2 * math.pi / sides)
+    assert run.chamber("chamber").V == pytest.approx(polygon * length, rel=1e-12)
+    run.run(until=1e-5)
+    choked = polygon / 2 * 1e3 / math.sqrt(296.8 * 300.0) * math.sqrt(1.4) * (2 / 2.4) ** 3
+    assert run.totals.mass_supplied == pytest.approx(-choked * 1e-5, rel=0.02)
+
+
+def compartments(order: int = 1, cells: int = 6, law=FILM):
+    """A flat tube in space, turning and drifting, inflated from a tank through the first of two compartments."""
+
+    def slightly_open(X):
+        lift = 1e-3 * np.sin(np.pi * X[0] / 0.3) * np.cos(np.pi * X[1] / 0.1)
+        return np.vstack([0 * lift, 0 * lift, lift])
+
+    film = gx.Membrane(
+        flat_tube(MPI.COMM_WORLD, 0.3, 0.06, cells, compartments=2),
+        law,
+        order=order,
+        displacement=slightly_open,
+        velocity=lambda X: np.vstack([-3 * X[1], 3 * X[0] + 0.5, 0.2 + 5 * X[1]]),
+    )
+    ring = gx.Ring(film, "ring 1")
+    one, two = (
+        gx.Chamber(
+            film,
+            gas=NITROGEN,
+            pressure=10.0,
+            temperature=300.0,
+            dead_volume=1e-6,
+            surface=(f"compartment {i}",),
+            rings=(ring,),
+            name=f"compartment {i}",
+        )
+        for i in (1, 2)
+    )
+    tank = gx.Tank(1e-5, gas=NITROGEN, pressure=1e6, temperature=300.0)
+    inlet = gx.Orifice(tank, one, area=1e-6, name="inlet")
+    passage = gx.Orifice(one, two, area=ring, discharge_coefficient=0.8, name="passage")
+    return gx.Simulation(gx.Scene(film, inlet, passage), gx.Midpoint(dt=1e-4))
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("order", [1, 2])
+def test_two_compartments_conserve_everything_in_free_flight(order):
+    run = compartments(order)
+    run.run(until=6e-3)
+    first, now = run.first, run.totals
+    assert run.chamber("compartment 2").m > 10 * 10.0 * 1e-6 / (296.8 * 300.0)  # gas has passed the ring
+    assert abs(run.energy_error) < 1e-9 and abs(run.mass_error) < 1e-13
+    assert np.abs(now.momentum - first.momentum).max() < 1e-10 * np.abs(first.momentum).max()
+    assert np.abs(now.angular_momentum - first.angular_momentum).max() < 1e-9 * np.abs(first.angular_momentum).max()
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("order", [1, 2])
+def test_the_tangent_contains_the_share_of_the_fans(order):
+    """A δ against a central difference of the forces at held pressures."""
+    soft = gx.Linear(E=1e3, nu=0.3, density=1420.0, thickness=25e-6)
+    system = compartments(order, cells=4, law=soft).system
+    y = system.begin(1e-4)
+    system.inertia(0.0, system.q0)
+    start, end = system.q0.getOwnershipRange()
+    direction = np.sin(np.arange(start, end) * 1.7)
+    y = np.tile(1e4, len(y))  # pressure loads that outweigh the film
+
+    def forces(step):
+        z, r = system.q0.copy(), system.q0.duplicate()
+        z.array[:] += step * direction
+        system.move(z, None)
+        system.residual(y, r)
+        return r
+
+    ε = 1e-5
+    difference = forces(ε)
+    difference.axpy(-1.0, forces(-ε))
+    forces(0.0)
+    δ, product = system.q0.duplicate(), system.q0.duplicate()
+    δ.array[:] = direction
+    system.tangent().mult(δ, product)
+    product.axpy(-1 / (2 * ε), difference)
+    assert product.norm() < 1e-8 * difference.norm() / (2 * ε)
+
+
+def test_a_ring_inside_of_a_surface_is_refused():
+    film = gx.Membrane(flat_tube(MPI.COMM_WORLD, 0.3, 0.06, 4, compartments=2), FILM)
+    bag = gx.Chamber(
+        film, gas=NITROGEN, pressure=1.0, temperature=300.0, dead_volume=1e-6, rings=(gx.Ring(film, "ring 1"),)
+    )
+    with pytest.raises(gx.InputError, match="its ring 'ring 1' is no border of its surface"):
+        gx.Simulation(gx.Scene(film, bag), gx.Midpoint(dt=1e-4))
+
+
+def test_an_open_line_is_no_ring():
+    film = gx.Membrane(flat_tube(MPI.COMM_WORLD, 0.3, 0.06, 4), FILM)
+    bag = gx.Chamber(
+        film, gas=NITROGEN, pressure=1.0, temperature=300.0, dead_volume=1e-6, rings=(gx.Ring(film, "tip"),)
+    )
+    with pytest.raises(gx.InputError, match="form no closed line"):
+        gx.Simulation(gx.Scene(film, bag), gx.Midpoint(dt=1e-4))
