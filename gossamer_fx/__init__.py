@@ -65,8 +65,8 @@ if TYPE_CHECKING:
     from gossamer_fx.interactions.tape import Tape as Tape
     from gossamer_fx.interactions.torsion import TorsionDamper as TorsionDamper
     from gossamer_fx.interactions.torsion import TorsionSpring as TorsionSpring
-    from gossamer_fx.ledger import Ledger as Ledger
     from gossamer_fx.interruption import Interrupted as Interrupted
+    from gossamer_fx.ledger import Ledger as Ledger
     from gossamer_fx.loads.centrifugal import Centrifugal as Centrifugal
     from gossamer_fx.loads.damping import Damping as Damping
     from gossamer_fx.loads.edge_load import EdgeLoad as EdgeLoad
@@ -74,8 +74,8 @@ if TYPE_CHECKING:
     from gossamer_fx.loads.force import Torque as Torque
     from gossamer_fx.loads.gravity import Gravity as Gravity
     from gossamer_fx.loads.pressure import Pressure as Pressure
-    from gossamer_fx.materials import Linear as Linear
     from gossamer_fx.log import log_to as log_to
+    from gossamer_fx.materials import Linear as Linear
     from gossamer_fx.materials import Miyazaki as Miyazaki
     from gossamer_fx.materials import TensionField as TensionField
     from gossamer_fx.mesh import Mesh as Mesh
@@ -86,18 +86,27 @@ if TYPE_CHECKING:
     from gossamer_fx.parts import Ground as Ground
     from gossamer_fx.parts import Port as Port
     from gossamer_fx.picture import Picture as Picture
+    from gossamer_fx.playback import Playback as Playback
+    from gossamer_fx.plot import animate as animate
+    from gossamer_fx.plot import plot_curves as plot_curves
+    from gossamer_fx.plot import plot_field as plot_field
+    from gossamer_fx.plot import plot_strip as plot_strip
     from gossamer_fx.probes import AreaFraction as AreaFraction
     from gossamer_fx.probes import Displacement as Displacement
     from gossamer_fx.probes import GasState as GasState
     from gossamer_fx.probes import Position as Position
     from gossamer_fx.probes import Velocity as Velocity
     from gossamer_fx.progress import Progress as Progress
+    from gossamer_fx.recorder import VTX as VTX
     from gossamer_fx.recorder import Probes as Probes
+    from gossamer_fx.recording import Recording as Recording
+    from gossamer_fx.report import write_report as write_report
     from gossamer_fx.scene import Scene as Scene
     from gossamer_fx.simulate import Simulation as Simulation
     from gossamer_fx.statics import Continuation as Continuation
     from gossamer_fx.statics import Equilibrium as Equilibrium
     from gossamer_fx.statics import Found as Found
+    from gossamer_fx.step_control import StepControl as StepControl
     from gossamer_fx.vibration import Mode as Mode
     from gossamer_fx.vibration import modes as modes
 
@@ -107,9 +116,10 @@ _HOME = {
     "bodies.cable": ["Cable", "CableLaw", "TensionOnly"],
     "bodies.membrane": ["Membrane"],
     "bodies.point_mass": ["PointMass"],
-    from gossamer_fx.step_control import StepControl as StepControl
     "bodies.rigid_body": ["RigidBody"],
     "bodies.sections": ["Section", "rectangle", "solid_circle", "tube"],
+    "case": ["Case"],
+    "checkpoint": ["Checkpoints", "latest"],
     "control.attitude": ["AttitudeControl", "patch"],
     "discrete_gradient": ["EndPoint", "PathAverage"],
     "elastica": ["Elastica"],
@@ -121,8 +131,6 @@ _HOME = {
     "gas.orifice": ["Orifice", "WallHeat"],
     "gas.ring": ["Ring"],
     "gas.volumes": ["Ambient", "Chamber", "Reservoir", "Tank"],
-    "case": ["Case"],
-    "checkpoint": ["Checkpoints", "latest"],
     "generalized_alpha": ["GeneralizedAlpha"],
     "initial": ["RigidMotion", "StartFrom"],
     "interactions.clamped": ["Clamped"],
@@ -139,18 +147,24 @@ _HOME = {
     "loads.force": ["Force", "Torque"],
     "loads.gravity": ["Gravity"],
     "loads.pressure": ["Pressure"],
+    "log": ["log_to"],
     "materials": ["Linear", "Miyazaki", "TensionField"],
     "mesh": ["Mesh", "gmsh_mesh", "read_mesh"],
     "midpoint": ["Midpoint"],
     "newton": ["Tolerances"],
     "parts": ["Ground", "Port"],
     "picture": ["Picture"],
+    "playback": ["Playback"],
+    "plot": ["animate", "plot_curves", "plot_field", "plot_strip"],
     "probes": ["AreaFraction", "Displacement", "GasState", "Position", "Velocity"],
+    "progress": ["Progress"],
     "recorder": ["VTX", "Probes"],
+    "recording": ["Recording"],
+    "report": ["write_report"],
     "scene": ["Scene"],
     "simulate": ["Simulation"],
-    "log": ["log_to"],
     "statics": ["Continuation", "Equilibrium", "Found"],
+    "step_control": ["StepControl"],
     "vibration": ["Mode", "modes"],
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
@@ -159,11 +173,9 @@ __all__ = sorted(_MODULE)
 
 def __getattr__(name: str) -> Any:
     if name not in _MODULE:
-    "progress": ["Progress"],
         raise AttributeError(f"gossamer_fx has no '{name}'; its names are: {', '.join(__all__)}")
     return getattr(import_module(f"gossamer_fx.{_MODULE[name]}"), name)
 
 
 def __dir__() -> list[str]:
     return __all__
-    "step_control": ["StepControl"],

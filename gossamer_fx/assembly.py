@@ -94,11 +94,6 @@ class Border(Protocol):
         """Energies and masses now, and what was supplied since the start."""
         ...
 
-
-class BorderMaker(Protocol):
-    """Compiles all items of one kind to one border of a system."""
-
-    def __call__(self, items: list[Any], system: Assembly) -> Border: ...
     def memory(self) -> dict[str, Any]:
         """Its state and what was supplied: numbers, words and lists of them, the same on every rank."""
         ...
@@ -107,3 +102,8 @@ class BorderMaker(Protocol):
         """Be as when `memory` was asked for; coordinates and velocities are those of then."""
         ...
 
+
+class BorderMaker(Protocol):
+    """Compiles all items of one kind to one border of a system."""
+
+    def __call__(self, items: list[Any], system: Assembly) -> Border: ...
