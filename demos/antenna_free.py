@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.antenna_attitude import antenna
-from gossamer_fx.simulate import relative_drift
+from gossamer_fx.simulate import Stepper, relative_drift
 
 SPIN = (0.3, 0.1, 1.0)  # rad/s
 DRIFT = (0.1, 0.0, 0.05)  # m/s
@@ -26,6 +26,7 @@ def main(
     steps: int = 10000,
     dt: float = 5e-3,
     order: int = 1,
+    stepper: Stepper | None = None,
     output: str | Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> dict[str, float]:
@@ -35,7 +36,7 @@ def main(
     if output is not None:
         outputs.append(gx.Ledger(Path(output) / "ledger.csv"))
     motion = gx.RigidMotion(spin=SPIN, velocity=DRIFT)
-    run = gx.Simulation(gx.Scene(*model.items, motion), gx.Midpoint(dt=dt), outputs)
+    run = gx.Simulation(gx.Scene(*model.items, motion), stepper or gx.Midpoint(dt=dt), outputs)
     run.run(until=steps * dt)
     first, last = run.first, run.totals
     assert run.system.constraints is not None

@@ -4,32 +4,25 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 from petsc4py import PETSc
 
-from gossamer_fx.discrete_gradient import gradient
+from gossamer_fx.discrete_gradient import EndPoint
 from gossamer_fx.errors import check
-from gossamer_fx.kinematics import Expr
 from gossamer_fx.newton import Newton, Tolerances
-from gossamer_fx.parts import Stored
 from gossamer_fx.system import System
 
 
 @dataclass(frozen=True)
-class WeightedStrain:
-    """Stress ψ' of the strain (1-α) e0 + α e1, at the configuration of the same weights."""
-
-    alpha: float
-
-    def stress(self, part: Stored, e0: Expr, e1: Expr) -> Expr:
-        return gradient(part.density, (1 - self.alpha) * e0 + self.alpha * e1)
-
-
-@dataclass(frozen=True)
 class GeneralizedAlpha:
-    """Generalised-α method (Chung & Hulbert, J. Appl. Mech. 60 (1993) 371, doi:10.1115/1.2900803): second order.
+    """Generalised-α method (Chung & Hulbert, J. Appl. Mech. 60 (1993) 371, doi:10.1115/1.2900803), second order.
 
-        M ((1-α_m) a1 + α_m a0) + f(q_{1-α_f}) = F
+    Equilibrium and constraints hold at the end of the step, with an acceleration-like a of its own (Arnold & Brüls,
+    Multibody Syst. Dyn. 18 (2007) 185, doi:10.1007/s11044-007-9084-0, whose q̈ is v̇ here):
+
+        M v̇1 + f(q1) + De(q1)ᵀλ1 = F1,   e(q1) = 0
+        (1-α_m) a1 + α_m a0 = (1-α_f) v̇1 + α_f v̇0
         q1 = q0 + h v0 + h² ((½-β) a0 + β a1),   v1 = v0 + h ((1-γ) a0 + γ a1)
 
     α_m = (2ρ-1)/(ρ+1), α_f = ρ/(ρ+1), γ = ½ - α_m + α_f, β = ¼(1 - α_m + α_f)².
@@ -38,7 +31,8 @@ class GeneralizedAlpha:
         dt: step [s].
         spectral_radius: ρ in [0, 1] of high frequencies; 1 damps none, 0 annihilates them in a step.
 
-    It loses or gains energy, and has no place for multipliers or gas: scenes with them are refused.
+    It loses or gains energy.  Damping and feedback are of first order, as their rates are those of the step before its
+    end; the ledger books loads that vary with the values that they have there.
     """
 
     dt: float
@@ -56,14 +50,10 @@ class GeneralizedAlpha:
         )
 
     @property
-    def rule(self) -> WeightedStrain:
-        return WeightedStrain(1 / (self.spectral_radius + 1))
+    def rule(self) -> EndPoint:
+        return EndPoint()
 
     def start(self, system: System) -> GeneralizedAlphaSolver:
-        check(
-            system.constraints is None and not system.borders,
-            "GeneralizedAlpha has no place for joints, rigid bodies, beams or gas; use Midpoint.",
-        )
         return GeneralizedAlphaSolver(system, self.spectral_radius, self.tolerances)
 
 
@@ -72,46 +62,72 @@ class GeneralizedAlphaSolver:
 
     def __init__(self, system: System, ρ: float, tolerances: Tolerances) -> None:
         self._system = system
-        self._αm, αf = (2 * ρ - 1) / (ρ + 1), ρ / (ρ + 1)
-        self._γ, self._β = 0.5 - self._αm + αf, (1 - self._αm + αf) ** 2 / 4
+        self._αm, self._αf = (2 * ρ - 1) / (ρ + 1), ρ / (ρ + 1)
+        self._γ, self._β = 0.5 - self._αm + self._αf, (1 - self._αm + self._αf) ** 2 / 4
         self.newton = Newton(system, tolerances)
-        self._a0, self._a1, self._v1, self._base = (system.numbering.vector() for _ in range(4))
+        self._a0, self._a1, self._v̇0, self._v1 = (system.numbering.vector() for _ in range(4))
+        self._base, self._centre = system.numbering.vector(), system.numbering.vector()
+        self.vectors = {"acceleration": self._a0, "rate": self._v̇0}
         self._started = False
 
+    def memory(self) -> dict[str, Any]:
+        return {"started": self._started}
+
+    def recall(self, memory: dict[str, Any]) -> None:
+        self._started = memory["started"]
+
     def _first_acceleration(self) -> None:
-        """M a0 = F - f(q0)."""
-        system, r = self._system, self._base
+        """M v̇0 + De(q0)ᵀλ = F - f(q0), De(q0) v̇0 = -D²e[v0, v0]; and a0 = v̇0."""
+        system, r, A = self._system, self._base, self._system.M.copy()
         system.inertia(0.0, system.q0)
         system.residual(system.begin(1e-9), r)
+        if system.constraints:
+            with r as values:
+                values[system.constraints.owned] = 0
+            system.constraints.add_curvature(system.v0, r)
+            system.constraints.add_tangents(system.q0, A)
+            A.assemble()
+        system.supports.clear(A, 1.0)
         r.scale(-1.0)
         ksp = PETSc.KSP().create(system.comm)
-        ksp.setOperators(system.M)
+        ksp.setOperators(A)
         ksp.setType("preonly")
         ksp.getPC().setType("lu")
         ksp.getPC().setFactorSolverType("mumps")
-        ksp.solve(r, self._a0)
+        ksp.solve(r, self._v̇0)
+        self._drop_multipliers(self._v̇0)
+        self._v̇0.copy(self._a0)
         self._started = True
+
+    def _drop_multipliers(self, a: PETSc.Vec) -> None:
+        """They have no rate."""
+        if self._system.constraints:
+            with a as values:
+                values[self._system.constraints.owned] = 0
 
     def step(self, h: float) -> int:
         """Advance by h; returns Newton's iterations.  Nothing has changed if it raises `NotConverged`."""
-        system, β, γ, αm = self._system, self._β, self._γ, self._αm
+        system, αm, αf, β, γ = self._system, self._αm, self._αf, self._β, self._γ
         if not self._started:
             self._first_acceleration()
         y = system.begin(h)
-        base, a1 = self._base, self._a1
+        # q1 = base + β h² a1, and v̇1 = c (q1 - centre)
+        base, centre, c = self._base, self._centre, (1 - αm) / ((1 - αf) * β * h**2)
         base.waxpy(h, system.v0, system.q0)
         base.axpy(h**2 * (0.5 - β), self._a0)
-        # (1-αm) a1 + αm a0 = c (q1 - a), and the start of the iteration, q1 for a1 = a0
-        predictor = self._v1
-        predictor.waxpy(h**2 * β, self._a0, base)
-        a = base.copy()
-        a.axpy(-(h**2) * β * αm / (1 - αm), self._a0)
-        system.inertia((1 - αm) / (β * h**2), a)
-        _, iterations = self.newton.solve(predictor, y)
-        a1.waxpy(-1.0, base, system.q1)
-        a1.scale(1 / (β * h**2))
+        centre.waxpy(-αm / (1 - αf) / c, self._a0, base)
+        centre.axpy(αf / (1 - αf) / c, self._v̇0)
+        system.inertia(c, centre)
+        self._v1.waxpy(β * h**2, self._a0, base)  # the start of the iteration: a1 = a0
+        _, iterations = self.newton.solve(self._v1, y)
+        self._v̇0.waxpy(-1.0, centre, system.q1)
+        self._v̇0.scale(c)
+        self._a1.waxpy(-1.0, base, system.q1)
+        self._a1.scale(1 / (β * h**2))
+        for rate in (self._v̇0, self._a1):
+            self._drop_multipliers(rate)
         self._v1.waxpy(h * (1 - γ), self._a0, system.v0)
-        self._v1.axpy(h * γ, a1)
+        self._v1.axpy(h * γ, self._a1)
         system.accept(self._v1)
-        a1.copy(self._a0)
+        self._a1.copy(self._a0)
         return iterations

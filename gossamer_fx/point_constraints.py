@@ -67,6 +67,13 @@ class PointConstraints:
             add_blocks(A, rows, at.indices, at.gradient(q))
             add_blocks(A, rows, rows, np.zeros((at.n, at.m, at.m)))
 
+    def add_curvature(self, v: PETSc.Vec, r: PETSc.Vec) -> None:
+        """D²e[v, v] in the rows of the multipliers."""
+        for rows, at, rates in zip(self._rows, self._places, self._gather(v), strict=True):
+            curvature = np.einsum("nx,nmxy,ny->nm", rates, at.H, rates, optimize=True)
+            r.setValues(rows.ravel(), curvature.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
+        r.assemble()
+
     def _multipliers(self, values: Array, k: int) -> Array:
         """λ (n, m)."""
         return values[self._owned[k]].reshape(self._places[k].n, self._places[k].m)

@@ -34,7 +34,7 @@ class PointLoads:
         self._X0 = self._vectors(q0)
         rates = [P @ values for (P, _), values in zip(self._maps, self._gather(v0), strict=True)]
         for law, X, V in zip(self._laws, self._X0, rates, strict=True):
-            law.begin(t, h, X, V)
+            law.begin(t, self._α * h, X, V)
 
     def add_forces(self, q1: PETSc.Vec, r: PETSc.Vec) -> None:
         """r -= Pᵀ f."""

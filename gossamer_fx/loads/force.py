@@ -22,7 +22,7 @@ class ConstantForce:
 
     value: Array
 
-    def begin(self, t: float, h: float, X: Array, V: Array) -> None:
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
         pass
 
     def force(self, X: Array) -> Array:
@@ -33,14 +33,14 @@ class ConstantForce:
 
 
 class ForceInTime:
-    """Force (3,) as a function of time, taken at the middle of the step."""
+    """Force (3,) as a function of time, taken where forces act, e.g. at the middle of the step."""
 
     def __init__(self, name: str, value: History) -> None:
         self._name, self._value = name, value
         self._now: Array = np.zeros(3)
 
-    def begin(self, t: float, h: float, X: Array, V: Array) -> None:
-        self._now = finite(self._name, self._value, t + h / 2)
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+        self._now = finite(self._name, self._value, t + lag)
 
     def force(self, X: Array) -> Array:
         return self._now
@@ -84,7 +84,7 @@ class Couple:
     def __init__(self) -> None:
         self.torque: Array = np.zeros(3)
 
-    def begin(self, t: float, h: float, X: Array, V: Array) -> None:
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
         pass
 
     def _spread(self, r: Array) -> tuple[Array, Array]:
@@ -112,14 +112,14 @@ class Couple:
 
 
 class TorqueInTime(Couple):
-    """Torque (3,) in space axes as a function of time, taken at the middle of the step."""
+    """Torque (3,) in space axes as a function of time, taken where forces act, e.g. at the middle of the step."""
 
     def __init__(self, name: str, value: History) -> None:
         super().__init__()
         self._name, self._value = name, value
 
-    def begin(self, t: float, h: float, X: Array, V: Array) -> None:
-        self.torque = finite(self._name, self._value, t + h / 2)
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+        self.torque = finite(self._name, self._value, t + lag)
 
 
 @dataclass(frozen=True, eq=False)
