@@ -26,7 +26,7 @@ class CompiledEnclosure(Protocol):
 
     volume: float  # V(q1) [m³]
     magnitude: float  # size of the terms that add up to it, for round-off [m³]
-    swept: float  # W = G(q̄)·Δq [m³]
+    swept: float  # W = G(q̄)·Δq, or ΔV if forces act at the end of the step [m³]
 
     def start(self) -> None:
         """Take q1 as the first state."""
@@ -177,7 +177,9 @@ class _CompiledFilm:
         if self._comm.allreduce(float(G @ self._q(self._at.q1))) < 0:
             self._sign = -1.0  # all normals point inwards
         self._G0: Array = self._sign * G
+        self._V0 = 0.0
         self.evaluate()
+        self._V0 = self.volume
 
     def _follow(self) -> None:
         for loop in self._loops:
@@ -204,14 +206,16 @@ class _CompiledFilm:
         products = self._G1 * self._q(self._at.q1) / 3
         Δq = self._q(self._at.q1) - self._q(self._at.q0)
         local = np.array([products.sum(), abs(products).sum(), self._Gm @ Δq])
-        self.volume, self.magnitude, self.swept = self._comm.allreduce(local).tolist()
+        self.volume, self.magnitude, swept = self._comm.allreduce(local).tolist()
+        self.swept = swept if self._α == 0.5 else self.volume - self._V0
 
     def add_force(self, values: Array, pressure: float) -> None:
         self._p.value = pressure * self._sign
         values[self._owned] -= pressure * self._Gm
 
     def gradients(self) -> tuple[Array, Array, Array]:
-        parts = self._Gm, self._G1, self._Gm + self._α * (self._G1 - self._G0)
+        dW = self._Gm + self._α * (self._G1 - self._G0) if self._α == 0.5 else self._G1
+        parts = self._Gm, self._G1, dW
         result = tuple(np.zeros(self._n) for _ in parts)
         for vector, part in zip(result, parts, strict=True):
             vector[self._owned] = part
@@ -226,7 +230,7 @@ class _CompiledFilm:
             loop.add_tangent(A, -sign * float(self._p.value), self._α)
 
     def accept(self) -> None:
-        self._G0 = self._G1
+        self._G0, self._V0 = self._G1, self.volume
 
 
 class Piston:

@@ -166,7 +166,7 @@ class GasNetwork:
     def add_force(self, values: Array) -> None:
         for s, p1 in zip(self.states, self._y, strict=False):
             if s.enclosure is not None:
-                s.enclosure.add_force(values, self._mean(s.p, float(p1)) - self._outside(s))
+                s.enclosure.add_force(values, self._acting(s.p, float(p1)) - self._outside(s))
 
     def tangents(self, body: Body) -> Iterable[fem.Form]:
         for s in self.states:
@@ -212,15 +212,6 @@ class GasNetwork:
             self._mass_supplied,
         )
 
-    # ---- the balance -------------------------------------------------------------------------------------------
-
-    def _mean(self, p0: float, p1: Any) -> Any:
-        """The pressure that acts on the film."""
-        return (1 - self._α) * p0 + self._α * p1
-
-    def _outside(self, s: ChamberState) -> float:
-        return float(s.chamber.outside.pressure) if s.chamber.outside is not None else 0.0
-
     def memory(self) -> dict[str, Any]:
         chambers = [[s.chamber.name, s.p, s.m, s.U, s.V] for s in self.states]
         return {"chambers": chambers, "supplied": self._supplied, "mass supplied": self._mass_supplied}
@@ -232,6 +223,19 @@ class GasNetwork:
                 s.enclosure.evaluate()
                 s.enclosure.accept()
         self._supplied, self._mass_supplied = memory["supplied"], memory["mass supplied"]
+
+    # ---- the balance -------------------------------------------------------------------------------------------
+
+    def _acting(self, p0: float, p1: float) -> float:
+        """The pressure that acts on the film, p̄ in the midpoint rule."""
+        return (1 - self._α) * p0 + self._α * p1
+
+    def _mean(self, p0: float, p1: Any) -> Any:
+        """The pressure at which the gas works, p̄."""
+        return (p0 + p1) / 2
+
+    def _outside(self, s: ChamberState) -> float:
+        return float(s.chamber.outside.pressure) if s.chamber.outside is not None else 0.0
 
     def _volume(self, s: ChamberState) -> float:
         return float(s.chamber.fixed_volume) + (s.enclosure.volume if s.enclosure is not None else 0.0)
