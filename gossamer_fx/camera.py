@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,7 @@ from gossamer_fx.view import Shape, unit
 
 # blue, orange, light grey: told apart with any colour vision, and in print by their brightness
 STATE_COLOURS = {SLACK: (0.18, 0.49, 0.75), WRINKLED: (0.96, 0.65, 0.14), TAUT: (0.87, 0.88, 0.89)}
+BY_STATE: Array = np.array([STATE_COLOURS[state] for state in sorted(STATE_COLOURS)])
 _INK = (0.30, 0.33, 0.37)  # lines and dots
 
 _SUPERSAMPLES = 2
@@ -92,16 +93,19 @@ def _axes(spread: Array) -> Array:
     return np.array([right, np.cross(eye, right), eye])
 
 
-def render(comm: MPI.Intracomm, camera: Camera, shapes: Sequence[Shape], scale: float) -> list[Array]:
-    """Images (height, width, 3) in [0, 1] of the shapes at `scale` pixels per metre, on rank 0; none on the others."""
+def render(comm: MPI.Intracomm, camera: Camera, shapes: Iterable[Shape], scale: float, colours: Array) -> list[Array]:
+    """Images (height, width, 3) in [0, 1] of the shapes at `scale` pixels per metre, on rank 0; none on the others.
+
+    Triangles of kind k have the colour colours[k] (red, green, blue in [0, 1]).
+    """
     width, height = (round(s * scale) * _SUPERSAMPLES for s in camera.size)
     fine, n = scale * _SUPERSAMPLES, _SUPERSAMPLES
-    palette, images = _palette(), []
+    palette, images = _palette(colours), []
     for shape, (x, y) in zip(shapes, camera.centres, strict=True):
         to_pixels = _Projection(camera.axes, fine, np.array([width / 2 - x * fine, height / 2 + y * fine, 0.0]))
         canvas = Canvas(height, width, camera.depth[0] * fine, camera.depth[1] * fine)
         corners = to_pixels(shape.corners)
-        canvas.draw(corners, _shades(corners, shape.normals @ camera.axes.T), shape.states, palette)
+        canvas.draw(corners, _shades(corners, shape.normals @ camera.axes.T), shape.kinds, palette)
         for triangles, shades in (_ribbons(to_pixels(shape.lines)), _discs(to_pixels(shape.dots))):
             canvas.draw(triangles, shades, np.full(len(triangles), len(palette) - 1), palette)
         whole = canvas.combine(comm)
@@ -160,10 +164,10 @@ def _shades(corners: Array, normals: Array) -> Array:
     return shades
 
 
-def _palette() -> npt.NDArray[np.uint8]:
-    """Colours (states and ink, 256, 3) from dark to the film's colour at 1 - gloss, and half-way on to white."""
+def _palette(colours: Array) -> npt.NDArray[np.uint8]:
+    """Colours (kinds and ink, 256, 3) from dark to the film's colour at 1 - gloss, and half-way on to white."""
     shade = np.linspace(0, 1, 256)[:, None]
-    base = np.array([*(STATE_COLOURS[state] for state in sorted(STATE_COLOURS)), _INK])[:, None]
+    base = np.array([*colours, _INK])[:, None]
     matt, gloss = (shade / (1 - _GLOSS)).clip(0, 1), ((shade - (1 - _GLOSS)) / _GLOSS).clip(0, 1)
-    colours: npt.NDArray[np.uint8] = np.rint(255 * (base * matt * (1 - gloss / 2) + gloss / 2)).astype(np.uint8)
-    return colours
+    palette: npt.NDArray[np.uint8] = np.rint(255 * (base * matt * (1 - gloss / 2) + gloss / 2)).astype(np.uint8)
+    return palette

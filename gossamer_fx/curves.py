@@ -23,6 +23,7 @@ LINES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B8860B", "#56B4E9", "#7F6
 _LEAST = 1e-6  # of the largest: what is always smaller is not shown
 _LOGARITHMIC = 30.0  # ratio of the curves' peaks beyond which their axis is logarithmic
 _LABEL_PITCH = 0.095  # of the axis' height
+_SHOWN = 0.02  # share of the area from which on a state is named
 _PREFIXES = {1e-9: "n", 1e-6: "µ", 1e-3: "m", 1.0: "", 1e3: "k", 1e6: "M", 1e9: "G"}
 
 Panel = Callable[["Axes"], None]
@@ -107,6 +108,10 @@ def _states(axes: Axes, t: Array, fractions: Array) -> None:
     order = [STATES[name] for name in ("taut", "wrinkled", "slack")]
     axes.stackplot(t, 100 * fractions[:, order].T, colors=[STATE_COLOURS[s] for s in order], linewidth=0)
     axes.set_ylim(0, 100)
+    tops = np.cumsum(fractions[-1, order]) * 100
+    names = {s: name for name, s in STATES.items()}
+    labels = {names[s]: (float(top - 50 * fractions[-1, s]), INK) for s, top in zip(order, tops, strict=True)}
+    _label_ends(axes, {name: at for name, at in labels.items() if fractions[:, STATES[name]].max() > _SHOWN})
     axes.set_title("State of the film [% of area]")
 
 

@@ -6,6 +6,7 @@
     stress1 ≥ stress2     principal second Piola-Kirchhoff stresses of a film, ∂ψ/∂E over the thickness [Pa]
     direction       F n/|F n|, n the direction of strain1: where the tension goes on the deformed film
     state           0 slack, 1 wrinkled, 2 taut
+    pressure        of the gas inside over that outside [Pa]; where a film parts two chambers, their difference
 
 Displacement and velocity belong to any body on a mesh, the others to films.
 """
@@ -14,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -42,7 +44,7 @@ class Field:
 
     shape: tuple[int, ...]
     of_films: bool
-    expression: Callable[[Any, Expr, Expr], Expr]
+    expression: Callable[[Any, Expr, Expr], Expr] | None
 
 
 def position(q: Expr) -> Expr:
@@ -88,6 +90,7 @@ FIELDS = {
     "stress2": Field((), True, lambda film, x, v: _principal_stresses(film, x)[1]),
     "direction": Field((3,), True, lambda film, x, v: _direction(film, x)),
     "state": Field((), True, lambda film, x, v: film_state(film, x)),
+    "pressure": Field((), True, None),  # no function of the film's coordinates: the gas has its own state
 }
 
 
@@ -112,24 +115,37 @@ class FieldFunctions:
         self._system, self._owned, self._v = system, system.numbering.owned(k), fem.Function(body.space)
         jumps = any(FIELDS[name].of_films for name in names)
         family, order = "Discontinuous Lagrange" if jumps else "Lagrange", body.space.ufl_element().degree
-        self._expressions = []
+        self.functions: list[fem.Function] = []
+        self._updates: list[Callable[[], None]] = []
         for name in names:
             field = FIELDS[name]
-            space = fem.functionspace(body.space.mesh, (family, order, field.shape))
-            expression = field.expression(body, system.fields[k].q0, self._v)
-            compiled = compile_expression(expression, space.element.interpolation_points())
-            self._expressions.append((fem.Function(space, name=name), compiled))
-
-    @property
-    def functions(self) -> list[fem.Function]:
-        return [function for function, _ in self._expressions]
+            function = fem.Function(fem.functionspace(body.space.mesh, (family, order, field.shape)), name=name)
+            self.functions.append(function)
+            if field.expression is None:
+                self._updates.append(partial(_take_pressure, function, body, system))
+            else:
+                points = function.function_space.element.interpolation_points()
+                compiled = compile_expression(field.expression(body, system.fields[k].q0, self._v), points)
+                self._updates.append(partial(function.interpolate, compiled))
 
     def update(self) -> None:
         """Take the values of the accepted state."""
         load(self._v, self._system.v0, self._owned)
-        for function, expression in self._expressions:
-            function.interpolate(expression)
+        for function, update in zip(self.functions, self._updates, strict=True):
+            update()
             function.x.scatter_forward()
+
+
+def _take_pressure(function: fem.Function, film: MeshBody, system: System) -> None:
+    """Set a discontinuous function to the pressure of the gas on each cell."""
+    values = function.x.array
+    values[:] = 0
+    for border in system.borders:
+        for gas in getattr(border, "states", ()):
+            enclosure, outside = gas.chamber.enclosure, gas.chamber.outside
+            if getattr(enclosure, "film", None) is film:
+                cells = function.function_space.dofmap.list[enclosure.cells()]
+                values[cells] = gas.p - (outside.pressure if outside else 0.0) - values[cells]
 
 
 class AreaFractions:

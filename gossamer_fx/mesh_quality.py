@@ -25,14 +25,17 @@ def corner_points(domain: dmesh.Mesh) -> Array:
     return points
 
 
+def box(comm: MPI.Intracomm, points: Array) -> tuple[Array, Array]:
+    """Lowest and highest coordinates [m] of the points (n, 3) of all ranks."""
+    low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
+    comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
+    comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
+    return low, high
+
+
 def extent(domain: dmesh.Mesh) -> float:
     """Diagonal [m] of the box around a mesh."""
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    points = domain.geometry.x
-    np.minimum(low, points.min(axis=0, initial=np.inf), out=low)
-    np.maximum(high, points.max(axis=0, initial=-np.inf), out=high)
-    domain.comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
-    domain.comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
+    low, high = box(domain.comm, domain.geometry.x)
     return float(np.linalg.norm(high - low))
 
 

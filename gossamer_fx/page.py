@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gossamer_fx.colours import Scale
 from gossamer_fx.curves import INK, Panel
 from gossamer_fx.parts import Array
 
@@ -17,7 +19,8 @@ if TYPE_CHECKING:
 DPI = 150
 _WIDTH, _MARGIN, _GAP = 12.0, 0.5, 0.2
 _TITLE, _HEADER, _CAPTION, _MOST = 0.45, 0.4, 0.3, 4.8
-_AXIS, _PANEL, _BESIDE, _TICKS = 0.5, 2.1, 1.0, 0.45
+_AXIS, _PANEL, _BESIDE, _TICKS, _COLUMNS = 0.5, 2.1, 1.0, 0.45, 4
+_BAR = 3.0
 _STYLE = {
     "font.size": 9,
     "axes.titlesize": 9.5,
@@ -60,34 +63,40 @@ def arrange(n: int, aspect: float) -> Grid:
 
 
 def write(
-    path: Path,
+    path: Path | BytesIO,
     title: str,
     images: Sequence[tuple[str, Array]],
     grid: Grid,
     metre: float,
-    key: dict[str, Any],
+    key: dict[str, Any] | Scale,
     panels: Sequence[Panel],
     time: tuple[float, float, str],
-) -> None:
-    """Write a page.
+) -> tuple[int, int]:
+    """Write a page as PNG; returns the pixel (to the right, down) where the first image begins.
 
     Args:
         images: captions and images (height, width, 3), none or as many as the grid holds.
         metre: its length in the images.
-        key: names and colours of what the images show.
-        panels: curves.
+        key: names and colours of what the images show, or their scale.
+        panels: curves, at most four in a row.
         time: start and end of the curves, and their unit.
     """
     import matplotlib
 
     top = _TITLE if title else 0.15
     block = _HEADER + grid.rows * (_CAPTION + grid.height + _GAP) if images else 0.0
+    rows = math.ceil(len(panels) / _COLUMNS)
+    columns = math.ceil(len(panels) / max(rows, 1))
+    row = _AXIS + _PANEL + _TICKS
     with matplotlib.rc_context(_STYLE):
-        page = _Page(top + block + (_AXIS + _PANEL + _TICKS if panels else 0.0))
+        page = _Page(top + block + row * rows)
         if title:
             page.text(_MARGIN, _TITLE / 2, title, size=13)
         if images:
-            page.key(top + _HEADER / 2, key)
+            if isinstance(key, Scale):
+                page.bar(top + _HEADER / 2, key)
+            else:
+                page.key(top + _HEADER / 2, key)
             page.scale_bar(top + _HEADER / 2, metre, grid.width)
         step = (_WIDTH - 2 * _MARGIN + _GAP) / grid.columns
         for i, (caption, image) in enumerate(images):
@@ -95,12 +104,14 @@ def write(
             y = top + _HEADER + (i // grid.columns) * (_CAPTION + grid.height + _GAP)
             page.text(x, y + _CAPTION / 2, caption)
             page.image(x, y + _CAPTION, grid, image)
-        width = (_WIDTH - 2 * _MARGIN) / max(len(panels), 1)
+        width = (_WIDTH - 2 * _MARGIN) / max(columns, 1)
         for i, panel in enumerate(panels):
-            axes = page.axes(_MARGIN + i * width, top + block + _AXIS, width - _BESIDE, _PANEL)
+            y = top + block + row * (i // columns) + _AXIS
+            axes = page.axes(_MARGIN + i % columns * width, y, width - _BESIDE, _PANEL)
             panel(axes)
             axes.set(xlabel=f"t [{time[2]}]", xlim=time[:2])
-        page.figure.savefig(path)
+        page.figure.savefig(path, format="png")
+    return round(_MARGIN * DPI), round((top + _HEADER + _CAPTION) * DPI)
 
 
 class _Page:
@@ -137,6 +148,17 @@ class _Page:
             axes.set(xticks=[], yticks=[])
             axes.spines[:].set_visible(True)
             x = self.text(x + 0.21, y, name) + 0.3
+
+    def bar(self, y: float, scale: Scale) -> None:
+        """Colours of a scale, with its ends and middle and its name."""
+        factor, label = scale.label
+        axes = self.axes(_MARGIN, y - 0.07, _BAR, 0.12)
+        axes.imshow(scale.table[None], aspect="auto", extent=(scale.low / factor, scale.high / factor, 0, 1))
+        axes.set(yticks=[])
+        axes.locator_params(axis="x", nbins=4)
+        axes.tick_params(axis="x", labelsize=7.5, pad=1.5)
+        axes.spines[:].set_visible(False)
+        self.text(_MARGIN + _BAR + 0.25, y, label)
 
     def scale_bar(self, y: float, metre: float, width: float) -> None:
         """A round length of about a quarter of an image."""

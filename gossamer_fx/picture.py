@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.camera import STATE_COLOURS, aim, render
+from gossamer_fx.camera import BY_STATE, STATE_COLOURS, aim, render
 from gossamer_fx.curves import Moment, observe, panels, scaled
 from gossamer_fx.errors import check
 from gossamer_fx.fields import STATES, AreaFractions
-from gossamer_fx.page import DPI, arrange, write
 from gossamer_fx.outputs import make_parent
+from gossamer_fx.page import DPI, arrange, write
 from gossamer_fx.schedule import Schedule
 from gossamer_fx.simulate import Simulation
 from gossamer_fx.view import Shape, Sight
@@ -75,7 +75,7 @@ class Picture:
             camera = aim(run.comm, self._shapes)
             grid = arrange(len(self._shapes), camera.size[0] / camera.size[1])
             metre = grid.width / camera.size[0]
-            images = render(run.comm, camera, self._shapes, metre * DPI)
+            images = render(run.comm, camera, self._shapes, metre * DPI, BY_STATE)
         if run.comm.rank == 0:
             states = ("taut", "wrinkled", "slack") if self._fractions else ()
             captions = [f"t = {shape.time / factor:.4g} {prefix}s" for shape in self._shapes]

@@ -14,7 +14,7 @@ from gossamer_fx.parts import Array, Port
 from gossamer_fx.simulate import Simulation
 
 if TYPE_CHECKING:
-    from gossamer_fx.gas.volumes import Chamber
+    from gossamer_fx.gas.contract import Volume
 
 AXES = {"x": 0, "y": 1, "z": 2}
 GAS = ("pressure", "temperature", "volume", "mass")
@@ -52,7 +52,7 @@ class Velocity(Position):
 class GasState:
     """Pressure [Pa], temperature [K], volume [m³] or mass [kg] of a chamber, e.g. `GasState(bag, "pressure")`."""
 
-    def __init__(self, chamber: Chamber, quantity: str) -> None:
+    def __init__(self, chamber: Volume, quantity: str) -> None:
         check(quantity in GAS, f"A chamber has no quantity {quantity!r}; its quantities are: {', '.join(GAS)}.")
         self.chamber, self.quantity = chamber, quantity
 

@@ -27,14 +27,14 @@ _CREASE = 0.6  # cosine of the angle between neighbours beyond which an edge is 
 class Shape:
     """What this rank shows at one time: points [m] in space.
 
-    corners (n, 3, 3) of triangles, normals (n, 3, 3) at the corners, states (n,) of the film there, lines (m, 2, 3),
-    dots (k, 3)
+    corners (n, 3, 3) of triangles, normals (n, 3, 3) at the corners, kinds (n,) which colour they have (the state of
+    the film), lines (m, 2, 3), dots (k, 3)
     """
 
     time: float
     corners: Array
     normals: Array
-    states: Integers
+    kinds: Integers
     lines: Array
     dots: Array
 
@@ -97,11 +97,15 @@ class _Film:
         np.add.at(sums.array.reshape(-1, 3), self._triangles.ravel(), np.repeat(area, 3, axis=0))
         sums.scatter_reverse(la.InsertMode.add)
         sums.scatter_forward()
-        own = np.repeat(unit(area)[:, None], 3, axis=1)
-        mean = unit(sums.array.reshape(-1, 3))[self._triangles]
-        smooth = (own * mean).sum(axis=2, keepdims=True) > _CREASE
-        normals: Array = np.where(smooth, mean, own)
-        return normals
+        return smooth(area, sums.array.reshape(-1, 3)[self._triangles])
+
+
+def smooth(area: Array, sums: Array) -> Array:
+    """Normals (n, 3, 3) at corners: of the area vectors summed around them, or the triangle's own where they differ."""
+    own, mean = np.repeat(unit(area)[:, None], 3, axis=1), unit(sums)
+    alike = (own * mean).sum(axis=2, keepdims=True) > _CREASE
+    normals: Array = np.where(alike, mean, own)
+    return normals
 
 
 def _positions(values: Array, size: int) -> Array:

@@ -1,0 +1,7 @@
+"""python3 -m gossamer_fx run|plot|report ..."""
+
+import sys
+
+from gossamer_fx.command import main
+
+sys.exit(main(sys.argv[1:]))
