@@ -39,7 +39,8 @@ class Continuation:
     step        first pseudo-step [s]; about the time in which the load moves the film by its own size
     growth      factor of the pseudo-step after at most `quick` iterations
     cut         factor of the pseudo-step after a failure
-    forget      growth per step of the ceiling that a failure leaves, below the pseudo-step that failed
+    forget      growth per step of the ceiling that a failure leaves, below the pseudo-step that failed; its third power
+                after a step of at most `quick`/3 iterations
     inner       relative residual to which a pseudo-step is solved
     patience    Newton iterations after which a pseudo-step has failed
     iterations  Newton iterations in all after which the search is given up
@@ -48,11 +49,11 @@ class Continuation:
     residual: float = 1e-8
     step: float = 2e-3
     growth: float = 1.6
-    quick: int = 8
+    quick: int = 12
     cut: float = 0.5
     forget: float = 1.1
     inner: float = 0.1
-    patience: int = 12
+    patience: int = 25
     iterations: int = 1000
 
     def __post_init__(self) -> None:
@@ -155,7 +156,7 @@ class Equilibrium:
             else:
                 residual, load = self._unbalanced()
                 inner = replace(inner, absolute=search.residual * load / 2)
-                ceiling *= search.forget
+                ceiling *= search.forget ** (3 if used <= search.quick // 3 else 1)
                 if used <= search.quick:
                     h = min(h * search.growth, ceiling, 1e9 * search.step)
             if max(self._spent, self._steps) > search.iterations or h < 1e-6 * search.step:
