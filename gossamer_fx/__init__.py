@@ -62,6 +62,7 @@ if TYPE_CHECKING:
     from gossamer_fx.interactions.spring import Damper as Damper
     from gossamer_fx.interactions.spring import Rope as Rope
     from gossamer_fx.interactions.spring import Spring as Spring
+    from gossamer_fx.interactions.spring import Stop as Stop
     from gossamer_fx.interactions.tape import Tape as Tape
     from gossamer_fx.interactions.torsion import TorsionDamper as TorsionDamper
     from gossamer_fx.interactions.torsion import TorsionSpring as TorsionSpring
@@ -136,7 +137,7 @@ _HOME = {
     "interactions.clamped": ["Clamped"],
     "interactions.fixed": ["Fixed", "Prescribed"],
     "interactions.joint": ["BallJoint", "FixedJoint", "Link", "PrismaticJoint", "RevoluteJoint"],
-    "interactions.spring": ["AxialSpring", "Damper", "Rope", "Spring"],
+    "interactions.spring": ["AxialSpring", "Damper", "Rope", "Spring", "Stop"],
     "interactions.tape": ["Tape"],
     "interactions.torsion": ["TorsionDamper", "TorsionSpring"],
     "interruption": ["Interrupted"],

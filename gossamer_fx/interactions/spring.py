@@ -1,4 +1,4 @@
-"""Springs, ropes and dampers between points."""
+"""Springs, ropes, stops and dampers between points."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ class Quadratic:
 
 @dataclass(frozen=True)
 class LengthSpring:
-    """ψ = ½ k (l - L)² of the length l = √(2e), e = ½|x_a - x_b|²; `slack` below L if it is a rope.
+    """ψ = ½ k (l - L)² of the length l = √(2e), e = ½|x_a - x_b|²; none where l - L has not the sign of `side`.
 
-    With l0 and l1 at the ends of the step, S̄ = Δψ/Δe = k (1 - 2L/(l0 + l1)) while taut; in a step that passes the
-    natural length, the quotient itself.
+    `side` 1 pulls only (a rope), -1 pushes only (a stop), 0 does both.  With l0 and l1 at the ends of the step,
+    S̄ = Δψ/Δe = k (1 - 2L/(l0 + l1)) while it acts; in a step that passes the natural length, the quotient itself.
     """
 
     k: float
     L: float
-    slack: bool = False
+    side: int = 0
 
     def _stretch(self, length: Array) -> Array:
-        stretch = length - self.L
-        return np.maximum(stretch, 0.0) if self.slack else stretch
+        stretch: Array = length - self.L
+        return np.where(stretch * self.side >= 0, stretch, 0.0)
 
     def energy(self, e: Array) -> Array:
         return self.k * self._stretch(np.sqrt(2 * e[:, 0])) ** 2 / 2
@@ -54,13 +54,13 @@ class LengthSpring:
         both = l0 + l1
         S = self.k * (1 - 2 * self.L / both)
         D = 2 * self.k * self.L / both**2 / l1
-        if self.slack:
+        if self.side:
             Δe = (l1 - l0) * both / 2
-            passing = (s0 > 0) != (s1 > 0)
+            passing = (s0 == 0) != (s1 == 0)
             safe = np.where(np.abs(Δe) > 0, Δe, 1.0)
             quotient = self.k * (s1**2 - s0**2) / 2 / safe
             slope = (self.k * s1 / l1 - quotient) / safe
-            loose = (s0 <= 0) & (s1 <= 0)
+            loose = (s0 == 0) & (s1 == 0)
             S = np.where(passing, quotient, np.where(loose, 0.0, S))
             D = np.where(passing, slope, np.where(loose, 0.0, D))
         return S[:, None], D[:, None, None]
@@ -145,7 +145,45 @@ class Rope:
         yield from bodies_of(self.a, self.b)
 
     def parts(self) -> Iterable[Part]:
-        density = LengthSpring(self.stiffness, self.length, slack=True)
+        density = LengthSpring(self.stiffness, self.length, side=1)
+        yield PointStored(self.name, half_distance_squared(self.a, self.b), density)
+
+
+@dataclass(frozen=True, eq=False)
+class Stop:
+    """Keeps two points from coming nearer than a distance, with the force k (L - l) below it and none beyond: contact.
+
+    Two spheres touch at the sum of their radii.  An impact takes as long as half an oscillation on the spring, and
+    returns all of its energy (π √(m/k), m = m_a m_b/(m_a + m_b), for two free bodies); steps must resolve that.
+
+    Args:
+        a, b: ports, or one `Ground`.
+        distance: L [m].
+        stiffness: k [N/m].
+    """
+
+    a: Attached
+    b: Attached
+    distance: float
+    stiffness: float
+    name: str = "stop"
+
+    def __post_init__(self) -> None:
+        check_sides("Stop", self.name, self.a, self.b)
+        check(
+            math.isfinite(self.stiffness) and self.stiffness > 0,
+            f"Stop '{self.name}': stiffness is {self.stiffness!r} N/m; give a positive one.",
+        )
+        check(
+            math.isfinite(self.distance) and self.distance > 0,
+            f"Stop '{self.name}': distance is {self.distance!r} m; give a positive one.",
+        )
+
+    def requires(self) -> Iterable[Any]:
+        yield from bodies_of(self.a, self.b)
+
+    def parts(self) -> Iterable[Part]:
+        density = LengthSpring(self.stiffness, self.distance, side=-1)
         yield PointStored(self.name, half_distance_squared(self.a, self.b), density)
 
 
