@@ -84,7 +84,9 @@ def _version(name: str) -> str:
 
 def lines(about: Mapping[str, Any]) -> list[str]:
     """A description for the terminal."""
-    rows: list[tuple[str, str]] = [("unknowns", f"{about['unknowns']} on {about['ranks']} rank(s)")]
+    rows: list[tuple[str, str]] = [
+        ("unknowns", f"{about['unknowns']} on {about['ranks']} rank{'s' * (about['ranks'] > 1)}")
+    ]
     for name, body in about["bodies"].items():
         words = [body["kind"]]
         if "cells" in body:

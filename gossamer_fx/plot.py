@@ -29,13 +29,14 @@ _FRAME_WIDTH, _FRAMES_PER_SECOND = 960, 20
 
 
 @dataclass(frozen=True)
-class _Colouring:
-    """How triangles are coloured: by state, by a scale, or all alike."""
+class Colouring:
+    """How triangles are coloured: by state, by a scale, or all alike; `table` has a row (red, green, blue) a kind."""
 
     key: dict[str, Any] | Scale
     table: Array
 
     def kinds(self, values: Array) -> Integers:
+        """Rows of the table for values (n,)."""
         if isinstance(self.key, Scale):
             return self.key.bins(np.nan_to_num(values))
         # films without states are drawn as taut
@@ -57,16 +58,16 @@ def plot_field(run: Playback, field: str, times: Sequence[float], path: str | Pa
         InputError: an unknown field, a time outside the run.
     """
     frames = [run.frame(t) for t in times]
-    colouring = _colouring(run, field)
-    shapes = [run.shape(k, field, colouring.kinds) for k in frames]
+    colours = colouring(run, field)
+    shapes = [run.shape(k, field, colours.kinds) for k in frames]
     camera = aim(ALONE, shapes)
     grid = arrange(len(shapes), camera.size[0] / camera.size[1])
     metre = grid.width / camera.size[0]
-    images = render(ALONE, camera, shapes, metre * DPI, colouring.table)
+    images = render(ALONE, camera, shapes, metre * DPI, colours.table)
     factor, prefix = scaled(float(run.times[-1]))
     captions = [f"t = {shape.time / factor:.4g} {prefix}s" for shape in shapes]
     title = f"{run.title}: {NAMES[field].lower()}" if field in NAMES else run.title
-    write(_parent(path), title, list(zip(captions, images, strict=True)), grid, metre, colouring.key, [], (0, 1, ""))
+    write(_parent(path), title, list(zip(captions, images, strict=True)), grid, metre, colours.key, [], (0, 1, ""))
 
 
 def plot_strip(run: Playback, field: str, path: str | Path, count: int = 6) -> None:
@@ -101,9 +102,9 @@ def animate(run: Playback, field: str, path: str | Path, seconds: float = 6.0) -
     count = min(len(run.times), max(round(seconds * _FRAMES_PER_SECOND), 2))
     evenly = np.linspace(run.times[0], run.times[-1], count)
     frames = np.unique([run.frame(t) for t in evenly])
-    colouring = _colouring(run, field)
-    camera = _camera(run, field, colouring)
-    images = _frames(run, field, colouring, camera, frames)
+    colours = colouring(run, field)
+    camera = _camera(run, field, colours)
+    images = _frames(run, field, colours, camera, frames)
     if path.suffix == ".gif":
         _gif(path, images, seconds / len(frames))
     else:
@@ -113,14 +114,19 @@ def animate(run: Playback, field: str, path: str | Path, seconds: float = 6.0) -
 # ---- how ----------------------------------------------------------------------------------------------------------
 
 
-def _colouring(run: Playback, field: str) -> _Colouring:
+def colouring(run: Playback, field: str) -> Colouring:
+    """The colours of a field, on one scale for the whole run.
+
+    Raises:
+        InputError: an unknown field.
+    """
     run.check_field(field)
     if field == "state" or not run.films:
         names = ("taut", "wrinkled", "slack") if run.films else ()
-        return _Colouring({name: STATE_COLOURS[STATES[name]] for name in names}, BY_STATE)
+        return Colouring({name: STATE_COLOURS[STATES[name]] for name in names}, BY_STATE)
     samples = [values.mean(axis=1) for k in _sampled(run) for values in run.values(field, k)]
     found = scale(field, samples)
-    return _Colouring(found, found.table)
+    return Colouring(found, found.table)
 
 
 def _sampled(run: Playback) -> list[int]:
@@ -128,9 +134,9 @@ def _sampled(run: Playback) -> list[int]:
     return sorted({round(k) for k in np.linspace(0, last, min(_SAMPLES, last + 1))})
 
 
-def _camera(run: Playback, field: str, colouring: _Colouring) -> Camera:
+def _camera(run: Playback, field: str, colours: Colouring) -> Camera:
     """One that sees the whole run and stands still."""
-    shapes = [run.shape(k, field, colouring.kinds) for k in _sampled(run)]
+    shapes = [run.shape(k, field, colours.kinds) for k in _sampled(run)]
     points = np.concatenate([shape.points for shape in shapes])
     everything = Shape(
         0.0, np.zeros((0, 3, 3)), np.zeros((0, 3, 3)), np.zeros(0, np.int64), np.zeros((0, 2, 3)), points
@@ -138,7 +144,7 @@ def _camera(run: Playback, field: str, colouring: _Colouring) -> Camera:
     return aim(ALONE, [everything])
 
 
-def _frames(run: Playback, field: str, colouring: _Colouring, camera: Camera, frames: Integers) -> Iterator[np.ndarray]:
+def _frames(run: Playback, field: str, colours: Colouring, camera: Camera, frames: Integers) -> Iterator[np.ndarray]:
     """Images (height, width, 3) of bytes: the page around is laid out once, then picture and time are put into it."""
     from io import BytesIO
 
@@ -150,7 +156,7 @@ def _frames(run: Playback, field: str, colouring: _Colouring, camera: Camera, fr
     factor, prefix = scaled(float(run.times[-1]))
     digits = max(0, 1 - int(np.floor(np.log10(max(np.diff(run.times).min(initial=1.0) / factor, 1e-6)))))
     file, blank = BytesIO(), np.ones((2, 2, 3))
-    x, y = write(file, run.title, [("", blank)], grid, metre, colouring.key, [], (0, 1, ""))
+    x, y = write(file, run.title, [("", blank)], grid, metre, colours.key, [], (0, 1, ""))
     page = Image.open(file).convert("RGB")
     smaller = _FRAME_WIDTH / page.width
     page = page.resize((_FRAME_WIDTH, 2 * round(smaller * page.height / 2)), Image.Resampling.LANCZOS)
@@ -158,8 +164,8 @@ def _frames(run: Playback, field: str, colouring: _Colouring, camera: Camera, fr
     dots = smaller * DPI
     font = ImageFont.truetype(f"{get_data_path()}/fonts/ttf/DejaVuSans.ttf", round(0.13 * dots))
     for k in frames:
-        shape = run.shape(int(k), field, colouring.kinds)
-        [image] = render(ALONE, camera, [shape], metre * dots, colouring.table)
+        shape = run.shape(int(k), field, colours.kinds)
+        [image] = render(ALONE, camera, [shape], metre * dots, colours.table)
         whole = page.copy()
         whole.paste(Image.fromarray(np.rint(255 * image).astype(np.uint8)), corner)
         words = f"t = {shape.time / factor:.{digits}f} {prefix}s"
