@@ -238,9 +238,9 @@ def _end(comm: MPI.Intracomm, words: str, code: int = 1) -> NoReturn:
 
 
 def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
-    from gossamer_fx import plot
     from gossamer_fx.errors import check
     from gossamer_fx.playback import Playback
+    from gossamer_fx.plot import animate, default_field, plot_curves, plot_field, plot_strip
 
     run, folder = Playback(wanted.run), wanted.run
     chosen = [w for w in ("time", "strip", "animate", "curves") if getattr(wanted, w)]
@@ -249,16 +249,16 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         f"--{' and --'.join(chosen)} are several pictures; give one of them at a time.",
     )
     check(bool(chosen) or wanted.output is None, "--output names one file; say which picture with --strip, --time, ...")
-    field: str = wanted.field or ("" if chosen == ["curves"] else plot.default_field(run))
+    field: str = wanted.field or ("" if chosen == ["curves"] else default_field(run))
     output: Path | None = wanted.output
     if not chosen or wanted.strip:
-        _told(output or folder / f"{field}.png", lambda path: plot.plot_strip(run, field, path, wanted.strip or 6))
+        _told(output or folder / f"{field}.png", lambda path: plot_strip(run, field, path, wanted.strip or 6))
     if wanted.time:
-        _told(output or folder / f"{field}_at.png", lambda path: plot.plot_field(run, field, wanted.time, path))
+        _told(output or folder / f"{field}_at.png", lambda path: plot_field(run, field, wanted.time, path))
     if wanted.animate:
-        _told(output or folder / f"{field}.{wanted.animate}", lambda path: plot.animate(run, field, path))
+        _told(output or folder / f"{field}.{wanted.animate}", lambda path: animate(run, field, path))
     if not chosen or wanted.curves:
-        _told(output or folder / "curves.png", lambda path: plot.plot_curves(run, path))
+        _told(output or folder / "curves.png", lambda path: plot_curves(run, path))
 
 
 def _report(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:

@@ -72,7 +72,7 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
     corners, size = corner_points(domain), extent(domain)
     kind = "triangle" if corners.shape[1] == 3 else "line element"
     quality = shape_quality(corners) if corners.shape[1] == 3 else sizes(corners) / (size or 1.0)
-    flat, slivers = comm.allreduce(np.array([(quality < _FLAT).sum(), (quality < _SLIVER).sum()]))
+    flat, slivers = comm.allreduce(np.array([(quality < _FLAT).sum(), (quality < _SLIVER).sum()])).tolist()
     check(
         flat == 0,
         f"'{body.name}' has {flat} {kind}{'s' * (flat > 1)} of no size, the nodes of which are in one place or on a "

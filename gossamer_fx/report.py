@@ -19,13 +19,15 @@ from gossamer_fx.viewer import view_data
 
 _STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #33383d; max-width: 1180px; margin: 2em auto; padding: 0 1em; }
-h1 { font-size: 1.6em; font-weight: 500; margin-bottom: 0.1em; } h2 { font-size: 1.15em; font-weight: 500; margin-top: 2em; }
+h1 { font-size: 1.6em; font-weight: 500; margin-bottom: 0.1em; }
+h2 { font-size: 1.15em; font-weight: 500; margin-top: 2em; }
 p.status { color: #66707a; margin-top: 0; } p.status.bad { color: #b3441e; }
 img { max-width: 100%; } table { border-collapse: collapse; } pre { font-size: 13px; overflow-x: auto; }
 td, th { padding: 0.15em 1.2em 0.15em 0; text-align: left; font-weight: 400; vertical-align: top; }
 th { color: #66707a; } td.number, th.number { text-align: right; font-variant-numeric: tabular-nums; }
 #view { width: 100%; height: 460px; display: block; border: 1px solid #dde1e5; touch-action: none; outline: none; }
-#bar { display: flex; gap: 1em; align-items: center; margin: 0.5em 0; } #time { flex: 1; } #time-label { min-width: 8em; }
+#bar { display: flex; gap: 1em; align-items: center; margin: 0.5em 0; }
+#time { flex: 1; } #time-label { min-width: 8em; }
 #legend i { display: inline-block; width: 0.9em; height: 0.9em; border: 1px solid #66707a; vertical-align: -0.1em; }
 #legend b { display: inline-block; width: 12em; height: 0.7em; }
 """.strip()

@@ -103,7 +103,7 @@ def _part(
 
 
 def _thinned(segment: Segment, most: int) -> _Surface:
-    """The pieces between representative vertices; vertices that stay near to each other become one until few are left."""
+    """The pieces between some vertices: those that stay near to each other become one, until few are left."""
     vertices, at = np.unique(segment.vertices.ravel(), return_index=True)
     points = segment.pieces.ravel()[at]
     last = len(segment.times) - 1
@@ -142,8 +142,9 @@ def _field(name: str, found: Colouring) -> dict[str, Any]:
             "unit": label[label.find("[") + 1 : -1],
         }
     else:
-        tables = found.table.tolist()
-        about["names"] = [[key, tables.index(list(colour))] for key, colour in found.key.items()]
+        about["names"] = [
+            [key, int(abs(found.table - np.asarray(colour)).sum(axis=1).argmin())] for key, colour in found.key.items()
+        ]
     return about
 
 

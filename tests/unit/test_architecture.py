@@ -24,8 +24,8 @@ LAYERS = (
     ("stepping", "step_control", "midpoint", "generalized_alpha", "statics", "form_finding", "vibration"),
     ("events", "checkpoint", "simulate"),
     ("ledger", "progress", "fields", "probes", "recorder", "description", "recording"),
-    ("case", "curves", "camera", "rasterise", "view", "page", "picture", "study", "study_report"),
-    ("colours", "playback", "run_curves", "plot", "viewer", "report"),
+    ("case", "curves", "colours", "camera", "rasterise", "view", "page", "picture", "study", "study_report"),
+    ("playback", "run_curves", "plot", "viewer", "report"),
     ("command", "__main__"),
 )
 HEAVY = {"gmsh", "matplotlib", "pyvista", "slepc4py", "adios4dolfinx", "h5py", "rich", "pandas"}
