@@ -111,6 +111,11 @@ class Newton:
             raise NotConverged(self._complaint(reason, self.iterations))
         return self._composite.split(self._x)[1], self.iterations
 
+    @property
+    def round_off(self) -> float:
+        """Residual [N] below which the last solve could not go: `floor` units in the last place of its forces."""
+        return self._floor
+
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, F: PETSc.Vec) -> None:
         z, y = self._composite.split(x)
         self.system.move(z, self._base)

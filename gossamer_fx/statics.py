@@ -35,7 +35,8 @@ MOTIONS = ("translation x", "translation y", "translation z", "rotation x", "rot
 class Continuation:
     """How an equilibrium is approached.
 
-    residual    unbalanced force over that of loads and supports (Euclidean norms) at which equilibrium is reached
+    residual    unbalanced force over that of loads and supports (Euclidean norms) at which equilibrium is reached;
+                forces in a slender beam or cable may be known to fewer digits, and their round-off is enough then
     step        first pseudo-step [s]; about the time in which the load moves the film by its own size
     growth      factor of the pseudo-step after at most `quick` iterations
     cut         factor of the pseudo-step after a failure
@@ -145,8 +146,8 @@ class Equilibrium:
         """Pseudo-steps until the residual is small without inertia."""
         search, h = self.search, self.search.step
         inner = Tolerances(search.inner, border=1e-8, constraint=1e-8, iterations=search.patience)
-        residual, ceiling, why = math.inf, math.inf, "no step succeeded"
-        while residual > search.residual:
+        residual, round_off, ceiling, why = math.inf, 0.0, math.inf, "no step succeeded"
+        while residual > max(search.residual, round_off):
             try:
                 used = self._step(h, at, inner)
             except NotConverged as failure:
@@ -155,6 +156,7 @@ class Equilibrium:
                 why = str(failure)
             else:
                 residual, load = self._unbalanced()
+                round_off = self.newton.round_off / load if load > 0 else 0.0
                 inner = replace(inner, absolute=search.residual * load / 2)
                 ceiling *= search.forget ** (3 if used <= search.quick // 3 else 1)
                 if used <= search.quick:
