@@ -76,9 +76,9 @@ class Elastica(FilmLaw):
     1 - λ, as stress of the Green-Lagrange strain f.  U(γ2) = min over γ1 of Eγ1²/2 + ψ(f) is the energy without stress
     σ1.  W is C1 and convex, and symmetric where both strains are compressive.  Below f = -0.42 the stress is constant.
 
-    A film has no bending stiffness: under this compressive stress its cells buckle in turn, the more so the smaller they
-    are.  Take cells of not much less than half_wavelength/5: on the airbag of `demos/studies/airbag.py` 0.1 m comes to
-    rest with cells of 27 mm, while with 13 mm those beside the seam fold up and no equilibrium is found.
+    A film has no bending stiffness: under this compressive stress its cells buckle in turn, the more so the smaller
+    they are.  Take cells of not much less than half_wavelength/4: on the airbag of `demos/studies/airbag.py` 0.1 m
+    comes to rest with edges of 27 mm, while with 13 mm cells beside the seam fold up and no equilibrium is found.
     """
 
     half_wavelength: float

@@ -17,7 +17,7 @@ import gossamer_fx as gx
 from gossamer_fx.fields import AreaFractions, FieldFunctions
 from gossamer_fx.materials import FilmLaw
 from gossamer_fx.study import Measure, Study
-from meshes.sheet import sheet
+from meshes.sheet import crossed_sheet
 
 PRESSURE = 5000.0
 HALF_EDGE = 0.6 / math.sqrt(2)
@@ -32,8 +32,8 @@ SHEETS, QUARTERS = 2, 4
 
 
 def airbag(comm: MPI.Comm, law: FilmLaw, order: int, cells: int) -> tuple[gx.Membrane, gx.Equilibrium]:
-    """A quarter of one sheet with `cells` edges along half an edge, in its planes of symmetry."""
-    film = gx.Membrane(sheet(comm, cells, cells, HALF_EDGE, HALF_EDGE, open_corners=True), law, order=order)
+    """A quarter of one sheet with `cells` along half an edge, each of four triangles, in its planes of symmetry."""
+    film = gx.Membrane(crossed_sheet(comm, cells, cells, HALF_EDGE, HALF_EDGE), law, order=order)
     seam = [gx.Fixed(film, edge, (2,)) for edge in ("top", "right")]
     symmetry = [gx.Fixed(film, "bottom", (1,)), gx.Fixed(film, "left", (0,))]
     return film, gx.Equilibrium(gx.Scene(film, gx.Pressure(film, PRESSURE), *seam, *symmetry))
@@ -60,10 +60,10 @@ def stress_at(film: gx.Membrane, search: gx.Equilibrium, point: str) -> float:
     return float(total / n)
 
 
-def problem(comm: MPI.Comm, law: str, element: str, nodes: int) -> dict[str, float]:
-    """`nodes` along half an edge, so that elements are compared with as many unknowns."""
+def problem(comm: MPI.Comm, law: str, element: str, cells: int) -> dict[str, float]:
+    """`cells` along half an edge of order 1, half as many of order 2: as many unknowns."""
     order = {"P1": 1, "P2": 2}[element]
-    film, search = airbag(comm, LAWS[law], order, nodes // order)
+    film, search = airbag(comm, LAWS[law], order, cells // order)
     found = search.find()
     slack, wrinkled, _ = AreaFractions([film])(search.system)
     return {
@@ -84,14 +84,14 @@ STUDY = Study(
     "airbag",
     "Square airbag at rest",
     problem,
-    {"law": list(LAWS), "element": ["P1", "P2"], "nodes": [8, 16, 32]},
-    lambda case: HALF_EDGE / case["nodes"],
+    {"law": list(LAWS), "element": ["P1", "P2"], "cells": [8, 16, 32]},
+    lambda case: HALF_EDGE / case["cells"],
     (
         Measure("w_M", 0.2164, 5e-3),
         Measure("u_A", 0.0494, 2e-2),
         Measure("V", 0.1250, 5e-3),
         Measure("σ1_M", 3.92e6, 4e-2),
     ),
-    quick={"law": ["Miyazaki 1e-6", "Elastica 0.4 m"], "nodes": [4, 8]},
+    quick={"law": ["Miyazaki 1e-6", "Elastica 0.4 m"], "cells": [4, 8]},
     columns=("wrinkled", "slack", "iterations", "residual", "seconds"),
 )

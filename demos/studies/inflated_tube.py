@@ -1,7 +1,7 @@
 """A closed tube under pressure: stretches of the wall away from the caps.
 
-StVK cylinder of radius r0 and wall t under the follower pressure p, q = p r0/(Et).  Its flat caps bulge and wrinkle; the
-wall away from them is in
+StVK cylinder of radius r0 and wall t under the follower pressure p, q = p r0/(Et).  Its flat caps bulge and wrinkle;
+the wall away from them has
 
     2 S_x λ_x = (p r0/t) λ_t²,   S_t = (p r0/t) λ_x,   E (λ_x² - 1)/2 = S_x - ν S_t,   E (λ_t² - 1)/2 = S_t - ν S_x.
 
@@ -78,7 +78,9 @@ STUDY = Study(
     {"element": ["P1", "P2"], "q": [1e-2, 5e-2], "sides": [12, 24, 48]},
     lambda case: 2 * math.pi * RADIUS / case["sides"],
     (
-        Measure("λ_x", lambda case: exact(case["q"])[0], 1e-3, lambda case: 2.0 if case["element"] == "P1" else math.inf),
+        Measure(
+            "λ_x", lambda case: exact(case["q"])[0], 1e-3, lambda case: 2.0 if case["element"] == "P1" else math.inf
+        ),
         Measure("λ_t", lambda case: exact(case["q"])[1], 1e-3, lambda case: 2.0),
     ),
     quick={"q": [5e-2], "sides": [12, 24]},
