@@ -129,11 +129,11 @@ class _Projection:
 
 
 def _ribbons(ends: Array) -> tuple[Array, Array]:
-    """Lines (m, 2, 3) as round bars: triangles and the shades of their corners."""
-    a, b = ends[:, 0], ends[:, 1]
+    """Lines (m, 2, 3) as round bars, before the film that they lie on: triangles and the shades of their corners."""
+    towards = np.array([0.0, 0.0, -_HALF_LINE * _SUPERSAMPLES])
+    a, b = ends[:, 0] + towards, ends[:, 1] + towards
     across = np.stack([a[:, 1] - b[:, 1], b[:, 0] - a[:, 0], np.zeros(len(a))], axis=1)
     across = _HALF_LINE * _SUPERSAMPLES * unit(across)
-    towards = np.array([0.0, 0.0, -_HALF_LINE * _SUPERSAMPLES])
     triangles = []
     for side in (across, -across):
         triangles += [

@@ -66,6 +66,7 @@
         vec3 p = turn * place;
         n = turn * normal; c = colour;
         gl_Position = vec4((p.xy + shift.xy) * scale, -0.5 * p.z, 1.0);
+        if (length(n) == 0.0) gl_Position.z -= 0.002; // lines stand before the film that they lie on
       }`], [gl.FRAGMENT_SHADER, `
       precision mediump float; varying vec3 n, c;
       void main() {
@@ -132,7 +133,11 @@
     gl.uniform2f(uniform("scale"), eye.zoom * canvas.height / canvas.width, eye.zoom);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.drawArrays(gl.TRIANGLES, 0, counts[0]);
-    gl.drawArrays(gl.LINES, counts[0], counts[1]);
+    for (const [i, j] of [[0, 0], [1, 0], [0, 1], [1, 1]]) { // lines of two pixels
+      const pixel = 2 / canvas.height / eye.zoom;
+      gl.uniform3f(uniform("shift"), eye.x + i * pixel, eye.y + j * pixel, 0);
+      gl.drawArrays(gl.LINES, counts[0], counts[1]);
+    }
     canvas.dataset.drawn = counts.join(" ");
   }
 

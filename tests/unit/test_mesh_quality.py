@@ -1,0 +1,137 @@
+"""The look at meshes and numbers before a run: what is found, what is not, on any number of ranks."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.examination import examine, self_intersections, suspicions
+from meshes.airbag import airbag
+from meshes.sheet import sheet
+from meshes.sphere import sphere
+from meshes.tube import flat_tube
+
+WORLD = MPI.COMM_WORLD
+LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
+
+
+def triangles(points: list[tuple[float, ...]], cells: list[tuple[int, ...]], order: int = 1) -> gx.Mesh:
+    """A mesh of given nodes (from 0) and triangles."""
+
+    def build(model) -> None:
+        surface = model.addDiscreteEntity(2)
+        model.mesh.addNodes(2, surface, [], np.ravel(points))
+        model.mesh.addElementsByType(surface, 2 if order == 1 else 9, [], np.ravel(cells) + 1)
+
+    return gx.gmsh_mesh(build, WORLD)
+
+
+def rows_of_squares(n: int, lift: Callable[[int, int], float] = lambda i, j: 0.0) -> tuple[list, list]:
+    """Nodes and triangles of n × n squares."""
+    points = [(i / n, j / n, lift(i, j)) for i in range(n + 1) for j in range(n + 1)]
+    corner = [(i, j) for i in range(n) for j in range(n)]
+    at = lambda i, j: i * (n + 1) + j  # noqa: E731
+    lower = [(at(i, j), at(i + 1, j), at(i + 1, j + 1)) for i, j in corner]
+    return points, lower + [(at(i, j), at(i + 1, j + 1), at(i, j + 1)) for i, j in corner]
+
+
+def words_of(mesh: gx.Mesh, law: gx.Miyazaki = LAW, **options) -> list[str]:
+    return list(suspicions([gx.Membrane(mesh, law, **options)]))
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    "mesh",
+    [
+        lambda: sheet(WORLD, 4, 4),
+        lambda: airbag(WORLD, 1.0, 4),
+        lambda: flat_tube(WORLD, 0.8, 0.058, 6),
+        lambda: sphere(WORLD, 1.0, 12),
+    ],
+)
+def test_good_meshes_are_not_suspected(mesh):
+    film = gx.Membrane(mesh(), LAW)
+    assert list(suspicions([film])) == [] == list(self_intersections([film]))
+
+
+@pytest.mark.mpi
+def test_curved_triangles_are_not_suspected():
+    film = gx.Membrane(sphere(WORLD, 1.0, 12, order=2), LAW, order=2)
+    assert list(suspicions([film])) == [] == list(self_intersections([film]))
+
+
+@pytest.mark.mpi
+def test_a_triangle_of_no_size_is_refused():
+    points, cells = rows_of_squares(3)
+    points[5] = points[6]
+    with pytest.raises(gx.InputError, match=r"'film' has 2 triangles of no size.*duplicate nodes"):
+        gx.Scene(gx.Membrane(triangles(points, cells), LAW)).compile()
+
+
+@pytest.mark.mpi
+def test_a_curved_triangle_that_turns_inside_is_refused():
+    corners = [(0, 0, 0), (1, 0, 0), (0, 1, 0)]
+    for shift, turned in ((0.0, False), (0.3, True)):
+        middles = [(0.5, shift, 0), (0.5 - shift, 0.5 - shift, 0), (shift, 0.5, 0)]
+        mesh = triangles([*corners, *middles], [(0, 1, 2, 3, 4, 5)], order=2)
+        film = gx.Membrane(mesh, LAW, order=2)
+        if turned:
+            with pytest.raises(gx.InputError, match="1 curved triangles that turn inside out"):
+                list(suspicions([film]))
+        else:
+            assert list(suspicions([film])) == []
+
+
+@pytest.mark.mpi
+def test_slivers_folds_and_opposite_normals_are_told():
+    points, cells = rows_of_squares(3)
+    # a triangle on an edge of the border, almost without height
+    [words] = words_of(triangles([*points, (1.0 + 1e-7, 1 / 2, 0.0)], [*cells, (13, 16, 14)]))
+    assert "1 slivers" in words
+    [words] = words_of(triangles(points, [*cells[:-1], cells[-1][::-1]]))
+    assert "change sides at 2 edges" in words
+    # the node in the middle of a square, moved across one of its edges
+    ring = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, -0.2, 0)]
+    [words] = words_of(triangles(ring, [(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)]))
+    assert "1 triangles upside down" in words
+
+
+@pytest.mark.mpi
+def test_a_seam_that_is_not_glued_is_told():
+    points, cells = rows_of_squares(4)
+    shifted = [(x + 1, y, z) for x, y, z in points]
+    twice = triangles(points + shifted, cells + [tuple(i + 25 for i in cell) for cell in cells])
+    [words] = words_of(twice)
+    assert "8 boundary edges of 'film' coincide" in words
+
+
+@pytest.mark.mpi
+def test_a_film_that_pierces_itself_is_told():
+    flat, cells = rows_of_squares(4)
+    steep = [(0.49, y, x - 0.53) for x, y, _ in flat]
+    mesh = triangles(flat + steep, cells + [tuple(i + 25 for i in cell) for cell in cells])
+    [words] = self_intersections([gx.Membrane(mesh, LAW)])
+    assert "pierces itself" in words
+    apart = [(x + 2, y, z) for x, y, z in steep]
+    mesh = triangles(flat + apart, cells + [tuple(i + 25 for i in cell) for cell in cells])
+    assert list(self_intersections([gx.Membrane(mesh, LAW)])) == []
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("numbers, culprit", [({"thickness": 25.0}, "25 m thick"), ({"E": 4.0}, "E = 4 Pa")])
+def test_numbers_in_other_units_are_told(numbers, culprit):
+    law = gx.Miyazaki(**({"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4} | numbers))
+    assert any(culprit in words for words in words_of(sheet(WORLD, 2, 2), law))
+
+
+def test_what_is_suspected_is_told_once(caplog):
+    film = gx.Membrane(sheet(MPI.COMM_SELF, 2, 2), gx.Linear(E=1e9, nu=0.3, density=1e-6, thickness=1e-4), name="air")
+    with caplog.at_level(logging.WARNING, logger="gossamer_fx"):
+        for _ in range(2):
+            examine([film], MPI.COMM_SELF)
+    assert [r.message for r in caplog.records] == ["'air': density = 1e-06 kg/m³ is unusual; numbers are in SI units."]

@@ -1,0 +1,185 @@
+"""The folder of a run, and what is made of it: values, pictures, curves, animation, report."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.colours import scale
+from gossamer_fx.viewer import view_data
+from meshes.airbag import airbag
+from meshes.line import line
+
+WORLD = MPI.COMM_WORLD
+AIR = gx.IdealGas(gamma=1.4, R=287.0)
+V0 = np.array([1.0, 2.0, 0.5])
+DT = 1e-3
+
+
+def moving(x: np.ndarray) -> np.ndarray:
+    return np.repeat(V0[:, None], x.shape[1], axis=1)
+
+
+def pillow(comm: MPI.Intracomm, order: int = 1) -> gx.Case:
+    """A pillow full of gas, a cable and a point, all with the same velocity."""
+    law = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
+    film = gx.Membrane(airbag(comm, 1.0, 4), law, order=order, velocity=moving, name="the film")
+    bag = gx.Chamber(film, gas=AIR, pressure=1e-3, temperature=300.0, dead_volume=1e-3, name="bag")
+    cable = gx.Cable(line(comm, [(0, 0, 1), (1, 0, 1)], 3), gx.CableLaw(1e5, 0.1), velocity=moving)
+    ball = gx.PointMass(1.0, (0.5, 0.5, 2.0), tuple(V0), name="ball")
+    return gx.Case(
+        gx.Scene(film, bag, cable, ball),
+        gx.Midpoint(dt=DT),
+        10 * DT,
+        title="A <pillow>",
+        probes={"x of the ball": gx.Position(ball.port(), "x")},
+        frames=5,
+    )
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder: Path = WORLD.bcast(tmp_path_factory.mktemp("run"))
+    case = pillow(WORLD)
+    case.simulation([case.recording(folder)]).run(until=case.until)
+    return folder
+
+
+@pytest.mark.mpi
+def test_what_was_recorded_is_read_back(recorded: Path) -> None:
+    run = gx.Playback(recorded)
+    assert run.title == "A <pillow>" and run.about["status"] == "finished"
+    assert set(run.meshes) == {"the film", "cable"} and run.films == ["the film"]
+    assert run.times == pytest.approx(np.arange(0, 12, 2) * DT)
+    for name, mesh in run.meshes.items():
+        for frame, t in enumerate(run.times):
+            segment, k = mesh.at(frame)
+            assert segment.positions(k) - segment.X == pytest.approx(np.tile(V0 * t, (len(segment.X), 1)), abs=1e-5)
+        cells = run.about["scene"]["bodies"][name]["cells"]
+        assert len(mesh.segments[0].pieces) == cells == (64 if name == "the film" else 3)
+    assert len(np.unique(run.meshes["the film"].segments[0].vertices)) == 34  # 2 × 25 nodes, 16 of them on the seam
+    assert run.table("points.csv")["ball z"] == pytest.approx(2.0 + 0.5 * run.table("points.csv")["time"])
+    assert run.table("probes.csv")["x of the ball"][-1] == pytest.approx(0.5 + 10 * DT)
+    assert run.values("pressure", 5)[0] == pytest.approx(run.table("gas.csv")["bag pressure"][-1], rel=1e-12)
+    assert run.values("displacement", 5)[0] == pytest.approx(np.linalg.norm(V0) * 10 * DT, rel=1e-3)
+    assert len(run.table("ledger.csv")["time"]) == 11 and run.table("no.csv") == {}
+
+
+@pytest.mark.mpi
+def test_a_restart_on_other_ranks_is_one_run(folder: Path) -> None:
+    """Half on one rank, each on its own folder; the rest on all: the films of both halves are read as one."""
+    case = pillow(WORLD)
+    saved = gx.Checkpoints(folder / "checkpoints", every=4)
+    first = case.simulation([case.recording(folder)], saved)
+    first.run(until=4 * DT)
+    case = pillow(WORLD)
+    second = case.simulation([case.recording(folder)], restart=folder / "checkpoints")
+    second.run(until=10 * DT)
+    run = gx.Playback(folder)
+    assert run.times == pytest.approx(np.arange(0, 12, 2) * DT)
+    assert len(run.meshes["the film"].segments) == 2
+    assert sum(part["frames"] for part in view_data(run)["parts"]) == 6
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_films_of_either_order_are_seen(tmp_path: Path, order: int) -> None:
+    case = pillow(MPI.COMM_SELF, order)
+    case.simulation([case.recording(tmp_path)]).run(until=2 * DT)
+    run = gx.Playback(tmp_path)
+    shape = run.shape(1, "state", lambda values: np.rint(values).astype(int))
+    edges = shape.corners[:, 1:] - shape.corners[:, :1]
+    assert np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum() / 2 == pytest.approx(2.0, rel=1e-4)
+    assert len(shape.lines) == 3 and shape.dots == pytest.approx(np.array([[0.5, 0.5, 2.0]]) + V0 * 2 * DT)
+
+
+def test_pictures_and_animation(recorded: Path, tmp_path: Path) -> None:
+    from PIL import Image
+
+    run = gx.Playback(recorded)
+    gx.plot_strip(run, "stress1", tmp_path / "new" / "strip.png", 3)
+    gx.plot_field(run, "displacement", [0.0, 10 * DT], tmp_path / "field.png")
+    gx.plot_curves(run, tmp_path / "curves.png")
+    for name in ("new/strip.png", "field.png", "curves.png"):
+        with Image.open(tmp_path / name) as image:
+            pixels = np.asarray(image.convert("RGB"))
+        assert pixels.shape[1] == 1800 and 0.01 < (pixels < 250).any(axis=2).mean() < 0.9
+    gx.animate(run, "state", tmp_path / "run.gif", seconds=1.0)
+    with Image.open(tmp_path / "run.gif") as image:
+        assert image.n_frames == 6 and image.info["duration"] == pytest.approx(1000 / 6, abs=10)
+    if shutil.which("ffmpeg"):
+        gx.animate(run, "state", tmp_path / "run.mp4")
+        assert (tmp_path / "run.mp4").stat().st_size > 1000
+
+
+def test_the_report_needs_nothing_else(recorded: Path, tmp_path: Path) -> None:
+    run = gx.Playback(recorded)
+    gx.write_report(run, tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text()
+    assert not re.search(r'(src|href)="(?!data:)', text) and "http" not in re.sub(r"base64,[^\"]*", "", text)
+    assert "A &lt;pillow&gt;" in text and "<h1>A <pillow>" not in text
+    assert text.count("data:image/png;base64,") == 2
+    data = json.loads(re.search(r'id="run-data">(.*?)</script>', text, re.DOTALL)[1])
+    assert len(data["labels"]) == 6 and [f["name"] for f in data["fields"]][0] == "State of the film"
+    [part] = data["parts"]
+    assert (part["frames"], part["vertices"]) == (6, 34 + 4)
+
+
+def test_large_films_are_thinned_for_the_view(recorded: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("gossamer_fx.viewer._MOST_VERTICES", 1)  # at least 100 a body are kept in any case
+    assert view_data(gx.Playback(recorded))["parts"][0]["vertices"] == 38
+    from gossamer_fx.viewer import _thinned
+
+    segment = gx.Playback(recorded).meshes["the film"].segments[0]
+    thin = _thinned(segment, 20)
+    assert 4 <= len(thin.points) <= 20 and thin.pieces.max() < len(thin.points)
+
+
+def test_scales_show_what_matters() -> None:
+    even = np.linspace(0, 1, 1001)
+    assert scale("stress1", [3e6 * even]).label == (1e6, "Larger principal stress [MPa]")
+    assert scale("stress1", [3e6 * even - 1.0]).low == 0.0
+    signed = scale("stress2", [3.0 * even - 1.0])
+    assert signed.signed and signed.low == -signed.high
+    assert scale("strain2", [-even]).high == 0.0
+    assert scale("pressure", []).bins(np.array([1.0])) == 0
+
+
+@pytest.mark.parametrize(
+    "act, culprit",
+    [
+        (lambda run: gx.plot_strip(run, "stres", "x.png"), "stres"),
+        (lambda run: gx.plot_strip(run, "state", "x.png", 0), "number of pictures"),
+        (lambda run: gx.plot_field(run, "state", [1.0], "x.png"), "t = 1 s"),
+        (lambda run: gx.animate(run, "state", "x.avi"), ".gif"),
+        (lambda run: gx.animate(run, "state", "x.gif", seconds=0.0), "0.0 s"),
+        (lambda run: gx.Playback("nowhere"), "nowhere"),
+    ],
+)
+def test_what_cannot_be_plotted_is_told(recorded: Path, act, culprit: str) -> None:
+    with pytest.raises(gx.InputError, match=re.escape(culprit)) as caught:
+        act(gx.Playback(recorded))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "spoil, culprit",
+    [
+        (lambda folder: (folder / "run.json").write_text("{"), "run.json"),
+        (lambda folder: (folder / "run.json").write_text('{"format": 99, "fields": {}}'), "format 99"),
+        (lambda folder: (folder / "points.csv").write_text("time,step\n0,x\n"), "points.csv"),
+        (lambda folder: shutil.rmtree(folder / "fields" / "cable.bp"), "cable.bp"),
+        (lambda folder: [p.write_bytes(b"x" * 9) for p in (folder / "fields" / "cable.bp").iterdir()], "cable.bp"),
+    ],
+)
+def test_damaged_folders_are_told(recorded: Path, tmp_path: Path, spoil, culprit: str) -> None:
+    shutil.copytree(recorded, tmp_path / "run")
+    spoil(tmp_path / "run")
+    with pytest.raises(gx.InputError, match=re.escape(culprit)):
+        gx.Playback(tmp_path / "run")
