@@ -72,7 +72,7 @@ class Found:
     residual    unbalanced force over that of loads and supports
     iterations  Newton iterations, those of failed pseudo-steps included
     steps, cuts pseudo-steps, and failed ones among them
-    seconds     run time without compilation
+    seconds     CPU time of this rank, without compilation
     totals      energies; the kinetic energy is zero, `supplied` is the work of loads and supports along the path of
                 the continuation (exact for dead loads and prescribed pressure)
     regular     whether Newton's iteration converges without inertia: then the tangent is not singular
@@ -116,13 +116,13 @@ class Equilibrium:
         Raises:
             NoEquilibrium: with the residual that was reached, the reason and the place.
         """
-        started = time.perf_counter()
+        started = time.process_time()
         self._spent = self._steps = self._cuts = 0
         self._continue(at)
         free = self._free_motions()
         regular = not free and self._finish(at)
         residual, _ = self._unbalanced()
-        seconds = time.perf_counter() - started
+        seconds = time.process_time() - started
         return Found(residual, self._spent, self._steps, self._cuts, seconds, self.system.book(), regular, free)
 
     def reaction(

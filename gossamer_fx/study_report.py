@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -69,33 +70,51 @@ def shortfalls(study: Study, results: list[Result]) -> list[str]:
 
 
 def picture(study: Study, results: list[Result], path: Path) -> None:
-    """Error against run time and against h, one row of panels for each measure."""
+    """Error against run time and against h, one row of panels for each measure; P2 is dashed."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
+    from matplotlib.ticker import NullFormatter
 
-    rows = len(study.measures)
-    figure, panels = pyplot.subplots(rows, 2, figsize=(10, 3.8 * rows), squeeze=False, sharey="row")
+    rows, found = len(study.measures), curves(study, results)
+    figure, panels = pyplot.subplots(
+        rows, 2, figsize=(11, 3.3 * rows + 0.4), squeeze=False, sharey="row", sharex="col", layout="constrained"
+    )
+    colours, sizes = _colours(found), sorted({study.size(r.case) for r in results})
     for measure, (left, right) in zip(study.measures, panels, strict=True):
-        for name, curve in curves(study, results).items():
+        for name, curve in found.items():
             done = [r for r in curve if not r.failed]
             errors = [_error(measure, r) for r in done]
-            label = ", ".join(map(str, name)) or study.name
-            left.loglog([r.values["seconds"] for r in done], errors, "o-", label=label, markersize=4)
             overall = order(study, measure, done[0], done[-1]) if len(done) > 1 else math.nan
             tail = "" if math.isnan(overall) else f" (order {overall:.1f})"
-            right.loglog([study.size(r.case) for r in done], errors, "o-", label=label + tail, markersize=4)
+            label = (", ".join(map(str, name)) or study.name) + tail
+            style = {"marker": "o", "markersize": 4, "color": colours[name], "label": label}
+            style |= {"linestyle": "--", "markerfacecolor": "white"} if "P2" in name else {}
+            left.loglog([r.values["seconds"] for r in done], errors, **style)
+            right.loglog([study.size(r.case) for r in done], errors, **style)
         left.set_ylabel(f"relative error of {measure.name}")
-        left.set_xlabel("run time without compilation [s]")
-        right.set_xlabel("h")
         for panel in (left, right):
             panel.grid(True, which="both", alpha=0.25)
-        right.legend(fontsize=7)
+        ticks = sizes[:: max(1, len(sizes) // 5)]
+        right.set_xticks(ticks, [f"{h:.2g}" for h in ticks])
+        right.xaxis.set_minor_formatter(NullFormatter())
+        right.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+    panels[-1, 0].set_xlabel("CPU time without compilation [s]")
+    panels[-1, 1].set_xlabel("h")
     figure.suptitle(study.title)
-    figure.tight_layout()
-    figure.savefig(path, dpi=130)
+    figure.savefig(path, dpi=110)
     pyplot.close(figure)
+
+
+def _colours(found: Iterable[tuple[Any, ...]]) -> dict[tuple[Any, ...], Any]:
+    """A colour for each curve; those that differ in the element only share theirs."""
+    from matplotlib import colormaps
+
+    alike = {name: tuple(value for value in name if value not in ("P1", "P2")) for name in found}
+    groups = list(dict.fromkeys(alike.values()))
+    palette = colormaps["tab10" if len(groups) <= 10 else "tab20"].colors  # type: ignore[attr-defined]
+    return {name: palette[groups.index(group) % len(palette)] for name, group in alike.items()}
 
 
 def _error(measure: Measure, result: Result) -> float:
