@@ -20,9 +20,11 @@ from petsc4py import PETSc
 
 from gossamer_fx.parts import Array
 
-# Unknowns up to which a factorisation is cheapest, and the ratio of diagonals, tangent to inertia, up to which an
-# incomplete one of overlapping subdomains does in few Krylov iterations; else an algebraic multigrid cycle is used.
-DIRECT_UP_TO, INERTIAL_UP_TO = 3000, 1500.0
+DIRECT_UP_TO = 3000  # unknowns up to which a factorisation is cheapest
+
+# Inertia makes the tangent of a step local: on each rank, an incomplete factorisation with a few levels of fill does.
+# The levels matter, as a film under compression makes the tangent indefinite: with none, most systems are not solved.
+INCOMPLETE = {"sub_pc_type": "ilu", "sub_pc_factor_levels": "2", "sub_pc_factor_mat_ordering_type": "rcm"}
 
 
 class Composite:
@@ -132,14 +134,8 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, size: int, saddle: bool) -> None:
         ksp.setGMRESRestart(60)
         ksp.setPCSide(PETSc.PC.Side.RIGHT)
         ksp.setTolerances(rtol=1e-3, max_it=300)
-        pc.setType("hypre")
-
-
-def adapt(pc: PETSc.PC, stiffness: float) -> None:
-    """Take the cheaper preconditioner for a tangent whose diagonal is `stiffness` times that of the inertia."""
-    options = PETSc.Options(pc.getOptionsPrefix())
-    best = "asm" if stiffness <= INERTIAL_UP_TO else "hypre"
-    if pc.getType() in ("asm", "hypre") and pc.getType() != best and not options.hasName("pc_type"):
-        pc.setType(best)
-        if best == "asm" and not options.hasName("sub_pc_factor_levels"):
-            options["sub_pc_factor_levels"] = 1
+        pc.setType("bjacobi")
+        options = PETSc.Options(pc.getOptionsPrefix())
+        for name, value in INCOMPLETE.items():
+            if not options.hasName(name):
+                options[name] = value

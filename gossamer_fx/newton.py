@@ -9,10 +9,9 @@ from petsc4py import PETSc
 
 import gossamer_fx.linear as linear
 from gossamer_fx.errors import check
+from gossamer_fx.numbering import PREFIX
 from gossamer_fx.parts import Array
 from gossamer_fx.system import System
-
-PREFIX = "gx_"
 
 
 class NotConverged(Exception):
@@ -132,8 +131,6 @@ class Newton:
             J.assemble()
         if self._floor == 0:
             A.getDiagonal(self._diagonal)
-            inertia = self.system.inertia_diagonal
-            linear.adapt(self._preconditioner, self._diagonal.max()[1] / inertia if inertia else np.inf)
             self._diagonal.pointwiseMult(self._diagonal, self.system.q1)
             self._floor = self.tolerances.floor * np.finfo(float).eps * self._diagonal.norm()
         self.system.q1.copy(self._base)

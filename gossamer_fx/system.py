@@ -112,7 +112,6 @@ class System:
         self.M = self.A.duplicate()
         self.masses.add(self.M)
         self.M.assemble()
-        self._largest_mass = float(self.M.getDiagonal().max()[1]) if self.numbering.size else 0.0
 
     # ---- a step ------------------------------------------------------------------------------------------------
 
@@ -134,11 +133,6 @@ class System:
     def inertia(self, c: float, a: PETSc.Vec) -> None:
         """Choose c and a of the residual's c M (q1 - a)."""
         self._c, self._a = c, a
-
-    @property
-    def inertia_diagonal(self) -> float:
-        """Largest diagonal entry of c M."""
-        return self._c * self._largest_mass
 
     def move(self, z: PETSc.Vec, base: PETSc.Vec | None) -> None:
         """Set q1 = z.  Strains follow linearly from `base`, or are the true ones if it is None."""
