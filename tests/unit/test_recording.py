@@ -126,7 +126,7 @@ def test_the_report_needs_nothing_else(recorded: Path, tmp_path: Path) -> None:
     assert "A &lt;pillow&gt;" in text and "<h1>A <pillow>" not in text
     assert text.count("data:image/png;base64,") == 2
     data = json.loads(re.search(r'id="run-data">(.*?)</script>', text, re.DOTALL)[1])
-    assert len(data["labels"]) == 6 and [f["name"] for f in data["fields"]][0] == "State of the film"
+    assert len(data["labels"]) == 6 and data["fields"][0]["name"] == "State of the film"
     [part] = data["parts"]
     assert (part["frames"], part["vertices"]) == (6, 34 + 4)
 
