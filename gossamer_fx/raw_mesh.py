@@ -148,7 +148,8 @@ def _read_here(path: str, arrays: str) -> None:
         raise BadMesh(f"gmsh cannot read '{path}' ({words}); write it again as MSH 4.1.") from error
     about = {"kind": raw.kind, "order": raw.order, "groups": [(name, d) for name, (d, _) in raw.groups.items()]}
     entities = {f"group {k}": nodes for k, (_, nodes) in enumerate(raw.groups.values())}
-    np.savez(arrays, about=json.dumps(about), points=raw.points, cells=raw.cells, **entities)
+    contents: dict[str, Any] = {"about": json.dumps(about), "points": raw.points, "cells": raw.cells, **entities}
+    np.savez(arrays, **contents)
 
 
 if __name__ == "__main__":
