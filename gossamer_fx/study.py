@@ -29,7 +29,7 @@ class Measure:
 
     Args:
         name: its key in what the problem returns.
-        reference: exact value, or a function of the case.
+        reference: exact value, or a function of the case; zero for a result that is an error itself.
         tolerance: largest relative error that is accepted on the finest of the full study.
         rate: expected order in h for a case; infinite where no order is expected.
     """
@@ -40,9 +40,9 @@ class Measure:
     rate: Callable[[Case], float] = field(default=lambda case: math.inf)
 
     def error(self, case: Case, value: float) -> float:
-        """|value/reference - 1|."""
+        """|value - reference|/|reference|, or |value| where the reference is zero."""
         reference = self.reference(case) if callable(self.reference) else self.reference
-        return abs(value / reference - 1)
+        return abs(value - reference) / (abs(reference) or 1.0)
 
 
 @dataclass(frozen=True)
@@ -59,6 +59,8 @@ class Study:
         measures: the results that have references.
         quick: axes with fewer values, for `quick` runs.
         columns: further results that the table shows.
+        may_fail: whether a case that fails by name is a result, too.
+        draw: draws all results, draw(results, path), in the place of errors against run time and h.
     """
 
     name: str
@@ -69,6 +71,8 @@ class Study:
     measures: tuple[Measure, ...] = ()
     quick: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     columns: tuple[str, ...] = ("iterations", "seconds")
+    may_fail: bool = False
+    draw: Callable[[list[Result], Path], None] | None = None
 
     def cases(self, quick: bool) -> list[dict[str, Any]]:
         axes = {**self.axes, **(self.quick if quick else {})}
