@@ -1,0 +1,78 @@
+"""A membrane of triangles in Kratos Multiphysics: model part, film, solver."""
+
+from __future__ import annotations
+
+import KratosMultiphysics as K
+import KratosMultiphysics.ConstitutiveLawsApplication as Laws
+import KratosMultiphysics.StructuralMechanicsApplication as Structures
+import numpy as np
+from KratosMultiphysics import python_linear_solver_factory
+
+K.Logger.GetDefaultOutput().SetSeverity(K.Logger.Severity.WARNING)
+K.ParallelUtilities.SetNumThreads(1)
+
+VARIABLES = (
+    *(K.DISPLACEMENT, K.REACTION, K.VELOCITY, K.ACCELERATION, K.VOLUME_ACCELERATION),
+    *(K.POSITIVE_FACE_PRESSURE, K.NEGATIVE_FACE_PRESSURE, Structures.SURFACE_LOAD, Structures.POINT_LOAD),
+)
+
+
+def model_part(model, nodes: np.ndarray, more: tuple = ()):
+    """A model part with the nodes (n, 3), whose unknowns are displacements."""
+    part = model.CreateModelPart("film")
+    part.SetBufferSize(2)
+    part.ProcessInfo[K.DOMAIN_SIZE] = 3
+    for variable in (*VARIABLES, *more):
+        part.AddNodalSolutionStepVariable(variable)
+    for number, position in enumerate(nodes, start=1):
+        part.CreateNewNode(number, *position)
+    return part
+
+
+def add_film(part, triangles: np.ndarray, E: float, nu: float, density: float, thickness: float, wrinkling: bool):
+    """Membrane elements; returns their properties."""
+    film = part.CreateNewProperties(1)
+    constants = {K.YOUNG_MODULUS: E, K.POISSON_RATIO: nu, K.DENSITY: density, K.THICKNESS: thickness}
+    elastic = Structures.LinearElasticPlaneStress2DLaw()
+    for name, value in constants.items():
+        film.SetValue(name, value)
+    film.SetValue(Structures.PRESTRESS_VECTOR, K.Vector(3, 0.0))
+    if wrinkling:
+        below = part.CreateNewProperties(2)
+        for name, value in constants.items():
+            below.SetValue(name, value)
+        below.SetValue(K.CONSTITUTIVE_LAW, elastic)
+        film.SetValue(K.CONSTITUTIVE_LAW, Laws.WrinklingLinear2DLaw())
+        film.AddSubProperties(below)
+    else:
+        film.SetValue(K.CONSTITUTIVE_LAW, elastic)
+    for number, corners in enumerate(triangles.tolist(), start=1):
+        part.CreateNewElement("MembraneElement3D3N", number, [c + 1 for c in corners], film)
+    for axis in "XYZ":
+        names = (getattr(K, f"{what}_{axis}") for what in ("DISPLACEMENT", "REACTION"))
+        K.VariableUtils().AddDof(*names, part)
+    return film
+
+
+def linear_solver(name: str):
+    """`sparse_lu`, or `amgcl`: conjugate gradients with smoothed aggregation."""
+    settings = {
+        "sparse_lu": '{"solver_type": "LinearSolversApplication.sparse_lu"}',
+        "amgcl": """{"solver_type": "amgcl", "krylov_type": "gmres", "smoother_type": "ilu0", "tolerance": 1e-6,
+                     "coarsening_type": "smoothed_aggregation", "max_iteration": 500, "verbosity": 0,
+                     "use_block_matrices_if_possible": true}""",
+    }
+    return python_linear_solver_factory.ConstructSolver(K.Parameters(settings[name]))
+
+
+def nodal(part, variable) -> np.ndarray:
+    """Values (n, 3) of a nodal vector."""
+    return np.array(K.VariableUtils().GetSolutionStepValuesVector(part.Nodes, variable, 0, 3)).reshape(-1, 3)
+
+
+def grid(n: int, edge: float) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes (m, 3) and cells' corners (n², 4), counter-clockwise, of a square from the origin."""
+    s = np.linspace(0, edge, n + 1)
+    x, y = np.meshgrid(s, s)
+    first = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
+    return np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]), first[:, None] + [0, 1, n + 2, n + 1]
