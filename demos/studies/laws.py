@@ -1,0 +1,78 @@
+"""Film laws side by side: a strip that is bent until it wrinkles, and the square airbag.
+
+    strip     `bending_strip` at K = 2: displacement u of its upper right corner across it, larger stress σ1 there,
+              moment m
+    airbag    `airbag`: displacement u of its centre, larger stress σ1 there, volume V
+
+`Linear` bears the compression; without bending stiffness the airbag then buckles as finely as its mesh allows.
+"""
+
+from __future__ import annotations
+
+import math
+
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from demos.studies import airbag, bending_strip
+from gossamer_fx.fields import AreaFractions
+from gossamer_fx.materials import FilmLaw
+from gossamer_fx.study import Study
+
+K, STRIP_CELLS, AIRBAG_CELLS = 2.0, 24, 16
+
+
+def laws(film: dict[str, float], half_wavelength: float) -> dict[str, FilmLaw]:
+    return {
+        "Linear": gx.Linear(**film),
+        "Miyazaki 1e-2": gx.Miyazaki(**film, residual=1e-2),
+        "Miyazaki 1e-4": gx.Miyazaki(**film, residual=1e-4),
+        "Miyazaki 1e-6": gx.Miyazaki(**film, residual=1e-6),
+        "Miyazaki 1e-8": gx.Miyazaki(**film, residual=1e-8),
+        "TensionField": gx.TensionField(**film),
+        "Elastica": gx.Elastica(**film, half_wavelength=half_wavelength),
+    }
+
+
+STRIP, AIRBAG = laws(bending_strip.FILM, 0.05), laws(airbag.FILM, 0.4)
+
+
+def problem(comm: MPI.Comm, scene: str, law: str) -> dict[str, float]:
+    if scene == "strip":
+        moved, search = bending_strip.bent_strip(comm, STRIP[law], 1, K, STRIP_CELLS)
+        film, found = moved.body, search.find()
+        force, moment = search.reaction(moved, about=(bending_strip.L, bending_strip.H / 2, 0.0))
+        accepted = bending_strip.exact(K)[0]
+        global_result = -2 * moment[2] / (force[0] * bending_strip.H)
+        place, component = "top right", 1
+    else:
+        film, search = airbag.airbag(comm, AIRBAG[law], 1, AIRBAG_CELLS)
+        found = search.find()
+        accepted = 0.1250
+        global_result = airbag.SHEETS * airbag.QUARTERS * found.totals.supplied / airbag.PRESSURE
+        place, component = "bottom left", 2
+    slack, wrinkled, taut = AreaFractions([film])(search.system)
+    return {
+        "m or V": float(global_result),
+        "error": abs(float(global_result) / accepted - 1),
+        "u": float(airbag.displacement(film, search, place)[component]),
+        "σ1": airbag.stress_at(film, search, place),
+        "taut": taut,
+        "wrinkled": wrinkled,
+        "slack": slack,
+        "iterations": found.iterations,
+        "residual": found.residual,
+        "seconds": found.seconds,
+    }
+
+
+STUDY = Study(
+    "laws",
+    "Film laws side by side",
+    problem,
+    {"scene": ["strip", "airbag"], "law": list(STRIP)},
+    lambda case: math.nan,
+    quick={"scene": ["strip"], "law": ["Linear", "Miyazaki 1e-6"]},
+    columns=("m or V", "error", "u", "σ1", "taut", "wrinkled", "slack", "iterations", "residual", "seconds"),
+    may_fail=True,  # Linear on the airbag
+)
