@@ -96,9 +96,9 @@ def picture(study: Study, results: list[Result], path: Path) -> None:
         left.set_ylabel(f"relative error of {measure.name}")
         for panel in (left, right):
             panel.grid(True, which="both", alpha=0.25)
-        ticks = sizes[:: max(1, len(sizes) // 5)]
-        right.set_xticks(ticks, [f"{h:.2g}" for h in ticks])
-        right.xaxis.set_minor_formatter(NullFormatter())
+        if sizes[-1] < 20 * sizes[0]:
+            right.set_xticks(sizes, [f"{h:.2g}" for h in sizes])
+            right.xaxis.set_minor_formatter(NullFormatter())
         right.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     panels[-1, 0].set_xlabel("CPU time without compilation [s]")
     panels[-1, 1].set_xlabel("h")

@@ -23,7 +23,7 @@ import gossamer_fx as gx
 from demos.antenna_attitude import antenna
 from demos.spinning_sheet import throw
 from gossamer_fx.parts import Array
-from gossamer_fx.study import Measure, Study
+from gossamer_fx.study import Case, Measure, Study
 from meshes.sheet import EDGES, sheet
 from meshes.sphere import sphere
 
@@ -113,7 +113,7 @@ def problem(comm: MPI.Comm, scene: str, stepper: str, level: int) -> dict[str, f
     run, _, end, seconds = move(comm, scene, stepper, h)
     exact, way = reference(comm, scene)
     return {
-        "error": norm(comm, end - exact) / way,
+        "positions": norm(comm, end - exact) / way,
         "h": h,
         "energy": abs(run.energy_error),
         "newton_per_step": run.iterations / run.step,
@@ -122,13 +122,19 @@ def problem(comm: MPI.Comm, scene: str, stepper: str, level: int) -> dict[str, f
     }
 
 
+def expected_order(case: Case) -> float:
+    """Where the steps resolve the motion; strong damping of high frequencies comes to its order with smaller ones."""
+    orders = {"sheet": 2.0, "balloon": 2.0, "antenna": 1.8}
+    return math.inf if case["stepper"] == "GeneralizedAlpha 0" else orders.get(case["scene"], math.inf)
+
+
 STUDY = Study(
     "time_order",
     "Order in time of the midpoint rule and of generalised-α",
     problem,
     {"scene": list(SCENES), "stepper": list(STEPPERS), "level": list(LEVELS)},
     lambda case: COARSEST[case["scene"]] / 2 ** case["level"],
-    (Measure("error", 0.0, rate=lambda case: math.inf if case["scene"] == "flutter" else 2.0),),
+    (Measure("positions", 0.0, rate=expected_order),),
     quick={"scene": ["sheet"], "level": [0, 1]},
     columns=("h", "energy", "newton_per_step", "substeps", "seconds"),
 )

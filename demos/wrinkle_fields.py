@@ -1,0 +1,135 @@
+"""Where a film wrinkles, and how the wrinkles run: state and direction of tension on two static problems.
+
+    bent strip       a tensioned film, bent in its plane until two fifths of its height wrinkle
+    square airbag    two square sheets under pressure, seen from above
+
+Cells are coloured by their state; a line in each wrinkled cell runs along the tension, as crests and troughs of the
+wrinkles do, the bolder the more the film is shortened across it.
+
+    ./gossamer demo wrinkle_fields
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from demos.studies import airbag, bending_strip
+from gossamer_fx.camera import STATE_COLOURS
+from gossamer_fx.fields import STATES, FieldFunctions
+from gossamer_fx.materials import WRINKLED
+from gossamer_fx.parts import Array
+
+LAW = "Miyazaki 1e-6"
+K = 3.0
+MIRRORS = ((1, 1), (-1, 1), (1, -1), (-1, -1))
+
+
+@dataclass(frozen=True)
+class Wrinkles:
+    """Of n cells: corners (n, 3, 3) [m], state (n,), direction of tension (n, 3), smaller principal strain (n,)."""
+
+    corners: Array
+    state: Array
+    direction: Array
+    strain2: Array
+
+    def mirrored(self, x: int, y: int) -> Wrinkles:
+        """The image in the planes x = 0 and y = 0 where a sign is -1."""
+        flip = np.array([x, y, 1])
+        return Wrinkles(self.corners * flip, self.state, self.direction * flip, self.strain2)
+
+
+def wrinkles(film: gx.Membrane, search: gx.Equilibrium) -> Wrinkles:
+    """Fields of a film of order 1 on one rank."""
+    fields = FieldFunctions(search.system, film, ["state", "direction", "strain2"])
+    fields.update()
+    x = search.system.q0.array_r.reshape(-1, 3)
+    state, direction, strain2 = (
+        f.x.array.reshape(-1, f.function_space.dofmap.bs)[f.function_space.dofmap.list[:, 0]] for f in fields.functions
+    )
+    return Wrinkles(x[film.space.dofmap.list], state[:, 0], direction, strain2[:, 0])
+
+
+def bent_strip(cells: int = 32) -> Wrinkles:
+    moved, search = bending_strip.bent_strip(MPI.COMM_SELF, bending_strip.LAWS[LAW], 1, K, cells)
+    search.find()
+    return wrinkles(moved.body, search)
+
+
+def square_airbag(cells: int = 16) -> list[Wrinkles]:
+    """The four quarters of the upper sheet."""
+    film, search = airbag.airbag(MPI.COMM_SELF, airbag.LAWS[LAW], 1, cells)
+    search.find()
+    quarter = wrinkles(film, search)
+    return [quarter.mirrored(*signs) for signs in MIRRORS]
+
+
+def draw(scenes: dict[str, list[Wrinkles]], path: Path) -> None:
+    """The films from above, side by side, each with its title."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
+    from PIL import Image
+
+    figure = Figure(figsize=(11, 5.3), dpi=100, facecolor="white", layout="constrained")
+    canvas = FigureCanvasAgg(figure)
+    extents = [np.ptp(np.concatenate([p.corners.reshape(-1, 3) for p in parts]), axis=0) for parts in scenes.values()]
+    panels = figure.subplots(1, len(scenes), width_ratios=[e[0] / e[1] for e in extents])
+    for axes, (title, parts) in zip(panels, scenes.items(), strict=True):
+        for part in parts:
+            _draw_part(axes, part)
+        axes.set(aspect="equal")
+        axes.autoscale_view()
+        axes.set_axis_off()
+        axes.set_title(title, fontsize=11)
+    key = [Patch(color=_pale(STATES[name]), label=name) for name in ("taut", "wrinkled", "slack")]
+    figure.legend(handles=key, loc="outside lower center", ncols=3, frameon=False)
+    canvas.draw()
+    canvas.draw()  # the first one only lays out
+    path.parent.mkdir(parents=True, exist_ok=True)
+    # a palette keeps the file small
+    Image.fromarray(np.asarray(canvas.buffer_rgba())[:, :, :3]).quantize(
+        48, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE
+    ).save(path, optimize=True)
+
+
+def _draw_part(axes: Any, part: Wrinkles) -> None:
+    from matplotlib.collections import LineCollection, PolyCollection
+
+    flat = part.corners[:, :, :2]
+    colours = [_pale(round(s)) for s in part.state]
+    axes.add_collection(PolyCollection(flat, facecolors=colours, edgecolors="white", linewidths=0.3))
+    shown = part.state == WRINKLED
+    size = np.linalg.norm(flat - np.roll(flat, 1, axis=1), axis=2).mean(axis=1)
+    centre, half = flat.mean(axis=1)[shown], 0.33 * (part.direction[:, :2] * size[:, None])[shown]
+    shortening = -part.strain2[shown]
+    bold = np.clip(shortening / np.percentile(shortening, 90), 0.1, 1.0)
+    lines = np.stack([centre - half, centre + half], axis=1)
+    axes.add_collection(LineCollection(lines, colors=(0.30, 0.14, 0.0), linewidths=0.3 + 0.8 * bold))
+
+
+def _pale(state: int) -> tuple[float, ...]:
+    return tuple(1 - 0.62 * (1 - c) for c in STATE_COLOURS[state])
+
+
+def main(output: str | Path | None = None) -> dict[str, float]:
+    """Wrinkled parts of the cells; a picture in a folder `output`."""
+    strip, bag = bent_strip(), square_airbag()
+    if output is not None:
+        scenes = {f"Tensioned film, bent by K = {K:g}": [strip], "Square airbag under 5 kPa": bag}
+        draw(scenes, Path(output) / "wrinkle_fields.png")
+    return {
+        "strip wrinkled": float((strip.state == WRINKLED).mean()),
+        "airbag wrinkled": float((bag[0].state == WRINKLED).mean()),
+    }
+
+
+if __name__ == "__main__":
+    if MPI.COMM_WORLD.rank == 0:
+        print(main(output="out/wrinkle_fields"))
