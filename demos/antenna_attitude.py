@@ -58,7 +58,7 @@ def antenna(comm: MPI.Comm, film_cells: int, boom_elements: int, order: int = 1)
         gx.Beam(meshes.boom(comm, boom_elements, SIDE, diagonal), BOOM, name=f"boom {k + 1}")
         for k, diagonal in enumerate(meshes.DIAGONALS)
     ]
-    points = meshes.tie_points(film_cells, SIDE)
+    points = meshes.tie_points(SIDE)
     ties = [
         gx.BallJoint(film.port_at(point), booms[k % 2].port_at(point), f"tie {'ABCDEFGH'[k]}")
         for k, point in enumerate(points)
