@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
+from demos import wrinkle_fields
 from demos.studies import bending_strip, hub_torsion
 
 
@@ -37,3 +39,14 @@ def test_reference_of_the_hub_is_continuous_where_wrinkles_begin():
     before, after = (hub_torsion.exact(factor * critical) for factor in (0.9999, 1.0001))
     assert pytest.approx(hub_torsion.HUB, rel=1e-3) == after.R
     assert after.θ == pytest.approx(before.θ, rel=1e-3)
+
+
+def test_fields_of_wrinkles_are_drawn(folder):
+    """b/H = 1 - K^(-½) of the strip wrinkles, in lines across it; of the airbag 0.70 of the cells do."""
+    found = wrinkle_fields.main(folder)
+    assert found["strip wrinkled"] == pytest.approx(1 - wrinkle_fields.K**-0.5, abs=0.01)
+    assert found["airbag wrinkled"] == pytest.approx(0.70, abs=0.02)
+    assert (folder / "wrinkle_fields.png").read_bytes()[1:4] == b"PNG"
+    strip = wrinkle_fields.bent_strip(8)
+    wrinkled = strip.state == 1
+    assert abs(strip.direction[wrinkled, 1]) == pytest.approx(np.ones(wrinkled.sum()), abs=1e-2)
