@@ -86,6 +86,10 @@ class Border(Protocol):
         """Owned parts of the columns of G and of H (None: zero), and C (size, size)."""
         ...
 
+    def impossible(self) -> str:
+        """In words, what cannot be in the solution of a step, e.g. a negative volume; else nothing."""
+        ...
+
     def accept(self) -> None:
         """End the step."""
         ...

@@ -232,7 +232,8 @@ def scene_of(run: Simulation) -> dict[str, Any]:
     system, meshes, extents = run.system, dict[str, int](), dict[str, list[float]]()
     for body in system.bodies:
         if is_on_mesh(body):
-            x = body.space.tabulate_dof_coordinates()[: body.block.index_map.size_local]
+            geometry = body.space.mesh.geometry
+            x = geometry.x[: geometry.index_map().size_local]
             meshes[body.name] = mesh_name(body)
             extents[body.name] = run.comm.allreduce(np.concatenate([x.sum(axis=0), (x**2).sum(axis=0)])).tolist()
     return {

@@ -43,7 +43,7 @@ class When:
     """The first time at which a probe exceeds a value, located within the step: a step ends there.
 
     `When(gx.GasState(bag, "pressure"), 1e4, stop=True)` ends a run at 10 kPa;
-    `When(lambda run: valve.effective_area(run.time))` is where a valve opens.
+    `When(lambda run: area(run.time))` is where a valve of that area opens.
 
     Args:
         probe: a function of the run that returns a number, the same on every rank; see `Probes`.

@@ -24,7 +24,7 @@ from gossamer_fx.totals import Totals
 if TYPE_CHECKING:
     from gossamer_fx.checkpoint import Checkpoints
     from gossamer_fx.events import Event, Watch
-    from gossamer_fx.gas.network import ChamberState
+    from gossamer_fx.gas.state import ChamberState
     from gossamer_fx.step_control import StepControl
 
 
@@ -73,11 +73,12 @@ class Simulation:
         self.compile_seconds = time.perf_counter() - started
         self.history = History(self.system, [self.solver, self.stepping])
         self.step = self.iterations = self.substeps = self.last_iterations = 0
-        self.seconds = 0.0
+        self.seconds = self.output_seconds = 0.0
         self.until = 0.0
         self.first = self._totals = self.system.book()
         self._largest = 0.0
         self._watch = self._watch_for(events)
+        self._begun = restart is not None
         cursors = [] if restart is None else self._restart(restart)
         if checkpoints is not None:
             checkpoints.open(self)
@@ -172,31 +173,39 @@ class Simulation:
         with together(self.comm), ExitStack() as at_the_end, Listener() as signals:
             for output in self.outputs:
                 at_the_end.callback(output.close, self)
-            if self.step == 0:
+            if not self._begun:
+                self._begun = True
                 self._record(last=False)
-            for milestone in sorted({t for t in times if self.time < t < until} | {until}):
-                while (left := milestone - self.time) > 1e-9 * self.stepping.wanted:
-                    recorded = self.step
-                    try:
-                        ended = self._advance(left / math.ceil(left / self.stepping.wanted - 1e-9), milestone)
-                    except StepFailure:
-                        if self.step > recorded:
-                            self._record(last=True)
-                        elif self.checkpoints is not None:
-                            self.checkpoints.record(self, last=True)
-                        raise
-                    signal = signals.heard(self.comm)
-                    self._record(last=ended or signal > 0 or self.time == until)
-                    if signal:
-                        self._leave(signal)
-                    if ended:
-                        return
+            signal = self._go(sorted({t for t in times if self.time < t < until} | {until}), signals)
+        if signal:
+            self._leave(signal)
+
+    def _go(self, milestones: Sequence[float], signals: Listener) -> int:
+        """Step from milestone to milestone; returns the number of a signal if one ended it, else zero."""
+        for milestone in milestones:
+            while (left := milestone - self.time) > 1e-9 * self.stepping.wanted:
+                recorded = self.step
+                try:
+                    ended = self._advance(left / math.ceil(left / self.stepping.wanted - 1e-9), milestone)
+                except StepFailure:
+                    if self.step > recorded:
+                        self._record(last=True)
+                    elif self.checkpoints is not None:
+                        self.checkpoints.record(self, last=True)
+                    raise
+                signal = signals.heard(self.comm)
+                self._record(last=ended or signal > 0 or self.time == milestones[-1])
+                if ended or signal:
+                    return signal
+        return 0
 
     def _record(self, last: bool) -> None:
+        started = time.perf_counter()
         for output in self.outputs:
             output.record(self, last)
         if self.checkpoints is not None:
             self.checkpoints.record(self, last)
+        self.output_seconds += time.perf_counter() - started
 
     def _advance(self, h: float, milestone: float = math.inf) -> bool:
         """One step of h, or less, up to a milestone; returns whether an event ends the run there."""

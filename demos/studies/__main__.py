@@ -44,7 +44,9 @@ def main() -> int:
         tables.append(table(study, results))
         if comm.rank == 0:
             (wanted.out / f"{name}.md").write_text(tables[-1])
-            if study.measures:
+            if study.draw is not None:
+                study.draw(results, wanted.out / f"{name}.png")
+            elif study.measures:
                 picture(study, results, wanted.out / f"{name}.png")
             print(tables[-1])
     if comm.rank == 0:

@@ -33,32 +33,15 @@ from petsc4py import PETSc
 from gossamer_fx.assembly import Assembly, Booking
 from gossamer_fx.errors import check
 from gossamer_fx.gas.contract import Aperture, Opening, Volume, Wall
+from gossamer_fx.gas.state import ChamberState
 from gossamer_fx.parts import Array, Body
 
 if TYPE_CHECKING:
-    from gossamer_fx.gas.enclosure import CompiledEnclosure
     from gossamer_fx.gas.ideal_gas import IdealGas
 
 Complex = npt.NDArray[np.complex128]
 Pair = tuple[complex, complex]
 STEP = 1e-30  # of the complex-step derivative
-
-
-@dataclass
-class ChamberState:
-    """State of one chamber: pressure [Pa], mass [kg], internal energy [J], volume [m³]."""
-
-    chamber: Volume
-    enclosure: CompiledEnclosure | None
-    p: float = 0.0
-    m: float = 0.0
-    U: float = 0.0
-    V: float = 0.0
-
-    @property
-    def temperature(self) -> float:
-        """[K]"""
-        return self.U / (self.m * float(self.chamber.gas.cv))
 
 
 @dataclass
@@ -203,6 +186,12 @@ class GasNetwork:
             s.p = (self._gas.gamma - 1) * s.U / s.V
         self._supplied += h * rates.energy_supplied
         self._mass_supplied += h * rates.mass_supplied
+
+    def impossible(self) -> str:
+        for s, V, p1 in zip(self.states, self._V, self._y, strict=False):
+            if V <= 0 or p1 <= 0:
+                return f"'{s.chamber.name}' would have a volume of {V:.3g} m³ and a pressure of {p1:.3g} Pa"
+        return ""
 
     def book(self) -> Booking:
         return Booking(

@@ -1,0 +1,161 @@
+"""How far numbers can be from ordinary before a run fails, and whether it says so: a map of an inflating tube.
+
+A flat tube with a payload on its tip is filled from a tank, 30 steps of h = 1e-4 s.  Each axis goes from ordinary to
+extreme, alone and with another one:
+
+    u           ratio of compressive to tensile stiffness of the film
+    thickness   of the film [m]
+    h           step over the default
+    pressure    ratio of the tank's pressure, 1e5 Pa, to that in the tube at the start
+    mass        ratio of the payload to the film
+    aspect      length of the triangles over their width
+    dead        volume that the flat tube encloses at the start [m³]
+
+A cell of the map is completed; completed with halved steps; or failed, and then its row holds the reason.  One that
+completed must have kept its books: energy to 1e-8, gas to 1e-12, with positive volumes and pressures and finite
+coordinates.  Anything else is wrong without a word, and the study ends with an error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.attachment import initial
+from gossamer_fx.errors import check
+from gossamer_fx.study import Result, Study
+from meshes.tube import flat_tube
+
+STEPS, H = 30, 1e-4
+LENGTH, DIAMETER, CELLS = 0.2, 0.058, 4
+ORDINARY = {"u": 1e-6, "thickness": 25e-6, "h": 1.0, "pressure": 1e5, "mass": 1.0, "aspect": 1.0, "dead": 1e-6}
+RANGES = {
+    "u": [1e-12, 1e-10, 1e-8, 1e-4, 1e-2, 1.0],
+    "thickness": [1e-6, 5e-6, 1e-4, 1e-3],
+    "h": [0.01, 0.1, 0.3, 3.0, 10.0, 100.0],
+    "pressure": [1.0, 1e2, 1e4, 1e6, 1e8],
+    "mass": [1e-6, 1e-4, 1e-2, 1e2, 1e4, 1e6],
+    "aspect": [10.0, 100.0, 1000.0],
+    "dead": [1e-9, 1e-8, 1e-7, 1e-4, 1e-3],
+}
+PAIRS = {
+    ("u", "h"): ([1e-12, 1e-2], [0.1, 3.0, 10.0]),
+    ("u", "thickness"): ([1e-12, 1.0], [1e-6, 1e-3]),
+    ("pressure", "dead"): ([1.0, 1e8], [1e-9, 1e-3]),
+    ("mass", "h"): ([1e-6, 1e6], [0.1, 10.0]),
+    ("aspect", "thickness"): ([10.0, 1000.0], [1e-6, 1e-3]),
+}
+ENERGY, MASS = 1e-8, 1e-12
+
+
+def cases() -> list[str]:
+    """Names of all cells: 'ordinary', 'u=1e-12', 'u=1e-12 h=10', ..."""
+    alone = [f"{axis}={value:g}" for axis, values in RANGES.items() for value in values]
+    both = [f"{a}={x:g} {b}={y:g}" for (a, b), (xs, ys) in PAIRS.items() for x in xs for y in ys]
+    return ["ordinary", *alone, *both]
+
+
+def values_of(case: str) -> dict[str, float]:
+    """All parameters of a cell."""
+    words = [] if case == "ordinary" else [word.split("=") for word in case.split()]
+    return ORDINARY | {axis: float(value) for axis, value in words}
+
+
+def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
+    """Run one cell.
+
+    Raises:
+        StepFailure: with the reason.
+        InputError: the cell completed with a wrong answer.
+    """
+    v = values_of(case)
+    gas = gx.IdealGas(gamma=1.4, R=296.8)
+    law = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=v["thickness"], residual=v["u"])
+    mesh = flat_tube(comm, LENGTH, DIAMETER, CELLS)
+    mesh.domain.geometry.x[:, 0] *= v["aspect"]
+    film = gx.Membrane(mesh, law)
+    weight = law.density * v["thickness"] * np.pi * DIAMETER * LENGTH * v["aspect"]
+    tip = film.port("tip left")
+    payload = gx.PointMass(v["mass"] * weight, position=initial(tip), comm=comm, name="payload")
+    tube = gx.Chamber(
+        film, gas=gas, pressure=1e5 / v["pressure"], temperature=293.0, dead_volume=v["dead"], name="tube"
+    )
+    tank = gx.Reservoir(pressure=1e5, temperature=293.0)
+    valve = gx.Orifice(tank, tube, area=1e-6)
+    scene = gx.Scene(film, gx.BallJoint(tip, payload.port()), tube, valve)
+    run = gx.Simulation(scene, gx.Midpoint(dt=v["h"] * H))
+    run.run(until=STEPS * v["h"] * H)
+    state, errors = run.chamber("tube"), (abs(run.energy_error), abs(run.mass_error))
+    finite = bool(np.isfinite(run.system.q0.array_r).all() and np.isfinite(run.system.v0.array_r).all())
+    sound = comm.allreduce(finite, MPI.LAND) and errors[0] <= ENERGY and errors[1] <= MASS and min(state.V, state.p) > 0
+    check(sound, f"Cell '{case}' is wrong without a word: energy off by {errors[0]:.1e}, gas by {errors[1]:.1e}.")
+    return {
+        "iterations": run.iterations / run.step,
+        "substeps": run.substeps,
+        "energy_error": errors[0],
+        "mass_error": errors[1],
+        "pressure": state.p,
+        "volume": state.V,
+        "seconds": run.seconds,
+    }
+
+
+def draw(results: list[Result], path: Path) -> None:
+    """The map: a row for each axis and pair, a square for each cell, with iterations a step and halved steps."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+    from matplotlib.patches import Patch
+
+    rows: dict[str, list[Result]] = {}
+    for result in results:
+        name = str(result.case["case"])
+        rows.setdefault(" × ".join(word.split("=")[0] for word in name.split()), []).append(result)
+    colours = {"completed": "#009E73", "completed, with halved steps": "#E69F00", "failed, by name": "#56507A"}
+    wide = max(map(len, rows.values()))
+    figure, axes = pyplot.subplots(figsize=(1.45 * wide + 2.2, 0.72 * len(rows) + 1.3), layout="constrained")
+    for y, cells in enumerate(rows.values()):
+        for x, result in enumerate(cells):
+            halved = result.values.get("substeps", 0) > 0
+            kind = list(colours)[2 if result.failed else int(halved)]
+            axes.add_patch(pyplot.Rectangle((x, y), 0.94, 0.9, color=colours[kind]))
+            told = "\n".join(word.split("=")[1] for word in str(result.case["case"]).split() if "=" in word)
+            if not result.failed:
+                count = f"{result.values['iterations']:.1f} it." + (f", {result.values['substeps']:.0f} h." * halved)
+                told += f"\n{count}\n{result.values['energy_error']:.0e}"
+            axes.text(
+                x + 0.47,
+                y + 0.45,
+                told.strip(),
+                ha="center",
+                va="center",
+                fontsize=8,
+                color="white" if result.failed else "black",
+            )
+    axes.set(xlim=(0, wide), ylim=(len(rows), 0), yticks=[y + 0.45 for y in range(len(rows))], yticklabels=list(rows))
+    axes.set_xticks([])
+    axes.spines[:].set_visible(False)
+    axes.tick_params(length=0)
+    patches = [Patch(color=colour, label=kind) for kind, colour in colours.items()]
+    figure.legend(handles=patches, loc="outside upper center", ncols=3, frameon=False)
+    figure.text(0.5, -0.02, "value; Newton iterations a step, halved steps; closing error of the energy", ha="center")
+    figure.savefig(path, dpi=120, bbox_inches="tight")
+    pyplot.close(figure)
+
+
+STUDY = Study(
+    "stability",
+    "Stability of an inflating tube: how far from ordinary numbers may be",
+    problem,
+    {"case": cases()},
+    lambda case: 1.0,
+    quick={"case": ["ordinary", "u=1e-12", "h=10", "pressure=1e+08"]},
+    columns=("iterations", "substeps", "energy_error", "mass_error", "seconds"),
+    may_fail=True,
+    draw=draw,
+)

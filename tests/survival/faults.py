@@ -1,0 +1,70 @@
+"""A run that meets something bad, as a program of its own: python3 -m tests.survival.faults FOLDER WHAT."""
+
+from __future__ import annotations
+
+import resource
+import shutil
+import sys
+from pathlib import Path
+
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from tests.survival.scenes import DT, fluttering_sheet
+
+COMM = MPI.COMM_WORLD
+
+
+class Trouble:
+    """An output that makes trouble after a step."""
+
+    times = ()
+
+    def __init__(self, what: str, out: Path, step: int = 6) -> None:
+        self.what, self.out, self.step = what, out, step
+
+    def open(self, run: gx.Simulation) -> None:
+        pass
+
+    def record(self, run: gx.Simulation, last: bool) -> None:
+        if run.step != self.step:
+            return
+        match self.what:
+            case "full" if COMM.rank == 0:
+                # no file may become larger than the largest is now
+                size = max(p.stat().st_size for p in self.out.rglob("*") if p.is_file())
+                resource.setrlimit(resource.RLIMIT_FSIZE, (size // 2, size // 2))
+            case "ledger removed" if COMM.rank == 0:
+                (self.out / "ledger.csv").unlink()
+            case "folder removed" if COMM.rank == 0:
+                shutil.rmtree(self.out / "checkpoints")
+                (self.out / "checkpoints").write_text("no folder")
+            case "one rank" if COMM.rank == COMM.size - 1:
+                raise ZeroDivisionError("of this rank alone")
+            case "every rank":
+                raise ZeroDivisionError("of all ranks")
+
+    def close(self, run: gx.Simulation) -> None:
+        pass
+
+
+def main() -> None:
+    out, what = Path(sys.argv[1]), sys.argv[2]
+    outputs = [
+        gx.Ledger(out / "ledger.csv"),
+        gx.Probes(out / "probes.csv", {"one": lambda run: 1.0}),
+        *([gx.VTX(out / "film.bp", fields=("displacement", "state"))] if "vtx" in sys.argv[3:] else []),
+        Trouble(what, out),
+    ]
+    saves = gx.Checkpoints(out / "checkpoints", every=2)
+    run = gx.Simulation(fluttering_sheet(COMM), gx.Midpoint(dt=DT), outputs, checkpoints=saves)
+    try:
+        run.run(until=40 * DT)
+    except gx.OutputFailure as failure:
+        if COMM.rank == 0:
+            print(failure, flush=True)
+        sys.exit(3)
+
+
+if __name__ == "__main__":
+    main()

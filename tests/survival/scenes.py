@@ -1,0 +1,55 @@
+"""Small scenes that have a bit of everything, for the tests of survival."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from meshes.line import line
+from meshes.sheet import sheet
+from meshes.tube import flat_tube
+
+LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual=1e-6)
+GAS = gx.IdealGas(gamma=1.4, R=296.8)
+DT = 1e-3
+
+
+def flutter(x: np.ndarray) -> np.ndarray:
+    """Velocity [m/s] of a spin with an out-of-plane bump."""
+    return np.vstack([-10 * (x[1] - 0.5), 10 * (x[0] - 0.5), np.sin(np.pi * x[0]) * np.sin(np.pi * x[1])])
+
+
+def fluttering_sheet(comm: MPI.Comm, n: int = 4, order: int = 1, law: Any = LAW) -> gx.Scene:
+    """A free film that wrinkles and goes slack."""
+    return gx.Scene(gx.Membrane(sheet(comm, n, n), law, order=order, velocity=flutter))
+
+
+def filled_tube(comm: MPI.Comm, cells: int = 4) -> gx.Scene:
+    """A tube pressed flat, with a tank and a valve: film, gas, and a border."""
+    law = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual=1e-6)
+    film = gx.Membrane(flat_tube(comm, 0.2, 0.058, cells), law)
+    tube = gx.Chamber(film, gas=GAS, pressure=1.0, temperature=293.0, dead_volume=1e-6, name="tube")
+    tank = gx.Tank(20e-6, gas=GAS, pressure=1.5e6, temperature=293.0)
+    return gx.Scene(film, tube, gx.Orifice(tank, tube, area=3e-8, name="valve"))
+
+
+def turning_beam(comm: MPI.Comm) -> gx.Scene:
+    """A beam on a ball joint, a hub that is controlled in a sampled way, damped springs: multipliers and memories."""
+    section = gx.solid_circle(0.01, E=1e9, nu=0.3, density=1500.0)
+    beam = gx.Beam(line(comm, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], 4), section, normal=(0, 0, 1), name="boom")
+    hub = gx.RigidBody(1.0, (0.02, 0.03, 0.04), spin=(0.0, 0.0, 0.0), comm=comm, name="hub")
+    control = gx.AttitudeControl(hub.frame(), (0.0, 0.0, 0.1), 2.0, 0.3, period=2.5 * DT)
+    joint = gx.FixedJoint(beam.frame("start"), hub.frame(), name="root")
+    damper = gx.Damper(beam.port("end"), gx.Ground((1.0, 0.0, -1.0)), 0.5)
+    return gx.Scene(beam, hub, control, joint, damper, gx.Gravity(beam, (0, 0, -9.81)))
+
+
+def numbers(run: gx.Simulation) -> np.ndarray:
+    """What tells two states apart, whatever the numbering: energies, momenta, flows, centre of mass."""
+    t = run.totals
+    return np.array(
+        [t.time, t.kinetic, *t.stored.values(), t.supplied, t.dissipated, *t.momentum, *t.angular_momentum, t.mass]
+    )

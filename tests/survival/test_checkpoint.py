@@ -1,0 +1,281 @@
+"""Checkpoints: a run that goes on from one is the run that was never interrupted, on any number of ranks."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import adios2
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from tests.survival.scenes import DT, filled_tube, fluttering_sheet, numbers, turning_beam
+
+COMM = MPI.COMM_WORLD
+SCENES: dict[str, Callable[[MPI.Comm], gx.Scene]] = {
+    "film": fluttering_sheet,
+    "film of order 2": lambda comm: fluttering_sheet(comm, 3, order=2),
+    "film and gas": filled_tube,
+    "beam, hub and control": turning_beam,
+}
+
+
+def run_to(steps: int, scene: gx.Scene, **options: object) -> gx.Simulation:
+    run = gx.Simulation(scene, gx.Midpoint(dt=DT), **options)
+    run.run(until=steps * DT)
+    return run
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("kind", SCENES)
+def test_a_restarted_run_is_the_uninterrupted_one(folder: Path, kind: str) -> None:
+    whole = run_to(9, SCENES[kind](COMM))
+    run_to(4, SCENES[kind](COMM), checkpoints=gx.Checkpoints(folder))
+    rest = run_to(9, SCENES[kind](COMM), restart=folder)
+    assert (rest.step, rest.time) == (9, whole.time)
+    assert rest.iterations == whole.iterations
+    assert numbers(rest) == pytest.approx(numbers(whole), rel=1e-9, abs=1e-12)
+    np.testing.assert_allclose(rest.system.q0.array_r, whole.system.q0.array_r, rtol=0, atol=1e-10)
+    assert rest.energy_error == pytest.approx(whole.energy_error, abs=1e-12)
+    assert rest.first.energy == whole.first.energy
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("kind", SCENES)
+def test_other_number_of_ranks(folder: Path, kind: str) -> None:
+    """All ranks write and each reads for itself, and the other way round: 2 → 1 and 1 → 2 under mpirun -n 2."""
+    run_to(4, SCENES[kind](COMM), checkpoints=gx.Checkpoints(folder / "all"))
+    alone = run_to(4, SCENES[kind](MPI.COMM_SELF), checkpoints=gx.Checkpoints(folder / f"own {COMM.rank}"))
+    alone.run(until=6 * DT)
+    COMM.barrier()
+    apart = run_to(6, SCENES[kind](MPI.COMM_SELF), restart=folder / "all")
+    joined = run_to(6, SCENES[kind](COMM), restart=folder / "own 0" / "step-00000004")
+    for run in (apart, joined):
+        assert numbers(run) == pytest.approx(numbers(alone), rel=1e-8, abs=1e-10)
+
+
+@pytest.mark.mpi
+def test_coordinates_find_their_nodes_on_other_ranks(folder: Path) -> None:
+    """Every node of the state that is read has the place and velocity that its point of the mesh has."""
+    run_to(3, fluttering_sheet(COMM, 5, order=2), checkpoints=gx.Checkpoints(folder))
+    COMM.barrier()
+    for comm in (COMM, MPI.COMM_SELF):
+        run = run_to(3, fluttering_sheet(comm, 5, order=2), restart=folder)
+        film = run.system.bodies[0]
+        X = film.space.tabulate_dof_coordinates()[: film.block.index_map.size_local]
+        table = np.hstack([X, run.system.q0.array_r.reshape(-1, 3), run.system.v0.array_r.reshape(-1, 3)])
+        rows = np.concatenate(comm.allgather(table))
+        rows = rows[np.lexsort(rows[:, :3].T.round(9))]
+        if comm is COMM:
+            together = rows
+    np.testing.assert_allclose(rows, together, rtol=0, atol=1e-12)
+
+
+@pytest.mark.mpi
+def test_step_control_goes_on_where_it_was(folder: Path) -> None:
+    def go(until: float, **options: object) -> gx.Simulation:
+        control = gx.StepControl(iterations=8, error=1e-6)
+        run = gx.Simulation(fluttering_sheet(COMM), gx.Midpoint(dt=DT / 10), control=control, **options)
+        run.run(until=until)
+        return run
+
+    whole = go(0.01, events=[gx.At(0.004)])
+    go(0.004, checkpoints=gx.Checkpoints(folder))
+    rest = go(0.01, restart=folder)
+    assert (rest.step, rest.iterations) == (whole.step, whole.iterations)
+    assert rest.stepping.wanted == pytest.approx(whole.stepping.wanted, rel=1e-6)
+    assert numbers(rest) == pytest.approx(numbers(whole), rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.mpi
+def test_generalized_alpha_remembers_its_accelerations(folder: Path) -> None:
+    def go(steps: int, **options: object) -> gx.Simulation:
+        run = gx.Simulation(fluttering_sheet(COMM), gx.GeneralizedAlpha(dt=1e-4), **options)
+        run.run(until=steps * 1e-4)
+        return run
+
+    whole = go(6)
+    go(3, checkpoints=gx.Checkpoints(folder))
+    assert numbers(go(6, restart=folder)) == pytest.approx(numbers(whole), rel=1e-9, abs=1e-12)
+
+
+# ---- outputs -------------------------------------------------------------------------------------------------------
+
+
+def outputs(folder: Path) -> list:
+    return [
+        gx.Ledger(folder / "ledger.csv"),
+        gx.Probes(folder / "probes.csv", {"kinetic": lambda run: run.totals.kinetic}, every=3),
+        gx.VTX(folder / "film.bp", every=2),
+    ]
+
+
+def table(path: Path) -> np.ndarray:
+    with path.open() as file:
+        return np.array(list(csv.reader(file))[1:], dtype=float)
+
+
+@pytest.mark.mpi
+def test_outputs_go_on_without_gap_or_duplicate(folder: Path) -> None:
+    """A run that came to step 7, 13 is taken up at step 5, 10: what was written later is cut off and written anew."""
+    run_to(15, fluttering_sheet(COMM), outputs=outputs(folder / "whole"))
+    broken, saves = folder / "broken", {"every": 5, "keep": 9}
+    run_to(7, fluttering_sheet(COMM), outputs=outputs(broken), checkpoints=gx.Checkpoints(folder / "c", **saves))
+    for until, start in ((13, 5), (15, 10)):
+        run_to(
+            until,
+            fluttering_sheet(COMM),
+            outputs=outputs(broken),
+            checkpoints=gx.Checkpoints(folder / "c", **saves),
+            restart=folder / "c" / f"step-{start:08d}",
+        )
+    COMM.barrier()
+    if COMM.rank == 0:
+        for name in ("ledger.csv", "probes.csv"):
+            ours, theirs = table(broken / name), table(folder / "whole" / name)
+            assert ours.shape == theirs.shape
+            assert ours[:, :2] == pytest.approx(theirs[:, :2], rel=1e-12)
+        times = []
+        for segment in ("film.bp", "film_0001.bp", "film_0002.bp"):
+            with adios2.FileReader(str(broken / segment)) as file:
+                times += np.atleast_1d(file.read("step", step_selection=[0, file.num_steps()])).tolist()
+        assert np.array(times) / DT == pytest.approx([0, 2, 4, 6, 8, 10, 12, 14, 15], abs=1e-9)
+        assert not (broken / "film_0003.bp").exists()
+
+
+@pytest.mark.mpi
+def test_a_run_that_is_called_again_goes_on_in_its_files(folder: Path) -> None:
+    run = gx.Simulation(fluttering_sheet(COMM), gx.Midpoint(dt=DT), outputs(folder))
+    run.run(until=2 * DT)
+    run.run(until=4 * DT)
+    COMM.barrier()
+    if COMM.rank == 0:
+        assert table(folder / "ledger.csv")[:, 1].tolist() == [0, 1, 2, 3, 4]
+        with adios2.FileReader(str(folder / "film_0001.bp")) as file:
+            assert file.read("step", step_selection=[0, 1]) == pytest.approx(4 * DT)
+
+
+@pytest.mark.mpi
+def test_the_last_ones_are_kept_and_nothing_else(folder: Path) -> None:
+    run = run_to(13, fluttering_sheet(COMM), checkpoints=gx.Checkpoints(folder, every=3))
+    assert run.checkpoints.latest == folder / "step-00000013" == gx.latest(folder)
+    COMM.barrier()
+    assert sorted(p.name for p in folder.iterdir()) == ["step-00000012", "step-00000013"]
+    run_to(1, fluttering_sheet(COMM), checkpoints=gx.Checkpoints(folder))
+    COMM.barrier()
+    assert sorted(p.name for p in folder.iterdir()) == ["step-00000000", "step-00000001"]
+
+
+@pytest.mark.mpi
+def test_minutes(folder: Path) -> None:
+    """A checkpoint after every step, as each takes longer than a microminute."""
+    run = gx.Simulation(
+        fluttering_sheet(COMM), gx.Midpoint(dt=DT), checkpoints=gx.Checkpoints(folder, every=None, minutes=1e-6, keep=9)
+    )
+    run.run(until=3 * DT)
+    COMM.barrier()
+    assert len(list(folder.iterdir())) == 4
+
+
+# ---- refusals ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("other", "words"),
+    [
+        (lambda: fluttering_sheet(COMM, 5), "the mesh of 'film' is not the same"),
+        (lambda: fluttering_sheet(COMM, 4, order=2), "unknowns"),
+        (lambda: gx.Scene(*fluttering_sheet(COMM).items, gx.PointMass(1.0)), "PointMass"),
+        (
+            lambda: fluttering_sheet(COMM, law=gx.Miyazaki(E=2e9, nu=0.3, density=1400.0, thickness=1e-4)),
+            "the energy 'film'",
+        ),
+        (
+            lambda: fluttering_sheet(COMM, law=gx.Miyazaki(E=1e9, nu=0.3, density=700.0, thickness=1e-4)),
+            "the energy 'kinetic'",
+        ),
+    ],
+)
+def test_another_scene_is_refused(folder: Path, other: Callable[[], gx.Scene], words: str) -> None:
+    run_to(4, fluttering_sheet(COMM), checkpoints=gx.Checkpoints(folder))
+    with pytest.raises(gx.InputError, match=rf"checkpoint '.*' is of another scene: .*{words}"):
+        run_to(5, other(), restart=folder)
+
+
+@pytest.mark.mpi
+def test_other_versions_damage_and_nothing_are_refused(folder: Path) -> None:
+    with pytest.raises(gx.InputError, match="There is no checkpoint in"):
+        run_to(5, fluttering_sheet(COMM), restart=folder / "none")
+    run_to(4, fluttering_sheet(COMM), checkpoints=gx.Checkpoints(folder))
+    COMM.barrier()
+    last = folder / "step-00000004"
+    part, page = last / "rank-0000.npz", last / "run.json"
+    whole, text = part.read_bytes(), page.read_text()
+    assert b"\x80\x04\x95" not in whole  # a pickle begins so
+    COMM.barrier()
+
+    def refused(words: str) -> None:
+        COMM.barrier()
+        with pytest.raises(gx.InputError, match=words):
+            run_to(5, fluttering_sheet(COMM), restart=folder)
+        COMM.barrier()
+
+    def put(file: Path, content: bytes) -> None:
+        if COMM.rank == 0:
+            file.write_bytes(content)
+
+    for content in (whole[: len(whole) // 2], whole[:500] + bytes([whole[500] ^ 255]) + whole[501:], b""):
+        put(part, content)
+        refused("is damaged .* take an earlier one")
+    put(part, whole)
+    put(page, json.dumps(json.loads(text) | {"version": "0.0.1"}).encode())
+    refused("was written by version 0.0.1")
+    put(page, text.encode()[:100])
+    refused("is damaged")
+    put(page, text.encode())
+    COMM.barrier()
+    assert run_to(5, fluttering_sheet(COMM), restart=folder).step == 5
+
+
+@pytest.mark.mpi
+def test_a_table_that_was_changed_is_refused(folder: Path) -> None:
+    def go(steps: int, probes: dict, **options: object) -> None:
+        run_to(steps, fluttering_sheet(COMM), outputs=[gx.Probes(folder / "p.csv", probes)], **options)
+
+    go(4, {"one": lambda run: 1.0}, checkpoints=gx.Checkpoints(folder / "c"))
+    with pytest.raises(gx.InputError, match="has other columns"):
+        go(5, {"two": lambda run: 1.0}, restart=folder / "c")
+    COMM.barrier()
+    if COMM.rank == 0:
+        (folder / "p.csv").write_text("time,step,one\r\n")
+    COMM.barrier()
+    with pytest.raises(gx.InputError, match="is shorter than it was"):
+        go(5, {"one": lambda run: 1.0}, restart=folder / "c")
+
+
+@pytest.mark.parametrize("bad", [{"every": 0}, {"minutes": -1.0}, {"keep": 0}, {"every": 1.5}])
+def test_bad_requests(bad: dict) -> None:
+    with pytest.raises(gx.InputError):
+        gx.Checkpoints("x", **bad)
+
+
+def test_the_version_is_that_of_the_package() -> None:
+    import tomllib
+
+    from gossamer_fx.version import VERSION
+
+    root = Path(gx.__file__).parent.parent
+    assert tomllib.loads((root / "pyproject.toml").read_text())["project"]["version"] == VERSION
+
+
+@pytest.mark.mpi
+def test_a_restart_from_the_start_records_it_once(folder: Path) -> None:
+    run_to(2, fluttering_sheet(COMM), outputs=outputs(folder), checkpoints=gx.Checkpoints(folder / "c", keep=3))
+    run_to(2, fluttering_sheet(COMM), outputs=outputs(folder), restart=folder / "c" / "step-00000000")
+    COMM.barrier()
+    assert table(folder / "ledger.csv")[:, 1].tolist() == [0, 1, 2]

@@ -1,0 +1,59 @@
+"""Extreme cases: each ends well or with its reason, never with a wrong answer."""
+
+from __future__ import annotations
+
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from demos.studies.stability import STUDY, cases, problem, values_of
+from gossamer_fx.newton import NotConverged
+
+COMM = MPI.COMM_WORLD
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("case", ["ordinary", "u=1e-12", "pressure=1", "mass=1e+06", "aspect=1000"])
+def test_cells_of_the_map_keep_their_books(case: str) -> None:
+    """The problem itself checks energy, gas, volumes and coordinates."""
+    assert problem(COMM, case)["volume"] > 0
+
+
+def test_the_map_covers_its_ranges() -> None:
+    known = [values_of(case) for case in cases()]
+    assert len(known) == len({tuple(v.values()) for v in known})
+    assert set(STUDY.quick["case"]) <= set(cases())
+    for axis, (least, most) in {
+        "u": (1e-12, 1.0),
+        "thickness": (1e-6, 1e-3),
+        "h": (0.01, 100.0),
+        "pressure": (1.0, 1e8),
+        "mass": (1e-6, 1e6),
+        "aspect": (1.0, 1e3),
+        "dead": (1e-9, 1e-3),
+    }.items():
+        values = [v[axis] for v in known]
+        assert (min(values), max(values)) == (least, most)
+
+
+@pytest.mark.mpi
+def test_a_step_that_would_turn_a_chamber_inside_out_is_not_taken() -> None:
+    """A piston that is pushed through its closed end: pV = const cannot pass V = 0, however long the step."""
+    mass = gx.PointMass(1.0, velocity=(0.0, 0.0, -100.0), comm=COMM, name="piston")
+    room = gx.Chamber(
+        gx.Piston(mass.port(), 1e-2, (0.0, 0.0, 1.0)),
+        gas=gx.IdealGas(gamma=1.4, R=287.0),
+        pressure=1e2,
+        temperature=300.0,
+        dead_volume=1e-2,
+        name="room",
+    )
+    run = gx.Simulation(gx.Scene(mass, room), gx.Midpoint(dt=0.05), halvings=0)
+    with pytest.raises(gx.StepFailure, match="failed"):
+        run.run(until=0.05)
+    assert pytest.approx(1e-2) == run.chamber("room").V
+    with pytest.raises(NotConverged):
+        run.solver.step(0.05)
+    patient = gx.Simulation(gx.Scene(mass, room), gx.Midpoint(dt=0.05), halvings=20)
+    patient.run(until=0.05)
+    assert patient.chamber("room").V > 0 and abs(patient.energy_error) <= 1e-9

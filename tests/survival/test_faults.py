@@ -1,0 +1,120 @@
+"""What a run may meet: a full disk, a folder that is gone, a function that fails.  It is named, and nothing is lost."""
+
+from __future__ import annotations
+
+import csv
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from tests.survival.scenes import DT, filled_tube, fluttering_sheet
+
+COMM = MPI.COMM_WORLD
+ROOT = Path(gx.__file__).parent.parent
+
+
+def meet(folder: Path, what: str, *options: str, ranks: int = 1) -> subprocess.CompletedProcess[str]:
+    launch = ["mpirun", "--oversubscribe", "-n", str(ranks)] if ranks > 1 else []
+    return subprocess.run(
+        [*launch, sys.executable, "-m", "tests.survival.faults", str(folder), what, *options],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+
+
+def rows(path: Path) -> list[int]:
+    """Steps of a table, every row of which must be whole."""
+    with path.open(newline="") as file:
+        head, *body = list(csv.reader(file))
+    assert all(len(row) == len(head) for row in body)
+    return [int(row[head.index("step")]) for row in body]
+
+
+def whole_checkpoints(folder: Path) -> list[str]:
+    """Those there are; each can be restarted from."""
+    names = sorted(p.name for p in folder.iterdir())
+    for name in names:
+        run = gx.Simulation(fluttering_sheet(MPI.COMM_SELF), gx.Midpoint(dt=DT), restart=folder / name)
+        assert run.step == int(name.removeprefix("step-"))
+    return names
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_a_full_disk_is_named_and_what_was_written_stays(tmp_path: Path, ranks: int) -> None:
+    said = meet(tmp_path, "full", ranks=ranks)
+    assert said.returncode == 3, said.stderr
+    assert "Cannot write" in said.stdout and "File too large" in said.stdout
+    assert "Traceback" not in said.stderr
+    steps = rows(tmp_path / "ledger.csv")
+    assert steps == list(range(len(steps))) and len(steps) >= 6
+    names = whole_checkpoints(tmp_path / "checkpoints")
+    assert names and names[-1] >= "step-00000004"
+
+
+def test_a_full_disk_below_the_fields_is_named(tmp_path: Path) -> None:
+    said = meet(tmp_path, "full", "vtx")
+    assert said.returncode == 3, said.stderr
+    assert "Cannot write" in said.stdout
+    assert whole_checkpoints(tmp_path / "checkpoints")
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize(
+    ("what", "words"),
+    [("ledger removed", "ledger.csv' (No such file or directory)"), ("folder removed", "(Not a directory)")],
+)
+def test_a_file_that_is_gone_is_named(tmp_path: Path, what: str, words: str, ranks: int) -> None:
+    said = meet(tmp_path, what, ranks=ranks)
+    assert said.returncode == 3, said.stderr
+    assert words in said.stdout
+    assert rows(tmp_path / "probes.csv")[:6] == [0, 1, 2, 3, 4, 5]
+
+
+def test_an_error_of_one_rank_alone_ends_the_run(tmp_path: Path) -> None:
+    said = meet(tmp_path, "one rank", ranks=2)
+    assert said.returncode == 1
+    assert "ZeroDivisionError: of this rank alone" in said.stderr
+    assert "rank 1 failed alone" in said.stderr
+    assert rows(tmp_path / "ledger.csv") == [0, 1, 2, 3, 4, 5, 6]
+    assert whole_checkpoints(tmp_path / "checkpoints") == ["step-00000002", "step-00000004"]
+
+
+def test_an_error_of_every_rank_is_raised_as_it_is(tmp_path: Path) -> None:
+    said = meet(tmp_path, "every rank", ranks=2)
+    assert "ZeroDivisionError: of all ranks" in said.stderr
+    assert "alone" not in said.stderr
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("what", ["Ledger", "Probes", "VTX", "Checkpoints"])
+def test_folders_that_cannot_be_made_are_refused_before_the_first_step(folder: Path, what: str) -> None:
+    if COMM.rank == 0:
+        (folder / "file").write_text("")
+    COMM.barrier()
+    at = folder / "file" / "x.bp"
+    outputs = {"Ledger": [gx.Ledger(at)], "Probes": [gx.Probes(at, {"one": lambda run: 1.0})], "VTX": [gx.VTX(at)]}
+    saves = gx.Checkpoints(at) if what == "Checkpoints" else None
+    with pytest.raises(gx.InputError, match="Cannot write"):
+        gx.Simulation(fluttering_sheet(COMM, 2), gx.Midpoint(dt=DT), outputs.get(what, []), checkpoints=saves)
+
+
+@pytest.mark.mpi
+def test_a_valve_that_returns_no_number_is_named_and_the_state_before_is_saved(folder: Path) -> None:
+    items = [item for item in filled_tube(COMM).items if item.name != "valve"]
+    by_name = {item.name: item for item in items}
+    bad = gx.Orifice(by_name["tank"], by_name["tube"], area=lambda t: 1e-8 if t < 5e-4 else float("nan"), name="valve")
+    run = gx.Simulation(gx.Scene(bad), gx.Midpoint(dt=2e-4), checkpoints=gx.Checkpoints(folder))
+    with pytest.raises((gx.StepFailure, gx.InputError), match="valve"):
+        run.run(until=2e-3)
+    COMM.barrier()
+    assert gx.latest(folder) is not None
+    assert np.isfinite(run.system.q0.array_r).all()

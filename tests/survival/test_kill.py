@@ -1,0 +1,157 @@
+"""Runs that are killed: at any moment, by any signal, or one rank of two."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import adios2
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+
+STEPS = 24
+ROOT = Path(gx.__file__).parent.parent
+
+
+def start(ranks: int, folder: Path, *options: str, steps: int = STEPS) -> subprocess.Popen[str]:
+    """The tube on some ranks; each in the process group of its own session."""
+    launch = ["mpirun", "--oversubscribe", "-n", str(ranks)] if ranks > 1 else []
+    command = [*launch, sys.executable, "-m", "tests.survival.tube_run", str(folder), str(steps), *options]
+    return subprocess.Popen(
+        command,
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def whole(folder: Path) -> Path:
+    """The run that nobody interrupts."""
+    out = folder / "whole"
+    words = start(1, out).communicate(timeout=300)
+    assert (out / "end.txt").is_file(), words
+    return out
+
+
+def ranks_of(run: subprocess.Popen[str]) -> list[int]:
+    """Process numbers of the Python programs of a run."""
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            words = (entry / "cmdline").read_bytes().split(b"\0")
+            session = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[3])
+        except (OSError, IndexError):
+            continue
+        if session == run.pid and b"tests.survival.tube_run" in words and b"mpirun" not in words[0]:
+            found.append(int(entry.name))
+    return sorted(found)
+
+
+def kill(run: subprocess.Popen[str]) -> None:
+    """All of it, at once."""
+    for number in [*ranks_of(run), run.pid]:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(number, signal.SIGKILL)
+    run.communicate(timeout=60)
+
+
+def agree(broken: Path, unbroken: Path, tolerance: float = 1e-7) -> None:
+    """End state, rows and times of both runs are the same."""
+    ours, theirs = (np.loadtxt(folder / "end.txt") for folder in (broken, unbroken))
+    np.testing.assert_allclose(ours, theirs, rtol=tolerance, atol=1e-9)
+    for name in ("ledger.csv", "gas.csv"):
+        tables = []
+        for folder in (broken, unbroken):
+            with (folder / name).open() as file:
+                tables.append(np.array(list(csv.DictReader(file)), dtype=object))
+        times, steps = ([[float(row[key]) for row in table] for table in tables] for key in ("time", "step"))
+        assert steps[0] == steps[1]
+        np.testing.assert_allclose(times[0], times[1], rtol=1e-12)
+    np.testing.assert_allclose(vtx_times(broken), vtx_times(unbroken), rtol=1e-12)
+    left = sorted(p.name for p in (broken / "checkpoints").iterdir())
+    assert all(re.fullmatch(r"step-\d{8}", name) for name in left), left
+
+
+def vtx_times(folder: Path) -> list[float]:
+    times: list[float] = []
+    for segment in sorted(folder.glob("tube*.bp"), key=lambda p: p.stem):
+        with adios2.FileReader(str(segment)) as file:
+            times += np.atleast_1d(file.read("step", step_selection=[0, file.num_steps()])).tolist()
+            assert np.isfinite(file.read("displacement", block_id=0)).all()
+    return times
+
+
+def wait_until_ready(run: subprocess.Popen[str]) -> None:
+    assert run.stdout is not None
+    assert run.stdout.readline().strip() == "ready", run.communicate()[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_killed_at_random_moments(tmp_path: Path, ranks: int) -> None:
+    """25 times kill -9, anywhere between compilation and end; each restart goes on until the next."""
+    reference = whole(tmp_path)
+    rng, killed, rounds = np.random.default_rng(ranks), 0, 0
+    while killed < 25:
+        out, rounds, first = tmp_path / f"run {rounds}", rounds + 1, True
+        while True:
+            run = start(ranks, out, *([] if first else ["--restart"]))
+            first = False
+            wait_until_ready(run)
+            try:
+                run.communicate(timeout=float(rng.uniform(0.0, 2.5)))
+            except subprocess.TimeoutExpired:
+                kill(run)
+                killed += 1
+                continue
+            assert run.returncode == 0
+            break
+        agree(out, reference)
+    print(f"{killed} kills in {rounds} runs on {ranks} ranks")
+
+
+@pytest.mark.parametrize(("number", "ranks"), [(signal.SIGTERM, 1), (signal.SIGINT, 1), (signal.SIGTERM, 2)])
+def test_a_signal_ends_the_run_after_its_step(tmp_path: Path, number: signal.Signals, ranks: int) -> None:
+    """To one rank of all; the checkpoint is that of the last step, and the run can go on."""
+    out = tmp_path / "run"
+    run = start(ranks, out, "--every", "1000", steps=100_000)
+    wait_until_ready(run)
+    while not (out / "ledger.csv").is_file() or sum(1 for _ in (out / "ledger.csv").open()) < 5:
+        time.sleep(0.05)
+    os.kill(ranks_of(run)[-1], number)
+    _, said = run.communicate(timeout=120)
+    told = re.search(rf"stopped by {number.name} at t = \S+ s, after step (\d+); restart from '(.*)'", said)
+    assert told, said
+    assert run.returncode == 128 + number
+    with (out / "ledger.csv").open() as file:
+        last = list(csv.DictReader(file))[-1]
+    assert last["step"] == told[1] and Path(told[2]) == gx.latest(out / "checkpoints")
+    assert Path(told[2]).name == f"step-{int(told[1]):08d}"
+
+
+def test_a_rank_that_dies_ends_the_run_and_nothing_is_lost(tmp_path: Path) -> None:
+    reference, out = whole(tmp_path), tmp_path / "run"
+    run = start(2, out, steps=100_000)
+    wait_until_ready(run)
+    while len(list(out.glob("checkpoints/step-*"))) < 2 or gx.latest(out / "checkpoints").name < "step-00000006":
+        time.sleep(0.05)
+    os.kill(ranks_of(run)[-1], signal.SIGKILL)
+    _, said = run.communicate(timeout=120)
+    assert run.returncode != 0
+    assert "exited on signal 9" in said
+    again = start(1, out, "--restart")
+    words = again.communicate(timeout=300)
+    assert again.returncode == 0, words
+    agree(out, reference)

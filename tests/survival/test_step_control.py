@@ -1,0 +1,189 @@
+"""Steps that grow and shrink: their error, their iterations, and that nothing is lost whatever their lengths."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.step_control import LocalError
+from tests.survival.scenes import filled_tube, fluttering_sheet, turning_beam
+
+COMM = MPI.COMM_WORLD
+OMEGA = 10.0  # rad/s
+
+
+def oscillator() -> tuple[gx.Scene, gx.PointMass]:
+    mass = gx.PointMass(2.0, position=(1.0, 0.0, 0.0), comm=MPI.COMM_SELF)
+    return gx.Scene(mass, gx.AxialSpring(mass.port(), 2.0 * OMEGA**2, (1.0, 0.0, 0.0))), mass
+
+
+class Steps:
+    """An output that notes the steps."""
+
+    times = ()
+
+    def __init__(self) -> None:
+        self.lengths: list[float] = []
+
+    def open(self, run: gx.Simulation) -> None:
+        self._before = run.time
+
+    def record(self, run: gx.Simulation, last: bool) -> None:
+        if run.step:
+            self.lengths.append(run.time - self._before)
+        self._before = run.time
+
+    def close(self, run: gx.Simulation) -> None:
+        pass
+
+
+@pytest.mark.parametrize("h", [0.01, 0.005])
+def test_the_local_error_of_an_oscillator_is_estimated(h: float) -> None:
+    """x = cos ωt: h³ ω³ |sin ωt|/12 but for terms of higher order."""
+    scene, _ = oscillator()
+    run = gx.Simulation(scene, gx.Midpoint(dt=h))
+    estimate = LocalError(run.system)
+    for _ in range(20):
+        estimate.begin()
+        t = run.time
+        run.run(until=t + h)
+        found = estimate(h)
+        estimate.accept()
+        if t:
+            # the difference of the accelerations is centred at the start of the step
+            exact = h**3 * OMEGA**3 * abs(math.sin(OMEGA * t)) / 12
+            assert found == pytest.approx(exact, rel=0.02, abs=2e-2 * h**3 * OMEGA**3 / 12)
+
+
+@pytest.mark.parametrize("error", [1e-4, 1e-5, 1e-6])
+def test_steps_of_a_given_error(error: float) -> None:
+    """Errors of steps add up: at t = 1 the phase is off by 1/h errors of at most the given one."""
+    scene, _ = oscillator()
+    noted = Steps()
+    control = gx.StepControl(iterations=10**6, error=error)
+    run = gx.Simulation(scene, gx.Midpoint(dt=1e-3), [noted], control=control)
+    run.run(until=1.0)
+    off = abs(run.system.q0.array_r[0] - math.cos(OMEGA))
+    assert off <= error * run.step
+    assert off >= error * run.step / 20  # and they are not much shorter than they must be
+    assert max(noted.lengths) <= (12 * error / OMEGA**3) ** (1 / 3) * 3
+    assert abs(run.energy_error) <= 1e-12
+
+
+@pytest.mark.mpi
+def test_iterations_are_near_their_target() -> None:
+    def go(target: int) -> gx.Simulation:
+        control = gx.StepControl(iterations=target)
+        run = gx.Simulation(fluttering_sheet(COMM), gx.Midpoint(dt=1e-4), control=control)
+        run.run(until=0.05)
+        return run
+
+    few, many = go(5), go(12)
+    assert few.iterations / few.step == pytest.approx(5, abs=1.5)
+    assert many.iterations / many.step > few.iterations / few.step
+    assert many.step < few.step
+    assert max(abs(few.energy_error), abs(many.energy_error)) <= 1e-10
+
+
+@settings(max_examples=4)
+@given(seed=st.integers(0, 10**6))
+@pytest.mark.mpi
+@pytest.mark.parametrize("kind", ["film", "film and gas", "beam, hub and control"])
+def test_nothing_is_lost_for_any_sequence_of_steps(kind: str, seed: int) -> None:
+    """Random steps over three decades, also backwards and forwards again."""
+    scene = {"film": fluttering_sheet, "film and gas": filled_tube, "beam, hub and control": turning_beam}[kind](COMM)
+    run = gx.Simulation(scene, gx.Midpoint(dt=1.0))
+    rng = np.random.default_rng(seed)
+    for h in 10 ** rng.uniform(-5, -2.3, 6):
+        run.history.keep()
+        run.stepping.advance(h * rng.uniform(0.1, 2))
+        run.history.go_back()
+        run._advance(h)
+    first, last = run.first, run.totals
+    assert abs(run.energy_error) <= 1e-9
+    assert abs(run.mass_error) <= 1e-13
+    if kind == "film":
+        assert last.momentum == pytest.approx(first.momentum, abs=1e-10)
+        assert last.angular_momentum == pytest.approx(first.angular_momentum, rel=1e-10, abs=1e-11)
+
+
+@pytest.mark.mpi
+def test_a_step_that_is_taken_back_leaves_no_trace() -> None:
+    """The same step twice, with another one between that is undone, is the same to the last digit."""
+    for scene in (fluttering_sheet(COMM), filled_tube(COMM), turning_beam(COMM)):
+        run = gx.Simulation(scene, gx.Midpoint(dt=1e-3))
+        run.run(until=3e-3)
+        run.history.keep()
+        results = []
+        for trial in (1e-3, 2.7e-3, 1e-3):
+            run.stepping.advance(trial)
+            results.append((run.system.q0.array_r.copy(), run.system.v0.array_r.copy(), run.system.book().energy))
+            run.history.go_back()
+        np.testing.assert_array_equal(results[0][0], results[2][0])
+        np.testing.assert_array_equal(results[0][1], results[2][1])
+        assert results[0][2] == results[2][2]
+        assert run.time == pytest.approx(3e-3)
+
+
+@pytest.mark.mpi
+def test_milestones_are_met_exactly_and_steps_fit_between_them() -> None:
+    noted = Steps()
+    times = (1.23e-3, 1.23e-3 + 1e-5, 4.56e-3)
+
+    class Looks(Steps):
+        pass
+
+    looks = Looks()
+    looks.times = times
+    seen: list[float] = []
+    looks.record = lambda run, last: seen.append(run.time)  # type: ignore[method-assign]
+    control = gx.StepControl(iterations=30, growth=2.0)
+    run = gx.Simulation(fluttering_sheet(COMM), gx.Midpoint(dt=1e-4), [noted, looks], control=control)
+    run.run(until=6e-3)
+    assert set(times) <= set(seen) and seen[-1] == 6e-3
+    assert min(noted.lengths) >= 9e-6
+
+
+@pytest.mark.mpi
+def test_a_step_that_fails_is_cut_and_recovers() -> None:
+    """A first step a thousand times too long is cut until it converges; without room to cut, the run fails by name."""
+    from gossamer_fx.newton import Tolerances
+
+    stepper = gx.Midpoint(dt=0.05, tolerances=Tolerances(iterations=12))
+    run = gx.Simulation(fluttering_sheet(COMM), stepper, control=gx.StepControl(iterations=8))
+    run.run(until=0.05)
+    assert run.substeps >= 1 and run.step >= 2
+    assert abs(run.energy_error) <= 1e-10
+    strict = gx.Simulation(fluttering_sheet(COMM), stepper, control=gx.StepControl(smallest=0.049))
+    with pytest.raises(gx.StepFailure, match=r"t = 0 s failed, also in sub-steps of 0.025 s: diverged max it"):
+        strict.run(until=0.05)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"iterations": 0},
+        {"error": 0.0},
+        {"error": -1.0},
+        {"growth": 0.9},
+        {"cut": 1.0},
+        {"cut": 0.0},
+        {"smallest": 0.0},
+        {"largest": -1.0},
+    ],
+)
+def test_bad_requests(bad: dict) -> None:
+    with pytest.raises(gx.InputError, match="StepControl"):
+        gx.StepControl(**bad)
+
+
+def test_error_of_a_scene_without_mass_is_refused() -> None:
+    tank = gx.Tank(1e-3, gas=gx.IdealGas(gamma=1.4, R=287.0), pressure=1e5, temperature=300.0)
+    with pytest.raises(gx.InputError, match="nothing in the scene has mass"):
+        gx.Simulation(gx.Scene(tank), gx.Midpoint(dt=1e-3), control=gx.StepControl(error=1e-3))
