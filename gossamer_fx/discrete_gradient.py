@@ -151,6 +151,8 @@ class ElementForces:
         self._respond = compile_expression(ufl.as_vector(response), points)
         self._strain = compile_expression(e, points)
         self._linearised = compile_expression(e - D2e_δδ / 2, points)
+        cells = mesh.topology.index_map(mesh.topology.dim)
+        self._cells = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
 
         self.residual = compile_form(ufl.dot(S + ufl.dot(D, e - self._ê), De_mid) * part.dx)
         self.tangent = compile_form((ufl.dot(ufl.dot(D, De_dq), De_mid) + at.α * ufl.dot(S, D2e)) * part.dx)
@@ -161,13 +163,19 @@ class ElementForces:
 
     def linearise(self) -> None:
         """ê from the strain at the last iterate and its linear change by δ; then the stress."""
-        self._ê.interpolate(self._linearised)
-        self._response.interpolate(self._respond)
+        self._tabulate(self._linearised, self._ê)
+        self._tabulate(self._respond, self._response)
 
     def evaluate(self) -> None:
         """ê = e(q1): the true strain; then the stress."""
-        self._ê.interpolate(self._strain)
-        self._response.interpolate(self._respond)
+        self._tabulate(self._strain, self._ê)
+        self._tabulate(self._respond, self._response)
+
+    def _tabulate(self, expression: fem.Expression, at_points: fem.Function) -> None:
+        """The expression at the quadrature points, as `interpolate` does but without its copies."""
+        dofmap = at_points.function_space.dofmap
+        values = expression.eval(at_points.function_space.mesh, self._cells)
+        at_points.x.array.reshape(-1, dofmap.index_map_bs)[dofmap.list] = values.reshape(*dofmap.list.shape, -1)
 
     def energy(self) -> float:
         """Owned share of the stored energy at the last accepted state."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,8 +60,9 @@ class Newton:
         self._x, self._F = self._composite.vector(), self._composite.vector()
         self._r, self._base = system.numbering.vector(), system.numbering.vector()
         self._diagonal = system.numbering.vector()
-        self.linear_iterations = 0
         self.iterations = 0  # of the last solve, also if it failed
+        self.all_iterations = self.linear_iterations = 0  # of all solves
+        self.seconds = {"law": 0.0, "assembly": 0.0, "linear solver": 0.0}
 
         self._snes = snes = PETSc.SNES().create(comm)
         snes.setOptionsPrefix(PREFIX)
@@ -102,10 +106,14 @@ class Newton:
         self.system.supports.prescribe(self._r, self.system.time + self.system.h)
         self._composite.join(self._r, y, self._x)
         self._snes.setTolerances(stol=0.0, max_it=self.tolerances.iterations)  # a small step is no solution
-        self._snes.solve(None, self._x)
-        self.linear_iterations += self._snes.getLinearSolveIterations()
+        before = self.seconds["law"] + self.seconds["assembly"]
+        with self._clock("linear solver"):
+            self._snes.solve(None, self._x)
+        self.seconds["linear solver"] -= self.seconds["law"] + self.seconds["assembly"] - before
         reason = self._snes.getConvergedReason()
         self.iterations = int(self._snes.getIterationNumber())
+        self.all_iterations += self.iterations
+        self.linear_iterations += self._snes.getLinearSolveIterations()
         if reason <= 0:
             raise NotConverged(self._complaint(reason, self.iterations))
         return self._composite.split(self._x)[1], self.iterations
@@ -117,15 +125,34 @@ class Newton:
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, F: PETSc.Vec) -> None:
         z, y = self._composite.split(x)
-        self.system.move(z, self._base)
+        with self._clock("law"):
+            self.system.move(z, self._base)
+    def summary(self) -> str:
+        """The linear solver, its iterations, and where the time of all solves went."""
+        ksp, pc = self._snes.getKSP().getType(), self._preconditioner.getType()
+        whole = sum(self.seconds.values()) or 1.0
+        shares = ", ".join(f"{what} {seconds / whole:.0%}" for what, seconds in self.seconds.items())
+        krylov = self.linear_iterations / max(self.all_iterations, 1)
+        return f"{ksp} with {pc}, {krylov:.1f} iterations for one of Newton's; {shares}"
+
+    @contextmanager
+    def _clock(self, what: str) -> Iterator[None]:
+        started = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[what] += time.perf_counter() - started
+
         self._evaluate(y, F)
 
     def _evaluate(self, y: Array, F: PETSc.Vec) -> None:
-        self._s = self.system.residual(y, self._r)
+        with self._clock("assembly"):
+            self._s = self.system.residual(y, self._r)
         self._composite.join(self._r, self._s, F)
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
-        A = self.system.tangent()
+        with self._clock("assembly"):
+            A = self.system.tangent()
         if self._scalars:
             self._bordered.set(*self.system.coupling())
             J.assemble()
@@ -143,7 +170,8 @@ class Newton:
         if self._solved():
             # convergence is judged on the true strain, and if it is not reached the iteration goes on from there
             z, y = self._composite.split(snes.getSolution())
-            self.system.move(z, None)
+            with self._clock("law"):
+                self.system.move(z, None)
             self._evaluate(y, snes.getFunction()[0])
             if self._solved():
                 return int(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_ABS)

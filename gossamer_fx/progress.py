@@ -81,7 +81,8 @@ class Progress:
         )
         if run.totals.mass:
             summary += f", gas mass to {run.mass_error:.1e}"
-        self._print(run, summary + "\n")
+        spent = f"{run.solver.newton.summary()}; output {run.output_seconds:.1f} s"
+        self._print(run, f"{summary}\n{spent}\n")
 
 
 def _bar(stream: IO[str]) -> Bar:

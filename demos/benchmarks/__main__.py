@@ -1,8 +1,8 @@
 """Compare run times with peers: ./gossamer bench NAME [--quick] [--runs N]; NAME is sheet, airbag, pendulum or all.
 
 The programs take turns, one thread each; of every figure the median over the runs is shown, times next to results.
-Writes out/benchmarks/NAME.csv, and ends with a line `ratio PEER NUMBER` for each peer: its cost over this program's, the
-smallest over the cases.
+Writes out/benchmarks/NAME.csv, and ends with a line `ratio PEER NUMBER` for each peer: its cost over this program's,
+the smallest over the cases.
 """
 
 from __future__ import annotations

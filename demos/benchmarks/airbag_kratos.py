@@ -6,9 +6,9 @@ import json
 import math
 import time
 
+import kratos_model
 import KratosMultiphysics as K
 import KratosMultiphysics.StructuralMechanicsApplication as Structures
-import kratos_model
 import numpy as np
 from contestants import words
 

@@ -1,8 +1,8 @@
 """The programs that are compared: this one, and peers from PyPI in an environment of their own.
 
-A contestant in a problem is the script PROBLEM_PROGRAM.py of this folder.  It takes words `key=value`, and prints as its
-last line a JSON object with `cpu` and `wall` [s] of the computing alone (no start-up, no compilation), `dofs`, `steps`,
-and whatever the result is, to be shown next to the time.
+A contestant in a problem is the script PROBLEM_PROGRAM.py of this folder.  It takes words `key=value`, and prints as
+its last line a JSON object with `cpu` and `wall` [s] of the computing alone (no start-up, no compilation), `dofs`,
+`steps`, and whatever the result is, to be shown next to the time.
 """
 
 from __future__ import annotations

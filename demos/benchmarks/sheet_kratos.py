@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import time
 
+import kratos_model
 import KratosMultiphysics as K
 import KratosMultiphysics.StructuralMechanicsApplication as Structures
-import kratos_model
 import numpy as np
 from contestants import words
 

@@ -1,0 +1,117 @@
+"""The antenna pendulum in Exudyn: thin plates and cables of absolute nodal coordinates, generalised-alpha method."""
+
+from __future__ import annotations
+
+import json
+import time
+from itertools import pairwise
+
+import exudyn as exu
+import exudyn.shells
+import numpy as np
+from contestants import words
+from exudyn.itemInterface import (
+    LoadMassProportional,
+    MarkerBodyMass,
+    MarkerNodeCoordinates,
+    NodePointSlope1,
+    ObjectANCFCable,
+    ObjectConnectorCoordinateVector,
+    SensorBody,
+    SensorNode,
+)
+
+SIDE, THICKNESS, RADIUS, WALL, G = 2.1, 2e-5, 0.02, 5e-4, 1.0
+case = words({"n": 6, "elements": 12, "dt": 1e-2, "until": 2.0, "radius": 0.9, "every": 0.01})
+n, elements = case["n"], case["elements"]
+
+container = exu.SystemContainer()
+mbs = container.AddSystem()
+film = exudyn.shells.ShellMesh(
+    vertices=[[0, 0, 0], [SIDE, 0, 0], [SIDE, SIDE, 0], [0, SIDE, 0]],
+    numberOfElementsX=n,
+    numberOfElementsY=n,
+    youngsModulus=2.3e9,
+    poissonsRatio=0.3,
+    density=1400.0,
+    thickness=THICKNESS,
+)
+film.CreateANCFThinPlateElements(mbs, useReducedOrderIntegration=1)
+area = np.pi * (RADIUS**2 - (RADIUS - WALL) ** 2)
+second_moment = np.pi / 4 * (RADIUS**4 - (RADIUS - WALL) ** 4)
+bodies = list(film.elementNumbers)
+booms = []
+for start, end in (((0, 0, 0), (SIDE, SIDE, 0)), ((SIDE, 0, 0), (0, SIDE, 0))):
+    a, along = np.array(start), np.subtract(end, start)
+    length = float(np.linalg.norm(along))
+    points = [a + along * k / elements for k in range(elements + 1)]
+    nodes = [mbs.AddNode(NodePointSlope1(referenceCoordinates=[*p, *(along / length)])) for p in points]
+    for pair in pairwise(nodes):
+        cable = ObjectANCFCable(
+            length=length / elements,
+            massPerLength=1560.0 * area,
+            bendingStiffness=100e9 * second_moment,
+            axialStiffness=100e9 * area,
+            nodeNumbers=list(pair),
+        )
+        bodies.append(mbs.AddObject(cable))
+    booms.append(nodes)
+for body in bodies:
+    marker = mbs.AddMarker(MarkerBodyMass(bodyNumber=body))
+    mbs.AddLoad(LoadMassProportional(markerNumber=marker, loadVector=[0, 0, -G]))
+for k in (0, 1, 2, 3):  # tied at the corners and at the thirds of the diagonals
+    i, on_boom = k * n // 3, k * elements // 3
+    for node, boom in ((film.nodeNumbers[i * (n + 1) + i], 0), (film.nodeNumbers[i * (n + 1) + n - i], 1)):
+        markers = [mbs.AddMarker(MarkerNodeCoordinates(nodeNumber=m)) for m in (node, booms[boom][on_boom])]
+        mbs.AddObject(
+            ObjectConnectorCoordinateVector(
+                markerNumbers=markers, scalingMarker0=np.eye(3, 9), scalingMarker1=np.eye(3, 6)
+            )
+        )
+exudyn.shells.AddSphericalJointToGround(mbs, film.nodeNumbers[0])
+
+position = {"outputVariableType": exu.OutputVariableType.Position, "storeInternal": True}
+corners = [film.nodeNumbers[k] for k in (0, n, n * (n + 1) + n, n * (n + 1))]
+of_corners = [mbs.AddSensor(SensorNode(nodeNumber=node, **position)) for node in corners]
+gauss = np.array([-1, 1]) / 3**0.5
+of_film, places = [], []
+for e, body in enumerate(film.elementNumbers):
+    for r in gauss:
+        for s in gauss:
+            of_film.append(mbs.AddSensor(SensorBody(bodyNumber=body, localPosition=[r, s, 0], **position)))
+            places.append(((e % n + (1 + r) / 2) / n, (e // n + (1 + s) / 2) / n))
+mbs.Assemble()
+
+settings = exu.SimulationSettings()
+stepping = settings.timeIntegration
+stepping.numberOfSteps, stepping.endTime = round(case["until"] / case["dt"]), case["until"]
+stepping.generalizedAlpha.spectralRadius = case["radius"]
+stepping.newton.useModifiedNewton = True
+stepping.newton.relativeTolerance, stepping.newton.absoluteTolerance = 1e-6, 1e-8
+stepping.verboseMode = 0
+settings.solutionSettings.writeSolutionToFile = False
+settings.solutionSettings.sensorsWritePeriod = case["every"]
+settings.linearSolverType = exu.LinearSolverType.EigenSparse
+settings.parallel.numberOfThreads = 1
+cpu, wall = time.process_time(), time.perf_counter()
+mbs.SolveDynamic(settings)
+cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
+
+q = np.array([mbs.GetSensorStoredData(s)[:, 1:4] for s in of_corners])  # 4 corners, instants, 3
+x = np.array([mbs.GetSensorStoredData(s)[:, 1:4] for s in of_film])
+u, v = np.array(places).T
+surface = np.einsum("cp,ctk->ptk", [(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v], q)
+normal = np.cross(q[1] - q[0], q[3] - q[0])
+normal /= np.linalg.norm(normal, axis=1)[:, None]
+deflection = np.sqrt(np.mean(np.einsum("ptk,tk->pt", x - surface, normal) ** 2, axis=0))
+result = {
+    "cpu": cpu,
+    "wall": wall,
+    "dofs": len(mbs.systemData.GetODE2Coordinates()),
+    "steps": round(case["until"] / case["dt"]),
+    "tip [mm]": 1e3 * q[2, -1, 2],
+    "film, end [mm]": 1e3 * deflection[-1],
+    "film, rms [mm]": 1e3 * float(np.sqrt(np.mean(deflection**2))),
+    "film, largest [mm]": 1e3 * deflection.max(),
+}
+print(json.dumps(result))
