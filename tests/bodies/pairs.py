@@ -1,0 +1,173 @@
+"""Pairs of bodies that share the origin, what can act on them, and what must not be lost in their motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from meshes.line import line
+from meshes.sheet import sheet
+
+COMM = MPI.COMM_WORLD
+STEPS, DT = 200, 5e-3
+
+
+class Motion:
+    """A rigid velocity field that every body of a scene starts with, so that all joints hold in rate."""
+
+    def __init__(self, numbers: tuple[float, ...]) -> None:
+        self.velocity, self.spin = np.array(numbers[:3]), np.array(numbers[3:])
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        return self.velocity[:, None] + np.cross(self.spin, x.T).T
+
+    def at(self, place: np.ndarray) -> tuple[float, float, float]:
+        """The velocity (3,) of one point."""
+        x, y, z = self(place[:, None])[:, 0]
+        return x, y, z
+
+
+def film(motion: Motion, name: str) -> gx.Membrane:
+    """Of 1 m, its corner at the origin."""
+    law = gx.Miyazaki(E=1e6, nu=0.3, density=1000.0, thickness=1e-3, residual=1e-3)
+    return gx.Membrane(sheet(COMM, 2, 2), law, velocity=motion, name=name)
+
+
+def cable(motion: Motion, name: str) -> gx.Cable:
+    """From the origin along -x."""
+    law = gx.TensionOnly(EA=1e3, line_density=1.0)
+    return gx.Cable(line(COMM, [(0, 0, 0), (-1, 0, 0.3)], 3), law, velocity=motion, name=name)
+
+
+def beam(motion: Motion, name: str) -> gx.Beam:
+    """From the origin along -y."""
+    section = gx.rectangle(0.03, 0.05, E=1e7, nu=0.3, density=1000.0)
+    return gx.Beam(line(COMM, [(0, 0, 0), (0, -1, 0.2)], 2), section, velocity=motion, name=name)
+
+
+def body(motion: Motion, name: str) -> gx.RigidBody:
+    centre = np.array([0.1, 0.2, -0.4])
+    return gx.RigidBody(2.0, (0.2, 0.3, 0.4), centre, velocity=motion.at(centre), spin=motion.spin, name=name)
+
+
+def mass(motion: Motion, name: str) -> gx.PointMass:
+    return gx.PointMass(0.7, (0.0, 0.0, 0.0), tuple(motion.velocity), name=name)
+
+
+BODIES: dict[str, Callable[[Motion, str], Any]] = {
+    "film": film,
+    "cable": cable,
+    "beam": beam,
+    "body": body,
+    "mass": mass,
+}
+JOINTED = [(a, b, "ball") for i, a in enumerate(BODIES) for b in list(BODIES)[i:] if (a, b) != ("mass", "mass")] + [
+    (a, b, kind) for a, b in (("beam", "body"), ("body", "body")) for kind in ("fixed", "revolute", "prismatic")
+]
+AXIS = (1.0, 0.0, 0.0)  # of hinges and slides; in the plane of the beam's section
+
+
+def port(item: Any) -> gx.Port:
+    """The point of a body that is at the origin at the start."""
+    return item.port() if isinstance(item, gx.PointMass) else item.port_at((0, 0, 0))
+
+
+def frame(item: Any) -> gx.Frame:
+    """Axes at the origin."""
+    return item.frame("start") if isinstance(item, gx.Beam) else item.frame_at((0, 0, 0))
+
+
+def joint(kind: str, a: Any, b: Any) -> Any:
+    """A joint of two bodies that share the origin."""
+    if kind == "ball":
+        return gx.BallJoint(port(a), port(b))
+    full, other = sorted((frame(a), frame(b)), key=lambda f: -len(f.directors))
+    if kind == "fixed":
+        return gx.FixedJoint(full, other)
+    return {"revolute": gx.RevoluteJoint, "prismatic": gx.PrismaticJoint}[kind](full, other, AXIS)
+
+
+# ---- what may act on a body; `loose` is a mass at rest nearby, so that the motion is no rigid one ----------------
+
+
+def loose_mass() -> gx.PointMass:
+    return gx.PointMass(0.3, (0.5, -0.4, 0.8), name="loose")
+
+
+def spring(item: Any, loose: gx.PointMass) -> list:
+    return [gx.Spring(port(item), loose.port(), stiffness=50.0, length=0.7, name="exciter")]
+
+
+def damper(item: Any, loose: gx.PointMass) -> list:
+    return [gx.Damper(port(item), loose.port(), coefficient=0.5)]
+
+
+def stop(item: Any, loose: gx.PointMass) -> list:
+    return [gx.Stop(port(item), loose.port(), distance=0.95, stiffness=300.0)]
+
+
+def rope(item: Any, loose: gx.PointMass) -> list:
+    return [gx.Rope(port(item), loose.port(), length=1.05, stiffness=300.0)]
+
+
+def tape(item: Any, loose: gx.PointMass) -> list:
+    if not isinstance(item, gx.Membrane):
+        return []
+    law = gx.TensionOnly(EA=200.0, line_density=0.1)
+    return [gx.Tape.through(item, law, [(0, 0.3, 0), (1, 0.8, 0)], bars=3)]
+
+
+def control(item: Any, loose: gx.PointMass) -> list:
+    """Held between samples, for a torque that follows grows without bound where the Euler angles are singular.
+
+    Gains are such that the delay does not make a beam's section unstable, which has little inertia.
+    """
+    if isinstance(item, gx.Cable | gx.PointMass):
+        return []
+    if isinstance(item, gx.Membrane):
+        corners = [item.port_at(corner) for corner in ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0))]
+        axes = gx.patch(item.port_at((0.5, 0.5, 0)), corners)
+    else:
+        axes = frame(item)
+    return [gx.AttitudeControl(axes, (0.1, 0.0, 0.2), 0.02, 1e-4, period=0.02)]
+
+
+def weight(item: Any, loose: gx.PointMass) -> list:
+    return [gx.Gravity(item, (0.0, 1.0, -9.81))]
+
+
+def push(item: Any, loose: gx.PointMass) -> list:
+    return [gx.Force(port(item), lambda t: (2.0 * np.sin(20 * t), 1.0, 0.0))]
+
+
+INTERNAL = {"spring": spring, "damper": damper, "stop": stop, "rope": rope, "tape": tape}
+EXTERNAL = {"control": control, "weight": weight, "push": push}
+
+
+def hinge_parts(a: Any, b: Any) -> list:
+    """What turns or brakes a hinge of two rigid bodies."""
+    return [
+        gx.TorsionSpring(frame(a), frame(b), AXIS, stiffness=2.0, rest=0.4),
+        gx.TorsionDamper(frame(a), frame(b), AXIS, coefficient=0.2),
+    ]
+
+
+def conserves(scene: gx.Scene, closed: bool = True) -> gx.Simulation:
+    """Energy to 1e-9 and constraints to 1e-10 over 200 steps; in a `closed` system, momenta to 1e-10."""
+    run = gx.Simulation(scene, gx.Midpoint(dt=DT, tolerances=gx.Tolerances(relative=1e-12)))
+    for k in range(4):
+        run.run(until=(k + 1) * STEPS // 4 * DT)
+        now, first = run.totals, run.first
+        assert abs(run.energy_error) < 1e-9
+        if closed:
+            scale = first.kinetic**0.5 * 2
+            assert np.abs(now.momentum - first.momentum).max() < 1e-10 * scale
+            assert np.abs(now.angular_momentum - first.angular_momentum).max() < 1e-10 * scale
+        if run.system.constraints is not None:
+            assert run.system.constraints.violation(run.system.q0) < 1e-10
+    assert run.step == STEPS
+    return run
