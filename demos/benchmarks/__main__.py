@@ -1,4 +1,4 @@
-"""Compare run times with peers: ./gossamer bench NAME [--quick] [--runs N]; NAME is sheet, airbag, pendulum or all.
+"""Compare run times with peers: ./gossamer bench NAME [--quick] [--runs N]; NAME is one of the problems, or all.
 
 The programs take turns, one thread each; of every figure the median over the runs is shown, times next to results.
 Writes out/benchmarks/NAME.csv, and ends with a line `ratio PEER NUMBER` for each peer: its cost over this program's,
@@ -11,7 +11,7 @@ import argparse
 import csv
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
@@ -25,7 +25,9 @@ Figures = dict[str, float]
 class Problem:
     """What is solved, by whom, and what it costs.
 
-    `cases` and `quick` name each size and give the words for each program; `cost` is what the ratio compares.
+    `cases` and `quick` name each size and give the words for each program; `cost` is what the ratio compares.  A
+    `chart` shows this program's cost and memory over the unknowns, with their exponents.  `script` names the problem
+    whose scripts are run, if it is another one.
     """
 
     title: str
@@ -34,7 +36,9 @@ class Problem:
     cases: dict[str, dict[str, Case]]
     quick: dict[str, dict[str, Case]]
     seconds: float = 1800.0
-    peers: tuple[str, ...] = field(default=("kratos",))
+    peers: tuple[str, ...] = ("kratos",)
+    chart: bool = False
+    script: str = ""
 
 
 def sheets(sizes: dict[int, tuple[int, int, str]]) -> dict[str, dict[str, Case]]:
@@ -64,12 +68,32 @@ PROBLEMS = {
         cases={"8 and 16 cells": {SELF: {"n": 8}, "kratos": {"n": 16}}},
         quick={"8 and 8 cells": {SELF: {"n": 8}, "kratos": {"n": 8}}},
     ),
+    "scaling": Problem(
+        title="Free spinning sheet, three steps of 1e-3 s, by this program alone",
+        cost=lambda r: r["cpu"] / r["steps"],
+        unit="s CPU per step",
+        cases={f"n = {n}": {SELF: {"n": n, "steps": 3}} for n in (40, 80, 160, 318, 577)},
+        quick={f"n = {n}": {SELF: {"n": n, "steps": 3}} for n in (40, 80)},
+        peers=(),
+        chart=True,
+        script="sheet",
+    ),
     "pendulum": Problem(
-        title="Antenna pendulum",
+        title="Antenna pendulum, film off the surface of its corners",
         cost=lambda r: r["cpu"],
         unit="s CPU",
-        cases={"film's deflection to 1 %": {SELF: {}, "exudyn": {}}},
-        quick={"coarse": {SELF: {"n": 3, "until": 0.5}, "exudyn": {"n": 3, "until": 0.5}}},
+        cases={
+            "until 0.5 s": {
+                SELF: {"n": 12, "elements": 12, "order": 1, "until": 0.5},
+                "exudyn": {"n": 9, "elements": 18, "until": 0.5},
+            }
+        },
+        quick={
+            "until 0.5 s": {
+                SELF: {"n": 6, "elements": 6, "order": 1, "until": 0.5},
+                "exudyn": {"n": 6, "elements": 12, "until": 0.5},
+            }
+        },
         peers=("exudyn",),
     ),
 }
@@ -86,7 +110,7 @@ def compare(name: str, cases: dict[str, dict[str, Case]], runs: int, folder: Pat
         for _ in range(runs):
             for program, given in case.items():
                 try:
-                    measured[program].append(run(name, program, given, problem.seconds))
+                    measured[program].append(run(problem.script or name, program, given, problem.seconds))
                 except Failed as failure:
                     print(f"{label:20} {program:10} failed: {failure}")
                     rows.append({"case": label, "program": program, "failure": str(failure)})
@@ -107,8 +131,36 @@ def compare(name: str, cases: dict[str, dict[str, Case]], runs: int, folder: Pat
         table = csv.DictWriter(file, list(dict.fromkeys(key for row in rows for key in row)))
         table.writeheader()
         table.writerows(rows)
+    solved = [row for row in rows if "dofs" in row]
+    if problem.chart and len(solved) > 1:
+        draw(problem, solved, folder / f"{name}.png")
     for peer in problem.peers:
         print(f"ratio {peer} {smallest[peer]:.3g}" if peer in smallest else f"no ratio to {peer}: it failed")
+
+
+def draw(problem: Problem, rows: list[dict[str, object]], path: Path) -> None:
+    """Cost and memory over the unknowns, double logarithmic; prints their exponents."""
+    import matplotlib.pyplot as plt
+    import numpy as np
+
+    dofs, cost, newton, memory = (
+        np.array([float(str(row[key])) for row in rows]) for key in ("dofs", "cost", "Newton/step", "MB")
+    )
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")
+    for axes, values, label in (
+        (left, cost, "step"),
+        (left, cost / newton, "Newton iteration"),
+        (right, memory, "process"),
+    ):
+        exponent = np.polyfit(np.log(dofs), np.log(values), 1)[0]
+        axes.loglog(dofs, values, "o-", label=f"{label}, exponent {exponent:.2f}")
+        print(f"exponent of a {label}: {exponent:.3f}")
+    print(f"memory: {(memory[-1] - memory[0]) * 2**20 / (dofs[-1] - dofs[0]):.0f} bytes per unknown")
+    for axes, label in ((left, problem.unit), (right, "memory [MB]")):
+        axes.set(xlabel="unknowns", ylabel=label)
+        axes.grid(which="both", alpha=0.3)
+        axes.legend()
+    figure.savefig(path)
 
 
 def main() -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import resource
 import time
 
 import numpy as np
@@ -30,6 +31,8 @@ result = {
     "Newton/step": run.iterations / case["steps"],
     "unconverged": 0,
     "ΔL/L": relative_drift(run.totals.angular_momentum, run.first.angular_momentum),
+    "Krylov/Newton": run.solver.newton.linear_iterations / run.iterations,
+    "MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
     "ΔE/E": float(np.abs(run.totals.energy / run.first.energy - 1)),
 }
 print(json.dumps(result))
