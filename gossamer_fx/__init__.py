@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from gossamer_fx.errors import StepFailure as StepFailure
     from gossamer_fx.events import At as At
     from gossamer_fx.events import When as When
+    from gossamer_fx.form_finding import EdgeCable as EdgeCable
     from gossamer_fx.form_finding import Prestress as Prestress
     from gossamer_fx.form_finding import find_form as find_form
     from gossamer_fx.gas.enclosure import Piston as Piston
@@ -126,7 +127,7 @@ _HOME = {
     "elastica": ["Elastica"],
     "errors": ["InputError", "NoEquilibrium", "OutputFailure", "StepFailure"],
     "events": ["At", "When"],
-    "form_finding": ["Prestress", "find_form"],
+    "form_finding": ["EdgeCable", "Prestress", "find_form"],
     "gas.enclosure": ["Piston"],
     "gas.ideal_gas": ["IdealGas"],
     "gas.orifice": ["Orifice", "WallHeat"],

@@ -8,17 +8,21 @@ the next reference shape; where both coincide the Cauchy stress is the prescribe
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.attachment import combine
+from gossamer_fx.bodies.cable import CableLaw
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.errors import NoEquilibrium, check
+from gossamer_fx.interactions.tape import Tape
 from gossamer_fx.kinematics import Expr
 from gossamer_fx.materials import FilmLaw
+from gossamer_fx.parts import Array, Part, PointMeasure, PointStored
 from gossamer_fx.scene import Scene
 from gossamer_fx.statics import Equilibrium, Found
 
@@ -43,6 +47,54 @@ class Prestress(FilmLaw):
 
     def energy(self, e: Expr, c: Any) -> Expr:
         return c.tension * (e[0] + e[1])
+
+
+@dataclass(frozen=True)
+class GivenForce:
+    """ψ(e) = e."""
+
+    def energy(self, e: Array) -> Array:
+        return e[:, 0]
+
+    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        return np.ones_like(e1), np.zeros((*e1.shape, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeCable:
+    """Cable along edges of a film whose force is `force` [N] whatever its strain: W = N Σ L ½(λ² - 1).
+
+    A film of tension n0 pulls it into an arc of radius N/n0.
+
+    Args:
+        film: what it borders.
+        group: name of curves of the film's mesh.
+    """
+
+    film: Membrane
+    group: str
+    force: float
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        check(
+            math.isfinite(self.force) and self.force > 0,
+            f"EdgeCable: force is {self.force!r} N; give a positive number.",
+        )
+        if not self.name:
+            object.__setattr__(self, "name", f"{self.film.name}/{self.group} cable")
+
+    def requires(self) -> Iterable[Any]:
+        yield self.film
+
+    def parts(self) -> Iterable[Part]:
+        bars = Tape.along_edges(self.film, CableLaw(self.force, 1.0), self.group, self.name)
+        energies = self.force * bars.lengths
+        roots = np.sqrt(energies) / bars.lengths
+        vectors = [(combine((float(r), -float(r)), (b, a)),) for (a, b), r in zip(bars.bars, roots, strict=True)]
+        yield PointStored(
+            self.name, PointMeasure(vectors, np.eye(3)[None], np.zeros((1, 3)), -energies[:, None] / 2), GivenForce()
+        )
 
 
 def find_form(film: Membrane, scene: Callable[[], Scene], change: float = 1e-6, updates: int = 200) -> Found:

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
+from demos import four_corner_film
 from gossamer_fx import Prestress, find_form
-from meshes.sheet import sheet
+from meshes.sheet import CORNERS, EDGES, sheet
 
 TENSION = Prestress(E=1e9, nu=0.3, density=1000.0, thickness=1e-5, tension=10.0)
 
@@ -48,3 +49,28 @@ def test_only_a_film_of_given_tension_has_a_form_to_find(comm):
     film = gx.Membrane(sheet(comm, 2, 2), gx.Linear(1e9, 0.3, 1e3, 1e-4))
     with pytest.raises(gx.InputError, match="Prestress"):
         find_form(film, lambda: gx.Scene(film))
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("force", [10.0, 20.0])
+def test_edge_cables_of_a_film_between_four_corners_are_arcs(comm, force):
+    """Radius force/tension, as T κ = n0 of a cable that a film pulls at right angles."""
+    film = gx.Membrane(sheet(comm, 12, 12), TENSION)
+
+    def scene():
+        corners = [gx.Fixed(film, corner) for corner in CORNERS]
+        return gx.Scene(film, *corners, *(gx.EdgeCable(film, edge, force) for edge in EDGES))
+
+    find_form(film, scene, change=1e-4)
+    R = force / TENSION.tension
+    centre = np.array([0.5, -((R**2 - 0.25) ** 0.5)])
+    x = film.space.mesh.geometry.x[film.nodes("bottom")]
+    assert np.hypot(*(x[:, :2] - centre).T) == pytest.approx(R, abs=2e-3)
+    assert x[:, 2] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_saddle_of_the_demo_has_cables_of_their_force(comm):
+    """Its cables are nearly plane arcs; what bends them out of the film's tangent plane is small."""
+    result = four_corner_film.main(comm=comm)
+    assert result["radius of a cable [m]"] == pytest.approx(result["force/tension [m]"], rel=0.03)
+    assert result["residual"] < 1e-8
