@@ -72,7 +72,7 @@ class _Continuous(Couple):
     def force(self, X: Array) -> Array:
         control = self._control
         middle, before, after = (control.angles_of(Y, self._reference) for Y in (X, self._X0, 2 * X - self._X0))
-        self.torque = control.torque(middle, wrapped(after - before) / self._h)
+        self.torque = control.in_space(middle, control.law(middle, wrapped(after - before) / self._h))
         return super().force(X)
 
     def tangent(self, X: Array) -> Array:
@@ -177,10 +177,15 @@ class AttitudeControl:
         self.angles = self.angles_of(X, reference)
         moved = 1e-6 * np.abs(X).max() / max(float(np.abs(V).max()), 1e-12)
         ahead, behind = (self.angles_of(X + s * moved * V, reference) for s in (1, -1))
-        return self.torque(self.angles, wrapped(ahead - behind) / (2 * moved))
+        self.torques = self.law(self.angles, wrapped(ahead - behind) / (2 * moved))
+        return self.in_space(self.angles, self.torques)
 
-    def torque(self, angles: Array, rates: Array) -> Array:
-        """Torque in space axes."""
-        self.torques = self.stiffness * (self.target - angles) - self.damping * rates
-        in_space: Array = self.axes @ (euler_axes(angles).T @ self.torques)
-        return in_space
+    def law(self, angles: Array, rates: Array) -> Array:
+        """Torques about the axes of the three angles."""
+        torques: Array = self.stiffness * (self.target - angles) - self.damping * rates
+        return torques
+
+    def in_space(self, angles: Array, torques: Array) -> Array:
+        """Their sum in space axes."""
+        total: Array = self.axes @ (euler_axes(angles).T @ torques)
+        return total

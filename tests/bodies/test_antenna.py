@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
+from mpi4py import MPI
 
 from demos import antenna_attitude, antenna_free, antenna_pendulum
 
@@ -37,3 +39,15 @@ def test_attitude_follows_the_designed_response() -> None:
     """Ω = 0.6 rad/s, ζ = 1: 1 - (1 + Ωt) exp(-Ωt) of 8° after 3 s, for the antenna is nearly rigid in its plane."""
     result = antenna_attitude.main(case=1, until=3.0, dt=0.05)
     assert result["angles"][-1][2] == pytest.approx(8 * (1 - 2.8 * 2.718281828**-1.8), rel=1e-2)
+
+
+@pytest.mark.mpi
+def test_joints_of_the_antenna_across_ranks() -> None:
+    """All ranks together find what each finds alone: the swing's tip and film, and the controlled angles and torques."""
+    swings = [antenna_pendulum.main(until=0.1, comm=comm) for comm in (MPI.COMM_WORLD, MPI.COMM_SELF)]
+    turns = [antenna_attitude.main(case=2, until=0.4, comm=comm) for comm in (MPI.COMM_WORLD, MPI.COMM_SELF)]
+    for results, names in ((swings, ("tip", "film")), (turns, ("angles", "torque", "point_A"))):
+        for name in names:
+            together, alone = (result[name] for result in results)
+            assert np.abs(alone).max() > 1e-6
+            assert np.abs(together - alone).max() < 1e-8 * np.abs(alone).max()
