@@ -67,7 +67,7 @@ def draw(x: Array, cells: Array, path: Path) -> None:
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
     axes.plot_trisurf(*x.T, triangles=cells, color=(0.55, 0.72, 0.88), edgecolor="white", linewidth=0.3)
     axes.set_proj_type("ortho")
-    axes.set_box_aspect((1, 1, HEIGHT), zoom=1.5)
+    axes.set_box_aspect((1, 1, HEIGHT), zoom=1.1)
     axes.view_init(40, -20)
     axes.set_axis_off()
     path.parent.mkdir(parents=True, exist_ok=True)

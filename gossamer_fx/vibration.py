@@ -5,6 +5,7 @@ With the tangent K and the constant mass M, and in a frame that turns with ω th
     (λ² M + λ G + K) φ = 0,    λ = growth + 2πi frequency.
 
 K has the geometric stiffness of stresses and of loads that follow; the centrifugal force is a load of the equilibrium.
+Multipliers of joints, rigid bodies and beams stay unknowns: they have no mass, so their eigenvalues are infinite.
 """
 
 from __future__ import annotations
@@ -48,14 +49,14 @@ def modes(
         spin: ω [rad/s] of the frame; the scene then contains `Centrifugal` forces of the same spin.
 
     Raises:
-        InputError: no mode is asked for, or the scene has constraints between points or scalar unknowns.
+        InputError: no mode is asked for, or the scene has gas chambers.
         NoEquilibrium: the eigenvalue solver found fewer modes.
     """
     system = equilibrium.system
     check(count > 0, f"modes: count is {count!r}; ask for one or more.")
     check(
-        system.constraints is None and not system.borders,
-        "modes: the scene has joints or gas chambers; give the chambers' pressure as Pressure, and no joints.",
+        not system.borders,
+        "modes: the scene has gas chambers, whose stiffness is not known here; give their pressure as Pressure.",
     )
     system.inertia(0.0, system.q0)
     K = system.tangent()

@@ -8,6 +8,7 @@ import pytest
 import gossamer_fx as gx
 from gossamer_fx import Centrifugal, Equilibrium, modes
 from meshes.disc import quarter_disc, ring
+from meshes.line import line
 from meshes.sheet import EDGES, sheet
 
 N0, THICKNESS, E, NU = 10.0, 2e-5, 2.3e9, 0.3  # N/m, m, Pa
@@ -111,3 +112,30 @@ def test_modes_of_a_scene_with_gas_are_refused(comm):
     gas = gx.Chamber(film, gas=gx.IdealGas(1.4, 287.0), pressure=1.0, temperature=300.0, dead_volume=1.0)
     with pytest.raises(gx.InputError, match="gas"):
         modes(Equilibrium(gx.Scene(film, gas)), 1)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(("tip", "exact"), [(0.0, (1.20241278, 2.76003906)), (0.5, (1.08666161, 3.41989511))])
+def test_hanging_cable_with_a_mass_on_a_joint(comm, tip, exact):
+    """ω√(L/g), twice each, of a cable of 1 m and 1 kg found in equilibrium under its weight."""
+    down = (0.0, 0.0, -1.0)
+    cable = gx.Cable(line(comm, [(0, 0, 0), down], 32), gx.CableLaw(1e5, 1.0), order=2)
+    items = [gx.Clamped(cable, "start"), gx.Gravity(cable, down)]
+    if tip:
+        mass = gx.PointMass(tip, down, comm=comm)
+        items += [gx.BallJoint(cable.port("end"), mass.port()), gx.Gravity(mass, down)]
+    equilibrium = Equilibrium(gx.Scene(cable, *items))
+    assert equilibrium.find().regular
+    ω = [2 * np.pi * mode.frequency for mode in modes(equilibrium, 4)]
+    assert ω == pytest.approx(np.repeat(exact, 2), rel=1e-4)
+
+
+def test_cantilever(comm):
+    """βL of a beam, whose sections stay rigid by multipliers, in both of its planes."""
+    section = gx.solid_circle(1e-2, E=1e9, nu=0.3, density=1000.0)
+    beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 8), section)
+    equilibrium = Equilibrium(gx.Scene(beam, gx.Clamped(beam, "start")))
+    equilibrium.find()
+    scale = (section.line_density / section.EI2) ** 0.5
+    βL = [(2 * np.pi * mode.frequency * scale) ** 0.5 for mode in modes(equilibrium, 4)]
+    assert βL == pytest.approx(np.repeat((1.87510407, 4.69409113), 2), rel=1e-3)
