@@ -5,8 +5,9 @@ The antenna (Yu, Qi, Liu & Tian, China Mechanical Engineering 36 (2025) 2284, §
 wall 0.5 mm (1560 kg/m³, 100 GPa), ν = 0.3; tied at the four corners and at four points around the centre, the film's
 centre on a ball joint.  (Letter and word of the paper's "outer diameter R" disagree: the radius is taken.)
 
-The attitude is the rotation R of the polar decomposition F = R U of the position gradient at the centre, averaged over
-the patch that the four inner points span, R = R_w(γ) R_v(β) R_u(θ).  On that patch acts, about the axis of each angle,
+The attitude is the rotation R of the polar decomposition F = R U of the position gradient at the centre, R = R_w(γ)
+R_v(β) R_u(θ).  F is its mean over the square of the four inner points, whatever the mesh; with 3 × 3 cells that is the
+mean over the triangles around the centre node.  On that square acts, about the axis of each angle,
 
     T = K_p (target - angle) - K_d d(angle)/dt,   K_p = I Ω²,   K_d = 2 ζ I Ω
 

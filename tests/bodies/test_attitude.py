@@ -71,6 +71,19 @@ def test_angles_of_a_stretched_and_turned_patch() -> None:
     assert euler_angles(found) == pytest.approx(angles, abs=1e-12)
 
 
+def test_patch_has_the_mean_gradient_of_the_triangles_around_its_centre() -> None:
+    """Of a square cut into four by its centre: what a patch measures is the position gradient at that node."""
+    rng = np.random.default_rng(0)
+    square = np.array([[1.0, 1, 0], [-1, 1, 0], [-1, -1, 0], [1, -1, 0], [0, 0, 0]])
+    x = square + 0.3 * rng.standard_normal((5, 3))
+    gradients = []
+    for i, j in ((0, 1), (1, 2), (2, 3), (3, 0)):
+        edges, moved = (np.array([y[i] - y[4], y[j] - y[4]]) for y in (square, x))
+        gradients.append(moved.T @ np.linalg.inv(edges[:, :2]).T)
+    F = position_gradient(x[:4] - x[4], square[:4])
+    assert F[:, :2] == pytest.approx(np.mean(gradients, axis=0), abs=1e-12)
+
+
 def test_axes_of_the_angles() -> None:
     """dR = [ω]× R with ω = Σ dα_i a_i, by central differences."""
     angles, ε = np.array([0.3, -0.4, 1.1]), 1e-6

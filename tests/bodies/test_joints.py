@@ -58,6 +58,7 @@ REFUSED = [
         "off the axis",
     ),
     (lambda: gx.Spring(body().port(), gx.Ground((0, 0, 0)), stiffness=-1.0, length=1.0), "stiffness is -1.0"),
+    (lambda: gx.Stop(body().port(), gx.Ground((0, 0, 0)), distance=0.0, stiffness=1.0), "distance is 0.0"),
 ]
 
 
