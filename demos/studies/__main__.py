@@ -1,7 +1,8 @@
 """Run studies: python3 -m demos.studies NAME [--quick] [--out FOLDER] [--fresh]; NAME `all` runs every one.
 
-Writes FOLDER/NAME.csv, .md and .png, and for `all` the part of README.md between the lines `<!-- studies -->` and
-`<!-- /studies -->`.  Ends with code 1 if something is not as a study declares.
+Writes FOLDER/NAME.csv, .md and .png, and for `all` the summary in README.md between the lines `<!-- studies -->` and
+`<!-- /studies -->`.  What is in the CSV already is not computed again: an interrupted study goes on where it stopped.
+Ends with code 1 if something is not as a study declares.  On two ranks: ./gossamer mpi 2 demos/studies NAME [--quick].
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from mpi4py import MPI
 
 from gossamer_fx.errors import InputError
 from gossamer_fx.study import Study, run
-from gossamer_fx.study_report import picture, shortfalls, table
+from gossamer_fx.study_report import picture, shortfalls, summary, table
 
 HERE = Path(__file__).parent
 NAMES = sorted(path.stem for path in HERE.glob("*.py") if not path.stem.startswith("_"))
@@ -33,7 +34,7 @@ def main() -> int:
     parser.add_argument("--fresh", action="store_true", help="compute everything anew")
     wanted = parser.parse_args()
     names = NAMES if wanted.name == "all" else [wanted.name]
-    missing, tables = [], []
+    missing, done = [], []
     for name in names:
         study: Study = importlib.import_module(f"demos.studies.{name}").STUDY
         if wanted.fresh and comm.rank == 0:
@@ -41,17 +42,19 @@ def main() -> int:
         comm.barrier()
         results = run(study, wanted.out, comm, wanted.quick)
         missing += [f"{name}: {words}" for words in shortfalls(study, results) if not wanted.quick]
-        tables.append(table(study, results))
+        done.append((study, results))
         if comm.rank == 0:
-            (wanted.out / f"{name}.md").write_text(tables[-1])
+            text = table(study, results)
+            (wanted.out / f"{name}.md").write_text(text)
             if study.draw is not None:
                 study.draw(results, wanted.out / f"{name}.png")
             elif study.measures:
                 picture(study, results, wanted.out / f"{name}.png")
-            print(tables[-1])
+            print(text)
     if comm.rank == 0:
         if wanted.name == "all" and not wanted.quick and README.is_file():
-            README.write_text(BETWEEN.sub("\n" + "\n".join(tables).replace("\\", r"\\") + "\n", README.read_text()))
+            text = summary(done)
+            README.write_text(BETWEEN.sub(lambda match: f"\n{text}\n", README.read_text()))
         print("\n".join(missing) or "Everything is as the studies declare.")
     return 1 if missing else 0
 

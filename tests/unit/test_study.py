@@ -9,7 +9,7 @@ import pytest
 
 from gossamer_fx import InputError, NoEquilibrium
 from gossamer_fx.study import Measure, Study, run
-from gossamer_fx.study_report import picture, shortfalls, table
+from gossamer_fx.study_report import picture, shortfalls, summary, table
 
 CALLS = []
 
@@ -44,6 +44,11 @@ def test_an_interrupted_study_goes_on_where_it_stopped(comm, folder):
     assert [r.values["y"] for r in results] == [2.5, 2.25, 2.125, 2.25, 2.0625, 2.015625]
     assert not shortfalls(STUDY, results)
     assert "| 2 | 8 | 2.01562 | 0.0078 | 2.0 | 0.008 |" in table(STUDY, results)
+
+
+def test_the_summary_tells_the_largest_errors_and_the_spread_of_orders(comm, folder):
+    words = summary([(STUDY, run(STUDY, folder, comm))])
+    assert "| toy | y |  | 0.062 | 1.0 to 2.0 | 0.008 |" in words
 
 
 def test_the_picture_is_drawn(comm, folder):
