@@ -176,7 +176,9 @@ __all__ = sorted(_MODULE)
 def __getattr__(name: str) -> Any:
     if name not in _MODULE:
         raise AttributeError(f"gossamer_fx has no '{name}'; its names are: {', '.join(__all__)}")
-    return getattr(import_module(f"gossamer_fx.{_MODULE[name]}"), name)
+    from gossamer_fx.arguments import guarded
+
+    return guarded(getattr(import_module(f"gossamer_fx.{_MODULE[name]}"), name))
 
 
 def __dir__() -> list[str]:

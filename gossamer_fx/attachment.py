@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gossamer_fx.errors import check
-from gossamer_fx.parts import Array, Attached, Body, Ground, Port
+from gossamer_fx.parts import Array, Attached, Body, Ground, Port, Vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class Frame:
         return [self.origin.body] if isinstance(self.origin, Port) else []
 
 
-def ground_frame(point: Sequence[float] = (0.0, 0.0, 0.0)) -> Frame:
+def ground_frame(point: Vector = (0.0, 0.0, 0.0)) -> Frame:
     """The axes of inertial space at a point [m]."""
     x, y, z = point
     return Frame(Ground((x, y, z)), (Ground((1, 0, 0)), Ground((0, 1, 0)), Ground((0, 0, 1))))

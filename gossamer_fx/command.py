@@ -219,7 +219,7 @@ def _guarded[T](comm: MPI.Intracomm, path: Path, debug: bool, act: Callable[[], 
     except (Exception, SystemExit) as error:
         if debug:
             raise
-        frames = [f for f in traceback.extract_tb(error.__traceback__) if Path(f.filename) == path]
+        frames = [f for f in traceback.extract_tb(error.__traceback__) if Path(f.filename).resolve() == path.resolve()]
         line = error.lineno if isinstance(error, SyntaxError) else frames[-1].lineno if frames else None
         place = f"'{path}'" + (f", line {line}" if line else "")
         words = str(error).splitlines()[0] if str(error) else "no words"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +9,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.assembly import Assembly
 from gossamer_fx.errors import check
-from gossamer_fx.parts import Array
+from gossamer_fx.parts import Array, Vector
 
 
 def vectors_of(system: Assembly, k: int, values: Array) -> Array:
@@ -28,9 +27,9 @@ class RigidMotion:
         centre: c [m].
     """
 
-    spin: Sequence[float] = (0.0, 0.0, 0.0)
-    velocity: Sequence[float] = (0.0, 0.0, 0.0)
-    centre: Sequence[float] = (0.0, 0.0, 0.0)
+    spin: Vector = (0.0, 0.0, 0.0)
+    velocity: Vector = (0.0, 0.0, 0.0)
+    centre: Vector = (0.0, 0.0, 0.0)
     name: str = "rigid motion"
 
     def __post_init__(self) -> None:

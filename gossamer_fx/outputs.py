@@ -68,18 +68,16 @@ class Table:
 
     def __init__(self, path: Path) -> None:
         self.path, self.end = path, 0
+        self._head: Sequence[str] = ()  # still to be written
 
     def create(self, comm: MPI.Intracomm, head: Sequence[str]) -> None:
-        """An empty table with the columns `head`.
+        """An empty table with the columns `head`; an older file is kept until the first row.
 
         Raises:
             InputError: the folder cannot be made or written.
         """
         make_parent(comm, self.path)
-        if comm.rank == 0:
-            self.path.write_bytes(b"")
-        self.end = 0
-        self.append(comm, head)
+        self.end, self._head = 0, head
 
     def append(self, comm: MPI.Intracomm, row: Iterable[Any]) -> None:
         """Add a row.
@@ -87,6 +85,10 @@ class Table:
         Raises:
             OutputFailure: the disk is full, the folder is gone, ...; the rows before are whole.
         """
+        head, self._head = self._head, ()
+        if head:
+            write_on_all(comm, self.path, lambda: self.path.write_bytes(b"") if comm.rank == 0 else 0)
+            self.append(comm, head)
         self.end = comm.bcast(write_on_all(comm, self.path, lambda: self._append(row) if comm.rank == 0 else 0))
 
     def _append(self, row: Iterable[Any]) -> int:

@@ -30,6 +30,7 @@ from gossamer_fx.kinematics import Expr
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int32]
+Vector = Sequence[float]  # of three numbers
 
 
 @dataclass(frozen=True)

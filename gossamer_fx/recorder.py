@@ -83,6 +83,8 @@ class VTX:
         if not self.schedule.due(run.step, run.time, last):
             return
         self._functions.update()
+        if not self._segment and not self._steps:  # a run from the start has no later segments
+            on_rank_zero(run.comm, self._cut)
         write_on_all(run.comm, self._file(self._segment), lambda: self._write(run))
         self._steps += 1
 

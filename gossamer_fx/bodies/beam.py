@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 
 import numpy as np
 import ufl
@@ -19,7 +19,7 @@ from gossamer_fx.forms import compile_form
 from gossamer_fx.kinematics import Expr, beam_strain
 from gossamer_fx.materials import constants
 from gossamer_fx.mesh import Mesh
-from gossamer_fx.parts import Array, Kinetic, Part, PointConstraint, PointMeasure, Port, Stored
+from gossamer_fx.parts import Array, Kinetic, Part, PointConstraint, PointMeasure, Port, Stored, Vector
 
 PointFunction = Callable[[Array], Array]
 
@@ -50,7 +50,7 @@ class Beam(Curve):
         mesh: Mesh | DolfinxMesh,
         section: Section,
         *,
-        normal: Sequence[float] = (0.0, 0.0, 1.0),
+        normal: Vector = (0.0, 0.0, 1.0),
         velocity: PointFunction | None = None,
         name: str = "beam",
     ) -> None:

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from gossamer_fx.attachment import Frame
 from gossamer_fx.errors import check
-from gossamer_fx.parts import Array, Block, Part, PointConstraint, PointKinetic, PointMeasure, Port
+from gossamer_fx.parts import Array, Block, Part, PointConstraint, PointKinetic, PointMeasure, Port, Vector
 
 PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
 
@@ -52,11 +52,11 @@ class RigidBody:
         self,
         mass: float,
         inertia: Sequence[float] | npt.NDArray[np.float64],
-        position: Sequence[float] = (0.0, 0.0, 0.0),
+        position: Vector = (0.0, 0.0, 0.0),
         *,
         attitude: npt.ArrayLike = ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
-        velocity: Sequence[float] = (0.0, 0.0, 0.0),
-        spin: Sequence[float] = (0.0, 0.0, 0.0),
+        velocity: Vector = (0.0, 0.0, 0.0),
+        spin: Vector = (0.0, 0.0, 0.0),
         comm: MPI.Intracomm = MPI.COMM_WORLD,
         name: str = "body",
     ) -> None:

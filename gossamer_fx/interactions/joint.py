@@ -12,7 +12,7 @@ a and b attached to the two sides, and p, q, n directions that are fixed in one 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,7 @@ import numpy as np
 
 from gossamer_fx.attachment import Frame, along, initial
 from gossamer_fx.errors import check
-from gossamer_fx.parts import Array, Attached, Part, PointConstraint, PointMeasure, Port
+from gossamer_fx.parts import Array, Attached, Part, PointConstraint, PointMeasure, Port, Vector
 
 COINCIDE = 1e-8  # m
 
@@ -158,7 +158,7 @@ class RevoluteJoint:
 
     a: Frame
     b: Frame
-    axis: Sequence[float]
+    axis: Vector
     name: str = "revolute"
 
     def __post_init__(self) -> None:
@@ -191,7 +191,7 @@ class PrismaticJoint:
 
     a: Frame
     b: Frame
-    axis: Sequence[float]
+    axis: Vector
     name: str = "prismatic"
 
     def __post_init__(self) -> None:

@@ -20,7 +20,7 @@ import numpy as np
 from gossamer_fx.attachment import Frame, along
 from gossamer_fx.errors import check
 from gossamer_fx.interactions.joint import bodies_of, check_sides, perpendicular_pair
-from gossamer_fx.parts import Array, Part, PointDissipated, PointMeasure, PointStored
+from gossamer_fx.parts import Array, Part, PointDissipated, PointMeasure, PointStored, Vector
 
 
 def angles(e0: Array, e1: Array) -> tuple[Array, Array]:
@@ -97,7 +97,7 @@ class TorsionSpring:
 
     a: Frame
     b: Frame
-    axis: Sequence[float]
+    axis: Vector
     stiffness: float
     rest: float = 0.0
     name: str = "torsion spring"
@@ -132,7 +132,7 @@ class TorsionDamper:
 
     a: Frame
     b: Frame
-    axis: Sequence[float]
+    axis: Vector
     coefficient: float
     name: str = "torsion damper"
 

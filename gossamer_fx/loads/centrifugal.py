@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,7 @@ from dolfinx import fem
 
 from gossamer_fx.errors import check
 from gossamer_fx.kinematics import Expr
-from gossamer_fx.parts import Array, Body, Kinetic, Part, PointKinetic, PointSupplied, Port, Supplied
+from gossamer_fx.parts import Array, Body, Kinetic, Part, PointKinetic, PointSupplied, Port, Supplied, Vector
 
 
 class _OnVectors:
@@ -43,8 +43,8 @@ class Centrifugal:
     """
 
     body: Body
-    spin: Sequence[float]
-    centre: Sequence[float] = (0.0, 0.0, 0.0)
+    spin: Vector
+    centre: Vector = (0.0, 0.0, 0.0)
     name: str = ""
 
     def __post_init__(self) -> None:

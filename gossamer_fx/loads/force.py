@@ -11,7 +11,7 @@ import numpy as np
 from gossamer_fx.attachment import Frame
 from gossamer_fx.errors import check
 from gossamer_fx.interactions.joint import bodies_of
-from gossamer_fx.parts import Array, Attached, Part, PointSupplied, Port
+from gossamer_fx.parts import Array, Attached, Part, PointSupplied, Port, Vector
 
 History = Callable[[float], Sequence[float]]
 
@@ -132,7 +132,7 @@ class Force:
     """
 
     port: Port
-    value: Sequence[float] | History
+    value: Vector | History
     name: str = "force"
 
     def requires(self) -> Iterable[Any]:
@@ -152,7 +152,7 @@ class Torque:
     """
 
     frame: Frame
-    value: Sequence[float] | History
+    value: Vector | History
     name: str = "torque"
 
     def requires(self) -> Iterable[Any]:

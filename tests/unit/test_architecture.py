@@ -14,13 +14,13 @@ PACKAGE = Path(gossamer_fx.__file__).parent
 
 # From the ground up; a module imports from its own layer or from those below.  A folder stands for its modules.
 LAYERS = (
-    ("errors", "forms", "kinematics", "schedule", "version", "raw_mesh"),
+    ("errors", "arguments", "forms", "kinematics", "schedule", "version", "raw_mesh"),
     ("materials", "elastica", "mesh", "parts", "assembly"),
     ("discrete_gradient", "numbering", "places", "mesh_quality"),
     ("attachment", "bodies", "gas", "interactions", "loads", "control", "initial"),
     ("load_forces", "point_forces", "point_constraints", "point_loads", "masses", "supports", "totals"),
     ("system", "examination", "scene"),
-    ("linear", "newton", "history", "node_names", "outputs", "log", "interruption"),
+    ("linear", "subdomains", "newton", "history", "node_names", "outputs", "log", "interruption"),
     ("stepping", "step_control", "midpoint", "generalized_alpha", "statics", "form_finding", "vibration"),
     ("events", "checkpoint", "simulate"),
     ("ledger", "progress", "fields", "probes", "recorder", "description", "recording"),

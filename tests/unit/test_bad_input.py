@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,8 +11,10 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.command import main
 from meshes.sheet import sheet
 from meshes.sphere import sphere
+from tests.unit.public_calls import UNCALLED, spoiled, valid_calls
 
 AIR = gx.IdealGas(gamma=1.4, R=287.0)
 LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
@@ -180,3 +183,156 @@ def test_unwritable_folder(folder: Path) -> None:
     WORLD.barrier()
     with pytest.raises(gx.InputError, match="a file"):
         gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3), [gx.Ledger(blocked / "ledger.csv")])
+
+
+# ---- generated: every public name ------------------------------------------------------------------------------------
+
+
+def test_every_public_name_has_a_valid_call(folder: Path) -> None:
+    assert set(valid_calls(folder)) | UNCALLED == set(gx.__all__)
+
+
+@pytest.mark.mpi
+def test_every_argument_of_another_kind_is_one_sentence(folder: Path) -> None:
+    """An argument each of every public call is replaced by what is no number, no vector, or of no use."""
+    tried, silent = 0, []
+    for name, call in valid_calls(folder).items():
+        for argument, bad in spoiled(call):
+            tried += 1
+            try:
+                getattr(gx, name)(**call | {argument: bad})
+            except gx.InputError as error:
+                message = str(error)
+                if "\n" in message or not message.endswith(".") or not 20 < len(message) < 260:
+                    silent.append(f"{name}({argument}={bad!r}): {message}")
+            except Exception as error:
+                silent.append(f"{name}({argument}={bad!r}) raises {type(error).__name__}: {error}")
+            else:
+                silent.append(f"{name}({argument}={bad!r}) is taken")
+    assert not silent, "\n".join(silent)
+    assert tried > 600
+    assert {path.name for path in folder.iterdir()} <= {"log.txt"}
+    logging.getLogger("gossamer_fx").handlers.clear()
+
+
+def test_unknown_and_missing_arguments_are_one_sentence() -> None:
+    with pytest.raises(gx.InputError, match=r"Tank: missing a required .*'volume'.* volume, gas, pressure"):
+        gx.Tank(gas=AIR, pressure=1e5, temperature=300.0)
+    with pytest.raises(gx.InputError, match=r"Midpoint: .*'step'; its arguments are: dt, rule, tolerances\."):
+        gx.Midpoint(dt=0.1, step=2)
+
+
+# ---- what was written before is kept ---------------------------------------------------------------------------------
+
+
+@pytest.mark.mpi
+def test_a_refused_run_destroys_nothing(folder: Path) -> None:
+    """Outputs that are asked for before the one that is refused leave the files of an earlier run alone."""
+    names = ["ledger.csv", "probes.csv"]
+    if WORLD.rank == 0:
+        for name in names:
+            (folder / name).write_text("precious")
+    WORLD.barrier()
+    outputs = [
+        gx.Ledger(folder / "ledger.csv"),
+        gx.Probes(folder / "probes.csv", {"a": lambda run: 1.0}),
+        gx.VTX(folder / "a.bp", fields=("stres",)),
+    ]
+    with pytest.raises(gx.InputError, match="stres"):
+        gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3), outputs)
+    assert [(folder / name).read_text() for name in names] == ["precious"] * 2
+
+
+# ---- the command line ------------------------------------------------------------------------------------------------
+
+GOOD = """
+import gossamer_fx as gx
+from meshes.sheet import sheet
+def build(comm, cells=2, until=2e-3):
+    law = gx.Linear(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
+    return gx.Case(gx.Scene(gx.Membrane(sheet(comm, cells, cells), law)), gx.Midpoint(dt=1e-3), until)
+"""
+SCENES = {
+    "no file": (None, [], "no.py"),
+    "no text": ("\0", [], "scene.py"),
+    "no Python": ("def build(comm:\n", [], "line 1: SyntaxError"),
+    "no build": ("x = 1\n", [], "no function build"),
+    "build without comm": ("def build():\n    pass\n", [], "'comm'"),
+    "build of nothing": ("def build(comm):\n    pass\n", [], "returns NoneType"),
+    "import of nothing": ("import gossamer_fy\n", [], "line 1: ModuleNotFoundError"),
+    "an error inside": ("def build(comm):\n    return 1 / 0\n", [], "line 2: ZeroDivisionError"),
+    "an exit inside": ("raise SystemExit\n", [], "line 1: SystemExit"),
+    "a scene that cannot be": (GOOD.replace("1400.0", "-1.0"), [], "density"),
+    "an option that is unknown": (GOOD, ["cell=3"], "'cell'"),
+    "an option without value": (GOOD, ["cells"], "'cells'"),
+    "an option of another kind": (GOOD, ["until=long"], "until"),
+    "a value that is missing": (GOOD.replace("cells=2", "cells"), [], "cells"),
+    "nothing to restart from": (GOOD, ["--restart"], "checkpoint"),
+    "no ranks": (GOOD, ["--ranks", "0"], "'0'"),
+    "unknown flag": (GOOD, ["--fast"], "--fast"),
+    "a log that cannot be": (GOOD, ["--log", "scene.py/log.txt"], "log.txt"),
+}
+
+
+@pytest.mark.parametrize("case", SCENES)
+def test_run_of_a_bad_scene_is_one_sentence(case: str, tmp_path: Path, monkeypatch, capsys) -> None:
+    text, words, culprit = SCENES[case]
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.path", [*__import__("sys").path])
+    if text is not None:
+        Path("scene.py").write_text(text)
+    try:
+        code = main(["run", "scene.py" if text is not None else "no.py", "-o", "run", *words])
+    except SystemExit as leave:
+        code = leave.code
+    out, err = capsys.readouterr()
+    assert code == 2 and not out
+    assert err.startswith("gossamer: ") and err.count("\n") == 1 and err.endswith(".\n") and culprit in err
+
+
+@pytest.mark.parametrize(
+    "words, culprit",
+    [
+        (["plot", "run", "--field", "stres"], "stres"),
+        (["plot", "run", "--time", "9"], "t = 9 s"),
+        (["plot", "run", "--time", "soon"], "soon"),
+        (["plot", "run", "--strip", "-3"], "-3"),
+        (["plot", "run", "--strip", "3", "--curves"], "one of them"),
+        (["plot", "run", "--output", "a.png"], "--output"),
+        (["plot", "run", "--animate", "avi"], "avi"),
+        (["plot", "nowhere"], "nowhere"),
+        (["report", "nowhere"], "nowhere"),
+        (["report", "run", "--output", "scene.py/report.html"], "report.html"),
+        (["plot"], "run"),
+        (["show", "run"], "show"),
+    ],
+)
+def test_looking_at_what_is_not_there_is_one_sentence(words, culprit, tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("scene.py").write_text(GOOD)
+    assert main(["run", "scene.py", "-o", "run", "--quiet"]) == 0
+    capsys.readouterr()
+    try:
+        code = main(words)
+    except SystemExit as leave:
+        code = leave.code
+    _, err = capsys.readouterr()
+    assert code in (1, 2)
+    assert err.startswith("gossamer: ") and err.count("\n") == 1 and err.endswith(".\n") and culprit in err
+
+
+def test_a_run_is_kept_and_can_go_on(tmp_path: Path, monkeypatch, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("scene.py").write_text(GOOD)
+    assert main(["run", "scene.py", "--dry-run"]) == 0
+    assert "Membrane, 8 cells" in capsys.readouterr().out and not Path("out").exists()
+    assert main(["run", "scene.py", "--quiet"]) == 0
+    ledger = Path("out/scene/ledger.csv").read_text()
+    assert main(["run", "scene.py", "--quiet"]) == 2
+    assert "holds a run already" in capsys.readouterr().err
+    assert Path("out/scene/ledger.csv").read_text() == ledger
+    assert main(["run", "scene.py", "--quiet", "--restart", "until=4e-3"]) == 0
+    assert Path("out/scene/ledger.csv").read_text().startswith(ledger)
+    assert main(["run", "scene.py", "--quiet", "--overwrite"]) == 0
+    assert Path("out/scene/ledger.csv").read_text() == ledger
+    assert gx.Playback("out/scene").times == pytest.approx([0.0, 1e-3, 2e-3])

@@ -12,7 +12,21 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 GOSSAMER = str(ROOT / "gossamer")
-COMMANDS = ("demo", "run", "plot", "report", "study", "test", "python", "mpi", "shell", "lint", "doctor", "setup")
+COMMANDS = (
+    "demo",
+    "run",
+    "plot",
+    "report",
+    "study",
+    "bench",
+    "test",
+    "python",
+    "mpi",
+    "shell",
+    "lint",
+    "doctor",
+    "setup",
+)
 
 pytestmark = pytest.mark.skipif(
     "OMPI_COMM_WORLD_SIZE" in os.environ or "PMI_SIZE" in os.environ, reason="an mpirun cannot start another"
@@ -30,7 +44,7 @@ def launch(*words, program=GOSSAMER, **options):
 def test_help(words):
     done = launch(*words)
     assert done.returncode == 0 and not done.stderr
-    assert len(done.stdout.splitlines()) == 14
+    assert len(done.stdout.splitlines()) == 2 + len(COMMANDS)
     for command in COMMANDS:
         assert re.search(rf"^  {command}\b", done.stdout, re.MULTILINE)
 

@@ -1,0 +1,157 @@
+"""A valid call of every public class and function, from which bad ones are made by changing one argument."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from meshes.line import line
+from meshes.sheet import sheet
+
+WORLD = MPI.COMM_WORLD
+Call = dict[str, Any]
+
+# not called by users, or without arguments
+UNCALLED = {"EndPoint", "Found", "InputError", "Interrupted", "Mesh", "Mode", "NoEquilibrium", "OutputFailure"}
+UNCALLED |= {"StepFailure", "StartFrom", "Scene", "Progress"}
+
+
+def valid_calls(folder: Path) -> dict[str, Call]:
+    """Arguments by the names of gossamer_fx; files are in `folder`."""
+    gas = gx.IdealGas(gamma=1.4, R=287.0)
+    mesh, curve = sheet(WORLD, 2, 2), line(WORLD, [(0, 0, 0), (1, 0, 0)], 2)
+    tube = {"E": 1e11, "nu": 0.3, "density": 1560.0}
+    section = gx.tube(0.02, 5e-4, **tube)
+    film_law = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
+    law = gx.Miyazaki(**film_law)
+    film, beam = gx.Membrane(mesh, law), gx.Beam(curve, section)
+    scene = gx.Scene(film)
+    block, other = gx.RigidBody(1.0, (1.0, 1.0, 1.0)), gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="other")
+    A, B = block.frame(), other.frame()
+    P, Q = gx.PointMass(1.0, (1.0, 0.0, 0.0)).port(), gx.Ground((0.0, 0.0, 0.0))
+    tank = gx.Tank(1e-3, gas=gas, pressure=1e5, temperature=300.0)
+    cable_law = {"EA": 1e5, "line_density": 0.1}
+    z = (0.0, 0.0, 1.0)
+    ends = [(film.port("bottom left"), film.port("bottom right"))]
+    hinge = {"a": A, "b": B, "axis": z}
+    edges = dict.fromkeys(("EA", "GA2", "GA3", "EI2", "EI3", "GJ", "line_density", "rotary2", "rotary3"), 1.0)
+    return {
+        "Ambient": {"pressure": 1.0, "temperature": 300.0},
+        "AreaFraction": {"film": film, "state": "taut"},
+        "At": {"time": 0.1},
+        "AttitudeControl": {"frame": A, "target": z, "stiffness": 1.0, "damping": 1.0, "period": 0.1},
+        "AxialSpring": {"port": P, "stiffness": 1.0, "direction": z, "origin": z},
+        "BallJoint": {"a": P, "b": Q},
+        "Beam": {"mesh": curve, "section": section, "normal": z},
+        "Cable": {"mesh": curve, "law": gx.CableLaw(**cable_law), "order": 1},
+        "CableLaw": cable_law,
+        "Case": {
+            "scene": scene,
+            "stepper": gx.Midpoint(dt=0.1),
+            "until": 1.0,
+            "title": "",
+            "frames": 10,
+            "halvings": 8,
+        },
+        "Centrifugal": {"body": film, "spin": z, "centre": z},
+        "Chamber": {"gas": gas, "pressure": 1e5, "temperature": 300.0, "volume": 1.0},
+        "Checkpoints": {"folder": folder / "checkpoints", "keep": 2},
+        "Clamped": {"body": beam, "group": "start"},
+        "Continuation": {"residual": 1e-8, "step": 2e-3, "growth": 1.6, "cut": 0.5, "inner": 0.1, "patience": 25},
+        "Damper": {"a": P, "b": Q, "coefficient": 1.0},
+        "Damping": {"body": film, "mass": 1.0, "stiffness": 1.0},
+        "Displacement": {"port": P, "axis": "x"},
+        "EdgeCable": {"film": film, "group": "left", "force": 1.0},
+        "EdgeLoad": {"body": film, "group": "left", "force": z},
+        "Elastica": {**film_law, "half_wavelength": 0.01},
+        "Equilibrium": {"scene": scene, "search": gx.Continuation()},
+        "Fixed": {"body": film, "group": "left", "components": (0, 1, 2)},
+        "FixedJoint": {"a": A, "b": B},
+        "Force": {"port": P, "value": z},
+        "Frame": {"origin": Q, "directors": (Q, Q, Q)},
+        "GasState": {"chamber": tank, "quantity": "pressure"},
+        "GeneralizedAlpha": {"dt": 1e-3, "spectral_radius": 0.8},
+        "Gravity": {"body": film, "g": z},
+        "Ground": {"vector": z},
+        "IdealGas": {"gamma": 1.4, "R": 287.0},
+        "Ledger": {"path": folder / "ledger.csv"},
+        "Linear": film_law,
+        "Link": {"a": P, "b": Q},
+        "Membrane": {"mesh": mesh, "law": law, "order": 1, "name": "film"},
+        "Midpoint": {"dt": 1e-3, "rule": gx.PathAverage(), "tolerances": gx.Tolerances()},
+        "Miyazaki": {**film_law, "residual": 1e-6},
+        "Orifice": {"first": tank, "second": gx.Ambient(), "area": 1e-6, "discharge_coefficient": 0.8, "laminar": 1e-5},
+        "PathAverage": {"points": 10},
+        "Picture": {"path": folder / "a.png", "times": (0.1,), "title": ""},
+        "Piston": {"port": P, "area": 1.0, "direction": z},
+        "PointMass": {"mass": 1.0, "position": z, "velocity": z},
+        "Port": {"body": film, "nodes": (0,), "weights": (1.0,)},
+        "Position": {"port": P, "axis": "x"},
+        "Prescribed": {"body": film, "group": "left", "motion": lambda x, t: x, "components": (0, 1, 2)},
+        "Pressure": {"body": film, "value": 1.0},
+        "Prestress": {**film_law, "tension": 10.0},
+        "PrismaticJoint": hinge,
+        "Probes": {"path": folder / "a.csv", "probes": {"a": lambda run: 0.0}, "every": 1, "times": (0.1,)},
+        "Recording": {"folder": folder / "run", "fields": {}, "every": 10, "times": (0.1,), "title": ""},
+        "Reservoir": {"pressure": 1e5, "temperature": 300.0},
+        "RevoluteJoint": hinge,
+        "RigidBody": {"mass": 1.0, "inertia": (1.0, 1.0, 1.0), "position": z, "velocity": z, "spin": z},
+        "RigidMotion": {"spin": z, "velocity": z, "centre": z},
+        "Ring": {"film": film, "edges": "left"},
+        "Rope": {"a": P, "b": Q, "length": 1.0, "stiffness": 1.0},
+        "Section": edges,
+        "Simulation": {"scene": scene, "stepper": gx.Midpoint(dt=0.1), "outputs": [], "halvings": 8},
+        "Spring": {"a": P, "b": Q, "stiffness": 1.0, "length": 1.0},
+        "StepControl": {"iterations": 15, "error": 1e-3, "growth": 1.5, "cut": 0.5, "smallest": 1e-9},
+        "Stop": {"a": P, "b": Q, "distance": 1.0, "stiffness": 1.0},
+        "Tank": {"volume": 1e-3, "gas": gas, "pressure": 1e5, "temperature": 300.0},
+        "Tape": {"film": film, "law": gx.CableLaw(**cable_law), "bars": ends, "lengths": [1.0]},
+        "TensionField": film_law,
+        "TensionOnly": cable_law,
+        "Tolerances": {"relative": 1e-10, "absolute": 0.0, "floor": 4.0, "border": 1e-12, "iterations": 40},
+        "Torque": {"frame": A, "value": z},
+        "TorsionDamper": {**hinge, "coefficient": 1.0},
+        "TorsionSpring": {**hinge, "stiffness": 1.0, "rest": 0.0},
+        "VTX": {"path": folder / "a.bp", "fields": ("displacement",), "every": 1, "times": (0.1,)},
+        "Velocity": {"port": P, "axis": "x"},
+        "WallHeat": {"chamber": tank, "conductance": 1.0, "temperature": 300.0},
+        "When": {"probe": lambda run: 0.0, "value": 1.0, "tolerance": 1e-9},
+        "find_form": {"film": film, "scene": lambda: scene, "change": 1e-6, "updates": 200},
+        "gmsh_mesh": {"build": lambda model: None, "comm": WORLD},
+        "ground_frame": {"point": z},
+        "latest": {"folder": folder},
+        "log_to": {"comm": WORLD, "file": folder / "log.txt", "quiet": False},
+        "modes": {"equilibrium": None, "count": 3, "spin": z, "above": 0.0},
+        "patch": {"centre": P, "points": [P, P, P]},
+        "Playback": {"folder": folder / "no run"},
+        "animate": {"run": None, "field": "state", "path": folder / "a.gif", "seconds": 6.0},
+        "plot_curves": {"run": None, "path": folder / "a.png"},
+        "plot_field": {"run": None, "field": "state", "times": (0.0,), "path": folder / "a.png"},
+        "plot_strip": {"run": None, "field": "state", "path": folder / "a.png", "count": 6},
+        "read_mesh": {"path": folder / "no.msh", "comm": WORLD},
+        "rectangle": {"width2": 0.1, "width3": 0.1, **tube},
+        "solid_circle": {"radius": 0.1, **tube},
+        "tube": {"outer_radius": 0.02, "wall": 5e-4, **tube},
+        "write_report": {"run": None, "path": folder / "a.html"},
+    }
+
+
+def spoiled(call: Call) -> Iterator[tuple[str, Any]]:
+    """Arguments and values that no call of this project can take in their place."""
+    for argument, value in call.items():
+        if argument in ("build", "scene") and callable(value):
+            continue
+        if isinstance(value, bool):
+            bad: list[Any] = ["x"]
+        elif isinstance(value, int | float):
+            bad = [math.nan, "x", (1.0, 2.0, 3.0, 4.0), object()]
+        elif isinstance(value, tuple) and len(value) == 3 and isinstance(value[0], float):
+            bad = [(math.nan, 0.0, 0.0), (0.0, math.inf, 0.0), (0.0, 0.0), "xyz", 7.0, object()]
+        else:
+            bad = [3.7, object()]
+        yield from ((argument, one) for one in bad)
