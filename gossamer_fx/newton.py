@@ -132,6 +132,9 @@ class Newton:
         ksp, pc = self._snes.getKSP().getType(), self._preconditioner.getType()
         whole = sum(self.seconds.values()) or 1.0
         shares = ", ".join(f"{what} {seconds / whole:.0%}" for what, seconds in self.seconds.items())
+        impossible = next(filter(None, (border.impossible() for border in self.system.borders)), "")
+        if impossible:
+            raise NotConverged(impossible)
         krylov = self.linear_iterations / max(self.all_iterations, 1)
         return f"{ksp} with {pc}, {krylov:.1f} iterations for one of Newton's; {shares}"
 

@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import adios2
@@ -93,6 +94,18 @@ def vtx_times(folder: Path) -> list[float]:
     return times
 
 
+def wait_for(run: subprocess.Popen[str], happened: Callable[[], bool]) -> None:
+    """As long as the run lives."""
+    deadline = time.monotonic() + 120
+    while not happened():
+        assert run.poll() is None and time.monotonic() < deadline, (run.kill(), run.communicate())
+        time.sleep(0.05)
+
+
+def rows(table: Path) -> int:
+    return sum(1 for _ in table.open()) if table.is_file() else 0
+
+
 def wait_until_ready(run: subprocess.Popen[str]) -> None:
     assert run.stdout is not None
     assert run.stdout.readline().strip() == "ready", run.communicate()[1]
@@ -128,8 +141,7 @@ def test_a_signal_ends_the_run_after_its_step(tmp_path: Path, number: signal.Sig
     out = tmp_path / "run"
     run = start(ranks, out, "--every", "1000", steps=100_000)
     wait_until_ready(run)
-    while not (out / "ledger.csv").is_file() or sum(1 for _ in (out / "ledger.csv").open()) < 5:
-        time.sleep(0.05)
+    wait_for(run, lambda: rows(out / "ledger.csv") >= 5)
     os.kill(ranks_of(run)[-1], number)
     _, said = run.communicate(timeout=120)
     told = re.search(rf"stopped by {number.name} at t = \S+ s, after step (\d+); restart from '(.*)'", said)
@@ -145,12 +157,11 @@ def test_a_rank_that_dies_ends_the_run_and_nothing_is_lost(tmp_path: Path) -> No
     reference, out = whole(tmp_path), tmp_path / "run"
     run = start(2, out, steps=100_000)
     wait_until_ready(run)
-    while len(list(out.glob("checkpoints/step-*"))) < 2 or gx.latest(out / "checkpoints").name < "step-00000006":
-        time.sleep(0.05)
+    wait_for(run, lambda: rows(out / "ledger.csv") >= 10)
     os.kill(ranks_of(run)[-1], signal.SIGKILL)
     _, said = run.communicate(timeout=120)
     assert run.returncode != 0
-    assert "exited on signal 9" in said
+    assert "exited on signal 9" in " ".join(said.split())
     again = start(1, out, "--restart")
     words = again.communicate(timeout=300)
     assert again.returncode == 0, words
