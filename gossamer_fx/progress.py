@@ -61,13 +61,10 @@ class Progress:
             self._bar = _bar(self._stream)
             self._bar.add_task("")
             self._bar.start()
-        self._bar.update(
-            self._bar.task_ids[0],
-            completed=run.time,
-            total=run.until,
-            description=f"t = {run.time:.6g} of {run.until:.6g} s   h = {run.system.h:.3g} s   step {run.step}   "
-            f"{run.last_iterations} iterations   ledger {error:+.1e}",
-        )
+        h = run.system.h if run.step else run.stepping.wanted
+        counts = f"step {run.step}  {run.last_iterations} it.  ledger {error:+.0e}"
+        words = f"{run.time:.4g}/{run.until:.4g} s  h {h:.2g} s  {counts}"
+        self._bar.update(self._bar.task_ids[0], completed=run.time, total=run.until, description=words)
         self._bar.refresh()
 
     def close(self, run: Simulation) -> None:

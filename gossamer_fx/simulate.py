@@ -186,7 +186,7 @@ class Simulation:
             while (left := milestone - self.time) > 1e-9 * self.stepping.wanted:
                 recorded = self.step
                 try:
-                    ended = self._advance(left / math.ceil(left / self.stepping.wanted - 1e-9), milestone)
+                    ended = self._advance(left / math.ceil(left / self.stepping.wanted - 1e-6), milestone)
                 except StepFailure:
                     if self.step > recorded:
                         self._record(last=True)

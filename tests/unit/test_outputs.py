@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import csv
+import io
+import logging
 import subprocess
 import sys
 from functools import cache
@@ -397,3 +399,52 @@ def test_fields_of_one_file_share_one_element() -> None:
         sizes = {f.function_space.dofmap.index_map.size_global for f in functions}
         assert sizes == ({3 * cells} if nodes == 3 else {film.block.index_map.size_global})
         assert all(isinstance(f, fem.Function) for f in functions)
+
+
+# ---- what a run says -----------------------------------------------------------------------------------------------
+
+
+class Terminal(io.StringIO):
+    """What a person sees."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_terminal_shows_a_bar_and_anything_else_lines() -> None:
+    seen = {Terminal(): ("h 0.001 s", "━", "100%", "0:00:00"), io.StringIO(): ("t = 0.005 of 0.005 s",)}
+    for stream, words in seen.items():
+        fall(falling_film(), [gx.Progress(stream, seconds=0.0)])
+        said = stream.getvalue()
+        for word in (*words, "step 5", "ledger", "5 steps in", "energy closes to"):
+            assert word in said
+        assert ("\x1b[" in said) == isinstance(stream, Terminal)
+
+
+@pytest.mark.mpi
+def test_the_log_is_written_by_one_rank_and_kept_from_a_quiet_terminal(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = logging.getLogger("gossamer_fx")
+    gx.log_to(COMM, folder / "run.log", quiet=True)
+    try:
+        film = falling_film()
+        events = [gx.At(2 * DT, name="half-way"), gx.At(4 * DT, stop=True, name="enough")]
+        run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=DT), events=events)
+        run.run(until=1.0)
+        log.warning("something is odd")
+        log.warning("rank %d is odd", COMM.rank, extra={"every_rank": True})
+    finally:
+        for handler in list(log.handlers):
+            log.removeHandler(handler)
+            handler.close()
+    COMM.barrier()
+    written = (folder / "run.log").read_text().splitlines()
+    assert [line.split(maxsplit=3)[2:] for line in written[:2]] == [
+        ["INFO", "half-way at t = 0.002 s"],
+        ["INFO", "enough at t = 0.004 s"],
+    ]
+    assert sum("something is odd" in line for line in written) == 1
+    assert run.step == 4
+    assert "half-way" not in capsys.readouterr().err
+    COMM.barrier()
