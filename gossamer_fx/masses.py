@@ -28,15 +28,24 @@ class Masses:
         self._points = [(bodies.index(p.body), p) for p in parts if isinstance(p, PointKinetic)]
         self._attached = [p for p in parts if isinstance(p, AttachedKinetic)]
 
+    @property
+    def at_points(self) -> bool:
+        """Whether there are others than those of meshes."""
+        return bool(self._points or self._attached)
+
     def add(self, M: PETSc.Mat) -> None:
         """Add the mass matrix to M."""
-        for k, part in self._on_meshes:
-            at = self._fields[k]
-            self._numbering.assemble(M, k, [compile_form(part.mass(at.dq, at.w))])
+        for k in self._fields:
+            self._numbering.assemble(M, k, self.forms(k))
         for rows, mass in self._nodes():
             M.setValues(rows, rows, np.kron(mass, np.eye(3)), addv=PETSc.InsertMode.ADD_VALUES)
         for attached in self._attached:
             add_mass(M, self._numbering, self._bodies, attached)
+
+    def forms(self, k: int) -> list[fem.Form]:
+        """The bilinear forms of the mass of body k, which is on a mesh."""
+        at = self._fields[k]
+        return [compile_form(part.mass(at.dq, at.w)) for j, part in self._on_meshes if j == k]
 
     def gyroscopic(self, G: PETSc.Mat, spin: tuple[float, float, float]) -> None:
         """Add the matrix of the Coriolis force 2 M (ω×v) in a frame that turns with ω = `spin` [rad/s]."""

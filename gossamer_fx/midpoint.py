@@ -20,25 +20,28 @@ class Midpoint:
 
     Conserves energy, momentum and angular momentum to the tolerance of the nonlinear solve, for every step size and
     every sequence of them (Simo & Tarnow, ZAMP 43 (1992) 757, with the stress of `discrete_gradient.PathAverage`).
+
+    `subdomains`, "bddc" or "fetidp", solves a single body by domain decomposition, each rank a subdomain.
     """
 
     dt: float
     rule: PathAverage = field(default_factory=PathAverage)
     tolerances: Tolerances = field(default_factory=Tolerances)
+    subdomains: str | None = None
 
     def __post_init__(self) -> None:
         check(math.isfinite(self.dt) and self.dt > 0, f"Midpoint: dt is {self.dt!r}; give a positive step in seconds.")
 
     def start(self, system: System) -> MidpointSolver:
-        return MidpointSolver(system, self.tolerances)
+        return MidpointSolver(system, self.tolerances, self.subdomains)
 
 
 class MidpointSolver:
     """One step at a time on a compiled system."""
 
-    def __init__(self, system: System, tolerances: Tolerances) -> None:
+    def __init__(self, system: System, tolerances: Tolerances, subdomains: str | None = None) -> None:
         self._system = system
-        self.newton = Newton(system, tolerances)
+        self.newton = Newton(system, tolerances, subdomains=subdomains)
         self._predictor, self._v1 = system.numbering.vector(), system.numbering.vector()
 
     def step(self, h: float) -> int:

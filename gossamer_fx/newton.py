@@ -50,9 +50,16 @@ class Newton:
 
     PETSc options with prefix `gx_` apply (e.g. `-gx_snes_monitor`, `-gx_snes_linesearch_type cp`).  `direct` factorises
     the matrix whatever its size: without much inertia a film with slack parts is too ill-conditioned for the others.
+    `subdomains` is a method of domain decomposition, see `subdomains.METHODS`.
     """
 
-    def __init__(self, system: System, tolerances: Tolerances = Tolerances(), direct: bool = False) -> None:
+    def __init__(
+        self,
+        system: System,
+        tolerances: Tolerances = Tolerances(),
+        direct: bool = False,
+        subdomains: str | None = None,
+    ) -> None:
         self.system, self.tolerances = system, tolerances
         comm = system.comm
         self._scalars = sum(b.size for b in system.borders)
@@ -72,7 +79,15 @@ class Newton:
             options["snes_linesearch_type"] = "basic"
         snes.setFunction(self._function, self._F)
         ksp, saddle = snes.getKSP(), direct or system.constraints is not None
-        if self._scalars:
+        self._tangent = system.tangent
+        if subdomains is not None:
+            from gossamer_fx.subdomains import Subdomains, configure
+
+            parts = Subdomains(system)
+            self._tangent, J = parts.tangent, parts.matrix
+            configure(ksp, subdomains)
+            self._preconditioner = ksp.getPC()
+        elif self._scalars:
             self._bordered = linear.Bordered(self._composite, system.A)
             J = PETSc.Mat().createPython((self._x.getSizes(), self._x.getSizes()), self._bordered, comm)
             J.setUp()
@@ -104,6 +119,7 @@ class Newton:
         self._reference, self._floor = 0.0, 0.0
         predictor.copy(self._r)
         self.system.supports.prescribe(self._r, self.system.time + self.system.h)
+        self._held = self._r.array_r[self.system.supports.held]
         self._composite.join(self._r, y, self._x)
         self._snes.setTolerances(stol=0.0, max_it=self.tolerances.iterations)  # a small step is no solution
         before = self.seconds["law"] + self.seconds["assembly"]
@@ -116,6 +132,9 @@ class Newton:
         self.linear_iterations += self._snes.getLinearSolveIterations()
         if reason <= 0:
             raise NotConverged(self._complaint(reason, self.iterations))
+        impossible = next(filter(None, (border.impossible() for border in self.system.borders)), "")
+        if impossible:
+            raise NotConverged(impossible)
         return self._composite.split(self._x)[1], self.iterations
 
     @property
@@ -123,18 +142,11 @@ class Newton:
         """Residual [N] below which the last solve could not go: `floor` units in the last place of its forces."""
         return self._floor
 
-    def _function(self, snes: PETSc.SNES, x: PETSc.Vec, F: PETSc.Vec) -> None:
-        z, y = self._composite.split(x)
-        with self._clock("law"):
-            self.system.move(z, self._base)
     def summary(self) -> str:
         """The linear solver, its iterations, and where the time of all solves went."""
         ksp, pc = self._snes.getKSP().getType(), self._preconditioner.getType()
         whole = sum(self.seconds.values()) or 1.0
         shares = ", ".join(f"{what} {seconds / whole:.0%}" for what, seconds in self.seconds.items())
-        impossible = next(filter(None, (border.impossible() for border in self.system.borders)), "")
-        if impossible:
-            raise NotConverged(impossible)
         krylov = self.linear_iterations / max(self.all_iterations, 1)
         return f"{ksp} with {pc}, {krylov:.1f} iterations for one of Newton's; {shares}"
 
@@ -146,7 +158,18 @@ class Newton:
         finally:
             self.seconds[what] += time.perf_counter() - started
 
+    def _function(self, snes: PETSc.SNES, x: PETSc.Vec, F: PETSc.Vec) -> None:
+        z, y = self._split(x)
+        with self._clock("law"):
+            self.system.move(z, self._base)
         self._evaluate(y, F)
+
+    def _split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
+        """Fields and scalars of x; held coordinates have their values, which not every linear solver keeps exactly."""
+        z, y = self._composite.split(x)
+        with z as values:
+            values[self.system.supports.held] = self._held
+        return z, y
 
     def _evaluate(self, y: Array, F: PETSc.Vec) -> None:
         with self._clock("assembly"):
@@ -155,7 +178,7 @@ class Newton:
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         with self._clock("assembly"):
-            A = self.system.tangent()
+            A = self._tangent()
         if self._scalars:
             self._bordered.set(*self.system.coupling())
             J.assemble()
@@ -172,7 +195,7 @@ class Newton:
             self._reference = self.system.imbalance(self._r)[0]
         if self._solved():
             # convergence is judged on the true strain, and if it is not reached the iteration goes on from there
-            z, y = self._composite.split(snes.getSolution())
+            z, y = self._split(snes.getSolution())
             with self._clock("law"):
                 self.system.move(z, None)
             self._evaluate(y, snes.getFunction()[0])

@@ -132,7 +132,7 @@ class System:
 
     def inertia(self, c: float, a: PETSc.Vec) -> None:
         """Choose c and a of the residual's c M (q1 - a)."""
-        self._c, self._a = c, a
+        self.c, self._a = c, a
 
     def move(self, z: PETSc.Vec, base: PETSc.Vec | None) -> None:
         """Set q1 = z.  Strains follow linearly from `base`, or are the true ones if it is None."""
@@ -152,7 +152,7 @@ class System:
         s = [b.residual(part) for b, part in self._split(y)]
         self._scratch.waxpy(-1.0, self._a, self.q1)
         self.M.mult(self._scratch, r)
-        r.scale(self._c)
+        r.scale(self.c)
         for b in self._forces.values():
             b.array[:] = 0
         for k, force in self._elements:
@@ -201,7 +201,7 @@ class System:
     def tangent(self) -> PETSc.Mat:
         """Derivative of the field residual with respect to q1."""
         self.M.copy(self.A, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        self.A.scale(self._c)
+        self.A.scale(self.c)
         self._add_tangents()
         self.A.assemble()
         self.supports.clear(self.A, 1.0)
@@ -321,12 +321,20 @@ class System:
         owned = self.numbering.owned(k)
         values[owned] += b[: owned.stop - owned.start]
 
+    def tangent_forms(self, k: int) -> list[fem.Form]:
+        """The bilinear forms of the tangent of body k."""
+        forms = [f.tangent for j, f in self._elements if j == k]
+        forms += [f.tangent for j, f in self.loads if j == k and f.tangent]
+        return forms + [form for border in self.borders for form in border.tangents(self.bodies[k])]
+
+    @property
+    def couples_points(self) -> bool:
+        """Whether something acts on or between points: forces, constraints, masses."""
+        return bool(self._points or self._pushes or self.constraints or self.masses.at_points)
+
     def _add_tangents(self) -> None:
-        for k, body in enumerate(self.bodies):
-            forms = [f.tangent for j, f in self._elements if j == k]
-            forms += [f.tangent for j, f in self.loads if j == k and f.tangent]
-            forms += [form for border in self.borders for form in border.tangents(body)]
-            self.numbering.assemble(self.A, k, forms)
+        for k in range(len(self.bodies)):
+            self.numbering.assemble(self.A, k, self.tangent_forms(k))
         if self._points:
             self._points.add_tangents(self.q1, self.A)
         if self._pushes:
