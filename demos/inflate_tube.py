@@ -18,6 +18,7 @@ Where the values come from:
     residual 1e-6      ratio of compressive to tensile stiffness; no result depends on it visibly
 
     ./gossamer demo inflate_tube
+    ./gossamer run demos/inflate_tube.py cells=14 --output out/tube; ./gossamer report out/tube
 """
 
 from __future__ import annotations
@@ -31,10 +32,10 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.outputs import Output
-from gossamer_fx.probes import GAS
 from gossamer_fx.schedule import Schedule
 from meshes.tube import flat_tube
 
+TITLE = "A tube pressed flat, deployed from a tank"
 LENGTH, DIAMETER = 0.8, 0.058  # m
 FILM = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual=1e-6)
 NITROGEN = gx.IdealGas(gamma=1.4, R=296.8)
@@ -85,6 +86,15 @@ class Table:
                 print("".join(word.rjust(11) for word in row))
 
 
+def build(comm: MPI.Comm, cells: int = 14, until: float = 0.05, dt: float = 1e-4) -> gx.Case:
+    """The tube of `cells` cells across, its tank and the valve, until the time `until` [s] in steps of `dt` [s]."""
+    film = gx.Membrane(flat_tube(comm, LENGTH, DIAMETER, cells), FILM)
+    tube = gx.Chamber(film, gas=NITROGEN, pressure=1.0, temperature=293.0, dead_volume=1e-6, name="tube")
+    tank = gx.Tank(20e-6, gas=NITROGEN, pressure=1.5e6, temperature=293.0)
+    valve = gx.Orifice(tank, tube, area=valve_area, discharge_coefficient=0.8, name="valve")
+    return gx.Case(gx.Scene(film, tube, valve), gx.Midpoint(dt=dt), until, title=TITLE)
+
+
 def main(
     cells: int = 14,
     until: float = 0.05,
@@ -94,24 +104,16 @@ def main(
 ) -> dict[str, float]:
     """Deploy a tube of `cells` cells across until the time `until` [s] in steps of `dt` [s]; state of the tube then.
 
-    With `output`, a folder: the ledger, probes, fields for ParaView, and a picture.
+    With `output`, a folder: the recording of the run, and a picture.
     """
-    film = gx.Membrane(flat_tube(comm, LENGTH, DIAMETER, cells), FILM)
-    tube = gx.Chamber(film, gas=NITROGEN, pressure=1.0, temperature=293.0, dead_volume=1e-6, name="tube")
-    tank = gx.Tank(20e-6, gas=NITROGEN, pressure=1.5e6, temperature=293.0)
-    valve = gx.Orifice(tank, tube, area=valve_area, discharge_coefficient=0.8, name="valve")
-
+    case = build(comm, cells, until, dt)
+    film = next(body for body in case.scene.bodies if isinstance(body, gx.Membrane))
     outputs: list[Output] = [gx.Progress(), Table(film, np.linspace(0, until, 9)[1:].tolist())]
     if output is not None:
         out = Path(output)
         looks = (np.array([0.04, 0.1, 0.2, 0.4, 0.7, 1.0]) * until).tolist()
-        outputs += [
-            gx.Ledger(out / "ledger.csv"),
-            gx.Probes(out / "gas.csv", {f"{c.name} {q}": gx.GasState(c, q) for c in (tube, tank) for q in GAS}),
-            gx.VTX(out / "tube.bp", fields=("displacement", "state", "stress1", "strain2"), every=5),
-            gx.Picture(out / "tube.png", times=looks, title="A tube pressed flat, deployed from a tank"),
-        ]
-    run = gx.Simulation(gx.Scene(film, tube, valve), gx.Midpoint(dt=dt), outputs)
+        outputs += [case.recording(out), gx.Picture(out / "tube.png", times=looks, title=TITLE)]
+    run = case.simulation(outputs)
     run.run(until=until)
 
     state = run.chamber("tube")
