@@ -68,6 +68,7 @@ def extract(model: Any) -> RawMesh:
     cells = np.vstack(found)
     used = np.unique(cells)
     _check(bool(np.isin(used, tags).all()), "Cells of the mesh have nodes that it does not list; write it again.")
+    _check(not _folded(cells), "Cells of the mesh have one node twice; remove them, or write the mesh again.")
     _check(
         len(np.unique(np.sort(cells, axis=1), axis=0)) == len(cells),
         "Two cells of the mesh have the same nodes: where two sheets meet at a corner, choose the triangles so that "
@@ -84,6 +85,7 @@ def extract(model: Any) -> RawMesh:
         entities = [_elements(model, d, s) for s in model.getEntitiesForPhysicalGroup(d, g)]
         nodes = np.vstack([e for e in entities if len(e)] or [np.zeros((0, d + 1), dtype=np.int64)])
         nodes = nodes[np.isin(nodes, used).all(axis=1)]
+        _check(not _folded(nodes), "Elements of the mesh's groups have one node twice; write the mesh again.")
         groups[model.getPhysicalName(d, g) or str(g)] = d, np.searchsorted(used, nodes)
     return RawMesh(kind, order, points, np.searchsorted(used, cells), groups)
 
@@ -96,6 +98,12 @@ def _elements(model: Any, dim: int, entity: int) -> Integers:
     _check(len(kinds) == 1, "A group of the mesh holds elements of several kinds; use one kind.")
     width = model.mesh.getElementProperties(kinds[0])[3]
     return np.asarray(nodes[0], dtype=np.int64).reshape(-1, width)
+
+
+def _folded(entities: Integers) -> bool:
+    """Whether some entities have one node twice, at which dolfinx would crash."""
+    nodes = np.sort(entities, axis=1)
+    return bool((nodes[:, 1:] == nodes[:, :-1]).any())
 
 
 def _check(condition: bool, message: str) -> None:

@@ -133,6 +133,18 @@ def test_orientation_of_the_cells_survives(comm):
 
 
 @pytest.mark.mpi
+@pytest.mark.parametrize("cells, culprit", [([0, 1, 1], "one node twice"), ([0, 1, 2] * 2, "same nodes")])
+def test_cells_that_cannot_be_are_told(comm, cells, culprit):
+    def build(model):
+        surface = model.addDiscreteEntity(2)
+        model.mesh.addNodes(2, surface, [], [0, 0, 0, 1, 0, 0, 0, 1, 0])
+        model.mesh.addElementsByType(surface, 2, [], np.array(cells) + 1)
+
+    with pytest.raises(InputError, match=culprit):
+        gmsh_mesh(build, comm)
+
+
+@pytest.mark.mpi
 def test_unknown_group_is_told_with_the_known_ones(comm):
     with pytest.raises(InputError, match=r"no group 'lid'.*bottom.*film"):
         sheet(comm, 2, 2).group("lid")
