@@ -135,7 +135,7 @@ class LocalError:
 
     def __init__(self, system: System) -> None:
         self._system = system
-        self.acceleration, self._v, self._a, self._Me = (system.numbering.vector() for _ in range(4))
+        self.acceleration, self._v, self._a, self._e, self._Me = (system.numbering.vector() for _ in range(5))
         self.before = 0.0  # h₋; 0: there is none
         self._mass = self._total_mass()
         check(
@@ -164,10 +164,9 @@ class LocalError:
         self._h = h
         if not self.before:
             return 0.0
-        e = self._v.duplicate()
-        e.waxpy(-1.0, self.acceleration, a)
-        system.M.mult(e, self._Me)
-        return h**3 / 6 / (h + self.before) * float(np.sqrt(max(e.dot(self._Me), 0.0) / self._mass))
+        self._e.waxpy(-1.0, self.acceleration, a)
+        system.M.mult(self._e, self._Me)
+        return h**3 / 6 / (h + self.before) * float(np.sqrt(max(self._e.dot(self._Me), 0.0) / self._mass))
 
     def accept(self) -> None:
         """The step stands."""
