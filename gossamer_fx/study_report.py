@@ -53,7 +53,7 @@ def table(study: Study, results: list[Result]) -> str:
 
 
 def summary(studies: list[tuple[Study, list[Result]]]) -> str:
-    """Markdown: of every study, measure and element, what the finest cases leave at worst."""
+    """Markdown: of every study, measure and element, what the finest cases leave at worst, and orders if expected."""
     lines = ["| study | measure | element | largest error | order | CPU time [s] |", "|---" * 6 + "|"]
     for study, results in studies:
         groups: dict[str, list[list[Result]]] = {}
@@ -64,8 +64,8 @@ def summary(studies: list[tuple[Study, list[Result]]]) -> str:
         for measure in study.measures:
             for element, found in groups.items():
                 finest = [curve[-1] for curve in found]
-                orders = [order(study, measure, curve[0], curve[-1]) for curve in found if len(curve) > 1]
-                orders = [rate for rate in orders if math.isfinite(rate)]
+                smooth = [c for c in found if len(c) > 1 and math.isfinite(measure.rate(c[-1].case))]
+                orders = [order(study, measure, curve[0], curve[-1]) for curve in smooth]
                 cells = [study.name, measure.name, element, _number(max(_error(measure, r) for r in finest), 2)]
                 cells += [_span(orders, 1, "f"), _span([r.values["seconds"] for r in finest], 2, "g")]
                 lines.append("| " + " | ".join(cells) + " |")
@@ -104,8 +104,9 @@ def picture(study: Study, results: list[Result], path: Path) -> None:
     from matplotlib.ticker import NullFormatter
 
     rows, found = len(study.measures), curves(study, results)
+    size = (11, rows * max(3.3, 0.165 * len(found)) + 0.4)  # a line of the legend for each curve
     figure, panels = pyplot.subplots(
-        rows, 2, figsize=(11, 3.3 * rows + 0.4), squeeze=False, sharey="row", sharex="col", layout="constrained"
+        rows, 2, figsize=size, squeeze=False, sharey="row", sharex="col", layout="constrained"
     )
     colours, sizes = _colours(found), sorted({study.size(r.case) for r in results})
     for measure, (left, right) in zip(study.measures, panels, strict=True):

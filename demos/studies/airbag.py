@@ -89,7 +89,7 @@ STUDY = Study(
     (
         Measure("w_M", 0.2164, 5e-3),
         Measure("u_A", 0.0494, 2e-2),
-        Measure("V", 0.1250, 5e-3),
+        Measure("V", 0.1250, 5e-3, lambda case: 2.0),
         Measure("σ1_M", 3.92e6, 4e-2),
     ),
     quick={"law": ["Miyazaki 1e-6", "Elastica 0.4 m"], "cells": [4, 8]},
