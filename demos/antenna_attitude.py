@@ -130,7 +130,7 @@ def main(
             gx.Picture(out / f"antenna_{case}.png", times=np.array([2.0, 4.0, 8.0, 16.0, 40.0]) * until / 40),
         ]
     scene = gx.Scene(*model.items, gx.BallJoint(centre, gx.Ground((0, 0, 0)), "centre"), control)
-    run = gx.Simulation(scene, gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-12)), outputs)
+    run = gx.Simulation(scene, gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-12, floor=1.0)), outputs)
     run.run(until=until)
 
     table = record.table

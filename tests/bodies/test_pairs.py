@@ -1,4 +1,4 @@
-"""Every body alone, every pair with every joint, and scenes put together at random: nothing is lost (property tests)."""
+"""Every body alone, every pair with every joint, scenes put together at random: nothing is lost (property tests)."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
-
-import gossamer_fx as gx
 from pairs import (
     AXIS,
     BODIES,
@@ -24,6 +22,8 @@ from pairs import (
     port,
     spring,
 )
+
+import gossamer_fx as gx
 
 WITHOUT_SHRINKING = (Phase.explicit, Phase.generate)  # an example takes seconds
 numbers = st.tuples(*[st.floats(-3, 3)] * 6).filter(lambda n: np.linalg.norm(n) > 0.5)
