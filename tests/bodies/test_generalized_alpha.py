@@ -24,7 +24,7 @@ def oscillator(stepper: gx.GeneralizedAlpha) -> float:
 
 
 def physical_pendulum(stepper: gx.GeneralizedAlpha) -> float:
-    """Error of the angle of a rod, hinged at its end and released at 1 rad from the vertical, after 1 s, g = 9.81 m/s².
+    """Error of the angle of a bar, hinged at its end and released at 1 rad from the vertical, after 1 s, g = 9.81.
 
     θ'' = -(3g/2) sin θ; the exact angle is that of the Jacobi function sn.
     """
