@@ -45,16 +45,20 @@ def is_vector(value: Any) -> bool:
 
 
 def on_rank_zero[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T | None:
-    """Run `task` on rank 0; an `InputError` there is raised on every rank.  Other ranks get None."""
-    result, message = None, None
+    """Run `task` on rank 0; an error there is raised on every rank.  Other ranks get None."""
+    result, failure = None, None
     if comm.rank == 0:
         try:
             result = task()
-        except InputError as error:
-            message = str(error)
-    message = comm.bcast(message)
-    if message is not None:
-        raise InputError(message)
+        except Exception as error:
+            failure = error
+    known = type(failure) if type(failure).__module__ in ("builtins", __name__) else RuntimeError
+    told = comm.bcast((known, str(failure)) if failure else None)
+    if failure is not None:
+        raise failure
+    if told is not None:
+        kind, words = told
+        raise kind(words)
     return result
 
 
