@@ -41,7 +41,7 @@ class GeneralizedAlpha:
 
     def __post_init__(self) -> None:
         check(
-            math.isfinite(self.dt) and self.dt > 0,
+            math.isfinite(self.dt) and self.dt > 1e-100,
             f"GeneralizedAlpha: dt is {self.dt!r}; give a positive step in seconds.",
         )
         check(
