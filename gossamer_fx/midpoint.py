@@ -30,7 +30,10 @@ class Midpoint:
     subdomains: str | None = None
 
     def __post_init__(self) -> None:
-        check(math.isfinite(self.dt) and self.dt > 1e-100, f"Midpoint: dt is {self.dt!r}; give a positive step in seconds.")
+        check(
+            math.isfinite(self.dt) and self.dt > 1e-100,
+            f"Midpoint: dt is {self.dt!r}; give a positive step in seconds.",
+        )
 
     def start(self, system: System) -> MidpointSolver:
         return MidpointSolver(system, self.tolerances, self.subdomains)

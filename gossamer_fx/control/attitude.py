@@ -13,7 +13,7 @@ from gossamer_fx.control.rotation import euler_angles, euler_axes, position_grad
 from gossamer_fx.errors import check
 from gossamer_fx.interactions.joint import bodies_of
 from gossamer_fx.loads.force import Couple, cross_matrix
-from gossamer_fx.parts import Array, Part, PointSupplied, Port
+from gossamer_fx.parts import Array, Part, PointSupplied, Port, Vector
 
 
 def patch(centre: Port, points: Sequence[Port]) -> Frame:
@@ -121,9 +121,9 @@ class AttitudeControl:
     def __init__(
         self,
         frame: Frame,
-        target: Sequence[float],
-        stiffness: float | Sequence[float],
-        damping: float | Sequence[float],
+        target: Vector,
+        stiffness: float | Vector,
+        damping: float | Vector,
         *,
         axes: Sequence[Sequence[float]] = ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
         period: float = 0.0,
