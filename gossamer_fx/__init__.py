@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from gossamer_fx.bodies.sections import solid_circle as solid_circle
     from gossamer_fx.bodies.sections import tube as tube
     from gossamer_fx.case import Case as Case
-    from gossamer_fx.checkpoint import Checkpoints as Checkpoints
-    from gossamer_fx.checkpoint import latest as latest
     from gossamer_fx.control.attitude import AttitudeControl as AttitudeControl
     from gossamer_fx.control.attitude import patch as patch
     from gossamer_fx.discrete_gradient import EndPoint as EndPoint
@@ -34,8 +32,6 @@ if TYPE_CHECKING:
     from gossamer_fx.errors import NoEquilibrium as NoEquilibrium
     from gossamer_fx.errors import OutputFailure as OutputFailure
     from gossamer_fx.errors import StepFailure as StepFailure
-    from gossamer_fx.events import At as At
-    from gossamer_fx.events import When as When
     from gossamer_fx.form_finding import EdgeCable as EdgeCable
     from gossamer_fx.form_finding import Prestress as Prestress
     from gossamer_fx.form_finding import find_form as find_form
@@ -67,8 +63,6 @@ if TYPE_CHECKING:
     from gossamer_fx.interactions.tape import Tape as Tape
     from gossamer_fx.interactions.torsion import TorsionDamper as TorsionDamper
     from gossamer_fx.interactions.torsion import TorsionSpring as TorsionSpring
-    from gossamer_fx.interruption import Interrupted as Interrupted
-    from gossamer_fx.ledger import Ledger as Ledger
     from gossamer_fx.loads.centrifugal import Centrifugal as Centrifugal
     from gossamer_fx.loads.damping import Damping as Damping
     from gossamer_fx.loads.edge_load import EdgeLoad as EdgeLoad
@@ -76,7 +70,6 @@ if TYPE_CHECKING:
     from gossamer_fx.loads.force import Torque as Torque
     from gossamer_fx.loads.gravity import Gravity as Gravity
     from gossamer_fx.loads.pressure import Pressure as Pressure
-    from gossamer_fx.log import log_to as log_to
     from gossamer_fx.materials import Linear as Linear
     from gossamer_fx.materials import Miyazaki as Miyazaki
     from gossamer_fx.materials import TensionField as TensionField
@@ -87,28 +80,35 @@ if TYPE_CHECKING:
     from gossamer_fx.newton import Tolerances as Tolerances
     from gossamer_fx.parts import Ground as Ground
     from gossamer_fx.parts import Port as Port
-    from gossamer_fx.picture import Picture as Picture
-    from gossamer_fx.playback import Playback as Playback
-    from gossamer_fx.plot import animate as animate
-    from gossamer_fx.plot import plot_curves as plot_curves
-    from gossamer_fx.plot import plot_field as plot_field
-    from gossamer_fx.plot import plot_strip as plot_strip
-    from gossamer_fx.probes import AreaFraction as AreaFraction
-    from gossamer_fx.probes import Displacement as Displacement
-    from gossamer_fx.probes import GasState as GasState
-    from gossamer_fx.probes import Position as Position
-    from gossamer_fx.probes import Velocity as Velocity
-    from gossamer_fx.progress import Progress as Progress
-    from gossamer_fx.recorder import VTX as VTX
-    from gossamer_fx.recorder import Probes as Probes
-    from gossamer_fx.recording import Recording as Recording
-    from gossamer_fx.report import write_report as write_report
+    from gossamer_fx.pictures.picture import Picture as Picture
+    from gossamer_fx.pictures.playback import Playback as Playback
+    from gossamer_fx.pictures.plot import animate as animate
+    from gossamer_fx.pictures.plot import plot_curves as plot_curves
+    from gossamer_fx.pictures.plot import plot_field as plot_field
+    from gossamer_fx.pictures.plot import plot_strip as plot_strip
+    from gossamer_fx.pictures.report import write_report as write_report
+    from gossamer_fx.records.ledger import Ledger as Ledger
+    from gossamer_fx.records.probes import AreaFraction as AreaFraction
+    from gossamer_fx.records.probes import Displacement as Displacement
+    from gossamer_fx.records.probes import GasState as GasState
+    from gossamer_fx.records.probes import Position as Position
+    from gossamer_fx.records.probes import Velocity as Velocity
+    from gossamer_fx.records.progress import Progress as Progress
+    from gossamer_fx.records.recorder import VTX as VTX
+    from gossamer_fx.records.recorder import Probes as Probes
+    from gossamer_fx.records.recording import Recording as Recording
+    from gossamer_fx.running.checkpoint import Checkpoints as Checkpoints
+    from gossamer_fx.running.checkpoint import latest as latest
+    from gossamer_fx.running.events import At as At
+    from gossamer_fx.running.events import When as When
+    from gossamer_fx.running.interruption import Interrupted as Interrupted
+    from gossamer_fx.running.log import log_to as log_to
+    from gossamer_fx.running.step_control import StepControl as StepControl
     from gossamer_fx.scene import Scene as Scene
     from gossamer_fx.simulate import Simulation as Simulation
     from gossamer_fx.statics import Continuation as Continuation
     from gossamer_fx.statics import Equilibrium as Equilibrium
     from gossamer_fx.statics import Found as Found
-    from gossamer_fx.step_control import StepControl as StepControl
     from gossamer_fx.vibration import Mode as Mode
     from gossamer_fx.vibration import modes as modes
 
@@ -121,12 +121,10 @@ _HOME = {
     "bodies.rigid_body": ["RigidBody"],
     "bodies.sections": ["Section", "rectangle", "solid_circle", "tube"],
     "case": ["Case"],
-    "checkpoint": ["Checkpoints", "latest"],
     "control.attitude": ["AttitudeControl", "patch"],
     "discrete_gradient": ["EndPoint", "PathAverage"],
     "elastica": ["Elastica"],
     "errors": ["InputError", "NoEquilibrium", "OutputFailure", "StepFailure"],
-    "events": ["At", "When"],
     "form_finding": ["EdgeCable", "Prestress", "find_form"],
     "gas.enclosure": ["Piston"],
     "gas.ideal_gas": ["IdealGas"],
@@ -141,32 +139,34 @@ _HOME = {
     "interactions.spring": ["AxialSpring", "Damper", "Rope", "Spring", "Stop"],
     "interactions.tape": ["Tape"],
     "interactions.torsion": ["TorsionDamper", "TorsionSpring"],
-    "interruption": ["Interrupted"],
-    "ledger": ["Ledger"],
     "loads.centrifugal": ["Centrifugal"],
     "loads.damping": ["Damping"],
     "loads.edge_load": ["EdgeLoad"],
     "loads.force": ["Force", "Torque"],
     "loads.gravity": ["Gravity"],
     "loads.pressure": ["Pressure"],
-    "log": ["log_to"],
     "materials": ["Linear", "Miyazaki", "TensionField"],
     "mesh": ["Mesh", "gmsh_mesh", "read_mesh"],
     "midpoint": ["Midpoint"],
     "newton": ["Tolerances"],
     "parts": ["Ground", "Port"],
-    "picture": ["Picture"],
-    "playback": ["Playback"],
-    "plot": ["animate", "plot_curves", "plot_field", "plot_strip"],
-    "probes": ["AreaFraction", "Displacement", "GasState", "Position", "Velocity"],
-    "progress": ["Progress"],
-    "recorder": ["VTX", "Probes"],
-    "recording": ["Recording"],
-    "report": ["write_report"],
+    "pictures.picture": ["Picture"],
+    "pictures.playback": ["Playback"],
+    "pictures.plot": ["animate", "plot_curves", "plot_field", "plot_strip"],
+    "pictures.report": ["write_report"],
+    "records.ledger": ["Ledger"],
+    "records.probes": ["AreaFraction", "Displacement", "GasState", "Position", "Velocity"],
+    "records.progress": ["Progress"],
+    "records.recorder": ["VTX", "Probes"],
+    "records.recording": ["Recording"],
+    "running.checkpoint": ["Checkpoints", "latest"],
+    "running.events": ["At", "When"],
+    "running.interruption": ["Interrupted"],
+    "running.log": ["log_to"],
+    "running.step_control": ["StepControl"],
     "scene": ["Scene"],
     "simulate": ["Simulation"],
     "statics": ["Continuation", "Equilibrium", "Found"],
-    "step_control": ["StepControl"],
     "vibration": ["Mode", "modes"],
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
@@ -178,7 +178,8 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"gossamer_fx has no '{name}'; its names are: {', '.join(__all__)}")
     from gossamer_fx.arguments import guarded
 
-    return guarded(getattr(import_module(f"gossamer_fx.{_MODULE[name]}"), name))
+    thing = globals()[name] = guarded(getattr(import_module(f"gossamer_fx.{_MODULE[name]}"), name))
+    return thing
 
 
 def __dir__() -> list[str]:

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING
 
 from gossamer_fx.errors import check
 from gossamer_fx.outputs import Output, Probe
-from gossamer_fx.recording import Recording
+from gossamer_fx.records.recording import Recording
+from gossamer_fx.running.stepping import Stepper
 from gossamer_fx.scene import Scene
 from gossamer_fx.simulate import Simulation
-from gossamer_fx.stepping import Stepper
 
 if TYPE_CHECKING:
-    from gossamer_fx.checkpoint import Checkpoints
-    from gossamer_fx.events import Event
-    from gossamer_fx.step_control import StepControl
+    from gossamer_fx.running.checkpoint import Checkpoints
+    from gossamer_fx.running.events import Event
+    from gossamer_fx.running.step_control import StepControl
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,7 +39,7 @@ def main(words: Sequence[str]) -> int:
     from mpi4py import MPI
 
     from gossamer_fx.errors import InputError, NoEquilibrium, OutputFailure, StepFailure
-    from gossamer_fx.interruption import together
+    from gossamer_fx.running.interruption import together
 
     comm = MPI.COMM_WORLD
     try:
@@ -104,11 +104,11 @@ def _positive(word: str) -> int:
 
 
 def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
-    from gossamer_fx.checkpoint import Checkpoints
     from gossamer_fx.errors import check
-    from gossamer_fx.log import log_to
     from gossamer_fx.outputs import Output
-    from gossamer_fx.progress import Progress
+    from gossamer_fx.records.progress import Progress
+    from gossamer_fx.running.checkpoint import Checkpoints
+    from gossamer_fx.running.log import log_to
 
     folder: Path = wanted.output or Path("out") / wanted.scene.stem
     free = wanted.dry_run or wanted.restart or wanted.overwrite or not (folder / "run.json").exists()
@@ -132,8 +132,8 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
 
 def _show(case: Case, comm: MPI.Intracomm) -> None:
     """Compile a case, and print what it contains and what is strange about it."""
-    from gossamer_fx.description import describe, lines
     from gossamer_fx.examination import self_intersections, suspicions
+    from gossamer_fx.records.description import describe, lines
 
     run = case.simulation()
     about = describe(run)
@@ -239,8 +239,8 @@ def _end(comm: MPI.Intracomm, words: str, code: int = 1) -> NoReturn:
 
 def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     from gossamer_fx.errors import check
-    from gossamer_fx.playback import Playback
-    from gossamer_fx.plot import animate, default_field, plot_curves, plot_field, plot_strip
+    from gossamer_fx.pictures.playback import Playback
+    from gossamer_fx.pictures.plot import animate, default_field, plot_curves, plot_field, plot_strip
 
     run, folder = Playback(wanted.run), wanted.run
     chosen = [w for w in ("time", "strip", "animate", "curves") if getattr(wanted, w)]
@@ -262,8 +262,8 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
 
 
 def _report(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
-    from gossamer_fx.playback import Playback
-    from gossamer_fx.report import write_report
+    from gossamer_fx.pictures.playback import Playback
+    from gossamer_fx.pictures.report import write_report
 
     run = Playback(wanted.run)
     _told(wanted.output or wanted.run / "report.html", lambda path: write_report(run, path))

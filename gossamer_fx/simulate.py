@@ -13,19 +13,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gossamer_fx.errors import StepFailure, check
-from gossamer_fx.history import History
-from gossamer_fx.interruption import Interrupted, Listener, together
-from gossamer_fx.log import LOGGER
 from gossamer_fx.outputs import Output, begin
+from gossamer_fx.running.history import History
+from gossamer_fx.running.interruption import Interrupted, Listener, together
+from gossamer_fx.running.log import LOGGER
+from gossamer_fx.running.stepping import EqualSteps, Stepper, Stepping
 from gossamer_fx.scene import Scene
-from gossamer_fx.stepping import EqualSteps, Stepper, Stepping
 from gossamer_fx.totals import Totals
 
 if TYPE_CHECKING:
-    from gossamer_fx.checkpoint import Checkpoints
-    from gossamer_fx.events import Event, Watch
     from gossamer_fx.gas.state import ChamberState
-    from gossamer_fx.step_control import StepControl
+    from gossamer_fx.running.checkpoint import Checkpoints
+    from gossamer_fx.running.events import Event, Watch
+    from gossamer_fx.running.step_control import StepControl
 
 
 _COUNTS = ("step", "iterations", "substeps", "last_iterations", "seconds")
@@ -88,13 +88,13 @@ class Simulation:
     def _watch_for(self, events: Sequence[Event]) -> Watch | None:
         if not events:
             return None
-        from gossamer_fx.events import Watch
+        from gossamer_fx.running.events import Watch
 
         return Watch(self, events, self.history)
 
     def _restart(self, restart: str | Path) -> list[tuple[str, dict[str, Any]]]:
         """Take the state of a checkpoint; returns where its outputs stood."""
-        from gossamer_fx.checkpoint import read
+        from gossamer_fx.running.checkpoint import read
 
         cursors = read(self, restart)
         self.tell(f"restarted at t = {self.time:.9g} s, step {self.step}")

@@ -13,8 +13,6 @@ from scipy.linalg import block_diag
 
 from gossamer_fx.assembly import Border, InitialCondition
 from gossamer_fx.discrete_gradient import Coordinates, ElementForces, StressRule
-from gossamer_fx.load_forces import LoadForces
-from gossamer_fx.masses import Masses
 from gossamer_fx.numbering import Numbering
 from gossamer_fx.parts import (
     Array,
@@ -29,10 +27,12 @@ from gossamer_fx.parts import (
     Supplied,
     is_on_mesh,
 )
-from gossamer_fx.point_constraints import PointConstraints, multiplier_block
-from gossamer_fx.point_forces import PointForces
-from gossamer_fx.point_loads import PointLoads
-from gossamer_fx.supports import Supports
+from gossamer_fx.roles.load_forces import LoadForces
+from gossamer_fx.roles.masses import Masses
+from gossamer_fx.roles.point_constraints import PointConstraints, multiplier_block
+from gossamer_fx.roles.point_forces import PointForces
+from gossamer_fx.roles.point_loads import PointLoads
+from gossamer_fx.roles.supports import Supports
 from gossamer_fx.totals import Totals
 
 

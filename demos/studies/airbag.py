@@ -14,8 +14,8 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.fields import AreaFractions, FieldFunctions
 from gossamer_fx.materials import FilmLaw
+from gossamer_fx.records.fields import AreaFractions, FieldFunctions
 from gossamer_fx.study import Measure, Study
 from meshes.sheet import crossed_sheet
 

@@ -20,8 +20,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.airbag import displacement
-from gossamer_fx.fields import AreaFractions
 from gossamer_fx.materials import FilmLaw
+from gossamer_fx.records.fields import AreaFractions
 from gossamer_fx.study import Measure, Study
 from meshes.sheet import sheet
 

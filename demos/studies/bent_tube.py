@@ -19,8 +19,8 @@ from mpi4py import MPI
 from scipy.optimize import brentq
 
 import gossamer_fx as gx
-from gossamer_fx.fields import AreaFractions
 from gossamer_fx.parts import Array
+from gossamer_fx.records.fields import AreaFractions
 from gossamer_fx.study import Measure, Study
 from meshes.tube_section import cylinder
 

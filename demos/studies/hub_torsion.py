@@ -24,8 +24,8 @@ from dolfinx.mesh import compute_midpoints
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.fields import FieldFunctions
 from gossamer_fx.materials import FilmLaw
+from gossamer_fx.records.fields import FieldFunctions
 from gossamer_fx.study import Measure, Study
 from meshes.disc import ring
 

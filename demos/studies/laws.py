@@ -15,8 +15,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies import airbag, bending_strip
-from gossamer_fx.fields import AreaFractions
 from gossamer_fx.materials import FilmLaw
+from gossamer_fx.records.fields import AreaFractions
 from gossamer_fx.study import Study
 
 K, STRIP_CELLS, AIRBAG_CELLS = 2.0, 24, 16

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.step_control import LocalError
+from gossamer_fx.running.step_control import LocalError
 from tests.survival.scenes import filled_tube, fluttering_sheet, turning_beam
 
 COMM = MPI.COMM_WORLD

@@ -18,17 +18,16 @@ LAYERS = (
     ("materials", "elastica", "mesh", "parts", "assembly"),
     ("discrete_gradient", "numbering", "places", "mesh_quality"),
     ("attachment", "bodies", "gas", "interactions", "loads", "control", "initial"),
-    ("load_forces", "point_forces", "point_constraints", "point_loads", "masses", "supports", "totals"),
+    ("roles", "totals"),
     ("system", "examination", "scene"),
-    ("linear", "subdomains", "newton", "history", "node_names", "outputs", "log", "interruption"),
-    ("stepping", "step_control", "midpoint", "generalized_alpha", "statics", "form_finding", "vibration"),
-    ("events", "checkpoint", "simulate"),
-    ("ledger", "progress", "fields", "probes", "recorder", "description", "recording"),
-    ("case", "curves", "colours", "camera", "rasterise", "view", "page", "picture", "study", "study_report"),
-    ("playback", "run_curves", "plot", "viewer", "report"),
+    ("linear", "subdomains", "newton", "outputs"),
+    ("running", "midpoint", "generalized_alpha", "statics", "form_finding", "vibration"),
+    ("simulate",),
+    ("records",),
+    ("case", "pictures", "study", "study_report"),
     ("command", "__main__"),
 )
-HEAVY = {"gmsh", "matplotlib", "pyvista", "slepc4py", "adios4dolfinx", "h5py", "rich", "pandas"}
+HEAVY = {"gmsh", "matplotlib", "pyvista", "slepc4py", "h5py", "rich", "pandas"}
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 MODULES = sorted(p for p in PACKAGE.rglob("*.py") if p != PACKAGE / "__init__.py")
 

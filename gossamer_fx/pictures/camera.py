@@ -11,8 +11,8 @@ from mpi4py import MPI
 
 from gossamer_fx.materials import SLACK, TAUT, WRINKLED
 from gossamer_fx.parts import Array
-from gossamer_fx.rasterise import Canvas
-from gossamer_fx.view import Shape, unit
+from gossamer_fx.pictures.rasterise import Canvas
+from gossamer_fx.pictures.view import Shape, unit
 
 # blue, orange, light grey: told apart with any colour vision, and in print by their brightness
 STATE_COLOURS = {SLACK: (0.18, 0.49, 0.75), WRINKLED: (0.96, 0.65, 0.14), TAUT: (0.87, 0.88, 0.89)}

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gossamer_fx.errors import check, on_rank_zero, write_on_all
-from gossamer_fx.fields import FieldFunctions, check_fields
 from gossamer_fx.outputs import Probe, Table, ask, make_parent
 from gossamer_fx.parts import MeshBody, is_on_mesh
+from gossamer_fx.records.fields import FieldFunctions, check_fields
 from gossamer_fx.schedule import Schedule
 from gossamer_fx.simulate import Simulation
 

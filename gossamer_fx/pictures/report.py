@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from gossamer_fx.description import lines
 from gossamer_fx.errors import OutputFailure, check
-from gossamer_fx.playback import Playback
-from gossamer_fx.plot import default_field, plot_curves, plot_strip
-from gossamer_fx.viewer import view_data
+from gossamer_fx.pictures.playback import Playback
+from gossamer_fx.pictures.plot import default_field, plot_curves, plot_strip
+from gossamer_fx.pictures.viewer import view_data
+from gossamer_fx.records.description import lines
 
 _STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #33383d; max-width: 1180px; margin: 2em auto; padding: 0 1em; }

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gossamer_fx.curves import scaled
 from gossamer_fx.parts import Array
-from gossamer_fx.view import Integers
+from gossamer_fx.pictures.curves import scaled
+from gossamer_fx.pictures.view import Integers
 
 UNITS = {
     "displacement": "m",

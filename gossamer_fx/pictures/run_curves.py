@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gossamer_fx.curves import LINES, Moment, Panel, panels, scaled
-from gossamer_fx.fields import STATES
 from gossamer_fx.parts import Array
-from gossamer_fx.playback import Playback, Tables
+from gossamer_fx.pictures.curves import LINES, Moment, Panel, panels, scaled
+from gossamer_fx.pictures.playback import Playback, Tables
+from gossamer_fx.records.fields import STATES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,9 +9,9 @@ import numpy.typing as npt
 from dolfinx import fem, la
 
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.fields import film_state
 from gossamer_fx.forms import compile_expression
 from gossamer_fx.parts import Array, MeshBody, is_on_mesh
+from gossamer_fx.records.fields import film_state
 from gossamer_fx.system import System
 
 Integers = npt.NDArray[np.int64]

@@ -24,9 +24,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gossamer_fx.errors import InputError, check, check_on_all, on_rank_zero, write_on_all
-from gossamer_fx.node_names import all_names, fetch, mesh_name
 from gossamer_fx.outputs import Continued, make_parent
 from gossamer_fx.parts import is_on_mesh
+from gossamer_fx.running.node_names import all_names, fetch, mesh_name
 from gossamer_fx.totals import Totals
 from gossamer_fx.version import VERSION
 

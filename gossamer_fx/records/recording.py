@@ -23,13 +23,13 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.description import describe, versions
 from gossamer_fx.errors import InputError, on_rank_zero
-from gossamer_fx.ledger import Ledger
 from gossamer_fx.outputs import Output, Probe, make_parent
 from gossamer_fx.parts import Body, is_on_mesh
-from gossamer_fx.probes import GAS, AreaFraction, GasState
-from gossamer_fx.recorder import VTX, Probes
+from gossamer_fx.records.description import describe, versions
+from gossamer_fx.records.ledger import Ledger
+from gossamer_fx.records.probes import GAS, AreaFraction, GasState
+from gossamer_fx.records.recorder import VTX, Probes
 from gossamer_fx.schedule import Schedule
 from gossamer_fx.simulate import Simulation
 

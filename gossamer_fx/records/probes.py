@@ -9,8 +9,8 @@ from petsc4py import PETSc
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.errors import check
-from gossamer_fx.fields import STATES, AreaFractions
 from gossamer_fx.parts import Array, Port
+from gossamer_fx.records.fields import STATES, AreaFractions
 from gossamer_fx.simulate import Simulation
 
 if TYPE_CHECKING:

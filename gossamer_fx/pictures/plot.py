@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.camera import BY_STATE, STATE_COLOURS, Camera, aim, render
-from gossamer_fx.colours import NAMES, Scale, scale
-from gossamer_fx.curves import scaled
 from gossamer_fx.errors import InputError, OutputFailure, check
-from gossamer_fx.fields import STATES
-from gossamer_fx.page import DPI, arrange, write
 from gossamer_fx.parts import Array
-from gossamer_fx.playback import Playback
-from gossamer_fx.run_curves import run_curves
-from gossamer_fx.view import Integers, Shape
+from gossamer_fx.pictures.camera import BY_STATE, STATE_COLOURS, Camera, aim, render
+from gossamer_fx.pictures.colours import NAMES, Scale, scale
+from gossamer_fx.pictures.curves import scaled
+from gossamer_fx.pictures.page import DPI, arrange, write
+from gossamer_fx.pictures.playback import Playback
+from gossamer_fx.pictures.run_curves import run_curves
+from gossamer_fx.pictures.view import Integers, Shape
+from gossamer_fx.records.fields import STATES
 
 ALONE = MPI.COMM_SELF
 _SAMPLES = 24  # frames that decide on scale and camera

@@ -13,8 +13,8 @@ import numpy as np
 from gossamer_fx.errors import InputError, check
 from gossamer_fx.mesh_quality import ALIKE, area_vectors
 from gossamer_fx.parts import Array
-from gossamer_fx.recording import FORMAT, file_name
-from gossamer_fx.view import Integers, Shape, smooth
+from gossamer_fx.pictures.view import Integers, Shape, smooth
+from gossamer_fx.records.recording import FORMAT, file_name
 
 Tables = dict[str, Array]
 

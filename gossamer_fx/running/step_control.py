@@ -10,9 +10,9 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.errors import check
-from gossamer_fx.history import History
 from gossamer_fx.newton import NotConverged
-from gossamer_fx.stepping import StepSolver, step_failure
+from gossamer_fx.running.history import History
+from gossamer_fx.running.stepping import StepSolver, step_failure
 from gossamer_fx.system import System
 
 SAFETY = 0.9

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.camera import BY_STATE, STATE_COLOURS, aim, render
-from gossamer_fx.curves import Moment, observe, panels, scaled
 from gossamer_fx.errors import check
-from gossamer_fx.fields import STATES, AreaFractions
 from gossamer_fx.outputs import make_parent
-from gossamer_fx.page import DPI, arrange, write
+from gossamer_fx.pictures.camera import BY_STATE, STATE_COLOURS, aim, render
+from gossamer_fx.pictures.curves import Moment, observe, panels, scaled
+from gossamer_fx.pictures.page import DPI, arrange, write
+from gossamer_fx.pictures.view import Shape, Sight
+from gossamer_fx.records.fields import STATES, AreaFractions
 from gossamer_fx.schedule import Schedule
 from gossamer_fx.simulate import Simulation
-from gossamer_fx.view import Shape, Sight
 
 MOST_SHAPES = 24
 

@@ -9,9 +9,9 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from gossamer_fx.colours import Scale
-from gossamer_fx.curves import INK, Panel
 from gossamer_fx.parts import Array
+from gossamer_fx.pictures.colours import Scale
+from gossamer_fx.pictures.curves import INK, Panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

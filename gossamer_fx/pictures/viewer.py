@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.colours import NAMES, Scale
-from gossamer_fx.curves import scaled
 from gossamer_fx.parts import Array
-from gossamer_fx.playback import Playback, Segment
-from gossamer_fx.plot import Colouring, colouring, default_field
-from gossamer_fx.view import Integers
+from gossamer_fx.pictures.colours import NAMES, Scale
+from gossamer_fx.pictures.curves import scaled
+from gossamer_fx.pictures.playback import Playback, Segment
+from gossamer_fx.pictures.plot import Colouring, colouring, default_field
+from gossamer_fx.pictures.view import Integers
 
 _BYTES = 6_000_000  # of positions and colours, about
 _MOST_FRAMES, _MOST_VERTICES = 80, 20_000

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from gossamer_fx.errors import check
-from gossamer_fx.history import History
 from gossamer_fx.outputs import Probe, ask
-from gossamer_fx.stepping import Stepping
+from gossamer_fx.running.history import History
+from gossamer_fx.running.stepping import Stepping
 
 if TYPE_CHECKING:
     from gossamer_fx.simulate import Simulation

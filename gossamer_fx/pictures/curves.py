@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gossamer_fx.camera import STATE_COLOURS
-from gossamer_fx.fields import STATES, AreaFractions
 from gossamer_fx.parts import Array
+from gossamer_fx.pictures.camera import STATE_COLOURS
+from gossamer_fx.records.fields import STATES, AreaFractions
 from gossamer_fx.simulate import Simulation
 
 if TYPE_CHECKING:

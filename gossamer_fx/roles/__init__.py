@@ -1,0 +1,1 @@
+"""Roles of parts, compiled: what assembles vectors and matrices."""

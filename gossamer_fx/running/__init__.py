@@ -1,0 +1,1 @@
+"""Running a scene: steps and their control, events, signals, checkpoints, the log."""
