@@ -18,6 +18,9 @@ import ufl
 from dolfinx import default_scalar_type, fem
 from dolfinx.mesh import Mesh
 from mpi4py import MPI
+from ufl.corealg.map_dag import map_expr_dag
+from ufl.corealg.multifunction import MultiFunction
+from ufl.variable import Label
 
 
 @cache
@@ -54,7 +57,25 @@ def compile_form(form: ufl.Form) -> fem.Form:
 def compile_expression(expression: Any, points: npt.NDArray[np.float64]) -> fem.Expression:
     """Compile an expression for evaluation at `points` of the reference cell, shape (n, tdim)."""
     comm = ufl.domain.extract_unique_domain(expression).ufl_cargo().comm
-    return _with_cache(comm, lambda: fem.Expression(expression, points, jit_options=_options()))
+    named = map_expr_dag(_NumberLabels(), expression)
+    return _with_cache(comm, lambda: fem.Expression(named, points, jit_options=_options()))
+
+
+class _NumberLabels(MultiFunction):
+    """Numbers the labels of `ufl.variable` from zero.
+
+    The program numbers them in the order in which they are made, and UFL puts the numbers into the signature: without
+    this each film after the first would compile its law anew.
+    """
+
+    expr = MultiFunction.reuse_if_untouched
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._labels: dict[Label, Label] = {}
+
+    def label(self, label: Label) -> Label:
+        return self._labels.setdefault(label, Label(len(self._labels)))
 
 
 def _with_cache[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T:

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem, mesh
+from mpi4py import MPI
 
+import gossamer_fx as gx
 from gossamer_fx import forms
+from meshes.sheet import sheet
 
 
 @pytest.fixture
@@ -53,3 +56,22 @@ def test_an_error_of_the_compiler_is_shown(comm, cache):
 
     with pytest.raises(RuntimeError, match="no space"):
         forms._with_cache(comm, task)
+
+
+def test_a_law_is_compiled_once_whatever_was_compiled_before(monkeypatch):
+    """The signature of an expression does not depend on how many variables the program has made."""
+    from ffcx.codegeneration import jit
+
+    made = []
+    original = jit.compile_expressions
+
+    def counted(expressions, *args, **kwargs):
+        result = original(expressions, *args, **kwargs)
+        made.append(result[1].__name__)
+        return result
+
+    monkeypatch.setattr(jit, "compile_expressions", counted)
+    for _ in range(2):
+        film = gx.Membrane(sheet(MPI.COMM_SELF, 1, 1), gx.Miyazaki(1e9, 0.3, 1e3, 1e-4, residual=1e-6))
+        gx.Scene(film).compile()
+    assert len(made) > 0 and len(set(made)) == len(made) / 2
