@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from gossamer_fx.discrete_gradient import PathAverage
+from gossamer_fx.discrete_gradient import PathAverage, StressRule
 from gossamer_fx.errors import check
 from gossamer_fx.newton import Newton, Tolerances
 from gossamer_fx.system import System
@@ -25,7 +25,7 @@ class Midpoint:
     """
 
     dt: float
-    rule: PathAverage = field(default_factory=PathAverage)
+    rule: StressRule = field(default_factory=PathAverage)
     tolerances: Tolerances = field(default_factory=Tolerances)
     subdomains: str | None = None
 
