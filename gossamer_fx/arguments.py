@@ -57,6 +57,7 @@ _TESTS: dict[str, Test] = {
     "Stepper": (lambda v: hasattr(v, "start") and hasattr(v, "dt"), "a stepper, e.g. Midpoint(dt=1e-3)"),
     "Output": (lambda v: hasattr(v, "record"), "an output, e.g. Ledger"),
     "Volume": (lambda v: hasattr(v, "gas"), "a chamber or tank"),
+    "StressRule": (lambda v: hasattr(v, "alpha"), "a rule, e.g. PathAverage()"),
     "Body": (lambda v: hasattr(v, "block"), "a body"),
     "MeshBody": (lambda v: hasattr(v, "block") and hasattr(v, "space"), "a body on a mesh"),
 }
