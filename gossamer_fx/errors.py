@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
@@ -30,6 +31,15 @@ def check(condition: bool, message: str) -> None:
     """Raise `InputError(message)` unless `condition` holds; for conditions that are the same on every rank."""
     if not condition:
         raise InputError(message)
+
+
+def check_positive(item: Any, quantity: str, unit: str) -> None:
+    """Raise `InputError` unless that attribute of a named item is a positive number."""
+    value = getattr(item, quantity)
+    check(
+        math.isfinite(value) and value > 0,
+        f"{type(item).__name__} '{item.name}': {quantity} is {value!r} {unit}; give a positive one.",
+    )
 
 
 def check_on_all(comm: MPI.Intracomm, condition: bool, message: str) -> None:

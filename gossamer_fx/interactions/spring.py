@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.attachment import initial
-from gossamer_fx.errors import check, is_vector
+from gossamer_fx.errors import check, check_positive, is_vector
 from gossamer_fx.interactions.joint import bodies_of, check_sides
 from gossamer_fx.parts import Array, Attached, Part, PointDissipated, PointMeasure, PointStored, Port
 
@@ -103,10 +102,7 @@ class Spring:
 
     def __post_init__(self) -> None:
         check_sides("Spring", self.name, self.a, self.b)
-        check(
-            math.isfinite(self.stiffness) and self.stiffness > 0,
-            f"Spring '{self.name}': stiffness is {self.stiffness!r} N/m; give a positive one.",
-        )
+        check_positive(self, "stiffness", "N/m")
         check(self.length >= 0, f"Spring '{self.name}': length is {self.length!r} m; give none or a positive one.")
 
     def requires(self) -> Iterable[Any]:
@@ -135,10 +131,7 @@ class Rope:
 
     def __post_init__(self) -> None:
         check_sides("Rope", self.name, self.a, self.b)
-        check(
-            math.isfinite(self.stiffness) and self.stiffness > 0,
-            f"Rope '{self.name}': stiffness is {self.stiffness!r} N/m; give a positive one.",
-        )
+        check_positive(self, "stiffness", "N/m")
         check(self.length > 0, f"Rope '{self.name}': length is {self.length!r} m; give a positive one.")
 
     def requires(self) -> Iterable[Any]:
@@ -170,14 +163,8 @@ class Stop:
 
     def __post_init__(self) -> None:
         check_sides("Stop", self.name, self.a, self.b)
-        check(
-            math.isfinite(self.stiffness) and self.stiffness > 0,
-            f"Stop '{self.name}': stiffness is {self.stiffness!r} N/m; give a positive one.",
-        )
-        check(
-            math.isfinite(self.distance) and self.distance > 0,
-            f"Stop '{self.name}': distance is {self.distance!r} m; give a positive one.",
-        )
+        check_positive(self, "stiffness", "N/m")
+        check_positive(self, "distance", "m")
 
     def requires(self) -> Iterable[Any]:
         yield from bodies_of(self.a, self.b)
@@ -203,10 +190,7 @@ class Damper:
 
     def __post_init__(self) -> None:
         check_sides("Damper", self.name, self.a, self.b)
-        check(
-            math.isfinite(self.coefficient) and self.coefficient > 0,
-            f"Damper '{self.name}': coefficient is {self.coefficient!r} N s/m; give a positive one.",
-        )
+        check_positive(self, "coefficient", "N s/m")
 
     def requires(self) -> Iterable[Any]:
         yield from bodies_of(self.a, self.b)

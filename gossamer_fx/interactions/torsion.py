@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.attachment import Frame, along
-from gossamer_fx.errors import check
+from gossamer_fx.errors import check, check_positive
 from gossamer_fx.interactions.joint import bodies_of, check_sides, perpendicular_pair
 from gossamer_fx.parts import Array, Part, PointDissipated, PointMeasure, PointStored, Vector
 
@@ -105,10 +105,7 @@ class TorsionSpring:
     def __post_init__(self) -> None:
         check_sides("TorsionSpring", self.name, self.a, self.b)
         check(any(self.axis), f"TorsionSpring '{self.name}': axis has no length; give its direction.")
-        check(
-            math.isfinite(self.stiffness) and self.stiffness > 0,
-            f"TorsionSpring '{self.name}': stiffness is {self.stiffness!r} N m/rad; give a positive one.",
-        )
+        check_positive(self, "stiffness", "N m/rad")
         check(
             abs(self.rest) < math.pi,
             f"TorsionSpring '{self.name}': rest is {self.rest!r} rad; stay within half a turn.",
@@ -139,10 +136,7 @@ class TorsionDamper:
     def __post_init__(self) -> None:
         check_sides("TorsionDamper", self.name, self.a, self.b)
         check(any(self.axis), f"TorsionDamper '{self.name}': axis has no length; give its direction.")
-        check(
-            math.isfinite(self.coefficient) and self.coefficient > 0,
-            f"TorsionDamper '{self.name}': coefficient is {self.coefficient!r} N m s/rad; give a positive one.",
-        )
+        check_positive(self, "coefficient", "N m s/rad")
 
     def requires(self) -> Iterable[Any]:
         yield from bodies_of(self.a, self.b)
