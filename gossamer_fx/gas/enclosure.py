@@ -144,7 +144,7 @@ class _CompiledFilm:
         film, cells = enclosure.film, enclosure.cells()
         self._loops = [Loop(ring, system) for ring in enclosure.rings]
         self._signs = enclosure.check_closed(cells, self._loops)
-        self._film, self._comm, self._name = film, film.comm, enclosure.chamber
+        self._film, self._comm = film, film.comm
         k = system.bodies.index(film)
         self._at, self._owned, self._n = system.fields[k], system.numbering.owned(k), system.numbering.size_local
         self._x = fem.Function(film.space)
@@ -172,7 +172,9 @@ class _CompiledFilm:
         self._sign = 1.0
 
     def start(self) -> None:
-        self._follow()
+        for loop in self._loops:
+            loop.follow()
+            loop.accept()
         G = self._gradient(1.0)
         if self._comm.allreduce(float(G @ self._q(self._at.q1))) < 0:
             self._sign = -1.0  # all normals point inwards
@@ -180,10 +182,6 @@ class _CompiledFilm:
         self._V0 = 0.0
         self.evaluate()
         self._V0 = self.volume
-
-    def _follow(self) -> None:
-        for loop in self._loops:
-            loop.follow()
 
     def _q(self, f: fem.Function) -> Array:
         array: Array = f.x.array[: self._owned.stop - self._owned.start]
@@ -201,7 +199,8 @@ class _CompiledFilm:
         return self._sign * G
 
     def evaluate(self) -> None:
-        self._follow()
+        for loop in self._loops:
+            loop.follow()
         self._Gm, self._G1 = self._gradient(self._α), self._gradient(1.0)
         products = self._G1 * self._q(self._at.q1) / 3
         Δq = self._q(self._at.q1) - self._q(self._at.q0)
@@ -230,6 +229,8 @@ class _CompiledFilm:
             loop.add_tangent(A, -sign * float(self._p.value), self._α)
 
     def accept(self) -> None:
+        for loop in self._loops:
+            loop.accept()
         self._G0, self._V0 = self._G1, self.volume
 
 

@@ -111,10 +111,10 @@ class Loop:
         for e in range(n):
             own = [e, (e + 1) % n] + ([n + e] if order == 2 else [])
             N[e][:, own], D[e][:, own] = shapes, slopes
-        self._N, self._D = N.reshape(-1, len(nodes)), D.reshape(-1, len(nodes))
+        N, self._D = N.reshape(-1, len(nodes)), D.reshape(-1, len(nodes))
         self._weights = np.tile(weights, n)
-        self._P = self._N - 1 / len(nodes)
-        self._T = self._weights[:, None] * (self._N / 3 + 1 / (6 * len(nodes)))
+        self._P = N - 1 / len(nodes)
+        self._T = self._weights[:, None] * (N / 3 + 1 / (6 * len(nodes)))
 
         self._system = system
         self.indices = system.numbering.to_global(system.bodies.index(ring.film), nodes)
@@ -131,8 +131,12 @@ class Loop:
         return float(np.linalg.norm(self._weights @ np.cross(self._P @ X, self._D @ X)) / 2)
 
     def follow(self) -> None:
-        """Take the ends of the step from the system."""
-        self._X0, self._X1 = self._gather(self._system.q0)[0], self._gather(self._system.q1)[0]
+        """Take the end of the step from the system."""
+        self._X1 = self._gather(self._system.q1)[0]
+
+    def accept(self) -> None:
+        """The end of this step is the start of the next."""
+        self._X0 = self._X1
 
     def gradient(self, share: float) -> Array:
         """G (n, 3) at (1 - share) q0 + share q1."""
