@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
 
-from gossamer_fx.assembly import Assembly
 from gossamer_fx.gas.enclosure import Enclosure
 from gossamer_fx.gas.ideal_gas import IdealGas
+from gossamer_fx.gas.ring import Loops
 
 Aperture = Callable[[float, float], float]  # C_d A [m²] of a step of length h whose middle is at time t
 
@@ -41,8 +41,8 @@ class Opening(Protocol):
     first: Holder
     second: Holder
 
-    def aperture(self, system: Assembly) -> Aperture:
-        """Its effective area in a running scene."""
+    def aperture(self, loops: Loops) -> Aperture:
+        """Its effective area in a running scene with these loops."""
         ...
 
     def flow(self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]) -> complex:

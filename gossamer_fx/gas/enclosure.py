@@ -15,7 +15,7 @@ from gossamer_fx.assembly import Assembly
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.errors import check, check_on_all
 from gossamer_fx.forms import compile_form, constant
-from gossamer_fx.gas.ring import Loop, Ring
+from gossamer_fx.gas.ring import Loop, Loops, Ring
 from gossamer_fx.kinematics import area_vector
 from gossamer_fx.mesh_quality import edge_tally
 from gossamer_fx.parts import Array, Body, Port
@@ -62,7 +62,9 @@ class Enclosure(Protocol):
 
     def requires(self) -> Iterable[Any]: ...
 
-    def compile(self, system: Assembly) -> CompiledEnclosure: ...
+    def compile(self, system: Assembly, loops: Loops) -> CompiledEnclosure:
+        """In a running scene, with the loops of its rings, which its owner moves along."""
+        ...
 
 
 class FilmEnclosure:
@@ -80,8 +82,8 @@ class FilmEnclosure:
     def requires(self) -> Iterable[Any]:
         yield self.film
 
-    def compile(self, system: Assembly) -> CompiledEnclosure:
-        return _CompiledFilm(self, system)
+    def compile(self, system: Assembly, loops: Loops) -> CompiledEnclosure:
+        return _CompiledFilm(self, system, [loops.of(ring) for ring in self.rings])
 
     def cells(self) -> np.ndarray:
         """Local cells (owned and ghost) of the bounding surface."""
@@ -140,10 +142,9 @@ class FilmEnclosure:
 
 
 class _CompiledFilm:
-    def __init__(self, enclosure: FilmEnclosure, system: Assembly) -> None:
+    def __init__(self, enclosure: FilmEnclosure, system: Assembly, loops: list[Loop]) -> None:
         film, cells = enclosure.film, enclosure.cells()
-        self._loops = [Loop(ring, system) for ring in enclosure.rings]
-        self._signs = enclosure.check_closed(cells, self._loops)
+        self._loops, self._signs = loops, enclosure.check_closed(cells, loops)
         self._film, self._comm = film, film.comm
         k = system.bodies.index(film)
         self._at, self._owned, self._n = system.fields[k], system.numbering.owned(k), system.numbering.size_local
@@ -172,9 +173,6 @@ class _CompiledFilm:
         self._sign = 1.0
 
     def start(self) -> None:
-        for loop in self._loops:
-            loop.follow()
-            loop.accept()
         G = self._gradient(1.0)
         if self._comm.allreduce(float(G @ self._q(self._at.q1))) < 0:
             self._sign = -1.0  # all normals point inwards
@@ -199,8 +197,6 @@ class _CompiledFilm:
         return self._sign * G
 
     def evaluate(self) -> None:
-        for loop in self._loops:
-            loop.follow()
         self._Gm, self._G1 = self._gradient(self._α), self._gradient(1.0)
         products = self._G1 * self._q(self._at.q1) / 3
         Δq = self._q(self._at.q1) - self._q(self._at.q0)
@@ -229,8 +225,6 @@ class _CompiledFilm:
             loop.add_tangent(A, -sign * float(self._p.value), self._α)
 
     def accept(self) -> None:
-        for loop in self._loops:
-            loop.accept()
         self._G0, self._V0 = self._G1, self.volume
 
 
@@ -252,7 +246,7 @@ class Piston:
     def requires(self) -> Iterable[Any]:
         yield self.port.body
 
-    def compile(self, system: Assembly) -> CompiledEnclosure:
+    def compile(self, system: Assembly, loops: Loops) -> CompiledEnclosure:
         return _CompiledPiston(self, system)
 
 

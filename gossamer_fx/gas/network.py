@@ -33,6 +33,7 @@ from petsc4py import PETSc
 from gossamer_fx.assembly import Assembly, Booking
 from gossamer_fx.errors import check
 from gossamer_fx.gas.contract import Aperture, Opening, Volume, Wall
+from gossamer_fx.gas.ring import Loops
 from gossamer_fx.gas.state import ChamberState
 from gossamer_fx.parts import Array, Body
 
@@ -74,10 +75,11 @@ class GasNetwork:
         odd = next((c.name for c in chambers if c.gas != first.gas), "")
         check(not odd, f"The chambers '{first.name}' and '{odd}' hold different gases; a scene has one.")
         self._gas: IdealGas = first.gas
-        self.states = [ChamberState(c, c.enclosure.compile(system) if c.enclosure else None) for c in chambers]
+        self._loops = loops = Loops(system)
+        self.states = [ChamberState(c, c.enclosure.compile(system, loops) if c.enclosure else None) for c in chambers]
         index = {id(c): k for k, c in enumerate(chambers)}
         self._openings = [
-            _Passage(o, (index.get(id(o.first)), index.get(id(o.second))), o.aperture(system))
+            _Passage(o, (index.get(id(o.first)), index.get(id(o.second))), o.aperture(loops))
             for o in items
             if isinstance(o, Opening)
         ]
@@ -94,6 +96,8 @@ class GasNetwork:
     # ---- Border ------------------------------------------------------------------------------------------------
 
     def start(self) -> None:
+        self._loops.follow()
+        self._loops.accept()
         for s in self.states:
             if s.enclosure is not None:
                 s.enclosure.start()
@@ -136,6 +140,7 @@ class GasNetwork:
         return y
 
     def residual(self, y: Array) -> Array:
+        self._loops.follow()
         for s in self.states:
             if s.enclosure is not None:
                 s.enclosure.evaluate()
@@ -176,6 +181,7 @@ class GasNetwork:
     def accept(self) -> None:
         # mass and energy are summed from the flows, so that they are conserved to round-off whatever the tolerance
         rates, h = self._rates_at(self._y.astype(complex)), self._h
+        self._loops.accept()
         for k, s in enumerate(self.states):
             if s.enclosure is not None:
                 self._supplied -= self._outside(s) * s.enclosure.swept
@@ -206,6 +212,8 @@ class GasNetwork:
         return {"chambers": chambers, "supplied": self._supplied, "mass supplied": self._mass_supplied}
 
     def recall(self, memory: dict[str, Any]) -> None:
+        self._loops.follow()
+        self._loops.accept()
         for s, state in zip(self.states, memory["chambers"], strict=True):
             s.p, s.m, s.U, s.V = state[1:]
             if s.enclosure is not None:

@@ -7,12 +7,11 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from gossamer_fx.assembly import Assembly
 from gossamer_fx.errors import check
 from gossamer_fx.gas.contract import Aperture
 from gossamer_fx.gas.ideal_gas import IdealGas
 from gossamer_fx.gas.network import GasNetwork
-from gossamer_fx.gas.ring import Loop, Ring
+from gossamer_fx.gas.ring import Loops, Ring
 from gossamer_fx.gas.volumes import Chamber
 
 
@@ -92,11 +91,11 @@ class Orifice:
         if isinstance(self.area, Ring):
             yield from self.area.requires()
 
-    def aperture(self, system: Assembly) -> Aperture:
+    def aperture(self, loops: Loops) -> Aperture:
         """C_d A [m²] of a step of length h whose middle is at time t."""
         cd, area = self.discharge_coefficient, self.area
         if isinstance(area, Ring):
-            loop = Loop(area, system)
+            loop = loops.of(area)
             return lambda h, t: cd * loop.aperture(h)
         if callable(area):
             return lambda h, t: cd * self._checked(area(t), t)

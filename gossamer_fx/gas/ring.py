@@ -168,3 +168,27 @@ class Loop:
         block = scale * share * K[self._mine].reshape(1, len(rows), 3 * n)
         if len(rows):
             add_blocks(A, rows[None], self.indices.reshape(1, -1), block)
+
+
+class Loops:
+    """The rings of a running scene: each once, though two chambers and an orifice may share it."""
+
+    def __init__(self, system: Assembly) -> None:
+        self._system = system
+        self._of: dict[Ring, Loop] = {}
+
+    def of(self, ring: Ring) -> Loop:
+        """The loop of a ring, made when it is first asked for."""
+        if ring not in self._of:
+            self._of[ring] = Loop(ring, self._system)
+        return self._of[ring]
+
+    def follow(self) -> None:
+        """Take the end of the step from the system."""
+        for loop in self._of.values():
+            loop.follow()
+
+    def accept(self) -> None:
+        """The end of this step is the start of the next."""
+        for loop in self._of.values():
+            loop.accept()

@@ -108,6 +108,14 @@ def test_the_tangent_contains_the_share_of_the_fans(order):
     assert product.norm() < 1e-8 * difference.norm() / (2 * ε)
 
 
+def test_a_ring_is_walked_once_for_both_chambers_and_the_orifice(monkeypatch):
+    walks = []
+    walk = gx.Ring.loop
+    monkeypatch.setattr(gx.Ring, "loop", lambda ring: walks.append(ring) or walk(ring))
+    compartments(cells=4)
+    assert len(walks) == 1
+
+
 def test_a_ring_inside_of_a_surface_is_refused():
     film = gx.Membrane(flat_tube(MPI.COMM_WORLD, 0.3, 0.06, 4, compartments=2), FILM)
     bag = gx.Chamber(
