@@ -33,12 +33,12 @@ def check(condition: bool, message: str) -> None:
         raise InputError(message)
 
 
-def check_positive(item: Any, quantity: str, unit: str) -> None:
-    """Raise `InputError` unless that attribute of a named item is a positive number."""
+def check_positive(item: Any, quantity: str, unit: str, hint: str = "") -> None:
+    """Raise `InputError` unless that attribute of a named item is a positive number; a hint may follow the remedy."""
     value = getattr(item, quantity)
     check(
         math.isfinite(value) and value > 0,
-        f"{type(item).__name__} '{item.name}': {quantity} is {value!r} {unit}; give a positive one.",
+        f"{type(item).__name__} '{item.name}': {quantity} is {value!r} {unit}; give a positive number{hint}.",
     )
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.errors import check
+from gossamer_fx.errors import check, check_positive
 from gossamer_fx.gas.enclosure import Enclosure, FilmEnclosure
 from gossamer_fx.gas.ideal_gas import IdealGas
 from gossamer_fx.gas.network import GasNetwork
@@ -42,7 +42,7 @@ class Ambient:
             math.isfinite(self.pressure) and self.pressure >= 0,
             f"Ambient '{self.name}': pressure is {self.pressure!r} Pa; give zero (vacuum) or a positive number.",
         )
-        _check_positive(self, "temperature", "K")
+        check_positive(self, "temperature", "K")
 
 
 class Chamber:
@@ -116,13 +116,5 @@ class Tank(Chamber):
 
 
 def _check_state(holder: Any) -> None:
-    _check_positive(holder, "pressure", "Pa", " (an almost empty chamber: 1e-3)")
-    _check_positive(holder, "temperature", "K")
-
-
-def _check_positive(holder: Any, what: str, unit: str, hint: str = "") -> None:
-    kind, name, value = type(holder).__name__, holder.name, getattr(holder, what)
-    check(
-        math.isfinite(value) and value > 0,
-        f"{kind} '{name}': {what} is {value!r} {unit}; give a positive number{hint}.",
-    )
+    check_positive(holder, "pressure", "Pa", " (an almost empty chamber: 1e-3)")
+    check_positive(holder, "temperature", "K")
