@@ -1,7 +1,7 @@
 """Energies and dissipation between points of bodies: evaluated where the first port lives, in global numbers.
 
 The rule is that of `discrete_gradient`: force S̄·De(q̄) with S̄·(e1 - e0) = ψ(e1) - ψ(e0), or the loss of the step.
-Steppers that weigh the ends of a step otherwise than by halves take ψ' of the strain of the same weights.
+With α = 1 the forces are those of the end of the step, S̄ = ψ'(e1).
 """
 
 from __future__ import annotations
@@ -74,9 +74,8 @@ class PointForces:
             return local.part.density.average(local.e0, e1, self.h)
         if self._α == 0.5:
             return local.part.density.average(local.e0, e1)
-        e = (1 - self._α) * local.e0 + self._α * e1
-        S, half = local.part.density.average(e, e)
-        return S, 2 * self._α * half
+        S, half = local.part.density.average(e1, e1)
+        return S, 2 * half
 
     def energies(self) -> dict[str, float]:
         """This rank's energies at the last accepted state, by part."""
