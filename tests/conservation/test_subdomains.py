@@ -34,6 +34,18 @@ def test_a_sheet_in_subdomains_moves_as_the_whole(comm, method, held):
     assert parts.solver.newton.linear_iterations <= 20 * parts.iterations
 
 
+@pytest.mark.mpi
+@pytest.mark.parametrize("method", ["bddc", "fetidp"])
+def test_a_wrinkled_sheet_in_subdomains_needs_no_halved_step(comm, method):
+    if comm.size == 1:
+        pytest.skip("one rank is no decomposition")
+    film = gx.Membrane(sheet(comm, 20, 20), LAW, velocity=throw)
+    run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=4e-3, subdomains=method))
+    run.run(until=8e-3)
+    assert run.substeps == 0
+    assert run.iterations <= 20
+
+
 def test_a_scene_that_cannot_be_divided_is_refused(comm):
     film = gx.Membrane(sheet(comm, 2, 2), LAW)
     joint = gx.BallJoint(film.port_at(np.array([1.0, 1.0, 0.0])), gx.Ground((1.0, 1.0, 0.0)), "hinge")
