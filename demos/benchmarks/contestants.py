@@ -53,27 +53,37 @@ def installed(program: str) -> Path:
 
 
 def run(problem: str, program: str, case: dict[str, object], seconds: float) -> dict[str, float]:
-    """Let a program solve a case within `seconds`, on one thread.
+    """Let a program solve a case within `seconds`, each process on one thread.
+
+    Of the case's words `ranks` is how many processes MPI starts, one without it; words in capitals are variables of
+    the environment; the others are the script's.
 
     Raises:
         Failed: it does not end well, with its message.
     """
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
-    if program != SELF:
-        environment["PYTHONPATH"] = str(installed(program))
-    else:
-        environment["PYTHONPATH"] = str(HERE.parent.parent)
-    command = [sys.executable, str(HERE / f"{problem}_{program}.py"), *(f"{k}={v}" for k, v in case.items())]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=seconds)
-    except subprocess.TimeoutExpired:
-        raise Failed(f"not finished after {seconds:g} s") from None
+    environment["PYTHONPATH"] = str(installed(program) if program != SELF else HERE.parent.parent)
+    environment |= {key: str(value) for key, value in case.items() if key.isupper()}
+    script = [sys.executable, str(HERE / f"{problem}_{program}.py")]
+    given = [f"{key}={value}" for key, value in case.items() if not key.isupper() and key != "ranks"]
+    start = ["mpirun", "-n", str(case["ranks"])] if "ranks" in case else []
+    with subprocess.Popen(
+        [*start, *script, *given], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+    ) as process:
+        try:
+            output, errors = process.communicate(timeout=seconds)
+        except BaseException as why:
+            process.terminate()  # mpirun hands it on to its ranks; a kill would leave them
+            if isinstance(why, subprocess.TimeoutExpired):
+                raise Failed(f"not finished after {seconds:g} s") from None
+            raise
+    done = subprocess.CompletedProcess(process.args, process.returncode, output, errors)
     if done.returncode:
         raise Failed(_last_words(done))
-    try:
-        return dict(json.loads(done.stdout.splitlines()[-1]))
-    except (ValueError, IndexError):
-        raise Failed(_last_words(done)) from None
+    results = [line for line in output.splitlines() if line.startswith("{")]  # libraries may say good-bye after it
+    if not results:
+        raise Failed(_last_words(done))
+    return dict(json.loads(results[-1]))
 
 
 def words(defaults: dict[str, float | str]) -> dict[str, float | str]:

@@ -1,0 +1,84 @@
+"""A Newton iteration of the free sheet, and what it cannot do without.
+
+The limit is the time of one tangent, one set-up of the preconditioner and, for each Krylov iteration, one application
+of it and one product with the matrix; each is timed apart, again and again on the last system of the run.  The tangent
+is then compared with the memory traffic that its matrix alone causes: the time of writing it once, at the speed at
+which the same process copies large arrays.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from statistics import median
+
+import numpy as np
+from contestants import words
+from mpi4py import MPI
+from stopwatch import Stopwatch, show
+
+import gossamer_fx as gx
+from demos.spinning_sheet import throw
+from meshes.sheet import sheet
+
+
+def seconds(action: Callable[[], object], times: int = 15) -> float:
+    """Median time of an action."""
+
+    def once() -> float:
+        started = time.perf_counter()
+        action()
+        return time.perf_counter() - started
+
+    return median(once() for _ in range(times))
+
+
+def copying_speed(size: int = 2**25, times: int = 9) -> float:
+    """Bytes read and written a second in copying `size` numbers."""
+    source, target = np.ones(size), np.zeros(size)
+    return 2 * source.nbytes / seconds(lambda: np.copyto(target, source), times)
+
+
+case = words({"n": 40, "steps": 3, "dt": 1e-3})
+watch = Stopwatch()
+film = gx.Membrane(
+    sheet(MPI.COMM_WORLD, case["n"], case["n"]),
+    gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual=1e-6),
+    velocity=throw,
+)
+run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=case["dt"]))
+figures = watch.measure(run, case["steps"] * case["dt"])
+system, ksp = run.system, run.solver.newton._snes.getKSP()
+A, preconditioner = system.A, ksp.getPC()
+x, y = A.createVecs()
+x.setRandom()
+
+
+def set_up() -> None:
+    A.stateIncrease()  # what is set up for a matrix stays until it changes
+    ksp.setOperators(A)
+    ksp.setUp()
+    ksp.setUpOnBlocks()
+
+
+tangent = seconds(system.tangent)
+setting_up = seconds(set_up)
+cycle = seconds(lambda: preconditioner.apply(x, y)) + seconds(lambda: A.mult(x, y))
+speed = copying_speed()
+numbers = A.getInfo()["nz_used"]
+written = numbers * 8 + numbers / A.getBlockSize() ** 2 * 4
+iteration = figures["wall"] / figures["steps"] / figures["Newton/step"]
+limit = tangent + setting_up + figures["Krylov/Newton"] * cycle
+show(
+    figures
+    | {
+        "iteration [ms]": 1e3 * iteration,
+        "over limit": iteration / limit,
+        "tangent [ms]": 1e3 * tangent,
+        "set-up [ms]": 1e3 * setting_up,
+        "cycle [ms]": 1e3 * cycle,
+        "matrix [MB]": written / 2**20,
+        "copy [GB/s]": speed / 1e9,
+        "tangent/traffic": tangent * speed / written,
+    }
+)

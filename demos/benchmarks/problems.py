@@ -1,0 +1,176 @@
+"""What is compared: the problems, their sizes, who solves them, and what it costs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from contestants import SELF
+
+Case = dict[str, object]  # words of a script; see contestants.run
+Cases = dict[str, dict[str, Case]]  # by size, then by contestant
+Figures = dict[str, float]
+
+DIRECT: Case = {"PETSC_OPTIONS": "-gx_ksp_type preonly -gx_pc_type lu -gx_pc_factor_mat_solver_type mumps"}
+STRICT: Case = {"PETSC_OPTIONS": "-gx_ksp_rtol 1e-8"}
+
+
+@dataclass(frozen=True)
+class Problem:
+    """What is solved, by whom, and what it costs.
+
+    `cases` and `quick` name each size and give the words for each contestant; `cost` is what the ratio to the `peers`
+    compares.  `equal` names results in which all must agree.  A `chart` shows this program's cost and memory over the
+    unknowns, with their exponents.  `script` names the problem whose scripts are run, if it is another one.
+    """
+
+    title: str
+    cost: Callable[[Figures], float]
+    unit: str
+    cases: Cases
+    quick: Cases
+    seconds: float = 1800.0
+    peers: tuple[str, ...] = ()
+    equal: tuple[str, ...] = ()
+    chart: bool = False
+    script: str = ""
+
+
+def sheets(sizes: dict[int, tuple[int, int, str]]) -> Cases:
+    """Cells of a side: steps of each program, Kratos' linear solver."""
+    return {
+        f"n = {n}, {'wrinkling' if wrinkling else 'linear'}": {
+            SELF: {"n": n, "steps": own, "wrinkling": wrinkling},
+            "kratos": {"n": n, "steps": steps, "wrinkling": wrinkling, "solver": solver},
+        }
+        for n, (own, steps, solver) in sizes.items()
+        for wrinkling in (1, 0)
+    }
+
+
+def alone(word: str, sizes: tuple[int, ...], **more: object) -> Cases:
+    """Sizes of this program, by the word that names them."""
+    return {f"{word} = {size}": {SELF: {word: size, **more}} for size in sizes}
+
+
+def ranks(pairs: dict[str, tuple[int, int]], steps: int) -> Cases:
+    """Cells of a side on one rank and on two."""
+    return {
+        label: {"one-rank": {"n": one, "steps": steps}, SELF: {"n": two, "steps": steps, "ranks": 2}}
+        for label, (one, two) in pairs.items()
+    }
+
+
+def subdomains(sizes: tuple[int, ...], counts: tuple[int, ...], dt: float) -> Cases:
+    """Cells of a side and numbers of subdomains, each a rank, against a factorisation on one rank."""
+    return {
+        f"{dt:g} s, n = {n}, {count} parts": {
+            SELF: {"n": n, "steps": 2, "dt": dt, **DIRECT},
+            **{
+                method: {"n": n, "steps": 2, "dt": dt, "ranks": count, "subdomains": method, **STRICT}
+                for method in ("bddc", "fetidp")
+            },
+        }
+        for n in sizes
+        for count in counts
+    }
+
+
+PROBLEMS = {
+    "sheet": Problem(
+        title="Free spinning sheet, h = 1e-3 s",
+        cost=lambda r: 1e6 * r["cpu"] / r["steps"] / r["dofs"],
+        unit="µs CPU per step and unknown",
+        cases=sheets({40: (20, 20, "sparse_lu"), 80: (5, 5, "sparse_lu"), 160: (2, 2, "amgcl")}),
+        quick=sheets({20: (10, 10, "sparse_lu")}),
+        peers=("kratos",),
+    ),
+    "airbag": Problem(
+        title="Square airbag at rest, w_M = 0.2164 m within 0.5 %",
+        cost=lambda r: r["cpu"],
+        unit="s CPU",
+        cases={"8 and 16 cells": {SELF: {"n": 8}, "kratos": {"n": 16}}},
+        quick={"8 and 8 cells": {SELF: {"n": 8}, "kratos": {"n": 8}}},
+        peers=("kratos",),
+    ),
+    "pendulum": Problem(
+        title="Antenna pendulum, film off the surface of its corners",
+        cost=lambda r: r["cpu"],
+        unit="s CPU",
+        cases={
+            "until 0.5 s": {
+                SELF: {"n": 12, "elements": 12, "order": 1, "until": 0.5},
+                "exudyn": {"n": 9, "elements": 18, "until": 0.5},
+            }
+        },
+        quick={
+            "until 0.5 s": {
+                SELF: {"n": 6, "elements": 6, "order": 1, "until": 0.5},
+                "exudyn": {"n": 6, "elements": 12, "until": 0.5},
+            }
+        },
+        peers=("exudyn",),
+    ),
+    "scaling": Problem(
+        title="Free spinning sheet, three steps of 1e-3 s",
+        cost=lambda r: r["cpu"] / r["steps"],
+        unit="s CPU per step",
+        cases=alone("n", (40, 80, 160, 318, 577), steps=3),
+        quick=alone("n", (40, 80), steps=3),
+        chart=True,
+        script="sheet",
+    ),
+    "tube": Problem(
+        title="Tube of demos/inflate_tube.py, its first 20 steps of 1e-4 s",
+        cost=lambda r: r["cpu"] / r["steps"],
+        unit="s CPU per step",
+        cases=alone("cells", (10, 20, 40), steps=20),
+        quick=alone("cells", (6, 10), steps=5),
+        chart=True,
+    ),
+    "ranks": Problem(
+        title="Free spinning sheet on two ranks and on one",
+        cost=lambda r: r["wall"] / r["steps"],
+        unit="s wall time per step",
+        cases=ranks({"78k": (160, 160), "300k": (315, 315)}, steps=3),
+        quick=ranks({"5k": (40, 40)}, steps=3),
+        peers=("one-rank",),
+        equal=("energy", "stored"),
+        script="sheet",
+    ),
+    "weak": Problem(
+        title="Free spinning sheet twice as large on two ranks",
+        cost=lambda r: r["wall"] / r["steps"] / r["Newton/step"],
+        unit="s wall time per Newton iteration",
+        cases=ranks({"39k a rank": (113, 160), "78k a rank": (160, 227)}, steps=3),
+        quick=ranks({"2.6k a rank": (28, 40)}, steps=3),
+        peers=("one-rank",),
+        script="sheet",
+    ),
+    "direct": Problem(
+        title="Free spinning sheet, the solver that is chosen against a factorisation",
+        cost=lambda r: r["cpu"] / r["steps"],
+        unit="s CPU per step",
+        cases={"78k": {SELF: {"n": 160, "steps": 3}, "direct": {"n": 160, "steps": 3, **DIRECT}}},
+        quick={"5k": {SELF: {"n": 40, "steps": 3}, "direct": {"n": 40, "steps": 3, **DIRECT}}},
+        peers=("direct",),
+        equal=("energy", "stored"),
+        script="sheet",
+    ),
+    "limit": Problem(
+        title="Free spinning sheet, a Newton iteration over one tangent, one set-up, and the Krylov iterations' cycles",
+        cost=lambda r: r["over limit"],
+        unit="times the limit",
+        cases=alone("n", (80, 160), steps=3),
+        quick=alone("n", (40,), steps=3),
+    ),
+    "subdomains": Problem(
+        title="Free spinning sheet in subdomains, two steps, hardly (1e-3 s) and much (4e-3 s) wrinkled",
+        cost=lambda r: r["Krylov/Newton"],
+        unit="Krylov iterations to 1e-8 for one of Newton's",
+        cases=subdomains((20, 40, 80), (2, 4, 8, 16), 1e-3) | subdomains((20, 40), (2, 4, 8, 16), 4e-3),
+        quick=subdomains((20,), (4,), 1e-3),
+        equal=("energy", "stored"),
+        script="sheet",
+    ),
+}

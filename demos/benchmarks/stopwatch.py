@@ -1,0 +1,63 @@
+"""What a run of this program needed, on all ranks together."""
+
+from __future__ import annotations
+
+import json
+import resource
+import time
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+
+COMM = MPI.COMM_WORLD
+
+
+class Stopwatch:
+    """Runs a simulation and measures it.
+
+    Made before the scene is, so that what the interpreter and its libraries occupy does not count as its memory.
+    """
+
+    def __init__(self) -> None:
+        self._before = megabytes()
+
+    def measure(self, run: gx.Simulation, until: float) -> dict[str, float]:
+        """Figures of going on to the time `until` [s]: cpu of all ranks; times of the parts per Newton iteration."""
+        newton, first = run.solver.newton, run.step
+        iterations, krylov, parts = newton.all_iterations, newton.linear_iterations, dict(newton.seconds)
+        COMM.Barrier()
+        cpu, wall = time.process_time(), time.perf_counter()
+        run.run(until=until)
+        cpu, wall = COMM.allreduce(time.process_time() - cpu), time.perf_counter() - wall
+        iterations = newton.all_iterations - iterations
+        dofs, peak = run.system.numbering.size, COMM.allreduce(megabytes())
+        figures = {
+            "cpu": cpu,
+            "wall": wall,
+            "dofs": dofs,
+            "steps": run.step - first,
+            "Newton/step": iterations / (run.step - first),
+            "Krylov/Newton": (newton.linear_iterations - krylov) / iterations,
+            "halved": run.substeps,
+        }
+        figures |= {f"{part} [ms]": 1e3 * (s - parts[part]) / iterations for part, s in newton.seconds.items()}
+        return figures | {
+            "MB": peak,
+            "B/unknown": (peak - COMM.allreduce(self._before)) * 2**20 / dofs,
+            "energy": run.totals.energy,
+            "stored": sum(run.totals.stored.values()),
+            "ΔE/E": abs(run.energy_error),
+        }
+
+
+def megabytes() -> float:
+    """Largest memory of this process so far."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def show(figures: dict[str, float]) -> None:
+    """The last line of a contestant."""
+    if COMM.rank == 0:
+        print(json.dumps({key: float(np.real(value)) for key, value in figures.items()}))
