@@ -169,7 +169,7 @@ PROBLEMS = {
         cost=lambda r: r["Krylov/Newton"],
         unit="Krylov iterations to 1e-8 for one of Newton's",
         cases=subdomains((20, 40, 80), (2, 4, 8, 16), 1e-3) | subdomains((20, 40), (2, 4, 8, 16), 4e-3),
-        quick=subdomains((20,), (4,), 1e-3),
+        quick=subdomains((20,), (2,), 1e-3),
         equal=("energy", "stored"),
         script="sheet",
     ),

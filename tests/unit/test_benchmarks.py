@@ -1,0 +1,84 @@
+"""Every benchmark in its quick form: the contestants finish, agree, and are compared."""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+BENCHMARKS = Path(__file__).resolve().parents[2] / "demos" / "benchmarks"
+
+pytestmark = pytest.mark.skipif(
+    "OMPI_COMM_WORLD_SIZE" in os.environ or "PMI_SIZE" in os.environ, reason="an mpirun cannot start another"
+)
+
+
+def bench(name: str, folder: Path) -> tuple[str, list[dict[str, str]]]:
+    """What a benchmark prints, and the rows of its table."""
+    command = [sys.executable, str(BENCHMARKS), name, "--quick", "--runs", "1", "--out", str(folder)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=900)
+    assert done.returncode == 0, done.stderr
+    assert "failed" not in done.stdout, done.stdout
+    with (folder / f"{name}.csv").open() as file:
+        return done.stdout, list(csv.DictReader(file))
+
+
+def differences(said: str) -> list[float]:
+    return [float(number) for number in re.findall(r"energy differs by (\S+)", said)]
+
+
+@pytest.mark.parametrize("name", ["scaling", "tube"])
+def test_cost_over_size_gives_exponents_and_a_chart(name, tmp_path):
+    said, rows = bench(name, tmp_path)
+    assert len(rows) == 2 and all(float(row["ΔE/E"]) < 1e-8 for row in rows)
+    assert 0 < float(re.search(r"exponent of a Newton iteration: (\S+)", said)[1]) < 2
+    assert (tmp_path / f"{name}.png").read_bytes()[1:4] == b"PNG"
+
+
+@pytest.mark.parametrize("name, peer", [("ranks", "one-rank"), ("direct", "direct")])
+def test_other_ways_give_the_same_energy(name, peer, tmp_path):
+    said, rows = bench(name, tmp_path)
+    assert {row["program"] for row in rows} == {"gossamer", peer}
+    assert differences(said) and max(differences(said)) < 1e-8
+    assert float(re.search(rf"^ratio {peer} (\S+)$", said, re.MULTILINE)[1]) > 0
+
+
+def test_twice_the_sheet_on_twice_the_ranks(tmp_path):
+    _, (one, two) = bench("weak", tmp_path)
+    assert (one["program"], two["program"]) == ("one-rank", "gossamer")
+    assert float(two["dofs"]) == pytest.approx(2 * float(one["dofs"]), rel=0.01)
+
+
+def test_no_newton_iteration_is_faster_than_its_parts(tmp_path):
+    _, (row,) = bench("limit", tmp_path)
+    assert float(row["over limit"]) > 1
+    assert float(row["tangent/traffic"]) > 1
+    assert min(float(row[part]) for part in ("tangent [ms]", "set-up [ms]", "cycle [ms]")) > 0.01
+
+
+def test_subdomains_give_the_direct_solution_in_few_iterations(tmp_path):
+    said, rows = bench("subdomains", tmp_path)
+    assert max(differences(said)) < 1e-10
+    assert all(1 < float(row["cost"]) < 20 for row in rows if row["program"] != "gossamer")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name, peer", [("sheet", "kratos"), ("airbag", "kratos"), ("pendulum", "exudyn")])
+def test_peers_need_longer(name, peer, tmp_path):
+    said, _ = bench(name, tmp_path)
+    assert float(re.search(rf"^ratio {peer} (\S+)$", said, re.MULTILINE)[1]) > 1
+
+
+def test_a_contestant_that_fails_is_told_and_ends_nothing(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    from contestants import Failed, run
+
+    with pytest.raises(Failed, match="dt is -1"):
+        run("sheet", "gossamer", {"n": 4, "dt": -1}, 60)
+    with pytest.raises(Failed, match="not finished after"):
+        run("sheet", "gossamer", {"n": 40, "steps": 1000, "ranks": 2}, 3)
