@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gossamer_fx.errors import check
-from gossamer_fx.parts import Array, Attached, Body, Ground, Port, Vector
+from gossamer_fx.parts import Array, Attached, Ground, Port, Vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,10 +21,6 @@ class Frame:
     origin: Attached
     directors: tuple[Attached, ...]
 
-    @property
-    def bodies(self) -> list[Body]:
-        return [self.origin.body] if isinstance(self.origin, Port) else []
-
 
 def ground_frame(point: Vector = (0.0, 0.0, 0.0)) -> Frame:
     """The axes of inertial space at a point [m]."""
@@ -36,9 +32,19 @@ def initial(port: Attached) -> Array:
     """The attached vector (3,) at the start."""
     if isinstance(port, Ground):
         return np.array(port.vector, dtype=float)
+    return _combined(port, port.body.initial_state()[0])
+
+
+def initial_rate(port: Attached) -> Array:
+    """Its rate (3,) at the start, as the body has it by itself."""
+    return np.zeros(3) if isinstance(port, Ground) else _combined(port, port.body.initial_state()[1])
+
+
+def _combined(port: Port, values: Array) -> Array:
+    """The combination of vectors that a port is, of the owned `values` of its body; the same on every rank."""
     body, block = port.body, port.body.block
     start, end = block.index_map.local_range
-    q = body.initial_state()[0].reshape(-1, block.size // 3, 3)
+    q = values.reshape(-1, block.size // 3, 3)
     vectors = port.vectors or (0,) * len(port.nodes)
     mine = [(node - start, v, w) for node, v, w in zip(port.nodes, vectors, port.weights, strict=True)]
     local = sum((w * q[i, v] for i, v, w in mine if 0 <= i < end - start), np.zeros(3))
@@ -67,10 +73,14 @@ def along(direction: Array, frame: Frame) -> Attached:
     Raises:
         InputError: the frame has two directors and the direction is not in their plane.
     """
-    directors = np.array([initial(d) for d in frame.directors])
-    weights = directors @ direction
     check(
-        bool(np.allclose(weights @ directors, direction, atol=1e-9)),
+        lies_in(direction, frame),
         "A beam's frame holds directions in the plane of its section only; join it to a RigidBody instead.",
     )
-    return combine([float(w) for w in weights], frame.directors)
+    return combine([float(initial(d) @ direction) for d in frame.directors], frame.directors)
+
+
+def lies_in(direction: Array, frame: Frame) -> bool:
+    """Whether a direction (3,) is a combination of the directors of a frame at the start."""
+    directors = np.array([initial(d) for d in frame.directors])
+    return bool(np.allclose(directors @ direction @ directors, direction, atol=1e-9))

@@ -8,18 +8,22 @@ a and b attached to the two sides, and p, q, n directions that are fixed in one 
     fixed      ball, and g2·p1 = g3·p1 = g2·p3 = 0 for the axes p of one side that coincide with those of the other
     revolute   ball, and n·p = n·q = 0: the axis n of one side is normal to p, q of the other
     prismatic  the rotations of fixed, and (x_b - x_a)·p = (x_b - x_a)·q = 0
+
+A beam's section has two directors; where a joint needs its normal too, it brings it along (`SectionFrame`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from gossamer_fx.attachment import Frame, along, initial
+from gossamer_fx.attachment import Frame, along, initial, lies_in
 from gossamer_fx.errors import check
+from gossamer_fx.interactions.section_frame import SectionFrame
 from gossamer_fx.parts import Array, Attached, Part, PointConstraint, PointMeasure, Port, Vector
 
 COINCIDE = 1e-8  # m
@@ -28,14 +32,33 @@ COINCIDE = 1e-8  # m
 def bodies_of(*sides: Attached | Frame) -> Iterable[Any]:
     """The bodies that a joint refers to."""
     for side in sides:
-        origin = side.origin if isinstance(side, Frame) else side
-        if isinstance(origin, Port):
-            yield origin.body
+        for part in (side.origin, *side.directors) if isinstance(side, Frame) else (side,):
+            if isinstance(part, Port):
+                yield part.body
+
+
+def completed(side: Frame, name: str) -> Frame:
+    """A frame with three directors."""
+    if len(side.directors) == 3 or not isinstance(side.origin, Port):
+        return side
+    return SectionFrame(side, side.origin, f"{name} on {side.origin.body.name}").frame
+
+
+def is_normal(axis: Array, side: Frame) -> bool:
+    """Whether an axis is normal to all directors of a frame: the normal of a beam's section."""
+    return bool(np.allclose([initial(d) @ axis for d in side.directors], 0, atol=1e-9))
+
+
+def unit(axis: Vector) -> Array:
+    """The direction of an axis."""
+    n = np.asarray(axis, dtype=float)
+    return n / np.linalg.norm(n)
 
 
 def check_sides(kind: str, name: str, a: Attached | Frame, b: Attached | Frame) -> None:
     """At least one side moves, and they are two bodies."""
-    bodies = list(bodies_of(a, b))
+    origins = [side.origin if isinstance(side, Frame) else side for side in (a, b)]
+    bodies = [origin.body for origin in origins if isinstance(origin, Port)]
     check(bool(bodies), f"{kind} '{name}' joins the ground to itself; give a port of a body.")
     check(
         len(bodies) < 2 or bodies[0] is not bodies[1] or kind not in ("FixedJoint", "RevoluteJoint", "PrismaticJoint"),
@@ -74,10 +97,6 @@ def perpendicular_pair(n: Array) -> tuple[Array, Array]:
 def same_rotation(name: str, a: Frame, b: Frame) -> Iterable[PointConstraint]:
     """Three products that keep the relative rotation of two frames, one of which has three directors."""
     full, other = (a, b) if len(a.directors) == 3 else (b, a)
-    check(
-        len(full.directors) == 3,
-        f"Joint '{name}' joins two beam sections, which have two directors each; join both to a RigidBody.",
-    )
     g2, g3 = other.directors[-2:]
     e2, e3 = initial(g2), initial(g3)
     p1, p3 = along(np.cross(e2, e3), full), along(e3, full)
@@ -131,10 +150,7 @@ class Link:
 
 @dataclass(frozen=True, eq=False)
 class FixedJoint:
-    """Two frames keep their relative position and rotation.
-
-    One of them must have three directors: two beam sections are fixed to each other through a `RigidBody`.
-    """
+    """Two frames keep their relative position and rotation."""
 
     a: Frame
     b: Frame
@@ -143,13 +159,18 @@ class FixedJoint:
     def __post_init__(self) -> None:
         check_sides("FixedJoint", self.name, self.a, self.b)
 
+    @cached_property
+    def _sides(self) -> tuple[Frame, Frame]:
+        """The frames, one of which has three directors."""
+        return self.a if len(self.b.directors) == 3 else completed(self.a, self.name), self.b
+
     def requires(self) -> Iterable[Any]:
-        yield from bodies_of(self.a, self.b)
+        yield from bodies_of(*self._sides)
 
     def parts(self) -> Iterable[Part]:
         check_coincide(self.name, self.a.origin, self.b.origin)
         yield coincidence(self.name, self.a.origin, self.b.origin)
-        yield from same_rotation(self.name, self.a, self.b)
+        yield from same_rotation(self.name, *self._sides)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,18 +186,23 @@ class RevoluteJoint:
         check_sides("RevoluteJoint", self.name, self.a, self.b)
         check(any(self.axis), f"RevoluteJoint '{self.name}': axis has no length; give its direction.")
 
+    @cached_property
+    def _sides(self) -> tuple[Frame, Frame]:
+        """A frame with three directors, and one that holds the axis or is normal to it."""
+        full, other = (self.a, self.b) if len(self.a.directors) == 3 else (self.b, self.a)
+        n = unit(self.axis)
+        oblique = not (lies_in(n, other) or is_normal(n, other))
+        return completed(full, self.name), completed(other, self.name) if oblique else other
+
     def requires(self) -> Iterable[Any]:
-        yield from bodies_of(self.a, self.b)
+        yield from bodies_of(*self._sides)
 
     def parts(self) -> Iterable[Part]:
         check_coincide(self.name, self.a.origin, self.b.origin)
         yield coincidence(self.name, self.a.origin, self.b.origin)
-        n = np.asarray(self.axis, dtype=float)
-        n /= np.linalg.norm(n)
-        full, other = (self.a, self.b) if len(self.a.directors) == 3 else (self.b, self.a)
-        section = np.array([initial(d) for d in other.directors])
-        if len(section) == 2 and np.allclose(section @ n, 0, atol=1e-9):
-            # the axis is the beam's tangent, and its directors are the normals
+        n = unit(self.axis)
+        full, other = self._sides
+        if is_normal(n, other):
             fixed, (p, q) = along(n, full), other.directors
         else:
             fixed = along(n, other)
@@ -198,14 +224,20 @@ class PrismaticJoint:
         check_sides("PrismaticJoint", self.name, self.a, self.b)
         check(any(self.axis), f"PrismaticJoint '{self.name}': axis has no length; give its direction.")
 
+    @cached_property
+    def _sides(self) -> tuple[Frame, Frame]:
+        """The frames: one has three directors, the first holds the normals of the axis."""
+        enough = len(self.b.directors) == 3 and is_normal(unit(self.axis), self.a)
+        return self.a if enough else completed(self.a, self.name), self.b
+
     def requires(self) -> Iterable[Any]:
-        yield from bodies_of(self.a, self.b)
+        yield from bodies_of(*self._sides)
 
     def parts(self) -> Iterable[Part]:
-        yield from same_rotation(self.name, self.a, self.b)
-        n = np.asarray(self.axis, dtype=float)
-        n /= np.linalg.norm(n)
-        gap = initial(self.b.origin) - initial(self.a.origin)
+        a, b = self._sides
+        yield from same_rotation(self.name, a, b)
+        n = unit(self.axis)
+        gap = initial(b.origin) - initial(a.origin)
         check(
             float(np.linalg.norm(np.cross(gap, n))) <= COINCIDE,
             f"PrismaticJoint '{self.name}': its second point is off the axis through the first; place both on it.",
@@ -218,7 +250,7 @@ class PrismaticJoint:
             yield PointConstraint(
                 f"{self.name} slide {k + 1}",
                 PointMeasure(
-                    [(self.a.origin, self.b.origin, along(e, self.a))],
+                    [(a.origin, b.origin, along(e, a))],
                     np.kron(H, np.eye(3))[None],
                     np.zeros((1, 9)),
                     np.zeros(1),

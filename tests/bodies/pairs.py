@@ -66,7 +66,9 @@ BODIES: dict[str, Callable[[Motion, str], Any]] = {
     "mass": mass,
 }
 JOINTED = [(a, b, "ball") for i, a in enumerate(BODIES) for b in list(BODIES)[i:] if (a, b) != ("mass", "mass")] + [
-    (a, b, kind) for a, b in (("beam", "body"), ("body", "body")) for kind in ("fixed", "revolute", "prismatic")
+    (a, b, kind)
+    for a, b in (("beam", "body"), ("body", "body"), ("beam", "beam"))
+    for kind in ("fixed", "revolute", "prismatic")
 ]
 AXIS = (1.0, 0.0, 0.0)  # of hinges and slides; in the plane of the beam's section
 

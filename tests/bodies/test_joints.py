@@ -29,6 +29,11 @@ def beams() -> tuple[gx.Beam, gx.Beam]:
     return one, two
 
 
+def clamped_twice() -> gx.Scene:
+    one, two = (beam.frame("start") for beam in beams())
+    return gx.Scene(gx.FixedJoint(one, two, "clamp"), gx.FixedJoint(one, two, "again"))
+
+
 def scene_of(joint) -> gx.Scene:
     scene = gx.Scene(joint)
     scene.compile()
@@ -46,7 +51,9 @@ REFUSED = [
     (lambda: gx.RigidBody(1.0, (1, 1, 3)), "no body has"),
     (lambda: gx.RigidBody(1.0, (1, 1, 1), attitude=2 * np.eye(3)), "no rotation matrix"),
     (lambda: gx.BallJoint(gx.Ground((0, 0, 0)), gx.Ground((0, 0, 0))), "joins the ground to itself"),
-    (lambda: scene_of(gx.FixedJoint(*(b.frame("start") for b in beams()))), "join both to a RigidBody"),
+    (lambda: scene_of(gx.FixedJoint(*(b.frame("end") for b in beams()))), r"1\.41421 m apart"),
+    (lambda: gx.FixedJoint(*map(beams()[0].frame, ("start", "end"))), "joins 'one' to itself"),
+    (lambda: clamped_twice().compile(), r"6 of the constraints 'again.* follow from the others"),
     (lambda: gx.RevoluteJoint(body().frame(), gx.ground_frame(), (0, 0, 0)), "axis has no length"),
     (
         lambda: scene_of(gx.BallJoint(body("a", velocity=(1, 0, 0)).port(), body("b").port())),
@@ -127,10 +134,12 @@ def joined(comm: MPI.Comm) -> list[float]:
     hub = gx.RigidBody(1.0, (0.1, 0.1, 0.1), (1.2, 0, 0), comm=comm, name="hub")
     cable = gx.Cable(line(comm, [(1.2, 0, 0), (1.2, 0, -1)], 4), gx.CableLaw(1e3, 0.5))
     mass = gx.PointMass(0.5, (1.2, 0, -1.3), comm=comm)
+    branch = gx.Beam(line(comm, [(1, 0, 0), (1.5, 0.5, 0)], 2), SECTION, name="branch")
     scene = gx.Scene(
         gx.BallJoint(film.port_at((0.4, 0.0, 0.0)), beam.port_at((0.4, 0.0, 0.0)), "tie"),
         gx.BallJoint(film.port("bottom left"), beam.port("start"), "corner"),
         gx.FixedJoint(hub.frame_at((1, 0, 0)), beam.frame("end"), "clamp"),
+        gx.FixedJoint(beam.frame("end"), branch.frame("start"), "fork"),
         gx.BallJoint(cable.port("start"), hub.port(), "hook"),
         gx.Rope(cable.port("end"), mass.port(), length=0.2, stiffness=500.0),
         gx.Gravity(mass),

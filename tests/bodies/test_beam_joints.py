@@ -1,0 +1,113 @@
+"""Sections of beams joined to each other: as if grown together, in every relative direction, and conserving."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from pairs import DT, Motion, conserves
+
+import gossamer_fx as gx
+from gossamer_fx.places import values_of
+from meshes.line import line
+
+COMM = MPI.COMM_WORLD
+SECTION = gx.rectangle(0.03, 0.05, E=1e7, nu=0.3, density=1000.0)
+MOTION = Motion((0.3, -0.2, 0.5, 1.0, 2.0, -0.7))
+DIRECTIONS = {
+    "onwards": (1.0, 0.0, 0.0),
+    "almost onwards": (1.0, 1e-4, 0.0),
+    "back": (-1.0, 0.0, 0.0),
+    "across": (0.0, 1.0, 0.0),
+    "obliquely": (0.5, -0.6, 0.3),
+}
+
+
+def arm(name: str, direction: tuple[float, ...], elements: int = 2, **more) -> gx.Beam:
+    """From the origin, of the length of `direction` [m]."""
+    return gx.Beam(line(COMM, [(0, 0, 0), direction], elements), SECTION, normal=(0.1, 0.2, 1.0), name=name, **more)
+
+
+def triad(run: gx.Simulation, frame: gx.Frame) -> np.ndarray:
+    """Normal, d2 and d3 (3, 3) of a section or of a body's last two axes, as they are now."""
+    d2, d3 = values_of(run.system, frame.directors[-2:], run.system.q0)
+    return np.array([np.cross(d2, d3), d2, d3])
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("direction", DIRECTIONS)
+def test_two_arms_in_free_flight_conserve(direction: str) -> None:
+    """Energy, momenta and constraints, while the arms bend under the spin; their sections stay as they met."""
+    one = arm("one", (-1.0, 0.0, 0.0), velocity=MOTION)
+    two = arm("two", DIRECTIONS[direction], velocity=MOTION)
+    frames = one.frame("start"), two.frame("start")
+    scene = gx.Scene(gx.FixedJoint(*frames))
+    first = [triad(gx.Simulation(scene, gx.Midpoint(dt=DT)), frame) for frame in frames]
+    run = conserves(scene)
+    assert run.substeps == 0
+    now = [triad(run, frame) for frame in frames]
+    assert now[0] @ now[1].T == pytest.approx(first[0] @ first[1].T, abs=1e-10)
+    assert np.abs(now[0] - first[0]).max() > 0.5  # both have turned
+
+
+def tip(parts: int, load: tuple[float, float, float]) -> np.ndarray:
+    """Displaced end of a cantilever of 1 m that is made of that many beams, of 8 elements in all."""
+    ends = np.linspace(0, 1, parts + 1)
+    beams = [
+        gx.Beam(line(COMM, [(a, 0, 0), (b, 0, 0)], 8 // parts), SECTION, name=f"beam {k}")
+        for k, (a, b) in enumerate(pairwise(ends))
+    ]
+    joints = [
+        gx.FixedJoint(one.frame("end"), two.frame("start"), f"joint {k}")
+        for k, (one, two) in enumerate(pairwise(beams))
+    ]
+    port = beams[-1].port("end")
+    search = gx.Equilibrium(gx.Scene(gx.Clamped(beams[0], "start"), *beams, *joints, gx.Force(port, load)))
+    search.find()
+    return values_of(search.system, [port], search.system.q0)[0]
+
+
+def test_a_cantilever_in_pieces_bends_as_one_in_one_piece() -> None:
+    """Under a dead force across it and oblique to its section, tip by more than half a metre."""
+    load = (0.0, 2.5, 2.5)
+    whole = tip(1, load)
+    assert np.linalg.norm(whole[1:]) > 0.5
+    assert tip(2, load) == pytest.approx(whole, abs=1e-7)
+    assert tip(4, load) == pytest.approx(whole, abs=1e-7)
+
+
+def pulled(one: gx.Beam) -> gx.Spring:
+    """What makes the motion other than rigid."""
+    mass = gx.PointMass(0.3, (0.0, 1.0, 1.0), name="loose")
+    return gx.Spring(one.port("end"), mass.port(), stiffness=5.0, length=1.0)
+
+
+@pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.4, 0.5, -0.3)])
+@pytest.mark.parametrize("second", ["beam", "body"])
+def test_hinges_on_sections_take_any_axis(axis: tuple[float, float, float], second: str) -> None:
+    """Both sides carry the axis alike, and turn about it; all is conserved."""
+    one, centre = arm("one", (-1.0, 0.0, 0.0), velocity=MOTION), np.array([0.1, 0.2, 0.0])
+    if second == "beam":
+        frame = arm("two", (0.2, 1.0, 0.1), velocity=MOTION).frame("start")
+    else:
+        inertia = (0.02, 0.03, 0.04)
+        frame = gx.RigidBody(0.5, inertia, centre, velocity=MOTION.at(centre), spin=MOTION.spin).frame_at((0, 0, 0))
+    sides = one.frame("start"), frame
+    scene = gx.Scene(gx.RevoluteJoint(*sides, axis), pulled(one))
+    first = [triad(gx.Simulation(scene, gx.Midpoint(dt=DT)), side) for side in sides]
+    run = conserves(scene)
+    turned = [triad(run, side).T @ before for side, before in zip(sides, first, strict=True)]
+    n = np.array(axis) / np.linalg.norm(axis)
+    assert turned[0] @ n == pytest.approx(turned[1] @ n, abs=1e-10)
+    assert np.abs(turned[0] - turned[1]).max() > 0.05
+
+
+def test_a_beam_slides_along_a_beam() -> None:
+    """Along an axis that is oblique to both sections, without turning against it."""
+    one, two = arm("one", (-1.0, 0.0, 0.0), velocity=MOTION), arm("two", (0.2, 1.0, 0.1), velocity=MOTION)
+    joint = gx.PrismaticJoint(one.frame("start"), two.frame("start"), (0.4, 0.5, -0.3))
+    run = conserves(gx.Scene(joint, pulled(one)))
+    a, b = values_of(run.system, [one.port("start"), two.port("start")], run.system.q0)
+    assert np.linalg.norm(a - b) > 0.01
