@@ -31,7 +31,7 @@ class Case:
         until: end time [s].
         title: a line for pictures and reports.
         fields: names for films by their names, see `Recording`.
-        probes: numbers by name, see `Probes`.
+        probes: numbers by name, see `Probes`; "tip x [m]" and "tip y [m]" are drawn as the curves x and y of "tip [m]".
         frames: about how often fields are written.
         control, events, halvings: see `Simulation`.
         outputs: others than the recording.

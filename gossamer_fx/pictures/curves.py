@@ -101,7 +101,7 @@ def _lines(axes: Axes, t: Array, curves: dict[str, Array], colours: dict[str, st
     elif all((curves[name] >= 0).all() for name in peaks):
         axes.set_ylim(bottom=0)
     axes.set_title(f"{title} [{prefix}{unit}]")
-    _label_ends(axes, labels)
+    label_ends(axes, labels)
 
 
 def _states(axes: Axes, t: Array, fractions: Array) -> None:
@@ -111,7 +111,7 @@ def _states(axes: Axes, t: Array, fractions: Array) -> None:
     tops = np.cumsum(fractions[-1, order]) * 100
     names = {s: name for name, s in STATES.items()}
     labels = {names[s]: (float(top - 50 * fractions[-1, s]), INK) for s, top in zip(order, tops, strict=True)}
-    _label_ends(axes, {name: at for name, at in labels.items() if fractions[:, STATES[name]].max() > _SHOWN})
+    label_ends(axes, {name: at for name, at in labels.items() if fractions[:, STATES[name]].max() > _SHOWN})
     axes.set_title("State of the film [% of area]")
 
 
@@ -128,11 +128,12 @@ def _errors(axes: Axes, t: Array, errors: dict[str, Array]) -> None:
             labels[name] = float(worst[-1]), colour
     axes.set_ylim(1e-17, max([1e-12, *(3 * worst for worst, _ in labels.values())]))
     axes.set_title("Closing error of the ledger, relative")
-    _label_ends(axes, labels)
+    label_ends(axes, labels)
 
 
-def _label_ends(axes: Axes, labels: dict[str, tuple[float, str]]) -> None:
+def label_ends(axes: Axes, labels: dict[str, tuple[float, str]]) -> None:
     """Name curves at their right ends, moved apart where they would overlap."""
+    axes.autoscale_view()
     to_axes = axes.transData + axes.transAxes.inverted()
     ends = sorted((float(to_axes.transform((0, y))[1]), name, colour) for name, (y, colour) in labels.items())
     heights = np.array([y for y, _, _ in ends]).clip(0, 1)
@@ -141,6 +142,7 @@ def _label_ends(axes: Axes, labels: dict[str, tuple[float, str]]) -> None:
         push = np.where(overlap > 1e-4, overlap / 2, 0.0)
         heights[:-1] -= push
         heights[1:] += push
+        heights = heights.clip(0, 1)
     for height, (_, name, colour) in zip(heights, ends, strict=True):
         axes.annotate(
             name, (1, height), (5, 0), xycoords="axes fraction", textcoords="offset points", color=colour, va="center"

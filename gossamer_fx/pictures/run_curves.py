@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from functools import partial
+from itertools import cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from gossamer_fx.parts import Array
-from gossamer_fx.pictures.curves import LINES, Moment, Panel, panels, scaled
+from gossamer_fx.pictures.curves import LINES, Moment, Panel, label_ends, panels, scaled
 from gossamer_fx.pictures.playback import Playback, Tables
 from gossamer_fx.records.fields import STATES
 
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _MOST = 2000  # points of a curve
-_PROBES = 8  # panels
+_PART = re.compile(r"(.+) (\S+)( \[[^]]*\])")  # a probe's name with a unit: "tip x [m]"
 
 
 def run_curves(run: Playback) -> tuple[list[Panel], tuple[float, float], str]:
@@ -31,8 +33,7 @@ def run_curves(run: Playback) -> tuple[list[Panel], tuple[float, float], str]:
     found = panels(moments, factor)
     found.append(partial(_work, ledger["time"] / factor, ledger))
     probes = run.table("probes.csv")
-    names = [name for name in probes if name not in ("time", "step")][:_PROBES]
-    found += [partial(_probe, probes["time"] / factor, probes[name], name) for name in names]
+    found += [partial(_probes, probes["time"] / factor, title, curves) for title, curves in grouped(probes).items()]
     return found, (ledger["time"][0] / factor, ledger["time"][-1] / factor), f"{prefix}s"
 
 
@@ -74,6 +75,20 @@ def _work(t: Array, ledger: Tables, axes: Axes) -> None:
     axes.set_title("Newton iterations of a step")
 
 
-def _probe(t: Array, values: Array, name: str, axes: Axes) -> None:
-    axes.plot(t, values, color=LINES[0])
-    axes.set_title(name)
+def grouped(probes: Tables) -> dict[str, Tables]:
+    """Curves of one panel by their last words, by title: "tip x [m]" and "tip y [m]" are x and y of "tip [m]"."""
+    panels: dict[str, Tables] = {}
+    for name, values in probes.items():
+        if name not in ("time", "step"):
+            parts = _PART.fullmatch(name)
+            title, curve = (parts[1] + parts[3], parts[2]) if parts else (name, "")
+            panels.setdefault(title, {})[curve] = values
+    return panels
+
+
+def _probes(t: Array, title: str, curves: Tables, axes: Axes) -> None:
+    colours = dict(zip(curves, cycle(LINES), strict=False))
+    for name, values in curves.items():
+        axes.plot(t, values, color=colours[name])
+    axes.set_title(title)
+    label_ends(axes, {name: (float(values[-1]), colours[name]) for name, values in curves.items() if name})

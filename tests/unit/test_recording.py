@@ -13,6 +13,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.pictures.colours import scale
+from gossamer_fx.pictures.run_curves import grouped
 from gossamer_fx.pictures.viewer import view_data
 from meshes.airbag import airbag
 from meshes.line import line
@@ -183,3 +184,10 @@ def test_damaged_folders_are_told(recorded: Path, tmp_path: Path, spoil, culprit
     spoil(tmp_path / "run")
     with pytest.raises(gx.InputError, match=re.escape(culprit)):
         gx.Playback(tmp_path / "run")
+
+
+def test_components_of_a_probe_share_a_panel() -> None:
+    t, x, y, other = np.arange(3.0), np.zeros(3), np.ones(3), np.full(3, 2.0)
+    panels = grouped({"time": t, "step": t, "tip x [m]": x, "tip y [m]": y, "x of the ball": other})
+    assert {title: list(curves) for title, curves in panels.items()} == {"tip [m]": ["x", "y"], "x of the ball": [""]}
+    assert panels["tip [m]"]["y"] is y
