@@ -97,6 +97,7 @@ if TYPE_CHECKING:
     from gossamer_fx.records.recorder import VTX as VTX
     from gossamer_fx.records.recorder import Probes as Probes
     from gossamer_fx.records.recording import Recording as Recording
+    from gossamer_fx.records.series import Series as Series
     from gossamer_fx.running.checkpoint import Checkpoints as Checkpoints
     from gossamer_fx.running.checkpoint import latest as latest
     from gossamer_fx.running.events import At as At
@@ -159,6 +160,7 @@ _HOME = {
     "records.progress": ["Progress"],
     "records.recorder": ["VTX", "Probes"],
     "records.recording": ["Recording"],
+    "records.series": ["Series"],
     "running.checkpoint": ["Checkpoints", "latest"],
     "running.events": ["At", "When"],
     "running.interruption": ["Interrupted"],

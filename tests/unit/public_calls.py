@@ -105,6 +105,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "Ring": {"film": film, "edges": "left"},
         "Rope": {"a": P, "b": Q, "length": 1.0, "stiffness": 1.0},
         "Section": edges,
+        "Series": {"probes": {"a": lambda run: 0.0}},
         "Simulation": {"scene": scene, "stepper": gx.Midpoint(dt=0.1), "outputs": [], "halvings": 8},
         "Spring": {"a": P, "b": Q, "stiffness": 1.0, "length": 1.0},
         "StepControl": {"iterations": 15, "error": 1e-3, "growth": 1.5, "cut": 0.5, "smallest": 1e-9},

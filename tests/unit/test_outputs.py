@@ -219,6 +219,17 @@ def test_probes_follow_a_falling_film(folder: Path) -> None:
 
 
 @pytest.mark.mpi
+def test_a_series_keeps_the_numbers_of_every_step() -> None:
+    film = falling_film()
+    series = gx.Series({"z": gx.Displacement(film.port("top right"), "z")})
+    fall(film, [series])
+    assert np.allclose(series.time, DT * np.arange(6), atol=1e-15)
+    assert np.allclose(series["z"], V0[2] * series.time - G * series.time**2 / 2, atol=1e-10)
+    with pytest.raises(gx.InputError, match="no 'x'; its names are: z"):
+        series["x"]
+
+
+@pytest.mark.mpi
 def test_gas_probes_give_the_state_of_the_chamber(folder: Path) -> None:
     """A rigid tank that nothing leaves keeps p V = m R T."""
     gas = gx.IdealGas(gamma=1.4, R=287.0)
@@ -269,7 +280,9 @@ def test_probe_that_differs_between_ranks_is_named(folder: Path) -> None:
         fall(falling_film(), outputs)
 
 
-@pytest.mark.parametrize("bad", [lambda p: gx.Position(p, "w"), lambda p: gx.Probes("a.csv", {"time": len})])
+@pytest.mark.parametrize(
+    "bad", [lambda p: gx.Position(p, "w"), lambda p: gx.Probes("a.csv", {"time": len}), lambda p: gx.Series({"z": p})]
+)
 def test_bad_requests_of_probes(bad: object) -> None:
     with pytest.raises(gx.InputError):
         bad(falling_film().port("top right"))
