@@ -16,11 +16,11 @@ with the moment of inertia I of the antenna about that axis, Ω = 0.6 rad/s and 
     case 1: (0°, 0°, 8°) about w, in the plane of the film;  case 2: (8°, 0°, 0°) about u, out of it
 
     ./gossamer demo antenna_attitude
+    ./gossamer run demos/antenna_attitude.py case=2 dt=0.04 --output out/turn; ./gossamer report out/turn
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,6 +28,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.outputs import Output, Probe
 from gossamer_fx.places import values_of
 from meshes import antenna as meshes
 
@@ -75,33 +76,52 @@ def inertia() -> np.ndarray:
     return np.array([film + boom, film + boom, 2 * (film + boom)])
 
 
-class Record:
-    """Angles, torques and the displacement of point A at every step."""
+class Attitude:
+    """One of the three controlled angles [deg], a probe."""
 
-    times: Sequence[float] = ()
+    def __init__(self, control: gx.AttitudeControl, axis: int) -> None:
+        self._control, self._axis = control, axis
 
-    def __init__(self, control: gx.AttitudeControl, point: gx.Port) -> None:
-        self._control, self._point = control, point
-        self.rows: list[np.ndarray] = []
-
-    def open(self, run: gx.Simulation) -> None:
-        self._reference = self._control.reference()
-        self._start = values_of(run.system, [self._point], run.system.q0)[0]
-
-    def record(self, run: gx.Simulation, last: bool) -> None:
+    def __call__(self, run: gx.Simulation) -> float:
         vectors = values_of(run.system, self._control.frame.directors, run.system.q0)
-        angles = self._control.angles_of(vectors.ravel(), self._reference)
-        moved = values_of(run.system, [self._point], run.system.q0)[0] - self._start
-        missing = run.energy_error  # over the largest energy so far, hence looked at in every step
-        self.rows.append(np.concatenate([[run.time], angles, self._control.torques, moved, [missing]]))
+        angles = self._control.angles_of(vectors.ravel(), self._control.reference())
+        return float(np.degrees(angles[self._axis]))
 
-    def close(self, run: gx.Simulation) -> None:
-        pass
 
-    @property
-    def table(self) -> np.ndarray:
-        """Time [s], three angles [rad], three torques [N m], displacement of A [m], ledger error: 11 columns."""
-        return np.array(self.rows)
+class ControlTorque:
+    """The torque about the axis of one of the angles [N m], a probe."""
+
+    def __init__(self, control: gx.AttitudeControl, axis: int) -> None:
+        self._control, self._axis = control, axis
+
+    def __call__(self, run: gx.Simulation) -> float:
+        return float(self._control.torques[self._axis])
+
+
+def build(
+    comm: MPI.Comm,
+    case: int = 1,
+    cells: int = 3,
+    elements: int = 6,
+    until: float = 40.0,
+    dt: float = 0.02,
+    order: int = 1,
+) -> gx.Case:
+    """The antenna with cells × cells squares of film and `elements` of each boom, and its control in `case` 1 or 2.
+
+    It tells angles, torques and the displacement of the corner A.
+    """
+    model = antenna(comm, cells, elements, order)
+    centre, corner = model.film.port_at((0, 0, 0)), model.film.port_at(model.points[0])
+    ring = gx.patch(centre, [model.film.port_at(point) for point in model.points[4:]])
+    I = inertia()  # noqa: E741 (as in the formula)
+    control = gx.AttitudeControl(ring, np.radians(TARGETS[case]), I * RATE**2, 2 * DAMPING * I * RATE)
+    scene = gx.Scene(*model.items, gx.BallJoint(centre, gx.Ground((0, 0, 0)), "centre"), control)
+    probes: dict[str, Probe] = {f"angle {axis} [deg]": Attitude(control, k) for k, axis in enumerate("uvw")}
+    probes |= {f"torque {axis} [N m]": ControlTorque(control, k) for k, axis in enumerate("uvw")}
+    probes |= {f"A {axis} [m]": gx.Displacement(corner, axis) for axis in "xyz"}
+    stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-12, floor=1.0))
+    return gx.Case(scene, stepper, until, title=f"The membrane antenna, turned: case {case}", probes=probes)
 
 
 def main(
@@ -114,34 +134,33 @@ def main(
     output: str | Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> dict:
-    """Control `case` until `until` [s] with steps of `dt` [s]; angles in degrees, torques in N m, over the time."""
-    model = antenna(comm, film_cells, boom_elements, order)
-    centre = model.film.port_at((0, 0, 0))
-    ring = gx.patch(centre, [model.film.port_at(point) for point in model.points[4:]])
-    I = inertia()  # noqa: E741 (as in the formula)
-    target = np.radians(TARGETS[case])
-    control = gx.AttitudeControl(ring, target, I * RATE**2, 2 * DAMPING * I * RATE)
-    record = Record(control, model.film.port_at(model.points[0]))
-    outputs: list = [gx.Progress(), record]
+    """Control `case` until `until` [s] with steps of `dt` [s]; angles in degrees, torques in N m, over the time.
+
+    With `output`, a folder: the recording of the run, and pictures.
+    """
+    turn = build(comm, case, film_cells, boom_elements, until, dt, order)
+    # the ledger's error is over the largest energy that was seen: look at it in every step
+    series = gx.Series({**turn.probes, "error": lambda run: run.energy_error})
+    outputs: list[Output] = [gx.Progress(), series]
     if output is not None:
-        out = Path(output)
-        outputs += [
-            gx.Ledger(out / "ledger.csv"),
-            gx.Picture(out / f"antenna_{case}.png", times=np.array([2.0, 4.0, 8.0, 16.0, 40.0]) * until / 40),
-        ]
-    scene = gx.Scene(*model.items, gx.BallJoint(centre, gx.Ground((0, 0, 0)), "centre"), control)
-    run = gx.Simulation(scene, gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-12, floor=1.0)), outputs)
+        out, looks = Path(output), (np.array([2.0, 4.0, 8.0, 16.0, 40.0]) * until / 40).tolist()
+        outputs += [turn.recording(out), gx.Picture(out / "antenna.png", times=looks, title=turn.title)]
+    run = turn.simulation(outputs)
     run.run(until=until)
 
-    table = record.table
+    angles, torques, moved = (
+        np.array([series[f"{what} {axis} [{unit}]"] for axis in axes]).T
+        for what, axes, unit in (("angle", "uvw", "deg"), ("torque", "uvw", "N m"), ("A", "xyz", "m"))
+    )
     if output is not None and comm.rank == 0:
-        plot(table, Path(output) / f"history_{case}.png")
+        plot(series.time, angles, torques, moved, Path(output) / "history.png")
+    target = np.array(TARGETS[case])
     return {
-        "angle_error": float(np.abs(table[-1, 1:4] - target).max() / np.abs(target).max()),
-        "angles": np.degrees(table[:, 1:4]),
-        "torque": table[:, 4:7],
-        "time": table[:, 0],
-        "point_A": table[:, 7:10],
+        "angle_error": float(np.abs(angles[-1] - target).max() / np.abs(target).max()),
+        "angles": angles,
+        "torque": torques,
+        "time": series.time,
+        "point_A": moved,
         "energy_error": run.energy_error,
         "newton_per_step": run.iterations / run.step,
         "substeps": run.substeps,
@@ -150,19 +169,19 @@ def main(
     }
 
 
-def plot(table: np.ndarray, path: Path) -> None:
+def plot(time: np.ndarray, angles: np.ndarray, torques: np.ndarray, moved: np.ndarray, path: Path) -> None:
     """Angles, torques and the displacement of A over the time."""
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(3, 1, sharex=True, figsize=(7, 8), layout="constrained")
     curves = (
-        ("angle [deg]", np.degrees(table[:, 1:4]), ("θ about u", "β about v", "γ about w")),
-        ("torque [N m]", table[:, 4:7], ("u", "v", "w")),
-        ("displacement of A [m]", table[:, 7:10], ("X", "Y", "Z")),
+        ("angle [deg]", angles, ("θ about u", "β about v", "γ about w")),
+        ("torque [N m]", torques, ("u", "v", "w")),
+        ("displacement of A [m]", moved, ("X", "Y", "Z")),
     )
     for ax, (label, values, names) in zip(axes, curves, strict=True):
         for values_of_one, name in zip(values.T, names, strict=True):
-            ax.plot(table[:, 0], values_of_one, label=name)
+            ax.plot(time, values_of_one, label=name)
         ax.set_ylabel(label)
         ax.legend()
     axes[-1].set_xlabel("time [s]")
@@ -171,7 +190,7 @@ def plot(table: np.ndarray, path: Path) -> None:
 
 if __name__ == "__main__":
     for case in TARGETS:
-        result = main(case=case, output="out/antenna_attitude")
+        result = main(case=case, output=f"out/antenna_attitude/case {case}")
         if MPI.COMM_WORLD.rank == 0:
             for key in ("angle_error", "energy_error", "newton_per_step", "substeps", "dofs", "seconds"):
                 print(f"case {case}  {key:16} {result[key]:.6g}")

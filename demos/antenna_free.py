@@ -4,6 +4,7 @@ The antenna of `demos/antenna_attitude.py` without joint and control, thrown int
 film's normal and its plane; then the energy, the momentum and the angular momentum stay as they are.
 
     ./gossamer demo antenna_free
+    ./gossamer run demos/antenna_free.py until=5 --output out/antenna; ./gossamer report out/antenna
 """
 
 from __future__ import annotations
@@ -14,11 +15,21 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.antenna_attitude import antenna
+from gossamer_fx.outputs import Output
 from gossamer_fx.running.stepping import Stepper
 from gossamer_fx.simulate import relative_drift
 
 SPIN = (0.3, 0.1, 1.0)  # rad/s
 DRIFT = (0.1, 0.0, 0.05)  # m/s
+
+
+def build(
+    comm: MPI.Comm, cells: int = 3, elements: int = 6, until: float = 50.0, dt: float = 5e-3, order: int = 1
+) -> gx.Case:
+    """The antenna with cells × cells squares of film, booms of `elements`, until a time [s] in steps of `dt` [s]."""
+    motion = gx.RigidMotion(spin=SPIN, velocity=DRIFT)
+    scene = gx.Scene(*antenna(comm, cells, elements, order).items, motion)
+    return gx.Case(scene, gx.Midpoint(dt=dt), until, title="The membrane antenna, free in space")
 
 
 def main(
@@ -31,14 +42,11 @@ def main(
     output: str | Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> dict[str, float]:
-    """Run `steps` steps of `dt` [s]; all drifts are relative to the start."""
-    model = antenna(comm, film_cells, boom_elements, order)
-    outputs: list = [gx.Progress()]
-    if output is not None:
-        outputs.append(gx.Ledger(Path(output) / "ledger.csv"))
-    motion = gx.RigidMotion(spin=SPIN, velocity=DRIFT)
-    run = gx.Simulation(gx.Scene(*model.items, motion), stepper or gx.Midpoint(dt=dt), outputs)
-    run.run(until=steps * dt)
+    """Run `steps` steps of `dt` [s]; all drifts are relative to the start.  With `output`, a folder: the recording."""
+    case = build(comm, film_cells, boom_elements, steps * dt, dt, order)
+    outputs: list[Output] = [gx.Progress()] + ([case.recording(output)] if output is not None else [])
+    run = gx.Simulation(case.scene, stepper or case.stepper, outputs)
+    run.run(until=case.until)
     first, last = run.first, run.totals
     assert run.system.constraints is not None
     return {

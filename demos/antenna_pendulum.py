@@ -11,7 +11,9 @@ antenna is saddled, slowly, against the film alone; and the film sags between th
 with a commercial code within 0.02 m.
 
 `./gossamer demo antenna_pendulum` runs the resolutions of the paper and finer ones, with linear and quadratic films,
-and draws errors against unknowns and run time.
+and draws errors against unknowns and run time.  One of them, to look at:
+
+    ./gossamer run demos/antenna_pendulum.py cells=4 elements=8 --output out/swing; ./gossamer report out/swing
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.antenna_attitude import FILM, SIDE, antenna
+from gossamer_fx.outputs import Output
 from gossamer_fx.places import values_of
 from gossamer_fx.running.stepping import Stepper
 
@@ -54,40 +57,42 @@ def rigid_angle(t: np.ndarray, substeps: int = 200) -> np.ndarray:
     return np.array(angles)
 
 
-class Record:
-    """Height of the tip, and how far the film is from the surface that its corners span, at every step.
+class FilmDeflection:
+    """How far a film is from the surface that its corners span [m], a probe.
 
     That is the root of the mean square, over the film, of the distance along the normal to the plane of B, C and D.
     """
 
-    times: Sequence[float] = ()
-
     def __init__(self, film: gx.Membrane, corners: Sequence[gx.Port]) -> None:
         self._film, self._corners = film, corners
-        self.rows: list[tuple[float, float, float]] = []
-
-    def open(self, run: gx.Simulation) -> None:
-        system = run.system
-        self._owned = system.numbering.owned(system.bodies.index(self._film))
-        x, y, _ = self._film.space.tabulate_dof_coordinates()[: self._film.block.index_map.size_local].T / (SIDE / 2)
+        x, y, _ = film.space.tabulate_dof_coordinates()[: film.block.index_map.size_local].T / (SIDE / 2)
         self._bilinear = np.array([(1 + a * x) * (1 + b * y) / 4 for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]).T
-        self._distance = system.numbering.vector()
 
-    def record(self, run: gx.Simulation, last: bool) -> None:
+    def __call__(self, run: gx.Simulation) -> float:
         system = run.system
+        owned, distance = system.numbering.owned(system.bodies.index(self._film)), system.numbering.vector()
         corners = values_of(system, self._corners, system.q0)
         _, B, C, D = corners
         normal = np.cross(D - C, B - C)
         normal /= np.linalg.norm(normal)
-        positions = system.q0.array_r[self._owned].reshape(-1, 3)
-        with self._distance as values:
-            values[self._owned] = np.outer((positions - self._bilinear @ corners) @ normal, normal).ravel()
+        positions = system.q0.array_r[owned].reshape(-1, 3)
+        with distance as values:
+            values[owned] = np.outer((positions - self._bilinear @ corners) @ normal, normal).ravel()
         mass = FILM.density * FILM.thickness * SIDE**2
-        mean_square = self._distance.dot(system.M * self._distance) / mass
-        self.rows.append((run.time, float(corners[0, 2]), float(mean_square) ** 0.5))
+        return float(distance.dot(system.M * distance) / mass) ** 0.5
 
-    def close(self, run: gx.Simulation) -> None:
-        pass
+
+def build(
+    comm: MPI.Comm, cells: int = 3, elements: int = 6, until: float = 2.0, dt: float = 5e-3, order: int = 1
+) -> gx.Case:
+    """The antenna with cells × cells squares of film and `elements` of each boom, hung at C; it tells tip and film."""
+    model = antenna(comm, cells, elements, order)
+    corners = [model.film.port_at(point) for point in model.points[:4]]
+    hinge = gx.BallJoint(corners[2], gx.Ground(tuple(model.points[2].tolist())), "hinge")
+    weights = [gx.Gravity(body, (0, 0, -G)) for body in (model.film, *model.booms)]
+    probes = {"tip [m]": gx.Position(corners[0], "z"), "film [m]": FilmDeflection(model.film, corners)}
+    scene = gx.Scene(*model.items, hinge, *weights)
+    return gx.Case(scene, gx.Midpoint(dt=dt), until, title="The membrane antenna, hung at a corner", probes=probes)
 
 
 def main(
@@ -100,27 +105,25 @@ def main(
     output: str | Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> dict:
-    """Swing until `until` [s] with steps of `dt` [s]; heights and deflections in m over the time."""
-    model = antenna(comm, film_cells, boom_elements, order)
-    corners = [model.film.port_at(point) for point in model.points[:4]]
-    record = Record(model.film, corners)
-    outputs: list = [gx.Progress(), record]
-    if output is not None:
-        outputs.append(gx.Ledger(Path(output) / f"ledger_{order}_{film_cells}_{boom_elements}.csv"))
-    hinge = gx.BallJoint(corners[2], gx.Ground(tuple(model.points[2].tolist())), "hinge")
-    weights = [gx.Gravity(body, (0, 0, -G)) for body in (model.film, *model.booms)]
-    run = gx.Simulation(gx.Scene(*model.items, hinge, *weights), stepper or gx.Midpoint(dt=dt), outputs)
+    """Swing until `until` [s] with steps of `dt` [s]; heights and deflections in m over the time.
+
+    With `output`, a folder: the recording of the run.
+    """
+    case = build(comm, film_cells, boom_elements, until, dt, order)
+    series = gx.Series(case.probes)
+    outputs: list[Output] = [gx.Progress(), series] + ([case.recording(output)] if output is not None else [])
+    run = gx.Simulation(case.scene, stepper or case.stepper, outputs)
     run.run(until=until)
 
-    table = np.array(record.rows)
-    rigid = -SIDE * 2**0.5 * np.sin(rigid_angle(table[:, 0]))
+    time, tip, film = series.time, series["tip [m]"], series["film [m]"]
+    rigid = -SIDE * 2**0.5 * np.sin(rigid_angle(time))
     return {
-        "time": table[:, 0],
-        "tip": table[:, 1],
-        "film": table[:, 2],
+        "time": time,
+        "tip": tip,
+        "film": film,
         "rigid_tip": rigid,
-        "deviation": float(np.abs(table[:, 1] - rigid).max()),
-        "film_deflection": float(table[:, 2].max()),
+        "deviation": float(np.abs(tip - rigid).max()),
+        "film_deflection": float(film.max()),
         "energy_error": run.energy_error,
         "newton_per_step": run.iterations / run.step,
         "substeps": run.substeps,
@@ -168,7 +171,7 @@ def plot(results: dict[tuple[int, int, int], dict], path: Path) -> None:
 
 if __name__ == "__main__":
     folder = Path("out/antenna_pendulum")
-    results = {(p, n, m): main(n, m, order=p, output=folder) for p, n, m in RESOLUTIONS}
+    results = {(p, n, m): main(n, m, order=p, output=folder / f"P{p} {n}x{n}-{m}") for p, n, m in RESOLUTIONS}
     if MPI.COMM_WORLD.rank == 0:
         plot(results, folder / "convergence.png")
         found = errors(results)

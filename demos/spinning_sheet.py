@@ -8,6 +8,7 @@ out-of-plane velocity sin πx sin πy m/s.  Without load or damping
 stay as they are at the start while every cell switches between taut, wrinkled and slack.
 
     ./gossamer demo spinning_sheet
+    ./gossamer run demos/spinning_sheet.py n=30 until=0.2 --output out/sheet; ./gossamer report out/sheet
 """
 
 from __future__ import annotations
@@ -18,10 +19,12 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.outputs import Output
 from gossamer_fx.simulate import relative_drift
 from meshes.sheet import sheet
 
 SPIN = 10.0  # rad/s
+TITLE = "A free film, spinning and fluttering"
 
 
 def throw(x: np.ndarray) -> np.ndarray:
@@ -30,29 +33,35 @@ def throw(x: np.ndarray) -> np.ndarray:
     return np.vstack([-SPIN * (Y - 0.5), SPIN * (X - 0.5), np.sin(np.pi * X) * np.sin(np.pi * Y)])
 
 
+def build(
+    comm: MPI.Comm, n: int = 20, until: float = 1.0, dt: float = 1e-3, residual: float = 1e-6, order: int = 1
+) -> gx.Case:
+    """The film of n × n × 2 triangles, until the time `until` [s] in steps of `dt` [s]."""
+    law = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual=residual)
+    film = gx.Membrane(sheet(comm, n, n), law, order=order, velocity=throw)
+    return gx.Case(gx.Scene(film), gx.Midpoint(dt=dt), until, title=TITLE)
+
+
 def main(
     n: int = 20,
     dt: float = 1e-3,
     steps: int = 1000,
-    residual_stiffness: float = 1e-6,
     order: int = 1,
     output: str | Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
     stepper: gx.Midpoint | None = None,
 ) -> dict[str, float]:
-    """Run `steps` steps of `dt` [s] on n × n × 2 triangles and return the drifts, relative to the start's values."""
-    law = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual=residual_stiffness)
-    film = gx.Membrane(sheet(comm, n, n), law, order=order, velocity=throw)
-    outputs: list = [gx.Progress()]
+    """Run `steps` steps of `dt` [s] on n × n × 2 triangles and return the drifts, relative to the start's values.
+
+    With `output`, a folder: the recording of the run, and a picture.
+    """
+    case = build(comm, n, steps * dt, dt, order=order)
+    outputs: list[Output] = [gx.Progress()]
     if output is not None:
-        out = Path(output)
-        outputs += [
-            gx.Ledger(out / "ledger.csv"),
-            gx.VTX(out / "sheet.bp", every=10),
-            gx.Picture(out / "sheet.png", times=np.linspace(0, steps * dt, 5)[1:]),
-        ]
-    run = gx.Simulation(gx.Scene(film), stepper or gx.Midpoint(dt=dt), outputs)
-    run.run(until=steps * dt)
+        out, looks = Path(output), np.linspace(0, case.until, 5)[1:].tolist()
+        outputs += [case.recording(out), gx.Picture(out / "sheet.png", times=looks, title=TITLE)]
+    run = gx.Simulation(case.scene, stepper or case.stepper, outputs)
+    run.run(until=case.until)
 
     first, last = run.first, run.totals
     mass = 1400.0 * 1e-4

@@ -10,19 +10,15 @@ from contestants import words
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.antenna_attitude import antenna
-from demos.antenna_pendulum import G, Record
+from demos.antenna_pendulum import build
 
 case = words({"n": 6, "elements": 12, "order": 2, "dt": 1e-2, "until": 2.0})
-model = antenna(MPI.COMM_WORLD, case["n"], case["elements"], case["order"])
-corners = [model.film.port_at(point) for point in model.points[:4]]
-hinge = gx.BallJoint(corners[2], gx.Ground(tuple(model.points[2].tolist())), "hinge")
-weights = [gx.Gravity(body, (0, 0, -G)) for body in (model.film, *model.booms)]
-record = Record(model.film, corners)
-run = gx.Simulation(gx.Scene(*model.items, hinge, *weights), gx.Midpoint(dt=case["dt"]), [record])
+swing = build(MPI.COMM_WORLD, case["n"], case["elements"], case["until"], case["dt"], case["order"])
+series = gx.Series(swing.probes)
+run = swing.simulation([series])
 cpu, wall = time.process_time(), time.perf_counter()
 run.run(until=case["until"])
-_, tip, film = np.array(record.rows).T
+tip, film = series["tip [m]"], series["film [m]"]
 result = {
     "cpu": time.process_time() - cpu,
     "wall": time.perf_counter() - wall,
