@@ -75,7 +75,7 @@ def along(direction: Array, frame: Frame) -> Attached:
     """
     check(
         lies_in(direction, frame),
-        "A beam's frame holds directions in the plane of its section only; join it to a RigidBody instead.",
+        f"A frame has no direction {direction.tolist()} in the plane of its directors; give one with three directors.",
     )
     return combine([float(initial(d) @ direction) for d in frame.directors], frame.directors)
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from gossamer_fx.attachment import initial
 from gossamer_fx.errors import check, check_positive, is_vector
-from gossamer_fx.interactions.joint import bodies_of, check_sides
+from gossamer_fx.interactions.joint import bodies_of, check_sides, unit
 from gossamer_fx.parts import Array, Attached, Part, PointDissipated, PointMeasure, PointStored, Port
 
 
@@ -132,7 +132,7 @@ class Rope:
     def __post_init__(self) -> None:
         check_sides("Rope", self.name, self.a, self.b)
         check_positive(self, "stiffness", "N/m")
-        check(self.length > 0, f"Rope '{self.name}': length is {self.length!r} m; give a positive one.")
+        check_positive(self, "length", "m")
 
     def requires(self) -> Iterable[Any]:
         yield from bodies_of(self.a, self.b)
@@ -219,9 +219,7 @@ class AxialSpring:
     name: str = "spring"
 
     def __post_init__(self) -> None:
-        check(
-            self.stiffness > 0, f"AxialSpring '{self.name}': stiffness is {self.stiffness!r} N/m; give a positive one."
-        )
+        check_positive(self, "stiffness", "N/m")
         check(
             is_vector(self.direction) and any(self.direction),
             f"AxialSpring '{self.name}': direction is {self.direction!r}; give its axis, of any length but zero.",
@@ -235,8 +233,7 @@ class AxialSpring:
         yield self.port.body
 
     def parts(self) -> Iterable[Part]:
-        n = np.asarray(self.direction, dtype=float)
-        n /= np.linalg.norm(n)
+        n = unit(self.direction)
         rest = -float(n @ np.asarray(self.origin, dtype=float))
         measure = PointMeasure([(self.port,)], np.zeros((1, 3, 3)), n[None], np.array([rest]))
         yield PointStored(self.name, measure, Quadratic(self.stiffness))

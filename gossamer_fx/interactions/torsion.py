@@ -11,15 +11,16 @@ in them, with t·(Δcos, Δsin) = Δφ, so that S̄·Δe = m̄ Δφ is the work 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from gossamer_fx.attachment import Frame, along
 from gossamer_fx.errors import check, check_positive
-from gossamer_fx.interactions.joint import bodies_of, check_sides, perpendicular_pair
+from gossamer_fx.interactions.joint import bodies_of, check_sides, completed, is_normal, perpendicular_pair, unit
 from gossamer_fx.parts import Array, Part, PointDissipated, PointMeasure, PointStored, Vector
 
 
@@ -70,11 +71,14 @@ class AngularDamper:
         return stress(self.c / h * Δφ, np.full_like(φ0, self.c / h), φ0, Δφ, e1)
 
 
-def hinge_angle(a: Frame, b: Frame, axis: Sequence[float], rest: float) -> PointMeasure:
+def across(axis: Vector, side: Frame, name: str) -> Frame:
+    """A frame that holds the normals of an axis: the side of a hinge, with the normal of its section if it needs it."""
+    return side if is_normal(unit(axis), side) else completed(side, name)
+
+
+def hinge_angle(a: Frame, b: Frame, axis: Vector, rest: float) -> PointMeasure:
     """(cos, sin) of the angle of b against a about the axis, zero where b is turned by `rest` from the start."""
-    n = np.asarray(axis, dtype=float)
-    n /= np.linalg.norm(n)
-    p, q = perpendicular_pair(n)
+    p, q = perpendicular_pair(unit(axis))
     moving = along(p, b)
     c, s = math.cos(rest), math.sin(rest)
     zero, quarter = along(c * p + s * q, a), along(c * q - s * p, a)
@@ -89,7 +93,7 @@ class TorsionSpring:
     """Moment -k φ about the axis of a hinge, φ the angle of b against a from the rest angle, within half a turn.
 
     Args:
-        a, b: frames with three directors, also `ground_frame()`, joined by a `RevoluteJoint` of this axis.
+        a, b: frames, also `ground_frame()`, joined by a `RevoluteJoint` of this axis.
         axis: direction in space at the start; angles count in its right-handed sense.
         stiffness: k [N m/rad].
         rest: angle of b against a, from the start, at which the spring is at rest [rad].
@@ -111,11 +115,15 @@ class TorsionSpring:
             f"TorsionSpring '{self.name}': rest is {self.rest!r} rad; stay within half a turn.",
         )
 
+    @cached_property
+    def _sides(self) -> tuple[Frame, Frame]:
+        return across(self.axis, self.a, self.name), across(self.axis, self.b, self.name)
+
     def requires(self) -> Iterable[Any]:
-        yield from bodies_of(self.a, self.b)
+        yield from bodies_of(*self._sides)
 
     def parts(self) -> Iterable[Part]:
-        yield PointStored(self.name, hinge_angle(self.a, self.b, self.axis, self.rest), AngularSpring(self.stiffness))
+        yield PointStored(self.name, hinge_angle(*self._sides, self.axis, self.rest), AngularSpring(self.stiffness))
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,9 +146,13 @@ class TorsionDamper:
         check(any(self.axis), f"TorsionDamper '{self.name}': axis has no length; give its direction.")
         check_positive(self, "coefficient", "N m s/rad")
 
+    @cached_property
+    def _sides(self) -> tuple[Frame, Frame]:
+        return across(self.axis, self.a, self.name), across(self.axis, self.b, self.name)
+
     def requires(self) -> Iterable[Any]:
-        yield from bodies_of(self.a, self.b)
+        yield from bodies_of(*self._sides)
 
     def parts(self) -> Iterable[Part]:
-        measure = hinge_angle(self.a, self.b, self.axis, 0.0)
+        measure = hinge_angle(*self._sides, self.axis, 0.0)
         yield PointDissipated(self.name, measure, AngularDamper(self.coefficient))

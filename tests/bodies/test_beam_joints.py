@@ -87,7 +87,7 @@ def pulled(one: gx.Beam) -> gx.Spring:
 @pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.4, 0.5, -0.3)])
 @pytest.mark.parametrize("second", ["beam", "body"])
 def test_hinges_on_sections_take_any_axis(axis: tuple[float, float, float], second: str) -> None:
-    """Both sides carry the axis alike, and turn about it; all is conserved."""
+    """Both sides carry the axis alike, and turn about it against a spring; all is conserved."""
     one, centre = arm("one", (-1.0, 0.0, 0.0), velocity=MOTION), np.array([0.1, 0.2, 0.0])
     if second == "beam":
         frame = arm("two", (0.2, 1.0, 0.1), velocity=MOTION).frame("start")
@@ -95,7 +95,8 @@ def test_hinges_on_sections_take_any_axis(axis: tuple[float, float, float], seco
         inertia = (0.02, 0.03, 0.04)
         frame = gx.RigidBody(0.5, inertia, centre, velocity=MOTION.at(centre), spin=MOTION.spin).frame_at((0, 0, 0))
     sides = one.frame("start"), frame
-    scene = gx.Scene(gx.RevoluteJoint(*sides, axis), pulled(one))
+    spiral = gx.TorsionSpring(*sides, axis, stiffness=0.1, rest=0.5)
+    scene = gx.Scene(gx.RevoluteJoint(*sides, axis), spiral, pulled(one))
     first = [triad(gx.Simulation(scene, gx.Midpoint(dt=DT)), side) for side in sides]
     run = conserves(scene)
     turned = [triad(run, side).T @ before for side, before in zip(sides, first, strict=True)]
