@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import numpy as np
 import ufl
@@ -11,6 +11,7 @@ from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.attachment import Frame
 from gossamer_fx.bodies.curve import Curve
+from gossamer_fx.bodies.meshed import PointFunction, checked
 from gossamer_fx.bodies.ports import global_node
 from gossamer_fx.bodies.rigid_body import orthonormality
 from gossamer_fx.bodies.sections import Section
@@ -20,8 +21,6 @@ from gossamer_fx.kinematics import Expr, beam_strain
 from gossamer_fx.materials import constants
 from gossamer_fx.mesh import Mesh
 from gossamer_fx.parts import Array, Kinetic, Part, PointConstraint, PointMeasure, Port, Stored, Vector
-
-PointFunction = Callable[[Array], Array]
 
 
 class Beam(Curve):
@@ -55,7 +54,7 @@ class Beam(Curve):
         name: str = "beam",
     ) -> None:
         super().__init__("Beam", name, mesh, 2, 9)
-        self.section, self._velocity = section, velocity
+        self.section, self._velocity = section, checked(velocity, f"Beam '{name}': its velocity")
         self.constants = constants(section, self.mesh.domain)
         self._reference = self._stress_free(np.asarray(normal, dtype=float))
 

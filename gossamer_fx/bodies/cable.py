@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import ufl
-from dolfinx import fem
 from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.bodies.curve import Curve
+from gossamer_fx.bodies.meshed import PointFunction, checked, positions
 from gossamer_fx.errors import check
 from gossamer_fx.kinematics import Expr, bar_strain
 from gossamer_fx.materials import constants
 from gossamer_fx.mesh import Mesh
 from gossamer_fx.parts import Array, Kinetic, Part, Stored
-
-PointFunction = Callable[[Array], Array]
 
 
 @dataclass(frozen=True)
@@ -85,7 +83,8 @@ class Cable(Curve):
         super().__init__("Cable", name, mesh, order, 3)
         self.law = law
         self.constants = constants(law, self.mesh.domain)
-        self._displacement, self._velocity = displacement, velocity
+        self._displacement = checked(displacement, f"Cable '{name}': its displacement")
+        self._velocity = checked(velocity, f"Cable '{name}': its velocity")
 
     def parts(self) -> Iterable[Part]:
         yield Kinetic(self, lambda v, w: self.constants.line_density * ufl.inner(v, w) * self.mass_dx)
@@ -96,13 +95,4 @@ class Cable(Curve):
         return self.law.energy(e, self.constants)
 
     def initial_state(self) -> tuple[Array, Array]:
-        x, v = fem.Function(self.space), fem.Function(self.space)
-        x.interpolate(lambda X: X)
-        if self._displacement is not None:
-            u = fem.Function(self.space)
-            u.interpolate(self._displacement)
-            x.x.array[:] += u.x.array
-        if self._velocity is not None:
-            v.interpolate(self._velocity)
-        owned = self.block.index_map.size_local * 3
-        return x.x.array[:owned].copy(), v.x.array[:owned].copy()
+        return positions(self.space, self._displacement, self._velocity)

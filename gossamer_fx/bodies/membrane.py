@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable
 
-import numpy as np
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh as DolfinxMesh
 
-from gossamer_fx.bodies.ports import global_node, interpolated, local_nodes
+from gossamer_fx.bodies.meshed import Meshed, PointFunction, checked, positions
 from gossamer_fx.errors import check
 from gossamer_fx.kinematics import Expr, frame, green_lagrange, surface_gradient
 from gossamer_fx.materials import FilmLaw, constants
 from gossamer_fx.mesh import Mesh
-from gossamer_fx.parts import Array, Block, Kinetic, Part, Port, Stored
-
-PointFunction = Callable[[Array], Array]
+from gossamer_fx.parts import Array, Block, Kinetic, Part, Stored
 
 
-class Membrane:
+class Membrane(Meshed):
     """A film whose stress-free shape is the mesh.
 
     Kinetic energy ½∫ρt |v|² dA, stored energy ∫W(E) dA with the Green-Lagrange strain of the surface; dA is the
@@ -62,8 +59,8 @@ class Membrane:
         self.block = Block(self.space.dofmap.index_map, 3)
         self.constants = constants(law, domain)
         self._frame = frame(domain)
-        self._displacement = _checked(displacement, f"Membrane '{name}': its displacement")
-        self._velocity = _checked(velocity, f"Membrane '{name}': its velocity")
+        self._displacement = checked(displacement, f"Membrane '{name}': its displacement")
+        self._velocity = checked(velocity, f"Membrane '{name}': its velocity")
         degree = max(2 * (order - 1), 1)
         self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": degree})
         self.mass_dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2 * order})
@@ -90,46 +87,4 @@ class Membrane:
         yield Stored(self.name, self, self.measure, self.density, self.dx, self.law.quadratic)
 
     def initial_state(self) -> tuple[Array, Array]:
-        x, v = fem.Function(self.space), fem.Function(self.space)
-        x.interpolate(lambda X: X)
-        if self._displacement is not None:
-            u = fem.Function(self.space)
-            u.interpolate(self._displacement)
-            x.x.array[:] += u.x.array
-        if self._velocity is not None:
-            v.interpolate(self._velocity)
-        owned = self.block.index_map.size_local * 3
-        return x.x.array[:owned].copy(), v.x.array[:owned].copy()
-
-    def describe(self, node: int) -> str:
-        x, y, z = self.space.tabulate_dof_coordinates()[node]
-        return f"at the node ({x:.6g}, {y:.6g}, {z:.6g}) m of the mesh"
-
-    def nodes(self, group: str) -> np.ndarray:
-        """Local nodes (owned and ghost) of a named group of the mesh."""
-        return local_nodes(self.space, self.mesh, group)
-
-    def port(self, group: str) -> Port:
-        """The node of a named point of the mesh."""
-        return Port(self, (global_node(self, self.mesh, group),))
-
-    def port_at(self, point: Sequence[float]) -> Port:
-        """The point that is at `point` [m] of the mesh, also between nodes."""
-        return interpolated(self, point)
-
-
-def _checked(function: PointFunction | None, what: str) -> PointFunction | None:
-    """The function, with a check of what it returns."""
-    if function is None:
-        return None
-    check(callable(function), f"{what} is {function!r}; give a function of the points (3, n) that returns (3, n).")
-
-    def values(points: Array) -> Array:
-        result = np.asarray(function(points), dtype=float)
-        check(
-            result.shape == points.shape,
-            f"{what} function returns an array {result.shape} for points {points.shape}; it must return (3, n).",
-        )
-        return result
-
-    return values
+        return positions(self.space, self._displacement, self._velocity)

@@ -64,8 +64,8 @@ class RigidBody:
         tensor = np.asarray(inertia, dtype=float)
         tensor = np.diag(tensor) if tensor.shape == (3,) else tensor
         check(
-            tensor.shape == (3, 3) and bool(np.allclose(tensor, tensor.T)),
-            f"RigidBody '{name}': inertia has shape {tensor.shape}; give three principal values or a symmetric (3, 3).",
+            tensor.shape == (3, 3) and bool(np.isfinite(tensor).all()) and bool(np.allclose(tensor, tensor.T)),
+            f"RigidBody '{name}': inertia is {tensor.tolist()} kg m²; give three numbers or a symmetric (3, 3).",
         )
         self.euler_tensor = np.trace(tensor) / 2 * np.eye(3) - tensor
         principal = np.linalg.eigvalsh(tensor)

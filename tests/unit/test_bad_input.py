@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.command import main
+from meshes.line import line
 from meshes.sheet import sheet
 from meshes.sphere import sphere
 from tests.unit.public_calls import UNCALLED, spoiled, valid_calls
@@ -23,6 +24,15 @@ WORLD = MPI.COMM_WORLD
 
 def film(**options) -> gx.Membrane:
     return gx.Membrane(sheet(WORLD, 2, 2), LAW, **options)
+
+
+def cable(**options) -> gx.Cable:
+    return gx.Cable(line(WORLD, [(0, 0, 0), (1, 0, 0)], 2), gx.CableLaw(1e3, 1.0), **options)
+
+
+def beam(**options) -> gx.Beam:
+    section = gx.solid_circle(0.1, E=1e9, nu=0.3, density=1000.0)
+    return gx.Beam(line(WORLD, [(0, 0, 0), (1, 0, 0)], 2), section, **options)
 
 
 def tank(**options) -> gx.Tank:
@@ -43,8 +53,8 @@ def flipped_pillow(reverse: bool) -> gx.Mesh:
         lines = [geo.addLine(points[i], points[(i + 1) % 4]) for i in range(4)]
         loop = geo.addCurveLoop(lines)
         sheets = [geo.addPlaneSurface([loop]) for _ in range(2)]
-        for line in lines:
-            geo.mesh.setTransfiniteCurve(line, 5)
+        for side in lines:
+            geo.mesh.setTransfiniteCurve(side, 5)
         for one in sheets:
             geo.mesh.setTransfiniteSurface(one, "AlternateLeft")
         geo.synchronize()
@@ -139,6 +149,8 @@ CASES: dict[str, tuple[Callable[[], object], str]] = {
     "soft spring": (lambda: gx.AxialSpring(gx.PointMass(1.0).port(), -1.0, (1, 0, 0)), "stiffness"),
     "linear film on curved triangles": (lambda: gx.Membrane(sphere(WORLD, 1.0, 8, order=2), LAW), "order"),
     "displacement in the plane": (lambda: gx.Scene(film(displacement=lambda x: x[:2])).compile(), "(3, n)"),
+    "velocity of a cable in the plane": (lambda: gx.Scene(cable(velocity=lambda x: x[:2])).compile(), "(3, n)"),
+    "velocity of a beam in the plane": (lambda: gx.Scene(beam(velocity=lambda x: x[:2])).compile(), "(3, n)"),
     "velocity without points": (lambda: film(velocity=(0.0, 0.0, 1.0)), "velocity"),
     "quadrilaterals": (lambda: gx.gmsh_mesh(quadrilaterals, WORLD), "Quadrilateral"),
     "no elements": (lambda: gx.gmsh_mesh(lambda model: None, WORLD), "no triangles"),

@@ -1,0 +1,84 @@
+"""What films, cables and beams have in common: named groups of a mesh, ports on it, motions given as functions."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+from dolfinx import fem
+from mpi4py import MPI
+
+from gossamer_fx.bodies.ports import global_node, interpolated, local_nodes
+from gossamer_fx.errors import check
+from gossamer_fx.mesh import Mesh
+from gossamer_fx.parts import Array, Block, Part, Port
+
+PointFunction = Callable[[Array], Array]  # of points (3, n), returns (3, n)
+
+
+class Meshed(ABC):
+    """A body on a mesh."""
+
+    name: str
+    comm: MPI.Intracomm
+    mesh: Mesh
+    space: fem.FunctionSpace
+    block: Block
+
+    @abstractmethod
+    def initial_state(self) -> tuple[Array, Array]:
+        """Owned coordinates [m] and velocities [m/s], flattened, node by node."""
+
+    @abstractmethod
+    def parts(self) -> Iterable[Part]:
+        """The body's own roles."""
+
+    def describe(self, node: int) -> str:
+        x, y, z = self.space.tabulate_dof_coordinates()[node]
+        return f"at the node ({x:.6g}, {y:.6g}, {z:.6g}) m of the mesh"
+
+    def nodes(self, group: str) -> np.ndarray:
+        """Local nodes (owned and ghost) of a named group of the mesh."""
+        return local_nodes(self.space, self.mesh, group)
+
+    def port(self, group: str) -> Port:
+        """The node of a named point of the mesh."""
+        return Port(self, (global_node(self, self.mesh, group),))
+
+    def port_at(self, point: Sequence[float]) -> Port:
+        """The point that is at `point` [m] of the mesh, also between nodes."""
+        return interpolated(self, point)
+
+
+def checked(function: PointFunction | None, what: str) -> PointFunction | None:
+    """The function, with a check of what it returns."""
+    if function is None:
+        return None
+    check(callable(function), f"{what} is {function!r}; give a function of the points (3, n) that returns (3, n).")
+
+    def values(points: Array) -> Array:
+        result = np.asarray(function(points), dtype=float)
+        check(
+            result.shape == points.shape,
+            f"{what} function returns an array {result.shape} for points {points.shape}; it must return (3, n).",
+        )
+        return result
+
+    return values
+
+
+def positions(
+    space: fem.FunctionSpace, displacement: PointFunction | None, velocity: PointFunction | None
+) -> tuple[Array, Array]:
+    """Owned positions [m] and velocities [m/s] at the start, flattened, node by node."""
+    x, v = fem.Function(space), fem.Function(space)
+    x.interpolate(lambda X: X)
+    if displacement is not None:
+        u = fem.Function(space)
+        u.interpolate(displacement)
+        x.x.array[:] += u.x.array
+    if velocity is not None:
+        v.interpolate(velocity)
+    owned = space.dofmap.index_map.size_local * 3
+    return x.x.array[:owned].copy(), v.x.array[:owned].copy()
