@@ -3,8 +3,8 @@
     [ A  G ] [δz]   [ r ]
     [ Hᵀ C ] [δy] = [ s ]
 
-A preconditioner P ≈ A (a factorisation, or a multigrid cycle) becomes one of the whole by block elimination: with
-Z = P⁻¹G and the small dense Σ = C - HᵀZ,
+A preconditioner P ≈ A (a factorisation, or a coarse space and an incomplete factorisation in turn) becomes one of the
+whole by block elimination: with Z = P⁻¹G and the small dense Σ = C - HᵀZ,
 
     δy = Σ⁻¹ (s - Hᵀ P⁻¹ r),    δz = P⁻¹ r - Z δy.
 
@@ -19,12 +19,16 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.parts import Array
+from gossamer_fx.system import System
 
 DIRECT_UP_TO = 3000  # unknowns up to which a factorisation is cheapest
+RESTART = 60  # most Krylov iterations; an unfinished solution then serves Newton's iteration as an inexact one
 
-# Inertia makes the tangent of a step local: on each rank, an incomplete factorisation with a few levels of fill does.
-# The levels matter, as a film under compression makes the tangent indefinite: with none, most systems are not solved.
+# What the coarse space does not see is local: an incomplete factorisation with a few levels of fill does.  The levels
+# matter, as a film under compression makes the tangent indefinite: with none, most systems are not solved.  Several
+# ranks factorise what overlaps by two cells, or iterations double.
 INCOMPLETE = {"sub_pc_type": "ilu", "sub_pc_factor_levels": "2", "sub_pc_factor_mat_ordering_type": "rcm"}
+OVERLAPPING = INCOMPLETE | {"pc_asm_overlap": "2"}
 
 
 class Composite:
@@ -120,22 +124,31 @@ def add_columns(z: PETSc.Vec, columns: list[Array | None], weights: Array) -> No
                 values += column * weight
 
 
-def configure(ksp: PETSc.KSP, pc: PETSc.PC, size: int, saddle: bool) -> None:
-    """Choose Krylov method and preconditioner of the sparse part for `size` unknowns; PETSc's options may override.
+def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> None:
+    """Choose Krylov method and preconditioner of the sparse part; PETSc's options may override.
 
-    A matrix with multipliers (`saddle`) has zeros on its diagonal, which multigrid cannot smooth: it is factorised.
+    A matrix with multipliers has zeros on its diagonal, which an incomplete factorisation cannot take: it is
+    factorised, as are small ones and all if `direct`.
     """
-    if saddle or size <= DIRECT_UP_TO:
+    if direct or system.constraints is not None or system.numbering.size <= DIRECT_UP_TO:
         ksp.setType("preonly")
         pc.setType("lu")
         pc.setFactorSolverType("mumps")
-    else:
-        ksp.setType("gmres")
-        ksp.setGMRESRestart(60)
-        ksp.setPCSide(PETSc.PC.Side.RIGHT)
-        ksp.setTolerances(rtol=1e-3, max_it=300)
-        pc.setType("bjacobi")
-        options = PETSc.Options(pc.getOptionsPrefix())
-        for name, value in INCOMPLETE.items():
-            if not options.hasName(name):
-                options[name] = value
+        return
+    ksp.setType("gmres")
+    ksp.setGMRESRestart(RESTART)
+    ksp.setPCSide(PETSc.PC.Side.RIGHT)
+    ksp.setTolerances(rtol=1e-3, max_it=RESTART)
+    options = PETSc.Options(pc.getOptionsPrefix())
+    if options.getString("pc_type", "composite") == "composite":
+        from gossamer_fx.coarse_space import CoarseSpace
+
+        pc.setType("composite")
+        pc.setCompositeType(PETSc.PC.CompositeType.MULTIPLICATIVE)
+        pc.addCompositePCType("python")
+        pc.getCompositePC(0).setPythonContext(CoarseSpace(system))
+        alone = system.comm.size == 1
+        pc.addCompositePCType("bjacobi" if alone else "asm")
+        for name, value in (INCOMPLETE if alone else OVERLAPPING).items():
+            if not options.hasName("sub_1_" + name):
+                options["sub_1_" + name] = value

@@ -78,7 +78,8 @@ class Newton:
         if not options.hasName("snes_linesearch_type"):
             options["snes_linesearch_type"] = "basic"
         snes.setFunction(self._function, self._F)
-        ksp, saddle = snes.getKSP(), direct or system.constraints is not None
+        snes.setMaxLinearSolveFailures(tolerances.iterations)
+        ksp = snes.getKSP()
         self._tangent = system.tangent
         if subdomains is not None:
             from gossamer_fx.subdomains import Subdomains, configure
@@ -94,7 +95,7 @@ class Newton:
             sparse = PETSc.PC().create(comm)
             sparse.setOptionsPrefix(PREFIX)
             sparse.setOperators(system.A)
-            linear.configure(ksp, sparse, system.numbering.size, saddle)
+            linear.configure(ksp, sparse, system, direct)
             sparse.setFromOptions()
             self._preconditioner = sparse
             outer = ksp.getPC()
@@ -104,7 +105,7 @@ class Newton:
         else:
             J = system.A
             self._preconditioner = ksp.getPC()
-            linear.configure(ksp, self._preconditioner, system.numbering.size, saddle)
+            linear.configure(ksp, self._preconditioner, system, direct)
         snes.setJacobian(self._jacobian, J)
         snes.setFromOptions()
         snes.setConvergenceTest(self._test)

@@ -30,6 +30,7 @@ print(json.dumps({
 
 ABSENT = ("matplotlib", "pyvista", "slepc4py", "adios4dolfinx", "h5py", "rich")
 ABSENT_PARTS = (
+    "coarse_space",
     "gas",
     "interactions",
     "loads",

@@ -1,0 +1,102 @@
+"""The coarse space of large meshes: what it holds, and that it keeps Krylov's iterations few."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from demos.spinning_sheet import throw
+from gossamer_fx.coarse_space import PATCH, patches, prolongation
+from meshes.line import line
+from meshes.sheet import sheet
+
+FILM = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
+
+
+def simulation(comm, cells: int, *supports: str, order: int = 1) -> gx.Simulation:
+    film = gx.Membrane(sheet(comm, cells, cells), FILM, order=order, velocity=None if supports else throw)
+    return gx.Simulation(gx.Scene(film, *(gx.Fixed(film, s) for s in supports)), gx.Midpoint(dt=1e-3))
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("order", [1, 2])
+def test_it_holds_every_affine_motion(comm, order):
+    system = simulation(comm, 20, order=order).system
+    P = prolongation(system)
+    u = system.numbering.vector()
+    X = system.q0.array_r.reshape(-1, 3)
+    A = np.array([[0.3, -1.0, 0.0], [2.0, 0.7, 0.0], [0.1, -0.4, 0.0]])
+    u.array[:] = (X @ A.T + [1.0, 2.0, 3.0]).ravel()
+    coefficients, again = P.createVecRight(), u.duplicate()
+    P.multTranspose(u, coefficients)
+    P.mult(coefficients, again)
+    again.axpy(-1, u)
+    assert again.norm() < 1e-13 * u.norm()
+    assert coefficients.norm() == pytest.approx(u.norm(), rel=1e-13)
+    n = system.bodies[0].block.index_map.size_local
+    # three functions of the plane for each of three directions and each patch
+    assert P.getLocalSize()[1] == 9 * (patches(system.bodies[0], n).max() + 1)
+
+
+@pytest.mark.mpi
+def test_its_columns_are_orthonormal_and_vanish_where_nodes_are_held(comm):
+    system = simulation(comm, 20, "bottom", "bottom left").system
+    P = prolongation(system)
+    product = P.transposeMatMult(P)
+    product.shift(-1.0)
+    assert product.norm() < 1e-12
+    i, _, values = P.getValuesCSR()
+    entries = np.bincount(np.repeat(np.arange(len(i) - 1), np.diff(i)), np.abs(values), minlength=len(i) - 1)
+    assert np.all(entries[system.supports.held] == 0)
+    free = np.setdiff1d(np.arange(len(entries)), system.supports.held)
+    assert np.all(entries[free] > 0)
+
+
+def test_patches_are_connected_and_of_the_same_size(comm):
+    import scipy.sparse.csgraph as graphs
+    from scipy.sparse import csr_matrix
+
+    body = simulation(comm, 40).system.bodies[0]
+    n = body.block.index_map.size_local
+    patch = patches(body, n)
+    sizes = np.bincount(patch)
+    assert len(sizes) == n // PATCH and sizes.min() > PATCH / 3 and sizes.max() < 3 * PATCH
+    cells = body.space.dofmap.list
+    edges = np.concatenate([cells[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))])
+    edges = edges[(edges < n).all(axis=1)]
+    inside = edges[patch[edges[:, 0]] == patch[edges[:, 1]]]
+    parts, _ = graphs.connected_components(csr_matrix((np.ones(len(inside)), inside.T), shape=(n, n)), directed=False)
+    assert parts <= len(sizes) + 2  # a partitioner may leave a node alone
+
+
+def test_a_cable_has_two_functions_a_direction(comm):
+    cable = gx.Cable(line(comm, [(0, 0, 0), (1, 0.5, 0)], 500), gx.CableLaw(1e5, 0.1))
+    system = gx.Simulation(gx.Scene(cable), gx.Midpoint(dt=1e-3)).system
+    body = system.bodies[0]
+    patch = patches(body, body.block.index_map.size_local)
+    assert prolongation(system).getLocalSize()[1] == 2 * 3 * (patch.max() + 1)
+
+
+@pytest.mark.mpi
+def test_krylov_iterations_do_not_grow_with_the_mesh(comm):
+    """An incomplete factorisation alone needs 11 and 20 of them, and twice as many on 2 ranks."""
+    counts = []
+    for cells in (40, 80):
+        run = simulation(comm, cells)
+        run.run(until=2e-3)
+        counts.append(run.solver.newton.linear_iterations / run.iterations)
+    assert max(counts) < 7 and counts[1] < 1.3 * counts[0]
+
+
+def test_options_choose_another_preconditioner(comm):
+    from petsc4py import PETSc
+
+    options = PETSc.Options("gx_")
+    options["pc_type"] = "bjacobi"
+    try:
+        run = simulation(comm, 40)
+        run.run(until=1e-3)
+        assert "bjacobi" in run.solver.newton.summary()
+    finally:
+        options.delValue("pc_type")
