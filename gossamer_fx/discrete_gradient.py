@@ -7,8 +7,10 @@ One step from q0 to q1 of length h, q̄ = (1-α) q0 + α q1, with a quadratic me
 `PathAverage` (α = ½) takes S̄ = ∫₀¹ ψ'(e0 + s(e1 - e0)) ds.  Then S̄·(e1 - e0) = ψ(e1) - ψ(e0) and
 De(q̄)(q1 - q0) = e1 - e0, so energy is conserved; invariance of e conserves momentum and angular momentum.  The
 average of a convex ψ is the gradient of a convex function of e1: its tangent is symmetric and positive semi-definite,
-so a film that switches between taut, wrinkled and slack does not make Newton's iteration cycle.  The integral is taken
-with Gauss points; what they miss, c = (Δψ - S̄·Δe)/(Δe·Δe), is added along Δe, and its derivative to the tangent.
+so a film that switches between taut, wrinkled and slack does not make Newton's iteration cycle.  The integral is exact
+where the law tells the pieces of the path between which its state switches, and taken with Gauss points elsewhere; what
+is missed, c = (Δψ - S̄·Δe)/(Δe·Δe), is added along Δe, and its derivative to the tangent.  Gauss points miss so much
+that the tangent gets indefinite: on fine meshes a slack film is so soft that the iteration then cycles.
 
 `EndPoint` (α = 1) takes S̄ = ψ'(e1): statics, and steppers to compare with.
 
@@ -37,9 +39,14 @@ from dolfinx import fem
 from gossamer_fx.errors import check
 from gossamer_fx.forms import compile_expression, compile_form, constant
 from gossamer_fx.kinematics import Expr
-from gossamer_fx.parts import Array, Dissipated, Stored
+from gossamer_fx.parts import Array, Dissipated, Indices, Stored
+from gossamer_fx.strain_path import gradient as gradient
 
 ROUND_OFF = 4 * np.finfo(float).eps  # of a difference of energies, over their sum
+
+# Of the mixed iteration: stiffness of what surrounds a point, over the largest of its own; error of the linearised
+# stress, over the stress, from which on the strain is chosen; iterations after which it no longer is, lest they cycle.
+SURROUNDINGS, FAR, CHOSEN = 0.03, 0.1, 12
 
 
 class StressRule(Protocol):
@@ -57,7 +64,10 @@ class StressRule(Protocol):
 
 @dataclass(frozen=True)
 class PathAverage:
-    """Stress averaged along the straight path in strain space, with `points` Gauss points; see the module."""
+    """Stress averaged along the straight path in strain space; see the module.
+
+    `points` of Gauss serve the laws that do not tell the pieces of the path.
+    """
 
     points: int = 10
     alpha = 0.5
@@ -69,8 +79,14 @@ class PathAverage:
         ψ, Δe = part.density, e1 - e0
         if part.quadratic:
             return gradient(ψ, (e0 + e1) / 2)
-        s, weight = np.polynomial.legendre.leggauss(self.points)
-        S = sum(float(w) / 2 * gradient(ψ, e0 + float(1 + p) / 2 * Δe) for p, w in zip(s, weight, strict=True))
+        S = ufl.zero(Δe.ufl_shape)
+        # where the pieces meet they have the same stress, so that the places need not be derived
+        pieces = part.pieces(e0, e1.expression()) if part.pieces else []
+        for piece in pieces:
+            S += (piece.end - piece.start) * piece.stress(e0 + piece.start * Δe, e0 + piece.end * Δe)
+        if not pieces:
+            for p, w in zip(*np.polynomial.legendre.leggauss(self.points), strict=True):
+                S += float(w) / 2 * gradient(ψ, e0 + float(1 + p) / 2 * Δe)
         return S + defect(ψ, S, e0, e1)
 
 
@@ -82,12 +98,6 @@ class EndPoint:
 
     def stress(self, part: Stored, e0: Expr, e1: Expr) -> Expr:
         return gradient(part.density, e1)
-
-
-def gradient(ψ: Any, e: Expr) -> Expr:
-    """ψ'(e)."""
-    e = ufl.variable(e)
-    return ufl.diff(ψ(e), e)
 
 
 def defect(ψ: Any, S: Expr, e0: Expr, e1: Expr) -> Expr:
@@ -153,29 +163,70 @@ class ElementForces:
         self._linearised = compile_expression(e - D2e_δδ / 2, points)
         cells = mesh.topology.index_map(mesh.topology.dim)
         self._cells = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
+        self._size = m
+        self._switches = isinstance(part, Stored) and not part.quadratic and rule.alpha == 0.5
+        self._before = self._e0.x.array.copy()
+        self._known = 0
 
         self.residual = compile_form(ufl.dot(S + ufl.dot(D, e - self._ê), De_mid) * part.dx)
         self.tangent = compile_form((ufl.dot(ufl.dot(D, De_dq), De_mid) + at.α * ufl.dot(S, D2e)) * part.dx)
 
+    def begin(self) -> None:
+        """Start a step: of its stress nothing is known yet."""
+        self._known = 0
+
     def accept(self) -> None:
         """End a step: the strain of its end is that of the next one's start."""
+        self._before[:] = self._e0.x.array
         self._e0.x.array[:] = self._ê.x.array
 
     def linearise(self) -> None:
         """ê from the strain at the last iterate and its linear change by δ; then the stress."""
-        self._tabulate(self._linearised, self._ê)
-        self._tabulate(self._respond, self._response)
+        if not self._switches or self._known > CHOSEN:
+            self._tabulate(self._linearised, self._ê)
+            self._tabulate(self._respond, self._response)
+        elif not self._known:
+            self._ê.x.array[:] = self._before
+            self._tabulate(self._respond, self._response)
+        else:
+            self._choose()
+        self._known += 1
 
     def evaluate(self) -> None:
         """ê = e(q1): the true strain; then the stress."""
         self._tabulate(self._strain, self._ê)
         self._tabulate(self._respond, self._response)
 
-    def _tabulate(self, expression: fem.Expression, at_points: fem.Function) -> None:
-        """The expression at the quadrature points, as `interpolate` does but without its copies."""
-        dofmap = at_points.function_space.dofmap
-        values = expression.eval(at_points.function_space.mesh, self._cells)
-        at_points.x.array.reshape(-1, dofmap.index_map_bs)[dofmap.list] = values.reshape(*dofmap.list.shape, -1)
+    def _choose(self) -> None:
+        """ê between the linearised strain and the one that has the linearised stress; see the module."""
+        e = self._ê.x.array.reshape(-1, self._size)
+        last = e.copy()
+        S, D = self._stress()
+        self._tabulate(self._linearised, self._ê)
+        σ, stiffness = S + np.einsum("nij,nj->ni", D, e - last), _largest(D)
+        self._tabulate(self._respond, self._response)
+        S, D = self._stress()
+        k = SURROUNDINGS * np.maximum(stiffness, _largest(D))
+        far = np.flatnonzero((abs(S - σ).max(axis=1) > FAR * np.maximum(abs(S), abs(σ)).max(axis=1)) & (k > 0))
+        K = D[far] + k[far, None, None] * np.eye(self._size)
+        change = np.linalg.solve(K, (σ - S)[far, :, None])[..., 0]
+        room = np.linalg.norm((e - last)[far], axis=1) / np.maximum(np.linalg.norm(change, axis=1), 1e-300)
+        e[far] += np.minimum(1, room)[:, None] * change
+        points = self._ê.function_space.dofmap.list
+        cells = np.isin(points, far).any(axis=1)
+        self._tabulate(self._respond, self._response, self._cells[cells])
+
+    def _stress(self) -> tuple[Array, Array]:
+        """S̄ and D̄ at the quadrature points."""
+        m = self._size
+        values = self._response.x.array.reshape(-1, m + m * m)
+        return values[:, :m].copy(), values[:, m:].reshape(-1, m, m).copy()
+
+    def _tabulate(self, expression: fem.Expression, at_points: fem.Function, cells: Indices | None = None) -> None:
+        """The expression at the quadrature points of some cells (or all), as `interpolate` but without its copies."""
+        cells, dofmap = self._cells if cells is None else cells, at_points.function_space.dofmap
+        places, values = dofmap.list[cells], expression.eval(at_points.function_space.mesh, cells)
+        at_points.x.array.reshape(-1, dofmap.index_map_bs)[places] = values.reshape(*places.shape, dofmap.index_map_bs)
 
     def energy(self) -> float:
         """Owned share of the stored energy at the last accepted state."""
@@ -190,6 +241,11 @@ class ElementForces:
         """Strains at the quadrature points, owned and ghost."""
         array: Array = self._ê.x.array
         return array
+
+
+def _largest(D: Array) -> Array:
+    """The largest diagonal entry of each matrix."""
+    return np.einsum("nii->ni", D).max(axis=1)
 
 
 def _quadrature_element(mesh: Any, metadata: dict[str, Any], shape: tuple[int, ...]) -> Any:

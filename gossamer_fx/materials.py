@@ -21,6 +21,7 @@ from dolfinx.mesh import Mesh
 from gossamer_fx.errors import check
 from gossamer_fx.forms import constant
 from gossamer_fx.kinematics import Expr, half_trace_and_radius
+from gossamer_fx.strain_path import Piece, gradient, mean_gradient, within_cone
 
 SLACK, WRINKLED, TAUT = 0, 1, 2
 
@@ -56,6 +57,10 @@ class FilmLaw:
         """Stored energy per unit reference area [J/m²] of the strain e = (E11, E22, 2 E12)."""
         raise TypeError(f"{type(self).__name__} has no energy")
 
+    def pieces(self, e0: Expr, e1: Expr, c: Any) -> list[Piece]:
+        """The pieces of the path from e0 to e1 on which the energy is smooth; none if they are not known."""
+        return []
+
     def state(self, e: Expr, c: Any) -> Expr:
         """0 slack, 1 wrinkled, 2 taut."""
         return ufl.as_ufl(TAUT)
@@ -68,7 +73,7 @@ class Linear(FilmLaw):
     quadratic = True
 
     def energy(self, e: Expr, c: Any) -> Expr:
-        tr, det = e[0] + e[1], e[0] * e[1] - e[2] ** 2 / 4
+        tr, det = _invariants(e)
         return c.E * c.thickness / (2 * (1 - c.nu**2)) * (tr**2 - 2 * (1 - c.nu) * det)
 
 
@@ -98,13 +103,45 @@ class Miyazaki(FilmLaw):
         )
 
     def energy(self, e: Expr, c: Any) -> Expr:
-        h, r = half_trace_and_radius(e)
-        tr, det = e[0] + e[1], e[0] * e[1] - e[2] ** 2 / 4
-        ν, u, Et = c.nu, c.residual, c.E * c.thickness
-        taut = Et / (2 * (1 - ν**2)) * (tr**2 - 2 * (1 - ν) * det)
-        wrinkled = Et / (2 * (1 - u * ν**2)) * ((1 - u) * (h + r) ** 2 + u * (tr**2 - 2 * (1 - ν) * det))
-        slack = Et * u / (2 * (1 - (u * ν) ** 2)) * (tr**2 - 2 * (1 - u * ν) * det)
-        return self._by_state(e, c, taut, wrinkled, slack)
+        return self._by_state(e, c, self._taut(e, c), self._wrinkled(e, c), self._slack(e, c))
+
+    def pieces(self, e0: Expr, e1: Expr, c: Any) -> list[Piece]:
+        """Taut and slack strains are cones, f1 ≥ 0: h ≥ (1-ν)/(1+ν) r and f2 ≤ 0: -h ≥ (1-uν)/(1+uν) r."""
+        ν, uν = c.nu, c.residual * c.nu
+        taut = within_cone(e0, e1, (1 - ν) / (1 + ν), ROUND_OFF / (1 + ν))
+        slack = within_cone(-e0, -e1, (1 - uν) / (1 + uν), 0.0)
+        (first_in, last_in), (first_out, last_out) = (
+            (ufl.min_value(a, b), ufl.max_value(a, b)) for a, b in zip(taut, slack, strict=True)
+        )
+        wrinkled = [(0.0, first_in), (first_out, ufl.max_value(first_out, last_in)), (last_out, 1.0)]
+        return [
+            Piece(*taut, lambda a, b: gradient(lambda e: self._taut(e, c), (a + b) / 2)),
+            Piece(*slack, lambda a, b: gradient(lambda e: self._slack(e, c), (a + b) / 2)),
+            *(Piece(*stretch, lambda a, b: self._wrinkled_stress(a, b, c)) for stretch in wrinkled),
+        ]
+
+    def _wrinkled_stress(self, ea: Expr, eb: Expr, c: Any) -> Expr:
+        """Average along the path from ea to eb: with γ1 = h + r the energy is quadratic but for a multiple of h r."""
+        ν, u = c.nu, c.residual
+        factor = c.E * c.thickness / (1 - u * ν**2)
+
+        def quadratic(e: Expr) -> Expr:
+            tr, det = _invariants(e)
+            return factor / 2 * ((1 - u) * (tr**2 / 2 - det) + u * (tr**2 - 2 * (1 - ν) * det))
+
+        return gradient(quadratic, (ea + eb) / 2) + factor * (1 - u) * mean_gradient(ea, eb)
+
+    def _taut(self, e: Expr, c: Any) -> Expr:
+        tr, det = _invariants(e)
+        return c.E * c.thickness / (2 * (1 - c.nu**2)) * (tr**2 - 2 * (1 - c.nu) * det)
+
+    def _wrinkled(self, e: Expr, c: Any) -> Expr:
+        (h, r), (tr, det), ν, u = half_trace_and_radius(e), _invariants(e), c.nu, c.residual
+        return c.E * c.thickness / (2 * (1 - u * ν**2)) * ((1 - u) * (h + r) ** 2 + u * (tr**2 - 2 * (1 - ν) * det))
+
+    def _slack(self, e: Expr, c: Any) -> Expr:
+        (tr, det), ν, u = _invariants(e), c.nu, c.residual
+        return c.E * c.thickness * u / (2 * (1 - (u * ν) ** 2)) * (tr**2 - 2 * (1 - u * ν) * det)
 
     def state(self, e: Expr, c: Any) -> Expr:
         return self._by_state(e, c, TAUT, WRINKLED, SLACK)
@@ -129,3 +166,8 @@ class TensionField(Miyazaki):
     def __post_init__(self) -> None:
         super().__post_init__()
         check(self.residual == 0, "TensionField has no residual stiffness; use Miyazaki for one.")
+
+
+def _invariants(e: Expr) -> tuple[Expr, Expr]:
+    """tr and det of a strain (E11, E22, 2 E12)."""
+    return e[0] + e[1], e[0] * e[1] - e[2] ** 2 / 4

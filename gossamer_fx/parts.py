@@ -27,6 +27,7 @@ from dolfinx.common import IndexMap
 from mpi4py import MPI
 
 from gossamer_fx.kinematics import Expr
+from gossamer_fx.strain_path import Piece
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int32]
@@ -138,7 +139,10 @@ class PointKinetic:
 
 @dataclass(frozen=True, eq=False)
 class Stored:
-    """Stored energy ∫ψ(e(q)) dx: `measure` is quadratic in q, `density` ψ knows the strain only."""
+    """Stored energy ∫ψ(e(q)) dx: `measure` is quadratic in q, `density` ψ knows the strain only.
+
+    `pieces` cuts the path between two strains where ψ is not smooth.
+    """
 
     name: str
     body: MeshBody
@@ -146,6 +150,7 @@ class Stored:
     density: Callable[[Expr], Expr]
     dx: ufl.Measure
     quadratic: bool = False
+    pieces: Callable[[Expr, Expr], list[Piece]] | None = None
 
 
 @dataclass(frozen=True, eq=False)

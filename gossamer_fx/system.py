@@ -57,7 +57,7 @@ class System:
         bonds = [p for p in parts if isinstance(p, PointConstraint)]
         blocks = [b.block for b in bodies] + [multiplier_block(comm, p) for p in bonds]
         self.numbering = numbering = Numbering(comm, blocks)
-        self.q0, self.q1, self.v0, self._scratch, self._momenta = (numbering.vector() for _ in range(5))
+        self.q0, self.q1, self.v0, self.past, self._scratch, self._momenta = (numbering.vector() for _ in range(6))
 
         self.fields = {k: Coordinates(b.space, rule.alpha) for k, b in enumerate(bodies) if is_on_mesh(b)}
         self._forces = {k: la.vector(bodies[k].block.index_map, bodies[k].block.size) for k in self.fields}
@@ -86,15 +86,17 @@ class System:
             free.array[self.supports.held] = 0
             self.constraints.validate(self.q0, self.v0, free)
             self.supports.hold(self.constraints.idle(free, self.q0))
+        self.q0.copy(self.past)
         self.resume()
         for border in self.borders:
             border.start()
         self._build_matrices()
 
     def resume(self) -> None:
-        """Take up what follows from q0, which was set."""
-        self.move(self.q0, None)
-        self._keep()
+        """Take up what follows from q0, and from `past`, where the step before it began, which were set."""
+        for q in (self.past, self.q0):
+            self.move(q, None)
+            self._keep()
 
     def _on_fields(self, parts: list[Part], role: Any) -> list[tuple[int, Coordinates, Any]]:
         """The parts of one role, with the index and coordinates of their body."""
@@ -119,8 +121,9 @@ class System:
         """Start a step of length h from (q0, v0); returns the first guess of the border scalars."""
         self.h = h
         t = self.time + self.rule.alpha * h
-        for field in self.fields.values():
-            field.h.value = h
+        for k, force in self._elements:
+            self.fields[k].h.value = h
+            force.begin()
         for _, load in self.loads:
             if load.part.at is not None:
                 load.part.at(t)
@@ -142,10 +145,7 @@ class System:
             self._scratch.waxpy(-1.0, base, z)
             self._spread(self._scratch, "δ")
         for _, force in self._elements:
-            if base is None:
-                force.evaluate()
-            else:
-                force.linearise()
+            force.evaluate() if base is None else force.linearise()
 
     def residual(self, y: Array, r: PETSc.Vec) -> Array:
         """Field residual into r; returns the border residual s."""
@@ -235,6 +235,7 @@ class System:
             self.supplied_energy += self._pushes.work(self.q1)
         for border in self.borders:
             border.accept()
+        self.q0.copy(self.past)
         self.q1.copy(self.q0)
         v1.copy(self.v0)
         if self.constraints:

@@ -14,6 +14,7 @@ from gossamer_fx.kinematics import Expr, frame, green_lagrange, surface_gradient
 from gossamer_fx.materials import FilmLaw, constants
 from gossamer_fx.mesh import Mesh
 from gossamer_fx.parts import Array, Block, Kinetic, Part, Stored
+from gossamer_fx.strain_path import Piece
 
 
 class Membrane(Meshed):
@@ -77,6 +78,10 @@ class Membrane(Meshed):
         """Stored energy per unit reference area."""
         return self.law.energy(e, self.constants)
 
+    def pieces(self, e0: Expr, e1: Expr) -> list[Piece]:
+        """The pieces of the path from e0 to e1 on which the density is smooth."""
+        return self.law.pieces(e0, e1, self.constants)
+
     @property
     def area_density(self) -> Expr:
         """Mass per unit reference area [kg/m²]."""
@@ -84,7 +89,7 @@ class Membrane(Meshed):
 
     def parts(self) -> Iterable[Part]:
         yield Kinetic(self, lambda v, w: self.area_density * ufl.inner(v, w) * self.mass_dx)
-        yield Stored(self.name, self, self.measure, self.density, self.dx, self.law.quadratic)
+        yield Stored(self.name, self, self.measure, self.density, self.dx, self.law.quadratic, self.pieces)
 
     def initial_state(self) -> tuple[Array, Array]:
         return positions(self.space, self._displacement, self._velocity)

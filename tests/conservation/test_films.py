@@ -120,13 +120,24 @@ def test_damping_never_gives_energy():
 @pytest.mark.mpi
 def test_steps_that_are_halved_conserve_as_well(comm):
     """With few iterations allowed, many steps are taken in parts of different length."""
-    stepper = gx.Midpoint(dt=4e-3, tolerances=gx.Tolerances(iterations=9))
+    stepper = gx.Midpoint(dt=4e-3, tolerances=gx.Tolerances(iterations=6))
     run = gx.Simulation(gx.Scene(free_sheet(comm, n=6)), stepper)
     run.run(until=0.06)
     assert run.substeps >= 5
     assert abs(run.energy_error) <= 1e-12
     for change in changes(run):
         assert abs(change).max() <= 1e-13
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("h, most", [(1e-4, 4.5), (1e-3, 8), (4e-3, 11)])
+def test_a_film_that_switches_converges_in_few_iterations(comm, h, most):
+    """With the strain of a predictor and Gauss points on the path they were 2.7, 8.9 and 19.8."""
+    run = gx.Simulation(gx.Scene(free_sheet(comm, n=16)), gx.Midpoint(dt=h))
+    run.run(until=30 * h)
+    assert run.substeps == 0 and run.iterations / run.step <= most
+    ΔP, ΔL = changes(run)
+    assert abs(run.energy_error) <= 1e-11 and abs(ΔP).max() <= 1e-13 and abs(ΔL).max() <= 1e-11
 
 
 @pytest.mark.mpi

@@ -14,7 +14,7 @@ PACKAGE = Path(gossamer_fx.__file__).parent
 
 # From the ground up; a module imports from its own layer or from those below.  A folder stands for its modules.
 LAYERS = (
-    ("errors", "arguments", "forms", "kinematics", "schedule", "version", "raw_mesh"),
+    ("errors", "arguments", "forms", "kinematics", "strain_path", "schedule", "version", "raw_mesh"),
     ("materials", "elastica", "mesh", "parts", "assembly"),
     ("discrete_gradient", "numbering", "places", "mesh_quality"),
     ("attachment", "bodies", "gas", "interactions", "loads", "control", "initial"),
