@@ -16,6 +16,8 @@ from gossamer_fx.numbering import PREFIX
 from gossamer_fx.parts import Array
 from gossamer_fx.system import System
 
+LAST = 0.01  # residual that the last linear solve of a step leaves, over that of a solved step
+
 
 class NotConverged(Exception):
     """Newton's iteration failed; the message holds reason and place."""
@@ -67,6 +69,7 @@ class Newton:
         self._x, self._F = self._composite.vector(), self._composite.vector()
         self._r, self._base = system.numbering.vector(), system.numbering.vector()
         self._diagonal = system.numbering.vector()
+        self._rtol: float | None = None
         self.iterations = 0  # of the last solve, also if it failed
         self.all_iterations = self.linear_iterations = 0  # of all solves
         self.seconds = {"law": 0.0, "assembly": 0.0, "linear solver": 0.0}
@@ -188,6 +191,20 @@ class Newton:
             self._diagonal.pointwiseMult(self._diagonal, self.system.q1)
             self._floor = self.tolerances.floor * np.finfo(float).eps * self._diagonal.norm()
         self.system.q1.copy(self._base)
+        self._aim(snes.getKSP())
+
+    def _aim(self, ksp: PETSc.KSP) -> None:
+        """Solve the last linear systems tightly: what a loose one leaves of the residual, the energy feels."""
+        forces = self.system.imbalance(self._r)[0]
+        if self._rtol is None:
+            self._rtol = ksp.getTolerances()[0]
+        last = 0 < forces * self._rtol < 10 * self._limit
+        ksp.setTolerances(rtol=min(self._rtol, max(LAST * self._limit / forces, 1e-12)) if last else self._rtol)
+
+    @property
+    def _limit(self) -> float:
+        """The residual [N] of a solved step."""
+        return max(self.tolerances.relative * self._reference, self.tolerances.absolute, self._floor)
 
     def _test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         if not np.isfinite(norms[2]):
@@ -207,10 +224,9 @@ class Newton:
         return 0
 
     def _solved(self) -> bool:
-        limit = max(self.tolerances.relative * self._reference, self.tolerances.absolute, self._floor)
         forces, violation = self.system.imbalance(self._r)
         held = violation <= self.tolerances.constraint
-        return forces <= limit and held and bool((abs(self._s) <= self.tolerances.border).all())
+        return forces <= self._limit and held and bool((abs(self._s) <= self.tolerances.border).all())
 
     def _complaint(self, reason: int, iterations: int) -> str:
         names = {v: k for k, v in vars(PETSc.SNES.ConvergedReason).items() if isinstance(v, int)}
