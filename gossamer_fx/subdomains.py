@@ -3,7 +3,8 @@
 Each rank is a subdomain with the stiffness and mass of its own cells.  FETI-DP joins subdomains by multipliers and
 solves for those (Farhat et al., IJNME 50 (2001) 1523, doi:10.1002/nme.76); BDDC is its primal counterpart (Dohrmann,
 SIAM J. Sci. Comput. 25 (2003) 246, doi:10.1137/S1064827502412887).  Joined at corners and mean values of edges, their
-iterations hardly grow with the number of subdomains and of cells.
+iterations hardly grow with the number of subdomains and of cells.  In a film that is wrinkled all over this holds for
+BDDC alone: FETI-DP then needs several times as many, and may fail, the more so the more subdomains there are.
 """
 
 from __future__ import annotations
