@@ -86,8 +86,8 @@ PROBLEMS = {
         title="Square airbag at rest, w_M = 0.2164 m within 0.5 %",
         cost=lambda r: r["cpu"],
         unit="s CPU",
-        cases={"8 and 16 cells": {SELF: {"n": 8}, "kratos": {"n": 16}}},
-        quick={"8 and 8 cells": {SELF: {"n": 8}, "kratos": {"n": 8}}},
+        cases={f"{n} cells": {SELF: {"n": n}, "kratos": {"n": n}} for n in (8, 16)},
+        quick={"8 cells": {SELF: {"n": 8}, "kratos": {"n": 8}}},
         peers=("kratos",),
     ),
     "pendulum": Problem(
