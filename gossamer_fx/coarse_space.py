@@ -6,7 +6,7 @@ with the place in the undeformed mesh, which holds the patch's translations, rot
 
     P : patches' coefficients -> unknowns,      P (PᵀAP)⁻¹ Pᵀ.
 
-Patches do not cross ranks or bodies, and P is zero at held coordinates; it is made once, PᵀAP anew with each A.
+Patches do not cross ranks or bodies, and P is zero at held coordinates; it is made once, PᵀAP in each step.
 The aggregation of Vaněk, Mandel & Brezina (Computing 56 (1996) 179, doi:10.1007/BF02238511), not smoothed: large
 patches and an affine variation take the place of levels.
 """
@@ -15,11 +15,9 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx.cpp.graph import AdjacencyList_int64
-from dolfinx.graph import partitioner
-from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 
 from gossamer_fx.parts import Array, MeshBody, is_on_mesh
 from gossamer_fx.system import System
@@ -27,7 +25,7 @@ from gossamer_fx.system import System
 Indices = npt.NDArray[np.integer]
 
 PATCH = 100  # nodes; of 30 to 400, what costs least a solve
-ENOUGH = 10  # applications in a solve up to which PᵀAP of an earlier A does
+ENOUGH = 10  # applications in a solve up to which PᵀAP of an earlier A of the step does
 FLAT = 1e-3  # of its largest extent squared, a patch's extent that does not count
 
 
@@ -43,12 +41,16 @@ class CoarseSpace:
         self._solver.setFactorSolverType("mumps")
         self._r, self._z = self._P.createVecRight(), self._P.createVecRight()
 
-        self._applications = ENOUGH + 1
+        self._system = system
+        self._step: tuple[float, float] | None = None
+        self._applications = 0
 
     def setUp(self, pc: PETSc.PC) -> None:
-        applications, self._applications = self._applications, 0
-        if applications <= ENOUGH:
+        step = self._system.time, self._system.h
+        if step == self._step and self._applications <= ENOUGH:
+            self._applications = 0
             return
+        self._step, self._applications = step, 0
         A = pc.getOperators()[0]
         self._single = A.convert("aij", out=self._single or PETSc.Mat())
         self._coarse = self._single.PtAP(self._P, self._coarse)
@@ -89,7 +91,7 @@ def modes(body: MeshBody, free: Array) -> tuple[Indices, Indices, Array, int]:
     n = body.block.index_map.size_local
     size = body.block.size
     X = body.space.tabulate_dof_coordinates()[:n]
-    patch = patches(body, n)
+    patch = patches(body, X)
     count = np.bincount(patch)
     mean = np.stack([np.bincount(patch, x) / count for x in X.T], axis=1)
     f = np.column_stack([np.ones(n), X - mean[patch]])  # the affine functions
@@ -108,14 +110,30 @@ def modes(body: MeshBody, free: Array) -> tuple[Indices, Indices, Array, int]:
     return at[0] * size + at[1], column[patch][at], values[at], int(kept.sum())
 
 
-def patches(body: MeshBody, n: int) -> npt.NDArray[np.int32]:
-    """The patch (n,) of each of the rank's own n nodes, numbered from 0 without gaps."""
+def patches(body: MeshBody, X: Array) -> Indices:
+    """The patch (n,) of each of the rank's own n nodes, which are at X (n, 3); numbered from 0 without gaps.
+
+    Nodes are halved across their longest side until few are together; of those, what no cell connects is apart again,
+    as are the two films of a flat pillow.
+    """
+    n = len(X)
+    boxes: list[Indices] = [np.arange(n)]
+    while len(boxes) * PATCH < n:
+        boxes = [half for box in boxes for half in _halves(box, X)]
+    box = np.empty(n, dtype=np.int64)
+    for k, nodes in enumerate(boxes):
+        box[nodes] = k
     dofs = body.space.dofmap.list
     cells = np.repeat(np.arange(len(dofs)), dofs.shape[1])
     touches = csr_matrix((np.ones(dofs.size, dtype=np.int32), (cells, dofs.ravel())))[:, :n]
-    graph = (touches.T @ touches).tocsr()
-    graph.setdiag(0)
-    graph.eliminate_zeros()
-    adjacency = AdjacencyList_int64(graph.indices.astype(np.int64), graph.indptr.astype(np.int32))
-    parts = partitioner()(MPI.COMM_SELF, max(n // PATCH, 1), adjacency, False)
-    return np.unique(parts.array, return_inverse=True)[1].astype(np.int32)
+    graph = (touches.T @ touches).tocoo()
+    together = box[graph.row] == box[graph.col]
+    ends = graph.row[together], graph.col[together]
+    return connected_components(csr_matrix((np.ones(len(ends[0])), ends), shape=(n, n)), directed=False)[1]
+
+
+def _halves(nodes: Indices, X: Array) -> list[Indices]:
+    """Two sets of equally many nodes."""
+    longest = np.ptp(X[nodes], axis=0).argmax()
+    order = np.argsort(X[nodes, longest], kind="stable")
+    return [nodes[order[: len(nodes) // 2]], nodes[order[len(nodes) // 2 :]]]
