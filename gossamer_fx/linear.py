@@ -152,3 +152,11 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
         for name, value in (INCOMPLETE if alone else OVERLAPPING).items():
             if not options.hasName("sub_1_" + name):
                 options["sub_1_" + name] = value
+
+
+def recover(pc: PETSc.PC) -> None:
+    """Let a preconditioner forget that an earlier matrix, which may have been infinite, could not be factorised."""
+    if pc.getType() == "composite":
+        local = pc.getCompositePC(1)
+        local.reset()
+        local.setFailedReason(PETSc.PC.FailedReason.NOERROR)

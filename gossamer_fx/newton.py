@@ -135,6 +135,7 @@ class Newton:
         self.all_iterations += self.iterations
         self.linear_iterations += self._snes.getLinearSolveIterations()
         if reason <= 0:
+            linear.recover(self._preconditioner)
             raise NotConverged(self._complaint(reason, self.iterations))
         impossible = next(filter(None, (border.impossible() for border in self.system.borders)), "")
         if impossible:

@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import connected_components
 import gossamer_fx as gx
 from demos.spinning_sheet import throw
 from gossamer_fx.coarse_space import PATCH, patches, prolongation
+from gossamer_fx.newton import NotConverged
 from meshes.line import line
 from meshes.sheet import sheet
 from meshes.tube import flat_tube
@@ -96,6 +97,21 @@ def test_krylov_iterations_do_not_grow_with_the_mesh(comm):
         run.run(until=2e-3)
         counts.append(run.solver.newton.linear_iterations / run.iterations)
     assert max(counts) < 7 and counts[1] < 1.3 * counts[0]
+
+
+@pytest.mark.mpi
+def test_a_step_after_an_infinite_matrix_is_solved_as_ever(comm):
+    run = simulation(comm, 40)
+    system, newton = run.system, run.solver.newton
+    y = system.begin(1e-3)
+    wild = system.numbering.vector()
+    wild.set(1e47)
+    wild.array[::5] = -2e47
+    system.inertia(2 / 1e-3**2, wild)
+    with pytest.raises(NotConverged):
+        newton.solve(wild, y)
+    run.run(until=1e-3)
+    assert run.substeps == 0 and run.iterations <= 8
 
 
 def test_options_choose_another_preconditioner(comm):
