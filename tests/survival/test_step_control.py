@@ -84,8 +84,9 @@ def test_iterations_are_near_their_target() -> None:
         run.run(until=0.05)
         return run
 
-    few, many = go(5), go(12)
-    assert few.iterations / few.step == pytest.approx(5, abs=1.5)
+    few, many = go(4), go(5)
+    assert few.iterations / few.step == pytest.approx(4, abs=0.7)
+    assert many.iterations / many.step == pytest.approx(5, abs=0.7)
     assert many.iterations / many.step > few.iterations / few.step
     assert many.step < few.step
     assert max(abs(few.energy_error), abs(many.energy_error)) <= 1e-10
@@ -155,7 +156,7 @@ def test_a_step_that_fails_is_cut_and_recovers() -> None:
     """A first step a thousand times too long is cut until it converges; without room to cut, the run fails by name."""
     from gossamer_fx.newton import Tolerances
 
-    stepper = gx.Midpoint(dt=0.05, tolerances=Tolerances(iterations=12))
+    stepper = gx.Midpoint(dt=0.05, tolerances=Tolerances(iterations=5))
     run = gx.Simulation(fluttering_sheet(COMM), stepper, control=gx.StepControl(iterations=8))
     run.run(until=0.05)
     assert run.substeps >= 1 and run.step >= 2
