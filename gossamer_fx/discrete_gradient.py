@@ -213,14 +213,15 @@ class ElementForces:
         room = np.linalg.norm((e - last)[far], axis=1) / np.maximum(np.linalg.norm(change, axis=1), 1e-300)
         e[far] += np.minimum(1, room)[:, None] * change
         points = self._ê.function_space.dofmap.list
-        cells = np.isin(points, far).any(axis=1)
-        self._tabulate(self._respond, self._response, self._cells[cells])
+        chosen = np.zeros(len(e), dtype=bool)
+        chosen[far] = True
+        self._tabulate(self._respond, self._response, self._cells[chosen[points].any(axis=1)])
 
     def _stress(self) -> tuple[Array, Array]:
-        """S̄ and D̄ at the quadrature points."""
+        """S̄ and D̄ at the quadrature points, as they stand in the response."""
         m = self._size
         values = self._response.x.array.reshape(-1, m + m * m)
-        return values[:, :m].copy(), values[:, m:].reshape(-1, m, m).copy()
+        return values[:, :m], values[:, m:].reshape(-1, m, m)
 
     def _tabulate(self, expression: fem.Expression, at_points: fem.Function, cells: Indices | None = None) -> None:
         """The expression at the quadrature points of some cells (or all), as `interpolate` but without its copies."""
