@@ -24,9 +24,9 @@ from gossamer_fx.system import System
 DIRECT_UP_TO = 3000  # unknowns up to which a factorisation is cheapest
 RESTART = 60  # most Krylov iterations; an unfinished solution then serves Newton's iteration as an inexact one
 
-# What the coarse space does not see is local: an incomplete factorisation does.  Its levels of fill decide: the tangent
-# of a film that switches between taut and slack has stiff threads in next to nothing.  With two levels most systems of a
-# fluttering film of 78 thousand unknowns are not solved in 60 iterations; with four it takes 25, with six, for 15 % more
+# What the coarse space does not see is local: an incomplete factorisation does.  Its levels of fill decide: where a film
+# switches between taut and slack, the tangent has stiff threads in next to nothing.  With two levels most systems of a
+# fluttering film of 78 thousand unknowns are not solved in 60 iterations; four levels take 25, and six, for 15 % more
 # time where two suffice, 6.  Several ranks factorise what overlaps by two cells, or iterations double.
 INCOMPLETE = {"sub_pc_type": "ilu", "sub_pc_factor_levels": "6", "sub_pc_factor_mat_ordering_type": "rcm"}
 OVERLAPPING = INCOMPLETE | {"pc_asm_overlap": "2"}
