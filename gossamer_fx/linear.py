@@ -24,7 +24,7 @@ from gossamer_fx.system import System
 DIRECT_UP_TO = 3000  # unknowns up to which a factorisation is cheapest
 RESTART = 60  # most Krylov iterations; an unfinished solution then serves Newton's iteration as an inexact one
 
-# What the coarse space does not see is local: an incomplete factorisation does.  Its levels of fill decide: where a film
+# What the coarse space does not see is local: an incomplete factorisation does.  Its levels of fill decide: if a film
 # switches between taut and slack, the tangent has stiff threads in next to nothing.  With two levels most systems of a
 # fluttering film of 78 thousand unknowns are not solved in 60 iterations; four levels take 25, and six, for 15 % more
 # time where two suffice, 6.  Several ranks factorise what overlaps by two cells, or iterations double.
