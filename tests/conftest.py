@@ -7,9 +7,11 @@ middle of the test, it says so itself and ends the run, so that nobody waits for
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import hypothesis
@@ -37,8 +39,18 @@ def folder(tmp_path: Path, comm: MPI.Comm) -> Path:
     return path
 
 
+@pytest.fixture(autouse=True)
+def _collected_together() -> Iterator[None]:
+    """On several ranks garbage is collected after each test: objects with communicators are freed on all at once."""
+    yield
+    if TALK.size > 1:
+        gc.collect()
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_sessionstart(session: pytest.Session) -> None:
+    if TALK.size > 1:
+        gc.disable()
     terminal = session.config.pluginmanager.getplugin("terminalreporter")
     if TALK.rank > 0 and terminal is not None:
         terminal._tw._file = open(os.devnull, "w")  # noqa: SIM115 (open until the end)
