@@ -114,9 +114,8 @@ def test_nothing_is_lost_for_any_sequence_of_steps(kind: str, seed: int) -> None
         assert last.angular_momentum == pytest.approx(first.angular_momentum, rel=1e-10, abs=1e-11)
 
 
-@pytest.mark.mpi
 def test_a_step_that_is_taken_back_leaves_no_trace() -> None:
-    """The same step twice, with another one between that is undone, is the same to the last digit."""
+    """The same step twice, with another one between that is undone, is the same to the last digit; on one rank."""
     for scene in (fluttering_sheet(COMM), filled_tube(COMM), turning_beam(COMM)):
         run = gx.Simulation(scene, gx.Midpoint(dt=1e-3))
         run.run(until=3e-3)
