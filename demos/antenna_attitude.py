@@ -124,29 +124,19 @@ def build(
     return gx.Case(scene, stepper, until, title=f"The membrane antenna, turned: case {case}", probes=probes)
 
 
-def main(
-    case: int = 1,
-    film_cells: int = 3,
-    boom_elements: int = 6,
-    until: float = 40.0,
-    dt: float = 0.02,
-    order: int = 1,
-    output: str | Path | None = None,
-    comm: MPI.Comm = MPI.COMM_WORLD,
-) -> dict:
-    """Control `case` until `until` [s] with steps of `dt` [s]; angles in degrees, torques in N m, over the time.
+def main(case: int = 1, output: str | Path | None = None, comm: MPI.Comm = MPI.COMM_WORLD, **given: float) -> dict:
+    """Control `case` of what `build` makes of the numbers given; angles in degrees, torques in N m, over the time.
 
     With `output`, a folder: the recording of the run, and pictures.
     """
-    turn = build(comm, case, film_cells, boom_elements, until, dt, order)
-    # the ledger's error is over the largest energy that was seen: look at it in every step
-    series = gx.Series({**turn.probes, "error": lambda run: run.energy_error})
+    turn = build(comm, case, **given)
+    series = gx.Series(turn.probes)
     outputs: list[Output] = [gx.Progress(), series]
     if output is not None:
-        out, looks = Path(output), (np.array([2.0, 4.0, 8.0, 16.0, 40.0]) * until / 40).tolist()
+        out, looks = Path(output), (np.array([2.0, 4.0, 8.0, 16.0, 40.0]) * turn.until / 40).tolist()
         outputs += [turn.recording(out), gx.Picture(out / "antenna.png", times=looks, title=turn.title)]
     run = turn.simulation(outputs)
-    run.run(until=until)
+    run.run(until=turn.until)
 
     angles, torques, moved = (
         np.array([series[f"{what} {axis} [{unit}]"] for axis in axes]).T

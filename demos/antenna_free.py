@@ -33,17 +33,18 @@ def build(
 
 
 def main(
-    film_cells: int = 3,
-    boom_elements: int = 6,
     steps: int = 10000,
     dt: float = 5e-3,
-    order: int = 1,
     stepper: Stepper | None = None,
     output: str | Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
+    **given: int,
 ) -> dict[str, float]:
-    """Run `steps` steps of `dt` [s]; all drifts are relative to the start.  With `output`, a folder: the recording."""
-    case = build(comm, film_cells, boom_elements, steps * dt, dt, order)
+    """Run `steps` steps of `dt` [s] of what `build` makes of the numbers given; drifts are relative to the start.
+
+    With `output`, a folder: the recording.
+    """
+    case = build(comm, until=steps * dt, dt=dt, **given)
     outputs: list[Output] = [gx.Progress()] + ([case.recording(output)] if output is not None else [])
     run = gx.Simulation(case.scene, stepper or case.stepper, outputs)
     run.run(until=case.until)

@@ -96,24 +96,20 @@ def build(
 
 
 def main(
-    film_cells: int = 3,
-    boom_elements: int = 6,
-    until: float = 2.0,
-    dt: float = 5e-3,
-    order: int = 1,
     stepper: Stepper | None = None,
     output: str | Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
+    **given: float,
 ) -> dict:
-    """Swing until `until` [s] with steps of `dt` [s]; heights and deflections in m over the time.
+    """Swing what `build` makes of the numbers given; heights and deflections in m over the time.
 
     With `output`, a folder: the recording of the run.
     """
-    case = build(comm, film_cells, boom_elements, until, dt, order)
+    case = build(comm, **given)
     series = gx.Series(case.probes)
     outputs: list[Output] = [gx.Progress(), series] + ([case.recording(output)] if output is not None else [])
     run = gx.Simulation(case.scene, stepper or case.stepper, outputs)
-    run.run(until=until)
+    run.run(until=case.until)
 
     time, tip, film = series.time, series["tip [m]"], series["film [m]"]
     rigid = -SIDE * 2**0.5 * np.sin(rigid_angle(time))
@@ -171,7 +167,9 @@ def plot(results: dict[tuple[int, int, int], dict], path: Path) -> None:
 
 if __name__ == "__main__":
     folder = Path("out/antenna_pendulum")
-    results = {(p, n, m): main(n, m, order=p, output=folder / f"P{p} {n}x{n}-{m}") for p, n, m in RESOLUTIONS}
+    results = {
+        (p, n, m): main(cells=n, elements=m, order=p, output=folder / f"P{p} {n}x{n}-{m}") for p, n, m in RESOLUTIONS
+    }
     if MPI.COMM_WORLD.rank == 0:
         plot(results, folder / "convergence.png")
         found = errors(results)

@@ -76,7 +76,7 @@ class Simulation:
         self.seconds = self.output_seconds = 0.0
         self.until = 0.0
         self.first = self._totals = self.system.book()
-        self._largest = 0.0
+        self._largest = self.first.size
         self._watch = self._watch_for(events)
         self._begun = restart is not None
         cursors = [] if restart is None else self._restart(restart)
@@ -118,12 +118,11 @@ class Simulation:
 
     @property
     def energy_error(self) -> float:
-        """Closing error of the ledger, over the largest energy so far."""
+        """Closing error of the ledger, over the largest energy that a step so far has ended with."""
         now, first = self.totals, self.first
-        flows = abs(now.supplied) + abs(now.dissipated)
-        self._largest = max(self._largest, now.kinetic + sum(map(abs, now.stored.values())), flows)
+        largest = max(self._largest, now.size)
         missing = (now.energy - first.energy) - (now.supplied - now.dissipated)
-        return missing / self._largest if self._largest else 0.0
+        return missing / largest if largest else 0.0
 
     @property
     def mass_error(self) -> float:
@@ -223,6 +222,7 @@ class Simulation:
             if self.time > before:
                 self.iterations += self.last_iterations
                 self.step += 1
+                self._largest = max(self._largest, self.totals.size)
             self.seconds += time.perf_counter() - started
         if abs(milestone - self.time) <= 1e-9 * stepping.wanted:
             self.system.time = milestone

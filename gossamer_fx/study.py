@@ -19,7 +19,7 @@ from mpi4py import MPI
 
 from gossamer_fx.errors import InputError, NoEquilibrium, StepFailure, check, on_rank_zero
 
-Case = Mapping[str, Any]
+Trial = Mapping[str, Any]  # the values along the axes
 Row = dict[str, str]
 
 
@@ -35,11 +35,11 @@ class Measure:
     """
 
     name: str
-    reference: float | Callable[[Case], float]
+    reference: float | Callable[[Trial], float]
     tolerance: float = math.inf
-    rate: Callable[[Case], float] = field(default=lambda case: math.inf)
+    rate: Callable[[Trial], float] = field(default=lambda case: math.inf)
 
-    def error(self, case: Case, value: float) -> float:
+    def error(self, case: Trial, value: float) -> float:
         """|value - reference|/|reference|, or |value| where the reference is zero."""
         reference = self.reference(case) if callable(self.reference) else self.reference
         return abs(value - reference) / (abs(reference) or 1.0)
@@ -67,7 +67,7 @@ class Study:
     title: str
     problem: Callable[..., Mapping[str, float]]
     axes: Mapping[str, Sequence[Any]]
-    size: Callable[[Case], float]
+    size: Callable[[Trial], float]
     measures: tuple[Measure, ...] = ()
     quick: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     columns: tuple[str, ...] = ("iterations", "seconds")

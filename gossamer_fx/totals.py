@@ -25,3 +25,9 @@ class Totals:
     def energy(self) -> float:
         """Kinetic and stored."""
         return self.kinetic + sum(self.stored.values())
+
+    @property
+    def size(self) -> float:
+        """What an error of the energy is compared with: energies and flows without their signs."""
+        flows = abs(self.supplied) + abs(self.dissipated)
+        return max(self.kinetic + sum(map(abs, self.stored.values())), flows)

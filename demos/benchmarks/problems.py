@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 from contestants import SELF
 
-Case = dict[str, object]  # words of a script; see contestants.run
-Cases = dict[str, dict[str, Case]]  # by size, then by contestant
+Words = dict[str, object]  # words of a script; see contestants.run
+Cases = dict[str, dict[str, Words]]  # by size, then by contestant
 Figures = dict[str, float]
 
-DIRECT: Case = {"PETSC_OPTIONS": "-gx_ksp_type preonly -gx_pc_type lu -gx_pc_factor_mat_solver_type mumps"}
-STRICT: Case = {"PETSC_OPTIONS": "-gx_ksp_rtol 1e-8"}
+DIRECT: Words = {"PETSC_OPTIONS": "-gx_ksp_type preonly -gx_pc_type lu -gx_pc_factor_mat_solver_type mumps"}
+STRICT: Words = {"PETSC_OPTIONS": "-gx_ksp_rtol 1e-8"}
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ import gossamer_fx as gx
 from demos.antenna_attitude import antenna
 from demos.spinning_sheet import throw
 from gossamer_fx.parts import Array
-from gossamer_fx.study import Case, Measure, Study
+from gossamer_fx.study import Measure, Study, Trial
 from meshes.sheet import EDGES, sheet
 from meshes.sphere import sphere
 
@@ -122,7 +122,7 @@ def problem(comm: MPI.Comm, scene: str, stepper: str, level: int) -> dict[str, f
     }
 
 
-def expected_order(case: Case) -> float:
+def expected_order(case: Trial) -> float:
     """Where the steps resolve the motion; strong damping of high frequencies comes to its order with smaller ones."""
     orders = {"sheet": 2.0, "balloon": 2.0, "antenna": 1.8}
     return math.inf if case["stepper"] == "GeneralizedAlpha 0" else orders.get(case["scene"], math.inf)

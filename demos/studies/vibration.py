@@ -17,7 +17,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.study import Case, Measure, Study
+from gossamer_fx.study import Measure, Study, Trial
 from meshes.disc import quarter_disc, ring
 from meshes.sheet import EDGES, sheet
 
@@ -68,7 +68,7 @@ def problem(comm: MPI.Comm, scene: str, element: str, nodes: int) -> dict[str, f
     }
 
 
-def second_order(case: Case) -> float:
+def second_order(case: Trial) -> float:
     """Of order 2 only the stretch of 1e-4 is left to be seen."""
     return 2.0 if case["element"] == "P1" else math.inf
 

@@ -88,8 +88,29 @@ def hinge_angle(a: Frame, b: Frame, axis: Vector, rest: float) -> PointMeasure:
     return PointMeasure([place], np.array([np.kron(h, np.eye(3)) for h in H]), np.zeros((2, 9)), np.zeros(2))
 
 
+class AboutHinge:
+    """What acts between two frames, about the axis of their hinge."""
+
+    a: Frame
+    b: Frame
+    axis: Vector
+    name: str
+
+    def __post_init__(self) -> None:
+        kind = type(self).__name__
+        check_sides(kind, self.name, self.a, self.b)
+        check(any(self.axis), f"{kind} '{self.name}': axis has no length; give its direction.")
+
+    @cached_property
+    def _sides(self) -> tuple[Frame, Frame]:
+        return across(self.axis, self.a, self.name), across(self.axis, self.b, self.name)
+
+    def requires(self) -> Iterable[Any]:
+        yield from bodies_of(*self._sides)
+
+
 @dataclass(frozen=True, eq=False)
-class TorsionSpring:
+class TorsionSpring(AboutHinge):
     """Moment -k φ about the axis of a hinge, φ the angle of b against a from the rest angle, within half a turn.
 
     Args:
@@ -107,27 +128,19 @@ class TorsionSpring:
     name: str = "torsion spring"
 
     def __post_init__(self) -> None:
-        check_sides("TorsionSpring", self.name, self.a, self.b)
-        check(any(self.axis), f"TorsionSpring '{self.name}': axis has no length; give its direction.")
+        super().__post_init__()
         check_positive(self, "stiffness", "N m/rad")
         check(
             abs(self.rest) < math.pi,
             f"TorsionSpring '{self.name}': rest is {self.rest!r} rad; stay within half a turn.",
         )
 
-    @cached_property
-    def _sides(self) -> tuple[Frame, Frame]:
-        return across(self.axis, self.a, self.name), across(self.axis, self.b, self.name)
-
-    def requires(self) -> Iterable[Any]:
-        yield from bodies_of(*self._sides)
-
     def parts(self) -> Iterable[Part]:
         yield PointStored(self.name, hinge_angle(*self._sides, self.axis, self.rest), AngularSpring(self.stiffness))
 
 
 @dataclass(frozen=True, eq=False)
-class TorsionDamper:
+class TorsionDamper(AboutHinge):
     """Moment -c dφ/dt about the axis of a hinge; its loss is booked.
 
     Args:
@@ -142,16 +155,8 @@ class TorsionDamper:
     name: str = "torsion damper"
 
     def __post_init__(self) -> None:
-        check_sides("TorsionDamper", self.name, self.a, self.b)
-        check(any(self.axis), f"TorsionDamper '{self.name}': axis has no length; give its direction.")
+        super().__post_init__()
         check_positive(self, "coefficient", "N m s/rad")
-
-    @cached_property
-    def _sides(self) -> tuple[Frame, Frame]:
-        return across(self.axis, self.a, self.name), across(self.axis, self.b, self.name)
-
-    def requires(self) -> Iterable[Any]:
-        yield from bodies_of(*self._sides)
 
     def parts(self) -> Iterable[Part]:
         measure = hinge_angle(*self._sides, self.axis, 0.0)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.mesh_quality import box, corner_points, sizes
-from gossamer_fx.parts import Body, is_body, is_on_mesh
+from gossamer_fx.parts import Body, Kinetic, PointKinetic, is_body, is_on_mesh
 from gossamer_fx.simulate import Simulation
 from gossamer_fx.version import VERSION
 
@@ -23,15 +23,19 @@ _PACKAGES = ("fenics-dolfinx", "fenics-ufl", "petsc4py", "mpi4py", "numpy", "gms
 def describe(run: Simulation) -> Description:
     """Bodies, roles, gas, energies and momenta of the present state; the same on every rank.
 
+    Bodies are what has a mass; the frames that joints add to sections of beams are named apart from them.
+
     Masses [kg], areas [m²], lengths [m], boxes [m], pressures [Pa], temperatures [K], volumes [m³], energies [J].
     """
     system, totals = run.system, run.totals
     roles = Counter(type(part).__name__ for part in run.scene.parts())
     others = [item for item in run.scene.items if not is_body(item)]
+    massive = {part.body for part in run.scene.parts() if isinstance(part, Kinetic | PointKinetic)}
     return {
         "unknowns": system.numbering.size + sum(border.size for border in system.borders),
         "ranks": run.comm.size,
-        "bodies": {body.name: _body(run, k, body) for k, body in enumerate(system.bodies)},
+        "bodies": {body.name: _body(run, k, body) for k, body in enumerate(system.bodies) if body in massive},
+        "section frames": [body.name for body in system.bodies if body not in massive],
         "roles": dict(sorted(roles.items())),
         "items": {item.name: type(item).__name__ for item in others},
         "chambers": {
@@ -98,6 +102,8 @@ def lines(about: Mapping[str, Any]) -> list[str]:
         if "law" in body:
             law, numbers = body["law"]
             rows.append(("", f"{law}: " + ", ".join(f"{key} {value:.6g}" for key, value in numbers.items())))
+    if about.get("section frames"):  # descriptions of older runs have none
+        rows.append(("section frames", ", ".join(f"'{name}'" for name in about["section frames"])))
     rows.append(("parts per role", ", ".join(f"{role} {n}" for role, n in about["roles"].items()) or "none"))
     if about["items"]:
         rows.append(("other items", ", ".join(f"{kind} '{name}'" for name, kind in about["items"].items())))

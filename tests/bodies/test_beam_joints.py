@@ -11,6 +11,7 @@ from pairs import DT, Motion, conserves
 
 import gossamer_fx as gx
 from gossamer_fx.places import values_of
+from gossamer_fx.records.description import describe, lines
 from meshes.line import line
 
 COMM = MPI.COMM_WORLD
@@ -50,6 +51,16 @@ def test_two_arms_in_free_flight_conserve(direction: str) -> None:
     now = [triad(run, frame) for frame in frames]
     assert now[0] @ now[1].T == pytest.approx(first[0] @ first[1].T, abs=1e-10)
     assert np.abs(now[0] - first[0]).max() > 0.5  # both have turned
+
+
+@pytest.mark.mpi
+def test_frames_of_joints_are_no_bodies_of_a_description() -> None:
+    joint = gx.FixedJoint(arm("one", (-1.0, 0.0, 0.0)).frame("start"), arm("two", (1.0, 0.0, 0.0)).frame("start"))
+    about = describe(gx.Simulation(gx.Scene(joint), gx.Midpoint(dt=DT)))
+    assert list(about["bodies"]) == ["one", "two"]
+    assert all(body["mass"] == pytest.approx(1000 * 0.03 * 0.05) for body in about["bodies"].values())
+    (frame,) = about["section frames"]
+    assert [line for line in lines(about) if "section frame" in line] == [f"section frames  '{frame}'"]
 
 
 def tip(parts: int, load: tuple[float, float, float]) -> np.ndarray:

@@ -85,7 +85,7 @@ def test_drifts_where_the_midpoint_rule_does_not() -> None:
 def test_free_antenna_drifts_where_the_midpoint_rule_does_not() -> None:
     drift = "angular_momentum_drift"
     conserving, other = (
-        antenna_free.main(film_cells=2, boom_elements=4, steps=100, stepper=stepper)
+        antenna_free.main(cells=2, elements=4, steps=100, stepper=stepper)
         for stepper in (gx.Midpoint(dt=5e-3), gx.GeneralizedAlpha(dt=5e-3))
     )
     assert conserving["energy_drift"] < 1e-10 and conserving[drift] < 1e-10
