@@ -17,9 +17,7 @@ from contestants import words
 from mpi4py import MPI
 from stopwatch import Stopwatch, show
 
-import gossamer_fx as gx
-from demos.spinning_sheet import throw
-from meshes.sheet import sheet
+from demos.spinning_sheet import build
 
 
 def seconds(action: Callable[[], object], times: int = 15) -> float:
@@ -41,14 +39,9 @@ def copying_speed(size: int = 2**25, times: int = 9) -> float:
 
 case = words({"n": 40, "steps": 3, "dt": 1e-3})
 watch = Stopwatch()
-film = gx.Membrane(
-    sheet(MPI.COMM_WORLD, case["n"], case["n"]),
-    gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual=1e-6),
-    velocity=throw,
-)
-run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=case["dt"]))
+run = build(MPI.COMM_WORLD, case["n"], dt=case["dt"]).simulation()
 figures = watch.measure(run, case["steps"] * case["dt"])
-system, ksp = run.system, run.solver.newton._snes.getKSP()
+system, ksp = run.system, run.solver.newton.ksp
 A, preconditioner = system.A, ksp.getPC()
 x, y = A.createVecs()
 x.setRandom()

@@ -166,6 +166,13 @@ PROBLEMS = {
         cases=alone("n", (80, 160), steps=3),
         quick=alone("n", (40,), steps=3),
     ),
+    "profile": Problem(
+        title="Free spinning sheet, where the time of a Newton iteration goes",
+        cost=lambda r: r["iteration [ms]"],
+        unit="ms CPU per Newton iteration",
+        cases=alone("n", (80, 160), steps=12),
+        quick=alone("n", (40,), steps=3),
+    ),
     "subdomains": Problem(
         title="Free spinning sheet in subdomains, two steps, hardly (1e-3 s) and much (4e-3 s) wrinkled",
         cost=lambda r: r["Krylov/Newton"],

@@ -61,6 +61,13 @@ def test_no_newton_iteration_is_faster_than_its_parts(tmp_path):
     assert min(float(row[part]) for part in ("tangent [ms]", "set-up [ms]", "cycle [ms]")) > 0.01
 
 
+def test_the_parts_of_a_newton_iteration_are_its_time(tmp_path):
+    _, (row,) = bench("profile", tmp_path)
+    parts = [float(number) for key, number in row.items() if key.endswith("[ms]") and key != "iteration [ms]"]
+    assert len(parts) == 7 and min(parts[:-1]) > 0
+    assert sum(parts) == pytest.approx(float(row["iteration [ms]"]), rel=1e-6)
+
+
 def test_subdomains_give_the_direct_solution_in_few_iterations(tmp_path):
     said, rows = bench("subdomains", tmp_path)
     assert max(differences(said)) < 1e-10

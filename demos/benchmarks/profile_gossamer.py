@@ -1,0 +1,62 @@
+"""Where the time of a Newton iteration of the free sheet goes, in seven parts.
+
+Newton's own clocks tell law, residual and tangent; PETSc's log the set-up and the applications of the preconditioner,
+of which the coarse space's set-up is timed here.  The rest is the Krylov method itself, Newton's vectors, and what a
+step does once.  All clocks are of wall time; as the machine may be shared, each part is given as its share of the run
+times the CPU time of an iteration.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from contestants import words
+from mpi4py import MPI
+from petsc4py import PETSc
+from stopwatch import Stopwatch, show
+
+from demos.spinning_sheet import build
+from gossamer_fx.coarse_space import CoarseSpace
+
+
+class TimedCoarseSpace:
+    """Sums the time that the set-up of coarse spaces takes, which PETSc's log does not tell from the rest."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+        name = "set_up" if hasattr(CoarseSpace, "set_up") else "setUp"
+        original = getattr(CoarseSpace, name)
+
+        def timed(space: CoarseSpace, *given: Any) -> None:
+            started = time.perf_counter()
+            original(space, *given)
+            self.seconds += time.perf_counter() - started
+
+        setattr(CoarseSpace, name, timed)
+
+
+def logged(event: str) -> float:
+    """Seconds in an event of PETSc's log."""
+    return float(PETSc.Log.Event(event).getPerfInfo()["time"])
+
+
+case = words({"n": 40, "steps": 3, "dt": 1e-3})
+coarse = TimedCoarseSpace()
+watch = Stopwatch()
+run = build(MPI.COMM_WORLD, case["n"], dt=case["dt"]).simulation()
+PETSc.Log.begin()
+figures = watch.measure(run, case["steps"] * case["dt"])
+clocks = run.solver.newton.seconds
+parts = {what: clocks[what] for what in ("law", "residual", "tangent")} | {
+    "coarse space": coarse.seconds,
+    "incomplete factorisation": logged("PCSetUp") - coarse.seconds,
+    "applications": logged("PCApply"),
+}
+parts["rest"] = figures["wall"] - sum(parts.values())
+iteration = 1e3 * figures["cpu"] / figures["steps"] / figures["Newton/step"]
+show(
+    {key: figures[key] for key in ("cpu", "wall", "dofs", "steps", "Newton/step", "Krylov/Newton")}
+    | {"iteration [ms]": iteration}
+    | {f"{what} [ms]": iteration * seconds / figures["wall"] for what, seconds in parts.items()}
+)
