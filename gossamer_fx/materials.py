@@ -114,10 +114,14 @@ class Miyazaki(FilmLaw):
             (ufl.min_value(a, b), ufl.max_value(a, b)) for a, b in zip(taut, slack, strict=True)
         )
         wrinkled = [(0.0, first_in), (first_out, ufl.max_value(first_out, last_in)), (last_out, 1.0)]
+
+        def wrinkled_stress(a: Expr, b: Expr) -> Expr:
+            return self._wrinkled_stress(a, b, c)
+
         return [
             Piece(*taut, lambda a, b: gradient(lambda e: self._taut(e, c), (a + b) / 2)),
             Piece(*slack, lambda a, b: gradient(lambda e: self._slack(e, c), (a + b) / 2)),
-            *(Piece(*stretch, lambda a, b: self._wrinkled_stress(a, b, c)) for stretch in wrinkled),
+            *(Piece(*stretch, wrinkled_stress) for stretch in wrinkled),
         ]
 
     def _wrinkled_stress(self, ea: Expr, eb: Expr, c: Any) -> Expr:

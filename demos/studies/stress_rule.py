@@ -27,7 +27,7 @@ STEPS = 40
 
 
 @dataclass(frozen=True)
-class Gonzalez:
+class Gonzalez(StressRule):
     """Stress at the mean strain, corrected along Δe."""
 
     alpha = 0.5
@@ -38,7 +38,7 @@ class Gonzalez:
 
 
 @dataclass(frozen=True)
-class GaussPoints:
+class GaussPoints(StressRule):
     """Stress averaged with `points` Gauss points on the whole path, wherever the state switches."""
 
     points: int

@@ -98,6 +98,31 @@ def test_tangent_is_the_derivative_of_the_averaged_stress(law):
     assert abs(np.stack(columns, axis=-1) / (2 * δ) - D).max() <= 1e-6
 
 
+@pytest.mark.parametrize("length", [1.0, 0.1, 1e-3])
+@pytest.mark.parametrize("law", WRINKLING, ids=name)
+def test_a_path_in_one_state_has_the_stress_of_all_paths(law, length):
+    part, e0 = law_part(law), random_strains(CELLS, 0.1, seed=3)
+    e1 = e0 + length * (random_strains(CELLS, 0.1, seed=4) - e0)
+    general = path_average(law)(e0, e1)[:, :12]
+    served = np.zeros(CELLS)
+    for k in range(3):  # taut, slack, wrinkled
+
+        def expression(a, b, k=k):
+            b = ufl.variable(b)
+            holds, S = PathAverage().cases(part, a, b)[k]
+            D = ufl.diff(S, b)
+            return ufl.as_vector([ufl.conditional(holds, 1.0, 0.0), *S, *(D[i, j] for i in range(3) for j in range(3))])
+
+        values = Samples(expression, arguments=2)(e0, e1)
+        here = values[:, 0] == 1
+        assert here.sum() > 10
+        assert abs(values[here, 1:4] - general[here, :3]).max() <= 1e-15
+        assert abs(values[here, 4:] - general[here, 3:]).max() <= 1e-9
+        served += here
+    assert served.max() == 1
+    assert length == 1 or served.mean() > 0.7
+
+
 @pytest.mark.parametrize("law", LAWS, ids=name)
 def test_tangent_without_the_correction_is_symmetric_and_positive_semidefinite(law, monkeypatch):
     monkeypatch.setattr(discrete_gradient, "defect", lambda *_: ufl.zero(3))
