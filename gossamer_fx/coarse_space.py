@@ -6,7 +6,7 @@ with the place in the undeformed mesh, which holds the patch's translations, rot
 
     P : patches' coefficients -> unknowns,      P (PᵀAP)⁻¹ Pᵀ.
 
-Patches do not cross ranks or bodies, and P is zero at held coordinates; it is made once, PᵀAP in each step.
+Patches do not cross ranks or bodies, and P is zero at held coordinates; it is made once.
 The aggregation of Vaněk, Mandel & Brezina (Computing 56 (1996) 179, doi:10.1007/BF02238511), not smoothed: large
 patches and an affine variation take the place of levels.
 """
@@ -25,12 +25,11 @@ from gossamer_fx.system import System
 Indices = npt.NDArray[np.integer]
 
 PATCH = 100  # nodes; of 30 to 400, what costs least a solve
-ENOUGH = 10  # applications in a solve up to which PᵀAP of an earlier A of the step does
 FLAT = 1e-3  # of its largest extent squared, a patch's extent that does not count
 
 
 class CoarseSpace:
-    """Solves A in the coarse space, as PETSc's Python preconditioner."""
+    """Solves A in the coarse space: z = P (PᵀAP)⁻¹ Pᵀ r."""
 
     def __init__(self, system: System) -> None:
         self._P = prolongation(system)
@@ -41,27 +40,16 @@ class CoarseSpace:
         self._solver.setFactorSolverType("mumps")
         self._r, self._z = self._P.createVecRight(), self._P.createVecRight()
 
-        self._system = system
-        self._step: tuple[float, float] | None = None
-        self._applications = 0
-
-    def setUp(self, pc: PETSc.PC) -> None:
-        step = self._system.time, self._system.h
-        if step == self._step and self._applications <= ENOUGH:
-            self._applications = 0
-            return
-        self._step, self._applications = step, 0
-        A = pc.getOperators()[0]
+    def set_up(self, A: PETSc.Mat) -> None:
         self._single = A.convert("aij", out=self._single or PETSc.Mat())
         self._coarse = self._single.PtAP(self._P, self._coarse)
         self._solver.setOperators(self._coarse)
         self._solver.setUp()
 
-    def apply(self, pc: PETSc.PC, x: PETSc.Vec, out: PETSc.Vec) -> None:
-        self._applications += 1
-        self._P.multTranspose(x, self._r)
+    def solve(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
+        self._P.multTranspose(r, self._r)
         self._solver.apply(self._r, self._z)
-        self._P.mult(self._z, out)
+        self._P.mult(self._z, z)
 
 
 def prolongation(system: System) -> PETSc.Mat:

@@ -24,13 +24,6 @@ from gossamer_fx.system import System
 DIRECT_UP_TO = 3000  # unknowns up to which a factorisation is cheapest
 RESTART = 60  # most Krylov iterations; an unfinished solution then serves Newton's iteration as an inexact one
 
-# What the coarse space does not see is local: an incomplete factorisation does.  Its levels of fill decide: if a film
-# switches between taut and slack, the tangent has stiff threads in next to nothing.  With two levels most systems of a
-# fluttering film of 78 thousand unknowns are not solved in 60 iterations; four levels take 25, and six, for 15 % more
-# time where two suffice, 6.  Several ranks factorise what overlaps by two cells, or iterations double.
-INCOMPLETE = {"sub_pc_type": "ilu", "sub_pc_factor_levels": "6", "sub_pc_factor_mat_ordering_type": "rcm"}
-OVERLAPPING = INCOMPLETE | {"pc_asm_overlap": "2"}
-
 
 class Composite:
     """Vectors (z, y): fields distributed as A is, scalars y at the end of rank 0's part."""
@@ -140,24 +133,20 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
     ksp.setGMRESRestart(RESTART)
     ksp.setPCSide(PETSc.PC.Side.RIGHT)
     ksp.setTolerances(rtol=1e-3, max_it=RESTART)
-    options = PETSc.Options(pc.getOptionsPrefix())
-    if options.getString("pc_type", "composite") == "composite":
-        from gossamer_fx.coarse_space import CoarseSpace
+    if PETSc.Options(pc.getOptionsPrefix()).getString("pc_type", "python") == "python":
+        from gossamer_fx.two_level import TwoLevel
 
-        pc.setType("composite")
-        pc.setCompositeType(PETSc.PC.CompositeType.MULTIPLICATIVE)
-        pc.addCompositePCType("python")
-        pc.getCompositePC(0).setPythonContext(CoarseSpace(system))
-        alone = system.comm.size == 1
-        pc.addCompositePCType("bjacobi" if alone else "asm")
-        for name, value in (INCOMPLETE if alone else OVERLAPPING).items():
-            if not options.hasName("sub_1_" + name):
-                options["sub_1_" + name] = value
+        pc.setType("python")
+        pc.setPythonContext(TwoLevel(system))
 
 
 def recover(pc: PETSc.PC) -> None:
-    """Let a preconditioner forget that an earlier matrix, which may have been infinite, could not be factorised."""
-    if pc.getType() == "composite":
-        local = pc.getCompositePC(1)
-        local.reset()
-        local.setFailedReason(PETSc.PC.FailedReason.NOERROR)
+    """Let a preconditioner forget that an earlier matrix could not be factorised."""
+    if pc.getType() == "python":
+        pc.getPythonContext().recover()
+
+
+def name(pc: PETSc.PC) -> str:
+    """What a preconditioner is, in words."""
+    kind = pc.getType()
+    return str(pc.getPythonContext()) if kind == "python" else str(kind)

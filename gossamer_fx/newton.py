@@ -155,7 +155,7 @@ class Newton:
 
     def summary(self) -> str:
         """The linear solver, its iterations, and where the time of all solves went."""
-        ksp, pc = self.ksp.getType(), self._preconditioner.getType()
+        ksp, pc = self.ksp.getType(), linear.name(self._preconditioner)
         whole = sum(self.seconds.values()) or 1.0
         shares = ", ".join(f"{what} {seconds / whole:.0%}" for what, seconds in self.seconds.items())
         krylov = self.linear_iterations / max(self.all_iterations, 1)

@@ -20,7 +20,7 @@ LAYERS = (
     ("attachment", "bodies", "gas", "interactions", "loads", "control", "initial"),
     ("roles", "totals"),
     ("system", "examination", "scene"),
-    ("coarse_space", "linear", "subdomains", "newton", "outputs"),
+    ("coarse_space", "two_level", "linear", "subdomains", "newton", "outputs"),
     ("running", "midpoint", "generalized_alpha", "statics", "form_finding", "vibration"),
     ("simulate",),
     ("records",),
