@@ -25,15 +25,14 @@ class TimedCoarseSpace:
 
     def __init__(self) -> None:
         self.seconds = 0.0
-        name = "set_up" if hasattr(CoarseSpace, "set_up") else "setUp"
-        original = getattr(CoarseSpace, name)
+        original = CoarseSpace.set_up
 
         def timed(space: CoarseSpace, *given: Any) -> None:
             started = time.perf_counter()
             original(space, *given)
             self.seconds += time.perf_counter() - started
 
-        setattr(CoarseSpace, name, timed)
+        CoarseSpace.set_up = timed
 
 
 def logged(event: str) -> float:
