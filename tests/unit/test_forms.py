@@ -61,7 +61,8 @@ def test_an_error_of_the_compiler_is_shown(comm, cache):
 def test_a_law_is_compiled_once_whatever_was_compiled_before(monkeypatch):
     """The signature of an expression does not depend on how many variables the program has made.
 
-    UFL sorts constants by their numbers as words, so that 9 and 10 may change places once in a while.
+    UFL sorts constants by their numbers as words, so that 9 and 10 may change places once in a while, in each of the
+    five expressions that hold the law.
     """
     from ffcx.codegeneration import jit
 
@@ -77,4 +78,4 @@ def test_a_law_is_compiled_once_whatever_was_compiled_before(monkeypatch):
     for _ in range(6):
         film = gx.Membrane(sheet(MPI.COMM_SELF, 1, 1), gx.Miyazaki(1e9, 0.3, 1e3, 1e-4, residual=1e-6))
         gx.Scene(film).compile()
-    assert len(made) == 18 and len(set(made)) <= 5
+    assert len(made) == 6 * 9 and len(set(made)) <= 9 + 5
