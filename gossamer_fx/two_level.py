@@ -19,7 +19,8 @@ from gossamer_fx.numbering import PREFIX
 from gossamer_fx.system import System
 
 FEW, MANY = 2, 6  # levels of fill
-ENOUGH = 10  # applications in a solve up to which few levels do, and PᵀAP of an earlier A of the step
+ENOUGH = 10  # applications in a solve up to which PᵀAP of an earlier A of the step does
+LONG = 20  # applications in a solve from which on many levels cost less
 
 
 class TwoLevel:
@@ -43,14 +44,13 @@ class TwoLevel:
     def setUp(self, pc: PETSc.PC) -> None:
         self._A = A = pc.getOperators()[0]
         step = self._system.time, self._system.h
-        slow = self._applications > ENOUGH
-        if step != self._step or slow:
+        if step != self._step or self._applications > ENOUGH:
             self._coarse.set_up(A)
         self._local.setOperators(A)
         if not self._levels:
             self._fill(FEW)
             self._r, self._z = A.createVecs()
-        elif slow and self._levels < MANY:
+        elif self._applications > LONG and self._levels < MANY:
             self._fill(MANY)
         self._local.setUp()
         self._local.setUpOnBlocks()

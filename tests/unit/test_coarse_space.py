@@ -117,7 +117,7 @@ def test_a_step_after_an_infinite_matrix_is_solved_as_ever(comm):
 @pytest.mark.mpi
 def test_levels_of_fill_rise_when_a_solve_takes_long(comm):
     """Two of them serve a quiet film; where it flutters on a fine mesh they do not."""
-    run = simulation(comm, 60)
+    run = simulation(comm, 80)
     run.run(until=1e-3)
     assert "2 levels" in run.solver.newton.summary()
     run.run(until=8e-3)
