@@ -18,7 +18,8 @@ import ufl
 from dolfinx import default_scalar_type, fem
 from dolfinx.mesh import Mesh
 from mpi4py import MPI
-from ufl.corealg.map_dag import map_expr_dag
+from ufl.algorithms.analysis import extract_constants
+from ufl.algorithms.map_integrands import map_integrand_dags
 from ufl.corealg.multifunction import MultiFunction
 from ufl.variable import Label
 
@@ -50,32 +51,44 @@ def constant(mesh: Mesh, value: float) -> fem.Constant:
 
 def compile_form(form: ufl.Form) -> fem.Form:
     """Compile a form (or take its kernel from the cache)."""
-    comm = form.ufl_domain().ufl_cargo().comm
-    return _with_cache(comm, lambda: fem.form(form, jit_options=_options()))
+    comm, numbered = form.ufl_domain().ufl_cargo().comm, map_integrand_dags(_Number(form), form)
+    return _with_cache(comm, lambda: fem.form(numbered, jit_options=_options()))
 
 
 def compile_expression(expression: Any, points: npt.NDArray[np.float64]) -> fem.Expression:
     """Compile an expression for evaluation at `points` of the reference cell, shape (n, tdim)."""
     comm = ufl.domain.extract_unique_domain(expression).ufl_cargo().comm
-    named = map_expr_dag(_NumberLabels(), expression)
-    return _with_cache(comm, lambda: fem.Expression(named, points, jit_options=_options()))
+    numbered = map_integrand_dags(_Number(expression), expression)
+    return _with_cache(comm, lambda: fem.Expression(numbered, points, jit_options=_options()))
 
 
-class _NumberLabels(MultiFunction):
-    """Numbers the labels of `ufl.variable` from zero.
+class _Number(MultiFunction):
+    """Numbers the constants of a form or expression, and the labels of `ufl.variable`, from zero.
 
-    The program numbers them in the order in which they are made, and UFL puts the numbers into the signature: without
-    this each film after the first would compile its law anew.
+    The program numbers them in the order in which they are made.  UFL puts the labels' numbers into the signature, and
+    sorts factors and summands by the constants' numbers as words, 10 before 9: without this, what a kernel is called
+    would depend on what else was made before, and the same law would be compiled anew.
     """
 
     expr = MultiFunction.reuse_if_untouched
 
-    def __init__(self) -> None:
+    def __init__(self, of: Any) -> None:
         super().__init__()
         self._labels: dict[Label, Label] = {}
+        self._constants = {old: _numbered(old, k) for k, old in enumerate(extract_constants(of))}
 
     def label(self, label: Label) -> Label:
         return self._labels.setdefault(label, Label(len(self._labels)))
+
+    def constant(self, constant: fem.Constant) -> ufl.Constant:
+        return self._constants[constant]
+
+
+def _numbered(constant: fem.Constant, number: int) -> ufl.Constant:
+    """The same constant, whose value is also changed when the other's is, by another number."""
+    same = ufl.Constant(constant.ufl_domain(), constant.ufl_shape, count=number)
+    same._cpp_object = constant._cpp_object
+    return same
 
 
 def _with_cache[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T:
