@@ -130,6 +130,14 @@ PROBLEMS = {
         quick=alone("cells", (6, 10), steps=5),
         chart=True,
     ),
+    "antenna": Problem(
+        title="Antenna of demos/antenna_pendulum.py, tied by multipliers, its first 3 steps of 5e-3 s",
+        cost=lambda r: r["cpu"] / r["steps"],
+        unit="s CPU per step",
+        cases=alone("cells", (40, 80, 160, 280), steps=3),
+        quick=alone("cells", (6, 12), steps=3),
+        chart=True,
+    ),
     "ranks": Problem(
         title="Free spinning sheet on two ranks and on one",
         cost=lambda r: r["wall"] / r["steps"],

@@ -32,7 +32,7 @@ def differences(said: str) -> list[float]:
     return [float(number) for number in re.findall(r"energy differs by (\S+)", said)]
 
 
-@pytest.mark.parametrize("name", ["scaling", "tube"])
+@pytest.mark.parametrize("name", ["scaling", "tube", "antenna"])
 def test_cost_over_size_gives_exponents_and_a_chart(name, tmp_path):
     said, rows = bench(name, tmp_path)
     assert len(rows) == 2 and all(float(row["ΔE/E"]) < 1e-8 for row in rows)
