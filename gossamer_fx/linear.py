@@ -124,6 +124,8 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
     A matrix with multipliers has zeros on its diagonal, which an incomplete factorisation cannot take: it is
     factorised, as are small ones and all if `direct`.  To let the coarse space hold what is tied, exactly, was tried:
     up to half a million unknowns of an antenna, on one and on two ranks, it took no less time than the factorisation.
+    Nor does it pay to keep a factorisation for the next iteration, even of the last ones of a step: where films switch,
+    the Krylov iterations that this costs take longer than another factorisation.
     """
     if direct or system.constraints is not None or system.numbering.size <= DIRECT_UP_TO:
         ksp.setType("preonly")
