@@ -9,8 +9,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from gossamer_fx.attachment import Frame as Frame
-    from gossamer_fx.attachment import ground_frame as ground_frame
     from gossamer_fx.bodies.beam import Beam as Beam
     from gossamer_fx.bodies.cable import Cable as Cable
     from gossamer_fx.bodies.cable import CableLaw as CableLaw
@@ -35,6 +33,8 @@ if TYPE_CHECKING:
     from gossamer_fx.form_finding import EdgeCable as EdgeCable
     from gossamer_fx.form_finding import Prestress as Prestress
     from gossamer_fx.form_finding import find_form as find_form
+    from gossamer_fx.frames import Frame as Frame
+    from gossamer_fx.frames import ground_frame as ground_frame
     from gossamer_fx.gas.enclosure import Piston as Piston
     from gossamer_fx.gas.ideal_gas import IdealGas as IdealGas
     from gossamer_fx.gas.orifice import Orifice as Orifice
@@ -114,7 +114,6 @@ if TYPE_CHECKING:
     from gossamer_fx.vibration import modes as modes
 
 _HOME = {
-    "attachment": ["Frame", "ground_frame"],
     "bodies.beam": ["Beam"],
     "bodies.cable": ["Cable", "CableLaw", "TensionOnly"],
     "bodies.membrane": ["Membrane"],
@@ -127,6 +126,7 @@ _HOME = {
     "elastica": ["Elastica"],
     "errors": ["InputError", "NoEquilibrium", "OutputFailure", "StepFailure"],
     "form_finding": ["EdgeCable", "Prestress", "find_form"],
+    "frames": ["Frame", "ground_frame"],
     "gas.enclosure": ["Piston"],
     "gas.ideal_gas": ["IdealGas"],
     "gas.orifice": ["Orifice", "WallHeat"],

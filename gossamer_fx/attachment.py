@@ -1,9 +1,8 @@
-"""Ports and frames: their values at the start, and linear combinations of them."""
+"""Vectors attached to bodies: their values at the start, and linear combinations of them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,21 +10,10 @@ from gossamer_fx.errors import check
 from gossamer_fx.parts import Array, Attached, Ground, Port, Vector
 
 
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """An oriented point of a body: `origin`, and two or three directors that stay orthonormal.
-
-    Rigid bodies and the ground have three (d1, d2, d3); a beam has the two of its section (d2, d3).
-    """
-
-    origin: Attached
-    directors: tuple[Attached, ...]
-
-
-def ground_frame(point: Vector = (0.0, 0.0, 0.0)) -> Frame:
-    """The axes of inertial space at a point [m]."""
-    x, y, z = point
-    return Frame(Ground((x, y, z)), (Ground((1, 0, 0)), Ground((0, 1, 0)), Ground((0, 0, 1))))
+def unit(direction: Vector | Array) -> Array:
+    """The vector (3,) of length one in a direction."""
+    n = np.asarray(direction, dtype=float)
+    return n / np.linalg.norm(n)
 
 
 def initial(port: Attached) -> Array:
@@ -65,22 +53,3 @@ def combine(weights: Sequence[float], ports: Sequence[Attached]) -> Attached:
         tuple(w * each for w, p in parts for each in p.weights),
         tuple(v for _, p in parts for v in p.vectors or (0,) * len(p.nodes)),
     )
-
-
-def along(direction: Array, frame: Frame) -> Attached:
-    """The vector fixed in a frame that is `direction` (3,) at the start.
-
-    Raises:
-        InputError: the frame has two directors and the direction is not in their plane.
-    """
-    check(
-        lies_in(direction, frame),
-        f"A frame has no direction {direction.tolist()} in the plane of its directors; give one with three directors.",
-    )
-    return combine([float(initial(d) @ direction) for d in frame.directors], frame.directors)
-
-
-def lies_in(direction: Array, frame: Frame) -> bool:
-    """Whether a direction (3,) is a combination of the directors of a frame at the start."""
-    directors = np.array([initial(d) for d in frame.directors])
-    return bool(np.allclose(directors @ direction @ directors, direction, atol=1e-9))

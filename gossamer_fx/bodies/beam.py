@@ -9,7 +9,6 @@ import ufl
 from dolfinx import fem, la
 from dolfinx.mesh import Mesh as DolfinxMesh
 
-from gossamer_fx.attachment import Frame
 from gossamer_fx.bodies.curve import Curve
 from gossamer_fx.bodies.meshed import PointFunction, checked
 from gossamer_fx.bodies.ports import global_node
@@ -17,6 +16,7 @@ from gossamer_fx.bodies.rigid_body import orthonormality
 from gossamer_fx.bodies.sections import Section
 from gossamer_fx.errors import check_on_all
 from gossamer_fx.forms import compile_form
+from gossamer_fx.frames import Frame
 from gossamer_fx.kinematics import Expr, beam_strain
 from gossamer_fx.materials import constants
 from gossamer_fx.mesh import Mesh
@@ -56,6 +56,7 @@ class Beam(Curve):
         super().__init__("Beam", name, mesh, 2, 9)
         self.section, self._velocity = section, checked(velocity, f"Beam '{name}': its velocity")
         self.constants = constants(section, self.mesh.domain)
+        self._frames: dict[int, Frame] = {}
         self._reference = self._stress_free(np.asarray(normal, dtype=float))
 
     def _stress_free(self, normal: Array) -> fem.Function:
@@ -108,7 +109,7 @@ class Beam(Curve):
     def frame(self, group: str) -> Frame:
         """Position and directors (d2, d3) at a named point of the mesh."""
         node = global_node(self, self.mesh, group)
-        return Frame(Port(self, (node,)), self._directors(node))
+        return self._frames.setdefault(node, Frame(Port(self, (node,)), self._directors(node), f"{self.name}/{group}"))
 
     def initial_state(self) -> tuple[Array, Array]:
         q = self._reference.x.array.reshape(-1, 3, 3)[: self.block.index_map.size_local]

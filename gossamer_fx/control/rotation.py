@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from gossamer_fx.attachment import unit
 from gossamer_fx.parts import Array
 
 
@@ -23,7 +24,7 @@ def position_gradient(vectors: Array, reference: Array) -> Array:
     n = np.cross(images[:, 0], images[:, 1])
     if np.linalg.det(np.hstack([in_plane, normal])) < 0:
         normal = -normal
-    F = images @ in_plane.T + np.outer(n / np.linalg.norm(n), normal[:, 0])
+    F = images @ in_plane.T + np.outer(unit(n), normal[:, 0])
     return F
 
 

@@ -12,6 +12,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.assembly import Assembly
+from gossamer_fx.attachment import unit
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.errors import check, check_on_all
 from gossamer_fx.forms import compile_form, constant
@@ -238,10 +239,9 @@ class Piston:
     """
 
     def __init__(self, port: Port, area: float, direction: tuple[float, float, float]) -> None:
-        n: Array = np.asarray(direction, dtype=float)
         check(area > 0, f"Piston: area is {area!r} m²; give a positive number.")
-        check(bool(np.linalg.norm(n) > 0), "Piston: direction has no length; give the axis along which it moves.")
-        self.port, self.area, self.direction = port, area, n / np.linalg.norm(n)
+        check(any(direction), "Piston: direction has no length; give the axis along which it moves.")
+        self.port, self.area, self.direction = port, area, unit(direction)
 
     def requires(self) -> Iterable[Any]:
         yield self.port.body

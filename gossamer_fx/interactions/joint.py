@@ -9,7 +9,7 @@ a and b attached to the two sides, and p, q, n directions that are fixed in one 
     revolute   ball, and n·p = n·q = 0: the axis n of one side is normal to p, q of the other
     prismatic  the rotations of fixed, and (x_b - x_a)·p = (x_b - x_a)·q = 0
 
-A beam's section has two directors; where a joint needs its normal too, it brings it along (`SectionFrame`).
+A beam's section has two directors; where a joint needs its normal too, it is brought along (`Frame.complete`).
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.attachment import Frame, along, initial, lies_in
+from gossamer_fx.attachment import initial, unit
 from gossamer_fx.errors import check
-from gossamer_fx.interactions.section_frame import SectionFrame
+from gossamer_fx.frames import Frame, along, is_normal, lies_in
 from gossamer_fx.parts import Array, Attached, Part, PointConstraint, PointMeasure, Port, Vector
 
 COINCIDE = 1e-8  # m
@@ -35,24 +35,6 @@ def bodies_of(*sides: Attached | Frame) -> Iterable[Any]:
         for part in (side.origin, *side.directors) if isinstance(side, Frame) else (side,):
             if isinstance(part, Port):
                 yield part.body
-
-
-def completed(side: Frame, name: str) -> Frame:
-    """A frame with three directors."""
-    if len(side.directors) == 3 or not isinstance(side.origin, Port):
-        return side
-    return SectionFrame(side, side.origin, f"{name} on {side.origin.body.name}").frame
-
-
-def is_normal(axis: Array, side: Frame) -> bool:
-    """Whether an axis is normal to all directors of a frame: the normal of a beam's section."""
-    return bool(np.allclose([initial(d) @ axis for d in side.directors], 0, atol=1e-9))
-
-
-def unit(axis: Vector) -> Array:
-    """The direction of an axis."""
-    n = np.asarray(axis, dtype=float)
-    return n / np.linalg.norm(n)
 
 
 def check_sides(kind: str, name: str, a: Attached | Frame, b: Attached | Frame) -> None:
@@ -89,8 +71,7 @@ def coincidence(name: str, a: Attached, b: Attached) -> PointConstraint:
 
 def perpendicular_pair(n: Array) -> tuple[Array, Array]:
     """Two unit vectors that form a right-handed triad (p, q, n) with the unit vector n."""
-    p = np.cross(n, np.eye(3)[np.argmin(np.abs(n))])
-    p /= np.linalg.norm(p)
+    p = unit(np.cross(n, np.eye(3)[np.argmin(np.abs(n))]))
     return p, np.cross(n, p)
 
 
@@ -162,7 +143,7 @@ class FixedJoint:
     @cached_property
     def _sides(self) -> tuple[Frame, Frame]:
         """The frames, one of which has three directors."""
-        return self.a if len(self.b.directors) == 3 else completed(self.a, self.name), self.b
+        return self.a if len(self.b.directors) == 3 else self.a.complete, self.b
 
     def requires(self) -> Iterable[Any]:
         yield from bodies_of(*self._sides)
@@ -192,7 +173,7 @@ class RevoluteJoint:
         full, other = (self.a, self.b) if len(self.a.directors) == 3 else (self.b, self.a)
         n = unit(self.axis)
         oblique = not (lies_in(n, other) or is_normal(n, other))
-        return completed(full, self.name), completed(other, self.name) if oblique else other
+        return full.complete, other.complete if oblique else other
 
     def requires(self) -> Iterable[Any]:
         yield from bodies_of(*self._sides)
@@ -228,7 +209,7 @@ class PrismaticJoint:
     def _sides(self) -> tuple[Frame, Frame]:
         """The frames: one has three directors, the first holds the normals of the axis."""
         enough = len(self.b.directors) == 3 and is_normal(unit(self.axis), self.a)
-        return self.a if enough else completed(self.a, self.name), self.b
+        return self.a if enough else self.a.complete, self.b
 
     def requires(self) -> Iterable[Any]:
         yield from bodies_of(*self._sides)

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.attachment import initial
+from gossamer_fx.attachment import initial, unit
 from gossamer_fx.errors import check, check_positive, is_vector
-from gossamer_fx.interactions.joint import bodies_of, check_sides, unit
+from gossamer_fx.interactions.joint import bodies_of, check_sides
 from gossamer_fx.parts import Array, Attached, Part, PointDissipated, PointMeasure, PointStored, Port
 
 

@@ -18,9 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.attachment import Frame, along
+from gossamer_fx.attachment import unit
 from gossamer_fx.errors import check, check_positive
-from gossamer_fx.interactions.joint import bodies_of, check_sides, completed, is_normal, perpendicular_pair, unit
+from gossamer_fx.frames import Frame, along, is_normal
+from gossamer_fx.interactions.joint import bodies_of, check_sides, perpendicular_pair
 from gossamer_fx.parts import Array, Part, PointDissipated, PointMeasure, PointStored, Vector
 
 
@@ -71,9 +72,9 @@ class AngularDamper:
         return stress(self.c / h * Δφ, np.full_like(φ0, self.c / h), φ0, Δφ, e1)
 
 
-def across(axis: Vector, side: Frame, name: str) -> Frame:
+def across(axis: Vector, side: Frame) -> Frame:
     """A frame that holds the normals of an axis: the side of a hinge, with the normal of its section if it needs it."""
-    return side if is_normal(unit(axis), side) else completed(side, name)
+    return side if is_normal(unit(axis), side) else side.complete
 
 
 def hinge_angle(a: Frame, b: Frame, axis: Vector, rest: float) -> PointMeasure:
@@ -103,7 +104,7 @@ class AboutHinge:
 
     @cached_property
     def _sides(self) -> tuple[Frame, Frame]:
-        return across(self.axis, self.a, self.name), across(self.axis, self.b, self.name)
+        return across(self.axis, self.a), across(self.axis, self.b)
 
     def requires(self) -> Iterable[Any]:
         yield from bodies_of(*self._sides)

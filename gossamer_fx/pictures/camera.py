@@ -20,7 +20,7 @@ BY_STATE: Array = np.array([STATE_COLOURS[state] for state in sorted(STATE_COLOU
 _INK = (0.30, 0.33, 0.37)  # lines and dots
 
 _SUPERSAMPLES = 2
-_LIGHT = np.array([-0.45, 0.55, 0.7]) / np.linalg.norm([-0.45, 0.55, 0.7])  # right, up, towards the eye
+_LIGHT = unit(np.array([-0.45, 0.55, 0.7]))  # right, up, towards the eye
 _AMBIENT, _GLOSS, _SHININESS = 0.35, 0.35, 24
 _HALF_LINE, _DOT = 1.3, 5.0  # pixels
 _OUTLINE, _OUTLINE_STRENGTH = 6.0, 0.55  # depth [pixels] of a step that is outlined

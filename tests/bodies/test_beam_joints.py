@@ -123,3 +123,15 @@ def test_a_beam_slides_along_a_beam() -> None:
     run = conserves(gx.Scene(joint, pulled(one)))
     a, b = values_of(run.system, [one.port("start"), two.port("start")], run.system.q0)
     assert np.linalg.norm(a - b) > 0.01
+
+
+@pytest.mark.mpi
+def test_all_that_meets_at_a_section_shares_its_normal() -> None:
+    """A hinge with spring and damper, about an axis oblique to the sections of both beams: two bodies are added."""
+    one, two, axis = arm("one", (-1.0, 0.0, 0.0)), arm("two", (0.2, 1.0, 0.1)), (0.4, 0.5, -0.3)
+    scene = gx.Scene(
+        gx.RevoluteJoint(one.frame("start"), two.frame("start"), axis),
+        gx.TorsionSpring(one.frame("start"), two.frame("start"), axis, stiffness=0.1),
+        gx.TorsionDamper(one.frame("start"), two.frame("start"), axis, coefficient=0.1),
+    )
+    assert sorted(body.name for body in scene.bodies) == ["frame of one/start", "frame of two/start", "one", "two"]

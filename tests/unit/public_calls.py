@@ -73,7 +73,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "Fixed": {"body": film, "group": "left", "components": (0, 1, 2)},
         "FixedJoint": {"a": A, "b": B},
         "Force": {"port": P, "value": z},
-        "Frame": {"origin": Q, "directors": (Q, Q, Q)},
+        "Frame": {"origin": Q, "directors": (Q, Q, Q), "name": "axes"},
         "GasState": {"chamber": tank, "quantity": "pressure"},
         "GeneralizedAlpha": {"dt": 1e-3, "spectral_radius": 0.8},
         "Gravity": {"body": film, "g": z},

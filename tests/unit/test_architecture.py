@@ -17,7 +17,7 @@ LAYERS = (
     ("errors", "arguments", "forms", "kinematics", "strain_path", "schedule", "version", "raw_mesh"),
     ("materials", "elastica", "mesh", "parts", "assembly"),
     ("discrete_gradient", "numbering", "places", "mesh_quality"),
-    ("attachment", "bodies", "gas", "interactions", "loads", "control", "initial"),
+    ("attachment", "frames", "bodies", "gas", "interactions", "loads", "control", "initial"),
     ("roles", "totals"),
     ("system", "examination", "scene"),
     ("coarse_space", "two_level", "linear", "subdomains", "newton", "outputs"),
