@@ -53,7 +53,7 @@ class Body(Protocol):
     block: Block
 
     def initial_state(self) -> tuple[Array, Array]:
-        """Owned coordinates [m] and velocities [m/s], flattened, node by node."""
+        """Owned coordinates [m] and velocities [m/s], flattened, node by node; not to be written to."""
         ...
 
     def parts(self) -> Iterable[Part]:

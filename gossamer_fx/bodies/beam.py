@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cached_property
 
 import numpy as np
 import ufl
@@ -111,7 +112,8 @@ class Beam(Curve):
         node = global_node(self, self.mesh, group)
         return self._frames.setdefault(node, Frame(Port(self, (node,)), self._directors(node), f"{self.name}/{group}"))
 
-    def initial_state(self) -> tuple[Array, Array]:
+    @cached_property
+    def _start(self) -> tuple[Array, Array]:
         q = self._reference.x.array.reshape(-1, 3, 3)[: self.block.index_map.size_local]
         v = np.zeros_like(q)
         if self._velocity is not None:
@@ -119,4 +121,4 @@ class Beam(Curve):
             v[:, 0] = self._velocity(x.T).T
             for k in (1, 2):
                 v[:, k] = self._velocity((x + q[:, k]).T).T - v[:, 0]
-        return q.ravel().copy(), v.ravel()
+        return q.ravel(), v.ravel()

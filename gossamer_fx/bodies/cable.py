@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import ufl
@@ -94,5 +95,6 @@ class Cable(Curve):
         """Stored energy per unit reference length."""
         return self.law.energy(e, self.constants)
 
-    def initial_state(self) -> tuple[Array, Array]:
+    @cached_property
+    def _start(self) -> tuple[Array, Array]:
         return positions(self.space, self._displacement, self._velocity)

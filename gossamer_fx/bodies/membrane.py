@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cached_property
 
 import ufl
 from dolfinx import fem
@@ -91,5 +92,6 @@ class Membrane(Meshed):
         yield Kinetic(self, lambda v, w: self.area_density * ufl.inner(v, w) * self.mass_dx)
         yield Stored(self.name, self, self.measure, self.density, self.dx, self.law.quadratic, self.pieces)
 
-    def initial_state(self) -> tuple[Array, Array]:
+    @cached_property
+    def _start(self) -> tuple[Array, Array]:
         return positions(self.space, self._displacement, self._velocity)

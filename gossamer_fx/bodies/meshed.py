@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
+from functools import cached_property
 
 import numpy as np
 from dolfinx import fem
@@ -26,9 +27,13 @@ class Meshed(ABC):
     space: fem.FunctionSpace
     block: Block
 
+    @cached_property
     @abstractmethod
+    def _start(self) -> tuple[Array, Array]:
+        """Owned coordinates [m] and velocities [m/s], flattened, node by node: the user's functions are asked once."""
+
     def initial_state(self) -> tuple[Array, Array]:
-        """Owned coordinates [m] and velocities [m/s], flattened, node by node."""
+        return self._start
 
     @abstractmethod
     def parts(self) -> Iterable[Part]:

@@ -9,6 +9,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.statics import Equilibrium
 from meshes.line import line
+from meshes.sheet import sheet
 
 COMM = MPI.COMM_WORLD
 SPIN = (0.0, 0.0, 5.0)
@@ -59,3 +60,18 @@ def test_steady_spin_stays_steady() -> None:
         run.run(until=t)
         assert length() == pytest.approx(stretched, rel=1e-4)
     assert run.totals.kinetic == pytest.approx(run.first.kinetic, rel=1e-4)
+
+
+@pytest.mark.mpi
+def test_a_function_of_the_start_is_asked_once() -> None:
+    """So that joints, which measure their length at the start, see the film that is moved: it may be a random one."""
+    random, asked = np.random.default_rng(3), []
+
+    def rough(x: np.ndarray) -> np.ndarray:
+        asked.append(len(x))
+        return 1e-3 * random.standard_normal(x.shape)
+
+    film = gx.Membrane(sheet(COMM, 4, 4), gx.Linear(1e9, 0.3, 1e3, 1e-4), displacement=rough)
+    places = [(x, 0.5, 0.0) for x in (0.25, 0.5, 0.75)]
+    gx.Scene(*(gx.Link(film.port_at(x), gx.Ground((0.0, 0.0, 1.0)), f"link {x}") for x in places)).compile()
+    assert len(asked) == 1
