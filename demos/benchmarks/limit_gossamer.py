@@ -67,9 +67,9 @@ show(
     | {
         "iteration [ms]": 1e3 * iteration,
         "over limit": iteration / limit,
-        "tangent [ms]": 1e3 * tangent,
-        "set-up [ms]": 1e3 * setting_up,
-        "cycle [ms]": 1e3 * cycle,
+        "one tangent [ms]": 1e3 * tangent,
+        "one set-up [ms]": 1e3 * setting_up,
+        "one cycle [ms]": 1e3 * cycle,
         "matrix [MB]": written / 2**20,
         "copy [GB/s]": speed / 1e9,
         "tangent/traffic": tangent * speed / written,
