@@ -12,7 +12,7 @@ from gossamer_fx.attachment import combine, initial
 from gossamer_fx.control.rotation import euler_angles, euler_axes, position_gradient, rotation
 from gossamer_fx.errors import check
 from gossamer_fx.frames import Frame
-from gossamer_fx.interactions.joint import bodies_of
+from gossamer_fx.interactions.between import bodies_of
 from gossamer_fx.loads.force import Couple, cross_matrix
 from gossamer_fx.parts import Array, Part, PointSupplied, Port, Vector
 

@@ -17,35 +17,16 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from gossamer_fx.attachment import initial, unit
 from gossamer_fx.errors import check
 from gossamer_fx.frames import Frame, along, is_normal, lies_in
+from gossamer_fx.interactions.between import Between, FrameJoint
 from gossamer_fx.parts import Array, Attached, Part, PointConstraint, PointMeasure, Port, Vector
 
 COINCIDE = 1e-8  # m
-
-
-def bodies_of(*sides: Attached | Frame) -> Iterable[Any]:
-    """The bodies that a joint refers to."""
-    for side in sides:
-        for part in (side.origin, *side.directors) if isinstance(side, Frame) else (side,):
-            if isinstance(part, Port):
-                yield part.body
-
-
-def check_sides(kind: str, name: str, a: Attached | Frame, b: Attached | Frame) -> None:
-    """At least one side moves, and they are two bodies."""
-    origins = [side.origin if isinstance(side, Frame) else side for side in (a, b)]
-    bodies = [origin.body for origin in origins if isinstance(origin, Port)]
-    check(bool(bodies), f"{kind} '{name}' joins the ground to itself; give a port of a body.")
-    check(
-        len(bodies) < 2 or bodies[0] is not bodies[1] or kind not in ("FixedJoint", "RevoluteJoint", "PrismaticJoint"),
-        f"{kind} '{name}' joins '{bodies[0].name}' to itself; join two bodies.",
-    )
 
 
 def check_coincide(name: str, a: Attached, b: Attached) -> None:
@@ -87,18 +68,12 @@ def same_rotation(name: str, a: Frame, b: Frame) -> Iterable[PointConstraint]:
 
 
 @dataclass(frozen=True, eq=False)
-class BallJoint:
+class BallJoint(Between):
     """Two points coincide; `a`, `b` are ports, or one is `Ground`."""
 
     a: Attached
     b: Attached
     name: str = "ball"
-
-    def __post_init__(self) -> None:
-        check_sides("BallJoint", self.name, self.a, self.b)
-
-    def requires(self) -> Iterable[Any]:
-        yield from bodies_of(self.a, self.b)
 
     def parts(self) -> Iterable[Part]:
         check_coincide(self.name, self.a, self.b)
@@ -106,18 +81,12 @@ class BallJoint:
 
 
 @dataclass(frozen=True, eq=False)
-class Link:
+class Link(Between):
     """Two points keep the distance that they have at the start: a massless rigid rod."""
 
     a: Attached
     b: Attached
     name: str = "link"
-
-    def __post_init__(self) -> None:
-        check_sides("Link", self.name, self.a, self.b)
-
-    def requires(self) -> Iterable[Any]:
-        yield from bodies_of(self.a, self.b)
 
     def parts(self) -> Iterable[Part]:
         length = float(np.linalg.norm(initial(self.a) - initial(self.b)))
@@ -130,23 +99,17 @@ class Link:
 
 
 @dataclass(frozen=True, eq=False)
-class FixedJoint:
+class FixedJoint(FrameJoint):
     """Two frames keep their relative position and rotation."""
 
     a: Frame
     b: Frame
     name: str = "fixed"
 
-    def __post_init__(self) -> None:
-        check_sides("FixedJoint", self.name, self.a, self.b)
-
     @cached_property
     def _sides(self) -> tuple[Frame, Frame]:
         """The frames, one of which has three directors."""
         return self.a if len(self.b.directors) == 3 else self.a.complete, self.b
-
-    def requires(self) -> Iterable[Any]:
-        yield from bodies_of(*self._sides)
 
     def parts(self) -> Iterable[Part]:
         check_coincide(self.name, self.a.origin, self.b.origin)
@@ -155,7 +118,7 @@ class FixedJoint:
 
 
 @dataclass(frozen=True, eq=False)
-class RevoluteJoint:
+class RevoluteJoint(FrameJoint):
     """Two frames that share a point and an `axis` (a direction in space at the start)."""
 
     a: Frame
@@ -164,7 +127,7 @@ class RevoluteJoint:
     name: str = "revolute"
 
     def __post_init__(self) -> None:
-        check_sides("RevoluteJoint", self.name, self.a, self.b)
+        super().__post_init__()
         check(any(self.axis), f"RevoluteJoint '{self.name}': axis has no length; give its direction.")
 
     @cached_property
@@ -174,9 +137,6 @@ class RevoluteJoint:
         n = unit(self.axis)
         oblique = not (lies_in(n, other) or is_normal(n, other))
         return full.complete, other.complete if oblique else other
-
-    def requires(self) -> Iterable[Any]:
-        yield from bodies_of(*self._sides)
 
     def parts(self) -> Iterable[Part]:
         check_coincide(self.name, self.a.origin, self.b.origin)
@@ -193,7 +153,7 @@ class RevoluteJoint:
 
 
 @dataclass(frozen=True, eq=False)
-class PrismaticJoint:
+class PrismaticJoint(FrameJoint):
     """Two frames slide along an `axis` (a direction in space at the start), which `a` carries; no rotation."""
 
     a: Frame
@@ -202,7 +162,7 @@ class PrismaticJoint:
     name: str = "prismatic"
 
     def __post_init__(self) -> None:
-        check_sides("PrismaticJoint", self.name, self.a, self.b)
+        super().__post_init__()
         check(any(self.axis), f"PrismaticJoint '{self.name}': axis has no length; give its direction.")
 
     @cached_property
@@ -210,9 +170,6 @@ class PrismaticJoint:
         """The frames: one has three directors, the first holds the normals of the axis."""
         enough = len(self.b.directors) == 3 and is_normal(unit(self.axis), self.a)
         return self.a if enough else self.a.complete, self.b
-
-    def requires(self) -> Iterable[Any]:
-        yield from bodies_of(*self._sides)
 
     def parts(self) -> Iterable[Part]:
         a, b = self._sides

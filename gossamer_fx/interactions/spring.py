@@ -10,7 +10,7 @@ import numpy as np
 
 from gossamer_fx.attachment import initial, unit
 from gossamer_fx.errors import check, check_positive, is_vector
-from gossamer_fx.interactions.joint import bodies_of, check_sides
+from gossamer_fx.interactions.between import Between
 from gossamer_fx.parts import Array, Attached, Part, PointDissipated, PointMeasure, PointStored, Port
 
 
@@ -85,7 +85,7 @@ def half_distance_squared(a: Attached, b: Attached) -> PointMeasure:
 
 
 @dataclass(frozen=True, eq=False)
-class Spring:
+class Spring(Between):
     """Linear spring between two points: ψ = ½ k (|x_a - x_b| - L)².
 
     Args:
@@ -101,12 +101,9 @@ class Spring:
     name: str = "spring"
 
     def __post_init__(self) -> None:
-        check_sides("Spring", self.name, self.a, self.b)
+        super().__post_init__()
         check_positive(self, "stiffness", "N/m")
         check(self.length >= 0, f"Spring '{self.name}': length is {self.length!r} m; give none or a positive one.")
-
-    def requires(self) -> Iterable[Any]:
-        yield from bodies_of(self.a, self.b)
 
     def parts(self) -> Iterable[Part]:
         density = LengthSpring(self.stiffness, self.length)
@@ -114,7 +111,7 @@ class Spring:
 
 
 @dataclass(frozen=True, eq=False)
-class Rope:
+class Rope(Between):
     """A rope without mass: it holds two points within its length, with tension k (l - L) beyond it and none below.
 
     Args:
@@ -130,12 +127,9 @@ class Rope:
     name: str = "rope"
 
     def __post_init__(self) -> None:
-        check_sides("Rope", self.name, self.a, self.b)
+        super().__post_init__()
         check_positive(self, "stiffness", "N/m")
         check_positive(self, "length", "m")
-
-    def requires(self) -> Iterable[Any]:
-        yield from bodies_of(self.a, self.b)
 
     def parts(self) -> Iterable[Part]:
         density = LengthSpring(self.stiffness, self.length, side=1)
@@ -143,7 +137,7 @@ class Rope:
 
 
 @dataclass(frozen=True, eq=False)
-class Stop:
+class Stop(Between):
     """Keeps two points from coming nearer than a distance, with the force k (L - l) below it and none beyond: contact.
 
     Two spheres touch at the sum of their radii.  An impact takes as long as half an oscillation on the spring, and
@@ -162,12 +156,9 @@ class Stop:
     name: str = "stop"
 
     def __post_init__(self) -> None:
-        check_sides("Stop", self.name, self.a, self.b)
+        super().__post_init__()
         check_positive(self, "stiffness", "N/m")
         check_positive(self, "distance", "m")
-
-    def requires(self) -> Iterable[Any]:
-        yield from bodies_of(self.a, self.b)
 
     def parts(self) -> Iterable[Part]:
         density = LengthSpring(self.stiffness, self.distance, side=-1)
@@ -175,7 +166,7 @@ class Stop:
 
 
 @dataclass(frozen=True, eq=False)
-class Damper:
+class Damper(Between):
     """Linear damper between two points: force c d|x_a - x_b|/dt along their connection; its loss is booked.
 
     Args:
@@ -189,11 +180,8 @@ class Damper:
     name: str = "damper"
 
     def __post_init__(self) -> None:
-        check_sides("Damper", self.name, self.a, self.b)
+        super().__post_init__()
         check_positive(self, "coefficient", "N s/m")
-
-    def requires(self) -> Iterable[Any]:
-        yield from bodies_of(self.a, self.b)
 
     def parts(self) -> Iterable[Part]:
         distance = float(np.linalg.norm(initial(self.a) - initial(self.b)))

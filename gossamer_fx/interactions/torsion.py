@@ -14,14 +14,14 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from gossamer_fx.attachment import unit
 from gossamer_fx.errors import check, check_positive
 from gossamer_fx.frames import Frame, along, is_normal
-from gossamer_fx.interactions.joint import bodies_of, check_sides, perpendicular_pair
+from gossamer_fx.interactions.between import Between
+from gossamer_fx.interactions.joint import perpendicular_pair
 from gossamer_fx.parts import Array, Part, PointDissipated, PointMeasure, PointStored, Vector
 
 
@@ -89,25 +89,20 @@ def hinge_angle(a: Frame, b: Frame, axis: Vector, rest: float) -> PointMeasure:
     return PointMeasure([place], np.array([np.kron(h, np.eye(3)) for h in H]), np.zeros((2, 9)), np.zeros(2))
 
 
-class AboutHinge:
+class AboutHinge(Between):
     """What acts between two frames, about the axis of their hinge."""
 
     a: Frame
     b: Frame
     axis: Vector
-    name: str
 
     def __post_init__(self) -> None:
-        kind = type(self).__name__
-        check_sides(kind, self.name, self.a, self.b)
-        check(any(self.axis), f"{kind} '{self.name}': axis has no length; give its direction.")
+        super().__post_init__()
+        check(any(self.axis), f"{type(self).__name__} '{self.name}': axis has no length; give its direction.")
 
     @cached_property
     def _sides(self) -> tuple[Frame, Frame]:
         return across(self.axis, self.a), across(self.axis, self.b)
-
-    def requires(self) -> Iterable[Any]:
-        yield from bodies_of(*self._sides)
 
 
 @dataclass(frozen=True, eq=False)

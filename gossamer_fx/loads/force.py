@@ -10,7 +10,7 @@ import numpy as np
 
 from gossamer_fx.errors import check
 from gossamer_fx.frames import Frame
-from gossamer_fx.interactions.joint import bodies_of
+from gossamer_fx.interactions.between import bodies_of
 from gossamer_fx.parts import Array, Attached, Part, PointSupplied, Port, Vector
 
 History = Callable[[float], Sequence[float]]

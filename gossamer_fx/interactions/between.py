@@ -1,0 +1,55 @@
+"""What joins two sides or acts between them: points or frames of two bodies, or of a body and the ground."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from gossamer_fx.errors import check
+from gossamer_fx.frames import Frame
+from gossamer_fx.parts import Attached, Port
+
+
+def bodies_of(*sides: Attached | Frame) -> Iterable[Any]:
+    """The bodies that a joint refers to."""
+    for side in sides:
+        for part in (side.origin, *side.directors) if isinstance(side, Frame) else (side,):
+            if isinstance(part, Port):
+                yield part.body
+
+
+class Between:
+    """Two sides, at least one of which moves."""
+
+    a: Attached | Frame
+    b: Attached | Frame
+    name: str
+
+    def __post_init__(self) -> None:
+        check(
+            bool(list(bodies_of(self.a, self.b))),
+            f"{type(self).__name__} '{self.name}' joins the ground to itself; give a port of a body.",
+        )
+
+    @property
+    def _sides(self) -> tuple[Attached | Frame, Attached | Frame]:
+        return self.a, self.b
+
+    def requires(self) -> Iterable[Any]:
+        yield from bodies_of(*self._sides)
+
+
+class FrameJoint(Between):
+    """Frames of two bodies, or of one and the ground."""
+
+    a: Frame
+    b: Frame
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        a, b = self.a.origin, self.b.origin
+        if isinstance(a, Port) and isinstance(b, Port):
+            check(
+                a.body is not b.body,
+                f"{type(self).__name__} '{self.name}' joins '{a.body.name}' to itself; join two bodies.",
+            )
