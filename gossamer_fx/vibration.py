@@ -12,7 +12,9 @@ from __future__ import annotations
 
 import cmath
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -73,36 +75,18 @@ def modes(
     return sorted(found, key=lambda mode: (mode.frequency, -mode.growth))[:count]
 
 
-def _factorise(st: PETSc.Object) -> None:
-    st.setType("sinvert")
-    ksp = st.getKSP()
-    ksp.setType("preonly")
-    ksp.getPC().setType("lu")
-    ksp.getPC().setFactorSolverType("mumps")
-
-
 def _at_rest(K: PETSc.Mat, M: PETSc.Mat, count: int, shift: float) -> list[Mode]:
     """K φ = ω² M φ, near ω² = shift."""
     from slepc4py import SLEPc
 
     solver = SLEPc.EPS().create(K.comm)
-    solver.setOptionsPrefix("gx_modes_")
     solver.setOperators(K, M)
     solver.setProblemType(SLEPc.EPS.ProblemType.GNHEP)  # loads that follow may make K unsymmetric
     solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
     solver.setTarget(shift)
     solver.setDimensions(count)
-    solver.setTolerances(1e-9, 500)
-    _factorise(solver.getST())
-    solver.setFromOptions()
-    solver.solve()
-    found = []
-    for i in range(solver.getConverged()):
-        re, im = K.createVecs()
-        λ2 = -complex(solver.getEigenpair(i, re, im))
-        λ = cmath.sqrt(λ2)
-        found.append(Mode(abs(λ.imag) / (2 * math.pi), abs(λ.real), re.array_r + 1j * im.array_r))
-    return found
+    roots = [(cmath.sqrt(-ω2), shape) for ω2, shape in _solutions(solver, K)]
+    return [Mode(abs(λ.imag) / (2 * math.pi), abs(λ.real), shape) for λ, shape in roots]
 
 
 def _turning(K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, count: int) -> list[Mode]:
@@ -110,20 +94,25 @@ def _turning(K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, count: int) -> list[Mode]
     from slepc4py import SLEPc
 
     solver = SLEPc.PEP().create(K.comm)
-    solver.setOptionsPrefix("gx_modes_")
     solver.setOperators([K, G, M])
     solver.setWhichEigenpairs(SLEPc.PEP.Which.TARGET_MAGNITUDE)
     solver.setTarget(0.0)
     solver.setDimensions(2 * count + 2)
     solver.setScale(SLEPc.PEP.Scale.SCALAR)
+    return [Mode(λ.imag / (2 * math.pi), λ.real, shape) for λ, shape in _solutions(solver, K) if λ.imag >= 0]
+
+
+def _solutions(solver: Any, K: PETSc.Mat) -> Iterator[tuple[complex, npt.NDArray[np.complex128]]]:
+    """Eigenvalues, and this rank's parts of the vectors, by shift and inversion with a factorisation."""
+    solver.setOptionsPrefix("gx_modes_")
     solver.setTolerances(1e-9, 500)
-    _factorise(solver.getST())
+    inversion = solver.getST()
+    inversion.setType("sinvert")
+    inversion.getKSP().setType("preonly")
+    inversion.getKSP().getPC().setType("lu")
+    inversion.getKSP().getPC().setFactorSolverType("mumps")
     solver.setFromOptions()
     solver.solve()
-    found = []
     for i in range(solver.getConverged()):
         re, im = K.createVecs()
-        λ = complex(solver.getEigenpair(i, re, im))
-        if λ.imag >= 0:
-            found.append(Mode(λ.imag / (2 * math.pi), λ.real, re.array_r + 1j * im.array_r))
-    return found
+        yield complex(solver.getEigenpair(i, re, im)), re.array_r + 1j * im.array_r
