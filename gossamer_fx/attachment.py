@@ -20,23 +20,23 @@ def initial(port: Attached) -> Array:
     """The attached vector (3,) at the start."""
     if isinstance(port, Ground):
         return np.array(port.vector, dtype=float)
-    return _combined(port, port.body.initial_state()[0])
+    return combined(port, port.body.initial_state()[0])
 
 
 def initial_rate(port: Attached) -> Array:
     """Its rate (3,) at the start, as the body has it by itself."""
-    return np.zeros(3) if isinstance(port, Ground) else _combined(port, port.body.initial_state()[1])
+    return np.zeros(3) if isinstance(port, Ground) else combined(port, port.body.initial_state()[1])
 
 
-def _combined(port: Port, values: Array) -> Array:
-    """The combination of vectors that a port is, of the owned `values` of its body; the same on every rank."""
+def combined(port: Port, values: Array) -> Array:
+    """The combination of vectors (3,) that a port is, of the owned `values` of its body; the same on every rank."""
     body, block = port.body, port.body.block
     start, end = block.index_map.local_range
-    q = values.reshape(-1, block.size // 3, 3)
-    vectors = port.vectors or (0,) * len(port.nodes)
-    mine = [(node - start, v, w) for node, v, w in zip(port.nodes, vectors, port.weights, strict=True)]
-    local = sum((w * q[i, v] for i, v, w in mine if 0 <= i < end - start), np.zeros(3))
-    return np.asarray(body.comm.allreduce(local))
+    nodes, weights = np.array(port.nodes), np.array(port.weights)
+    vectors = np.array(port.vectors or (0,) * len(nodes))
+    mine = (nodes >= start) & (nodes < end)
+    terms = values.reshape(-1, block.size // 3, 3)[nodes[mine] - start, vectors[mine]]
+    return np.asarray(body.comm.allreduce(weights[mine] @ terms))
 
 
 def combine(weights: Sequence[float], ports: Sequence[Attached]) -> Attached:

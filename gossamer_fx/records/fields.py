@@ -26,7 +26,7 @@ from petsc4py import PETSc
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.discrete_gradient import gradient
 from gossamer_fx.errors import check
-from gossamer_fx.forms import compile_expression, compile_form
+from gossamer_fx.forms import compile_expression, compile_form, constant
 from gossamer_fx.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.materials import SLACK, TAUT, WRINKLED
 from gossamer_fx.parts import Array, Body, MeshBody
@@ -77,7 +77,7 @@ def _direction(film: Membrane, x: Expr) -> Expr:
 def film_state(film: Membrane, x: Expr) -> Expr:
     """0 slack, 1 wrinkled, 2 taut."""
     # the unit gives the state of a law that never wrinkles, a number, a mesh to be evaluated on
-    unit = fem.Constant(film.space.mesh, np.float64(1.0))
+    unit = constant(film.space.mesh, 1.0)
     return unit * film.law.state(film.measure(x), film.constants)
 
 
@@ -154,7 +154,7 @@ class AreaFractions:
     def __init__(self, films: Sequence[Membrane]) -> None:
         self._films = []
         for film in films:
-            x, which = fem.Function(film.space), fem.Constant(film.space.mesh, np.float64(0.0))
+            x, which = fem.Function(film.space), constant(film.space.mesh, 0.0)
             share = ufl.conditional(ufl.eq(film_state(film, x), which), 1.0, 0.0) * film.dx
             self._films.append((film, x, which, compile_form(share)))
 

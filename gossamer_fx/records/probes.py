@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
 from petsc4py import PETSc
 
+from gossamer_fx.attachment import combined, initial
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.errors import check
-from gossamer_fx.parts import Array, Port
+from gossamer_fx.parts import Port
 from gossamer_fx.records.fields import STATES, AreaFractions
 from gossamer_fx.simulate import Simulation
 
@@ -28,7 +28,7 @@ class Position:
         self.port, self.axis = port, axis
 
     def __call__(self, run: Simulation) -> float:
-        return _component(self.port, self.axis, _share(run, self.port, run.system.q0))
+        return _component(run, self.port, self.axis, run.system.q0)
 
 
 class Displacement(Position):
@@ -36,7 +36,7 @@ class Displacement(Position):
 
     def __init__(self, port: Port, axis: str) -> None:
         super().__init__(port, axis)
-        self.origin = _component(port, axis, port.body.initial_state()[0])
+        self.origin = float(initial(port)[AXES[axis]])
 
     def __call__(self, run: Simulation) -> float:
         return super().__call__(run) - self.origin
@@ -46,7 +46,7 @@ class Velocity(Position):
     """Component [m/s] of the velocity of a port."""
 
     def __call__(self, run: Simulation) -> float:
-        return _component(self.port, self.axis, _share(run, self.port, run.system.v0))
+        return _component(run, self.port, self.axis, run.system.v0)
 
 
 class GasState:
@@ -76,18 +76,8 @@ def _check_axis(axis: str) -> None:
     check(axis in AXES, f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}.")
 
 
-def _share(run: Simulation, port: Port, vector: PETSc.Vec) -> Array:
-    """The owned values of a port's body in a vector of the system."""
+def _component(run: Simulation, port: Port, axis: str, vector: PETSc.Vec) -> float:
+    """Component of a port's vector in a state of the run, or of its rate."""
     check(port.body in run.system.bodies, f"'{port.body.name}' is not in the scene; add it, or remove its probe.")
-    values: Array = vector.array_r[run.system.numbering.owned(run.system.bodies.index(port.body))]
-    return values
-
-
-def _component(port: Port, axis: str, values: Array) -> float:
-    """Component of a port's vector: the ranks that own its nodes give their terms, all ranks get the sum."""
-    start, end = port.body.block.index_map.local_range
-    nodes, weights = np.array(port.nodes), np.array(port.weights)
-    columns = 3 * np.array(port.vectors or (0,) * len(nodes)) + AXES[axis]
-    mine = (nodes >= start) & (nodes < end)
-    terms = values.reshape(-1, port.body.block.size)[nodes[mine] - start, columns[mine]]
-    return float(port.body.comm.allreduce(float(weights[mine] @ terms)))
+    owned = run.system.numbering.owned(run.system.bodies.index(port.body))
+    return float(combined(port, vector.array_r[owned])[AXES[axis]])
