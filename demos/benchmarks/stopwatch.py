@@ -24,7 +24,7 @@ class Stopwatch:
         self._before = megabytes()
 
     def measure(self, run: gx.Simulation, until: float) -> dict[str, float]:
-        """Figures of going on to the time `until` [s]: cpu of all ranks; times of the parts per Newton iteration."""
+        """Figures of going on to the time `until` [s]: cpu of all ranks; times of a Newton iteration and its parts."""
         newton, first = run.solver.newton, run.step
         iterations, krylov, parts = newton.all_iterations, newton.linear_iterations, dict(newton.seconds)
         COMM.Barrier()
@@ -41,6 +41,7 @@ class Stopwatch:
             "Newton/step": iterations / (run.step - first),
             "Krylov/Newton": (newton.linear_iterations - krylov) / iterations,
             "halved": run.substeps,
+            "iteration [ms]": 1e3 * cpu / iterations,
         }
         figures |= {f"{part} [ms]": 1e3 * (s - parts[part]) / iterations for part, s in newton.seconds.items()}
         return figures | {
