@@ -28,8 +28,8 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.outputs import Output, Probe
-from gossamer_fx.places import values_of
+from gossamer_fx.algebra.places import values_of
+from gossamer_fx.outputs.output import Output, Probe
 from meshes import antenna as meshes
 
 SIDE = 2.1  # m

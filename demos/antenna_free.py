@@ -15,9 +15,9 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.antenna_attitude import antenna
-from gossamer_fx.outputs import Output
-from gossamer_fx.running.stepping import Stepper
-from gossamer_fx.simulate import relative_drift
+from gossamer_fx.outputs.output import Output
+from gossamer_fx.run.simulation import relative_drift
+from gossamer_fx.steppers.stepping import Stepper
 
 SPIN = (0.3, 0.1, 1.0)  # rad/s
 DRIFT = (0.1, 0.0, 0.05)  # m/s

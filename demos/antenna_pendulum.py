@@ -26,9 +26,9 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.antenna_attitude import FILM, SIDE, antenna
-from gossamer_fx.outputs import Output
-from gossamer_fx.places import values_of
-from gossamer_fx.running.stepping import Stepper
+from gossamer_fx.algebra.places import values_of
+from gossamer_fx.outputs.output import Output
+from gossamer_fx.steppers.stepping import Stepper
 
 G = 1.0  # m/s²
 # order of the film, cells of a side, elements of a boom; the last one is the reference

@@ -31,8 +31,8 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.outputs import Output
-from gossamer_fx.schedule import Schedule
+from gossamer_fx.outputs.output import Output
+from gossamer_fx.outputs.schedule import Schedule
 from meshes.tube import flat_tube
 
 TITLE = "A tube pressed flat, deployed from a tank"

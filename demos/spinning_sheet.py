@@ -19,8 +19,8 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.outputs import Output
-from gossamer_fx.simulate import relative_drift
+from gossamer_fx.outputs.output import Output
+from gossamer_fx.run.simulation import relative_drift
 from meshes.sheet import sheet
 
 SPIN = 10.0  # rad/s

@@ -9,6 +9,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from gossamer_fx.analyses.equilibrium import Continuation as Continuation
+    from gossamer_fx.analyses.equilibrium import Equilibrium as Equilibrium
+    from gossamer_fx.analyses.equilibrium import Found as Found
+    from gossamer_fx.analyses.form_finding import EdgeCable as EdgeCable
+    from gossamer_fx.analyses.form_finding import Prestress as Prestress
+    from gossamer_fx.analyses.form_finding import find_form as find_form
+    from gossamer_fx.analyses.modes import Mode as Mode
+    from gossamer_fx.analyses.modes import modes as modes
     from gossamer_fx.bodies.beam import Beam as Beam
     from gossamer_fx.bodies.cable import Cable as Cable
     from gossamer_fx.bodies.cable import CableLaw as CableLaw
@@ -20,21 +28,13 @@ if TYPE_CHECKING:
     from gossamer_fx.bodies.sections import rectangle as rectangle
     from gossamer_fx.bodies.sections import solid_circle as solid_circle
     from gossamer_fx.bodies.sections import tube as tube
-    from gossamer_fx.case import Case as Case
+    from gossamer_fx.checks.errors import InputError as InputError
+    from gossamer_fx.checks.errors import NoEquilibrium as NoEquilibrium
+    from gossamer_fx.checks.errors import OutputFailure as OutputFailure
+    from gossamer_fx.checks.errors import StepFailure as StepFailure
+    from gossamer_fx.cli.case import Case as Case
     from gossamer_fx.control.attitude import AttitudeControl as AttitudeControl
     from gossamer_fx.control.attitude import patch as patch
-    from gossamer_fx.discrete_gradient import EndPoint as EndPoint
-    from gossamer_fx.discrete_gradient import PathAverage as PathAverage
-    from gossamer_fx.elastica import Elastica as Elastica
-    from gossamer_fx.errors import InputError as InputError
-    from gossamer_fx.errors import NoEquilibrium as NoEquilibrium
-    from gossamer_fx.errors import OutputFailure as OutputFailure
-    from gossamer_fx.errors import StepFailure as StepFailure
-    from gossamer_fx.form_finding import EdgeCable as EdgeCable
-    from gossamer_fx.form_finding import Prestress as Prestress
-    from gossamer_fx.form_finding import find_form as find_form
-    from gossamer_fx.frames import Frame as Frame
-    from gossamer_fx.frames import ground_frame as ground_frame
     from gossamer_fx.gas.enclosure import Piston as Piston
     from gossamer_fx.gas.ideal_gas import IdealGas as IdealGas
     from gossamer_fx.gas.orifice import Orifice as Orifice
@@ -44,9 +44,6 @@ if TYPE_CHECKING:
     from gossamer_fx.gas.volumes import Chamber as Chamber
     from gossamer_fx.gas.volumes import Reservoir as Reservoir
     from gossamer_fx.gas.volumes import Tank as Tank
-    from gossamer_fx.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha
-    from gossamer_fx.initial import RigidMotion as RigidMotion
-    from gossamer_fx.initial import StartFrom as StartFrom
     from gossamer_fx.interactions.clamped import Clamped as Clamped
     from gossamer_fx.interactions.fixed import Fixed as Fixed
     from gossamer_fx.interactions.fixed import Prescribed as Prescribed
@@ -70,48 +67,51 @@ if TYPE_CHECKING:
     from gossamer_fx.loads.force import Torque as Torque
     from gossamer_fx.loads.gravity import Gravity as Gravity
     from gossamer_fx.loads.pressure import Pressure as Pressure
-    from gossamer_fx.materials import Linear as Linear
-    from gossamer_fx.materials import Miyazaki as Miyazaki
-    from gossamer_fx.materials import TensionField as TensionField
-    from gossamer_fx.mesh import Mesh as Mesh
-    from gossamer_fx.mesh import gmsh_mesh as gmsh_mesh
-    from gossamer_fx.mesh import read_mesh as read_mesh
-    from gossamer_fx.midpoint import Midpoint as Midpoint
-    from gossamer_fx.newton import Tolerances as Tolerances
-    from gossamer_fx.parts import Ground as Ground
-    from gossamer_fx.parts import Port as Port
-    from gossamer_fx.pictures.picture import Picture as Picture
-    from gossamer_fx.pictures.playback import Playback as Playback
-    from gossamer_fx.pictures.plot import animate as animate
-    from gossamer_fx.pictures.plot import plot_curves as plot_curves
-    from gossamer_fx.pictures.plot import plot_field as plot_field
-    from gossamer_fx.pictures.plot import plot_strip as plot_strip
-    from gossamer_fx.pictures.report import write_report as write_report
-    from gossamer_fx.records.ledger import Ledger as Ledger
-    from gossamer_fx.records.probes import AreaFraction as AreaFraction
-    from gossamer_fx.records.probes import Displacement as Displacement
-    from gossamer_fx.records.probes import GasState as GasState
-    from gossamer_fx.records.probes import Position as Position
-    from gossamer_fx.records.probes import Velocity as Velocity
-    from gossamer_fx.records.progress import Progress as Progress
-    from gossamer_fx.records.recorder import VTX as VTX
-    from gossamer_fx.records.recorder import Probes as Probes
-    from gossamer_fx.records.recording import Recording as Recording
-    from gossamer_fx.records.series import Series as Series
-    from gossamer_fx.running.checkpoint import Checkpoints as Checkpoints
-    from gossamer_fx.running.checkpoint import latest as latest
-    from gossamer_fx.running.events import At as At
-    from gossamer_fx.running.events import When as When
-    from gossamer_fx.running.interruption import Interrupted as Interrupted
-    from gossamer_fx.running.log import log_to as log_to
-    from gossamer_fx.running.step_control import StepControl as StepControl
-    from gossamer_fx.scene import Scene as Scene
-    from gossamer_fx.simulate import Simulation as Simulation
-    from gossamer_fx.statics import Continuation as Continuation
-    from gossamer_fx.statics import Equilibrium as Equilibrium
-    from gossamer_fx.statics import Found as Found
-    from gossamer_fx.vibration import Mode as Mode
-    from gossamer_fx.vibration import modes as modes
+    from gossamer_fx.materials.elastica import Elastica as Elastica
+    from gossamer_fx.materials.film import Linear as Linear
+    from gossamer_fx.materials.film import Miyazaki as Miyazaki
+    from gossamer_fx.materials.film import TensionField as TensionField
+    from gossamer_fx.mesh.mesh import Mesh as Mesh
+    from gossamer_fx.mesh.mesh import gmsh_mesh as gmsh_mesh
+    from gossamer_fx.mesh.mesh import read_mesh as read_mesh
+    from gossamer_fx.model.frames import Frame as Frame
+    from gossamer_fx.model.frames import ground_frame as ground_frame
+    from gossamer_fx.model.terms import Ground as Ground
+    from gossamer_fx.model.terms import Port as Port
+    from gossamer_fx.outputs.ledger import Ledger as Ledger
+    from gossamer_fx.outputs.probes import AreaFraction as AreaFraction
+    from gossamer_fx.outputs.probes import Displacement as Displacement
+    from gossamer_fx.outputs.probes import GasState as GasState
+    from gossamer_fx.outputs.probes import Position as Position
+    from gossamer_fx.outputs.probes import Velocity as Velocity
+    from gossamer_fx.outputs.progress import Progress as Progress
+    from gossamer_fx.outputs.recording import Recording as Recording
+    from gossamer_fx.outputs.series import Series as Series
+    from gossamer_fx.outputs.vtx import VTX as VTX
+    from gossamer_fx.outputs.vtx import Probes as Probes
+    from gossamer_fx.plotting.picture import Picture as Picture
+    from gossamer_fx.plotting.playback import Playback as Playback
+    from gossamer_fx.plotting.plot import animate as animate
+    from gossamer_fx.plotting.plot import plot_curves as plot_curves
+    from gossamer_fx.plotting.plot import plot_field as plot_field
+    from gossamer_fx.plotting.plot import plot_strip as plot_strip
+    from gossamer_fx.plotting.report import write_report as write_report
+    from gossamer_fx.run.checkpoint import Checkpoints as Checkpoints
+    from gossamer_fx.run.checkpoint import latest as latest
+    from gossamer_fx.run.events import At as At
+    from gossamer_fx.run.events import When as When
+    from gossamer_fx.run.interruption import Interrupted as Interrupted
+    from gossamer_fx.run.log import log_to as log_to
+    from gossamer_fx.run.simulation import Simulation as Simulation
+    from gossamer_fx.scene.initial import RigidMotion as RigidMotion
+    from gossamer_fx.scene.initial import StartFrom as StartFrom
+    from gossamer_fx.scene.scene import Scene as Scene
+    from gossamer_fx.solvers.newton import Tolerances as Tolerances
+    from gossamer_fx.steppers.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha
+    from gossamer_fx.steppers.midpoint import Midpoint as Midpoint
+    from gossamer_fx.steppers.step_control import StepControl as StepControl
+    from gossamer_fx.terms.discrete_gradient import EndPoint as EndPoint
+    from gossamer_fx.terms.discrete_gradient import PathAverage as PathAverage
 
 _HOME = {
     "bodies.beam": ["Beam"],
@@ -120,20 +120,20 @@ _HOME = {
     "bodies.point_mass": ["PointMass"],
     "bodies.rigid_body": ["RigidBody"],
     "bodies.sections": ["Section", "rectangle", "solid_circle", "tube"],
-    "case": ["Case"],
+    "cli.case": ["Case"],
     "control.attitude": ["AttitudeControl", "patch"],
-    "discrete_gradient": ["EndPoint", "PathAverage"],
-    "elastica": ["Elastica"],
-    "errors": ["InputError", "NoEquilibrium", "OutputFailure", "StepFailure"],
-    "form_finding": ["EdgeCable", "Prestress", "find_form"],
-    "frames": ["Frame", "ground_frame"],
+    "terms.discrete_gradient": ["EndPoint", "PathAverage"],
+    "materials.elastica": ["Elastica"],
+    "checks.errors": ["InputError", "NoEquilibrium", "OutputFailure", "StepFailure"],
+    "analyses.form_finding": ["EdgeCable", "Prestress", "find_form"],
+    "model.frames": ["Frame", "ground_frame"],
     "gas.enclosure": ["Piston"],
     "gas.ideal_gas": ["IdealGas"],
     "gas.orifice": ["Orifice", "WallHeat"],
     "gas.ring": ["Ring"],
     "gas.volumes": ["Ambient", "Chamber", "Reservoir", "Tank"],
-    "generalized_alpha": ["GeneralizedAlpha"],
-    "initial": ["RigidMotion", "StartFrom"],
+    "steppers.generalized_alpha": ["GeneralizedAlpha"],
+    "scene.initial": ["RigidMotion", "StartFrom"],
     "interactions.clamped": ["Clamped"],
     "interactions.fixed": ["Fixed", "Prescribed"],
     "interactions.joint": ["BallJoint", "FixedJoint", "Link", "PrismaticJoint", "RevoluteJoint"],
@@ -146,30 +146,30 @@ _HOME = {
     "loads.force": ["Force", "Torque"],
     "loads.gravity": ["Gravity"],
     "loads.pressure": ["Pressure"],
-    "materials": ["Linear", "Miyazaki", "TensionField"],
-    "mesh": ["Mesh", "gmsh_mesh", "read_mesh"],
-    "midpoint": ["Midpoint"],
-    "newton": ["Tolerances"],
-    "parts": ["Ground", "Port"],
-    "pictures.picture": ["Picture"],
-    "pictures.playback": ["Playback"],
-    "pictures.plot": ["animate", "plot_curves", "plot_field", "plot_strip"],
-    "pictures.report": ["write_report"],
-    "records.ledger": ["Ledger"],
-    "records.probes": ["AreaFraction", "Displacement", "GasState", "Position", "Velocity"],
-    "records.progress": ["Progress"],
-    "records.recorder": ["VTX", "Probes"],
-    "records.recording": ["Recording"],
-    "records.series": ["Series"],
-    "running.checkpoint": ["Checkpoints", "latest"],
-    "running.events": ["At", "When"],
-    "running.interruption": ["Interrupted"],
-    "running.log": ["log_to"],
-    "running.step_control": ["StepControl"],
-    "scene": ["Scene"],
-    "simulate": ["Simulation"],
-    "statics": ["Continuation", "Equilibrium", "Found"],
-    "vibration": ["Mode", "modes"],
+    "materials.film": ["Linear", "Miyazaki", "TensionField"],
+    "mesh.mesh": ["Mesh", "gmsh_mesh", "read_mesh"],
+    "steppers.midpoint": ["Midpoint"],
+    "solvers.newton": ["Tolerances"],
+    "model.terms": ["Ground", "Port"],
+    "plotting.picture": ["Picture"],
+    "plotting.playback": ["Playback"],
+    "plotting.plot": ["animate", "plot_curves", "plot_field", "plot_strip"],
+    "plotting.report": ["write_report"],
+    "outputs.ledger": ["Ledger"],
+    "outputs.probes": ["AreaFraction", "Displacement", "GasState", "Position", "Velocity"],
+    "outputs.progress": ["Progress"],
+    "outputs.vtx": ["VTX", "Probes"],
+    "outputs.recording": ["Recording"],
+    "outputs.series": ["Series"],
+    "run.checkpoint": ["Checkpoints", "latest"],
+    "run.events": ["At", "When"],
+    "run.interruption": ["Interrupted"],
+    "run.log": ["log_to"],
+    "steppers.step_control": ["StepControl"],
+    "scene.scene": ["Scene"],
+    "run.simulation": ["Simulation"],
+    "analyses.equilibrium": ["Continuation", "Equilibrium", "Found"],
+    "analyses.modes": ["Mode", "modes"],
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 __all__ = sorted(_MODULE)
@@ -178,7 +178,7 @@ __all__ = sorted(_MODULE)
 def __getattr__(name: str) -> Any:
     if name not in _MODULE:
         raise AttributeError(f"gossamer_fx has no '{name}'; its names are: {', '.join(__all__)}")
-    from gossamer_fx.arguments import guarded
+    from gossamer_fx.checks.arguments import guarded
 
     thing = globals()[name] = guarded(getattr(import_module(f"gossamer_fx.{_MODULE[name]}"), name))
     return thing

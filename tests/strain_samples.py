@@ -9,8 +9,8 @@ import numpy as np
 from dolfinx import fem, mesh
 from mpi4py import MPI
 
-from gossamer_fx.forms import compile_expression
-from gossamer_fx.parts import Array
+from gossamer_fx.forms.compilation import compile_expression
+from gossamer_fx.model.terms import Array
 
 CELLS = 2048
 CENTRE = np.array([[1 / 3, 1 / 3]])

@@ -14,9 +14,9 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.materials import FilmLaw
-from gossamer_fx.records.fields import AreaFractions, FieldFunctions
-from gossamer_fx.study import Measure, Study
+from demos.studies.engine.study import Measure, Study
+from gossamer_fx.materials.film import FilmLaw
+from gossamer_fx.outputs.fields import AreaFractions, FieldFunctions
 from meshes.sheet import crossed_sheet
 
 PRESSURE = 5000.0

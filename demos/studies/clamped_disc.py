@@ -12,8 +12,8 @@ from __future__ import annotations
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.materials import FilmLaw
-from gossamer_fx.study import Measure, Study
+from demos.studies.engine.study import Measure, Study
+from gossamer_fx.materials.film import FilmLaw
 from meshes.disc import quarter_disc
 
 FILM = {"E": 1e9, "nu": 0.3, "density": 1000.0, "thickness": 1e-4}

@@ -24,9 +24,9 @@ from dolfinx.mesh import compute_midpoints
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.materials import FilmLaw
-from gossamer_fx.records.fields import FieldFunctions
-from gossamer_fx.study import Measure, Study
+from demos.studies.engine.study import Measure, Study
+from gossamer_fx.materials.film import FilmLaw
+from gossamer_fx.outputs.fields import FieldFunctions
 from meshes.disc import ring
 
 HUB, RIM, THICKNESS, E, NU = 0.2, 1.0, 2e-5, 2.3e9, 0.3

@@ -17,8 +17,8 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.parts import Array
-from gossamer_fx.study import Measure, Study
+from demos.studies.engine.study import Measure, Study
+from gossamer_fx.model.terms import Array
 from meshes.tube_section import capped_cylinder
 
 RADIUS, LENGTH = 1.0, 4.0

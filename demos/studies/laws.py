@@ -15,9 +15,9 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies import airbag, bending_strip
-from gossamer_fx.materials import FilmLaw
-from gossamer_fx.records.fields import AreaFractions
-from gossamer_fx.study import Study
+from demos.studies.engine.study import Study
+from gossamer_fx.materials.film import FilmLaw
+from gossamer_fx.outputs.fields import AreaFractions
 
 K, STRIP_CELLS, AIRBAG_CELLS = 2.0, 24, 16
 

@@ -25,9 +25,9 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.attachment import initial
-from gossamer_fx.errors import check
-from gossamer_fx.study import Result, Study
+from demos.studies.engine.study import Result, Study
+from gossamer_fx.checks.errors import check
+from gossamer_fx.model.ports import initial
 from meshes.tube import flat_tube
 
 STEPS, H = 30, 1e-4

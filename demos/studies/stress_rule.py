@@ -18,10 +18,10 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.spinning_sheet import main
-from gossamer_fx.discrete_gradient import StressRule, defect, gradient
-from gossamer_fx.kinematics import Expr
-from gossamer_fx.parts import Stored
-from gossamer_fx.study import Study
+from demos.studies.engine.study import Study
+from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.model.terms import Stored
+from gossamer_fx.terms.discrete_gradient import StressRule, defect, gradient
 
 STEPS = 40
 

@@ -22,8 +22,8 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.antenna_attitude import antenna
 from demos.spinning_sheet import throw
-from gossamer_fx.parts import Array
-from gossamer_fx.study import Measure, Study, Trial
+from demos.studies.engine.study import Measure, Study, Trial
+from gossamer_fx.model.terms import Array
 from meshes.sheet import EDGES, sheet
 from meshes.sphere import sphere
 

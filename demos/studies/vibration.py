@@ -17,7 +17,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.study import Measure, Study, Trial
+from demos.studies.engine.study import Measure, Study, Trial
 from meshes.disc import quarter_disc, ring
 from meshes.sheet import EDGES, sheet
 

@@ -15,13 +15,13 @@ from gossamer_fx.bodies.meshed import PointFunction, checked
 from gossamer_fx.bodies.ports import global_node
 from gossamer_fx.bodies.rigid_body import orthonormality
 from gossamer_fx.bodies.sections import Section
-from gossamer_fx.errors import check_on_all
-from gossamer_fx.forms import compile_form
-from gossamer_fx.frames import Frame
-from gossamer_fx.kinematics import Expr, beam_strain
-from gossamer_fx.materials import constants
-from gossamer_fx.mesh import Mesh
-from gossamer_fx.parts import Array, Kinetic, Part, PointConstraint, PointMeasure, Port, Stored, Vector
+from gossamer_fx.checks.errors import check_on_all
+from gossamer_fx.forms.compilation import compile_form
+from gossamer_fx.forms.kinematics import Expr, beam_strain
+from gossamer_fx.materials.film import constants
+from gossamer_fx.mesh.mesh import Mesh
+from gossamer_fx.model.frames import Frame
+from gossamer_fx.model.terms import Array, Kinetic, Part, PointConstraint, PointMeasure, Port, Stored, Vector
 
 
 class Beam(Curve):

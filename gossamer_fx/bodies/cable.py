@@ -13,11 +13,11 @@ from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.bodies.curve import Curve
 from gossamer_fx.bodies.meshed import PointFunction, checked, positions
-from gossamer_fx.errors import check
-from gossamer_fx.kinematics import Expr, bar_strain
-from gossamer_fx.materials import constants
-from gossamer_fx.mesh import Mesh
-from gossamer_fx.parts import Array, Kinetic, Part, Stored
+from gossamer_fx.checks.errors import check
+from gossamer_fx.forms.kinematics import Expr, bar_strain
+from gossamer_fx.materials.film import constants
+from gossamer_fx.mesh.mesh import Mesh
+from gossamer_fx.model.terms import Array, Kinetic, Part, Stored
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,12 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.bodies.meshed import Meshed, PointFunction, checked, positions
-from gossamer_fx.errors import check
-from gossamer_fx.kinematics import Expr, frame, green_lagrange, surface_gradient
-from gossamer_fx.materials import FilmLaw, constants
-from gossamer_fx.mesh import Mesh
-from gossamer_fx.parts import Array, Block, Kinetic, Part, Stored
-from gossamer_fx.strain_path import Piece
+from gossamer_fx.checks.errors import check
+from gossamer_fx.forms.kinematics import Expr, frame, green_lagrange, surface_gradient
+from gossamer_fx.forms.strain_path import Piece
+from gossamer_fx.materials.film import FilmLaw, constants
+from gossamer_fx.mesh.mesh import Mesh
+from gossamer_fx.model.terms import Array, Block, Kinetic, Part, Stored
 
 
 class Membrane(Meshed):

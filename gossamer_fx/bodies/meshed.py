@@ -11,9 +11,9 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from gossamer_fx.bodies.ports import global_node, interpolated, local_nodes
-from gossamer_fx.errors import check
-from gossamer_fx.mesh import Mesh
-from gossamer_fx.parts import Array, Block, Part, Port
+from gossamer_fx.checks.errors import check
+from gossamer_fx.mesh.mesh import Mesh
+from gossamer_fx.model.terms import Array, Block, Part, Port
 
 PointFunction = Callable[[Array], Array]  # of points (3, n), returns (3, n)
 

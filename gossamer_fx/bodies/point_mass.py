@@ -9,8 +9,8 @@ import numpy as np
 from dolfinx.common import IndexMap
 from mpi4py import MPI
 
-from gossamer_fx.errors import check, is_vector
-from gossamer_fx.parts import Array, Block, Part, PointKinetic, Port
+from gossamer_fx.checks.errors import check, is_vector
+from gossamer_fx.model.terms import Array, Block, Part, PointKinetic, Port
 
 
 class PointMass:

@@ -9,9 +9,9 @@ import numpy as np
 from dolfinx import fem, geometry
 from mpi4py import MPI
 
-from gossamer_fx.errors import check, check_on_all
-from gossamer_fx.mesh import Mesh
-from gossamer_fx.parts import MeshBody, Port
+from gossamer_fx.checks.errors import check, check_on_all
+from gossamer_fx.mesh.mesh import Mesh
+from gossamer_fx.model.terms import MeshBody, Port
 
 
 def local_nodes(space: fem.FunctionSpace, mesh: Mesh, group: str) -> np.ndarray:

@@ -10,9 +10,9 @@ import numpy.typing as npt
 from dolfinx.common import IndexMap
 from mpi4py import MPI
 
-from gossamer_fx.errors import check
-from gossamer_fx.frames import Frame
-from gossamer_fx.parts import Array, Block, Part, PointConstraint, PointKinetic, PointMeasure, Port, Vector
+from gossamer_fx.checks.errors import check
+from gossamer_fx.model.frames import Frame
+from gossamer_fx.model.terms import Array, Block, Part, PointConstraint, PointKinetic, PointMeasure, Port, Vector
 
 PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
 

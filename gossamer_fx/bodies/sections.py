@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 
-from gossamer_fx.errors import check
+from gossamer_fx.checks.errors import check
 
 
 @dataclass(frozen=True)

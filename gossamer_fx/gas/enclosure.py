@@ -11,15 +11,15 @@ from dolfinx import fem, la
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from gossamer_fx.assembly import Assembly
-from gossamer_fx.attachment import unit
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.errors import check, check_on_all
-from gossamer_fx.forms import compile_form, constant
+from gossamer_fx.checks.errors import check, check_on_all
+from gossamer_fx.forms.compilation import compile_form, constant
+from gossamer_fx.forms.kinematics import area_vector
 from gossamer_fx.gas.ring import Loop, Loops, Ring
-from gossamer_fx.kinematics import area_vector
-from gossamer_fx.mesh_quality import edge_tally
-from gossamer_fx.parts import Array, Body, Port
+from gossamer_fx.mesh.quality import edge_tally
+from gossamer_fx.model.ports import unit
+from gossamer_fx.model.scalar_unknowns import Assembly
+from gossamer_fx.model.terms import Array, Body, Port
 
 
 class CompiledEnclosure(Protocol):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gossamer_fx.errors import check
+from gossamer_fx.checks.errors import check
 
 
 @dataclass(frozen=True)

@@ -30,12 +30,12 @@ import numpy.typing as npt
 from dolfinx import fem
 from petsc4py import PETSc
 
-from gossamer_fx.assembly import Assembly, Booking
-from gossamer_fx.errors import check
+from gossamer_fx.checks.errors import check
 from gossamer_fx.gas.contract import Aperture, Opening, Volume, Wall
 from gossamer_fx.gas.ring import Loops
 from gossamer_fx.gas.state import ChamberState
-from gossamer_fx.parts import Array, Body
+from gossamer_fx.model.scalar_unknowns import Assembly, Booking
+from gossamer_fx.model.terms import Array, Body
 
 if TYPE_CHECKING:
     from gossamer_fx.gas.ideal_gas import IdealGas

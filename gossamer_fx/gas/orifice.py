@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from gossamer_fx.errors import check
+from gossamer_fx.checks.errors import check
 from gossamer_fx.gas.contract import Aperture
 from gossamer_fx.gas.ideal_gas import IdealGas
 from gossamer_fx.gas.network import GasNetwork

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.errors import check, check_positive
+from gossamer_fx.checks.errors import check, check_positive
 from gossamer_fx.gas.enclosure import Enclosure, FilmEnclosure
 from gossamer_fx.gas.ideal_gas import IdealGas
 from gossamer_fx.gas.network import GasNetwork

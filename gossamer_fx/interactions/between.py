@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from gossamer_fx.errors import check
-from gossamer_fx.frames import Frame
-from gossamer_fx.parts import Attached, Port
+from gossamer_fx.checks.errors import check
+from gossamer_fx.model.frames import Frame
+from gossamer_fx.model.terms import Attached, Port
 
 
 def bodies_of(*sides: Attached | Frame) -> Iterable[Any]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.bodies.curve import Curve
-from gossamer_fx.parts import Constraint, Part
+from gossamer_fx.model.terms import Constraint, Part
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.errors import check, check_on_all
-from gossamer_fx.parts import Array, Constraint, Part
+from gossamer_fx.checks.errors import check, check_on_all
+from gossamer_fx.model.terms import Array, Constraint, Part
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,11 +20,11 @@ from functools import cached_property
 
 import numpy as np
 
-from gossamer_fx.attachment import initial, unit
-from gossamer_fx.errors import check
-from gossamer_fx.frames import Frame, along, is_normal, lies_in
+from gossamer_fx.checks.errors import check
 from gossamer_fx.interactions.between import Between, FrameJoint
-from gossamer_fx.parts import Array, Attached, Part, PointConstraint, PointMeasure, Port, Vector
+from gossamer_fx.model.frames import Frame, along, is_normal, lies_in
+from gossamer_fx.model.ports import initial, unit
+from gossamer_fx.model.terms import Array, Attached, Part, PointConstraint, PointMeasure, Port, Vector
 
 COINCIDE = 1e-8  # m
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.attachment import initial, unit
-from gossamer_fx.errors import check, check_positive, is_vector
+from gossamer_fx.checks.errors import check, check_positive, is_vector
 from gossamer_fx.interactions.between import Between
-from gossamer_fx.parts import Array, Attached, Part, PointDissipated, PointMeasure, PointStored, Port
+from gossamer_fx.model.ports import initial, unit
+from gossamer_fx.model.terms import Array, Attached, Part, PointDissipated, PointMeasure, PointStored, Port
 
 
 @dataclass(frozen=True)

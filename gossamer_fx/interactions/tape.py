@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.attachment import combine
 from gossamer_fx.bodies.cable import CableLaw, TensionOnly
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.errors import check
+from gossamer_fx.checks.errors import check
 from gossamer_fx.interactions.spring import Quadratic
-from gossamer_fx.parts import Array, AttachedKinetic, Part, PointMeasure, PointStored, Port
+from gossamer_fx.model.ports import combine
+from gossamer_fx.model.terms import Array, AttachedKinetic, Part, PointMeasure, PointStored, Port
 
 
 @dataclass(frozen=True)

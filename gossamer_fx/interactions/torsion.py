@@ -17,12 +17,12 @@ from functools import cached_property
 
 import numpy as np
 
-from gossamer_fx.attachment import unit
-from gossamer_fx.errors import check, check_positive
-from gossamer_fx.frames import Frame, along, is_normal
+from gossamer_fx.checks.errors import check, check_positive
 from gossamer_fx.interactions.between import Between
 from gossamer_fx.interactions.joint import perpendicular_pair
-from gossamer_fx.parts import Array, Part, PointDissipated, PointMeasure, PointStored, Vector
+from gossamer_fx.model.frames import Frame, along, is_normal
+from gossamer_fx.model.ports import unit
+from gossamer_fx.model.terms import Array, Part, PointDissipated, PointMeasure, PointStored, Vector
 
 
 def angles(e0: Array, e1: Array) -> tuple[Array, Array]:

@@ -10,9 +10,9 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from gossamer_fx.errors import check
-from gossamer_fx.kinematics import Expr
-from gossamer_fx.parts import Array, Body, Kinetic, Part, PointKinetic, PointSupplied, Port, Supplied, Vector
+from gossamer_fx.checks.errors import check
+from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.model.terms import Array, Body, Kinetic, Part, PointKinetic, PointSupplied, Port, Supplied, Vector
 
 
 class _OnVectors:

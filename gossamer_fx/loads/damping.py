@@ -9,10 +9,10 @@ from typing import Any
 import ufl
 
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.errors import check
-from gossamer_fx.forms import constant
-from gossamer_fx.materials import Linear
-from gossamer_fx.parts import Dissipated, Part
+from gossamer_fx.checks.errors import check
+from gossamer_fx.forms.compilation import constant
+from gossamer_fx.materials.film import Linear
+from gossamer_fx.model.terms import Dissipated, Part
 
 
 @dataclass(frozen=True, eq=False)

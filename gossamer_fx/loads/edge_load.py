@@ -12,8 +12,8 @@ from dolfinx import fem
 from dolfinx.mesh import meshtags
 
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.errors import check
-from gossamer_fx.parts import Part, Supplied
+from gossamer_fx.checks.errors import check
+from gossamer_fx.model.terms import Part, Supplied
 
 
 @dataclass(frozen=True, eq=False)

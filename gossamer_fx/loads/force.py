@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.errors import check
-from gossamer_fx.frames import Frame
+from gossamer_fx.checks.errors import check
 from gossamer_fx.interactions.between import bodies_of
-from gossamer_fx.parts import Array, Attached, Part, PointSupplied, Port, Vector
+from gossamer_fx.model.frames import Frame
+from gossamer_fx.model.terms import Array, Attached, Part, PointSupplied, Port, Vector
 
 History = Callable[[float], Sequence[float]]
 

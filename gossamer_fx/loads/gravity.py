@@ -10,10 +10,10 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from gossamer_fx.errors import check, is_vector
-from gossamer_fx.kinematics import Expr
+from gossamer_fx.checks.errors import check, is_vector
+from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.loads.force import ConstantForce
-from gossamer_fx.parts import Body, Kinetic, Part, PointKinetic, PointSupplied, Port, Supplied
+from gossamer_fx.model.terms import Body, Kinetic, Part, PointKinetic, PointSupplied, Port, Supplied
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,10 +10,10 @@ from typing import Any
 import ufl
 
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.errors import check
-from gossamer_fx.forms import constant
-from gossamer_fx.kinematics import area_vector
-from gossamer_fx.parts import Part, Supplied
+from gossamer_fx.checks.errors import check
+from gossamer_fx.forms.compilation import constant
+from gossamer_fx.forms.kinematics import area_vector
+from gossamer_fx.model.terms import Part, Supplied
 
 
 @dataclass(frozen=True, eq=False)

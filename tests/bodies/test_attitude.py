@@ -7,8 +7,8 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.algebra.places import values_of
 from gossamer_fx.control.rotation import euler_angles, euler_axes, position_gradient, rotation
-from gossamer_fx.places import values_of
 
 
 def controlled(inertia: float, kp: float, kd: float, target: float, period: float, dt: float) -> gx.Simulation:

@@ -8,8 +8,8 @@ from mpi4py import MPI
 from spectrum import angular_frequencies
 
 import gossamer_fx as gx
+from gossamer_fx.analyses.equilibrium import Continuation, Equilibrium
 from gossamer_fx.bodies.ports import global_node
-from gossamer_fx.statics import Continuation, Equilibrium
 from meshes.line import line
 
 COMM = MPI.COMM_WORLD

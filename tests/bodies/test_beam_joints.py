@@ -10,8 +10,8 @@ from mpi4py import MPI
 from pairs import DT, Motion, conserves
 
 import gossamer_fx as gx
-from gossamer_fx.places import values_of
-from gossamer_fx.records.description import describe, lines
+from gossamer_fx.algebra.places import values_of
+from gossamer_fx.outputs.description import describe, lines
 from meshes.line import line
 
 COMM = MPI.COMM_WORLD

@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.places import values_of
+from gossamer_fx.algebra.places import values_of
 from meshes.line import line
 
 TIGHT = gx.Tolerances(relative=1e-13)

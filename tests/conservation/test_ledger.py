@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos import inflate_tube, spinning_sheet
-from gossamer_fx.outputs import Output
+from gossamer_fx.outputs.output import Output
 from meshes.sheet import sheet
 from meshes.tube import flat_tube
 

@@ -17,7 +17,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.kinematics import area_vector, half_trace_and_radius
+from gossamer_fx.forms.kinematics import area_vector, half_trace_and_radius
 from meshes.airbag import airbag
 
 EDGE = 1.2 / math.sqrt(2)

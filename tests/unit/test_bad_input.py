@@ -11,7 +11,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.command import main
+from gossamer_fx.cli.command import main
 from meshes.line import line
 from meshes.sheet import sheet
 from meshes.sphere import sphere

@@ -12,7 +12,7 @@ from dolfinx import fem, mesh
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx import forms
+from gossamer_fx.forms import compilation as forms
 from meshes.sheet import sheet
 
 

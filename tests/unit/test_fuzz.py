@@ -22,8 +22,8 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx import raw_mesh
-from gossamer_fx.examination import suspicions
+from gossamer_fx.mesh import gmsh_reader as raw_mesh
+from gossamer_fx.scene.validation import suspicions
 from meshes.airbag import airbag
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="files are read by one rank")

@@ -10,7 +10,7 @@ import ufl
 from dolfinx import fem
 
 from gossamer_fx import Linear, Membrane
-from gossamer_fx.kinematics import area_vector
+from gossamer_fx.forms.kinematics import area_vector
 from meshes.airbag import airbag
 from meshes.sheet import sheet
 from meshes.sphere import sphere

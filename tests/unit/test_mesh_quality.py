@@ -10,7 +10,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.examination import examine, self_intersections, suspicions
+from gossamer_fx.scene.validation import examine, self_intersections, suspicions
 from meshes.airbag import airbag
 from meshes.sheet import sheet
 from meshes.sphere import sphere

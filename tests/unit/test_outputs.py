@@ -17,9 +17,9 @@ from dolfinx import fem
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.materials import SLACK, TAUT, WRINKLED
-from gossamer_fx.pictures.rasterise import Canvas
-from gossamer_fx.records.fields import AreaFractions, FieldFunctions
+from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
+from gossamer_fx.outputs.fields import AreaFractions, FieldFunctions
+from gossamer_fx.plotting.rasterise import Canvas
 from meshes.sheet import sheet
 
 COMM = MPI.COMM_WORLD

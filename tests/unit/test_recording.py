@@ -12,9 +12,9 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.pictures.colours import scale
-from gossamer_fx.pictures.run_curves import grouped
-from gossamer_fx.pictures.viewer import view_data
+from gossamer_fx.plotting.colours import scale
+from gossamer_fx.plotting.run_curves import grouped
+from gossamer_fx.plotting.viewer import view_data
 from meshes.airbag import airbag
 from meshes.line import line
 
@@ -133,9 +133,9 @@ def test_the_report_needs_nothing_else(recorded: Path, tmp_path: Path) -> None:
 
 
 def test_large_films_are_thinned_for_the_view(recorded: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gossamer_fx.pictures.viewer._MOST_VERTICES", 1)  # at least 100 a body are kept in any case
+    monkeypatch.setattr("gossamer_fx.plotting.viewer._MOST_VERTICES", 1)  # at least 100 a body are kept in any case
     assert view_data(gx.Playback(recorded))["parts"][0]["vertices"] == 38
-    from gossamer_fx.pictures.viewer import _thinned
+    from gossamer_fx.plotting.viewer import _thinned
 
     segment = gx.Playback(recorded).meshes["the film"].segments[0]
     thin = _thinned(segment, 20)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import ufl
 
-from gossamer_fx.strain_path import mean_gradient, within_cone
+from gossamer_fx.forms.strain_path import mean_gradient, within_cone
 from tests.strain_samples import CELLS, Samples, random_strains
 
 S = (np.arange(4000) + 0.5) / 4000

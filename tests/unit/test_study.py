@@ -7,9 +7,9 @@ import math
 
 import pytest
 
+from demos.studies.engine.report import picture, shortfalls, summary, table
+from demos.studies.engine.study import Measure, Study, run
 from gossamer_fx import InputError, NoEquilibrium
-from gossamer_fx.study import Measure, Study, run
-from gossamer_fx.study_report import picture, shortfalls, summary, table
 
 CALLS = []
 

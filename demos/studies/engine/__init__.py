@@ -1,0 +1,1 @@
+"""The engine of studies: cases, declared orders, tables and pictures."""

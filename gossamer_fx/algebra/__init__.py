@@ -1,0 +1,1 @@
+"""The numbering of all unknowns, and what is fetched from them."""

@@ -1,0 +1,137 @@
+"""Vectors attached to bodies, in the unknowns of a system: which of them, and how they are fetched."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from petsc4py import PETSc
+
+from gossamer_fx.algebra.numbering import GlobalIndices, Numbering
+from gossamer_fx.checks.errors import check
+from gossamer_fx.model.scalar_unknowns import Assembly
+from gossamer_fx.model.terms import Array, Attached, AttachedKinetic, Body, Ground, PointMeasure, Port
+
+
+def is_here(place: tuple[Attached, ...]) -> bool:
+    """Whether this rank evaluates a place: it owns the first node of the place's first port."""
+    port = next(p for p in place if isinstance(p, Port))
+    start, end = port.body.block.index_map.local_range
+    return bool(start <= port.nodes[0] < end)
+
+
+def own_places(places: Sequence[tuple[Attached, ...]]) -> list[int]:
+    """Which of the places this rank evaluates."""
+    return [i for i, place in enumerate(places) if is_here(place)]
+
+
+def attach(numbering: Numbering, bodies: list[Body], place: tuple[Attached, ...]) -> tuple[GlobalIndices, Array, Array]:
+    """Unknowns (D,), map P (3k, D) and offset (3k,) of the stacked vectors X = P q + offset of a place."""
+    indices, offset = [], np.zeros(3 * len(place))
+    columns: list[tuple[int, float]] = []
+    for j, port in enumerate(place):
+        if isinstance(port, Ground):
+            offset[3 * j : 3 * j + 3] = port.vector
+            continue
+        vectors = np.array(port.vectors or (0,) * len(port.nodes))
+        check(
+            len(port.nodes) == len(port.weights) == len(vectors) and bool((vectors * 3 < port.body.block.size).all()),
+            f"A port of '{port.body.name}' has {len(port.nodes)} nodes, {len(port.weights)} weights and vectors "
+            f"{port.vectors}; give one weight and one existing vector for each node.",
+        )
+        unknowns = numbering.to_global(bodies.index(port.body), np.array(port.nodes, dtype=np.int64))
+        rows = np.arange(len(vectors))[:, None]
+        indices.append(unknowns[rows, 3 * vectors[:, None] + np.arange(3)].ravel())
+        columns += [(j, w) for w in port.weights]
+    P = np.zeros((3 * len(place), 3 * len(columns)))
+    for k, (j, weight) in enumerate(columns):
+        P[3 * j : 3 * j + 3, 3 * k : 3 * k + 3] = weight * np.eye(3)
+    return np.concatenate(indices), P, offset
+
+
+def attach_all(
+    numbering: Numbering, bodies: list[Body], places: Sequence[tuple[Attached, ...]], rows: int
+) -> tuple[GlobalIndices, Array, Array]:
+    """Unknowns (n, D), maps (n, rows, D) and offsets (n, rows) of n places.
+
+    Places with fewer unknowns than others take their first one several times, with weight zero.
+    """
+    attached = [attach(numbering, bodies, place) for place in places]
+    D = max((len(indices) for indices, _, _ in attached), default=0)
+    indices = np.array([np.pad(i, (0, D - len(i)), constant_values=i[0]) for i, _, _ in attached], dtype=PETSc.IntType)
+    P = np.array([np.pad(p, ((0, 0), (0, D - p.shape[1]))) for _, p, _ in attached])
+    o = np.array([offset for _, _, offset in attached])
+    return indices.reshape(len(attached), D), P.reshape(len(attached), rows, D), o.reshape(len(attached), rows)
+
+
+class Places:
+    """A point measure on this rank: e_i = ½ q·H_i q + L_i·q + c_i of each place's D unknowns q.
+
+    Arrays over n places: indices (n, D), H (n, m, D, D), L (n, m, D), c (n, m).
+    """
+
+    def __init__(self, numbering: Numbering, bodies: list[Body], measure: PointMeasure) -> None:
+        own = own_places(measure.places)
+        self.n, self.m = len(own), measure.H.shape[0]
+        self.indices, P, o = attach_all(numbering, bodies, [measure.places[i] for i in own], measure.H.shape[1])
+        self.D = self.indices.shape[1]
+        c = np.broadcast_to(measure.c, (len(measure.places), self.m))[own]
+        Ho = np.einsum("mab,nb->nma", measure.H, o)
+        self.H = np.einsum("nax,mab,nby->nmxy", P, measure.H, P, optimize=True)
+        self.L = np.einsum("nax,nma->nmx", P, Ho + measure.L)
+        self.c = c + np.einsum("na,nma->nm", o, Ho / 2 + measure.L)
+
+    def strain(self, q: Array) -> Array:
+        """e (n, m)."""
+        return np.einsum("nmx,nx->nm", np.einsum("nmxy,ny->nmx", self.H, q) / 2 + self.L, q) + self.c
+
+    def gradient(self, q: Array) -> Array:
+        """De (n, m, D)."""
+        return np.einsum("nmxy,ny->nmx", self.H, q) + self.L
+
+
+class Gather:
+    """Fetches the unknowns of several places from a distributed vector, in one scatter."""
+
+    def __init__(self, numbering: Numbering, indices: Sequence[GlobalIndices]) -> None:
+        self._shapes = [i.shape for i in indices]
+        needed = np.concatenate([np.zeros(0, dtype=PETSc.IntType), *[i.ravel() for i in indices]])
+        self._ends = np.cumsum([i.size for i in indices])
+        self._values = PETSc.Vec().createSeq(len(needed))
+        source = PETSc.IS().createGeneral(needed.astype(PETSc.IntType))
+        self._scatter = PETSc.Scatter().create(numbering.vector(), source, self._values, None)
+
+    def __call__(self, q: PETSc.Vec) -> list[Array]:
+        self._scatter.scatter(q, self._values)
+        parts = np.split(self._values.array_r.copy(), self._ends[:-1])
+        return [part.reshape(shape) for part, shape in zip(parts, self._shapes, strict=True)]
+
+
+def values_of(system: Assembly, ports: Sequence[Attached], q: PETSc.Vec) -> Array:
+    """The attached vectors (k, 3) in a state, e.g. `system.q0`, or their rates in `system.v0` if none is `Ground`."""
+    indices, P, offset = attach(system.numbering, system.bodies, tuple(ports))
+    values = Gather(system.numbering, [indices])(q)[0]
+    return (P @ values + offset).reshape(-1, 3)
+
+
+def add_blocks(A: PETSc.Mat, rows: GlobalIndices, columns: GlobalIndices, values: Array) -> None:
+    """Add dense blocks values (n, r, c) at global rows (n, r) and columns (n, c) of A."""
+    n, r, c = values.shape
+    if n == 0:  # nothing on this rank
+        return
+    A.setValuesIJV(
+        np.arange(0, n * r * c + 1, c, dtype=PETSc.IntType),
+        np.repeat(columns, r, axis=0).ravel().astype(PETSc.IntType),
+        values.ravel(),
+        addv=PETSc.InsertMode.ADD_VALUES,
+        rowmap=rows.ravel().astype(PETSc.IntType),
+    )
+
+
+def add_mass(M: PETSc.Mat, numbering: Numbering, bodies: list[Body], part: AttachedKinetic) -> None:
+    """Add the mass matrix of a part to M."""
+    own = own_places(part.places)
+    k = part.mass.shape[1]
+    indices, P, _ = attach_all(numbering, bodies, [part.places[i] for i in own], 3 * k)
+    mass = np.einsum("nij,ab->niajb", part.mass[own], np.eye(3)).reshape(len(own), 3 * k, 3 * k)
+    add_blocks(M, indices, indices, np.einsum("nax,nab,nby->nxy", P, mass, P, optimize=True))

@@ -1,0 +1,1 @@
+"""Errors, and the checks that raise them in one sentence."""

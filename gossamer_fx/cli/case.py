@@ -1,0 +1,92 @@
+"""A case: a scene, how it is moved, for how long, and what is looked at.  A scene file builds one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from gossamer_fx.checks.errors import check
+from gossamer_fx.outputs.output import Output, Probe
+from gossamer_fx.outputs.recording import Recording
+from gossamer_fx.run.simulation import Simulation
+from gossamer_fx.scene.scene import Scene
+from gossamer_fx.steppers.stepping import Stepper
+
+if TYPE_CHECKING:
+    from gossamer_fx.run.checkpoint import Checkpoints
+    from gossamer_fx.run.events import Event
+    from gossamer_fx.steppers.step_control import StepControl
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """What the function `build(comm)` of a scene file returns, for `./gossamer run`.
+
+    Args:
+        scene: what there is.
+        stepper: e.g. `Midpoint(dt=1e-3)`.
+        until: end time [s].
+        title: a line for pictures and reports.
+        fields: names for films by their names, see `Recording`.
+        probes: numbers by name, see `Probes`; "tip x [m]" and "tip y [m]" are drawn as the curves x and y of "tip [m]".
+        frames: about how often fields are written.
+        control, events, halvings: see `Simulation`.
+        outputs: others than the recording.
+
+    Raises:
+        InputError: an end time or a number of frames that cannot be.
+    """
+
+    scene: Scene
+    stepper: Stepper
+    until: float
+    title: str = ""
+    fields: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    probes: Mapping[str, Probe] = field(default_factory=dict)
+    frames: int = 100
+    control: StepControl | None = None
+    events: Sequence[Event] = ()
+    halvings: int = 8
+    outputs: Sequence[Output] = ()
+
+    def __post_init__(self) -> None:
+        check(isinstance(self.scene, Scene), f"Case: scene is {self.scene!r}; give a Scene.")
+        check(hasattr(self.stepper, "start"), f"Case: stepper is {self.stepper!r}; give one, e.g. Midpoint(dt=1e-3).")
+        check(
+            isinstance(self.until, int | float) and math.isfinite(self.until) and self.until > 0,
+            f"Case: until is {self.until!r}; give the end time in seconds.",
+        )
+        check(
+            isinstance(self.frames, int) and self.frames >= 1,
+            f"Case: frames is {self.frames!r}; give the number of times that fields are written.",
+        )
+
+    def recording(self, folder: str | Path) -> Recording:
+        """The output that writes the folder of the run."""
+        every = max(math.floor(self.until / self.stepper.dt / self.frames + 1e-9), 1)
+        return Recording(folder, self.fields, self.probes, every, title=self.title)
+
+    def simulation(
+        self,
+        outputs: Sequence[Output] = (),
+        checkpoints: Checkpoints | None = None,
+        restart: str | Path | None = None,
+    ) -> Simulation:
+        """The run, ready to start; it has the given outputs and the case's own.
+
+        Raises:
+            InputError: what is wrong with the scene or the outputs.
+        """
+        return Simulation(
+            self.scene,
+            self.stepper,
+            [*outputs, *self.outputs],
+            self.halvings,
+            control=self.control,
+            events=self.events,
+            checkpoints=checkpoints,
+            restart=restart,
+        )

@@ -1,0 +1,274 @@
+"""The commands run, plot and report: what is wrong is told in one sentence, with code 2 for input and 1 for the rest.
+
+Heavy modules are loaded when the words on the command line are known to be right.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import os
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, NoReturn
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+    from gossamer_fx.cli.case import Case
+
+_LAUNCHED = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "PMIX_RANK", "SLURM_PROCID")
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one sentence."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"gossamer: {message}; see {self.prog} --help.\n")
+
+
+def main(words: Sequence[str]) -> int:
+    """Run one command; returns the exit code."""
+    wanted = _parser().parse_args(words)
+    if getattr(wanted, "ranks", 1) > 1 and not any(name in os.environ for name in _LAUNCHED):
+        sys.stdout.flush()
+        os.execvp("mpirun", ["mpirun", "-n", str(wanted.ranks), sys.executable, "-m", "gossamer_fx", *words])
+    from mpi4py import MPI
+
+    from gossamer_fx.checks.errors import InputError, NoEquilibrium, OutputFailure, StepFailure
+    from gossamer_fx.run.interruption import together
+
+    comm = MPI.COMM_WORLD
+    try:
+        with together(comm):
+            wanted.command(wanted, comm)
+    except (InputError, StepFailure, NoEquilibrium, OutputFailure) as error:
+        if wanted.debug:
+            raise
+        if comm.rank == 0:
+            print(f"gossamer: {error}", file=sys.stderr, flush=True)
+        return 2 if isinstance(error, InputError) else 1
+    except (MemoryError, OSError) as error:
+        if wanted.debug:
+            raise
+        _end(comm, f"{type(error).__name__}: {error}; look for memory and disk space, or for the file that it names.")
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(prog="gossamer", description="Run a scene, and look at what it did.")
+    commands = parser.add_subparsers(required=True, metavar="run|plot|report", parser_class=_Parser)
+
+    run = commands.add_parser("run", help="run a scene file")
+    run.add_argument("scene", type=Path, help="Python file with a function build(comm, ...) that returns a gx.Case")
+    run.add_argument("options", nargs="*", metavar="NAME=VALUE", help="further arguments of build")
+    run.add_argument("-o", "--output", type=Path, help="folder of the run; default out/NAME of the scene file")
+    run.add_argument("-n", "--ranks", type=_positive, default=1, help="MPI ranks")
+    run.add_argument("--restart", action="store_true", help="go on from the newest checkpoint in the folder")
+    run.add_argument("--overwrite", action="store_true", help="replace a run that the folder holds")
+    run.add_argument("--dry-run", action="store_true", help="compile and check the scene, print it, compute nothing")
+    run.add_argument("--quiet", action="store_true", help="only warnings on the terminal")
+    run.add_argument("--log", type=Path, help="file that all messages are appended to")
+    run.add_argument("--checkpoint", type=_positive, default=100, metavar="STEPS", help="steps between checkpoints")
+    run.set_defaults(command=_run)
+
+    plot = commands.add_parser("plot", help="pictures of a run: by default its films at six times, and curves")
+    plot.add_argument("run", type=Path, help="folder of a run")
+    plot.add_argument("-f", "--field", help="state, displacement, stress1, strain2, pressure, ...")
+    plot.add_argument("-t", "--time", type=float, nargs="+", metavar="T", help="at these times [s]")
+    plot.add_argument("-s", "--strip", type=_positive, metavar="N", help="at N times, evenly spread")
+    plot.add_argument("-a", "--animate", choices=("gif", "mp4"), help="an animation")
+    plot.add_argument("-c", "--curves", action="store_true", help="ledger, gas and probes over the time")
+    plot.add_argument("-o", "--output", type=Path, help="file; default: in the folder of the run")
+    plot.set_defaults(command=_plot)
+
+    report = commands.add_parser("report", help="one HTML page about a run that needs no other file")
+    report.add_argument("run", type=Path, help="folder of a run")
+    report.add_argument("-o", "--output", type=Path, help="file; default report.html in the folder of the run")
+    report.set_defaults(command=_report)
+    for command in (run, plot, report):
+        command.add_argument("--debug", action="store_true", help="show where an error comes from")
+    return parser
+
+
+def _positive(word: str) -> int:
+    if not word.isdigit() or int(word) < 1:
+        raise argparse.ArgumentTypeError(f"'{word}' is no positive number")
+    return int(word)
+
+
+# ---- run -----------------------------------------------------------------------------------------------------------
+
+
+def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
+    from gossamer_fx.checks.errors import check
+    from gossamer_fx.outputs.output import Output
+    from gossamer_fx.outputs.progress import Progress
+    from gossamer_fx.run.checkpoint import Checkpoints
+    from gossamer_fx.run.log import log_to
+
+    folder: Path = wanted.output or Path("out") / wanted.scene.stem
+    free = wanted.dry_run or wanted.restart or wanted.overwrite or not (folder / "run.json").exists()
+    check(
+        comm.bcast(free),
+        f"'{folder}' holds a run already; give another folder with --output, go on with --restart, or replace it with "
+        "--overwrite.",
+    )
+    case = _case(wanted, comm)
+    if wanted.dry_run:
+        _show(case, comm)
+        return
+    log_to(comm, wanted.log, wanted.quiet)
+    outputs: list[Output] = [case.recording(folder)] + ([] if wanted.quiet else [Progress()])
+    checkpoints = Checkpoints(folder / "checkpoints", every=wanted.checkpoint)
+    run = case.simulation(outputs, checkpoints, folder / "checkpoints" if wanted.restart else None)
+    run.run(until=case.until)
+    if comm.rank == 0 and not wanted.quiet:
+        print(f"written to {folder}; look at it with: ./gossamer report {folder}")
+
+
+def _show(case: Case, comm: MPI.Intracomm) -> None:
+    """Compile a case, and print what it contains and what is strange about it."""
+    from gossamer_fx.outputs.description import describe, lines
+    from gossamer_fx.scene.validation import self_intersections, suspicions
+
+    run = case.simulation()
+    about = describe(run)
+    strange = [*suspicions(run.scene.items), *self_intersections(run.system.bodies)]
+    if comm.rank == 0:
+        steps = case.until / case.stepper.dt
+        print("\n".join(lines(about)))
+        print(f"about {steps:.6g} steps of {case.stepper.dt:.6g} s to t = {case.until:.6g} s; nothing was computed")
+        for words in strange:
+            print(f"warning: {words}")
+
+
+def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
+    """What the scene file builds.
+
+    Raises:
+        InputError: there is no such file, it has no `build`, or other arguments, or returns something else.
+    """
+    import inspect
+
+    from gossamer_fx.checks.errors import check
+    from gossamer_fx.cli.case import Case
+
+    path: Path = wanted.scene
+    check(path.is_file(), f"There is no scene file '{path}'; give a Python file with a function build(comm).")
+    options = dict(_option(word) for word in wanted.options)
+    module = _guarded(comm, path, wanted.debug, lambda: _load(path))
+    build = getattr(module, "build", None)
+    check(callable(build), f"'{path}' has no function build(comm); write one that returns a gossamer_fx.Case.")
+    assert build is not None
+    parameters = inspect.signature(build).parameters
+    free = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
+    unknown = [name for name in options if name not in list(parameters)[1:] and not free]
+    check(
+        bool(parameters) and not unknown,
+        f"build in '{path}' takes no {unknown[0] if unknown else 'comm'!r}; its arguments are: "
+        f"{', '.join(parameters) or 'none, but the first must be the communicator'}.",
+    )
+    needed = [n for n, p in list(parameters.items())[1:] if p.default is p.empty and p.kind is p.POSITIONAL_OR_KEYWORD]
+    missing = [name for name in needed if name not in options]
+    check(not missing, f"build in '{path}' needs a value for {', '.join(missing)}; give NAME=VALUE.")
+    case = _guarded(comm, path, wanted.debug, lambda: build(comm, **options))
+    check(isinstance(case, Case), f"build in '{path}' returns {type(case).__name__}; let it return a gossamer_fx.Case.")
+    return case
+
+
+def _option(word: str) -> tuple[str, Any]:
+    """Name and value of a word NAME=VALUE; values are Python's numbers, tuples, ..., or else words."""
+    from gossamer_fx.checks.errors import check
+
+    name, equals, text = word.partition("=")
+    check(bool(equals) and name.isidentifier(), f"'{word}' is no NAME=VALUE; give arguments of build like cells=20.")
+    try:
+        return name, ast.literal_eval(text)
+    except (ValueError, SyntaxError):
+        return name, text
+
+
+def _load(path: Path) -> ModuleType:
+    """Execute a Python file; what stands beside it can be imported."""
+    from importlib.util import module_from_spec, spec_from_file_location
+
+    sys.path.insert(0, str(path.resolve().parent))
+    spec = spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None:
+        from gossamer_fx.checks.errors import InputError
+
+        raise InputError(f"'{path}' is no Python file; give one with a function build(comm).")
+    module = module_from_spec(spec)
+    sys.modules[path.stem] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def _guarded[T](comm: MPI.Intracomm, path: Path, debug: bool, act: Callable[[], T]) -> T:
+    """What `act` returns; an error of the user's code is told with its place in the file."""
+    from gossamer_fx.checks.errors import InputError
+
+    try:
+        return act()
+    except InputError:
+        raise
+    except (Exception, SystemExit) as error:
+        if debug:
+            raise
+        frames = [f for f in traceback.extract_tb(error.__traceback__) if Path(f.filename).resolve() == path.resolve()]
+        line = error.lineno if isinstance(error, SyntaxError) else frames[-1].lineno if frames else None
+        place = f"'{path}'" + (f", line {line}" if line else "")
+        words = str(error).splitlines()[0] if str(error) else "no words"
+        _end(comm, f"{place}: {type(error).__name__} ({words}); correct the file, or see more with --debug.", 2)
+
+
+def _end(comm: MPI.Intracomm, words: str, code: int = 1) -> NoReturn:
+    """Say something on the first rank that comes here, and end the program on all."""
+    print(f"gossamer: {words}", file=sys.stderr, flush=True)
+    if comm.size > 1:
+        comm.Abort(code)
+    raise SystemExit(code)
+
+
+# ---- plot and report -----------------------------------------------------------------------------------------------
+
+
+def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
+    from gossamer_fx.checks.errors import check
+    from gossamer_fx.plotting.playback import Playback
+    from gossamer_fx.plotting.plot import animate, default_field, plot_curves, plot_field, plot_strip
+
+    run, folder = Playback(wanted.run), wanted.run
+    chosen = [w for w in ("time", "strip", "animate", "curves") if getattr(wanted, w)]
+    check(
+        len(chosen) <= 1,
+        f"--{' and --'.join(chosen)} are several pictures; give one of them at a time.",
+    )
+    check(bool(chosen) or wanted.output is None, "--output names one file; say which picture with --strip, --time, ...")
+    field: str = wanted.field or ("" if chosen == ["curves"] else default_field(run))
+    output: Path | None = wanted.output
+    if not chosen or wanted.strip:
+        _told(output or folder / f"{field}.png", lambda path: plot_strip(run, field, path, wanted.strip or 6))
+    if wanted.time:
+        _told(output or folder / f"{field}_at.png", lambda path: plot_field(run, field, wanted.time, path))
+    if wanted.animate:
+        _told(output or folder / f"{field}.{wanted.animate}", lambda path: animate(run, field, path))
+    if not chosen or wanted.curves:
+        _told(output or folder / "curves.png", lambda path: plot_curves(run, path))
+
+
+def _report(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
+    from gossamer_fx.plotting.playback import Playback
+    from gossamer_fx.plotting.report import write_report
+
+    run = Playback(wanted.run)
+    _told(wanted.output or wanted.run / "report.html", lambda path: write_report(run, path))
+
+
+def _told(path: Path, write: Callable[[Path], None]) -> None:
+    write(path)
+    print(path)

@@ -1,0 +1,1 @@
+"""UFL: its compilation, and the small vocabulary in which measures are written."""

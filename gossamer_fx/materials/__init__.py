@@ -1,0 +1,1 @@
+"""Energy densities of films and tapes."""

@@ -1,0 +1,177 @@
+"""Densities of stored energy: they know strains, not configurations.
+
+A film law is a frozen dataclass of numbers with one method, `energy(e, c)`: the energy per unit reference *area* of
+the Green-Lagrange strain e = (E11, E22, 2 E12), where `c` holds the numbers as UFL constants (so that a changed
+number compiles nothing).  Stress and tangent are derivatives that UFL takes.
+
+Principal strains γ1 ≥ γ2 enter through h = (γ1 + γ2)/2 and r = (γ1 - γ2)/2; tr and det of the strain are smooth
+where they coincide, so the root in r appears in the wrinkled branch only.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from types import SimpleNamespace
+from typing import Any
+
+import ufl
+from dolfinx.mesh import Mesh
+
+from gossamer_fx.checks.errors import check
+from gossamer_fx.forms.compilation import constant
+from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
+from gossamer_fx.forms.strain_path import Piece, gradient, mean_gradient, within_cone
+
+SLACK, WRINKLED, TAUT = 0, 1, 2
+
+# Strains below this are round-off and count as taut: an unstrained film would else have a random state in every cell,
+# and a tangent that no multigrid method can precondition.  The stress jumps by 1e-12 E at most.
+ROUND_OFF = 1e-12
+
+
+def constants(law: Any, mesh: Mesh) -> SimpleNamespace:
+    """The numbers of a law as UFL constants on `mesh`."""
+    return SimpleNamespace(**{f.name: constant(mesh, getattr(law, f.name)) for f in fields(law)})
+
+
+@dataclass(frozen=True)
+class FilmLaw:
+    """Isotropic film: Young's modulus E [Pa], Poisson's ratio nu, mass density [kg/m³], thickness [m]."""
+
+    E: float
+    nu: float
+    density: float
+    thickness: float
+
+    quadratic = False  # whether the energy is quadratic in the strain (its path average is then exact)
+
+    def __post_init__(self) -> None:
+        law = type(self).__name__
+        for name in ("E", "density", "thickness"):
+            value = getattr(self, name)
+            check(math.isfinite(value) and value > 0, f"{law}: {name} is {value!r}; give a positive number.")
+        check(-1 < self.nu <= 0.5, f"{law}: nu is {self.nu!r}; Poisson's ratio lies in (-1, 0.5].")
+
+    def energy(self, e: Expr, c: Any) -> Expr:
+        """Stored energy per unit reference area [J/m²] of the strain e = (E11, E22, 2 E12)."""
+        raise TypeError(f"{type(self).__name__} has no energy")
+
+    def pieces(self, e0: Expr, e1: Expr, c: Any) -> list[Piece]:
+        """The pieces of the path from e0 to e1 on which the energy is smooth; none if they are not known."""
+        return []
+
+    def state(self, e: Expr, c: Any) -> Expr:
+        """0 slack, 1 wrinkled, 2 taut."""
+        return ufl.as_ufl(TAUT)
+
+
+@dataclass(frozen=True)
+class Linear(FilmLaw):
+    """St. Venant-Kirchhoff film that never wrinkles: W = E t/(2(1-ν²)) [tr² - 2(1-ν) det]."""
+
+    quadratic = True
+
+    def energy(self, e: Expr, c: Any) -> Expr:
+        tr, det = _invariants(e)
+        return c.E * c.thickness / (2 * (1 - c.nu**2)) * (tr**2 - 2 * (1 - c.nu) * det)
+
+
+@dataclass(frozen=True)
+class Miyazaki(FilmLaw):
+    """Film with reduced compressive stiffness (Miyazaki, IJNME 66 (2006) 1179, doi:10.1002/nme.1580, eqs. 13-20).
+
+    With f1 = γ2 + ν γ1, f2 = γ1 + u ν γ2 and the stiffness ratio u = `residual` in (0, 1]:
+
+        taut      f1 ≥ 0        W = E t/(2(1-ν²))    [tr² - 2(1-ν) det]
+        wrinkled  f1 < 0 < f2   W = E t/(2(1-uν²))   [γ1² + 2uν γ1γ2 + u γ2²]
+        slack     f2 ≤ 0        W = E t u/(2(1-u²ν²)) [tr² - 2(1-uν) det]
+
+    which is the elastic matrix Γ(k1, k2) with (1, 1), (1, u), (u, u): a C1, convex potential.  The pair (u, 1) that is
+    printed for the wrinkled state elsewhere softens the *tension* direction and makes the stress jump at f1 = 0; two
+    different ratios for wrinkled and slack would break either continuity or isotropy, so there is one.
+    """
+
+    residual: float = 1e-6
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check(
+            0 <= self.residual <= 1,
+            f"{type(self).__name__}: residual is {self.residual!r}; the ratio of compressive to tensile stiffness "
+            "lies between 0 and 1.",
+        )
+
+    def energy(self, e: Expr, c: Any) -> Expr:
+        return self._by_state(e, c, self._taut(e, c), self._wrinkled(e, c), self._slack(e, c))
+
+    def pieces(self, e0: Expr, e1: Expr, c: Any) -> list[Piece]:
+        """Taut and slack strains are cones, f1 ≥ 0: h ≥ (1-ν)/(1+ν) r and f2 ≤ 0: -h ≥ (1-uν)/(1+uν) r."""
+        ν, uν = c.nu, c.residual * c.nu
+        taut = within_cone(e0, e1, (1 - ν) / (1 + ν), ROUND_OFF / (1 + ν))
+        slack = within_cone(-e0, -e1, (1 - uν) / (1 + uν), 0.0)
+        (first_in, last_in), (first_out, last_out) = (
+            (ufl.min_value(a, b), ufl.max_value(a, b)) for a, b in zip(taut, slack, strict=True)
+        )
+        wrinkled = [(0.0, first_in), (first_out, ufl.max_value(first_out, last_in)), (last_out, 1.0)]
+
+        def wrinkled_stress(a: Expr, b: Expr) -> Expr:
+            return self._wrinkled_stress(a, b, c)
+
+        return [
+            Piece(*taut, lambda a, b: gradient(lambda e: self._taut(e, c), (a + b) / 2)),
+            Piece(*slack, lambda a, b: gradient(lambda e: self._slack(e, c), (a + b) / 2)),
+            *(Piece(*stretch, wrinkled_stress) for stretch in wrinkled),
+        ]
+
+    def _wrinkled_stress(self, ea: Expr, eb: Expr, c: Any) -> Expr:
+        """Average along the path from ea to eb: with γ1 = h + r the energy is quadratic but for a multiple of h r."""
+        ν, u = c.nu, c.residual
+        factor = c.E * c.thickness / (1 - u * ν**2)
+
+        def quadratic(e: Expr) -> Expr:
+            tr, det = _invariants(e)
+            return factor / 2 * ((1 - u) * (tr**2 / 2 - det) + u * (tr**2 - 2 * (1 - ν) * det))
+
+        return gradient(quadratic, (ea + eb) / 2) + factor * (1 - u) * mean_gradient(ea, eb)
+
+    def _taut(self, e: Expr, c: Any) -> Expr:
+        tr, det = _invariants(e)
+        return c.E * c.thickness / (2 * (1 - c.nu**2)) * (tr**2 - 2 * (1 - c.nu) * det)
+
+    def _wrinkled(self, e: Expr, c: Any) -> Expr:
+        (h, r), (tr, det), ν, u = half_trace_and_radius(e), _invariants(e), c.nu, c.residual
+        return c.E * c.thickness / (2 * (1 - u * ν**2)) * ((1 - u) * (h + r) ** 2 + u * (tr**2 - 2 * (1 - ν) * det))
+
+    def _slack(self, e: Expr, c: Any) -> Expr:
+        (tr, det), ν, u = _invariants(e), c.nu, c.residual
+        return c.E * c.thickness * u / (2 * (1 - (u * ν) ** 2)) * (tr**2 - 2 * (1 - u * ν) * det)
+
+    def state(self, e: Expr, c: Any) -> Expr:
+        return self._by_state(e, c, TAUT, WRINKLED, SLACK)
+
+    def _by_state(self, e: Expr, c: Any, taut: Expr, wrinkled: Expr, slack: Expr) -> Expr:
+        h, r = half_trace_and_radius(e)
+        γ1, γ2 = h + r, h - r
+        f1 = γ2 + c.nu * γ1
+        f2 = γ1 + c.residual * c.nu * γ2
+        return ufl.conditional(ufl.ge(f1, -ROUND_OFF), taut, ufl.conditional(ufl.gt(f2, 0), wrinkled, slack))
+
+
+@dataclass(frozen=True)
+class TensionField(Miyazaki):
+    """Tension field: the limit u → 0 of `Miyazaki`, Pipkin's relaxed energy (IMA J. Appl. Math. 36 (1986) 85).
+
+    Slack film has no stiffness at all, so a static problem may be singular; in dynamics the inertia carries it.
+    """
+
+    residual: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check(self.residual == 0, "TensionField has no residual stiffness; use Miyazaki for one.")
+
+
+def _invariants(e: Expr) -> tuple[Expr, Expr]:
+    """tr and det of a strain (E11, E22, 2 E12)."""
+    return e[0] + e[1], e[0] * e[1] - e[2] ** 2 / 4

@@ -1,0 +1,1 @@
+"""Meshes: made with gmsh, read, and judged."""

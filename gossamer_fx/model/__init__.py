@@ -1,0 +1,1 @@
+"""The contract: bodies, terms of the equations, ports and frames."""

@@ -1,0 +1,113 @@
+"""Frames: oriented points of bodies and of the ground; a beam's section with its normal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from dolfinx.common import IndexMap
+
+from gossamer_fx.checks.errors import check
+from gossamer_fx.model.ports import combine, initial, initial_rate
+from gossamer_fx.model.terms import Array, Attached, Block, Ground, Part, PointConstraint, PointMeasure, Port, Vector
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """An oriented point of a body: `origin`, and two or three directors that stay orthonormal.
+
+    Rigid bodies and the ground have three (d1, d2, d3); a beam has the two of its section (d2, d3).
+    """
+
+    origin: Attached
+    directors: tuple[Attached, ...]
+    name: str = ""
+
+    @cached_property
+    def complete(self) -> Frame:
+        """The frame with three directors; all that needs the normal of a section shares one."""
+        if len(self.directors) == 3 or isinstance(self.origin, Ground):
+            return self
+        return SectionFrame(self, self.origin).frame
+
+
+def ground_frame(point: Vector = (0.0, 0.0, 0.0)) -> Frame:
+    """The axes of inertial space at a point [m]."""
+    x, y, z = point
+    return Frame(Ground((x, y, z)), (Ground((1, 0, 0)), Ground((0, 1, 0)), Ground((0, 0, 1))))
+
+
+def along(direction: Array, frame: Frame) -> Attached:
+    """The vector fixed in a frame that is `direction` (3,) at the start.
+
+    Raises:
+        InputError: the frame has two directors and the direction is not in their plane.
+    """
+    check(
+        lies_in(direction, frame),
+        f"A frame has no direction {direction.tolist()} in the plane of its directors; give one with three directors.",
+    )
+    return combine([float(initial(d) @ direction) for d in frame.directors], frame.directors)
+
+
+def lies_in(direction: Array, frame: Frame) -> bool:
+    """Whether a direction (3,) is a combination of the directors of a frame at the start."""
+    directors = np.array([initial(d) for d in frame.directors])
+    return bool(np.allclose(directors @ direction @ directors, direction, atol=1e-9))
+
+
+def is_normal(axis: Array, side: Frame) -> bool:
+    """Whether an axis is normal to all directors of a frame: the normal of a beam's section."""
+    return bool(np.allclose([initial(d) @ axis for d in side.directors], 0, atol=1e-9))
+
+
+class SectionFrame:
+    """Point x and directors n, d2, d3 without mass that follow a section (x_s, s2, s3) of a beam, n its normal:
+
+        x - x_s = 0   d2 - s2 = 0   d3 - s3 = 0   ½(n·n - 1) = 0   n·s2 = n·s3 = 0
+
+    Two sections in one plane have no products of their directors that change to first order when one of them tilts; of
+    the normal of the one and the directors of the other there are.  As these measures are quadratic and objective, the
+    joints of beams conserve what those of rigid bodies do.
+    """
+
+    def __init__(self, section: Frame, origin: Port) -> None:
+        self._section, self._origin = (origin, *section.directors), origin
+        self.name, self.comm = f"frame of {section.name or origin.body.name}", origin.body.comm
+        self.block = Block(IndexMap(self.comm, 1 if self.comm.rank == 0 else 0), 12)
+
+    @property
+    def frame(self) -> Frame:
+        x, *directors = self._vectors()
+        return Frame(x, tuple(directors))
+
+    def _vectors(self) -> tuple[Port, ...]:
+        return tuple(Port(self, (0,), (1.0,), (k,)) for k in range(4))
+
+    def requires(self) -> Iterable[Any]:
+        yield self._origin.body
+
+    def initial_state(self) -> tuple[Array, Array]:
+        x, s2, s3 = map(initial, self._section)
+        vx, v2, v3 = map(initial_rate, self._section)
+        q = np.concatenate([x, np.cross(s2, s3), s2, s3])
+        v = np.concatenate([vx, np.cross(v2, s3) + np.cross(s2, v3), v2, v3])
+        here = 12 * self.block.index_map.size_local
+        return q[:here], v[:here]
+
+    def parts(self) -> Iterable[Part]:
+        # of the stacked vectors (x, n, d2, d3, x_s, s2, s3)
+        same = np.eye(7)[[0, 2, 3]] - np.eye(7)[[4, 5, 6]]
+        products = np.zeros((3, 7, 7))
+        for k, other in enumerate((1, 5, 6)):
+            products[k, 1, other] = products[k, other, 1] = 1.0
+        H = np.concatenate([np.zeros((9, 21, 21)), np.kron(products, np.eye(3))])
+        L = np.concatenate([np.kron(same, np.eye(3)), np.zeros((3, 21))])
+        c = np.concatenate([np.zeros(9), [-0.5, 0.0, 0.0]])
+        yield PointConstraint(f"{self.name} follows", PointMeasure([(*self._vectors(), *self._section)], H, L, c))
+
+    def describe(self, node: int) -> str:
+        return "the frame of the section"

@@ -1,0 +1,113 @@
+"""What a compiled scene shows to those that add to it: borders of scalar unknowns, and initial conditions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+from dolfinx import fem
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from gossamer_fx.model.terms import Array, Body
+
+
+@dataclass(frozen=True)
+class Booking:
+    """What a border contributes to the ledger: energies [J] and masses [kg], the supplied ones since the start."""
+
+    stored: dict[str, float]
+    supplied: float
+    mass: float
+    mass_supplied: float
+
+
+class Assembly(Protocol):
+    """What a border sees of the compiled scene: bodies, their numbering, and the coordinates of the step."""
+
+    comm: MPI.Intracomm
+    bodies: list[Body]
+    numbering: Any
+    fields: dict[int, Any]
+    rule: Any
+    q0: PETSc.Vec
+    q1: PETSc.Vec
+    v0: PETSc.Vec
+
+
+@runtime_checkable
+class InitialCondition(Protocol):
+    """Something that changes the initial state of a whole scene, after that of its bodies was taken."""
+
+    name: str
+
+    def set_state(self, system: Assembly, q: PETSc.Vec, v: PETSc.Vec) -> None:
+        """Change coordinates q and velocities v."""
+        ...
+
+
+class Border(Protocol):
+    """Scalar unknowns y coupled to whole fields, e.g. gas pressures: a border of the matrix, never a block in it.
+
+    They are the same on every rank.  With the coordinates z of the bodies, a Newton step reads
+
+        [ A  G ] [δz]     [ r ]
+        [ Hᵀ C ] [δy] = - [ s ]
+    """
+
+    size: int
+
+    def start(self) -> None:
+        """Take the initial state."""
+        ...
+
+    def begin(self, h: float, t: float) -> Array:
+        """Start a step of length h whose rates are taken at time t; returns a first guess of y (size,)."""
+        ...
+
+    def residual(self, y: Array) -> Array:
+        """s(y) (size,), each as a fraction of the quantity that it balances."""
+        ...
+
+    def add_force(self, values: Array) -> None:
+        """Add this border's forces, at the y of the last `residual`, to the owned part of r."""
+        ...
+
+    def tangents(self, body: Body) -> Iterable[fem.Form]:
+        """Their derivatives with respect to the coordinates of one body, as far as they are made of forms."""
+        ...
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        """Add the rest of their derivatives to the matrix of all coordinates."""
+        ...
+
+    def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
+        """Owned parts of the columns of G and of H (None: zero), and C (size, size)."""
+        ...
+
+    def impossible(self) -> str:
+        """In words, what cannot be in the solution of a step, e.g. a negative volume; else nothing."""
+        ...
+
+    def accept(self) -> None:
+        """End the step."""
+        ...
+
+    def book(self) -> Booking:
+        """Energies and masses now, and what was supplied since the start."""
+        ...
+
+    def memory(self) -> dict[str, Any]:
+        """Its state and what was supplied: numbers, words and lists of them, the same on every rank."""
+        ...
+
+    def recall(self, memory: dict[str, Any]) -> None:
+        """Be as when `memory` was asked for; coordinates and velocities are those of then."""
+        ...
+
+
+class BorderMaker(Protocol):
+    """Compiles all items of one kind to one border of a system."""
+
+    def __call__(self, items: list[Any], system: Assembly) -> Border: ...

@@ -1,0 +1,176 @@
+"""Output fields of bodies, by name: expressions of the coordinates q and the velocities v, compiled when asked for.
+
+    displacement    x - X, from the stress-free mesh [m]
+    velocity        [m/s]
+    strain1 ≥ strain2     principal Green-Lagrange strains of a film
+    stress1 ≥ stress2     principal second Piola-Kirchhoff stresses of a film, ∂ψ/∂E over the thickness [Pa]
+    direction       F n/|F n|, n the direction of strain1: where the tension goes on the deformed film
+    state           0 slack, 1 wrinkled, 2 taut
+    pressure        of the gas inside over that outside [Pa]; where a film parts two chambers, their difference
+
+Displacement and velocity belong to any body on a mesh, the others to films.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from petsc4py import PETSc
+
+from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.errors import check
+from gossamer_fx.forms.compilation import compile_expression, compile_form, constant
+from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
+from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
+from gossamer_fx.model.terms import Array, Body, MeshBody
+from gossamer_fx.system.system import System
+from gossamer_fx.terms.discrete_gradient import gradient
+
+STATES = {"slack": SLACK, "wrinkled": WRINKLED, "taut": TAUT}
+
+
+@dataclass(frozen=True)
+class Field:
+    """What a field is: its shape, whether only films have it, and its expression of (body, q, v).
+
+    The fields of films are made of derivatives of q: they may jump from cell to cell.
+    """
+
+    shape: tuple[int, ...]
+    of_films: bool
+    expression: Callable[[Any, Expr, Expr], Expr] | None
+
+
+def position(q: Expr) -> Expr:
+    """The position among a node's coordinates, which come first."""
+    return ufl.as_vector([q[i] for i in range(3)])
+
+
+def _principal_strains(film: Membrane, x: Expr) -> tuple[Expr, Expr]:
+    h, r = half_trace_and_radius(film.measure(x))
+    return h + r, h - r
+
+
+def _principal_stresses(film: Membrane, x: Expr) -> tuple[Expr, Expr]:
+    S = gradient(film.density, film.measure(x)) / film.constants.thickness
+    h, r = half_trace_and_radius(ufl.as_vector([S[0], S[1], 2 * S[2]]))
+    return h + r, h - r
+
+
+def _direction(film: Membrane, x: Expr) -> Expr:
+    """F n/|F n|; where the principal strains coincide, n is the first vector of the film's frame."""
+    e = film.measure(x)
+    _, r = half_trace_and_radius(e)  # r > 0: guarded
+    a, b = (e[0] - e[1]) / 2, e[2] / 2
+    # of the two forms of the eigenvector of [[a, b], [b, -a]], the one whose large component does not cancel
+    n = ufl.conditional(ufl.ge(a, 0), ufl.as_vector([r + a, b]), ufl.as_vector([b, r - a]))
+    t = ufl.dot(film.deformation(x), n / ufl.sqrt(ufl.dot(n, n)))
+    return t / ufl.sqrt(ufl.dot(t, t))
+
+
+def film_state(film: Membrane, x: Expr) -> Expr:
+    """0 slack, 1 wrinkled, 2 taut."""
+    # the unit gives the state of a law that never wrinkles, a number, a mesh to be evaluated on
+    unit = constant(film.space.mesh, 1.0)
+    return unit * film.law.state(film.measure(x), film.constants)
+
+
+FIELDS = {
+    "displacement": Field((3,), False, lambda body, q, v: position(q) - ufl.SpatialCoordinate(body.space.mesh)),
+    "velocity": Field((3,), False, lambda body, q, v: position(v)),
+    "strain1": Field((), True, lambda film, x, v: _principal_strains(film, x)[0]),
+    "strain2": Field((), True, lambda film, x, v: _principal_strains(film, x)[1]),
+    "stress1": Field((), True, lambda film, x, v: _principal_stresses(film, x)[0]),
+    "stress2": Field((), True, lambda film, x, v: _principal_stresses(film, x)[1]),
+    "direction": Field((3,), True, lambda film, x, v: _direction(film, x)),
+    "state": Field((), True, lambda film, x, v: film_state(film, x)),
+    "pressure": Field((), True, None),  # no function of the film's coordinates: the gas has its own state
+}
+
+
+def check_fields(body: Body, names: Sequence[str]) -> None:
+    """Raise `InputError` for a field that does not exist, or that this body has not."""
+    known = [name for name, field in FIELDS.items() if isinstance(body, Membrane) or not field.of_films]
+    unknown = [name for name in names if name not in known]
+    problem = f"'{body.name}' has no field {unknown[0]!r}" if unknown else f"No field of '{body.name}' is asked for"
+    check(bool(names) and not unknown, f"{problem}; its fields are: {', '.join(known)}.")
+
+
+class FieldFunctions:
+    """Named fields of one body as functions of one Lagrange element, so that one file can take them.
+
+    The element has the body's order: continuous if all fields are, else discontinuous.  Strains of a film of order p
+    are polynomials of degree 2(p - 1) in each cell, so nothing is lost or smeared for p = 1, 2.
+    """
+
+    def __init__(self, system: System, body: MeshBody, names: Sequence[str]) -> None:
+        check_fields(body, names)
+        k = system.bodies.index(body)
+        self._system, self._owned, self._v = system, system.numbering.owned(k), fem.Function(body.space)
+        jumps = any(FIELDS[name].of_films for name in names)
+        family, order = "Discontinuous Lagrange" if jumps else "Lagrange", body.space.ufl_element().degree
+        self.functions: list[fem.Function] = []
+        self._updates: list[Callable[[], None]] = []
+        for name in names:
+            field = FIELDS[name]
+            function = fem.Function(fem.functionspace(body.space.mesh, (family, order, field.shape)), name=name)
+            self.functions.append(function)
+            if field.expression is None:
+                self._updates.append(partial(_take_pressure, function, body, system))
+            else:
+                points = function.function_space.element.interpolation_points()
+                compiled = compile_expression(field.expression(body, system.fields[k].q0, self._v), points)
+                self._updates.append(partial(function.interpolate, compiled))
+
+    def update(self) -> None:
+        """Take the values of the accepted state."""
+        load(self._v, self._system.v0, self._owned)
+        for function, update in zip(self.functions, self._updates, strict=True):
+            update()
+            function.x.scatter_forward()
+
+
+def _take_pressure(function: fem.Function, film: MeshBody, system: System) -> None:
+    """Set a discontinuous function to the pressure of the gas on each cell."""
+    values = function.x.array
+    values[:] = 0
+    for border in system.borders:
+        for gas in getattr(border, "states", ()):
+            enclosure, outside = gas.chamber.enclosure, gas.chamber.outside
+            if getattr(enclosure, "film", None) is film:
+                cells = function.function_space.dofmap.list[enclosure.cells()]
+                values[cells] = gas.p - (outside.pressure if outside else 0.0) - values[cells]
+
+
+class AreaFractions:
+    """Fractions of the reference area of some films that are slack, wrinkled and taut; they add up to one."""
+
+    def __init__(self, films: Sequence[Membrane]) -> None:
+        self._films = []
+        for film in films:
+            x, which = fem.Function(film.space), constant(film.space.mesh, 0.0)
+            share = ufl.conditional(ufl.eq(film_state(film, x), which), 1.0, 0.0) * film.dx
+            self._films.append((film, x, which, compile_form(share)))
+
+    def __call__(self, system: System) -> Array:
+        """(slack, wrinkled, taut) of the accepted state; the same on every rank."""
+        areas = np.zeros(len(STATES))
+        for film, x, which, form in self._films:
+            load(x, system.q0, system.numbering.owned(system.bodies.index(film)))
+            for state in STATES.values():
+                which.value = state
+                areas[state] += fem.assemble_scalar(form)
+        areas = system.comm.allreduce(areas)
+        return areas / areas.sum()
+
+
+def load(function: fem.Function, vector: PETSc.Vec, owned: slice) -> None:
+    """Copy a body's share of a vector of the system into a function, ghosts included."""
+    function.x.array[: owned.stop - owned.start] = vector.array_r[owned]
+    function.x.scatter_forward()

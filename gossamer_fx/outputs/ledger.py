@@ -1,0 +1,51 @@
+"""The ledger of energy, momentum and mass, as a file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from gossamer_fx.outputs.output import Table
+from gossamer_fx.run.simulation import Simulation
+
+
+class Ledger:
+    """CSV with a row for every step: energies [J], momenta, gas masses [kg], the closing errors, iterations.
+
+    `energy_error` is (H - H0) - (supplied - dissipated) over the largest energy so far, H kinetic and stored energy
+    (that of the gas included); supplied and dissipated are counted from the start.
+    """
+
+    times: Sequence[float] = ()
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self._table = Table(self.path)
+
+    def open(self, run: Simulation) -> None:
+        self._table.create(run.comm, list(self._row(run)))
+
+    def cursor(self) -> dict[str, Any]:
+        return {"end": self._table.end}
+
+    def resume(self, run: Simulation, cursor: dict[str, Any]) -> None:
+        self._table.cut(run.comm, list(self._row(run)), cursor["end"])
+
+    def _row(self, run: Simulation) -> dict[str, Any]:
+        t = run.totals
+        row: dict[str, Any] = {"time": t.time, "step": run.step, "iterations": run.last_iterations}
+        row |= {"substeps": run.substeps, "kinetic": t.kinetic}
+        row |= {f"stored {name}": energy for name, energy in t.stored.items()}
+        row |= {"supplied": t.supplied, "dissipated": t.dissipated, "energy_error": run.energy_error}
+        row |= {f"momentum {axis}": p for axis, p in zip("xyz", t.momentum, strict=True)}
+        row |= {f"angular momentum {axis}": p for axis, p in zip("xyz", t.angular_momentum, strict=True)}
+        if t.mass:
+            row |= {"gas mass": t.mass, "gas mass supplied": t.mass_supplied, "mass_error": run.mass_error}
+        return row
+
+    def record(self, run: Simulation, last: bool) -> None:
+        self._table.append(run.comm, self._row(run).values())
+
+    def close(self, run: Simulation) -> None:
+        pass

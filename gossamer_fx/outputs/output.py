@@ -1,0 +1,185 @@
+"""What looks at a run, and the files in which it leaves what it saw."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+from mpi4py import MPI
+
+from gossamer_fx.checks.errors import InputError, check, on_rank_zero, write_on_all
+
+if TYPE_CHECKING:
+    from gossamer_fx.run.simulation import Simulation
+
+Probe = Callable[["Simulation"], float]
+
+
+class Output(Protocol):
+    """Something that looks at a run: a function of the state, unknown to the solver."""
+
+    @property
+    def times(self) -> Sequence[float]:
+        """Times [s] that the run must meet exactly."""
+        ...
+
+    def open(self, run: Simulation) -> None:
+        """Check the request and make the files; before anything is computed."""
+        ...
+
+    def record(self, run: Simulation, last: bool) -> None:
+        """Look at the state; at the start and after every step."""
+        ...
+
+    def close(self, run: Simulation) -> None:
+        """Finish the files; also after a failure."""
+        ...
+
+
+@runtime_checkable
+class Continued(Output, Protocol):
+    """An output that goes on where it was when a checkpoint was written; others begin anew after a restart."""
+
+    def cursor(self) -> dict[str, Any]:
+        """Where it stands: numbers, words and lists of them, the same on every rank."""
+        ...
+
+    def resume(self, run: Simulation, cursor: dict[str, Any]) -> None:
+        """Instead of `open`: cut off what came after the cursor, and go on there."""
+        ...
+
+
+def begin(run: Simulation, output: Output, cursors: list[tuple[str, dict[str, Any]]]) -> None:
+    """Open an output, or let it go on where the first cursor of its kind says, which is then taken off the list."""
+    kind = type(output).__name__
+    mine = next((c for c in cursors if c[0] == kind), None)
+    if mine is not None and isinstance(output, Continued):
+        cursors.remove(mine)
+        output.resume(run, mine[1])
+    else:
+        output.open(run)
+
+
+class Table:
+    """A CSV file that rank 0 writes row by row; a row stands in it completely or not at all."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.end = path, 0
+        self._head: Sequence[str] = ()  # still to be written
+
+    def create(self, comm: MPI.Intracomm, head: Sequence[str]) -> None:
+        """An empty table with the columns `head`; an older file is kept until the first row.
+
+        Raises:
+            InputError: the folder cannot be made or written.
+        """
+        make_parent(comm, self.path)
+        self.end, self._head = 0, head
+
+    def append(self, comm: MPI.Intracomm, row: Iterable[Any]) -> None:
+        """Add a row.
+
+        Raises:
+            OutputFailure: the disk is full, the folder is gone, ...; the rows before are whole.
+        """
+        head, self._head = self._head, ()
+        if head:
+            write_on_all(comm, self.path, lambda: self.path.write_bytes(b"") if comm.rank == 0 else 0)
+            self.append(comm, head)
+        self.end = comm.bcast(write_on_all(comm, self.path, lambda: self._append(row) if comm.rank == 0 else 0))
+
+    def _append(self, row: Iterable[Any]) -> int:
+        with self.path.open("r+b", buffering=0) as file:
+            file.seek(self.end)
+            line = _Line()
+            csv.writer(line).writerow([repr(float(v)) if isinstance(v, float) else v for v in row])
+            try:
+                written = file.write(line.bytes)
+                if written != len(line.bytes):
+                    raise OSError(28, "No space left on device")
+            except OSError:
+                file.truncate(self.end)
+                raise
+            return file.tell()
+
+    def cut(self, comm: MPI.Intracomm, head: Sequence[str], end: int) -> None:
+        """Go on with a table as it was when it ended at byte `end`; what came later is cut off.
+
+        Raises:
+            InputError: the file is shorter, or has other columns.
+        """
+        make_parent(comm, self.path)
+        on_rank_zero(comm, lambda: self._cut(head, end))
+        self.end = end
+
+    def _cut(self, head: Sequence[str], end: int) -> None:
+        size = self.path.stat().st_size if self.path.is_file() else 0
+        check(
+            size >= end,
+            f"'{self.path}' is shorter than it was when the checkpoint was written; put it back, or start anew.",
+        )
+        with self.path.open("r+b") as file:
+            line = _Line()
+            csv.writer(line).writerow(head)
+            check(
+                file.readline() == line.bytes,
+                f"'{self.path}' has other columns than this run; restart with the same ones, or give another name.",
+            )
+            file.truncate(end)
+
+
+class _Line:
+    """What a CSV writer writes."""
+
+    def write(self, text: str) -> None:
+        self.bytes = text.encode()
+
+
+def make_parent(comm: MPI.Intracomm, path: Path) -> None:
+    """Make the folder of an output file and try to write in it.
+
+    Raises:
+        InputError: the folder cannot be made or written.
+    """
+
+    def task() -> None:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            probe = path.parent / f".{path.name}.try"
+            probe.touch()
+            probe.unlink()
+            if path.is_file():
+                path.open("r+b").close()
+        except OSError as error:
+            raise InputError(
+                f"Cannot write '{path}' ({error.strerror}); choose a folder that exists and is writable."
+            ) from error
+
+    on_rank_zero(comm, task)
+
+
+def ask(run: Simulation, name: str, probe: Probe) -> float:
+    """The value of a probe.
+
+    Raises:
+        InputError: it raises, or returns something else than a finite number, or different ones on different ranks.
+    """
+    value, problem = math.nan, ""
+    try:
+        value = float(probe(run))
+    except InputError as error:
+        problem = str(error)
+    except Exception as error:  # whatever a user's function raises
+        problem = f"it raises {type(error).__name__} ({error}); correct its function."
+    else:
+        if not math.isfinite(value):
+            problem = f"it returns {value}; it must return a finite number."
+    values, problems = zip(*run.comm.allgather((value, problem)), strict=True)
+    found = next(filter(None, problems), "")
+    if not found and max(values) - min(values) > 1e-9 * max(map(abs, values)):
+        found = "it differs from rank to rank; sum what each rank has with run.comm.allreduce."
+    check(not found, f"{name} at t = {run.time:.6g} s: {found}")
+    return value

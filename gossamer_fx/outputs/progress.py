@@ -1,0 +1,98 @@
+"""A run as one watches it."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from typing import IO, TYPE_CHECKING
+
+from gossamer_fx.run.simulation import Simulation
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
+
+
+class Progress:
+    """Time, step, iterations and ledger error on the terminal of rank 0; a summary at the end.
+
+    A terminal shows a bar with the length of the step and the time that is left; anything else a line every ten
+    seconds.
+
+    Args:
+        stream: default the standard error output.
+        seconds: between two looks at the run.
+    """
+
+    times: Sequence[float] = ()
+
+    def __init__(self, stream: IO[str] | None = None, seconds: float = 0.5) -> None:
+        self._stream = stream or sys.stderr
+        self._pause, self._shown = seconds, 0.0
+        self._bar: Bar | None = None
+
+    def open(self, run: Simulation) -> None:
+        self._live = self._stream.isatty()
+        if not self._live:
+            self._pause = max(self._pause, 10.0)
+        self._print(run, f"{run.system.numbering.size} unknowns, compiled in {run.compile_seconds:.1f} s\n")
+
+    def _print(self, run: Simulation, text: str) -> None:
+        if run.comm.rank == 0:
+            self._stream.write(text)
+            self._stream.flush()
+
+    def record(self, run: Simulation, last: bool) -> None:
+        now = time.monotonic()
+        # every rank must agree to look at the totals; rank 0's clock decides
+        if run.comm.bcast(now - self._shown < self._pause and not last):
+            return
+        self._shown, error = now, run.energy_error
+        if self._live:
+            self._draw(run, error)
+        else:
+            counts = f"step {run.step}   iterations {run.last_iterations}   ledger {error:+.1e}"
+            self._print(run, f"t = {run.time:.6g} of {run.until:.6g} s   {counts}\n")
+
+    def _draw(self, run: Simulation, error: float) -> None:
+        if run.comm.rank > 0:
+            return
+        if self._bar is None:
+            self._bar = _bar(self._stream)
+            self._bar.add_task("")
+            self._bar.start()
+        h = run.system.h if run.step else run.stepping.wanted
+        counts = f"step {run.step}  {run.last_iterations} it.  ledger {error:+.0e}"
+        words = f"{run.time:.4g}/{run.until:.4g} s  h {h:.2g} s  {counts}"
+        self._bar.update(self._bar.task_ids[0], completed=run.time, total=run.until, description=words)
+        self._bar.refresh()
+
+    def close(self, run: Simulation) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+            self._bar = None
+        steps = max(run.step, 1)
+        summary = (
+            f"{run.step} steps in {run.seconds:.1f} s, {run.iterations / steps:.1f} iterations a step, "
+            f"{run.substeps} halved; energy closes to {run.energy_error:.1e}"
+        )
+        if run.totals.mass:
+            summary += f", gas mass to {run.mass_error:.1e}"
+        spent = f"{run.solver.newton.summary()}; output {run.output_seconds:.1f} s"
+        self._print(run, f"{summary}\n{spent}\n")
+
+
+def _bar(stream: IO[str]) -> Bar:
+    from rich.console import Console
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    return Bar(
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=None),
+        TaskProgressColumn(),
+        TimeRemainingColumn(),
+        console=Console(file=stream),
+        auto_refresh=False,
+        expand=True,
+    )

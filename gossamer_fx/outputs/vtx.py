@@ -1,0 +1,191 @@
+"""What a run leaves in files: fields for ParaView, numbers as a table."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from gossamer_fx.checks.errors import check, on_rank_zero, write_on_all
+from gossamer_fx.model.terms import MeshBody, is_on_mesh
+from gossamer_fx.outputs.fields import FieldFunctions, check_fields
+from gossamer_fx.outputs.output import Probe, Table, ask, make_parent
+from gossamer_fx.outputs.schedule import Schedule
+from gossamer_fx.run.simulation import Simulation
+
+if TYPE_CHECKING:
+    from dolfinx.io import VTXWriter
+
+
+class VTX:
+    """Fields of one body as an ADIOS2 file that ParaView shows over time; "Warp By Vector" deforms the mesh.
+
+    One file holds functions of one element.  Displacement and velocity alone are continuous; with a field that jumps
+    between cells all are discontinuous of the body's order, since ParaView does not follow cell data in time
+    (ADIOS2 issue 4179).  The mesh is written once.  A run that goes on, also after a restart, begins another file:
+    `film.bp`, `film_0001.bp`, ...; none of them holds a time that another one has.
+
+    Args:
+        path: `.bp`; made at the first record, so that a run that is refused destroys nothing.
+        body: a body on a mesh; it may be left out if the scene has just one.
+        fields: names, see `fields`.
+        every, times: every n-th step, or at these times [s]; the first and the last state always.
+
+    Raises:
+        InputError: an unknown field or body, a folder that cannot be written.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        body: MeshBody | None = None,
+        fields: Sequence[str] = ("displacement",),
+        every: int = 1,
+        times: Sequence[float] = (),
+    ) -> None:
+        self.path, self.body, self.fields = Path(path), body, fields
+        self.schedule = Schedule(every, tuple(times))
+        check(self.path.suffix == ".bp", f"VTX cannot write '{path}'; give a name that ends in .bp.")
+        check(not isinstance(fields, str), f"VTX '{path}': fields is {fields!r}; give a tuple of names, ({fields!r},).")
+        self._writer: VTXWriter | None = None
+        self._segment = self._steps = 0  # file that is or was written last, and how many times are in it
+
+    @property
+    def times(self) -> Sequence[float]:
+        return self.schedule.times
+
+    def open(self, run: Simulation) -> None:
+        body = self._chosen(run)
+        check_fields(body, self.fields)
+        make_parent(run.comm, self.path)
+        on_rank_zero(
+            run.comm,
+            lambda: check(
+                not self.path.is_file(), f"VTX writes a folder, but '{self.path}' is a file; remove it or rename."
+            ),
+        )
+        self._functions = FieldFunctions(run.system, body, self.fields)
+
+    def _chosen(self, run: Simulation) -> MeshBody:
+        bodies = [b for b in run.system.bodies if is_on_mesh(b)]
+        names = ", ".join(f"'{b.name}'" for b in bodies) or "none"
+        if self.body is None:
+            check(len(bodies) == 1, f"VTX '{self.path}': say which body is meant; those on a mesh are: {names}.")
+            return bodies[0]
+        check(
+            self.body in bodies,
+            f"VTX '{self.path}': '{self.body.name}' is no body of the scene on a mesh; those are: {names}.",
+        )
+        return self.body
+
+    def record(self, run: Simulation, last: bool) -> None:
+        if not self.schedule.due(run.step, run.time, last):
+            return
+        self._functions.update()
+        if not self._segment and not self._steps:  # a run from the start has no later segments
+            on_rank_zero(run.comm, self._cut)
+        write_on_all(run.comm, self._file(self._segment), lambda: self._write(run))
+        self._steps += 1
+
+    def _write(self, run: Simulation) -> None:
+        if self._writer is None:
+            from dolfinx.io import VTXWriter
+            from dolfinx.io.utils import VTXMeshPolicy
+
+            self._writer = VTXWriter(
+                run.comm,
+                self._file(self._segment),
+                self._functions.functions,
+                engine="BP5",
+                mesh_policy=VTXMeshPolicy.reuse,
+            )
+        self._writer.write(run.time)
+
+    def _file(self, segment: int) -> Path:
+        return self.path.with_stem(f"{self.path.stem}_{segment:04d}") if segment else self.path
+
+    def close(self, run: Simulation) -> None:
+        if self._writer is not None:
+            writer, self._writer = self._writer, None
+            write_on_all(run.comm, self._file(self._segment), writer.close)
+            self._next_segment()
+
+    def _next_segment(self) -> None:
+        if self._steps:
+            self._segment, self._steps = self._segment + 1, 0
+
+    def cursor(self) -> dict[str, Any]:
+        return {"segment": self._segment, "steps": self._steps}
+
+    def resume(self, run: Simulation, cursor: dict[str, Any]) -> None:
+        self.open(run)
+        self._segment, self._steps = cursor["segment"], cursor["steps"]
+        on_rank_zero(run.comm, lambda: self._cut())
+        self._next_segment()
+
+    def _cut(self) -> None:
+        """Remove what came after the cursor: later segments, and the end of this one."""
+        import adios2
+
+        here = self._file(self._segment)
+        for later in here.parent.glob(f"{self.path.stem}_[0-9]*.bp"):
+            if later.stem.removeprefix(f"{self.path.stem}_") > f"{self._segment:04d}":
+                shutil.rmtree(later)
+        if self._steps:
+            check(here.is_dir(), f"'{here}' is gone since the checkpoint was written; put it back, or start anew.")
+            io = adios2.Adios().declare_io("cut")
+            io.set_engine("BP5")
+            io.set_parameters({"AppendAfterSteps": str(self._steps)})
+            io.open(str(here), adios2.bindings.Mode.Append).close()
+
+
+class Probes:
+    """CSV of named numbers: columns time [s], step, and a probe each.
+
+    Args:
+        path: of the table.
+        probes: functions of the run that return a number, the same on every rank; see `probes` for ready-made ones.
+        every, times: every n-th step, or at these times [s]; the first and the last state always.
+
+    Raises:
+        InputError: a probe that raises, or returns something else than a finite number, or different ones on
+            different ranks; tried before the first step.
+    """
+
+    def __init__(
+        self, path: str | Path, probes: Mapping[str, Probe], every: int = 1, times: Sequence[float] = ()
+    ) -> None:
+        self.path, self.probes = Path(path), dict(probes)
+        self.schedule = Schedule(every, tuple(times))
+        check(bool(self.probes), f"Probes '{path}': there is none; give a dict of names and functions of the run.")
+        for name, probe in self.probes.items():
+            check(callable(probe), f"Probe '{name}' is {probe!r}; give a function of the run that returns a number.")
+            check(name not in ("time", "step"), f"Probe '{name}' has the name of a column that exists; rename it.")
+        self._table, self._head = Table(self.path), ["time", "step", *self.probes]
+
+    @property
+    def times(self) -> Sequence[float]:
+        return self.schedule.times
+
+    def open(self, run: Simulation) -> None:
+        make_parent(run.comm, self.path)
+        self._row(run)
+        self._table.create(run.comm, self._head)
+
+    def cursor(self) -> dict[str, Any]:
+        return {"end": self._table.end}
+
+    def resume(self, run: Simulation, cursor: dict[str, Any]) -> None:
+        self._row(run)
+        self._table.cut(run.comm, self._head, cursor["end"])
+
+    def _row(self, run: Simulation) -> list[float]:
+        return [ask(run, f"Probe '{name}'", probe) for name, probe in self.probes.items()]
+
+    def record(self, run: Simulation, last: bool) -> None:
+        if self.schedule.due(run.step, run.time, last):
+            self._table.append(run.comm, [float(run.time), run.step, *self._row(run)])
+
+    def close(self, run: Simulation) -> None:
+        pass

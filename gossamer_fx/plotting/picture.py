@@ -1,0 +1,91 @@
+"""One picture of a run: the films at chosen times, coloured by their state, and the curves of what happened."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.errors import check
+from gossamer_fx.outputs.fields import STATES, AreaFractions
+from gossamer_fx.outputs.output import make_parent
+from gossamer_fx.outputs.schedule import Schedule
+from gossamer_fx.plotting.camera import BY_STATE, STATE_COLOURS, aim, render
+from gossamer_fx.plotting.curves import Moment, observe, panels, scaled
+from gossamer_fx.plotting.page import DPI, arrange, write
+from gossamer_fx.plotting.view import Shape, Sight
+from gossamer_fx.run.simulation import Simulation
+
+MOST_SHAPES = 24
+
+
+class Picture:
+    """PNG of a run, made at its end or failure: deformed films at given times, energies, gas, states, ledger errors.
+
+    Each rank draws its own part of the films, and only images are put together.
+
+    Args:
+        path: `.png`.
+        times: when the films are drawn [s]; if none are given, at the start and the end.  If the run stops early, its
+            last state is added.
+        title: a line on top.
+
+    Raises:
+        InputError: too many times, a folder that cannot be written.
+    """
+
+    def __init__(self, path: str | Path, times: Sequence[float] = (), title: str = "") -> None:
+        self.path, self.title = Path(path), title
+        self.schedule = Schedule(times=tuple(times))
+        check(self.path.suffix == ".png", f"Picture cannot write '{path}'; give a name that ends in .png.")
+        check(
+            len(self.times) <= MOST_SHAPES,
+            f"Picture '{path}' of {len(self.times)} times; give at most {MOST_SHAPES}, and use VTX for more.",
+        )
+
+    @property
+    def times(self) -> Sequence[float]:
+        return self.schedule.times
+
+    def open(self, run: Simulation) -> None:
+        make_parent(run.comm, self.path)
+        films = [body for body in run.system.bodies if isinstance(body, Membrane)]
+        self._sights = [Sight(run.system)] if run.system.bodies else []
+        self._fractions = [AreaFractions(films)] if films else []
+        self._shapes: list[Shape] = []
+        self._moments: list[Moment] = []
+
+    def record(self, run: Simulation, last: bool) -> None:
+        self._moments.append(observe(run, self._fractions))
+        chosen = self.schedule.meets(run.time) if self.times else run.step == 0 or last
+        if chosen or (last and not self._shapes):
+            self._look()
+
+    def _look(self) -> None:
+        self._shapes += [sight.shape() for sight in self._sights]
+
+    def close(self, run: Simulation) -> None:
+        if not self._moments:
+            return
+        if run.time < run.until and all(shape.time < run.time for shape in self._shapes):
+            self._look()
+        factor, prefix = scaled(max(m.time for m in self._moments))
+        images, metre, grid = [], 1.0, arrange(1, 1.0)
+        if self._shapes:
+            camera = aim(run.comm, self._shapes)
+            grid = arrange(len(self._shapes), camera.size[0] / camera.size[1])
+            metre = grid.width / camera.size[0]
+            images = render(run.comm, camera, self._shapes, metre * DPI, BY_STATE)
+        if run.comm.rank == 0:
+            states = ("taut", "wrinkled", "slack") if self._fractions else ()
+            captions = [f"t = {shape.time / factor:.4g} {prefix}s" for shape in self._shapes]
+            write(
+                self.path,
+                self.title,
+                list(zip(captions, images, strict=True)),
+                grid,
+                metre,
+                {name: STATE_COLOURS[STATES[name]] for name in states},
+                panels(self._moments, factor),
+                (self._moments[0].time / factor, self._moments[-1].time / factor, f"{prefix}s"),
+            )

@@ -1,0 +1,129 @@
+"""What a picture of a scene shows: films as triangles, cables and beams as lines, point and rigid bodies as dots."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem, la
+
+from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.forms.compilation import compile_expression
+from gossamer_fx.model.terms import Array, MeshBody, is_on_mesh
+from gossamer_fx.outputs.fields import film_state
+from gossamer_fx.system.system import System
+
+Integers = npt.NDArray[np.int64]
+
+# triangles between the nodes of a cell, by the order of its film
+_TRIANGLES = {1: [[0, 1, 2]], 2: [[0, 5, 4], [5, 1, 3], [4, 3, 2], [5, 3, 4]]}
+_NODES = {1: [[0, 0], [1, 0], [0, 1]], 2: [[0, 0], [1, 0], [0, 1], [0.5, 0.5], [0, 0.5], [0.5, 0]]}
+
+_CREASE = 0.6  # cosine of the angle between neighbours beyond which an edge is drawn sharp
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What this rank shows at one time: points [m] in space.
+
+    corners (n, 3, 3) of triangles, normals (n, 3, 3) at the corners, kinds (n,) which colour they have (the state of
+    the film), lines (m, 2, 3), dots (k, 3)
+    """
+
+    time: float
+    corners: Array
+    normals: Array
+    kinds: Integers
+    lines: Array
+    dots: Array
+
+    @property
+    def points(self) -> Array:
+        """All of them (p, 3)."""
+        return np.concatenate([part.reshape(-1, 3) for part in (self.corners, self.lines, self.dots)])
+
+
+class Sight:
+    """The bodies of a system, ready to be looked at."""
+
+    def __init__(self, system: System) -> None:
+        self._system = system
+        self._films = [_Film(b, system.fields[k].q0) for k, b in enumerate(system.bodies) if isinstance(b, Membrane)]
+        curves = [(k, b) for k, b in enumerate(system.bodies) if is_on_mesh(b) and not isinstance(b, Membrane)]
+        self._curves = [(system.fields[k].q0, _polylines(b)) for k, b in curves]
+        self._dots = [k for k, b in enumerate(system.bodies) if not is_on_mesh(b)]
+
+    def shape(self) -> Shape:
+        """The accepted state; every rank must look at it, to know the normals at its border."""
+        films = [film.look() for film in self._films]
+        lines = [_positions(q.x.array, q.function_space.dofmap.bs)[ends] for q, ends in self._curves]
+        dots = []
+        for k in self._dots:
+            owned = self._system.numbering.owned(k)
+            dots.append(_positions(self._system.q0.array_r[owned], self._system.bodies[k].block.size))
+        corners, normals, states = zip(*films, strict=True) if films else ((), (), ())
+        return Shape(
+            self._system.time,
+            np.concatenate([np.zeros((0, 3, 3)), *corners]),
+            np.concatenate([np.zeros((0, 3, 3)), *normals]),
+            np.concatenate([np.zeros(0, dtype=np.int64), *states]),
+            np.concatenate([np.zeros((0, 2, 3)), *lines]),
+            np.concatenate([np.zeros((0, 3)), *dots]),
+        )
+
+
+class _Film:
+    """A film's triangles, straight between nodes, and their states."""
+
+    def __init__(self, film: Membrane, x: fem.Function) -> None:
+        pieces = np.array(_TRIANGLES[film.order])
+        middles = np.array(_NODES[film.order], dtype=float)[pieces].mean(axis=1)
+        self._cells = np.arange(film.mesh.domain.topology.index_map(2).size_local, dtype=np.int32)
+        self._triangles = film.space.dofmap.list[self._cells].astype(np.int64)[:, pieces].reshape(-1, 3)
+        self._state = compile_expression(film_state(film, x), middles)
+        self._film, self._x = film, x
+
+    def look(self) -> tuple[Array, Array, Integers]:
+        """Corners, normals, states."""
+        corners = _positions(self._x.x.array, 3)[self._triangles]
+        states = self._state.eval(self._film.mesh.domain, self._cells).ravel()
+        return corners, self._normals(corners), np.rint(states).astype(np.int64)
+
+    def _normals(self, corners: Array) -> Array:
+        """Unit normals at the corners: the mean of the triangles around, or the triangle's own where they differ."""
+        area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        sums = la.vector(self._film.block.index_map, 3)
+        np.add.at(sums.array.reshape(-1, 3), self._triangles.ravel(), np.repeat(area, 3, axis=0))
+        sums.scatter_reverse(la.InsertMode.add)
+        sums.scatter_forward()
+        return smooth(area, sums.array.reshape(-1, 3)[self._triangles])
+
+
+def smooth(area: Array, sums: Array) -> Array:
+    """Normals (n, 3, 3) at corners: of the area vectors summed around them, or the triangle's own where they differ."""
+    own, mean = np.repeat(unit(area)[:, None], 3, axis=1), unit(sums)
+    alike = (own * mean).sum(axis=2, keepdims=True) > _CREASE
+    normals: Array = np.where(alike, mean, own)
+    return normals
+
+
+def _positions(values: Array, size: int) -> Array:
+    """Positions (n, 3) of nodes with `size` numbers each: their first vector."""
+    return values.reshape(-1, size)[:, :3]
+
+
+def _polylines(body: MeshBody) -> Integers:
+    """Nodes (m, 2) at the ends of straight pieces of a curve's cells; inner nodes follow the ends in a cell's list."""
+    mesh, dofmap = body.space.mesh, body.space.dofmap
+    nodes = dofmap.list[: mesh.topology.index_map(mesh.topology.dim).size_local].astype(np.int64)
+    along = np.concatenate([nodes[:, :1], nodes[:, 2:], nodes[:, 1:2]], axis=1)
+    pieces: Integers = np.stack([along[:, :-1], along[:, 1:]], axis=2).reshape(-1, 2)
+    return pieces
+
+
+def unit(vectors: npt.NDArray) -> Array:
+    """Vectors (..., 3) of length one; those of no length stay."""
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    result: Array = vectors / np.where(length > 0, length, 1.0)
+    return result

@@ -1,1 +1,0 @@
-"""Roles of parts, compiled: what assembles vectors and matrices."""

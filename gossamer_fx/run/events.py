@@ -1,0 +1,173 @@
+"""What happens in the course of a run: at a time, or when a probe passes a value."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from gossamer_fx.checks.errors import check
+from gossamer_fx.outputs.output import Probe, ask
+from gossamer_fx.steppers.history import History
+from gossamer_fx.steppers.stepping import Stepping
+
+if TYPE_CHECKING:
+    from gossamer_fx.run.simulation import Simulation
+
+Action = Callable[["Simulation"], object]
+
+
+@dataclass(frozen=True, eq=False)
+class At:
+    """A time [s] that is met exactly, e.g. to open a valve.
+
+    Args:
+        time: [s].
+        then: called with the run; after a restart once more, so let it set things, and add nothing.
+        stop: whether the run ends there.
+        name: in the log.
+    """
+
+    time: float
+    then: Action | None = None
+    stop: bool = False
+    name: str = "time"
+
+    def __post_init__(self) -> None:
+        check(math.isfinite(self.time) and self.time >= 0, f"At '{self.name}': time is {self.time!r}; give seconds.")
+
+
+@dataclass(frozen=True, eq=False)
+class When:
+    """The first time at which a probe exceeds a value, located within the step: a step ends there.
+
+    `When(gx.GasState(bag, "pressure"), 1e4, stop=True)` ends a run at 10 kPa;
+    `When(lambda run: area(run.time))` is where a valve of that area opens.
+
+    Args:
+        probe: a function of the run that returns a number, the same on every rank; see `Probes`.
+        value: that it passes, from below.
+        falling: it passes the value from above.
+        then, stop, name: as those of `At`.
+        tolerance: to which the instant is found [s]; default a millionth of the stepper's dt.
+    """
+
+    probe: Probe
+    value: float = 0.0
+    falling: bool = False
+    then: Action | None = None
+    stop: bool = False
+    name: str = "event"
+    tolerance: float | None = None
+
+    def __post_init__(self) -> None:
+        check(callable(self.probe), f"When '{self.name}': {self.probe!r} is no function of the run; give one.")
+        check(
+            self.tolerance is None or self.tolerance > 0,
+            f"When '{self.name}': tolerance is {self.tolerance!r} s; give a positive one.",
+        )
+
+
+Event = At | When
+
+
+class Watch:
+    """Events at work on a run."""
+
+    def __init__(self, run: Simulation, events: Sequence[Event], history: History) -> None:
+        self._run, self._history = run, history
+        for event in events:
+            check(isinstance(event, At | When), f"{event!r} is no event; give At(...) or When(...).")
+        self._at = [e for e in events if isinstance(e, At)]
+        self._when = [e for e in events if isinstance(e, When)]
+        self._events: list[Event] = [*self._at, *self._when]
+        self._done: list[int] = []  # numbers in `_events`, in the order in which they happened
+        self._last = {e: ask(run, f"When '{e.name}'", e.probe) for e in self._when}
+
+    @property
+    def times(self) -> list[float]:
+        """That the run must meet."""
+        return [e.time for e in self._at]
+
+    def advance(self, stepping: Stepping, h: float) -> bool:
+        """Go on by h, or by less: to the first event.  Returns whether the run ends there."""
+        run, waiting = self._run, [e for e in self._when if self._events.index(e) not in self._done]
+        if waiting:
+            self._history.keep()
+        start = run.time
+        stepping.advance(h)
+        before = {e: self._last[e] for e in waiting}
+        happened = self._look(waiting)
+        if happened:
+            happened = self._locate(stepping, start, waiting, before, happened)
+        arrived = [e for e in self._at if abs(run.time - e.time) <= 1e-9 * stepping.wanted]
+        new = [k for k, e in enumerate(self._events) if e in [*arrived, *happened] and k not in self._done]
+        for k in new:
+            self._done.append(k)
+            self._act(self._events[k], f"{self._events[k].name} at t = {run.time:.9g} s")
+        return any(self._events[k].stop for k in new)
+
+    def _look(self, waiting: list[When]) -> list[When]:
+        """Those that have just happened."""
+        happened = []
+        for e in waiting:
+            before, self._last[e] = self._last[e], ask(self._run, f"When '{e.name}'", e.probe)
+            if _beyond(e, self._last[e]) > 0 >= _beyond(e, before):
+                happened.append(e)
+        return happened
+
+    def _locate(
+        self, stepping: Stepping, start: float, waiting: list[When], before: dict[When, float], happened: list[When]
+    ) -> list[When]:
+        """Make the step anew until it ends at its first event, by false position and bisection."""
+        run, a, b, turn = self._run, 0.0, self._run.time - start, 0
+        tolerance = min(e.tolerance or 1e-6 * run.stepper.dt for e in happened)
+        left = {e: _beyond(e, before[e]) for e in waiting}
+        right = {e: _beyond(e, self._last[e]) for e in waiting}
+        here = b
+        while b - a > tolerance:
+            guesses = [a + (b - a) * left[e] / (left[e] - right[e]) for e in happened]
+            here = min(guesses) + tolerance / 2
+            if turn % 3 == 2 or not a + tolerance / 4 < here < b - tolerance / 4:
+                here = (a + b) / 2
+            turn += 1
+            found = self._try(stepping, start, here, waiting, before)
+            if found:
+                b, happened, right = here, found, {e: _beyond(e, self._last[e]) for e in waiting}
+            else:
+                a, left = here, {e: _beyond(e, self._last[e]) for e in waiting}
+        return happened if here == b else self._try(stepping, start, b, waiting, before)
+
+    def _try(
+        self, stepping: Stepping, start: float, length: float, waiting: list[When], before: dict[When, float]
+    ) -> list[When]:
+        """Make the step anew with another length; what happened in it."""
+        run = self._run
+        self._history.go_back()
+        self._last |= before
+        while (left := start + length - run.time) > 1e-12 * length:
+            stepping.advance(left)
+        return self._look(waiting)
+
+    def _act(self, event: Event, words: str) -> None:
+        self._run.tell(words)
+        if event.then is not None:
+            event.then(self._run)
+
+    def memory(self) -> dict[str, Any]:
+        return {"done": self._done, "last": [self._last[e] for e in self._when]}
+
+    def recall(self, memory: dict[str, Any]) -> None:
+        self._done = list(memory["done"])
+        self._last = dict(zip(self._when, memory["last"], strict=True))
+
+    def repeat(self) -> None:
+        """After a restart: act as before."""
+        for k in self._done:
+            self._act(self._events[k], f"again: {self._events[k].name}")
+
+
+def _beyond(event: When, value: float) -> float:
+    """How far the probe is past the event's value."""
+    return event.value - value if event.falling else value - event.value

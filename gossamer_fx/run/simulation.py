@@ -1,0 +1,268 @@
+"""Running a scene: the loop over steps, and what outputs look at."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gossamer_fx.checks.errors import StepFailure, check
+from gossamer_fx.outputs.output import Output, begin
+from gossamer_fx.run.interruption import Interrupted, Listener, together
+from gossamer_fx.run.log import LOGGER
+from gossamer_fx.scene.scene import Scene
+from gossamer_fx.steppers.history import History
+from gossamer_fx.steppers.stepping import EqualSteps, Stepper, Stepping
+from gossamer_fx.system.totals import Totals
+
+if TYPE_CHECKING:
+    from gossamer_fx.gas.state import ChamberState
+    from gossamer_fx.run.checkpoint import Checkpoints
+    from gossamer_fx.run.events import Event, Watch
+    from gossamer_fx.steppers.step_control import StepControl
+
+
+_COUNTS = ("step", "iterations", "substeps", "last_iterations", "seconds")
+
+
+class Simulation:
+    """A scene in time.
+
+    Args:
+        scene: what there is.
+        stepper: e.g. `Midpoint(dt=1e-3)`.
+        outputs: e.g. `VTX`, `Ledger`, `Probes`, `Picture`, `Progress`.
+        halvings: how often a step that does not converge may be halved.
+        control: lets steps grow and shrink; none: steps of the stepper's dt.
+        events: `At` or `When` something happens.
+        checkpoints: where the run is saved.
+        restart: a checkpoint, or a folder of which the newest is taken: the run goes on from there.
+
+    Raises:
+        InputError: what is wrong with the scene or the outputs; nothing has been computed then.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        stepper: Stepper,
+        outputs: Sequence[Output] = (),
+        halvings: int = 8,
+        *,
+        control: StepControl | None = None,
+        events: Sequence[Event] = (),
+        checkpoints: Checkpoints | None = None,
+        restart: str | Path | None = None,
+    ) -> None:
+        self.scene, self.stepper, self.outputs, self.checkpoints = scene, stepper, list(outputs), checkpoints
+        self.comm = scene.comm
+        started = time.perf_counter()
+        self.system = scene.compile(stepper.rule)
+        self.solver = stepper.start(self.system)
+        self.stepping: Stepping = (
+            EqualSteps(self.system, self.solver, stepper.dt, halvings)
+            if control is None
+            else control.start(self.system, self.solver, stepper.dt)
+        )
+        self.compile_seconds = time.perf_counter() - started
+        self.history = History(self.system, [self.solver, self.stepping])
+        self.step = self.iterations = self.substeps = self.last_iterations = 0
+        self.seconds = self.output_seconds = 0.0
+        self.until = 0.0
+        self.first = self._totals = self.system.book()
+        self._largest = self.first.size
+        self._watch = self._watch_for(events)
+        self._begun = restart is not None
+        cursors = [] if restart is None else self._restart(restart)
+        if checkpoints is not None:
+            checkpoints.open(self)
+        for output in self.outputs:
+            begin(self, output, cursors)
+
+    def _watch_for(self, events: Sequence[Event]) -> Watch | None:
+        if not events:
+            return None
+        from gossamer_fx.run.events import Watch
+
+        return Watch(self, events, self.history)
+
+    def _restart(self, restart: str | Path) -> list[tuple[str, dict[str, Any]]]:
+        """Take the state of a checkpoint; returns where its outputs stood."""
+        from gossamer_fx.run.checkpoint import read
+
+        cursors = read(self, restart)
+        self.tell(f"restarted at t = {self.time:.9g} s, step {self.step}")
+        if self._watch:
+            self._watch.repeat()
+        return cursors
+
+    # ---- what outputs look at ----------------------------------------------------------------------------------
+
+    @property
+    def time(self) -> float:
+        """[s]"""
+        return self.system.time
+
+    @property
+    def totals(self) -> Totals:
+        """Energies, momenta and masses now."""
+        if self._totals.time != self.time:
+            self._totals = self.system.book()
+        return self._totals
+
+    @property
+    def energy_error(self) -> float:
+        """Closing error of the ledger, over the largest energy that a step so far has ended with."""
+        now, first = self.totals, self.first
+        largest = max(self._largest, now.size)
+        missing = (now.energy - first.energy) - (now.supplied - now.dissipated)
+        return missing / largest if largest else 0.0
+
+    @property
+    def mass_error(self) -> float:
+        """Closing error of the gas masses, over the largest mass."""
+        now, first = self.totals, self.first
+        missing = now.mass - first.mass - now.mass_supplied
+        return missing / max(now.mass, first.mass) if now.mass else 0.0
+
+    @property
+    def chambers(self) -> dict[str, ChamberState]:
+        """States of the gas chambers and tanks by name; none if the scene has no gas."""
+        found: dict[str, ChamberState] = {}
+        for border in self.system.borders:
+            from gossamer_fx.gas.network import GasNetwork
+
+            if isinstance(border, GasNetwork):
+                found |= {s.chamber.name: s for s in border.states}
+        return found
+
+    def chamber(self, name: str) -> ChamberState:
+        """Pressure p [Pa], temperature [K], volume V [m³], mass m [kg] and internal energy U [J] of a chamber.
+
+        Raises:
+            InputError: the scene has no such chamber.
+        """
+        chambers = self.chambers
+        known = ", ".join(chambers) or "none"
+        check(name in chambers, f"The scene has no chamber '{name}'; its chambers and tanks are: {known}.")
+        return chambers[name]
+
+    # ---- running -----------------------------------------------------------------------------------------------
+
+    def run(self, until: float) -> None:
+        """Advance to the time `until` [s]; steps are evened out so that it and the outputs' times are met.
+
+        SIGTERM and SIGINT end it after the step that is being made, with a checkpoint if there are any.
+
+        Raises:
+            StepFailure: a step failed, also in sub-steps; the outputs are complete up to it.
+            OutputFailure: a file could not be written; what was written before is kept.
+            Interrupted: a signal came.
+        """
+        check(math.isfinite(until), f"until is {until!r}; give the end time in seconds.")
+        check(until >= self.time, f"until is {until!r} s, but the run is at t = {self.time:.9g} s; give a later time.")
+        self.until = until
+        times = [t for o in self.outputs for t in o.times] + (self._watch.times if self._watch else [])
+        with together(self.comm), ExitStack() as at_the_end, Listener() as signals:
+            for output in self.outputs:
+                at_the_end.callback(output.close, self)
+            if not self._begun:
+                self._begun = True
+                self._record(last=False)
+            signal = self._go(sorted({t for t in times if self.time < t < until} | {until}), signals)
+        if signal:
+            self._leave(signal)
+
+    def _go(self, milestones: Sequence[float], signals: Listener) -> int:
+        """Step from milestone to milestone; returns the number of a signal if one ended it, else zero."""
+        for milestone in milestones:
+            while (left := milestone - self.time) > 1e-9 * self.stepping.wanted:
+                recorded = self.step
+                try:
+                    ended = self._advance(left / math.ceil(left / self.stepping.wanted - 1e-6), milestone)
+                except StepFailure:
+                    if self.step > recorded:
+                        self._record(last=True)
+                    elif self.checkpoints is not None:
+                        self.checkpoints.record(self, last=True)
+                    raise
+                signal = signals.heard(self.comm)
+                self._record(last=ended or signal > 0 or self.time == milestones[-1])
+                if ended or signal:
+                    return signal
+        return 0
+
+    def _record(self, last: bool) -> None:
+        started = time.perf_counter()
+        for output in self.outputs:
+            output.record(self, last)
+        if self.checkpoints is not None:
+            self.checkpoints.record(self, last)
+        self.output_seconds += time.perf_counter() - started
+
+    def _advance(self, h: float, milestone: float = math.inf) -> bool:
+        """One step of h, or less, up to a milestone; returns whether an event ends the run there."""
+        started, before, stepping, ended = time.perf_counter(), self.time, self.stepping, False
+        iterations, substeps = stepping.iterations, stepping.substeps
+        try:
+            if self._watch:
+                ended = self._watch.advance(stepping, h)
+            else:
+                stepping.advance(h)
+        finally:
+            self.last_iterations = stepping.iterations - iterations
+            self.substeps += stepping.substeps - substeps
+            # sub-steps that were made before one failed are a step, too, and are seen by the outputs
+            if self.time > before:
+                self.iterations += self.last_iterations
+                self.step += 1
+                self._largest = max(self._largest, self.totals.size)
+            self.seconds += time.perf_counter() - started
+        if abs(milestone - self.time) <= 1e-9 * stepping.wanted:
+            self.system.time = milestone
+        return ended
+
+    def _leave(self, number: int) -> None:
+        """Say where the run ended, and end the program."""
+        left = Interrupted(number)
+        where = "" if self.checkpoints is None else f"; restart from '{self.checkpoints.latest}'"
+        LOGGER.warning("stopped by %s at t = %.9g s, after step %d%s", left.signal.name, self.time, self.step, where)
+        raise left
+
+    def tell(self, words: str) -> None:
+        """Say something to those who listen to the log."""
+        LOGGER.info(words)
+
+    # ---- checkpoints -------------------------------------------------------------------------------------------
+
+    def memory(self) -> dict[str, Any]:
+        """What a checkpoint keeps beside the history."""
+        first = {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in asdict(self.first).items()}
+        return {
+            **{name: getattr(self, name) for name in _COUNTS},
+            "first": first,
+            "largest energy": self._largest,
+            "events": self._watch.memory() if self._watch else {},
+        }
+
+    def recall(self, memory: dict[str, Any]) -> None:
+        """Be as when `memory` was asked for."""
+        for name in _COUNTS:
+            setattr(self, name, memory[name])
+        first: dict[str, Any] = {n: np.array(v) if isinstance(v, list) else v for n, v in memory["first"].items()}
+        self.first = Totals(**first)
+        self._largest, self._totals = memory["largest energy"], self.system.book()
+        if self._watch:
+            self._watch.recall(memory["events"])
+
+
+def relative_drift(now: np.ndarray, first: np.ndarray, scale: float = 0.0) -> float:
+    """Largest change of a vector over its size (or a given scale)."""
+    size = max(float(np.abs(first).max()), scale)
+    return float(np.abs(now - first).max()) / size if size else 0.0

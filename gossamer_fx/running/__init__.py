@@ -1,1 +1,0 @@
-"""Running a scene: steps and their control, events, signals, checkpoints, the log."""

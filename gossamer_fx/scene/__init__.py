@@ -1,0 +1,1 @@
+"""What there is: a scene, its initial state, and its validation."""

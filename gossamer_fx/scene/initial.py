@@ -1,0 +1,73 @@
+"""Initial conditions of a whole scene: a rigid motion, or a state that was computed before."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from petsc4py import PETSc
+
+from gossamer_fx.checks.errors import check
+from gossamer_fx.model.scalar_unknowns import Assembly
+from gossamer_fx.model.terms import Array, Vector
+
+
+def vectors_of(system: Assembly, k: int, values: Array) -> Array:
+    """View (n, s, 3) of the owned vectors of body k in the local part of a system's vector."""
+    return values[system.numbering.owned(k)].reshape(-1, system.bodies[k].block.size // 3, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class RigidMotion:
+    """Adds v + Ω × (x - c) to the initial velocities of all bodies, and Ω × d to those of their directors.
+
+    Args:
+        spin: Ω [rad/s].
+        velocity: v [m/s].
+        centre: c [m].
+    """
+
+    spin: Vector = (0.0, 0.0, 0.0)
+    velocity: Vector = (0.0, 0.0, 0.0)
+    centre: Vector = (0.0, 0.0, 0.0)
+    name: str = "rigid motion"
+
+    def __post_init__(self) -> None:
+        for what in ("spin", "velocity", "centre"):
+            value = np.asarray(getattr(self, what), dtype=float)
+            check(
+                value.shape == (3,) and bool(np.isfinite(value).all()),
+                f"RigidMotion '{self.name}': {what} is {value.tolist()!r}; give three finite numbers.",
+            )
+
+    def set_state(self, system: Assembly, q: PETSc.Vec, v: PETSc.Vec) -> None:
+        positions = q.array_r.copy()
+        with v as rates:
+            for k in range(len(system.bodies)):
+                x, moving = vectors_of(system, k, positions), vectors_of(system, k, rates)
+                moving += np.cross(np.asarray(self.spin, dtype=float), x)
+                moving[:, 0] += np.asarray(self.velocity, dtype=float) - np.cross(self.spin, self.centre)
+
+
+@dataclass(frozen=True, eq=False)
+class StartFrom:
+    """Takes the initial positions and directors from another compiled scene of the same bodies, e.g. an equilibrium.
+
+    Args:
+        system: the other scene's system; its `q0` is taken.
+    """
+
+    system: Assembly
+    name: str = "start"
+
+    def set_state(self, system: Assembly, q: PETSc.Vec, v: PETSc.Vec) -> None:
+        there = {body.name: k for k, body in enumerate(self.system.bodies)}
+        source = self.system.q0.array_r
+        with q as values:
+            for k, body in enumerate(system.bodies):
+                same = body.name in there and self.system.bodies[there[body.name]].block.size == body.block.size
+                check(same, f"'{self.name}' has no body '{body.name}' like this scene's; start from the same bodies.")
+                taken = source[self.system.numbering.owned(there[body.name])]
+                here = values[system.numbering.owned(k)]
+                check(len(taken) == len(here), f"'{body.name}' has other nodes in '{self.name}'; use the same mesh.")
+                here[:] = taken

@@ -1,0 +1,93 @@
+"""A scene: what there is.  `compile` turns it into a `System`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.checks.errors import check, check_on_all
+from gossamer_fx.model.scalar_unknowns import BorderMaker, InitialCondition
+from gossamer_fx.model.terms import Body, Part, is_body
+from gossamer_fx.scene.validation import examine
+from gossamer_fx.system.system import System
+from gossamer_fx.terms.discrete_gradient import PathAverage, StressRule
+
+
+@runtime_checkable
+class Item(Protocol):
+    """Anything a scene may be made of: it has a name, and may have any of the other attributes.
+
+    `requires()`   items that it refers to (they join the scene by themselves)
+    `parts()`      its roles
+    `block`        coordinates, if it is a body
+    `set_state()`  a change of the initial state of the whole scene
+    `border`       the class that compiles all items of its kind to a `Border`, if it brings scalar unknowns
+    """
+
+    name: str
+
+
+class Scene:
+    """The items of a scene and, through them, all that they refer to.
+
+    Raises:
+        InputError: no items, something that is no item, two items of one name.
+    """
+
+    def __init__(self, *items: Item) -> None:
+        self.items: list[Item] = []
+        for item in items:
+            self._add(item)
+        check(bool(self.items), "The scene is empty; give it a body or a chamber.")
+        names = [item.name for item in self.items]
+        twice = sorted({n for n in names if names.count(n) > 1})
+        check(not twice, f"Two parts of the scene are called '{twice[0] if twice else ''}'; give each its own name.")
+
+    def _add(self, item: Item) -> None:
+        check(isinstance(item, Item), f"{item!r} is no part of a scene; give bodies, gas parts, loads or interactions.")
+        if any(item is known for known in self.items):
+            return
+        for other in getattr(item, "requires", tuple)():
+            self._add(other)
+        self.items.append(item)
+
+    @property
+    def bodies(self) -> list[Body]:
+        return [item for item in self.items if is_body(item)]
+
+    @property
+    def comm(self) -> MPI.Intracomm:
+        """That of the bodies; a scene without bodies is computed on every rank alike."""
+        return self.bodies[0].comm if self.bodies else MPI.COMM_WORLD
+
+    def parts(self) -> Iterable[Part]:
+        for item in self.items:
+            yield from getattr(item, "parts", tuple)()
+
+    def compile(self, rule: StressRule | None = None) -> System:
+        """Number the unknowns, compile the forms, take the initial state.
+
+        Raises:
+            InputError: cells without size, initial data that are not finite, or what a part finds wrong with its
+                surroundings.
+        """
+        examine(self.items, self.comm)
+        for body in self.bodies:
+            for what, values in zip(("displacement", "velocity"), body.initial_state(), strict=True):
+                check_on_all(
+                    self.comm,
+                    bool(np.isfinite(values).all()),
+                    f"The initial {what} of '{body.name}' is not finite everywhere; check the function that gives it.",
+                )
+        system = System(self.bodies, self.parts(), rule or PathAverage(), self.comm)
+        makers: dict[BorderMaker, list[Item]] = {}
+        for item in self.items:
+            if hasattr(item, "border"):
+                makers.setdefault(item.border, []).append(item)
+        for maker, group in makers.items():
+            system.borders.append(maker(group, system))
+        system.start([item for item in self.items if isinstance(item, InitialCondition)])
+        return system

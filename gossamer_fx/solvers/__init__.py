@@ -1,0 +1,1 @@
+"""Newton's iteration and its linear solvers."""

@@ -1,0 +1,155 @@
+"""The linear system of a Newton step: sparse fields, bordered by a few scalars.
+
+    [ A  G ] [δz]   [ r ]
+    [ Hᵀ C ] [δy] = [ s ]
+
+A preconditioner P ≈ A (a factorisation, or a coarse space and an incomplete factorisation in turn) becomes one of the
+whole by block elimination: with Z = P⁻¹G and the small dense Σ = C - HᵀZ,
+
+    δy = Σ⁻¹ (s - Hᵀ P⁻¹ r),    δz = P⁻¹ r - Z δy.
+
+It is exact if P is, and a border costs one more application of P⁻¹ a Newton iteration, however dense it is.
+All options can be overridden by PETSc's, prefix `gx_` (e.g. `-gx_pc_type lu`).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from gossamer_fx.model.terms import Array
+from gossamer_fx.system.system import System
+
+DIRECT_UP_TO = 3000  # unknowns up to which a factorisation is cheapest
+RESTART = 60  # most Krylov iterations; an unfinished solution then serves Newton's iteration as an inexact one
+
+
+class Composite:
+    """Vectors (z, y): fields distributed as A is, scalars y at the end of rank 0's part."""
+
+    def __init__(self, comm: MPI.Intracomm, fields: PETSc.Vec, scalars: int) -> None:
+        self.comm, self.fields, self.scalars = comm, fields.duplicate(), scalars
+        self.n = fields.getLocalSize()
+
+    def vector(self) -> PETSc.Vec:
+        local = self.n + (self.scalars if self.comm.rank == 0 else 0)
+        return PETSc.Vec().createMPI((local, None), comm=self.comm)
+
+    def join(self, z: PETSc.Vec | None, y: Array, x: PETSc.Vec) -> None:
+        """x = (z, y); z None leaves the fields."""
+        with x as values:
+            if z is not None:
+                values[: self.n] = z.array_r
+            if self.comm.rank == 0:
+                values[self.n :] = y
+
+    def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
+        """(z, y) of x; z is overwritten by the next call."""
+        with self.fields as values:
+            values[:] = x.array_r[: self.n]
+        y: Array = self.comm.bcast(x.array_r[self.n :].copy() if self.comm.rank == 0 else None)
+        return self.fields, y
+
+
+class Bordered:
+    """The bordered operator, as PETSc's Python matrix."""
+
+    def __init__(self, composite: Composite, A: PETSc.Mat) -> None:
+        self.composite, self.A = composite, A
+        self._out = composite.fields.duplicate()
+
+    def set(self, G: list[Array | None], H: list[Array | None], C: Array) -> None:
+        """New coupling: owned parts of the columns and rows (None: zero), and the corner."""
+        self.G, self.H, self.C = G, H, C
+
+    def rows(self, z: PETSc.Vec) -> Array:
+        """Hᵀz."""
+        local = np.array([0.0 if h is None else h @ z.array_r for h in self.H])
+        return self.composite.comm.allreduce(local)
+
+    def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, out: PETSc.Vec) -> None:
+        z, y = self.composite.split(x)
+        self.A.mult(z, self._out)
+        add_columns(self._out, self.G, y)
+        self.composite.join(self._out, self.rows(z) + self.C @ y, out)
+
+
+class BorderedPreconditioner:
+    """Block elimination with a preconditioner of the sparse part, as PETSc's Python preconditioner."""
+
+    def __init__(self, operator: Bordered, sparse: PETSc.PC) -> None:
+        self._operator, self._sparse = operator, sparse
+        self._out = operator.composite.fields.duplicate()
+
+    def setUp(self, pc: PETSc.PC) -> None:
+        operator = self._operator
+        self._sparse.setOperators(operator.A)
+        self._sparse.setUp()
+        z = operator.composite.fields
+        self._Z: list[Array | None] = [None] * len(operator.G)
+        self._Σ = operator.C.copy()
+        for k, g in enumerate(operator.G):
+            if g is not None:
+                with z as values:
+                    values[:] = g
+                self._sparse.apply(z, self._out)
+                self._Z[k] = self._out.array_r.copy()
+                self._Σ[:, k] -= operator.rows(self._out)
+
+    def apply(self, pc: PETSc.PC, x: PETSc.Vec, out: PETSc.Vec) -> None:
+        operator = self._operator
+        r, s = operator.composite.split(x)
+        self._sparse.apply(r, self._out)
+        right = s - operator.rows(self._out)
+        try:
+            δy: Array = np.linalg.solve(self._Σ, right)
+        except np.linalg.LinAlgError:  # the iteration has gone astray: PETSc sees it and the step is retried
+            δy = np.full_like(right, np.nan)
+        add_columns(self._out, self._Z, -δy)
+        operator.composite.join(self._out, δy, out)
+
+
+def add_columns(z: PETSc.Vec, columns: list[Array | None], weights: Array) -> None:
+    """z += Σ weights[k] columns[k], over the columns that are not None."""
+    with z as values:
+        for column, weight in zip(columns, weights, strict=True):
+            if column is not None:
+                values += column * weight
+
+
+def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> None:
+    """Choose Krylov method and preconditioner of the sparse part; PETSc's options may override.
+
+    A matrix with multipliers has zeros on its diagonal, which an incomplete factorisation cannot take: it is
+    factorised, as are small ones and all if `direct`.  To let the coarse space hold what is tied, exactly, was tried:
+    up to half a million unknowns of an antenna, on one and on two ranks, it took no less time than the factorisation.
+    Nor does it pay to keep a factorisation for the next iteration, even of the last ones of a step: where films switch,
+    the Krylov iterations that this costs take longer than another factorisation.
+    """
+    if direct or system.constraints is not None or system.numbering.size <= DIRECT_UP_TO:
+        ksp.setType("preonly")
+        pc.setType("lu")
+        pc.setFactorSolverType("mumps")
+        return
+    ksp.setType("gmres")
+    ksp.setGMRESRestart(RESTART)
+    ksp.setPCSide(PETSc.PC.Side.RIGHT)
+    ksp.setTolerances(rtol=1e-3, max_it=RESTART)
+    if PETSc.Options(pc.getOptionsPrefix()).getString("pc_type", "python") == "python":
+        from gossamer_fx.solvers.two_level import TwoLevel
+
+        pc.setType("python")
+        pc.setPythonContext(TwoLevel(system))
+
+
+def recover(pc: PETSc.PC) -> None:
+    """Let a preconditioner forget that an earlier matrix could not be factorised."""
+    if pc.getType() == "python":
+        pc.getPythonContext().recover()
+
+
+def name(pc: PETSc.PC) -> str:
+    """What a preconditioner is, in words."""
+    kind = pc.getType()
+    return str(pc.getPythonContext()) if kind == "python" else str(kind)

@@ -1,0 +1,250 @@
+"""PETSc's nonlinear solver on the equations of one step, with the mixed iteration of `discrete_gradient`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from petsc4py import PETSc
+
+import gossamer_fx.solvers.linear as linear
+from gossamer_fx.algebra.numbering import PREFIX
+from gossamer_fx.checks.errors import check
+from gossamer_fx.model.terms import Array
+from gossamer_fx.system.system import System
+
+LAST = 0.01  # residual that the last linear solve of a step leaves, over that of a solved step
+
+
+class NotConverged(Exception):
+    """Newton's iteration failed; the message holds reason and place."""
+
+
+@dataclass(frozen=True)
+class Tolerances:
+    """When a step counts as solved.
+
+    `relative`: field residual over that of the predictor; residuals below `absolute` [N], or below the round-off of
+    `floor` units in the last place of diag(A) q, count as zero, whatever their ratio.  `border`: largest fraction in
+    the border equations.
+    `constraint`: largest violation of a constraint between points, in its own units (m, or 1 for directions).
+    """
+
+    relative: float = 1e-10
+    absolute: float = 0.0
+    floor: float = 4.0
+    border: float = 1e-12
+    constraint: float = 1e-12
+    iterations: int = 40
+
+    def __post_init__(self) -> None:
+        for name in ("relative", "absolute", "floor", "border", "constraint"):
+            value = getattr(self, name)
+            check(value >= 0, f"Tolerances: {name} is {value!r}; give zero or a positive number.")
+        check(self.iterations >= 1, f"Tolerances: iterations is {self.iterations!r}; allow at least one.")
+
+
+class Newton:
+    """Solves r(q1, y) = 0, s(q1, y) = 0 for a compiled system.
+
+    PETSc options with prefix `gx_` apply (e.g. `-gx_snes_monitor`, `-gx_snes_linesearch_type cp`).  `direct` factorises
+    the matrix whatever its size: without much inertia a film with slack parts is too ill-conditioned for the others.
+    `subdomains` is a method of domain decomposition, see `subdomains.METHODS`.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        tolerances: Tolerances = Tolerances(),
+        direct: bool = False,
+        subdomains: str | None = None,
+    ) -> None:
+        self.system, self.tolerances = system, tolerances
+        comm = system.comm
+        self._scalars = sum(b.size for b in system.borders)
+        self._composite = linear.Composite(comm, system.q1, self._scalars)
+        self._x, self._F = self._composite.vector(), self._composite.vector()
+        self._r, self._base = system.numbering.vector(), system.numbering.vector()
+        self._diagonal = system.numbering.vector()
+        self._rtol: float | None = None
+        self.iterations = 0  # of the last solve, also if it failed
+        self.all_iterations = self.linear_iterations = 0  # of all solves
+        self.seconds = dict.fromkeys(("law", "residual", "tangent", "linear solver"), 0.0)
+
+        self._snes = snes = PETSc.SNES().create(comm)
+        snes.setOptionsPrefix(PREFIX)
+        snes.setType("newtonls")
+        options = PETSc.Options(PREFIX)
+        if not options.hasName("snes_linesearch_type"):
+            options["snes_linesearch_type"] = "basic"
+        snes.setFunction(self._function, self._F)
+        snes.setMaxLinearSolveFailures(tolerances.iterations)
+        ksp = snes.getKSP()
+        self._tangent = system.tangent
+        if subdomains is not None:
+            from gossamer_fx.solvers.subdomains import Subdomains, configure
+
+            parts = Subdomains(system)
+            self._tangent, J = parts.tangent, parts.matrix
+            configure(ksp, subdomains)
+            self._preconditioner = ksp.getPC()
+        elif self._scalars:
+            self._bordered = linear.Bordered(self._composite, system.A)
+            J = PETSc.Mat().createPython((self._x.getSizes(), self._x.getSizes()), self._bordered, comm)
+            J.setUp()
+            sparse = PETSc.PC().create(comm)
+            sparse.setOptionsPrefix(PREFIX)
+            sparse.setOperators(system.A)
+            linear.configure(ksp, sparse, system, direct)
+            sparse.setFromOptions()
+            self._preconditioner = sparse
+            outer = ksp.getPC()
+            outer.setOptionsPrefix(PREFIX + "border_")
+            outer.setType("python")
+            outer.setPythonContext(linear.BorderedPreconditioner(self._bordered, sparse))
+        else:
+            J = system.A
+            self._preconditioner = ksp.getPC()
+            linear.configure(ksp, self._preconditioner, system, direct)
+        snes.setJacobian(self._jacobian, J)
+        snes.setFromOptions()
+        snes.setConvergenceTest(self._test)
+
+    def solve(self, predictor: PETSc.Vec, y: Array) -> tuple[Array, int]:
+        """Solve from a predicted q1 and y; q1 is then in the system.  Returns y and the number of iterations.
+
+        Raises:
+            NotConverged: with PETSc's reason and the place of the largest residual.
+        """
+        self.system.q0.copy(self._base)
+        self._reference, self._floor = 0.0, 0.0
+        predictor.copy(self._r)
+        self.system.supports.prescribe(self._r, self.system.time + self.system.h)
+        self._held = self._r.array_r[self.system.supports.held]
+        self._composite.join(self._r, y, self._x)
+        self._snes.setTolerances(stol=0.0, max_it=self.tolerances.iterations)  # a small step is no solution
+        before = sum(self.seconds.values())
+        started = time.perf_counter()
+        self._snes.solve(None, self._x)
+        others = sum(self.seconds.values()) - before
+        self.seconds["linear solver"] += time.perf_counter() - started - others
+        reason = self._snes.getConvergedReason()
+        self.iterations = int(self._snes.getIterationNumber())
+        self.all_iterations += self.iterations
+        self.linear_iterations += self._snes.getLinearSolveIterations()
+        if reason <= 0:
+            linear.recover(self._preconditioner)
+            raise NotConverged(self._complaint(reason, self.iterations))
+        impossible = next(filter(None, (border.impossible() for border in self.system.borders)), "")
+        if impossible:
+            raise NotConverged(impossible)
+        return self._composite.split(self._x)[1], self.iterations
+
+    @property
+    def ksp(self) -> PETSc.KSP:
+        """PETSc's solver of the linear systems."""
+        return self._snes.getKSP()
+
+    @property
+    def round_off(self) -> float:
+        """Residual [N] below which the last solve could not go: `floor` units in the last place of its forces."""
+        return self._floor
+
+    def summary(self) -> str:
+        """The linear solver, its iterations, and where the time of all solves went."""
+        ksp, pc = self.ksp.getType(), linear.name(self._preconditioner)
+        whole = sum(self.seconds.values()) or 1.0
+        shares = ", ".join(f"{what} {seconds / whole:.0%}" for what, seconds in self.seconds.items())
+        krylov = self.linear_iterations / max(self.all_iterations, 1)
+        return f"{ksp} with {pc}, {krylov:.1f} iterations for one of Newton's; {shares}"
+
+    @contextmanager
+    def _clock(self, what: str) -> Iterator[None]:
+        started = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[what] += time.perf_counter() - started
+
+    def _function(self, snes: PETSc.SNES, x: PETSc.Vec, F: PETSc.Vec) -> None:
+        z, y = self._split(x)
+        with self._clock("law"):
+            self.system.move(z, self._base)
+        self._evaluate(y, F)
+
+    def _split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
+        """Fields and scalars of x; held coordinates have their values, which not every linear solver keeps exactly."""
+        z, y = self._composite.split(x)
+        with z as values:
+            values[self.system.supports.held] = self._held
+        return z, y
+
+    def _evaluate(self, y: Array, F: PETSc.Vec) -> None:
+        with self._clock("residual"):
+            self._s = self.system.residual(y, self._r)
+        self._composite.join(self._r, self._s, F)
+
+    def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
+        with self._clock("tangent"):
+            A = self._tangent()
+        if self._scalars:
+            self._bordered.set(*self.system.coupling())
+            J.assemble()
+        if self._floor == 0:
+            A.getDiagonal(self._diagonal)
+            self._diagonal.pointwiseMult(self._diagonal, self.system.q1)
+            self._floor = self.tolerances.floor * np.finfo(float).eps * self._diagonal.norm()
+        self.system.q1.copy(self._base)
+        self._aim(snes.getKSP())
+
+    def _aim(self, ksp: PETSc.KSP) -> None:
+        """Solve the last linear systems tightly: what a loose one leaves of the residual, the energy feels."""
+        forces = self.system.imbalance(self._r)[0]
+        if self._rtol is None:
+            self._rtol = ksp.getTolerances()[0]
+        last = 0 < forces * self._rtol < 10 * self._limit
+        ksp.setTolerances(rtol=min(self._rtol, max(LAST * self._limit / forces, 1e-12)) if last else self._rtol)
+
+    @property
+    def _limit(self) -> float:
+        """The residual [N] of a solved step."""
+        return max(self.tolerances.relative * self._reference, self.tolerances.absolute, self._floor)
+
+    def _test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
+        if not np.isfinite(norms[2]):
+            return int(PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN)
+        if iteration == 0:
+            self._reference = self.system.imbalance(self._r)[0]
+        if self._solved():
+            # convergence is judged on the true strain, and if it is not reached the iteration goes on from there
+            z, y = self._split(snes.getSolution())
+            with self._clock("law"):
+                self.system.move(z, None)
+            self._evaluate(y, snes.getFunction()[0])
+            if self._solved():
+                return int(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_ABS)
+        if iteration >= self.tolerances.iterations:
+            return int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT)
+        return 0
+
+    def _solved(self) -> bool:
+        forces, violation = self.system.imbalance(self._r)
+        held = violation <= self.tolerances.constraint
+        return forces <= self._limit and held and bool((abs(self._s) <= self.tolerances.border).all())
+
+    def _complaint(self, reason: int, iterations: int) -> str:
+        names = {v: k for k, v in vars(PETSc.SNES.ConvergedReason).items() if isinstance(v, int)}
+        linear_reason = self.ksp.getConvergedReason()
+        why = names.get(reason, str(reason)).lower().replace("_", " ")
+        if linear_reason < 0:
+            why += f", linear solver {linear_reason}"
+        forces, violation = self.system.imbalance(self._r)
+        if violation > self.tolerances.constraint:
+            why += f", constraints off by {violation:.1e}"
+        return (
+            f"{why} after {iterations} iterations, residual {forces:.1e} N of {self._reference:.1e} N at first, "
+            f"largest in {self.system.place(self._r)}"
+        )

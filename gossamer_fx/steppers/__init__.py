@@ -1,0 +1,1 @@
+"""Time steppers, and the choice of their steps."""

@@ -1,0 +1,70 @@
+"""What a run carries from step to step: what a checkpoint holds, and what is taken back when a step is made anew."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Protocol, runtime_checkable
+
+from petsc4py import PETSc
+
+from gossamer_fx.model.terms import Remembers
+from gossamer_fx.system.system import System
+
+
+@runtime_checkable
+class Carrier(Remembers, Protocol):
+    """A stepper or step control with a past: vectors of the system, and what it remembers."""
+
+    vectors: Mapping[str, PETSc.Vec]
+
+
+class History:
+    """All that carries the past of a run: coordinates, velocities, those `carriers` that have one, borders, and parts.
+
+    `vectors` are those at work; coordinates hold the multipliers, too.
+    """
+
+    def __init__(self, system: System, carriers: Iterable[object]) -> None:
+        self._system = system
+        self.vectors = {"coordinates": system.q0, "velocities": system.v0, "coordinates before": system.past}
+        self._remembering: dict[str, Remembers] = {}
+        for carrier in carriers:
+            if isinstance(carrier, Carrier):
+                name = type(carrier).__name__
+                self._remembering[name] = carrier
+                self.vectors |= {f"{name} {what}": vector for what, vector in carrier.vectors.items()}
+        for k, border in enumerate(system.borders):
+            self._remembering[f"border {k}"] = border
+        for k, part in enumerate(system.parts):
+            for what, thing in vars(part).items():
+                if isinstance(thing, Remembers):
+                    self._remembering[f"part {k} {what}"] = thing
+        self._kept: dict[str, PETSc.Vec] = {}
+
+    def memory(self) -> dict[str, Any]:
+        """What is remembered beside the vectors, by name; the same on every rank."""
+        return {name: thing.memory() for name, thing in self._remembering.items()}
+
+    def recall(self, memory: dict[str, Any]) -> None:
+        """Be as when `memory` was asked for; the vectors have been set."""
+        self._system.resume()
+        for name, thing in self._remembering.items():
+            thing.recall(memory[name])
+
+    def keep(self) -> None:
+        """Note the present."""
+        system = self._system
+        if not self._kept:
+            self._kept = {name: vector.duplicate() for name, vector in self.vectors.items()}
+        for name, vector in self.vectors.items():
+            vector.copy(self._kept[name])
+        self._numbers = system.time, system.supplied_energy, system.dissipated_energy
+        self._memory = self.memory()
+
+    def go_back(self) -> None:
+        """Be as at the last `keep`."""
+        system = self._system
+        for name, vector in self.vectors.items():
+            self._kept[name].copy(vector)
+        system.time, system.supplied_energy, system.dissipated_energy = self._numbers
+        self.recall(self._memory)

@@ -1,0 +1,75 @@
+"""How a run makes its steps: what a stepper is, and steps of one length."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from gossamer_fx.checks.errors import StepFailure, check
+from gossamer_fx.solvers.newton import Newton, NotConverged
+from gossamer_fx.system.system import System
+from gossamer_fx.terms.discrete_gradient import StressRule
+
+
+class StepSolver(Protocol):
+    """A time stepper at work on a system."""
+
+    newton: Newton
+
+    def step(self, h: float) -> int:
+        """Advance by h, return the iterations; raise `NotConverged` and change nothing."""
+        ...
+
+
+class Stepper(Protocol):
+    """A time stepper: its step, and the rule by which it takes stresses."""
+
+    @property
+    def dt(self) -> float: ...
+
+    @property
+    def rule(self) -> StressRule: ...
+
+    def start(self, system: System) -> StepSolver: ...
+
+
+class Stepping(Protocol):
+    """A choice of steps at work: the length `wanted` [s] for the next, and what was done so far."""
+
+    wanted: float
+    iterations: int
+    substeps: int
+
+    def advance(self, h: float) -> None:
+        """Go on by h, or by less.
+
+        Raises:
+            StepFailure: it did not converge, also not in smaller steps; those that did are kept.
+        """
+        ...
+
+
+class EqualSteps:
+    """Steps of one length; one that does not converge is made of two halves, and so on."""
+
+    def __init__(self, system: System, solver: StepSolver, dt: float, halvings: int) -> None:
+        check(halvings >= 0, f"halvings is {halvings!r}; give the number of times that a step may be halved, or zero.")
+        self._system, self._solver, self._halvings = system, solver, halvings
+        self.wanted, self.iterations, self.substeps = dt, 0, 0
+
+    def advance(self, h: float) -> None:
+        self._attempt(h, self._halvings)
+
+    def _attempt(self, h: float, halvings: int) -> None:
+        try:
+            self.iterations += self._solver.step(h)
+        except NotConverged as failure:
+            if halvings == 0:
+                raise step_failure(self._system, h, failure) from failure
+            self.substeps += 1
+            self._attempt(h / 2, halvings - 1)
+            self._attempt(h / 2, halvings - 1)
+
+
+def step_failure(system: System, h: float, reason: object) -> StepFailure:
+    """The error of a step of length h that cannot be made smaller."""
+    return StepFailure(f"The step at t = {system.time:.9g} s failed, also in sub-steps of {h:.3g} s: {reason}.")

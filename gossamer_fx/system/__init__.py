@@ -1,0 +1,1 @@
+"""A compiled scene: unknowns, residual, tangent, and the ledger's totals."""

@@ -1,0 +1,33 @@
+"""What the ledger sees of a state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gossamer_fx.model.terms import Array
+
+
+@dataclass(frozen=True)
+class Totals:
+    """Energies [J], momenta [kg m/s, kg m²/s], gas masses [kg]; supplied and dissipated since the start."""
+
+    time: float
+    kinetic: float
+    stored: dict[str, float]
+    supplied: float
+    dissipated: float
+    momentum: Array
+    angular_momentum: Array
+    mass: float
+    mass_supplied: float
+
+    @property
+    def energy(self) -> float:
+        """Kinetic and stored."""
+        return self.kinetic + sum(self.stored.values())
+
+    @property
+    def size(self) -> float:
+        """What an error of the energy is compared with: energies and flows without their signs."""
+        flows = abs(self.supplied) + abs(self.dissipated)
+        return max(self.kinetic + sum(map(abs, self.stored.values())), flows)

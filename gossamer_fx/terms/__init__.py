@@ -1,0 +1,1 @@
+"""The kinds of terms, compiled to vectors and matrices."""
