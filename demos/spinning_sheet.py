@@ -20,7 +20,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.outputs.output import Output
-from gossamer_fx.run.simulation import relative_drift
+from gossamer_fx.system.totals import relative_drift
 from meshes.sheet import sheet
 
 SPIN = 10.0  # rad/s

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from gossamer_fx.analyses.equilibrium import Continuation as Continuation
     from gossamer_fx.analyses.equilibrium import Equilibrium as Equilibrium
+    from gossamer_fx.analyses.equilibrium import EquilibriumResult as EquilibriumResult
     from gossamer_fx.analyses.equilibrium import Found as Found
     from gossamer_fx.analyses.form_finding import EdgeCable as EdgeCable
     from gossamer_fx.analyses.form_finding import Prestress as Prestress
@@ -90,12 +91,13 @@ if TYPE_CHECKING:
     from gossamer_fx.outputs.vtx import VTX as VTX
     from gossamer_fx.outputs.vtx import Probes as Probes
     from gossamer_fx.plotting.picture import Picture as Picture
-    from gossamer_fx.plotting.playback import Playback as Playback
     from gossamer_fx.plotting.plot import animate as animate
     from gossamer_fx.plotting.plot import plot_curves as plot_curves
     from gossamer_fx.plotting.plot import plot_field as plot_field
     from gossamer_fx.plotting.plot import plot_strip as plot_strip
     from gossamer_fx.plotting.report import write_report as write_report
+    from gossamer_fx.plotting.run_reader import Playback as Playback
+    from gossamer_fx.plotting.run_reader import RunReader as RunReader
     from gossamer_fx.run.checkpoint import Checkpoints as Checkpoints
     from gossamer_fx.run.checkpoint import latest as latest
     from gossamer_fx.run.events import At as At
@@ -152,7 +154,7 @@ _HOME = {
     "solvers.newton": ["Tolerances"],
     "model.terms": ["Ground", "Port"],
     "plotting.picture": ["Picture"],
-    "plotting.playback": ["Playback"],
+    "plotting.run_reader": ["Playback", "RunReader"],
     "plotting.plot": ["animate", "plot_curves", "plot_field", "plot_strip"],
     "plotting.report": ["write_report"],
     "outputs.ledger": ["Ledger"],
@@ -168,7 +170,7 @@ _HOME = {
     "steppers.step_control": ["StepControl"],
     "scene.scene": ["Scene"],
     "run.simulation": ["Simulation"],
-    "analyses.equilibrium": ["Continuation", "Equilibrium", "Found"],
+    "analyses.equilibrium": ["Continuation", "Equilibrium", "EquilibriumResult", "Found"],
     "analyses.modes": ["Mode", "modes"],
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}

@@ -28,7 +28,7 @@ class Problem:
     cost: Callable[[Figures], float]
     unit: str
     cases: Cases
-    quick: Cases
+    fast_iterations: Cases
     seconds: float = 1800.0
     peers: tuple[str, ...] = ()
     equal: tuple[str, ...] = ()

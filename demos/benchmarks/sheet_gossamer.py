@@ -8,7 +8,7 @@ from stopwatch import Stopwatch, show
 
 import gossamer_fx as gx
 from demos.spinning_sheet import throw
-from gossamer_fx.run.simulation import relative_drift
+from gossamer_fx.system.totals import relative_drift
 from meshes.sheet import sheet
 
 case = words({"n": 40, "steps": 5, "dt": 1e-3, "wrinkling": 1, "subdomains": "", "relative": 1e-10})

@@ -27,7 +27,7 @@ HALVES, QUARTERS = 2, 4
 CELLS = {"P1": (6, 12, 24), "P2": (4, 8, 12)}  # along a radius; finer ones of order 2 wrinkle in many ways at this q
 
 
-def inflate(comm: MPI.Comm, law: FilmLaw, order: int, cells: int, q: float) -> tuple[np.ndarray, gx.Found]:
+def inflate(comm: MPI.Comm, law: FilmLaw, order: int, cells: int, q: float) -> tuple[np.ndarray, gx.EquilibriumResult]:
     """(R/a, thickness/a, V/a³) of a quarter of the upper half, from flat."""
     film = gx.Membrane(quarter_disc(comm, cells, 1.0, order), law, order=order)
     held = [gx.Fixed(film, "rim", (2,)), gx.Fixed(film, "x axis", (1,)), gx.Fixed(film, "y axis", (0,))]

@@ -20,7 +20,7 @@ import gossamer_fx as gx
 from demos.spinning_sheet import main
 from demos.studies.engine.study import Study
 from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.model.terms import Stored
+from gossamer_fx.model.terms import StoredEnergy
 from gossamer_fx.terms.discrete_gradient import StressRule, defect, gradient
 
 STEPS = 40
@@ -32,7 +32,7 @@ class Gonzalez(StressRule):
 
     alpha = 0.5
 
-    def stress(self, part: Stored, e0: Expr, e1: Expr) -> Expr:
+    def stress(self, part: StoredEnergy, e0: Expr, e1: Expr) -> Expr:
         S = gradient(part.density, (e0 + e1) / 2)
         return S + defect(part.density, S, e0, e1)
 
@@ -44,7 +44,7 @@ class GaussPoints(StressRule):
     points: int
     alpha = 0.5
 
-    def stress(self, part: Stored, e0: Expr, e1: Expr) -> Expr:
+    def stress(self, part: StoredEnergy, e0: Expr, e1: Expr) -> Expr:
         return gx.PathAverage(self.points).stress(replace(part, pieces=None), e0, e1)
 
 

@@ -10,7 +10,7 @@ from petsc4py import PETSc
 from gossamer_fx.algebra.numbering import GlobalIndices, Numbering
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.scalar_unknowns import Assembly
-from gossamer_fx.model.terms import Array, Attached, AttachedKinetic, Body, Ground, PointMeasure, Port
+from gossamer_fx.model.terms import Array, Attached, AttachedKineticEnergy, Body, Ground, PointMeasure, Port
 
 
 def is_here(place: tuple[Attached, ...]) -> bool:
@@ -128,7 +128,7 @@ def add_blocks(A: PETSc.Mat, rows: GlobalIndices, columns: GlobalIndices, values
     )
 
 
-def add_mass(M: PETSc.Mat, numbering: Numbering, bodies: list[Body], part: AttachedKinetic) -> None:
+def add_mass(M: PETSc.Mat, numbering: Numbering, bodies: list[Body], part: AttachedKineticEnergy) -> None:
     """Add the mass matrix of a part to M."""
     own = own_places(part.places)
     k = part.mass.shape[1]

@@ -38,23 +38,23 @@ class Continuation:
     residual    unbalanced force over that of loads and supports (Euclidean norms) at which equilibrium is reached;
                 forces in a slender beam or cable may be known to fewer digits, and their round-off is enough then
     step        first pseudo-step [s]; about the time in which the load moves the film by its own size
-    growth      factor of the pseudo-step after at most `quick` iterations
+    growth      factor of the pseudo-step after at most `fast_iterations` iterations
     cut         factor of the pseudo-step after a failure
-    forget      growth per step of the ceiling that a failure leaves, below the pseudo-step that failed; its third power
-                after a step of at most `quick`/3 iterations
+    cap_growth  growth per step of the ceiling that a failure leaves, below the pseudo-step that failed; its third power
+                after a step of at most `fast_iterations`/3 iterations
     inner       relative residual to which a pseudo-step is solved
-    patience    Newton iterations after which a pseudo-step has failed
+    max_iterations  Newton iterations after which a pseudo-step has failed
     iterations  Newton iterations in all after which the search is given up
     """
 
     residual: float = 1e-8
     step: float = 2e-3
     growth: float = 1.6
-    quick: int = 12
+    fast_iterations: int = 12
     cut: float = 0.5
-    forget: float = 1.1
+    cap_growth: float = 1.1
     inner: float = 0.1
-    patience: int = 25
+    max_iterations: int = 25
     iterations: int = 1000
 
     def __post_init__(self) -> None:
@@ -66,7 +66,7 @@ class Continuation:
 
 
 @dataclass(frozen=True)
-class Found:
+class EquilibriumResult:
     """An equilibrium.
 
     residual    unbalanced force over that of loads and supports
@@ -108,7 +108,7 @@ class Equilibrium:
         self._rest, self._r = self.system.numbering.vector(), self.system.numbering.vector()
         self.compile_seconds = time.perf_counter() - started
 
-    def find(self, at: float = 0.0) -> Found:
+    def find(self, at: float = 0.0) -> EquilibriumResult:
         """Equilibrium under the loads and prescribed positions of time `at` [s], from the present state.
 
         Increments of load are several calls, with loads that are functions of time.
@@ -123,7 +123,9 @@ class Equilibrium:
         regular = not free and self._finish(at)
         residual, _ = self._unbalanced()
         seconds = time.process_time() - started
-        return Found(residual, self._spent, self._steps, self._cuts, seconds, self.system.book(), regular, free)
+        return EquilibriumResult(
+            residual, self._spent, self._steps, self._cuts, seconds, self.system.totals(), regular, free
+        )
 
     def reaction(
         self, support: Fixed | Prescribed, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -145,7 +147,7 @@ class Equilibrium:
     def _continue(self, at: float) -> None:
         """Pseudo-steps until the residual is small without inertia."""
         search, h = self.search, self.search.step
-        inner = Tolerances(search.inner, border=1e-8, constraint=1e-8, iterations=search.patience)
+        inner = Tolerances(search.inner, border=1e-8, constraint=1e-8, iterations=search.max_iterations)
         residual, round_off, ceiling, why = math.inf, 0.0, math.inf, "no step succeeded"
         while residual > max(search.residual, round_off):
             try:
@@ -158,8 +160,8 @@ class Equilibrium:
                 residual, load = self._unbalanced()
                 round_off = self.newton.round_off / load if load > 0 else 0.0
                 inner = replace(inner, absolute=search.residual * load / 2)
-                ceiling *= search.forget ** (3 if used <= search.quick // 3 else 1)
-                if used <= search.quick:
+                ceiling *= search.cap_growth ** (3 if used <= search.fast_iterations // 3 else 1)
+                if used <= search.fast_iterations:
                     h = min(h * search.growth, ceiling, 1e9 * search.step)
             if max(self._spent, self._steps) > search.iterations or h < 1e-6 * search.step:
                 raise NoEquilibrium(
@@ -235,3 +237,6 @@ def rigid_motions(system: System) -> list[PETSc.Vec]:
             values[system.supports.held] = 0
         motions.append(φ)
     return motions
+
+
+Found = EquilibriumResult  # its former name

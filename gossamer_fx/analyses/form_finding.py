@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.analyses.equilibrium import Equilibrium, Found
+from gossamer_fx.analyses.equilibrium import Equilibrium, EquilibriumResult
 from gossamer_fx.bodies.cable import CableLaw
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import NoEquilibrium, check
@@ -23,7 +23,7 @@ from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.interactions.tape import Tape
 from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.model.ports import combine
-from gossamer_fx.model.terms import Array, Part, PointMeasure, PointStored
+from gossamer_fx.model.terms import Array, PointMeasure, PointStoredEnergy, Term
 from gossamer_fx.scene.scene import Scene
 
 
@@ -87,17 +87,19 @@ class EdgeCable:
     def requires(self) -> Iterable[Any]:
         yield self.film
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         bars = Tape.along_edges(self.film, CableLaw(self.force, 1.0), self.group, self.name)
         energies = self.force * bars.lengths
         roots = np.sqrt(energies) / bars.lengths
         vectors = [(combine((float(r), -float(r)), (b, a)),) for (a, b), r in zip(bars.bars, roots, strict=True)]
-        yield PointStored(
+        yield PointStoredEnergy(
             self.name, PointMeasure(vectors, np.eye(3)[None], np.zeros((1, 3)), -energies[:, None] / 2), GivenForce()
         )
 
 
-def find_form(film: Membrane, scene: Callable[[], Scene], change: float = 1e-6, updates: int = 200) -> Found:
+def find_form(
+    film: Membrane, scene: Callable[[], Scene], change: float = 1e-6, updates: int = 200
+) -> EquilibriumResult:
     """Move the mesh of a film of order 1 to the shape of its prescribed stress.
 
     Args:

@@ -21,7 +21,16 @@ from gossamer_fx.forms.kinematics import Expr, beam_strain
 from gossamer_fx.materials.film import constants
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.frames import Frame
-from gossamer_fx.model.terms import Array, Kinetic, Part, PointConstraint, PointMeasure, Port, Stored, Vector
+from gossamer_fx.model.terms import (
+    Array,
+    KineticEnergy,
+    PointConstraint,
+    PointMeasure,
+    Port,
+    StoredEnergy,
+    Term,
+    Vector,
+)
 
 
 class Beam(Curve):
@@ -97,9 +106,9 @@ class Beam(Curve):
         inertia = [c.line_density] * 3 + [c.rotary2] * 3 + [c.rotary3] * 3
         return sum(m * v[i] * w[i] for i, m in enumerate(inertia)) * self.mass_dx
 
-    def parts(self) -> Iterable[Part]:
-        yield Kinetic(self, self.mass)
-        yield Stored(self.name, self, self.measure, self.density, self.dx, quadratic=True)
+    def terms(self) -> Iterable[Term]:
+        yield KineticEnergy(self, self.mass)
+        yield StoredEnergy(self.name, self, self.measure, self.density, self.dx, quadratic=True)
         start, end = self.block.index_map.local_range
         places = [self._directors(node) for node in range(start, end)]
         yield PointConstraint(f"{self.name} directors", PointMeasure(places, *orthonormality(2)))

@@ -17,7 +17,7 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, bar_strain
 from gossamer_fx.materials.film import constants
 from gossamer_fx.mesh.mesh import Mesh
-from gossamer_fx.model.terms import Array, Kinetic, Part, Stored
+from gossamer_fx.model.terms import Array, KineticEnergy, StoredEnergy, Term
 
 
 @dataclass(frozen=True)
@@ -87,9 +87,9 @@ class Cable(Curve):
         self._displacement = checked(displacement, f"Cable '{name}': its displacement")
         self._velocity = checked(velocity, f"Cable '{name}': its velocity")
 
-    def parts(self) -> Iterable[Part]:
-        yield Kinetic(self, lambda v, w: self.constants.line_density * ufl.inner(v, w) * self.mass_dx)
-        yield Stored(self.name, self, bar_strain, self.density, self.dx, self.law.quadratic)
+    def terms(self) -> Iterable[Term]:
+        yield KineticEnergy(self, lambda v, w: self.constants.line_density * ufl.inner(v, w) * self.mass_dx)
+        yield StoredEnergy(self.name, self, bar_strain, self.density, self.dx, self.law.quadratic)
 
     def density(self, e: Expr) -> Expr:
         """Stored energy per unit reference length."""

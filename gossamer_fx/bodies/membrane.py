@@ -15,7 +15,7 @@ from gossamer_fx.forms.kinematics import Expr, frame, green_lagrange, surface_gr
 from gossamer_fx.forms.strain_path import Piece
 from gossamer_fx.materials.film import FilmLaw, constants
 from gossamer_fx.mesh.mesh import Mesh
-from gossamer_fx.model.terms import Array, Block, Kinetic, Part, Stored
+from gossamer_fx.model.terms import Array, Block, KineticEnergy, StoredEnergy, Term
 
 
 class Membrane(Meshed):
@@ -88,9 +88,9 @@ class Membrane(Meshed):
         """Mass per unit reference area [kg/m²]."""
         return self.constants.density * self.constants.thickness
 
-    def parts(self) -> Iterable[Part]:
-        yield Kinetic(self, lambda v, w: self.area_density * ufl.inner(v, w) * self.mass_dx)
-        yield Stored(self.name, self, self.measure, self.density, self.dx, self.law.quadratic, self.pieces)
+    def terms(self) -> Iterable[Term]:
+        yield KineticEnergy(self, lambda v, w: self.area_density * ufl.inner(v, w) * self.mass_dx)
+        yield StoredEnergy(self.name, self, self.measure, self.density, self.dx, self.law.quadratic, self.pieces)
 
     @cached_property
     def _start(self) -> tuple[Array, Array]:

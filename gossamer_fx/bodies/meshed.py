@@ -13,7 +13,7 @@ from mpi4py import MPI
 from gossamer_fx.bodies.ports import global_node, interpolated, local_nodes
 from gossamer_fx.checks.errors import check
 from gossamer_fx.mesh.mesh import Mesh
-from gossamer_fx.model.terms import Array, Block, Part, Port
+from gossamer_fx.model.terms import Array, Block, Port, Term
 
 PointFunction = Callable[[Array], Array]  # of points (3, n), returns (3, n)
 
@@ -36,7 +36,7 @@ class Meshed(ABC):
         return self._start
 
     @abstractmethod
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         """The body's own roles."""
 
     def describe(self, node: int) -> str:

@@ -10,7 +10,7 @@ from dolfinx.common import IndexMap
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import check, is_vector
-from gossamer_fx.model.terms import Array, Block, Part, PointKinetic, Port
+from gossamer_fx.model.terms import Array, Block, NodeKineticEnergy, Port, Term
 
 
 class PointMass:
@@ -37,8 +37,8 @@ class PointMass:
         x, v = self._state
         return x[:here].copy(), v[:here].copy()
 
-    def parts(self) -> Iterable[Part]:
-        yield PointKinetic(self, np.full((self.block.index_map.size_local, 1, 1), self.mass))
+    def terms(self) -> Iterable[Term]:
+        yield NodeKineticEnergy(self, np.full((self.block.index_map.size_local, 1, 1), self.mass))
 
     def port(self) -> Port:
         return Port(self, (0,))

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.frames import Frame
-from gossamer_fx.model.terms import Array, Block, Part, PointConstraint, PointKinetic, PointMeasure, Port, Vector
+from gossamer_fx.model.terms import Array, Block, NodeKineticEnergy, PointConstraint, PointMeasure, Port, Term, Vector
 
 PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
 
@@ -95,11 +95,11 @@ class RigidBody:
         here = 12 * self.block.index_map.size_local
         return self._q.ravel()[:here].copy(), self._v.ravel()[:here].copy()
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         mass = np.zeros((self.block.index_map.size_local, 4, 4))
         mass[:, 0, 0] = self.mass
         mass[:, 1:, 1:] = self.euler_tensor
-        yield PointKinetic(self, mass)
+        yield NodeKineticEnergy(self, mass)
         yield PointConstraint(f"{self.name} directors", PointMeasure([self.frame().directors], *orthonormality(3)))
 
     def port(self, point: Sequence[float] = (0.0, 0.0, 0.0)) -> Port:

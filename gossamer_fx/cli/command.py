@@ -39,11 +39,11 @@ def main(words: Sequence[str]) -> int:
     from mpi4py import MPI
 
     from gossamer_fx.checks.errors import InputError, NoEquilibrium, OutputFailure, StepFailure
-    from gossamer_fx.run.interruption import together
+    from gossamer_fx.run.interruption import abort_on_lone_error
 
     comm = MPI.COMM_WORLD
     try:
-        with together(comm):
+        with abort_on_lone_error(comm):
             wanted.command(wanted, comm)
     except (InputError, StepFailure, NoEquilibrium, OutputFailure) as error:
         if wanted.debug:
@@ -133,11 +133,11 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
 def _show(case: Case, comm: MPI.Intracomm) -> None:
     """Compile a case, and print what it contains and what is strange about it."""
     from gossamer_fx.outputs.description import describe, lines
-    from gossamer_fx.scene.validation import self_intersections, suspicions
+    from gossamer_fx.scene.validation import self_intersections, warnings
 
     run = case.simulation()
     about = describe(run)
-    strange = [*suspicions(run.scene.items), *self_intersections(run.system.bodies)]
+    strange = [*warnings(run.scene.items), *self_intersections(run.system.bodies)]
     if comm.rank == 0:
         steps = case.until / case.stepper.dt
         print("\n".join(lines(about)))
@@ -239,10 +239,10 @@ def _end(comm: MPI.Intracomm, words: str, code: int = 1) -> NoReturn:
 
 def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     from gossamer_fx.checks.errors import check
-    from gossamer_fx.plotting.playback import Playback
     from gossamer_fx.plotting.plot import animate, default_field, plot_curves, plot_field, plot_strip
+    from gossamer_fx.plotting.run_reader import RunReader
 
-    run, folder = Playback(wanted.run), wanted.run
+    run, folder = RunReader(wanted.run), wanted.run
     chosen = [w for w in ("time", "strip", "animate", "curves") if getattr(wanted, w)]
     check(
         len(chosen) <= 1,
@@ -262,10 +262,10 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
 
 
 def _report(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
-    from gossamer_fx.plotting.playback import Playback
     from gossamer_fx.plotting.report import write_report
+    from gossamer_fx.plotting.run_reader import RunReader
 
-    run = Playback(wanted.run)
+    run = RunReader(wanted.run)
     _told(wanted.output or wanted.run / "report.html", lambda path: write_report(run, path))
 
 

@@ -14,7 +14,7 @@ from gossamer_fx.interactions.between import bodies_of
 from gossamer_fx.loads.force import Couple, cross_matrix
 from gossamer_fx.model.frames import Frame
 from gossamer_fx.model.ports import combine, initial
-from gossamer_fx.model.terms import Array, Part, PointSupplied, Port, Vector
+from gossamer_fx.model.terms import Array, PointLoad, Port, Term, Vector
 
 
 def patch(centre: Port, points: Sequence[Port]) -> Frame:
@@ -38,7 +38,7 @@ class _Held(Couple):
             self._next = (t if self._next == -math.inf else self._next) + control.period
             self.torque = control.sample(X, V, self._reference)
 
-    def memory(self) -> dict[str, Any]:
+    def get_state(self) -> dict[str, Any]:
         control = self._control
         due = None if self._next == -math.inf else self._next
         return {
@@ -48,10 +48,10 @@ class _Held(Couple):
             "torques": control.torques.tolist(),
         }
 
-    def recall(self, memory: dict[str, Any]) -> None:
-        self._next = -math.inf if memory["due"] is None else memory["due"]
-        self.torque = np.array(memory["torque"])
-        self._control.angles, self._control.torques = np.array(memory["angles"]), np.array(memory["torques"])
+    def set_state(self, state: dict[str, Any]) -> None:
+        self._next = -math.inf if state["due"] is None else state["due"]
+        self.torque = np.array(state["torque"])
+        self._control.angles, self._control.torques = np.array(state["angles"]), np.array(state["torques"])
 
 
 class _Continuous(Couple):
@@ -155,9 +155,9 @@ class AttitudeControl:
     def requires(self) -> Iterable[Any]:
         yield from bodies_of(self.frame)
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         law = _Held if self.period > 0 else _Continuous
-        yield PointSupplied(self.name, self.frame.directors, law(self, self.reference()))
+        yield PointLoad(self.name, self.frame.directors, law(self, self.reference()))
 
     def reference(self) -> Array:
         """The frame's vectors at the start, (k, 3)."""

@@ -34,7 +34,7 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.gas.contract import Aperture, Opening, Volume, Wall
 from gossamer_fx.gas.ring import Loops
 from gossamer_fx.gas.state import ChamberState
-from gossamer_fx.model.scalar_unknowns import Assembly, Booking
+from gossamer_fx.model.scalar_unknowns import Assembly, ScalarTotals
 from gossamer_fx.model.terms import Array, Body
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ class _Passage:
 
 
 class GasNetwork:
-    """Border of a scene's chambers; y = (p1, m1) of each."""
+    """ScalarUnknowns of a scene's chambers; y = (p1, m1) of each."""
 
     def __init__(self, items: list[Any], system: Assembly) -> None:
         chambers = [i for i in items if isinstance(i, Volume)]
@@ -76,7 +76,7 @@ class GasNetwork:
         check(not odd, f"The chambers '{first.name}' and '{odd}' hold different gases; a scene has one.")
         self._gas: IdealGas = first.gas
         self._loops = loops = Loops(system)
-        self.states = [ChamberState(c, c.enclosure.compile(system, loops) if c.enclosure else None) for c in chambers]
+        self._gases = [ChamberState(c, c.enclosure.compile(system, loops) if c.enclosure else None) for c in chambers]
         index = {id(c): k for k, c in enumerate(chambers)}
         self._openings = [
             _Passage(o, (index.get(id(o.first)), index.get(id(o.second))), o.aperture(loops))
@@ -93,12 +93,12 @@ class GasNetwork:
         self.size = 2 * len(chambers)
         self._supplied = self._mass_supplied = 0.0
 
-    # ---- Border ------------------------------------------------------------------------------------------------
+    # ---- the border --------------------------------------------------------------------------------------------------
 
     def start(self) -> None:
         self._loops.follow()
         self._loops.accept()
-        for s in self.states:
+        for s in self._gases:
             if s.enclosure is not None:
                 s.enclosure.start()
             s.V = self._volume(s)
@@ -113,13 +113,13 @@ class GasNetwork:
 
     def begin(self, h: float, t: float) -> Array:
         self._h = h
-        p = np.array([s.p for s in self.states], dtype=complex)
-        T = np.array([s.temperature for s in self.states], dtype=complex)
+        p = np.array([s.p for s in self._gases], dtype=complex)
+        T = np.array([s.temperature for s in self._gases], dtype=complex)
         for o in self._openings:
             o.area = o.aperture(h, t)
         self._choose_weights(p, T)
-        self._V, self._W = np.array([s.V for s in self.states]), np.zeros(len(self.states))
-        return self._settle(np.array([s.p for s in self.states] + [s.m for s in self.states]))
+        self._V, self._W = np.array([s.V for s in self._gases]), np.zeros(len(self._gases))
+        return self._settle(np.array([s.p for s in self._gases] + [s.m for s in self._gases]))
 
     def _settle(self, y: Array) -> Array:
         """y of the step if no volume changed: Newton's method, backtracking, from which the coupled one starts."""
@@ -141,36 +141,36 @@ class GasNetwork:
 
     def residual(self, y: Array) -> Array:
         self._loops.follow()
-        for s in self.states:
+        for s in self._gases:
             if s.enclosure is not None:
                 s.enclosure.evaluate()
-        self._V = np.array([self._volume(s) for s in self.states])
-        self._W = np.array([self._swept(s) for s in self.states])
+        self._V = np.array([self._volume(s) for s in self._gases])
+        self._W = np.array([self._swept(s) for s in self._gases])
         self._y = y
         scale = self._scales(y)
         self._scale = scale
         return np.real(self._balance(y.astype(complex))) / scale
 
     def add_force(self, values: Array) -> None:
-        for s, p1 in zip(self.states, self._y, strict=False):
+        for s, p1 in zip(self._gases, self._y, strict=False):
             if s.enclosure is not None:
                 s.enclosure.add_force(values, self._acting(s.p, float(p1)) - self._outside(s))
 
     def tangents(self, body: Body) -> Iterable[fem.Form]:
-        for s in self.states:
+        for s in self._gases:
             if s.enclosure is not None:
                 yield from s.enclosure.tangents(body)
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        for s in self.states:
+        for s in self._gases:
             if s.enclosure is not None:
                 s.enclosure.add_tangents(A)
 
     def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
-        n = len(self.states)
+        n = len(self._gases)
         G: list[Array | None] = [None] * (2 * n)
         H: list[Array | None] = [None] * (2 * n)
-        for k, s in enumerate(self.states):
+        for k, s in enumerate(self._gases):
             if s.enclosure is not None:
                 mid, dV, dW = s.enclosure.gradients()
                 p1 = float(self._y[k])
@@ -182,7 +182,7 @@ class GasNetwork:
         # mass and energy are summed from the flows, so that they are conserved to round-off whatever the tolerance
         rates, h = self._rates_at(self._y.astype(complex)), self._h
         self._loops.accept()
-        for k, s in enumerate(self.states):
+        for k, s in enumerate(self._gases):
             if s.enclosure is not None:
                 self._supplied -= self._outside(s) * s.enclosure.swept
                 s.enclosure.accept()
@@ -193,33 +193,36 @@ class GasNetwork:
         self._supplied += h * rates.energy_supplied
         self._mass_supplied += h * rates.mass_supplied
 
-    def impossible(self) -> str:
-        for s, V, p1 in zip(self.states, self._V, self._y, strict=False):
+    def inadmissible(self) -> str:
+        for s, V, p1 in zip(self._gases, self._V, self._y, strict=False):
             if V <= 0 or p1 <= 0:
                 return f"'{s.chamber.name}' would have a volume of {V:.3g} m³ and a pressure of {p1:.3g} Pa"
         return ""
 
-    def book(self) -> Booking:
-        return Booking(
-            {s.chamber.name: s.U for s in self.states},
+    def totals(self) -> ScalarTotals:
+        return ScalarTotals(
+            {s.chamber.name: s.U for s in self._gases},
             self._supplied,
-            sum(s.m for s in self.states),
+            sum(s.m for s in self._gases),
             self._mass_supplied,
         )
 
-    def memory(self) -> dict[str, Any]:
-        chambers = [[s.chamber.name, s.p, s.m, s.U, s.V] for s in self.states]
+    def states(self) -> dict[str, ChamberState]:
+        return {s.chamber.name: s for s in self._gases}
+
+    def get_state(self) -> dict[str, Any]:
+        chambers = [[s.chamber.name, s.p, s.m, s.U, s.V] for s in self._gases]
         return {"chambers": chambers, "supplied": self._supplied, "mass supplied": self._mass_supplied}
 
-    def recall(self, memory: dict[str, Any]) -> None:
+    def set_state(self, state: dict[str, Any]) -> None:
         self._loops.follow()
         self._loops.accept()
-        for s, state in zip(self.states, memory["chambers"], strict=True):
-            s.p, s.m, s.U, s.V = state[1:]
+        for s, kept in zip(self._gases, state["chambers"], strict=True):
+            s.p, s.m, s.U, s.V = kept[1:]
             if s.enclosure is not None:
                 s.enclosure.evaluate()
                 s.enclosure.accept()
-        self._supplied, self._mass_supplied = memory["supplied"], memory["mass supplied"]
+        self._supplied, self._mass_supplied = state["supplied"], state["mass supplied"]
 
     # ---- the balance -------------------------------------------------------------------------------------------
 
@@ -242,13 +245,13 @@ class GasNetwork:
 
     def _balance(self, y: Complex) -> Complex:
         """Energy [J] and mass [kg] that each chamber would have too much."""
-        n, h = len(self.states), self._h
+        n, h = len(self._gases), self._h
         rates = self._rates_at(y)
         energy = [
             y[k] * self._V[k] / (self._gas.gamma - 1) - s.U - h * rates.energy[k] + self._mean(s.p, y[k]) * self._W[k]
-            for k, s in enumerate(self.states)
+            for k, s in enumerate(self._gases)
         ]
-        mass = [y[n + k] - s.m - h * rates.mass[k] for k, s in enumerate(self.states)]
+        mass = [y[n + k] - s.m - h * rates.mass[k] for k, s in enumerate(self._gases)]
         return np.array(energy + mass)
 
     def _derivative(self, y: Array) -> Array:
@@ -266,17 +269,17 @@ class GasNetwork:
         Nor below that of the flows, which long steps through wide openings multiply: the accepted state is summed from
         them, so that nothing is lost.
         """
-        n = len(self.states)
+        n = len(self._gases)
         flows = 1 + 1e-3 * self._amplification
-        magnitude = np.array([s.enclosure.magnitude if s.enclosure is not None else 0.0 for s in self.states])
+        magnitude = np.array([s.enclosure.magnitude if s.enclosure is not None else 0.0 for s in self._gases])
         energy = abs(y[:n]) * (abs(self._V) * flows + 1e-3 * magnitude) / (self._gas.gamma - 1)
         mass = abs(y[n:]) * flows
-        return np.concatenate([energy + [s.U for s in self.states], mass + [s.m for s in self.states]])
+        return np.concatenate([energy + [s.U for s in self._gases], mass + [s.m for s in self._gases]])
 
     def _rates_at(self, y: Complex) -> _Rates:
         """Mass and energy per second into every chamber, and from reservoirs, surroundings and walls."""
-        n, cv = len(self.states), self._gas.cv
-        p0, U0, m0 = (np.array([getattr(s, name) for s in self.states]) for name in ("p", "U", "m"))
+        n, cv = len(self._gases), self._gas.cv
+        p0, U0, m0 = (np.array([getattr(s, name) for s in self._gases]) for name in ("p", "U", "m"))
         U1, m1 = y[:n] * self._V / (self._gas.gamma - 1), y[n:]
         p, T = p0 + self._θ * (y[:n] - p0), (U0 + U1) / ((m0 + m1) * cv)
         rates = _Rates(np.zeros(n, dtype=complex), np.zeros(n, dtype=complex))
@@ -313,7 +316,7 @@ class GasNetwork:
 
     def _choose_weights(self, p: Complex, T: Complex) -> None:
         """θ of every chamber and wall for the step, and how much flows amplify the round-off of pressures."""
-        slopes, rates, resting = np.zeros((3, len(self.states)))
+        slopes, rates, resting = np.zeros((3, len(self._gases)))
         for o in self._openings:
             ps, Ts = self._at_ends(o, p, T)
             (pd, _), (pu, Tu) = sorted((x.real, t.real) for x, t in zip(ps, Ts, strict=True))
@@ -323,7 +326,7 @@ class GasNetwork:
             moving, at_rest = (self._conductance(o, pu, Tu, pd) for pd in (min(pd, almost), almost))
             for k, sign in zip(o.ends, (-1, 1), strict=True):
                 if k is not None:
-                    stiffness = self._h * self._gas.gamma * self._gas.R * Tu / self.states[k].V
+                    stiffness = self._h * self._gas.gamma * self._gas.R * Tu / self._gases[k].V
                     rates[k] += stiffness * moving
                     resting[k] += stiffness * at_rest
                     stepped = (ps[0] + 1j * STEP * (sign < 0), ps[1] + 1j * STEP * (sign > 0))
@@ -331,7 +334,7 @@ class GasNetwork:
         exponential = np.array([_fitted_weight(z) for z in np.maximum(slopes, 0.0)])
         self._θ = 1 - 1 / (1 / (1 - exponential) + 40 * rates**4 / (1 + rates**2))
         self._amplification = resting
-        cooling = [w.conductance / (self.states[k].m * self._gas.cv) for w, k in self._walls]
+        cooling = [w.conductance / (self._gases[k].m * self._gas.cv) for w, k in self._walls]
         self._θ_walls = np.array([_fitted_weight(self._h * rate) for rate in cooling])
 
     def _conductance(self, o: _Passage, pu: float, Tu: float, pd: float) -> float:

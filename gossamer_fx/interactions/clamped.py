@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.bodies.curve import Curve
-from gossamer_fx.model.terms import Constraint, Part
+from gossamer_fx.model.terms import Support, Term
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +33,7 @@ class Clamped:
     def requires(self) -> Iterable[Any]:
         yield self.body
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         size, nodes = self.body.block.size, self.body.nodes(self.group)
         dofs = (size * nodes[:, None] + np.arange(size)).ravel().astype(np.int32)
-        yield Constraint(self.name, self.body, dofs)
+        yield Support(self.name, self.body, dofs)

@@ -10,7 +10,7 @@ import numpy as np
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check, check_on_all
-from gossamer_fx.model.terms import Array, Constraint, Part
+from gossamer_fx.model.terms import Array, Support, Term
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +40,10 @@ class Fixed:
     def requires(self) -> Iterable[Any]:
         yield self.body
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         nodes = self.body.nodes(self.group)
         dofs = (3 * nodes[:, None] + np.array(self.components)).ravel().astype(np.int32)
-        yield Constraint(self.name, self.body, dofs)
+        yield Support(self.name, self.body, dofs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class Prescribed:
     def requires(self) -> Iterable[Any]:
         yield self.body
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         nodes = self.body.nodes(self.group)
         components = list(self.components)
         dofs = (3 * nodes[:, None] + np.array(components)).ravel().astype(np.int32)
@@ -94,4 +94,4 @@ class Prescribed:
             )
             return (X + u).T[:, components].ravel()
 
-        yield Constraint(self.name, self.body, dofs, position)
+        yield Support(self.name, self.body, dofs, position)

@@ -24,7 +24,7 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.interactions.between import Between, FrameJoint
 from gossamer_fx.model.frames import Frame, along, is_normal, lies_in
 from gossamer_fx.model.ports import initial, unit
-from gossamer_fx.model.terms import Array, Attached, Part, PointConstraint, PointMeasure, Port, Vector
+from gossamer_fx.model.terms import Array, Attached, PointConstraint, PointMeasure, Port, Term, Vector
 
 COINCIDE = 1e-8  # m
 
@@ -75,7 +75,7 @@ class BallJoint(Between):
     b: Attached
     name: str = "ball"
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         check_coincide(self.name, self.a, self.b)
         yield coincidence(self.name, self.a, self.b)
 
@@ -88,7 +88,7 @@ class Link(Between):
     b: Attached
     name: str = "link"
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         length = float(np.linalg.norm(initial(self.a) - initial(self.b)))
         check(length > 0, f"Link '{self.name}' has no length; use a BallJoint for points that coincide.")
         difference = np.hstack([np.eye(3), -np.eye(3)])
@@ -111,7 +111,7 @@ class FixedJoint(FrameJoint):
         """The frames, one of which has three directors."""
         return self.a if len(self.b.directors) == 3 else self.a.complete, self.b
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         check_coincide(self.name, self.a.origin, self.b.origin)
         yield coincidence(self.name, self.a.origin, self.b.origin)
         yield from same_rotation(self.name, *self._sides)
@@ -138,7 +138,7 @@ class RevoluteJoint(FrameJoint):
         oblique = not (lies_in(n, other) or is_normal(n, other))
         return full.complete, other.complete if oblique else other
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         check_coincide(self.name, self.a.origin, self.b.origin)
         yield coincidence(self.name, self.a.origin, self.b.origin)
         n = unit(self.axis)
@@ -171,7 +171,7 @@ class PrismaticJoint(FrameJoint):
         enough = len(self.b.directors) == 3 and is_normal(unit(self.axis), self.a)
         return self.a if enough else self.a.complete, self.b
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         a, b = self._sides
         yield from same_rotation(self.name, a, b)
         n = unit(self.axis)

@@ -11,7 +11,7 @@ import numpy as np
 from gossamer_fx.checks.errors import check, check_positive, is_vector
 from gossamer_fx.interactions.between import Between
 from gossamer_fx.model.ports import initial, unit
-from gossamer_fx.model.terms import Array, Attached, Part, PointDissipated, PointMeasure, PointStored, Port
+from gossamer_fx.model.terms import Array, Attached, PointDissipation, PointMeasure, PointStoredEnergy, Port, Term
 
 
 @dataclass(frozen=True)
@@ -105,9 +105,9 @@ class Spring(Between):
         check_positive(self, "stiffness", "N/m")
         check(self.length >= 0, f"Spring '{self.name}': length is {self.length!r} m; give none or a positive one.")
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         density = LengthSpring(self.stiffness, self.length)
-        yield PointStored(self.name, half_distance_squared(self.a, self.b), density)
+        yield PointStoredEnergy(self.name, half_distance_squared(self.a, self.b), density)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,9 +131,9 @@ class Rope(Between):
         check_positive(self, "stiffness", "N/m")
         check_positive(self, "length", "m")
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         density = LengthSpring(self.stiffness, self.length, side=1)
-        yield PointStored(self.name, half_distance_squared(self.a, self.b), density)
+        yield PointStoredEnergy(self.name, half_distance_squared(self.a, self.b), density)
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,9 +160,9 @@ class Stop(Between):
         check_positive(self, "stiffness", "N/m")
         check_positive(self, "distance", "m")
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         density = LengthSpring(self.stiffness, self.distance, side=-1)
-        yield PointStored(self.name, half_distance_squared(self.a, self.b), density)
+        yield PointStoredEnergy(self.name, half_distance_squared(self.a, self.b), density)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,10 +183,10 @@ class Damper(Between):
         super().__post_init__()
         check_positive(self, "coefficient", "N s/m")
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         distance = float(np.linalg.norm(initial(self.a) - initial(self.b)))
         check(distance > 0, f"Damper '{self.name}': its two points coincide, so it has no direction; separate them.")
-        yield PointDissipated(self.name, half_distance_squared(self.a, self.b), LengthDamper(self.coefficient))
+        yield PointDissipation(self.name, half_distance_squared(self.a, self.b), LengthDamper(self.coefficient))
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,8 +220,8 @@ class AxialSpring:
     def requires(self) -> Iterable[Any]:
         yield self.port.body
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         n = unit(self.direction)
         rest = -float(n @ np.asarray(self.origin, dtype=float))
         measure = PointMeasure([(self.port,)], np.zeros((1, 3, 3)), n[None], np.array([rest]))
-        yield PointStored(self.name, measure, Quadratic(self.stiffness))
+        yield PointStoredEnergy(self.name, measure, Quadratic(self.stiffness))

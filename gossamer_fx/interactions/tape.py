@@ -14,7 +14,7 @@ from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
 from gossamer_fx.interactions.spring import Quadratic
 from gossamer_fx.model.ports import combine
-from gossamer_fx.model.terms import Array, AttachedKinetic, Part, PointMeasure, PointStored, Port
+from gossamer_fx.model.terms import Array, AttachedKineticEnergy, PointMeasure, PointStoredEnergy, Port, Term
 
 
 @dataclass(frozen=True)
@@ -106,16 +106,16 @@ class Tape:
     def requires(self) -> Iterable[Any]:
         yield self.film
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         L, law = self.lengths, self.law
         consistent = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6
-        yield AttachedKinetic(self.bars, law.line_density * L[:, None, None] * consistent)
+        yield AttachedKineticEnergy(self.bars, law.line_density * L[:, None, None] * consistent)
         # e = √(EA L) ε, so that the energy of every bar is ½ e²
         scale = np.sqrt(law.EA * L)
         vectors = [(_stretch(a, b, float(k)),) for (a, b), k in zip(self.bars, scale / L**2, strict=True)]
         measure = PointMeasure(vectors, np.eye(3)[None], np.zeros((1, 3)), -scale[:, None] / 2)
         density = OneSided() if isinstance(law, TensionOnly) else Quadratic(1.0)
-        yield PointStored(self.name, measure, density)
+        yield PointStoredEnergy(self.name, measure, density)
 
 
 def _stretch(a: Port, b: Port, square: float) -> Port:

@@ -22,7 +22,7 @@ from gossamer_fx.interactions.between import Between
 from gossamer_fx.interactions.joint import perpendicular_pair
 from gossamer_fx.model.frames import Frame, along, is_normal
 from gossamer_fx.model.ports import unit
-from gossamer_fx.model.terms import Array, Part, PointDissipated, PointMeasure, PointStored, Vector
+from gossamer_fx.model.terms import Array, PointDissipation, PointMeasure, PointStoredEnergy, Term, Vector
 
 
 def angles(e0: Array, e1: Array) -> tuple[Array, Array]:
@@ -131,8 +131,10 @@ class TorsionSpring(AboutHinge):
             f"TorsionSpring '{self.name}': rest is {self.rest!r} rad; stay within half a turn.",
         )
 
-    def parts(self) -> Iterable[Part]:
-        yield PointStored(self.name, hinge_angle(*self._sides, self.axis, self.rest), AngularSpring(self.stiffness))
+    def terms(self) -> Iterable[Term]:
+        yield PointStoredEnergy(
+            self.name, hinge_angle(*self._sides, self.axis, self.rest), AngularSpring(self.stiffness)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +156,6 @@ class TorsionDamper(AboutHinge):
         super().__post_init__()
         check_positive(self, "coefficient", "N m s/rad")
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         measure = hinge_angle(*self._sides, self.axis, 0.0)
-        yield PointDissipated(self.name, measure, AngularDamper(self.coefficient))
+        yield PointDissipation(self.name, measure, AngularDamper(self.coefficient))

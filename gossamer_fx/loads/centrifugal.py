@@ -12,7 +12,7 @@ from dolfinx import fem
 
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.model.terms import Array, Body, Kinetic, Part, PointKinetic, PointSupplied, Port, Supplied, Vector
+from gossamer_fx.model.terms import Array, Body, KineticEnergy, Load, NodeKineticEnergy, PointLoad, Port, Term, Vector
 
 
 class _OnVectors:
@@ -55,19 +55,19 @@ class Centrifugal:
     def requires(self) -> Iterable[Any]:
         yield self.body
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         Ω, c = np.asarray(self.spin, dtype=float), np.asarray(self.centre, dtype=float)
         A = Ω @ Ω * np.eye(3) - np.outer(Ω, Ω)
-        for part in self.body.parts():
-            if isinstance(part, Kinetic):
+        for part in self.body.terms():
+            if isinstance(part, KineticEnergy):
                 yield self._on_mesh(part, A, c)
-            elif isinstance(part, PointKinetic):
+            elif isinstance(part, NodeKineticEnergy):
                 masses = np.concatenate(part.body.comm.allgather(part.mass))
                 for node, mass in enumerate(masses):
                     ports = tuple(Port(part.body, (node,), (1.0,), (k,)) for k in range(len(mass)))
-                    yield PointSupplied(self.name, ports, _OnVectors(mass, A, c))
+                    yield PointLoad(self.name, ports, _OnVectors(mass, A, c))
 
-    def _on_mesh(self, part: Kinetic, A: Array, c: Array) -> Part:
+    def _on_mesh(self, part: KineticEnergy, A: Array, c: Array) -> Term:
         mesh, size = part.body.space.mesh, part.body.block.size
         turning, centre = fem.Constant(mesh, A), fem.Constant(mesh, np.concatenate([c, np.zeros(size - 3)]))
 
@@ -76,4 +76,4 @@ class Centrifugal:
             vectors = [ufl.dot(turning, ufl.as_vector([r[k + i] for i in range(3)])) for k in range(0, size, 3)]
             return part.mass(ufl.as_vector([vector[i] for vector in vectors for i in range(3)]), w)
 
-        return Supplied(self.name, part.body, work, follows=True)
+        return Load(self.name, part.body, work, follows=True)

@@ -12,7 +12,7 @@ from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.materials.film import Linear
-from gossamer_fx.model.terms import Dissipated, Part
+from gossamer_fx.model.terms import Dissipation, Term
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,11 +39,11 @@ class Damping:
     def requires(self) -> Iterable[Any]:
         yield self.body
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         film, law = self.body, self.body.law
         if self.mass > 0:
             α = constant(film.space.mesh, self.mass)
-            yield Dissipated(
+            yield Dissipation(
                 self.name + " (mass)",
                 film,
                 lambda x: x,
@@ -53,7 +53,7 @@ class Damping:
         if self.stiffness > 0:
             β = constant(film.space.mesh, self.stiffness)
             unwrinkled = Linear(law.E, law.nu, law.density, law.thickness)
-            yield Dissipated(
+            yield Dissipation(
                 self.name + " (stiffness)",
                 film,
                 film.measure,

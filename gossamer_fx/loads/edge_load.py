@@ -13,7 +13,7 @@ from dolfinx.mesh import meshtags
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Part, Supplied
+from gossamer_fx.model.terms import Load, Term
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,7 @@ class EdgeLoad:
     def requires(self) -> Iterable[Any]:
         yield self.body
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         film = self.body
         domain = film.mesh.domain
         domain.topology.create_connectivity(1, 2)
@@ -49,4 +49,4 @@ class EdgeLoad:
         tags = meshtags(domain, 1, edges, np.ones(len(edges), dtype=np.int32))
         f = fem.Constant(domain, tuple(float(c) for c in self.force))
         ds = ufl.Measure("ds", domain, subdomain_data=tags, metadata={"quadrature_degree": film.order})
-        yield Supplied(self.name, film, lambda x, w: ufl.dot(f, w) * ds(1))
+        yield Load(self.name, film, lambda x, w: ufl.dot(f, w) * ds(1))

@@ -11,7 +11,7 @@ import numpy as np
 from gossamer_fx.checks.errors import check
 from gossamer_fx.interactions.between import bodies_of
 from gossamer_fx.model.frames import Frame
-from gossamer_fx.model.terms import Array, Attached, Part, PointSupplied, Port, Vector
+from gossamer_fx.model.terms import Array, Attached, PointLoad, Port, Term, Vector
 
 History = Callable[[float], Sequence[float]]
 
@@ -138,8 +138,8 @@ class Force:
     def requires(self) -> Iterable[Any]:
         yield self.port.body
 
-    def parts(self) -> Iterable[Part]:
-        yield PointSupplied(self.name, (self.port,), ForceInTime(self.name, in_time(self.value)))
+    def terms(self) -> Iterable[Term]:
+        yield PointLoad(self.name, (self.port,), ForceInTime(self.name, in_time(self.value)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +158,6 @@ class Torque:
     def requires(self) -> Iterable[Any]:
         yield from bodies_of(self.frame)
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         vectors: tuple[Attached, ...] = self.frame.directors
-        yield PointSupplied(self.name, vectors, TorqueInTime(self.name, in_time(self.value)))
+        yield PointLoad(self.name, vectors, TorqueInTime(self.name, in_time(self.value)))

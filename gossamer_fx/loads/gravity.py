@@ -13,7 +13,7 @@ from dolfinx import fem
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.loads.force import ConstantForce
-from gossamer_fx.model.terms import Body, Kinetic, Part, PointKinetic, PointSupplied, Port, Supplied
+from gossamer_fx.model.terms import Body, KineticEnergy, Load, NodeKineticEnergy, PointLoad, Port, Term
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,24 +32,24 @@ class Gravity:
     def requires(self) -> Iterable[Any]:
         yield self.body
 
-    def parts(self) -> Iterable[Part]:
-        for part in self.body.parts():
-            if isinstance(part, Kinetic):
+    def terms(self) -> Iterable[Term]:
+        for part in self.body.terms():
+            if isinstance(part, KineticEnergy):
                 yield self._on_mesh(part)
-            elif isinstance(part, PointKinetic):
+            elif isinstance(part, NodeKineticEnergy):
                 yield from self._on_points(part)
 
-    def _on_mesh(self, part: Kinetic) -> Part:
+    def _on_mesh(self, part: KineticEnergy) -> Term:
         size, g = part.body.block.size, tuple(float(c) for c in self.g)
         acceleration = fem.Constant(part.body.space.mesh, g + (0.0,) * (size - 3))
 
         def work(q: Expr, w: Expr) -> ufl.Form:
             return part.mass(acceleration, w)
 
-        return Supplied(self.name, part.body, work)
+        return Load(self.name, part.body, work)
 
-    def _on_points(self, part: PointKinetic) -> Iterable[Part]:
+    def _on_points(self, part: NodeKineticEnergy) -> Iterable[Term]:
         masses = np.concatenate(part.body.comm.allgather(part.mass))
         for node, mass in enumerate(masses):
             ports = tuple(Port(part.body, (node,), (1.0,), (k,)) for k in range(len(mass)))
-            yield PointSupplied(self.name, ports, ConstantForce(np.outer(mass[:, 0], self.g).ravel()))
+            yield PointLoad(self.name, ports, ConstantForce(np.outer(mass[:, 0], self.g).ravel()))

@@ -13,7 +13,7 @@ from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import area_vector
-from gossamer_fx.model.terms import Part, Supplied
+from gossamer_fx.model.terms import Load, Term
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class Pressure:
     def requires(self) -> Iterable[Any]:
         yield self.body
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         film, value = self.body, self.value
         p = constant(film.space.mesh, 0.0 if callable(value) else value)
         dx = ufl.Measure("dx", film.space.mesh, metadata={"quadrature_degree": 2 * (film.order - 1) + film.order})
@@ -48,7 +48,7 @@ class Pressure:
             check(math.isfinite(now), f"Pressure '{self.name}' is {now!r} Pa at t = {t:.6g} s; check its function.")
             p.value = now
 
-        yield Supplied(
+        yield Load(
             self.name,
             film,
             lambda x, w: p * ufl.dot(area_vector(film.deformation(x)), w) * dx,

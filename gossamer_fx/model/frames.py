@@ -12,7 +12,7 @@ from dolfinx.common import IndexMap
 
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.ports import combine, initial, initial_rate
-from gossamer_fx.model.terms import Array, Attached, Block, Ground, Part, PointConstraint, PointMeasure, Port, Vector
+from gossamer_fx.model.terms import Array, Attached, Block, Ground, PointConstraint, PointMeasure, Port, Term, Vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ class SectionFrame:
         here = 12 * self.block.index_map.size_local
         return q[:here], v[:here]
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         # of the stacked vectors (x, n, d2, d3, x_s, s2, s3)
         same = np.eye(7)[[0, 2, 3]] - np.eye(7)[[4, 5, 6]]
         products = np.zeros((3, 7, 7))

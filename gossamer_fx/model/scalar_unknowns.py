@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -14,7 +14,7 @@ from gossamer_fx.model.terms import Array, Body
 
 
 @dataclass(frozen=True)
-class Booking:
+class ScalarTotals:
     """What a border contributes to the ledger: energies [J] and masses [kg], the supplied ones since the start."""
 
     stored: dict[str, float]
@@ -42,12 +42,12 @@ class InitialCondition(Protocol):
 
     name: str
 
-    def set_state(self, system: Assembly, q: PETSc.Vec, v: PETSc.Vec) -> None:
+    def initialise(self, system: Assembly, q: PETSc.Vec, v: PETSc.Vec) -> None:
         """Change coordinates q and velocities v."""
         ...
 
 
-class Border(Protocol):
+class ScalarUnknowns(Protocol):
     """Scalar unknowns y coupled to whole fields, e.g. gas pressures: a border of the matrix, never a block in it.
 
     They are the same on every rank.  With the coordinates z of the bodies, a Newton step reads
@@ -86,7 +86,7 @@ class Border(Protocol):
         """Owned parts of the columns of G and of H (None: zero), and C (size, size)."""
         ...
 
-    def impossible(self) -> str:
+    def inadmissible(self) -> str:
         """In words, what cannot be in the solution of a step, e.g. a negative volume; else nothing."""
         ...
 
@@ -94,20 +94,24 @@ class Border(Protocol):
         """End the step."""
         ...
 
-    def book(self) -> Booking:
+    def totals(self) -> ScalarTotals:
         """Energies and masses now, and what was supplied since the start."""
         ...
 
-    def memory(self) -> dict[str, Any]:
+    def states(self) -> Mapping[str, Any]:
+        """What outputs and probes may read of it, by name: the gas of chambers."""
+        ...
+
+    def get_state(self) -> dict[str, Any]:
         """Its state and what was supplied: numbers, words and lists of them, the same on every rank."""
         ...
 
-    def recall(self, memory: dict[str, Any]) -> None:
-        """Be as when `memory` was asked for; coordinates and velocities are those of then."""
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Restore what `get_state` returned; coordinates and velocities are those of then."""
         ...
 
 
-class BorderMaker(Protocol):
+class ScalarUnknownsMaker(Protocol):
     """Compiles all items of one kind to one border of a system."""
 
-    def __call__(self, items: list[Any], system: Assembly) -> Border: ...
+    def __call__(self, items: list[Any], system: Assembly) -> ScalarUnknowns: ...

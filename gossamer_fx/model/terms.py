@@ -2,11 +2,11 @@
 
 A *body* brings coordinates (a `Block`) and an initial state.  A *part* plays one of five roles:
 
-    Kinetic      a constant mass matrix
-    Stored       an energy ∫ψ(e(q)) of a quadratic measure e and a density ψ
-    Dissipated   a dissipation potential ∫φ(ė) of the rate of a quadratic measure
-    Supplied     a force whose work is booked as supplied
-    Constraint   coordinates that are held, or measures between points that stay zero
+    KineticEnergy      a constant mass matrix
+    StoredEnergy       an energy ∫ψ(e(q)) of a quadratic measure e and a density ψ
+    Dissipation   a dissipation potential ∫φ(ė) of the rate of a quadratic measure
+    Load     a force whose work is booked as supplied
+    Support   coordinates that are held, or measures between points that stay zero
 
 The role alone decides how a part is discretised in time and in which column of the ledger it is booked; neither the
 stepper nor the ledger knows a part by name.  Parts that live on a mesh speak UFL, parts between points speak NumPy
@@ -56,7 +56,7 @@ class Body(Protocol):
         """Owned coordinates [m] and velocities [m/s], flattened, node by node; not to be written to."""
         ...
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         """The body's own roles."""
         ...
 
@@ -82,15 +82,15 @@ def is_on_mesh(body: Body) -> TypeGuard[MeshBody]:
 
 
 @runtime_checkable
-class Remembers(Protocol):
+class Stateful(Protocol):
     """Something with a past that the coordinates do not tell; any field of a part may be."""
 
-    def memory(self) -> dict[str, Any]:
+    def get_state(self) -> dict[str, Any]:
         """Numbers, words and lists of them, the same on every rank."""
         ...
 
-    def recall(self, memory: dict[str, Any]) -> None:
-        """Be as when `memory` was asked for; coordinates and velocities are those of then."""
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Restore what `get_state` returned; coordinates and velocities are those of then."""
         ...
 
 
@@ -119,7 +119,7 @@ Attached = Port | Ground
 
 
 @dataclass(frozen=True, eq=False)
-class Kinetic:
+class KineticEnergy:
     """Kinetic energy ½ v·Mv with the constant mass matrix `mass(v, w)`, a bilinear form."""
 
     body: MeshBody
@@ -127,7 +127,7 @@ class Kinetic:
 
 
 @dataclass(frozen=True, eq=False)
-class PointKinetic:
+class NodeKineticEnergy:
     """Kinetic energy ½ Σ_ij mass[i, j] v_i·v_j of a body without mesh, v_i the rates of a node's vectors.
 
     `mass` (n, s, s) for the n owned nodes of s vectors: kg for positions, kg m and kg m² with directors.
@@ -138,7 +138,7 @@ class PointKinetic:
 
 
 @dataclass(frozen=True, eq=False)
-class Stored:
+class StoredEnergy:
     """Stored energy ∫ψ(e(q)) dx: `measure` is quadratic in q, `density` ψ knows the strain only.
 
     `pieces` cuts the path between two strains where ψ is not smooth.
@@ -154,7 +154,7 @@ class Stored:
 
 
 @dataclass(frozen=True, eq=False)
-class Dissipated:
+class Dissipation:
     """Dissipation: stress φ'(ė) against the rate of the measure; φ is quadratic and convex, the loss 2∫∫φ(ė) dx dt."""
 
     name: str
@@ -165,7 +165,7 @@ class Dissipated:
 
 
 @dataclass(frozen=True, eq=False)
-class AttachedKinetic:
+class AttachedKineticEnergy:
     """Kinetic energy ½ Σ_ij mass[i, j] v_i·v_j of the rates v of attached vectors, at n places.
 
     places: n tuples of k ports, as those of a `PointMeasure`; mass (n, k, k) [kg].
@@ -211,7 +211,7 @@ class PointDamping(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class PointStored:
+class PointStoredEnergy:
     """Stored energy ψ(e) of a point measure."""
 
     name: str
@@ -220,7 +220,7 @@ class PointStored:
 
 
 @dataclass(frozen=True, eq=False)
-class PointDissipated:
+class PointDissipation:
     """Dissipation by the rate of a point measure."""
 
     name: str
@@ -256,7 +256,7 @@ class PointForce(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class PointSupplied:
+class PointLoad:
     """A load on attached vectors; its work is booked as supplied."""
 
     name: str
@@ -265,7 +265,7 @@ class PointSupplied:
 
 
 @dataclass(frozen=True, eq=False)
-class Supplied:
+class Load:
     """A load: `work(q, w)` is its virtual work, linear in w; `at(t)`, if given, sets its constants to time t."""
 
     name: str
@@ -276,7 +276,7 @@ class Supplied:
 
 
 @dataclass(frozen=True, eq=False)
-class Constraint:
+class Support:
     """Coordinates that keep their initial values, or take the values `motion(t)` [m], (n,) like `dofs`.
 
     `dofs` are owned and ghost scalar indices of the body's block.
@@ -288,16 +288,16 @@ class Constraint:
     motion: Callable[[float], Array] | None = None
 
 
-Part = (
-    Kinetic
-    | PointKinetic
-    | AttachedKinetic
-    | Stored
-    | Dissipated
-    | Supplied
-    | Constraint
-    | PointStored
-    | PointDissipated
-    | PointSupplied
+Term = (
+    KineticEnergy
+    | NodeKineticEnergy
+    | AttachedKineticEnergy
+    | StoredEnergy
+    | Dissipation
+    | Load
+    | Support
+    | PointStoredEnergy
+    | PointDissipation
+    | PointLoad
     | PointConstraint
 )

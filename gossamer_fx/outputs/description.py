@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.mesh.quality import box, corner_points, sizes
-from gossamer_fx.model.terms import Body, Kinetic, PointKinetic, is_body, is_on_mesh
-from gossamer_fx.run.simulation import Simulation
+from gossamer_fx.model.terms import Body, KineticEnergy, NodeKineticEnergy, is_body, is_on_mesh
+from gossamer_fx.outputs.run import Run
 from gossamer_fx.version import VERSION
 
 Description = dict[str, Any]
@@ -20,7 +20,7 @@ Description = dict[str, Any]
 _PACKAGES = ("fenics-dolfinx", "fenics-ufl", "petsc4py", "mpi4py", "numpy", "gmsh", "adios2")
 
 
-def describe(run: Simulation) -> Description:
+def describe(run: Run) -> Description:
     """Bodies, roles, gas, energies and momenta of the present state; the same on every rank.
 
     Bodies are what has a mass; the frames that joints add to sections of beams are named apart from them.
@@ -28,9 +28,9 @@ def describe(run: Simulation) -> Description:
     Masses [kg], areas [m²], lengths [m], boxes [m], pressures [Pa], temperatures [K], volumes [m³], energies [J].
     """
     system, totals = run.system, run.totals
-    roles = Counter(type(part).__name__ for part in run.scene.parts())
+    roles = Counter(type(part).__name__ for part in run.scene.terms())
     others = [item for item in run.scene.items if not is_body(item)]
-    massive = {part.body for part in run.scene.parts() if isinstance(part, Kinetic | PointKinetic)}
+    massive = {part.body for part in run.scene.terms() if isinstance(part, KineticEnergy | NodeKineticEnergy)}
     return {
         "unknowns": system.numbering.size + sum(border.size for border in system.borders),
         "ranks": run.comm.size,
@@ -48,7 +48,7 @@ def describe(run: Simulation) -> Description:
     }
 
 
-def _body(run: Simulation, k: int, body: Body) -> Description:
+def _body(run: Run, k: int, body: Body) -> Description:
     system, comm = run.system, run.comm
     nodes = body.block.index_map.size_global
     found: Description = {"kind": type(body).__name__, "nodes": nodes, "unknowns": nodes * body.block.size}

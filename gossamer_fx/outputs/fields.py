@@ -141,7 +141,7 @@ def _take_pressure(function: fem.Function, film: MeshBody, system: System) -> No
     values = function.x.array
     values[:] = 0
     for border in system.borders:
-        for gas in getattr(border, "states", ()):
+        for gas in border.states().values():
             enclosure, outside = gas.chamber.enclosure, gas.chamber.outside
             if getattr(enclosure, "film", None) is film:
                 cells = function.function_space.dofmap.list[enclosure.cells()]

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from gossamer_fx.outputs.output import Table
-from gossamer_fx.run.simulation import Simulation
+from gossamer_fx.outputs.run import Run
 
 
 class Ledger:
@@ -23,16 +23,16 @@ class Ledger:
         self.path = Path(path)
         self._table = Table(self.path)
 
-    def open(self, run: Simulation) -> None:
+    def open(self, run: Run) -> None:
         self._table.create(run.comm, list(self._row(run)))
 
     def cursor(self) -> dict[str, Any]:
         return {"end": self._table.end}
 
-    def resume(self, run: Simulation, cursor: dict[str, Any]) -> None:
+    def resume(self, run: Run, cursor: dict[str, Any]) -> None:
         self._table.cut(run.comm, list(self._row(run)), cursor["end"])
 
-    def _row(self, run: Simulation) -> dict[str, Any]:
+    def _row(self, run: Run) -> dict[str, Any]:
         t = run.totals
         row: dict[str, Any] = {"time": t.time, "step": run.step, "iterations": run.last_iterations}
         row |= {"substeps": run.substeps, "kinetic": t.kinetic}
@@ -44,8 +44,8 @@ class Ledger:
             row |= {"gas mass": t.mass, "gas mass supplied": t.mass_supplied, "mass_error": run.mass_error}
         return row
 
-    def record(self, run: Simulation, last: bool) -> None:
+    def record(self, run: Run, last: bool) -> None:
         self._table.append(run.comm, self._row(run).values())
 
-    def close(self, run: Simulation) -> None:
+    def close(self, run: Run) -> None:
         pass

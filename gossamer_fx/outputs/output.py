@@ -6,16 +6,14 @@ import csv
 import math
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import InputError, check, on_rank_zero, write_on_all
+from gossamer_fx.outputs.run import Run
 
-if TYPE_CHECKING:
-    from gossamer_fx.run.simulation import Simulation
-
-Probe = Callable[["Simulation"], float]
+Probe = Callable[[Run], float]
 
 
 class Output(Protocol):
@@ -26,15 +24,15 @@ class Output(Protocol):
         """Times [s] that the run must meet exactly."""
         ...
 
-    def open(self, run: Simulation) -> None:
+    def open(self, run: Run) -> None:
         """Check the request and make the files; before anything is computed."""
         ...
 
-    def record(self, run: Simulation, last: bool) -> None:
+    def record(self, run: Run, last: bool) -> None:
         """Look at the state; at the start and after every step."""
         ...
 
-    def close(self, run: Simulation) -> None:
+    def close(self, run: Run) -> None:
         """Finish the files; also after a failure."""
         ...
 
@@ -47,12 +45,12 @@ class Continued(Output, Protocol):
         """Where it stands: numbers, words and lists of them, the same on every rank."""
         ...
 
-    def resume(self, run: Simulation, cursor: dict[str, Any]) -> None:
+    def resume(self, run: Run, cursor: dict[str, Any]) -> None:
         """Instead of `open`: cut off what came after the cursor, and go on there."""
         ...
 
 
-def begin(run: Simulation, output: Output, cursors: list[tuple[str, dict[str, Any]]]) -> None:
+def begin(run: Run, output: Output, cursors: list[tuple[str, dict[str, Any]]]) -> None:
     """Open an output, or let it go on where the first cursor of its kind says, which is then taken off the list."""
     kind = type(output).__name__
     mine = next((c for c in cursors if c[0] == kind), None)
@@ -161,7 +159,7 @@ def make_parent(comm: MPI.Intracomm, path: Path) -> None:
     on_rank_zero(comm, task)
 
 
-def ask(run: Simulation, name: str, probe: Probe) -> float:
+def evaluate_probe(run: Run, name: str, probe: Probe) -> float:
     """The value of a probe.
 
     Raises:

@@ -11,7 +11,7 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.model.ports import combined, initial
 from gossamer_fx.model.terms import Port
 from gossamer_fx.outputs.fields import STATES, AreaFractions
-from gossamer_fx.run.simulation import Simulation
+from gossamer_fx.outputs.run import Run
 
 if TYPE_CHECKING:
     from gossamer_fx.gas.contract import Volume
@@ -27,7 +27,7 @@ class Position:
         _check_axis(axis)
         self.port, self.axis = port, axis
 
-    def __call__(self, run: Simulation) -> float:
+    def __call__(self, run: Run) -> float:
         return _component(run, self.port, self.axis, run.system.q0)
 
 
@@ -38,14 +38,14 @@ class Displacement(Position):
         super().__init__(port, axis)
         self.origin = float(initial(port)[AXES[axis]])
 
-    def __call__(self, run: Simulation) -> float:
+    def __call__(self, run: Run) -> float:
         return super().__call__(run) - self.origin
 
 
 class Velocity(Position):
     """Component [m/s] of the velocity of a port."""
 
-    def __call__(self, run: Simulation) -> float:
+    def __call__(self, run: Run) -> float:
         return _component(run, self.port, self.axis, run.system.v0)
 
 
@@ -56,7 +56,7 @@ class GasState:
         check(quantity in GAS, f"A chamber has no quantity {quantity!r}; its quantities are: {', '.join(GAS)}.")
         self.chamber, self.quantity = chamber, quantity
 
-    def __call__(self, run: Simulation) -> float:
+    def __call__(self, run: Run) -> float:
         s = run.chamber(self.chamber.name)
         return {"pressure": s.p, "temperature": s.temperature, "volume": s.V, "mass": s.m}[self.quantity]
 
@@ -68,7 +68,7 @@ class AreaFraction:
         check(state in STATES, f"A film has no state {state!r}; its states are: {', '.join(STATES)}.")
         self.state, self._fractions = state, AreaFractions([film])
 
-    def __call__(self, run: Simulation) -> float:
+    def __call__(self, run: Run) -> float:
         return float(self._fractions(run.system)[STATES[self.state]])
 
 
@@ -76,7 +76,7 @@ def _check_axis(axis: str) -> None:
     check(axis in AXES, f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}.")
 
 
-def _component(run: Simulation, port: Port, axis: str, vector: PETSc.Vec) -> float:
+def _component(run: Run, port: Port, axis: str, vector: PETSc.Vec) -> float:
     """Component of a port's vector in a state of the run, or of its rate."""
     check(port.body in run.system.bodies, f"'{port.body.name}' is not in the scene; add it, or remove its probe.")
     owned = run.system.numbering.owned(run.system.bodies.index(port.body))

@@ -7,7 +7,7 @@ import time
 from collections.abc import Sequence
 from typing import IO, TYPE_CHECKING
 
-from gossamer_fx.run.simulation import Simulation
+from gossamer_fx.outputs.run import Run
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
@@ -31,18 +31,18 @@ class Progress:
         self._pause, self._shown = seconds, 0.0
         self._bar: Bar | None = None
 
-    def open(self, run: Simulation) -> None:
+    def open(self, run: Run) -> None:
         self._live = self._stream.isatty()
         if not self._live:
             self._pause = max(self._pause, 10.0)
         self._print(run, f"{run.system.numbering.size} unknowns, compiled in {run.compile_seconds:.1f} s\n")
 
-    def _print(self, run: Simulation, text: str) -> None:
+    def _print(self, run: Run, text: str) -> None:
         if run.comm.rank == 0:
             self._stream.write(text)
             self._stream.flush()
 
-    def record(self, run: Simulation, last: bool) -> None:
+    def record(self, run: Run, last: bool) -> None:
         now = time.monotonic()
         # every rank must agree to look at the totals; rank 0's clock decides
         if run.comm.bcast(now - self._shown < self._pause and not last):
@@ -54,7 +54,7 @@ class Progress:
             counts = f"step {run.step}   iterations {run.last_iterations}   ledger {error:+.1e}"
             self._print(run, f"t = {run.time:.6g} of {run.until:.6g} s   {counts}\n")
 
-    def _draw(self, run: Simulation, error: float) -> None:
+    def _draw(self, run: Run, error: float) -> None:
         if run.comm.rank > 0:
             return
         if self._bar is None:
@@ -67,7 +67,7 @@ class Progress:
         self._bar.update(self._bar.task_ids[0], completed=run.time, total=run.until, description=words)
         self._bar.refresh()
 
-    def close(self, run: Simulation) -> None:
+    def close(self, run: Run) -> None:
         if self._bar is not None:
             self._bar.stop()
             self._bar = None

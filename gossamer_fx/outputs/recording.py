@@ -8,7 +8,7 @@
     probes.csv         the probes that were asked for
     fields/NAME.bp     fields of each body on a mesh: `VTX`
 
-`Playback` reads it.
+`RunReader` reads it.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from gossamer_fx.outputs.description import describe, versions
 from gossamer_fx.outputs.ledger import Ledger
 from gossamer_fx.outputs.output import Output, Probe, make_parent
 from gossamer_fx.outputs.probes import GAS, AreaFraction, GasState
+from gossamer_fx.outputs.run import Run
 from gossamer_fx.outputs.schedule import Schedule
 from gossamer_fx.outputs.vtx import VTX, Probes
-from gossamer_fx.run.simulation import Simulation
 
 TOLD_STATES = ("taut", "wrinkled")  # what is neither is slack
 FORMAT = 1  # of run.json and the files beside it
@@ -73,12 +73,12 @@ class Recording:
 
     # ---- the life of an output ---------------------------------------------------------------------------------
 
-    def open(self, run: Simulation) -> None:
+    def open(self, run: Run) -> None:
         self._prepare(run)
         for output in self._outputs.values():
             output.open(run)
 
-    def resume(self, run: Simulation, cursor: Mapping[str, Any]) -> None:
+    def resume(self, run: Run, cursor: Mapping[str, Any]) -> None:
         """Go on where a checkpoint was written."""
         self._prepare(run)
         for name, output in self._outputs.items():
@@ -88,13 +88,13 @@ class Recording:
         """Where the files stand, for a checkpoint."""
         return {name: output.cursor() for name, output in self._outputs.items()}  # type: ignore[attr-defined]
 
-    def record(self, run: Simulation, last: bool) -> None:
+    def record(self, run: Run, last: bool) -> None:
         for output in self._outputs.values():
             output.record(run, last)
         if run.step == 0:
             self._write(run, "running")
 
-    def close(self, run: Simulation) -> None:
+    def close(self, run: Run) -> None:
         for output in self._outputs.values():
             output.close(run)
         failure = sys.exception()
@@ -103,7 +103,7 @@ class Recording:
 
     # ---- what it is made of ------------------------------------------------------------------------------------
 
-    def _prepare(self, run: Simulation) -> None:
+    def _prepare(self, run: Run) -> None:
         make_parent(run.comm, self.folder / "run.json")
         films = [body.name for body in run.system.bodies if isinstance(body, Membrane)]
         unknown = next((name for name in self.fields if name not in films), None)
@@ -123,7 +123,7 @@ class Recording:
             "ranks": run.comm.size,
         }
 
-    def _parts(self, run: Simulation) -> Iterator[tuple[str, Output]]:
+    def _parts(self, run: Run) -> Iterator[tuple[str, Output]]:
         """The outputs by name; those that can be refused come first."""
         every, times = self.schedule.every, self.schedule.times
         gas = run.chambers
@@ -146,7 +146,7 @@ class Recording:
             yield "points.csv", Probes(self.folder / "points.csv", places)
         yield "ledger.csv", Ledger(self.folder / "ledger.csv")
 
-    def _write(self, run: Simulation, status: str) -> None:
+    def _write(self, run: Run, status: str) -> None:
         steps = max(run.step, 1)
         statistics = {
             "time": run.time,
@@ -170,7 +170,7 @@ class _Place:
     def __init__(self, body: int, axis: int) -> None:
         self._body, self._axis = body, axis
 
-    def __call__(self, run: Simulation) -> float:
+    def __call__(self, run: Run) -> float:
         owned = run.system.numbering.owned(self._body)
         mine = run.system.q0.array_r[owned]
         return float(run.comm.allreduce(float(mine[self._axis]) if mine.size else -np.inf, MPI.MAX))
@@ -181,7 +181,7 @@ def file_name(body: str) -> str:
     return "".join(c if c.isalnum() or c in " -_." else "_" for c in body)
 
 
-def _usual_fields(body: Body, run: Simulation) -> tuple[str, ...]:
+def _usual_fields(body: Body, run: Run) -> tuple[str, ...]:
     if not isinstance(body, Membrane):
         return ("displacement",)
     bounds = any(getattr(s.chamber.enclosure, "film", None) is body for s in run.chambers.values())

@@ -8,8 +8,8 @@ import numpy as np
 
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.terms import Array
-from gossamer_fx.outputs.output import Probe, ask
-from gossamer_fx.run.simulation import Simulation
+from gossamer_fx.outputs.output import Probe, evaluate_probe
+from gossamer_fx.outputs.run import Run
 
 
 class Series:
@@ -34,13 +34,15 @@ class Series:
             check(callable(probe), f"Probe '{name}' is {probe!r}; give a function of the run that returns a number.")
         self._rows: list[list[float]] = []
 
-    def open(self, run: Simulation) -> None:
+    def open(self, run: Run) -> None:
         pass
 
-    def record(self, run: Simulation, last: bool) -> None:
-        self._rows.append([run.time, *(ask(run, f"Probe '{name}'", probe) for name, probe in self.probes.items())])
+    def record(self, run: Run, last: bool) -> None:
+        self._rows.append(
+            [run.time, *(evaluate_probe(run, f"Probe '{name}'", probe) for name, probe in self.probes.items())]
+        )
 
-    def close(self, run: Simulation) -> None:
+    def close(self, run: Run) -> None:
         pass
 
     @property

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 from gossamer_fx.checks.errors import check, on_rank_zero, write_on_all
 from gossamer_fx.model.terms import MeshBody, is_on_mesh
 from gossamer_fx.outputs.fields import FieldFunctions, check_fields
-from gossamer_fx.outputs.output import Probe, Table, ask, make_parent
+from gossamer_fx.outputs.output import Probe, Table, evaluate_probe, make_parent
+from gossamer_fx.outputs.run import Run
 from gossamer_fx.outputs.schedule import Schedule
-from gossamer_fx.run.simulation import Simulation
 
 if TYPE_CHECKING:
     from dolfinx.io import VTXWriter
@@ -55,7 +55,7 @@ class VTX:
     def times(self) -> Sequence[float]:
         return self.schedule.times
 
-    def open(self, run: Simulation) -> None:
+    def open(self, run: Run) -> None:
         body = self._chosen(run)
         check_fields(body, self.fields)
         make_parent(run.comm, self.path)
@@ -67,7 +67,7 @@ class VTX:
         )
         self._functions = FieldFunctions(run.system, body, self.fields)
 
-    def _chosen(self, run: Simulation) -> MeshBody:
+    def _chosen(self, run: Run) -> MeshBody:
         bodies = [b for b in run.system.bodies if is_on_mesh(b)]
         names = ", ".join(f"'{b.name}'" for b in bodies) or "none"
         if self.body is None:
@@ -79,7 +79,7 @@ class VTX:
         )
         return self.body
 
-    def record(self, run: Simulation, last: bool) -> None:
+    def record(self, run: Run, last: bool) -> None:
         if not self.schedule.due(run.step, run.time, last):
             return
         self._functions.update()
@@ -88,7 +88,7 @@ class VTX:
         write_on_all(run.comm, self._file(self._segment), lambda: self._write(run))
         self._steps += 1
 
-    def _write(self, run: Simulation) -> None:
+    def _write(self, run: Run) -> None:
         if self._writer is None:
             from dolfinx.io import VTXWriter
             from dolfinx.io.utils import VTXMeshPolicy
@@ -105,7 +105,7 @@ class VTX:
     def _file(self, segment: int) -> Path:
         return self.path.with_stem(f"{self.path.stem}_{segment:04d}") if segment else self.path
 
-    def close(self, run: Simulation) -> None:
+    def close(self, run: Run) -> None:
         if self._writer is not None:
             writer, self._writer = self._writer, None
             write_on_all(run.comm, self._file(self._segment), writer.close)
@@ -118,7 +118,7 @@ class VTX:
     def cursor(self) -> dict[str, Any]:
         return {"segment": self._segment, "steps": self._steps}
 
-    def resume(self, run: Simulation, cursor: dict[str, Any]) -> None:
+    def resume(self, run: Run, cursor: dict[str, Any]) -> None:
         self.open(run)
         self._segment, self._steps = cursor["segment"], cursor["steps"]
         on_rank_zero(run.comm, lambda: self._cut())
@@ -168,7 +168,7 @@ class Probes:
     def times(self) -> Sequence[float]:
         return self.schedule.times
 
-    def open(self, run: Simulation) -> None:
+    def open(self, run: Run) -> None:
         make_parent(run.comm, self.path)
         self._row(run)
         self._table.create(run.comm, self._head)
@@ -176,16 +176,16 @@ class Probes:
     def cursor(self) -> dict[str, Any]:
         return {"end": self._table.end}
 
-    def resume(self, run: Simulation, cursor: dict[str, Any]) -> None:
+    def resume(self, run: Run, cursor: dict[str, Any]) -> None:
         self._row(run)
         self._table.cut(run.comm, self._head, cursor["end"])
 
-    def _row(self, run: Simulation) -> list[float]:
-        return [ask(run, f"Probe '{name}'", probe) for name, probe in self.probes.items()]
+    def _row(self, run: Run) -> list[float]:
+        return [evaluate_probe(run, f"Probe '{name}'", probe) for name, probe in self.probes.items()]
 
-    def record(self, run: Simulation, last: bool) -> None:
+    def record(self, run: Run, last: bool) -> None:
         if self.schedule.due(run.step, run.time, last):
             self._table.append(run.comm, [float(run.time), run.step, *self._row(run)])
 
-    def close(self, run: Simulation) -> None:
+    def close(self, run: Run) -> None:
         pass

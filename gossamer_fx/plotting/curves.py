@@ -11,8 +11,8 @@ import numpy as np
 
 from gossamer_fx.model.terms import Array
 from gossamer_fx.outputs.fields import STATES, AreaFractions
+from gossamer_fx.outputs.run import Run
 from gossamer_fx.plotting.camera import STATE_COLOURS
-from gossamer_fx.run.simulation import Simulation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,7 +30,7 @@ Panel = Callable[["Axes"], None]
 
 
 @dataclass(frozen=True)
-class Moment:
+class Snapshot:
     """Energies [J], pressures [Pa], fractions of area (slack, wrinkled, taut) and closing errors at one time [s]."""
 
     time: float
@@ -40,17 +40,17 @@ class Moment:
     errors: dict[str, float]
 
 
-def observe(run: Simulation, fractions: Sequence[AreaFractions]) -> Moment:
+def observe(run: Run, fractions: Sequence[AreaFractions]) -> Snapshot:
     """The state of a run."""
     totals, chambers = run.totals, run.chambers
     energies = {"kinetic": totals.kinetic, **{f"in {name}": energy for name, energy in totals.stored.items()}}
     energies |= {"supplied": totals.supplied, "dissipated": totals.dissipated}
     errors = {"energy": run.energy_error} | ({"gas mass": run.mass_error} if totals.mass else {})
     pressures = {name: state.p for name, state in chambers.items()}
-    return Moment(run.time, energies, pressures, [f(run.system) for f in fractions], errors)
+    return Snapshot(run.time, energies, pressures, [f(run.system) for f in fractions], errors)
 
 
-def panels(moments: Sequence[Moment], second: float) -> list[Panel]:
+def panels(moments: Sequence[Snapshot], second: float) -> list[Panel]:
     """What there is to show, over time in units of `second`; each draws itself on its axes."""
     if len(moments) < 2:
         return []

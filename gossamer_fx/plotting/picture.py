@@ -9,12 +9,12 @@ from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
 from gossamer_fx.outputs.fields import STATES, AreaFractions
 from gossamer_fx.outputs.output import make_parent
+from gossamer_fx.outputs.run import Run
 from gossamer_fx.outputs.schedule import Schedule
 from gossamer_fx.plotting.camera import BY_STATE, STATE_COLOURS, aim, render
-from gossamer_fx.plotting.curves import Moment, observe, panels, scaled
+from gossamer_fx.plotting.curves import Snapshot, observe, panels, scaled
 from gossamer_fx.plotting.page import DPI, arrange, write
-from gossamer_fx.plotting.view import Shape, Sight
-from gossamer_fx.run.simulation import Simulation
+from gossamer_fx.plotting.view import Renderer, Shape
 
 MOST_SHAPES = 24
 
@@ -47,24 +47,24 @@ class Picture:
     def times(self) -> Sequence[float]:
         return self.schedule.times
 
-    def open(self, run: Simulation) -> None:
+    def open(self, run: Run) -> None:
         make_parent(run.comm, self.path)
         films = [body for body in run.system.bodies if isinstance(body, Membrane)]
-        self._sights = [Sight(run.system)] if run.system.bodies else []
+        self._renderers = [Renderer(run.system)] if run.system.bodies else []
         self._fractions = [AreaFractions(films)] if films else []
         self._shapes: list[Shape] = []
-        self._moments: list[Moment] = []
+        self._moments: list[Snapshot] = []
 
-    def record(self, run: Simulation, last: bool) -> None:
+    def record(self, run: Run, last: bool) -> None:
         self._moments.append(observe(run, self._fractions))
         chosen = self.schedule.meets(run.time) if self.times else run.step == 0 or last
         if chosen or (last and not self._shapes):
             self._look()
 
     def _look(self) -> None:
-        self._shapes += [sight.shape() for sight in self._sights]
+        self._shapes += [sight.shape() for sight in self._renderers]
 
-    def close(self, run: Simulation) -> None:
+    def close(self, run: Run) -> None:
         if not self._moments:
             return
         if run.time < run.until and all(shape.time < run.time for shape in self._shapes):

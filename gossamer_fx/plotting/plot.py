@@ -19,8 +19,8 @@ from gossamer_fx.plotting.camera import BY_STATE, STATE_COLOURS, Camera, aim, re
 from gossamer_fx.plotting.colours import NAMES, Scale, scale
 from gossamer_fx.plotting.curves import scaled
 from gossamer_fx.plotting.page import DPI, arrange, write
-from gossamer_fx.plotting.playback import Playback
 from gossamer_fx.plotting.run_curves import run_curves
+from gossamer_fx.plotting.run_reader import RunReader
 from gossamer_fx.plotting.view import Integers, Shape
 
 ALONE = MPI.COMM_SELF
@@ -44,14 +44,14 @@ class Colouring:
         return found
 
 
-def default_field(run: Playback) -> str:
+def default_field(run: RunReader) -> str:
     """The state of films, or else what there is."""
     known = run.known_fields()
     check(bool(known), f"The run in '{run.folder}' has no bodies on a mesh; plot its curves.")
     return "state" if "state" in known else known[0]
 
 
-def plot_field(run: Playback, field: str, times: Sequence[float], path: str | Path) -> None:
+def plot_field(run: RunReader, field: str, times: Sequence[float], path: str | Path) -> None:
     """PNG of a field at some times, at one scale and from one place.
 
     Raises:
@@ -70,7 +70,7 @@ def plot_field(run: Playback, field: str, times: Sequence[float], path: str | Pa
     write(_parent(path), title, list(zip(captions, images, strict=True)), grid, metre, colours.key, [], (0, 1, ""))
 
 
-def plot_strip(run: Playback, field: str, path: str | Path, count: int = 6) -> None:
+def plot_strip(run: RunReader, field: str, path: str | Path, count: int = 6) -> None:
     """PNG of a field at `count` times, evenly spread over the run."""
     check(count >= 1, f"The number of pictures is {count!r}; give one or more.")
     frames = np.unique(np.rint(np.linspace(0, len(run.times) - 1, count)).astype(int))
@@ -78,14 +78,14 @@ def plot_strip(run: Playback, field: str, path: str | Path, count: int = 6) -> N
     plot_field(run, field, run.times[frames].tolist(), path)
 
 
-def plot_curves(run: Playback, path: str | Path) -> None:
+def plot_curves(run: RunReader, path: str | Path) -> None:
     """PNG of ledger, gas and probes over the time."""
     panels, times, unit = run_curves(run)
     check(bool(panels), f"The run in '{run.folder}' has fewer than two steps; let it run before its curves are drawn.")
     write(_parent(path), run.title, [], arrange(1, 1.0), 1.0, {}, panels, (*times, unit))
 
 
-def animate(run: Playback, field: str, path: str | Path, seconds: float = 6.0) -> None:
+def animate(run: RunReader, field: str, path: str | Path, seconds: float = 6.0) -> None:
     """GIF, or MP4 if `ffmpeg` is at hand, of a field over the run.
 
     Raises:
@@ -114,7 +114,7 @@ def animate(run: Playback, field: str, path: str | Path, seconds: float = 6.0) -
 # ---- how ----------------------------------------------------------------------------------------------------------
 
 
-def colouring(run: Playback, field: str) -> Colouring:
+def colouring(run: RunReader, field: str) -> Colouring:
     """The colours of a field, on one scale for the whole run.
 
     Raises:
@@ -129,12 +129,12 @@ def colouring(run: Playback, field: str) -> Colouring:
     return Colouring(found, found.table)
 
 
-def _sampled(run: Playback) -> list[int]:
+def _sampled(run: RunReader) -> list[int]:
     last = len(run.times) - 1
     return sorted({round(k) for k in np.linspace(0, last, min(_SAMPLES, last + 1))})
 
 
-def _camera(run: Playback, field: str, colours: Colouring) -> Camera:
+def _camera(run: RunReader, field: str, colours: Colouring) -> Camera:
     """One that sees the whole run and stands still."""
     shapes = [run.shape(k, field, colours.kinds) for k in _sampled(run)]
     points = np.concatenate([shape.points for shape in shapes])
@@ -144,7 +144,7 @@ def _camera(run: Playback, field: str, colours: Colouring) -> Camera:
     return aim(ALONE, [everything])
 
 
-def _frames(run: Playback, field: str, colours: Colouring, camera: Camera, frames: Integers) -> Iterator[np.ndarray]:
+def _frames(run: RunReader, field: str, colours: Colouring, camera: Camera, frames: Integers) -> Iterator[np.ndarray]:
     """Images (height, width, 3) of bytes: the page around is laid out once, then picture and time are put into it."""
     from io import BytesIO
 

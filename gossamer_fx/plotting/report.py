@@ -13,8 +13,8 @@ import numpy as np
 
 from gossamer_fx.checks.errors import OutputFailure, check
 from gossamer_fx.outputs.description import lines
-from gossamer_fx.plotting.playback import Playback
 from gossamer_fx.plotting.plot import default_field, plot_curves, plot_strip
+from gossamer_fx.plotting.run_reader import RunReader
 from gossamer_fx.plotting.viewer import view_data
 
 _STYLE = """
@@ -40,7 +40,7 @@ _VIEW = """
 """.strip()
 
 
-def write_report(run: Playback, path: str | Path) -> None:
+def write_report(run: RunReader, path: str | Path) -> None:
     """Write the page.
 
     Raises:
@@ -57,7 +57,7 @@ def write_report(run: Playback, path: str | Path) -> None:
         raise OutputFailure(f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable.") from error
 
 
-def _page(run: Playback) -> Iterable[str]:
+def _page(run: RunReader) -> Iterable[str]:
     about, moving = run.about, bool(run.meshes) and len(run.times) > 0
     status = str(about.get("status", "unknown"))
     yield f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{escape(run.title)}</title>'
@@ -95,7 +95,7 @@ def _image(draw: Callable[[Path], None], words: str) -> str:
         return f'<img alt="{escape(words)}" src="data:image/png;base64,{b64encode(file.read_bytes()).decode()}">'
 
 
-def _ledger(run: Playback) -> Iterable[tuple[str, ...]]:
+def _ledger(run: RunReader) -> Iterable[tuple[str, ...]]:
     """Start, end and largest magnitude of each column."""
     for name, values in run.table("ledger.csv").items():
         if name not in ("time", "step", "iterations", "substeps"):

@@ -12,8 +12,8 @@ import numpy as np
 
 from gossamer_fx.model.terms import Array
 from gossamer_fx.outputs.fields import STATES
-from gossamer_fx.plotting.curves import LINES, Moment, Panel, label_ends, panels, scaled
-from gossamer_fx.plotting.playback import Playback, Tables
+from gossamer_fx.plotting.curves import LINES, Panel, Snapshot, label_ends, panels, scaled
+from gossamer_fx.plotting.run_reader import RunReader, Tables
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,7 +22,7 @@ _MOST = 2000  # points of a curve
 _PART = re.compile(r"(.+) (\S+)( \[[^]]*\])")  # a probe's name with a unit: "tip x [m]"
 
 
-def run_curves(run: Playback) -> tuple[list[Panel], tuple[float, float], str]:
+def run_curves(run: RunReader) -> tuple[list[Panel], tuple[float, float], str]:
     """Panels of energies, pressures, states, closing errors, solver and probes; start, end and unit of their time."""
     ledger, gas, states = (run.table(f"{name}.csv") for name in ("ledger", "gas", "states"))
     if not ledger or len(ledger["time"]) < 2:
@@ -37,7 +37,7 @@ def run_curves(run: Playback) -> tuple[list[Panel], tuple[float, float], str]:
     return found, (ledger["time"][0] / factor, ledger["time"][-1] / factor), f"{prefix}s"
 
 
-def _moment(ledger: Tables, gas: Tables, states: Tables, films: Sequence[str], row: int) -> Moment:
+def _moment(ledger: Tables, gas: Tables, states: Tables, films: Sequence[str], row: int) -> Snapshot:
     stored = {f"in {name[7:]}": float(ledger[name][row]) for name in ledger if name.startswith("stored ")}
     flows = {name: float(ledger[name][row]) for name in ("supplied", "dissipated")}
     errors = {"energy": float(ledger["energy_error"][row])}
@@ -45,7 +45,7 @@ def _moment(ledger: Tables, gas: Tables, states: Tables, films: Sequence[str], r
         errors["gas mass"] = float(ledger["mass_error"][row])
     time = float(ledger["time"][row])
     pressures = {name[:-9]: _at(gas, name, time) for name in gas if name.endswith(" pressure")}
-    return Moment(
+    return Snapshot(
         time,
         {"kinetic": float(ledger["kinetic"][row]), **stored, **flows},
         pressures,

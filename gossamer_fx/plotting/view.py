@@ -44,7 +44,7 @@ class Shape:
         return np.concatenate([part.reshape(-1, 3) for part in (self.corners, self.lines, self.dots)])
 
 
-class Sight:
+class Renderer:
     """The bodies of a system, ready to be looked at."""
 
     def __init__(self, system: System) -> None:
@@ -56,7 +56,7 @@ class Sight:
 
     def shape(self) -> Shape:
         """The accepted state; every rank must look at it, to know the normals at its border."""
-        films = [film.look() for film in self._films]
+        films = [film.snapshot() for film in self._films]
         lines = [_positions(q.x.array, q.function_space.dofmap.bs)[ends] for q, ends in self._curves]
         dots = []
         for k in self._dots:
@@ -84,7 +84,7 @@ class _Film:
         self._state = compile_expression(film_state(film, x), middles)
         self._film, self._x = film, x
 
-    def look(self) -> tuple[Array, Array, Integers]:
+    def snapshot(self) -> tuple[Array, Array, Integers]:
         """Corners, normals, states."""
         corners = _positions(self._x.x.array, 3)[self._triangles]
         states = self._state.eval(self._film.mesh.domain, self._cells).ravel()

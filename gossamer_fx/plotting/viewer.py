@@ -12,8 +12,8 @@ import numpy.typing as npt
 from gossamer_fx.model.terms import Array
 from gossamer_fx.plotting.colours import NAMES, Scale
 from gossamer_fx.plotting.curves import scaled
-from gossamer_fx.plotting.playback import Playback, Segment
 from gossamer_fx.plotting.plot import Colouring, colouring, default_field
+from gossamer_fx.plotting.run_reader import RunReader, Segment
 from gossamer_fx.plotting.view import Integers
 
 _BYTES = 6_000_000  # of positions and colours, about
@@ -30,7 +30,7 @@ class _Surface:
     of: Integers  # the pieces of the segment that are kept
 
 
-def view_data(run: Playback) -> dict[str, Any]:
+def view_data(run: RunReader) -> dict[str, Any]:
     """What `viewer.js` shows.
 
     Positions are 16-bit fractions of the box around the whole run, colours are rows of a table for each field;
@@ -68,7 +68,7 @@ def view_data(run: Playback) -> dict[str, Any]:
 
 
 def _part(
-    run: Playback,
+    run: RunReader,
     surfaces: list[tuple[str, _Surface]],
     frames: list[int],
     fields: list[tuple[str, Colouring]],
@@ -123,7 +123,7 @@ def _thinned(segment: Segment, most: int) -> _Surface:
     return _Surface(segment, points[first], pieces[of[once]], of[once])
 
 
-def _box(run: Playback, frames: list[int]) -> tuple[Array, Array]:
+def _box(run: RunReader, frames: list[int]) -> tuple[Array, Array]:
     looks = [segment.positions(k) for mesh in run.meshes.values() for segment, k in map(mesh.at, frames)]
     low, high = (f([f(x, axis=0) for x in looks], axis=0) for f in (np.min, np.max))
     return low, high - low

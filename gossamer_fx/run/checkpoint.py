@@ -19,22 +19,26 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from gossamer_fx.checks.errors import InputError, check, check_on_all, on_rank_zero, write_on_all
-from gossamer_fx.model.terms import is_on_mesh
-from gossamer_fx.outputs.output import Continued, make_parent
+from gossamer_fx.model.terms import Stateful, is_on_mesh
+from gossamer_fx.outputs.output import Continued, Output, make_parent
+from gossamer_fx.outputs.run import Run
 from gossamer_fx.run.node_keys import all_names, fetch, mesh_name
 from gossamer_fx.system.totals import Totals
 from gossamer_fx.version import VERSION
 
-if TYPE_CHECKING:
-    from gossamer_fx.run.simulation import Simulation
-
 FORMAT = 1
 SAME = 1e-6  # largest relative difference of an energy that is computed anew: round-off, but no other parameter
+
+
+class SavedRun(Run, Stateful, Protocol):
+    """A run, and its outputs, whose cursors are saved with it."""
+
+    outputs: list[Output]
 
 
 class Checkpoints:
@@ -63,7 +67,7 @@ class Checkpoints:
         self.seconds = 0.0  # spent in writing
         self._written: int | None = None
 
-    def open(self, run: Simulation) -> None:
+    def open(self, run: SavedRun) -> None:
         """Before anything is computed."""
         make_parent(run.comm, self.folder / "step")
         self._names = all_names(run.system)
@@ -77,7 +81,7 @@ class Checkpoints:
         """The last one that was written."""
         return None if self._written is None else self.folder / _name(self._written)
 
-    def record(self, run: Simulation, last: bool) -> None:
+    def record(self, run: SavedRun, last: bool) -> None:
         """Write one if it is due; after the outputs have recorded the step."""
         if self._written != run.step and (last or self._written is None or self._due(run)):
             started = time.perf_counter()
@@ -85,14 +89,14 @@ class Checkpoints:
             self._written, self._clock = run.step, time.monotonic()
             self.seconds += time.perf_counter() - started
 
-    def _due(self, run: Simulation) -> bool:
+    def _due(self, run: SavedRun) -> bool:
         if self.every is not None and run.step % self.every == 0:
             return True
         if self.minutes is None:
             return False
         return bool(run.comm.bcast(time.monotonic() - self._clock >= 60 * self.minutes))
 
-    def _write(self, run: Simulation) -> None:
+    def _write(self, run: SavedRun) -> None:
         comm, path = run.comm, self.folder / _name(run.step)
         new = self.folder / f".{path.name}"
         state = self._state(run)
@@ -128,7 +132,7 @@ class Checkpoints:
                 shutil.rmtree(new, ignore_errors=True)
             raise
 
-    def _arrays(self, run: Simulation) -> dict[str, Any]:
+    def _arrays(self, run: SavedRun) -> dict[str, Any]:
         """This rank's part: names (n,), and (n, size) of every vector of every block."""
         numbering = run.system.numbering
         arrays: dict[str, Any] = {f"names {k}": names for k, names in enumerate(self._names)}
@@ -137,7 +141,7 @@ class Checkpoints:
                 arrays[f"{name} {k}"] = vector.array_r[numbering.owned(k)].reshape(-1, block.size)
         return arrays
 
-    def _state(self, run: Simulation) -> dict[str, Any]:
+    def _state(self, run: SavedRun) -> dict[str, Any]:
         system = run.system
         energies = run.comm.allreduce(np.array([system.supplied_energy, system.dissipated_energy]))
         return {
@@ -149,8 +153,8 @@ class Checkpoints:
             "time": system.time,
             "supplied": energies[0],
             "dissipated": energies[1],
-            "run": run.memory(),
-            "history": run.history.memory(),
+            "run": run.get_state(),
+            "history": run.history.get_state(),
             "totals": _plain(run.totals),
             "outputs": [[type(o).__name__, o.cursor()] for o in run.outputs if isinstance(o, Continued)],
         }
@@ -162,7 +166,7 @@ def latest(folder: str | Path) -> Path | None:
     return found[-1] if found else None
 
 
-def read(run: Simulation, restart: str | Path) -> list[tuple[str, dict[str, Any]]]:
+def read(run: SavedRun, restart: str | Path) -> list[tuple[str, dict[str, Any]]]:
     """Give a run, which stands at its start, the state of a checkpoint; returns where its outputs stood.
 
     Args:
@@ -188,8 +192,8 @@ def read(run: Simulation, restart: str | Path) -> list[tuple[str, dict[str, Any]
     first = run.comm.rank == 0
     system.time = state["time"]
     system.supplied_energy, system.dissipated_energy = (state[n] if first else 0.0 for n in ("supplied", "dissipated"))
-    run.history.recall(state["history"])
-    run.recall(state["run"])
+    run.history.set_state(state["history"])
+    run.set_state(state["run"])
     _compare_energies(path, run.totals, state["totals"])
     return [(kind, cursor) for kind, cursor in state["outputs"]]
 
@@ -212,7 +216,7 @@ def _open(path: Path) -> tuple[Path, dict[str, Any]]:
     return chosen, state
 
 
-def _load(run: Simulation, path: Path, state: dict[str, Any]) -> dict[str, Any]:
+def _load(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
     """The parts of the ranks that this rank reads, one after the other."""
     names = [f"{what} {k}" for what in ("names", *state["vectors"]) for k in range(len(run.system.numbering.blocks))]
     parts = []
@@ -227,7 +231,7 @@ def _load(run: Simulation, path: Path, state: dict[str, Any]) -> dict[str, Any]:
     return {name: np.concatenate([part[name] for part in parts]) for name in names}
 
 
-def scene_of(run: Simulation) -> dict[str, Any]:
+def scene_of(run: SavedRun) -> dict[str, Any]:
     """What tells scenes apart: parts, unknowns, cells and extent of the meshes; the same on any number of ranks."""
     system, meshes, extents = run.system, dict[str, int](), dict[str, list[float]]()
     for body in system.bodies:
@@ -246,7 +250,7 @@ def scene_of(run: Simulation) -> dict[str, Any]:
     }
 
 
-def _compare(path: Path, state: dict[str, Any], run: Simulation) -> None:
+def _compare(path: Path, state: dict[str, Any], run: SavedRun) -> None:
     """Refuse a checkpoint of another scene."""
     there, here = state["scene"], scene_of(run)
     differs: Callable[[str], str] = lambda what: f"The checkpoint '{path}' is of another scene: {what}."  # noqa: E731

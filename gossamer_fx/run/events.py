@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.outputs.output import Probe, ask
+from gossamer_fx.outputs.output import Probe, evaluate_probe
 from gossamer_fx.steppers.history import History
 from gossamer_fx.steppers.stepping import Stepping
 
 if TYPE_CHECKING:
-    from gossamer_fx.run.simulation import Simulation
+    from gossamer_fx.outputs.run import Run
 
-Action = Callable[["Simulation"], object]
+Action = Callable[["Run"], object]
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,10 +72,10 @@ class When:
 Event = At | When
 
 
-class Watch:
+class EventMonitor:
     """Events at work on a run."""
 
-    def __init__(self, run: Simulation, events: Sequence[Event], history: History) -> None:
+    def __init__(self, run: Run, events: Sequence[Event], history: History) -> None:
         self._run, self._history = run, history
         for event in events:
             check(isinstance(event, At | When), f"{event!r} is no event; give At(...) or When(...).")
@@ -83,7 +83,7 @@ class Watch:
         self._when = [e for e in events if isinstance(e, When)]
         self._events: list[Event] = [*self._at, *self._when]
         self._done: list[int] = []  # numbers in `_events`, in the order in which they happened
-        self._last = {e: ask(run, f"When '{e.name}'", e.probe) for e in self._when}
+        self._last = {e: evaluate_probe(run, f"When '{e.name}'", e.probe) for e in self._when}
 
     @property
     def times(self) -> list[float]:
@@ -112,7 +112,7 @@ class Watch:
         """Those that have just happened."""
         happened = []
         for e in waiting:
-            before, self._last[e] = self._last[e], ask(self._run, f"When '{e.name}'", e.probe)
+            before, self._last[e] = self._last[e], evaluate_probe(self._run, f"When '{e.name}'", e.probe)
             if _beyond(e, self._last[e]) > 0 >= _beyond(e, before):
                 happened.append(e)
         return happened
@@ -151,16 +151,16 @@ class Watch:
         return self._look(waiting)
 
     def _act(self, event: Event, words: str) -> None:
-        self._run.tell(words)
+        self._run.log(words)
         if event.then is not None:
             event.then(self._run)
 
-    def memory(self) -> dict[str, Any]:
+    def get_state(self) -> dict[str, Any]:
         return {"done": self._done, "last": [self._last[e] for e in self._when]}
 
-    def recall(self, memory: dict[str, Any]) -> None:
-        self._done = list(memory["done"])
-        self._last = dict(zip(self._when, memory["last"], strict=True))
+    def set_state(self, state: dict[str, Any]) -> None:
+        self._done = list(state["done"])
+        self._last = dict(zip(self._when, state["last"], strict=True))
 
     def repeat(self) -> None:
         """After a restart: act as before."""

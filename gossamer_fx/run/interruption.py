@@ -58,7 +58,7 @@ class Listener:
 
 
 @contextmanager
-def together(comm: MPI.Intracomm) -> Iterator[None]:
+def abort_on_lone_error(comm: MPI.Intracomm) -> Iterator[None]:
     """See that an error of one rank does not leave the others waiting for it: all have it, or the program ends."""
     try:
         yield

@@ -21,7 +21,7 @@ from gossamer_fx.system.system import System
 Names = npt.NDArray[np.uint64]
 
 
-def mix(words: npt.NDArray[Any]) -> Names:
+def hash_rows(words: npt.NDArray[Any]) -> Names:
     """Hashes (n,) of rows of integers (n, k): Stafford's variant 13 of the 64-bit finaliser, word after word."""
     h: Names = np.full(len(words), 0x9E3779B97F4A7C15, dtype=np.uint64)
     for word in words.T.astype(np.int64).view(np.uint64):
@@ -37,7 +37,7 @@ def node_names(body: Body) -> Names:
     """Names of this rank's own nodes of a body."""
     start, end = body.block.index_map.local_range
     if not is_on_mesh(body):
-        return mix(np.arange(start, end)[:, None])
+        return hash_rows(np.arange(start, end)[:, None])
     layout, nodes = body.space.dofmap.dof_layout, body.space.dofmap.list
     words = np.zeros((body.block.index_map.size_local + body.block.index_map.num_ghosts, 3), dtype=np.int64)
     vertices, topology = cell_vertices(body), basix.topology(basix.CellType[body.space.mesh.topology.cell_name()])
@@ -48,7 +48,7 @@ def node_names(body: Body) -> Names:
                 check(len(here) == 1, f"'{body.name}' has {len(here)} nodes on one edge or cell; checkpoints know one.")
                 of = np.sort(vertices[:, corners], axis=1)
                 words[nodes[:, here[0]]] = np.pad(of, ((0, 0), (0, 3 - len(corners))), mode="edge")
-    return mix(words[: end - start])
+    return hash_rows(words[: end - start])
 
 
 def cell_vertices(body: MeshBody) -> npt.NDArray[np.int64]:
@@ -62,18 +62,18 @@ def mesh_name(body: MeshBody) -> int:
     """A number that depends on the cells of a mesh and not on their order; the same on every rank."""
     topology = body.space.mesh.topology
     cells = cell_vertices(body)[: topology.index_map(topology.dim).size_local]
-    hashes = mix(np.sort(cells, axis=1))
+    hashes = hash_rows(np.sort(cells, axis=1))
     return sum(body.comm.allgather(int(hashes.sum(dtype=np.uint64)))) % 2**64
 
 
 def all_names(system: System) -> list[Names]:
     """Names of this rank's own nodes of every block of a system: bodies, then the multipliers of each constraint."""
     names = [node_names(body) for body in system.bodies]
-    bonds = [part for part in system.parts if isinstance(part, PointConstraint)]
+    bonds = [part for part in system.terms if isinstance(part, PointConstraint)]
     for bond, block in zip(bonds, system.numbering.blocks[len(names) :], strict=True):
         places = [bond.measure.places[i] for i in own_places(bond.measure.places)]
         alone = block.index_map.size_global == 1
-        names.append(mix(np.zeros((len(places), 1))) if alone else _after_nodes(system, names, places))
+        names.append(hash_rows(np.zeros((len(places), 1))) if alone else _after_nodes(system, names, places))
     return names
 
 
@@ -86,7 +86,7 @@ def _after_nodes(system: System, names: list[Names], places: list[tuple[Attached
         key = k, int(names[k][port.nodes[0] - port.body.block.index_map.local_range[0]] >> np.uint64(1))
         seen[key] = seen.get(key, -1) + 1
         words.append((*key, seen[key]))
-    return mix(np.array(words, dtype=np.int64).reshape(-1, 3))
+    return hash_rows(np.array(words, dtype=np.int64).reshape(-1, 3))
 
 
 def fetch(comm: MPI.Intracomm, names: npt.NDArray[Any], values: npt.NDArray[Any], wanted: Names) -> npt.NDArray[Any]:

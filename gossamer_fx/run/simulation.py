@@ -14,7 +14,7 @@ import numpy as np
 
 from gossamer_fx.checks.errors import StepFailure, check
 from gossamer_fx.outputs.output import Output, begin
-from gossamer_fx.run.interruption import Interrupted, Listener, together
+from gossamer_fx.run.interruption import Interrupted, Listener, abort_on_lone_error
 from gossamer_fx.run.log import LOGGER
 from gossamer_fx.scene.scene import Scene
 from gossamer_fx.steppers.history import History
@@ -24,7 +24,7 @@ from gossamer_fx.system.totals import Totals
 if TYPE_CHECKING:
     from gossamer_fx.gas.state import ChamberState
     from gossamer_fx.run.checkpoint import Checkpoints
-    from gossamer_fx.run.events import Event, Watch
+    from gossamer_fx.run.events import Event, EventMonitor
     from gossamer_fx.steppers.step_control import StepControl
 
 
@@ -75,7 +75,7 @@ class Simulation:
         self.step = self.iterations = self.substeps = self.last_iterations = 0
         self.seconds = self.output_seconds = 0.0
         self.until = 0.0
-        self.first = self._totals = self.system.book()
+        self.first = self._totals = self.system.totals()
         self._largest = self.first.size
         self._watch = self._watch_for(events)
         self._begun = restart is not None
@@ -85,19 +85,19 @@ class Simulation:
         for output in self.outputs:
             begin(self, output, cursors)
 
-    def _watch_for(self, events: Sequence[Event]) -> Watch | None:
+    def _watch_for(self, events: Sequence[Event]) -> EventMonitor | None:
         if not events:
             return None
-        from gossamer_fx.run.events import Watch
+        from gossamer_fx.run.events import EventMonitor
 
-        return Watch(self, events, self.history)
+        return EventMonitor(self, events, self.history)
 
     def _restart(self, restart: str | Path) -> list[tuple[str, dict[str, Any]]]:
         """Take the state of a checkpoint; returns where its outputs stood."""
         from gossamer_fx.run.checkpoint import read
 
         cursors = read(self, restart)
-        self.tell(f"restarted at t = {self.time:.9g} s, step {self.step}")
+        self.log(f"restarted at t = {self.time:.9g} s, step {self.step}")
         if self._watch:
             self._watch.repeat()
         return cursors
@@ -113,7 +113,7 @@ class Simulation:
     def totals(self) -> Totals:
         """Energies, momenta and masses now."""
         if self._totals.time != self.time:
-            self._totals = self.system.book()
+            self._totals = self.system.totals()
         return self._totals
 
     @property
@@ -134,13 +134,7 @@ class Simulation:
     @property
     def chambers(self) -> dict[str, ChamberState]:
         """States of the gas chambers and tanks by name; none if the scene has no gas."""
-        found: dict[str, ChamberState] = {}
-        for border in self.system.borders:
-            from gossamer_fx.gas.network import GasNetwork
-
-            if isinstance(border, GasNetwork):
-                found |= {s.chamber.name: s for s in border.states}
-        return found
+        return {name: state for border in self.system.borders for name, state in border.states().items()}
 
     def chamber(self, name: str) -> ChamberState:
         """Pressure p [Pa], temperature [K], volume V [m³], mass m [kg] and internal energy U [J] of a chamber.
@@ -169,7 +163,7 @@ class Simulation:
         check(until >= self.time, f"until is {until!r} s, but the run is at t = {self.time:.9g} s; give a later time.")
         self.until = until
         times = [t for o in self.outputs for t in o.times] + (self._watch.times if self._watch else [])
-        with together(self.comm), ExitStack() as at_the_end, Listener() as signals:
+        with abort_on_lone_error(self.comm), ExitStack() as at_the_end, Listener() as signals:
             for output in self.outputs:
                 at_the_end.callback(output.close, self)
             if not self._begun:
@@ -235,34 +229,28 @@ class Simulation:
         LOGGER.warning("stopped by %s at t = %.9g s, after step %d%s", left.signal.name, self.time, self.step, where)
         raise left
 
-    def tell(self, words: str) -> None:
+    def log(self, words: str) -> None:
         """Say something to those who listen to the log."""
         LOGGER.info(words)
 
     # ---- checkpoints -------------------------------------------------------------------------------------------
 
-    def memory(self) -> dict[str, Any]:
+    def get_state(self) -> dict[str, Any]:
         """What a checkpoint keeps beside the history."""
         first = {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in asdict(self.first).items()}
         return {
             **{name: getattr(self, name) for name in _COUNTS},
             "first": first,
             "largest energy": self._largest,
-            "events": self._watch.memory() if self._watch else {},
+            "events": self._watch.get_state() if self._watch else {},
         }
 
-    def recall(self, memory: dict[str, Any]) -> None:
-        """Be as when `memory` was asked for."""
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Restore what `get_state` returned."""
         for name in _COUNTS:
-            setattr(self, name, memory[name])
-        first: dict[str, Any] = {n: np.array(v) if isinstance(v, list) else v for n, v in memory["first"].items()}
+            setattr(self, name, state[name])
+        first: dict[str, Any] = {n: np.array(v) if isinstance(v, list) else v for n, v in state["first"].items()}
         self.first = Totals(**first)
-        self._largest, self._totals = memory["largest energy"], self.system.book()
+        self._largest, self._totals = state["largest energy"], self.system.totals()
         if self._watch:
-            self._watch.recall(memory["events"])
-
-
-def relative_drift(now: np.ndarray, first: np.ndarray, scale: float = 0.0) -> float:
-    """Largest change of a vector over its size (or a given scale)."""
-    size = max(float(np.abs(first).max()), scale)
-    return float(np.abs(now - first).max()) / size if size else 0.0
+            self._watch.set_state(state["events"])

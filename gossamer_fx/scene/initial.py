@@ -40,7 +40,7 @@ class RigidMotion:
                 f"RigidMotion '{self.name}': {what} is {value.tolist()!r}; give three finite numbers.",
             )
 
-    def set_state(self, system: Assembly, q: PETSc.Vec, v: PETSc.Vec) -> None:
+    def initialise(self, system: Assembly, q: PETSc.Vec, v: PETSc.Vec) -> None:
         positions = q.array_r.copy()
         with v as rates:
             for k in range(len(system.bodies)):
@@ -60,7 +60,7 @@ class StartFrom:
     system: Assembly
     name: str = "start"
 
-    def set_state(self, system: Assembly, q: PETSc.Vec, v: PETSc.Vec) -> None:
+    def initialise(self, system: Assembly, q: PETSc.Vec, v: PETSc.Vec) -> None:
         there = {body.name: k for k, body in enumerate(self.system.bodies)}
         source = self.system.q0.array_r
         with q as values:

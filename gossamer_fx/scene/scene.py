@@ -9,9 +9,9 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import check, check_on_all
-from gossamer_fx.model.scalar_unknowns import BorderMaker, InitialCondition
-from gossamer_fx.model.terms import Body, Part, is_body
-from gossamer_fx.scene.validation import examine
+from gossamer_fx.model.scalar_unknowns import InitialCondition, ScalarUnknownsMaker
+from gossamer_fx.model.terms import Body, Term, is_body
+from gossamer_fx.scene.validation import validate
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import PathAverage, StressRule
 
@@ -21,10 +21,10 @@ class Item(Protocol):
     """Anything a scene may be made of: it has a name, and may have any of the other attributes.
 
     `requires()`   items that it refers to (they join the scene by themselves)
-    `parts()`      its roles
+    `terms()`      its roles
     `block`        coordinates, if it is a body
-    `set_state()`  a change of the initial state of the whole scene
-    `border`       the class that compiles all items of its kind to a `Border`, if it brings scalar unknowns
+    `initialise()` a change of the initial state of the whole scene
+    `border`       the class that compiles all items of its kind to a `ScalarUnknowns`, if it brings scalar unknowns
     """
 
     name: str
@@ -63,9 +63,9 @@ class Scene:
         """That of the bodies; a scene without bodies is computed on every rank alike."""
         return self.bodies[0].comm if self.bodies else MPI.COMM_WORLD
 
-    def parts(self) -> Iterable[Part]:
+    def terms(self) -> Iterable[Term]:
         for item in self.items:
-            yield from getattr(item, "parts", tuple)()
+            yield from getattr(item, "terms", tuple)()
 
     def compile(self, rule: StressRule | None = None) -> System:
         """Number the unknowns, compile the forms, take the initial state.
@@ -74,7 +74,7 @@ class Scene:
             InputError: cells without size, initial data that are not finite, or what a part finds wrong with its
                 surroundings.
         """
-        examine(self.items, self.comm)
+        validate(self.items, self.comm)
         for body in self.bodies:
             for what, values in zip(("displacement", "velocity"), body.initial_state(), strict=True):
                 check_on_all(
@@ -82,8 +82,8 @@ class Scene:
                     bool(np.isfinite(values).all()),
                     f"The initial {what} of '{body.name}' is not finite everywhere; check the function that gives it.",
                 )
-        system = System(self.bodies, self.parts(), rule or PathAverage(), self.comm)
-        makers: dict[BorderMaker, list[Item]] = {}
+        system = System(self.bodies, self.terms(), rule or PathAverage(), self.comm)
+        makers: dict[ScalarUnknownsMaker, list[Item]] = {}
         for item in self.items:
             if hasattr(item, "border"):
                 makers.setdefault(item.border, []).append(item)

@@ -1,6 +1,6 @@
 """A look at a scene before it is computed: what cannot be right is refused, what is hardly meant is warned of.
 
-Errors are sentences that are raised as `InputError`; suspicions are told once each, by the logger `gossamer_fx` on
+Errors are sentences that are raised as `InputError`; warnings are told once each, by the logger `gossamer_fx` on
 rank 0.  All checks are local to the ranks but for sums, and cost less than compiling one form.
 """
 
@@ -46,19 +46,19 @@ _EXTENT = (1e-4, 1e5)  # m
 _told: set[str] = set()
 
 
-def examine(items: Iterable[Any], comm: MPI.Intracomm) -> None:
+def validate(items: Iterable[Any], comm: MPI.Intracomm) -> None:
     """Check the meshes of the bodies and the sizes of numbers.
 
     Raises:
         InputError: cells without area or length, curved cells that turn inside.
     """
-    for words in suspicions(list(items)):
+    for words in warnings(list(items)):
         if words not in _told and comm.rank == 0:
             LOG.warning(words)
         _told.add(words)
 
 
-def suspicions(items: list[Any]) -> Iterator[str]:
+def warnings(items: list[Any]) -> Iterator[str]:
     """Sentences about what is hardly meant, the same on every rank."""
     for item in items:
         if is_body(item) and is_on_mesh(item):

@@ -138,7 +138,7 @@ class Newton:
         if reason <= 0:
             linear.recover(self._preconditioner)
             raise NotConverged(self._complaint(reason, self.iterations))
-        impossible = next(filter(None, (border.impossible() for border in self.system.borders)), "")
+        impossible = next(filter(None, (border.inadmissible() for border in self.system.borders)), "")
         if impossible:
             raise NotConverged(impossible)
         return self._composite.split(self._x)[1], self.iterations

@@ -70,11 +70,11 @@ class GeneralizedAlphaSolver:
         self.vectors = {"acceleration": self._a0, "rate": self._v̇0}
         self._started = False
 
-    def memory(self) -> dict[str, Any]:
+    def get_state(self) -> dict[str, Any]:
         return {"started": self._started}
 
-    def recall(self, memory: dict[str, Any]) -> None:
-        self._started = memory["started"]
+    def set_state(self, state: dict[str, Any]) -> None:
+        self._started = state["started"]
 
     def _first_acceleration(self) -> None:
         """M v̇0 + De(q0)ᵀλ = F - f(q0), De(q0) v̇0 = -D²e[v0, v0]; and a0 = v̇0."""

@@ -7,12 +7,12 @@ from typing import Any, Protocol, runtime_checkable
 
 from petsc4py import PETSc
 
-from gossamer_fx.model.terms import Remembers
+from gossamer_fx.model.terms import Stateful
 from gossamer_fx.system.system import System
 
 
 @runtime_checkable
-class Carrier(Remembers, Protocol):
+class Carrier(Stateful, Protocol):
     """A stepper or step control with a past: vectors of the system, and what it remembers."""
 
     vectors: Mapping[str, PETSc.Vec]
@@ -27,7 +27,7 @@ class History:
     def __init__(self, system: System, carriers: Iterable[object]) -> None:
         self._system = system
         self.vectors = {"coordinates": system.q0, "velocities": system.v0, "coordinates before": system.past}
-        self._remembering: dict[str, Remembers] = {}
+        self._remembering: dict[str, Stateful] = {}
         for carrier in carriers:
             if isinstance(carrier, Carrier):
                 name = type(carrier).__name__
@@ -35,21 +35,21 @@ class History:
                 self.vectors |= {f"{name} {what}": vector for what, vector in carrier.vectors.items()}
         for k, border in enumerate(system.borders):
             self._remembering[f"border {k}"] = border
-        for k, part in enumerate(system.parts):
+        for k, part in enumerate(system.terms):
             for what, thing in vars(part).items():
-                if isinstance(thing, Remembers):
+                if isinstance(thing, Stateful):
                     self._remembering[f"part {k} {what}"] = thing
         self._kept: dict[str, PETSc.Vec] = {}
 
-    def memory(self) -> dict[str, Any]:
+    def get_state(self) -> dict[str, Any]:
         """What is remembered beside the vectors, by name; the same on every rank."""
-        return {name: thing.memory() for name, thing in self._remembering.items()}
+        return {name: thing.get_state() for name, thing in self._remembering.items()}
 
-    def recall(self, memory: dict[str, Any]) -> None:
-        """Be as when `memory` was asked for; the vectors have been set."""
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Restore what `get_state` returned; the vectors have been set."""
         self._system.resume()
         for name, thing in self._remembering.items():
-            thing.recall(memory[name])
+            thing.set_state(state[name])
 
     def keep(self) -> None:
         """Note the present."""
@@ -59,7 +59,7 @@ class History:
         for name, vector in self.vectors.items():
             vector.copy(self._kept[name])
         self._numbers = system.time, system.supplied_energy, system.dissipated_energy
-        self._memory = self.memory()
+        self._memory = self.get_state()
 
     def go_back(self) -> None:
         """Be as at the last `keep`."""
@@ -67,4 +67,4 @@ class History:
         for name, vector in self.vectors.items():
             self._kept[name].copy(vector)
         system.time, system.supplied_energy, system.dissipated_energy = self._numbers
-        self.recall(self._memory)
+        self.set_state(self._memory)

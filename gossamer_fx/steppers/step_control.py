@@ -121,13 +121,13 @@ class ControlledSteps:
             factor = min(factor, by_error)
         return max(factor, control.cut)
 
-    def memory(self) -> dict[str, Any]:
+    def get_state(self) -> dict[str, Any]:
         return {"wanted": self.wanted, "before": self._estimate.before if self._estimate else 0.0}
 
-    def recall(self, memory: dict[str, Any]) -> None:
-        self.wanted = memory["wanted"]
+    def set_state(self, state: dict[str, Any]) -> None:
+        self.wanted = state["wanted"]
         if self._estimate:
-            self._estimate.before = memory["before"]
+            self._estimate.before = state["before"]
 
 
 class LocalError:

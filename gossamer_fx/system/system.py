@@ -12,18 +12,18 @@ from petsc4py import PETSc
 from scipy.linalg import block_diag
 
 from gossamer_fx.algebra.numbering import Numbering
-from gossamer_fx.model.scalar_unknowns import Border, InitialCondition
+from gossamer_fx.model.scalar_unknowns import InitialCondition, ScalarUnknowns
 from gossamer_fx.model.terms import (
     Array,
     Body,
-    Dissipated,
-    Part,
+    Dissipation,
+    Load,
     PointConstraint,
-    PointDissipated,
-    PointStored,
-    PointSupplied,
-    Stored,
-    Supplied,
+    PointDissipation,
+    PointLoad,
+    PointStoredEnergy,
+    StoredEnergy,
+    Term,
     is_on_mesh,
 )
 from gossamer_fx.system.totals import Totals
@@ -48,12 +48,12 @@ class System:
     behind the coordinates in the same vector; they have no mass and no rate, and their rows of r are the constraints.
     """
 
-    def __init__(self, bodies: list[Body], parts: Iterable[Part], rule: StressRule, comm: MPI.Intracomm) -> None:
+    def __init__(self, bodies: list[Body], parts: Iterable[Term], rule: StressRule, comm: MPI.Intracomm) -> None:
         self.comm, self.bodies, self.rule = comm, bodies, rule
-        self.borders: list[Border] = []
+        self.borders: list[ScalarUnknowns] = []
         self.time, self.h = 0.0, 1.0
         self.supplied_energy = self.dissipated_energy = 0.0
-        self.parts = parts = list(parts)
+        self.terms = parts = list(parts)
         bonds = [p for p in parts if isinstance(p, PointConstraint)]
         blocks = [b.block for b in bodies] + [multiplier_block(comm, p) for p in bonds]
         self.numbering = numbering = Numbering(comm, blocks)
@@ -61,13 +61,13 @@ class System:
 
         self.fields = {k: Coordinates(b.space, rule.alpha) for k, b in enumerate(bodies) if is_on_mesh(b)}
         self._forces = {k: la.vector(bodies[k].block.index_map, bodies[k].block.size) for k in self.fields}
-        self.stored = [(k, ElementForces(p, at, rule)) for k, at, p in self._on_fields(parts, Stored)]
-        self.dissipated = [(k, ElementForces(p, at, rule)) for k, at, p in self._on_fields(parts, Dissipated)]
-        self.loads = [(k, LoadForces(p, at)) for k, at, p in self._on_fields(parts, Supplied)]
+        self.stored = [(k, ElementForces(p, at, rule)) for k, at, p in self._on_fields(parts, StoredEnergy)]
+        self.dissipated = [(k, ElementForces(p, at, rule)) for k, at, p in self._on_fields(parts, Dissipation)]
+        self.loads = [(k, LoadForces(p, at)) for k, at, p in self._on_fields(parts, Load)]
         self._elements = self.stored + self.dissipated
-        points = [p for p in parts if isinstance(p, PointStored | PointDissipated)]
+        points = [p for p in parts if isinstance(p, PointStoredEnergy | PointDissipation)]
         self._points = PointForces(numbering, bodies, points, rule.alpha) if points else None
-        pushes = [p for p in parts if isinstance(p, PointSupplied)]
+        pushes = [p for p in parts if isinstance(p, PointLoad)]
         self._pushes = PointLoads(numbering, bodies, pushes, rule.alpha) if pushes else None
         self.constraints = PointConstraints(numbering, bodies, bonds, rule.alpha) if bonds else None
         self.masses = Masses(numbering, bodies, self.fields, parts)
@@ -78,7 +78,7 @@ class System:
         for k, body in enumerate(self.bodies):
             self.q0.array[self.numbering.owned(k)], self.v0.array[self.numbering.owned(k)] = body.initial_state()
         for condition in conditions:
-            condition.set_state(self, self.q0, self.v0)
+            condition.initialise(self, self.q0, self.v0)
         self.v0.array[self.supports.at_rest] = 0
         if self.constraints:
             free = self.numbering.vector()
@@ -98,7 +98,7 @@ class System:
             self.move(q, None)
             self._keep()
 
-    def _on_fields(self, parts: list[Part], role: Any) -> list[tuple[int, Coordinates, Any]]:
+    def _on_fields(self, parts: list[Term], role: Any) -> list[tuple[int, Coordinates, Any]]:
         """The parts of one role, with the index and coordinates of their body."""
         found = [(self.bodies.index(p.body), p) for p in parts if isinstance(p, role)]
         return [(k, self.fields[k], p) for k, p in found]
@@ -257,7 +257,7 @@ class System:
         if self.constraints:
             self.constraints.begin(self.q0)
 
-    def book(self) -> Totals:
+    def totals(self) -> Totals:
         """Energies and momenta of the accepted state, and what was supplied and dissipated since the start."""
         self.M.mult(self.v0, self._momenta)
         P, x = self._momenta.array_r, self.q0.array_r
@@ -277,7 +277,7 @@ class System:
         stored = dict(zip(stored, rest[6:], strict=True))
         mass = mass_supplied = 0.0
         for border in self.borders:
-            b = border.book()
+            b = border.totals()
             stored |= b.stored
             supplied, mass, mass_supplied = supplied + b.supplied, mass + b.mass, mass_supplied + b.mass_supplied
         linear, angular = np.array(rest[:3]), np.array(rest[3:6])
@@ -339,6 +339,6 @@ class System:
         for border in self.borders:
             border.add_tangents(self.A)
 
-    def _split(self, y: Array) -> list[tuple[Border, Array]]:
+    def _split(self, y: Array) -> list[tuple[ScalarUnknowns, Array]]:
         ends = np.cumsum([0] + [b.size for b in self.borders])
         return [(b, y[i:j]) for b, i, j in zip(self.borders, ends[:-1], ends[1:], strict=True)]

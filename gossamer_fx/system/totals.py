@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from gossamer_fx.model.terms import Array
 
 
@@ -31,3 +33,9 @@ class Totals:
         """What an error of the energy is compared with: energies and flows without their signs."""
         flows = abs(self.supplied) + abs(self.dissipated)
         return max(self.kinetic + sum(map(abs, self.stored.values())), flows)
+
+
+def relative_drift(now: Array, first: Array, scale: float = 0.0) -> float:
+    """Largest change of a vector over its size (or a given scale)."""
+    size = max(float(np.abs(first).max()), scale)
+    return float(np.abs(now - first).max()) / size if size else 0.0

@@ -43,7 +43,7 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import compile_expression, compile_form, constant
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.strain_path import gradient as gradient
-from gossamer_fx.model.terms import Array, Dissipated, Indices, Stored
+from gossamer_fx.model.terms import Array, Dissipation, Indices, StoredEnergy
 
 ROUND_OFF = 4 * np.finfo(float).eps  # of a difference of energies, over their sum
 
@@ -60,11 +60,11 @@ class StressRule(Protocol):
         """Weight of the end in the configuration q̄ at which forces act."""
         ...
 
-    def stress(self, part: Stored, e0: Expr, e1: Expr) -> Expr:
+    def stress(self, part: StoredEnergy, e0: Expr, e1: Expr) -> Expr:
         """S̄, an expression of e0 and the UFL variable e1."""
         ...
 
-    def cases(self, part: Stored, e0: Expr, e1: Expr) -> list[tuple[Expr, Expr]]:
+    def cases(self, part: StoredEnergy, e0: Expr, e1: Expr) -> list[tuple[Expr, Expr]]:
         """Conditions under which S̄ costs less, and S̄ under each of them; the first that holds counts."""
         return []
 
@@ -82,7 +82,7 @@ class PathAverage(StressRule):
     def __post_init__(self) -> None:
         check(self.points >= 1, f"PathAverage: points is {self.points!r}; take at least one Gauss point.")
 
-    def stress(self, part: Stored, e0: Expr, e1: Expr) -> Expr:
+    def stress(self, part: StoredEnergy, e0: Expr, e1: Expr) -> Expr:
         ψ, Δe = part.density, e1 - e0
         if part.quadratic:
             return gradient(ψ, (e0 + e1) / 2)
@@ -96,7 +96,7 @@ class PathAverage(StressRule):
                 S += float(w) / 2 * gradient(ψ, e0 + float(1 + p) / 2 * Δe)
         return S + defect(ψ, S, e0, e1)
 
-    def cases(self, part: Stored, e0: Expr, e1: Expr) -> list[tuple[Expr, Expr]]:
+    def cases(self, part: StoredEnergy, e0: Expr, e1: Expr) -> list[tuple[Expr, Expr]]:
         """Paths that stay in one state: six of ten in the iterations of a film that flutters, seven before it does."""
         if part.quadratic or not part.pieces:
             return []
@@ -116,7 +116,7 @@ class EndPoint(StressRule):
 
     alpha = 1.0
 
-    def stress(self, part: Stored, e0: Expr, e1: Expr) -> Expr:
+    def stress(self, part: StoredEnergy, e0: Expr, e1: Expr) -> Expr:
         return gradient(part.density, e1)
 
 
@@ -147,9 +147,9 @@ class Coordinates:
 
 
 class ElementForces:
-    """Forces, tangent and energy of one `Stored` or `Dissipated` part, compiled."""
+    """Forces, tangent and energy of one `StoredEnergy` or `Dissipation` part, compiled."""
 
-    def __init__(self, part: Stored | Dissipated, at: Coordinates, rule: StressRule) -> None:
+    def __init__(self, part: StoredEnergy | Dissipation, at: Coordinates, rule: StressRule) -> None:
         self.part = part
         q, w, dq, δ = at.q1, at.w, at.dq, at.δ
         e = part.measure(q)
@@ -169,7 +169,7 @@ class ElementForces:
         D = ufl.as_matrix([[self._response[m + i * m + j] for j in range(m)] for i in range(m)])
 
         ê = ufl.variable(self._ê)
-        if isinstance(part, Stored):
+        if isinstance(part, StoredEnergy):
             S̄ = rule.stress(part, self._e0, ê)
             cases = rule.cases(part, self._e0, ê)
             self._energy = compile_form(part.density(self._e0) * part.dx)
@@ -190,7 +190,7 @@ class ElementForces:
         cells = mesh.topology.index_map(mesh.topology.dim)
         self._cells = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
         self._size = m
-        self._switches = isinstance(part, Stored) and not part.quadratic and rule.alpha == 0.5
+        self._switches = isinstance(part, StoredEnergy) and not part.quadratic and rule.alpha == 0.5
         if self._switches:
             self._expected = fem.Function(fem.functionspace(mesh, _quadrature_element(mesh, metadata, (2 * m + 2,))))
             change, stiffness = linearised - self._ê, _largest(D[i, i] for i in range(m))

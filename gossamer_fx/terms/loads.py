@@ -6,14 +6,14 @@ import ufl
 from dolfinx import fem, la
 
 from gossamer_fx.forms.compilation import compile_form
-from gossamer_fx.model.terms import Array, Supplied
+from gossamer_fx.model.terms import Array, Load
 from gossamer_fx.terms.discrete_gradient import Coordinates
 
 
 class LoadForces:
-    """A `Supplied` part, compiled: its force at q̄ and its work over the step."""
+    """A `Load` part, compiled: its force at q̄ and its work over the step."""
 
-    def __init__(self, part: Supplied, at: Coordinates) -> None:
+    def __init__(self, part: Load, at: Coordinates) -> None:
         self.part, self._at = part, at
         δW = part.work(at.mid, at.w)
         self.form = compile_form(δW)

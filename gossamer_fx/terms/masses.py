@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from gossamer_fx.algebra.numbering import GlobalIndices, Numbering
 from gossamer_fx.algebra.places import add_mass
 from gossamer_fx.forms.compilation import compile_form
-from gossamer_fx.model.terms import Array, AttachedKinetic, Body, Kinetic, Part, PointKinetic
+from gossamer_fx.model.terms import Array, AttachedKineticEnergy, Body, KineticEnergy, NodeKineticEnergy, Term
 from gossamer_fx.terms.discrete_gradient import Coordinates
 
 
@@ -20,13 +20,13 @@ class Masses:
     """All kinetic parts of a scene."""
 
     def __init__(
-        self, numbering: Numbering, bodies: list[Body], fields: dict[int, Coordinates], parts: Iterable[Part]
+        self, numbering: Numbering, bodies: list[Body], fields: dict[int, Coordinates], parts: Iterable[Term]
     ) -> None:
         self._numbering, self._bodies, self._fields = numbering, bodies, fields
         parts = list(parts)
-        self._on_meshes = [(bodies.index(p.body), p) for p in parts if isinstance(p, Kinetic)]
-        self._points = [(bodies.index(p.body), p) for p in parts if isinstance(p, PointKinetic)]
-        self._attached = [p for p in parts if isinstance(p, AttachedKinetic)]
+        self._on_meshes = [(bodies.index(p.body), p) for p in parts if isinstance(p, KineticEnergy)]
+        self._points = [(bodies.index(p.body), p) for p in parts if isinstance(p, NodeKineticEnergy)]
+        self._attached = [p for p in parts if isinstance(p, AttachedKineticEnergy)]
 
     @property
     def at_points(self) -> bool:

@@ -13,27 +13,27 @@ from petsc4py import PETSc
 
 from gossamer_fx.algebra.numbering import Numbering
 from gossamer_fx.algebra.places import Gather, Places, add_blocks
-from gossamer_fx.model.terms import Array, Body, PointDissipated, PointStored
+from gossamer_fx.model.terms import Array, Body, PointDissipation, PointStoredEnergy
 
 
 @dataclass
 class _Local:
     """A point part on its rank: its places, their unknowns and strains at the start of the step."""
 
-    part: PointStored | PointDissipated
+    part: PointStoredEnergy | PointDissipation
     at: Places
     q0: Array
     e0: Array
 
 
 class PointForces:
-    """All `PointStored` and `PointDissipated` parts of a scene."""
+    """All `PointStoredEnergy` and `PointDissipation` parts of a scene."""
 
     def __init__(
-        self, numbering: Numbering, bodies: list[Body], parts: list[PointStored | PointDissipated], alpha: float
+        self, numbering: Numbering, bodies: list[Body], parts: list[PointStoredEnergy | PointDissipation], alpha: float
     ) -> None:
         self._α, self.h = alpha, 1.0
-        self._names = [part.name for part in parts if isinstance(part, PointStored)]
+        self._names = [part.name for part in parts if isinstance(part, PointStoredEnergy)]
         places = [Places(numbering, bodies, part.measure) for part in parts]
         self._mine = [
             _Local(part, at, np.zeros((at.n, at.D)), np.zeros((at.n, at.m)))
@@ -70,7 +70,7 @@ class PointForces:
     def _stress(self, local: _Local, q: Array) -> tuple[Array, Array]:
         """Stress of the step and its derivative with respect to the end strain."""
         e1 = local.at.strain(q)
-        if isinstance(local.part, PointDissipated):
+        if isinstance(local.part, PointDissipation):
             return local.part.density.average(local.e0, e1, self.h)
         if self._α == 0.5:
             return local.part.density.average(local.e0, e1)
@@ -81,7 +81,7 @@ class PointForces:
         """This rank's energies at the last accepted state, by part."""
         result = dict.fromkeys(self._names, 0.0)
         for local in self._mine:
-            if isinstance(local.part, PointStored):
+            if isinstance(local.part, PointStoredEnergy):
                 result[local.part.name] += float(local.part.density.energy(local.e0).sum())
         return result
 
@@ -89,6 +89,6 @@ class PointForces:
         """This rank's loss in the step; before it is accepted."""
         loss = 0.0
         for local, q in zip(self._mine, self._gather(q1), strict=True):
-            if isinstance(local.part, PointDissipated):
+            if isinstance(local.part, PointDissipation):
                 loss += float(np.sum(self._stress(local, q)[0] * (local.at.strain(q) - local.e0)))
         return loss

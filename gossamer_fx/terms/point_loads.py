@@ -7,13 +7,13 @@ from petsc4py import PETSc
 
 from gossamer_fx.algebra.numbering import Numbering
 from gossamer_fx.algebra.places import Gather, attach, is_here
-from gossamer_fx.model.terms import Array, Body, PointSupplied
+from gossamer_fx.model.terms import Array, Body, PointLoad
 
 
 class PointLoads:
-    """All `PointSupplied` parts of a scene: force f(X̄) on attached vectors X = P q + o, work f·(X1 - X0)."""
+    """All `PointLoad` parts of a scene: force f(X̄) on attached vectors X = P q + o, work f·(X1 - X0)."""
 
-    def __init__(self, numbering: Numbering, bodies: list[Body], parts: list[PointSupplied], alpha: float) -> None:
+    def __init__(self, numbering: Numbering, bodies: list[Body], parts: list[PointLoad], alpha: float) -> None:
         self._α, self._laws = alpha, [part.law for part in parts]
         attached = [attach(numbering, bodies, part.ports) for part in parts]
         self._indices = [indices for indices, _, _ in attached]

@@ -9,23 +9,23 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from gossamer_fx.algebra.numbering import Numbering
-from gossamer_fx.model.terms import Array, Body, Constraint, Part
+from gossamer_fx.model.terms import Array, Body, Support, Term
 
 Motion = Callable[[float], Array]
 
 
 class Supports:
-    """All `Constraint` parts of a scene; positions count in this rank's part of a vector.
+    """All `Support` parts of a scene; positions count in this rank's part of a vector.
 
     held (n,): positions that the equations do not govern;  reactions (n,): the forces [N] that hold them.
     """
 
-    def __init__(self, numbering: Numbering, bodies: list[Body], parts: list[Part]) -> None:
+    def __init__(self, numbering: Numbering, bodies: list[Body], parts: list[Term]) -> None:
         self._numbering = numbering
         found = [np.zeros(0, dtype=np.int64)]
         self._moved: list[tuple[npt.NDArray[np.int64], Motion]] = []
         for part in parts:
-            if isinstance(part, Constraint):
+            if isinstance(part, Support):
                 owned = numbering.owned(bodies.index(part.body))
                 mine = part.dofs < owned.stop - owned.start
                 at = part.dofs[mine].astype(np.int64) + owned.start

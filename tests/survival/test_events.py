@@ -47,13 +47,13 @@ def test_the_first_of_two_events_in_a_step_comes_first() -> None:
     _, scene = falling()
     told: list[str] = []
 
-    def tell(name: str):
+    def log(name: str):
         return lambda run: told.append(f"{name} {run.time:.6f}")
 
     events = [
-        gx.When(lambda run: run.time, 0.07, then=tell("late")),
-        gx.At(0.05, then=tell("at")),
-        gx.When(lambda run: run.time, 0.02, then=tell("early")),
+        gx.When(lambda run: run.time, 0.07, then=log("late")),
+        gx.At(0.05, then=log("at")),
+        gx.When(lambda run: run.time, 0.02, then=log("early")),
     ]
     run = gx.Simulation(scene, gx.Midpoint(dt=0.1), events=events)
     run.run(until=0.3)

@@ -128,7 +128,7 @@ def test_a_step_that_is_taken_back_leaves_no_trace(scene: Callable[[MPI.Intracom
     results = []
     for trial in (1e-3, 2.7e-3, 1e-3):
         run.stepping.advance(trial)
-        results.append((run.system.q0.array_r.copy(), run.system.v0.array_r.copy(), run.system.book().energy))
+        results.append((run.system.q0.array_r.copy(), run.system.v0.array_r.copy(), run.system.totals().energy))
         run.history.go_back()
     for first, again in zip(results[0], results[2], strict=True):
         largest = COMM.allreduce(float(np.max(np.abs(first), initial=0.0)), MPI.MAX)

@@ -17,7 +17,16 @@ WORLD = MPI.COMM_WORLD
 Call = dict[str, Any]
 
 # not called by users, or without arguments
-UNCALLED = {"EndPoint", "Found", "InputError", "Interrupted", "Mesh", "Mode", "NoEquilibrium", "OutputFailure"}
+UNCALLED = {
+    "EndPoint",
+    "EquilibriumResult",
+    "InputError",
+    "Interrupted",
+    "Mesh",
+    "Mode",
+    "NoEquilibrium",
+    "OutputFailure",
+}
 UNCALLED |= {"StepFailure", "StartFrom", "Scene", "Progress"}
 
 
@@ -129,7 +138,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "log_to": {"comm": WORLD, "file": folder / "log.txt", "quiet": False},
         "modes": {"equilibrium": None, "count": 3, "spin": z, "above": 0.0},
         "patch": {"centre": P, "points": [P, P, P]},
-        "Playback": {"folder": folder / "no run"},
+        "RunReader": {"folder": folder / "no run"},
         "animate": {"run": None, "field": "state", "path": folder / "a.gif", "seconds": 6.0},
         "plot_curves": {"run": None, "path": folder / "a.png"},
         "plot_field": {"run": None, "field": "state", "times": (0.0,), "path": folder / "a.png"},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import inspect
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -48,23 +49,14 @@ def house_of(module: str) -> str:
     return module.split(".")[1] if "." in module else "gossamer_fx"
 
 
-def imports_at_run_time(path: Path) -> set[str]:
-    """Modules of the package that a file imports, those for type checking left out."""
+def imports_of(path: Path) -> set[str]:
+    """Modules of the package that a file imports, those for annotations and within functions included."""
     found: set[str] = set()
-    tree = ast.parse(path.read_text())
-    skipped = {
-        id(node)
-        for block in ast.walk(tree)
-        if isinstance(block, ast.If) and "TYPE_CHECKING" in ast.dump(block.test)
-        for node in ast.walk(block)
-    }
-    for node in ast.walk(tree):
-        if (
-            isinstance(node, ast.ImportFrom)
-            and (node.module or "").startswith("gossamer_fx")
-            and id(node) not in skipped
-        ):
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("gossamer_fx"):
             found.add(str(node.module))
+        elif isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names if alias.name.startswith("gossamer_fx.")}
     return found
 
 
@@ -72,8 +64,17 @@ def imports_at_run_time(path: Path) -> set[str]:
 def test_imports_go_down(path: Path) -> None:
     here = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
     assert here in LEVEL, f"give '{here}' its floor"
-    for module in imports_at_run_time(path):
+    for module in imports_of(path):
         assert LEVEL[house_of(module)] <= LEVEL[here], f"{here} imports {module} from above"
+
+
+def test_no_files_import_each_other_in_a_circle() -> None:
+    names = {".".join(p.relative_to(PACKAGE.parent).with_suffix("").parts): p for p in MODULES}
+    TopologicalSorter({name: imports_of(path) & set(names) for name, path in names.items()}).prepare()
+
+
+def test_the_top_of_the_house_is_small() -> None:
+    assert len([p for p in PACKAGE.iterdir() if p.is_file()]) <= 6
 
 
 @pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))

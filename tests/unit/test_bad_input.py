@@ -347,4 +347,4 @@ def test_a_run_is_kept_and_can_go_on(tmp_path: Path, monkeypatch, capsys) -> Non
     assert Path("out/scene/ledger.csv").read_text().startswith(ledger)
     assert main(["run", "scene.py", "--quiet", "--overwrite"]) == 0
     assert Path("out/scene/ledger.csv").read_text() == ledger
-    assert gx.Playback("out/scene").times == pytest.approx([0.0, 1e-3, 2e-3])
+    assert gx.RunReader("out/scene").times == pytest.approx([0.0, 1e-3, 2e-3])

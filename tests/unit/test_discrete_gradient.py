@@ -12,7 +12,7 @@ from hypothesis import given
 
 from gossamer_fx import EndPoint, Linear, Miyazaki, PathAverage, TensionField
 from gossamer_fx.materials.film import FilmLaw, constants
-from gossamer_fx.model.terms import Stored
+from gossamer_fx.model.terms import StoredEnergy
 from gossamer_fx.terms import discrete_gradient
 from tests.strain_samples import CELLS, SQUARE, Samples, random_strains
 
@@ -26,11 +26,11 @@ def name(law):
     return type(law).__name__
 
 
-def law_part(law: FilmLaw, cut: bool = True) -> Stored:
+def law_part(law: FilmLaw, cut: bool = True) -> StoredEnergy:
     """The law's part of a film, with or without what it tells of the pieces of a path."""
     c = constants(law, SQUARE)
     pieces = partial(law.pieces, c=c) if cut else None
-    return Stored("film", None, None, lambda e: law.energy(e, c), None, law.quadratic, pieces)
+    return StoredEnergy("film", None, None, lambda e: law.energy(e, c), None, law.quadratic, pieces)
 
 
 def responses(law, rule) -> Samples:

@@ -23,7 +23,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.mesh import gmsh_reader as raw_mesh
-from gossamer_fx.scene.validation import suspicions
+from gossamer_fx.scene.validation import warnings
 from meshes.airbag import airbag
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="files are read by one rank")
@@ -92,7 +92,7 @@ def read(path: Path) -> str:
     """What is said about a file: nothing if it makes a film."""
     try:
         film = gx.Membrane(gx.read_mesh(path, ALONE), gx.Linear(**LAW))
-        list(suspicions([film]))
+        list(warnings([film]))
     except gx.InputError as error:
         return str(error)
     return ""

@@ -10,7 +10,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.scene.validation import examine, self_intersections, suspicions
+from gossamer_fx.scene.validation import self_intersections, validate, warnings
 from meshes.airbag import airbag
 from meshes.sheet import sheet
 from meshes.sphere import sphere
@@ -41,7 +41,7 @@ def rows_of_squares(n: int, lift: Callable[[int, int], float] = lambda i, j: 0.0
 
 
 def words_of(mesh: gx.Mesh, law: gx.Miyazaki = LAW, **options) -> list[str]:
-    return list(suspicions([gx.Membrane(mesh, law, **options)]))
+    return list(warnings([gx.Membrane(mesh, law, **options)]))
 
 
 @pytest.mark.mpi
@@ -56,13 +56,13 @@ def words_of(mesh: gx.Mesh, law: gx.Miyazaki = LAW, **options) -> list[str]:
 )
 def test_good_meshes_are_not_suspected(mesh):
     film = gx.Membrane(mesh(), LAW)
-    assert list(suspicions([film])) == [] == list(self_intersections([film]))
+    assert list(warnings([film])) == [] == list(self_intersections([film]))
 
 
 @pytest.mark.mpi
 def test_curved_triangles_are_not_suspected():
     film = gx.Membrane(sphere(WORLD, 1.0, 12, order=2), LAW, order=2)
-    assert list(suspicions([film])) == [] == list(self_intersections([film]))
+    assert list(warnings([film])) == [] == list(self_intersections([film]))
 
 
 @pytest.mark.mpi
@@ -82,9 +82,9 @@ def test_a_curved_triangle_that_turns_inside_is_refused():
         film = gx.Membrane(mesh, LAW, order=2)
         if turned:
             with pytest.raises(gx.InputError, match="1 curved triangles that turn inside out"):
-                list(suspicions([film]))
+                list(warnings([film]))
         else:
-            assert list(suspicions([film])) == []
+            assert list(warnings([film])) == []
 
 
 @pytest.mark.mpi
@@ -133,5 +133,5 @@ def test_what_is_suspected_is_told_once(caplog):
     film = gx.Membrane(sheet(MPI.COMM_SELF, 2, 2), gx.Linear(E=1e9, nu=0.3, density=1e-6, thickness=1e-4), name="air")
     with caplog.at_level(logging.WARNING, logger="gossamer_fx"):
         for _ in range(2):
-            examine([film], MPI.COMM_SELF)
+            validate([film], MPI.COMM_SELF)
     assert [r.message for r in caplog.records] == ["'air': density = 1e-06 kg/m³ is unusual; numbers are in SI units."]

@@ -55,7 +55,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.mpi
 def test_what_was_recorded_is_read_back(recorded: Path) -> None:
-    run = gx.Playback(recorded)
+    run = gx.RunReader(recorded)
     assert run.title == "A <pillow>" and run.about["status"] == "finished"
     assert set(run.meshes) == {"the film", "cable"} and run.films == ["the film"]
     assert run.times == pytest.approx(np.arange(0, 12, 2) * DT)
@@ -83,7 +83,7 @@ def test_a_restart_on_other_ranks_is_one_run(folder: Path) -> None:
     case = pillow(WORLD)
     second = case.simulation([case.recording(folder)], restart=folder / "checkpoints")
     second.run(until=10 * DT)
-    run = gx.Playback(folder)
+    run = gx.RunReader(folder)
     assert run.times == pytest.approx(np.arange(0, 12, 2) * DT)
     assert len(run.meshes["the film"].segments) == 2
     assert sum(part["frames"] for part in view_data(run)["parts"]) == 6
@@ -93,7 +93,7 @@ def test_a_restart_on_other_ranks_is_one_run(folder: Path) -> None:
 def test_films_of_either_order_are_seen(tmp_path: Path, order: int) -> None:
     case = pillow(MPI.COMM_SELF, order)
     case.simulation([case.recording(tmp_path)]).run(until=2 * DT)
-    run = gx.Playback(tmp_path)
+    run = gx.RunReader(tmp_path)
     shape = run.shape(1, "state", lambda values: np.rint(values).astype(int))
     edges = shape.corners[:, 1:] - shape.corners[:, :1]
     assert np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum() / 2 == pytest.approx(2.0, rel=1e-4)
@@ -103,7 +103,7 @@ def test_films_of_either_order_are_seen(tmp_path: Path, order: int) -> None:
 def test_pictures_and_animation(recorded: Path, tmp_path: Path) -> None:
     from PIL import Image
 
-    run = gx.Playback(recorded)
+    run = gx.RunReader(recorded)
     gx.plot_strip(run, "stress1", tmp_path / "new" / "strip.png", 3)
     gx.plot_field(run, "displacement", [0.0, 10 * DT], tmp_path / "field.png")
     gx.plot_curves(run, tmp_path / "curves.png")
@@ -120,7 +120,7 @@ def test_pictures_and_animation(recorded: Path, tmp_path: Path) -> None:
 
 
 def test_the_report_needs_nothing_else(recorded: Path, tmp_path: Path) -> None:
-    run = gx.Playback(recorded)
+    run = gx.RunReader(recorded)
     gx.write_report(run, tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
     assert not re.search(r'(src|href)="(?!data:)', text) and "http" not in re.sub(r"base64,[^\"]*", "", text)
@@ -134,10 +134,10 @@ def test_the_report_needs_nothing_else(recorded: Path, tmp_path: Path) -> None:
 
 def test_large_films_are_thinned_for_the_view(recorded: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gossamer_fx.plotting.viewer._MOST_VERTICES", 1)  # at least 100 a body are kept in any case
-    assert view_data(gx.Playback(recorded))["parts"][0]["vertices"] == 38
+    assert view_data(gx.RunReader(recorded))["parts"][0]["vertices"] == 38
     from gossamer_fx.plotting.viewer import _thinned
 
-    segment = gx.Playback(recorded).meshes["the film"].segments[0]
+    segment = gx.RunReader(recorded).meshes["the film"].segments[0]
     thin = _thinned(segment, 20)
     assert 4 <= len(thin.points) <= 20 and thin.pieces.max() < len(thin.points)
 
@@ -160,12 +160,12 @@ def test_scales_show_what_matters() -> None:
         (lambda run: gx.plot_field(run, "state", [1.0], "x.png"), "t = 1 s"),
         (lambda run: gx.animate(run, "state", "x.avi"), ".gif"),
         (lambda run: gx.animate(run, "state", "x.gif", seconds=0.0), "0.0 s"),
-        (lambda run: gx.Playback("nowhere"), "nowhere"),
+        (lambda run: gx.RunReader("nowhere"), "nowhere"),
     ],
 )
 def test_what_cannot_be_plotted_is_told(recorded: Path, act, culprit: str) -> None:
     with pytest.raises(gx.InputError, match=re.escape(culprit)) as caught:
-        act(gx.Playback(recorded))
+        act(gx.RunReader(recorded))
     assert "\n" not in str(caught.value)
 
 
@@ -183,7 +183,7 @@ def test_damaged_folders_are_told(recorded: Path, tmp_path: Path, spoil, culprit
     shutil.copytree(recorded, tmp_path / "run")
     spoil(tmp_path / "run")
     with pytest.raises(gx.InputError, match=re.escape(culprit)):
-        gx.Playback(tmp_path / "run")
+        gx.RunReader(tmp_path / "run")
 
 
 def test_components_of_a_probe_share_a_panel() -> None:

@@ -42,8 +42,6 @@ ABSENT_PARTS = {
     "materials.elastica",
     "outputs.vtx",
     "outputs.recording",
-    "terms.point_forces",
-    "terms.point_loads",
 }
 
 

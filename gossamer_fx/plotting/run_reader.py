@@ -24,7 +24,7 @@ _LINES = {2: [[0, 1]], 3: [[0, 2], [2, 1]]}
 _FINE = 4000  # triangles from which on a picture is not made finer
 
 
-class Playback:
+class RunReader:
     """Reads the folder of a run that a `Recording` wrote, also of one that is still going on or was killed.
 
     Args:
@@ -232,3 +232,6 @@ def _finer(values: Array) -> Array:
     parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
     finer: Array = np.concatenate([np.stack(corners, axis=1) for corners in parts])
     return finer
+
+
+Playback = RunReader  # its former name
