@@ -28,7 +28,7 @@ class Problem:
     cost: Callable[[Figures], float]
     unit: str
     cases: Cases
-    fast_iterations: Cases
+    quick: Cases
     seconds: float = 1800.0
     peers: tuple[str, ...] = ()
     equal: tuple[str, ...] = ()

@@ -57,7 +57,7 @@ class Study:
         axes: values of the parameters by name; numbers and words.  The last axis is the one that is refined.
         size: h of a case.
         measures: the results that have references.
-        quick: axes with fewer values, for `fast_iterations` runs.
+        quick: axes with fewer values, for `quick` runs.
         columns: further results that the table shows.
         may_fail: whether a case that fails by name is a result, too.
         draw: draws all results, draw(results, path), in the place of errors against run time and h.
@@ -69,7 +69,7 @@ class Study:
     axes: Mapping[str, Sequence[Any]]
     size: Callable[[Trial], float]
     measures: tuple[Measure, ...] = ()
-    fast_iterations: Mapping[str, Sequence[Any]] = field(default_factory=dict)
+    quick: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     columns: tuple[str, ...] = ("iterations", "seconds")
     may_fail: bool = False
     draw: Callable[[list[Result], Path], None] | None = None
