@@ -16,7 +16,6 @@ from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.forms.compilation import compile_form, constant
 from gossamer_fx.forms.kinematics import area_vector
 from gossamer_fx.gas.ring import Loop, Loops, Ring
-from gossamer_fx.mesh.quality import edge_tally
 from gossamer_fx.model.ports import unit
 from gossamer_fx.model.scalar_unknowns import Assembly
 from gossamer_fx.model.terms import Array, Body, Port
@@ -107,12 +106,10 @@ class FilmEnclosure:
         Raises:
             InputError: open edges, rings inside, or triangles of inconsistent orientation.
         """
-        comm, topology = self.film.comm, self.film.mesh.domain.topology
-        count, sum_of_directions = edge_tally(self.film.mesh.domain, cells)
-        topology.create_connectivity(1, 0)
+        comm, table = self.film.comm, self.film.mesh.edges
+        count, sum_of_directions = table.tally(cells)
         open_edges = np.flatnonzero(count == 1)
-        ends = topology.connectivity(1, 0).array.reshape(-1, 2)[open_edges].ravel()
-        names = np.sort(topology.index_map(0).local_to_global(ends).reshape(-1, 2), axis=1)
+        names = table.ends[open_edges]
         signs = []
         for ring, loop in zip(self.rings, loops, strict=True):
             passed = loop.direction(names)

@@ -63,27 +63,15 @@ class Ring:
 
     def _own_edges(self) -> list[Edge]:
         """This rank's edges: global numbers of end vertices, of end nodes, and of the node between (or -1)."""
-        dim, edges = self.film.mesh.group(self.edges)
-        check(dim == 1, f"Ring: the group '{self.edges}' of '{self.film.name}' has dimension {dim}; name curves.")
-        topology, space = self.film.mesh.domain.topology, self.film.space
-        for d0, d1 in ((1, 2), (2, 1), (2, 0)):
-            topology.create_connectivity(d0, d1)
-        closures = space.dofmap.dof_layout.entity_closure_dofs
-        rows: list[Edge] = []
-        for edge in edges[edges < topology.index_map(1).size_local]:
-            cell = int(topology.connectivity(1, 2).links(edge)[0])
-            side = int(np.flatnonzero(topology.connectivity(2, 1).links(cell) == edge)[0])
-            # edge i of the reference triangle lies opposite vertex i
-            ends = [v for v in range(3) if v != side]
-            vertices = topology.connectivity(2, 0).links(cell)[ends]
-            nodes = space.dofmap.cell_dofs(cell)[[closures(0, v)[0] for v in ends]]
-            inside = [n for n in closures(1, side) if all(n != closures(0, v)[0] for v in ends)]
-            between = space.dofmap.cell_dofs(cell)[inside]
-            a, b = topology.index_map(0).local_to_global(vertices.astype(np.int32)).tolist()
-            names = self.film.block.index_map.local_to_global
-            node_a, node_b, *middle = names(np.concatenate([nodes, between]).astype(np.int32)).tolist()
-            rows.append((a, b, node_a, node_b, *middle) if middle else (a, b, node_a, node_b, -1))
-        return rows
+        film = self.film
+        table = film.mesh.edges
+        edges = film.mesh.curve(self.edges, f"Ring on '{film.name}'")
+        own = edges[edges < table.owned]
+        local = table.nodes(film.space, own)
+        nodes = film.block.index_map.local_to_global(local.ravel()).reshape(local.shape)
+        middles = nodes[:, 1] if film.order == 2 else np.full(len(own), -1)
+        columns = (*table.ends[own].T, nodes[:, 0], nodes[:, -1], middles)
+        return list(zip(*(column.tolist() for column in columns), strict=True))
 
 
 class Loop:

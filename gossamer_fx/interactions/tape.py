@@ -57,32 +57,17 @@ class Tape:
     @staticmethod
     def along_edges(film: Membrane, law: CableLaw, group: str, name: str = "tape") -> Tape:
         """Along the edges of the mesh in a named group of curves."""
-        dim, edges = film.mesh.group(group)
-        check(
-            dim == 1, f"Tape '{name}': group '{group}' of '{film.name}' has dimension {dim}; name curves of the mesh."
-        )
-        topology, space = film.mesh.domain.topology, film.space
-        topology.create_connectivity(1, 2)
-        topology.create_connectivity(2, 1)
-        own = edges[edges < topology.index_map(1).size_local]
+        table, space = film.mesh.edges, film.space
+        edges = film.mesh.curve(group, f"Tape '{name}' on '{film.name}'")
+        chains = table.nodes(space, edges[edges < table.owned])
         x = space.tabulate_dof_coordinates()
-        bars, lengths = [], []
-        for edge in own:
-            cell = topology.connectivity(1, 2).links(edge)[0]
-            place = int(np.flatnonzero(topology.connectivity(2, 1).links(cell) == edge)[0])
-            nodes = space.dofmap.cell_dofs(cell)[space.dofmap.dof_layout.entity_closure_dofs(1, place)]
-            # from one end to the other, over the node in the middle of a quadratic edge
-            nodes = [nodes[0], *nodes[2:], nodes[1]]
-            chain = space.dofmap.index_map.local_to_global(np.array(nodes, dtype=np.int32))
-            for k in range(len(nodes) - 1):
-                bars.append((Port(film, (int(chain[k]),)), Port(film, (int(chain[k + 1]),))))
-                lengths.append(float(np.linalg.norm(x[nodes[k + 1]] - x[nodes[k]])))
-        everywhere = film.comm.allgather(
-            [(a.nodes[0], b.nodes[0], length) for (a, b), length in zip(bars, lengths, strict=True)]
-        )
-        table = [row for rows in everywhere for row in rows]
-        pairs = [(Port(film, (a,)), Port(film, (b,))) for a, b, _ in table]
-        return Tape(film, law, pairs, np.array([length for _, _, length in table]), name)
+        ends = np.concatenate([chains[:, [k, k + 1]] for k in range(chains.shape[1] - 1)])
+        own = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
+        names = space.dofmap.index_map.local_to_global(ends.ravel()).reshape(-1, 2)
+        rows = film.comm.allgather(list(zip(names[:, 0].tolist(), names[:, 1].tolist(), own.tolist(), strict=True)))
+        bars = [row for part in rows for row in part]
+        pairs = [(Port(film, (a,)), Port(film, (b,))) for a, b, _ in bars]
+        return Tape(film, law, pairs, np.array([length for _, _, length in bars]), name)
 
     @staticmethod
     def through(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from dolfinx.io import distribute_entity_data
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import InputError, check, on_rank_zero
+from gossamer_fx.mesh.edges import EdgeTable, edges_of
 from gossamer_fx.mesh.gmsh_reader import BadMesh, RawMesh, extract, read_file
 
 
@@ -39,6 +41,21 @@ class Mesh:
         known = ", ".join(sorted(self.groups)) or "none"
         check(name in self.groups, f"The mesh has no group '{name}'; its groups are: {known}.")
         return self.groups[name]
+
+    @cached_property
+    def edges(self) -> EdgeTable:
+        """The edges of the triangles, made when they are first asked for; collective then."""
+        return edges_of(self.domain)
+
+    def curve(self, name: str, user: str) -> npt.NDArray[np.int32]:
+        """Local edges (owned and ghost) of a named group of curves, in rising order.
+
+        Raises:
+            InputError: no such group, or one of triangles or points; the message begins with `user`.
+        """
+        dim, edges = self.group(name)
+        check(dim == 1, f"{user}: the group '{name}' has dimension {dim}; name curves of the mesh.")
+        return edges
 
 
 def read_mesh(path: str | Path, comm: MPI.Intracomm) -> Mesh:

@@ -11,6 +11,7 @@ from dolfinx import la
 from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
+from gossamer_fx.mesh.edges import EdgeTable
 from gossamer_fx.model.terms import Array
 
 Integers = npt.NDArray[np.int64]
@@ -75,40 +76,15 @@ def turned_inside(domain: dmesh.Mesh) -> int:
     return int(domain.comm.allreduce(int(turned.sum())))
 
 
-def edge_tally(domain: dmesh.Mesh, cells: npt.NDArray[np.int32]) -> tuple[Array, Array]:
-    """For each owned edge, how many of the given cells have it, and the sum of the directions in which they pass it.
-
-    `cells` are local triangles; those that other ranks own are left to them.
-    """
-    topology = domain.topology
-    topology.create_entities(1)
-    topology.create_connectivity(2, 1)
-    topology.create_connectivity(2, 0)
-    owned = cells[cells < topology.index_map(2).size_local]
-    vertices = topology.connectivity(2, 0).array.reshape(-1, 3)[owned]
-    edges = topology.connectivity(2, 1).array.reshape(-1, 3)[owned]
-    names = topology.index_map(0).local_to_global(vertices.ravel().astype(np.int32)).reshape(-1, 3)
-    # edge i of the reference triangle lies opposite vertex i and is passed from vertex i+1 to i+2
-    direction = np.where(names[:, [1, 2, 0]] < names[:, [2, 0, 1]], 1.0, -1.0)
-    tally = [la.vector(topology.index_map(1)) for _ in range(2)]
-    for vector, contribution in zip(tally, (np.ones_like(direction), direction), strict=True):
-        np.add.at(vector.array, edges, contribution)
-        vector.scatter_reverse(la.InsertMode.add)
-    n = topology.index_map(1).size_local
-    return tally[0].array[:n], tally[1].array[:n]
-
-
-def folded(domain: dmesh.Mesh) -> int:
+def folded(table: EdgeTable) -> int:
     """Number of triangles that lie upside down on their neighbours; all ranks know it.
 
     Those are cells with two neighbours or more, all of whose normals are opposite: a node was moved across an edge.
     """
-    topology = domain.topology
-    topology.create_connectivity(2, 1)
+    domain, topology = table.domain, table.domain.topology
     edges = topology.connectivity(2, 1).array.reshape(-1, 3)
     n = topology.index_map(2).size_local
-    owned = np.arange(n, dtype=np.int32)
-    count, directions = edge_tally(domain, owned)
+    count, directions = table.tally(np.arange(n, dtype=np.int32))
     vectors = area_vectors(corner_points(domain))
     normals = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
     sums = la.vector(topology.index_map(1), 3)

@@ -14,10 +14,10 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import check
+from gossamer_fx.mesh.edges import edges_of
 from gossamer_fx.mesh.quality import (
     corner_points,
     crossings,
-    edge_tally,
     extent,
     folded,
     open_seams,
@@ -99,14 +99,15 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
                 f"'{body.name}' has {slivers} slivers among its triangles (worst quality {worst:.1e}, one is "
                 "equilateral); they cost accuracy and iterations."
             )
-        count, directions = edge_tally(domain, np.arange(len(corners), dtype=np.int32))
+        table = edges_of(domain)
+        count, directions = table.tally(np.arange(len(corners), dtype=np.int32))
         opposite = comm.allreduce(int(((count == 2) & (directions != 0)).sum()))
         if opposite:
             yield (
                 f"Normals of '{body.name}' change sides at {opposite} edges: pressure would push to both sides (gmsh: "
                 "model.mesh.reverse)."
             )
-        upside_down = folded(domain)
+        upside_down = folded(table)
         if upside_down:
             yield f"'{body.name}' has {upside_down} triangles upside down on their neighbours; look at its mesh."
         thickness = getattr(getattr(body, "law", None), "thickness", 0.0)
