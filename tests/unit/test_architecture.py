@@ -28,6 +28,7 @@ FLOORS = (
     "interactions",
     "loads",
     "control",
+    "orbit",
     "system",
     "scene",
     "solvers",

@@ -34,6 +34,7 @@ ABSENT_PARTS = {
     "interactions",
     "loads",
     "control",
+    "orbit",
     "analyses",
     "plotting",
     "cli",

@@ -1,0 +1,85 @@
+"""Drag in free-molecular flow: molecules meet the surface, none meets another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gossamer_fx.checks.errors import check
+
+BOLTZMANN, ATOM = 1.380649e-23, 16 * 1.66053906660e-27  # J/K; kg, of atomic oxygen
+
+
+@dataclass(frozen=True)
+class Air:
+    """State of the atmosphere.
+
+    Args:
+        density: [kg/m³].
+        temperature: [K].
+        molecule: mean mass of a molecule [kg]; default that of atomic oxygen, the air between 200 and 600 km.
+    """
+
+    density: float
+    temperature: float = 1000.0
+    molecule: float = ATOM
+
+    def __post_init__(self) -> None:
+        check(self.density >= 0, f"Air: density is {self.density!r} kg/m³; give a number that is not negative.")
+        check(self.temperature > 0, f"Air: temperature is {self.temperature!r} K; give a positive number.")
+        check(self.molecule > 0, f"Air: molecule is {self.molecule!r} kg; give a positive mass.")
+
+    @property
+    def thermal_speed(self) -> float:
+        """√(2kT/m) [m/s]."""
+        return float(np.sqrt(2 * BOLTZMANN * self.temperature / self.molecule))
+
+
+@dataclass(frozen=True)
+class Accommodation:
+    """How molecules leave a surface: σ_n and σ_t are the parts of normal and tangential momentum that are taken up.
+
+    Args:
+        normal: σ_n.
+        tangential: σ_t; 1, 1: all molecules leave at the temperature of the wall in all directions; 0, 0: a mirror.
+        wall_temperature: [K].
+    """
+
+    normal: float = 1.0
+    tangential: float = 1.0
+    wall_temperature: float = 300.0
+
+    def __post_init__(self) -> None:
+        for quantity in ("normal", "tangential"):
+            value = getattr(self, quantity)
+            check(0 <= value <= 1, f"Accommodation: {quantity} is {value!r}; give a number between 0 and 1.")
+        check(
+            self.wall_temperature > 0,
+            f"Accommodation: wall_temperature is {self.wall_temperature!r} K; give a positive number.",
+        )
+
+
+def coefficients(c: Any, s: Any, σn: Any, σt: Any, wall: Any, maths: Any) -> tuple[Any, Any]:
+    """(A, B): the flow of mass density ρ and velocity U exerts per area ½ρU² (A n + B u) on one side.
+
+    n points into the surface, u = U/|U|, c = n·u (negative on the lee), s = |U|/√(2kT/m), wall = √(T_w/T).  With
+    x = s c, the pressure and shear coefficients of Schaaf & Chambre are
+
+        c_p s² = [(2-σ_n) x/√π + σ_n wall/2] exp(-x²) + [(2-σ_n)(x² + ½) + σ_n √π wall x/2] (1 + erf x)
+        c_τ s  = σ_t sin θ [exp(-x²)/√π + x (1 + erf x)]
+
+    and A = c_p - c c_τ/sin θ, B = c_τ/sin θ.
+
+    Args:
+        maths: of `exp` and `erf`: numbers by SciPy, UFL expressions by ufl.
+
+    Source: Schaaf & Chambre, Flow of Rarefied Gases (1961), section H.
+    """
+    x, root = s * c, float(np.sqrt(np.pi))
+    bell, step = maths.exp(-x * x), 1 + maths.erf(x)
+    pressure = ((2 - σn) * x / root + σn * wall / 2) * bell
+    pressure += ((2 - σn) * (x * x + 0.5) + σn * root * wall * x / 2) * step
+    shear = σt * (bell / root + x * step) / s
+    return pressure / s**2 - c * shear, shear

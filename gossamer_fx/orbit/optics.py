@@ -1,0 +1,65 @@
+"""How surfaces reflect, absorb and radiate sunlight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from gossamer_fx.checks.errors import check
+
+PRESSURE = 4.563e-6  # N/m² at 1 AU (1368 W/m²; McInnes 1999)
+
+
+@dataclass(frozen=True)
+class Optics:
+    """A surface under light of pressure P that comes along u at an angle α to the normal n of the side away from it:
+
+        f/P = cos α {[2 r s cos α + B (1-s) r + (1-r) (ε B - ε' B')/(ε + ε')] n + (1 - r s) u}
+
+    for the lit side; ε', B' are those of the other.  What is absorbed is radiated at once.
+
+    Args:
+        reflectivity: r, part of the light that is reflected.
+        specular: s, part of it that is mirrored; the rest is scattered.
+        emissivity: ε.
+        lambertian: B, 2/3 of an ideal scatterer.
+        other_side: optics of the back; none: that of the front.
+
+    Source: McInnes, Solar Sailing (1999), section 2.6; coefficients `JPL_SAIL` from there.
+    """
+
+    reflectivity: float = 1.0
+    specular: float = 1.0
+    emissivity: float = 0.05
+    lambertian: float = 2 / 3
+    other_side: Optics | None = None
+
+    def __post_init__(self) -> None:
+        for quantity in ("reflectivity", "specular", "emissivity", "lambertian"):
+            value = getattr(self, quantity)
+            check(0 <= value <= 1, f"Optics: {quantity} is {value!r}; give a number between 0 and 1.")
+        back = self.other_side
+        check(
+            back is None or back.other_side is None,
+            "Optics: the other side has another side; give the optics of the two sides of one film.",
+        )
+        check(
+            self.emissivity + (back or self).emissivity > 0 or self.reflectivity == 1,
+            "Optics: a surface that absorbs must radiate; give a positive emissivity.",
+        )
+
+    @property
+    def sides(self) -> tuple[Optics, Optics]:
+        """Front and back."""
+        return self, self.other_side or self
+
+    def coefficients(self, back: bool = False) -> tuple[float, float, float]:
+        """(2rs, B(1-s)r + (1-r)(εB - ε'B')/(ε + ε'), 1 - rs) if the front is lit, or the back."""
+        lit, dark = self.sides[::-1] if back else self.sides
+        r, s, sum_ = lit.reflectivity, lit.specular, lit.emissivity + dark.emissivity
+        radiated = lit.emissivity * lit.lambertian - dark.emissivity * dark.lambertian
+        thermal = (1 - r) * radiated / sum_ if sum_ else 0.0
+        return 2 * r * s, lit.lambertian * (1 - s) * r + thermal, 1 - r * s
+
+
+MIRROR = Optics()
+JPL_SAIL = Optics(0.88, 0.94, 0.05, 0.79, other_side=Optics(0.88, 0.94, 0.55, 0.55))

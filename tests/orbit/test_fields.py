@@ -1,0 +1,136 @@
+"""Gravity and magnetic field of the Earth: tables of two independent evaluations, derivatives, and Laplace's equation."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from gossamer_fx.orbit.gravity_field import EGM_MU, EGM_RADIUS, egm2008, oblateness
+from gossamer_fx.orbit.harmonics import SolidHarmonics
+from gossamer_fx.orbit.magnetic_field import Igrf
+
+PLACES = 1e6 * np.array([(7, 0, 0), (4, 3, 5), (-2.5, 5.5, -3.5)])
+ACCELERATIONS = {
+    2: [
+        (-8.1457659786, -3.6626192e-5, -5.4043287e-9),
+        (-4.500680134, -3.3755707756, -5.6407708433),
+        (2.9265485017, -6.4385591491, 4.1083495812),
+    ],
+    4: [
+        (-8.1457109670, 1.8418520e-5, 6.1396349e-5),
+        (-4.500673786, -3.3756972173, -5.6407842336),
+        (2.926502372, -6.4384943374, 4.1083854151),
+    ],
+}
+ZONALS = {2: 1.0826261739e-3, 3: -2.5324105e-6, 4: -1.6198976e-6, 5: -2.2775359e-7, 6: 5.4066658e-7, 8: -2.0399313e-7}
+
+
+@pytest.mark.parametrize("degree", ACCELERATIONS)
+def test_egm2008_at_three_places(degree: int) -> None:
+    field = egm2008(degree, central=True)
+    for place, known in zip(PLACES, ACCELERATIONS[degree], strict=True):
+        assert np.allclose(field.gradient(place), known, rtol=0, atol=5.1e-11)  # half of the tables' last digit
+
+
+def test_zonal_coefficients_of_egm2008() -> None:
+    c = egm2008().coefficients
+    for n, J in ZONALS.items():
+        assert -c[n, 0].real == pytest.approx(J, rel=1e-7)
+    assert len(c) == 21
+    assert np.count_nonzero(c) == sum(n + 1 for n in range(2, 21))
+
+
+def test_oblateness() -> None:
+    known = [(-0.01096739, 0, 0), (0, 0, 0.02193478), (0.00893762, 0.00670321, -0.00372401)]
+    places = 1e6 * np.array([(7, 0, 0), (0, 0, 7), (4, 3, 5)])
+    assert np.allclose(oblateness().gradient(places), known, rtol=0, atol=1e-8 / 2)
+    r, z = np.linalg.norm(places, axis=1)[:, None], places[:, 2:]
+    factor = np.hstack([1 - 5 * z**2 / r**2] * 2 + [3 - 5 * z**2 / r**2])
+    formula = -1.5 * 1.08262668e-3 * 3.986004418e14 * 6378137.0**2 / r**5 * places * factor
+    assert np.allclose(oblateness().gradient(places), formula, rtol=1e-13, atol=1e-17)
+
+
+@pytest.mark.parametrize(
+    ("r", "colatitude", "longitude", "known"),
+    [
+        (6871.2, 90, 0, (10884.7845, -21681.1030, -1932.6934)),
+        (6871.2, 30, 140, (-43744.9444, -12713.1381, -2537.5182)),
+        (7071.2, 120, -60, (10166.3687, -14172.1646, -2102.5571)),
+    ],
+)
+def test_igrf_at_three_places(r: float, colatitude: float, longitude: float, known: tuple[float, ...]) -> None:
+    θ, λ = math.radians(colatitude), math.radians(longitude)
+    e_r = np.array([math.sin(θ) * math.cos(λ), math.sin(θ) * math.sin(λ), math.cos(θ)])
+    e_θ = np.array([math.cos(θ) * math.cos(λ), math.cos(θ) * math.sin(λ), -math.sin(θ)])
+    e_λ = np.array([-math.sin(λ), math.cos(λ), 0.0])
+    B = Igrf(2020.0).field(1e3 * r * e_r)
+    assert np.allclose(1e9 * np.array([B @ e_r, B @ e_θ, B @ e_λ]), known, rtol=0, atol=6e-5)
+
+
+def test_igrf_between_epochs_is_their_mean() -> None:
+    r = np.array([4e6, 3e6, 5e6])
+    ends = [Igrf(year).field(r) for year in (2020.0, 2025.0, 2030.0)]
+    assert np.allclose(Igrf(2022.5).field(r), (ends[0] + ends[1]) / 2, rtol=1e-14)
+    assert np.allclose(Igrf(2030.0).field(r), ends[2])
+    with pytest.raises(gx.InputError, match="1900"):
+        Igrf(1850.0)
+
+
+def spherical(harmonics: SolidHarmonics, r: np.ndarray) -> np.ndarray:
+    """The gradient by another route: spherical components, Legendre functions in closed form by differentiation of
+    (x² - 1)^n, derivative by colatitude from their own recursion."""
+    N, a = len(harmonics.coefficients), harmonics.radius
+    distance = np.linalg.norm(r)
+    θ, λ = math.acos(r[2] / distance), math.atan2(r[1], r[0])
+    g = np.zeros(3)
+    for n in range(N):
+        rodrigues = np.polynomial.Polynomial([-1, 0, 1]) ** n / (2**n * math.factorial(n))
+        for m in range(n + 1):
+            c = harmonics.coefficients[n, m]
+            if c == 0:
+                continue
+            P, dP = rodrigues.deriv(n + m), rodrigues.deriv(n + m + 1)
+            x, s = math.cos(θ), math.sin(θ)
+            value = s**m * P(x)
+            slope = m * s ** (m - 1) * x * P(x) - s ** (m + 1) * dP(x) if m else -s * dP(x)
+            wave = c * np.exp(1j * m * λ)
+            factor = (a / distance) ** (n + 1) / distance
+            g += factor * np.array([-(n + 1) * value * wave.real, slope * wave.real, value / s * (1j * m * wave).real])
+    e_r = r / distance
+    e_θ = np.array([math.cos(θ) * math.cos(λ), math.cos(θ) * math.sin(λ), -math.sin(θ)])
+    e_λ = np.array([-math.sin(λ), math.cos(λ), 0.0])
+    return harmonics.scale * (g[0] * e_r + g[1] * e_θ + g[2] * e_λ)
+
+
+@pytest.mark.parametrize("place", [(7e6, 0, 0), (4e6, 3e6, 5e6), (-2.5e6, 5.5e6, -3.5e6), (1e5, 2e5, -6.6e6)])
+def test_two_routes_agree(place: tuple[float, float, float]) -> None:
+    r = np.array(place)
+    for harmonics in (egm2008(10, central=True), Igrf(2026.0).harmonics):
+        g = harmonics.gradient(r)
+        assert np.abs(g - spherical(harmonics, r)).max() < 1e-12 * np.linalg.norm(g)
+
+
+def test_second_derivatives() -> None:
+    field, r = egm2008(20), np.array([4e6, 3e6, 5e6])
+    G, step = field.second_gradient(r), 200.0
+    ahead, behind = (field.gradient(r + s * step * np.eye(3)) for s in (1, -1))
+    assert np.abs(G - (ahead - behind) / (2 * step)).max() < 1e-7 * np.abs(G).max()
+    assert abs(np.trace(G)) < 1e-13 * np.abs(G).max()
+    slope = [(field.potential(r + s * step * np.eye(3))) for s in (1, -1)]
+    assert np.allclose(field.gradient(r), (slope[0] - slope[1]) / (2 * step), rtol=1e-6, atol=1e-9)
+
+
+def test_poles_are_places_like_others() -> None:
+    field, north = egm2008(20, central=True), np.array([0.0, 0.0, 7e6])
+    aside = field.gradient(north + [1.0, 0, 0])
+    assert np.linalg.norm(field.gradient(north) - aside) < 3 * EGM_MU / 7e6**3
+    assert np.isfinite(field.second_gradient(north)).all()
+
+
+def test_degrees_beyond_the_file_are_refused() -> None:
+    with pytest.raises(gx.InputError, match="20"):
+        egm2008(21)
+    assert EGM_RADIUS == 6378136.3

@@ -1,0 +1,184 @@
+"""Elements, the Earth's shadow, optics, free-molecular flow, Sun and Moon, each against closed forms or other routes."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy import integrate, special
+
+import gossamer_fx as gx
+from gossamer_fx.orbit.eclipse import AU, SUN_RADIUS, sunlit_in_cone, sunlit_in_cylinder
+from gossamer_fx.orbit.elements import Elements, elements_of
+from gossamer_fx.orbit.free_molecular import coefficients
+from gossamer_fx.orbit.gravity_field import MU, RADIUS
+from gossamer_fx.orbit.optics import JPL_SAIL, MIRROR, PRESSURE, Optics
+from gossamer_fx.orbit.sky import MU_MOON, Sky, third_body, third_body_gradient
+
+ORBITS = [
+    Elements(7e6, 0.1, 1.0, 2.0, 3.0, 4.0),
+    Elements(42e6, 0.7, 2.9, 0.1, 6.0, 1.0),
+    Elements(-8e6, 1.7, 2.5, 0.3, 0.4, -1.2),
+    Elements(7e6),
+    Elements(7e6, 0.2, perigee=1.0, anomaly=2.0),
+    Elements(7e6, 0.0, 1.5, 2.0, 0.0, 5.0),
+]
+
+
+@pytest.mark.parametrize("orbit", ORBITS)
+def test_elements_of_their_own_state(orbit: Elements) -> None:
+    again = elements_of(*orbit.state())
+    assert (again.a, again.e, again.i) == pytest.approx((orbit.a, orbit.e, orbit.i), rel=1e-12, abs=1e-14)
+    for angle in ("node", "perigee", "anomaly"):
+        difference = getattr(again, angle) - getattr(orbit, angle)
+        assert abs(math.remainder(difference, 2 * math.pi)) < 1e-12
+
+
+@pytest.mark.parametrize("orbit", ORBITS)
+def test_keplers_motion_obeys_newtons_law(orbit: Elements) -> None:
+    """The state after a while is that of an integration to 1e-12."""
+    r, v = orbit.state()
+    t = 4000.0
+
+    def rate(_: float, y: np.ndarray) -> np.ndarray:
+        return np.concatenate([y[3:], -MU * y[:3] / np.linalg.norm(y[:3]) ** 3])
+
+    found = integrate.solve_ivp(rate, (0, t), np.concatenate([r, v]), method="DOP853", rtol=1e-13, atol=1e-6).y[:, -1]
+    r1, v1 = orbit.after(t).state()
+    assert np.linalg.norm(found[:3] - r1) < 1e-9 * np.linalg.norm(r1)
+    assert np.linalg.norm(found[3:] - v1) < 1e-9 * np.linalg.norm(v1)
+
+
+def test_what_is_no_orbit_is_refused() -> None:
+    for wrong in ({"a": 7e6, "e": 1.0}, {"a": -7e6}, {"a": 7e6, "i": 4.0}, {"a": -7e6, "e": 2.0, "anomaly": 3.0}):
+        with pytest.raises(gx.InputError):
+            Elements(**wrong)
+    with pytest.raises(gx.InputError, match="straight"):
+        elements_of(np.array([7e6, 0, 0]), np.array([1e3, 0, 0]))
+
+
+@pytest.mark.parametrize(
+    ("a", "degrees", "known"), [(7e6, 0, 0.364814), (7e6, 20, 0.355513), (7e6, 40, 0.319222), (42164e3, 0, 0.048336)]
+)
+def test_part_of_an_orbit_in_the_cylinder(a: float, degrees: float, known: float) -> None:
+    β = math.radians(degrees)
+    sun = AU * np.array([math.cos(β), 0, math.sin(β)])
+    exact = math.acos(math.sqrt(a**2 - RADIUS**2) / (a * math.cos(β))) / math.pi
+    assert exact == pytest.approx(known, abs=5.1e-7)
+    angles = math.pi * np.array([1 - exact * (1 - 1e-9), 1 - exact * (1 + 1e-9)])  # just inside, just outside
+    lit = [sunlit_in_cylinder(a * np.array([math.cos(x), math.sin(x), 0]), sun) for x in angles]
+    assert lit == [0.0, 1.0]
+
+
+def test_geostationary_orbits_have_seasons_without_shadow() -> None:
+    β = math.radians(20)
+    sun = AU * np.array([math.cos(β), 0, math.sin(β)])
+    angles = np.linspace(0, 2 * math.pi, 721)
+    assert all(sunlit_in_cylinder(42164e3 * np.array([math.cos(x), math.sin(x), 0]), sun) == 1 for x in angles)
+
+
+def test_penumbra_is_the_share_of_points_of_the_suns_disc() -> None:
+    """Points of the disc that the Earth does not hide, counted."""
+    sun, r = AU * np.array([1.0, 0, 0]), 7e6
+    radius, angle = np.meshgrid(np.sqrt((np.arange(200) + 0.5) / 200), 2 * np.pi * (np.arange(200) + 0.5) / 200)
+    disc = SUN_RADIUS * np.stack([0 * radius, radius * np.cos(angle), radius * np.sin(angle)], axis=-1) + sun
+    for lateral in np.linspace(RADIUS - 4e4, RADIUS + 4e4, 9):
+        place = np.array([-math.sqrt(r**2 - lateral**2), lateral, 0])
+        ray = disc - place
+        nearest = place - np.sum(ray * place, axis=-1, keepdims=True) / np.sum(ray**2, axis=-1, keepdims=True) * ray
+        seen = np.mean(np.linalg.norm(nearest, axis=-1) > RADIUS)
+        assert sunlit_in_cone(place, sun) == pytest.approx(seen, abs=0.006)
+    assert sunlit_in_cone(np.array([7e6, 0, 0]), sun) == 1
+    assert sunlit_in_cone(np.array([-7e6, 0, 0]), sun) == 0
+    far = np.array([-3e9, 0, 0])
+    annular = 1 - (math.asin(RADIUS / 3e9) / math.asin(SUN_RADIUS / (AU + 3e9))) ** 2
+    assert sunlit_in_cone(far, sun) == pytest.approx(annular, rel=1e-12)
+
+
+def test_optics_of_mcinnes() -> None:
+    known = {0: (8.287832, 0.0), 30: (6.210109, 0.341425), 60: (2.059537, 0.341425)}
+    mirrored, both, along = JPL_SAIL.coefficients()
+    for degrees, (normal, tangential) in known.items():
+        c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+        P = 1e6 * PRESSURE * c
+        assert P * (mirrored * c + both + along * c) == pytest.approx(normal, abs=5.1e-7)
+        assert P * along * s == pytest.approx(tangential, abs=5.1e-7)
+    ideal = {0: 9.126, 15: 8.514674, 30: 6.8445, 45: 4.563, 60: 2.2815, 75: 0.611326}
+    for degrees, pressure in ideal.items():
+        c = math.cos(math.radians(degrees))
+        assert 1e6 * PRESSURE * c * (MIRROR.coefficients()[0] * c) == pytest.approx(pressure, abs=5.1e-7)
+        assert MIRROR.coefficients()[1:] == (0, 0)
+
+
+def test_lit_from_the_back_the_sides_change_places() -> None:
+    swapped = Optics(0.88, 0.94, 0.55, 0.55, other_side=Optics(0.88, 0.94, 0.05, 0.79))
+    assert JPL_SAIL.coefficients(back=True) == swapped.coefficients()
+    black = Optics(reflectivity=0.0, emissivity=0.9)
+    assert black.coefficients() == (0, 0, 1)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.6, 1.4, 2.0, 3.1])
+@pytest.mark.parametrize("speed", [0.5, 3.0, 9.0])
+def test_free_molecular_flow_is_the_integral_over_maxwells_molecules(angle: float, speed: float) -> None:
+    """Momentum that molecules bring and carry away, by quadrature over their velocities (wall of the air's heat 0.3)."""
+    c, s, wall = math.cos(angle), speed, math.sqrt(0.3)
+    for σn, σt in ((1.0, 1.0), (0.8, 0.9), (0.0, 0.0)):
+        # normal velocity of molecules is Gaussian around s c, tangential s sin θ on average; in units of the thermal speed
+        bell = lambda u: math.exp(-((u - s * c) ** 2)) / math.sqrt(math.pi)  # noqa: E731
+        top = max(s * c, 0) + 8
+        flux = integrate.quad(lambda u: u * bell(u), 0, top, epsabs=1e-14, points=[max(s * c, 0)])[0]
+        brought = integrate.quad(lambda u: u * u * bell(u), 0, top, epsabs=1e-14, points=[max(s * c, 0)])[0]
+        # a wall of that heat sends the same number back, with √π/2 of its thermal speed on average along the normal
+        pressure = (2 - σn) * brought + σn * flux * math.sqrt(math.pi) / 2 * wall
+        shear = σt * flux * s * math.sin(angle)
+        A, B = coefficients(c, s, σn, σt, wall, special_numbers)
+        assert s**2 / 2 * (A + c * B) == pytest.approx(pressure, rel=1e-7, abs=1e-12)
+        assert s**2 / 2 * B * math.sin(angle) == pytest.approx(shear, rel=1e-7, abs=1e-12)
+
+
+class special_numbers:
+    exp, erf = math.exp, special.erf
+
+
+def test_sun_on_three_days() -> None:
+    pytest.importorskip("erfa")
+    for day, known in {
+        "2010-06-09": (0.21221281, 0.91075984, 0.39483935),
+        "2015-06-23": (-0.01837951, 0.93233010, 0.40417666),
+        "2026-01-01": (0.17429528, -0.88792281, -0.38489686),
+    }.items():
+        assert np.allclose(Sky(day).sun(0.0) / AU, known, rtol=0, atol=2e-8)
+    assert np.allclose(Sky("2010-06-08").sun(86400.0), Sky("2010-06-09").sun(0.0), rtol=1e-12)
+
+
+def test_moon_and_axes_of_the_earth() -> None:
+    pytest.importorskip("erfa")
+    sky = Sky("2026-03-20T12:00:00")
+    assert 3.5e8 < np.linalg.norm(sky.moon(0.0)) < 4.1e8
+    R = sky.earth(0.0)
+    assert np.allclose(R @ R.T, np.eye(3), atol=1e-14)
+    day = sky.earth(86164.0989)  # a sidereal day later
+    assert np.linalg.norm(day - R) < 1e-6
+    noon = R @ sky.sun(0.0)  # at the equinox the sun stands over Greenwich at noon, but for the equation of time
+    assert abs(math.degrees(math.atan2(noon[1], noon[0]))) < 2.5
+    assert abs(math.degrees(math.asin(noon[2] / np.linalg.norm(noon)))) < 0.5
+    with pytest.raises(gx.InputError, match="epoch"):
+        Sky("next Tuesday")
+
+
+def test_third_bodies_by_the_plain_formula() -> None:
+    from mpmath import mp, mpf
+
+    mp.dps = 40
+    r, b = np.array([4e6, 3e6, 5e6]), np.array([2e8, -3e8, 1e8])
+    exact_r, exact_b = [mpf(x) for x in r], [mpf(x) for x in b]
+    d = mp.sqrt(sum((y - x) ** 2 for x, y in zip(exact_r, exact_b, strict=True)))
+    D = mp.sqrt(sum(y**2 for y in exact_b))
+    plain = [float(mpf(MU_MOON) * ((y - x) / d**3 - y / D**3)) for x, y in zip(exact_r, exact_b, strict=True)]
+    assert np.allclose(third_body(r, b, MU_MOON), plain, rtol=1e-13, atol=0)
+    step = 1e3
+    slopes = [
+        (third_body(r + step * e, b, MU_MOON) - third_body(r - step * e, b, MU_MOON)) / 2 / step for e in np.eye(3)
+    ]
+    assert np.allclose(third_body_gradient(r, b, MU_MOON), slopes, rtol=1e-6, atol=1e-19)
