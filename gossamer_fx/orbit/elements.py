@@ -70,13 +70,13 @@ class Elements:
         return replace(self, anomaly=_true_anomaly(M, self.e))
 
     def _mean_anomaly(self) -> float:
-        e, half = self.e, math.tan(self.anomaly / 2)
+        e, half = self.e, self.anomaly / 2
         if e < 1:
             E = 2 * math.atan2(
                 math.sqrt(1 - e) * math.sin(self.anomaly / 2), math.sqrt(1 + e) * math.cos(self.anomaly / 2)
             )
             return E - e * math.sin(E)
-        H = 2 * math.atanh(math.sqrt((e - 1) / (e + 1)) * half)
+        H = 2 * math.atanh(math.sqrt((e - 1) / (e + 1)) * math.tan(half))
         return e * math.sinh(H) - H
 
 

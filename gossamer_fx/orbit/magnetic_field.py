@@ -18,7 +18,7 @@ class Igrf:
     """The main field B = -∇V [T] of a year, V = a Σ (a/r)^(n+1) P_n^m (g cos mλ + h sin mλ), degree 13.
 
     Source: IAGA, International Geomagnetic Reference Field, 14th generation, doi:10.5281/zenodo.14012302; its file
-    `igrf14.shc` is beside this one.  Between epochs coefficients are linear in time; the last five years are a forecast.
+    `igrf14.shc` is beside this one.  Between epochs coefficients are linear; the last five years are a forecast.
 
     Args:
         year: with fraction, from 1900 to 2030.
