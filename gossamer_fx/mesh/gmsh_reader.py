@@ -1,13 +1,16 @@
 """What gmsh knows of a mesh, as arrays; a file is read by a process of its own.
 
-gmsh ends the program that it runs in on some damaged files.  So a file is read by a child, which says in one sentence
-what is wrong with it, or leaves the arrays in a file.  Nothing here needs MPI.
+gmsh executes what it does not take for a mesh: geometry scripts may run any command.  So only files in MSH format reach
+it, under a name that says nothing else.  It also ends the program that it runs in on some damaged files.  So a file is
+read by a child, which says in one sentence what is wrong with it, or leaves the arrays in a file.  Nothing here needs
+MPI.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -23,6 +26,8 @@ Integers = npt.NDArray[np.int64]
 _KINDS = {1: ("interval", 1), 8: ("interval", 2), 2: ("triangle", 1), 9: ("triangle", 2)}
 _FARTHEST = 1e100  # m; squares of areas must be numbers
 _REFUSED = 3  # exit code of a child that has said why
+# the first two lines of a file of gmsh 2.2 or 4.x: version, 0 for text or 1 for binary, bytes of a number
+_MSH = re.compile(rb"\$MeshFormat[ \t]*\r?\n[ \t]*(2\.2|4|4\.[0-9])[ \t]+[01][ \t]+8[ \t]*\r?\n")
 
 
 class BadMesh(ValueError):
@@ -115,24 +120,27 @@ def _check(condition: bool, message: str) -> None:
 
 
 def read_file(path: Path) -> RawMesh:
-    """The mesh in a file that gmsh can read.
+    """The mesh in a file of MSH format, version 2.2 or 4.x.
 
     Raises:
-        BadMesh: what `extract` finds, or what gmsh says, or that gmsh broke off.
+        BadMesh: it is of another format, or what `extract` finds, or what gmsh says, or that gmsh broke off.
     """
+    _check_format(path)
     with tempfile.TemporaryDirectory() as folder:
-        arrays = Path(folder) / "mesh.npz"
+        # gmsh looks at the end of a name before it looks into a file, and for options in files beside it
+        arrays, mesh = Path(folder) / "mesh.npz", Path(folder) / "mesh.msh"
+        mesh.symlink_to(path.resolve())
         # a child of an MPI process is none itself
         alone = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMIX_", "PMI_", "PRTE_"))}
         child = subprocess.run(
-            [sys.executable, "-m", "gossamer_fx.mesh.gmsh_reader", str(path.resolve()), str(arrays)],
+            [sys.executable, "-m", "gossamer_fx.mesh.gmsh_reader", str(mesh), str(arrays)],
             capture_output=True,
             env=alone,
             stdin=subprocess.DEVNULL,
         )
         said = child.stdout.decode(errors="replace").strip()
         if child.returncode == _REFUSED and said:
-            raise BadMesh(said.replace(str(path.resolve()), str(path)))
+            raise BadMesh(said.replace(str(mesh), str(path)))
         if child.returncode or not arrays.is_file():
             raise BadMesh(f"gmsh broke off when it read '{path}'; the file is damaged, write it again as MSH 4.1.")
         with np.load(arrays) as file:
@@ -141,10 +149,23 @@ def read_file(path: Path) -> RawMesh:
             return RawMesh(about["kind"], about["order"], file["points"], file["cells"], groups)
 
 
+def _check_format(path: Path) -> None:
+    """Raise `BadMesh` unless the file begins as one in MSH format does."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(200)
+    except OSError as error:
+        raise BadMesh(f"'{path}' cannot be read ({error.strerror}); give a mesh file that is readable.") from error
+    _check(
+        _MSH.match(head) is not None,
+        f"'{path}' is not in MSH format 2.2 or 4.x; write the mesh with gmsh as MSH 4.1 (gmsh -format msh41).",
+    )
+
+
 def _read_here(path: str, arrays: str) -> None:
     import gmsh
 
-    gmsh.initialize(interruptible=False)
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
     gmsh.option.setNumber("General.Terminal", 0)
     try:
         gmsh.merge(path)

@@ -27,10 +27,10 @@ class Ledger:
         self._table.create(run.comm, list(self._row(run)))
 
     def cursor(self) -> dict[str, Any]:
-        return {"end": self._table.end}
+        return self._table.cursor()
 
     def resume(self, run: Run, cursor: dict[str, Any]) -> None:
-        self._table.cut(run.comm, list(self._row(run)), cursor["end"])
+        self._table.cut(run.comm, list(self._row(run)), cursor)
 
     def _row(self, run: Run) -> dict[str, Any]:
         t = run.totals

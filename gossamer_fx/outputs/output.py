@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Callable, Iterable, Sequence
+import zlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -66,6 +67,7 @@ class Table:
 
     def __init__(self, path: Path) -> None:
         self.path, self.end = path, 0
+        self._crc = 0  # of all rows
         self._head: Sequence[str] = ()  # still to be written
 
     def create(self, comm: MPI.Intracomm, head: Sequence[str]) -> None:
@@ -75,7 +77,7 @@ class Table:
             InputError: the folder cannot be made or written.
         """
         make_parent(comm, self.path)
-        self.end, self._head = 0, head
+        self.end, self._crc, self._head = 0, 0, head
 
     def append(self, comm: MPI.Intracomm, row: Iterable[Any]) -> None:
         """Add a row.
@@ -87,9 +89,10 @@ class Table:
         if head:
             write_on_all(comm, self.path, lambda: self.path.write_bytes(b"") if comm.rank == 0 else 0)
             self.append(comm, head)
-        self.end = comm.bcast(write_on_all(comm, self.path, lambda: self._append(row) if comm.rank == 0 else 0))
+        task = lambda: self._append(row) if comm.rank == 0 else (0, 0)  # noqa: E731
+        self.end, self._crc = comm.bcast(write_on_all(comm, self.path, task))
 
-    def _append(self, row: Iterable[Any]) -> int:
+    def _append(self, row: Iterable[Any]) -> tuple[int, int]:
         with self.path.open("r+b", buffering=0) as file:
             file.seek(self.end)
             line = _Line()
@@ -101,19 +104,23 @@ class Table:
             except OSError:
                 file.truncate(self.end)
                 raise
-            return file.tell()
+            return file.tell(), zlib.crc32(line.bytes, self._crc)
 
-    def cut(self, comm: MPI.Intracomm, head: Sequence[str], end: int) -> None:
-        """Go on with a table as it was when it ended at byte `end`; what came later is cut off.
+    def cursor(self) -> dict[str, int]:
+        """Where it ends, in bytes, and the CRC-32 of all of it."""
+        return {"end": self.end, "crc": self._crc}
+
+    def cut(self, comm: MPI.Intracomm, head: Sequence[str], cursor: Mapping[str, int]) -> None:
+        """Go on with a table as it was at a cursor; what came later is cut off.
 
         Raises:
-            InputError: the file is shorter, or has other columns.
+            InputError: the file is shorter, has other columns, or its rows were changed.
         """
         make_parent(comm, self.path)
-        on_rank_zero(comm, lambda: self._cut(head, end))
-        self.end = end
+        on_rank_zero(comm, lambda: self._cut(head, cursor["end"], cursor["crc"]))
+        self.end, self._crc = cursor["end"], cursor["crc"]
 
-    def _cut(self, head: Sequence[str], end: int) -> None:
+    def _cut(self, head: Sequence[str], end: int, crc: int) -> None:
         size = self.path.stat().st_size if self.path.is_file() else 0
         check(
             size >= end,
@@ -125,6 +132,12 @@ class Table:
             check(
                 file.readline() == line.bytes,
                 f"'{self.path}' has other columns than this run; restart with the same ones, or give another name.",
+            )
+            file.seek(0)
+            check(
+                zlib.crc32(file.read(end)) == crc,
+                f"The rows of '{self.path}' were changed since the checkpoint was written; put back a copy of it, or "
+                "start anew.",
             )
             file.truncate(end)
 

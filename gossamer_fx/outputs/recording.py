@@ -26,6 +26,7 @@ from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import InputError, on_rank_zero
 from gossamer_fx.model.terms import Body, is_on_mesh
 from gossamer_fx.outputs.description import describe, versions
+from gossamer_fx.outputs.file_names import file_name
 from gossamer_fx.outputs.ledger import Ledger
 from gossamer_fx.outputs.output import Output, Probe, make_parent
 from gossamer_fx.outputs.probes import GAS, AreaFraction, GasState
@@ -174,11 +175,6 @@ class _Place:
         owned = run.system.numbering.owned(self._body)
         mine = run.system.q0.array_r[owned]
         return float(run.comm.allreduce(float(mine[self._axis]) if mine.size else -np.inf, MPI.MAX))
-
-
-def file_name(body: str) -> str:
-    """A body's name without what a file's name may not have."""
-    return "".join(c if c.isalnum() or c in " -_." else "_" for c in body)
 
 
 def _usual_fields(body: Body, run: Run) -> tuple[str, ...]:

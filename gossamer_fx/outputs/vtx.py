@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from gossamer_fx.checks.errors import check, on_rank_zero, write_on_all
 from gossamer_fx.model.terms import MeshBody, is_on_mesh
+from gossamer_fx.outputs.checksums import Checksums, Verified
 from gossamer_fx.outputs.fields import FieldFunctions, check_fields
+from gossamer_fx.outputs.file_names import segment, segment_number, segments
 from gossamer_fx.outputs.output import Probe, Table, evaluate_probe, make_parent
 from gossamer_fx.outputs.run import Run
 from gossamer_fx.outputs.schedule import Schedule
@@ -49,6 +51,7 @@ class VTX:
         check(self.path.suffix == ".bp", f"VTX cannot write '{path}'; give a name that ends in .bp.")
         check(not isinstance(fields, str), f"VTX '{path}': fields is {fields!r}; give a tuple of names, ({fields!r},).")
         self._writer: VTXWriter | None = None
+        self._checksums: Checksums | None = None
         self._segment = self._steps = 0  # file that is or was written last, and how many times are in it
 
     @property
@@ -83,10 +86,18 @@ class VTX:
         if not self.schedule.due(run.step, run.time, last):
             return
         self._functions.update()
+        path = segment(self.path, self._segment)
         if not self._segment and not self._steps:  # a run from the start has no later segments
             on_rank_zero(run.comm, self._cut)
-        write_on_all(run.comm, self._file(self._segment), lambda: self._write(run))
+        if self._writer is None:
+            write_on_all(run.comm, path, lambda: self._begin(run, path))
+        write_on_all(run.comm, path, lambda: self._write(run))
+        write_on_all(run.comm, path, lambda: self._checksums.add() if self._checksums else None)
         self._steps += 1
+
+    def _begin(self, run: Run, path: Path) -> None:
+        if run.comm.rank == 0:
+            self._checksums = Checksums(path)
 
     def _write(self, run: Run) -> None:
         if self._writer is None:
@@ -95,20 +106,17 @@ class VTX:
 
             self._writer = VTXWriter(
                 run.comm,
-                self._file(self._segment),
+                segment(self.path, self._segment),
                 self._functions.functions,
                 engine="BP5",
                 mesh_policy=VTXMeshPolicy.reuse,
             )
         self._writer.write(run.time)
 
-    def _file(self, segment: int) -> Path:
-        return self.path.with_stem(f"{self.path.stem}_{segment:04d}") if segment else self.path
-
     def close(self, run: Run) -> None:
         if self._writer is not None:
             writer, self._writer = self._writer, None
-            write_on_all(run.comm, self._file(self._segment), writer.close)
+            write_on_all(run.comm, segment(self.path, self._segment), writer.close)
             self._next_segment()
 
     def _next_segment(self) -> None:
@@ -121,23 +129,18 @@ class VTX:
     def resume(self, run: Run, cursor: dict[str, Any]) -> None:
         self.open(run)
         self._segment, self._steps = cursor["segment"], cursor["steps"]
-        on_rank_zero(run.comm, lambda: self._cut())
+        on_rank_zero(run.comm, self._cut)
         self._next_segment()
 
     def _cut(self) -> None:
         """Remove what came after the cursor: later segments, and the end of this one."""
-        import adios2
-
-        here = self._file(self._segment)
-        for later in here.parent.glob(f"{self.path.stem}_[0-9]*.bp"):
-            if later.stem.removeprefix(f"{self.path.stem}_") > f"{self._segment:04d}":
-                shutil.rmtree(later)
+        here = segment(self.path, self._segment)
         if self._steps:
             check(here.is_dir(), f"'{here}' is gone since the checkpoint was written; put it back, or start anew.")
-            io = adios2.Adios().declare_io("cut")
-            io.set_engine("BP5")
-            io.set_parameters({"AppendAfterSteps": str(self._steps)})
-            io.open(str(here), adios2.bindings.Mode.Append).close()
+            Verified(here).cut(self._steps)
+        for other in segments(self.path):
+            if (segment_number(self.path, other) or 0) > self._segment and other.is_dir():
+                shutil.rmtree(other)
 
 
 class Probes:
@@ -174,11 +177,11 @@ class Probes:
         self._table.create(run.comm, self._head)
 
     def cursor(self) -> dict[str, Any]:
-        return {"end": self._table.end}
+        return self._table.cursor()
 
     def resume(self, run: Run, cursor: dict[str, Any]) -> None:
         self._row(run)
-        self._table.cut(run.comm, self._head, cursor["end"])
+        self._table.cut(run.comm, self._head, cursor)
 
     def _row(self, run: Run) -> list[float]:
         return [evaluate_probe(run, f"Probe '{name}'", probe) for name, probe in self.probes.items()]

@@ -13,7 +13,9 @@ import numpy as np
 from gossamer_fx.checks.errors import InputError, check
 from gossamer_fx.mesh.quality import ALIKE, area_vectors
 from gossamer_fx.model.terms import Array
-from gossamer_fx.outputs.recording import FORMAT, file_name
+from gossamer_fx.outputs.checksums import Verified
+from gossamer_fx.outputs.file_names import file_name, segments
+from gossamer_fx.outputs.recording import FORMAT
 from gossamer_fx.plotting.view import Integers, Shape, smooth
 
 Tables = dict[str, Array]
@@ -64,17 +66,23 @@ class RunReader:
         """Columns of "ledger.csv", "gas.csv", "probes.csv" or "points.csv"; empty if the run wrote none.
 
         A last row that is not whole is left out.
+
+        Raises:
+            InputError: the file cannot be read, or holds something else than rows of numbers.
         """
         path = self.folder / name
         if not path.is_file():
             return {}
-        with path.open(newline="", encoding="utf-8") as file:
-            head, *rows = list(csv.reader(file)) or [[]]
         try:
-            values = np.array([[float(word) for word in row] for row in rows if len(row) == len(head)])
-        except ValueError as error:
+            with path.open(newline="", encoding="utf-8") as file:
+                head, *rows = list(csv.reader(file)) or [[]]
+            if rows and len(rows[-1]) != len(head):
+                rows.pop()
+            values = np.array([[float(word) for word in row] for row in rows])
+            values = values.reshape(len(rows), len(head))
+        except (OSError, ValueError, csv.Error) as error:
             raise InputError(f"'{path}' holds something else than numbers ({error}); write the run again.") from error
-        return dict(zip(head, values.reshape(-1, len(head)).T, strict=True))
+        return dict(zip(head, values.T, strict=True))
 
     def frame(self, time: float) -> int:
         """The frame that is nearest to a time [s].
@@ -140,10 +148,9 @@ class Mesh:
     """One body on a mesh, over the segments that a run and its restarts wrote."""
 
     def __init__(self, folder: Path, body: str) -> None:
-        stem = file_name(body)
-        paths = [folder / f"{stem}.bp", *sorted(folder.glob(f"{stem}_[0-9][0-9][0-9][0-9].bp"))]
-        self.segments = [Segment(path) for path in paths if path.exists()]
-        check(bool(self.segments), f"'{paths[0]}' is missing; write the run again.")
+        path = folder / f"{file_name(body)}.bp"
+        self.segments = [Segment(one) for one in segments(path)]
+        check(bool(self.segments), f"'{path}' is missing; write the run again.")
         self._frames = [(segment, k) for segment in self.segments for k in range(len(segment.times))]
         self.times: Array = np.concatenate([segment.times for segment in self.segments])
         self.is_film = self.segments[0].is_film
@@ -163,6 +170,7 @@ class Segment:
     def __init__(self, path: Path) -> None:
         import adios2
 
+        self._verified = Verified(path)
         try:
             self._file = adios2.FileReader(str(path))
             steps = self._file.num_steps()
@@ -171,6 +179,8 @@ class Segment:
             self.is_film: bool = int(np.ravel(self._file.read("types"))[0]) in (5, 22, 69)  # VTK's triangles
             self.X, cells = self._mesh()
             self.pieces, self.vertices = self._join(cells)
+        except InputError:
+            raise
         except Exception as error:  # adios2 raises what its C++ side throws
             raise InputError(f"'{path}' cannot be read; it is damaged, or no fields were written.") from error
 
@@ -217,6 +227,7 @@ class Segment:
         return smooth(area, sums[self.vertices])
 
     def _values(self, field: str, step: int) -> Array:
+        self._verified.check_step(step)
         parts = [
             np.asarray(self._file.read(field, block_id=block, step_selection=[step, 1])).ravel()
             for block in range(self._blocks)

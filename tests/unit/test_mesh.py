@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -160,3 +161,44 @@ def test_ranks_share_the_mesh_that_one_has_alone(comm):
         sizes = [mesh.domain.topology.index_map(dim).size_global for mesh in (alone, shared)]
         assert sizes[0] == sizes[1]
     assert {name: count(alone, name) for name in alone.groups} == {name: count(shared, name) for name in shared.groups}
+
+
+SCRIPT = 'SystemCall "touch {}";\nPoint(1) = {{0, 0, 0, 1}};\n'
+NO_MESHES = {
+    "pillow.msh": SCRIPT,
+    "pillow.geo": SCRIPT,
+    "pillow.pos": 'View "v" {{ SP(0,0,0){{1}}; }};\nSystemCall "touch {}";\n',
+    "behind blanks.msh": "\n  " + SCRIPT,
+    "behind a comment.msh": "// $MeshFormat\n" + SCRIPT,
+    "version 1.msh": "$NOD\n1\n1 0 0 0\n$ENDNOD\n" + SCRIPT,
+    "version 3.msh": "$MeshFormat\n3 0 8\n$EndMeshFormat\n" + SCRIPT,
+    "torn.msh": "$MeshFormat\n" + SCRIPT,
+    "comments.msh": "$Comments\n$EndComments\n" + SCRIPT,
+    "empty.msh": "",
+    "model.step": "ISO-10303-21;\n",
+}
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("name", NO_MESHES)
+def test_a_script_is_not_executed(folder: Path, comm: MPI.Comm, name: str) -> None:
+    """gmsh runs what it does not take for a mesh, shell commands included."""
+    path, mark = folder / name, folder / "executed"
+    if comm.rank == 0:
+        path.write_text(NO_MESHES[name].format(mark))
+    comm.barrier()
+    with pytest.raises(InputError, match=r"is not in MSH format 2\.2 or 4\.x; .*\.$"):
+        read_mesh(path, comm)
+    assert not mark.exists()
+
+
+def test_what_stands_beside_or_behind_a_mesh_is_not_executed(tmp_path: Path) -> None:
+    """gmsh merges `NAME.opt`, and goes by the end of a name before it looks into a file."""
+    mark = tmp_path / "executed"
+    square = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n"
+    for name in ("a.msh", "a.geo", "a.pos", "a.py"):
+        (tmp_path / name).write_text(square + SCRIPT.format(mark))
+        (tmp_path / f"{name}.opt").write_text(SCRIPT.format(mark))
+        with pytest.raises(InputError, match="no triangles"):
+            read_mesh(tmp_path / name, MPI.COMM_SELF)
+    assert not mark.exists()
