@@ -25,7 +25,7 @@ from ufl.variable import Label
 
 
 @cache
-def _options() -> dict[str, Any]:
+def kernel_options() -> dict[str, Any]:
     """Options of the C compiler, and a kernel cache of this processor alone: its kernels may not run on another.
 
     `-mtune=generic`: gcc's scheduling model of recent processors takes minutes for the straight-line code of a
@@ -52,14 +52,14 @@ def constant(mesh: Mesh, value: float) -> fem.Constant:
 def compile_form(form: ufl.Form) -> fem.Form:
     """Compile a form (or take its kernel from the cache)."""
     comm, numbered = form.ufl_domain().ufl_cargo().comm, map_integrand_dags(_Number(form), form)
-    return _with_cache(comm, lambda: fem.form(numbered, jit_options=_options()))
+    return _with_cache(comm, lambda: fem.form(numbered, jit_options=kernel_options()))
 
 
 def compile_expression(expression: Any, points: npt.NDArray[np.float64]) -> fem.Expression:
     """Compile an expression for evaluation at `points` of the reference cell, shape (n, tdim)."""
     comm = ufl.domain.extract_unique_domain(expression).ufl_cargo().comm
     numbered = map_integrand_dags(_Number(expression), expression)
-    return _with_cache(comm, lambda: fem.Expression(numbered, points, jit_options=_options()))
+    return _with_cache(comm, lambda: fem.Expression(numbered, points, jit_options=kernel_options()))
 
 
 class _Number(MultiFunction):
@@ -112,7 +112,7 @@ def _with_cache[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T:
 @contextmanager
 def _lock(kind: int) -> Iterator[Path]:
     """Hold the cache folder, shared or alone."""
-    folder = Path(_options()["cache_dir"])
+    folder = Path(kernel_options()["cache_dir"])
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / "lock").open("w") as file:
         fcntl.flock(file, kind)

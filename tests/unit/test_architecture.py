@@ -26,6 +26,7 @@ FLOORS = (
     "bodies",
     "gas",
     "interactions",
+    "contact",
     "loads",
     "control",
     "orbit",

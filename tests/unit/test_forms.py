@@ -19,7 +19,7 @@ from meshes.sheet import sheet
 @pytest.fixture
 def cache(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty cache of kernels."""
-    options = forms._options() | {"cache_dir": str(folder)}
+    options = forms.kernel_options() | {"cache_dir": str(folder)}
     monkeypatch.setattr(forms, "_options", lambda: options)
     return folder
 

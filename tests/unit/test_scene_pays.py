@@ -32,6 +32,7 @@ ABSENT = ("matplotlib", "pyvista", "slepc4py", "adios4dolfinx", "h5py", "rich")
 ABSENT_PARTS = {
     "gas",
     "interactions",
+    "contact",
     "loads",
     "control",
     "orbit",

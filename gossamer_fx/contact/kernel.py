@@ -1,0 +1,55 @@
+"""The C kernels of contact, compiled once a machine and kept beside those of the forms."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from gossamer_fx.forms.c_source import compile_c
+
+DECLARATIONS = """
+void squared_distances(int n, const int32_t *pairs, const uint8_t *kind, const double *x, double *s, double *uv);
+int act(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *x1, const double *k,
+        const double *S, const double *offset, double eps, int law, double alpha, double push, uint8_t *active,
+        double *force, const int32_t *slots, double *values, double *forces, double *tangents);
+double energy(int n, const int32_t *pairs, const uint8_t *kind, const double *x, const double *k, const double *S,
+              const double *offset, double eps, int law, double *X);
+void build_tree(int n, int size, const double *boxes, const int32_t *order, double *tree);
+int64_t overlaps(int n, int size, const double *tree, const int32_t *order, int queries, const int32_t *query,
+                 const double *boxes, int self, int ka, const int32_t *a, int kb, const int32_t *b,
+                 const uint8_t *fixed_a, const uint8_t *fixed_b, int64_t room, int32_t *pairs);
+int motion(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *x1, const double *radius,
+           double kept, int most, uint8_t *free);
+int pierce(int n, const int32_t *pairs, const int32_t *edges, const int32_t *triangles, const double *x, uint8_t *hit);
+"""
+
+Integers = npt.NDArray[np.int32]
+Bytes = npt.NDArray[np.uint8]
+Array = npt.NDArray[np.float64]
+
+
+_loaded: list[Any] = []
+
+
+def library(comm: MPI.Intracomm = MPI.COMM_SELF) -> Any:
+    """The functions (`.lib`) and types (`.ffi`) of pairs.c and search.c; rank 0 of `comm` compiles them for the others."""
+    if not _loaded:
+        folder = Path(__file__).parent
+        source = "\n".join((folder / name).read_text(encoding="utf-8") for name in ("pairs.c", "search.c"))
+        _loaded.append(compile_c(comm, "contact", DECLARATIONS, source))
+    return _loaded[0]
+
+
+def pointer(values: npt.NDArray[Any] | None) -> Any:
+    """An array as an argument of a C function; None is a null pointer."""
+    ffi = library().ffi
+    if values is None:
+        return ffi.NULL
+    kind = {"float64": "double *", "int32": "int32_t *", "uint8": "uint8_t *"}[values.dtype.name]
+    if not values.flags.c_contiguous:
+        raise ValueError("C functions take contiguous arrays.")
+    return ffi.cast(kind, values.ctypes.data)

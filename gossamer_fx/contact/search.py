@@ -1,0 +1,169 @@
+"""Search for pairs that may come near, motion check, and intersections, of points, edges and triangles.
+
+Boxes of primitives are put into a binary tree in Morton order; boxes that overlap give the candidates.  Each point has
+a box of its own that holds its way and a margin: as long as all points stay in theirs, less half of the reach, no pair
+that was not found can be within the reach.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gossamer_fx.contact.kernel import Array, Bytes, Integers, library, pointer
+from gossamer_fx.contact.pairs import EDGE_EDGE, POINT_TRIANGLE
+
+KEPT = 0.1  # part of its distance that a pair keeps on the way of a step
+CHECKS = 100  # positions on its way at which a pair's distance is computed at most
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Primitives between points: `vertices` (p,) and `edges` (e, 2), `triangles` (t, 3), as indices of points.
+
+    fixed (m,): points that are not moved by contact; primitives of such points alone are no pair.
+    """
+
+    vertices: Integers
+    edges: Integers
+    triangles: Integers
+    fixed: Bytes
+
+    def all_fixed(self, primitives: Integers) -> Bytes:
+        return np.ascontiguousarray(self.fixed[primitives.reshape(len(primitives), -1)].all(axis=1), dtype=np.uint8)
+
+
+def _boxes(lo: Array, hi: Array, primitives: Integers) -> Array:
+    """Boxes (n, 6) of primitives (n, k) from those of their points."""
+    return np.hstack([lo[primitives].min(axis=1), hi[primitives].max(axis=1)])
+
+
+class Tree:
+    """A binary tree of boxes (n, 6)."""
+
+    def __init__(self, boxes: Array) -> None:
+        n = len(boxes)
+        self.n, self.size = n, 1 << max(int(np.ceil(np.log2(max(n, 1)))), 0)
+        self.order = morton(boxes)
+        self.boxes = np.empty((2 * self.size, 6))
+        library().lib.build_tree(
+            n, self.size, pointer(np.ascontiguousarray(boxes)), pointer(self.order), pointer(self.boxes)
+        )
+
+    def overlapping(
+        self,
+        query: Integers,
+        boxes: Array,
+        of_queries: Integers,
+        of_tree: Integers,
+        fixed: tuple[Bytes, Bytes],
+        same: bool = False,
+    ) -> Integers:
+        """Pairs (k, 2) of queried boxes and those of the tree that overlap, without a common point; sorted.
+
+        Args:
+            query: which of `boxes` are asked for.
+            of_queries, of_tree: the points of the primitives.
+            same: whether both are one set, of which i < j are taken.
+        """
+        room = 8 * len(query) + 64
+        while True:
+            pairs = np.empty((room, 2), dtype=np.int32)
+            found = library().lib.overlaps(
+                self.n,
+                self.size,
+                pointer(self.boxes),
+                pointer(self.order),
+                len(query),
+                *map(pointer, (query, boxes)),
+                same,
+                of_queries.shape[1],
+                pointer(of_queries),
+                of_tree.shape[1],
+                *map(pointer, (of_tree, *fixed)),
+                room,
+                pointer(pairs),
+            )
+            if found <= room:
+                pairs = pairs[:found]
+                return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+            room = int(found)
+
+
+def morton(boxes: Array) -> Integers:
+    """The order of boxes (n, 6) along a curve that fills space, 21 bits for each axis."""
+    if not len(boxes):
+        return np.zeros(0, dtype=np.int32)
+    middle = (boxes[:, :3] + boxes[:, 3:]) / 2
+    middle -= middle.min(axis=0)
+    code = (middle / (middle.max() or 1.0) * (2**21 - 1)).astype(np.uint64)
+    for shift, mask in (
+        (32, 0x1F00000000FFFF),
+        (16, 0x1F0000FF0000FF),
+        (8, 0x100F00F00F00F00F),
+        (4, 0x10C30C30C30C30C3),
+        (2, 0x1249249249249249),
+    ):
+        code = (code | (code << np.uint64(shift))) & np.uint64(mask)
+    return np.argsort(code @ np.array([1, 2, 4], dtype=np.uint64), kind="stable").astype(np.int32)
+
+
+def candidates(
+    surface: Surface, lo: Array, hi: Array, vertices: Integers, edges: Integers
+) -> tuple[Integers, Bytes, np.ndarray]:
+    """Pairs of primitives whose boxes overlap: points (n, 4), kind (n,), and numbers (n, 2) of the primitives.
+
+    Args:
+        lo, hi: boxes (m, 3) of the points.
+        vertices, edges: which of the surface's are asked for (each rank asks for its own).
+    """
+    triangles, lines = surface.triangles, surface.edges
+    points = surface.vertices[:, None]
+    near = np.zeros((0, 2), dtype=np.int32)
+    if len(triangles):
+        tree = Tree(_boxes(lo, hi, triangles))
+        boxes = np.ascontiguousarray(_boxes(lo, hi, points))
+        fixed = surface.all_fixed(points), surface.all_fixed(triangles)
+        near = tree.overlapping(vertices, boxes, np.ascontiguousarray(points), triangles, fixed)
+    boxes = np.ascontiguousarray(_boxes(lo, hi, lines)) if len(lines) else np.zeros((0, 6))
+    fixed = surface.all_fixed(lines), surface.all_fixed(lines)
+    across = Tree(boxes).overlapping(edges, boxes, lines, lines, fixed, same=True)
+    nodes = np.vstack(
+        [
+            np.hstack([points[near[:, 0]], triangles[near[:, 1]]]).reshape(-1, 4),
+            np.hstack([lines[across[:, 0]], lines[across[:, 1]]]).reshape(-1, 4),
+        ]
+    )
+    kind = np.repeat(np.array([POINT_TRIANGLE, EDGE_EDGE], dtype=np.uint8), [len(near), len(across)])
+    return np.ascontiguousarray(nodes, dtype=np.int32), kind, np.vstack([near, across]).astype(np.int64)
+
+
+def refused(nodes: Integers, kind: Bytes, x0: Array, x1: Array, radius: Array) -> np.ndarray:
+    """Indices of the pairs that come nearer than a tenth of their distance, or may, on the straight way to x1.
+
+    Additive continuous collision detection (Li, Kaufman & Jiang, ACM Trans. Graph. 40 (2021) 170, section 4).
+    """
+    free = np.empty(len(kind), dtype=np.uint8)
+    arguments = map(pointer, (nodes, kind, x0, x1, radius))
+    library().lib.motion(len(kind), *arguments, KEPT, CHECKS, pointer(free))
+    return np.flatnonzero(free == 0)
+
+
+def intersections(surface: Surface, x: Array, edges: Integers | None = None) -> Integers:
+    """Pairs (k, 2) of edges and triangles of which one pierces the other, without a common point.
+
+    Args:
+        x: points (m, 3).
+        edges: which of the edges are asked for; none: all.
+    """
+    query = np.arange(len(surface.edges), dtype=np.int32) if edges is None else edges
+    if not (len(query) and len(surface.triangles)):
+        return np.zeros((0, 2), dtype=np.int32)
+    tree = Tree(_boxes(x, x, surface.triangles))
+    boxes = np.ascontiguousarray(_boxes(x, x, surface.edges))
+    fixed = surface.all_fixed(surface.edges), surface.all_fixed(surface.triangles)
+    near = tree.overlapping(query, boxes, surface.edges, surface.triangles, fixed)
+    near, hit = np.ascontiguousarray(near), np.empty(len(near), dtype=np.uint8)
+    library().lib.pierce(len(near), *map(pointer, (near, surface.edges, surface.triangles, x, hit)))
+    return near[hit == 1]
