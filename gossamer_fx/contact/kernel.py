@@ -36,7 +36,7 @@ _loaded: list[Any] = []
 
 
 def library(comm: MPI.Intracomm = MPI.COMM_SELF) -> Any:
-    """The functions (`.lib`) and types (`.ffi`) of pairs.c and search.c; rank 0 of `comm` compiles them for the others."""
+    """The functions (`.lib`) and types (`.ffi`) of pairs.c and search.c; rank 0 of `comm` compiles them for all."""
     if not _loaded:
         folder = Path(__file__).parent
         source = "\n".join((folder / name).read_text(encoding="utf-8") for name in ("pairs.c", "search.c"))
@@ -44,12 +44,16 @@ def library(comm: MPI.Intracomm = MPI.COMM_SELF) -> Any:
     return _loaded[0]
 
 
-def pointer(values: npt.NDArray[Any] | None) -> Any:
-    """An array as an argument of a C function; None is a null pointer."""
+def pointers(*arrays: npt.NDArray[Any] | None) -> list[Any]:
+    """Arrays as arguments of a C function; None is a null pointer."""
     ffi = library().ffi
-    if values is None:
-        return ffi.NULL
-    kind = {"float64": "double *", "int32": "int32_t *", "uint8": "uint8_t *"}[values.dtype.name]
-    if not values.flags.c_contiguous:
-        raise ValueError("C functions take contiguous arrays.")
-    return ffi.cast(kind, values.ctypes.data)
+    kinds = {"float64": "double *", "int32": "int32_t *", "uint8": "uint8_t *"}
+    found = []
+    for values in arrays:
+        if values is None:
+            found.append(ffi.NULL)
+            continue
+        if not values.flags.c_contiguous:
+            raise ValueError("C functions take contiguous arrays.")
+        found.append(ffi.cast(kinds[values.dtype.name], values.ctypes.data))
+    return found

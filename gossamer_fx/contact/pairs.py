@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gossamer_fx.contact.kernel import Array, Bytes, Integers, library, pointer
+from gossamer_fx.contact.kernel import Array, Bytes, Integers, library, pointers
 
 BARRIER, PENALTY = 0, 1
 POINT_TRIANGLE, EDGE_EDGE, PLANE, IN_SPHERE, IN_CYLINDER = range(5)
@@ -69,14 +69,18 @@ class Action:
 def squared_distances(nodes: Integers, kind: Bytes, x: Array) -> Array:
     """s (n,) [m²], without rounding, of points x (m, 3); of planes the signed distance [m]."""
     s = np.empty(len(kind))
-    library().lib.squared_distances(len(kind), pointer(nodes), pointer(kind), pointer(x), pointer(s), pointer(None))
+    library().lib.squared_distances(
+        len(kind), *pointers(nodes), *pointers(kind), *pointers(x), *pointers(s), *pointers(None)
+    )
     return s
 
 
 def nearest_points(nodes: Integers, kind: Bytes, x: Array) -> Array:
     """(u, v) (n, 2) of the nearest points of pairs of triangles and edges."""
     s, uv = np.empty(len(kind)), np.empty((len(kind), 2))
-    library().lib.squared_distances(len(kind), pointer(nodes), pointer(kind), pointer(x), pointer(s), pointer(uv))
+    library().lib.squared_distances(
+        len(kind), *pointers(nodes), *pointers(kind), *pointers(x), *pointers(s), *pointers(uv)
+    )
     return uv
 
 
@@ -85,10 +89,10 @@ def energy(pairs: Pairs, x: Array, law: int) -> tuple[float, Array]:
     X = np.empty(len(pairs))
     total = library().lib.energy(
         len(pairs),
-        *map(pointer, (pairs.nodes, pairs.kind, x, pairs.k, pairs.S, pairs.offset)),
+        *pointers(pairs.nodes, pairs.kind, x, pairs.k, pairs.S, pairs.offset),
         ROUNDING,
         law,
-        pointer(X),
+        *pointers(X),
     )
     return float(total), X
 
@@ -119,11 +123,11 @@ def act(
     stiffness = np.empty((n, 144)) if each and tangents else None
     library().lib.act(
         n,
-        *map(pointer, (pairs.nodes, pairs.kind, x0, x1, pairs.k, pairs.S, pairs.offset)),
+        *pointers(pairs.nodes, pairs.kind, x0, x1, pairs.k, pairs.S, pairs.offset),
         ROUNDING,
         law,
         alpha,
         PUSH,
-        *map(pointer, (state, force, slots, values, forces, stiffness)),
+        *pointers(state, force, slots, values, forces, stiffness),
     )
     return Action(state, forces, stiffness)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gossamer_fx.contact.kernel import Array, Bytes, Integers, library, pointer
+from gossamer_fx.contact.kernel import Array, Bytes, Integers, library, pointers
 from gossamer_fx.contact.pairs import EDGE_EDGE, POINT_TRIANGLE
 
 KEPT = 0.1  # part of its distance that a pair keeps on the way of a step
@@ -48,7 +48,7 @@ class Tree:
         self.order = morton(boxes)
         self.boxes = np.empty((2 * self.size, 6))
         library().lib.build_tree(
-            n, self.size, pointer(np.ascontiguousarray(boxes)), pointer(self.order), pointer(self.boxes)
+            n, self.size, *pointers(np.ascontiguousarray(boxes)), *pointers(self.order), *pointers(self.boxes)
         )
 
     def overlapping(
@@ -69,21 +69,21 @@ class Tree:
         """
         room = 8 * len(query) + 64
         while True:
-            pairs = np.empty((room, 2), dtype=np.int32)
+            pairs: Integers = np.empty((room, 2), dtype=np.int32)
             found = library().lib.overlaps(
                 self.n,
                 self.size,
-                pointer(self.boxes),
-                pointer(self.order),
+                *pointers(self.boxes),
+                *pointers(self.order),
                 len(query),
-                *map(pointer, (query, boxes)),
+                *pointers(query, boxes),
                 same,
                 of_queries.shape[1],
-                pointer(of_queries),
+                *pointers(of_queries),
                 of_tree.shape[1],
-                *map(pointer, (of_tree, *fixed)),
+                *pointers(of_tree, *fixed),
                 room,
-                pointer(pairs),
+                *pointers(pairs),
             )
             if found <= room:
                 pairs = pairs[:found]
@@ -120,7 +120,7 @@ def candidates(
     """
     triangles, lines = surface.triangles, surface.edges
     points = surface.vertices[:, None]
-    near = np.zeros((0, 2), dtype=np.int32)
+    near: Integers = np.zeros((0, 2), dtype=np.int32)
     if len(triangles):
         tree = Tree(_boxes(lo, hi, triangles))
         boxes = np.ascontiguousarray(_boxes(lo, hi, points))
@@ -145,8 +145,8 @@ def refused(nodes: Integers, kind: Bytes, x0: Array, x1: Array, radius: Array) -
     Additive continuous collision detection (Li, Kaufman & Jiang, ACM Trans. Graph. 40 (2021) 170, section 4).
     """
     free = np.empty(len(kind), dtype=np.uint8)
-    arguments = map(pointer, (nodes, kind, x0, x1, radius))
-    library().lib.motion(len(kind), *arguments, KEPT, CHECKS, pointer(free))
+    arguments = pointers(nodes, kind, x0, x1, radius)
+    library().lib.motion(len(kind), *arguments, KEPT, CHECKS, *pointers(free))
     return np.flatnonzero(free == 0)
 
 
@@ -165,5 +165,5 @@ def intersections(surface: Surface, x: Array, edges: Integers | None = None) -> 
     fixed = surface.all_fixed(surface.edges), surface.all_fixed(surface.triangles)
     near = tree.overlapping(query, boxes, surface.edges, surface.triangles, fixed)
     near, hit = np.ascontiguousarray(near), np.empty(len(near), dtype=np.uint8)
-    library().lib.pierce(len(near), *map(pointer, (near, surface.edges, surface.triangles, x, hit)))
+    library().lib.pierce(len(near), *pointers(near, surface.edges, surface.triangles, x, hit))
     return near[hit == 1]

@@ -1,4 +1,4 @@
-"""The equations of contact pairs in NumPy, one pair at a time, as `contact.pairs` states them: slow, and easy to read."""
+"""The equations of contact pairs in NumPy, one pair at a time, as `contact.pairs` states them: slow, easy to read."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gossamer_fx.contact.pairs import (
     Pairs,
 )
 
-I, J = [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]
+FIRST, SECOND = [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]
 ROWS = {
     POINT_TRIANGLE: [[1, -1, 0, 0], [0, 1, -1, 0], [0, 1, 0, -1]],
     EDGE_EDGE: [[1, 0, -1, 0], [-1, 1, 0, 0], [0, 0, 1, -1]],
@@ -28,7 +28,7 @@ GAUSS = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
 
 def gram(Y):
     """e (6,) of Y (3, 3)."""
-    return np.array([Y[i] @ Y[j] for i, j in zip(I, J, strict=True)])
+    return np.array([Y[i] @ Y[j] for i, j in zip(FIRST, SECOND, strict=True)])
 
 
 def weights(u, v):
@@ -85,10 +85,10 @@ class Pair:
     def _shift(self, e):
         """The measures of the vectors before r was moved."""
         G = np.zeros((3, 3))
-        G[I, J] = G[J, I] = e
+        G[FIRST, SECOND] = G[SECOND, FIRST] = e
         T = np.eye(3)
         T[0, 1:] = -self.at
-        return (T @ G @ T.T)[I, J]
+        return (T @ G @ T.T)[FIRST, SECOND]
 
     def density(self, x):
         """b(x)."""
@@ -114,6 +114,6 @@ class Pair:
         S = self.k * (b1 - b0) / (s1 - s0) * φ
         Q = np.zeros((3, 3))
         for m in range(6):
-            Q[I[m], J[m]] += S[m]
-            Q[J[m], I[m]] += S[m]
+            Q[FIRST[m], SECOND[m]] += S[m]
+            Q[SECOND[m], FIRST[m]] += S[m]
         return self.R.T @ Q @ (Y0 + Y1) / 2
