@@ -20,7 +20,7 @@ from meshes.sheet import sheet
 def cache(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty cache of kernels."""
     options = forms.kernel_options() | {"cache_dir": str(folder)}
-    monkeypatch.setattr(forms, "_options", lambda: options)
+    monkeypatch.setattr(forms, "kernel_options", lambda: options)
     return folder
 
 
