@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from gossamer_fx.bodies.cable import Cable as Cable
     from gossamer_fx.bodies.cable import CableLaw as CableLaw
     from gossamer_fx.bodies.cable import TensionOnly as TensionOnly
+    from gossamer_fx.bodies.frames import Frame as Frame
+    from gossamer_fx.bodies.frames import ground_frame as ground_frame
     from gossamer_fx.bodies.membrane import Membrane as Membrane
     from gossamer_fx.bodies.point_mass import PointMass as PointMass
     from gossamer_fx.bodies.rigid_body import RigidBody as RigidBody
@@ -75,8 +77,6 @@ if TYPE_CHECKING:
     from gossamer_fx.mesh.mesh import Mesh as Mesh
     from gossamer_fx.mesh.mesh import gmsh_mesh as gmsh_mesh
     from gossamer_fx.mesh.mesh import read_mesh as read_mesh
-    from gossamer_fx.model.frames import Frame as Frame
-    from gossamer_fx.model.frames import ground_frame as ground_frame
     from gossamer_fx.model.terms import Ground as Ground
     from gossamer_fx.model.terms import Port as Port
     from gossamer_fx.outputs.ledger import Ledger as Ledger
@@ -128,7 +128,7 @@ _HOME = {
     "materials.elastica": ["Elastica"],
     "checks.errors": ["InputError", "NoEquilibrium", "OutputFailure", "StepFailure"],
     "analyses.form_finding": ["EdgeCable", "Prestress", "find_form"],
-    "model.frames": ["Frame", "ground_frame"],
+    "bodies.frames": ["Frame", "ground_frame"],
     "gas.enclosure": ["Piston"],
     "gas.ideal_gas": ["IdealGas"],
     "gas.orifice": ["Orifice", "WallHeat"],

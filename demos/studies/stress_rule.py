@@ -20,8 +20,8 @@ import gossamer_fx as gx
 from demos.spinning_sheet import main
 from demos.studies.engine.study import Study
 from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.model.terms import StoredEnergy
 from gossamer_fx.terms.discrete_gradient import StressRule, defect, gradient
+from gossamer_fx.terms.element_energies import StoredEnergy
 
 STEPS = 40
 

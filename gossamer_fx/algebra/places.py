@@ -1,16 +1,16 @@
-"""Vectors attached to bodies, in the unknowns of a system: which of them, and how they are fetched."""
+"""Degrees of freedom of attached vectors, measures of them as arrays, and their gather."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.algebra.numbering import GlobalIndices, Numbering
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.scalar_unknowns import Assembly
-from gossamer_fx.model.terms import Array, Attached, AttachedKineticEnergy, Body, Ground, PointMeasure, Port
+from gossamer_fx.model.terms import Array, Assembly, Attached, Body, Ground, Port
 
 
 def is_here(place: tuple[Attached, ...]) -> bool:
@@ -64,22 +64,46 @@ def attach_all(
     return indices.reshape(len(attached), D), P.reshape(len(attached), rows, D), o.reshape(len(attached), rows)
 
 
-class Places:
-    """A point measure on this rank: e_i = ½ q·H_i q + L_i·q + c_i of each place's D unknowns q.
+@dataclass(frozen=True, eq=False)
+class PointMeasure:
+    """Quadratic measures e_i = ½ X·H_i X + L_i·X + c_i of stacked attached vectors X (3k,): the same at n places.
 
-    Arrays over n places: indices (n, D), H (n, m, D, D), L (n, m, D), c (n, m).
+    places: n tuples of k vectors, not all of them `Ground`; a place is evaluated on the rank of its first port, and
+        each rank may list all places, or its own only.
+    H (m, 3k, 3k) symmetric, L (m, 3k), c (m,), or (n, m) where the places differ
     """
 
-    def __init__(self, numbering: Numbering, bodies: list[Body], measure: PointMeasure) -> None:
-        own = own_places(measure.places)
-        self.n, self.m = len(own), measure.H.shape[0]
-        self.indices, P, o = attach_all(numbering, bodies, [measure.places[i] for i in own], measure.H.shape[1])
-        self.D = self.indices.shape[1]
-        c = np.broadcast_to(measure.c, (len(measure.places), self.m))[own]
-        Ho = np.einsum("mab,nb->nma", measure.H, o)
-        self.H = np.einsum("nax,mab,nby->nmxy", P, measure.H, P, optimize=True)
-        self.L = np.einsum("nax,nma->nmx", P, Ho + measure.L)
-        self.c = c + np.einsum("na,nma->nm", o, Ho / 2 + measure.L)
+    places: Sequence[tuple[Attached, ...]]
+    H: Array
+    L: Array
+    c: Array
+
+
+def nodes_of(measure: PointMeasure) -> int:
+    """The largest number of nodes that a place of a measure ties."""
+    return max((sum(len(getattr(port, "nodes", ())) for port in place) for place in measure.places), default=0)
+
+
+class Places:
+    """Point measures on this rank: e_i = ½ q·H_i q + L_i·q + c_i of each place's D unknowns q.
+
+    Measures of one kind become one array, if they have as many strains m and unknowns D.
+    Arrays over n places: indices (n, D), H (n, m, D, D), L (n, m, D), c (n, m); `of` (n,) is the measure of each.
+    """
+
+    def __init__(self, numbering: Numbering, bodies: list[Body], measures: Sequence[PointMeasure]) -> None:
+        own = [own_places(measure.places) for measure in measures]
+        self.of = np.repeat(np.arange(len(measures)), [len(o) for o in own])
+        self.m = measures[0].H.shape[0]
+        place = [m.places[i] for m, here in zip(measures, own, strict=True) for i in here]
+        self.indices, P, o = attach_all(numbering, bodies, place, measures[0].H.shape[1])
+        self.n, self.D = self.indices.shape
+        H, L = (np.array([getattr(m, what) for m in measures])[self.of] for what in "HL")
+        c = [np.broadcast_to(m.c, (len(m.places), self.m))[here] for m, here in zip(measures, own, strict=True)]
+        Ho = np.einsum("nmab,nb->nma", H, o)
+        self.H = np.einsum("nax,nmab,nby->nmxy", P, H, P, optimize=True)
+        self.L = np.einsum("nax,nma->nmx", P, Ho + L)
+        self.c = np.concatenate(c) + np.einsum("na,nma->nm", o, Ho / 2 + L)
 
     def strain(self, q: Array) -> Array:
         """e (n, m)."""
@@ -126,12 +150,3 @@ def add_blocks(A: PETSc.Mat, rows: GlobalIndices, columns: GlobalIndices, values
         addv=PETSc.InsertMode.ADD_VALUES,
         rowmap=rows.ravel().astype(PETSc.IntType),
     )
-
-
-def add_mass(M: PETSc.Mat, numbering: Numbering, bodies: list[Body], part: AttachedKineticEnergy) -> None:
-    """Add the mass matrix of a part to M."""
-    own = own_places(part.places)
-    k = part.mass.shape[1]
-    indices, P, _ = attach_all(numbering, bodies, [part.places[i] for i in own], 3 * k)
-    mass = np.einsum("nij,ab->niajb", part.mass[own], np.eye(3)).reshape(len(own), 3 * k, 3 * k)
-    add_blocks(M, indices, indices, np.einsum("nax,nab,nby->nxy", P, mass, P, optimize=True))

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.analyses.equilibrium import Equilibrium, EquilibriumResult
 from gossamer_fx.bodies.cable import CableLaw
 from gossamer_fx.bodies.membrane import Membrane
@@ -23,8 +24,9 @@ from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.interactions.tape import Tape
 from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.model.ports import combine
-from gossamer_fx.model.terms import Array, PointMeasure, PointStoredEnergy, Term
+from gossamer_fx.model.terms import Array, Term
 from gossamer_fx.scene.scene import Scene
+from gossamer_fx.terms.point_energies import PointStoredEnergy
 
 
 @dataclass(frozen=True)

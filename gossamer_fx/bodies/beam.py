@@ -10,7 +10,9 @@ import ufl
 from dolfinx import fem, la
 from dolfinx.mesh import Mesh as DolfinxMesh
 
+from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.bodies.curve import Curve
+from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.bodies.meshed import PointFunction, checked
 from gossamer_fx.bodies.ports import global_node
 from gossamer_fx.bodies.rigid_body import orthonormality
@@ -20,17 +22,10 @@ from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr, beam_strain
 from gossamer_fx.materials.film import constants
 from gossamer_fx.mesh.mesh import Mesh
-from gossamer_fx.model.frames import Frame
-from gossamer_fx.model.terms import (
-    Array,
-    KineticEnergy,
-    PointConstraint,
-    PointMeasure,
-    Port,
-    StoredEnergy,
-    Term,
-    Vector,
-)
+from gossamer_fx.model.terms import Array, Port, Term, Vector
+from gossamer_fx.terms.element_energies import StoredEnergy
+from gossamer_fx.terms.masses import KineticEnergy
+from gossamer_fx.terms.point_constraints import PointConstraint
 
 
 class Beam(Curve):

@@ -15,7 +15,9 @@ from gossamer_fx.forms.kinematics import Expr, frame, green_lagrange, surface_gr
 from gossamer_fx.forms.strain_path import Piece
 from gossamer_fx.materials.film import FilmLaw, constants
 from gossamer_fx.mesh.mesh import Mesh
-from gossamer_fx.model.terms import Array, Block, KineticEnergy, StoredEnergy, Term
+from gossamer_fx.model.terms import Array, Block, Term
+from gossamer_fx.terms.element_energies import StoredEnergy
+from gossamer_fx.terms.masses import KineticEnergy
 
 
 class Membrane(Meshed):

@@ -10,7 +10,8 @@ from dolfinx.common import IndexMap
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import check, is_vector
-from gossamer_fx.model.terms import Array, Block, NodeKineticEnergy, Port, Term
+from gossamer_fx.model.terms import Array, Block, Port, Term
+from gossamer_fx.terms.masses import NodeKineticEnergy
 
 
 class PointMass:

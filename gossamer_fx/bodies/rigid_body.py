@@ -10,9 +10,12 @@ import numpy.typing as npt
 from dolfinx.common import IndexMap
 from mpi4py import MPI
 
+from gossamer_fx.algebra.places import PointMeasure
+from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.frames import Frame
-from gossamer_fx.model.terms import Array, Block, NodeKineticEnergy, PointConstraint, PointMeasure, Port, Term, Vector
+from gossamer_fx.model.terms import Array, Block, Port, Term, Vector
+from gossamer_fx.terms.masses import NodeKineticEnergy
+from gossamer_fx.terms.point_constraints import PointConstraint
 
 PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
 

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.errors import check
 from gossamer_fx.control.rotation import euler_angles, euler_axes, position_gradient, rotation
 from gossamer_fx.interactions.between import bodies_of
 from gossamer_fx.loads.force import Couple, cross_matrix
-from gossamer_fx.model.frames import Frame
 from gossamer_fx.model.ports import combine, initial
-from gossamer_fx.model.terms import Array, PointLoad, Port, Term, Vector
+from gossamer_fx.model.terms import Array, Port, Term, Vector
+from gossamer_fx.terms.point_loads import PointLoad
 
 
 def patch(centre: Port, points: Sequence[Port]) -> Frame:

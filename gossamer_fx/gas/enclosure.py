@@ -17,8 +17,7 @@ from gossamer_fx.forms.compilation import compile_form, constant
 from gossamer_fx.forms.kinematics import area_vector
 from gossamer_fx.gas.ring import Loop, Loops, Ring
 from gossamer_fx.model.ports import unit
-from gossamer_fx.model.scalar_unknowns import Assembly
-from gossamer_fx.model.terms import Array, Body, Port
+from gossamer_fx.model.terms import Array, Assembly, Body, Port
 
 
 class CompiledEnclosure(Protocol):

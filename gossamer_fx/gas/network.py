@@ -34,8 +34,8 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.gas.contract import Aperture, Opening, Volume, Wall
 from gossamer_fx.gas.ring import Loops
 from gossamer_fx.gas.state import ChamberState
-from gossamer_fx.model.scalar_unknowns import Assembly, ScalarTotals
-from gossamer_fx.model.terms import Array, Body
+from gossamer_fx.model.scalar_unknowns import ScalarTotals
+from gossamer_fx.model.terms import Array, Assembly, Body
 
 if TYPE_CHECKING:
     from gossamer_fx.gas.ideal_gas import IdealGas

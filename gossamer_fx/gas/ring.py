@@ -14,8 +14,7 @@ from petsc4py import PETSc
 from gossamer_fx.algebra.places import Gather, add_blocks
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.scalar_unknowns import Assembly
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.terms import Array, Assembly
 
 Indices = npt.NDArray[np.int64]
 Edge = tuple[int, int, int, int, int]  # end vertices, end nodes, and the node between them or -1

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.frames import Frame
 from gossamer_fx.model.terms import Attached, Port
 
 

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.bodies.curve import Curve
-from gossamer_fx.model.terms import Support, Term
+from gossamer_fx.model.terms import Term
+from gossamer_fx.terms.supports import Support
 
 
 @dataclass(frozen=True, eq=False)

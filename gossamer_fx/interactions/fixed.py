@@ -10,7 +10,8 @@ import numpy as np
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check, check_on_all
-from gossamer_fx.model.terms import Array, Support, Term
+from gossamer_fx.model.terms import Array, Term
+from gossamer_fx.terms.supports import Support
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,11 +20,13 @@ from functools import cached_property
 
 import numpy as np
 
+from gossamer_fx.algebra.places import PointMeasure
+from gossamer_fx.bodies.frames import Frame, along, is_normal, lies_in
 from gossamer_fx.checks.errors import check
 from gossamer_fx.interactions.between import Between, FrameJoint
-from gossamer_fx.model.frames import Frame, along, is_normal, lies_in
 from gossamer_fx.model.ports import initial, unit
-from gossamer_fx.model.terms import Array, Attached, PointConstraint, PointMeasure, Port, Term, Vector
+from gossamer_fx.model.terms import Array, Attached, Port, Term, Vector
+from gossamer_fx.terms.point_constraints import PointConstraint
 
 COINCIDE = 1e-8  # m
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
+from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.checks.errors import check, check_positive, is_vector
 from gossamer_fx.interactions.between import Between
 from gossamer_fx.model.ports import initial, unit
-from gossamer_fx.model.terms import Array, Attached, PointDissipation, PointMeasure, PointStoredEnergy, Port, Term
+from gossamer_fx.model.terms import Array, Attached, Port, Term
+from gossamer_fx.terms.point_energies import PointDissipation, PointStoredEnergy
 
 
 @dataclass(frozen=True)
@@ -19,13 +21,14 @@ class Quadratic:
     """ψ(e) = ½ k e²."""
 
     k: float
+    stacks: ClassVar[tuple[str, ...]] = ("k",)
 
     def energy(self, e: Array) -> Array:
         return self.k * np.sum(e * e, axis=1) / 2
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        m = e0.shape[1]
-        return self.k * (e0 + e1) / 2, np.broadcast_to(self.k / 2 * np.eye(m), (len(e0), m, m))
+        k = np.reshape(self.k, (-1, 1))
+        return k * (e0 + e1) / 2, np.broadcast_to(k[:, :, None] / 2 * np.eye(e0.shape[1]), (*e0.shape, e0.shape[1]))
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,7 @@ class LengthSpring:
     k: float
     L: float
     side: int = 0
+    stacks: ClassVar[tuple[str, ...]] = ("k", "L")
 
     def _stretch(self, length: Array) -> Array:
         stretch: Array = length - self.L
@@ -70,6 +74,7 @@ class LengthDamper:
     """Axial force c l̇ of the length l = √(2e): S̄ = 2 c (l1 - l0)/(h (l0 + l1))."""
 
     c: float
+    stacks: ClassVar[tuple[str, ...]] = ("c",)
 
     def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
         l0, l1 = (np.sqrt(2 * np.maximum(e[:, 0], 1e-300)) for e in (e0, e1))

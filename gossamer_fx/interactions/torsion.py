@@ -14,15 +14,18 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
+from gossamer_fx.algebra.places import PointMeasure
+from gossamer_fx.bodies.frames import Frame, along, is_normal
 from gossamer_fx.checks.errors import check, check_positive
 from gossamer_fx.interactions.between import Between
 from gossamer_fx.interactions.joint import perpendicular_pair
-from gossamer_fx.model.frames import Frame, along, is_normal
 from gossamer_fx.model.ports import unit
-from gossamer_fx.model.terms import Array, PointDissipation, PointMeasure, PointStoredEnergy, Term, Vector
+from gossamer_fx.model.terms import Array, Term, Vector
+from gossamer_fx.terms.point_energies import PointDissipation, PointStoredEnergy
 
 
 def angles(e0: Array, e1: Array) -> tuple[Array, Array]:
@@ -52,13 +55,14 @@ class AngularSpring:
     """ψ = ½ k φ², |φ| < π."""
 
     k: float
+    stacks: ClassVar[tuple[str, ...]] = ("k",)
 
     def energy(self, e: Array) -> Array:
         return self.k * np.arctan2(e[:, 1], e[:, 0]) ** 2 / 2
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
         φ0, Δφ = angles(e0, e1)
-        return stress(self.k * (φ0 + Δφ / 2), np.full_like(φ0, self.k / 2), φ0, Δφ, e1)
+        return stress(self.k * (φ0 + Δφ / 2), self.k / 2 + 0 * φ0, φ0, Δφ, e1)
 
 
 @dataclass(frozen=True)
@@ -66,10 +70,11 @@ class AngularDamper:
     """Moment c Δφ/h."""
 
     c: float
+    stacks: ClassVar[tuple[str, ...]] = ("c",)
 
     def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
         φ0, Δφ = angles(e0, e1)
-        return stress(self.c / h * Δφ, np.full_like(φ0, self.c / h), φ0, Δφ, e1)
+        return stress(self.c / h * Δφ, self.c / h + 0 * φ0, φ0, Δφ, e1)
 
 
 def across(axis: Vector, side: Frame) -> Frame:

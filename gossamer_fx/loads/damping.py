@@ -12,7 +12,8 @@ from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.materials.film import Linear
-from gossamer_fx.model.terms import Dissipation, Term
+from gossamer_fx.model.terms import Term
+from gossamer_fx.terms.element_energies import Dissipation
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.errors import check
 from gossamer_fx.interactions.between import bodies_of
-from gossamer_fx.model.frames import Frame
-from gossamer_fx.model.terms import Array, Attached, PointLoad, Port, Term, Vector
+from gossamer_fx.model.terms import Array, Attached, Port, Term, Vector
+from gossamer_fx.terms.point_loads import PointLoad
 
 History = Callable[[float], Sequence[float]]
 

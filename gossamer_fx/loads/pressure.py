@@ -13,7 +13,8 @@ from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import area_vector
-from gossamer_fx.model.terms import Load, Term
+from gossamer_fx.model.terms import Term
+from gossamer_fx.terms.loads import Load
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 from dolfinx import fem
-from mpi4py import MPI
 from petsc4py import PETSc
 
-from gossamer_fx.model.terms import Array, Body
+from gossamer_fx.model.terms import Array, Assembly, Body
 
 
 @dataclass(frozen=True)
@@ -21,19 +20,6 @@ class ScalarTotals:
     supplied: float
     mass: float
     mass_supplied: float
-
-
-class Assembly(Protocol):
-    """What a border sees of the compiled scene: bodies, their numbering, and the coordinates of the step."""
-
-    comm: MPI.Intracomm
-    bodies: list[Body]
-    numbering: Any
-    fields: dict[int, Any]
-    rule: Any
-    q0: PETSc.Vec
-    q1: PETSc.Vec
-    v0: PETSc.Vec
 
 
 @runtime_checkable

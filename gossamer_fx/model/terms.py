@@ -1,33 +1,30 @@
-"""The contract: what a scene contains, as seen by what computes it.
+"""The contract: bodies, and the terms that the parts of a scene add to its equations.
 
-A *body* brings coordinates (a `Block`) and an initial state.  A *part* plays one of five roles:
+A *body* brings coordinates (a `Block`) and an initial state.  A *term* plays one of five roles:
 
-    KineticEnergy      a constant mass matrix
-    StoredEnergy       an energy ∫ψ(e(q)) of a quadratic measure e and a density ψ
-    Dissipation   a dissipation potential ∫φ(ė) of the rate of a quadratic measure
-    Load     a force whose work is booked as supplied
-    Support   coordinates that are held, or measures between points that stay zero
+    kinetic energy   a constant mass matrix
+    stored energy    ψ(e(q)) of a measure e that rigid motions leave as it is, and a density ψ
+    dissipation      a stress against the rate of a measure
+    load             a force whose work is booked as supplied
+    constraint       coordinates that are held, or measures that stay zero
 
-The role alone decides how a part is discretised in time and in which column of the ledger it is booked; neither the
-stepper nor the ledger knows a part by name.  Parts that live on a mesh speak UFL, parts between points speak NumPy
-and see bodies through `Port`s only.
+The kinds of terms are in `terms/`: each names the class that compiles all terms of its kind, a `CompiledTerms`.
+Neither the system, the steppers nor the ledger know a kind by name, so a new one is a new file.  Terms on a mesh speak
+UFL; terms between points speak NumPy and see bodies through `Port`s only.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeGuard, runtime_checkable
+from typing import Any, ClassVar, Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
-import ufl
 from dolfinx import fem
 from dolfinx.common import IndexMap
 from mpi4py import MPI
-
-from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.forms.strain_path import Piece
+from petsc4py import PETSc
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int32]
@@ -57,7 +54,7 @@ class Body(Protocol):
         ...
 
     def terms(self) -> Iterable[Term]:
-        """The body's own roles."""
+        """What it adds to the equations by itself."""
         ...
 
     def describe(self, node: int) -> str:
@@ -83,7 +80,7 @@ def is_on_mesh(body: Body) -> TypeGuard[MeshBody]:
 
 @runtime_checkable
 class Stateful(Protocol):
-    """Something with a past that the coordinates do not tell; any field of a part may be."""
+    """Something with a past that the coordinates do not tell; any field of a term may be."""
 
     def get_state(self) -> dict[str, Any]:
         """Numbers, words and lists of them, the same on every rank."""
@@ -118,186 +115,134 @@ class Ground:
 Attached = Port | Ground
 
 
-@dataclass(frozen=True, eq=False)
-class KineticEnergy:
-    """Kinetic energy ½ v·Mv with the constant mass matrix `mass(v, w)`, a bilinear form."""
+class Term(Protocol):
+    """Something that adds to the equations; `compiler` compiles all terms of its kind in a scene at once."""
 
-    body: MeshBody
-    mass: Callable[[Expr, Expr], ufl.Form]
+    compiler: ClassVar[type[CompiledTerms]]
 
 
-@dataclass(frozen=True, eq=False)
-class NodeKineticEnergy:
-    """Kinetic energy ½ Σ_ij mass[i, j] v_i·v_j of a body without mesh, v_i the rates of a node's vectors.
+class Assembly(Protocol):
+    """What compiled terms and borders see of the system: bodies, their numbering, and the coordinates of the step.
 
-    `mass` (n, s, s) for the n owned nodes of s vectors: kg for positions, kg m and kg m² with directors.
+    A step goes from q0 at `time` to q1, `h` seconds later; forces act at q̄ = (1-α) q0 + α q1, α = `rule.alpha`.
+    `fields[k]` are the coordinates of body k, which is on a mesh, as functions.
     """
 
-    body: Body
-    mass: Array
+    comm: MPI.Intracomm
+    bodies: list[Body]
+    numbering: Any
+    fields: dict[int, Any]
+    rule: Any
+    q0: PETSc.Vec
+    q1: PETSc.Vec
+    v0: PETSc.Vec
+    time: float
+    h: float
 
 
-@dataclass(frozen=True, eq=False)
-class StoredEnergy:
-    """Stored energy ∫ψ(e(q)) dx: `measure` is quadratic in q, `density` ψ knows the strain only.
+class CompiledTerms:
+    """All terms of one kind, compiled: a kind overrides what it has a part in, the rest does nothing.
 
-    `pieces` cuts the path between two strains where ψ is not smooth.
+    All methods are called on all ranks together.  Forces [N] and matrices are in the numbering of the system.
     """
 
-    name: str
-    body: MeshBody
-    measure: Callable[[Expr], Expr]
-    density: Callable[[Expr], Expr]
-    dx: ufl.Measure
-    quadratic: bool = False
-    pieces: Callable[[Expr, Expr], list[Piece]] | None = None
+    supplies = False  # whether its forces are loads, whose work is `supplied`
+    made_of_forms = False  # whether all it adds comes from `tangent_forms`, `mass_forms` and forces alone
+    searches = False  # whether its places change from step to step: then `search` and `widen` are called
+
+    def __init__(self, terms: Sequence[Any], system: Assembly) -> None: ...
+
+    # ---- before the first step ----------------------------------------------------------------------------------
+
+    @classmethod
+    def multipliers(cls, terms: Sequence[Any], comm: MPI.Intracomm) -> list[Block]:
+        """Blocks of multipliers that stand behind the bodies' in the numbering."""
+        return []
+
+    def add_mass(self, M: PETSc.Mat) -> None:
+        """Add a constant mass matrix."""
+
+    def add_gyroscopic(self, G: PETSc.Mat, spin: tuple[float, float, float]) -> None:
+        """Add the matrix of the Coriolis force 2 M (ω×v) in a frame that turns with ω = `spin` [rad/s]."""
+
+    def add_stiffness(self, K: PETSc.Mat) -> None:
+        """Add the constant matrix of a quadratic energy ½ q·Kq: its force is K q̄, its tangent costs nothing."""
+
+    # ---- a step -------------------------------------------------------------------------------------------------
+
+    def search(self) -> bool:
+        """Before a step: find the places anew; whether the matrix may lack entries for them.  Only if it `searches`."""
+        return False
+
+    def matrices_made(self) -> None:
+        """The matrices were made anew, with entries for the present places only.  Only if it `searches`."""
+
+    def widen(self) -> bool:
+        """After a step was solved: whether places were missed that its end needs.  They are found now, and it is
+        solved again from there.  Only if it `searches`."""
+        return False
+
+    def begin(self, t: float) -> None:
+        """Start a step of length h; t is the time at which forces act."""
+
+    def move(self, linearly: bool) -> None:
+        """q1 was set; measures on meshes may follow linearly from the iterate before."""
+
+    def add_forces(self, r: PETSc.Vec) -> None:
+        """Add forces to the residual; those of loads with the opposite sign."""
+
+    def mass_forms(self, k: int) -> list[fem.Form]:
+        """Bilinear forms of the mass of body k."""
+        return []
+
+    def tangent_forms(self, k: int) -> list[fem.Form]:
+        """Bilinear forms of the derivative of its forces on body k with respect to q1."""
+        return []
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        """Add the rest of the derivative."""
+
+    def inadmissible(self) -> str:
+        """In words, what cannot be in the solution of a step; else nothing.  The same on every rank."""
+        return ""
+
+    def supplied(self) -> float:
+        """Work of the step on this rank; before it is kept."""
+        return 0.0
+
+    def dissipated(self) -> float:
+        """Loss of the step on this rank; before it is kept."""
+        return 0.0
+
+    def keep(self) -> None:
+        """q0 is the start of the next step, whose end q1 it was."""
+
+    def energies(self) -> dict[str, float]:
+        """Stored energies [J] at q0 on this rank, by name."""
+        return {}
 
 
-@dataclass(frozen=True, eq=False)
-class Dissipation:
-    """Dissipation: stress φ'(ė) against the rate of the measure; φ is quadratic and convex, the loss 2∫∫φ(ė) dx dt."""
+class CompiledConstraints(CompiledTerms):
+    """Measures that stay zero, by multipliers that stand at the end of each rank's unknowns."""
 
-    name: str
-    body: MeshBody
-    measure: Callable[[Expr], Expr]
-    density: Callable[[Expr], Expr]
-    dx: ufl.Measure
+    owned: slice  # the multipliers in this rank's part of a vector
 
+    def places(self) -> list[list[tuple[Attached, ...]]]:
+        """What each of this rank's multipliers ties, for each block of them."""
+        raise NotImplementedError
 
-@dataclass(frozen=True, eq=False)
-class AttachedKineticEnergy:
-    """Kinetic energy ½ Σ_ij mass[i, j] v_i·v_j of the rates v of attached vectors, at n places.
+    def violation(self, q: PETSc.Vec) -> float:
+        """Largest violation in a state, in the constraint's own units; the same on every rank."""
+        raise NotImplementedError
 
-    places: n tuples of k ports, as those of a `PointMeasure`; mass (n, k, k) [kg].
-    """
+    def validate(self, q0: PETSc.Vec, v0: PETSc.Vec, free: PETSc.Vec) -> None:
+        """See that the initial state keeps the constraints, and none follows from others; `free` is 0 where held."""
+        raise NotImplementedError
 
-    places: Sequence[tuple[Port, ...]]
-    mass: Array
+    def idle(self, free: PETSc.Vec, q0: PETSc.Vec) -> npt.NDArray[np.int64]:
+        """Positions in this rank's part of a vector of multipliers that touch held coordinates only."""
+        raise NotImplementedError
 
-
-@dataclass(frozen=True, eq=False)
-class PointMeasure:
-    """Quadratic measures e_i = ½ X·H_i X + L_i·X + c_i of stacked attached vectors X (3k,): the same at n places.
-
-    places: n tuples of k vectors, not all of them `Ground`; a place is evaluated on the rank of its first port, and
-        each rank may list all places, or its own only.
-    H (m, 3k, 3k) symmetric, L (m, 3k), c (m,), or (n, m) where the places differ
-    """
-
-    places: Sequence[tuple[Attached, ...]]
-    H: Array
-    L: Array
-    c: Array
-
-
-class PointDensity(Protocol):
-    """Energy of the m strains e of a point measure; all arguments and results are arrays over n places."""
-
-    def energy(self, e: Array) -> Array:
-        """ψ(e) [J], (n,) of (n, m)."""
-        ...
-
-    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        """S̄ (n, m) and dS̄/de1 (n, m, m) with S̄·(e1 - e0) = ψ(e1) - ψ(e0); at e0 = e1 they are (ψ', ψ''/2)."""
-        ...
-
-
-class PointDamping(Protocol):
-    """Stress against the rate of the m strains of a point measure, never with negative loss."""
-
-    def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
-        """S̄ (n, m) and dS̄/de1 (n, m, m) with S̄·(e1 - e0) ≥ 0, the loss in a step of h seconds."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class PointStoredEnergy:
-    """Stored energy ψ(e) of a point measure."""
-
-    name: str
-    measure: PointMeasure
-    density: PointDensity
-
-
-@dataclass(frozen=True, eq=False)
-class PointDissipation:
-    """Dissipation by the rate of a point measure."""
-
-    name: str
-    measure: PointMeasure
-    density: PointDamping
-
-
-@dataclass(frozen=True, eq=False)
-class PointConstraint:
-    """Measures that stay zero, by multipliers λ: e(q1) = 0 at the end of a step, force De(q̄)ᵀλ in it.
-
-    De(q̄)(q1 - q0) = e(q1) - e(q0) = 0: the force does no work, and conserves what e is invariant to.
-    """
-
-    name: str
-    measure: PointMeasure
-
-
-class PointForce(Protocol):
-    """Force on attached vectors, evaluated alike on every rank."""
-
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
-        """Start a step at time t from the vectors X (3k,) and their rates V; forces act `lag` seconds later."""
-        ...
-
-    def force(self, X: Array) -> Array:
-        """Forces (3k,) at the configuration X (3k,) in which forces act."""
-        ...
-
-    def tangent(self, X: Array) -> Array:
-        """Their derivatives (3k, 3k)."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class PointLoad:
-    """A load on attached vectors; its work is booked as supplied."""
-
-    name: str
-    ports: tuple[Attached, ...]
-    law: PointForce
-
-
-@dataclass(frozen=True, eq=False)
-class Load:
-    """A load: `work(q, w)` is its virtual work, linear in w; `at(t)`, if given, sets its constants to time t."""
-
-    name: str
-    body: MeshBody
-    work: Callable[[Expr, Expr], ufl.Form]
-    follows: bool = False  # whether the work form depends on the configuration q
-    at: Callable[[float], None] | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class Support:
-    """Coordinates that keep their initial values, or take the values `motion(t)` [m], (n,) like `dofs`.
-
-    `dofs` are owned and ghost scalar indices of the body's block.
-    """
-
-    name: str
-    body: MeshBody
-    dofs: Indices
-    motion: Callable[[float], Array] | None = None
-
-
-Term = (
-    KineticEnergy
-    | NodeKineticEnergy
-    | AttachedKineticEnergy
-    | StoredEnergy
-    | Dissipation
-    | Load
-    | Support
-    | PointStoredEnergy
-    | PointDissipation
-    | PointLoad
-    | PointConstraint
-)
+    def add_curvature(self, v: PETSc.Vec, r: PETSc.Vec) -> None:
+        """Add D²e[v, v] in the rows of the multipliers."""
+        raise NotImplementedError

@@ -13,9 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from gossamer_fx.algebra.places import own_places
 from gossamer_fx.checks.errors import check, check_on_all
-from gossamer_fx.model.terms import Attached, Body, MeshBody, PointConstraint, Port, is_on_mesh
+from gossamer_fx.model.terms import Attached, Body, MeshBody, Port, is_on_mesh
 from gossamer_fx.system.system import System
 
 Names = npt.NDArray[np.uint64]
@@ -69,9 +68,8 @@ def mesh_name(body: MeshBody) -> int:
 def all_names(system: System) -> list[Names]:
     """Names of this rank's own nodes of every block of a system: bodies, then the multipliers of each constraint."""
     names = [node_names(body) for body in system.bodies]
-    bonds = [part for part in system.terms if isinstance(part, PointConstraint)]
-    for bond, block in zip(bonds, system.numbering.blocks[len(names) :], strict=True):
-        places = [bond.measure.places[i] for i in own_places(bond.measure.places)]
+    tied = system.constraints.places() if system.constraints else []
+    for places, block in zip(tied, system.numbering.blocks[len(names) :], strict=True):
         alone = block.index_map.size_global == 1
         names.append(hash_rows(np.zeros((len(places), 1))) if alone else _after_nodes(system, names, places))
     return names

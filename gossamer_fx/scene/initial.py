@@ -8,8 +8,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.scalar_unknowns import Assembly
-from gossamer_fx.model.terms import Array, Vector
+from gossamer_fx.model.terms import Array, Assembly, Vector
 
 
 def vectors_of(system: Assembly, k: int, values: Array) -> Array:

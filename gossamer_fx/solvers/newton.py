@@ -16,6 +16,7 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.model.terms import Array
 from gossamer_fx.system.system import System
 
+SEARCHES = 5  # of places that a solved step turns out to need, before what is still missed is refused
 LAST = 0.01  # residual that the last linear solve of a step leaves, over that of a solved step
 
 
@@ -74,6 +75,13 @@ class Newton:
         self.all_iterations = self.linear_iterations = 0  # of all solves
         self.seconds = dict.fromkeys(("law", "residual", "tangent", "linear solver"), 0.0)
 
+        self._direct, self._subdomains = direct, subdomains
+        self._set_up()
+
+    def _set_up(self) -> None:
+        """Make PETSc's solvers for the system's matrices; anew when these have changed."""
+        system, tolerances, comm = self.system, self.tolerances, self.system.comm
+        self._pattern = system.patterns
         self._snes = snes = PETSc.SNES().create(comm)
         snes.setOptionsPrefix(PREFIX)
         snes.setType("newtonls")
@@ -84,12 +92,12 @@ class Newton:
         snes.setMaxLinearSolveFailures(tolerances.iterations)
         ksp = snes.getKSP()
         self._tangent = system.tangent
-        if subdomains is not None:
+        if self._subdomains is not None:
             from gossamer_fx.solvers.subdomains import Subdomains, configure
 
             parts = Subdomains(system)
             self._tangent, J = parts.tangent, parts.matrix
-            configure(ksp, subdomains)
+            configure(ksp, self._subdomains)
             self._preconditioner = ksp.getPC()
         elif self._scalars:
             self._bordered = linear.Bordered(self._composite, system.A)
@@ -98,7 +106,7 @@ class Newton:
             sparse = PETSc.PC().create(comm)
             sparse.setOptionsPrefix(PREFIX)
             sparse.setOperators(system.A)
-            linear.configure(ksp, sparse, system, direct)
+            linear.configure(ksp, sparse, system, self._direct)
             sparse.setFromOptions()
             self._preconditioner = sparse
             outer = ksp.getPC()
@@ -108,7 +116,7 @@ class Newton:
         else:
             J = system.A
             self._preconditioner = ksp.getPC()
-            linear.configure(ksp, self._preconditioner, system, direct)
+            linear.configure(ksp, self._preconditioner, system, self._direct)
         snes.setJacobian(self._jacobian, J)
         snes.setFromOptions()
         snes.setConvergenceTest(self._test)
@@ -119,29 +127,42 @@ class Newton:
         Raises:
             NotConverged: with PETSc's reason and the place of the largest residual.
         """
+        if self._pattern != self.system.patterns:
+            self._set_up()
         self.system.q0.copy(self._base)
         self._reference, self._floor = 0.0, 0.0
         predictor.copy(self._r)
         self.system.supports.prescribe(self._r, self.system.time + self.system.h)
         self._held = self._r.array_r[self.system.supports.held]
         self._composite.join(self._r, y, self._x)
+        self.iterations = 0
+        self._iterate()
+        for _ in range(SEARCHES):
+            if not self.system.widen():
+                break
+            if self._pattern != self.system.patterns:
+                self._set_up()
+            self._iterate()
+        problem = self.system.inadmissible()
+        if problem:
+            raise NotConverged(problem)
+        return self._composite.split(self._x)[1], self.iterations
+
+    def _iterate(self) -> None:
+        """Newton's iteration from the present x."""
         self._snes.setTolerances(stol=0.0, max_it=self.tolerances.iterations)  # a small step is no solution
         before = sum(self.seconds.values())
         started = time.perf_counter()
         self._snes.solve(None, self._x)
         others = sum(self.seconds.values()) - before
         self.seconds["linear solver"] += time.perf_counter() - started - others
-        reason = self._snes.getConvergedReason()
-        self.iterations = int(self._snes.getIterationNumber())
-        self.all_iterations += self.iterations
+        reason, spent = self._snes.getConvergedReason(), int(self._snes.getIterationNumber())
+        self.iterations += spent
+        self.all_iterations += spent
         self.linear_iterations += self._snes.getLinearSolveIterations()
         if reason <= 0:
             linear.recover(self._preconditioner)
-            raise NotConverged(self._complaint(reason, self.iterations))
-        impossible = next(filter(None, (border.inadmissible() for border in self.system.borders)), "")
-        if impossible:
-            raise NotConverged(impossible)
-        return self._composite.split(self._x)[1], self.iterations
+            raise NotConverged(self._complaint(reason, spent))
 
     @property
     def ksp(self) -> PETSc.KSP:

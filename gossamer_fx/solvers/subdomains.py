@@ -35,13 +35,13 @@ class Subdomains:
     def __init__(self, system: System) -> None:
         bodies = system.bodies
         check(
-            len(bodies) == 1 and is_on_mesh(bodies[0]) and not (system.borders or system.couples_points),
+            len(bodies) == 1 and is_on_mesh(bodies[0]) and system.made_of_forms,
             "subdomains: they divide a single film, cable or beam without joints, springs and gas; leave the option "
             "subdomains out for this scene.",
         )
         self._system = system
         self._tangents = [(form, fem.create_matrix(form)) for form in system.tangent_forms(0)]
-        mass = [(form, fem.create_matrix(form)) for form in system.masses.forms(0)]
+        mass = [(form, fem.create_matrix(form)) for form in system.mass_forms(0)]
         space, numbering = system.fields[0].q0.function_space, system.numbering
         # only what this rank's own cells touch: ghosts beyond them would make its matrix singular
         cells = space.mesh.topology.index_map(space.mesh.topology.dim).size_local

@@ -85,7 +85,7 @@ class GeneralizedAlphaSolver:
             with r as values:
                 values[system.constraints.owned] = 0
             system.constraints.add_curvature(system.v0, r)
-            system.constraints.add_tangents(system.q0, A)
+            system.constraints.add_tangents(A)
             A.assemble()
         system.supports.clear(A, 1.0)
         r.scale(-1.0)

@@ -19,7 +19,7 @@ class Carrier(Stateful, Protocol):
 
 
 class History:
-    """All that carries the past of a run: coordinates, velocities, those `carriers` that have one, borders, and parts.
+    """All that carries the past of a run: coordinates, velocities, those `carriers` that have one, borders and terms.
 
     `vectors` are those at work; coordinates hold the multipliers, too.
     """
@@ -35,8 +35,11 @@ class History:
                 self.vectors |= {f"{name} {what}": vector for what, vector in carrier.vectors.items()}
         for k, border in enumerate(system.borders):
             self._remembering[f"border {k}"] = border
-        for k, part in enumerate(system.terms):
-            for what, thing in vars(part).items():
+        for compiled in system.compiled:
+            if isinstance(compiled, Stateful):
+                self._remembering[type(compiled).__name__] = compiled
+        for k, term in enumerate(system.terms):
+            for what, thing in vars(term).items():
                 if isinstance(thing, Stateful):
                     self._remembering[f"part {k} {what}"] = thing
         self._kept: dict[str, PETSc.Vec] = {}

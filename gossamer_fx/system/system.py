@@ -1,38 +1,22 @@
-"""A compiled scene: numbering, forms, sparsity, residual and tangent.  It knows roles and rules, no part by name."""
+"""A compiled scene: numbering, sparsity, residual and tangent.  It knows roles and rules, no kind of term by name."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from dolfinx import fem, la
+from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.linalg import block_diag
 
 from gossamer_fx.algebra.numbering import Numbering
 from gossamer_fx.model.scalar_unknowns import InitialCondition, ScalarUnknowns
-from gossamer_fx.model.terms import (
-    Array,
-    Body,
-    Dissipation,
-    Load,
-    PointConstraint,
-    PointDissipation,
-    PointLoad,
-    PointStoredEnergy,
-    StoredEnergy,
-    Term,
-    is_on_mesh,
-)
+from gossamer_fx.model.terms import Array, Body, CompiledConstraints, CompiledTerms, Term, is_on_mesh
 from gossamer_fx.system.totals import Totals
-from gossamer_fx.terms.discrete_gradient import Coordinates, ElementForces, StressRule
-from gossamer_fx.terms.loads import LoadForces
-from gossamer_fx.terms.masses import Masses
-from gossamer_fx.terms.point_constraints import PointConstraints, multiplier_block
-from gossamer_fx.terms.point_forces import PointForces
-from gossamer_fx.terms.point_loads import PointLoads
+from gossamer_fx.terms.coordinates import Coordinates
+from gossamer_fx.terms.discrete_gradient import StressRule
 from gossamer_fx.terms.supports import Supports
 
 
@@ -48,30 +32,25 @@ class System:
     behind the coordinates in the same vector; they have no mass and no rate, and their rows of r are the constraints.
     """
 
-    def __init__(self, bodies: list[Body], parts: Iterable[Term], rule: StressRule, comm: MPI.Intracomm) -> None:
+    def __init__(self, bodies: list[Body], terms: Iterable[Term], rule: StressRule, comm: MPI.Intracomm) -> None:
         self.comm, self.bodies, self.rule = comm, bodies, rule
         self.borders: list[ScalarUnknowns] = []
         self.time, self.h = 0.0, 1.0
         self.supplied_energy = self.dissipated_energy = 0.0
-        self.terms = parts = list(parts)
-        bonds = [p for p in parts if isinstance(p, PointConstraint)]
-        blocks = [b.block for b in bodies] + [multiplier_block(comm, p) for p in bonds]
-        self.numbering = numbering = Numbering(comm, blocks)
+        self.terms = list(terms)
+        kinds: dict[type[CompiledTerms], list[Any]] = {}
+        for term in self.terms:
+            kinds.setdefault(term.compiler, []).append(term)
+        multipliers = [block for kind, alike in kinds.items() for block in kind.multipliers(alike, comm)]
+        self.numbering = numbering = Numbering(comm, [b.block for b in bodies] + multipliers)
         self.q0, self.q1, self.v0, self.past, self._scratch, self._momenta = (numbering.vector() for _ in range(6))
-
         self.fields = {k: Coordinates(b.space, rule.alpha) for k, b in enumerate(bodies) if is_on_mesh(b)}
-        self._forces = {k: la.vector(bodies[k].block.index_map, bodies[k].block.size) for k in self.fields}
-        self.stored = [(k, ElementForces(p, at, rule)) for k, at, p in self._on_fields(parts, StoredEnergy)]
-        self.dissipated = [(k, ElementForces(p, at, rule)) for k, at, p in self._on_fields(parts, Dissipation)]
-        self.loads = [(k, LoadForces(p, at)) for k, at, p in self._on_fields(parts, Load)]
-        self._elements = self.stored + self.dissipated
-        points = [p for p in parts if isinstance(p, PointStoredEnergy | PointDissipation)]
-        self._points = PointForces(numbering, bodies, points, rule.alpha) if points else None
-        pushes = [p for p in parts if isinstance(p, PointLoad)]
-        self._pushes = PointLoads(numbering, bodies, pushes, rule.alpha) if pushes else None
-        self.constraints = PointConstraints(numbering, bodies, bonds, rule.alpha) if bonds else None
-        self.masses = Masses(numbering, bodies, self.fields, parts)
-        self.supports = Supports(numbering, bodies, parts)
+        self.supports = Supports(kinds.pop(Supports, []), self)
+        self.compiled = [kind(alike, self) for kind, alike in kinds.items()]
+        self.constraints = next((c for c in self.compiled if isinstance(c, CompiledConstraints)), None)
+        self._searching = [c for c in self.compiled if c.searches]
+        self._has_stiffness = any(type(c).add_stiffness is not CompiledTerms.add_stiffness for c in self.compiled)
+        self.patterns = 0  # how often the matrices were made; who keeps one must take the new one
 
     def start(self, conditions: Iterable[InitialCondition] = ()) -> None:
         """Take the initial state and set up the matrices; after the borders are attached."""
@@ -98,43 +77,64 @@ class System:
             self.move(q, None)
             self._keep()
 
-    def _on_fields(self, parts: list[Term], role: Any) -> list[tuple[int, Coordinates, Any]]:
-        """The parts of one role, with the index and coordinates of their body."""
-        found = [(self.bodies.index(p.body), p) for p in parts if isinstance(p, role)]
-        return [(k, self.fields[k], p) for k, p in found]
-
     def _build_matrices(self) -> None:
-        """Mass matrix M and tangent A, with one sparsity pattern.
+        """Mass matrix M, constant stiffness K if there is one, and tangent A, with one sparsity pattern.
 
         They are duplicates: PETSc 3.22 multiplies those by BLAS, in half of the time of its kernel for blocks of three.
         """
-        self.A = self.numbering.matrix()
-        self.masses.add(self.A)
-        self._add_tangents()
-        self.A.assemble()
-        self.M, self.A = self.A.duplicate(), self.A.duplicate()
+        pattern = self.numbering.matrix()
+        for compiled in self.compiled:
+            compiled.add_mass(pattern)
+            compiled.add_stiffness(pattern)
+        self._add_tangents(pattern)
+        pattern.assemble()
+        self.M, self.A = pattern.duplicate(), pattern.duplicate()
+        self.K = pattern.duplicate() if self._has_stiffness else None
+        self._base = pattern.duplicate() if self._has_stiffness else None
         self.A.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self.A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
-        self.masses.add(self.M)
+        for compiled in self.compiled:
+            compiled.add_mass(self.M)
+            if self.K is not None:
+                compiled.add_stiffness(self.K)
         self.M.assemble()
+        if self.K is not None:
+            self.K.assemble()
+        self._based_on = 0.0  # the c of the base
+        self.patterns += 1
+        for searching in self._searching:
+            searching.matrices_made()
 
     # ---- a step ------------------------------------------------------------------------------------------------
 
     def begin(self, h: float) -> Array:
         """Start a step of length h from (q0, v0); returns the first guess of the border scalars."""
         self.h = h
+        self._refresh([c.search() for c in self._searching])
         t = self.time + self.rule.alpha * h
-        for k, force in self._elements:
-            self.fields[k].h.value = h
-            force.begin()
-        for _, load in self.loads:
-            if load.part.at is not None:
-                load.part.at(t)
-        if self._points:
-            self._points.h = h
-        if self._pushes:
-            self._pushes.begin(self.time, h, self.q0, self.v0)
+        for compiled in self.compiled:
+            compiled.begin(t)
         return np.concatenate([np.zeros(0), *[b.begin(h, t) for b in self.borders]])
+
+    def widen(self) -> bool:
+        """After a step was solved: whether places that it needs were missed; it must then be solved again."""
+        if not self._searching:
+            return False
+        missed = [c.widen() for c in self._searching]
+        missed_anywhere: bool = self.comm.allreduce(any(missed))
+        if missed_anywhere:
+            self._refresh([c.search() for c in self._searching])
+        return missed_anywhere
+
+    def _refresh(self, lacking: Sequence[bool]) -> None:
+        """Make the matrices anew if entries are lacking on any rank."""
+        if lacking and self.comm.allreduce(any(lacking)):
+            self._build_matrices()
+
+    def inadmissible(self) -> str:
+        """In words, what cannot be in the solution of a step; else nothing."""
+        found = [border.inadmissible() for border in self.borders] + [c.inadmissible() for c in self.compiled]
+        return next(filter(None, found), "")
 
     def inertia(self, c: float, a: PETSc.Vec) -> None:
         """Choose c and a of the residual's c M (q1 - a)."""
@@ -147,8 +147,8 @@ class System:
         if base is not None:
             self._scratch.waxpy(-1.0, base, z)
             self._spread(self._scratch, "δ")
-        for _, force in self._elements:
-            force.evaluate() if base is None else force.linearise()
+        for compiled in self.compiled:
+            compiled.move(base is not None)
 
     def residual(self, y: Array, r: PETSc.Vec) -> Array:
         """Field residual into r; returns the border residual s."""
@@ -156,38 +156,28 @@ class System:
         self._scratch.waxpy(-1.0, self._a, self.q1)
         self.M.mult(self._scratch, r)
         r.scale(self.c)
-        for b in self._forces.values():
-            b.array[:] = 0
-        for k, force in self._elements:
-            fem.assemble_vector(self._forces[k].array, force.residual)
+        if self.K is not None:
+            α = self.rule.alpha
+            self._scratch.waxpy((1 - α) / α, self.q0, self.q1)
+            self._scratch.scale(α)
+            self.K.multAdd(self._scratch, r, r)
+        for compiled in self.compiled:
+            compiled.add_forces(r)
         with r as values:
-            for k, b in self._forces.items():
-                b.scatter_reverse(la.InsertMode.add)
-                self._add_owned(values, k, b.array)
-            for k, load in self.loads:
-                load.assemble()
-                self._add_owned(values, k, -load.force.array)
             for border in self.borders:
                 border.add_force(values)
-        if self._points:
-            self._points.add_forces(self.q1, r)
-        if self._pushes:
-            self._pushes.add_forces(self.q1, r)
-        if self.constraints:
-            self.constraints.add_forces(self.q1, r)
         self.supports.take(r)
         return np.concatenate([np.zeros(0), *s])
 
     def outside(self) -> PETSc.Vec:
         """Forces of loads, borders and supports at the last residual; what is inside balances them."""
         out = self.numbering.vector()
+        for compiled in self.compiled:
+            if compiled.supplies:
+                compiled.add_forces(out)
         with out as values:
-            for k, load in self.loads:
-                self._add_owned(values, k, -load.force.array)
             for border in self.borders:
                 border.add_force(values)
-        if self._pushes:
-            self._pushes.add_forces(self.q1, out)
         with out as values:
             values *= -1
             values[self.supports.held] = self.supports.reactions
@@ -197,15 +187,25 @@ class System:
         """The matrix of the Coriolis force in a frame that turns with `spin` [rad/s]."""
         G = self.A.duplicate()
         G.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, False)
-        self.masses.gyroscopic(G, spin)
+        for compiled in self.compiled:
+            compiled.add_gyroscopic(G, spin)
         G.assemble()
         return G
 
     def tangent(self) -> PETSc.Mat:
         """Derivative of the field residual with respect to q1."""
-        self.M.copy(self.A, PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-        self.A.scale(self.c)
-        self._add_tangents()
+        same = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
+        if self._base is None:
+            self.M.copy(self.A, same)
+            self.A.scale(self.c)
+        else:
+            if self._based_on != self.c:
+                self.M.copy(self._base, same)
+                self._base.scale(self.c)
+                self._base.axpy(self.rule.alpha, self.K, same)
+                self._based_on = self.c
+            self._base.copy(self.A, same)
+        self._add_tangents(self.A)
         self.A.assemble()
         self.supports.clear(self.A, 1.0)
         return self.A
@@ -226,16 +226,8 @@ class System:
     def accept(self, v1: PETSc.Vec) -> None:
         """End the step with the velocities v1; q1 is the state now, and what flowed is booked."""
         Δq = self.q1.array_r - self.q0.array_r
-        for k, load in self.loads:
-            owned = self.numbering.owned(k)
-            self.supplied_energy += float(Δq[owned] @ load.path_average()[: owned.stop - owned.start])
-        self.supplied_energy += self.supports.work(Δq)
-        for _, force in self.dissipated:
-            self.dissipated_energy += force.dissipated()
-        if self._points:
-            self.dissipated_energy += self._points.dissipated(self.q1)
-        if self._pushes:
-            self.supplied_energy += self._pushes.work(self.q1)
+        self.supplied_energy += self.supports.work(Δq) + sum(c.supplied() for c in self.compiled)
+        self.dissipated_energy += sum(c.dissipated() for c in self.compiled)
         for border in self.borders:
             border.accept()
         self.q0.copy(self.past)
@@ -250,12 +242,8 @@ class System:
         """q1 and its strains are the start of the next step."""
         for field in self.fields.values():
             field.q0.x.array[:] = field.q1.x.array
-        for _, force in self._elements:
-            force.accept()
-        if self._points:
-            self._points.begin(self.q0)
-        if self.constraints:
-            self.constraints.begin(self.q0)
+        for compiled in self.compiled:
+            compiled.keep()
 
     def totals(self) -> Totals:
         """Energies and momenta of the accepted state, and what was supplied and dissipated since the start."""
@@ -267,9 +255,10 @@ class System:
             p, q = P[owned].reshape(-1, 3), x[owned].reshape(-1, 3)
             momenta[0] += p[:: body.block.size // 3].sum(axis=0)
             momenta[1] += np.cross(q, p).sum(axis=0)
-        stored = {f.part.name: f.energy() for _, f in self.stored}
-        for name, energy in (self._points.energies() if self._points else {}).items():
-            stored[name] = stored.get(name, 0.0) + energy
+        stored: dict[str, float] = {}
+        for compiled in self.compiled:
+            for name, energy in compiled.energies().items():
+                stored[name] = stored.get(name, 0.0) + energy
         local = np.array(
             [self.v0.array_r @ P / 2, self.supplied_energy, self.dissipated_energy, *momenta.ravel(), *stored.values()]
         )
@@ -312,32 +301,27 @@ class System:
             function.array[: owned.stop - owned.start] = values[owned]
             function.scatter_forward()
 
-    def _add_owned(self, values: Array, k: int, b: Array) -> None:
-        owned = self.numbering.owned(k)
-        values[owned] += b[: owned.stop - owned.start]
-
     def tangent_forms(self, k: int) -> list[fem.Form]:
         """The bilinear forms of the tangent of body k."""
-        forms = [f.tangent for j, f in self._elements if j == k]
-        forms += [f.tangent for j, f in self.loads if j == k and f.tangent]
+        forms = [form for c in self.compiled for form in c.tangent_forms(k)]
         return forms + [form for border in self.borders for form in border.tangents(self.bodies[k])]
 
-    @property
-    def couples_points(self) -> bool:
-        """Whether something acts on or between points: forces, constraints, masses."""
-        return bool(self._points or self._pushes or self.constraints or self.masses.at_points)
+    def mass_forms(self, k: int) -> list[fem.Form]:
+        """The bilinear forms of the mass of body k."""
+        return [form for c in self.compiled for form in c.mass_forms(k)]
 
-    def _add_tangents(self) -> None:
+    @property
+    def made_of_forms(self) -> bool:
+        """Whether all of the equations comes from forms on meshes: nothing acts on or between points."""
+        return not self.borders and all(c.made_of_forms for c in self.compiled)
+
+    def _add_tangents(self, A: PETSc.Mat) -> None:
         for k in range(len(self.bodies)):
-            self.numbering.assemble(self.A, k, self.tangent_forms(k))
-        if self._points:
-            self._points.add_tangents(self.q1, self.A)
-        if self._pushes:
-            self._pushes.add_tangents(self.q1, self.A)
-        if self.constraints:
-            self.constraints.add_tangents(self.q1, self.A)
+            self.numbering.assemble(A, k, self.tangent_forms(k))
+        for compiled in self.compiled:
+            compiled.add_tangents(A)
         for border in self.borders:
-            border.add_tangents(self.A)
+            border.add_tangents(A)
 
     def _split(self, y: Array) -> list[tuple[ScalarUnknowns, Array]]:
         ends = np.cumsum([0] + [b.size for b in self.borders])

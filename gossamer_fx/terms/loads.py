@@ -1,26 +1,77 @@
-"""Loads on mesh bodies, compiled: their force at q̄ and their work over a step."""
+"""Loads on mesh bodies: their force at q̄ and their work over a step."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
 import ufl
 from dolfinx import fem, la
+from petsc4py import PETSc
 
 from gossamer_fx.forms.compilation import compile_form
-from gossamer_fx.model.terms import Array, Load
-from gossamer_fx.terms.discrete_gradient import Coordinates
+from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.model.terms import Array, Assembly, CompiledTerms, MeshBody
+from gossamer_fx.terms.coordinates import Coordinates
+
+
+class Loads(CompiledTerms):
+    """All `Load` terms of a scene."""
+
+    supplies = made_of_forms = True
+
+    def __init__(self, terms: Sequence[Load], system: Assembly) -> None:
+        self._system = system
+        at = [system.bodies.index(term.body) for term in terms]
+        self._loads = [(k, LoadForces(term, system.fields[k])) for k, term in zip(at, terms, strict=True)]
+
+    def begin(self, t: float) -> None:
+        for _, load in self._loads:
+            if load.term.at is not None:
+                load.term.at(t)
+
+    def add_forces(self, r: PETSc.Vec) -> None:
+        with r as values:
+            for k, load in self._loads:
+                load.assemble()
+                owned = self._system.numbering.owned(k)
+                values[owned] -= load.force.array[: owned.stop - owned.start]
+
+    def tangent_forms(self, k: int) -> list[fem.Form]:
+        return [load.tangent for j, load in self._loads if j == k and load.tangent]
+
+    def supplied(self) -> float:
+        work, Δq = 0.0, self._system.q1.array_r - self._system.q0.array_r
+        for k, load in self._loads:
+            owned = self._system.numbering.owned(k)
+            work += float(Δq[owned] @ load.path_average()[: owned.stop - owned.start])
+        return work
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """A load: `work(q, w)` is its virtual work, linear in w; `at(t)`, if given, sets its constants to time t."""
+
+    name: str
+    body: MeshBody
+    work: Callable[[Expr, Expr], ufl.Form]
+    follows: bool = False  # whether the work form depends on the configuration q
+    at: Callable[[float], None] | None = None
+    compiler: ClassVar[type[CompiledTerms]] = Loads
 
 
 class LoadForces:
-    """A `Load` part, compiled: its force at q̄ and its work over the step."""
+    """A load, compiled."""
 
-    def __init__(self, part: Load, at: Coordinates) -> None:
-        self.part, self._at = part, at
-        δW = part.work(at.mid, at.w)
+    def __init__(self, term: Load, at: Coordinates) -> None:
+        self.term, self._at = term, at
+        δW = term.work(at.mid, at.w)
         self.form = compile_form(δW)
-        self.tangent = compile_form(-ufl.derivative(δW, at.q1, at.dq)) if part.follows else None
+        self.tangent = compile_form(-ufl.derivative(δW, at.q1, at.dq)) if term.follows else None
         dofmap = at.q0.function_space.dofmap
         self.force = la.vector(dofmap.index_map, dofmap.index_map_bs)
-        self._changes = part.follows or part.at is not None
+        self._changes = term.follows or term.at is not None
         self._assembled = False
 
     def assemble(self) -> None:
@@ -38,7 +89,7 @@ class LoadForces:
         """
         end: Array = self.force.array.copy()
         α = self._at.α
-        if not self.part.follows or α.value != 1:
+        if not self.term.follows or α.value != 1:
             return end
         average = end / 6
         for weight, place in ((1 / 6, 0.0), (4 / 6, 0.5)):

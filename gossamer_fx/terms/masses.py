@@ -1,69 +1,90 @@
-"""The mass matrix of a scene, and what it makes of a turning frame."""
+"""Kinetic energies of bodies: constant mass matrices, and what they make of a turning frame."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from gossamer_fx.algebra.numbering import GlobalIndices, Numbering
-from gossamer_fx.algebra.places import add_mass
+from gossamer_fx.algebra.numbering import GlobalIndices
 from gossamer_fx.forms.compilation import compile_form
-from gossamer_fx.model.terms import Array, AttachedKineticEnergy, Body, KineticEnergy, NodeKineticEnergy, Term
-from gossamer_fx.terms.discrete_gradient import Coordinates
+from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.model.terms import Array, Assembly, Body, CompiledTerms, MeshBody
 
 
-class Masses:
-    """All kinetic parts of a scene."""
+class Masses(CompiledTerms):
+    """All `KineticEnergy` terms of a scene."""
 
-    def __init__(
-        self, numbering: Numbering, bodies: list[Body], fields: dict[int, Coordinates], parts: Iterable[Term]
-    ) -> None:
-        self._numbering, self._bodies, self._fields = numbering, bodies, fields
-        parts = list(parts)
-        self._on_meshes = [(bodies.index(p.body), p) for p in parts if isinstance(p, KineticEnergy)]
-        self._points = [(bodies.index(p.body), p) for p in parts if isinstance(p, NodeKineticEnergy)]
-        self._attached = [p for p in parts if isinstance(p, AttachedKineticEnergy)]
+    made_of_forms = True
 
-    @property
-    def at_points(self) -> bool:
-        """Whether there are others than those of meshes."""
-        return bool(self._points or self._attached)
+    def __init__(self, terms: Sequence[KineticEnergy], system: Assembly) -> None:
+        self._system = system
+        self._terms = [(system.bodies.index(term.body), term) for term in terms]
 
-    def add(self, M: PETSc.Mat) -> None:
-        """Add the mass matrix to M."""
-        for k in self._fields:
-            self._numbering.assemble(M, k, self.forms(k))
-        for rows, mass in self._nodes():
-            M.setValues(rows, rows, np.kron(mass, np.eye(3)), addv=PETSc.InsertMode.ADD_VALUES)
-        for attached in self._attached:
-            add_mass(M, self._numbering, self._bodies, attached)
+    def mass_forms(self, k: int) -> list[fem.Form]:
+        at = self._system.fields.get(k)
+        return [compile_form(term.mass(at.dq, at.w)) for j, term in self._terms if j == k and at is not None]
 
-    def forms(self, k: int) -> list[fem.Form]:
-        """The bilinear forms of the mass of body k, which is on a mesh."""
-        at = self._fields[k]
-        return [compile_form(part.mass(at.dq, at.w)) for j, part in self._on_meshes if j == k]
+    def add_mass(self, M: PETSc.Mat) -> None:
+        for k in dict.fromkeys(k for k, _ in self._terms):
+            self._system.numbering.assemble(M, k, self.mass_forms(k))
 
-    def gyroscopic(self, G: PETSc.Mat, spin: tuple[float, float, float]) -> None:
-        """Add the matrix of the Coriolis force 2 M (ω×v) in a frame that turns with ω = `spin` [rad/s]."""
-        for k, part in self._on_meshes:
-            at = self._fields[k]
+    def add_gyroscopic(self, G: PETSc.Mat, spin: tuple[float, float, float]) -> None:
+        for k, term in self._terms:
+            at = self._system.fields[k]
             ω = fem.Constant(at.q0.function_space.mesh, tuple(float(c) for c in spin))
             v = [ufl.cross(ω, ufl.as_vector([at.dq[i + j] for j in range(3)])) for i in range(0, len(at.dq), 3)]
             turned = ufl.as_vector([vector[j] for vector in v for j in range(3)])
-            self._numbering.assemble(G, k, [compile_form(2 * part.mass(turned, at.w))])
+            self._system.numbering.assemble(G, k, [compile_form(2 * term.mass(turned, at.w))])
+
+
+@dataclass(frozen=True, eq=False)
+class KineticEnergy:
+    """Kinetic energy ½ v·Mv with the constant mass matrix `mass(v, w)`, a bilinear form."""
+
+    body: MeshBody
+    mass: Callable[[Expr, Expr], ufl.Form]
+    compiler: ClassVar[type[CompiledTerms]] = Masses
+
+
+class NodeMasses(CompiledTerms):
+    """All `NodeKineticEnergy` terms of a scene."""
+
+    def __init__(self, terms: Sequence[NodeKineticEnergy], system: Assembly) -> None:
+        self._system = system
+        self._terms = [(system.bodies.index(term.body), term) for term in terms]
+
+    def add_mass(self, M: PETSc.Mat) -> None:
+        for rows, mass in self._nodes():
+            M.setValues(rows, rows, np.kron(mass, np.eye(3)), addv=PETSc.InsertMode.ADD_VALUES)
+
+    def add_gyroscopic(self, G: PETSc.Mat, spin: tuple[float, float, float]) -> None:
         for rows, mass in self._nodes():
             turned = np.kron(2 * mass, np.cross(np.eye(3), np.asarray(spin)))
             G.setValues(rows, rows, turned, addv=PETSc.InsertMode.ADD_VALUES)
 
     def _nodes(self) -> Iterator[tuple[GlobalIndices, Array]]:
-        """Global indices and mass (s, s) of every owned node without mesh."""
-        start = self._numbering.start
-        for k, part in self._points:
-            size = part.body.block.size
-            for i in range(len(part.mass)):
-                first = start + self._numbering.owned(k).start + i * size
-                yield (first + np.arange(size)).astype(PETSc.IntType), part.mass[i]
+        """Global indices and mass (s, s) of every owned node."""
+        numbering = self._system.numbering
+        for k, term in self._terms:
+            size = term.body.block.size
+            for i in range(len(term.mass)):
+                first = numbering.start + numbering.owned(k).start + i * size
+                yield (first + np.arange(size)).astype(PETSc.IntType), term.mass[i]
+
+
+@dataclass(frozen=True, eq=False)
+class NodeKineticEnergy:
+    """Kinetic energy ½ Σ_ij mass[i, j] v_i·v_j of a body without mesh, v_i the rates of a node's vectors.
+
+    `mass` (n, s, s) for the n owned nodes of s vectors: kg for positions, kg m and kg m² with directors.
+    """
+
+    body: Body
+    mass: Array
+    compiler: ClassVar[type[CompiledTerms]] = NodeMasses

@@ -8,64 +8,81 @@ A multiplier whose measure touches held coordinates only has nothing to do: it i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
 import numpy as np
 import numpy.typing as npt
 from dolfinx.common import IndexMap
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from gossamer_fx.algebra.numbering import Numbering
-from gossamer_fx.algebra.places import Gather, Places, add_blocks, own_places
+from gossamer_fx.algebra.places import Gather, Places, PointMeasure, add_blocks, nodes_of, own_places
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Array, Block, Body, PointConstraint
+from gossamer_fx.model.terms import Array, Assembly, Attached, Block, CompiledConstraints, CompiledTerms
 
 DISTANCE = 1e-8  # largest violation at the start, in units of the constraint; it stands for "coincides"
 CHECK_UP_TO = 1500  # constraints; above, redundant ones are not looked for (the matrix is then singular)
 
 
-def multiplier_block(comm: MPI.Intracomm, part: PointConstraint) -> Block:
-    """One multiplier for each measure, on the rank that evaluates it."""
-    return Block(IndexMap(comm, len(own_places(part.measure.places))), part.measure.H.shape[0])
+class PointConstraints(CompiledConstraints):
+    """All `PointConstraint` terms of a scene; those that are alike are one array.
 
+    The multipliers of term k are the k-th block behind those of the bodies.
+    """
 
-class PointConstraints:
-    """All `PointConstraint` parts of a scene; the multipliers of part k are block `first` + k of the numbering."""
+    @classmethod
+    def multipliers(cls, terms: Sequence[PointConstraint], comm: MPI.Intracomm) -> list[Block]:
+        """One multiplier for each measure, on the rank that evaluates it."""
+        return [Block(IndexMap(comm, len(own_places(t.measure.places))), t.measure.H.shape[0]) for t in terms]
 
-    def __init__(self, numbering: Numbering, bodies: list[Body], parts: list[PointConstraint], alpha: float) -> None:
-        self._comm, self._α, self._parts = numbering.comm, alpha, parts
-        self._places = [Places(numbering, bodies, part.measure) for part in parts]
+    def __init__(self, terms: Sequence[PointConstraint], system: Assembly) -> None:
+        numbering = system.numbering
+        self._system, self._comm, self._terms = system, system.comm, terms
+        groups: dict[tuple[int, ...], list[int]] = {}
+        for k, term in enumerate(terms):
+            groups.setdefault((*term.measure.H.shape, nodes_of(term.measure)), []).append(k)
+        self._places, self._of, self._local = [], [], []
+        for alike in groups.values():
+            at = Places(numbering, system.bodies, [terms[k].measure for k in alike])
+            self._places.append(at)
+            self._of.append(np.array(alike)[at.of])
+            owned = [numbering.owned(len(system.bodies) + k) for k in alike]
+            local = np.concatenate([np.arange(o.start, o.stop) for o in owned]).reshape(at.n, at.m)
+            self._local.append(local)
+        self._rows = [(local + numbering.start).astype(PETSc.IntType) for local in self._local]
         self._q0: list[Array] = [np.zeros((at.n, at.D)) for at in self._places]
-        self._rows = []
-        self._owned = []
-        for k, at in enumerate(self._places):
-            block = len(bodies) + k
-            start = numbering.blocks[block].index_map.local_range[0]
-            self._rows.append(numbering.to_global(block, np.arange(start, start + at.n)))
-            self._owned.append(numbering.owned(block))
         self._gather = Gather(numbering, [at.indices for at in self._places])
-        self.owned = slice(numbering.owned(len(bodies)).start, numbering.size_local)
+        self.owned = slice(numbering.owned(len(system.bodies)).start, numbering.size_local)
 
-    def begin(self, q0: PETSc.Vec) -> None:
-        """Take the accepted state as the start of a step."""
-        self._q0 = self._gather(q0)
+    def places(self) -> list[list[tuple[Attached, ...]]]:
+        return [[t.measure.places[i] for i in own_places(t.measure.places)] for t in self._terms]
 
-    def add_forces(self, q1: PETSc.Vec, r: PETSc.Vec) -> None:
+    def keep(self) -> None:
+        self._q0 = self._gather(self._system.q0)
+
+    def add_forces(self, r: PETSc.Vec) -> None:
         """r += De(q̄)ᵀλ, and e(q1) in the rows of the multipliers."""
-        values = q1.array_r.copy()
-        for k, (at, q) in enumerate(zip(self._places, self._gather(q1), strict=True)):
-            force = np.einsum("nm,nmx->nx", self._multipliers(values, k), self._middle_gradient(k, q))
+        values = self._system.q1.array_r.copy()
+        for k, (at, q) in enumerate(zip(self._places, self._gather(self._system.q1), strict=True)):
+            force = np.einsum("nm,nmx->nx", values[self._local[k]], self._middle_gradient(k, q))
             r.setValues(at.indices.ravel(), force.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
             r.setValues(self._rows[k].ravel(), at.strain(q).ravel(), addv=PETSc.InsertMode.ADD_VALUES)
         r.assemble()
 
-    def add_tangents(self, q1: PETSc.Vec, A: PETSc.Mat) -> None:
-        values = q1.array_r.copy()
-        for k, (at, q) in enumerate(zip(self._places, self._gather(q1), strict=True)):
-            λ, rows = self._multipliers(values, k), self._rows[k]
-            add_blocks(A, at.indices, at.indices, self._α * np.einsum("nm,nmxy->nxy", λ, at.H))
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        values = self._system.q1.array_r.copy()
+        for k, (at, q) in enumerate(zip(self._places, self._gather(self._system.q1), strict=True)):
+            λ, rows = values[self._local[k]], self._rows[k]
+            add_blocks(A, at.indices, at.indices, self._system.rule.alpha * np.einsum("nm,nmxy->nxy", λ, at.H))
             add_blocks(A, at.indices, rows, self._middle_gradient(k, q).transpose(0, 2, 1))
             add_blocks(A, rows, at.indices, at.gradient(q))
             add_blocks(A, rows, rows, np.zeros((at.n, at.m, at.m)))
+
+    def _middle_gradient(self, k: int, q: Array) -> Array:
+        α = self._system.rule.alpha
+        return self._places[k].gradient((1 - α) * self._q0[k] + α * q)
 
     def add_curvature(self, v: PETSc.Vec, r: PETSc.Vec) -> None:
         """D²e[v, v] in the rows of the multipliers."""
@@ -73,13 +90,6 @@ class PointConstraints:
             curvature = np.einsum("nx,nmxy,ny->nm", rates, at.H, rates, optimize=True)
             r.setValues(rows.ravel(), curvature.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
         r.assemble()
-
-    def _multipliers(self, values: Array, k: int) -> Array:
-        """λ (n, m)."""
-        return values[self._owned[k]].reshape(self._places[k].n, self._places[k].m)
-
-    def _middle_gradient(self, k: int, q: Array) -> Array:
-        return self._places[k].gradient((1 - self._α) * self._q0[k] + self._α * q)
 
     def violation(self, q: PETSc.Vec) -> float:
         """Largest violation of a constraint in a state, in its own units; the same on every rank."""
@@ -98,7 +108,7 @@ class PointConstraints:
         found: list[npt.NDArray[np.int64]] = [np.zeros(0, dtype=np.int64)]
         for k, (at, q, mask) in enumerate(zip(self._places, self._gather(q0), self._gather(free), strict=True)):
             nothing = (np.abs(at.gradient(q)) * mask[:, None, :]).max(axis=2, initial=0.0) < 1e-12
-            found.append(np.flatnonzero(nothing.ravel()) + self._owned[k].start)
+            found.append(self._local[k][nothing])
         return np.concatenate(found)
 
     def validate(self, q0: PETSc.Vec, v0: PETSc.Vec, free: PETSc.Vec) -> None:
@@ -107,20 +117,24 @@ class PointConstraints:
         Raises:
             InputError: a constraint is violated or redundant, by name.
         """
-        for part, at, q, v in zip(self._parts, self._places, self._gather(q0), self._gather(v0), strict=True):
-            e, De = at.strain(q), at.gradient(q)
-            rate = np.abs(np.einsum("nmx,nx->nm", De, v))
-            speed = np.abs(De).max(initial=1.0) * np.abs(v).max(initial=0.0)
-            worst = np.array([np.abs(e).max(initial=0.0), rate.max(initial=0.0), speed])
-            self._comm.Allreduce(MPI.IN_PLACE, worst, op=MPI.MAX)
-            off, rate, speed = worst
+        worst, speed = np.zeros((2, len(self._terms))), 1.0
+        off, rates = worst
+        for of, at, q, v in zip(self._of, self._places, self._gather(q0), self._gather(v0), strict=True):
+            De = at.gradient(q)
+            np.maximum.at(off, of, np.abs(at.strain(q)).max(axis=1, initial=0.0))
+            np.maximum.at(rates, of, np.abs(np.einsum("nmx,nx->nm", De, v)).max(axis=1, initial=0.0))
+            speed = max(speed, np.abs(De).max(initial=1.0) * np.abs(v).max(initial=0.0))
+        self._comm.Allreduce(MPI.IN_PLACE, worst, op=MPI.MAX)
+        speed = self._comm.allreduce(speed, op=MPI.MAX)
+        for term, distance, rate in zip(self._terms, map(float, off), map(float, rates), strict=True):
             check(
-                off <= DISTANCE,
-                f"'{part.name}' does not hold at the start: it is off by {off:.3g}; let the joined points coincide.",
+                distance <= DISTANCE,
+                f"'{term.name}' does not hold at the start: it is off by {distance:.3g}; let the joined points "
+                "coincide.",
             )
             check(
-                rate <= 1e-8 * max(speed, 1.0),
-                f"'{part.name}' does not hold in rate at the start: the joined points separate with {rate:.3g} per "
+                rate <= 1e-8 * float(speed),
+                f"'{term.name}' does not hold in rate at the start: the joined points separate with {rate:.3g} per "
                 "second; give both bodies the same velocity there.",
             )
         self._refuse_redundant(q0, free)
@@ -133,7 +147,12 @@ class PointConstraints:
         mine: list[tuple[int, Array, Array]] = []
         for k, (at, q, mask) in enumerate(zip(self._places, self._gather(q0), self._gather(free), strict=True)):
             De = at.gradient(q) * mask[:, None, :]
-            mine += [(k, at.indices[i], De[i, j]) for i in range(at.n) for j in range(at.m) if np.any(De[i, j])]
+            mine += [
+                (int(self._of[k][i]), at.indices[i], De[i, j])
+                for i in range(at.n)
+                for j in range(at.m)
+                if np.any(De[i, j])
+            ]
         message = ""
         gathered = self._comm.gather(mine)
         if gathered is not None:
@@ -155,9 +174,21 @@ class PointConstraints:
         null = vectors[:, eigenvalues < 1e-12]
         if not null.size:
             return ""
-        involved = {self._parts[rows[i][0]].name for i in np.flatnonzero(np.abs(null).max(axis=1) > 1e-6)}
+        involved = {self._terms[rows[i][0]].name for i in np.flatnonzero(np.abs(null).max(axis=1) > 1e-6)}
         names = ", ".join(f"'{name}'" for name in sorted(involved))
         return (
             f"{null.shape[1]} of the constraints {names} follow from the others; free one of the joints, e.g. by a "
             "ball joint in the place of a revolute one."
         )
+
+
+@dataclass(frozen=True, eq=False)
+class PointConstraint:
+    """Measures that stay zero, by multipliers λ: e(q1) = 0 at the end of a step, force De(q̄)ᵀλ in it.
+
+    De(q̄)(q1 - q0) = e(q1) - e(q0) = 0: the force does no work, and conserves what e is invariant to.
+    """
+
+    name: str
+    measure: PointMeasure
+    compiler: ClassVar[type[CompiledTerms]] = PointConstraints

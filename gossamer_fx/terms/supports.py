@@ -2,36 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from gossamer_fx.algebra.numbering import Numbering
-from gossamer_fx.model.terms import Array, Body, Support, Term
+from gossamer_fx.model.terms import Array, Assembly, CompiledTerms, Indices, MeshBody
 
 Motion = Callable[[float], Array]
 
 
-class Supports:
-    """All `Support` parts of a scene; positions count in this rank's part of a vector.
+class Supports(CompiledTerms):
+    """All `Support` terms of a scene; positions count in this rank's part of a vector.
 
     held (n,): positions that the equations do not govern;  reactions (n,): the forces [N] that hold them.
     """
 
-    def __init__(self, numbering: Numbering, bodies: list[Body], parts: list[Term]) -> None:
-        self._numbering = numbering
+    def __init__(self, terms: Sequence[Support], system: Assembly) -> None:
+        self._numbering = system.numbering
         found = [np.zeros(0, dtype=np.int64)]
         self._moved: list[tuple[npt.NDArray[np.int64], Motion]] = []
-        for part in parts:
-            if isinstance(part, Support):
-                owned = numbering.owned(bodies.index(part.body))
-                mine = part.dofs < owned.stop - owned.start
-                at = part.dofs[mine].astype(np.int64) + owned.start
-                found.append(at)
-                if part.motion is not None:
-                    self._moved.append((at, _restricted(part.motion, mine)))
+        for term in terms:
+            owned = self._numbering.owned(system.bodies.index(term.body))
+            mine = term.dofs < owned.stop - owned.start
+            at = term.dofs[mine].astype(np.int64) + owned.start
+            found.append(at)
+            if term.motion is not None:
+                self._moved.append((at, _restricted(term.motion, mine)))
         self.held: npt.NDArray[np.integer] = np.zeros(0, dtype=np.int64)
         self.hold(np.concatenate(found))
 
@@ -71,3 +71,17 @@ class Supports:
 
 def _restricted(motion: Motion, mine: npt.NDArray[np.bool_]) -> Motion:
     return lambda t: motion(t)[mine]
+
+
+@dataclass(frozen=True, eq=False)
+class Support:
+    """Coordinates that keep their initial values, or take the values `motion(t)` [m], (n,) like `dofs`.
+
+    `dofs` are owned and ghost scalar indices of the body's block.
+    """
+
+    name: str
+    body: MeshBody
+    dofs: Indices
+    motion: Callable[[float], Array] | None = None
+    compiler: ClassVar[type[CompiledTerms]] = Supports

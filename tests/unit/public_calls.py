@@ -20,6 +20,7 @@ Call = dict[str, Any]
 UNCALLED = {
     "EndPoint",
     "EquilibriumResult",
+    "Found",
     "InputError",
     "Interrupted",
     "Mesh",
@@ -138,6 +139,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "log_to": {"comm": WORLD, "file": folder / "log.txt", "quiet": False},
         "modes": {"equilibrium": None, "count": 3, "spin": z, "above": 0.0},
         "patch": {"centre": P, "points": [P, P, P]},
+        "Playback": {"folder": folder / "no run"},
         "RunReader": {"folder": folder / "no run"},
         "animate": {"run": None, "field": "state", "path": folder / "a.gif", "seconds": 6.0},
         "plot_curves": {"run": None, "path": folder / "a.png"},

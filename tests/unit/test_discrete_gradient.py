@@ -12,8 +12,8 @@ from hypothesis import given
 
 from gossamer_fx import EndPoint, Linear, Miyazaki, PathAverage, TensionField
 from gossamer_fx.materials.film import FilmLaw, constants
-from gossamer_fx.model.terms import StoredEnergy
 from gossamer_fx.terms import discrete_gradient
+from gossamer_fx.terms.element_energies import StoredEnergy
 from tests.strain_samples import CELLS, SQUARE, Samples, random_strains
 
 UNIT = {"E": 1.0, "nu": 0.3, "density": 1.0, "thickness": 1.0}

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 from dolfinx.common import IndexMap
 
+from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.ports import combine, initial, initial_rate
-from gossamer_fx.model.terms import Array, Attached, Block, Ground, PointConstraint, PointMeasure, Port, Term, Vector
+from gossamer_fx.model.terms import Array, Attached, Block, Ground, Port, Term, Vector
+from gossamer_fx.terms.point_constraints import PointConstraint
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,265 @@
+"""Energies and dissipation ∫ψ(e(q)) dx on meshes, by a mixed iteration.
+
+Mixed iteration (Magisano, Leonetti & Garcea, IJNME 109 (2017) 1237, doi:10.1002/nme.5328): the strain ê at the
+quadrature points is a variable of its own, condensed:
+
+    residual   ∫ (S̄(ê) + D̄(ê)(e(q1) - ê))·De(q̄)[w] dx
+    tangent    ∫ D̄ De(q1)[δ]·De(q̄)[w] + α S̄(ê)·D²e[δ, w] dx
+    update     ê = e(q1) - ½ D²e[δ, δ]     the *linearised* strain of the last iterate
+
+(S̄, D̄) are evaluated once an iteration, by compiled expressions, and the forms only read them.  A path that stays in one
+state has an expression of its own, which costs a third to a sixth of the one for all paths.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from typing import Any, ClassVar
+
+import basix.ufl
+import numpy as np
+import ufl
+from dolfinx import fem, la
+from petsc4py import PETSc
+
+from gossamer_fx.forms.compilation import compile_expression, compile_form
+from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.forms.strain_path import Piece, gradient
+from gossamer_fx.model.terms import Array, Assembly, CompiledTerms, Indices, MeshBody
+from gossamer_fx.terms.coordinates import Coordinates
+from gossamer_fx.terms.discrete_gradient import StressRule
+
+# Of the mixed iteration: stiffness of what surrounds a point, over the largest of its own; error of the linearised
+# stress, over the stress, from which on the strain is chosen; iterations after which it no longer is, lest they cycle.
+SURROUNDINGS, FAR, CHOSEN = 0.03, 0.1, 12
+
+
+class ElementEnergies(CompiledTerms):
+    """All `StoredEnergy` and `Dissipation` terms of a scene."""
+
+    made_of_forms = True
+
+    def __init__(self, terms: Sequence[StoredEnergy | Dissipation], system: Assembly) -> None:
+        self._system = system
+        at = [system.bodies.index(term.body) for term in terms]
+        self.elements = [
+            (k, ElementForces(term, system.fields[k], system.rule)) for k, term in zip(at, terms, strict=True)
+        ]
+        self._forces = {k: la.vector(system.bodies[k].block.index_map, system.bodies[k].block.size) for k in at}
+
+    def begin(self, t: float) -> None:
+        for k, force in self.elements:
+            self._system.fields[k].h.value = self._system.h
+            force.begin()
+
+    def move(self, linearly: bool) -> None:
+        for _, force in self.elements:
+            force.linearise() if linearly else force.evaluate()
+
+    def add_forces(self, r: PETSc.Vec) -> None:
+        for b in self._forces.values():
+            b.array[:] = 0
+        for k, force in self.elements:
+            fem.assemble_vector(self._forces[k].array, force.residual)
+        with r as values:
+            for k, b in self._forces.items():
+                b.scatter_reverse(la.InsertMode.add)
+                owned = self._system.numbering.owned(k)
+                values[owned] += b.array[: owned.stop - owned.start]
+
+    def tangent_forms(self, k: int) -> list[fem.Form]:
+        return [force.tangent for j, force in self.elements if j == k]
+
+    def dissipated(self) -> float:
+        return sum(f.dissipated() for _, f in self.elements if isinstance(f.term, Dissipation))
+
+    def keep(self) -> None:
+        for _, force in self.elements:
+            force.accept()
+
+    def energies(self) -> dict[str, float]:
+        return {f.term.name: f.energy() for _, f in self.elements if isinstance(f.term, StoredEnergy)}
+
+
+@dataclass(frozen=True, eq=False)
+class StoredEnergy:
+    """Stored energy ∫ψ(e(q)) dx: `measure` is quadratic in q, `density` ψ knows the strain only.
+
+    `pieces` cuts the path between two strains where ψ is not smooth.
+    """
+
+    name: str
+    body: MeshBody
+    measure: Callable[[Expr], Expr]
+    density: Callable[[Expr], Expr]
+    dx: ufl.Measure
+    quadratic: bool = False
+    pieces: Callable[[Expr, Expr], list[Piece]] | None = None
+    compiler: ClassVar[type[CompiledTerms]] = ElementEnergies
+
+
+@dataclass(frozen=True, eq=False)
+class Dissipation:
+    """Dissipation: stress φ'(ė) against the rate of the measure; φ is quadratic and convex, the loss 2∫∫φ(ė) dx dt."""
+
+    name: str
+    body: MeshBody
+    measure: Callable[[Expr], Expr]
+    density: Callable[[Expr], Expr]
+    dx: ufl.Measure
+    compiler: ClassVar[type[CompiledTerms]] = ElementEnergies
+
+
+class ElementForces:
+    """Forces, tangent and energy of one `StoredEnergy` or `Dissipation`, compiled."""
+
+    def __init__(self, term: StoredEnergy | Dissipation, at: Coordinates, rule: StressRule) -> None:
+        self.term = term
+        q, w, dq, δ = at.q1, at.w, at.dq, at.δ
+        e = term.measure(q)
+        De = ufl.derivative(e, q, w)
+        De_mid = ufl.replace(De, {q: at.mid})
+        De_dq = ufl.derivative(e, q, dq)
+        D2e = ufl.derivative(De, q, dq)
+        D2e_δδ = ufl.derivative(ufl.derivative(e, q, δ), q, δ)
+
+        m = e.ufl_shape[0]
+        mesh, metadata = at.q1.function_space.mesh, term.dx.metadata()
+        element = _quadrature_element(mesh, metadata, (m,))
+        Q = fem.functionspace(mesh, element)
+        self._e0, self._ê = fem.Function(Q), fem.Function(Q)
+        self._response = fem.Function(fem.functionspace(mesh, _quadrature_element(mesh, metadata, (m + m * m,))))
+        S = ufl.as_vector([self._response[i] for i in range(m)])
+        D = ufl.as_matrix([[self._response[m + i * m + j] for j in range(m)] for i in range(m)])
+
+        ê = ufl.variable(self._ê)
+        if isinstance(term, StoredEnergy):
+            S̄ = rule.stress(term, self._e0, ê)
+            cases = rule.cases(term, self._e0, ê)
+            self._energy = compile_form(term.density(self._e0) * term.dx)
+        else:
+            S̄, cases = gradient(term.density, (ê - self._e0) / at.h), []
+            self._work = compile_form(ufl.dot(S, self._ê - self._e0) * term.dx)
+        points = Q.element.interpolation_points()
+        stresses = [S̄, *(S for _, S in cases)]  # the first serves every point
+        self._responses = [compile_expression(_with_derivative(S, ê), points) for S in stresses]
+        if cases:
+            case: Expr = ufl.as_ufl(0.0)
+            for k, (holds, _) in reversed(list(enumerate(cases, 1))):
+                case = ufl.conditional(holds, float(k), case)
+            self._case = compile_expression(case, points)
+        self._strain = compile_expression(e, points)
+        linearised = e - D2e_δδ / 2
+        self._linearised = compile_expression(linearised, points)
+        cells = mesh.topology.index_map(mesh.topology.dim)
+        self._cells = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
+        self._size = m
+        self._switches = isinstance(term, StoredEnergy) and not term.quadratic and rule.alpha == 0.5
+        if self._switches:
+            self._expected = fem.Function(fem.functionspace(mesh, _quadrature_element(mesh, metadata, (2 * m + 2,))))
+            change, stiffness = linearised - self._ê, _largest(D[i, i] for i in range(m))
+            σ = S + ufl.dot(D, change)
+            numbers = [*linearised, *σ, stiffness, ufl.sqrt(ufl.dot(change, change))]
+            self._expect = compile_expression(ufl.as_vector(numbers), points)
+            σ = [self._expected[m + i] for i in range(m)]
+            misses = _largest(abs(S[i] - σ[i]) for i in range(m))
+            stress = _largest(abs(s) for i in range(m) for s in (S[i], σ[i]))
+            resistance = SURROUNDINGS * ufl.max_value(stiffness, self._expected[2 * m])
+            self._resist = compile_expression(ufl.conditional(ufl.gt(misses, FAR * stress), resistance, 0.0), points)
+        self._before = self._e0.x.array.copy()
+        self._known = 0
+
+        self.residual = compile_form(ufl.dot(S + ufl.dot(D, e - self._ê), De_mid) * term.dx)
+        self.tangent = compile_form((ufl.dot(ufl.dot(D, De_dq), De_mid) + at.α * ufl.dot(S, D2e)) * term.dx)
+
+    def begin(self) -> None:
+        """Start a step: of its stress nothing is known yet."""
+        self._known = 0
+
+    def accept(self) -> None:
+        """End a step: the strain of its end is that of the next one's start."""
+        self._before[:] = self._e0.x.array
+        self._e0.x.array[:] = self._ê.x.array
+
+    def linearise(self) -> None:
+        """ê from the strain at the last iterate and its linear change by δ; then the stress."""
+        if not self._switches or self._known > CHOSEN:
+            self._tabulate(self._linearised, self._ê)
+            self._respond()
+        elif not self._known:
+            self._ê.x.array[:] = self._before
+            self._respond()
+        else:
+            self._choose()
+        self._known += 1
+
+    def evaluate(self) -> None:
+        """ê = e(q1): the true strain; then the stress."""
+        self._tabulate(self._strain, self._ê)
+        self._respond()
+
+    def _choose(self) -> None:
+        """ê between the linearised strain and the one that has the linearised stress; see the module."""
+        m, mesh = self._size, self._ê.function_space.mesh
+        self._tabulate(self._expect, self._expected)
+        expected, e = self._expected.x.array.reshape(-1, 2 * m + 2), self._ê.x.array.reshape(-1, m)
+        e[:] = expected[:, :m]
+        self._respond()
+        resistance = self._resist.eval(mesh, self._cells)
+        is_far = resistance > 0
+        far = self._ê.function_space.dofmap.list[is_far]
+        S, D = np.split(self._response.x.array.reshape(-1, m + m * m)[far], [m], axis=1)
+        K = D.reshape(-1, m, m) + resistance[is_far][:, None, None] * np.eye(m)
+        change = np.linalg.solve(K, (expected[far, m : 2 * m] - S)[..., None])[..., 0]
+        room = expected[far, -1] / np.maximum(np.linalg.norm(change, axis=1), 1e-300)
+        e[far] += np.minimum(1, room)[:, None] * change
+        self._respond(self._cells[is_far.any(axis=1)])
+
+    def _respond(self, cells: Indices | None = None) -> None:
+        """(S̄, D̄) in some cells (or all), by the cheapest expression that serves all points of a cell."""
+        cells, (general, *special) = self._cells if cells is None else cells, self._responses
+        if special:
+            case = self._case.eval(self._ê.function_space.mesh, cells)
+            case = np.where((case == case[:, :1]).all(axis=1), case[:, 0], 0)
+            for k, expression in enumerate(special, 1):
+                self._tabulate(expression, self._response, cells[case == k])
+            cells = cells[case == 0]
+        self._tabulate(general, self._response, cells)
+
+    def _tabulate(self, expression: fem.Expression, at_points: fem.Function, cells: Indices | None = None) -> None:
+        """The expression at the quadrature points of some cells (or all), as `interpolate` but without its copies."""
+        cells, dofmap = self._cells if cells is None else cells, at_points.function_space.dofmap
+        places, values = dofmap.list[cells], expression.eval(at_points.function_space.mesh, cells)
+        at_points.x.array.reshape(-1, dofmap.index_map_bs)[places] = values.reshape(*places.shape, dofmap.index_map_bs)
+
+    def energy(self) -> float:
+        """Owned share of the stored energy at the last accepted state."""
+        return float(fem.assemble_scalar(self._energy))
+
+    def dissipated(self) -> float:
+        """Owned share of the energy that this part takes in the step; before `accept`."""
+        return float(fem.assemble_scalar(self._work))
+
+    @property
+    def strain(self) -> Array:
+        """Strains at the quadrature points, owned and ghost."""
+        array: Array = self._ê.x.array
+        return array
+
+
+def _with_derivative(S: Expr, e: Expr) -> Expr:
+    """S and dS/de, row after row, as one vector."""
+    m, D = S.ufl_shape[0], ufl.diff(S, e)
+    return ufl.as_vector([S[i] for i in range(m)] + [D[i, j] for i in range(m) for j in range(m)])
+
+
+def _largest(numbers: Iterable[Expr]) -> Expr:
+    return reduce(ufl.max_value, numbers)
+
+
+def _quadrature_element(mesh: Any, metadata: dict[str, Any], shape: tuple[int, ...]) -> Any:
+    return basix.ufl.quadrature_element(
+        mesh.basix_cell(), value_shape=shape, degree=metadata["quadrature_degree"], scheme="default"
+    )

@@ -1,0 +1,177 @@
+"""Energies and dissipation of measures between points, as arrays: all terms of one kind are evaluated at once.
+
+The rule is that of `discrete_gradient`: force S̄·De(q̄) with S̄·(e1 - e0) = ψ(e1) - ψ(e0), or the loss of the step.
+With α = 1 the forces are those of the end of the step, S̄ = ψ'(e1).  A place is evaluated where its first port lives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+from petsc4py import PETSc
+
+from gossamer_fx.algebra.places import Gather, Places, PointMeasure, add_blocks, nodes_of
+from gossamer_fx.model.terms import Array, Assembly, CompiledTerms
+
+
+class PointDensity(Protocol):
+    """Energy of the m strains e of a point measure; all arguments and results are arrays over n places.
+
+    A density whose numbers named in `stacks` may also be arrays (n,) shares one evaluation with others of its class.
+    """
+
+    def energy(self, e: Array) -> Array:
+        """ψ(e) [J], (n,) of (n, m)."""
+        ...
+
+    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        """S̄ (n, m) and dS̄/de1 (n, m, m) with S̄·(e1 - e0) = ψ(e1) - ψ(e0); at e0 = e1 they are (ψ', ψ''/2)."""
+        ...
+
+
+class PointDamping(Protocol):
+    """Stress against the rate of the m strains of a point measure, never with negative loss."""
+
+    def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
+        """S̄ (n, m) and dS̄/de1 (n, m, m) with S̄·(e1 - e0) ≥ 0, the loss in a step of h seconds."""
+        ...
+
+
+class Stencil:
+    """Places of one kind with one density: their forces, tangents and energies.
+
+    With places that change from step to step, a new one is made for each list of them.
+    """
+
+    def __init__(self, at: Places, density: Any, dissipates: bool, alpha: float) -> None:
+        self.at, self.density, self._dissipates, self._α = at, density, dissipates, alpha
+        self.q0: Array = np.zeros((at.n, at.D))
+        self.e0: Array = np.zeros((at.n, at.m))
+        self.h = 1.0
+
+    def keep(self, q0: Array) -> None:
+        """Unknowns (n, D) at the start of a step."""
+        self.q0, self.e0 = q0, self.at.strain(q0)
+
+    def force(self, q1: Array) -> Array:
+        """S̄·De(q̄) (n, D)."""
+        return np.einsum("nm,nmx->nx", self._stress(q1)[0], self.at.gradient(self._middle(q1)))
+
+    def tangent(self, q1: Array) -> Array:
+        """De(q̄)ᵀ dS̄/de1 De(q1) + α S̄·D²e (n, D, D)."""
+        S, D = self._stress(q1)
+        B, B1 = self.at.gradient(self._middle(q1)), self.at.gradient(q1)
+        K = np.matmul(B.transpose(0, 2, 1), np.matmul(D, B1))
+        return K + self._α * np.einsum("nm,nmxy->nxy", S, self.at.H)
+
+    def _middle(self, q1: Array) -> Array:
+        """The configuration in which forces act."""
+        return (1 - self._α) * self.q0 + self._α * q1
+
+    def _stress(self, q1: Array) -> tuple[Array, Array]:
+        """Stress of the step and its derivative with respect to the end strain."""
+        e1 = self.at.strain(q1)
+        if self._dissipates:
+            return self.density.average(self.e0, e1, self.h)
+        if self._α == 0.5:
+            return self.density.average(self.e0, e1)
+        S, half = self.density.average(e1, e1)
+        return S, 2 * half
+
+    def energy(self) -> Array:
+        """ψ (n,) at the start of the step."""
+        return np.zeros(self.at.n) if self._dissipates else self.density.energy(self.e0)
+
+    def loss(self, q1: Array) -> float:
+        """What the step dissipates."""
+        if not self._dissipates:
+            return 0.0
+        return float(np.sum(self._stress(q1)[0] * (self.at.strain(q1) - self.e0)))
+
+
+class PointEnergies(CompiledTerms):
+    """All `PointStoredEnergy` and `PointDissipation` terms of a scene."""
+
+    def __init__(self, terms: Sequence[PointStoredEnergy | PointDissipation], system: Assembly) -> None:
+        self._system, self._names = system, [t.name for t in terms if isinstance(t, PointStoredEnergy)]
+        groups: dict[Any, list[PointStoredEnergy | PointDissipation]] = {}
+        for term in terms:
+            groups.setdefault(_kind(term), []).append(term)
+        self._groups = []
+        for alike in groups.values():
+            at = Places(system.numbering, system.bodies, [term.measure for term in alike])
+            density = _stacked([term.density for term in alike], at.of)
+            stencil = Stencil(at, density, isinstance(alike[0], PointDissipation), system.rule.alpha)
+            self._groups.append((alike, stencil))
+        self._stencils = [stencil for _, stencil in self._groups]
+        self._gather = Gather(system.numbering, [stencil.at.indices for stencil in self._stencils])
+
+    def begin(self, t: float) -> None:
+        for stencil in self._stencils:
+            stencil.h = self._system.h
+
+    def keep(self) -> None:
+        for stencil, q in zip(self._stencils, self._gather(self._system.q0), strict=True):
+            stencil.keep(q)
+
+    def add_forces(self, r: PETSc.Vec) -> None:
+        for stencil, q in zip(self._stencils, self._gather(self._system.q1), strict=True):
+            r.setValues(stencil.at.indices.ravel(), stencil.force(q).ravel(), addv=PETSc.InsertMode.ADD_VALUES)
+        r.assemble()
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        for stencil, q in zip(self._stencils, self._gather(self._system.q1), strict=True):
+            add_blocks(A, stencil.at.indices, stencil.at.indices, stencil.tangent(q))
+
+    def energies(self) -> dict[str, float]:
+        found = dict.fromkeys(self._names, 0.0)
+        for terms, stencil in self._groups:
+            if isinstance(terms[0], PointStoredEnergy):
+                shares = np.bincount(stencil.at.of, stencil.energy(), len(terms))
+                for term, share in zip(terms, shares, strict=True):
+                    found[term.name] += float(share)
+        return found
+
+    def dissipated(self) -> float:
+        unknowns = self._gather(self._system.q1)
+        return sum(stencil.loss(q) for stencil, q in zip(self._stencils, unknowns, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class PointStoredEnergy:
+    """Stored energy ψ(e) of a point measure."""
+
+    name: str
+    measure: PointMeasure
+    density: PointDensity
+    compiler: ClassVar[type[CompiledTerms]] = PointEnergies
+
+
+@dataclass(frozen=True, eq=False)
+class PointDissipation:
+    """Dissipation by the rate of a point measure."""
+
+    name: str
+    measure: PointMeasure
+    density: PointDamping
+    compiler: ClassVar[type[CompiledTerms]] = PointEnergies
+
+
+def _kind(term: PointStoredEnergy | PointDissipation) -> Any:
+    """What terms must have in common to be one array."""
+    density, stacks = term.density, getattr(term.density, "stacks", None)
+    if stacks is None:
+        return id(term)
+    others = tuple((name, value) for name, value in sorted(vars(density).items()) if name not in stacks)
+    return type(term), type(density), others, term.measure.H.shape, nodes_of(term.measure)
+
+
+def _stacked(densities: Sequence[Any], of: Array) -> Any:
+    """One density for places, each of which belongs to the one that `of` (n,) says."""
+    first = densities[0]
+    if len(densities) == 1:
+        return first
+    return replace(first, **{name: np.array([getattr(d, name) for d in densities])[of] for name in first.stacks})

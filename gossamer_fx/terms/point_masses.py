@@ -1,0 +1,47 @@
+"""Kinetic energy of vectors that are attached to bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from petsc4py import PETSc
+
+from gossamer_fx.algebra.places import add_blocks, attach_all, own_places
+from gossamer_fx.model.terms import Array, Assembly, CompiledTerms, Port
+
+
+class AttachedMasses(CompiledTerms):
+    """All `AttachedKineticEnergy` terms of a scene."""
+
+    def __init__(self, terms: Sequence[AttachedKineticEnergy], system: Assembly) -> None:
+        self._terms, self._system = terms, system
+
+    def add_mass(self, M: PETSc.Mat) -> None:
+        self._add(M, np.eye(3))
+
+    def add_gyroscopic(self, G: PETSc.Mat, spin: tuple[float, float, float]) -> None:
+        self._add(G, 2 * np.cross(np.eye(3), np.asarray(spin)))
+
+    def _add(self, matrix: PETSc.Mat, each: Array) -> None:
+        """Add Σ_ij mass[i, j] w_i·(each v_j)."""
+        for term in self._terms:
+            own, k = own_places(term.places), term.mass.shape[1]
+            places = [term.places[i] for i in own]
+            indices, P, _ = attach_all(self._system.numbering, self._system.bodies, places, 3 * k)
+            mass = np.einsum("nij,ab->niajb", term.mass[own], each).reshape(len(own), 3 * k, 3 * k)
+            add_blocks(matrix, indices, indices, np.einsum("nax,nab,nby->nxy", P, mass, P, optimize=True))
+
+
+@dataclass(frozen=True, eq=False)
+class AttachedKineticEnergy:
+    """Kinetic energy ½ Σ_ij mass[i, j] v_i·v_j of the rates v of attached vectors, at n places.
+
+    places: n tuples of k ports, as those of a `PointMeasure`; mass (n, k, k) [kg].
+    """
+
+    places: Sequence[tuple[Port, ...]]
+    mass: Array
+    compiler: ClassVar[type[CompiledTerms]] = AttachedMasses

@@ -1,0 +1,51 @@
+"""Energies that are quadratic in the coordinates of a body: ½ a(q, q), such as the bending of a plate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import ufl
+from dolfinx import fem
+from petsc4py import PETSc
+
+from gossamer_fx.forms.compilation import compile_form
+from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.model.terms import Assembly, CompiledTerms, MeshBody
+
+
+class QuadraticEnergies(CompiledTerms):
+    """All `QuadraticEnergy` terms of a scene: a constant matrix, and nothing in an iteration."""
+
+    def __init__(self, terms: Sequence[QuadraticEnergy], system: Assembly) -> None:
+        self._system = system
+        self._stiffness, self._energies = [], []
+        for term in terms:
+            k = system.bodies.index(term.body)
+            at = system.fields[k]
+            self._stiffness.append((k, compile_form(term.form(at.dq, at.w))))
+            self._energies.append((term.name, compile_form(term.form(at.q0, at.q0) / 2)))
+
+    def add_stiffness(self, K: PETSc.Mat) -> None:
+        for k, form in self._stiffness:
+            self._system.numbering.assemble(K, k, [form])
+
+    def energies(self) -> dict[str, float]:
+        found: dict[str, float] = {}
+        for name, form in self._energies:
+            found[name] = found.get(name, 0.0) + float(fem.assemble_scalar(form))
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class QuadraticEnergy:
+    """Stored energy ½ a(q, q) of a constant symmetric bilinear form a(q, w), which may hold interior facets.
+
+    The force at q̄ is linear, so energy is conserved; momenta are, if a(q, q) is the same for all rigid motions of q.
+    """
+
+    name: str
+    body: MeshBody
+    form: Callable[[Expr, Expr], ufl.Form]
+    compiler: ClassVar[type[CompiledTerms]] = QuadraticEnergies

@@ -1,0 +1,112 @@
+"""A part whose places change from step to step: spheres that collide, found anew before each step."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from petsc4py import PETSc
+from scipy.spatial import cKDTree
+
+from gossamer_fx.algebra.places import Gather, Places, PointMeasure, add_blocks, values_of
+from gossamer_fx.interactions.spring import LengthSpring, half_distance_squared
+from gossamer_fx.model.terms import Array, Assembly, CompiledTerms, Port, Term
+from gossamer_fx.terms.point_energies import Stencil
+
+Pairs = frozenset[tuple[int, int]]
+
+
+class Collisions(CompiledTerms):
+    """Pairs of spheres that may touch in the step, as one stencil.
+
+    Before a step they are those within reach at the present speeds; those that its end shows to be missing are added.
+    A sphere that another has passed through refuses the step.
+    """
+
+    searches = True
+
+    def __init__(self, terms: Sequence[CollidingSpheres], system: Assembly) -> None:
+        [self.spheres] = terms
+        self._system, self._ports = system, self.spheres.ports
+        self._in_pattern: Pairs = frozenset()
+        self._missed: Pairs = frozenset()
+        self.widened = 0
+        self._take(frozenset())
+
+    def _take(self, pairs: Pairs) -> None:
+        """One array for these pairs."""
+        like = half_distance_squared(*self._ports[:2])
+        places = [(self._ports[i], self._ports[j]) for i, j in sorted(pairs)]
+        at = Places(self._system.numbering, self._system.bodies, [PointMeasure(places, like.H, like.L, like.c)])
+        density = LengthSpring(self.spheres.stiffness, 2 * self.spheres.radius, side=-1)
+        self.pairs, self._stencil = pairs, Stencil(at, density, False, self._system.rule.alpha)
+        self._gather = Gather(self._system.numbering, [at.indices])
+        self.keep()
+
+    def _within(self, x: Array, reach: float) -> Pairs:
+        return frozenset(cKDTree(x).query_pairs(reach))
+
+    def search(self) -> bool:
+        v = values_of(self._system, self._ports, self._system.v0)
+        reach = 2 * (self.spheres.radius + self.spheres.foresight * self._system.h * np.linalg.norm(v, axis=1).max())
+        near = self._within(values_of(self._system, self._ports, self._system.q0), reach)
+        self._take(near | self._missed)
+        self._missed = frozenset()
+        return not self.pairs <= self._in_pattern
+
+    def matrices_made(self) -> None:
+        self._in_pattern = self.pairs
+
+    def widen(self) -> bool:
+        touching = self._within(values_of(self._system, self._ports, self._system.q1), 2 * self.spheres.radius)
+        self._missed = touching - self.pairs
+        self.widened += bool(self._missed)
+        return bool(self._missed)
+
+    def inadmissible(self) -> str:
+        closest = self._within(values_of(self._system, self._ports, self._system.q1), 0.2 * self.spheres.radius)
+        return f"{len(closest)} spheres passed through each other" if closest else ""
+
+    def keep(self) -> None:
+        [q] = self._gather(self._system.q0)
+        self._stencil.keep(q)
+
+    def add_forces(self, r: PETSc.Vec) -> None:
+        [q] = self._gather(self._system.q1)
+        rows = self._stencil.at.indices.ravel()
+        r.setValues(rows, self._stencil.force(q).ravel(), addv=PETSc.InsertMode.ADD_VALUES)
+        r.assemble()
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        [q] = self._gather(self._system.q1)
+        add_blocks(A, self._stencil.at.indices, self._stencil.at.indices, self._stencil.tangent(q))
+
+    def energies(self) -> dict[str, float]:
+        return {self.spheres.name: float(self._stencil.energy().sum())}
+
+    def get_state(self) -> dict[str, Any]:
+        return {"pairs": sorted(self.pairs)}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        self._take(frozenset((i, j) for i, j in state["pairs"]))
+
+
+@dataclass(frozen=True, eq=False)
+class CollidingSpheres:
+    """Spheres of one radius [m] about points, pushed apart by k (2r - l); `foresight` 0 finds pairs too late."""
+
+    ports: tuple[Port, ...]
+    radius: float
+    stiffness: float
+    foresight: float = 1.0
+    name: str = "collisions"
+    compiler: ClassVar[type[CompiledTerms]] = Collisions
+
+    def requires(self) -> Iterable[Any]:
+        for port in self.ports:
+            yield port.body
+
+    def terms(self) -> Iterable[Term]:
+        yield self

@@ -1,0 +1,70 @@
+"""Places that are found anew in each step: pattern that grows, steps that are refused, and what is conserved."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from gossamer_fx.algebra.places import values_of
+from tests.conservation.colliding_spheres import CollidingSpheres, Collisions
+
+
+def cloud(foresight: float = 1.0, **options) -> gx.Simulation:
+    """27 spheres that fly at each other's middle, with some swirl."""
+    places = np.stack(np.meshgrid(*3 * [np.linspace(-1, 1, 3)]), axis=-1).reshape(-1, 3)
+    noise = np.random.default_rng(7).normal(scale=0.05, size=places.shape)
+    masses = [
+        gx.PointMass(1.0, tuple(x + δ), velocity=tuple(np.cross((0.0, 0.0, 1.0), x) - 2 * x), name=f"m{k}")
+        for k, (x, δ) in enumerate(zip(places, noise, strict=True))
+    ]
+    spheres = CollidingSpheres(tuple(m.port() for m in masses), 0.2, 5e4, foresight)
+    return gx.Simulation(gx.Scene(*masses, spheres), gx.Midpoint(dt=2e-3), **options)
+
+
+def collisions(run: gx.Simulation) -> Collisions:
+    return next(c for c in run.system.compiled if isinstance(c, Collisions))
+
+
+@pytest.mark.mpi
+def test_spheres_that_are_found_anew_collide_without_loss() -> None:
+    run = cloud()
+    patterns = run.system.patterns
+    run.run(until=0.7)
+    assert run.system.patterns > patterns, "no pair was found after the start"
+    assert run.totals.kinetic > 0
+    assert abs(run.energy_error) < 1e-11
+    scale = 27 * 2.0
+    assert np.abs(run.totals.momentum - run.first.momentum).max() < 1e-12 * scale
+    assert np.abs(run.totals.angular_momentum - run.first.angular_momentum).max() < 1e-11 * scale
+
+
+def test_pairs_that_were_overlooked_are_found_after_the_step() -> None:
+    late, early = cloud(foresight=0.0), cloud()
+    late.run(until=0.4)
+    early.run(until=0.4)
+    assert collisions(late).widened > 0 and collisions(early).widened == 0
+    x = [values_of(run.system, collisions(run).spheres.ports, run.system.q0) for run in (late, early)]
+    assert np.abs(x[0] - x[1]).max() < 1e-9
+
+
+def test_a_step_in_which_spheres_pass_through_each_other_is_refused() -> None:
+    a = gx.PointMass(1.0, (-0.5, 0.0, 0.0), velocity=(50.0, 0.0, 0.0), name="a")
+    b = gx.PointMass(1.0, (0.5, 0.0, 0.0), velocity=(-50.0, 0.0, 0.0), name="b")
+    spheres = CollidingSpheres((a.port(), b.port()), 0.1, 1e8)
+    run = gx.Simulation(gx.Scene(a, b, spheres), gx.Midpoint(dt=1e-2))
+    run.run(until=3e-2)
+    x = values_of(run.system, spheres.ports, run.system.q0)
+    assert run.substeps > 0 and x[0, 0] < x[1, 0]
+    assert abs(run.energy_error) < 1e-10
+
+
+def test_a_restart_finds_the_pairs_again(tmp_path: Path) -> None:
+    whole = cloud(checkpoints=gx.Checkpoints(tmp_path / "points", every=50))
+    whole.run(until=0.3)
+    again = cloud(restart=tmp_path / "points")
+    again.run(until=0.4)
+    whole.run(until=0.4)
+    assert np.abs(whole.system.q0.array_r - again.system.q0.array_r).max() < 1e-12
