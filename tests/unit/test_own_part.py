@@ -1,0 +1,67 @@
+"""The page "Your own part" of CONTRIBUTING: its code is run as a reader would, and conserves."""
+
+from __future__ import annotations
+
+import re
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+
+PAGE = Path(__file__).parents[2] / "CONTRIBUTING.md"
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
+    [code] = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    assert len(code.splitlines()) <= 60
+    file = tmp_path_factory.mktemp("own") / "bending_spring.py"
+    file.write_text(code, encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(file.parent)
+        return import_module("bending_spring")
+
+
+def swinging(own: ModuleType, hardening: float = 2e3, dt: float = 1e-2) -> gx.Simulation:
+    places = ((-1.0, 0.0, 0.0), (0.0, 0.2, 0.0), (1.0, 0.0, 0.1))
+    speeds = ((0.0, 1.0, 0.0), (0.3, 0.0, 2.0), (0.0, -1.0, 0.5))
+    masses = [
+        gx.PointMass(1.0 + k, x, velocity=v, name=f"m{k}") for k, (x, v) in enumerate(zip(places, speeds, strict=True))
+    ]
+    a, b, c = (m.port() for m in masses)
+    return gx.Simulation(gx.Scene(own.BendingSpring((a, b, c), 50.0, hardening)), gx.Midpoint(dt=dt))
+
+
+def test_the_part_of_the_page_conserves(own: ModuleType) -> None:
+    run = swinging(own)
+    run.run(until=3.0)
+    assert run.totals.stored["bending spring"] > 0 and run.iterations > 300
+    assert abs(run.energy_error) < 1e-12
+    assert np.abs(run.totals.momentum - run.first.momentum).max() < 1e-12
+    assert np.abs(run.totals.angular_momentum - run.first.angular_momentum).max() < 1e-12
+
+
+def test_its_frequency_is_that_of_the_linear_spring(own: ModuleType) -> None:
+    """Small motions of a symmetric triple with masses m, 2m, m: ω² = k (1/m + 4/(2m) + 1/m) = 4k/m."""
+    masses = [
+        gx.PointMass(m, x, velocity=v, name=n)
+        for m, x, v, n in (
+            (1.0, (-1.0, 0.0, 0.0), (0.0, 1e-3, 0.0), "left"),
+            (2.0, (0.0, 0.0, 0.0), (0.0, -1e-3, 0.0), "middle"),
+            (1.0, (1.0, 0.0, 0.0), (0.0, 1e-3, 0.0), "right"),
+        )
+    ]
+    a, b, c = (m.port() for m in masses)
+    quarter = np.pi / 2 / np.sqrt(4 * 50.0)
+    run = gx.Simulation(gx.Scene(own.BendingSpring((a, b, c), 50.0, 1.0)), gx.Midpoint(dt=quarter / 200))
+    run.run(until=quarter)
+    assert run.totals.kinetic < 1e-6 * run.totals.energy
+
+
+def test_a_wrong_number_is_told_in_one_sentence(own: ModuleType) -> None:
+    with pytest.raises(gx.InputError, match="hardening"):
+        swinging(own, hardening=-1.0)
