@@ -1,4 +1,4 @@
-"""What can go wrong, in one sentence each."""
+"""Exceptions, and checks that raise them on every rank."""
 
 from __future__ import annotations
 

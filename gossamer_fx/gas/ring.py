@@ -1,4 +1,4 @@
-"""Closed lines on a film: where a chamber is closed by no film, and where gas passes from one chamber to the next."""
+"""Edge loops of a film: virtual walls between chambers, through which gas may pass."""
 
 from __future__ import annotations
 

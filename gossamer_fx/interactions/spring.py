@@ -196,7 +196,7 @@ class Damper(Between):
 
 @dataclass(frozen=True, eq=False)
 class AxialSpring:
-    """A spring to ground that feels one direction: ψ = ½ k (n·(x - x0))².
+    """A spring to ground along one direction: ψ = ½ k (n·(x - x0))².
 
     Args:
         port: the point x.

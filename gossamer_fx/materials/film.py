@@ -25,7 +25,7 @@ from gossamer_fx.forms.strain_path import Piece, gradient, mean_gradient, within
 
 SLACK, WRINKLED, TAUT = 0, 1, 2
 
-# Strains below this are round-off and count as taut: an unstrained film would else have a random state in every cell,
+# Strains below this are round-off and count as taut: otherwise an unstrained film would switch its state at random,
 # and a tangent that no multigrid method can precondition.  The stress jumps by 1e-12 E at most.
 ROUND_OFF = 1e-12
 

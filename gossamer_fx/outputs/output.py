@@ -1,4 +1,4 @@
-"""What looks at a run, and the files in which it leaves what it saw."""
+"""The protocol of outputs, tables that survive a crash, and the evaluation of probes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Probe = Callable[[Run], float]
 
 
 class Output(Protocol):
-    """Something that looks at a run: a function of the state, unknown to the solver."""
+    """A record of a run: a function of its state, unknown to the solver."""
 
     @property
     def times(self) -> Sequence[float]:

@@ -1,4 +1,4 @@
-"""Ends of a run that nobody wished: signals, after which the step is finished first, and errors of one rank alone."""
+"""Signals, after which a run ends with its step, and errors on a single rank."""
 
 from __future__ import annotations
 

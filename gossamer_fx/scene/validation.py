@@ -1,4 +1,4 @@
-"""A look at a scene before it is computed: what cannot be right is refused, what is hardly meant is warned of.
+"""Validation of a scene before it is computed: errors, and warnings.
 
 Errors are sentences that are raised as `InputError`; warnings are told once each, by the logger `gossamer_fx` on
 rank 0.  All checks are local to the ranks but for sums, and cost less than compiling one form.
@@ -59,7 +59,7 @@ def validate(items: Iterable[Any], comm: MPI.Intracomm) -> None:
 
 
 def warnings(items: list[Any]) -> Iterator[str]:
-    """Sentences about what is hardly meant, the same on every rank."""
+    """Sentences about what is possible but probably not meant, the same on every rank."""
     for item in items:
         if is_body(item) and is_on_mesh(item):
             yield from _of_mesh(item)

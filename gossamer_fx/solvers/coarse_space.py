@@ -1,4 +1,4 @@
-"""A coarse space for large meshes: what the nodes of a patch do in common.
+"""A coarse space for large meshes: affine functions on patches of nodes.
 
 An incomplete factorisation sees a few cells far, a stiff film in a step of many times dx/c as far as its edges.  What
 it does not see varies slowly: over connected patches of about `PATCH` nodes, each of a node's numbers may vary affinely

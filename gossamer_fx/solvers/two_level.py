@@ -3,9 +3,9 @@
     z = z0 + L⁻¹ (r - A z0),   z0 = P (PᵀAP)⁻¹ Pᵀ r,   L ≈ A
 
 What the coarse space does not see is local: an incomplete factorisation does.  Its levels of fill decide: if a film
-switches between taut and slack, the tangent has stiff threads in next to nothing.  With two levels most systems of a
-fluttering film of 78 thousand unknowns are not solved in 60 iterations; four levels take 25, six 6, and eight cost more
-than they save.  Of a quiet film the two serve as well, for a third of the time; so it begins with them.
+switches between taut and slack, the tangent has narrow stiff bands in an almost slack film.  With two levels most
+systems of a fluttering film of 78 thousand unknowns are not solved in 60 iterations; four levels take 25, six 6, and
+eight cost more than they save.  Of a quiet film the two serve as well, for a third of the time; so it begins with them.
 
 Several ranks factorise what overlaps by two cells, or iterations double.  Options have the prefix `gx_local_`.
 """

@@ -118,8 +118,8 @@ class EndPoint(StressRule):
 def defect(ψ: Any, S: Expr, e0: Expr, e1: Expr) -> Expr:
     """What S lacks of conserving energy exactly, along Δe.
 
-    Left out is what may be the round-off of the energies, and what belongs to |Δe| < 1e-5 |e|: along Δe it would be a
-    noise of the stress, which keeps a film that is taut all the way (where nothing is missing) from converging.
+    There is no correction within the round-off of the energies, or for |Δe| < 1e-5 |e|: it would only amplify noise,
+    and keep a film that is taut all the way (where nothing is missing) from converging.
     """
     Δe = e1 - e0
     Δe2 = ufl.dot(Δe, Δe)

@@ -31,8 +31,8 @@ from gossamer_fx.model.terms import Array, Assembly, CompiledTerms, Indices, Mes
 from gossamer_fx.terms.coordinates import Coordinates
 from gossamer_fx.terms.discrete_gradient import StressRule
 
-# Of the mixed iteration: stiffness of what surrounds a point, over the largest of its own; error of the linearised
-# stress, over the stress, from which on the strain is chosen; iterations after which it no longer is, lest they cycle.
+# Choice of the strain in the mixed iteration: its regularisation, as a fraction of the largest stiffness; the relative
+# error of the linearised stress that triggers it; the last iteration that uses it, as it may cycle.
 SURROUNDINGS, FAR, CHOSEN = 0.03, 0.1, 12
 
 
@@ -85,7 +85,7 @@ class ElementEnergies(CompiledTerms):
 
 @dataclass(frozen=True, eq=False)
 class StoredEnergy:
-    """Stored energy ∫ψ(e(q)) dx: `measure` is quadratic in q, `density` ψ knows the strain only.
+    """Stored energy ∫ψ(e(q)) dx: `measure` is quadratic in q, `density` ψ is a function of the strain alone.
 
     `pieces` cuts the path between two strains where ψ is not smooth.
     """
