@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from itertools import pairwise
 
-import dolfinx.cpp
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from gossamer_fx.forms.backend import add_to_matrix
 from gossamer_fx.model.terms import Block
 
 PREFIX = "gx_"  # of PETSc's options
@@ -94,7 +94,5 @@ class Numbering:
         view = A.getLocalSubMatrix(local, local)
         unrolled = self.block_size != self.blocks[k].size
         for form in forms:
-            constants = dolfinx.cpp.fem.pack_constants(form._cpp_object)
-            coefficients = dolfinx.cpp.fem.pack_coefficients(form._cpp_object)
-            dolfinx.cpp.fem.petsc.assemble_matrix(view, form._cpp_object, constants, coefficients, [], unrolled)
+            add_to_matrix(view, form, unrolled)
         A.restoreLocalSubMatrix(local, local, view)

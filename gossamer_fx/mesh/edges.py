@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem, la
 from dolfinx import mesh as dmesh
-from dolfinx.cpp.mesh import Topology
 
 Indices = npt.NDArray[np.int32]
 Integers = npt.NDArray[np.int64]
@@ -148,12 +147,12 @@ def _tally(domain: dmesh.Mesh, cells: Indices, n: int) -> tuple[Floats, Floats]:
     return sums[0].array[:n], sums[1].array[:n]
 
 
-def _corners(topology: Topology) -> Indices:
+def _corners(topology: dmesh.Topology) -> Indices:
     """Local vertices (n, 3) of all local triangles."""
     corners: Indices = topology.connectivity(2, 0).array.reshape(-1, 3)
     return corners
 
 
-def _global_vertices(topology: Topology, vertices: Indices) -> Integers:
+def _global_vertices(topology: dmesh.Topology, vertices: Indices) -> Integers:
     names: Integers = topology.index_map(0).local_to_global(vertices.ravel().astype(np.int32)).reshape(vertices.shape)
     return names

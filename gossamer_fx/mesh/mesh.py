@@ -8,16 +8,15 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import basix.ufl
 import numpy as np
 import numpy.typing as npt
-import ufl
 from dolfinx import mesh as dmesh
 from dolfinx.graph import adjacencylist
 from dolfinx.io import distribute_entity_data
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import InputError, check, on_rank_zero
+from gossamer_fx.forms.backend import SHEETS_MAY_MEET, VERSION, distribute, gmsh_order
 from gossamer_fx.mesh.edges import EdgeTable, edges_of
 from gossamer_fx.mesh.gmsh_reader import BadMesh, RawMesh, extract, read_file
 
@@ -110,19 +109,17 @@ def _build(build: Callable[[Any], None]) -> RawMesh:
 
 def _distribute_mesh(comm: MPI.Intracomm, raw: RawMesh | None) -> Mesh:
     """The mesh that rank 0 has, on all ranks."""
-    from dolfinx.io.gmshio import cell_perm_array
-
-    kind, order, width = comm.bcast((raw.kind, raw.order, raw.cells.shape[1]) if raw else None)
-    permutation = cell_perm_array(dmesh.to_type(kind), width)  # from gmsh's order of nodes to dolfinx's
+    about = (raw.kind, raw.order, raw.cells.shape[1], _most_at_a_facet(raw)) if raw else None
+    kind, order, width, sheets = comm.bcast(about)
+    check(
+        sheets <= 2 or SHEETS_MAY_MEET or comm.size == 1,
+        f"{sheets} cells of the mesh meet at one edge (or point of a line), and this dolfinx, "
+        f"{'.'.join(map(str, VERSION))}, distributes only two to several ranks; use one rank, or dolfinx 0.11.",
+    )
+    permutation = gmsh_order(kind, width)
     points = raw.points if raw else np.zeros((0, 3))
     cells = raw.cells[:, permutation].copy() if raw else np.zeros((0, width), dtype=np.int64)
-    domain = dmesh.create_mesh(
-        comm,
-        cells,
-        points,
-        ufl.Mesh(basix.ufl.element("Lagrange", kind, order, shape=(3,))),
-        dmesh.create_cell_partitioner(dmesh.GhostMode.shared_facet),
-    )
+    domain = distribute(comm, cells, points, kind, order, sheets)
     groups = {}
     table = [(name, dim, nodes.shape[1]) for name, (dim, nodes) in raw.groups.items()] if raw else None
     for name, dim, nodes_each in comm.bcast(table):
@@ -131,6 +128,16 @@ def _distribute_mesh(comm: MPI.Intracomm, raw: RawMesh | None) -> Mesh:
             entities = entities[:, permutation]
         groups[name] = dim, _distribute(domain, dim, entities)
     return Mesh(domain, groups)
+
+
+def _most_at_a_facet(raw: RawMesh) -> int:
+    """The most triangles that share an edge, or lines that share a point."""
+    corners = np.sort(raw.cells[:, : 3 if raw.kind == "triangle" else 2], axis=1)
+    facets = [corners[:, [i, j]] for i, j in ((0, 1), (0, 2), (1, 2))] if raw.kind == "triangle" else [corners.T]
+    keys = np.vstack(facets).astype(np.int64)
+    if raw.kind == "triangle":
+        keys = keys[:, 0] * len(raw.points) + keys[:, 1]
+    return int(np.unique(keys, return_counts=True)[1].max())
 
 
 def _distribute(domain: dmesh.Mesh, dim: int, entities: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:

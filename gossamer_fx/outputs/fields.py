@@ -25,6 +25,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
+from gossamer_fx.forms.backend import interpolation_points
 from gossamer_fx.forms.compilation import compile_expression, compile_form, constant
 from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
@@ -124,7 +125,7 @@ class FieldFunctions:
             if field.expression is None:
                 self._updates.append(partial(_take_pressure, function, body, system))
             else:
-                points = function.function_space.element.interpolation_points()
+                points = interpolation_points(function.function_space)
                 compiled = compile_expression(field.expression(body, system.fields[k].q0, self._v), points)
                 self._updates.append(partial(function.interpolate, compiled))
 

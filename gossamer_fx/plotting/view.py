@@ -9,6 +9,7 @@ import numpy.typing as npt
 from dolfinx import fem, la
 
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.forms.backend import evaluate
 from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.model.terms import Array, MeshBody, is_on_mesh
 from gossamer_fx.outputs.fields import film_state
@@ -87,7 +88,7 @@ class _Film:
     def snapshot(self) -> tuple[Array, Array, Integers]:
         """Corners, normals, states."""
         corners = _positions(self._x.x.array, 3)[self._triangles]
-        states = self._state.eval(self._film.mesh.domain, self._cells).ravel()
+        states = evaluate(self._state, self._film.mesh.domain, self._cells).ravel()
         return corners, self._normals(corners), np.rint(states).astype(np.int64)
 
     def _normals(self, corners: Array) -> Array:

@@ -24,6 +24,7 @@ import ufl
 from dolfinx import fem, la
 from petsc4py import PETSc
 
+from gossamer_fx.forms.backend import evaluate, interpolation_points
 from gossamer_fx.forms.compilation import compile_expression, compile_form
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.strain_path import Piece, gradient
@@ -142,7 +143,7 @@ class ElementForces:
         else:
             S̄, cases = gradient(term.density, (ê - self._e0) / at.h), []
             self._work = compile_form(ufl.dot(S, self._ê - self._e0) * term.dx)
-        points = Q.element.interpolation_points()
+        points = interpolation_points(Q)
         stresses = [S̄, *(S for _, S in cases)]  # the first serves every point
         self._responses = [compile_expression(_with_derivative(S, ê), points) for S in stresses]
         if cases:
@@ -207,7 +208,7 @@ class ElementForces:
         expected, e = self._expected.x.array.reshape(-1, 2 * m + 2), self._ê.x.array.reshape(-1, m)
         e[:] = expected[:, :m]
         self._respond()
-        resistance = self._resist.eval(mesh, self._cells)
+        resistance = evaluate(self._resist, mesh, self._cells)
         is_far = resistance > 0
         far = self._ê.function_space.dofmap.list[is_far]
         S, D = np.split(self._response.x.array.reshape(-1, m + m * m)[far], [m], axis=1)
@@ -221,7 +222,7 @@ class ElementForces:
         """(S̄, D̄) in some cells (or all), by the cheapest expression that serves all points of a cell."""
         cells, (general, *special) = self._cells if cells is None else cells, self._responses
         if special:
-            case = self._case.eval(self._ê.function_space.mesh, cells)
+            case = evaluate(self._case, self._ê.function_space.mesh, cells)
             case = np.where((case == case[:, :1]).all(axis=1), case[:, 0], 0)
             for k, expression in enumerate(special, 1):
                 self._tabulate(expression, self._response, cells[case == k])
@@ -231,7 +232,7 @@ class ElementForces:
     def _tabulate(self, expression: fem.Expression, at_points: fem.Function, cells: Indices | None = None) -> None:
         """The expression at the quadrature points of some cells (or all), as `interpolate` but without its copies."""
         cells, dofmap = self._cells if cells is None else cells, at_points.function_space.dofmap
-        places, values = dofmap.list[cells], expression.eval(at_points.function_space.mesh, cells)
+        places, values = dofmap.list[cells], evaluate(expression, at_points.function_space.mesh, cells)
         at_points.x.array.reshape(-1, dofmap.index_map_bs)[places] = values.reshape(*places.shape, dofmap.index_map_bs)
 
     def energy(self) -> float:

@@ -1,0 +1,107 @@
+"""The seam to dolfinx: what differs between its versions 0.9, 0.10 and 0.11, and nothing else.
+
+| what | 0.9 | 0.10 | 0.11 |
+|---|---|---|---|
+| order of `create_mesh`'s arguments | points, element | element, points | element, points |
+| triangles at one edge | two | as many as are said, if it takes the number | as many as are said |
+| `Expression.eval` | (cells, points × values) | (cells, points, *values) | (cells, points, *values) |
+| `interpolation_points` | a method | a property | a property |
+| gmsh's reader | `io.gmshio` | `io.gmsh` | `io.gmsh` |
+
+Assembly into a part of a PETSc matrix is here too: dolfinx has no public function for it that does not unroll blocks as
+it sees fit.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from inspect import signature
+from typing import Any
+
+import basix.ufl
+import dolfinx
+import dolfinx.cpp
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import GhostMode, Mesh, Topology, create_cell_partitioner, create_mesh, to_type
+from mpi4py import MPI
+from petsc4py import PETSc
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int32]
+
+__all__ = [
+    "SHEETS_MAY_MEET",
+    "VERSION",
+    "Topology",
+    "add_to_matrix",
+    "distribute",
+    "evaluate",
+    "gmsh_order",
+    "interpolation_points",
+]
+
+_words = dolfinx.__version__.split(".")  # type: ignore[attr-defined]
+VERSION = int(_words[0]), int(_words[1])
+if not (0, 9) <= VERSION <= (0, 11):
+    raise ImportError(
+        f"gossamer_fx runs on dolfinx 0.9, 0.10 and 0.11, and this is {dolfinx.__version__}; use one of those."
+    )  # type: ignore[attr-defined]
+
+_LIMIT = "max_facet_to_cell_links"
+
+# whether three triangles or more may share an edge
+SHEETS_MAY_MEET = _LIMIT in signature(create_mesh).parameters
+
+
+def distribute(
+    comm: MPI.Intracomm, cells: npt.NDArray[np.int64], points: Array, kind: str, order: int, sheets: int
+) -> Mesh:
+    """A mesh over all ranks, whose neighbouring triangles are known across their borders.
+
+    Args:
+        cells: nodes (m, k) of this rank's cells, in dolfinx's order.
+        points: nodes (n, 3) of this rank [m].
+        kind, order: "interval" or "triangle", of order 1 or 2.
+        sheets: the most triangles that share an edge; more than two only if `SHEETS_MAY_MEET`.
+    """
+    domain = ufl.Mesh(basix.ufl.element("Lagrange", kind, order, shape=(3,)))
+    limit: dict[str, Any] = {_LIMIT: max(sheets, 2)} if SHEETS_MAY_MEET else {}
+    partitioner = _partitioner(GhostMode.shared_facet, max(sheets, 2))
+    return create_mesh(comm, cells, x=points, e=domain, partitioner=partitioner, **limit)
+
+
+def _partitioner(mode: GhostMode, sheets: int) -> Any:
+    make: Any = create_cell_partitioner
+    return make(mode) if VERSION < (0, 10) else make(mode, sheets)
+
+
+def gmsh_order(kind: str, nodes: int) -> Indices:
+    """Where the nodes of a cell stand in gmsh's order, in dolfinx's order."""
+    reader = import_module("dolfinx.io.gmsh" if VERSION >= (0, 10) else "dolfinx.io.gmshio")
+    return np.asarray(reader.cell_perm_array(to_type(kind), nodes), dtype=np.int32)
+
+
+def interpolation_points(space: fem.FunctionSpace) -> Array:
+    """Points of the reference cell (n, tdim) that values of a space are taken at."""
+    points: Any = space.element.interpolation_points
+    return np.asarray(points() if callable(points) else points)
+
+
+def evaluate(expression: fem.Expression, mesh: Mesh, cells: Indices) -> Array:
+    """Values of an expression in some cells, shape (cells, points × values)."""
+    values = expression.eval(mesh, cells)
+    width = expression.X().shape[0] * int(np.prod(expression.ufl_expression.ufl_shape, dtype=int))
+    return np.asarray(values).reshape(len(cells), width)
+
+
+def add_to_matrix(matrix: PETSc.Mat, form: fem.Form, unrolled: bool) -> None:
+    """Add a bilinear form to a matrix, or to a part of one, by local indices.
+
+    `unrolled`: number by number instead of block by block.
+    """
+    compiled, library = form._cpp_object, dolfinx.cpp.fem
+    constants, coefficients = library.pack_constants(compiled), library.pack_coefficients(compiled)
+    library.petsc.assemble_matrix(matrix, compiled, constants, coefficients, [], unrolled)
