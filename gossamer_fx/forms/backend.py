@@ -43,12 +43,10 @@ __all__ = [
     "interpolation_points",
 ]
 
-_words = dolfinx.__version__.split(".")  # type: ignore[attr-defined]
-VERSION = int(_words[0]), int(_words[1])
+_version: str = dolfinx.__version__  # type: ignore[attr-defined]
+VERSION = int(_version.split(".")[0]), int(_version.split(".")[1])
 if not (0, 9) <= VERSION <= (0, 11):
-    raise ImportError(
-        f"gossamer_fx runs on dolfinx 0.9, 0.10 and 0.11, and this is {dolfinx.__version__}; use one of those."
-    )  # type: ignore[attr-defined]
+    raise ImportError(f"gossamer_fx runs on dolfinx 0.9, 0.10 and 0.11, and this is {_version}; use one of those.")
 
 _LIMIT = "max_facet_to_cell_links"
 
