@@ -79,6 +79,8 @@ if TYPE_CHECKING:
     from gossamer_fx.mesh.mesh import read_mesh as read_mesh
     from gossamer_fx.model.terms import Ground as Ground
     from gossamer_fx.model.terms import Port as Port
+    from gossamer_fx.orbit.elements import Elements as Elements
+    from gossamer_fx.orbit.orbit import Orbit as Orbit
     from gossamer_fx.outputs.ledger import Ledger as Ledger
     from gossamer_fx.outputs.probes import AreaFraction as AreaFraction
     from gossamer_fx.outputs.probes import Displacement as Displacement
@@ -157,6 +159,8 @@ _HOME = {
     "plotting.run_reader": ["Playback", "RunReader"],
     "plotting.plot": ["animate", "plot_curves", "plot_field", "plot_strip"],
     "plotting.report": ["write_report"],
+    "orbit.elements": ["Elements"],
+    "orbit.orbit": ["Orbit"],
     "outputs.ledger": ["Ledger"],
     "outputs.probes": ["AreaFraction", "Displacement", "GasState", "Position", "Velocity"],
     "outputs.progress": ["Progress"],

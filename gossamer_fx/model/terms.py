@@ -130,6 +130,7 @@ class Assembly(Protocol):
 
     comm: MPI.Intracomm
     bodies: list[Body]
+    terms: list[Any]
     numbering: Any
     fields: dict[int, Any]
     rule: Any
@@ -220,6 +221,10 @@ class CompiledTerms:
     def energies(self) -> dict[str, float]:
         """Stored energies [J] at q0 on this rank, by name."""
         return {}
+
+    def momenta(self) -> Array:
+        """What a moving frame adds to momentum and angular momentum at q0 (2, 3) [kg m/s, kg m²/s] on this rank."""
+        return np.zeros((2, 3))
 
 
 class CompiledConstraints(CompiledTerms):

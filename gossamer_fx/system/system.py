@@ -257,6 +257,7 @@ class System:
             momenta[1] += np.cross(q, p).sum(axis=0)
         stored: dict[str, float] = {}
         for compiled in self.compiled:
+            momenta += compiled.momenta()
             for name, energy in compiled.energies().items():
                 stored[name] = stored.get(name, 0.0) + energy
         local = np.array(

@@ -79,6 +79,9 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "EdgeCable": {"film": film, "group": "left", "force": 1.0},
         "EdgeLoad": {"body": film, "group": "left", "force": z},
         "Elastica": {**film_law, "half_wavelength": 0.01},
+        "Elements": dict(
+            zip(("a", "e", "i", "node", "perigee", "anomaly"), (7e6, 0.1, 0.5, 1.0, 1.0, 1.0), strict=True)
+        ),
         "Equilibrium": {"scene": scene, "search": gx.Continuation()},
         "Fixed": {"body": film, "group": "left", "components": (0, 1, 2)},
         "FixedJoint": {"a": A, "b": B},
@@ -96,6 +99,15 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "Midpoint": {"dt": 1e-3, "rule": gx.PathAverage(), "tolerances": gx.Tolerances()},
         "Miyazaki": {**film_law, "residual": 1e-6},
         "Orifice": {"first": tank, "second": gx.Ambient(), "area": 1e-6, "discharge_coefficient": 0.8, "laminar": 1e-5},
+        "Orbit": {
+            "start": gx.Elements(7e6),
+            "sun": z,
+            "mu": 1e14,
+            "radius": 6e6,
+            "pressure": 5e-6,
+            "ut1_utc": 0.1,
+            "following": 100.0,
+        },
         "PathAverage": {"points": 10},
         "Picture": {"path": folder / "a.png", "times": (0.1,), "title": ""},
         "Piston": {"port": P, "area": 1.0, "direction": z},

@@ -1,0 +1,90 @@
+"""A scene in flight: the origin of its frame, and what surrounds it in the middle of a step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gossamer_fx.model.terms import Array, Assembly
+from gossamer_fx.orbit.environment import Environment
+from gossamer_fx.orbit.origin import Origin
+
+
+@dataclass(frozen=True)
+class Moments:
+    """Mass [kg], first moment Σ m x [kg m] and momentum Σ m v [kg m/s], seen from the origin."""
+
+    mass: float
+    first: Array
+    momentum: Array
+
+
+class Flight:
+    """The origin of a flying frame at work.
+
+    Args:
+        around: what attracts and lights.
+
+    Attributes:
+        origin: its position and velocity at the ends of the step.
+        time: of the middle of the step [s].
+        R, V: there (3,).
+        field: acceleration [m/s²] that the origin has there by what attracts beside the central body's 1/r.
+        gradient: its derivative (3, 3) [1/s²].
+        pushed: acceleration of the origin by which it is kept near the bodies.
+    """
+
+    def __init__(self, around: Environment) -> None:
+        self.around, self.origin = around, Origin(*around.state, around.mu)
+        self.moments: Callable[[], Moments] | None = None
+        self._for: tuple[float, float] | None = None
+        self.time = 0.0
+        self.R: Array = self.origin.R0
+        self.V: Array = self.origin.V0
+        self.field: Array = np.zeros(3)
+        self.gradient: Array = np.zeros((3, 3))
+        self.pushed: Array = np.zeros(3)
+
+    def prepare(self, system: Assembly) -> None:
+        """Make the origin's step, if that was not done for this step of the system.  Called on all ranks together."""
+        if self._for == (system.time, system.h):
+            return
+        around, origin, h = self.around, self.origin, system.h
+        self.time = system.time + h / 2
+        self.pushed = self._return(h)
+        R0, V0 = origin.R0, origin.V0
+        self.R = R0 + h / 2 * V0
+        while True:
+            self.field = around.field(self.R, self.time)
+            origin.step(h, self.field + self.pushed)
+            before, self.R = self.R, (R0 + origin.R1) / 2
+            if not around.is_perturbed or np.linalg.norm(self.R - before) < 1e-3:
+                break
+        self.V = origin.moved / h
+        if around.is_perturbed:
+            self.gradient = around.gradient(self.R, self.time)
+        self._for = (system.time, h)
+
+    def _return(self, h: float) -> Array:
+        """Acceleration that brings the origin to the centre of mass, critically damped."""
+        if self.moments is None:
+            return np.zeros(3)
+        m, T = self.moments(), max(self.around.following, 5 * h)
+        back: Array = (m.first / T**2 + 2 * m.momentum / T) / m.mass
+        return back
+
+    def keep(self) -> None:
+        """The step was accepted."""
+        if self._for is not None:
+            self.origin.keep()
+            self._for = None
+
+    def get_state(self) -> dict[str, Any]:
+        return self.origin.get_state()
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        self.origin.set_state(state)
+        self._for = None

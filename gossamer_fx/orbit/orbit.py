@@ -1,0 +1,90 @@
+"""The orbit of a scene."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from weakref import WeakKeyDictionary
+
+from gossamer_fx.checks.errors import check
+from gossamer_fx.model.terms import Assembly, Term, Vector
+from gossamer_fx.orbit.elements import Elements
+from gossamer_fx.orbit.environment import Environment, Shadow, SunHistory
+from gossamer_fx.orbit.flight import Flight
+from gossamer_fx.orbit.gravity_field import RADIUS
+from gossamer_fx.orbit.optics import PRESSURE
+from gossamer_fx.orbit.relative_gravity import RelativeGravity
+
+
+class Orbit(Environment):
+    """The scene flies: coordinates are relative to an origin in orbit, in axes that do not turn.
+
+    Each mass m at x, the origin being at R from the attracting centre, has the force of gravity less the frame's:
+
+        m [-μ X/|X|³ + μ R/|R|³ + a(X) - a(R)],   X = R + x
+
+    a: oblateness or harmonics, Sun and Moon, to first order in |x|/|R|.  Energy and angular momentum of the whole,
+    orbit and deformation, are kept to the tolerance of the solve under 1/r gravity, whatever the step; the rule is that
+    of `origin`.  Rigid bodies have their mass, centre and inertia, so that forces on them lack terms of order
+    (size/|X|)³.  Initial positions and velocities of bodies are relative to the origin.
+
+    Args:
+        start: `Elements`, or position [m] and velocity [m/s] of the origin, (3,) each.
+        gravity: "point"; "J2"; or the degree 2 to 20 of EGM2008, which needs an epoch.
+        epoch: UTC, e.g. "2026-01-01T12:00:00", of the time 0; needs ERFA (extra `orbit`).
+        sun: from the attracting centre to the Sun [au], three numbers or a function of time [s] that returns them;
+            default that of the epoch.  (0, 0, 0): it is the centre.
+        third_bodies: "sun", "moon"; need an epoch.
+        shadow: of the centre: "cylinder", "cone" (with penumbra) or "none".
+        mu: [m³/s²] of the centre; default that of the gravity field.
+        radius: of the centre, for shadow and altitude [m].
+        pressure: of sunlight at 1 au on a black surface [N/m²].
+        ut1_utc: [s].
+        following: time in which the origin comes back to the centre of mass [s]; of no influence on the motion.
+
+    Raises:
+        InputError: no orbit, or something that needs an epoch without one.
+    """
+
+    def __init__(
+        self,
+        start: Elements | tuple[Vector, Vector],
+        *,
+        gravity: str | int = "point",
+        epoch: str | None = None,
+        sun: Vector | SunHistory | None = None,
+        third_bodies: Sequence[str] = (),
+        shadow: Shadow = "cylinder",
+        mu: float | None = None,
+        radius: float = RADIUS,
+        pressure: float = PRESSURE,
+        ut1_utc: float = 0.0,
+        following: float = 1000.0,
+        name: str = "orbit",
+    ) -> None:
+        super().__init__(
+            start,
+            gravity=gravity,
+            epoch=epoch,
+            sun=sun,
+            third_bodies=third_bodies,
+            shadow=shadow,
+            mu=mu,
+            radius=radius,
+            pressure=pressure,
+            ut1_utc=ut1_utc,
+            following=following,
+            name=name,
+        )
+        self._flights: WeakKeyDictionary[Assembly, Flight] = WeakKeyDictionary()
+
+    def terms(self) -> Iterable[Term]:
+        yield RelativeGravity(self.name, Flight(self), self._flights)
+
+    def flight(self, system: Assembly) -> Flight:
+        """The orbit at work on a system.
+
+        Raises:
+            InputError: it is not in that scene.
+        """
+        check(system in self._flights, f"'{self.name}' is not in the scene; add the orbit to it.")
+        return self._flights[system]

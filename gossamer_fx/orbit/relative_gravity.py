@@ -1,0 +1,254 @@
+"""Gravity in a frame that flies: differences of the rule of `origin`, without cancellation.
+
+A mass m at X = R + x has over a step the exact average of 1/r gravity, and the frame the same at R:
+
+    f/m = -σ(X0, X1) X̄ + σ(R0, R1) R̄ = -σ(R0, R1) [x̄ - γ/(1+γ) X̄],   1 + γ = σ(R0, R1)/σ(X0, X1)
+
+γ is a polynomial of the growth of |X0|, |X1| and their sum over those of R, and |X| - |R| = (2R + x)·x/(|X| + |R|).
+Its work on the absolute way X1 - X0 is m μ (1/|X1| - 1/|X0|), and its moment about the centre is zero: energy and
+angular momentum of the whole are kept to the tolerance of the solve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import MutableMapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+import ufl
+from dolfinx import fem, la
+from petsc4py import PETSc
+
+from gossamer_fx.checks.errors import check
+from gossamer_fx.forms.compilation import compile_form, constant
+from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.model.terms import Array, Assembly, CompiledTerms
+from gossamer_fx.orbit.flight import Flight, Moments
+from gossamer_fx.orbit.mass_points import MassPoints
+from gossamer_fx.terms.masses import KineticEnergy, NodeKineticEnergy
+from gossamer_fx.terms.point_masses import AttachedKineticEnergy
+
+
+def growth(R: Any, x: Any, dot: Any, root: Any) -> tuple[Any, Any]:
+    """|R| and |R + x| - |R|."""
+    r = root(dot(R, R))
+    longer = dot(2 * R + x, x)
+    return r, longer / (r + root(r**2 + longer))
+
+
+def excess(r0: Any, r1: Any, d0: Any, d1: Any) -> Any:
+    """γ of the growths d of the distances r at both ends of a step."""
+    p, q, w = d0 / r0, d1 / r1, (d0 + d1) / (r0 + r1)
+    return p + q + w + p * q + p * w + q * w + p * q * w
+
+
+class MeshGravity:
+    """Gravity on one body on a mesh; its mass is that of the body's kinetic energy, at the same quadrature points."""
+
+    def __init__(self, term: KineticEnergy, k: int, at: Any) -> None:
+        self.k, self._at = k, at
+        mesh, size = at.q0.function_space.mesh, len(at.w)
+        self.R0, self.R1, self.A = (fem.Constant(mesh, np.zeros(3)) for _ in range(3))
+        self.σ, self.μ = constant(mesh, 0.0), constant(mesh, 0.0)
+        self.G, self.T = fem.Constant(mesh, np.zeros((3, 3))), fem.Constant(mesh, np.zeros((3, 3)))
+        one = constant(mesh, 1.0)
+
+        def placed(v: Expr) -> Expr:
+            """The vector v of positions, and nothing for directors."""
+            return ufl.as_vector([v[i] if i < 3 else 0 for i in range(size)])
+
+        def point(q: Expr) -> Expr:
+            return ufl.as_vector([q[i] for i in range(3)])
+
+        x0, x1, x = point(at.q0), point(at.q1), point(at.mid)
+        (r0, d0), (r1, d1) = (growth(R, y, ufl.dot, ufl.sqrt) for R, y in ((self.R0, x0), (self.R1, x1)))
+        γ = excess(r0, r1, d0, d1)
+        pull = -self.σ * (x - γ / (1 + γ) * ((self.R0 + self.R1) / 2 + x))
+        self.force = compile_form(term.mass(placed(pull + self.A + ufl.dot(self.G, x)), at.w))
+        self.tidal = compile_form(term.mass(placed(ufl.dot(self.G, x)), at.w))
+        self.tangent = compile_form(-term.mass(placed(ufl.dot(self.T, point(at.dq))), at.w))
+        unit = placed(ufl.as_vector([one, 0 * one, 0 * one]))
+        weight = self.μ * d0 / (r0 * (r0 + d0))
+        self.potential = compile_form(term.mass(placed(ufl.as_vector([weight, 0 * one, 0 * one])), unit))
+        self._weights = compile_form(term.mass(unit, at.w))
+
+    def vector(self, form: fem.Form) -> Array:
+        """Owned values of an assembled linear form."""
+        dofmap = self._at.q0.function_space.dofmap
+        b = la.vector(dofmap.index_map, dofmap.index_map_bs)
+        fem.assemble_vector(b.array, form)
+        b.scatter_reverse(la.InsertMode.add)
+        owned: Array = b.array[: dofmap.index_map.size_local * dofmap.index_map_bs]
+        return owned
+
+    def weights(self) -> Array:
+        """Σ m w = Σ_i weights_i w_i of the owned coordinates w, for each component."""
+        along_x = self.vector(self._weights).reshape(-1, 3)[:, :1]
+        return np.repeat(along_x, 3, axis=1).ravel()
+
+
+class CompiledOrbit(CompiledTerms):
+    """Gravity on all bodies of a scene that flies, and the energy of their common motion."""
+
+    supplies = False
+    made_of_forms = False
+
+    def __init__(self, terms: Sequence[RelativeGravity], system: Assembly) -> None:
+        check(len(terms) == 1, f"The scene has {len(terms)} orbits; give it one.")
+        check(
+            system.rule.alpha == 0.5,
+            f"'{terms[0].name}' flies by the midpoint rule only; run its scene with Midpoint.",
+        )
+        self._system, self.name, self.flight = system, terms[0].name, terms[0].flight
+        self._around = self.flight.around
+        terms[0].flights[system] = self.flight
+        kinetic = [t for t in system.terms if isinstance(t, KineticEnergy)]
+        points = [t for t in system.terms if isinstance(t, NodeKineticEnergy | AttachedKineticEnergy)]
+        at = [system.bodies.index(t.body) for t in kinetic]
+        self._meshes = [MeshGravity(t, k, system.fields[k]) for k, t in zip(at, kinetic, strict=True)]
+        self._points = MassPoints(points, system) if points else None
+        self._size = sum(b.block.index_map.size_local * b.block.size for b in system.bodies)
+        self._weights = self._weigh()
+        ones = np.array([self._weights.array_r[: self._size : 3] @ self._is_place()])
+        self.mass = float(system.comm.allreduce(ones)[0])
+        self.flight.moments = self.moments
+        self._tangent: Array = np.zeros((3, 3))
+
+    def _weigh(self) -> PETSc.Vec:
+        """W with Σ m w = Σ_i W_i w_i for positions, velocities or changes w of all bodies."""
+        W = self._system.numbering.vector()
+        with W as values:
+            for mesh in self._meshes:
+                owned = self._system.numbering.owned(mesh.k)
+                values[owned] += mesh.weights()
+        if self._points:
+            # a row of ones picks the same weight for each of the three components
+            self._points.add(np.repeat(self._points.mass[:, None], 3, axis=1), W)
+        return W
+
+    def _is_place(self) -> Array:
+        """1 for each owned position, 0 for each director."""
+        each = [np.tile(np.eye(b.block.size // 3)[0], b.block.index_map.size_local) for b in self._system.bodies]
+        return np.concatenate([np.zeros(0), *each])
+
+    def _sums(self, *vectors: Array) -> list[Array]:
+        """Σ m w (3,) of owned values w, over all ranks."""
+        W = self._weights.array_r[: self._size]
+        local = np.array([(W * w[: self._size]).reshape(-1, 3).sum(axis=0) for w in vectors])
+        return list(self._system.comm.allreduce(local))
+
+    def moments(self) -> Moments:
+        """At the start of the step."""
+        first, momentum = self._sums(self._system.q0.array_r, self._system.v0.array_r)
+        return Moments(self.mass, first, momentum)
+
+    # ---- a step -------------------------------------------------------------------------------------------------
+
+    def begin(self, t: float) -> None:
+        flight, origin = self.flight, self.flight.origin
+        flight.prepare(self._system)
+        R0, R1 = origin.R0, origin.R1
+        r0, r1 = np.linalg.norm(R0), np.linalg.norm(R1)
+        self._σ = 2 * self._around.mu / (r0 * r1 * (r0 + r1))
+        self._tangent = (flight.gradient - self._around.tide(flight.R)) / 2
+        for mesh in self._meshes:
+            mesh.R0.value, mesh.R1.value, mesh.σ.value = R0, R1, self._σ
+            mesh.A.value, mesh.G.value, mesh.T.value = -flight.pushed, flight.gradient, self._tangent
+        if self._points:
+            self._X0 = self._points(self._system.q0)
+
+    def _on_points(self, x1: Array) -> Array:
+        """Forces (n, 3) on the mass points that go to x1."""
+        assert self._points is not None
+        flight, x0, x = self.flight, self._X0, (self._X0 + x1) / 2
+        R0, R1 = flight.origin.R0, flight.origin.R1
+        (r0, d0), (r1, d1) = (growth(np.broadcast_to(R, x.shape), y, _dots, np.sqrt) for R, y in ((R0, x0), (R1, x1)))
+        γ = excess(r0, r1, d0, d1)[:, None]
+        pull = -self._σ * (x - γ / (1 + γ) * ((R0 + R1) / 2 + x))
+        forces: Array = self._points.mass[:, None] * (pull - flight.pushed + x @ flight.gradient)
+        return forces
+
+    def add_forces(self, r: PETSc.Vec) -> None:
+        with r as values:
+            for mesh in self._meshes:
+                values[self._system.numbering.owned(mesh.k)] -= mesh.vector(mesh.force)
+        if self._points:
+            self._points.add(-self._on_points(self._points(self._system.q1)), r)
+
+    def tangent_forms(self, k: int) -> list[fem.Form]:
+        return [mesh.tangent for mesh in self._meshes if mesh.k == k]
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        if self._points:
+            self._points.add_matrices(-self._points.mass[:, None, None] * self._tangent, A)
+
+    # ---- what the ledger books ----------------------------------------------------------------------------------
+
+    def supplied(self) -> float:
+        """Work of what attracts beside 1/r, and of all other loads on the way of the origin (theirs on the way in the
+        frame is booked by themselves); their sum follows from the momentum.  On rank 0."""
+        system, flight, h = self._system, self.flight, self._system.h
+        ΔR, Δq = flight.origin.moved, system.q1.array_r - system.q0.array_r
+        middle = (system.q0.array_r + system.q1.array_r) / 2
+        r = system.numbering.vector()
+        self.add_forces(r)
+        tidal = system.numbering.vector()
+        if self._around.is_perturbed:
+            with tidal as values:
+                for mesh in self._meshes:
+                    values[system.numbering.owned(mesh.k)] += mesh.vector(mesh.tidal)
+            if self._points:
+                x = (self._X0 + self._points(system.q1)) / 2
+                self._points.add(self._points.mass[:, None] * (x @ flight.gradient), tidal)
+        places = np.repeat(self._is_place(), 3)
+        gravity = -(places * r.array_r[: self._size]).reshape(-1, 3).sum(axis=0)
+        deformed = float(tidal.array_r[: self._size] @ Δq[: self._size])
+        *gravity, deformed = system.comm.allreduce(np.array([*gravity, deformed]))
+        ΔS, S, P0 = self._sums(Δq, middle, system.v0.array_r)
+        others = 2 * (ΔS / h - P0) / h - np.array(gravity)
+        attracted = self.mass * flight.field @ ΔR + flight.field @ ΔS + S @ flight.gradient @ ΔR + deformed
+        return float(attracted + others @ ΔR) if system.comm.rank == 0 else 0.0
+
+    def keep(self) -> None:
+        self.flight.keep()
+
+    def energies(self) -> dict[str, float]:
+        """½ M |V|² + V·P + Σ m μ (1/|R| - 1/|X|) - M μ/|R|, less the first and last term of the start."""
+        system, origin = self._system, self.flight.origin
+        gained, _ = origin.gained()
+        momentum = self._weights.array_r[: self._size] * system.v0.array_r[: self._size]
+        energy = float(origin.V0 @ momentum.reshape(-1, 3).sum(axis=0))
+        for mesh in self._meshes:
+            mesh.R0.value, mesh.μ.value = origin.R0, self._around.mu
+            energy += float(fem.assemble_scalar(mesh.potential))
+        if self._points:
+            x = self._points(system.q0)
+            r, d = growth(np.broadcast_to(origin.R0, x.shape), x, _dots, np.sqrt)
+            energy += float(np.sum(self._points.mass * self._around.mu * d / (r * (r + d))))
+        return {self.name: energy + (self.mass * gained if system.comm.rank == 0 else 0.0)}
+
+    def momenta(self) -> Array:
+        """What momentum (3,) and angular momentum (3,) about the centre are more than those in the frame; on rank 0."""
+        m, origin = self.moments(), self.flight.origin
+        R, V = origin.R0, origin.V0
+        extra = np.array([m.mass * V, m.mass * origin.moment() + np.cross(R, m.momentum) + np.cross(m.first, V)])
+        return extra if self._system.comm.rank == 0 else np.zeros((2, 3))
+
+
+def _dots(a: Array, b: Array) -> Array:
+    """a·b (n,) of rows."""
+    products: Array = np.einsum("na,na->n", a, b)
+    return products
+
+
+class RelativeGravity:
+    """The term of an `Orbit`: one for a scene; `flight` is what changes in the course of it.
+
+    Args:
+        flights: where the flight is entered under its system, for those that ask the orbit.
+    """
+
+    compiler: ClassVar[type[CompiledTerms]] = CompiledOrbit
+
+    def __init__(self, name: str, flight: Flight, flights: MutableMapping[Assembly, Flight]) -> None:
+        self.name, self.flight, self.flights = name, flight, flights

@@ -1,0 +1,217 @@
+"""Scenes in orbit: Kepler's motion, conservation of the whole, tides, perturbations, strains untouched by 7000 km."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.algebra.places import values_of
+from gossamer_fx.orbit.elements import Elements, elements_of
+from gossamer_fx.orbit.gravity_field import J2, MU, RADIUS
+from gossamer_fx.orbit.mass_points import equivalent_points
+from gossamer_fx.orbit.orbit import Orbit
+from meshes.sheet import sheet
+
+A = 7e6
+RATE = math.sqrt(MU / A**3)
+PERIOD = 2 * math.pi / RATE
+
+
+def state(run: gx.Simulation, orbit: Orbit, body: gx.RigidBody | gx.PointMass) -> tuple[np.ndarray, np.ndarray]:
+    """Position and velocity of a body, seen from the Earth's centre."""
+    origin = orbit.flight(run.system).origin
+    port = body.port()
+    x, v = (values_of(run.system, [port], q)[0] for q in (run.system.q0, run.system.v0))
+    return origin.R0 + x, origin.V0 + v
+
+
+def dumbbell(tilt: float, spin: float = RATE, length: float = 20.0) -> tuple[gx.PointMass, gx.PointMass, gx.Spring]:
+    """Two masses of 10 kg on a spring of 1e5 N/m."""
+    arm = length / 2 * np.array([math.cos(tilt), math.sin(tilt), 0.0])
+    v = np.cross([0, 0, spin], arm)
+    a, b = (gx.PointMass(10.0, tuple(s * arm), tuple(s * v), name=n) for s, n in ((-1, "a"), (1, "b")))
+    return a, b, gx.Spring(a.port(), b.port(), stiffness=1e5, length=length)
+
+
+@pytest.mark.mpi
+def test_rigid_body_flies_by_keplers_laws_in_second_order() -> None:
+    start = Elements(8e6, 0.1, 0.9, 1.0, 2.0, 0.5)
+    exact = start.after(1200.0).state()[0]
+    errors = []
+    for steps in (10, 20, 40):
+        orbit = Orbit(start)
+        body = gx.RigidBody(20.0, (1.0, 2.0, 2.5), spin=(0.01, 0.02, 0.0))
+        run = gx.Simulation(gx.Scene(body, orbit), gx.Midpoint(dt=1200.0 / steps))
+        run.run(until=1200.0)
+        errors.append(np.linalg.norm(state(run, orbit, body)[0] - exact))
+        assert abs(run.energy_error) < 1e-10
+        assert drift(run) < 1e-13
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert np.all(np.abs(orders - 2) < 0.02)
+
+
+def drift(run: gx.Simulation) -> float:
+    """Relative change of the angular momentum of the whole."""
+    first, now = run.first.angular_momentum, run.totals.angular_momentum
+    return float(np.linalg.norm(now - first) / np.linalg.norm(first))
+
+
+@pytest.mark.mpi
+def test_dumbbell_hangs_on_its_spring_by_the_tide() -> None:
+    orbit = Orbit(Elements(A))
+    a, b, spring = dumbbell(0.0)
+    run = gx.Simulation(gx.Scene(a, b, spring, orbit), gx.Midpoint(dt=20.0))
+    stretch = []
+    for _ in range(10):
+        run.run(until=run.time + 20.0)
+        x = values_of(run.system, [a.port(), b.port()], run.system.q0)
+        stretch.append(np.linalg.norm(x[1] - x[0]) - 20.0)
+    # undamped, it swings between 0 and twice the tide's 3 n² m L/(2 k)
+    tide = 3 * RATE**2 * 10 * 10 / 1e5
+    assert 0 < min(stretch) < max(stretch) < 2.01 * tide
+    assert abs(run.energy_error) < 1e-8  # of 1 mJ in the frame: 1e-20 of the orbit's energy
+    assert drift(run) < 1e-14
+
+
+@pytest.mark.parametrize("tilt", [1e-3, math.radians(40)])
+def test_libration_of_a_dumbbell(tilt: float) -> None:
+    """Time of a quarter of a swing in the plane: that of a pendulum 3/2 n² sin 2θ, an elliptic integral."""
+    from scipy.special import ellipk
+
+    quarter = ellipk(math.sin(tilt) ** 2) / (math.sqrt(3) * RATE)
+    orbit = Orbit(Elements(A))
+    m, L = 20.0, 20.0
+    c, s = math.cos(tilt), math.sin(tilt)
+    bar = gx.RigidBody(
+        m, (1e-3, m * L**2 / 12, m * L**2 / 12), attitude=((c, -s, 0), (s, c, 0), (0, 0, 1)), spin=(0, 0, RATE)
+    )
+
+    def from_the_vertical(run: gx.Simulation) -> float:
+        d = values_of(run.system, [bar.frame().directors[0]], run.system.q0)[0]
+        R = orbit.flight(run.system).origin.R0
+        return float(R[0] * d[1] - R[1] * d[0]) / A
+
+    hangs = gx.When(from_the_vertical, 0.0, falling=True, stop=True, tolerance=1e-3)
+    run = gx.Simulation(gx.Scene(bar, orbit), gx.Midpoint(dt=15.0), events=[hangs])
+    run.run(until=1.5 * quarter)
+    assert run.time == pytest.approx(quarter, rel=2e-3)
+
+
+def test_points_have_the_moments_of_a_body() -> None:
+    mass = np.array([[5.0, 1.0, 0.5, 0], [1.0, 3.0, 0.2, 0.1], [0.5, 0.2, 2.0, 0], [0, 0.1, 0, 1.0]])
+    points, weights = equivalent_points(mass, np.array([1.0, 0, 0, 0]))
+    assert np.allclose(np.einsum("p,pi,pj->ij", weights, points, points), mass, rtol=1e-13, atol=1e-14)
+    assert np.allclose(points[:, 0], 1)
+    bar = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6
+    points, weights = equivalent_points(bar, np.ones(2))
+    assert np.allclose(np.einsum("p,pi,pj->ij", weights, points, points), bar)
+    assert np.allclose(points.sum(axis=1), 1)
+    single, _ = equivalent_points(np.array([[3.0]]), np.ones(1))
+    assert single.shape == (1, 1)
+
+
+def film(order: int = 1) -> gx.Membrane:
+    return gx.Membrane(
+        sheet(MPI.COMM_WORLD, 4, 4),
+        gx.Miyazaki(E=2.5e9, nu=0.3, density=1400.0, thickness=7.5e-6),
+        order=order,
+        displacement=lambda X: 1e-3 * np.array([X[0], X[1], 0 * X[0]]),
+        velocity=lambda X: np.array([-X[1], X[0], 0 * X[0]]),
+    )
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("order", [1, 2])
+def test_strains_are_not_spoilt_by_seven_thousand_kilometres(order: int) -> None:
+    """In 20 ms the tide does nothing; the film moves as if it were not in orbit."""
+    positions, stored = [], []
+    for parts in ((), (Orbit(Elements(A, 0.01, 1.0)),)):
+        run = gx.Simulation(gx.Scene(film(order), *parts), gx.Midpoint(dt=1e-3))
+        run.run(until=0.02)
+        positions.append(run.system.q0.array_r.reshape(-1, 3).copy())
+        stored.append(run.totals.stored["film"])
+    moved = positions[1] - positions[0]
+    moved -= run.comm.bcast(moved[0])  # the origin goes to the centre of mass
+    assert np.abs(moved).max() < 1e-9
+    assert stored[1] == pytest.approx(stored[0], rel=1e-9)
+    assert abs(run.energy_error) < 1e-10
+
+
+@pytest.mark.mpi
+def test_flexible_body_keeps_energy_and_angular_momentum_of_the_whole() -> None:
+    orbit = Orbit(Elements(A, 0.2, 1.0))
+    hub = gx.RigidBody(1.0, (0.1, 0.1, 0.1), (0.0, 0.0, 0.5), velocity=(0.02, 0, 0))
+    sail = film()
+    strings = [
+        gx.Rope(hub.port(), sail.port(corner), stiffness=50.0, length=0.5, name=corner)
+        for corner in ("bottom left", "top right")
+    ]
+    stepper = gx.Midpoint(dt=5e-3, tolerances=gx.Tolerances(relative=1e-13))
+    run = gx.Simulation(gx.Scene(sail, hub, orbit, *strings), stepper)
+    run.run(until=0.2)
+    assert abs(run.energy_error) < 1e-9
+    assert drift(run) < 1e-13
+
+
+def test_oblateness_turns_the_node_and_the_perigee() -> None:
+    """Secular rates by J2 against the formulas of first order, over one revolution of an orbit of e = 0.05."""
+    a, e, i = 8e6, 0.05, 0.6
+    start = Elements(a, e, i, 1.0, 0.7, 0.0)
+    n, p = math.sqrt(MU / a**3), a * (1 - e**2)
+    rate = 1.5 * n * J2 * (RADIUS / p) ** 2
+    orbit = Orbit(start, gravity="J2")
+    body = gx.PointMass(10.0)
+    run = gx.Simulation(gx.Scene(body, orbit), gx.Midpoint(dt=20.0))
+    run.run(until=2 * math.pi / n)
+    end = elements_of(*state(run, orbit, body))
+    assert (end.node - 1.0) / run.time == pytest.approx(-rate * math.cos(i), rel=0.01)
+    assert abs(run.energy_error) < 1e-9
+
+
+@pytest.mark.mpi
+def test_all_attractions_are_work_supplied() -> None:
+    pytest.importorskip("erfa")
+    orbit = Orbit(Elements(A, 0.01, 1.0), gravity=8, epoch="2026-03-01", third_bodies=("sun", "moon"))
+    run = gx.Simulation(gx.Scene(*dumbbell(0.5), orbit), gx.Midpoint(dt=30.0))
+    run.run(until=300.0)
+    assert abs(run.totals.supplied) > 1e3  # J, for 20 kg
+    assert abs(run.energy_error) < 1e-10
+
+
+def test_another_time_of_return_is_the_same_motion() -> None:
+    ends = []
+    for following in (200.0, 5000.0):
+        orbit = Orbit(Elements(A, 0.01, 1.0), gravity="J2", following=following)
+        body = gx.PointMass(10.0, (40.0, 30.0, 20.0), (0.1, 0.0, 0.2))
+        run = gx.Simulation(gx.Scene(body, orbit), gx.Midpoint(dt=10.0))
+        run.run(until=600.0)
+        ends.append(np.array(state(run, orbit, body)))
+    assert np.abs(ends[1][0] - ends[0][0]).max() < 1e-4  # m: terms of second order in |x|/|R|
+    assert np.abs(ends[1][1] - ends[0][1]).max() < 1e-6
+
+
+def test_what_cannot_fly_is_refused() -> None:
+    for wrong in (
+        {"gravity": "point mass"},
+        {"gravity": 4},
+        {"gravity": 40, "epoch": "2026-01-01"},
+        {"third_bodies": ("jupiter",)},
+        {"third_bodies": ("moon",)},
+        {"shadow": "sphere"},
+        {"mu": -1.0},
+    ):
+        with pytest.raises(gx.InputError):
+            Orbit(Elements(A), **wrong)
+    with pytest.raises(gx.InputError, match="start"):
+        Orbit(((7e6, 0, 0),))
+    body = gx.PointMass(1.0)
+    with pytest.raises(gx.InputError, match="Midpoint"):
+        gx.Simulation(gx.Scene(body, Orbit(Elements(A))), gx.GeneralizedAlpha(dt=1.0))
+    with pytest.raises(gx.InputError, match="2 orbits"):
+        gx.Simulation(gx.Scene(body, Orbit(Elements(A)), Orbit(Elements(A), name="other")), gx.Midpoint(dt=1.0))
+    with pytest.raises(gx.InputError, match="not in the scene"):
+        Orbit(Elements(A)).flight(gx.Simulation(gx.Scene(body), gx.Midpoint(dt=1.0)).system)
