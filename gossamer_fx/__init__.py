@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from gossamer_fx.bodies.frames import Frame as Frame
     from gossamer_fx.bodies.frames import ground_frame as ground_frame
     from gossamer_fx.bodies.membrane import Membrane as Membrane
+    from gossamer_fx.bodies.plate import Plate as Plate
     from gossamer_fx.bodies.point_mass import PointMass as PointMass
     from gossamer_fx.bodies.rigid_body import RigidBody as RigidBody
     from gossamer_fx.bodies.sections import Section as Section
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     from gossamer_fx.gas.volumes import Reservoir as Reservoir
     from gossamer_fx.gas.volumes import Tank as Tank
     from gossamer_fx.interactions.clamped import Clamped as Clamped
+    from gossamer_fx.interactions.clamped_edge import ClampedEdge as ClampedEdge
     from gossamer_fx.interactions.fixed import Fixed as Fixed
     from gossamer_fx.interactions.fixed import Prescribed as Prescribed
     from gossamer_fx.interactions.joint import BallJoint as BallJoint
@@ -66,6 +68,7 @@ if TYPE_CHECKING:
     from gossamer_fx.loads.centrifugal import Centrifugal as Centrifugal
     from gossamer_fx.loads.damping import Damping as Damping
     from gossamer_fx.loads.edge_load import EdgeLoad as EdgeLoad
+    from gossamer_fx.loads.edge_moment import EdgeMoment as EdgeMoment
     from gossamer_fx.loads.force import Force as Force
     from gossamer_fx.loads.force import Torque as Torque
     from gossamer_fx.loads.gravity import Gravity as Gravity
@@ -121,6 +124,7 @@ _HOME = {
     "bodies.beam": ["Beam"],
     "bodies.cable": ["Cable", "CableLaw", "TensionOnly"],
     "bodies.membrane": ["Membrane"],
+    "bodies.plate": ["Plate"],
     "bodies.point_mass": ["PointMass"],
     "bodies.rigid_body": ["RigidBody"],
     "bodies.sections": ["Section", "rectangle", "solid_circle", "tube"],
@@ -139,6 +143,7 @@ _HOME = {
     "steppers.generalized_alpha": ["GeneralizedAlpha"],
     "scene.initial": ["RigidMotion", "StartFrom"],
     "interactions.clamped": ["Clamped"],
+    "interactions.clamped_edge": ["ClampedEdge"],
     "interactions.fixed": ["Fixed", "Prescribed"],
     "interactions.joint": ["BallJoint", "FixedJoint", "Link", "PrismaticJoint", "RevoluteJoint"],
     "interactions.spring": ["AxialSpring", "Damper", "Rope", "Spring", "Stop"],
@@ -147,6 +152,7 @@ _HOME = {
     "loads.centrifugal": ["Centrifugal"],
     "loads.damping": ["Damping"],
     "loads.edge_load": ["EdgeLoad"],
+    "loads.edge_moment": ["EdgeMoment"],
     "loads.force": ["Force", "Torque"],
     "loads.gravity": ["Gravity"],
     "loads.pressure": ["Pressure"],

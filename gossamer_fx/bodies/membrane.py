@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from functools import cached_property
 
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh as DolfinxMesh
 
-from gossamer_fx.bodies.meshed import Meshed, PointFunction, checked, positions
+from gossamer_fx.bodies.meshed import Meshed, PointFunction, Property, checked, positions
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, frame, green_lagrange, surface_gradient
 from gossamer_fx.forms.strain_path import Piece
@@ -30,6 +30,9 @@ class Membrane(Meshed):
         mesh: triangles in space, flat or curved.
         law: energy per unit area, e.g. `Miyazaki`.
         order: 1 (constant strain) or 2.
+        properties: numbers of the law that differ from place to place, by "E", "nu", "density", "thickness": {group:
+            value} for surfaces of the mesh (elsewhere the law's own), or a function of the cells' midpoints (3, n) that
+            returns (n,).  E.g. devices on a sail: {"density": {"device": 2000.0}, "thickness": {"device": 25e-6}}.
         displacement: initial displacement [m], a function of the points (3, n) that returns (3, n); default none.
         velocity: initial velocity [m/s], likewise.
         name: name in messages and output.
@@ -41,6 +44,7 @@ class Membrane(Meshed):
         law: FilmLaw,
         *,
         order: int = 1,
+        properties: Mapping[str, Property] | None = None,
         displacement: PointFunction | None = None,
         velocity: PointFunction | None = None,
         name: str = "film",
@@ -62,6 +66,10 @@ class Membrane(Meshed):
         self.space = fem.functionspace(domain, ("Lagrange", order, (3,)))
         self.block = Block(self.space.dofmap.index_map, 3)
         self.constants = constants(law, domain)
+        if properties:
+            from gossamer_fx.bodies.properties import vary
+
+            vary(self.constants, law, self.mesh, properties, name)
         self._frame = frame(domain)
         self._displacement = checked(displacement, f"Membrane '{name}': its displacement")
         self._velocity = checked(velocity, f"Membrane '{name}': its velocity")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from dolfinx import fem
@@ -16,6 +17,7 @@ from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.terms import Array, Block, Port, Term
 
 PointFunction = Callable[[Array], Array]  # of points (3, n), returns (3, n)
+Property = Mapping[str, Any] | Callable[[Array], Array]  # {group: value}, or of points (3, n)
 
 
 class Meshed(ABC):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,8 +12,8 @@ from dolfinx import fem
 from dolfinx.mesh import meshtags
 
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Term
+from gossamer_fx.checks.errors import check, is_vector
+from gossamer_fx.model.terms import Term, Vector
 from gossamer_fx.terms.loads import Load
 
 
@@ -24,12 +24,12 @@ class EdgeLoad:
     Args:
         body: the film.
         group: name of curves on its rim.
-        force: f [N/m].
+        force: f [N/m], three numbers or a function of time [s] that returns them.
     """
 
     body: Membrane
     group: str
-    force: tuple[float, float, float]
+    force: Vector | Callable[[float], Vector]
     name: str = ""
 
     def __post_init__(self) -> None:
@@ -48,6 +48,15 @@ class EdgeLoad:
         _, edges = film.mesh.group(self.group)
         edges = np.unique(edges).astype(np.int32)
         tags = meshtags(domain, 1, edges, np.ones(len(edges), dtype=np.int32))
-        f = fem.Constant(domain, tuple(float(c) for c in self.force))
+        force, name = self.force, self.name
+        f = fem.Constant(domain, (0.0, 0.0, 0.0) if callable(force) else tuple(float(c) for c in force))
         ds = ufl.Measure("ds", domain, subdomain_data=tags, metadata={"quadrature_degree": film.order})
-        yield Load(self.name, film, lambda x, w: ufl.dot(f, w) * ds(1))
+
+        def at(t: float) -> None:
+            now = np.asarray(force(t) if callable(force) else force, dtype=float)
+            check(
+                is_vector(now), f"'{name}' is {now.tolist()!r} N/m at t = {t:.6g} s; let its function return three numbers."
+            )
+            f.value[:] = now
+
+        yield Load(name, film, lambda x, w: ufl.dot(f, w) * ds(1), at=at if callable(force) else None)

@@ -1,0 +1,242 @@
+"""Thin plates against closed forms, published tables and one-dimensional solutions.
+
+    elastica       cantilever under a dead end force PL²/EI = 10 (Bisshopp & Drucker 1945), t/L from 1e-2 to 1e-5
+    Sze (a)        the cantilever of Sze, Liu & Lo (Finite Elem. Anal. Des. 40 (2004) 1551,
+                   doi:10.1016/j.finel.2003.11.001), table of 20 loads: worst error of both displacements
+    roll-up        their cantilever under an end moment, to a full circle; exact
+    slit ring      their slit annular plate, table of 11 loads
+    curl 1 to 4    a strip that is at rest curled to 0.5, π/2, π and 0.95·2π; exact
+    buckled 1, 2   a pinned strip compressed beyond buckling to end slopes of 60 and 120 degrees, by the extensible
+                   elastica with e_E = 1e-4 (Magnusson, Ristinmaa & Ljung 2001): force at the given shortening
+    pressed 1..3   clamped disc, t/a = 0.01, ν = 0.3, under pressure: w0/t of the meridian's equations
+    modes          lowest frequencies of squares and circles, free and clamped: polynomials of Ritz and Bessel functions,
+                   Leissa's values (NASA SP-160, 1969; J. Sound Vib. 31 (1973) 257) beside them
+
+The references are derived again in `tests/unit/test_plate_references.py`.  "error/accepted" is the worst error of a scene
+over what is accepted: 0.5 % of the largest displacement, roll-up 0.1 %, curl 0.2 % of the length, buckled, modes 1 %.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from demos.studies.engine.study import Measure, Study
+from meshes.plates import irregular_sheet, slit_ring, whole_disc
+from meshes.sheet import EDGES, sheet
+
+NU = 0.3
+SZE_A = {  # P/P_max: (-U, W)
+    0.05: (0.026, 0.663), 0.10: (0.103, 1.309), 0.15: (0.224, 1.922), 0.20: (0.381, 2.493), 0.25: (0.563, 3.015),
+    0.30: (0.763, 3.488), 0.35: (0.971, 3.912), 0.40: (1.184, 4.292), 0.45: (1.396, 4.631), 0.50: (1.604, 4.933),
+    0.55: (1.807, 5.202), 0.60: (2.002, 5.444), 0.65: (2.190, 5.660), 0.70: (2.370, 5.855), 0.75: (2.541, 6.031),
+    0.80: (2.705, 6.190), 0.85: (2.861, 6.335), 0.90: (3.010, 6.467), 0.95: (3.151, 6.588), 1.00: (3.286, 6.698),
+}  # fmt: skip
+SZE_C = {  # P/P_max: (W_A, W_B)
+    0.025: (1.305, 1.789), 0.1: (4.277, 5.876), 0.2: (6.725, 9.160), 0.3: (8.340, 11.213), 0.4: (9.529, 12.661),
+    0.5: (10.468, 13.768), 0.6: (11.257, 14.674), 0.7: (11.970, 15.469), 0.8: (12.642, 16.202), 0.9: (13.282, 16.886),
+    1.0: (13.891, 17.528),
+}  # fmt: skip
+CURLS = (0.5, math.pi / 2, math.pi, 0.95 * 2 * math.pi)
+BUCKLED = {60: (0.25904634, 1.15168675), 120: (0.87688206, 1.88454545)}  # end slope [deg]: δ, P/P_c for e_E = 1e-4
+DISC = {1.0: 0.168034, 20.0: 1.49410, 100.0: 2.8564}  # p a⁴/(E t⁴): w0/t
+CIRCLE = {  # λ² = ω a² √(ρt/D) by nodal diameters and circles, these counted from 0 within a diameter
+    "clamped": {(0, 0): 10.215826, (1, 0): 21.260398, (2, 0): 34.877035, (0, 1): 39.771148},
+    "free": {(2, 0): 5.358330, (0, 0): 9.003137, (3, 0): 12.438988, (1, 0): 20.474550},
+}
+SQUARE = {  # ω a² √(ρt/D)
+    "clamped": (35.985191, 73.393846, 73.393846, 108.216503, 131.580773, 132.204793),
+    "free": (13.468198, 19.596137, 24.270201, 34.800895, 34.800895, 61.093235),
+}
+LEISSA = {
+    "clamped": (35.992, 73.413, 73.413, 108.27, 131.64, 132.24),
+    "free": (13.489, 19.789, 24.432, 35.024, 35.024, 61.526),
+}
+
+Figures = dict[str, float]
+
+
+def positions(equilibrium: gx.Equilibrium, plate: gx.Plate, group: str) -> np.ndarray:
+    """Mean position (3,) of the nodes of a group; the same on every rank."""
+    x = equilibrium.system.q0.array_r.reshape(-1, 3)
+    nodes = plate.nodes(group)
+    nodes = nodes[nodes < len(x)]
+    total = plate.comm.allreduce(np.append(x[nodes].sum(axis=0), len(nodes)))
+    return np.asarray(total[:3] / total[3])
+
+
+def strip(comm: MPI.Comm, cells: int, length: float, width: float, law: gx.Linear, kind: str, **more: object) -> gx.Plate:
+    if kind == "irregular":
+        return gx.Plate(irregular_sheet(comm, cells, max(cells // 8, 2), length, width), law, **more)
+    return gx.Plate(sheet(comm, cells, max(cells // 8, 1), length, width), law, **more)
+
+
+def elastica(comm: MPI.Comm, cells: int, t: float, kind: str = "regular") -> Figures:
+    law = gx.Linear(E=1e9, nu=0.0, density=1000.0, thickness=t)
+    plate = strip(comm, cells, 1.0, 0.1, law, kind)
+    load = gx.EdgeLoad(plate, "right", (0.0, 0.0, 10 * 1e9 * t**3 / 12))
+    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.ClampedEdge(plate, "left"), load))
+    found = equilibrium.find()
+    x = positions(equilibrium, plate, "right")
+    error = max(abs(x[2] - 0.810609), abs(1 - x[0] - 0.554996)) / 0.810609
+    return {"error": error, "value": x[2], "iterations": found.iterations, "seconds": found.seconds}
+
+
+def sze_a(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
+    plate = strip(comm, cells, 10.0, 1.0, gx.Linear(E=1.2e6, nu=0.0, density=1.0, thickness=0.1), kind)
+    load = gx.EdgeLoad(plate, "right", lambda t: (0.0, 0.0, 4 * t))
+    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.ClampedEdge(plate, "left"), load), gx.Continuation(step=0.5))
+    worst, iterations, seconds = 0.0, 0, 0.0
+    for share, (u, w) in SZE_A.items():
+        found = equilibrium.find(at=share)
+        x = positions(equilibrium, plate, "right")
+        worst = max(worst, abs(10 - x[0] - u) / 6.698, abs(x[2] - w) / 6.698)
+        iterations, seconds = iterations + found.iterations, seconds + found.seconds
+    return {"error": worst, "value": x[2], "iterations": iterations, "seconds": seconds}
+
+
+def roll_up(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
+    plate = strip(comm, cells, 12.0, 1.0, gx.Linear(E=1.2e6, nu=0.0, density=1.0, thickness=0.1), kind)
+    moment = gx.EdgeMoment(plate, "right", lambda t: 50 * math.pi / 3 * t)
+    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.ClampedEdge(plate, "left"), moment), gx.Continuation(step=0.5))
+    worst, iterations, seconds = 0.0, 0, 0.0
+    for share in np.linspace(0.125, 1.0, 8):
+        found = equilibrium.find(at=share)
+        x, φ = positions(equilibrium, plate, "right"), 2 * math.pi * share
+        worst = max(worst, abs(x[0] - 12 * math.sin(φ) / φ) / 12, abs(x[2] - 12 * (1 - math.cos(φ)) / φ) / 12)
+        iterations, seconds = iterations + found.iterations, seconds + found.seconds
+    return {"error": worst, "value": x[0], "iterations": iterations, "seconds": seconds}
+
+
+def slit(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
+    mesh = slit_ring(comm, cells // 2, 4 * cells, 6.0, 10.0, kind == "irregular")
+    plate = gx.Plate(mesh, gx.Linear(E=21e6, nu=0.0, density=1.0, thickness=0.03))
+    load = gx.EdgeLoad(plate, "start", lambda t: (0.0, 0.0, 0.8 * t))
+    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.ClampedEdge(plate, "end"), load), gx.Continuation(step=0.5))
+    worst, iterations, seconds = 0.0, 0, 0.0
+    nodes = plate.nodes("start")
+    radius = plate.space.tabulate_dof_coordinates()[nodes, 0]
+    for share, (inner, outer) in SZE_C.items():
+        found = equilibrium.find(at=share)
+        z = equilibrium.system.q0.array_r.reshape(-1, 3)[:, 2]
+        here = nodes < len(z)
+        ends = [float(z[nodes[here & (abs(radius - r) < 1e-9)]].max(initial=-math.inf)) for r in (6.0, 10.0)]
+        W_A, W_B = comm.allreduce(np.array(ends), op=MPI.MAX)
+        worst = max(abs(W_A / inner - 1), abs(W_B / outer - 1)) if share == 1.0 else worst
+        iterations, seconds = iterations + found.iterations, seconds + found.seconds
+    return {"error": worst, "value": W_B, "iterations": iterations, "seconds": seconds}
+
+
+def curl(comm: MPI.Comm, cells: int, angle: float) -> Figures:
+    law = gx.Linear(E=1e9, nu=0.0, density=1000.0, thickness=1e-3)
+    plate = strip(comm, cells, 1.0, 0.1, law, "regular", rest_curvature=np.diag((angle, 0.0, 0.0)))
+    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.ClampedEdge(plate, "left")))
+    found = equilibrium.find()
+    x = positions(equilibrium, plate, "right")
+    error = max(abs(x[0] - math.sin(angle) / angle), abs(x[2] - (1 - math.cos(angle)) / angle))
+    return {"error": error, "value": x[0], "iterations": found.iterations, "seconds": found.seconds}
+
+
+def buckled(comm: MPI.Comm, cells: int, slope: int, kind: str = "regular") -> Figures:
+    """Half of the pinned strip: clamped in its middle, free to turn at its end."""
+    half, e_E = 0.5, 1e-4
+    t = math.sqrt(12 * e_E) / math.pi
+    shortening, exact = BUCKLED[slope]
+    law = gx.Linear(E=1e6, nu=0.0, density=1000.0, thickness=t)
+    bulge = math.sqrt(shortening) * 0.4
+    plate = strip(
+        comm, cells, half, 0.05, law, kind, displacement=lambda X: np.stack([0 * X[0], 0 * X[0], bulge * (X[0] / half) ** 2])
+    )
+    clamp = gx.ClampedEdge(plate, "left", direction=(1.0, 0.0, 0.0))
+    end = gx.Prescribed(plate, "right", lambda X, t: np.array([[-shortening * half], [0], [0]]) + 0 * X, (0,))
+    equilibrium = gx.Equilibrium(gx.Scene(plate, clamp, end), gx.Continuation(step=0.05))
+    found = equilibrium.find()
+    force, _ = equilibrium.reaction(end)
+    critical = 1e6 * t * 0.05 * (1 - math.sqrt(1 - 4 * e_E)) / 2
+    value = -force[0] / critical
+    return {"error": abs(value / exact - 1), "value": value, "iterations": found.iterations, "seconds": found.seconds}
+
+
+def pressed(comm: MPI.Comm, cells: int, load: float) -> Figures:
+    t = 0.01
+    plate = gx.Plate(whole_disc(comm, cells), gx.Linear(E=1e9, nu=NU, density=1000.0, thickness=t))
+    pressure = gx.Pressure(plate, load * 1e9 * t**4)
+    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.ClampedEdge(plate, "rim"), pressure))
+    found = equilibrium.find()
+    value = comm.allreduce(float(equilibrium.system.q0.array_r[2::3].max(initial=0.0)), op=MPI.MAX) / t
+    return {
+        "error": abs(value / DISC[load] - 1),
+        "value": value,
+        "iterations": found.iterations,
+        "seconds": found.seconds,
+    }
+
+
+def frequencies(comm: MPI.Comm, cells: int, shape: str, edge: str) -> Figures:
+    """The lowest modes, of which the plane ones of so thin a plate are none."""
+    law = gx.Linear(E=1e9, nu=NU, density=1000.0, thickness=1e-3)
+    mesh = whole_disc(comm, cells) if shape == "circle" else sheet(comm, cells, cells, crossed=True)
+    plate, rims = gx.Plate(mesh, law), ("rim",) if shape == "circle" else EDGES
+    clamps = [gx.ClampedEdge(plate, rim) for rim in rims] if edge == "clamped" else []
+    equilibrium = gx.Equilibrium(gx.Scene(plate, *clamps))
+    found = equilibrium.find()
+    began = time.process_time()
+    if shape == "circle":
+        values = [(v, 2 if n else 1) for (n, _), v in CIRCLE[edge].items()]
+        exact = np.array(sorted(v for v, times in values for _ in range(times)))
+    else:
+        exact = np.array(SQUARE[edge])
+    unit = math.sqrt(law.E * law.thickness**2 / (12 * (1 - NU**2)) / law.density) / (2 * math.pi)  # Hz per λ²
+    rigid = 6 if edge == "free" else 0
+    shift = 0.3 * exact[0] * unit if rigid else 0.0
+    modes = gx.modes(equilibrium, len(exact) + rigid, above=shift)
+    found_modes = np.array([mode.frequency for mode in modes])[rigid:] / unit
+    return {
+        "error": float(abs(found_modes / exact - 1).max()),
+        "value": float(found_modes[0]),
+        "iterations": found.iterations,
+        "seconds": found.seconds + time.process_time() - began,
+    }
+
+
+SCENES: dict[str, tuple[Callable[[MPI.Comm, int], Figures], float]] = {
+    **{f"elastica t/L {t:.0e}": (lambda comm, n, t=t: elastica(comm, n, t), 5e-3) for t in (1e-2, 1e-3, 1e-4, 1e-5)},
+    "elastica irregular": (lambda comm, n: elastica(comm, n, 1e-3, "irregular"), 5e-3),
+    "Sze (a)": (sze_a, 5e-3),
+    "Sze (a) irregular": (lambda comm, n: sze_a(comm, n, "irregular"), 5e-3),
+    "roll-up": (roll_up, 1e-3),
+    "roll-up irregular": (lambda comm, n: roll_up(comm, n, "irregular"), 1e-3),
+    "slit ring": (slit, 5e-3),
+    "slit ring irregular": (lambda comm, n: slit(comm, n, "irregular"), 5e-3),
+    **{f"curl {k}": (lambda comm, n, a=a: curl(comm, n, a), 2e-3) for k, a in enumerate(CURLS, 1)},
+    **{f"buckled {k}": (lambda comm, n, s=s: buckled(comm, n, s), 1e-2) for k, s in enumerate(BUCKLED, 1)},
+    **{f"pressed {k}": (lambda comm, n, p=p: pressed(comm, n, p), 5e-3) for k, p in enumerate(DISC, 1)},
+    **{
+        f"modes {shape} {edge}": (lambda comm, n, shape=shape, edge=edge: frequencies(comm, n, shape, edge), 1e-2)
+        for shape in ("square", "circle")
+        for edge in ("free", "clamped")
+    },
+}
+
+
+def problem(comm: MPI.Comm, scene: str, cells: int) -> Figures:
+    solve, accepted = SCENES[scene]
+    figures = solve(comm, cells)
+    return {"error/accepted": figures["error"] / accepted, **figures}
+
+
+STUDY = Study(
+    "plate",
+    "Thin plates",
+    problem,
+    {"scene": list(SCENES), "cells": [8, 16, 32]},
+    lambda case: 1 / case["cells"],
+    (Measure("error/accepted", 0.0, 1.0),),
+    quick={"scene": ["elastica t/L 1e-03", "curl 2", "pressed 2"], "cells": [4, 8]},
+    columns=("value", "error", "iterations", "seconds"),
+)

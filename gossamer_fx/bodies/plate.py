@@ -1,0 +1,209 @@
+"""Thin plates: films of order 2 that resist bending."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx.mesh import Mesh as DolfinxMesh
+from dolfinx.mesh import meshtags
+
+from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.bodies.meshed import PointFunction, Property
+from gossamer_fx.bodies.properties import cellwise
+from gossamer_fx.checks.errors import check, check_on_all
+from gossamer_fx.forms.bending import DEGREE, EDGE_DEGREE, PENALTY, Bending, curvature, moment
+from gossamer_fx.forms.compilation import constant
+from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
+from gossamer_fx.forms.tied_strain import tied_strain
+from gossamer_fx.materials.film import FilmLaw
+from gossamer_fx.mesh.edges import EdgeTable
+from gossamer_fx.mesh.mesh import Mesh
+from gossamer_fx.mesh.quality import area_vectors, corner_points
+from gossamer_fx.model.terms import Array, Indices, Term
+from gossamer_fx.terms.quadratic_energies import QuadraticEnergy
+from gossamer_fx.terms.triple_products import TripleProductEnergy
+
+FLAT = 1e-6  # sine of the angle between neighbouring cells that counts as none
+
+Tensor = Sequence[Sequence[float]]  # 3x3
+
+
+class Plate(Membrane):
+    """A film with bending stiffness D = E t³/(12 (1-ν²)) [N m]; strains are small, motions of any size.
+
+    To the energies of `Membrane` comes ½ a(x, x) of `forms.bending`, or with a rest curvature H0
+    ½∫ (κ - H0):D:(κ - H0) dA, κ = n·D²x.  Its membrane strain is `forms.tied_strain`: it does not lock, however thin the
+    plate is.  The rim is free, simply held by `Fixed`, clamped by `ClampedEdge`.
+
+    Bending matters for wrinkles of a few cells or longer: cells of size h carry compressive strains of up to
+    (π t/h)²/(48 (1-ν²)), and for t/h < 1e-4 that is nothing: take a `Membrane`, which costs less.
+
+    Args:
+        mesh: plane triangles with straight edges; neighbours lie in one plane unless a hinge is between them.
+        law: energy per unit area, e.g. `Linear`; its E, nu and thickness give the bending stiffness.
+        order: 2.  (Order 1 is refused: D²x is zero in its cells, and the jumps of the slope alone converge to a stiffness
+            that depends on the pattern of the mesh.)
+        hinges: names of groups of interior edges that transmit no bending moment.
+        rest_curvature: H0 [1/m], a symmetric tensor (3, 3) in the plane of the mesh; or {group: tensor} of surfaces
+            of the mesh; or a function of points (3, n) that returns (3, 3, n).  H0 is positive where the plate without
+            moments bends towards the normal of the mesh.
+        properties, displacement, velocity: as of `Membrane`.
+        name: name in messages and output.
+
+    Raises:
+        InputError: a mesh that is curved, a group that is no line of interior edges, a rest curvature out of the plane.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh | DolfinxMesh,
+        law: FilmLaw,
+        *,
+        order: int = 2,
+        hinges: Sequence[str] = (),
+        rest_curvature: Tensor | Mapping[str, Tensor] | Callable[[Array], Array] | None = None,
+        properties: Mapping[str, Property] | None = None,
+        displacement: PointFunction | None = None,
+        velocity: PointFunction | None = None,
+        name: str = "plate",
+    ) -> None:
+        check(
+            order == 2,
+            f"Plate '{name}': order is {order!r}; use 2 (of order 1 the curvature is zero in every cell, and the angles "
+            "between cells alone give a stiffness that depends on the pattern of the mesh).",
+        )
+        super().__init__(
+            mesh, law, order=2, properties=properties, displacement=displacement, velocity=velocity, name=name
+        )
+        domain, c = self.mesh.domain, self.constants
+        check(
+            domain.geometry.cmap.degree == 1,
+            f"Plate '{name}': its mesh is of order {domain.geometry.cmap.degree}; use plane triangles with straight "
+            "edges (order 1).",
+        )
+        self.hinges = (hinges,) if isinstance(hinges, str) else tuple(hinges)
+        table = self.mesh.edges
+        folds = [interior_edges(self, table, group, "hinge") for group in self.hinges]
+        self._hinged = np.unique(np.concatenate([np.zeros(0, dtype=np.int32), *folds]))
+        self._check_flat(table)
+        self.bending_stiffness = c.E * c.thickness**3 / (12 * (1 - c.nu**2))
+        rest = None if rest_curvature is None else self._rest(rest_curvature)
+        self.bending = Bending(domain, self._frame, self.bending_stiffness, c.nu, constant(domain, PENALTY), rest)
+
+    def measure(self, x: Expr) -> Expr:
+        """Tied Green-Lagrange strain (E11, E22, 2 E12) of the positions x."""
+        return tied_strain(self.mesh.domain, x, self._frame)
+
+    def curvature(self, x: Expr) -> Expr:
+        """κ (2, 2) [1/m] of the positions x, in the frame of the mesh."""
+        return curvature(x, self._frame)
+
+    def moment(self, x: Expr) -> Expr:
+        """Bending moment per length (2, 2) [N m/m] of the positions x: D ((1-ν)(κ - H0) + ν tr(κ - H0) I)."""
+        κ = self.curvature(x)
+        return moment(κ if self.bending.rest is None else κ - self.bending.rest, self.bending_stiffness, self.constants.nu)
+
+    def terms(self) -> Iterable[Term]:
+        yield from super().terms()
+        b, domain, name = self.bending, self.mesh.domain, f"{self.name} bending"
+        dx, dS = ufl.Measure("dx", domain, metadata={"quadrature_degree": DEGREE}), self._transmitting()
+        yield QuadraticEnergy(name, self, lambda x, w: b.cells(x, w, dx) + b.edges(x, w, dS))
+        if b.rest is not None:
+            area, length = ufl.CellVolume(domain), ufl.FacetArea(domain)("+")
+            D = self.bending_stiffness
+            mean = (D("+") + D("-")) / 2
+
+            def scaled(vectors: Callable[[Expr], Any], scale: Expr) -> Callable[[Expr], tuple[Expr, Expr, Expr]]:
+                def dimensionless(x: Expr) -> tuple[Expr, Expr, Expr]:
+                    u, v, s = vectors(x)
+                    return u, v, s / scale
+
+                return dimensionless
+
+            inside = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2})
+            products = [
+                (D / area, scaled(b.rest_in_cells, D / area), inside),
+                (mean / length, scaled(b.rest_at_edges, mean / length), dS),
+            ]
+            yield TripleProductEnergy(name, self, products, b.rest_energy(dx))
+
+    def _transmitting(self) -> ufl.Measure:
+        """The interior edges that transmit bending moments."""
+        domain, metadata = self.mesh.domain, {"quadrature_degree": EDGE_DEGREE}
+        if not self.hinges:
+            return ufl.Measure("dS", domain, metadata=metadata)
+        edges = domain.topology.index_map(1)
+        domain.topology.create_connectivity(1, 2)
+        others = np.setdiff1d(np.arange(edges.size_local + edges.num_ghosts, dtype=np.int32), self._hinged)
+        tags = meshtags(domain, 1, others, np.ones(len(others), dtype=np.int32))
+        return ufl.Measure("dS", domain, subdomain_data=tags, metadata=metadata)(1)
+
+    def _check_flat(self, table: EdgeTable) -> None:
+        """Neighbours lie in one plane unless a hinge is between them."""
+        edges = np.setdiff1d(np.flatnonzero(table.is_inside & table.is_known), self._hinged)
+        domain = self.mesh.domain
+        corners = domain.geometry.x[domain.geometry.dofmap[:, :3]]
+        normals = area_vectors(corners)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        left, right = normals[table.cells[edges]].transpose(1, 0, 2)
+        check_on_all(
+            self.comm,
+            bool((np.linalg.norm(np.cross(left, right), axis=1) < FLAT).all()),
+            f"Plate '{self.name}': its mesh is curved, or folded elsewhere than at its hinges; mesh its flat "
+            "development, and give the shape as rest_curvature and displacement.",
+        )
+
+    def _rest(self, given: Any) -> Expr:
+        """H0 (2, 2) in the frame of the mesh."""
+        what = f"Plate '{self.name}': its rest_curvature"
+        if not callable(given) and not isinstance(given, Mapping):
+            tensor = np.asarray(given, dtype=float)
+            check(tensor.shape == (3, 3), f"{what} is an array {tensor.shape}; give a tensor (3, 3) in 1/m.")
+            given = _Uniform(tensor)
+        H = cellwise(self.mesh, given, np.zeros((3, 3)), (3, 3), what)
+        n = self.mesh.domain.topology.index_map(2).size_local
+        values = H.x.array.reshape(-1, 3, 3)[H.function_space.dofmap.list[:n].ravel()]
+        normals = area_vectors(corner_points(self.mesh.domain))
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        size = 1e-6 * np.abs(values).max(initial=0.0)
+        out_of_plane = np.abs(np.einsum("nij,nj->ni", values, normals)).max(initial=0.0)
+        check_on_all(
+            self.comm,
+            bool(np.abs(values - values.transpose(0, 2, 1)).max(initial=0.0) <= size and out_of_plane <= size),
+            f"{what} is no symmetric tensor in the plane of the mesh; give κ e⊗e with e in that plane.",
+        )
+        return ufl.dot(self._frame.T, ufl.dot(H, self._frame))
+
+
+class _Uniform:
+    """The same tensor everywhere."""
+
+    def __init__(self, tensor: Array) -> None:
+        self._tensor = tensor
+
+    def __call__(self, points: Array) -> Array:
+        return np.repeat(self._tensor[..., None], points.shape[1], axis=-1)
+
+
+def interior_edges(plate: Membrane, table: EdgeTable, group: str, what: str) -> Indices:
+    """Local edges of a group, each between two cells.
+
+    Raises:
+        InputError: it is no group of edges, or holds edges of the rim.
+    """
+    edges = plate.mesh.curve(group, f"'{plate.name}', {what}")
+    check_on_all(
+        plate.comm,
+        bool(table.is_inside[edges].all()),
+        f"'{plate.name}': the {what} '{group}' has edges on the rim; name a line between cells.",
+    )
+    return edges
+
+
+def principal(tensor: Expr) -> tuple[Expr, Expr]:
+    """The larger and the smaller principal value of a symmetric tensor (2, 2)."""
+    h, r = half_trace_and_radius(ufl.as_vector([tensor[0, 0], tensor[1, 1], tensor[0, 1] + tensor[1, 0]]))
+    return h + r, h - r

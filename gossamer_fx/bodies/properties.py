@@ -1,0 +1,92 @@
+"""Numbers of a film law that differ from place to place: devices, patches, seams."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from dolfinx import fem
+from dolfinx.mesh import compute_midpoints
+
+from gossamer_fx.bodies.meshed import Property
+from gossamer_fx.checks.errors import InputError, check, check_on_all
+from gossamer_fx.materials.film import FilmLaw
+from gossamer_fx.mesh.mesh import Mesh
+from gossamer_fx.model.terms import Array, Indices
+
+LIMITS = {"E": (0.0, np.inf), "nu": (-1.0, 0.5), "density": (0.0, np.inf), "thickness": (0.0, np.inf)}
+
+
+def vary(constants: SimpleNamespace, law: FilmLaw, mesh: Mesh, properties: Mapping[str, Property], name: str) -> None:
+    """Replace some of a law's `constants` by functions that are constant in each cell.
+
+    Raises:
+        InputError: a number that the law has not, or that would change derived ones; values out of their limits.
+    """
+    derived = [f.name for f in fields(law) if not f.init]
+    for what, given in properties.items():
+        check(
+            what in LIMITS,
+            f"Membrane '{name}': there is no property {what!r} that may vary; choose from {', '.join(LIMITS)}.",
+        )
+        check(
+            not derived or what == "density",
+            f"Membrane '{name}': {type(law).__name__} has numbers derived from its {what} ({', '.join(derived)}), so "
+            "it cannot vary; use another law.",
+        )
+        function = cellwise(mesh, given, getattr(law, what), (), f"Membrane '{name}': its {what}")
+        low, high = LIMITS[what]
+        values = function.x.array
+        check_on_all(
+            mesh.comm,
+            bool(((values > low) & (values <= high)).all()) if np.isfinite(high) else bool((values > low).all()),
+            f"Membrane '{name}': its {what} is not above {low:g}{f' and up to {high:g}' * bool(np.isfinite(high))} "
+            "everywhere; correct its values.",
+        )
+        setattr(constants, what, function)
+
+
+def cellwise(mesh: Mesh, given: Any, base: Any, shape: tuple[int, ...], what: str) -> fem.Function:
+    """A function, constant in each cell, of values by group or of a function of the cells' midpoints.
+
+    Args:
+        given: {group: value}, the others have `base`; or a function of points (3, n) that returns (*shape, n).
+    """
+    function = fem.Function(fem.functionspace(mesh.domain, ("Discontinuous Lagrange", 0, shape)))
+    cells = np.arange(mesh.domain.topology.index_map(2).size_local + mesh.domain.topology.index_map(2).num_ghosts)
+    size = int(np.prod(shape, dtype=int))
+    values = np.tile(np.asarray(base, dtype=float).ravel(), (len(cells), 1))
+    if callable(given):
+        points = compute_midpoints(mesh.domain, 2, cells.astype(np.int32)).T
+        found = np.asarray(given(points), dtype=float)
+        check(
+            found.shape == (*shape, points.shape[1]),
+            f"{what} function returns an array {found.shape} for points {points.shape}; it must return "
+            f"{(*shape, 'n')}.",
+        )
+        values[:] = found.reshape(size, -1).T
+    else:
+        for group, value in given.items():
+            values[_cells(mesh, group, what)] = _numbers(value, shape, f"{what} in '{group}'").ravel()
+    check_on_all(mesh.comm, bool(np.isfinite(values).all()), f"{what} is not finite everywhere; correct its values.")
+    function.x.array.reshape(-1, size)[function.function_space.dofmap.list.ravel()] = values
+    return function
+
+
+def _cells(mesh: Mesh, group: str, what: str) -> Indices:
+    dim, cells = mesh.group(group)
+    check(dim == 2, f"{what}: the group '{group}' is no group of triangles; name a surface of the mesh.")
+    return cells
+
+
+def _numbers(value: Any, shape: tuple[int, ...], what: str) -> Array:
+    try:
+        numbers: Array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        numbers = np.zeros(0)
+    if numbers.shape != shape:
+        raise InputError(f"{what} is {value!r}; give {'a number' if not shape else f'numbers of shape {shape}'}.")
+    return numbers

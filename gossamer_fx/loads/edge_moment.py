@@ -1,0 +1,70 @@
+"""Bending moment along the rim of a plate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import ufl
+from dolfinx.mesh import meshtags
+
+from gossamer_fx.bodies.plate import Plate
+from gossamer_fx.checks.errors import check, check_on_all
+from gossamer_fx.forms.compilation import constant
+from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.model.terms import Term
+from gossamer_fx.terms.loads import Load
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeMoment:
+    """Moment per reference length about the deformed edge: δW = ∫ m n·w,n ds, n the normal of the plate.
+
+    Args:
+        body: a plate.
+        group: name of curves on its rim.
+        moment: m [N], a number or a function of time [s]; positive where it lifts the plate's rim towards the normal of
+            its mesh, as positive curvature does.
+    """
+
+    body: Plate
+    group: str
+    moment: float | Callable[[float], float]
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        edges = self.body.mesh.curve(self.group, "EdgeMoment")
+        check_on_all(
+            self.body.comm,
+            bool(self.body.mesh.edges.is_boundary[edges].all()),
+            f"EdgeMoment: the group '{self.group}' has edges inside '{self.body.name}'; name a part of its rim.",
+        )
+        if not self.name:
+            object.__setattr__(self, "name", f"{self.body.name}/{self.group} moment")
+        check(
+            callable(self.moment) or math.isfinite(self.moment),
+            f"EdgeMoment '{self.name}': moment is {self.moment!r} N; give a finite number or a function of time.",
+        )
+
+    def requires(self) -> Iterable[Any]:
+        yield self.body
+
+    def terms(self) -> Iterable[Term]:
+        plate, value = self.body, self.moment
+        domain = plate.mesh.domain
+        edges = plate.mesh.curve(self.group, "EdgeMoment")
+        tags = meshtags(domain, 1, edges, edges * 0 + 1)
+        ds = ufl.Measure("ds", domain, subdomain_data=tags, metadata={"quadrature_degree": 3})(1)
+        m = constant(domain, 0.0 if callable(value) else value)
+
+        def at(t: float) -> None:
+            now = value(t) if callable(value) else value
+            check(math.isfinite(now), f"EdgeMoment '{self.name}' is {now!r} N at t = {t:.6g} s; check its function.")
+            m.value = now
+
+        def work(x: Expr, w: Expr) -> ufl.Form:
+            return m * ufl.dot(plate.bending.edge_normal(x), plate.bending.slope(w)) * ds
+
+        yield Load(self.name, plate, work, follows=True, at=at)

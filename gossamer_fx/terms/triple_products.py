@@ -1,0 +1,120 @@
+"""Energies that are triple products (u×v)·s of three vectors linear in the coordinates, such as those of rest curvatures.
+
+They are cubic, so the gradient at q̄ keeps both momenta but not the energy: with Δ = q1 - q0
+
+    Δ((u×v)·s) = ∂((u×v)·s)(q̄)·Δ + ¼ (Δu×Δv)·Δs.
+
+What is missing is given back at every quadrature point along the gradients at q̄ of six invariants of the three vectors,
+
+    g = (½ u·u, u·v, ½ v·v, u·s, v·s, (u×v)·s),      force = missing Σ (g_i'·Δ) g_i' / Σ (g_i'·Δ)²:
+
+all are invariant to rigid motions, so the momenta stay, and one of them changes in every motion that is not rigid.  The
+tangent leaves this part out: it is of third order in the step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import ufl
+from dolfinx import fem, la
+from petsc4py import PETSc
+
+from gossamer_fx.forms.compilation import compile_form
+from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.model.terms import Assembly, CompiledTerms, MeshBody
+
+SMALLEST = 1e-24  # of the sum of squares; vectors are dimensionless
+
+Vectors = tuple[Expr, Expr, Expr]
+
+
+class TripleProductEnergies(CompiledTerms):
+    """All `TripleProductEnergy` terms of a scene."""
+
+    def __init__(self, terms: Sequence[TripleProductEnergy], system: Assembly) -> None:
+        self._system, self._compiled = system, []
+        for term in terms:
+            k = system.bodies.index(term.body)
+            at = system.fields[k]
+            residual, tangent, energy = ufl.Form([]), ufl.Form([]), term.constant
+            for scale, vectors, dx in term.products:
+                mid, δ, dq = vectors(at.mid), vectors(at.w), vectors(at.dq)
+                force = _gradient(mid, δ)
+                if system.rule.alpha == 0.5:
+                    force += _defect(mid, vectors(at.q1 - at.q0), δ)
+                residual += scale * force * dx
+                tangent += at.α * scale * _second(mid, dq, δ) * dx
+                energy += scale * _triple(*vectors(at.q0)) * dx
+            force = la.vector(term.body.block.index_map, term.body.block.size)
+            self._compiled.append(
+                (k, term.name, compile_form(residual), compile_form(tangent), compile_form(energy), force)
+            )
+
+    def add_forces(self, r: PETSc.Vec) -> None:
+        for k, _, residual, _, _, force in self._compiled:
+            force.array[:] = 0
+            fem.assemble_vector(force.array, residual)
+            force.scatter_reverse(la.InsertMode.add)
+            owned = self._system.numbering.owned(k)
+            with r as values:
+                values[owned] += force.array[: owned.stop - owned.start]
+
+    def tangent_forms(self, k: int) -> list[fem.Form]:
+        return [tangent for j, _, _, tangent, _, _ in self._compiled if j == k]
+
+    def energies(self) -> dict[str, float]:
+        found: dict[str, float] = {}
+        for _, name, _, _, energy, _ in self._compiled:
+            found[name] = found.get(name, 0.0) + float(fem.assemble_scalar(energy))
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class TripleProductEnergy:
+    """Stored energy Σ ∫ scale (u×v)·s, and a constant.
+
+    products: for each the scale, the vectors (u, v, s) as a linear function of the coordinates, dimensionless, and the
+        measure, of cells or of interior edges.
+    constant: energy [J] that does not depend on the coordinates, a form.
+    """
+
+    name: str
+    body: MeshBody
+    products: Iterable[tuple[Expr, Callable[[Expr], Vectors], ufl.Measure]]
+    constant: ufl.Form
+    compiler: ClassVar[type[CompiledTerms]] = TripleProductEnergies
+
+
+def _triple(u: Expr, v: Expr, s: Expr) -> Expr:
+    return ufl.dot(ufl.cross(u, v), s)
+
+
+def _gradient(X: Vectors, δ: Vectors) -> Expr:
+    """Derivative of the triple product of X along δ."""
+    (u, v, s), (du, dv, ds) = X, δ
+    return _triple(du, v, s) + _triple(u, dv, s) + _triple(u, v, ds)
+
+
+def _second(X: Vectors, a: Vectors, b: Vectors) -> Expr:
+    """Its second derivative along a and b."""
+    (u, v, s), (au, av, as_), (bu, bv, bs) = X, a, b
+    pairs = (_triple(au, bv, s), _triple(bu, av, s), _triple(au, v, bs), _triple(bu, v, as_))
+    return sum(pairs) + _triple(u, av, bs) + _triple(u, bv, as_)
+
+
+def _invariants(X: Vectors, δ: Vectors) -> list[Expr]:
+    """The derivatives of the six invariants of X along δ."""
+    (u, v, s), (du, dv, ds) = X, δ
+    products = [ufl.dot(a, db) + ufl.dot(da, b) for a, b, da, db in ((u, v, du, dv), (u, s, du, ds), (v, s, dv, ds))]
+    return [ufl.dot(u, du), ufl.dot(v, dv), *products, _gradient(X, δ)]
+
+
+def _defect(mid: Vectors, Δ: Vectors, δ: Vectors) -> Expr:
+    """What the gradient misses of the energy, along the change of the invariants."""
+    changes, directions = _invariants(mid, Δ), _invariants(mid, δ)
+    squares = sum(g * g for g in changes)
+    missing = _triple(*Δ) / 4 / ufl.max_value(squares, SMALLEST)
+    return missing * sum(g * d for g, d in zip(changes, directions, strict=True))

@@ -1,0 +1,101 @@
+"""Meshes of plates: irregular sheets, slit rings and whole discs of plane triangles."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from gossamer_fx import Mesh, gmsh_mesh
+
+Floats = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+
+
+def irregular_sheet(comm: MPI.Comm, nx: int, ny: int, width: float, height: float, seed: int = 1) -> Mesh:
+    """[0, width] × [0, height] in about nx × ny cells of two triangles, with displaced nodes and random diagonals.
+
+    Groups: "film"; the edges "bottom", "right", "top", "left"; "middle", a line of interior edges if nx is even.
+    """
+    random = np.random.default_rng(seed)
+    u, v = _displaced(nx, ny, random)
+    if nx % 2 == 0:
+        u[nx // 2] = 0.5
+    points = np.stack([width * u, height * v, 0 * u], axis=-1)
+    ids = _ids(nx, ny)
+    lines = {"bottom": ids[:, 0], "right": ids[-1], "top": ids[:, -1], "left": ids[0]}
+    if nx % 2 == 0:
+        lines["middle"] = ids[nx // 2]
+    return _mesh(comm, points.reshape(-1, 3), _triangles(ids, random.random((nx, ny)) < 0.5), lines)
+
+
+def slit_ring(comm: MPI.Comm, radial: int, around: int, inner: float, outer: float, irregular: bool = False) -> Mesh:
+    """A flat ring about the origin, cut along the positive x axis.
+
+    Groups: "film"; "start" and "end", the two sides of the slit, at 0 and 2π.
+    """
+    random = np.random.default_rng(1)
+    u, v = _displaced(radial, around, random) if irregular else _displaced(radial, around, None)
+    odd = random.random((radial, around)) < 0.5 if irregular else np.add.outer(np.arange(radial), np.arange(around)) % 2 > 0
+    r, angle = inner + (outer - inner) * u, 2 * np.pi * v
+    points = np.stack([r * np.cos(angle), r * np.sin(angle), 0 * r], axis=-1)
+    ids = _ids(radial, around)
+    return _mesh(comm, points.reshape(-1, 3), _triangles(ids, odd), {"start": ids[:, 0], "end": ids[:, -1]})
+
+
+def whole_disc(comm: MPI.Comm, cells: int, radius: float = 1.0) -> Mesh:
+    """A disc about the origin: `cells` rings of triangles, the k-th with 6k nodes.
+
+    Groups: "film", "rim".
+    """
+    points, rings, triangles = [np.zeros(2)], [np.array([1])], []
+    for k in range(1, cells + 1):
+        angle = 2 * np.pi * np.arange(6 * k) / (6 * k)
+        rings.append(len(points) + 1 + np.arange(6 * k))
+        points += list(radius * k / cells * np.column_stack([np.cos(angle), np.sin(angle)]))
+    for k in range(1, cells + 1):
+        inner, outer = rings[k - 1], rings[k]
+        for sector in range(6):
+            i = inner[(sector * (k - 1) + np.arange(k)) % len(inner)] if k > 1 else np.repeat(inner, 1)
+            o = outer[(sector * k + np.arange(k + 1)) % len(outer)]
+            triangles += [(o[j], o[j + 1], i[j]) for j in range(k)]
+            triangles += [(i[j], o[j + 1], i[j + 1]) for j in range(k - 1)]
+    plane = np.column_stack([points, np.zeros(len(points))])
+    return _mesh(comm, plane, np.array(triangles), {"rim": np.append(rings[-1], rings[-1][0])})
+
+
+def _displaced(n: int, m: int, random: np.random.Generator | None) -> tuple[Floats, Floats]:
+    """Nodes (n + 1, m + 1) of the unit square, moved by up to a quarter of a cell; those of its edges along them."""
+    u, v = np.meshgrid(np.linspace(0, 1, n + 1), np.linspace(0, 1, m + 1), indexing="ij")
+    if random is not None:
+        u[1:-1] += random.uniform(-0.25, 0.25, (n - 1, m + 1)) / n
+        v[:, 1:-1] += random.uniform(-0.25, 0.25, (n + 1, m - 1)) / m
+    return u, v
+
+
+def _ids(n: int, m: int) -> Integers:
+    return np.arange(1, (n + 1) * (m + 1) + 1).reshape(n + 1, m + 1)
+
+
+def _triangles(ids: Integers, other: npt.NDArray[np.bool_]) -> Integers:
+    """Two triangles of each cell, its diagonal the other one where asked for."""
+    a, b, c, d = ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]
+    sets = ((a, b, c), (a, c, d)), ((a, b, d), (b, c, d))
+    found = [np.stack(t, -1)[chosen] for chosen, pair in zip((~other, other), sets, strict=True) for t in pair]
+    return np.concatenate(found)
+
+
+def _mesh(comm: MPI.Comm, points: Floats, triangles: Integers, lines: dict[str, Integers]) -> Mesh:
+    def build(model: Any) -> None:
+        film = model.addDiscreteEntity(2)
+        model.mesh.addNodes(2, film, range(1, len(points) + 1), points.ravel())
+        model.mesh.addElementsByType(film, 2, [], triangles.ravel())
+        model.addPhysicalGroup(2, [film], name="film")
+        for name, nodes in lines.items():
+            line = model.addDiscreteEntity(1)
+            model.mesh.addElementsByType(line, 1, [], np.column_stack([nodes[:-1], nodes[1:]]).ravel())
+            model.addPhysicalGroup(1, [line], name=name)
+
+    return gmsh_mesh(build, comm)
