@@ -38,7 +38,11 @@ def slit_ring(comm: MPI.Comm, radial: int, around: int, inner: float, outer: flo
     """
     random = np.random.default_rng(1)
     u, v = _displaced(radial, around, random) if irregular else _displaced(radial, around, None)
-    odd = random.random((radial, around)) < 0.5 if irregular else np.add.outer(np.arange(radial), np.arange(around)) % 2 > 0
+    odd = (
+        random.random((radial, around)) < 0.5
+        if irregular
+        else np.add.outer(np.arange(radial), np.arange(around)) % 2 > 0
+    )
     r, angle = inner + (outer - inner) * u, 2 * np.pi * v
     points = np.stack([r * np.cos(angle), r * np.sin(angle), 0 * r], axis=-1)
     ids = _ids(radial, around)

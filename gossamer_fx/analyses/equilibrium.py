@@ -208,15 +208,17 @@ class Equilibrium:
         return (unbalanced / load if load > 0 else unbalanced), load
 
     def _free_motions(self) -> tuple[str, ...]:
-        """Rigid motions of the whole scene whose stiffness is round-off."""
+        """Rigid motions of the whole scene whose stiffness is what is left of the residual, or round-off."""
         system = self.system
         system.inertia(0.0, system.q0)
+        unbalanced, load = self._unbalanced()
+        left = 2 * unbalanced * (load or 1.0)
         K = system.tangent()
         stiffness, out = K.getDiagonal().norm(PETSc.NormType.NORM_INFINITY), self._rest.duplicate()
         free = []
         for name, φ in zip(MOTIONS, rigid_motions(system), strict=True):
             K.mult(φ, out)
-            if φ.norm() > 0 and out.norm() < 1e-9 * stiffness * φ.norm():
+            if φ.norm() > 0 and out.norm() < left + 1e-13 * stiffness * φ.norm():
                 free.append(name)
         return tuple(free)
 

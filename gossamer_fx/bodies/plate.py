@@ -35,8 +35,8 @@ class Plate(Membrane):
     """A film with bending stiffness D = E t³/(12 (1-ν²)) [N m]; strains are small, motions of any size.
 
     To the energies of `Membrane` comes ½ a(x, x) of `forms.bending`, or with a rest curvature H0
-    ½∫ (κ - H0):D:(κ - H0) dA, κ = n·D²x.  Its membrane strain is `forms.tied_strain`: it does not lock, however thin the
-    plate is.  The rim is free, simply held by `Fixed`, clamped by `ClampedEdge`.
+    ½∫ (κ - H0):D:(κ - H0) dA, κ = n·D²x.  Its membrane strain is `forms.tied_strain`, which does not lock however thin
+    the plate is.  The rim is free, simply held by `Fixed`, or clamped by `ClampedEdge`.
 
     Bending matters for wrinkles of a few cells or longer: cells of size h carry compressive strains of up to
     (π t/h)²/(48 (1-ν²)), and for t/h < 1e-4 that is nothing: take a `Membrane`, which costs less.
@@ -44,8 +44,8 @@ class Plate(Membrane):
     Args:
         mesh: plane triangles with straight edges; neighbours lie in one plane unless a hinge is between them.
         law: energy per unit area, e.g. `Linear`; its E, nu and thickness give the bending stiffness.
-        order: 2.  (Order 1 is refused: D²x is zero in its cells, and the jumps of the slope alone converge to a stiffness
-            that depends on the pattern of the mesh.)
+        order: 2.  (Order 1 is refused: D²x is zero in its cells, and the jumps of the slope alone converge to a
+            stiffness that depends on the pattern of the mesh.)
         hinges: names of groups of interior edges that transmit no bending moment.
         rest_curvature: H0 [1/m], a symmetric tensor (3, 3) in the plane of the mesh; or {group: tensor} of surfaces
             of the mesh; or a function of points (3, n) that returns (3, 3, n).  H0 is positive where the plate without
@@ -72,8 +72,8 @@ class Plate(Membrane):
     ) -> None:
         check(
             order == 2,
-            f"Plate '{name}': order is {order!r}; use 2 (of order 1 the curvature is zero in every cell, and the angles "
-            "between cells alone give a stiffness that depends on the pattern of the mesh).",
+            f"Plate '{name}': order is {order!r}; use 2 (of order 1 the curvature is zero in every cell, and the "
+            "angles between cells alone give a stiffness that depends on the pattern of the mesh).",
         )
         super().__init__(
             mesh, law, order=2, properties=properties, displacement=displacement, velocity=velocity, name=name
@@ -84,7 +84,7 @@ class Plate(Membrane):
             f"Plate '{name}': its mesh is of order {domain.geometry.cmap.degree}; use plane triangles with straight "
             "edges (order 1).",
         )
-        self.hinges = (hinges,) if isinstance(hinges, str) else tuple(hinges)
+        self.hinges = tuple(hinges)
         table = self.mesh.edges
         folds = [interior_edges(self, table, group, "hinge") for group in self.hinges]
         self._hinged = np.unique(np.concatenate([np.zeros(0, dtype=np.int32), *folds]))
@@ -104,7 +104,9 @@ class Plate(Membrane):
     def moment(self, x: Expr) -> Expr:
         """Bending moment per length (2, 2) [N m/m] of the positions x: D ((1-ν)(κ - H0) + ν tr(κ - H0) I)."""
         κ = self.curvature(x)
-        return moment(κ if self.bending.rest is None else κ - self.bending.rest, self.bending_stiffness, self.constants.nu)
+        return moment(
+            κ if self.bending.rest is None else κ - self.bending.rest, self.bending_stiffness, self.constants.nu
+        )
 
     def terms(self) -> Iterable[Term]:
         yield from super().terms()

@@ -1,7 +1,8 @@
 """Bending of plates whose stress-free shape is flat, as UFL: the C0 interior penalty method for all components alike.
 
-While strains are small the curvature tensor of the moved surface is |II|² = |D²x|², so the bending energy is the quadratic
-form ½ a(x, x) of Engel et al. (Comput. Methods Appl. Mech. Eng. 191 (2002) 3669, doi:10.1016/S0045-7825(02)00286-4)
+While strains are small the curvature tensor of the moved surface has |II|² = |D²x|², so the bending energy is the
+quadratic form ½ a(x, x) of Engel et al. (Comput. Methods Appl. Mech. Eng. 191 (2002) 3669,
+doi:10.1016/S0045-7825(02)00286-4)
 
     a(x, w) = ∫ M(x):D²w dA - Σ_edges ∫ ({m(x)}·[w,n] + {m(w)}·[x,n] - s [x,n]·[w,n]) ds
 
@@ -9,9 +10,9 @@ with the moment M(x) = D ((1-ν) D²x + ν tr(D²x) I), m = n·M n across an edg
 each cell (so that [x,n] is their sum) and {·} the mean of both cells.  It takes positions of order 2, is invariant to
 rigid motions, and exact for isometric ones of any size.
 
-For these M is constant in a cell of area A, so ∫ m² ds ≤ D l/A ∫ M:D²x dA on an edge of length l; with three edges a cell
-a(x, x) ≥ 0 for s ≥ ¾ D l (1/A₊ + 1/A₋) on interior edges and s ≥ 3 D l/A on clamped ones, whatever the triangles.  The
-penalty is `PENALTY` times that.
+For these M is constant in a cell of area A, so ∫ m² ds ≤ D l/A ∫ M:D²x dA on an edge of length l; with three edges a
+cell a(x, x) ≥ 0 for s ≥ ¾ D l (1/A₊ + 1/A₋) on interior edges and s ≥ 3 D l/A on clamped ones, whatever the
+triangles.  The penalty is `PENALTY` times that.
 """
 
 from __future__ import annotations

@@ -1,17 +1,18 @@
 """Membrane strain of thin plates of order 2 that neither locks nor leaves motions without stiffness, as UFL.
 
-Where a plate bends, positions of order 2 cannot be isometric everywhere in a cell: strains at three points lock, at one
-point they leave motions in the plane unresisted.  So the Green-Lagrange strain is interpolated in the Regge element of
-degree 1 (Neunteufel & Schöberl, Comput. Methods Appl. Mech. Eng. 373 (2021) 113524, doi:10.1016/j.cma.2020.113524): on
-each edge, with the vector τ along it, τ·E τ is replaced by its linear part, and its mean over the cell is kept:
+Where a plate bends, positions of order 2 cannot be isometric everywhere in a cell: strains at three points lock, at
+one point they leave motions in the plane unresisted.  So the Green-Lagrange strain is interpolated in the Regge element
+of degree 1 (Neunteufel & Schöberl, Comput. Methods Appl. Mech. Eng. 373 (2021) 113524,
+doi:10.1016/j.cma.2020.113524): on each edge, with the vector τ along it, τ·E τ is replaced by its linear part, and its
+mean over the cell is kept:
 
     τ·E τ = μ + b (λ₂ - λ₁) + 3 (μ - ē)(λ₀ - 1/3)
 
     c = ∂x/∂τ at the middle of the edge, d = ∂²x/∂τ²;  ē = ½(c·c + d·d/12 - τ·τ), b = ½ c·d;  μ the mean over the cell
     λ₁, λ₂ barycentric coordinates of the ends of the edge, λ₀ that of the vertex opposite
 
-Strains that are linear in a cell stay as they are: small motions in the plane have the stiffness of the film of order 2.
-Each strain is quadratic in x and invariant to rigid motions.
+Strains that are linear in a cell stay as they are, so small motions in the plane have the stiffness of the film of
+order 2.  Each strain is quadratic in x and invariant to rigid motions.
 """
 
 from __future__ import annotations

@@ -33,8 +33,8 @@ class ClampedEdge(Fixed):
         group: name of curves on its rim.
         components: which of x, y, z (0, 1, 2) of its positions are held: (0,) with direction (1, 0, 0) is a plane of
             symmetry x = 0.
-        direction: vector to which the plate is tangent at the edge, across it; or a function of the points (3, n) of the
-            stress-free shape and the time [s] that returns (3, n).  Default: as it starts.
+        direction: vector to which the plate is tangent at the edge, across it; or a function of the points (3, n) of
+            the stress-free shape and the time [s] that returns (3, n).  Default: as it starts.
         motion: displacement [m] of the edge, as of `Prescribed`.  Default: none.
     """
 
@@ -55,7 +55,7 @@ class ClampedEdge(Fixed):
         if self.direction is not None and not callable(self.direction):
             check(
                 is_vector(self.direction) and bool(np.any(self.direction)),
-                f"ClampedEdge: direction is {self.direction!r}; give three finite numbers, not all zero, or a function.",
+                f"ClampedEdge: direction is {self.direction!r}; give three finite numbers, not all zero.",
             )
         super().__post_init__()
 

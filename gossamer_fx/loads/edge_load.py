@@ -55,7 +55,8 @@ class EdgeLoad:
         def at(t: float) -> None:
             now = np.asarray(force(t) if callable(force) else force, dtype=float)
             check(
-                is_vector(now), f"'{name}' is {now.tolist()!r} N/m at t = {t:.6g} s; let its function return three numbers."
+                is_vector(now),
+                f"'{name}' is {now.tolist()!r} N/m at t = {t:.6g} s; let its function return three numbers.",
             )
             f.value[:] = now
 

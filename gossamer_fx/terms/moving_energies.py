@@ -11,7 +11,7 @@ import ufl
 from dolfinx import fem, la
 from petsc4py import PETSc
 
-from gossamer_fx.forms.compilation import compile_form
+from gossamer_fx.forms.compilation import compile_form, constant
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.model.terms import Array, Assembly, CompiledTerms, Indices, MeshBody
 
@@ -27,31 +27,28 @@ class MovingEnergies(CompiledTerms):
         self._system, self._compiled = system, []
         for term in terms:
             k = system.bodies.index(term.body)
-            at, α = system.fields[k], system.rule.alpha
-            before, after = fem.Function(term.body.space), fem.Function(term.body.space)
-
-            def form(x: Expr, w: Expr, term: MovingEnergy = term, d: tuple[Expr, Expr] = (before, after)) -> ufl.Form:
-                # in statics only the end counts
-                return term.form(x, w, d[1]) if α == 1.0 else term.form(x, w, d[0]) / 2 + term.form(x, w, d[1]) / 2
-
-            changed = [term.form(q, q, d) for q in (at.q0, at.q1) for d in (before, after)]
+            at, d0, d1 = system.fields[k], fem.Function(term.body.space), fem.Function(term.body.space)
+            # the matrices of both ends count alike; in statics only that of the end does
+            share = constant(term.body.space.mesh, 1.0 if system.rule.alpha == 1.0 else 0.5)
+            ends = (d1,) if system.rule.alpha == 1.0 else (d0, d1)
+            changed = [term.form(q, q, d) for q in (at.q0, at.q1) for d in (d0, d1)]
             self._compiled.append(
                 _Compiled(
                     k,
                     term,
-                    before,
-                    after,
+                    d0,
+                    d1,
                     la.vector(term.body.block.index_map, term.body.block.size),
-                    compile_form(form(at.mid, at.w)),
-                    compile_form(at.α * form(at.dq, at.w)),
-                    compile_form((changed[1] - changed[0] + changed[3] - changed[2]) / 4),
-                    compile_form(changed[0] / 2),
+                    compile_form(sum(share * term.form(at.mid, at.w, d) for d in ends)),
+                    compile_form(sum(at.α * share * term.form(at.dq, at.w, d) for d in ends)),
+                    compile_form(changed[1] - changed[0] + changed[3] - changed[2]),
+                    compile_form(changed[0]),
                 )
             )
-            _set(before, term, system.time)
 
     def begin(self, t: float) -> None:
         for c in self._compiled:
+            _set(c.before, c.term, self._system.time)
             _set(c.after, c.term, self._system.time + self._system.h)
 
     def add_forces(self, r: PETSc.Vec) -> None:
@@ -67,23 +64,21 @@ class MovingEnergies(CompiledTerms):
         return [c.tangent for c in self._compiled if c.k == k]
 
     def supplied(self) -> float:
-        return sum(float(fem.assemble_scalar(c.work)) for c in self._compiled)
-
-    def keep(self) -> None:
-        for c in self._compiled:
-            _set(c.before, c.term, self._system.time)
+        return sum(float(fem.assemble_scalar(c.work)) / 4 for c in self._compiled)
 
     def energies(self) -> dict[str, float]:
         found: dict[str, float] = {}
         for c in self._compiled:
-            found[c.term.name] = found.get(c.term.name, 0.0) + float(fem.assemble_scalar(c.energy))
+            _set(c.before, c.term, self._system.time)
+            found[c.term.name] = found.get(c.term.name, 0.0) + float(fem.assemble_scalar(c.energy)) / 2
         return found
 
 
 @dataclass(frozen=True, eq=False)
 class MovingEnergy:
-    """Stored energy ½ a(d; q, q) of a symmetric bilinear form a(d; q, w), written form(q, w, d), that depends on vectors
-    d: `values(t)` (n, 3) at the local `nodes` (n,) of the body at time t.  The work of what moves them is supplied.
+    """Stored energy ½ a(d; q, q) of a symmetric bilinear form, written form(q, w, d), that depends on moving vectors d.
+
+    d is `values(t)` (n, 3) at the local `nodes` (n,) of the body at time t.  The work of what moves it is supplied.
     """
 
     name: str

@@ -25,7 +25,7 @@ class QuadraticEnergies(CompiledTerms):
             k = system.bodies.index(term.body)
             at = system.fields[k]
             self._stiffness.append((k, compile_form(term.form(at.dq, at.w))))
-            self._energies.append((term.name, compile_form(term.form(at.q0, at.q0) / 2)))
+            self._energies.append((term.name, compile_form(term.form(at.q0, at.q0))))
 
     def add_stiffness(self, K: PETSc.Mat) -> None:
         for k, form in self._stiffness:
@@ -34,7 +34,7 @@ class QuadraticEnergies(CompiledTerms):
     def energies(self) -> dict[str, float]:
         found: dict[str, float] = {}
         for name, form in self._energies:
-            found[name] = found.get(name, 0.0) + float(fem.assemble_scalar(form))
+            found[name] = found.get(name, 0.0) + float(fem.assemble_scalar(form)) / 2
         return found
 
 

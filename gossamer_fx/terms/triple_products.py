@@ -1,4 +1,4 @@
-"""Energies that are triple products (u×v)·s of three vectors linear in the coordinates, such as those of rest curvatures.
+"""Energies that are triple products (u×v)·s of three vectors linear in the coordinates: those of rest curvatures.
 
 They are cubic, so the gradient at q̄ keeps both momenta but not the energy: with Δ = q1 - q0
 

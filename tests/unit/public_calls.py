@@ -40,6 +40,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
     film_law = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
     law = gx.Miyazaki(**film_law)
     film, beam = gx.Membrane(mesh, law), gx.Beam(curve, section)
+    plate = gx.Plate(mesh, gx.Linear(**film_law))
     scene = gx.Scene(film)
     block, other = gx.RigidBody(1.0, (1.0, 1.0, 1.0)), gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="other")
     A, B = block.frame(), other.frame()
@@ -72,12 +73,14 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "Chamber": {"gas": gas, "pressure": 1e5, "temperature": 300.0, "volume": 1.0},
         "Checkpoints": {"folder": folder / "checkpoints", "keep": 2},
         "Clamped": {"body": beam, "group": "start"},
+        "ClampedEdge": {"body": plate, "group": "left", "components": (0, 1, 2), "direction": (1.0, 0.0, 0.0)},
         "Continuation": {"residual": 1e-8, "step": 2e-3, "growth": 1.6, "cut": 0.5, "inner": 0.1, "patience": 25},
         "Damper": {"a": P, "b": Q, "coefficient": 1.0},
         "Damping": {"body": film, "mass": 1.0, "stiffness": 1.0},
         "Displacement": {"port": P, "axis": "x"},
         "EdgeCable": {"film": film, "group": "left", "force": 1.0},
         "EdgeLoad": {"body": film, "group": "left", "force": z},
+        "EdgeMoment": {"body": plate, "group": "left", "moment": 1.0},
         "Elastica": {**film_law, "half_wavelength": 0.01},
         "Elements": dict(
             zip(("a", "e", "i", "node", "perigee", "anomaly"), (7e6, 0.1, 0.5, 1.0, 1.0, 1.0), strict=True)
@@ -111,6 +114,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "PathAverage": {"points": 10},
         "Picture": {"path": folder / "a.png", "times": (0.1,), "title": ""},
         "Piston": {"port": P, "area": 1.0, "direction": z},
+        "Plate": {"mesh": mesh, "law": law, "order": 2, "hinges": (), "name": "plate"},
         "PointMass": {"mass": 1.0, "position": z, "velocity": z},
         "Port": {"body": film, "nodes": (0,), "weights": (1.0,)},
         "Position": {"port": P, "axis": "x"},

@@ -1,0 +1,62 @@
+"""Balances of plates: what bends conserves, and what turns a clamp is booked."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from meshes.plates import irregular_sheet
+from meshes.sheet import sheet
+
+LAW = gx.Linear(E=1e9, nu=0.3, density=1000.0, thickness=1e-3)
+
+
+def thrown(X):
+    """A spin of 2 rad/s with waves across."""
+    return np.stack([2 * (X[1] - 0.07), -2 * (X[0] - 0.3), 0.5 * np.sin(8 * X[0]) * (1 + 5 * X[1])])
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("hinges", [(), ("middle",)])
+@pytest.mark.parametrize("rest", [None, np.diag([3.0, 0.0, 0.0])])
+def test_a_thrown_plate_keeps_energy_and_both_momenta(comm, rest, hinges):
+    plate = gx.Plate(irregular_sheet(comm, 8, 2, 0.6, 0.15), LAW, rest_curvature=rest, hinges=hinges, velocity=thrown)
+    tight = gx.Tolerances(relative=1e-12)
+    run = gx.Simulation(gx.Scene(plate), gx.Midpoint(dt=2e-4, tolerances=tight))
+    assert run.totals.stored["plate bending"] == pytest.approx(
+        0.0 if rest is None else LAW.E * LAW.thickness**3 / 12 / 0.91 * 9 * 0.09 / 2, rel=1e-9, abs=1e-12
+    )
+    first = run.totals
+    run.run(until=0.02)
+    assert run.totals.stored["plate bending"] > 1e-6 and run.substeps == 0
+    assert abs(run.totals.energy - first.energy) < 1e-9 * first.kinetic
+    scale = np.abs(first.angular_momentum).max()
+    assert run.totals.angular_momentum == pytest.approx(first.angular_momentum, abs=1e-10 * scale)
+    assert run.totals.momentum == pytest.approx(first.momentum, abs=1e-10 * scale)
+
+
+@pytest.mark.mpi
+def test_a_clamp_that_turns_supplies_the_energy_of_the_plate(comm):
+    def direction(X, t):
+        angle = math.sin(40 * t)
+        return np.stack([math.cos(angle) + 0 * X[0], 0 * X[0], math.sin(angle) + 0 * X[0]])
+
+    plate = gx.Plate(sheet(comm, 6, 1, 0.3, 0.05), LAW)
+    clamp = gx.ClampedEdge(plate, "left", direction=direction)
+    run = gx.Simulation(gx.Scene(plate, clamp), gx.Midpoint(dt=5e-4, tolerances=gx.Tolerances(relative=1e-12)))
+    run.run(until=0.03)
+    assert run.totals.supplied > 1e-4 and run.totals.kinetic > 1e-4
+    assert abs(run.energy_error) < 1e-9
+
+
+@pytest.mark.mpi
+def test_an_edge_moment_supplies_what_the_plate_gains(comm):
+    plate = gx.Plate(sheet(comm, 6, 1, 0.3, 0.05), LAW)
+    moment = gx.EdgeMoment(plate, "right", lambda t: 0.02 * math.sin(60 * t))
+    scene = gx.Scene(plate, gx.ClampedEdge(plate, "left"), moment)
+    run = gx.Simulation(scene, gx.Midpoint(dt=5e-4, tolerances=gx.Tolerances(relative=1e-12)))
+    run.run(until=0.03)
+    assert abs(run.totals.supplied) > 1e-6 and abs(run.energy_error) < 1e-9

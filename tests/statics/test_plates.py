@@ -1,0 +1,166 @@
+"""Plates at rest: closed forms, limits of thinness, and what their forms promise."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.fem.petsc import assemble_matrix
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from demos.studies.plate import buckled, curl, elastica, frequencies, pressed, roll_up
+from gossamer_fx.bodies.properties import cellwise
+from gossamer_fx.forms.bending import Bending
+from gossamer_fx.forms.compilation import compile_form, constant
+from gossamer_fx.forms.kinematics import frame, green_lagrange, surface_gradient
+from gossamer_fx.forms.tied_strain import tied_strain
+from meshes.plates import irregular_sheet
+from meshes.sheet import sheet
+from meshes.sphere import sphere
+
+WORLD = MPI.COMM_WORLD
+LAW = gx.Linear(E=1e9, nu=0.3, density=1000.0, thickness=1e-3)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("thickness", [1e-2, 1e-5])
+def test_a_cantilever_bends_as_the_elastica_however_thin(comm, thickness):
+    assert elastica(comm, 16, thickness)["error"] < 4e-3
+
+
+@pytest.mark.mpi
+def test_strips_curl_roll_up_and_buckle_as_they_should(comm):
+    assert curl(comm, 16, math.pi / 2)["error"] < 2e-3
+    assert roll_up(comm, 16)["error"] < 1e-3
+    assert buckled(comm, 8, 60)["error"] < 1e-2
+
+
+def test_a_clamped_disc_and_a_free_square_are_as_stiff_as_they_should_be():
+    assert pressed(WORLD, 10, 20.0)["error"] < 1e-2
+    assert frequencies(WORLD, 12, "square", "free")["error"] < 2e-2
+
+
+def test_two_halves_of_a_symmetric_plate_are_one():
+    """A strip clamped at both ends, and its half with a plane of symmetry."""
+    rises = []
+    for length, right in ((0.4, None), (0.2, (1.0, 0.0, 0.0))):
+        plate = gx.Plate(sheet(WORLD, round(40 * length), 2, length, 0.1), LAW)
+        end = (0, 1, 2) if right is None else (0,)
+        clamps = gx.ClampedEdge(plate, "left"), gx.ClampedEdge(plate, "right", components=end, direction=right)
+        equilibrium = gx.Equilibrium(gx.Scene(plate, *clamps, gx.Pressure(plate, 20.0)))
+        equilibrium.find()
+        rises.append(equilibrium.system.q0.array_r[2::3].max())
+    assert rises[1] == pytest.approx(rises[0], rel=1e-2)
+
+
+def test_a_hinge_transmits_no_moment():
+    """A strip that hangs over at a hinge: the part beyond it turns freely, and only membrane forces hold it."""
+    plate = gx.Plate(irregular_sheet(WORLD, 6, 2, 0.3, 0.1), LAW, hinges=("middle",))
+    clamp, load = gx.ClampedEdge(plate, "left"), gx.EdgeLoad(plate, "right", (0.0, 0.0, 0.05))
+    equilibrium = gx.Equilibrium(gx.Scene(plate, clamp, load))
+    equilibrium.find()
+    x = equilibrium.system.q0.array_r.reshape(-1, 3)
+    middle, right = x[plate.nodes("middle")].mean(axis=0), x[plate.nodes("right")].mean(axis=0)
+    assert middle[0] == pytest.approx(0.15, abs=2e-3)
+    assert right == pytest.approx(middle + np.array([0, 0, 0.15]), abs=2e-3)
+
+
+def test_small_strains_in_the_plane_are_those_of_the_film():
+    """So nothing in the plane is without stiffness: strains linear in a cell are not changed by the ties."""
+    domain = irregular_sheet(WORLD, 3, 3, 1.0, 1.0).domain
+    V = fem.functionspace(domain, ("Lagrange", 2, (3,)))
+    X, u, B = fem.Function(V), fem.Function(V), frame(domain)
+    X.interpolate(lambda p: p)
+    u.x.array[:] = np.random.default_rng(1).standard_normal(len(u.x.array))
+    tied = ufl.derivative(tied_strain(domain, X, B), X, u)
+    plain = ufl.derivative(green_lagrange(surface_gradient(X, B)), X, u)
+    dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2})
+    size = fem.assemble_scalar(compile_form(ufl.dot(plain, plain) * dx))
+    assert fem.assemble_scalar(compile_form(ufl.dot(tied - plain, tied - plain) * dx)) < 1e-20 * size
+
+
+@pytest.mark.parametrize("nu", [0.0, 0.45])
+def test_the_bending_energy_is_never_negative_with_hardly_more_than_the_least_penalty(nu):
+    domain = irregular_sheet(WORLD, 3, 3, 1.0, 0.2, seed=4).domain
+    V = fem.functionspace(domain, ("Lagrange", 2, (3,)))
+    x, w = ufl.TrialFunction(V), ufl.TestFunction(V)
+    one, ν, η = (constant(domain, value) for value in (1.0, nu, 1.001))
+    bending = Bending(domain, frame(domain), one, ν, η)
+    dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 0})
+    dS, ds = (ufl.Measure(kind, domain, metadata={"quadrature_degree": 2}) for kind in ("dS", "ds"))
+    direction = ufl.FacetNormal(domain)
+    form = bending.cells(x, w, dx) + bending.edges(x, w, dS) + bending.clamp(x, w, direction, ds)
+    K = assemble_matrix(compile_form(form))
+    K.assemble()
+    values = np.linalg.eigvalsh(K.convert("dense").getDenseArray())
+    assert values[0] > -1e-12 * values[-1]
+
+
+def test_the_energy_of_a_cylinder_is_that_of_its_curvature():
+    """½ D κ² per area, of positions that are those of a cylinder of radius 1/κ, wherever it is turned."""
+    κ, errors = 2.0, []
+    Q, _ = np.linalg.qr(np.random.default_rng(2).standard_normal((3, 3)))
+    for n in (8, 16):
+
+        def rolled(X):
+            shape = np.stack([np.sin(κ * X[0]) / κ, X[1], (1 - np.cos(κ * X[0])) / κ])
+            return Q @ shape - X
+
+        plate = gx.Plate(irregular_sheet(WORLD, n, n // 4, 1.0, 0.25), LAW, displacement=rolled)
+        energy = gx.Scene(plate).compile().totals().stored["plate bending"]
+        errors.append(abs(energy / (LAW.E * LAW.thickness**3 / 12 / 0.91 * κ**2 * 0.25 / 2) - 1))
+    assert errors[1] < 5e-3 and errors[1] < errors[0] / 2
+
+
+def test_properties_vary_by_group_or_by_place():
+    """A sheet whose right half is ten times as heavy and twice as thick, said in two ways."""
+    mesh = sheet(WORLD, 4, 4)
+    heavy = lambda X: np.where(X[0] > 0.5, 1e4, 1e3)  # noqa: E731
+    thick = lambda X: np.where(X[0] > 0.5, 2e-3, 1e-3)  # noqa: E731
+    cells = np.flatnonzero(cellwise(mesh, lambda X: X[0] > 0.5, 0.0, (), "")._cpp_object.x.array > 0)
+    mesh.groups["device"] = 2, cells.astype(np.int32)
+    by_place = gx.Membrane(mesh, LAW, properties={"density": heavy, "thickness": thick})
+    by_group = gx.Membrane(mesh, LAW, properties={"density": {"device": 1e4}, "thickness": {"device": 2e-3}})
+    for film in (by_place, by_group):
+        run = gx.Simulation(gx.Scene(film, gx.RigidMotion(velocity=(1.0, 0.0, 0.0))), gx.Midpoint(dt=1e-3))
+        assert run.totals.momentum == pytest.approx([0.5 * 1.0 + 0.5 * 20.0, 0.0, 0.0], rel=1e-12)
+    stretched = [
+        gx.Scene(gx.Membrane(mesh, LAW, displacement=lambda X: 1e-3 * X, **given)).compile().totals().stored["film"]
+        for given in ({}, {"properties": {"thickness": thick}}, {"properties": {"thickness": {"film": 2e-3}}})
+    ]
+    assert stretched[1] == pytest.approx(1.5 * stretched[0], rel=1e-12)
+    assert stretched[2] == pytest.approx(2 * stretched[0], rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda m: gx.Plate(m, LAW, order=1), "order is 1; use 2"),
+        (lambda m: gx.Plate(sphere(WORLD, 0.3, 4), LAW), "curved"),
+        (lambda m: gx.Plate(m, LAW, hinges=("left",)), "edges on the rim"),
+        (lambda m: gx.Plate(m, LAW, hinges=("film",)), "name curves"),
+        (lambda m: gx.Plate(m, LAW, hinges=("no such",)), "has no group 'no such'"),
+        (lambda m: gx.Plate(m, LAW, rest_curvature=np.diag((0, 0, 1.0))), "plane of the mesh"),
+        (lambda m: gx.Plate(m, LAW, rest_curvature=((1.0, 2.0), (3.0, 4.0))), "give a tensor"),
+        (lambda m: gx.Plate(m, LAW, rest_curvature={"left": np.eye(3)}), "no group of triangles"),
+        (lambda m: gx.Membrane(m, LAW, properties={"thickness": {"film": 0.0}}), "not above 0"),
+        (lambda m: gx.Membrane(m, LAW, properties={"colour": {"film": 0.0}}), "choose from E, nu"),
+        (lambda m: gx.Membrane(m, LAW, properties={"density": lambda X: X}), r"must return \('n',\)|must return"),
+        (
+            lambda m: gx.Membrane(m, gx.Elastica(1e9, 0.3, 1e3, 1e-4, 0.1), properties={"thickness": {"film": 1e-3}}),
+            "derived",
+        ),
+        (lambda m: gx.ClampedEdge(gx.Membrane(m, LAW), "left"), "Plate|bending"),
+        (lambda m: gx.ClampedEdge(gx.Plate(m, LAW), "left", direction=(0.0, 0.0, 0.0)), "not all zero"),
+        (lambda m: gx.EdgeMoment(gx.Plate(m, LAW), "left", math.inf), "finite"),
+        (lambda m: gx.Linear(E=1e9, nu=0.3, density=1.0, thickness=0.0), "thickness is 0.0"),
+    ],
+)
+def test_bad_plates_are_refused_in_one_sentence(make, words):
+    with pytest.raises(gx.InputError, match=words) as error:
+        make(sheet(WORLD, 2, 2))
+    assert "\n" not in str(error.value)
