@@ -186,11 +186,11 @@ class Equilibrium:
         passing = h if math.isfinite(h) else self.search.step / 1e-6
         system.time = at - passing
         y = system.begin(passing)
-        system.inertia(1 / h**2, system.q0)
+        system.inertia(1 / h**2)
         self.newton.tolerances = tolerances
         self._steps += 1
         try:
-            self._y, used = self.newton.solve(system.q0, y)
+            _, self._y, used = self.newton.solve(self._rest, y)
         finally:
             self._spent += self.newton.iterations
             system.time = at
@@ -201,7 +201,7 @@ class Equilibrium:
     def _unbalanced(self) -> tuple[float, float]:
         """Residual without inertia over the outer forces, and those forces [N], at the accepted state."""
         system = self.system
-        system.inertia(0.0, system.q0)
+        system.inertia(0.0)
         system.residual(self._y, self._r)
         load = float(system.outside().norm())
         unbalanced, _ = system.imbalance(self._r)
@@ -210,7 +210,7 @@ class Equilibrium:
     def _free_motions(self) -> tuple[str, ...]:
         """Rigid motions of the whole scene whose stiffness is what is left of the residual, or round-off."""
         system = self.system
-        system.inertia(0.0, system.q0)
+        system.inertia(0.0)
         unbalanced, load = self._unbalanced()
         left = 2 * unbalanced * (load or 1.0)
         K = system.tangent()

@@ -60,7 +60,7 @@ def modes(
         not system.borders,
         "modes: the scene has gas chambers, whose stiffness is not known here; give their pressure as Pressure.",
     )
-    system.inertia(0.0, system.q0)
+    system.inertia(0.0)
     K = system.tangent()
     M = system.M.copy()
     system.supports.clear(M, 0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,6 +19,7 @@ from gossamer_fx.system.system import System
 
 SEARCHES = 5  # of places that a solved step turns out to need, before what is still missed is refused
 LAST = 0.01  # residual that the last linear solve of a step leaves, over that of a solved step
+FALLS, STANDS = 0.5, 4.0  # a residual that falls by less than the one is round-off below the other times its floor
 
 
 class NotConverged(Exception):
@@ -28,9 +30,10 @@ class NotConverged(Exception):
 class Tolerances:
     """When a step counts as solved.
 
-    `relative`: field residual over that of the predictor; residuals below `absolute` [N], or below the round-off of
-    `floor` units in the last place of diag(A) q, count as zero, whatever their ratio.  `border`: largest fraction in
-    the border equations.
+    `relative`: field residual over that of the predictor; residuals below `absolute` [N] count as zero, whatever
+    their ratio.  So do those below `floor` units in the last place of the forces, diag(K) q and the inertia (K is the
+    tangent without inertia), and below four times as much if they no longer fall.  `border`: largest fraction in the
+    border equations.
     `constraint`: largest violation of a constraint between points, in its own units (m, or 1 for directions).
     """
 
@@ -121,19 +124,24 @@ class Newton:
         snes.setFromOptions()
         snes.setConvergenceTest(self._test)
 
-    def solve(self, predictor: PETSc.Vec, y: Array) -> tuple[Array, int]:
-        """Solve from a predicted q1 and y; q1 is then in the system.  Returns y and the number of iterations.
+    def solve(self, increment: PETSc.Vec, y: Array) -> tuple[PETSc.Vec, Array, int]:
+        """Solve from a predicted q1 - q0 and y; q1 is then in the system.
+
+        Returns what q1 - q0 is beyond its prediction, which the next call overwrites; y; and the iterations.
 
         Raises:
             NotConverged: with PETSc's reason and the place of the largest residual.
         """
         if self._pattern != self.system.patterns:
             self._set_up()
-        self.system.q0.copy(self._base)
+        increment.copy(self._base)
+        self._base.scale(-1.0)  # strains follow from those of q0
         self._reference, self._floor = 0.0, 0.0
-        predictor.copy(self._r)
-        self.system.supports.prescribe(self._r, self.system.time + self.system.h)
-        self._held = self._r.array_r[self.system.supports.held]
+        self._before = self._forces = math.inf
+        self._held = self.system.predict(increment)
+        self._r.zeroEntries()
+        with self._r as w:
+            w[self.system.supports.held] = self._held
         self._composite.join(self._r, y, self._x)
         self.iterations = 0
         self._iterate()
@@ -146,7 +154,8 @@ class Newton:
         problem = self.system.inadmissible()
         if problem:
             raise NotConverged(problem)
-        return self._composite.split(self._x)[1], self.iterations
+        w, y = self._split(self._x)
+        return w, y, self.iterations
 
     def _iterate(self) -> None:
         """Newton's iteration from the present x."""
@@ -171,8 +180,8 @@ class Newton:
 
     @property
     def round_off(self) -> float:
-        """Residual [N] below which the last solve could not go: `floor` units in the last place of its forces."""
-        return self._floor
+        """Residual [N] below which the last solve may not go."""
+        return STANDS * self._floor
 
     def summary(self) -> str:
         """The linear solver, its iterations, and where the time of all solves went."""
@@ -191,17 +200,17 @@ class Newton:
             self.seconds[what] += time.perf_counter() - started
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, F: PETSc.Vec) -> None:
-        z, y = self._split(x)
+        w, y = self._split(x)
         with self._clock("law"):
-            self.system.move(z, self._base)
+            self.system.move(w, self._base)
         self._evaluate(y, F)
 
     def _split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
-        """Fields and scalars of x; held coordinates have their values, which not every linear solver keeps exactly."""
-        z, y = self._composite.split(x)
-        with z as values:
+        """w and y of x; held coordinates have their values, which not every linear solver keeps exactly."""
+        w, y = self._composite.split(x)
+        with w as values:
             values[self.system.supports.held] = self._held
-        return z, y
+        return w, y
 
     def _evaluate(self, y: Array, F: PETSc.Vec) -> None:
         with self._clock("residual"):
@@ -216,9 +225,8 @@ class Newton:
             J.assemble()
         if self._floor == 0:
             A.getDiagonal(self._diagonal)
-            self._diagonal.pointwiseMult(self._diagonal, self.system.q1)
-            self._floor = self.tolerances.floor * np.finfo(float).eps * self._diagonal.norm()
-        self.system.q1.copy(self._base)
+            self._floor = self.tolerances.floor * np.finfo(float).eps * self.system.size(self._diagonal)
+        self._composite.split(snes.getSolution())[0].copy(self._base)
         self._aim(snes.getKSP())
 
     def _aim(self, ksp: PETSc.KSP) -> None:
@@ -231,19 +239,20 @@ class Newton:
 
     @property
     def _limit(self) -> float:
-        """The residual [N] of a solved step."""
+        """The residual [N] at which a step may count as solved."""
         return max(self.tolerances.relative * self._reference, self.tolerances.absolute, self._floor)
 
     def _test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         if not np.isfinite(norms[2]):
             return int(PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN)
+        self._before, self._forces = self._forces, self.system.imbalance(self._r)[0]
         if iteration == 0:
-            self._reference = self.system.imbalance(self._r)[0]
+            self._reference = self._forces
         if self._solved():
             # convergence is judged on the true strain, and if it is not reached the iteration goes on from there
-            z, y = self._split(snes.getSolution())
+            w, y = self._split(snes.getSolution())
             with self._clock("law"):
-                self.system.move(z, None)
+                self.system.move(w, None)
             self._evaluate(y, snes.getFunction()[0])
             if self._solved():
                 return int(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_ABS)
@@ -253,8 +262,10 @@ class Newton:
 
     def _solved(self) -> bool:
         forces, violation = self.system.imbalance(self._r)
+        stands = self._forces > FALLS * self._before
+        balanced = forces <= self._limit or (stands and forces <= self.round_off)
         held = violation <= self.tolerances.constraint
-        return forces <= self._limit and held and bool((abs(self._s) <= self.tolerances.border).all())
+        return balanced and held and bool((abs(self._s) <= self.tolerances.border).all())
 
     def _complaint(self, reason: int, iterations: int) -> str:
         names = {v: k for k, v in vars(PETSc.SNES.ConvergedReason).items() if isinstance(v, int)}

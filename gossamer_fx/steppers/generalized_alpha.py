@@ -66,7 +66,7 @@ class GeneralizedAlphaSolver:
         self._γ, self._β = 0.5 - self._αm + self._αf, (1 - self._αm + self._αf) ** 2 / 4
         self.newton = Newton(system, tolerances)
         self._a0, self._a1, self._v̇0, self._v1 = (system.numbering.vector() for _ in range(4))
-        self._base, self._centre = system.numbering.vector(), system.numbering.vector()
+        self._increment, self._offset = system.numbering.vector(), system.numbering.vector()
         self.vectors = {"acceleration": self._a0, "rate": self._v̇0}
         self._started = False
 
@@ -78,8 +78,8 @@ class GeneralizedAlphaSolver:
 
     def _first_acceleration(self) -> None:
         """M v̇0 + De(q0)ᵀλ = F - f(q0), De(q0) v̇0 = -D²e[v0, v0]; and a0 = v̇0."""
-        system, r, A = self._system, self._base, self._system.M.copy()
-        system.inertia(0.0, system.q0)
+        system, r, A = self._system, self._increment, self._system.M.copy()
+        system.inertia(0.0)
         system.residual(system.begin(1e-9), r)
         if system.constraints:
             with r as values:
@@ -111,19 +111,20 @@ class GeneralizedAlphaSolver:
         if not self._started:
             self._first_acceleration()
         y = system.begin(h)
-        # q1 = base + β h² a1, and v̇1 = c (q1 - centre)
-        base, centre, c = self._base, self._centre, (1 - αm) / ((1 - αf) * β * h**2)
-        base.waxpy(h, system.v0, system.q0)
-        base.axpy(h**2 * (0.5 - β), self._a0)
-        centre.waxpy(-αm / (1 - αf) / c, self._a0, base)
-        centre.axpy(αf / (1 - αf) / c, self._v̇0)
-        system.inertia(c, centre)
-        self._v1.waxpy(β * h**2, self._a0, base)  # the start of the iteration: a1 = a0
-        _, iterations = self.newton.solve(self._v1, y)
-        self._v̇0.waxpy(-1.0, centre, system.q1)
+        # q1 - q0 = h v0 + h² a0/2 + w, so that a1 = a0 + w/(β h²) and v̇1 = c (w + offset)
+        c = (1 - αm) / ((1 - αf) * β * h**2)
+        increment, offset = self._increment, self._offset
+        self._a0.copy(increment)
+        increment.scale(h**2 / 2)
+        increment.axpy(h, system.v0)
+        self._a0.copy(offset)
+        offset.scale(β * h**2 + αm / (1 - αf) / c)
+        offset.axpy(-αf / (1 - αf) / c, self._v̇0)
+        system.inertia(c, offset)
+        w, _, iterations = self.newton.solve(increment, y)
+        self._v̇0.waxpy(1.0, w, offset)
         self._v̇0.scale(c)
-        self._a1.waxpy(-1.0, base, system.q1)
-        self._a1.scale(1 / (β * h**2))
+        self._a1.waxpy(1 / (β * h**2), w, self._a0)
         for rate in (self._v̇0, self._a1):
             self._drop_multipliers(rate)
         self._v1.waxpy(h * (1 - γ), self._a0, system.v0)

@@ -26,7 +26,12 @@ class History:
 
     def __init__(self, system: System, carriers: Iterable[object]) -> None:
         self._system = system
-        self.vectors = {"coordinates": system.q0, "velocities": system.v0, "coordinates before": system.past}
+        self.vectors = {
+            "coordinates": system.q0,
+            "remainders of coordinates": system.increment.remainder,
+            "velocities": system.v0,
+            "coordinates before": system.past,
+        }
         self._remembering: dict[str, Stateful] = {}
         for carrier in carriers:
             if isinstance(carrier, Carrier):

@@ -45,22 +45,16 @@ class MidpointSolver:
     def __init__(self, system: System, tolerances: Tolerances, subdomains: str | None = None) -> None:
         self._system = system
         self.newton = Newton(system, tolerances, subdomains=subdomains)
-        self._predictor, self._v1 = system.numbering.vector(), system.numbering.vector()
+        self._increment, self._v1 = system.numbering.vector(), system.numbering.vector()
 
     def step(self, h: float) -> int:
         """Advance by h; returns Newton's iterations.  Nothing has changed if it raises `NotConverged`."""
         system = self._system
         y = system.begin(h)
-        self._predictor.waxpy(h, system.v0, system.q0)
-        system.inertia(2 / h**2, self._predictor)
-        _, iterations = self.newton.solve(self._predictor, y)
-        self._velocity(h)
+        system.v0.copy(self._increment)
+        self._increment.scale(h)
+        system.inertia(2 / h**2)
+        w, _, iterations = self.newton.solve(self._increment, y)
+        self._v1.waxpy(2 / h, w, system.v0)  # 2 (q1 - q0)/h - v0 with q1 - q0 = h v0 + w
         system.accept(self._v1)
         return iterations
-
-    def _velocity(self, h: float) -> None:
-        """v1 = 2 (q1 - q0)/h - v0."""
-        system = self._system
-        self._v1.waxpy(-1.0, system.q0, system.q1)
-        self._v1.scale(2 / h)
-        self._v1.axpy(-1.0, system.v0)

@@ -14,6 +14,7 @@ from scipy.linalg import block_diag
 from gossamer_fx.algebra.numbering import Numbering
 from gossamer_fx.model.scalar_unknowns import InitialCondition, ScalarUnknowns
 from gossamer_fx.model.terms import Array, Body, CompiledConstraints, CompiledTerms, Term, is_on_mesh
+from gossamer_fx.system.increment import Increment
 from gossamer_fx.system.totals import Totals
 from gossamer_fx.terms.coordinates import Coordinates
 from gossamer_fx.terms.discrete_gradient import StressRule
@@ -26,10 +27,11 @@ class System:
     The unknowns of a step are the end coordinates q1 of all bodies, in one vector, and the border scalars y.  The
     residual is
 
-        r = c M (q1 - a) + Σ stored and dissipated forces - Σ loads + border forces
+        r = c M (w + o) + Σ stored and dissipated forces - Σ loads + border forces,    q1 = q0 + p + w
 
-    where the stepper chooses c and a (`inertia`): the midpoint rule has c = 2/h², a = q0 + h v0.  Multipliers stand
-    behind the coordinates in the same vector; they have no mass and no rate, and their rows of r are the constraints.
+    where the stepper predicts the increment p (`predict`) and chooses c and o (`inertia`): the midpoint rule has
+    p = h v0, c = 2/h², o = 0.  What is solved for is w, see `Increment`.  Multipliers stand behind the coordinates in
+    the same vector; they have no mass and no rate, and their rows of r are the constraints.
     """
 
     def __init__(self, bodies: list[Body], terms: Iterable[Term], rule: StressRule, comm: MPI.Intracomm) -> None:
@@ -44,8 +46,12 @@ class System:
         multipliers = [block for kind, alike in kinds.items() for block in kind.multipliers(alike, comm)]
         self.numbering = numbering = Numbering(comm, [b.block for b in bodies] + multipliers)
         self.q0, self.q1, self.v0, self.past, self._scratch, self._momenta = (numbering.vector() for _ in range(6))
+        self.remainder, self._p, self._predicted, self._w = (numbering.vector() for _ in range(4))
+        self._offset: PETSc.Vec | None = None
+        self._mass_diagonal: PETSc.Vec | None = None
         self.fields = {k: Coordinates(b.space, rule.alpha) for k, b in enumerate(bodies) if is_on_mesh(b)}
         self.supports = Supports(kinds.pop(Supports, []), self)
+        self.increment = Increment(numbering, self.supports)
         self.compiled = [kind(alike, self) for kind, alike in kinds.items()]
         self.constraints = next((c for c in self.compiled if isinstance(c, CompiledConstraints)), None)
         self._searching = [c for c in self.compiled if c.searches]
@@ -74,7 +80,7 @@ class System:
     def resume(self) -> None:
         """Take up what follows from q0, and from `past`, where the step before it began, which were set."""
         for q in (self.past, self.q0):
-            self.move(q, None)
+            self.take(q)
             self._keep()
 
     def _build_matrices(self) -> None:
@@ -136,26 +142,36 @@ class System:
         found = [border.inadmissible() for border in self.borders] + [c.inadmissible() for c in self.compiled]
         return next(filter(None, found), "")
 
-    def inertia(self, c: float, a: PETSc.Vec) -> None:
-        """Choose c and a of the residual's c M (q1 - a)."""
-        self.c, self._a = c, a
+    def inertia(self, c: float, offset: PETSc.Vec | None = None) -> None:
+        """Choose c and o (none: zero) of the residual's c M (w + o)."""
+        self.c = c
+        self.increment.inertia(c, offset)
 
-    def move(self, z: PETSc.Vec, base: PETSc.Vec | None) -> None:
-        """Set q1 = z.  Strains follow linearly from `base`, or are the true ones if it is None."""
-        z.copy(self.q1)
+    def predict(self, increment: PETSc.Vec) -> Array:
+        """Choose p, from which w counts; returns the w of the held coordinates."""
+        return self.increment.predict(increment, self.q0, self.time + self.h)
+
+    def move(self, w: PETSc.Vec, base: PETSc.Vec | None) -> None:
+        """Set q1 = q0 + p + w.  Strains follow linearly from the w `base`, or are the true ones if it is None."""
+        self.increment.end(w, self.q0, self.q1)
         self._spread(self.q1, "q1")
         if base is not None:
-            self._scratch.waxpy(-1.0, base, z)
+            self._scratch.waxpy(-1.0, base, w)
             self._spread(self._scratch, "δ")
         for compiled in self.compiled:
             compiled.move(base is not None)
 
+    def take(self, q: PETSc.Vec) -> None:
+        """Set q1 = q, with its true strains."""
+        q.copy(self.q1)
+        self._spread(self.q1, "q1")
+        for compiled in self.compiled:
+            compiled.move(False)
+
     def residual(self, y: Array, r: PETSc.Vec) -> Array:
         """Field residual into r; returns the border residual s."""
         s = [b.residual(part) for b, part in self._split(y)]
-        self._scratch.waxpy(-1.0, self._a, self.q1)
-        self.M.mult(self._scratch, r)
-        r.scale(self.c)
+        self.increment.add_inertia(self.M, r)
         if self.K is not None:
             α = self.rule.alpha
             self._scratch.waxpy((1 - α) / α, self.q0, self.q1)
@@ -230,6 +246,7 @@ class System:
         self.dissipated_energy += sum(c.dissipated() for c in self.compiled)
         for border in self.borders:
             border.accept()
+        self.increment.accept(self.q0, self.q1)
         self.q0.copy(self.past)
         self.q1.copy(self.q0)
         v1.copy(self.v0)
@@ -272,6 +289,10 @@ class System:
             supplied, mass, mass_supplied = supplied + b.supplied, mass + b.mass, mass_supplied + b.mass_supplied
         linear, angular = np.array(rest[:3]), np.array(rest[3:6])
         return Totals(self.time, kinetic, stored, supplied, dissipated, linear, angular, mass, mass_supplied)
+
+    def size(self, diagonal: PETSc.Vec) -> float:
+        """Norm [N] of the forces of which the last residual is the sum; the diagonal of the tangent is given."""
+        return self.increment.size(self.M, diagonal, self.q1)
 
     def imbalance(self, r: PETSc.Vec) -> tuple[float, float]:
         """Norm of the forces in r [N], and the largest violation of a constraint."""
