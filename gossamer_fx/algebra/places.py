@@ -85,10 +85,12 @@ def nodes_of(measure: PointMeasure) -> int:
 
 
 class Places:
-    """Point measures on this rank: e_i = ½ q·H_i q + L_i·q + c_i of each place's D unknowns q.
+    """Point measures on this rank: e_i = ½ u·H_i u + L_i·u + c_i of u = q - z, q each place's D unknowns.
 
     Measures of one kind become one array, if they have as many strains m and unknowns D.
     Arrays over n places: indices (n, D), H (n, m, D, D), L (n, m, D), c (n, m); `of` (n,) is the measure of each.
+    z (n, D) is where the measures are stationary, if there is ground: ½|x - g|² of a point g far from the origin would
+    else be a small difference of large numbers.
     """
 
     def __init__(self, numbering: Numbering, bodies: list[Body], measures: Sequence[PointMeasure]) -> None:
@@ -100,18 +102,25 @@ class Places:
         self.n, self.D = self.indices.shape
         H, L = (np.array([getattr(m, what) for m in measures])[self.of] for what in "HL")
         c = [np.broadcast_to(m.c, (len(m.places), self.m))[here] for m, here in zip(measures, own, strict=True)]
-        Ho = np.einsum("nmab,nb->nma", H, o)
         self.H = np.einsum("nax,nmab,nby->nmxy", P, H, P, optimize=True)
-        self.L = np.einsum("nax,nma->nmx", P, Ho + L)
-        self.c = np.concatenate(c) + np.einsum("na,nma->nm", o, Ho / 2 + L)
+        self._z = np.zeros((self.n, self.D))
+        if o.any():
+            slope = np.einsum("nax,nma->nmx", P, np.einsum("nmab,nb->nma", H, o) + L)
+            for k in np.flatnonzero(o.any(axis=1)):
+                self._z[k] = np.linalg.lstsq(self.H[k].reshape(-1, self.D), -slope[k].ravel(), rcond=1e-12)[0]
+        X = np.einsum("nax,nx->na", P, self._z) + o
+        HX = np.einsum("nmab,nb->nma", H, X)
+        self.L = np.einsum("nax,nma->nmx", P, HX + L)
+        self.c = np.concatenate(c) + np.einsum("na,nma->nm", X, HX / 2 + L)
 
     def strain(self, q: Array) -> Array:
         """e (n, m)."""
-        return np.einsum("nmx,nx->nm", np.einsum("nmxy,ny->nmx", self.H, q) / 2 + self.L, q) + self.c
+        u = q - self._z
+        return np.einsum("nmx,nx->nm", np.einsum("nmxy,ny->nmx", self.H, u) / 2 + self.L, u) + self.c
 
     def gradient(self, q: Array) -> Array:
         """De (n, m, D)."""
-        return np.einsum("nmxy,ny->nmx", self.H, q) + self.L
+        return np.einsum("nmxy,ny->nmx", self.H, q - self._z) + self.L
 
 
 class Gather:

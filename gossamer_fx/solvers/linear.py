@@ -18,10 +18,20 @@ import numpy as np
 from mpi4py import MPI
 from petsc4py import PETSc
 
+import gossamer_fx.solvers.factorisation as factorisation
 from gossamer_fx.model.terms import Array
 from gossamer_fx.system.system import System
 
 DIRECT_UP_TO = 3000  # unknowns up to which a factorisation is cheapest
+REASONS = {
+    int(getattr(PETSc.KSP.ConvergedReason, name)): words
+    for name, words in {
+        "DIVERGED_NANORINF": "numbers that are not finite",
+        "DIVERGED_PCSETUP_FAILED": "its preconditioner could not be set up",
+        "DIVERGED_MAX_IT": "too many iterations",
+        "DIVERGED_BREAKDOWN": "breakdown",
+    }.items()
+}
 RESTART = 60  # most Krylov iterations; an unfinished solution then serves Newton's iteration as an inexact one
 
 
@@ -129,8 +139,7 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
     """
     if direct or system.constraints is not None or system.numbering.size <= DIRECT_UP_TO:
         ksp.setType("preonly")
-        pc.setType("lu")
-        pc.setFactorSolverType("mumps")
+        factorisation.choose(pc)
         return
     ksp.setType("gmres")
     ksp.setGMRESRestart(RESTART)
@@ -147,6 +156,14 @@ def recover(pc: PETSc.PC) -> None:
     """Let a preconditioner forget that an earlier matrix could not be factorised."""
     if pc.getType() == "python":
         pc.getPythonContext().recover()
+    elif factorisation.failure(pc) < 0:
+        factorisation.renew(pc)
+
+
+def reason(ksp: PETSc.KSP, pc: PETSc.PC) -> str:
+    """Why the last linear system was not solved, in words."""
+    code = int(ksp.getConvergedReason())
+    return factorisation.reason(pc) or REASONS.get(code, f"PETSc's reason {code}")
 
 
 def name(pc: PETSc.PC) -> str:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from petsc4py import PETSc
 
+import gossamer_fx.solvers.factorisation as factorisation
 import gossamer_fx.solvers.linear as linear
 from gossamer_fx.algebra.numbering import PREFIX
 from gossamer_fx.checks.errors import check
@@ -70,7 +71,7 @@ class Newton:
         comm = system.comm
         self._scalars = sum(b.size for b in system.borders)
         self._composite = linear.Composite(comm, system.q1, self._scalars)
-        self._x, self._F = self._composite.vector(), self._composite.vector()
+        self._x, self._F, self._start = (self._composite.vector() for _ in range(3))
         self._r, self._base = system.numbering.vector(), system.numbering.vector()
         self._diagonal = system.numbering.vector()
         self._rtol: float | None = None
@@ -162,7 +163,11 @@ class Newton:
         self._snes.setTolerances(stol=0.0, max_it=self.tolerances.iterations)  # a small step is no solution
         before = sum(self.seconds.values())
         started = time.perf_counter()
+        self._x.copy(self._start)
         self._snes.solve(None, self._x)
+        while self._snes.getConvergedReason() < 0 and factorisation.enlarge(self._preconditioner):
+            self._start.copy(self._x)
+            self._snes.solve(None, self._x)
         others = sum(self.seconds.values()) - before
         self.seconds["linear solver"] += time.perf_counter() - started - others
         reason, spent = self._snes.getConvergedReason(), int(self._snes.getIterationNumber())
@@ -170,8 +175,9 @@ class Newton:
         self.all_iterations += spent
         self.linear_iterations += self._snes.getLinearSolveIterations()
         if reason <= 0:
+            complaint = self._complaint(reason, spent)
             linear.recover(self._preconditioner)
-            raise NotConverged(self._complaint(reason, spent))
+            raise NotConverged(complaint)
 
     @property
     def ksp(self) -> PETSc.KSP:
@@ -272,7 +278,7 @@ class Newton:
         linear_reason = self.ksp.getConvergedReason()
         why = names.get(reason, str(reason)).lower().replace("_", " ")
         if linear_reason < 0:
-            why += f", linear solver {linear_reason}"
+            why += f", linear solver: {linear.reason(self.ksp, self._preconditioner)}"
         forces, violation = self.system.imbalance(self._r)
         if violation > self.tolerances.constraint:
             why += f", constraints off by {violation:.1e}"

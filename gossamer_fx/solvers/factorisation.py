@@ -1,0 +1,77 @@
+"""Factorisations by MUMPS: their workspace, and why one failed, in its own words.
+
+MUMPS estimates its workspace from the pattern of the matrix.  Pivots that it puts off, as those of multipliers, may
+need more; ICNTL(14) is the margin in per cent, and is doubled when INFOG(1) says that it did not do.
+"""
+
+from __future__ import annotations
+
+from petsc4py import PETSc
+
+MARGIN, LARGEST = 20, 20_000  # % of the estimated workspace: MUMPS's own default, and the last that is tried
+WORKSPACE = (-8, -9, -11, -14, -15, -17, -20)
+REASONS = {
+    -6: "the matrix is singular by its pattern",
+    -10: "the matrix is singular",
+    -13: "it ran out of memory",
+    -37: "the matrix has numbers that are not finite",
+} | dict.fromkeys(WORKSPACE, "its workspace is too small")
+
+
+def choose(pc: PETSc.PC) -> None:
+    """Let a preconditioner be a factorisation by MUMPS."""
+    pc.setType("lu")
+    pc.setFactorSolverType("mumps")
+
+
+def enlarge(pc: PETSc.PC) -> bool:
+    """After a factorisation failed: whether its workspace was too small, which has been doubled; then try again."""
+    code = failure(pc)
+    if code not in WORKSPACE:
+        return False
+    margin = 2 * max(pc.getFactorMatrix().getMumpsIcntl(14), MARGIN)
+    renew(pc, margin)
+    return bool(margin <= LARGEST)
+
+
+def renew(pc: PETSc.PC, margin: int = 0) -> None:
+    """Begin anew, as after a failure PETSc would not even try the next matrix; `margin` [%], 0: as before."""
+    operators, margin = pc.getOperators(), margin or pc.getFactorMatrix().getMumpsIcntl(14)
+    pc.reset()
+    pc.setFailedReason(PETSc.PC.FailedReason.NOERROR)
+    pc.setOperators(*operators)
+    pc.setFactorSetUpSolverType()
+    pc.getFactorMatrix().setMumpsIcntl(14, margin)
+
+
+def failure(pc: PETSc.PC) -> int:
+    """INFOG(1) of the last factorisation: negative if it failed; zero if there was none."""
+    if pc.getType() not in ("lu", "cholesky") or pc.getFactorSolverType() != "mumps":
+        return 0
+    return int(pc.getFactorMatrix().getMumpsInfog(1))
+
+
+def reason(pc: PETSc.PC) -> str:
+    """Why the last factorisation failed; nothing if it did not."""
+    code = failure(pc)
+    if code >= 0:
+        return ""
+    return f"MUMPS: {REASONS.get(code, 'see its manual')} (INFOG(1) = {code}, INFOG(2) = {_detail(pc)})"
+
+
+def _detail(pc: PETSc.PC) -> int:
+    return int(pc.getFactorMatrix().getMumpsInfog(2))
+
+
+def solve(A: PETSc.Mat, b: PETSc.Vec, x: PETSc.Vec) -> str:
+    """Solve A x = b once; returns why it failed, or nothing."""
+    ksp = PETSc.KSP().create(A.comm)
+    ksp.setOperators(A)
+    ksp.setType("preonly")
+    pc = ksp.getPC()
+    choose(pc)
+    ksp.solve(b, x)
+    while ksp.getConvergedReason() < 0 and enlarge(pc):
+        ksp.setOperators(A)
+        ksp.solve(b, x)
+    return reason(pc)

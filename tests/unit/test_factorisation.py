@@ -1,0 +1,58 @@
+"""What becomes of a factorisation that fails: a larger workspace, MUMPS's own reason, and another try."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from petsc4py import PETSc
+
+import gossamer_fx as gx
+from gossamer_fx.solvers import factorisation
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("masses", [64, 128])
+def test_a_pinned_hub_with_many_ropes_makes_its_steps(comm, masses):
+    """Pivots that MUMPS puts off need more than the workspace that it reckons with: INFOG(1) = -9."""
+    hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="hub")
+    items = [gx.RevoluteJoint(hub.frame(), gx.ground_frame(), (0, 0, 1))]
+    for k in range(masses):
+        e = np.array([np.cos(2 * np.pi * k / masses), np.sin(2 * np.pi * k / masses), 0.0])
+        mass = gx.PointMass(0.1, tuple(0.5 * e), name=f"mass {k}")
+        rope = gx.Rope(hub.port(tuple(0.1 * e)), mass.port(), length=0.39, stiffness=1e3, name=f"rope {k}")
+        items.append(rope)
+    scene = gx.Scene(*items, gx.RigidMotion(spin=(0, 0, 1.0)))
+    run = gx.Simulation(scene, gx.Midpoint(dt=1e-3), halvings=0)
+    run.run(until=3e-3)
+    assert abs(run.energy_error) < 1e-13
+
+
+def matrix(diagonal: list[float]) -> PETSc.Mat:
+    A = PETSc.Mat().createAIJ((len(diagonal), len(diagonal)), nnz=1, comm=PETSc.COMM_SELF)
+    for i, value in enumerate(diagonal):
+        A.setValue(i, i, value)
+    A.assemble()
+    return A
+
+
+def test_the_reason_is_told_and_the_next_matrix_is_tried():
+    """PETSc leaves out the numerical factorisation for ever after one that failed."""
+    A = matrix([1.0, 0.0, 2.0])
+    x, b = A.createVecs()
+    b.set(1.0)
+    ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+    ksp.setOperators(A)
+    ksp.setType("preonly")
+    pc = ksp.getPC()
+    factorisation.choose(pc)
+    ksp.solve(b, x)
+    assert ksp.getConvergedReason() < 0
+    assert "MUMPS: the matrix is singular" in factorisation.reason(pc)
+    assert not factorisation.enlarge(pc)
+    factorisation.renew(pc)
+    A.setValue(1, 1, 4.0)
+    A.assemble()
+    ksp.setOperators(A)
+    ksp.solve(b, x)
+    assert x.array.tolist() == [1.0, 0.25, 0.5]
+    assert factorisation.reason(pc) == ""
