@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from gossamer_fx.gas.volumes import Tank as Tank
     from gossamer_fx.interactions.clamped import Clamped as Clamped
     from gossamer_fx.interactions.clamped_edge import ClampedEdge as ClampedEdge
+    from gossamer_fx.interactions.crease import Crease as Crease
     from gossamer_fx.interactions.fixed import Fixed as Fixed
     from gossamer_fx.interactions.fixed import Prescribed as Prescribed
     from gossamer_fx.interactions.joint import BallJoint as BallJoint
@@ -144,6 +145,7 @@ _HOME = {
     "scene.initial": ["RigidMotion", "StartFrom"],
     "interactions.clamped": ["Clamped"],
     "interactions.clamped_edge": ["ClampedEdge"],
+    "interactions.crease": ["Crease"],
     "interactions.fixed": ["Fixed", "Prescribed"],
     "interactions.joint": ["BallJoint", "FixedJoint", "Link", "PrismaticJoint", "RevoluteJoint"],
     "interactions.spring": ["AxialSpring", "Damper", "Rope", "Spring", "Stop"],

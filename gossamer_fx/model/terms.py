@@ -125,7 +125,8 @@ class Assembly(Protocol):
     """What compiled terms and borders see of the system: bodies, their numbering, and the coordinates of the step.
 
     A step goes from q0 at `time` to q1, `h` seconds later; forces act at q̄ = (1-α) q0 + α q1, α = `rule.alpha`.
-    `fields[k]` are the coordinates of body k, which is on a mesh, as functions.
+    `fields[k]` are the coordinates of body k, which is on a mesh, as functions.  Tangents have the share `geometric` of
+    the stiffness that comes from present stresses and moments: 1, or 0 in a careful start of the iteration.
     """
 
     comm: MPI.Intracomm
@@ -139,6 +140,7 @@ class Assembly(Protocol):
     v0: PETSc.Vec
     time: float
     h: float
+    geometric: float
 
 
 class CompiledTerms:

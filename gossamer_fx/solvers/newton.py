@@ -58,6 +58,10 @@ class Newton:
     PETSc options with prefix `gx_` apply (e.g. `-gx_snes_monitor`, `-gx_snes_linesearch_type cp`).  `direct` factorises
     the matrix whatever its size: without much inertia a film with slack parts is too ill-conditioned for the others.
     `subdomains` is a method of domain decomposition, see `subdomains.METHODS`.
+
+    The first `careful` tangents of a step have no geometric stiffness.  With it a film under large compressive stress,
+    or a stiff fold, has an indefinite tangent far from the solution, and the iteration is thrown away; without it the
+    tangent is positive semi-definite beside the inertia, and the iteration slow but safe.
     """
 
     def __init__(
@@ -75,6 +79,7 @@ class Newton:
         self._r, self._base = system.numbering.vector(), system.numbering.vector()
         self._diagonal = system.numbering.vector()
         self._rtol: float | None = None
+        self.careful = 0
         self.iterations = 0  # of the last solve, also if it failed
         self.all_iterations = self.linear_iterations = 0  # of all solves
         self.seconds = dict.fromkeys(("law", "residual", "tangent", "linear solver"), 0.0)
@@ -225,7 +230,9 @@ class Newton:
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         with self._clock("tangent"):
+            self.system.take_geometric_stiffness(0.0 if snes.getIterationNumber() < self.careful else 1.0)
             A = self._tangent()
+            self.system.take_geometric_stiffness(1.0)
         if self._scalars:
             self._bordered.set(*self.system.coupling())
             J.assemble()

@@ -6,9 +6,13 @@ import math
 from dataclasses import dataclass, field
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.solvers.newton import Newton, Tolerances
+from gossamer_fx.solvers.newton import Newton, NotConverged, Tolerances
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import PathAverage, StressRule
+
+# Tangents of a step without geometric stiffness: at first none, and more each time that the iteration fails.  After
+# `PATIENCE` steps that succeed there are fewer again; where none of these numbers helps, none is tried for as long.
+CAREFUL, PATIENCE = (0, 3, 8, 20), 20
 
 
 @dataclass(frozen=True)
@@ -46,9 +50,32 @@ class MidpointSolver:
         self._system = system
         self.newton = Newton(system, tolerances, subdomains=subdomains)
         self._increment, self._v1 = system.numbering.vector(), system.numbering.vector()
+        self._care = 0  # index in CAREFUL
+        self._easy = 0  # steps since it was raised
+        self._useless = 0  # steps for which care need not be tried, as it did not help before
 
     def step(self, h: float) -> int:
-        """Advance by h; returns Newton's iterations.  Nothing has changed if it raises `NotConverged`."""
+        """Advance by h; returns Newton's iterations.  Nothing has changed if it raises `NotConverged`.
+
+        A step that fails is tried again with more careful starts of the iteration, before it is given up.
+        """
+        while True:
+            self.newton.careful = CAREFUL[self._care]
+            try:
+                iterations = self._attempt(h)
+            except NotConverged:
+                self._easy = 0
+                if self._useless or self._care + 1 == len(CAREFUL):
+                    self._care, self._useless = 0, PATIENCE
+                    raise
+                self._care += 1
+            else:
+                self._easy, self._useless = self._easy + 1, max(self._useless - 1, 0)
+                if self._care and self._easy >= PATIENCE:
+                    self._care, self._easy = self._care - 1, 0
+                return iterations
+
+    def _attempt(self, h: float) -> int:
         system = self._system
         y = system.begin(h)
         system.v0.copy(self._increment)

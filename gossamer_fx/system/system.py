@@ -37,7 +37,7 @@ class System:
     def __init__(self, bodies: list[Body], terms: Iterable[Term], rule: StressRule, comm: MPI.Intracomm) -> None:
         self.comm, self.bodies, self.rule = comm, bodies, rule
         self.borders: list[ScalarUnknowns] = []
-        self.time, self.h = 0.0, 1.0
+        self.time, self.h, self.geometric = 0.0, 1.0, 1.0
         self.supplied_energy = self.dissipated_energy = 0.0
         self.terms = list(terms)
         kinds: dict[type[CompiledTerms], list[Any]] = {}
@@ -207,6 +207,12 @@ class System:
             compiled.add_gyroscopic(G, spin)
         G.assemble()
         return G
+
+    def take_geometric_stiffness(self, share: float) -> None:
+        """Choose the share of the geometric stiffness, that of present stresses, in the tangents from now on."""
+        self.geometric = share
+        for field in self.fields.values():
+            field.γ.value = share
 
     def tangent(self) -> PETSc.Mat:
         """Derivative of the field residual with respect to q1."""

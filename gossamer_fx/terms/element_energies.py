@@ -4,7 +4,7 @@ Mixed iteration (Magisano, Leonetti & Garcea, IJNME 109 (2017) 1237, doi:10.1002
 quadrature points is a variable of its own, condensed:
 
     residual   ∫ (S̄(ê) + D̄(ê)(e(q1) - ê))·De(q̄)[w] dx
-    tangent    ∫ D̄ De(q1)[δ]·De(q̄)[w] + α S̄(ê)·D²e[δ, w] dx
+    tangent    ∫ D̄ De(q1)[δ]·De(q̄)[w] + γ α S̄(ê)·D²e[δ, w] dx,     γ = 1 but for careful starts: see `solvers.newton`
     update     ê = e(q1) - ½ D²e[δ, δ]     the *linearised* strain of the last iterate
 
 (S̄, D̄) are evaluated once an iteration, by compiled expressions, and the forms only read them.  A path that stays in one
@@ -173,7 +173,7 @@ class ElementForces:
         self._known = 0
 
         self.residual = compile_form(ufl.dot(S + ufl.dot(D, e - self._ê), De_mid) * term.dx)
-        self.tangent = compile_form((ufl.dot(ufl.dot(D, De_dq), De_mid) + at.α * ufl.dot(S, D2e)) * term.dx)
+        self.tangent = compile_form((ufl.dot(ufl.dot(D, De_dq), De_mid) + at.α * at.γ * ufl.dot(S, D2e)) * term.dx)
 
     def begin(self) -> None:
         """Start a step: of its stress nothing is known yet."""

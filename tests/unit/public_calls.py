@@ -10,6 +10,7 @@ from typing import Any
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from meshes.creased_strip import creased_strip
 from meshes.line import line
 from meshes.sheet import sheet
 
@@ -41,6 +42,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
     law = gx.Miyazaki(**film_law)
     film, beam = gx.Membrane(mesh, law), gx.Beam(curve, section)
     plate = gx.Plate(mesh, gx.Linear(**film_law))
+    creased = gx.Membrane(creased_strip(WORLD, 2, 1, 0.1, 0.1), law)
     scene = gx.Scene(film)
     block, other = gx.RigidBody(1.0, (1.0, 1.0, 1.0)), gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="other")
     A, B = block.frame(), other.frame()
@@ -75,6 +77,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "Clamped": {"body": beam, "group": "start"},
         "ClampedEdge": {"body": plate, "group": "left", "components": (0, 1, 2), "direction": (1.0, 0.0, 0.0)},
         "Continuation": {"residual": 1e-8, "step": 2e-3, "growth": 1.6, "cut": 0.5, "inner": 0.1, "patience": 25},
+        "Crease": {"film": creased, "edges": "crease", "stiffness": 1e-3, "rest_angle": 1.0, "yield_angle": 0.5},
         "Damper": {"a": P, "b": Q, "coefficient": 1.0},
         "Damping": {"body": film, "mass": 1.0, "stiffness": 1.0},
         "Displacement": {"port": P, "axis": "x"},

@@ -45,6 +45,8 @@ ABSENT_PARTS = {
     "materials.elastica",
     "outputs.vtx",
     "outputs.recording",
+    "terms.crease_energies",
+    "terms.fold_angle",
     "terms.loads",
     "terms.point_constraints",
     "terms.point_energies",

@@ -1,0 +1,159 @@
+"""Creases on films: energy and angular momentum through flat, yielding, folds that start pressed shut, checkpoints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.interactions.crease import MOUNTAIN, VALLEY
+from gossamer_fx.terms.crease_energies import CreaseEnergies
+from meshes.creased_strip import creased_strip
+
+WORLD = MPI.COMM_WORLD
+LAW = gx.Linear(E=2.5e9, nu=0.3, density=1400.0, thickness=50e-6)
+LENGTH, WIDTH, STIFFNESS = 0.05, 0.02, 2e-3
+
+
+def folded(angle: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Displacement of the strip to a valley fold of some angle [rad]."""
+    c, s = math.cos(angle / 2), math.sin(angle / 2)
+    return lambda X: np.stack([(c - 1) * X[0], 0 * X[1], s * abs(X[0])])
+
+
+def throw(X: np.ndarray) -> np.ndarray:
+    return np.stack([X[1] - 0.01, -X[0], 0.4 * np.sin(40 * X[0]) * (1 + 20 * X[1])])
+
+
+def strip(
+    comm: MPI.Comm, order: int = 2, angle: float = 1.4, velocity: object = None, **options: object
+) -> tuple[gx.Membrane, gx.Crease]:
+    mesh = creased_strip(comm, 4, 2, LENGTH, WIDTH)
+    film = gx.Membrane(mesh, LAW, order=order, displacement=folded(angle), velocity=velocity)
+    return film, gx.Crease(film, "crease", **({"stiffness": STIFFNESS} | options))
+
+
+def angles(run: gx.Simulation, crease: gx.Crease) -> np.ndarray:
+    (creases,) = [terms for terms in run.system.compiled if isinstance(terms, CreaseEnergies)]
+    return creases.angles(crease.energy)[0]
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_thrown_strip_conserves_energy_and_angular_momentum(comm: MPI.Comm, order: int) -> None:
+    run = gx.Simulation(gx.Scene(*strip(comm, order, velocity=throw)), gx.Midpoint(dt=2e-4))
+    assert run.first.stored["crease"] == pytest.approx(STIFFNESS * WIDTH * 1.4**2 / 2)
+    run.run(until=6e-3)
+    assert run.substeps == 0
+    assert abs(run.energy_error) < 1e-10
+    drift = run.totals.angular_momentum - run.first.angular_momentum
+    assert np.abs(drift).max() < 1e-10 * np.abs(run.first.angular_momentum).max()
+
+
+def test_a_stiff_crease_snaps_through_flat() -> None:
+    film, crease = strip(MPI.COMM_SELF, stiffness=0.04)
+    run = gx.Simulation(gx.Scene(film, crease), gx.Midpoint(dt=5e-5))
+    least = 0.0
+    while run.time < 2e-3:
+        run.run(until=run.time + 1e-4)
+        least = min(least, float(angles(run, crease).min()))
+    assert least < -0.05
+    assert run.substeps == 0
+    assert abs(run.energy_error) < 1e-9
+
+
+def test_a_rest_angle_that_yields_dissipates() -> None:
+    """Panels that turn about a crease at rest make it yield, and what it takes is booked."""
+    c, s = math.cos(0.7), math.sin(0.7)
+    fling = lambda X: 200.0 * np.stack([s * X[0], 0 * X[0], -c * abs(X[0])])  # noqa: E731
+    film, crease = strip(MPI.COMM_SELF, velocity=fling, rest_angle=1.4, yield_angle=0.3)
+    run = gx.Simulation(gx.Scene(film, crease), gx.Midpoint(dt=1e-4))
+    run.run(until=2e-3)
+    (creases,) = [terms for terms in run.system.compiled if isinstance(terms, CreaseEnergies)]
+    θ, rest = creases.angles(crease.energy)
+    assert (rest < 1.3).all()
+    assert (np.abs(θ - rest) <= 0.3 + 1e-12).all()
+    # of a rest angle that moves one way, the loss is the yield moment times its way
+    k = STIFFNESS * WIDTH / len(rest)
+    assert run.totals.dissipated == pytest.approx(0.3 * k * float((1.4 - rest).sum()), rel=0.2)
+    assert run.totals.dissipated >= 0.3 * k * float((1.4 - rest).sum()) * (1 - 1e-12)
+    assert abs(run.energy_error) < 1e-10
+
+
+@pytest.mark.parametrize("sign", [VALLEY, MOUNTAIN])
+def test_a_fold_pressed_shut_opens_to_its_side(sign: int) -> None:
+    film, crease = strip(MPI.COMM_SELF, angle=math.pi, rest_angle=sign * 2.0)
+    run = gx.Simulation(gx.Scene(film, crease), gx.Midpoint(dt=1e-4))
+    np.testing.assert_allclose(angles(run, crease), sign * math.pi)
+    assert run.first.stored["crease"] == pytest.approx(STIFFNESS * WIDTH * (math.pi - 2) ** 2 / 2)
+    run.run(until=1e-3)
+    assert (np.abs(angles(run, crease)) < 3.0).all()
+    assert (angles(run, crease) * sign > 0).all()
+
+
+def yielding(comm: MPI.Comm) -> tuple[gx.Membrane, gx.Crease]:
+    """Shut to the side that its rest angle does not tell, and beyond its limit from the start."""
+    return strip(comm, angle=math.pi, velocity=throw, shut=MOUNTAIN, yield_angle=0.5)
+
+
+@pytest.mark.mpi
+def test_turns_and_rest_angles_are_in_checkpoints_on_any_number_of_ranks(folder: Path) -> None:
+    whole = gx.Simulation(gx.Scene(*yielding(WORLD)), gx.Midpoint(dt=1e-4))
+    whole.run(until=4e-4)
+    first = gx.Simulation(gx.Scene(*yielding(WORLD)), gx.Midpoint(dt=1e-4), checkpoints=gx.Checkpoints(folder))
+    first.run(until=2e-4)
+    WORLD.barrier()
+    for comm in (WORLD, MPI.COMM_SELF):
+        rest = gx.Simulation(gx.Scene(*yielding(comm)), gx.Midpoint(dt=1e-4), restart=folder)
+        rest.run(until=4e-4)
+        assert rest.totals.stored["crease"] == pytest.approx(whole.totals.stored["crease"], rel=1e-8)
+        assert rest.totals.dissipated == pytest.approx(whole.totals.dissipated, rel=1e-8)
+        assert rest.totals.kinetic == pytest.approx(whole.totals.kinetic, rel=1e-8)
+
+
+def two_surfaces(model: object) -> None:
+    """Two squares side by side, the normal of the second turned."""
+    occ = model.occ  # type: ignore[attr-defined]
+    one, other = occ.addRectangle(0, 0, 0, 1, 1), occ.addRectangle(1, 0, 0, 1, 1)
+    occ.fragment([(2, one)], [(2, other)])
+    occ.synchronize()
+    model.addPhysicalGroup(2, [one, other], name="film")  # type: ignore[attr-defined]
+    line = next(
+        c
+        for _, c in model.getEntities(1)  # type: ignore[attr-defined]
+        if len(model.getAdjacencies(1, c)[0]) == 2  # type: ignore[attr-defined]
+    )
+    model.addPhysicalGroup(1, [line], name="crease")  # type: ignore[attr-defined]
+    model.mesh.generate(2)  # type: ignore[attr-defined]
+    model.mesh.reverse([(2, other)])  # type: ignore[attr-defined]
+
+
+BAD = {
+    "rim": (lambda film: gx.Crease(film, "left", 1e-3), "2 of the 2 edges of 'left' lie on the rim"),
+    "surface": (lambda film: gx.Crease(film, "film", 1e-3), "the group 'film' has dimension 2; name curves"),
+    "no group": (lambda film: gx.Crease(film, "fold", 1e-3), "The mesh has no group 'fold'"),
+    "stiffness": (lambda film: gx.Crease(film, "crease", -1e-3), "stiffness is -0.001 N m/m/rad; give a positive"),
+    "rest angle": (lambda film: gx.Crease(film, "crease", 1e-3, 3.2), "rest_angle is 3.2 rad; stay within half a turn"),
+    "yield": (lambda film: gx.Crease(film, "crease", 1e-3, yield_angle=-1.0), "yield_angle is -1.0 rad; give a"),
+    "shut": (lambda film: gx.Crease(film, "crease", 1e-3, shut=0), "shut is 0; give 1 for a valley fold"),
+    "normals": (
+        lambda film: gx.Crease(gx.Membrane(gx.gmsh_mesh(two_surfaces, WORLD), LAW), "crease", 1e-3),
+        "the normals of 'film' change sides at 'crease'",
+    ),
+}
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("case", BAD)
+def test_bad_creases_are_refused_in_a_sentence(case: str) -> None:
+    make, words = BAD[case]
+    film = gx.Membrane(creased_strip(WORLD, 4, 2, LENGTH, WIDTH), LAW)
+    with pytest.raises(gx.InputError) as caught:
+        make(film)
+    assert words in str(caught.value)
+    assert str(caught.value).endswith(".")
