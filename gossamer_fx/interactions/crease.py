@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.bodies.plate import Plate
 from gossamer_fx.checks.errors import check, check_on_all, check_positive
 from gossamer_fx.mesh.edges import EdgeTable
 from gossamer_fx.model.terms import Array, Indices, Term
@@ -82,6 +83,11 @@ class Crease:
             f"{who}: the triangles of '{self.film.name}' are curved; mesh it with plane triangles (order 1).",
         )
         self._check_edges(who)
+        check(
+            not isinstance(self.film, Plate) or self.edges in self.film.hinges,
+            f"{who}: the plate '{self.film.name}' transmits bending at '{self.edges}' itself; give it "
+            f"hinges=['{self.edges}'].",
+        )
 
     def _check_edges(self, who: str) -> None:
         table, lines = self.film.mesh.edges, self.film.mesh.curve(self.edges, who)
