@@ -143,7 +143,7 @@ class Crease:
         t = along / length[:, None]
         left, right = (self._derivatives(cells[:, i], sides[:, i], points, i == 1) for i in range(2))
         inwards = [_inwards(geometry.x[geometry.dofmap[cells[:, i], :3]], t, sides[:, i]) for i in range(2)]
-        maps = np.zeros((len(owned), len(points), 3, 2 * left.shape[-1]))
+        maps: Array = np.zeros((len(owned), len(points), 3, 2 * left.shape[-1]))
         k = left.shape[-1]
         maps[:, :, 0, :k] = np.einsum("egck,ec->egk", left, t)
         maps[:, :, 1, :k] = np.einsum("egck,ec->egk", left, inwards[0])

@@ -197,7 +197,8 @@ class _Points:
     def recall(self, told: dict[tuple[int, ...], tuple[int, float | None]]) -> None:
         """Take the state from what was unusual, by place; the positions are set."""
         self.θ, self.rest = self._principal(self._X), self._first_rest.copy()
-        for i, place in enumerate(self._places.tolist()):
+        places: Any = self._places.tolist()
+        for i, place in enumerate(places):
             turns, rest = told.get((int(self.owner[i]), *place), (0, None))
             self.θ[i] += 2 * np.pi * turns
             if rest is not None:

@@ -24,10 +24,12 @@ All arrays are (..., 3, 3) with the vectors as rows; all functions but `angle` a
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
-Numbers = npt.NDArray[np.floating] | npt.NDArray[np.complexfloating]
+Numbers = npt.NDArray[Any]  # real or complex
 Array = npt.NDArray[np.floating]
 
 STEP = 1e-30  # of the complex step: no difference is taken, so that it may be as small as it likes
