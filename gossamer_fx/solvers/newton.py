@@ -230,9 +230,9 @@ class Newton:
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         with self._clock("tangent"):
-            self.system.take_geometric_stiffness(0.0 if snes.getIterationNumber() < self.careful else 1.0)
+            self._take_geometric_stiffness(0.0 if snes.getIterationNumber() < self.careful else 1.0)
             A = self._tangent()
-            self.system.take_geometric_stiffness(1.0)
+            self._take_geometric_stiffness(1.0)
         if self._scalars:
             self._bordered.set(*self.system.coupling())
             J.assemble()
@@ -241,6 +241,11 @@ class Newton:
             self._floor = self.tolerances.floor * np.finfo(float).eps * self.system.size(self._diagonal)
         self._composite.split(snes.getSolution())[0].copy(self._base)
         self._aim(snes.getKSP())
+
+    def _take_geometric_stiffness(self, share: float) -> None:
+        self.system.geometric = share
+        for field in self.system.fields.values():
+            field.γ.value = share
 
     def _aim(self, ksp: PETSc.KSP) -> None:
         """Solve the last linear systems tightly: what a loose one leaves of the residual, the energy feels."""

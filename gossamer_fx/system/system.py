@@ -208,12 +208,6 @@ class System:
         G.assemble()
         return G
 
-    def take_geometric_stiffness(self, share: float) -> None:
-        """Choose the share of the geometric stiffness, that of present stresses, in the tangents from now on."""
-        self.geometric = share
-        for field in self.fields.values():
-            field.γ.value = share
-
     def tangent(self) -> PETSc.Mat:
         """Derivative of the field residual with respect to q1."""
         same = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
