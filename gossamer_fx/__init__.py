@@ -83,8 +83,16 @@ if TYPE_CHECKING:
     from gossamer_fx.mesh.mesh import read_mesh as read_mesh
     from gossamer_fx.model.terms import Ground as Ground
     from gossamer_fx.model.terms import Port as Port
+    from gossamer_fx.orbit.drag import Drag as Drag
+    from gossamer_fx.orbit.drag import ExponentialAtmosphere as ExponentialAtmosphere
     from gossamer_fx.orbit.elements import Elements as Elements
+    from gossamer_fx.orbit.free_molecular import Accommodation as Accommodation
+    from gossamer_fx.orbit.free_molecular import Air as Air
+    from gossamer_fx.orbit.magnetic_dipole import MagneticDipole as MagneticDipole
+    from gossamer_fx.orbit.optics import Optics as Optics
     from gossamer_fx.orbit.orbit import Orbit as Orbit
+    from gossamer_fx.orbit.solar_pressure import SolarPressure as SolarPressure
+    from gossamer_fx.orbit.surface_forces import Surface as Surface
     from gossamer_fx.outputs.ledger import Ledger as Ledger
     from gossamer_fx.outputs.probes import AreaFraction as AreaFraction
     from gossamer_fx.outputs.probes import Displacement as Displacement
@@ -168,6 +176,12 @@ _HOME = {
     "plotting.plot": ["animate", "plot_curves", "plot_field", "plot_strip"],
     "plotting.report": ["write_report"],
     "orbit.elements": ["Elements"],
+    "orbit.drag": ["Drag", "ExponentialAtmosphere"],
+    "orbit.free_molecular": ["Accommodation", "Air"],
+    "orbit.magnetic_dipole": ["MagneticDipole"],
+    "orbit.optics": ["Optics"],
+    "orbit.solar_pressure": ["SolarPressure"],
+    "orbit.surface_forces": ["Surface"],
     "orbit.orbit": ["Orbit"],
     "outputs.ledger": ["Ledger"],
     "outputs.probes": ["AreaFraction", "Displacement", "GasState", "Position", "Velocity"],

@@ -20,6 +20,14 @@ def is_here(place: tuple[Attached, ...]) -> bool:
     return bool(start <= port.nodes[0] < end)
 
 
+def is_point(port: Attached) -> float:
+    """1 for a point of a body or of space, 0 for a director or a difference of points."""
+    if isinstance(port, Ground):
+        return 1.0
+    vectors = port.vectors or (0,) * len(port.nodes)
+    return sum(w for w, v in zip(port.weights, vectors, strict=True) if v == 0)
+
+
 def own_places(places: Sequence[tuple[Attached, ...]]) -> list[int]:
     """Which of the places this rank evaluates."""
     return [i for i, place in enumerate(places) if is_here(place)]

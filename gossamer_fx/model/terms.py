@@ -125,8 +125,9 @@ class Assembly(Protocol):
     """What compiled terms and borders see of the system: bodies, their numbering, and the coordinates of the step.
 
     A step goes from q0 at `time` to q1, `h` seconds later; forces act at q̄ = (1-α) q0 + α q1, α = `rule.alpha`.
-    `fields[k]` are the coordinates of body k, which is on a mesh, as functions.  Tangents have the share `geometric` of
-    the stiffness that comes from present stresses and moments: 1, or 0 in a careful start of the iteration.
+    `fields[k]` are the coordinates of body k, which is on a mesh, as functions; `past` are those before the last step.
+    Tangents have the share `geometric` of the stiffness that comes from present stresses and moments: 1, or 0 in a
+    careful start of the iteration.
     """
 
     comm: MPI.Intracomm
@@ -135,6 +136,7 @@ class Assembly(Protocol):
     numbering: Any
     fields: dict[int, Any]
     rule: Any
+    past: PETSc.Vec
     q0: PETSc.Vec
     q1: PETSc.Vec
     v0: PETSc.Vec
@@ -222,6 +224,10 @@ class CompiledTerms:
 
     def energies(self) -> dict[str, float]:
         """Stored energies [J] at q0 on this rank, by name."""
+        return {}
+
+    def resultants(self) -> dict[str, Array]:
+        """Force and torque about the origin (2, 3) of each load over the last step [N, N m] on this rank, by name."""
         return {}
 
     def momenta(self) -> Array:

@@ -76,6 +76,10 @@ class Flight:
         back: Array = (m.first / T**2 + 2 * m.momentum / T) / m.mass
         return back
 
+    def light(self) -> tuple[Array, float]:
+        """Direction (3,) of sunlight, and its pressure on a black surface [N/m²]."""
+        return self.around.light(self.R, self.time)
+
     def keep(self) -> None:
         """The step was accepted."""
         if self._for is not None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from petsc4py import PETSc
 
-from gossamer_fx.algebra.places import Gather, add_blocks, attach_all, own_places
+from gossamer_fx.algebra.places import Gather, add_blocks, attach_all, is_point, own_places
 from gossamer_fx.model.terms import Array, Assembly, Attached, Port
 from gossamer_fx.terms.masses import NodeKineticEnergy
 from gossamer_fx.terms.point_masses import AttachedKineticEnergy
@@ -31,7 +31,7 @@ class MassPoints:
             k = masses.shape[1]
             i, P, offset = attach_all(system.numbering, system.bodies, [places[j] for j in own], 3 * k)
             for row, j in enumerate(own):
-                points, weights = equivalent_points(masses[j, :, :], np.array([_is_point(port) for port in places[j]]))
+                points, weights = equivalent_points(masses[j, :, :], np.array([is_point(port) for port in places[j]]))
                 spread = np.kron(points, np.eye(3)).reshape(len(points), 3, 3 * k)
                 indices += [i[row]] * len(points)
                 B += list(spread @ P[row])
@@ -92,10 +92,3 @@ def _places(term: Kinetic) -> tuple[Sequence[tuple[Attached, ...]], Array]:
     return [
         tuple(Port(body, (start + i,), (1.0,), (j,)) for j in range(k)) for i in range(len(term.mass))
     ], term.mass.reshape(-1, k, k)
-
-
-def _is_point(port: Attached) -> float:
-    """1 for a point of a body, 0 for a director or a difference of points."""
-    assert isinstance(port, Port)
-    vectors = port.vectors or (0,) * len(port.nodes)
-    return sum(w for w, v in zip(port.weights, vectors, strict=True) if v == 0)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
 import ufl
 from dolfinx import fem, la
 from petsc4py import PETSc
@@ -47,6 +48,16 @@ class Loads(CompiledTerms):
             owned = self._system.numbering.owned(k)
             work += float(Δq[owned] @ load.path_average()[: owned.stop - owned.start])
         return work
+
+    def resultants(self) -> dict[str, Array]:
+        system, found = self._system, dict[str, Array]()
+        for k, load in self._loads:
+            owned, α = system.numbering.owned(k), system.rule.alpha
+            q = ((1 - α) * system.past.array_r[owned] + α * system.q0.array_r[owned]).reshape(-1, 3)
+            f = load.force.array[: owned.stop - owned.start].reshape(-1, 3)
+            total = np.array([f[:: system.bodies[k].block.size // 3].sum(axis=0), np.cross(q, f).sum(axis=0)])
+            found[load.term.name] = found.get(load.term.name, 0.0) + total
+        return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 from petsc4py import PETSc
 
-from gossamer_fx.algebra.places import Gather, attach, is_here
+from gossamer_fx.algebra.places import Gather, attach, is_here, is_point
 from gossamer_fx.model.terms import Array, Assembly, Attached, CompiledTerms
 
 
@@ -35,7 +35,7 @@ class PointLoads(CompiledTerms):
     supplies = True
 
     def __init__(self, terms: Sequence[PointLoad], system: Assembly) -> None:
-        self._system, self._laws = system, [term.law for term in terms]
+        self._system, self._terms, self._laws = system, terms, [term.law for term in terms]
         attached = [attach(system.numbering, system.bodies, term.ports) for term in terms]
         self._indices = [indices for indices, _, _ in attached]
         self._maps = [(P, o) for _, P, o in attached]
@@ -80,6 +80,17 @@ class PointLoads(CompiledTerms):
             if self._mine[k]:
                 total += float(np.dot(self._laws[k].force(X), X1 - X0))
         return total
+
+    def resultants(self) -> dict[str, Array]:
+        found: dict[str, Array] = {}
+        for k, X in enumerate(self._middle()):
+            if self._mine[k]:
+                term, r = self._terms[k], X.reshape(-1, 3)
+                f = self._laws[k].force(X).reshape(-1, 3)
+                pushed = np.array([is_point(port) for port in term.ports])
+                total = np.array([pushed @ f, np.cross(r, f).sum(axis=0)])
+                found[term.name] = found.get(term.name, 0.0) + total
+        return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ Call = dict[str, Any]
 
 # not called by users, or without arguments
 UNCALLED = {
+    "MagneticDipole",  # needs ERFA
     "EndPoint",
     "EquilibriumResult",
     "Found",
@@ -53,7 +54,10 @@ def valid_calls(folder: Path) -> dict[str, Call]:
     ends = [(film.port("bottom left"), film.port("bottom right"))]
     hinge = {"a": A, "b": B, "axis": z}
     edges = dict.fromkeys(("EA", "GA2", "GA3", "EI2", "EI3", "GJ", "line_density", "rotary2", "rotary3"), 1.0)
+    orbit = gx.Orbit(gx.Elements(7e6), sun=z)
     return {
+        "Accommodation": {"normal": 0.9, "tangential": 0.9, "wall_temperature": 300.0},
+        "Air": {"density": 1e-12, "temperature": 1000.0, "molecule": 1e-26},
         "Ambient": {"pressure": 1.0, "temperature": 300.0},
         "AreaFraction": {"film": film, "state": "taut"},
         "At": {"time": 0.1},
@@ -81,6 +85,12 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "Damper": {"a": P, "b": Q, "coefficient": 1.0},
         "Damping": {"body": film, "mass": 1.0, "stiffness": 1.0},
         "Displacement": {"port": P, "axis": "x"},
+        "Drag": {
+            "body": film,
+            "orbit": orbit,
+            "atmosphere": gx.ExponentialAtmosphere(1e-12, 4e5, 6e4),
+            "rotation": 1e-5,
+        },
         "EdgeCable": {"film": film, "group": "left", "force": 1.0},
         "EdgeLoad": {"body": film, "group": "left", "force": z},
         "EdgeMoment": {"body": plate, "group": "left", "moment": 1.0},
@@ -89,6 +99,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             zip(("a", "e", "i", "node", "perigee", "anomaly"), (7e6, 0.1, 0.5, 1.0, 1.0, 1.0), strict=True)
         ),
         "Equilibrium": {"scene": scene, "search": gx.Continuation()},
+        "ExponentialAtmosphere": dict.fromkeys(("density", "altitude", "scale_height", "temperature"), 1.0),
         "Fixed": {"body": film, "group": "left", "components": (0, 1, 2)},
         "FixedJoint": {"a": A, "b": B},
         "Force": {"port": P, "value": z},
@@ -105,6 +116,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "Midpoint": {"dt": 1e-3, "rule": gx.PathAverage(), "tolerances": gx.Tolerances()},
         "Miyazaki": {**film_law, "residual": 1e-6},
         "Orifice": {"first": tank, "second": gx.Ambient(), "area": 1e-6, "discharge_coefficient": 0.8, "laminar": 1e-5},
+        "Optics": dict.fromkeys(("reflectivity", "specular", "emissivity", "lambertian"), 0.5),
         "Orbit": {
             "start": gx.Elements(7e6),
             "sun": z,
@@ -136,9 +148,11 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "Section": edges,
         "Series": {"probes": {"a": lambda run: 0.0}},
         "Simulation": {"scene": scene, "stepper": gx.Midpoint(dt=0.1), "outputs": [], "halvings": 8},
+        "SolarPressure": {"body": film, "orbit": orbit, "optics": gx.Optics(), "shadow_pixels": 8},
         "Spring": {"a": P, "b": Q, "stiffness": 1.0, "length": 1.0},
         "StepControl": {"iterations": 15, "error": 1e-3, "growth": 1.5, "cut": 0.5, "smallest": 1e-9},
         "Stop": {"a": P, "b": Q, "distance": 1.0, "stiffness": 1.0},
+        "Surface": {"area": 1.0, "normal": z, "centre": z, "optics": gx.Optics(), "two_sided": True},
         "Tank": {"volume": 1e-3, "gas": gas, "pressure": 1e5, "temperature": 300.0},
         "Tape": {"film": film, "law": gx.CableLaw(**cable_law), "bars": ends, "lengths": [1.0]},
         "TensionField": film_law,

@@ -1,0 +1,149 @@
+"""Drag of the upper atmosphere on films and rigid bodies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.bodies.rigid_body import RigidBody
+from gossamer_fx.checks.errors import check
+from gossamer_fx.forms.compilation import constant
+from gossamer_fx.forms.kinematics import Expr, area_vector
+from gossamer_fx.model.terms import Array, Assembly, Term
+from gossamer_fx.orbit.environment import ROTATION
+from gossamer_fx.orbit.flight import Flight
+from gossamer_fx.orbit.flying_loads import FacesForce, FlyingLoad, FlyingPointLoad, axes_of
+from gossamer_fx.orbit.free_molecular import Accommodation, Air
+from gossamer_fx.orbit.orbit import Orbit
+from gossamer_fx.orbit.solar_pressure import check_surfaces, geometry, surface_measure
+from gossamer_fx.orbit.surface_forces import Rows, Surface, Symbolic, flow_force
+
+Atmosphere = Callable[[float], Air]  # of the altitude [m]
+
+
+@dataclass(frozen=True)
+class ExponentialAtmosphere:
+    """Density that falls by e over a scale height.
+
+    Args:
+        density: at `altitude` [kg/m³].
+        altitude: [m].
+        scale_height: [m].
+        temperature: [K].
+    """
+
+    density: float
+    altitude: float
+    scale_height: float
+    temperature: float = 1000.0
+
+    def __post_init__(self) -> None:
+        for what in ("density", "scale_height", "temperature"):
+            value = getattr(self, what)
+            check(value > 0, f"ExponentialAtmosphere: {what} is {value!r}; give a positive number.")
+
+    def __call__(self, altitude: float) -> Air:
+        """The air at an altitude [m]."""
+        return Air(self.density * math.exp((self.altitude - altitude) / self.scale_height), self.temperature)
+
+
+class Drag:
+    """Free-molecular flow on the deformed faces of a film, or on the surfaces of a rigid body; nothing shades.
+
+    Each face meets the air with its own velocity.  The air has the state of the altitude of the scene, that over a
+    sphere, and turns with the Earth about z.
+
+    Args:
+        body: a film or a rigid body.
+        orbit: where it flies.
+        atmosphere: a function of the altitude [m] that returns `Air`, e.g. `ExponentialAtmosphere`.
+        accommodation: how molecules leave the surface.
+        surfaces: of a rigid body.
+        rotation: of the atmosphere [rad/s].
+
+    Raises:
+        InputError: surfaces of a film, or none of a rigid body.
+    """
+
+    def __init__(
+        self,
+        body: Membrane | RigidBody,
+        orbit: Orbit,
+        atmosphere: Atmosphere,
+        accommodation: Accommodation | None = None,
+        *,
+        surfaces: Sequence[Surface] = (),
+        rotation: float = ROTATION,
+        name: str = "",
+    ) -> None:
+        self.body, self.orbit, self.atmosphere, self.rotation = body, orbit, atmosphere, rotation
+        self.accommodation, self.surfaces = accommodation or Accommodation(), tuple(surfaces)
+        self.name = name or f"drag on {body.name}"
+        check(callable(atmosphere), f"'{self.name}': atmosphere is {atmosphere!r}; give a function of the altitude.")
+        check(math.isfinite(rotation), f"'{self.name}': rotation is {rotation!r} rad/s; give a finite number.")
+        check_surfaces(self.name, body, self.surfaces)
+
+    def requires(self) -> Iterable[Any]:
+        yield self.body
+        yield self.orbit
+
+    def flow(self, flight: Flight) -> tuple[Air, Array]:
+        """The air, and its velocity (3,) as seen from the origin of the frame."""
+        altitude = float(np.linalg.norm(flight.R)) - self.orbit.radius
+        air = self.atmosphere(altitude)
+        check(isinstance(air, Air), f"'{self.name}': the atmosphere returns {air!r} at {altitude:.6g} m; return Air.")
+        wind: Array = np.cross([0.0, 0.0, self.rotation], flight.R) - flight.V
+        return air, wind
+
+    def terms(self) -> Iterable[Term]:
+        if isinstance(self.body, RigidBody):
+            yield FlyingPointLoad(self.name, axes_of(self.body), self.orbit, _FlowOnFaces(self))
+        else:
+            yield self._on_film(self.body)
+
+    def _on_film(self, film: Membrane) -> FlyingLoad:
+        mesh, how = film.space.mesh, self.accommodation
+        U, ρ, thermal, wall = fem.Constant(mesh, np.zeros(3)), *(constant(mesh, 1.0) for _ in range(3))
+        σn, σt, sides = (constant(mesh, s) for s in (how.normal, how.tangential, 1.0))
+        dx = surface_measure(film)
+
+        def work(q: Expr, rate: Expr, w: Expr) -> ufl.Form:
+            a = area_vector(film.deformation(q))
+            return ρ * ufl.dot(flow_force(a, U - rate, thermal, σn, σt, wall, sides, Symbolic), w) * dx
+
+        def prepare(flight: Flight, system: Assembly) -> None:
+            air, U.value = self.flow(flight)
+            ρ.value, thermal.value = air.density, air.thermal_speed
+            wall.value = math.sqrt(how.wall_temperature / air.temperature)
+
+        return FlyingLoad(self.name, film, self.orbit, work, prepare)
+
+
+class _FlowOnFaces(FacesForce):
+    """Free-molecular flow on flat faces."""
+
+    def __init__(self, drag: Drag) -> None:
+        super().__init__(*geometry(drag.surfaces))
+        self._drag = drag
+        self._two_sided = np.array([float(s.two_sided) for s in drag.surfaces])[:, None]
+        self._air = Air(0.0)
+        self._wind: Array = np.zeros(3)
+
+    def prepare(self, flight: Flight) -> None:
+        self._air, self._wind = self._drag.flow(flight)
+
+    def on_faces(self, areas: Array, places: Array, rates: Array) -> Array:
+        how, air = self._drag.accommodation, self._air
+        wall = math.sqrt(how.wall_temperature / air.temperature)
+        U = self._wind - rates
+        f: Array = air.density * flow_force(
+            areas, U, air.thermal_speed, how.normal, how.tangential, wall, self._two_sided, Rows
+        )
+        return f

@@ -1,0 +1,150 @@
+"""Loads that depend on where a scene flies: compiled as other loads, after the origin has made its step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+import ufl
+
+from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.model.terms import Array, Assembly, Attached, CompiledTerms, MeshBody, Port
+from gossamer_fx.orbit.flight import Flight
+from gossamer_fx.orbit.orbit import Orbit
+from gossamer_fx.terms.loads import Load, Loads
+from gossamer_fx.terms.point_loads import PointLoad, PointLoads
+
+
+class FlyingLoads(Loads):
+    """All `FlyingLoad` terms of a scene."""
+
+    def __init__(self, terms: Sequence[FlyingLoad], system: Assembly) -> None:
+        self._flying = terms
+        super().__init__([self._load(term, system) for term in terms], system)
+
+    @staticmethod
+    def _load(term: FlyingLoad, system: Assembly) -> Load:
+        at = system.fields[system.bodies.index(term.body)]
+        rate = (at.q1 - at.q0) / at.h
+
+        def work(q: Expr, w: Expr) -> ufl.Form:
+            return term.work(q, rate, w)
+
+        return Load(term.name, term.body, work, follows=True)
+
+    def begin(self, t: float) -> None:
+        system = self._system
+        for term in self._flying:
+            flight = term.orbit.flight(system)
+            flight.prepare(system)
+            system.fields[system.bodies.index(term.body)].h.value = system.h
+            term.prepare(flight, system)
+        super().begin(t)
+
+
+@dataclass(frozen=True, eq=False)
+class FlyingLoad:
+    """A load on a body on a mesh: `work(q, rate, w)` is its virtual work with the mean velocity of the step.
+
+    prepare: sets its constants from the flight, before each step.
+    """
+
+    name: str
+    body: MeshBody
+    orbit: Orbit
+    work: Callable[[Expr, Expr, Expr], ufl.Form]
+    prepare: Callable[[Flight, Assembly], None]
+    compiler: ClassVar[type[CompiledTerms]] = FlyingLoads
+
+
+class FlyingForce(Protocol):
+    """Force on attached vectors in flight; an array X (..., k, 3) may be complex."""
+
+    def prepare(self, flight: Flight) -> None:
+        """Take what surrounds the flight in the step."""
+        ...
+
+    def forces(self, X: Array, rate: Array) -> Array:
+        """Forces (..., k, 3) on vectors X (..., k, 3) and their mean rates."""
+        ...
+
+
+class _ByComplexSteps:
+    """A `FlyingForce` as a law of point loads, its derivative taken by complex steps, to round-off."""
+
+    def __init__(self, law: FlyingForce) -> None:
+        self._law, self._lag = law, 1.0
+        self._X0: Array = np.zeros(0)
+
+    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+        self._lag, self._X0 = lag, X
+
+    def _forces(self, X: Any) -> Any:
+        shape = (*X.shape[:-1], -1, 3)
+        return self._law.forces(X.reshape(shape), ((X - self._X0) / self._lag).reshape(shape))
+
+    def force(self, X: Array) -> Array:
+        f: Array = self._forces(X).ravel()
+        return f
+
+    def tangent(self, X: Array) -> Array:
+        if not self._X0.size:  # before the first step only the pattern of the matrix is asked for
+            return np.zeros((X.size, X.size))
+        tiny = 1e-30
+        stepped = self._forces(X + 1j * tiny * np.eye(X.size))
+        K: Array = stepped.reshape(X.size, X.size).imag.T / tiny
+        return K
+
+
+class FlyingPointLoads(PointLoads):
+    """All `FlyingPointLoad` terms of a scene."""
+
+    def __init__(self, terms: Sequence[FlyingPointLoad], system: Assembly) -> None:
+        self._flying = terms
+        super().__init__([PointLoad(t.name, t.ports, _ByComplexSteps(t.law)) for t in terms], system)
+
+    def begin(self, t: float) -> None:
+        for term in self._flying:
+            flight = term.orbit.flight(self._system)
+            flight.prepare(self._system)
+            term.law.prepare(flight)
+        super().begin(t)
+
+
+@dataclass(frozen=True, eq=False)
+class FlyingPointLoad:
+    """A load on points and directors of bodies in flight."""
+
+    name: str
+    ports: tuple[Attached, ...]
+    orbit: Orbit
+    law: FlyingForce
+    compiler: ClassVar[type[CompiledTerms]] = FlyingPointLoads
+
+
+def axes_of(body: Any) -> tuple[Port, ...]:
+    """Position and directors of a rigid body."""
+    return tuple(Port(body, (0,), (1.0,), (k,)) for k in range(4))
+
+
+class FacesForce:
+    """A force on flat faces of a rigid body at its place and directors (..., 4, 3).
+
+    Args:
+        areas: area vectors (n, 3), centres (n, 3) in body axes.
+    """
+
+    def __init__(self, areas: Array, centres: Array) -> None:
+        self._areas, self._arms = areas, np.column_stack([np.ones(len(centres)), centres])
+
+    def forces(self, X: Array, rate: Array) -> Array:
+        faces = self._areas @ X[..., 1:, :]
+        f = self.on_faces(faces, self._arms @ X, self._arms @ rate)
+        total: Array = np.swapaxes(f, -1, -2) @ self._arms
+        return np.swapaxes(total, -1, -2)
+
+    def on_faces(self, areas: Array, places: Array, rates: Array) -> Array:
+        """Forces (..., n, 3) on area vectors at places with velocities."""
+        raise NotImplementedError

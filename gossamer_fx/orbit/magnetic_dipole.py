@@ -1,0 +1,86 @@
+"""The torque of the Earth's magnetic field on a dipole."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from gossamer_fx.bodies.frames import Frame
+from gossamer_fx.checks.errors import check, is_vector
+from gossamer_fx.model.terms import Array, Port, Term, Vector
+from gossamer_fx.orbit.flight import Flight
+from gossamer_fx.orbit.flying_loads import FlyingPointLoad
+from gossamer_fx.orbit.magnetic_field import Igrf
+from gossamer_fx.orbit.orbit import Orbit
+
+MomentHistory = Callable[[float], Sequence[float]]
+
+
+class MagneticDipole:
+    """Torque m × B on a dipole m that is fixed in a frame with three directors; B by IGRF-14 at the frame's flight.
+
+    As a torque on the directors it is spread as that of `Torque`, so that the angular momentum grows by exactly h m×B.
+
+    Args:
+        frame: of a rigid body.
+        orbit: where it flies; B needs its epoch.
+        moment: components along the directors [A m²], three numbers or a function of time [s] that returns them.
+
+    Raises:
+        InputError: no three directors, an orbit without epoch, or a year that IGRF-14 does not cover.
+    """
+
+    def __init__(self, frame: Frame, orbit: Orbit, moment: Vector | MomentHistory, *, name: str = "magnet") -> None:
+        self.frame, self.orbit, self.moment, self.name = frame, orbit, moment, name
+        check(
+            isinstance(frame, Frame) and len(frame.directors) == 3,
+            f"'{name}' needs a frame with three directors; give that of a rigid body.",
+        )
+        check(
+            callable(moment) or is_vector(moment),
+            f"'{name}': moment is {moment!r} A m²; give three numbers or a function of time.",
+        )
+        check(orbit.sky is not None, f"'{name}': the magnetic field turns with the Earth; give the orbit an epoch.")
+        self._field = Igrf(orbit.sky.year) if orbit.sky is not None else None
+
+    def requires(self) -> Iterable[Any]:
+        yield from (p.body for p in self.frame.directors if isinstance(p, Port))
+        yield self.orbit
+
+    def field(self, flight: Flight) -> Array:
+        """B (3,) [T] in the axes of the scene, in the middle of the step."""
+        assert self._field is not None
+        turn = self.orbit.earth(flight.time)
+        B: Array = turn.T @ self._field.field(turn @ flight.R)
+        return B
+
+    def terms(self) -> Iterable[Term]:
+        yield FlyingPointLoad(self.name, self.frame.directors, self.orbit, _DipoleTorque(self))
+
+
+class _DipoleTorque:
+    """Forces F × d_k on directors d_k with (tr S 1 - S) F = m × B, S = Σ d_k d_kᵀ."""
+
+    def __init__(self, dipole: MagneticDipole) -> None:
+        self._dipole = dipole
+        self._B: Array = np.zeros(3)
+        self._m: Array = np.zeros(3)
+
+    def prepare(self, flight: Flight) -> None:
+        moment = self._dipole.moment
+        value = moment(flight.time) if callable(moment) else moment
+        check(
+            is_vector(value),
+            f"'{self._dipole.name}': its moment is {value!r} at t = {flight.time:.6g} s; return three finite numbers.",
+        )
+        self._B, self._m = self._dipole.field(flight), np.asarray(value, dtype=float)
+
+    def forces(self, X: Array, rate: Array) -> Array:
+        torque = np.cross(self._m @ X, self._B)
+        S = np.swapaxes(X, -1, -2) @ X
+        resistance = np.trace(S, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - S
+        F = np.linalg.solve(resistance, torque[..., None])[..., 0]
+        f: Array = np.cross(F[..., None, :], X)
+        return f

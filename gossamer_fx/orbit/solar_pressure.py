@@ -1,0 +1,152 @@
+"""Pressure of sunlight on films and rigid bodies."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.bodies.rigid_body import RigidBody
+from gossamer_fx.checks.errors import check
+from gossamer_fx.forms.compilation import constant
+from gossamer_fx.forms.kinematics import Expr, area_vector
+from gossamer_fx.model.terms import Array, Assembly, Term
+from gossamer_fx.orbit.flight import Flight
+from gossamer_fx.orbit.flying_loads import FacesForce, FlyingLoad, FlyingPointLoad, axes_of
+from gossamer_fx.orbit.optics import MIRROR, Optics
+from gossamer_fx.orbit.orbit import Orbit
+from gossamer_fx.orbit.shadow_map import ShadowMap
+from gossamer_fx.orbit.surface_forces import Rows, Surface, Symbolic, light_force
+
+
+class SolarPressure:
+    """Sunlight on the deformed faces of a film, or on the surfaces of a rigid body; both sides, see `Optics`.
+
+    Distance and shadow are those of the middle of the body's flight in the step.
+
+    Args:
+        body: a film or a rigid body.
+        orbit: where it flies.
+        optics: of a film; the front is where the normal of the mesh points to.
+        groups: optics of named groups of its triangles.
+        surfaces: of a rigid body.
+        shadow_pixels: a film shades itself, found at the start of each step on a map of so many pixels across; 0: no.
+
+    Raises:
+        InputError: surfaces of a film, none of a rigid body, or groups that are not of triangles.
+    """
+
+    def __init__(
+        self,
+        body: Membrane | RigidBody,
+        orbit: Orbit,
+        optics: Optics = MIRROR,
+        *,
+        groups: Mapping[str, Optics] | None = None,
+        surfaces: Sequence[Surface] = (),
+        shadow_pixels: int = 0,
+        name: str = "",
+    ) -> None:
+        self.body, self.orbit, self.optics, self.groups = body, orbit, optics, dict(groups or {})
+        self.surfaces, self.shadow_pixels = tuple(surfaces), shadow_pixels
+        self.name = name or f"sunlight on {body.name}"
+        check_surfaces(self.name, body, self.surfaces)
+        check(
+            not self.groups or isinstance(body, Membrane),
+            f"'{self.name}': only films have groups; give the optics of a rigid body with its surfaces.",
+        )
+        check(
+            shadow_pixels >= 0 and (not shadow_pixels or isinstance(body, Membrane)),
+            f"'{self.name}': shadow_pixels is {shadow_pixels!r}; give pixels across a film, or zero.",
+        )
+
+    def requires(self) -> Iterable[Any]:
+        yield self.body
+        yield self.orbit
+
+    def terms(self) -> Iterable[Term]:
+        if isinstance(self.body, RigidBody):
+            yield FlyingPointLoad(self.name, axes_of(self.body), self.orbit, _LightOnFaces(self.surfaces))
+        else:
+            yield self._on_film(self.body)
+
+    def _on_film(self, film: Membrane) -> FlyingLoad:
+        mesh = film.space.mesh
+        u, P = fem.Constant(mesh, np.zeros(3)), constant(mesh, 0.0)
+        front, back = self._coefficients(film)
+        dx = surface_measure(film)
+        shades = ShadowMap(film, self.shadow_pixels) if self.shadow_pixels else None
+        pressure = P if shades is None else P * shades.lit
+
+        def work(q: Expr, rate: Expr, w: Expr) -> ufl.Form:
+            force = light_force(area_vector(film.deformation(q)), u, front, back, Symbolic)
+            return pressure * ufl.dot(force, w) * dx
+
+        def prepare(flight: Flight, system: Assembly) -> None:
+            direction, P.value = flight.light()
+            u.value = direction
+            if shades is not None:
+                shades.update(system, direction)
+
+        return FlyingLoad(self.name, film, self.orbit, work, prepare)
+
+    def _coefficients(self, film: Membrane) -> tuple[list[Expr], list[Expr]]:
+        """Those of front and back, as constants, or as functions where groups differ."""
+        mesh = film.space.mesh
+        both = [self.optics.coefficients(back=side) for side in (False, True)]
+        if not self.groups:
+            front, back = ([constant(mesh, c) for c in side] for side in both)
+            return front, back
+        table = fem.Function(fem.functionspace(mesh, ("DG", 0, (6,))))
+        rows = table.x.array.reshape(-1, 6)
+        rows[:] = np.concatenate(both)
+        for group, optics in self.groups.items():
+            dim, cells = film.mesh.group(group)
+            check(dim == 2, f"'{self.name}': the group '{group}' has dimension {dim}; name triangles of the mesh.")
+            rows[cells] = np.concatenate([optics.coefficients(back=side) for side in (False, True)])
+        return [table[i] for i in range(3)], [table[i] for i in range(3, 6)]
+
+
+def check_surfaces(name: str, body: Membrane | RigidBody, surfaces: Sequence[Surface]) -> None:
+    """Raise `InputError` unless a rigid body has surfaces and a film has none."""
+    check(isinstance(body, Membrane | RigidBody), f"'{name}' acts on {body!r}; give a film or a rigid body.")
+    if isinstance(body, RigidBody):
+        check(bool(surfaces), f"'{name}': the rigid body '{body.name}' has no surfaces; give some.")
+    else:
+        check(not surfaces, f"'{name}': the faces of the film '{body.name}' are its triangles; give no surfaces.")
+
+
+def surface_measure(film: Membrane) -> ufl.Measure:
+    """dx of forces on the deformed faces: constant on triangles of order 1."""
+    return ufl.Measure("dx", film.space.mesh, metadata={"quadrature_degree": 1 if film.order == 1 else 4})
+
+
+class _LightOnFaces(FacesForce):
+    """Sunlight on flat faces."""
+
+    def __init__(self, surfaces: Sequence[Surface]) -> None:
+        super().__init__(*geometry(surfaces))
+        self._front, self._back = (
+            np.array([s.optics.coefficients(back=side) for s in surfaces]).T[..., None] for side in (False, True)
+        )
+        self._back *= np.array([s.two_sided for s in surfaces])[:, None]
+        self._u: Array = np.zeros(3)
+        self._P = 0.0
+
+    def prepare(self, flight: Flight) -> None:
+        self._u, self._P = flight.light()
+
+    def on_faces(self, areas: Array, places: Array, rates: Array) -> Array:
+        f: Array = self._P * light_force(areas, self._u, self._front, self._back, Rows)
+        return f
+
+
+def geometry(surfaces: Sequence[Surface]) -> tuple[Array, Array]:
+    """Area vectors and centres (n, 3)."""
+    areas = [s.area * np.asarray(s.normal, dtype=float) / math.hypot(*s.normal) for s in surfaces]
+    return np.array(areas), np.array([s.centre for s in surfaces], dtype=float)

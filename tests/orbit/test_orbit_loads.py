@@ -1,0 +1,258 @@
+"""Sunlight, drag and magnetic torque on films and rigid bodies in flight."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.orbit.drag import Drag, ExponentialAtmosphere
+from gossamer_fx.orbit.flying_loads import _ByComplexSteps, axes_of
+from gossamer_fx.orbit.free_molecular import Accommodation, Air
+from gossamer_fx.orbit.magnetic_dipole import MagneticDipole
+from gossamer_fx.orbit.optics import JPL_SAIL, MIRROR, PRESSURE, Optics
+from gossamer_fx.orbit.shadow_map import lit_parts
+from gossamer_fx.orbit.solar_pressure import SolarPressure
+from gossamer_fx.orbit.surface_forces import Rows, Surface, flow_force, light_force
+from meshes.sheet import sheet
+from tests.orbit.test_flight import drift
+
+A = 7e6
+LAW = {"E": 2.5e9, "nu": 0.3, "density": 1400.0, "thickness": 7.5e-6}
+AIR = ExponentialAtmosphere(density=1e-11, altitude=A - 6378137.0, scale_height=6e4)
+
+
+def film(tilt: float, order: int = 1) -> gx.Membrane:
+    """A square of 1 m² in the x-y plane, turned about y."""
+    c, s = math.cos(tilt), math.sin(tilt)
+
+    def turn(X: np.ndarray) -> np.ndarray:
+        return np.array([c * X[0] + s * X[2], X[1], -s * X[0] + c * X[2]]) - X
+
+    return gx.Membrane(sheet(MPI.COMM_WORLD, 2, 2), gx.Miyazaki(**LAW), order=order, displacement=turn)
+
+
+def plate(tilt: float, optics: Optics = MIRROR) -> tuple[gx.RigidBody, Surface]:
+    """The same square as a rigid body."""
+    c, s = math.cos(tilt), math.sin(tilt)
+    body = gx.RigidBody(1.05e-2, (1e-3, 1e-3, 2e-3), attitude=((c, 0, s), (0, 1, 0), (-s, 0, c)), name="plate")
+    return body, Surface(1.0, (0, 0, 1), optics=optics, two_sided=True)
+
+
+def pushed(run: gx.Simulation, name: str) -> np.ndarray:
+    """Force and torque about the origin (2, 3) of a load in the last step."""
+    found = [c.resultants().get(name, np.zeros((2, 3))) for c in run.system.compiled]
+    return np.asarray(run.comm.allreduce(sum(found)))
+
+
+def one_step(*items: object, dt: float = 1e-3) -> gx.Simulation:
+    run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt))
+    run.run(until=dt)
+    return run
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("degrees", [0.0, 30.0, 60.0, 150.0])
+def test_sunlight_on_film_and_plate(degrees: float) -> None:
+    """Along and across the normal as McInnes' formulas, on a film and on a rigid plate, also lit from the back."""
+    tilt = math.radians(degrees)
+    orbit = Orbit(sun=(0, 0, 1))
+    body, surface = plate(tilt, JPL_SAIL)
+    flat = film(tilt)
+    run = one_step(
+        SolarPressure(flat, orbit, JPL_SAIL, name="on film"),
+        SolarPressure(body, orbit, surfaces=[surface], name="on plate"),
+    )
+    normal = np.array([math.sin(tilt), 0, math.cos(tilt)])
+    lit_from_front = normal[2] > 0
+    away = -normal if lit_from_front else normal
+    u, P = orbit.flight(run.system).light()
+    assert np.allclose(u, [0, 0, -1], atol=1e-4)  # 7000 km of an astronomical unit
+    assert pytest.approx(P, rel=1e-4) == PRESSURE
+    c = float(away @ u)
+    mirrored, both, along = JPL_SAIL.coefficients(back=not lit_from_front)
+    known = P * c * ((mirrored * c + both) * away + along * u)
+    for name in ("on film", "on plate"):
+        force = pushed(run, name)[0]
+        assert np.allclose(force, known, rtol=1e-8, atol=1e-14)
+    assert abs(run.energy_error) < 1e-10
+
+
+def Orbit(**options: object) -> gx.Orbit:
+    return gx.Orbit(gx.Elements(A), shadow=options.pop("shadow", "none"), **options)
+
+
+@pytest.mark.mpi
+def test_groups_have_their_own_optics() -> None:
+    orbit = Orbit(sun=(0, 0, 1))
+    flat = film(0.0)
+    cells = np.arange(flat.mesh.domain.topology.index_map(2).size_local, dtype=np.int32)
+    flat.mesh.groups["all"] = (2, cells)
+    black = Optics(reflectivity=0.0)
+    run = one_step(SolarPressure(flat, orbit, MIRROR, groups={"all": black}, name="light"))
+    assert np.allclose(pushed(run, "light")[0], [0, 0, -PRESSURE], rtol=1e-4, atol=1e-4 * PRESSURE)
+
+
+def test_shadow_takes_the_light() -> None:
+    for sun, lit in (((1, 0, 0), 1.0), ((-1, 0, 0), 0.0)):
+        body, surface = plate(math.pi / 2)
+        run = one_step(SolarPressure(body, Orbit(sun=sun, shadow="cylinder"), surfaces=[surface], name="light"))
+        assert np.linalg.norm(pushed(run, "light")[0]) == pytest.approx(2 * PRESSURE * lit, rel=2e-4)
+
+
+@pytest.mark.mpi
+def test_eclipse_begins_at_its_time() -> None:
+    """A step ends where the shadow begins; the angle of the orbit there is known."""
+    orbit = gx.Orbit(gx.Elements(A, anomaly=1.8), sun=(1, 0, 0))
+    body = gx.PointMass(10.0)
+
+    def depth(run: gx.Simulation) -> float:
+        flight = orbit.flight(run.system)
+        return orbit.depth(flight.origin.R0, run.time)
+
+    enters = gx.When(depth, stop=True, tolerance=1e-4)
+    run = gx.Simulation(gx.Scene(body, orbit), gx.Midpoint(dt=10.0), events=[enters])
+    run.run(until=2000.0)
+    angle = math.pi - math.asin(orbit.radius / A)
+    n = math.sqrt(orbit.mu / A**3)
+    assert run.time == pytest.approx((angle - 1.8) / n, rel=1e-5)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("order", [1, 2])
+def test_drag_on_film_and_plate(order: int) -> None:
+    """A film and a plate of the same attitude have the same drag, by the formula."""
+    orbit = Orbit()
+    tilt, how = 0.7, Accommodation(0.9, 0.8)
+    body, surface = plate(tilt)
+    flat = film(tilt, order)
+    run = one_step(
+        Drag(flat, orbit, AIR, how, name="on film"),
+        Drag(body, orbit, AIR, how, surfaces=[surface], name="on plate"),
+    )
+    on_film, on_plate = (pushed(run, name)[0] for name in ("on film", "on plate"))
+    flight = orbit.flight(run.system)
+    U = np.cross([0, 0, 7.292115e-5], flight.R) - flight.V
+    air, a = AIR(A - orbit.radius), np.array([math.sin(tilt), 0, math.cos(tilt)])
+    wall = math.sqrt(300 / air.temperature)
+    known = air.density * flow_force(a, U, air.thermal_speed, 0.9, 0.8, wall, 1.0, Rows)
+    assert np.allclose(on_plate, known, rtol=1e-6)
+    assert np.allclose(on_film, known, rtol=1e-6)
+    assert abs(run.energy_error) < 1e-10
+
+
+def test_fast_air_is_newtons_stream() -> None:
+    """Without heat of the air, molecules that stay leave their momentum, those mirrored twice the normal one."""
+    a, U = np.array([0.3, 0.2, 0.9]), np.array([100.0, -30.0, 50.0])
+    cold = 1e-3
+    stays = flow_force(a, U, cold, 1.0, 1.0, 0.0, 1.0, Rows)
+    assert np.allclose(stays, abs(a @ U) * U, rtol=1e-9)
+    mirrored = flow_force(a, U, cold, 0.0, 0.0, 0.0, 1.0, Rows)
+    n = a / np.linalg.norm(a)
+    assert np.allclose(mirrored, 2 * abs(a @ U) * (n @ U) * n, rtol=1e-9)
+    assert np.allclose(flow_force(a, U, cold, 1.0, 1.0, 0.0, 0.0, Rows), 0, atol=1e-12)  # on the back of a side
+
+
+@pytest.mark.parametrize("what", ["light", "air", "magnet"])
+def test_derivatives_by_complex_steps(what: str) -> None:
+    """Against differences, away from grazing incidence."""
+    pytest.importorskip("erfa")
+    orbit = gx.Orbit(gx.Elements(A), epoch="2026-06-01", shadow="none")
+    body, surface = plate(0.5, JPL_SAIL)
+    if what == "magnet":
+        load = MagneticDipole(body.frame(), orbit, (1.0, 2.0, 3.0))
+    elif what == "air":
+        load = Drag(body, orbit, AIR, surfaces=[surface])
+    else:
+        load = SolarPressure(body, orbit, surfaces=[surface])
+    term = next(iter(load.terms()))
+    run = one_step(body, load)
+    law = _ByComplexSteps(term.law)
+    term.law.prepare(orbit.flight(run.system))
+    X = np.random.default_rng(1).normal(size=(len(term.ports), 3)).ravel()
+    law.begin(0.0, 0.5, 0.9 * X, X)
+    K, step = law.tangent(X), 1e-6
+    slopes = np.array([(law.force(X + step * e) - law.force(X - step * e)) / (2 * step) for e in np.eye(X.size)]).T
+    assert np.abs(K - slopes).max() < 1e-6 * np.abs(K).max()
+
+
+@pytest.mark.mpi
+def test_magnetic_torque_is_m_cross_B() -> None:
+    pytest.importorskip("erfa")
+    orbit = gx.Orbit(gx.Elements(A, 0.0, 1.2), epoch="2026-06-01")
+    body = gx.RigidBody(5.0, (0.2, 0.3, 0.4), spin=(0.01, 0.0, 0.02))
+    magnet = MagneticDipole(body.frame(), orbit, (1.0, -2.0, 0.5))
+    run = one_step(magnet)
+    flight = orbit.flight(run.system)
+    B = magnet.field(flight)
+    assert 2e-5 < np.linalg.norm(B) < 6e-5
+    force, torque = pushed(run, "magnet")
+    assert np.allclose(torque, np.cross([1.0, -2.0, 0.5], B), rtol=1e-4, atol=1e-9)
+    assert np.allclose(force, 0)
+    assert abs(run.energy_error) < 1e-9
+
+
+@pytest.mark.mpi
+def test_work_of_all_loads_closes_the_ledger() -> None:
+    pytest.importorskip("erfa")
+    orbit = gx.Orbit(gx.Elements(A, 0.01, 1.0), gravity=4, epoch="2026-06-01", third_bodies=("moon",), shadow="cone")
+    hub = gx.RigidBody(2.0, (0.1, 0.1, 0.15), (0.0, 0.0, 0.4), spin=(0, 0, 0.1), name="hub")
+    box = [Surface(0.04, n, tuple(0.1 * np.array(n)), JPL_SAIL) for n in ((1.0, 0, 0), (-1.0, 0, 0), (0, 0, 1.0))]
+    sail = film(0.3)
+    corners = ("bottom left", "bottom right", "top left", "top right")
+    run = gx.Simulation(
+        gx.Scene(
+            *(gx.Spring(hub.port(), sail.port(c), stiffness=5.0, length=0.5, name=c) for c in corners),
+            SolarPressure(sail, orbit, JPL_SAIL, shadow_pixels=32),
+            SolarPressure(hub, orbit, surfaces=box),
+            Drag(sail, orbit, AIR),
+            Drag(hub, orbit, AIR, surfaces=box),
+            MagneticDipole(hub.frame(), orbit, (0.1, 0.0, 0.0)),
+            gx.Force(hub.port((0.1, 0, 0)), (0.0, 1e-3, 0.0), name="thruster"),
+        ),
+        gx.Midpoint(dt=5e-3, tolerances=gx.Tolerances(relative=1e-13)),
+    )
+    start = run.first.angular_momentum
+    run.run(until=0.1)
+    assert abs(run.totals.supplied) > 1e-2  # J: the origin goes 7.5 km/s
+    assert abs(run.energy_error) < 1e-10
+    assert np.linalg.norm(run.totals.angular_momentum - start) > 100
+    assert drift(run) < 1e-6
+
+
+def test_a_folded_film_shades_itself() -> None:
+    """Of two equal layers the one behind is dark; of steps half as wide, half of it."""
+    layer = np.array([[[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 0, 0], [1, 1, 0], [0, 1, 0]]], dtype=float)
+    u = np.array([0.0, 0.0, -1.0])
+    both = np.concatenate([layer, layer - [0, 0, 0.1]])
+    assert np.allclose(lit_parts(MPI.COMM_SELF, both, u, 64), [1, 1, 0, 0])
+    assert np.allclose(lit_parts(MPI.COMM_SELF, both, -u, 64), [0, 0, 1, 1])
+    aside = np.concatenate([layer, layer - [0.5, 0, 0.1]])
+    assert np.allclose(lit_parts(MPI.COMM_SELF, aside, u, 256)[2:].mean(), 0.5, atol=0.01)
+    assert np.allclose(lit_parts(MPI.COMM_SELF, layer, np.array([0.9, 0.0, -0.436]), 64), 1)  # no shade of its own
+
+
+def test_wrong_loads_are_refused() -> None:
+    orbit = Orbit()
+    flat, (body, surface) = film(0.0), plate(0.0)
+    for make in (
+        lambda: SolarPressure(flat, orbit, surfaces=[surface]),
+        lambda: SolarPressure(body, orbit),
+        lambda: SolarPressure(body, orbit, surfaces=[surface], shadow_pixels=8),
+        lambda: Drag(body, orbit, AIR),
+        lambda: MagneticDipole(body.frame(), orbit, (1.0, 0, 0)),
+        lambda: Surface(-1.0, (0, 0, 1)),
+        lambda: Surface(1.0, (0, 0, 0)),
+        lambda: Air(-1.0),
+    ):
+        with pytest.raises(gx.InputError):
+            make()
+    with pytest.raises(gx.InputError, match="Sun"):
+        one_step(SolarPressure(flat, orbit))
+    with pytest.raises(gx.InputError, match="return Air"):
+        one_step(Drag(flat, orbit, lambda altitude: 1e-12))
+    assert light_force(np.ones(3), np.ones(3), (2, 0, 0), (2, 0, 0), Rows).shape == (3,)
+    assert len(axes_of(body)) == 4
