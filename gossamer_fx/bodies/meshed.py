@@ -15,6 +15,7 @@ from gossamer_fx.bodies.ports import global_node, interpolated, local_nodes
 from gossamer_fx.checks.errors import check
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.terms import Array, Block, Port, Term
+from gossamer_fx.terms.coordinates import Coordinates
 
 PointFunction = Callable[[Array], Array]  # of points (3, n), returns (3, n)
 Property = Mapping[str, Any] | Callable[[Array], Array]  # {group: value}, or of points (3, n)
@@ -40,6 +41,9 @@ class Meshed(ABC):
     @abstractmethod
     def terms(self) -> Iterable[Term]:
         """The body's own roles."""
+
+    def coordinates(self, alpha: float) -> Coordinates:
+        return Coordinates(self.space, alpha)
 
     def describe(self, node: int) -> str:
         x, y, z = self.space.tabulate_dof_coordinates()[node]

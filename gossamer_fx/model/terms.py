@@ -63,9 +63,13 @@ class Body(Protocol):
 
 
 class MeshBody(Body, Protocol):
-    """A body discretised on a mesh."""
+    """A body discretised on a mesh: its coordinates are functions of a Lagrange space."""
 
     space: fem.FunctionSpace
+
+    def coordinates(self, alpha: float) -> Any:
+        """How these functions follow from its unknowns, for a rule with the weight α: a `terms.coordinates`."""
+        ...
 
 
 def is_body(item: object) -> TypeGuard[Body]:
@@ -76,6 +80,11 @@ def is_body(item: object) -> TypeGuard[Body]:
 def is_on_mesh(body: Body) -> TypeGuard[MeshBody]:
     """Whether a body is discretised on a mesh."""
     return hasattr(body, "space")
+
+
+def has_nodal_unknowns(body: Body) -> TypeGuard[MeshBody]:
+    """Whether a body's unknowns are the coordinates of the nodes of its mesh."""
+    return is_on_mesh(body) and body.block.index_map.size_global == body.space.dofmap.index_map.size_global
 
 
 @runtime_checkable

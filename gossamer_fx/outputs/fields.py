@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 import ufl
 from dolfinx import fem
-from petsc4py import PETSc
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
@@ -30,6 +29,7 @@ from gossamer_fx.forms.compilation import compile_expression, compile_form, cons
 from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
 from gossamer_fx.model.terms import Array, Body, MeshBody
+from gossamer_fx.outputs.shapes import BodyShape
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import gradient
 
@@ -112,26 +112,25 @@ class FieldFunctions:
 
     def __init__(self, system: System, body: MeshBody, names: Sequence[str]) -> None:
         check_fields(body, names)
-        k = system.bodies.index(body)
-        self._system, self._owned, self._v = system, system.numbering.owned(k), fem.Function(body.space)
+        self._shape = shape = BodyShape(system, body)
         jumps = any(FIELDS[name].of_films for name in names)
-        family, order = "Discontinuous Lagrange" if jumps else "Lagrange", body.space.ufl_element().degree
+        family, order = "Discontinuous Lagrange" if jumps else "Lagrange", shape.body.space.ufl_element().degree
         self.functions: list[fem.Function] = []
         self._updates: list[Callable[[], None]] = []
         for name in names:
             field = FIELDS[name]
-            function = fem.Function(fem.functionspace(body.space.mesh, (family, order, field.shape)), name=name)
+            function = fem.Function(fem.functionspace(shape.body.space.mesh, (family, order, field.shape)), name=name)
             self.functions.append(function)
             if field.expression is None:
                 self._updates.append(partial(_take_pressure, function, body, system))
             else:
                 points = interpolation_points(function.function_space)
-                compiled = compile_expression(field.expression(body, system.fields[k].q0, self._v), points)
+                compiled = compile_expression(field.expression(shape.body, shape.q, shape.v), points)
                 self._updates.append(partial(function.interpolate, compiled))
 
     def update(self) -> None:
         """Take the values of the accepted state."""
-        load(self._v, self._system.v0, self._owned)
+        self._shape.update()
         for function, update in zip(self.functions, self._updates, strict=True):
             update()
             function.x.scatter_forward()
@@ -153,25 +152,27 @@ class AreaFractions:
     """Fractions of the reference area of some films that are slack, wrinkled and taut; they add up to one."""
 
     def __init__(self, films: Sequence[Membrane]) -> None:
-        self._films = []
-        for film in films:
-            x, which = fem.Function(film.space), constant(film.space.mesh, 0.0)
-            share = ufl.conditional(ufl.eq(film_state(film, x), which), 1.0, 0.0) * film.dx
-            self._films.append((film, x, which, compile_form(share)))
+        self._films = films
+        self._compiled: list[tuple[BodyShape, fem.Constant, fem.Form]] | None = None
+
+    def _compile(self, system: System) -> list[tuple[BodyShape, fem.Constant, fem.Form]]:
+        found = []
+        for film in self._films:
+            shape = BodyShape(system, film)
+            which = constant(shape.body.space.mesh, 0.0)
+            share = ufl.conditional(ufl.eq(film_state(shape.body, shape.q), which), 1.0, 0.0) * shape.body.dx
+            found.append((shape, which, compile_form(share)))
+        return found
 
     def __call__(self, system: System) -> Array:
         """(slack, wrinkled, taut) of the accepted state; the same on every rank."""
+        if self._compiled is None:
+            self._compiled = self._compile(system)
         areas = np.zeros(len(STATES))
-        for film, x, which, form in self._films:
-            load(x, system.q0, system.numbering.owned(system.bodies.index(film)))
+        for shape, which, form in self._compiled:
+            shape.update()
             for state in STATES.values():
                 which.value = state
                 areas[state] += fem.assemble_scalar(form)
         areas = system.comm.allreduce(areas)
         return areas / areas.sum()
-
-
-def load(function: fem.Function, vector: PETSc.Vec, owned: slice) -> None:
-    """Copy a body's share of a vector of the system into a function, ghosts included."""
-    function.x.array[: owned.stop - owned.start] = vector.array_r[owned]
-    function.x.scatter_forward()

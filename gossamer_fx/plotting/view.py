@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem, la
+from dolfinx import la
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.forms.backend import evaluate
 from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.model.terms import Array, MeshBody, is_on_mesh
 from gossamer_fx.outputs.fields import film_state
+from gossamer_fx.outputs.shapes import BodyShape
 from gossamer_fx.system.system import System
 
 Integers = npt.NDArray[np.int64]
@@ -50,7 +51,7 @@ class Renderer:
 
     def __init__(self, system: System) -> None:
         self._system = system
-        self._films = [_Film(b, system.fields[k].q0) for k, b in enumerate(system.bodies) if isinstance(b, Membrane)]
+        self._films = [_Film(BodyShape(system, b)) for b in system.bodies if isinstance(b, Membrane)]
         curves = [(k, b) for k, b in enumerate(system.bodies) if is_on_mesh(b) and not isinstance(b, Membrane)]
         self._curves = [(system.fields[k].q0, _polylines(b)) for k, b in curves]
         self._dots = [k for k, b in enumerate(system.bodies) if not is_on_mesh(b)]
@@ -77,7 +78,9 @@ class Renderer:
 class _Film:
     """A film's triangles, straight between nodes, and their states."""
 
-    def __init__(self, film: Membrane, x: fem.Function) -> None:
+    def __init__(self, shape: BodyShape) -> None:
+        film: Membrane = shape.body
+        self._shape, x = shape, shape.q
         pieces = np.array(_TRIANGLES[film.order])
         middles = np.array(_NODES[film.order], dtype=float)[pieces].mean(axis=1)
         self._cells = np.arange(film.mesh.domain.topology.index_map(2).size_local, dtype=np.int32)
@@ -87,6 +90,7 @@ class _Film:
 
     def snapshot(self) -> tuple[Array, Array, Integers]:
         """Corners, normals, states."""
+        self._shape.update()
         corners = _positions(self._x.x.array, 3)[self._triangles]
         states = evaluate(self._state, self._film.mesh.domain, self._cells).ravel()
         return corners, self._normals(corners), np.rint(states).astype(np.int64)

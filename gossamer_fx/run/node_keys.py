@@ -14,7 +14,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import check, check_on_all
-from gossamer_fx.model.terms import Attached, Body, MeshBody, Port, is_on_mesh
+from gossamer_fx.model.terms import Attached, Body, MeshBody, Port, has_nodal_unknowns
 from gossamer_fx.system.system import System
 
 Names = npt.NDArray[np.uint64]
@@ -35,7 +35,7 @@ def hash_rows(words: npt.NDArray[Any]) -> Names:
 def node_names(body: Body) -> Names:
     """Names of this rank's own nodes of a body."""
     start, end = body.block.index_map.local_range
-    if not is_on_mesh(body):
+    if not has_nodal_unknowns(body):
         return hash_rows(np.arange(start, end)[:, None])
     layout, nodes = body.space.dofmap.dof_layout, body.space.dofmap.list
     words = np.zeros((body.block.index_map.size_local + body.block.index_map.num_ghosts, 3), dtype=np.int64)

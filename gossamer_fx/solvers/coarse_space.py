@@ -19,7 +19,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
-from gossamer_fx.model.terms import Array, MeshBody, is_on_mesh
+from gossamer_fx.model.terms import Array, MeshBody, has_nodal_unknowns
 from gossamer_fx.system.system import System
 
 Indices = npt.NDArray[np.integer]
@@ -62,7 +62,7 @@ def prolongation(system: System) -> PETSc.Mat:
     columns = 0
     for k, body in enumerate(system.bodies):
         owned = numbering.owned(k)
-        if is_on_mesh(body) and owned.stop > owned.start:
+        if has_nodal_unknowns(body) and owned.stop > owned.start:
             rows, cols, values, new = modes(body, free[owned])
             entries.append((rows + owned.start, cols + columns, values))
             columns += new

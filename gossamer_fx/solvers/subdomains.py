@@ -17,7 +17,7 @@ from scipy.sparse import bsr_matrix, csr_matrix
 
 from gossamer_fx.algebra.numbering import PREFIX
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import is_on_mesh
+from gossamer_fx.model.terms import has_nodal_unknowns
 from gossamer_fx.system.system import System
 
 METHODS = ("bddc", "fetidp")
@@ -35,7 +35,7 @@ class Subdomains:
     def __init__(self, system: System) -> None:
         bodies = system.bodies
         check(
-            len(bodies) == 1 and is_on_mesh(bodies[0]) and system.made_of_forms,
+            len(bodies) == 1 and has_nodal_unknowns(bodies[0]) and system.made_of_forms,
             "subdomains: they divide a single film, cable or beam without joints, springs and gas; leave the option "
             "subdomains out for this scene.",
         )

@@ -46,10 +46,9 @@ class System:
         multipliers = [block for kind, alike in kinds.items() for block in kind.multipliers(alike, comm)]
         self.numbering = numbering = Numbering(comm, [b.block for b in bodies] + multipliers)
         self.q0, self.q1, self.v0, self.past, self._scratch, self._momenta = (numbering.vector() for _ in range(6))
-        self.remainder, self._p, self._predicted, self._w = (numbering.vector() for _ in range(4))
-        self._offset: PETSc.Vec | None = None
-        self._mass_diagonal: PETSc.Vec | None = None
-        self.fields = {k: Coordinates(b.space, rule.alpha) for k, b in enumerate(bodies) if is_on_mesh(b)}
+        self.fields: dict[int, Coordinates] = {
+            k: b.coordinates(rule.alpha) for k, b in enumerate(bodies) if is_on_mesh(b)
+        }
         self.supports = Supports(kinds.pop(Supports, []), self)
         self.increment = Increment(numbering, self.supports)
         self.compiled = [kind(alike, self) for kind, alike in kinds.items()]
@@ -318,10 +317,7 @@ class System:
         """Copy a vector to the fields' functions `name`, ghosts included."""
         values = z.array_r
         for k, field in self.fields.items():
-            function = getattr(field, name).x
-            owned = self.numbering.owned(k)
-            function.array[: owned.stop - owned.start] = values[owned]
-            function.scatter_forward()
+            field.take(getattr(field, name), values[self.numbering.owned(k)])
 
     def tangent_forms(self, k: int) -> list[fem.Form]:
         """The bilinear forms of the tangent of body k."""
@@ -338,8 +334,8 @@ class System:
         return not self.borders and all(c.made_of_forms for c in self.compiled)
 
     def _add_tangents(self, A: PETSc.Mat) -> None:
-        for k in range(len(self.bodies)):
-            self.numbering.assemble(A, k, self.tangent_forms(k))
+        for k, field in self.fields.items():
+            field.assemble(self.tangent_forms(k), A, self.numbering, k)
         for compiled in self.compiled:
             compiled.add_tangents(A)
         for border in self.borders:

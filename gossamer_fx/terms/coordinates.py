@@ -1,17 +1,23 @@
-"""The coordinates of a body on a mesh, as functions."""
+"""The coordinates of a body on a mesh, as functions, and how they follow from its unknowns."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import ufl
 from dolfinx import fem
+from petsc4py import PETSc
 
+from gossamer_fx.algebra.numbering import Numbering
 from gossamer_fx.forms.compilation import constant
+from gossamer_fx.model.terms import Array
 
 
 class Coordinates:
     """The coordinates of one mesh body in a step: start q0, end q1, increment δ of the iteration, step h.
 
     γ is how much of the geometric stiffness the tangent has: 1, or 0 in a careful start of the iteration.
+    The unknowns are the values at the owned nodes; a reduced body has others, and overrides the three methods.
     """
 
     def __init__(self, space: fem.FunctionSpace, alpha: float) -> None:
@@ -21,3 +27,16 @@ class Coordinates:
         self.γ = constant(space.mesh, 1.0)
         self.mid = (1 - self.α) * self.q0 + self.α * self.q1
         self.w, self.dq = ufl.TestFunction(space), ufl.TrialFunction(space)
+
+    def take(self, function: fem.Function, unknowns: Array) -> None:
+        """Set a function, ghosts included, from this rank's unknowns of the body."""
+        function.x.array[: len(unknowns)] = unknowns
+        function.x.scatter_forward()
+
+    def add_forces(self, b: Array, forces: Array) -> None:
+        """Add an assembled vector b, of owned and ghost nodes, to the forces on this rank's unknowns."""
+        forces += b[: len(forces)]
+
+    def assemble(self, forms: Iterable[fem.Form], A: PETSc.Mat, numbering: Numbering, k: int) -> None:
+        """Add bilinear forms to the block (k, k) of A; k is the body's number."""
+        numbering.assemble(A, k, forms)

@@ -48,7 +48,8 @@ class ElementEnergies(CompiledTerms):
         self.elements = [
             (k, ElementForces(term, system.fields[k], system.rule)) for k, term in zip(at, terms, strict=True)
         ]
-        self._forces = {k: la.vector(system.bodies[k].block.index_map, system.bodies[k].block.size) for k in at}
+        dofmaps = {k: system.fields[k].q0.function_space.dofmap for k in at}
+        self._forces = {k: la.vector(dofmap.index_map, dofmap.index_map_bs) for k, dofmap in dofmaps.items()}
 
     def begin(self, t: float) -> None:
         for k, force in self.elements:
@@ -67,8 +68,7 @@ class ElementEnergies(CompiledTerms):
         with r as values:
             for k, b in self._forces.items():
                 b.scatter_reverse(la.InsertMode.add)
-                owned = self._system.numbering.owned(k)
-                values[owned] += b.array[: owned.stop - owned.start]
+                self._system.fields[k].add_forces(b.array, values[self._system.numbering.owned(k)])
 
     def tangent_forms(self, k: int) -> list[fem.Form]:
         return [force.tangent for j, force in self.elements if j == k]

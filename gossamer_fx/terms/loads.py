@@ -36,8 +36,7 @@ class Loads(CompiledTerms):
         with r as values:
             for k, load in self._loads:
                 load.assemble()
-                owned = self._system.numbering.owned(k)
-                values[owned] -= load.force.array[: owned.stop - owned.start]
+                self._system.fields[k].add_forces(-load.force.array, values[self._system.numbering.owned(k)])
 
     def tangent_forms(self, k: int) -> list[fem.Form]:
         return [load.tangent for j, load in self._loads if j == k and load.tangent]
@@ -46,7 +45,9 @@ class Loads(CompiledTerms):
         work, Δq = 0.0, self._system.q1.array_r - self._system.q0.array_r
         for k, load in self._loads:
             owned = self._system.numbering.owned(k)
-            work += float(Δq[owned] @ load.path_average()[: owned.stop - owned.start])
+            forces = np.zeros(owned.stop - owned.start)
+            self._system.fields[k].add_forces(load.path_average(), forces)
+            work += float(Δq[owned] @ forces)
         return work
 
     def resultants(self) -> dict[str, Array]:

@@ -24,6 +24,7 @@ FLOORS = (
     "algebra",
     "terms",
     "bodies",
+    "reduction",
     "gas",
     "interactions",
     "contact",

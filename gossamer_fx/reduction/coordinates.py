@@ -1,0 +1,60 @@
+"""The coordinates of a reduced body: x = Σ φ_i c_i at the nodes of its mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from dolfinx import fem, la
+from petsc4py import PETSc
+from scipy.sparse import bsr_matrix
+
+from gossamer_fx.algebra.numbering import Numbering
+from gossamer_fx.model.terms import Array
+from gossamer_fx.terms.coordinates import Coordinates
+
+
+class ReducedCoordinates(Coordinates):
+    """Unknowns are the coefficients c (r, 3) on rank 0; forces and matrices are projected, Φᵀb and ΦᵀKΦ.
+
+    Args:
+        values: Φ (n, r) at the owned and ghost nodes of the space.
+    """
+
+    def __init__(self, space: fem.FunctionSpace, alpha: float, values: Array) -> None:
+        super().__init__(space, alpha)
+        self._Φ, self._comm = values, space.mesh.comm
+        self._owned = space.dofmap.index_map.size_local
+        self._wide = np.kron(values, np.eye(3))
+        self._matrices: dict[fem.Form, la.MatrixCSR] = {}
+
+    def take(self, function: fem.Function, unknowns: Array) -> None:
+        function.x.array[:] = (self._Φ @ coefficients(self._comm, unknowns)).ravel()
+
+    def add_forces(self, b: Array, forces: Array) -> None:
+        total = self._comm.reduce(self._Φ[: self._owned].T @ b.reshape(-1, 3)[: self._owned])
+        if total is not None:
+            forces += total.ravel()
+
+    def assemble(self, forms: Iterable[fem.Form], A: PETSc.Mat, numbering: Numbering, k: int) -> None:
+        size, rows = self._wide.shape[1], 3 * self._owned
+        K: Array = np.zeros((size, size))
+        for form in forms:
+            matrix = self._matrices.get(form) or self._matrices.setdefault(form, fem.create_matrix(form))
+            matrix.set_value(np.float64(0))
+            fem.assemble_matrix(matrix, form)  # type: ignore[arg-type]
+            matrix.scatter_reverse()
+            a, b = matrix.block_size
+            blocks = bsr_matrix((matrix.data.reshape(-1, a, b), matrix.indices, matrix.indptr))
+            blocks.resize(a * (len(matrix.indptr) - 1), len(self._wide))
+            K += self._wide[:rows].T @ (blocks @ self._wide)[:rows]
+        total = self._comm.reduce(K)
+        if total is not None:
+            at = (numbering.start + numbering.owned(k).start + np.arange(size)).astype(PETSc.IntType)
+            A.setValues(at, at, total, addv=PETSc.InsertMode.ADD_VALUES)
+
+
+def coefficients(comm: object, unknowns: Array) -> Array:
+    """The coefficients (r, 3), which rank 0 owns, on every rank."""
+    c: Array = comm.bcast(unknowns.reshape(-1, 3).copy())  # type: ignore[attr-defined]
+    return c

@@ -1,0 +1,42 @@
+"""From the motions of a film to its reduced model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.errors import check
+from gossamer_fx.model.terms import Array
+from gossamer_fx.reduction.basis import make_basis
+from gossamer_fx.reduction.reduced_membrane import ReducedMembrane, check_reducible
+from gossamer_fx.reduction.sampling import every_cell, sample_cells
+
+
+class Motion(Protocol):
+    """Shapes of a film, e.g. a `Snapshots`: owned positions (n, 3) each."""
+
+    positions: Sequence[Array]
+
+
+def reduce(film: Membrane, motions: Sequence[Motion], modes: int, cells: int | None = None) -> ReducedMembrane:
+    """A film with 3·(modes + 3) unknowns (12 instead of 9 if it is not plane) that moves as it did in `motions`.
+
+    Mass-weighted singular vectors of all shapes, scalar modes times vectors, so that every conservation law is kept;
+    see `reduction.basis`.  It has the film's initial state, law and name, and takes its place in a new scene.
+
+    Args:
+        film: what is reduced; its `bending`, creases and contact cannot be.
+        motions: `Snapshots` of runs in which it took part.
+        modes: how many singular vectors are taken, beside those that make all homogeneous motions exact.
+        cells: most cells of each rank over which strains are integrated, see `reduction.sampling`; None: all.
+
+    Raises:
+        InputError: no shapes, of another mesh, fewer modes in them than asked for, or a film with more than strains.
+    """
+    check_reducible(film)
+    shapes = [x for motion in motions for x in motion.positions]
+    basis = make_basis(film, shapes, modes)
+    check(cells is None or cells >= 1, f"reduce: cells is {cells!r}; take one or more, or None for all.")
+    sample = every_cell(film) if cells is None else sample_cells(basis, shapes, cells)
+    return ReducedMembrane(basis, sample, film.name)
