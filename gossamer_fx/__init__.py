@@ -102,6 +102,7 @@ if TYPE_CHECKING:
     from gossamer_fx.outputs.progress import Progress as Progress
     from gossamer_fx.outputs.recording import Recording as Recording
     from gossamer_fx.outputs.series import Series as Series
+    from gossamer_fx.outputs.snapshots import Snapshots as Snapshots
     from gossamer_fx.outputs.vtx import VTX as VTX
     from gossamer_fx.outputs.vtx import Probes as Probes
     from gossamer_fx.plotting.picture import Picture as Picture
@@ -112,6 +113,7 @@ if TYPE_CHECKING:
     from gossamer_fx.plotting.report import write_report as write_report
     from gossamer_fx.plotting.run_reader import Playback as Playback
     from gossamer_fx.plotting.run_reader import RunReader as RunReader
+    from gossamer_fx.reduction.reduce import reduce as reduce
     from gossamer_fx.run.checkpoint import Checkpoints as Checkpoints
     from gossamer_fx.run.checkpoint import latest as latest
     from gossamer_fx.run.events import At as At
@@ -189,6 +191,8 @@ _HOME = {
     "outputs.vtx": ["VTX", "Probes"],
     "outputs.recording": ["Recording"],
     "outputs.series": ["Series"],
+    "outputs.snapshots": ["Snapshots"],
+    "reduction.reduce": ["reduce"],
     "run.checkpoint": ["Checkpoints", "latest"],
     "run.events": ["At", "When"],
     "run.interruption": ["Interrupted"],

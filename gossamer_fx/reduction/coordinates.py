@@ -37,17 +37,17 @@ class ReducedCoordinates(Coordinates):
             forces += total.ravel()
 
     def assemble(self, forms: Iterable[fem.Form], A: PETSc.Mat, numbering: Numbering, k: int) -> None:
-        size, rows = self._wide.shape[1], 3 * self._owned
+        size = self._wide.shape[1]
         K: Array = np.zeros((size, size))
         for form in forms:
+            # of this rank's own cells; the ranks' shares add up after the projection
             matrix = self._matrices.get(form) or self._matrices.setdefault(form, fem.create_matrix(form))
             matrix.set_value(np.float64(0))
             fem.assemble_matrix(matrix, form)  # type: ignore[arg-type]
-            matrix.scatter_reverse()
             a, b = matrix.block_size
             blocks = bsr_matrix((matrix.data.reshape(-1, a, b), matrix.indices, matrix.indptr))
-            blocks.resize(a * (len(matrix.indptr) - 1), len(self._wide))
-            K += self._wide[:rows].T @ (blocks @ self._wide)[:rows]
+            blocks.resize(*2 * (len(self._wide),))
+            K += self._wide.T @ (blocks @ self._wide)
         total = self._comm.reduce(K)
         if total is not None:
             at = (numbering.start + numbering.owned(k).start + np.arange(size)).astype(PETSc.IntType)

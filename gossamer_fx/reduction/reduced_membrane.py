@@ -13,8 +13,9 @@ from dolfinx.common import IndexMap
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.bodies.ports import global_node, interpolated
-from gossamer_fx.checks.errors import check
+from gossamer_fx.checks.errors import InputError, check
 from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.terms import Array, Block, Port, Term
 from gossamer_fx.reduction.basis import Basis
 from gossamer_fx.reduction.coordinates import ReducedCoordinates, coefficients
@@ -36,6 +37,13 @@ class WeightedMeasure:
         return self._dx.metadata()
 
 
+class SampledMesh(Mesh):
+    """The sampled cells: what the groups of the whole mesh name is not among them."""
+
+    def group(self, name: str) -> Any:
+        raise InputError(f"A reduced film has no group '{name}': hold or load that group before the film is reduced.")
+
+
 class ReducedMembrane(Membrane):
     """A film with few unknowns: x(X, t) = Σ φ_i(X) c_i(t); made by `reduce`.
 
@@ -50,7 +58,7 @@ class ReducedMembrane(Membrane):
         full = basis.film
         whole = full.space.mesh
         part, entities, *_ = dmesh.create_submesh(whole, 2, sample.cells)
-        super().__init__(part, full.law, order=full.order, name=name)
+        super().__init__(SampledMesh(part), full.law, order=full.order, name=name)
         self.full, self.basis, self.sample = full, basis, sample
         self._modes = _at_nodes_of(self.space, basis, np.asarray(entities, dtype=np.int32))
         weights = fem.Function(fem.functionspace(part, ("DG", 0)))
@@ -94,10 +102,6 @@ class ReducedMembrane(Membrane):
         values = sum((weight * self.basis.values[node] for node, weight in own), np.zeros(self.basis.size))
         values = self.comm.allreduce(values)
         return Port(self, (0,) * len(values), tuple(values.tolist()), tuple(range(len(values))))
-
-    def nodes(self, group: str) -> np.ndarray:
-        check(False, f"'{self.name}' is a reduced film: no node of it can be held; hold the film before it is reduced.")
-        raise AssertionError
 
     def reconstruct(self, function: fem.Function, unknowns: Array) -> None:
         """Set a function on the full film's space from the unknowns, which rank 0 has."""

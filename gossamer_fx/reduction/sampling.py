@@ -121,7 +121,7 @@ class CellForces:
     def __call__(self, c: Array) -> Array:
         """Forces (cells, 3r) of coefficients (r, 3)."""
         self._x.x.array[:] = (self._Φ @ c).ravel()
-        numbers = self.evaluate(_state, self._film.space.mesh, self._own).reshape(self.cells, -1, 9)
+        numbers = evaluate(self._state, self._film.space.mesh, self._own).reshape(self.cells, -1, 9)
         F, S = numbers[:, :, :6].reshape(self.cells, -1, 2, 3), numbers[:, :, 6:]
         N1 = S[..., :1] * F[:, :, 0] + S[..., 2:] * F[:, :, 1]
         N2 = S[..., 1:2] * F[:, :, 1] + S[..., 2:] * F[:, :, 0]

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
@@ -45,6 +46,8 @@ def valid_calls(folder: Path) -> dict[str, Call]:
     plate = gx.Plate(mesh, gx.Linear(**film_law))
     creased = gx.Membrane(creased_strip(WORLD, 2, 1, 0.1, 0.1), law)
     scene = gx.Scene(film)
+    motion = gx.Snapshots(film)
+    motion.positions.append(np.sin(film.initial_state()[0].reshape(-1, 3) ** 2))
     block, other = gx.RigidBody(1.0, (1.0, 1.0, 1.0)), gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="other")
     A, B = block.frame(), other.frame()
     P, Q = gx.PointMass(1.0, (1.0, 0.0, 0.0)).port(), gx.Ground((0.0, 0.0, 0.0))
@@ -173,6 +176,8 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "modes": {"equilibrium": None, "count": 3, "spin": z, "above": 0.0},
         "patch": {"centre": P, "points": [P, P, P]},
         "Playback": {"folder": folder / "no run"},
+        "Snapshots": {"film": film, "every": 2},
+        "reduce": {"film": film, "motions": [motion], "modes": 1},
         "RunReader": {"folder": folder / "no run"},
         "animate": {"run": None, "field": "state", "path": folder / "a.gif", "seconds": 6.0},
         "plot_curves": {"run": None, "path": folder / "a.png"},

@@ -38,6 +38,7 @@ ABSENT_PARTS = {
     "control",
     "orbit",
     "analyses",
+    "reduction",
     "plotting",
     "cli",
     "solvers.coarse_space",

@@ -1,0 +1,151 @@
+"""Reduced films: what they conserve, how close they are to the film, and what they refuse."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.model.ports import initial, initial_rate
+from gossamer_fx.outputs.fields import AreaFractions, FieldFunctions
+from meshes.sheet import sheet
+
+COMM = MPI.COMM_WORLD
+SPIN, SIDE = 1.0, 2.0
+LAW = gx.Miyazaki(E=2e8, nu=0.3, density=1400.0, thickness=1e-5)
+CORNERS = [(x, y, 0.0) for x in (0.0, SIDE) for y in (0.0, SIDE)]
+
+
+def sail(cells: int = 6, amplitude: float = 0.02, order: int = 1, **options) -> gx.Membrane:
+    """A square that spins about its middle and swings out of its plane."""
+
+    def velocity(X: np.ndarray) -> np.ndarray:
+        x, y = X[0] - SIDE / 2, X[1] - SIDE / 2
+        return np.stack([-SPIN * y, SPIN * x, amplitude * x * y])
+
+    mesh = sheet(COMM, cells, cells, SIDE, SIDE)
+    return gx.Membrane(mesh, LAW, order=order, velocity=velocity, **options)
+
+
+def flight(film: gx.Membrane, outputs=(), dt: float = 0.02, **options) -> gx.Simulation:
+    """With a mass at each corner, in free flight."""
+    ports = [film.port_at(corner) for corner in CORNERS]
+    tips = [
+        gx.PointMass(0.05, tuple(initial(p)), velocity=tuple(initial_rate(p)), name=f"tip {k}")
+        for k, p in enumerate(ports)
+    ]
+    joints = [gx.BallJoint(p, t.port(), name=f"joint {k}") for k, (p, t) in enumerate(zip(ports, tips, strict=True))]
+    return gx.Simulation(gx.Scene(film, *tips, *joints), gx.Midpoint(dt=dt), list(outputs), **options)
+
+
+@pytest.fixture(scope="module")
+def recorded() -> tuple[gx.Membrane, gx.Snapshots]:
+    film = sail()
+    shapes = gx.Snapshots(film, every=2)
+    flight(film, [shapes]).run(until=2.0)
+    return film, shapes
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("cells", [None, 25])
+def test_a_reduced_sail_conserves_what_the_film_does(recorded, cells) -> None:
+    film, shapes = recorded
+    run = flight(gx.reduce(film, [shapes], modes=8, cells=cells))
+    run.run(until=2.0)
+    assert run.iterations > 2 * run.step and run.totals.stored["film"] > 0
+    assert abs(run.energy_error) < 1e-11
+    size = np.abs(run.first.angular_momentum).max()
+    assert np.abs(run.totals.angular_momentum - run.first.angular_momentum).max() < 1e-12 * size
+    assert np.abs(run.totals.momentum - run.first.momentum).max() < 1e-12 * size
+
+
+@pytest.mark.mpi
+def test_mass_momentum_and_energy_at_the_start_are_the_films(recorded) -> None:
+    film, shapes = recorded
+    full, reduced = (gx.Simulation(gx.Scene(b), gx.Midpoint(dt=0.1)) for b in (film, gx.reduce(film, [shapes], 12)))
+    assert reduced.totals.angular_momentum == pytest.approx(full.totals.angular_momentum, rel=1e-6, abs=1e-9)
+    assert reduced.totals.kinetic == pytest.approx(full.totals.kinetic, rel=1e-3)
+    assert reduced.totals.kinetic <= full.totals.kinetic * (1 + 1e-12)  # the projection leaves out, it adds nothing
+
+
+def test_with_all_modes_it_is_the_film() -> None:
+    film = sail(cells=2)
+    noise = gx.Snapshots(film)
+    rng = np.random.default_rng(3)
+    noise.positions += [rng.standard_normal((9, 3)) for _ in range(4)]
+    full, reduced = flight(film), flight(gx.reduce(film, [noise], modes=6))
+    for run in (full, reduced):
+        run.run(until=0.4)
+    assert reduced.system.numbering.size == full.system.numbering.size
+    x = reduced.scene.bodies[0]
+    shape = (x.basis.values @ reduced.system.q0.array_r[reduced.system.numbering.owned(0)].reshape(-1, 3)).ravel()
+    assert np.abs(shape - full.system.q0.array_r[full.system.numbering.owned(0)]).max() < 1e-9
+
+
+def test_more_modes_come_closer(recorded) -> None:
+    film, shapes = recorded
+    errors = []
+    for modes in (6, 18, 30):
+        reduced = gx.reduce(film, [shapes], modes)
+        run = flight(reduced)
+        run.run(until=0.4)
+        c = run.system.q0.array_r[run.system.numbering.owned(0)].reshape(-1, 3)
+        errors.append(np.abs(reduced.basis.values[: len(shapes.positions[0])] @ c - shapes.positions[10])[:, 2].max())
+    assert errors[2] < errors[1] < errors[0]
+    assert errors[2] < 0.01 * np.abs(shapes.positions[10][:, 2]).max()
+
+
+@pytest.mark.mpi
+def test_fields_are_those_of_the_whole_film(recorded) -> None:
+    film, shapes = recorded
+    reduced = gx.reduce(film, [shapes], modes=10, cells=20)
+    run = flight(reduced)
+    fields = FieldFunctions(run.system, reduced, ("displacement", "stress1"))
+    fields.update()
+    assert fields.functions[0].function_space.mesh is film.space.mesh
+    assert AreaFractions([reduced])(run.system).sum() == pytest.approx(1.0)
+
+
+@pytest.mark.mpi
+def test_a_restart_goes_on_as_if_nothing_had_happened(recorded, folder: Path) -> None:
+    film, shapes = recorded
+    reduced = gx.reduce(film, [shapes], modes=6, cells=20)
+    whole = flight(reduced, checkpoints=gx.Checkpoints(folder / "points", every=10))
+    whole.run(until=0.2)
+    again = flight(reduced, restart=folder / "points")
+    for run in (whole, again):
+        run.run(until=0.4)
+    assert np.abs(whole.system.q0.array_r - again.system.q0.array_r).max(initial=0.0) < 1e-12
+
+
+@pytest.mark.mpi
+def test_gravity_and_pressure_act_on_it_as_on_the_film(recorded) -> None:
+    film, shapes = recorded
+    reduced = gx.reduce(film, [shapes], modes=6)
+    weight, push = gx.Gravity(reduced, (0.0, 0.0, -2.0)), gx.Pressure(reduced, 1e-3)
+    run = gx.Simulation(gx.Scene(reduced, weight, push), gx.Midpoint(dt=0.01))
+    run.run(until=0.1)
+    mass = reduced.basis.mass
+    assert run.totals.momentum[2] == pytest.approx(0.1 * (1e-3 * SIDE**2 - 2.0 * mass), rel=1e-3)
+    assert abs(run.energy_error) < 1e-10
+
+
+def test_what_cannot_be_reduced_is_told_in_one_sentence(recorded) -> None:
+    film, shapes = recorded
+    for motions, modes, cells, words in (
+        ([], 3, None, "no snapshots"),
+        ([shapes], 0, None, "modes is 0"),
+        ([shapes], 10_000, None, "ask for fewer"),
+        ([shapes], 3, 0, "cells is 0"),
+    ):
+        with pytest.raises(gx.InputError, match=words):
+            gx.reduce(film, motions, modes, cells)
+    other = gx.Snapshots(film)
+    other.positions.append(np.zeros((1, 3)))
+    with pytest.raises(gx.InputError, match="another mesh"):
+        gx.reduce(film, [other], 1)
+    with pytest.raises(gx.InputError, match="before the film is reduced"):
+        gx.Scene(gx.Fixed(gx.reduce(film, [shapes], 3), "left")).compile()
