@@ -60,12 +60,15 @@ class ReducedMembrane(Membrane):
         part, entities, *_ = dmesh.create_submesh(whole, 2, sample.cells)
         super().__init__(SampledMesh(part), full.law, order=full.order, name=name)
         self.full, self.basis, self.sample = full, basis, sample
-        self._modes = _at_nodes_of(self.space, basis, np.asarray(entities, dtype=np.int32))
-        weights = fem.Function(fem.functionspace(part, ("DG", 0)))
-        place = {int(cell): weight for cell, weight in zip(sample.cells, sample.weights, strict=True)}
-        owned = part.topology.index_map(2).size_local
-        weights.x.array[:owned] = [place[int(cell)] for cell in entities[:owned]]
-        weights.x.scatter_forward()
+        parents = np.asarray(entities, dtype=np.int32)
+        self._modes = _at_nodes_of(self.space, basis, parents)
+        weight = np.zeros(whole.topology.index_map(2).size_local + whole.topology.index_map(2).num_ghosts)
+        weight[sample.cells] = sample.weights
+        weights = _in_cells(part, weight[parents])
+        for number, value in vars(full.constants).items():
+            if isinstance(value, fem.Function):  # a property that varies from cell to cell
+                there = value.x.array[value.function_space.dofmap.list.ravel()]
+                setattr(self.constants, number, _in_cells(part, there[parents]))
         self.dx = WeightedMeasure(self.dx, weights)
         self.mass_dx = WeightedMeasure(self.mass_dx, weights)
         self.block = Block(IndexMap(self.comm, 1 if self.comm.rank == 0 else 0), 3 * basis.size)
@@ -106,6 +109,14 @@ class ReducedMembrane(Membrane):
     def reconstruct(self, function: fem.Function, unknowns: Array) -> None:
         """Set a function on the full film's space from the unknowns, which rank 0 has."""
         function.x.array[:] = (self.basis.values @ coefficients(self.comm, unknowns)).ravel()
+
+
+def _in_cells(mesh: dmesh.Mesh, values: Array) -> fem.Function:
+    """A function that is constant in each cell; those of ghosts are fetched."""
+    function = fem.Function(fem.functionspace(mesh, ("Discontinuous Lagrange", 0)))
+    function.x.array[function.function_space.dofmap.list.ravel()] = values
+    function.x.scatter_forward()
+    return function
 
 
 def _at_nodes_of(space: fem.FunctionSpace, basis: Basis, parents: Any) -> Array:

@@ -16,7 +16,6 @@ from gossamer_fx.model.scalar_unknowns import InitialCondition, ScalarUnknowns
 from gossamer_fx.model.terms import Array, Body, CompiledConstraints, CompiledTerms, Term, is_on_mesh
 from gossamer_fx.system.increment import Increment
 from gossamer_fx.system.totals import Totals
-from gossamer_fx.terms.coordinates import Coordinates
 from gossamer_fx.terms.discrete_gradient import StressRule
 from gossamer_fx.terms.supports import Supports
 
@@ -46,9 +45,7 @@ class System:
         multipliers = [block for kind, alike in kinds.items() for block in kind.multipliers(alike, comm)]
         self.numbering = numbering = Numbering(comm, [b.block for b in bodies] + multipliers)
         self.q0, self.q1, self.v0, self.past, self._scratch, self._momenta = (numbering.vector() for _ in range(6))
-        self.fields: dict[int, Coordinates] = {
-            k: b.coordinates(rule.alpha) for k, b in enumerate(bodies) if is_on_mesh(b)
-        }
+        self.fields = {k: b.coordinates(rule.alpha) for k, b in enumerate(bodies) if is_on_mesh(b)}
         self.supports = Supports(kinds.pop(Supports, []), self)
         self.increment = Increment(numbering, self.supports)
         self.compiled = [kind(alike, self) for kind, alike in kinds.items()]

@@ -98,6 +98,18 @@ def test_more_modes_come_closer(recorded) -> None:
     assert errors[2] < 0.01 * np.abs(shapes.positions[10][:, 2]).max()
 
 
+def test_devices_on_the_film_are_on_the_reduced_one_too() -> None:
+    heavy = {"density": lambda X: np.where(X[0] > 1.0, 5000.0, 1400.0)}
+    film = sail(properties=heavy)
+    shapes = gx.Snapshots(film)
+    flight(film, [shapes]).run(until=0.4)
+    full, reduced = flight(film), flight(gx.reduce(film, [shapes], modes=24))
+    assert reduced.totals.kinetic == pytest.approx(full.totals.kinetic, rel=1e-4)
+    for run in (full, reduced):
+        run.run(until=0.2)
+    assert reduced.totals.stored["film"] == pytest.approx(full.totals.stored["film"], rel=0.02)
+
+
 @pytest.mark.mpi
 def test_fields_are_those_of_the_whole_film(recorded) -> None:
     film, shapes = recorded
