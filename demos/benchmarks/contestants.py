@@ -22,8 +22,10 @@ PACKAGES = {
         "KratosLinearSolversApplication==10.4.4",
     ),
     "exudyn": ("exudyn==1.13.6",),
+    "ngsolve": ("ngsolve==6.2.2608", "netgen-mesher==6.2.2608"),
 }
 SELF = "gossamer"
+PREFIXED = ("ngsolve",)  # its libraries lie beside the folder of modules, where pip puts them with a prefix only
 
 
 class Failed(Exception):
@@ -31,7 +33,7 @@ class Failed(Exception):
 
 
 def installed(program: str) -> Path:
-    """The folder of a peer's packages in the user's cache, filled from PyPI at the first use.
+    """The folder of a peer's modules in the user's cache, filled from PyPI at the first use.
 
     Raises:
         Failed: pip does not find or install them.
@@ -43,12 +45,13 @@ def installed(program: str) -> Path:
     if not (folder / ".complete").exists():
         print(f"installing {', '.join(packages)} in {folder}", file=sys.stderr)
         pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--upgrade"]
-        done = subprocess.run(
-            [*pip, "--root-user-action=ignore", "--target", folder, *packages], capture_output=True, text=True
-        )
+        place = ["--prefix", folder, "--ignore-installed"] if program in PREFIXED else ["--target", folder]
+        done = subprocess.run([*pip, "--root-user-action=ignore", *place, *packages], capture_output=True, text=True)
         if done.returncode:
             raise Failed(f"cannot be installed: {_last_words(done)}")
         (folder / ".complete").touch()
+    if program in PREFIXED:
+        return next(path.parent for path in sorted(folder.rglob("netgen")) if (path / "__init__.py").is_file())
     return folder
 
 

@@ -73,6 +73,25 @@ def subdomains(sizes: tuple[int, ...], counts: tuple[int, ...], dt: float, metho
     }
 
 
+def strips(own: int, kratos: tuple[int, int], exudyn: int, ngsolve: int) -> dict[str, Words]:
+    """Cells along, and as few increments of the load as succeed; of Kratos cells and increments."""
+    return {
+        SELF: {"n": own},
+        "kratos": {"n": kratos[0], "increments": kratos[1]},
+        "exudyn": {"n": exudyn, "increments": 1},
+        "ngsolve": {"n": ngsolve, "increments": 1},
+    }
+
+
+def rings(n: int) -> dict[str, Words]:
+    """Cells across a half of the ring; the peers need many increments, the first of them small."""
+    return {
+        SELF: {"shape": "slit ring", "n": n},
+        "kratos": {"shape": "slit ring", "n": n, "increments": 40, "power": 3.0},
+        "ngsolve": {"shape": "slit ring", "n": n // 2, "increments": 30, "power": 3.0},
+    }
+
+
 PROBLEMS = {
     "sheet": Problem(
         title="Free spinning sheet, h = 1e-3 s",
@@ -89,6 +108,20 @@ PROBLEMS = {
         cases={f"{n} cells": {SELF: {"n": n}, "kratos": {"n": n}} for n in (8, 16)},
         quick={"8 cells": {SELF: {"n": 8}, "kratos": {"n": 8}}},
         peers=("kratos",),
+    ),
+    "plate": Problem(
+        title="Cantilever strip and slit ring of Sze, Liu & Lo (2004) under their full load",
+        cost=lambda r: r["cpu"],
+        unit="s CPU",
+        cases={
+            "strip, 1 %": strips(6, (4, 4), 2, 2),
+            "strip, 0.1 %": strips(20, (12, 4), 4, 2),
+            "slit ring, 3 %": rings(8),
+            "slit ring, 1 %": rings(16),
+        },
+        quick={"strip, 1 %": strips(6, (4, 4), 2, 2)},
+        seconds=300.0,
+        peers=("kratos", "exudyn", "ngsolve"),
     ),
     "pendulum": Problem(
         title="Antenna pendulum, film equally far off the surface of its corners",

@@ -38,6 +38,8 @@ class Membrane(Meshed):
         name: name in messages and output.
     """
 
+    bends = False  # whether it has bending stiffness
+
     def __init__(
         self,
         mesh: Mesh | DolfinxMesh,

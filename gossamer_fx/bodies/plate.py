@@ -16,7 +16,7 @@ from gossamer_fx.bodies.properties import cellwise
 from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.forms.bending import DEGREE, EDGE_DEGREE, PENALTY, Bending, curvature, moment
 from gossamer_fx.forms.compilation import constant
-from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
+from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.tied_strain import tied_strain
 from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.mesh.edges import EdgeTable
@@ -56,6 +56,8 @@ class Plate(Membrane):
     Raises:
         InputError: a mesh that is curved, a group that is no line of interior edges, a rest curvature out of the plane.
     """
+
+    bends = True
 
     def __init__(
         self,
@@ -203,9 +205,3 @@ def interior_edges(plate: Membrane, table: EdgeTable, group: str, what: str) -> 
         f"'{plate.name}': the {what} '{group}' has edges on the rim; name a line between cells.",
     )
     return edges
-
-
-def principal(tensor: Expr) -> tuple[Expr, Expr]:
-    """The larger and the smaller principal value of a symmetric tensor (2, 2)."""
-    h, r = half_trace_and_radius(ufl.as_vector([tensor[0, 0], tensor[1, 1], tensor[0, 1] + tensor[1, 0]]))
-    return h + r, h - r

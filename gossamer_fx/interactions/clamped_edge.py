@@ -44,7 +44,7 @@ class ClampedEdge(Fixed):
     def __post_init__(self) -> None:
         check(
             isinstance(self.body, Plate),
-            f"ClampedEdge: '{self.body.name}' has no bending stiffness that a clamp could act on; use Fixed.",
+            f"ClampedEdge: {getattr(self.body, 'name', self.body)!r} is no Plate: it has no slope to hold; use Fixed.",
         )
         edges = self.body.mesh.curve(self.group, "ClampedEdge")
         check_on_all(

@@ -8,7 +8,10 @@
     state           0 slack, 1 wrinkled, 2 taut
     pressure        of the gas inside over that outside [Pa]; where a film parts two chambers, their difference
 
-Displacement and velocity belong to any body on a mesh, the others to films.
+    curvature1 ≥ curvature2   principal curvatures of a plate [1/m], positive towards the normal of its mesh
+    moment1 ≥ moment2         principal bending moments of a plate [N m/m]
+
+Displacement and velocity belong to any body on a mesh, curvatures and moments to plates, the others to films.
 """
 
 from __future__ import annotations
@@ -38,7 +41,7 @@ STATES = {"slack": SLACK, "wrinkled": WRINKLED, "taut": TAUT}
 
 @dataclass(frozen=True)
 class Field:
-    """What a field is: its shape, whether only films have it, and its expression of (body, q, v).
+    """What a field is: its shape, whether only films or plates have it, and its expression of (body, q, v).
 
     The fields of films are made of derivatives of q: they may jump from cell to cell.
     """
@@ -46,6 +49,7 @@ class Field:
     shape: tuple[int, ...]
     of_films: bool
     expression: Callable[[Any, Expr, Expr], Expr] | None
+    of_plates: bool = False
 
 
 def position(q: Expr) -> Expr:
@@ -55,6 +59,12 @@ def position(q: Expr) -> Expr:
 
 def _principal_strains(film: Membrane, x: Expr) -> tuple[Expr, Expr]:
     h, r = half_trace_and_radius(film.measure(x))
+    return h + r, h - r
+
+
+def _principal(tensor: Expr) -> tuple[Expr, Expr]:
+    """The principal values of a symmetric tensor (2, 2), the larger one first."""
+    h, r = half_trace_and_radius(ufl.as_vector([tensor[0, 0], tensor[1, 1], tensor[0, 1] + tensor[1, 0]]))
     return h + r, h - r
 
 
@@ -91,13 +101,19 @@ FIELDS = {
     "stress2": Field((), True, lambda film, x, v: _principal_stresses(film, x)[1]),
     "direction": Field((3,), True, lambda film, x, v: _direction(film, x)),
     "state": Field((), True, lambda film, x, v: film_state(film, x)),
+    "curvature1": Field((), True, lambda plate, x, v: _principal(plate.curvature(x))[0], of_plates=True),
+    "curvature2": Field((), True, lambda plate, x, v: _principal(plate.curvature(x))[1], of_plates=True),
+    "moment1": Field((), True, lambda plate, x, v: _principal(plate.moment(x))[0], of_plates=True),
+    "moment2": Field((), True, lambda plate, x, v: _principal(plate.moment(x))[1], of_plates=True),
     "pressure": Field((), True, None),  # no function of the film's coordinates: the gas has its own state
 }
 
 
 def check_fields(body: Body, names: Sequence[str]) -> None:
     """Raise `InputError` for a field that does not exist, or that this body has not."""
-    known = [name for name, field in FIELDS.items() if isinstance(body, Membrane) or not field.of_films]
+    is_film = isinstance(body, Membrane)
+    bends = isinstance(body, Membrane) and body.bends
+    known = [n for n, field in FIELDS.items() if (is_film or not field.of_films) and (bends or not field.of_plates)]
     unknown = [name for name in names if name not in known]
     problem = f"'{body.name}' has no field {unknown[0]!r}" if unknown else f"No field of '{body.name}' is asked for"
     check(bool(names) and not unknown, f"{problem}; its fields are: {', '.join(known)}.")

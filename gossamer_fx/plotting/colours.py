@@ -14,6 +14,10 @@ from gossamer_fx.plotting.view import Integers
 UNITS = {
     "displacement": "m",
     "velocity": "m/s",
+    "curvature1": "1/m",
+    "curvature2": "1/m",
+    "moment1": "N m/m",
+    "moment2": "N m/m",
     "strain1": "",
     "strain2": "",
     "stress1": "Pa",
@@ -23,6 +27,10 @@ UNITS = {
 NAMES = {
     "displacement": "Displacement",
     "velocity": "Speed",
+    "curvature1": "Larger principal curvature",
+    "curvature2": "Smaller principal curvature",
+    "moment1": "Larger bending moment",
+    "moment2": "Smaller bending moment",
     "strain1": "Larger principal strain",
     "strain2": "Smaller principal strain",
     "stress1": "Larger principal stress",

@@ -7,6 +7,7 @@ rank 0.  All checks are local to the ranks but for sums, and cost less than comp
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -31,6 +32,7 @@ LOG = logging.getLogger("gossamer_fx")
 
 _FLAT, _SLIVER = 1e-9, 5e-4  # qualities of triangles without area, and of aspect ratio about 3000
 _THICK = 0.1  # of a film's extent
+_THIN = 1e-4  # of a plate's smallest cell
 # smallest and largest values of what is built or flown, in SI units, and the unit that is probably meant beyond
 _USUAL = {
     "E": (1e4, 2e12, "Pa"),
@@ -111,6 +113,13 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
         if upside_down:
             yield f"'{body.name}' has {upside_down} triangles upside down on their neighbours; look at its mesh."
         thickness = getattr(getattr(body, "law", None), "thickness", 0.0)
+        smallest = comm.allreduce(float(np.sqrt(sizes(corners)).min(initial=np.inf)), op=MPI.MIN)
+        if getattr(body, "bends", False) and 0 < thickness < _THIN * smallest:
+            yield (
+                f"The plate '{body.name}' is {thickness / smallest:.1g} of its smallest cells thick: they carry a "
+                f"compressive strain of {(math.pi * thickness / smallest) ** 2 / 48:.0e} before they bend; a Membrane "
+                "does as well and costs less."
+            )
         if thickness > _THICK * size:
             yield f"The film '{body.name}' is {thickness:.3g} m thick and {size:.3g} m large; thickness is in metres."
 

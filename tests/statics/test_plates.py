@@ -18,6 +18,7 @@ from gossamer_fx.forms.bending import Bending
 from gossamer_fx.forms.compilation import compile_form, constant
 from gossamer_fx.forms.kinematics import frame, green_lagrange, surface_gradient
 from gossamer_fx.forms.tied_strain import tied_strain
+from gossamer_fx.outputs.fields import FieldFunctions
 from meshes.plates import irregular_sheet
 from meshes.sheet import sheet
 from meshes.sphere import sphere
@@ -154,7 +155,7 @@ def test_properties_vary_by_group_or_by_place():
             lambda m: gx.Membrane(m, gx.Elastica(1e9, 0.3, 1e3, 1e-4, 0.1), properties={"thickness": {"film": 1e-3}}),
             "derived",
         ),
-        (lambda m: gx.ClampedEdge(gx.Membrane(m, LAW), "left"), "Plate|bending"),
+        (lambda m: gx.ClampedEdge(gx.Membrane(m, LAW), "left"), "is no Plate"),
         (lambda m: gx.ClampedEdge(gx.Plate(m, LAW), "left", direction=(0.0, 0.0, 0.0)), "not all zero"),
         (lambda m: gx.EdgeMoment(gx.Plate(m, LAW), "left", math.inf), "finite"),
         (lambda m: gx.Linear(E=1e9, nu=0.3, density=1.0, thickness=0.0), "thickness is 0.0"),
@@ -164,3 +165,26 @@ def test_bad_plates_are_refused_in_one_sentence(make, words):
     with pytest.raises(gx.InputError, match=words) as error:
         make(sheet(WORLD, 2, 2))
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.mpi
+def test_curvature_and_moment_of_a_cylinder_are_fields(comm):
+    """κ = 2/m along x, moments D κ and ν D κ; a rest curvature of as much leaves none."""
+    κ = 2.0
+
+    def rolled(X):
+        return np.stack([np.sin(κ * X[0]) / κ - X[0], 0 * X[0], (1 - np.cos(κ * X[0])) / κ])
+
+    D = LAW.E * LAW.thickness**3 / 12 / 0.91
+    for rest, moment in ((None, D * κ), (np.diag((κ, 0.0, 0.0)), 0.0)):
+        plate = gx.Plate(sheet(comm, 16, 4, 1.0, 0.25), LAW, displacement=rolled, rest_curvature=rest)
+        fields = FieldFunctions(gx.Scene(plate).compile(), plate, ("curvature1", "curvature2", "moment1", "moment2"))
+        fields.update()
+        curvature1, curvature2, moment1, moment2 = (f.x.array for f in fields.functions)
+        assert curvature1 == pytest.approx(κ, rel=1e-2)
+        assert curvature2 == pytest.approx(0.0, abs=1e-2 * κ)
+        assert moment1 == pytest.approx(moment, abs=1e-2 * D * κ)
+        assert moment2 == pytest.approx(0.3 * moment, abs=1e-2 * D * κ)
+    with pytest.raises(gx.InputError, match="has no field 'curvature1'"):
+        film = gx.Membrane(sheet(comm, 2, 2), LAW)
+        FieldFunctions(gx.Scene(film).compile(), film, ("curvature1",))

@@ -1,0 +1,100 @@
+"""The plates in NGSolve: a nonlinear Koiter shell by the Hellan-Herrmann-Johnson method and Regge interpolation.
+
+Neunteufel & Schöberl, Comput. Struct. 225 (2019) 106109 and Comput. Methods Appl. Mech. Eng. 373 (2021) 113524:
+positions of order k, moments σ of order k - 1, rotations α of the edges as multipliers; the energy is stationary.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+
+import ngsolve as ng
+from contestants import words
+from ngsolve.meshes import MakeStructuredSurfaceMesh
+from plate_problems import CASES, mapped
+
+case = words({"shape": "strip", "n": 16, "order": 2, "increments": 4, "power": 1.0, "damping": 1.0})
+shape, n, k = CASES[case["shape"]], case["n"], case["order"]
+along, across = (n, max(n // 8, 1)) if case["shape"] == "strip" else (4 * n, n // 2)
+ng.ngsglobals.msg_level = 0
+ng.SetNumThreads(1)
+
+
+def place(x, y, z):
+    return tuple(float(c) for c in mapped(case["shape"], x, y))
+
+
+mesh = MakeStructuredSurfaceMesh(quads=False, nx=along, ny=across, mapping=place)
+U = ng.VectorH1(mesh, order=k, dirichlet_bbnd="left")
+M = ng.HDivDivSurface(mesh, order=k - 1, discontinuous=True)
+A = ng.NormalFacetSurface(mesh, order=k - 1, dirichlet_bbnd="left")
+space = U * M * A
+u, σ, α = space.TrialFunction()
+σ, α = σ.Trace(), α.Trace()
+n0, τ = ng.specialcf.normal(3), ng.specialcf.tangential(3)
+ν0 = ng.Cross(n0, τ)
+P = ng.Id(3) - ng.OuterProduct(n0, n0)
+F = ng.Grad(u).Trace() + P
+strain = ng.Interpolate(0.5 * (F.trans * F - P), ng.HCurlCurl(mesh, order=k - 1))
+normal = ng.Normalize(ng.Cof(F) * n0) if hasattr(ng, "Normalize") else 1 / ng.Norm(ng.Cof(F) * n0) * (ng.Cof(F) * n0)
+Fτ = F * τ
+tangent = 1 / ng.Norm(Fτ) * Fτ
+conormal = ng.Cross(normal, tangent)
+
+# normals of the edges, means of both sides at the last increment; the normal of the mesh at the clamp
+solution = ng.GridFunction(space)
+edge_space = ng.VectorFacetSurface(mesh, order=k)
+edge_normal = ng.GridFunction(edge_space)
+clamped = ng.GridFunction(ng.FacetSurface(mesh, order=0))
+clamped.Set(1, definedon=mesh.BBoundaries("left"))
+before = ng.Grad(solution.components[0]) + P
+now = 1 / ng.Norm(ng.Cof(before) * n0) * (ng.Cof(before) * n0)
+b, db = edge_space.TnT()
+b, db = b.Trace(), db.Trace()
+projection, sides = ng.BilinearForm(edge_space), ng.LinearForm(edge_space)
+projection += b * db * ng.ds(element_boundary=True)
+sides += ((1 - clamped) * now + clamped * n0) * db * ng.ds(element_boundary=True)
+projection.Assemble()
+inverse = projection.mat.Inverse(edge_space.FreeDofs(), inverse="sparsecholesky")
+
+
+def take_edge_normals() -> None:
+    sides.Assemble()
+    edge_normal.vec.data = inverse * sides.vec
+
+
+edge = edge_normal - (tangent * edge_normal) * tangent
+edge = 1 / ng.Norm(edge) * edge
+share, t = ng.Parameter(0.0), shape.thickness
+form = ng.BilinearForm(space, symmetric=True, condense=True)
+bent = (u.Operator("hesseboundary").trans * normal).Reshape((3, 3))
+form += ng.Variation((0.5 * t * shape.E * ng.InnerProduct(strain, strain)).Compile() * ng.ds)
+form += ng.Variation((ng.InnerProduct(σ, bent) - 6 / t**3 / shape.E * ng.InnerProduct(σ, σ)).Compile() * ng.ds)
+form += ng.Variation(
+    ((ng.acos(conormal * edge) - math.pi / 2 + α * ν0) * (σ * ν0) * ν0).Compile() * ng.ds(element_boundary=True)
+)
+form += ng.Variation(-share * shape.load * u[2] * ng.ds(definedon=mesh.BBoundaries("right")))
+
+take_edge_normals()
+cpu, wall, iterations = time.process_time(), time.perf_counter(), 0
+for increment in range(1, case["increments"] + 1):
+    share.Set((increment / case["increments"]) ** case["power"])
+    take_edge_normals()
+    failed, used = ng.solvers.Newton(
+        form, solution, inverse="sparsecholesky", printing=False, maxerr=1e-8, maxit=40, dampfactor=case["damping"]
+    )
+    iterations += used
+    if failed:
+        raise SystemExit(f"Newton's iteration failed in increment {increment} of {case['increments']}")
+cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
+corner = mesh(*place(1 - 1e-9, 1 - 1e-9, 0), ng.BND)
+result = {
+    "cpu": cpu,
+    "wall": wall,
+    "dofs": space.ndof,
+    "steps": iterations,
+    "W": float(solution.components[0](corner)[2]),
+}
+print(json.dumps(result | {"error [%]": 100 * abs(result["W"] / shape.deflection - 1)}))

@@ -1,0 +1,39 @@
+"""The plates that are compared, as numbers (SI or any consistent units)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A flat plate, ν = 0, clamped at one end: `load` per length of the other end, across, and its deflection."""
+
+    E: float
+    thickness: float
+    load: float
+    deflection: float
+
+
+CASES = {
+    "strip": Shape(E=1.2e6, thickness=0.1, load=4.0, deflection=6.6996),  # elastica, PL²/EI = 4
+    "slit ring": Shape(E=21e6, thickness=0.03, load=0.8, deflection=17.528),  # Sze, Liu & Lo 2004, outer corner
+}
+
+
+def grid(shape: str, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes (i, j, 3) and their numbers from 0: i from the clamped to the loaded end, j across; n cells along or 4n."""
+    along, across = (n, max(n // 8, 1)) if shape == "strip" else (4 * n, n // 2)
+    u, v = np.meshgrid(np.linspace(0, 1, along + 1), np.linspace(0, 1, across + 1), indexing="ij")
+    points = np.stack(mapped(shape, u, v), axis=-1)
+    return points, np.arange((along + 1) * (across + 1)).reshape(along + 1, across + 1)
+
+
+def mapped(shape: str, u, v):
+    """Points of the plate, u in [0, 1] from the clamped to the loaded end, v in [0, 1] across."""
+    if shape == "strip":
+        return 10 * u, 1 * v, 0 * u
+    angle, radius = -2 * np.pi * u, 6 + 4 * v
+    return radius * np.cos(angle), radius * np.sin(angle), 0 * u
