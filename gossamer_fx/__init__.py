@@ -37,6 +37,11 @@ if TYPE_CHECKING:
     from gossamer_fx.checks.errors import OutputFailure as OutputFailure
     from gossamer_fx.checks.errors import StepFailure as StepFailure
     from gossamer_fx.cli.case import Case as Case
+    from gossamer_fx.contact.contact import Contact as Contact
+    from gossamer_fx.contact.obstacles import Box as Box
+    from gossamer_fx.contact.obstacles import Cylinder as Cylinder
+    from gossamer_fx.contact.obstacles import Plane as Plane
+    from gossamer_fx.contact.obstacles import Sphere as Sphere
     from gossamer_fx.control.attitude import AttitudeControl as AttitudeControl
     from gossamer_fx.control.attitude import patch as patch
     from gossamer_fx.gas.enclosure import Piston as Piston
@@ -153,6 +158,8 @@ _HOME = {
     "gas.volumes": ["Ambient", "Chamber", "Reservoir", "Tank"],
     "steppers.generalized_alpha": ["GeneralizedAlpha"],
     "scene.initial": ["RigidMotion", "StartFrom"],
+    "contact.contact": ["Contact"],
+    "contact.obstacles": ["Box", "Cylinder", "Plane", "Sphere"],
     "interactions.clamped": ["Clamped"],
     "interactions.clamped_edge": ["ClampedEdge"],
     "interactions.crease": ["Crease"],

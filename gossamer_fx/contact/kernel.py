@@ -29,7 +29,7 @@ int pierce(int n, const int32_t *pairs, const int32_t *edges, const int32_t *tri
 
 Integers = npt.NDArray[np.int32]
 Bytes = npt.NDArray[np.uint8]
-Array = npt.NDArray[np.float64]
+Array = npt.NDArray[np.floating]
 
 
 _loaded: list[Any] = []

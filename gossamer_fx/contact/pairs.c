@@ -339,7 +339,7 @@ static void assemble(const Pair *P, const double S[6], double D[6][6], double Ym
 }
 
 /* Whether two triangles' or edges' points have passed through each other on the straight way. */
-static int passed(int edges, double Y0[3][3], double Y1[3][3])
+static int passed(int edges, double U, double V, double Y0[3][3], double Y1[3][3])
 {
     const double v0 = triple(Y0), v1 = triple(Y1);
     if (!(v0 * v1 < 0)) return 0;
@@ -354,7 +354,7 @@ static int passed(int edges, double Y0[3][3], double Y1[3][3])
     gram(Y, e);
     const double det = e[3] * e[5] - e[4] * e[4];
     if (!(det > 0)) return 0;
-    const double u = (e[4] * e[2] - e[5] * e[1]) / det, v = (e[4] * e[1] - e[3] * e[2]) / det;
+    const double u = (e[4] * e[2] - e[5] * e[1]) / det - U, v = (e[4] * e[1] - e[3] * e[2]) / det - V;
     return u >= 0 && v >= 0 && (edges ? u <= 1 && v <= 1 : u + v <= 1);
 }
 
@@ -431,7 +431,7 @@ int act(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, cons
         double φ0[6], φ1[6];
         const double s0 = value(&P, Y0, φ0), s1 = value(&P, Y1, φ1);
         const double X0 = (s0 - offset[i]) / size, X1 = (s1 - offset[i]) / size;
-        const int through = P.kind <= EDGE_EDGE && !ends && passed(P.kind, Y0, Y1);
+        const int through = P.kind <= EDGE_EDGE && !ends && passed(P.kind, P.U, P.V, Y0, Y1);
         const int wrong = through || (X1 <= 0 && (law == BARRIER || P.kind <= EDGE_EDGE));
         if (wrong && push > 0) {
             const double D = P.kind == PLANE ? size + offset[i] : P.kind > PLANE ? -sqrt(-offset[i] - size) : sqrt(size + offset[i]);

@@ -130,3 +130,15 @@ def test_distance_of_degenerate_pairs() -> None:
     for kind, x, s in cases:
         found = squared_distances(nodes, np.array([kind], np.uint8), np.array(x, float))
         assert found[0] == pytest.approx(s, rel=1e-14)
+
+
+@pytest.mark.parametrize("kind", [POINT_TRIANGLE, EDGE_EDGE])
+def test_those_and_only_those_that_pass_through_are_pushed_back(kind: int) -> None:
+    pairs, x0, x1 = near_pairs(kind, 400, seed=6)
+    x1 = x0 + 4 * (x1 - x0)
+    state = act(pairs, x0, x1, BARRIER, 0.5).state
+    t = np.linspace(0, 1, 4001)
+    way = np.array([squared_distances(pairs.nodes, pairs.kind, x0 + τ * (x1 - x0)) for τ in t]).min(0) ** 0.5
+    assert (state == PASSED).sum() > 40
+    assert way[state == PASSED].max() < 2e-3
+    assert np.mean(way[state != PASSED] < 1e-4) < 0.03  # there and back

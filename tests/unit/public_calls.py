@@ -31,7 +31,7 @@ UNCALLED = {
     "NoEquilibrium",
     "OutputFailure",
 }
-UNCALLED |= {"StepFailure", "StartFrom", "Scene", "Progress"}
+UNCALLED |= {"Contact", "StepFailure", "StartFrom", "Scene", "Progress"}
 
 
 def valid_calls(folder: Path) -> dict[str, Call]:
@@ -68,6 +68,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "AxialSpring": {"port": P, "stiffness": 1.0, "direction": z, "origin": z},
         "BallJoint": {"a": P, "b": Q},
         "Beam": {"mesh": curve, "section": section, "normal": z},
+        "Box": {"centre": z, "sizes": (1.0, 1.0, 1.0), "inside": False, "name": "box"},
         "Cable": {"mesh": curve, "law": gx.CableLaw(**cable_law), "order": 1},
         "CableLaw": cable_law,
         "Case": {
@@ -85,6 +86,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "ClampedEdge": {"body": plate, "group": "left", "components": (0, 1, 2), "direction": (1.0, 0.0, 0.0)},
         "Continuation": {"residual": 1e-8, "step": 2e-3, "growth": 1.6, "cut": 0.5, "inner": 0.1, "patience": 25},
         "Crease": {"film": creased, "edges": "crease", "stiffness": 1e-3, "rest_angle": 1.0, "yield_angle": 0.5},
+        "Cylinder": {"start": z, "end": (1.0, 0.0, 0.0), "radius": 0.1, "inside": True},
         "Damper": {"a": P, "b": Q, "coefficient": 1.0},
         "Damping": {"body": film, "mass": 1.0, "stiffness": 1.0},
         "Displacement": {"port": P, "axis": "x"},
@@ -133,6 +135,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "Picture": {"path": folder / "a.png", "times": (0.1,), "title": ""},
         "Piston": {"port": P, "area": 1.0, "direction": z},
         "Plate": {"mesh": mesh, "law": law, "order": 2, "hinges": (), "name": "plate"},
+        "Plane": {"point": z, "normal": z},
         "PointMass": {"mass": 1.0, "position": z, "velocity": z},
         "Port": {"body": film, "nodes": (0,), "weights": (1.0,)},
         "Position": {"port": P, "axis": "x"},
@@ -152,6 +155,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "Series": {"probes": {"a": lambda run: 0.0}},
         "Simulation": {"scene": scene, "stepper": gx.Midpoint(dt=0.1), "outputs": [], "halvings": 8},
         "SolarPressure": {"body": film, "orbit": orbit, "optics": gx.Optics(), "shadow_pixels": 8},
+        "Sphere": {"centre": z, "radius": 0.1, "inside": False},
         "Spring": {"a": P, "b": Q, "stiffness": 1.0, "length": 1.0},
         "StepControl": {"iterations": 15, "error": 1e-3, "growth": 1.5, "cut": 0.5, "smallest": 1e-9},
         "Stop": {"a": P, "b": Q, "distance": 1.0, "stiffness": 1.0},

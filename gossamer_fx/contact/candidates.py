@@ -1,0 +1,94 @@
+"""Pairs that may come near for some steps: their distances, and where contact begins."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+from gossamer_fx.contact.body_set import WALLS, BodySet
+from gossamer_fx.contact.kernel import Array, Bytes, Integers
+from gossamer_fx.contact.pairs import EDGE_EDGE, IN_SPHERE, PLANE, Pairs, squared_distances
+from gossamer_fx.contact.search import candidates, refused
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """n pairs of this rank, complete as long as all points are within their boxes lo, hi (m, 3).
+
+    Of pairs: nodes (n, 4), kind, names, area [m²] (n,), `second` (n,) the first point of the other side, `radius` (n,)
+    of both sides together and `wall` (n,) of a ball or cylinder that holds the point [m].
+    """
+
+    lo: Array
+    hi: Array
+    nodes: Integers
+    kind: Bytes
+    names: npt.NDArray[np.int64]
+    area: Array
+    second: Integers
+    radius: Array
+    wall: Array
+
+    @classmethod
+    def find(cls, bodies: BodySet, lo: Array, hi: Array, distance: Array | float) -> Candidates:
+        """All pairs that can be within a distance [m] while points are in their boxes."""
+        reach = (distance / 2 + bodies.radius)[:, None]
+        nodes, kind, numbers = candidates(bodies.surface, lo - reach, hi + reach, bodies.own_vertices, bodies.own_edges)
+        at_walls, wall_kind, wall_names = bodies.wall_pairs()
+        area = np.concatenate([bodies.areas_of(kind, nodes, numbers), bodies.area[at_walls[:, 0]]])
+        names = np.concatenate([bodies.name(kind, numbers), wall_names])
+        nodes, kind = np.vstack([nodes, at_walls]), np.concatenate([kind, wall_kind])
+        second = np.where(kind == EDGE_EDGE, nodes[:, 2], nodes[:, 1])
+        walls = kind >= WALLS
+        radius = bodies.radius[nodes[:, 0]] + np.where(walls, 0.0, bodies.radius[second])
+        wall = np.zeros(len(kind))
+        wall[walls] = bodies.wall_radius(nodes[walls])
+        return cls(lo, hi, nodes, kind, names, area, second, radius, wall)
+
+    def serve(self, x: Array) -> bool:
+        """Whether they are complete for points x; the same on every rank, since all know all points."""
+        return bool(((x >= self.lo) & (x <= self.hi)).all())
+
+    def gaps(self, x: Array) -> Array:
+        """Distances (n,) [m] less the radii, at points x."""
+        s = squared_distances(self.nodes, self.kind, x)
+        walls, balls = self.kind >= WALLS, self.kind >= IN_SPHERE
+        gap: Array = np.sqrt(np.maximum(np.where(walls, 0, s), 0)) - self.radius
+        gap[walls] = s[walls] - self.radius[walls]
+        gap[balls] = self.wall[balls] - self.radius[balls] - np.sqrt(-s[balls])
+        return gap
+
+    def least(self, gaps: Array, comm: MPI.Intracomm, m: int) -> Array:
+        """Distance (m,) of each point to what is nearest, on all ranks."""
+        nearest = np.full(m, np.inf)
+        pairs = self.kind < WALLS
+        for j in range(4):
+            np.minimum.at(nearest, self.nodes[pairs, j], gaps[pairs])
+        np.minimum.at(nearest, self.nodes[~pairs, 0], gaps[~pairs])
+        comm.Allreduce(MPI.IN_PLACE, nearest, op=MPI.MIN)
+        return nearest
+
+    def distance(self, of_points: Array) -> Array:
+        """Where contact begins (n,) [m], from that of points: the least of a pair's."""
+        d: Array = np.where(self.kind >= WALLS, of_points[self.nodes[:, 0]], of_points[self.nodes].min(axis=1))
+        return d
+
+    def pairs(self, which: npt.NDArray[np.bool_], of_points: Array) -> Pairs:
+        """Some of them, with S and offset, and without stiffness."""
+        R, kind, d = self.radius[which], self.kind[which], self.distance(of_points)[which]
+        S, offset = (R + d) ** 2 - R**2, R**2
+        plane, ball = kind == PLANE, kind >= IN_SPHERE
+        S[plane], offset[plane] = d[plane], R[plane]
+        room = self.wall[which][ball] - R[ball]
+        S[ball], offset[ball] = room**2 - (room - d[ball]) ** 2, -(room**2)
+        nodes = np.ascontiguousarray(self.nodes[which])
+        return Pairs(nodes, kind, np.zeros(len(kind)), S, offset, self.names[which])
+
+    def refused(self, x0: Array, x1: Array, among: npt.NDArray[np.integer]) -> npt.NDArray[np.integer]:
+        """Which of some pairs would pass through each other on the way from x0 to x1."""
+        among = among[self.kind[among] < WALLS]
+        nodes = np.ascontiguousarray(self.nodes[among])
+        return among[refused(nodes, self.kind[among], x0, x1, np.ascontiguousarray(self.radius[among]))]

@@ -1,0 +1,71 @@
+"""Contacts as the system sees them: lists of pairs that change from step to step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+from petsc4py import PETSc
+
+from gossamer_fx.contact.body_set import BodySet
+from gossamer_fx.contact.group import Group
+from gossamer_fx.contact.memory import Memory
+from gossamer_fx.contact.obstacles import Obstacle
+from gossamer_fx.model.terms import Assembly, CompiledTerms, MeshBody
+
+
+class CompiledContacts(CompiledTerms):
+    """All `ContactEnergy` terms of a scene."""
+
+    searches = True
+
+    def __init__(self, terms: Sequence[ContactEnergy], system: Assembly) -> None:
+        self.groups: dict[str, Group] = {}
+        for term in terms:
+            bodies = BodySet(term.bodies, term.obstacles, term.radii, system)
+            self.groups[term.name] = Group(bodies, term.law, term.distance, term.stiffness, term.memory, system)
+
+    def search(self) -> bool:
+        grown = [group.search() for group in self.groups.values()]  # all of them, whatever the first says
+        return any(grown)
+
+    def widen(self) -> bool:
+        missed = [group.widen() for group in self.groups.values()]
+        return any(missed)
+
+    def inadmissible(self) -> str:
+        return next(filter(None, [group.inadmissible() for group in self.groups.values()]), "")
+
+    def add_forces(self, r: PETSc.Vec) -> None:
+        for group in self.groups.values():
+            group.add_forces(r)
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        for group in self.groups.values():
+            group.add_tangents(A)
+
+    def supplied(self) -> float:
+        return sum(group.supplied() for group in self.groups.values())
+
+    def keep(self) -> None:
+        for group in self.groups.values():
+            group.keep()
+
+    def energies(self) -> dict[str, float]:
+        return {name: group.energy_now() for name, group in self.groups.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class ContactEnergy:
+    """Stored energy of all pairs between the primitives of some bodies and obstacles; see `contact.pairs`."""
+
+    name: str
+    bodies: Sequence[MeshBody]
+    obstacles: Sequence[Obstacle]
+    radii: Sequence[float]
+    law: int
+    distance: float
+    stiffness: float | None
+    memory: Memory = field(default_factory=Memory)
+    compiler: ClassVar[type[CompiledTerms]] = CompiledContacts

@@ -1,0 +1,286 @@
+"""One contact at work: which pairs are near, how stiff they are, and whether a step may stand."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from gossamer_fx.checks.errors import InputError
+from gossamer_fx.contact.blocks import Blocks
+from gossamer_fx.contact.body_set import WALLS, BodySet
+from gossamer_fx.contact.candidates import Candidates
+from gossamer_fx.contact.kernel import Array, library
+from gossamer_fx.contact.memory import Memory
+from gossamer_fx.contact.pairs import PLANE, Pairs, act, energy, squared_distances
+from gossamer_fx.contact.search import intersections
+
+START = 0.9  # distance of a point at which contact begins, over that of the nearest to it at the start
+GROWN = 0.999  # the same in the course of the run
+MARGIN = 0.3  # part of its way by which a point may miss the place where it was expected
+HORIZON = 32  # steps for which one search may serve, at most
+COINCIDENT = 1e-6  # distance over that of contact, below which layers cannot be told apart
+
+
+class Group:
+    """The pairs of one contact on this rank.
+
+    `law` BARRIER or PENALTY; `distance` d̂ [m]; `stiffness` K [N/m³] or None: c = 4 σ v² by pairs, v the closing speed
+    with a reserve of a quarter, and not below that at which a pair is compressed within a step.
+    """
+
+    def __init__(
+        self, bodies: BodySet, law: int, distance: float, stiffness: float | None, memory: Memory, system: Any
+    ) -> None:
+        self.bodies, self.points, self.memory = bodies, bodies.points, memory
+        self._law, self._d, self._K, self._system = law, distance, stiffness, system
+        self._comm: MPI.Intracomm = system.comm
+        memory.comm = self._comm
+        library(self._comm)
+        self.blocks = Blocks(system.numbering, self.points.unknowns)
+        self._alpha = system.rule.alpha
+        self._horizon, self._age = 4, 0
+        self._density: Array | None = None
+        self._seen = memory.restored
+        self.near: Pairs | None = None
+        self._widened = self._grew = False
+        self.searches = 0
+        self.nearest = self.closest = math.inf  # distance [m] at the start of the step, and the least so far
+
+    # ---- search -----------------------------------------------------------------------------------------------------
+
+    def _find(self, x0: Array, x1: Array, v: Array) -> None:
+        """Candidates for the way from x0 to x1 and some steps more; collective."""
+        if self._age:
+            self._horizon = min(2 * self._horizon, HORIZON) if self._age >= self._horizon else max(self._age, 1)
+        way = self._horizon * self._system.h * v
+        margin = (self._d / 2 + MARGIN * np.linalg.norm(way, axis=1))[:, None]
+        lo = np.minimum(np.minimum(x0, x1), x0 + way) - margin
+        hi = np.maximum(np.maximum(x0, x1), x0 + way) + margin
+        self.found = Candidates.find(self.bodies, lo, hi, self._d)
+        self._age = 0
+        self.searches += 1
+
+    # ---- a step -----------------------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Take the initial state: distances of points; what cannot be right is refused."""
+        system = self._system
+        x = self.points.at(system.q0, system.time)
+        self._refuse_intersections(x)
+        self._find(x, x, np.zeros_like(x))
+        least = self.found.least(self.found.gaps(x), self._comm, self.points.m)
+        self._refuse_coincident(least, x)
+        self.memory.distance = np.minimum(self._d, START * least)
+        self.x0 = x
+
+    def keep(self) -> None:
+        """q0 is the start of the next step."""
+        system, memory = self._system, self.memory
+        self.x0 = self.points.at(system.q0, system.time if self.near is None else self._t1)
+        if not len(memory.distance):
+            self.start()
+        if self.near is not None and memory.restored == self._seen:
+            self.energy, X = energy(self.near, self.x0, self._law)
+            busy = X < 1
+            order = np.argsort(self.near.names[busy])
+            memory.names = self.near.names[busy][order]
+            memory.stiffness = self.near.k[busy][order]
+        self.near = None
+
+    def energy_now(self) -> float:
+        """Stored energy [J] of this rank's pairs at q0."""
+        memory = self.memory
+        if memory.restored != self._seen:
+            self._seen = memory.restored
+            self.x0 = self.points.at(self._system.q0, self._system.time)
+            kind, nodes = self.bodies.numbers(memory.names)
+            own = self._owned(kind, nodes)
+            memory.names, memory.stiffness = memory.names[own], memory.stiffness[own]
+            self._find(self.x0, self.x0, np.zeros_like(self.x0))
+            pairs = self._select(np.isin(self.found.names, memory.names))
+            self.energy = energy(pairs, self.x0, self._law)[0]
+        return self.energy if len(memory.names) else 0.0
+
+    def _owned(self, kind: npt.NDArray[np.uint8], nodes: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
+        return self.points.owned(nodes[:, 0])
+
+    def search(self) -> bool:
+        """Find what may come near in the step; whether the matrix lacks entries for it."""
+        if self._widened:
+            self._widened = False
+            return self._grew
+        system = self._system
+        self.energy_now()
+        t1 = system.time + system.h
+        v = self.points.rates(system.v0, system.time, system.h)
+        x1 = np.ascontiguousarray(self.x0 + system.h * v)
+        if self._density is None:
+            self._density = self.bodies.masses(system)
+        if not self.memory.speed:
+            self.memory.speed = 0.5 * self._d / system.h
+        if not (self.found.serve(self.x0) and self.found.serve(x1)):
+            self._find(self.x0, x1, v)
+        self._age += 1
+        self._t1 = t1
+        self._gap0 = self.found.gaps(self.x0)
+        least = self.found.least(self._gap0, self._comm, self.points.m)
+        self.nearest = float(least.min(initial=np.inf))
+        self.closest = min(self.closest, self.nearest)
+        self.memory.distance = np.maximum(self.memory.distance, np.minimum(self._d, GROWN * least))
+        self._take(self._selection(x1), v)
+        return self._grew
+
+    def _selection(self, x1: Array) -> npt.NDArray[np.bool_]:
+        """Which candidates are near at x0, or may be at about x1."""
+        d, gap1 = self.found.distance(self.memory.distance), self.found.gaps(x1)
+        near = (self._gap0 < 1.05 * d) | (gap1 < 1.5 * d + MARGIN * np.abs(gap1 - self._gap0))
+        near[self.found.refused(self.x0, x1, np.flatnonzero(~near))] = True
+        return near
+
+    def _select(self, near: npt.NDArray[np.bool_], v: Array | None = None) -> Pairs:
+        """The pairs of some candidates; stiffness follows their closing speed unless they have energy."""
+        pairs = self.found.pairs(near, self.memory.distance)
+        known, k = self.memory.stiffness_of(pairs.names)
+        if v is not None:
+            k = np.where(known, k, self._stiffness(near, v))
+        pairs.k = k
+        return pairs
+
+    def _stiffness(self, near: npt.NDArray[np.bool_], v: Array) -> Array:
+        """k (n,) [J] of pairs at the beginning of contact."""
+        found, area = self.found, self.found.area[near]
+        if self._K is not None:
+            return self._K * self._d**2 * area
+        assert self._density is not None
+        speed = np.maximum(self.memory.speed, 1.25 * self._closing(near, v))
+        lightness = 1 / self._density[found.nodes[near, 0]] + 1 / self._density[found.second[near]]
+        return 8 / np.maximum(lightness, 1e-300) * speed**2 * area
+
+    def _closing(self, near: npt.NDArray[np.bool_], v: Array) -> Array:
+        """Rate of the distance (n,) [m/s] at the beginning of a step, taken over a short time."""
+        τ = 1e-3 * self._system.h
+        s0, s1 = (
+            squared_distances(np.ascontiguousarray(self.found.nodes[near]), self.found.kind[near], x)
+            for x in (self.x0, np.ascontiguousarray(self.x0 + τ * v))
+        )
+        flat = self.found.kind[near] == PLANE
+        rate: Array = np.where(flat, s1 - s0, np.sqrt(np.abs(s1)) - np.sqrt(np.abs(s0))) / τ
+        return np.abs(rate)
+
+    def _take(self, near: npt.NDArray[np.bool_], v: Array) -> None:
+        """Work with these candidates in the step; the pattern then holds them."""
+        self._v, self._mask = v, near
+        self.near = pairs = self._select(near, v)
+        self._simple = (pairs.nodes < self.points.n).all(axis=1)
+        plain = np.flatnonzero(self._simple)
+        mixed = np.flatnonzero(~self._simple)
+        keys = [self.blocks.keys_of(pairs.nodes[plain]).ravel()]
+        self._expansion = None
+        if len(mixed):
+            vectors, weights = self.points.expanded(pairs.nodes[mixed])
+            keys.append(self.blocks.keys_of(vectors).ravel())
+            self._expansion = weights
+        self._grew = self.blocks.cover(np.concatenate(keys))
+        self._slots = self.blocks.slots(keys[0]).reshape(-1, 16)
+        self._mixed_slots = self.blocks.slots(keys[1]) if len(mixed) else None
+        self._plain_pairs, self._mixed_pairs = pairs.some(plain), pairs.some(mixed)
+
+    def widen(self) -> bool:
+        """After a step was solved: whether a pair that is near now was left out; it is then taken in."""
+        x1 = self.points.at(self._system.q1, self._t1)
+        if not self.found.serve(x1):
+            names = self.found.names[self._mask]
+            self._find(self.x0, x1, self._v)
+            self._gap0 = self.found.gaps(self.x0)
+            self._mask = np.isin(self.found.names, names)
+        missed = (self.found.gaps(x1) < 1.02 * self.found.distance(self.memory.distance)) & ~self._mask
+        if not self._comm.allreduce(bool(missed.any())):
+            return False
+        self._take(self._mask | missed | self._selection(x1), self._v)
+        self._widened = True
+        return True
+
+    def inadmissible(self) -> str:
+        """In words, what passed through something else in the step; else nothing."""
+        x1 = self.points.at(self._system.q1, self._t1)
+        found, kind = self.found, self.found.kind
+        behind_walls = np.flatnonzero((kind >= WALLS) & (found.gaps(x1) <= 0))
+        wrong = np.concatenate([found.refused(self.x0, x1, np.arange(len(kind))), behind_walls])
+        words = ""
+        if len(wrong):
+            i = int(wrong[0])
+            a, b = (self.bodies.names[self.bodies.body[p]] for p in (found.nodes[i, 0], found.second[i]))
+            x, y, z = x1[found.nodes[i, 0]]
+            words = f"'{a}' would pass through '{b}' near ({x:.4g}, {y:.4g}, {z:.4g}) m"
+        return next(filter(None, self._comm.allgather(words)), "")
+
+    # ---- forces -----------------------------------------------------------------------------------------------------
+
+    def add_forces(self, r: PETSc.Vec) -> None:
+        if self.near is None:
+            return
+        self.force = np.zeros((self.points.m, 3))
+        x1 = self.points.at(self._system.q1, self._t1)
+        self.blocks.values[:] = 0
+        first = act(
+            self._plain_pairs, self.x0, x1, self._law, self._alpha,
+            force=self.force, slots=self._slots, values=self.blocks.values,
+        )  # fmt: skip
+        self.acting = int((first.state > 0).sum())
+        if self._expansion is not None:
+            done = act(
+                self._mixed_pairs, self.x0, x1, self._law, self._alpha, force=self.force, each=True, tangents=True
+            )
+            self.acting += int((done.state > 0).sum())
+            self._spread(done.tangents)
+        self.points.add(self.force, r)
+
+    def _spread(self, tangents: Array | None) -> None:
+        """Add tangents (n, 144) of pairs with points of obstacles to the blocks of the vectors behind them."""
+        assert tangents is not None and self._expansion is not None and self._mixed_slots is not None
+        T, K = self._expansion, tangents.reshape(-1, 4, 3, 4, 3)
+        blocks = np.einsum("npi,npaqb,nqj->nijab", T, K, T, optimize=True)
+        np.add.at(self.blocks.values, self._mixed_slots, blocks.reshape(-1, 9))
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        """The tangents were computed with the forces of the same state."""
+        self.blocks.add_to(A)
+
+    def supplied(self) -> float:
+        """Work [J] of prescribed obstacles in the step, on this rank."""
+        if self.near is None or not len(self.points.prescribed):
+            return 0.0
+        at = self.points.prescribed
+        x1 = self.points.at(self._system.q1, self._t1)
+        return float(np.sum(self.force[at] * (x1[at] - self.x0[at])))
+
+    # ---- the start --------------------------------------------------------------------------------------------------
+
+    def _refuse_intersections(self, x: Array) -> None:
+        found = intersections(self.bodies.surface, x, self.bodies.own_edges)
+        counts = self._comm.allgather(
+            (len(found), [x[self.bodies.surface.edges[e]].mean(axis=0).tolist() for e, _ in found[:1]])
+        )
+        count = sum(n for n, _ in counts)
+        if count:
+            a, b, c = next(place for _, places in counts for place in places)
+            raise InputError(
+                f"Contact: layers pierce each other at the start, {count} edges of the mesh, the first near "
+                f"({a:.4g}, {b:.4g}, {c:.4g}) m; open them, or leave one of the bodies out."
+            )
+
+    def _refuse_coincident(self, least: Array, x: Array) -> None:
+        film = np.arange(self.points.m) < self.points.n
+        close = np.flatnonzero(film & (least < COINCIDENT * self._d))
+        if len(close):
+            a, b, c = x[close[0]]
+            name = self.bodies.names[self.bodies.body[close[0]]]
+            raise InputError(
+                f"Contact: {len(close)} points of '{name}' and others touch something at the start, or are within it, "
+                f"the first at ({a:.4g}, {b:.4g}, {c:.4g}) m; open the layers by a little."
+            )

@@ -1,0 +1,170 @@
+"""Contact in scenes: conservation, nothing passes through, order 2, lines, restart, ranks, bad input."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scenes import FILM, conserved, film, group_of, pierced, simulate
+
+import gossamer_fx as gx
+from meshes.line import line
+from meshes.sheet import sheet
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("law", ["barrier", "penalty"])
+def test_two_films_collide(comm, law):
+    lower = film(comm, name="lower")
+    upper = film(comm, height=2e-3, velocity=(0.2, 0.1, -2.0), turn=0.4, name="upper", at=(0.01, 0.005))
+    run = simulate([gx.Contact(lower, upper, distance=1e-3, law=law)], 2e-3)
+    assert group_of(run).closest < 1e-3
+    assert pierced(run) == 0
+    conserved(run)
+    velocity = gx.Velocity(lower.port_at((0.05, 0.05, 0.0)), "z")
+    assert velocity(run) < -0.3  # it was hit
+    assert run.substeps == 0
+
+
+def test_films_of_order_two_touch_by_linear_pieces():
+    comm = MPI.COMM_SELF
+    lower = film(comm, 2, order=2, name="lower")
+    upper = film(comm, 2, height=2e-3, velocity=(0.0, 0.0, -2.0), turn=0.4, order=2, name="upper")
+    run = simulate([gx.Contact(lower, upper, distance=1e-3)], 1.5e-3)
+    assert group_of(run).closest < 1e-3
+    assert pierced(run) == 0
+    conserved(run)
+
+
+def test_a_film_falls_edge_on_edge_and_cables_on_a_film():
+    comm = MPI.COMM_SELF
+    flat = film(comm, name="flat")
+    cables = []
+    for k, (a, b) in enumerate((((-0.04, 0.0), (0.05, 0.02)), ((-0.03, -0.04), (0.02, 0.06)))):
+        mesh = line(comm, [(*a, 0.003), (*b, 0.003)], 3)
+        cables.append(gx.Cable(mesh, gx.CableLaw(EA=1e4, line_density=0.01), velocity=_down, name=f"cable {k}"))
+    cables[1]._start[0].reshape(-1, 3)[:, 2] += 0.004
+    contact = gx.Contact(flat, *cables, distance=5e-4, radius={"cable 0": 5e-4, "cable 1": 5e-4})
+    run = simulate([contact], 4e-3)
+    conserved(run)
+    assert gx.Velocity(flat.port_at((0.05, 0.05, 0.0)), "z")(run) < -0.1
+    group = group_of(run)
+    assert group.closest < 5e-4
+    assert pierced(run) == 0
+
+
+def _down(X):
+    return np.outer((0.0, 0.0, -1.5), np.ones(X.shape[1]))
+
+
+@pytest.mark.parametrize("kind", ["plane", "ball", "cylinder", "box", "in ball", "in cylinder", "in box"])
+def test_films_hit_solids(kind):
+    comm = MPI.COMM_SELF
+    thrown = film(comm, height=0.0, velocity=(0.1, 0.0, -2.0), name="thrown")
+    block = gx.RigidBody(0.02, (1e-5, 1e-5, 1e-5), position=(0.0, 0.0, -0.022), comm=comm)
+    solid = {
+        "plane": gx.Plane(point=(0, 0, -0.008), normal=(0.1, 0, 1), on=block),
+        "ball": gx.Sphere(centre=(0, 0, -0.022), radius=0.02, on=block),
+        "cylinder": gx.Cylinder(start=(-0.06, 0, -0.022), end=(0.03, 0, -0.022), radius=0.02, on=block),
+        "box": gx.Box(centre=(0, 0, -0.022), sizes=(0.04, 0.04, 0.04), on=block),
+        "in ball": gx.Sphere(centre=(0, 0, 0.02), radius=0.077, inside=True, on=block),
+        "in cylinder": gx.Cylinder(start=(0, 0, 0.01), end=(1, 0, 0.01), radius=0.0523, inside=True, on=block),
+        "in box": gx.Box(centre=(0, 0, 0), sizes=(0.12, 0.12, 0.006), inside=True, on=block),
+    }[kind]
+    run = simulate([gx.Contact(thrown, solid, distance=1e-3)], 4e-3)
+    group = group_of(run)
+    assert group.closest < 1e-3
+    assert run.totals.momentum[2] == pytest.approx(run.first.momentum[2], rel=1e-11)
+    conserved(run, momentum=1e-10)
+    assert gx.Velocity(block.port(), "z")(run) < -1e-8
+    assert pierced(run) == 0
+
+
+def test_a_moved_obstacle_supplies_its_work():
+    comm = MPI.COMM_SELF
+    rest = film(comm, name="rest")
+    ram = gx.Sphere(centre=(0.0, 0.0, -0.012), radius=0.01, motion=lambda t: (0.0, 0.0, 2.0 * t))
+    run = simulate([gx.Contact(rest, ram, distance=1e-3)], 3e-3)
+    assert run.totals.supplied > 1e-6
+    assert abs(run.energy_error) < 1e-9
+
+
+def test_layers_that_start_near_each_other_have_no_energy_and_part_freely():
+    comm = MPI.COMM_SELF
+    lower = film(comm, name="lower")
+    upper = film(comm, height=1e-5, velocity=(0, 0, 0.5), turn=0.3, name="upper")
+    run = simulate([gx.Contact(lower, upper, distance=1e-3)], 3e-3)
+    assert run.first.stored["contact"] == 0
+    assert run.totals.kinetic == pytest.approx(run.first.kinetic, rel=1e-12)
+    distances = group_of(run).memory.distance
+    assert distances.min() > 0.9e-3  # grown with the gap
+
+
+@pytest.mark.mpi
+def test_restart_in_the_middle_of_contact(comm, folder):
+    def scene():
+        lower = film(comm, name="lower")
+        upper = film(comm, height=1.2e-3, velocity=(0.2, 0.1, -2.0), turn=0.4, name="upper")
+        return [gx.Contact(lower, upper, distance=1e-3)]
+
+    through = simulate(scene(), 1.2e-3)
+    saved = gx.Checkpoints(folder / "saved", every=None)
+    first = simulate(scene(), 4e-4, checkpoints=saved)
+    assert first.totals.stored["contact"] > 0
+    again = simulate(scene(), 1.2e-3, restart=folder / "saved")
+    difference = np.abs(again.system.q0.array_r - through.system.q0.array_r).max(initial=0.0)
+    assert comm.allreduce(difference, MPI.MAX) < 1e-12
+    assert abs(again.energy_error) < 1e-10
+
+
+@pytest.mark.mpi
+def test_ranks_agree(comm):
+    def run(on):
+        lower = film(on, name="lower")
+        upper = film(on, height=1.2e-3, velocity=(0.2, 0.1, -2.0), turn=0.4, name="upper")
+        return simulate([gx.Contact(lower, upper, distance=1e-3)], 2e-3)
+
+    ours, alone = run(comm), run(MPI.COMM_SELF)
+    for name in ("kinetic", "angular_momentum"):
+        assert np.allclose(getattr(ours.totals, name), getattr(alone.totals, name), rtol=1e-8, atol=1e-12)
+    points = [group_of(r).points.at(r.system.q0, 0.0) for r in (ours, alone)]
+    assert np.abs(points[0] - points[1]).max() < 1e-9
+
+
+def _two(comm, **second):
+    return film(comm, name="one"), film(comm, **{"name": "two", "height": 0.01} | second)
+
+
+def test_bad_input_is_refused():
+    comm = MPI.COMM_SELF
+    one, _ = _two(comm)
+    with pytest.raises(gx.InputError, match="twice"):
+        gx.Contact(one, one, distance=1e-3)
+    with pytest.raises(gx.InputError, match="half of it"):
+        gx.Contact(one, distance=0.02)
+    with pytest.raises(gx.InputError, match="stiffness is -1"):
+        gx.Contact(one, distance=1e-3, stiffness=-1.0)
+    with pytest.raises(gx.InputError, match="distance is 0"):
+        gx.Contact(one, distance=0.0)
+    with pytest.raises(gx.InputError, match="no film"):
+        gx.Contact(gx.Plane(point=(0, 0, 0), normal=(0, 0, 1)), distance=1e-3)
+    with pytest.raises(gx.InputError, match="no surface"):
+        gx.Contact(one, gx.PointMass(1.0), distance=1e-3)
+    with pytest.raises(gx.InputError, match="radius of 'line'"):
+        gx.Contact(gx.Cable(line(comm, [(0, 0, 0), (1, 0, 0)], 2), gx.CableLaw(1e4, 0.1), name="line"), distance=1e-3)
+    with pytest.raises(gx.InputError, match="has no length"):
+        gx.Scene(gx.Contact(one, gx.Plane(point=(0, 0, 0), normal=(0, 0, 0)), distance=1e-3)).compile()
+    with pytest.raises(gx.InputError, match="'on' and 'motion'"):
+        gx.Sphere(centre=(0, 0, 0), radius=1.0, on=gx.RigidBody(1.0, (1, 1, 1)), motion=lambda t: (0, 0, 0))
+    crossing = gx.Membrane(
+        sheet(comm, 4, 4, 0.1, 0.1),
+        gx.Miyazaki(**FILM),
+        displacement=lambda X: np.vstack([-0.05 + 0 * X[0], -0.05 - X[1], X[1] - 0.05]),
+        name="crossing",
+    )
+    with pytest.raises(gx.InputError, match="pierce each other at the start"):
+        gx.Scene(gx.Contact(one, crossing, distance=1e-3)).compile()
+    with pytest.raises(gx.InputError, match="touch something at the start"):
+        gx.Scene(gx.Contact(*_two(comm, height=0.0), distance=1e-3)).compile()
+    with pytest.raises(gx.InputError, match="within it"):
+        gx.Scene(gx.Contact(one, gx.Plane(point=(0, 0, 0.01), normal=(0, 0, 1)), distance=1e-3)).compile()
