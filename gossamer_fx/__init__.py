@@ -8,6 +8,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from gossamer_fx.checks.lone_errors import watch_uncaught_errors as _watch_uncaught_errors
+
 if TYPE_CHECKING:
     from gossamer_fx.analyses.equilibrium import Continuation as Continuation
     from gossamer_fx.analyses.equilibrium import Equilibrium as Equilibrium
@@ -212,6 +214,8 @@ _HOME = {
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 __all__ = sorted(_MODULE)
+
+_watch_uncaught_errors()
 
 
 def __getattr__(name: str) -> Any:

@@ -59,7 +59,7 @@ class Beam(Curve):
         name: str = "beam",
     ) -> None:
         super().__init__("Beam", name, mesh, 2, 9)
-        self.section, self._velocity = section, checked(velocity, f"Beam '{name}': its velocity")
+        self.section, self._velocity = section, checked(velocity, f"Beam '{name}': its velocity", mesh.comm)
         self.constants = constants(section, self.mesh.domain)
         self._frames: dict[int, Frame] = {}
         self._reference = self._stress_free(np.asarray(normal, dtype=float))

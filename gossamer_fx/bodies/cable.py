@@ -86,8 +86,8 @@ class Cable(Curve):
         super().__init__("Cable", name, mesh, order, 3)
         self.law = law
         self.constants = constants(law, self.mesh.domain)
-        self._displacement = checked(displacement, f"Cable '{name}': its displacement")
-        self._velocity = checked(velocity, f"Cable '{name}': its velocity")
+        self._displacement = checked(displacement, f"Cable '{name}': its displacement", mesh.comm)
+        self._velocity = checked(velocity, f"Cable '{name}': its velocity", mesh.comm)
 
     def terms(self) -> Iterable[Term]:
         yield KineticEnergy(self, lambda v, w: self.constants.line_density * ufl.inner(v, w) * self.mass_dx)

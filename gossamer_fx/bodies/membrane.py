@@ -73,8 +73,8 @@ class Membrane(Meshed):
 
             vary(self.constants, law, self.mesh, properties, name)
         self._frame = frame(domain)
-        self._displacement = checked(displacement, f"Membrane '{name}': its displacement")
-        self._velocity = checked(velocity, f"Membrane '{name}': its velocity")
+        self._displacement = checked(displacement, f"Membrane '{name}': its displacement", mesh.comm)
+        self._velocity = checked(velocity, f"Membrane '{name}': its velocity", mesh.comm)
         degree = max(2 * (order - 1), 1)
         self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": degree})
         self.mass_dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2 * order})

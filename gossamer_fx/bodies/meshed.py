@@ -13,6 +13,7 @@ from mpi4py import MPI
 
 from gossamer_fx.bodies.ports import global_node, interpolated, local_nodes
 from gossamer_fx.checks.errors import check
+from gossamer_fx.checks.user_functions import ask_points
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.terms import Array, Block, Port, Term
 from gossamer_fx.terms.coordinates import Coordinates
@@ -62,21 +63,13 @@ class Meshed(ABC):
         return interpolated(self, point)
 
 
-def checked(function: PointFunction | None, what: str) -> PointFunction | None:
-    """The function, with a check of what it returns."""
+def checked(function: PointFunction | None, what: str, comm: MPI.Intracomm) -> PointFunction | None:
+    """The function, with a check of what it returns on all ranks; each calls it with its own points."""
     if function is None:
         return None
     check(callable(function), f"{what} is {function!r}; give a function of the points (3, n) that returns (3, n).")
 
-    def values(points: Array) -> Array:
-        result = np.asarray(function(points), dtype=float)
-        check(
-            result.shape == points.shape,
-            f"{what} function returns an array {result.shape} for points {points.shape}; it must return (3, n).",
-        )
-        return result
-
-    return values
+    return lambda points: ask_points(comm, what, lambda: function(points), points.shape)
 
 
 def positions(

@@ -39,7 +39,7 @@ def main(words: Sequence[str]) -> int:
     from mpi4py import MPI
 
     from gossamer_fx.checks.errors import InputError, NoEquilibrium, OutputFailure, StepFailure
-    from gossamer_fx.run.interruption import abort_on_lone_error
+    from gossamer_fx.checks.lone_errors import abort_on_lone_error
 
     comm = MPI.COMM_WORLD
     try:

@@ -7,7 +7,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from mpi4py import MPI
+
 from gossamer_fx.checks.errors import check
+from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.gas.contract import Aperture
 from gossamer_fx.gas.ideal_gas import IdealGas
 from gossamer_fx.gas.network import GasNetwork
@@ -98,15 +101,14 @@ class Orifice:
             loop = loops.of(area)
             return lambda h, t: cd * loop.aperture(h)
         if callable(area):
-            return lambda h, t: cd * self._checked(area(t), t)
+            return lambda h, t: cd * self._opening(loops.comm, area, t)
         return lambda h, t: cd * area
 
-    def _checked(self, area: float, t: float) -> float:
-        check(
-            0 <= area < math.inf,
-            f"Orifice '{self.name}': its area at t = {t:.6g} s is {area!r} m²; give a finite one that is not negative.",
-        )
-        return area
+    def _opening(self, comm: MPI.Intracomm, area: Callable[[float], float], t: float) -> float:
+        what = f"Orifice '{self.name}': its area at t = {t:.6g} s"
+        opening = float(ask_numbers(comm, what, lambda: area(t)))
+        check(opening >= 0, f"{what} is {opening!r} m²; give one that is not negative.")
+        return opening
 
     def flow(self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]) -> complex:
         """Mass flow [kg/s] from first to second at pressures p and temperatures T of the two ends."""

@@ -161,6 +161,7 @@ class Loops:
     """The rings of a running scene: each once, though two chambers and an orifice may share it."""
 
     def __init__(self, system: Assembly) -> None:
+        self.comm = system.comm
         self._system = system
         self._of: dict[Ring, Loop] = {}
 

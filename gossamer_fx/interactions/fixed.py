@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.checks.errors import check, check_on_all
+from gossamer_fx.checks.errors import check
+from gossamer_fx.checks.user_functions import ask_points
 from gossamer_fx.model.terms import Array, Term
 from gossamer_fx.terms.supports import Support
 
@@ -86,13 +87,7 @@ class Prescribed:
         X = self.body.space.tabulate_dof_coordinates()[nodes].T
 
         def position(t: float) -> Array:
-            u = np.asarray(self.motion(X, t), dtype=float)
-            check_on_all(
-                self.body.comm,
-                u.shape == X.shape and bool(np.isfinite(u).all()),
-                f"'{self.name}' returns {u.shape} values, or values that are not finite, at t = {t:.6g} s; give the "
-                f"displacement of {X.shape} points.",
-            )
+            u = ask_points(self.body.comm, f"'{self.name}' at t = {t:.6g} s", lambda: self.motion(X, t), X.shape)
             return (X + u).T[:, components].ravel()
 
         yield Support(self.name, self.body, dofs, position)

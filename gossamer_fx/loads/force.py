@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 from gossamer_fx.bodies.frames import Frame
-from gossamer_fx.checks.errors import check
+from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.interactions.between import bodies_of
 from gossamer_fx.model.terms import Array, Attached, Port, Term, Vector
-from gossamer_fx.terms.point_loads import PointLoad
+from gossamer_fx.terms.point_loads import PointForce, PointLoad
 
 History = Callable[[float], Sequence[float]]
 
@@ -36,12 +37,12 @@ class ConstantForce:
 class ForceInTime:
     """Force (3,) as a function of time, taken where forces act, e.g. at the middle of the step."""
 
-    def __init__(self, name: str, value: History) -> None:
-        self._name, self._value = name, value
+    def __init__(self, comm: MPI.Intracomm, name: str, value: History) -> None:
+        self._comm, self._name, self._value = comm, name, value
         self._now: Array = np.zeros(3)
 
     def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
-        self._now = finite(self._name, self._value, t + lag)
+        self._now = at_time(self._comm, self._name, self._value, t + lag)
 
     def force(self, X: Array) -> Array:
         return self._now
@@ -50,22 +51,9 @@ class ForceInTime:
         return np.zeros((3, 3))
 
 
-def finite(name: str, value: History, t: float) -> Array:
-    """value(t) as three finite numbers."""
-    now = np.asarray(value(t), dtype=float)
-    check(
-        now.shape == (3,) and bool(np.isfinite(now).all()),
-        f"'{name}' is {now.tolist()!r} at t = {t:.6g} s; let its function return three finite numbers.",
-    )
-    return now
-
-
-def in_time(value: Sequence[float] | History) -> History:
-    """A constant vector as a function of time, or the function itself."""
-    if callable(value):
-        return value
-    constant = tuple(float(c) for c in value)
-    return lambda t: constant
+def at_time(comm: MPI.Intracomm, name: str, value: History, t: float) -> Array:
+    """value(t) as three finite numbers, the same on every rank."""
+    return ask_numbers(comm, f"'{name}' at t = {t:.6g} s", lambda: value(t), (3,))
 
 
 def cross_matrix(a: Array) -> Array:
@@ -112,15 +100,23 @@ class Couple:
         return K
 
 
+class ConstantTorque(Couple):
+    """Torque (3,) in space axes that never changes."""
+
+    def __init__(self, torque: Array) -> None:
+        super().__init__()
+        self.torque = torque
+
+
 class TorqueInTime(Couple):
     """Torque (3,) in space axes as a function of time, taken where forces act, e.g. at the middle of the step."""
 
-    def __init__(self, name: str, value: History) -> None:
+    def __init__(self, comm: MPI.Intracomm, name: str, value: History) -> None:
         super().__init__()
-        self._name, self._value = name, value
+        self._comm, self._name, self._value = comm, name, value
 
     def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
-        self.torque = finite(self._name, self._value, t + lag)
+        self.torque = at_time(self._comm, self._name, self._value, t + lag)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +136,11 @@ class Force:
         yield self.port.body
 
     def terms(self) -> Iterable[Term]:
-        yield PointLoad(self.name, (self.port,), ForceInTime(self.name, in_time(self.value)))
+        value, comm = self.value, self.port.body.comm
+        law: PointForce = (
+            ForceInTime(comm, self.name, value) if callable(value) else ConstantForce(np.asarray(value, dtype=float))
+        )
+        yield PointLoad(self.name, (self.port,), law)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,4 +161,8 @@ class Torque:
 
     def terms(self) -> Iterable[Term]:
         vectors: tuple[Attached, ...] = self.frame.directors
-        yield PointLoad(self.name, vectors, TorqueInTime(self.name, in_time(self.value)))
+        value, comm = self.value, next(iter(self.requires())).comm
+        law: PointForce = (
+            TorqueInTime(comm, self.name, value) if callable(value) else ConstantTorque(np.asarray(value, dtype=float))
+        )
+        yield PointLoad(self.name, vectors, law)

@@ -11,6 +11,7 @@ import ufl
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
+from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import area_vector
 from gossamer_fx.model.terms import Term
@@ -45,9 +46,8 @@ class Pressure:
         dx = ufl.Measure("dx", film.space.mesh, metadata={"quadrature_degree": 2 * (film.order - 1) + film.order})
 
         def at(t: float) -> None:
-            now = value(t) if callable(value) else value
-            check(math.isfinite(now), f"Pressure '{self.name}' is {now!r} Pa at t = {t:.6g} s; check its function.")
-            p.value = now
+            if callable(value):
+                p.value = ask_numbers(film.comm, f"Pressure '{self.name}' at t = {t:.6g} s", lambda: value(t))
 
         yield Load(
             self.name,

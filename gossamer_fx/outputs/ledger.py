@@ -23,6 +23,10 @@ class Ledger:
         self.path = Path(path)
         self._table = Table(self.path)
 
+    @property
+    def writes(self) -> Sequence[Path]:
+        return [self.path]
+
     def open(self, run: Run) -> None:
         self._table.create(run.comm, list(self._row(run)))
 

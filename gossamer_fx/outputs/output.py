@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import math
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -12,11 +11,13 @@ from typing import Any, Protocol, runtime_checkable
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import InputError, check, on_rank_zero, write_on_all
+from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.outputs.run import Run
 
 Probe = Callable[[Run], float]
 
 
+@runtime_checkable
 class Output(Protocol):
     """A record of a run: a function of its state, unknown to the solver."""
 
@@ -49,6 +50,21 @@ class Continued(Output, Protocol):
     def resume(self, run: Run, cursor: dict[str, Any]) -> None:
         """Instead of `open`: cut off what came after the cursor, and go on there."""
         ...
+
+
+@runtime_checkable
+class Writing(Output, Protocol):
+    """An output that writes files."""
+
+    @property
+    def writes(self) -> Sequence[Path]:
+        """Files and folders that no other output and no other run may write."""
+        ...
+
+
+def cursors_of(outputs: Iterable[Output]) -> list[tuple[str, dict[str, Any]]]:
+    """Kinds and cursors of those that go on after a restart."""
+    return [(type(output).__name__, output.cursor()) for output in outputs if isinstance(output, Continued)]
 
 
 def begin(run: Run, output: Output, cursors: list[tuple[str, dict[str, Any]]]) -> None:
@@ -149,25 +165,34 @@ class _Line:
         self.bytes = text.encode()
 
 
-def make_parent(comm: MPI.Intracomm, path: Path) -> None:
-    """Make the folder of an output file and try to write in it.
+def make_parent(comm: MPI.Intracomm, path: Path, file: bool = True) -> None:
+    """Make the folder of an output and try to write in it.
+
+    Args:
+        comm: of the run.
+        path: of the output.
+        file: whether it is a file, else a folder.
 
     Raises:
-        InputError: the folder cannot be made or written.
+        InputError: the folder cannot be made or written, or the output is a folder instead of a file.
     """
 
     def task() -> None:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             probe = path.parent / f".{path.name}.try"
-            probe.touch()
-            probe.unlink()
-            if path.is_file():
+            try:
+                probe.write_bytes(bytes(4096))  # an empty file finds room on a full disk, too
+            finally:
+                probe.unlink(missing_ok=True)
+            if path.is_file() and file:
                 path.open("r+b").close()
         except OSError as error:
             raise InputError(
                 f"Cannot write '{path}' ({error.strerror}); choose a folder that exists and is writable."
             ) from error
+        check(not file or not path.is_dir(), f"Cannot write '{path}', which is a folder; give the name of a file.")
+        check(file or not path.is_file(), f"'{path}' is to be a folder, but it is a file; remove it or rename.")
 
     on_rank_zero(comm, task)
 
@@ -178,19 +203,4 @@ def evaluate_probe(run: Run, name: str, probe: Probe) -> float:
     Raises:
         InputError: it raises, or returns something else than a finite number, or different ones on different ranks.
     """
-    value, problem = math.nan, ""
-    try:
-        value = float(probe(run))
-    except InputError as error:
-        problem = str(error)
-    except Exception as error:  # whatever a user's function raises
-        problem = f"it raises {type(error).__name__} ({error}); correct its function."
-    else:
-        if not math.isfinite(value):
-            problem = f"it returns {value}; it must return a finite number."
-    values, problems = zip(*run.comm.allgather((value, problem)), strict=True)
-    found = next(filter(None, problems), "")
-    if not found and max(values) - min(values) > 1e-9 * max(map(abs, values)):
-        found = "it differs from rank to rank; sum what each rank has with run.comm.allreduce."
-    check(not found, f"{name} at t = {run.time:.6g} s: {found}")
-    return value
+    return float(ask_numbers(run.comm, f"{name} at t = {run.time:.6g} s", lambda: probe(run)))

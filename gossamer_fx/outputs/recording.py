@@ -36,6 +36,7 @@ from gossamer_fx.outputs.vtx import VTX, Probes
 
 TOLD_STATES = ("taut", "wrinkled")  # what is neither is slack
 FORMAT = 1  # of run.json and the files beside it
+FILES = ("run.json", "ledger.csv", "gas.csv", "states.csv", "points.csv", "probes.csv", "fields")
 FILM_FIELDS = ("displacement", "state", "stress1", "strain2")
 
 
@@ -71,6 +72,10 @@ class Recording:
     @property
     def times(self) -> Sequence[float]:
         return self.schedule.times
+
+    @property
+    def writes(self) -> Sequence[Path]:
+        return [self.folder / name for name in FILES]
 
     # ---- the life of an output ---------------------------------------------------------------------------------
 

@@ -58,16 +58,14 @@ class VTX:
     def times(self) -> Sequence[float]:
         return self.schedule.times
 
+    @property
+    def writes(self) -> Sequence[Path]:
+        return [self.path]
+
     def open(self, run: Run) -> None:
         body = self._chosen(run)
         check_fields(body, self.fields)
-        make_parent(run.comm, self.path)
-        on_rank_zero(
-            run.comm,
-            lambda: check(
-                not self.path.is_file(), f"VTX writes a folder, but '{self.path}' is a file; remove it or rename."
-            ),
-        )
+        make_parent(run.comm, self.path, file=False)
         self._functions = FieldFunctions(run.system, body, self.fields)
 
     def _chosen(self, run: Run) -> MeshBody:
@@ -170,6 +168,10 @@ class Probes:
     @property
     def times(self) -> Sequence[float]:
         return self.schedule.times
+
+    @property
+    def writes(self) -> Sequence[Path]:
+        return [self.path]
 
     def open(self, run: Run) -> None:
         make_parent(run.comm, self.path)

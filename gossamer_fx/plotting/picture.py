@@ -47,6 +47,10 @@ class Picture:
     def times(self) -> Sequence[float]:
         return self.schedule.times
 
+    @property
+    def writes(self) -> Sequence[Path]:
+        return [self.path]
+
     def open(self, run: Run) -> None:
         make_parent(run.comm, self.path)
         films = [body for body in run.system.bodies if isinstance(body, Membrane)]

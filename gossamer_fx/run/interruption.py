@@ -1,23 +1,14 @@
-"""Signals, after which a run ends with its step, and errors on a single rank."""
+"""Signals, after which a run ends with its step."""
 
 from __future__ import annotations
 
 import signal
-import sys
 import threading
-import time
-import traceback
-from collections.abc import Iterator
-from contextlib import contextmanager
 from types import FrameType
 from typing import Any
 
 from mpi4py import MPI
 
-from gossamer_fx.checks.errors import InputError, OutputFailure, StepFailure
-
-ON_ALL_RANKS = (InputError, StepFailure, OutputFailure)
-PATIENCE, TAG = 10.0, 28531  # s that a rank with an error waits for the others; a message that nobody else sends
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 
@@ -55,27 +46,3 @@ class Listener:
     def heard(self, comm: MPI.Intracomm) -> int:
         """The number of a signal that any rank has had, else zero; the same on every rank."""
         return int(comm.allreduce(self._noted, op=MPI.MAX))
-
-
-@contextmanager
-def abort_on_lone_error(comm: MPI.Intracomm) -> Iterator[None]:
-    """See that an error of one rank does not leave the others waiting for it: all have it, or the program ends."""
-    try:
-        yield
-    except Exception as error:
-        if comm.size > 1 and not isinstance(error, ON_ALL_RANKS):
-            _wait_for_others(comm)
-        raise
-
-
-def _wait_for_others(comm: MPI.Intracomm) -> None:
-    others = [r for r in range(comm.size) if r != comm.rank]
-    told = [comm.isend(None, r, TAG) for r in others] + [comm.irecv(source=r, tag=TAG) for r in others]
-    deadline = time.monotonic() + PATIENCE
-    while not all(request.test()[0] for request in told):
-        if time.monotonic() > deadline:
-            traceback.print_exc()
-            sys.stderr.write(f"gossamer: rank {comm.rank} failed alone; its error is above, and the run ends.\n")
-            sys.stderr.flush()
-            comm.Abort(1)
-        time.sleep(1e-3)

@@ -5,24 +5,28 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import asdict
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gossamer_fx.checks.errors import StepFailure, check
-from gossamer_fx.outputs.output import Output, begin
-from gossamer_fx.run.interruption import Interrupted, Listener, abort_on_lone_error
+from gossamer_fx.checks.errors import InputError, OutputFailure, check
+from gossamer_fx.checks.lone_errors import abort_on_lone_error, agree_on_error
+from gossamer_fx.outputs.output import Output, Writing, begin, cursors_of
+from gossamer_fx.run.interruption import Interrupted, Listener
 from gossamer_fx.run.log import LOGGER
 from gossamer_fx.scene.scene import Scene
+from gossamer_fx.solvers.newton import NotConverged
 from gossamer_fx.steppers.history import History
-from gossamer_fx.steppers.stepping import EqualSteps, Stepper, Stepping
+from gossamer_fx.steppers.stepping import Control, EqualSteps, Stepper, Stepping
 from gossamer_fx.system.totals import Totals
 
 if TYPE_CHECKING:
     from gossamer_fx.gas.state import ChamberState
+    from gossamer_fx.outputs.claims import Claims
     from gossamer_fx.run.checkpoint import Checkpoints
     from gossamer_fx.run.events import Event, EventMonitor
     from gossamer_fx.steppers.step_control import StepControl
@@ -43,9 +47,11 @@ class Simulation:
         events: `At` or `When` something happens.
         checkpoints: where the run is saved.
         restart: a checkpoint, or a folder of which the newest is taken: the run goes on from there.
+        changes: names of the parts and events whose parameters are meant to differ from the checkpoint's.
 
     Raises:
-        InputError: what is wrong with the scene or the outputs; nothing has been computed then.
+        InputError: what is wrong with the scene or the outputs, or another run writes the same files; nothing has been
+            computed then.
     """
 
     def __init__(
@@ -59,8 +65,12 @@ class Simulation:
         events: Sequence[Event] = (),
         checkpoints: Checkpoints | None = None,
         restart: str | Path | None = None,
+        changes: Sequence[str] = (),
     ) -> None:
-        self.scene, self.stepper, self.outputs, self.checkpoints = scene, stepper, list(outputs), checkpoints
+        self.outputs, events = _several("outputs", outputs, Output), _several("events", events, object)
+        self.scene, self.stepper, self.checkpoints = scene, stepper, checkpoints
+        check(control is None or isinstance(control, Control), f"control is {control!r}; give a StepControl, or None.")
+        check(restart is not None or not changes, "There are changes, but no restart; leave them out.")
         self.comm = scene.comm
         started = time.perf_counter()
         self.system = scene.compile(stepper.rule)
@@ -78,12 +88,41 @@ class Simulation:
         self.first = self._totals = self.system.totals()
         self._largest = self.first.size
         self._watch = self._watch_for(events)
-        self._begun = restart is not None
-        cursors = [] if restart is None else self._restart(restart)
-        if checkpoints is not None:
-            checkpoints.open(self)
-        for output in self.outputs:
-            begin(self, output, cursors)
+        self._started = self.recorded = restart is not None
+        self.cursors: list[tuple[str, dict[str, Any]]] = []
+        self._try_step()
+        self._about = self.describe() if restart is not None or checkpoints is not None else {}
+        self._claims = self._claim()
+        try:
+            cursors = [] if restart is None else self._restart(restart, changes)
+            if checkpoints is not None:
+                checkpoints.open(self, self._about, restart)
+            for output in self.outputs:
+                begin(self, output, cursors)
+        except Exception:
+            self._release()
+            raise
+
+    def _try_step(self) -> None:
+        """Begin a step and go back: what is wrong with loads and valves at the start is told before files are made."""
+        self.history.keep()
+        with suppress(NotConverged):
+            self.system.begin(self.stepping.wanted)
+        self.history.go_back()
+
+    def _claim(self) -> Claims | None:
+        paths = [path for output in self.outputs if isinstance(output, Writing) for path in output.writes]
+        paths += [] if self.checkpoints is None else [self.checkpoints.folder / "step"]
+        if not paths:
+            return None
+        from gossamer_fx.outputs.claims import Claims
+
+        return Claims(self.comm, paths)
+
+    def _release(self) -> None:
+        if self._claims is not None:
+            self._claims.running = False
+            self._claims.release()
 
     def _watch_for(self, events: Sequence[Event]) -> EventMonitor | None:
         if not events:
@@ -92,12 +131,19 @@ class Simulation:
 
         return EventMonitor(self, events, self.history)
 
-    def _restart(self, restart: str | Path) -> list[tuple[str, dict[str, Any]]]:
+    def describe(self) -> dict[str, Any]:
+        """What tells this run from others, at its start; for checkpoints."""
+        from gossamer_fx.run.same_scene import scene_of
+
+        return scene_of(self, self._watch.describe() if self._watch else [])
+
+    def _restart(self, restart: str | Path, changes: Sequence[str]) -> list[tuple[str, dict[str, Any]]]:
         """Take the state of a checkpoint; returns where its outputs stood."""
         from gossamer_fx.run.checkpoint import read
 
-        cursors = read(self, restart)
-        self.log(f"restarted at t = {self.time:.9g} s, step {self.step}")
+        cursors, unknown = read(self, restart, self._about, changes)
+        words = f"; not compared with the checkpoint: {unknown}" if unknown else ""
+        self.log(f"restarted at t = {self.time:.9g} s, step {self.step}{words}")
         if self._watch:
             self._watch.repeat()
         return cursors
@@ -159,46 +205,77 @@ class Simulation:
             OutputFailure: a file could not be written; what was written before is kept.
             Interrupted: a signal came.
         """
-        check(math.isfinite(until), f"until is {until!r}; give the end time in seconds.")
+        check(
+            isinstance(until, Real) and not isinstance(until, bool) and math.isfinite(until),
+            f"until is {until!r}; give the end time in seconds.",
+        )
         check(until >= self.time, f"until is {until!r} s, but the run is at t = {self.time:.9g} s; give a later time.")
-        self.until = until
-        times = [t for o in self.outputs for t in o.times] + (self._watch.times if self._watch else [])
+        self.until = until = float(until)
+        if self._claims is not None:
+            self._claims.hold()
+            self._claims.running = True
         with abort_on_lone_error(self.comm), ExitStack() as at_the_end, Listener() as signals:
+            at_the_end.callback(self._release)
             for output in self.outputs:
                 at_the_end.callback(output.close, self)
-            if not self._begun:
-                self._begun = True
-                self._record(last=False)
-            signal = self._go(sorted({t for t in times if self.time < t < until} | {until}), signals)
+            # all ranks have an error, before one closes files: closing is done together
+            with abort_on_lone_error(self.comm):
+                signal = self._start_and_go(until, signals)
         if signal:
             self._leave(signal)
+
+    def _start_and_go(self, until: float, signals: Listener) -> int:
+        """Record the start, and step; returns the number of a signal if one ended it, else zero."""
+        ended = not self._started and self._watch is not None and self._watch.start()
+        self._started = True
+        if not self.recorded:
+            self._record(last=ended)
+        if ended:
+            return 0
+        times = [t for o in self.outputs for t in o.times] + (self._watch.times if self._watch else [])
+        return self._go(sorted({t for t in times if self.time < t < until} | {until}), signals)
 
     def _go(self, milestones: Sequence[float], signals: Listener) -> int:
         """Step from milestone to milestone; returns the number of a signal if one ended it, else zero."""
         for milestone in milestones:
             while (left := milestone - self.time) > 1e-9 * self.stepping.wanted:
-                recorded = self.step
+                before = self.step
                 try:
                     ended = self._advance(left / math.ceil(left / self.stepping.wanted - 1e-6), milestone)
-                except StepFailure:
-                    if self.step > recorded:
-                        self._record(last=True)
-                    elif self.checkpoints is not None:
-                        self.checkpoints.record(self, last=True)
+                    signal = signals.heard(self.comm)
+                    self._record(last=ended or signal > 0 or self.time == milestones[-1])
+                except Exception as error:
+                    agree_on_error(self.comm, error)
+                    self._save(before)
                     raise
-                signal = signals.heard(self.comm)
-                self._record(last=ended or signal > 0 or self.time == milestones[-1])
                 if ended or signal:
                     return signal
         return 0
 
     def _record(self, last: bool) -> None:
         started = time.perf_counter()
+        if self.checkpoints is not None:
+            self.cursors = cursors_of(self.outputs)
+        self.recorded = False
         for output in self.outputs:
             output.record(self, last)
+        self.recorded = True
         if self.checkpoints is not None:
             self.checkpoints.record(self, last)
         self.output_seconds += time.perf_counter() - started
+
+    def _save(self, before: int) -> None:
+        """After an error: the outputs see the good state if they have not, and a checkpoint keeps it.
+
+        What cannot be written now must not hide the error.  If it is an output that fails, the checkpoint tells where
+        the outputs stood before, and a restart begins with recording the state.
+        """
+        if self.recorded and self.step > before:
+            with suppress(InputError, OutputFailure):
+                self._record(last=True)
+        if self.checkpoints is not None:
+            with suppress(OutputFailure):
+                self.checkpoints.record(self, last=True)
 
     def _advance(self, h: float, milestone: float = math.inf) -> bool:
         """One step of h, or less, up to a milestone; returns whether an event ends the run there."""
@@ -242,6 +319,7 @@ class Simulation:
             **{name: getattr(self, name) for name in _COUNTS},
             "first": first,
             "largest energy": self._largest,
+            "recorded": self.recorded,
             "events": self._watch.get_state() if self._watch else {},
         }
 
@@ -252,5 +330,19 @@ class Simulation:
         first: dict[str, Any] = {n: np.array(v) if isinstance(v, list) else v for n, v in state["first"].items()}
         self.first = Totals(**first)
         self._largest, self._totals = state["largest energy"], self.system.totals()
+        self.recorded = state["recorded"]
         if self._watch:
             self._watch.set_state(state["events"])
+
+
+def _several[T](what: str, given: Sequence[T], kind: type) -> list[T]:
+    """A list of things of a kind.
+
+    Raises:
+        InputError: it is one of them, or something else.
+    """
+    check(
+        isinstance(given, Sequence) and not isinstance(given, str) and all(isinstance(one, kind) for one in given),
+        f"{what} is {given!r}; give a list, e.g. {what}=[...].",
+    )
+    return list(given)

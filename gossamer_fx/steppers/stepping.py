@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from gossamer_fx.checks.errors import StepFailure, check
 from gossamer_fx.solvers.newton import Newton, NotConverged
@@ -48,6 +48,15 @@ class Stepping(Protocol):
         ...
 
 
+@runtime_checkable
+class Control(Protocol):
+    """A choice of the lengths of steps."""
+
+    def start(self, system: System, solver: StepSolver, dt: float) -> Stepping:
+        """Choose the steps of a run, of which the first has the length dt [s]."""
+        ...
+
+
 class EqualSteps:
     """Steps of one length; one that does not converge is made of two halves, and so on."""
 
@@ -60,11 +69,15 @@ class EqualSteps:
         self._attempt(h, self._halvings)
 
     def _attempt(self, h: float, halvings: int) -> None:
+        failure = None
         try:
             self.iterations += self._solver.step(h)
-        except NotConverged as failure:
+        except NotConverged as error:
+            failure = str(error)
+        # here, so that the error of a half does not show the errors of all that it is a half of
+        if failure is not None:
             if halvings == 0:
-                raise step_failure(self._system, h, failure) from failure
+                raise step_failure(self._system, h, failure)
             self.substeps += 1
             self._attempt(h / 2, halvings - 1)
             self._attempt(h / 2, halvings - 1)
