@@ -1,8 +1,8 @@
 """Calls of the user's functions, loads, valves, probes, events: what is wrong on one rank is told on all.
 
-Every rank calls the function, and then all agree, by messages that cannot be taken for those of others.  A function that
-fails on one rank only may leave the others within a message of its own; then they never come to agree, and the program
-ends after some seconds with the error.
+Every rank calls the function, and then all agree, by messages that cannot be taken for those of others.  A function
+that fails on one rank only may leave the others within a message of its own; then they never come to agree, and the
+program ends after some seconds with the error.
 """
 
 from __future__ import annotations
@@ -53,14 +53,12 @@ def ask_points(comm: MPI.Intracomm, what: str, function: Callable[[], Any], shap
     Raises:
         InputError: on every rank, if the function raises or returns something else on one of them.
     """
-    problem, cause, values = _numbers(function, shape, f"finite numbers {shape}, one vector for each of the points (3, n)")
+    problem, cause, values = _numbers(function, shape, f"finite numbers {shape} for the points (3, n)")
     _agree(comm, what, problem, cause, np.zeros(0))
     return values
 
 
-def _numbers(
-    function: Callable[[], Any], shape: tuple[int, ...], wanted: str
-) -> tuple[str, Exception | None, Numbers]:
+def _numbers(function: Callable[[], Any], shape: tuple[int, ...], wanted: str) -> tuple[str, Exception | None, Numbers]:
     """What is wrong with what it returns, and the numbers."""
     result, problem, cause = _call(function)
     values = np.zeros(shape)

@@ -14,6 +14,7 @@ import sys
 import time
 import weakref
 from collections.abc import Iterable
+from contextlib import suppress
 from itertools import combinations
 from pathlib import Path
 
@@ -47,15 +48,14 @@ class Claims:
         self._locks: dict[Path, int] = {}  # open files
         weakref.finalize(self, _release, self._locks)
         for a, b in combinations(self._paths, 2):
-            same = a == b or a in b.parents or b in a.parents
-            same = same or segment_number(a, b) is not None or segment_number(b, a) is not None
-            check(not same, f"Two outputs of the run write '{max(a, b, key=lambda p: len(str(p)))}'; rename one of them.")
+            same = segment_number(a, b) is not None or segment_number(b, a) is not None
+            check(not same, f"Two outputs of the run write '{max(a, b, key=_length)}'; give one of them another name.")
         self.hold()
 
     def hold(self) -> None:
         """Claim all of them; what is held already stays."""
         for path in self._paths:
-            make_parent(self._comm, path, file=bool(path.suffix) and path.suffix != ".bp")
+            make_parent(self._comm, path)
         on_rank_zero(self._comm, self._hold)
 
     def _hold(self) -> None:
@@ -84,10 +84,15 @@ class Claims:
         _release(self._locks)
 
 
+def _length(path: Path) -> int:
+    return len(str(path))
+
+
 def _release(locks: dict[Path, int]) -> None:
     while locks:
         path, lock = locks.popitem()
-        _lock_file(path).unlink(missing_ok=True)
+        with suppress(OSError):  # the folder may be gone
+            _lock_file(path).unlink()
         os.close(lock)
 
 

@@ -92,7 +92,7 @@ class Table:
         Raises:
             InputError: the folder cannot be made or written.
         """
-        make_parent(comm, self.path)
+        make_parent(comm, self.path, file=True)
         self.end, self._crc, self._head = 0, 0, head
 
     def append(self, comm: MPI.Intracomm, row: Iterable[Any]) -> None:
@@ -132,7 +132,7 @@ class Table:
         Raises:
             InputError: the file is shorter, has other columns, or its rows were changed.
         """
-        make_parent(comm, self.path)
+        make_parent(comm, self.path, file=True)
         on_rank_zero(comm, lambda: self._cut(head, cursor["end"], cursor["crc"]))
         self.end, self._crc = cursor["end"], cursor["crc"]
 
@@ -165,16 +165,16 @@ class _Line:
         self.bytes = text.encode()
 
 
-def make_parent(comm: MPI.Intracomm, path: Path, file: bool = True) -> None:
+def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> None:
     """Make the folder of an output and try to write in it.
 
     Args:
         comm: of the run.
         path: of the output.
-        file: whether it is a file, else a folder.
+        file: whether it is to be a file (True) or a folder (False), if that is known.
 
     Raises:
-        InputError: the folder cannot be made or written, or the output is a folder instead of a file.
+        InputError: the folder cannot be made or written, or a folder stands in the place of a file, or the other way.
     """
 
     def task() -> None:
@@ -185,14 +185,19 @@ def make_parent(comm: MPI.Intracomm, path: Path, file: bool = True) -> None:
                 probe.write_bytes(bytes(4096))  # an empty file finds room on a full disk, too
             finally:
                 probe.unlink(missing_ok=True)
-            if path.is_file() and file:
+            if path.is_file():
                 path.open("r+b").close()
         except OSError as error:
             raise InputError(
                 f"Cannot write '{path}' ({error.strerror}); choose a folder that exists and is writable."
             ) from error
-        check(not file or not path.is_dir(), f"Cannot write '{path}', which is a folder; give the name of a file.")
-        check(file or not path.is_file(), f"'{path}' is to be a folder, but it is a file; remove it or rename.")
+        check(
+            file is not True or not path.is_dir(), f"Cannot write '{path}', which is a folder; give the name of a file."
+        )
+        check(
+            file is not False or not path.is_file(),
+            f"'{path}' is to be a folder, but it is a file; remove it or rename.",
+        )
 
     on_rank_zero(comm, task)
 

@@ -52,7 +52,7 @@ class Picture:
         return [self.path]
 
     def open(self, run: Run) -> None:
-        make_parent(run.comm, self.path)
+        make_parent(run.comm, self.path, file=True)
         films = [body for body in run.system.bodies if isinstance(body, Membrane)]
         self._renderers = [Renderer(run.system)] if run.system.bodies else []
         self._fractions = [AreaFractions(films)] if films else []

@@ -6,39 +6,47 @@ A checkpoint is a folder `step-00000100`:
     rank-0000.npz   the values of one rank: for each block the names of its nodes, coordinates and velocities
 
 It is written as `.step-00000100` beside and renamed when all is on the disk, so it exists completely or not at all.
-The zip format of NumPy checks every byte when it is read.  Nodes are found by `node_names`, not by their order.
+`run.json` holds a checksum of itself and of every other file.  Nodes are found by `node_names`, not by their order.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
+import re
 import shutil
 import time
 import zipfile
-from collections.abc import Callable
+import zlib
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
-from gossamer_fx.checks.errors import InputError, check, check_on_all, on_rank_zero, write_on_all
-from gossamer_fx.model.terms import Stateful, is_on_mesh
-from gossamer_fx.outputs.output import Continued, Output, make_parent
+from gossamer_fx.checks.errors import InputError, check, on_rank_zero, write_on_all
+from gossamer_fx.model.terms import Stateful
+from gossamer_fx.outputs.output import Output, cursors_of, make_parent
 from gossamer_fx.outputs.run import Run
-from gossamer_fx.run.node_keys import all_names, fetch, mesh_name
+from gossamer_fx.run.node_keys import all_names, fetch
+from gossamer_fx.run.same_scene import compare, compare_energies
 from gossamer_fx.system.totals import Totals
 from gossamer_fx.version import VERSION
 
-FORMAT = 1
-SAME = 1e-6  # largest relative difference of an energy that is computed anew: round-off, but no other parameter
+FORMAT = 2
 
 
 class SavedRun(Run, Stateful, Protocol):
-    """A run, and its outputs, whose cursors are saved with it."""
+    """A run, and its outputs, whose cursors are saved with it.
+
+    `recorded` says whether the outputs have seen the present state; if not, `cursors` are theirs of before.
+    """
 
     outputs: list[Output]
+    recorded: bool
+    cursors: list[tuple[str, dict[str, Any]]]
 
 
 class Checkpoints:
@@ -49,15 +57,22 @@ class Checkpoints:
         every: steps between two checkpoints; None: only by time.
         minutes: time between two checkpoints; None: only by steps.
         keep: how many are kept; older ones are removed when a new one is complete.
+        overwrite: whether a run that does not go on from the folder's checkpoints may remove them.
 
     Raises:
-        InputError: the folder cannot be made or written.
+        InputError: the folder cannot be made or written, or holds checkpoints that would be lost.
     """
 
     def __init__(
-        self, folder: str | Path, every: int | None = 100, minutes: float | None = None, keep: int = 2
+        self,
+        folder: str | Path,
+        every: int | None = 100,
+        minutes: float | None = None,
+        keep: int = 2,
+        overwrite: bool = False,
     ) -> None:
         self.folder, self.every, self.minutes, self.keep = Path(folder), every, minutes, keep
+        self.overwrite = overwrite
         check(
             every is None or (isinstance(every, int) and every >= 1),
             f"Checkpoints: every is {every!r}; give a number of steps, or None.",
@@ -67,14 +82,33 @@ class Checkpoints:
         self.seconds = 0.0  # spent in writing
         self._written: int | None = None
 
-    def open(self, run: SavedRun) -> None:
-        """Before anything is computed."""
+    def open(self, run: SavedRun, scene: dict[str, Any], restart: str | Path | None) -> None:
+        """Before anything is computed.
+
+        Args:
+            run: at its start, or as it was restarted.
+            scene: what tells it from others, see `scene_of`.
+            restart: where it was restarted from.
+        """
         make_parent(run.comm, self.folder / "step")
+        on_rank_zero(run.comm, lambda: self._check_free(restart))
         self._names = all_names(run.system)
-        self._scene = scene_of(run)
+        self._scene = scene
         self._clock = time.monotonic()
         there = run.step > 0 and (self.folder / _name(run.step)).is_dir()
         self._written = run.step if run.comm.bcast(there) else None
+
+    def _check_free(self, restart: str | Path | None) -> None:
+        """Raise `InputError` if checkpoints would be lost that the run does not go on from."""
+        newest = latest(self.folder)
+        if newest is None or _step(newest) == 0 or self.overwrite:
+            return
+        own = restart is not None and self.folder.resolve() in (Path(restart).resolve(), Path(restart).resolve().parent)
+        check(
+            own,
+            f"'{self.folder}' holds checkpoints of a run up to step {_step(newest)}; go on from them with restart "
+            "(--restart), replace them with overwrite=True (--overwrite), or give another folder.",
+        )
 
     @property
     def latest(self) -> Path | None:
@@ -100,6 +134,7 @@ class Checkpoints:
         comm, path = run.comm, self.folder / _name(run.step)
         new = self.folder / f".{path.name}"
         state = self._state(run)
+        checksums: list[list[int]] = []
 
         def prepare() -> None:
             if comm.rank == 0:
@@ -108,19 +143,24 @@ class Checkpoints:
                 new.mkdir()
 
         def own_part() -> None:
-            with (new / _rank(comm.rank)).open("wb") as file:
+            part = new / _rank(comm.rank)
+            with part.open("wb") as file:
                 np.savez(file, **self._arrays(run))
                 _to_disk(file)
+            checksums.append(_checksum(part))
 
         def finish() -> None:
+            gathered = comm.gather(checksums[0])
             if comm.rank == 0:
+                state["parts"] = gathered
+                state["checksum"] = _checksum_of(state)
                 with (new / "run.json").open("w", encoding="utf-8") as file:
                     json.dump(state, file, indent=1)
                     _to_disk(file)
                 shutil.rmtree(path, ignore_errors=True)
                 new.rename(path)
-                others = [p for p in sorted(self.folder.glob("step-*")) if p != path]
-                before = [p for p in others if p.name < path.name]
+                others = [p for p in complete(self.folder) if p != path]
+                before = [p for p in others if _step(p) < run.step]
                 for old in set(others) - set(before[len(before) - self.keep + 1 :]):
                     shutil.rmtree(old, ignore_errors=True)
 
@@ -156,32 +196,47 @@ class Checkpoints:
             "run": run.get_state(),
             "history": run.history.get_state(),
             "totals": _plain(run.totals),
-            "outputs": [[type(o).__name__, o.cursor()] for o in run.outputs if isinstance(o, Continued)],
+            "outputs": cursors_of(run.outputs) if run.recorded else run.cursors,
         }
+
+
+def complete(folder: Path) -> list[Path]:
+    """The checkpoints in a folder, oldest first."""
+    found = [p for p in folder.glob("step-*") if re.fullmatch(r"step-\d{8,}", p.name) and (p / "run.json").is_file()]
+    return sorted(found, key=_step)
 
 
 def latest(folder: str | Path) -> Path | None:
     """The newest complete checkpoint in a folder, if there is one."""
-    found = sorted(p for p in Path(folder).glob("step-*") if (p / "run.json").is_file())
-    return found[-1] if found else None
+    return next(reversed(complete(Path(folder))), None)
 
 
-def read(run: SavedRun, restart: str | Path) -> list[tuple[str, dict[str, Any]]]:
-    """Give a run, which stands at its start, the state of a checkpoint; returns where its outputs stood.
+def read(
+    run: SavedRun, restart: str | Path, scene: dict[str, Any], changes: Sequence[str]
+) -> tuple[list[tuple[str, dict[str, Any]]], str]:
+    """Give a run, which stands at its start, the state of a checkpoint.
 
     Args:
+        run: to be given the state.
         restart: a checkpoint, or a folder, of which the newest one is taken.
+        scene: what tells the run from others, see `scene_of`.
+        changes: names of parts and events whose parameters are meant to be others.
+
+    Returns:
+        Where its outputs stood, and what of the scene could not be compared.
 
     Raises:
         InputError: there is none, it is damaged, of another version, or of another scene.
     """
     path, state = run.comm.bcast(on_rank_zero(run.comm, lambda: _open(Path(restart))))
-    _compare(path, state, run)
+    unknown = compare(path, state["scene"], scene, changes)
     try:
         arrays, reason = _load(run, path, state), ""
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError) as error:
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError, zlib.error) as error:
         arrays, reason = {}, f"{type(error).__name__}: {error}"
-    check_on_all(run.comm, not reason, f"The checkpoint '{path}' is damaged ({reason}); take an earlier one.")
+    reason = next(filter(None, run.comm.allgather(reason)), "")
+    if reason:
+        raise InputError(run.comm.bcast(_damaged(path, reason)))
     system, numbering = run.system, run.system.numbering
     here = all_names(system)
     for name, vector in run.history.vectors.items():
@@ -194,8 +249,9 @@ def read(run: SavedRun, restart: str | Path) -> list[tuple[str, dict[str, Any]]]
     system.supplied_energy, system.dissipated_energy = (state[n] if first else 0.0 for n in ("supplied", "dissipated"))
     run.history.set_state(state["history"])
     run.set_state(state["run"])
-    _compare_energies(path, run.totals, state["totals"])
-    return [(kind, cursor) for kind, cursor in state["outputs"]]
+    if not changes:
+        compare_energies(path, run.totals, state["totals"])
+    return [(kind, cursor) for kind, cursor in state["outputs"]], unknown
 
 
 def _open(path: Path) -> tuple[Path, dict[str, Any]]:
@@ -204,16 +260,26 @@ def _open(path: Path) -> tuple[Path, dict[str, Any]]:
         raise InputError(f"There is no checkpoint in '{path}'; give a folder of checkpoints, or start without restart.")
     try:
         state = json.loads((chosen / "run.json").read_text(encoding="utf-8"))
-        found = state["format"], state["version"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"The checkpoint '{chosen}' is damaged ({error}); take an earlier one.") from error
+        found, told = (state["format"], state["version"]), state.pop("checksum", None)
+        good = told == _checksum_of(state)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(_damaged(chosen, f"run.json: {error}")) from error
     ours = FORMAT, VERSION
-    if found != ours:
+    if found != ours and (good or told is None):
         raise InputError(
             f"The checkpoint '{chosen}' was written by version {found[1]} (format {found[0]}), this is {ours[1]} "
             f"(format {ours[0]}); restart with the version that wrote it."
         )
+    if not good:
+        raise InputError(_damaged(chosen, "run.json was changed"))
     return chosen, state
+
+
+def _damaged(path: Path, reason: str) -> str:
+    """A sentence about a damaged checkpoint, with the remedy."""
+    others = [p for p in complete(path.parent) if p.resolve() != path.resolve()]
+    remedy = f"restart from another one, e.g. '{others[-1]}'" if others else "start anew"
+    return f"The checkpoint '{path}' is damaged ({reason}); {remedy}."
 
 
 def _load(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
@@ -221,7 +287,10 @@ def _load(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
     names = [f"{what} {k}" for what in ("names", *state["vectors"]) for k in range(len(run.system.numbering.blocks))]
     parts = []
     for rank in range(run.comm.rank, state["ranks"], run.comm.size):
-        with np.load(path / _rank(rank), allow_pickle=False) as file:
+        part = path / _rank(rank)
+        if _checksum(part) != state["parts"][rank]:
+            raise ValueError(f"{part.name} was changed")
+        with np.load(part, allow_pickle=False) as file:
             parts.append({name: file[name] for name in names})
     if not parts:
         sizes = [block.size for block in run.system.numbering.blocks]
@@ -231,64 +300,32 @@ def _load(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
     return {name: np.concatenate([part[name] for part in parts]) for name in names}
 
 
-def scene_of(run: SavedRun) -> dict[str, Any]:
-    """What tells scenes apart: parts, unknowns, cells and extent of the meshes; the same on any number of ranks."""
-    system, meshes, extents = run.system, dict[str, int](), dict[str, list[float]]()
-    for body in system.bodies:
-        if is_on_mesh(body):
-            geometry = body.space.mesh.geometry
-            x = geometry.x[: geometry.index_map().size_local]
-            meshes[body.name] = mesh_name(body)
-            extents[body.name] = run.comm.allreduce(np.concatenate([x.sum(axis=0), (x**2).sum(axis=0)])).tolist()
-    return {
-        "parts": sorted(f"{type(item).__name__} '{item.name}'" for item in run.scene.items),
-        "unknowns": [block.index_map.size_global * block.size for block in system.numbering.blocks],
-        "meshes": meshes,
-        "extents": extents,
-        "stepper": type(run.stepper).__name__,
-        "vectors": sorted(run.history.vectors),
-    }
-
-
-def _compare(path: Path, state: dict[str, Any], run: SavedRun) -> None:
-    """Refuse a checkpoint of another scene."""
-    there, here = state["scene"], scene_of(run)
-    differs: Callable[[str], str] = lambda what: f"The checkpoint '{path}' is of another scene: {what}."  # noqa: E731
-    lost = sorted(set(there["parts"]) ^ set(here["parts"]))
-    check(not lost, differs(f"{lost[0] if lost else ''} is only in one of them; restart the scene that wrote it"))
-    for body in here["meshes"]:
-        same = there["meshes"].get(body) == here["meshes"][body] and np.allclose(
-            there["extents"][body], here["extents"][body], rtol=1e-9, atol=1e-9 * max(map(abs, here["extents"][body]))
-        )
-        check(same, differs(f"the mesh of '{body}' is not the same; read the mesh with which it was written"))
-    counts = there["unknowns"], here["unknowns"]
-    check(
-        counts[0] == counts[1], differs(f"it has {sum(counts[0])} unknowns, this one {sum(counts[1])}; use its order")
-    )
-    control = there["stepper"] == here["stepper"] and there["vectors"] == here["vectors"]
-    check(control, differs(f"it was stepped by {there['stepper']}, with another control; take the same stepper"))
-
-
-def _compare_energies(path: Path, here: Totals, there: dict[str, Any]) -> None:
-    """Refuse a checkpoint whose energies these parameters do not give."""
-    ours = {"kinetic": here.kinetic, **here.stored}
-    theirs = {"kinetic": there["kinetic"], **there["stored"]}
-    largest = max(abs(e) for e in theirs.values())
-    for name, energy in ours.items():
-        same = abs(energy - theirs.get(name, np.inf)) <= SAME * abs(energy) + 1e-9 * largest
-        check(
-            same,
-            f"The checkpoint '{path}' is of another scene: the energy '{name}' is {theirs.get(name, 0.0):.6g} J there "
-            f"and {energy:.6g} J here; restart with the same materials and gas.",
-        )
-
-
 def _plain(totals: Totals) -> dict[str, Any]:
     return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in asdict(totals).items()}
 
 
 def _name(step: int) -> str:
     return f"step-{step:08d}"
+
+
+def _step(path: Path) -> int:
+    """Of a checkpoint."""
+    return int(path.name.removeprefix("step-"))
+
+
+def _checksum_of(state: dict[str, Any]) -> str:
+    """Of all that `run.json` holds beside it."""
+    text = json.dumps(json.loads(json.dumps(state)), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _checksum(path: Path) -> list[int]:
+    """Length and CRC-32 of a file."""
+    crc, size = 0, 0
+    with path.open("rb") as file:
+        while block := file.read(1 << 20):
+            crc, size = zlib.crc32(block, crc), size + len(block)
+    return [size, crc]
 
 
 def _rank(rank: int) -> str:

@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import TYPE_CHECKING, Any
 
-from gossamer_fx.checks.errors import check
+from gossamer_fx.checks.errors import InputError, check
+from gossamer_fx.checks.user_functions import ask
 from gossamer_fx.outputs.output import Probe, evaluate_probe
+from gossamer_fx.run.parameters import of_item
 from gossamer_fx.steppers.history import History
 from gossamer_fx.steppers.stepping import Stepping
 
@@ -35,7 +38,11 @@ class At:
     name: str = "time"
 
     def __post_init__(self) -> None:
-        check(math.isfinite(self.time) and self.time >= 0, f"At '{self.name}': time is {self.time!r}; give seconds.")
+        check(
+            isinstance(self.time, Real) and math.isfinite(self.time) and self.time >= 0,
+            f"At '{self.name}': time is {self.time!r}; give seconds.",
+        )
+        _check_action(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,9 +74,18 @@ class When:
             self.tolerance is None or self.tolerance > 0,
             f"When '{self.name}': tolerance is {self.tolerance!r} s; give a positive one.",
         )
+        _check_action(self)
 
 
 Event = At | When
+
+
+def _check_action(event: Event) -> None:
+    kind = type(event).__name__
+    check(
+        event.then is None or callable(event.then),
+        f"{kind} '{event.name}': then is {event.then!r}; give a function of the run, or None.",
+    )
 
 
 class EventMonitor:
@@ -90,22 +106,34 @@ class EventMonitor:
         """That the run must meet."""
         return [e.time for e in self._at]
 
+    def start(self) -> bool:
+        """Let those of the start happen.  Returns whether the run ends there."""
+        return self._happen([e for e in self._at if e.time == self._run.time])
+
     def advance(self, stepping: Stepping, h: float) -> bool:
         """Go on by h, or by less: to the first event.  Returns whether the run ends there."""
         run, waiting = self._run, [e for e in self._when if self._events.index(e) not in self._done]
         if waiting:
             self._history.keep()
-        start = run.time
+        start, before = run.time, {e: self._last[e] for e in waiting}
         stepping.advance(h)
-        before = {e: self._last[e] for e in waiting}
-        happened = self._look(waiting)
-        if happened:
-            happened = self._locate(stepping, start, waiting, before, happened)
+        try:
+            happened = self._look(waiting)
+            if happened:
+                happened = self._locate(stepping, start, waiting, before, happened)
+        except InputError:  # of a probe: the state before the step is the last good one
+            self._history.go_back()
+            self._last |= before
+            raise
         arrived = [e for e in self._at if abs(run.time - e.time) <= 1e-9 * stepping.wanted]
-        new = [k for k, e in enumerate(self._events) if e in [*arrived, *happened] and k not in self._done]
+        return self._happen([*arrived, *happened])
+
+    def _happen(self, events: Sequence[Event]) -> bool:
+        """Act on those that have not happened yet.  Returns whether the run ends there."""
+        new = [k for k, e in enumerate(self._events) if e in events and k not in self._done]
         for k in new:
             self._done.append(k)
-            self._act(self._events[k], f"{self._events[k].name} at t = {run.time:.9g} s")
+            self._act(self._events[k], f"{self._events[k].name} at t = {self._run.time:.9g} s")
         return any(self._events[k].stop for k in new)
 
     def _look(self, waiting: list[When]) -> list[When]:
@@ -151,21 +179,51 @@ class EventMonitor:
         return self._look(waiting)
 
     def _act(self, event: Event, words: str) -> None:
-        self._run.log(words)
-        if event.then is not None:
-            event.then(self._run)
+        run, then = self._run, event.then
+        run.log(words)
+        if then is not None:
+            ask(run.comm, f"{type(event).__name__} '{event.name}' at t = {run.time:.6g} s", lambda: then(run))
+
+    def describe(self) -> list[dict[str, Any]]:
+        """What tells the events from others, for checkpoints; `key` is the same for those that are alike."""
+        items = self._run.scene.items
+        return [{"key": _key(event), "name": event.name, **of_item(event, items)} for event in self._events]
 
     def get_state(self) -> dict[str, Any]:
-        return {"done": self._done, "last": [self._last[e] for e in self._when]}
+        keys = [_key(event) for event in self._events]
+        return {
+            "done": [keys[k] for k in self._done],
+            "last": [[_key(event), value] for event, value in self._last.items()],
+        }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        self._done = list(state["done"])
-        self._last = dict(zip(self._when, state["last"], strict=True))
+        """Events are found by what they are; one that is new has not happened."""
+        left = list(enumerate(self._events))
+        self._done = []
+        for key in state["done"]:
+            found = next(((k, e) for k, e in left if _key(e) == key), None)
+            if found is not None:
+                left.remove(found)
+                self._done.append(found[0])
+        known = [(key, value) for key, value in state["last"]]
+        for event in self._when:
+            mine = next((pair for pair in known if pair[0] == _key(event)), None)
+            if mine is not None:
+                known.remove(mine)
+            now = mine[1] if mine else evaluate_probe(self._run, f"When '{event.name}'", event.probe)
+            self._last[event] = now
 
     def repeat(self) -> None:
         """After a restart: act as before."""
         for k in self._done:
             self._act(self._events[k], f"again: {self._events[k].name}")
+
+
+def _key(event: Event) -> str:
+    """What an event is, in words."""
+    if isinstance(event, At):
+        return f"At {event.time:.12g} s '{event.name}'"
+    return f"When '{event.name}' {'falls below' if event.falling else 'exceeds'} {event.value:.12g}"
 
 
 def _beyond(event: When, value: float) -> float:

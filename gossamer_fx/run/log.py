@@ -47,7 +47,7 @@ def log_to(comm: MPI.Intracomm, file: str | Path | None = None, quiet: bool = Fa
     terminal.setLevel(logging.WARNING if quiet else logging.INFO)
     LOGGER.addHandler(terminal)
     if file is not None:
-        make_parent(comm, Path(file))
+        make_parent(comm, Path(file), file=True)
         if comm.rank == 0:
             written = logging.FileHandler(file, encoding="utf-8")
             written.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(message)s"))

@@ -88,7 +88,8 @@ class Simulation:
         self.first = self._totals = self.system.totals()
         self._largest = self.first.size
         self._watch = self._watch_for(events)
-        self._started = self.recorded = restart is not None
+        # whether the first step was begun, the outputs have recorded the present state, or were asked to
+        self._started = self.recorded = self._offered = restart is not None
         self.cursors: list[tuple[str, dict[str, Any]]] = []
         self._try_step()
         self._about = self.describe() if restart is not None or checkpoints is not None else {}
@@ -112,7 +113,7 @@ class Simulation:
 
     def _claim(self) -> Claims | None:
         paths = [path for output in self.outputs if isinstance(output, Writing) for path in output.writes]
-        paths += [] if self.checkpoints is None else [self.checkpoints.folder / "step"]
+        paths += [] if self.checkpoints is None else [self.checkpoints.folder]
         if not paths:
             return None
         from gossamer_fx.outputs.claims import Claims
@@ -239,14 +240,13 @@ class Simulation:
         """Step from milestone to milestone; returns the number of a signal if one ended it, else zero."""
         for milestone in milestones:
             while (left := milestone - self.time) > 1e-9 * self.stepping.wanted:
-                before = self.step
                 try:
                     ended = self._advance(left / math.ceil(left / self.stepping.wanted - 1e-6), milestone)
                     signal = signals.heard(self.comm)
                     self._record(last=ended or signal > 0 or self.time == milestones[-1])
                 except Exception as error:
                     agree_on_error(self.comm, error)
-                    self._save(before)
+                    self._save()
                     raise
                 if ended or signal:
                     return signal
@@ -256,7 +256,7 @@ class Simulation:
         started = time.perf_counter()
         if self.checkpoints is not None:
             self.cursors = cursors_of(self.outputs)
-        self.recorded = False
+        self._offered = True
         for output in self.outputs:
             output.record(self, last)
         self.recorded = True
@@ -264,13 +264,13 @@ class Simulation:
             self.checkpoints.record(self, last)
         self.output_seconds += time.perf_counter() - started
 
-    def _save(self, before: int) -> None:
+    def _save(self) -> None:
         """After an error: the outputs see the good state if they have not, and a checkpoint keeps it.
 
         What cannot be written now must not hide the error.  If it is an output that fails, the checkpoint tells where
         the outputs stood before, and a restart begins with recording the state.
         """
-        if self.recorded and self.step > before:
+        if not self._offered:
             with suppress(InputError, OutputFailure):
                 self._record(last=True)
         if self.checkpoints is not None:
@@ -293,6 +293,7 @@ class Simulation:
             if self.time > before:
                 self.iterations += self.last_iterations
                 self.step += 1
+                self.recorded = self._offered = False
                 self._largest = max(self._largest, self.totals.size)
             self.seconds += time.perf_counter() - started
         if abs(milestone - self.time) <= 1e-9 * stepping.wanted:
@@ -320,7 +321,7 @@ class Simulation:
             "first": first,
             "largest energy": self._largest,
             "recorded": self.recorded,
-            "events": self._watch.get_state() if self._watch else {},
+            "events": self._watch.get_state() if self._watch else {"done": [], "last": []},
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
