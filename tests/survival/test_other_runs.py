@@ -1,0 +1,259 @@
+"""Files belong to one run: a second one is refused, forgotten restarts delete nothing, damage is told at once."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from tests.survival.scenes import DT, fluttering_sheet
+
+COMM = MPI.COMM_WORLD
+ROOT = Path(gx.__file__).parent.parent
+
+
+def ball(**options: object) -> gx.Simulation:
+    """A mass that falls: the smallest run there is."""
+    mass = gx.PointMass(2.0, position=(0.0, 0.0, 1.0), comm=COMM)
+    return gx.Simulation(gx.Scene(mass, gx.Gravity(mass, (0.0, 0.0, -9.81))), gx.Midpoint(dt=DT), **options)
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+WAITING = """
+import sys, time
+from pathlib import Path
+from tests.survival.test_other_runs import ball
+import gossamer_fx as gx
+folder = Path(sys.argv[1])
+class Wait:
+    times = ()
+    def open(self, run): pass
+    def close(self, run): pass
+    def record(self, run, last):
+        if run.step == 2:
+            print("running", flush=True)
+            sys.stdin.readline()
+outputs = [gx.Recording(folder / "run", every=1), Wait()]
+ball(outputs=outputs, checkpoints=gx.Checkpoints(folder / "saves", every=1)).run(until=4e-3)
+print("done", flush=True)
+"""
+
+
+@pytest.mark.parametrize("how", ["anew", "restart", "overwrite"])
+def test_a_second_run_is_refused_and_the_first_goes_on(tmp_path: Path, how: str) -> None:
+    first = subprocess.Popen(
+        [sys.executable, "-c", WAITING, str(tmp_path)],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert first.stdout is not None and first.stdout.readline() == "running\n"
+    before = files(tmp_path)
+    options = {"restart": tmp_path / "saves"} if how == "restart" else {}
+    saves = gx.Checkpoints(tmp_path / "saves", overwrite=how == "overwrite")
+    with pytest.raises(gx.InputError) as told:
+        ball(outputs=[gx.Recording(tmp_path / "run", every=1)], checkpoints=saves, **options)
+    assert re.search(
+        rf"is being written by another run \(.*process {first.pid} on .*, since .*\); .*\.$", str(told.value)
+    )
+    assert files(tmp_path) == before
+    said, _ = first.communicate("\n", timeout=120)
+    assert said == "done\n" and first.returncode == 0
+    left = {p.name for p in tmp_path.rglob(".*")}
+    assert not left
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["status"] == "finished"
+    ball(outputs=[gx.Recording(tmp_path / "run", every=1)], restart=tmp_path / "saves").run(until=5e-3)
+
+
+def test_the_lock_of_a_run_that_was_killed_is_no_obstacle(tmp_path: Path) -> None:
+    first = subprocess.Popen(
+        [sys.executable, "-c", WAITING, str(tmp_path)],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert first.stdout is not None and first.stdout.readline() == "running\n"
+    first.kill()
+    first.communicate(timeout=60)
+    options = {"checkpoints": gx.Checkpoints(tmp_path / "saves"), "restart": tmp_path / "saves"}
+    ball(outputs=[gx.Recording(tmp_path / "run", every=1)], **options).run(until=4e-3)
+    assert not list(tmp_path.rglob(".*"))
+
+
+@pytest.mark.mpi
+def test_runs_of_one_program_follow_each_other(folder: Path) -> None:
+    """Also where the first was never run, or is called again later; but not one within the other."""
+    ball(outputs=[gx.Ledger(folder / "a.csv")])
+    one = ball(outputs=[gx.Ledger(folder / "a.csv")])
+    one.run(until=DT)
+    ball(outputs=[gx.Ledger(folder / "a.csv")]).run(until=DT)
+
+    class Within:
+        times = ()
+
+        def open(self, run: object) -> None:
+            pass
+
+        close = open
+
+        def record(self, run: gx.Simulation, last: bool) -> None:
+            if run.step == 1:
+                with pytest.raises(gx.InputError, match="is being written by another run of this program"):
+                    ball(outputs=[gx.Ledger(folder / "a.csv")])
+
+    ball(outputs=[gx.Ledger(folder / "a.csv"), Within()]).run(until=DT)
+
+
+@pytest.mark.mpi
+def test_two_outputs_of_one_file_are_refused(folder: Path) -> None:
+    def refused(*outputs: object) -> None:
+        with pytest.raises(gx.InputError, match=r"Two outputs of the run write '.*'; give one of them another name\.$"):
+            ball(outputs=list(outputs))
+
+    here, probes = os.path.relpath(folder), {"one": lambda run: 1.0}
+    refused(gx.Ledger(folder / "a.csv"), gx.Probes(f"{here}/./a.csv", probes))
+    refused(gx.Recording(folder), gx.Ledger(folder / "ledger.csv"))
+    refused(gx.Picture(folder / "a.png"), gx.Picture(folder / "b" / ".." / "a.png"))
+    film = fluttering_sheet(COMM, 2)
+    with pytest.raises(gx.InputError, match="Two outputs of the run write"):
+        gx.Simulation(film, gx.Midpoint(dt=DT), [gx.VTX(folder / "a.bp"), gx.VTX(folder / "a_0001.bp")])
+    COMM.barrier()
+    assert not [p for p in folder.rglob("*") if p.is_file()]
+
+
+@pytest.mark.mpi
+def test_a_forgotten_restart_deletes_nothing(folder: Path) -> None:
+    ball(checkpoints=gx.Checkpoints(folder, every=1, keep=3)).run(until=5 * DT)
+    COMM.barrier()
+    before = files(folder)
+    COMM.barrier()
+    with pytest.raises(gx.InputError, match=r"holds checkpoints of a run up to step 5; go on from them .* replace"):
+        ball(checkpoints=gx.Checkpoints(folder))
+    other = folder.parent / f"{folder.name} other"
+    ball(checkpoints=gx.Checkpoints(other)).run(until=2 * DT)
+    with pytest.raises(gx.InputError, match="holds checkpoints of a run up to step 5"):
+        ball(checkpoints=gx.Checkpoints(folder), restart=other)
+    COMM.barrier()
+    assert files(folder) == before
+    COMM.barrier()
+    ball(checkpoints=gx.Checkpoints(folder), restart=folder / "step-00000004").run(until=6 * DT)
+    ball(checkpoints=gx.Checkpoints(folder, overwrite=True)).run(until=DT)
+    COMM.barrier()
+    assert sorted(p.name for p in folder.iterdir()) == ["step-00000000", "step-00000001"]
+
+
+# ---- damage --------------------------------------------------------------------------------------------------------
+
+
+def test_any_changed_byte_and_any_removed_key_of_a_checkpoint_is_told(tmp_path: Path) -> None:
+    """In one sentence that names an older checkpoint, which can be restarted from."""
+    ball(checkpoints=gx.Checkpoints(tmp_path, every=1, keep=2)).run(until=3 * DT)
+    page = tmp_path / "step-00000003" / "run.json"
+    text, rng, tried = page.read_bytes(), np.random.default_rng(7), 0
+    state = json.loads(text)
+
+    def removed(tree: object) -> list[bytes]:
+        """The page without each of its keys in turn."""
+        found = []
+        if isinstance(tree, dict):
+            for key in list(tree):
+                kept = tree.pop(key)
+                found.append(json.dumps(state).encode())
+                tree[key] = kept
+                found += removed(kept)
+        return found
+
+    digits = [i for i, byte in enumerate(text) if chr(byte).isdigit()]
+    changed = [text[:i] + bytes([(text[i] - 47) % 10 + 48]) + text[i + 1 :] for i in rng.choice(digits, 40)]
+    flipped = [
+        text[:i] + bytes([text[i] ^ 1 << rng.integers(8)]) + text[i + 1 :] for i in rng.integers(0, len(text), 40)
+    ]
+    for content in [*removed(state), *changed, *flipped, text[:-20], b"", b"[]", b"null", b"{}"]:
+        page.write_bytes(content)
+        tried += 1
+        with pytest.raises(gx.InputError) as told:
+            ball(restart=tmp_path)
+        words = r"is damaged \(.*\); restart from another one, e\.g\. '.*step-00000002'\.$"
+        assert re.search(words, str(told.value))
+    assert tried > 120
+    assert ball(restart=tmp_path / "step-00000002").step == 2
+
+
+def test_a_part_of_another_checkpoint_is_told(tmp_path: Path) -> None:
+    ball(checkpoints=gx.Checkpoints(tmp_path, every=1, keep=2)).run(until=3 * DT)
+    newest, older = tmp_path / "step-00000003", tmp_path / "step-00000002"
+    (newest / "rank-0000.npz").write_bytes((older / "rank-0000.npz").read_bytes())
+    with pytest.raises(gx.InputError, match=r"is damaged \(ValueError: rank-0000\.npz was changed\)"):
+        ball(restart=tmp_path)
+    (newest / "rank-0000.npz").unlink()
+    with pytest.raises(gx.InputError, match=r"is damaged \(FileNotFoundError"):
+        ball(restart=tmp_path)
+
+
+def test_a_damaged_recording_is_told_in_seconds_when_it_is_read_and_when_a_run_goes_on(tmp_path: Path) -> None:
+    """Every file of the fields and the tables, shortened, emptied, removed, or with a byte changed."""
+
+    def go(until: int, **options: object) -> None:
+        outputs = [gx.Recording(tmp_path / "run", every=1)]
+        saves = gx.Checkpoints(tmp_path / "saves", every=2)
+        gx.Simulation(fluttering_sheet(COMM, 2), gx.Midpoint(dt=DT), outputs, checkpoints=saves, **options).run(
+            until * DT
+        )
+
+    def look() -> None:
+        run = gx.RunReader(tmp_path / "run")
+        for name in ("ledger.csv", "states.csv"):
+            run.table(name)
+        for frame in range(len(run.times)):
+            run.values("state", frame)
+
+    go(4)
+    look()
+    kept, rng, silent = files(tmp_path / "run"), np.random.default_rng(1), []
+    fields = [name for name in kept if name.startswith("fields") and not name.endswith(("profiling.json", "jsonl"))]
+    assert len(fields) == 4
+    started = time.monotonic()
+    for name in [*fields, "ledger.csv", "states.csv"]:
+        path, whole = tmp_path / "run" / name, kept[name]
+        places = [int(i) for i in rng.integers(0, len(whole), 6) if not (name.endswith("md.idx") and i == 39)]
+        spoiled: list[bytes | None] = [whole[: len(whole) // 2], b"", None]
+        spoiled += [whole[:i] + bytes([whole[i] ^ 255]) + whole[i + 1 :] for i in places]
+        for content in spoiled:
+            path.unlink()
+            if content is not None:
+                path.write_bytes(content)
+            for act in (look, lambda: go(5, restart=tmp_path / "saves")):
+                # ADIOS2's data are read, and so compared, when they are looked at; a table has no checksum but in a
+                # checkpoint; one that is missing or ends early is that of a run that was killed
+                if act is not look and "data." in name and content is not None and len(content) == len(whole):
+                    continue
+                if act is look and name.endswith(".csv") and (content is None or len(content) < len(whole)):
+                    continue
+                try:
+                    act()
+                except gx.InputError as error:
+                    assert "\n" not in str(error) and str(error).endswith(".")
+                else:
+                    silent.append((name, None if content is None else len(content), act is look))
+            for other, content_of in kept.items():
+                (tmp_path / "run" / other).write_bytes(content_of)
+    assert not silent
+    assert time.monotonic() - started < 120
+    go(5, restart=tmp_path / "saves")
+    look()
