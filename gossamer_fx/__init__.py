@@ -100,6 +100,10 @@ if TYPE_CHECKING:
     from gossamer_fx.orbit.orbit import Orbit as Orbit
     from gossamer_fx.orbit.solar_pressure import SolarPressure as SolarPressure
     from gossamer_fx.orbit.surface_forces import Surface as Surface
+    from gossamer_fx.outputs.flight_probes import Attitude as Attitude
+    from gossamer_fx.outputs.flight_probes import LoadResultant as LoadResultant
+    from gossamer_fx.outputs.flight_probes import OrbitState as OrbitState
+    from gossamer_fx.outputs.flight_probes import SunAngle as SunAngle
     from gossamer_fx.outputs.ledger import Ledger as Ledger
     from gossamer_fx.outputs.probes import AreaFraction as AreaFraction
     from gossamer_fx.outputs.probes import Displacement as Displacement
@@ -112,6 +116,7 @@ if TYPE_CHECKING:
     from gossamer_fx.outputs.snapshots import Snapshots as Snapshots
     from gossamer_fx.outputs.vtx import VTX as VTX
     from gossamer_fx.outputs.vtx import Probes as Probes
+    from gossamer_fx.plotting.flight_picture import FlightPicture as FlightPicture
     from gossamer_fx.plotting.picture import Picture as Picture
     from gossamer_fx.plotting.plot import animate as animate
     from gossamer_fx.plotting.plot import plot_curves as plot_curves
@@ -194,6 +199,8 @@ _HOME = {
     "orbit.solar_pressure": ["SolarPressure"],
     "orbit.surface_forces": ["Surface"],
     "orbit.orbit": ["Orbit"],
+    "outputs.flight_probes": ["Attitude", "LoadResultant", "OrbitState", "SunAngle"],
+    "plotting.flight_picture": ["FlightPicture"],
     "outputs.ledger": ["Ledger"],
     "outputs.probes": ["AreaFraction", "Displacement", "GasState", "Position", "Velocity"],
     "outputs.progress": ["Progress"],

@@ -35,6 +35,7 @@ class Flight:
         field: acceleration [m/s²] that the origin has there by what attracts beside the central body's 1/r.
         gradient: its derivative (3, 3) [1/s²].
         pushed: acceleration of the origin by which it is kept near the bodies.
+        centre: of mass in the middle of the last step, from the origin (3,) [m].
     """
 
     def __init__(self, around: Environment) -> None:
@@ -47,6 +48,7 @@ class Flight:
         self.field: Array = np.zeros(3)
         self.gradient: Array = np.zeros((3, 3))
         self.pushed: Array = np.zeros(3)
+        self.centre: Array = np.zeros(3)
 
     def prepare(self, system: Assembly) -> None:
         """Make the origin's step, if that was not done for this step of the system.  Called on all ranks together."""
@@ -75,6 +77,12 @@ class Flight:
         m, T = self.moments(), max(self.around.following, 5 * h)
         back: Array = (m.first / T**2 + 2 * m.momentum / T) / m.mass
         return back
+
+    def state(self) -> tuple[Array, Array]:
+        """Position [m] and velocity [m/s] of the centre of mass, from what attracts, at the start of the step."""
+        assert self.moments is not None
+        m = self.moments()
+        return self.origin.R0 + m.first / m.mass, self.origin.V0 + m.momentum / m.mass
 
     def light(self) -> tuple[Array, float]:
         """Direction (3,) of sunlight, and its pressure on a black surface [N/m²]."""

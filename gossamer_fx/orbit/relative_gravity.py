@@ -113,6 +113,7 @@ class CompiledOrbit(CompiledTerms):
         self.mass = float(system.comm.allreduce(ones)[0])
         self.flight.moments = self.moments
         self._tangent: Array = np.zeros((3, 3))
+        self._resultant: Array = np.zeros((2, 3))
 
     def _weigh(self) -> PETSc.Vec:
         """W with Σ m w = Σ_i W_i w_i for positions, velocities or changes w of all bodies."""
@@ -201,13 +202,19 @@ class CompiledOrbit(CompiledTerms):
                 x = (self._X0 + self._points(system.q1)) / 2
                 self._points.add(self._points.mass[:, None] * (x @ flight.gradient), tidal)
         places = np.repeat(self._is_place(), 3)
-        gravity = -(places * r.array_r[: self._size]).reshape(-1, 3).sum(axis=0)
+        forces = -r.array_r[: self._size].reshape(-1, 3)
+        gravity = (places.reshape(-1, 3) * forces).sum(axis=0)
+        self._resultant = np.array([gravity, np.cross(middle[: self._size].reshape(-1, 3), forces).sum(axis=0)])
         deformed = float(tidal.array_r[: self._size] @ Δq[: self._size])
         *gravity, deformed = system.comm.allreduce(np.array([*gravity, deformed]))
         ΔS, S, P0 = self._sums(Δq, middle, system.v0.array_r)
+        self.flight.centre = S / self.mass
         others = 2 * (ΔS / h - P0) / h - np.array(gravity)
         attracted = self.mass * flight.field @ ΔR + flight.field @ ΔS + S @ flight.gradient @ ΔR + deformed
         return float(attracted + others @ ΔR) if system.comm.rank == 0 else 0.0
+
+    def resultants(self) -> dict[str, Array]:
+        return {self.name: self._resultant}
 
     def keep(self) -> None:
         self.flight.keep()

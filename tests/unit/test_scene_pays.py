@@ -29,7 +29,7 @@ print(json.dumps({
 }))
 """
 
-ABSENT = ("matplotlib", "pyvista", "slepc4py", "adios4dolfinx", "h5py", "rich")
+ABSENT = ("erfa", "matplotlib", "pyvista", "slepc4py", "adios4dolfinx", "h5py", "rich")
 ABSENT_PARTS = {
     "gas",
     "interactions",
@@ -44,6 +44,7 @@ ABSENT_PARTS = {
     "solvers.coarse_space",
     "solvers.two_level",
     "materials.elastica",
+    "outputs.flight_probes",
     "outputs.vtx",
     "outputs.recording",
     "terms.crease_energies",
