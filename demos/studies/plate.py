@@ -93,7 +93,7 @@ def elastica(comm: MPI.Comm, cells: int, t: float, kind: str = "regular") -> Fig
 def sze_a(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
     plate = strip(comm, cells, 10.0, 1.0, gx.Linear(E=1.2e6, nu=0.0, density=1.0, thickness=0.1), kind)
     load = gx.EdgeLoad(plate, "right", lambda t: (0.0, 0.0, 4 * t))
-    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.ClampedEdge(plate, "left"), load), gx.Continuation(step=0.5))
+    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.ClampedEdge(plate, "left"), load), gx.Continuation(step=50.0))
     worst, iterations, seconds = 0.0, 0, 0.0
     for share, (u, w) in SZE_A.items():
         found = equilibrium.find(at=share)
@@ -106,7 +106,7 @@ def sze_a(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
 def roll_up(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
     plate = strip(comm, cells, 12.0, 1.0, gx.Linear(E=1.2e6, nu=0.0, density=1.0, thickness=0.1), kind)
     moment = gx.EdgeMoment(plate, "right", lambda t: 50 * math.pi / 3 * t)
-    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.ClampedEdge(plate, "left"), moment), gx.Continuation(step=0.5))
+    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.ClampedEdge(plate, "left"), moment), gx.Continuation(step=50.0))
     worst, iterations, seconds = 0.0, 0, 0.0
     for share in np.linspace(0.125, 1.0, 8):
         found = equilibrium.find(at=share)
@@ -120,7 +120,7 @@ def slit(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
     mesh = slit_ring(comm, cells // 2, 4 * cells, 6.0, 10.0, kind == "irregular")
     plate = gx.Plate(mesh, gx.Linear(E=21e6, nu=0.0, density=1.0, thickness=0.03))
     load = gx.EdgeLoad(plate, "start", lambda t: (0.0, 0.0, 0.8 * t))
-    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.ClampedEdge(plate, "end"), load), gx.Continuation(step=0.5))
+    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.ClampedEdge(plate, "end"), load), gx.Continuation(step=50.0))
     worst, iterations, seconds = 0.0, 0, 0.0
     nodes = plate.nodes("start")
     radius = plate.space.tabulate_dof_coordinates()[nodes, 0]

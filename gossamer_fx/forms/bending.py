@@ -13,6 +13,10 @@ rigid motions, and exact for isometric ones of any size.
 For these M is constant in a cell of area A, so ∫ m² ds ≤ D l/A ∫ M:D²x dA on an edge of length l; with three edges a
 cell a(x, x) ≥ 0 for s ≥ ¾ D l (1/A₊ + 1/A₋) on interior edges and s ≥ 3 D l/A on clamped ones, whatever the
 triangles.  The penalty is `PENALTY` times that.
+
+Of order 1 only the angles between cells are left.  The usual energy of such hinges, ½ D Σ 3 l²/(A₊ + A₋) θ²,
+converges to what the pattern of the mesh makes of it: the cantilever under PL²/EI = 10 rises to 0.65 L on parallel and
+alternating diagonals, 0.56 L on crossed ones, 0.60 L on an irregular mesh, and not to 0.81 L.
 """
 
 from __future__ import annotations

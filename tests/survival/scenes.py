@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from meshes.line import line
+from meshes.plates import irregular_sheet
 from meshes.sheet import sheet
 from meshes.tube import flat_tube
 
@@ -53,3 +54,15 @@ def numbers(run: gx.Simulation) -> np.ndarray:
     return np.array(
         [t.time, t.kinetic, *t.stored.values(), t.supplied, t.dissipated, *t.momentum, *t.angular_momentum, t.mass]
     )
+
+
+def clamped_plate(comm: MPI.Comm) -> gx.Scene:
+    """A plate with rest curvature and a hinge, whose clamp turns."""
+
+    def direction(X: np.ndarray, t: float) -> np.ndarray:
+        return np.stack([np.cos(30 * t) + 0 * X[0], 0 * X[0], np.sin(30 * t) + 0 * X[0]])
+
+    law = gx.Linear(E=1e9, nu=0.3, density=1000.0, thickness=1e-3)
+    mesh, rest = irregular_sheet(comm, 6, 2, 0.3, 0.1), np.diag((1.0, 0.0, 0.0))
+    plate = gx.Plate(mesh, law, rest_curvature=rest, hinges=("middle",))
+    return gx.Scene(plate, gx.ClampedEdge(plate, "left", direction=direction))

@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.run.checkpoint import _checksum_of
-from tests.survival.scenes import DT, filled_tube, fluttering_sheet, numbers, turning_beam
+from tests.survival.scenes import DT, clamped_plate, filled_tube, fluttering_sheet, numbers, turning_beam
 
 COMM = MPI.COMM_WORLD
 SCENES: dict[str, Callable[[MPI.Comm], gx.Scene]] = {
@@ -22,6 +22,7 @@ SCENES: dict[str, Callable[[MPI.Comm], gx.Scene]] = {
     "film of order 2": lambda comm: fluttering_sheet(comm, 3, order=2),
     "film and gas": filled_tube,
     "beam, hub and control": turning_beam,
+    "plate": clamped_plate,
 }
 
 
