@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING, Any
 from gossamer_fx.checks.lone_errors import watch_uncaught_errors as _watch_uncaught_errors
 
 if TYPE_CHECKING:
+    from gossamer_fx.analyses.crease_identification import HangingStrip as HangingStrip
+    from gossamer_fx.analyses.crease_identification import IdentifiedCrease as IdentifiedCrease
+    from gossamer_fx.analyses.crease_identification import identify_crease as identify_crease
     from gossamer_fx.analyses.equilibrium import Continuation as Continuation
     from gossamer_fx.analyses.equilibrium import Equilibrium as Equilibrium
     from gossamer_fx.analyses.equilibrium import EquilibriumResult as EquilibriumResult
@@ -104,6 +107,7 @@ if TYPE_CHECKING:
     from gossamer_fx.outputs.flight_probes import LoadResultant as LoadResultant
     from gossamer_fx.outputs.flight_probes import OrbitState as OrbitState
     from gossamer_fx.outputs.flight_probes import SunAngle as SunAngle
+    from gossamer_fx.outputs.fold_angle import FoldAngle as FoldAngle
     from gossamer_fx.outputs.ledger import Ledger as Ledger
     from gossamer_fx.outputs.probes import AreaFraction as AreaFraction
     from gossamer_fx.outputs.probes import Displacement as Displacement
@@ -202,6 +206,7 @@ _HOME = {
     "outputs.flight_probes": ["Attitude", "LoadResultant", "OrbitState", "SunAngle"],
     "plotting.flight_picture": ["FlightPicture"],
     "outputs.ledger": ["Ledger"],
+    "outputs.fold_angle": ["FoldAngle"],
     "outputs.probes": ["AreaFraction", "Displacement", "GasState", "Position", "Velocity"],
     "outputs.progress": ["Progress"],
     "outputs.vtx": ["VTX", "Probes"],
@@ -216,6 +221,7 @@ _HOME = {
     "steppers.step_control": ["StepControl"],
     "scene.scene": ["Scene"],
     "run.simulation": ["Simulation"],
+    "analyses.crease_identification": ["HangingStrip", "IdentifiedCrease", "identify_crease"],
     "analyses.equilibrium": ["Continuation", "Equilibrium", "EquilibriumResult", "Found"],
     "analyses.modes": ["Mode", "modes"],
 }

@@ -31,7 +31,7 @@ class CreaseEnergies(CompiledTerms):
     """All `CreaseEnergy` terms of a scene; those with as many nodes a point are one array."""
 
     def __init__(self, terms: Sequence[CreaseEnergy], system: Assembly) -> None:
-        self._system, self._terms = system, terms
+        self._system, self.terms = system, terms
         groups: dict[int, list[int]] = {}
         for i, term in enumerate(terms):
             groups.setdefault(term.nodes.shape[1], []).append(i)
@@ -61,15 +61,15 @@ class CreaseEnergies(CompiledTerms):
         return sum(points.loss(q) for points, q in zip(self._arrays, unknowns, strict=True))
 
     def energies(self) -> dict[str, float]:
-        found = dict.fromkeys((term.name for term in self._terms), 0.0)
+        found = dict.fromkeys((term.name for term in self.terms), 0.0)
         for points in self._arrays:
             for i, energy in zip(points.of, points.energies(), strict=True):
-                found[self._terms[i].name] += float(energy)
+                found[self.terms[i].name] += float(energy)
         return found
 
     def angles(self, term: CreaseEnergy) -> tuple[Array, Array]:
         """Angle and rest angle (n,) [rad] at q0 of this rank's points of a term."""
-        i = next(k for k, known in enumerate(self._terms) if known is term)
+        i = next(k for k, known in enumerate(self.terms) if known is term)
         points = next(p for p in self._arrays if i in p.of)
         here = points.owner == i
         return points.θ[here], points.rest[here]

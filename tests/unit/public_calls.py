@@ -31,7 +31,7 @@ UNCALLED = {
     "NoEquilibrium",
     "OutputFailure",
 }
-UNCALLED |= {"Contact", "StepFailure", "StartFrom", "Scene", "Progress"}
+UNCALLED |= {"Contact", "IdentifiedCrease", "StepFailure", "StartFrom", "Scene", "Progress"}
 
 
 def valid_calls(folder: Path) -> dict[str, Call]:
@@ -88,6 +88,15 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "Continuation": {"residual": 1e-8, "step": 2e-3, "growth": 1.6, "cut": 0.5, "inner": 0.1, "patience": 25},
         "Crease": {"film": creased, "edges": "crease", "stiffness": 1e-3, "rest_angle": 1.0, "yield_angle": 0.5},
         "Cylinder": {"start": z, "end": (1.0, 0.0, 0.0), "radius": 0.1, "inside": True},
+        "FoldAngle": {"crease": gx.Crease(creased, "crease", 1e-3), "which": "mean"},
+        "HangingStrip": {"length": 0.05, "width": 0.01, "bending_stiffness": 2.6e-5, "area_density": 0.07},
+        "identify_crease": {
+            "strip": gx.HangingStrip(0.05, 0.01, 2.6e-5),
+            "weights": [0.0, 1e-3],
+            "angles": [2.0, 1.5],
+            "distances": [0.06, 0.09],
+            "angle_uncertainty": 0.01,
+        },
         "Damper": {"a": P, "b": Q, "coefficient": 1.0},
         "Damping": {"body": film, "mass": 1.0, "stiffness": 1.0},
         "Displacement": {"port": P, "axis": "x"},

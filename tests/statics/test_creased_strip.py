@@ -1,0 +1,126 @@
+"""A creased strip pulled at its ends: hinge and elastica, derived twice, against plates; and a crease identified.
+
+The table holds for panels of 0.05 m, k = 2e-3 N m/(m rad), rest angle 120°, E = 2.5 GPa, t = 50 µm, ν = 0.  It follows
+from the first integral of the elastica, ½ B φ'² = F (cos φ1 - cos φ), φ1 at the end of a panel, φ0 = θ/2 at the crease:
+
+    l = ∫ dφ / φ',    B φ'(0) = k (θ - θr),    distance of the ends 2 ∫ cos φ ds
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.optimize import brentq
+
+import gossamer_fx as gx
+from demos import crease_identification
+from demos.studies import crease
+from demos.studies.crease import LENGTH, REST, STIFFNESS, STRIP, WIDTH
+
+# force [N/m], angle between the panels (180° - θ) [deg], distance of the ends [mm], depth of the V [mm]
+TABLE = (
+    (0.003, 63.468904, 58.922268, 40.362531),
+    (0.01, 69.756794, 72.641667, 34.057634),
+    (0.03, 79.877276, 87.194181, 23.128261),
+    (0.05, 85.493227, 91.687953, 17.797630),
+    (0.1, 93.809912, 95.390221, 11.801886),
+    (0.3, 108.892362, 98.219782, 5.688885),
+)
+
+
+def by_quadrature(force: float) -> tuple[float, float, float]:
+    """A row of the table.
+
+    With p = sin(φ1/2) and sin(φ/2) = p cosh u the singular integrand at the end becomes ds = du/(√(F/B) cos(φ/2)).
+    """
+    B = STRIP.bending_stiffness
+
+    def along(φ1: float, φ0: float, what: Callable[[float], float]) -> float:
+        p = math.sin(φ1 / 2)
+        half = lambda u: math.asin(min(1.0, p * math.cosh(u)))  # noqa: E731
+        integrand = lambda u: what(2 * half(u)) / math.cos(half(u)) / math.sqrt(force / B)  # noqa: E731
+        return float(quad(integrand, 0, math.acosh(math.sin(φ0 / 2) / p), epsabs=1e-14, epsrel=1e-12)[0])
+
+    def end(φ0: float) -> float:
+        return float(brentq(lambda φ1: along(φ1, φ0, lambda φ: 1.0) - LENGTH, 1e-12, φ0 * (1 - 1e-14), xtol=1e-15))
+
+    def imbalance(φ0: float) -> float:
+        moment = math.sqrt(2 * force * B * (math.cos(end(φ0)) - math.cos(φ0)))
+        return moment - STIFFNESS * (REST - 2 * φ0)
+
+    φ0 = float(brentq(imbalance, 1e-3, REST / 2 * (1 - 1e-9), xtol=1e-14))
+    lengths = [1e3 * along(end(φ0), φ0, what) for what in (math.cos, math.sin)]
+    return 180 - 2 * math.degrees(φ0), 2 * lengths[0], lengths[1]
+
+
+@pytest.mark.parametrize("row", TABLE)
+def test_the_table_by_quadrature_and_as_a_boundary_value_problem(row: tuple[float, ...]) -> None:
+    force, *expected = row
+    assert by_quadrature(force) == pytest.approx(expected, rel=1e-7)
+    angle, distance = STRIP.equilibrium(REST, STIFFNESS, force * WIDTH)
+    assert 180 - math.degrees(angle) == pytest.approx(expected[0], rel=1e-7)
+    assert 1e3 * distance == pytest.approx(expected[1], rel=1e-7)
+
+
+@pytest.mark.parametrize("force, tolerance", [(0.01, 0.05), (0.3, 0.7)])
+def test_plates_of_eight_cells(comm, force: float, tolerance: float) -> None:
+    found = crease.problem(comm, force, 8)
+    assert found["d/exact"] == pytest.approx(1.0, abs=1e-3)
+    assert found["angle error [deg]"] < tolerance
+
+
+def test_own_weight_opens_a_hanging_strip() -> None:
+    """Half of the weight of a strip that is light beside its weight acts at its end."""
+    heavy = gx.HangingStrip(LENGTH, WIDTH, STRIP.bending_stiffness, area_density=0.07)
+    assert heavy.equilibrium(REST, STIFFNESS, 1e-4)[0] < STRIP.equilibrium(REST, STIFFNESS, 1e-4)[0]
+
+
+def measured(noise: float) -> tuple[list[float], list[float], list[float]]:
+    """Weights [N], angles [rad] and distances [m] of a strip, with errors of `noise` standard deviations."""
+    weights = [1e-5, 1e-4, 5e-4, 3e-3]
+    random = np.random.default_rng(3)
+    rows = [STRIP.equilibrium(1.9, 3e-3, weight) for weight in weights]
+    angles = [a + noise * math.radians(0.5) * random.normal() for a, _ in rows]
+    return weights, angles, [d + noise * 2e-4 * random.normal() for _, d in rows]
+
+
+def test_identification_of_exact_data() -> None:
+    found = gx.identify_crease(STRIP, *measured(0.0))
+    assert found.rest_angle == pytest.approx(1.9, rel=1e-5)
+    assert found.stiffness == pytest.approx(3e-3, rel=1e-4)
+    assert found.misfit < 1e-3
+
+
+def test_identification_of_data_with_errors_and_its_uncertainty() -> None:
+    uncertainties = {"angle_uncertainty": math.radians(0.5), "distance_uncertainty": 2e-4}
+    found = gx.identify_crease(STRIP, *measured(1.0), **uncertainties)
+    assert abs(found.rest_angle - 1.9) < 3 * found.rest_angle_error < 0.1
+    assert abs(found.stiffness - 3e-3) < 3 * found.stiffness_error < 1e-3
+    assert 0.2 < found.misfit < 2.5
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        ({"weights": [1e-3]}, "1 weights, 4 angles and 4 distances"),
+        ({"weights": [-1.0, 1e-3, 2e-3, 3e-3]}, "negative weights"),
+        ({"angle_uncertainty": 0.0}, "angle_uncertainty is 0.0; give a positive number"),
+    ],
+)
+def test_measurements_that_cannot_be(change: dict[str, object], words: str) -> None:
+    call = dict(zip(("weights", "angles", "distances"), measured(0.0), strict=True))
+    with pytest.raises(gx.InputError, match=words):
+        gx.identify_crease(STRIP, **(call | change))
+
+
+@pytest.mark.slow
+def test_the_demo_finds_the_crease_of_the_plate(tmp_path) -> None:
+    found = crease_identification.main(tmp_path)
+    assert abs(found["rest angle error/deviation"]) < 3
+    assert abs(found["stiffness error/deviation"]) < 3
+    assert found["misfit"] < 1.5
+    assert (tmp_path / "crease_identification.png").read_bytes()[1:4] == b"PNG"
