@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
@@ -13,6 +13,7 @@ from gossamer_fx.reduction.reduced_membrane import ReducedMembrane, check_reduci
 from gossamer_fx.reduction.sampling import every_cell, sample_cells
 
 
+@runtime_checkable
 class Motion(Protocol):
     """Shapes of a film, e.g. a `Snapshots`: owned positions (n, 3) each."""
 
@@ -35,6 +36,10 @@ def reduce(film: Membrane, motions: Sequence[Motion], modes: int, cells: int | N
         InputError: no shapes, of another mesh, fewer modes in them than asked for, or a film with more than strains.
     """
     check_reducible(film)
+    check(
+        isinstance(motions, Sequence) and all(isinstance(motion, Motion) for motion in motions),
+        f"reduce: motions is {motions!r}; give a list of `Snapshots`.",
+    )
     shapes = [x for motion in motions for x in motion.positions]
     basis = make_basis(film, shapes, modes)
     check(cells is None or cells >= 1, f"reduce: cells is {cells!r}; take one or more, or None for all.")
