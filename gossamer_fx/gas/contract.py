@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
 
 from gossamer_fx.gas.enclosure import Enclosure
+from gossamer_fx.gas.geometry import Geometry
 from gossamer_fx.gas.ideal_gas import IdealGas
-from gossamer_fx.gas.ring import Loops
 
 Aperture = Callable[[float, float], float]  # C_d A [m²] of a step of length h whose middle is at time t
 
@@ -41,8 +41,8 @@ class Opening(Protocol):
     first: Holder
     second: Holder
 
-    def aperture(self, loops: Loops) -> Aperture:
-        """Its effective area in a running scene with these loops."""
+    def aperture(self, geometry: Geometry) -> Aperture:
+        """Its effective area in a running scene."""
         ...
 
     def flow(self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]) -> complex:

@@ -6,33 +6,43 @@ from collections.abc import Iterable
 from typing import Any, Protocol
 
 import numpy as np
-import ufl
-from dolfinx import fem, la
-from mpi4py import MPI
+from dolfinx import fem
 from petsc4py import PETSc
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check, check_on_all
-from gossamer_fx.forms.compilation import compile_form, constant
-from gossamer_fx.forms.kinematics import area_vector
-from gossamer_fx.gas.ring import Loop, Loops, Ring
+from gossamer_fx.gas.geometry import Geometry
+from gossamer_fx.gas.ring import Loop, Ring
+from gossamer_fx.gas.surface import FilmSurface, Side
 from gossamer_fx.model.ports import unit
 from gossamer_fx.model.terms import Array, Assembly, Body, Port
 
+ROUND_OFF = 1e-12  # of the sum of its terms' sizes: a volume that is smaller has no sign
+
 
 class CompiledEnclosure(Protocol):
-    """An enclosed volume in a step from q0 to q1 with q̄ between; arrays are owned parts of the system's vectors."""
+    """An enclosed volume in a step from q0 to q1 with q̄ between; arrays are owned parts of the system's vectors.
 
-    volume: float  # V(q1) [m³]
-    magnitude: float  # size of the terms that add up to it, for round-off [m³]
-    swept: float  # W = G(q̄)·Δq, or ΔV if forces act at the end of the step [m³]
+    All of it is that of the last `Geometry.follow`.
+    """
+
+    @property
+    def volume(self) -> float:
+        """V(q1) [m³]."""
+        ...
+
+    @property
+    def magnitude(self) -> float:
+        """Size of the terms that add up to it, for round-off [m³]."""
+        ...
+
+    @property
+    def swept(self) -> float:
+        """W = G(q̄)·Δq, or ΔV if forces act at the end of the step [m³]."""
+        ...
 
     def start(self) -> None:
         """Take q1 as the first state."""
-        ...
-
-    def evaluate(self) -> None:
-        """Bring the above and the gradients up to date with q1."""
         ...
 
     def add_force(self, values: Array, pressure: float) -> None:
@@ -40,7 +50,7 @@ class CompiledEnclosure(Protocol):
         ...
 
     def gradients(self) -> tuple[Array, Array, Array]:
-        """G(q̄), ∂V/∂q1, ∂W/∂q1."""
+        """G(q̄), ∂V/∂q1, ∂W/∂q1; not to be written to."""
         ...
 
     def tangents(self, body: Body) -> Iterable[fem.Form]:
@@ -51,26 +61,22 @@ class CompiledEnclosure(Protocol):
         """Add the rest of that derivative."""
         ...
 
-    def accept(self) -> None:
-        """q1 is the start of the next step."""
-        ...
-
 
 class Enclosure(Protocol):
     """What bounds a chamber."""
 
     def requires(self) -> Iterable[Any]: ...
 
-    def compile(self, system: Assembly, loops: Loops) -> CompiledEnclosure:
-        """In a running scene, with the loops of its rings, which its owner moves along."""
+    def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:
+        """In a running scene; what is evaluated once for all enclosures of a scene is in its geometry."""
         ...
 
 
 class FilmEnclosure:
-    """The volume inside a film and the fans over its rings: V = ⅓∫x·n dA, G[w] = ∫n·w dA, n the deformed area vector.
+    """The volume inside a film and the strips over its rings: V = ⅓∫x·n dA, n the deformed area vector.
 
-    V is homogeneous of degree three, so V = ⅓ G(q)·q; and as G is quadratic, ∂W/∂q1 = G(q̄) + α (G(q1) - G(q0))
-    for the midpoint α = ½: one linear form gives all.
+    Normals may all point inwards: then they are turned, at the start.  Of a film that is flat but for round-off, those
+    of the mesh are outwards.
     """
 
     def __init__(self, film: Membrane, surface: tuple[str, ...], rings: tuple[Ring, ...], chamber: str) -> None:
@@ -81,8 +87,11 @@ class FilmEnclosure:
     def requires(self) -> Iterable[Any]:
         yield self.film
 
-    def compile(self, system: Assembly, loops: Loops) -> CompiledEnclosure:
-        return _CompiledFilm(self, system, [loops.of(ring) for ring in self.rings])
+    def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:
+        loops, cells = [geometry.loop(ring) for ring in self.rings], self.cells()
+        signs = self.check_closed(cells, loops)
+        owned = cells[cells < self.film.mesh.domain.topology.index_map(2).size_local]
+        return _CompiledFilm(geometry.surface(self.film), Side(owned, loops, signs))
 
     def cells(self) -> np.ndarray:
         """Local cells (owned and ghost) of the bounding surface."""
@@ -98,7 +107,7 @@ class FilmEnclosure:
         return np.unique(np.concatenate([cells for _, cells in groups]))
 
     def check_closed(self, cells: np.ndarray, loops: list[Loop]) -> list[float]:
-        """The signs with which fans over the loops close the surface.
+        """The signs with which strips over the loops close the surface.
 
         Every edge then has two triangles that pass it in opposite directions.
 
@@ -139,90 +148,39 @@ class FilmEnclosure:
 
 
 class _CompiledFilm:
-    def __init__(self, enclosure: FilmEnclosure, system: Assembly, loops: list[Loop]) -> None:
-        film, cells = enclosure.film, enclosure.cells()
-        self._loops, self._signs = loops, enclosure.check_closed(cells, loops)
-        self._film, self._comm = film, film.comm
-        k = system.bodies.index(film)
-        self._at, self._owned, self._n = system.fields[k], system.numbering.owned(k), system.numbering.size_local
-        self._x = fem.Function(film.space)
-        self._p = constant(film.space.mesh, 0.0)
-        degree = 2 * (film.order - 1) + film.order
-        owned_cells = cells[cells < film.mesh.domain.topology.index_map(2).size_local]
-        whole = film.mesh.domain.topology.index_map(2).size_local == len(owned_cells)
-        whole = film.comm.allreduce(whole, op=MPI.LAND)
-        dx = ufl.Measure(
-            "dx",
-            film.mesh.domain,
-            metadata={"quadrature_degree": degree},
-            **({} if whole else {"subdomain_data": [(1, owned_cells)], "subdomain_id": 1}),
-        )
+    def __init__(self, surface: FilmSurface, side: Side) -> None:
+        self._surface, self._side, self._place = surface, side, surface.add(side)
+        self._sign = 1.0  # -1: all normals point inwards
 
-        def gradient(x: Any, w: Any) -> Any:
-            return ufl.dot(area_vector(film.deformation(x)), w) * dx
+    @property
+    def volume(self) -> float:
+        return self._sign * float(self._surface.volume[self._place])
 
-        self._form = compile_form(gradient(self._x, self._at.w))
-        self._tangent = compile_form(
-            -self._p * ufl.derivative(gradient(self._at.mid, self._at.w), self._at.q1, self._at.dq)
-        )
-        self._vector = la.vector(film.block.index_map, 3)
-        self._α = system.rule.alpha
-        self._sign = 1.0
+    @property
+    def magnitude(self) -> float:
+        return float(self._surface.magnitude[self._place])
+
+    @property
+    def swept(self) -> float:
+        return self._sign * float(self._surface.swept[self._place])
 
     def start(self) -> None:
-        G = self._gradient(1.0)
-        if self._comm.allreduce(float(G @ self._q(self._at.q1))) < 0:
-            self._sign = -1.0  # all normals point inwards
-        self._G0: Array = self._sign * G
-        self._V0 = 0.0
-        self.evaluate()
-        self._V0 = self.volume
-
-    def _q(self, f: fem.Function) -> Array:
-        array: Array = f.x.array[: self._owned.stop - self._owned.start]
-        return array
-
-    def _gradient(self, share: float) -> Array:
-        """G at (1 - share) q0 + share q1."""
-        self._x.x.array[:] = (1 - share) * self._at.q0.x.array + share * self._at.q1.x.array
-        self._vector.array[:] = 0
-        fem.assemble_vector(self._vector.array, self._form)
-        self._vector.scatter_reverse(la.InsertMode.add)
-        G: Array = self._vector.array[: self._owned.stop - self._owned.start].copy()
-        for loop, sign in zip(self._loops, self._signs, strict=True):
-            loop.add_own(G, self._owned.start, sign * loop.gradient(share))
-        return self._sign * G
-
-    def evaluate(self) -> None:
-        self._Gm, self._G1 = self._gradient(self._α), self._gradient(1.0)
-        products = self._G1 * self._q(self._at.q1) / 3
-        Δq = self._q(self._at.q1) - self._q(self._at.q0)
-        local = np.array([products.sum(), abs(products).sum(), self._Gm @ Δq])
-        self.volume, self.magnitude, swept = self._comm.allreduce(local).tolist()
-        self.swept = swept if self._α == 0.5 else self.volume - self._V0
+        self._sign = -1.0 if self._surface.volume[self._place] < -ROUND_OFF * self.magnitude else 1.0
 
     def add_force(self, values: Array, pressure: float) -> None:
-        self._p.value = pressure * self._sign
-        values[self._owned] -= pressure * self._Gm
+        self._surface.add_force(self._place, self._sign * pressure, values)
 
     def gradients(self) -> tuple[Array, Array, Array]:
-        dW = self._Gm + self._α * (self._G1 - self._G0) if self._α == 0.5 else self._G1
-        parts = self._Gm, self._G1, dW
-        result = tuple(np.zeros(self._n) for _ in parts)
-        for vector, part in zip(result, parts, strict=True):
-            vector[self._owned] = part
-        return result  # type: ignore[return-value]
+        mid, end, work = self._surface.gradients(self._place)
+        return self._sign * mid, self._sign * end, self._sign * work
 
     def tangents(self, body: Body) -> Iterable[fem.Form]:
-        if body is self._film:
-            yield self._tangent
+        if body is self._surface.film and self._place == 0:  # the first chamber's are those of all
+            yield from self._surface.tangents()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        for loop, sign in zip(self._loops, self._signs, strict=True):
-            loop.add_tangent(A, -sign * float(self._p.value), self._α)
-
-    def accept(self) -> None:
-        self._G0, self._V0 = self._G1, self.volume
+        for loop, sign in zip(self._side.loops, self._side.signs, strict=True):
+            loop.add_tangent(A, -sign * self._side.pressure)
 
 
 class Piston:
@@ -242,8 +200,10 @@ class Piston:
     def requires(self) -> Iterable[Any]:
         yield self.port.body
 
-    def compile(self, system: Assembly, loops: Loops) -> CompiledEnclosure:
-        return _CompiledPiston(self, system)
+    def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:
+        compiled = _CompiledPiston(self, system)
+        geometry.add(compiled)
+        return compiled
 
 
 class _CompiledPiston:
@@ -256,15 +216,16 @@ class _CompiledPiston:
         self._G = np.zeros(end - start)
         mine = (indices >= start) & (indices < end)
         np.add.at(self._G, indices[mine] - start, entries[mine])
+        self._origin = 0.0
 
     def start(self) -> None:
         self._origin = self._along(self._system.q1.array_r)
-        self.volume, self.magnitude, self.swept = 0.0, abs(self._origin), 0.0
+        self.follow()
 
     def _along(self, values: Array) -> float:
         return float(self._system.comm.allreduce(float(self._G @ values)))
 
-    def evaluate(self) -> None:
+    def follow(self) -> None:
         end, start = self._along(self._system.q1.array_r), self._along(self._system.q0.array_r)
         self.volume, self.magnitude, self.swept = end - self._origin, abs(end) + abs(self._origin), end - start
 

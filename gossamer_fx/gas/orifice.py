@@ -12,9 +12,10 @@ from mpi4py import MPI
 from gossamer_fx.checks.errors import check
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.gas.contract import Aperture
+from gossamer_fx.gas.geometry import Geometry
 from gossamer_fx.gas.ideal_gas import IdealGas
 from gossamer_fx.gas.network import GasNetwork
-from gossamer_fx.gas.ring import Loops, Ring
+from gossamer_fx.gas.ring import Ring
 from gossamer_fx.gas.volumes import Chamber
 
 
@@ -94,14 +95,14 @@ class Orifice:
         if isinstance(self.area, Ring):
             yield from self.area.requires()
 
-    def aperture(self, loops: Loops) -> Aperture:
+    def aperture(self, geometry: Geometry) -> Aperture:
         """C_d A [m²] of a step of length h whose middle is at time t."""
         cd, area = self.discharge_coefficient, self.area
         if isinstance(area, Ring):
-            loop = loops.of(area)
+            loop = geometry.loop(area)
             return lambda h, t: cd * loop.aperture(h)
         if callable(area):
-            return lambda h, t: cd * self._opening(loops.comm, area, t)
+            return lambda h, t: cd * self._opening(geometry.comm, area, t)
         return lambda h, t: cd * area
 
     def _opening(self, comm: MPI.Intracomm, area: Callable[[float], float], t: float) -> float:

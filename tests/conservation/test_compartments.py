@@ -1,4 +1,4 @@
-"""Chambers that share a film: rings, the fans that close them, and what passes through."""
+"""Chambers that share a film: rings, the strips that close them, and what passes through."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_two_compartments_conserve_everything_in_free_flight(order):
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("order", [1, 2])
-def test_the_tangent_contains_the_share_of_the_fans(order):
+def test_the_tangent_contains_the_share_of_the_rings(order, monkeypatch):
     """A δ against a central difference of the forces at held pressures."""
     soft = gx.Linear(E=1e3, nu=0.3, density=1420.0, thickness=25e-6)
     system = compartments(order, cells=4, law=soft).system
@@ -89,6 +89,7 @@ def test_the_tangent_contains_the_share_of_the_fans(order):
     start, end = system.q0.getOwnershipRange()
     direction = np.sin(np.arange(start, end) * 1.7)
     y = np.tile(1e4, len(y))  # pressure loads that outweigh the film
+    monkeypatch.setattr(system.borders[0], "_at_iterate", lambda y: y)  # the gas would not have them
 
     def forces(step):
         z, r = system.q0.copy(), system.q0.duplicate()
