@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -42,28 +42,28 @@ def ground_frame(point: Vector = (0.0, 0.0, 0.0)) -> Frame:
     return Frame(Ground((x, y, z)), (Ground((1, 0, 0)), Ground((0, 1, 0)), Ground((0, 0, 1))))
 
 
-def along(direction: Array, frame: Frame) -> Attached:
-    """The vector fixed in a frame that is `direction` (3,) at the start.
+def along(direction: Array, frame: Frame, where: Callable[[Attached], Array] = initial) -> Attached:
+    """The vector fixed in a frame that is `direction` (3,) at the start, or where a function says the vectors are.
 
     Raises:
         InputError: the frame has two directors and the direction is not in their plane.
     """
     check(
-        lies_in(direction, frame),
+        lies_in(direction, frame, where),
         f"A frame has no direction {direction.tolist()} in the plane of its directors; give one with three directors.",
     )
-    return combine([float(initial(d) @ direction) for d in frame.directors], frame.directors)
+    return combine([float(where(d) @ direction) for d in frame.directors], frame.directors)
 
 
-def lies_in(direction: Array, frame: Frame) -> bool:
+def lies_in(direction: Array, frame: Frame, where: Callable[[Attached], Array] = initial) -> bool:
     """Whether a direction (3,) is a combination of the directors of a frame at the start."""
-    directors = np.array([initial(d) for d in frame.directors])
+    directors = np.array([where(d) for d in frame.directors])
     return bool(np.allclose(directors @ direction @ directors, direction, atol=1e-9))
 
 
-def is_normal(axis: Array, side: Frame) -> bool:
+def is_normal(axis: Array, side: Frame, where: Callable[[Attached], Array] = initial) -> bool:
     """Whether an axis is normal to all directors of a frame: the normal of a beam's section."""
-    return bool(np.allclose([initial(d) @ axis for d in side.directors], 0, atol=1e-9))
+    return bool(np.allclose([where(d) @ axis for d in side.directors], 0, atol=1e-9))
 
 
 class SectionFrame:

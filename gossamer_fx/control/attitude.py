@@ -100,7 +100,9 @@ class AttitudeControl:
     The gradient F at the frame is decomposed, F = R U, and R into Euler angles, R = R_w(γ) R_v(β) R_u(θ), relative to
     the start.  About the axis of each angle acts
 
-        T = K_p (target - angle) - K_d d(angle)/dt
+        T = K_p (target - angle) - K_d d(angle)/dt,
+
+        target - angle taken between -π and π: the short way round,
 
     as a torque on the frame's vectors, booked as supplied.
 
@@ -184,7 +186,7 @@ class AttitudeControl:
 
     def law(self, angles: Array, rates: Array) -> Array:
         """Torques about the axes of the three angles."""
-        torques: Array = self.stiffness * (self.target - angles) - self.damping * rates
+        torques: Array = self.stiffness * wrapped(self.target - angles) - self.damping * rates
         return torques
 
     def in_space(self, angles: Array, torques: Array) -> Array:

@@ -24,7 +24,7 @@ from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.bodies.frames import Frame, along, is_normal, lies_in
 from gossamer_fx.checks.errors import check
 from gossamer_fx.interactions.between import Between, FrameJoint
-from gossamer_fx.model.ports import initial, unit
+from gossamer_fx.model.ports import at_start, unit
 from gossamer_fx.model.terms import Array, Attached, Port, Term, Vector
 from gossamer_fx.terms.point_constraints import PointConstraint
 
@@ -32,7 +32,7 @@ COINCIDE = 1e-8  # m
 
 
 def check_coincide(name: str, a: Attached, b: Attached) -> None:
-    distance = float(np.linalg.norm(initial(a) - initial(b)))
+    distance = float(np.linalg.norm(at_start(a) - at_start(b)))
     check(
         distance <= COINCIDE,
         f"Joint '{name}': its two points are {distance:.6g} m apart at the start; let them coincide.",
@@ -62,8 +62,8 @@ def same_rotation(name: str, a: Frame, b: Frame) -> Iterable[PointConstraint]:
     """Three products that keep the relative rotation of two frames, one of which has three directors."""
     full, other = (a, b) if len(a.directors) == 3 else (b, a)
     g2, g3 = other.directors[-2:]
-    e2, e3 = initial(g2), initial(g3)
-    p1, p3 = along(np.cross(e2, e3), full), along(e3, full)
+    e2, e3 = at_start(g2), at_start(g3)
+    p1, p3 = along(np.cross(e2, e3), full, at_start), along(e3, full, at_start)
     yield product(f"{name} rotation 3", g2, p1)
     yield product(f"{name} rotation 2", g3, p1)
     yield product(f"{name} rotation 1", g2, p3)
@@ -91,7 +91,7 @@ class Link(Between):
     name: str = "link"
 
     def terms(self) -> Iterable[Term]:
-        length = float(np.linalg.norm(initial(self.a) - initial(self.b)))
+        length = float(np.linalg.norm(at_start(self.a) - at_start(self.b)))
         check(length > 0, f"Link '{self.name}' has no length; use a BallJoint for points that coincide.")
         difference = np.hstack([np.eye(3), -np.eye(3)])
         H, c = difference.T @ difference, -(length**2) / 2
@@ -145,11 +145,11 @@ class RevoluteJoint(FrameJoint):
         yield coincidence(self.name, self.a.origin, self.b.origin)
         n = unit(self.axis)
         full, other = self._sides
-        if is_normal(n, other):
-            fixed, (p, q) = along(n, full), other.directors
+        if is_normal(n, other, at_start):
+            fixed, (p, q) = along(n, full, at_start), other.directors
         else:
-            fixed = along(n, other)
-            p, q = (along(e, full) for e in perpendicular_pair(n))
+            fixed = along(n, other, at_start)
+            p, q = (along(e, full, at_start) for e in perpendicular_pair(n))
         yield product(f"{self.name} tilt 1", fixed, p)
         yield product(f"{self.name} tilt 2", fixed, q)
 
@@ -177,7 +177,7 @@ class PrismaticJoint(FrameJoint):
         a, b = self._sides
         yield from same_rotation(self.name, a, b)
         n = unit(self.axis)
-        gap = initial(b.origin) - initial(a.origin)
+        gap = at_start(b.origin) - at_start(a.origin)
         check(
             float(np.linalg.norm(np.cross(gap, n))) <= COINCIDE,
             f"PrismaticJoint '{self.name}': its second point is off the axis through the first; place both on it.",
@@ -190,7 +190,7 @@ class PrismaticJoint(FrameJoint):
             yield PointConstraint(
                 f"{self.name} slide {k + 1}",
                 PointMeasure(
-                    [(a.origin, b.origin, along(e, a))],
+                    [(a.origin, b.origin, along(e, a, at_start))],
                     np.kron(H, np.eye(3))[None],
                     np.zeros((1, 9)),
                     np.zeros(1),

@@ -11,7 +11,7 @@ import numpy as np
 from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.checks.errors import check, check_positive, is_vector
 from gossamer_fx.interactions.between import Between
-from gossamer_fx.model.ports import initial, unit
+from gossamer_fx.model.ports import at_start, unit
 from gossamer_fx.model.terms import Array, Attached, Port, Term
 from gossamer_fx.terms.point_energies import PointDissipation, PointStoredEnergy
 
@@ -189,7 +189,7 @@ class Damper(Between):
         check_positive(self, "coefficient", "N s/m")
 
     def terms(self) -> Iterable[Term]:
-        distance = float(np.linalg.norm(initial(self.a) - initial(self.b)))
+        distance = float(np.linalg.norm(at_start(self.a) - at_start(self.b)))
         check(distance > 0, f"Damper '{self.name}': its two points coincide, so it has no direction; separate them.")
         yield PointDissipation(self.name, half_distance_squared(self.a, self.b), LengthDamper(self.coefficient))
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 
 import numpy as np
 
@@ -17,10 +19,32 @@ def unit(direction: Vector | Array) -> Array:
 
 
 def initial(port: Attached) -> Array:
-    """The attached vector (3,) at the start."""
+    """The attached vector (3,) in the body's own initial state."""
     if isinstance(port, Ground):
         return np.array(port.vector, dtype=float)
     return combined(port, port.body.initial_state()[0])
+
+
+# owned coordinates of bodies, by their identity, where those of a scene that is being compiled are not their own
+_STARTS: ContextVar[Mapping[int, Array]] = ContextVar("starts")
+
+
+@contextmanager
+def starting_from(coordinates: Mapping[int, Array]) -> Iterator[None]:
+    """While a scene is compiled: where its initial conditions place bodies, owned coordinates by `id` of the body."""
+    token = _STARTS.set(coordinates)
+    try:
+        yield
+    finally:
+        _STARTS.reset(token)
+
+
+def at_start(port: Attached) -> Array:
+    """The attached vector (3,) where the scene that is being compiled starts; else as the body has it by itself."""
+    starts = _STARTS.get(None)
+    if starts and isinstance(port, Port) and id(port.body) in starts:
+        return combined(port, starts[id(port.body)])
+    return initial(port)
 
 
 def initial_rate(port: Attached) -> Array:

@@ -8,10 +8,11 @@ from petsc4py import PETSc
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.ports import combined, initial
+from gossamer_fx.model.ports import combined
 from gossamer_fx.model.terms import Port
 from gossamer_fx.outputs.fields import STATES, AreaFractions
 from gossamer_fx.outputs.run import Run
+from gossamer_fx.system.system import System
 
 if TYPE_CHECKING:
     from gossamer_fx.gas.contract import Volume
@@ -36,10 +37,14 @@ class Displacement(Position):
 
     def __init__(self, port: Port, axis: str) -> None:
         super().__init__(port, axis)
-        self.origin = float(initial(port)[AXES[axis]])
+        self._origin: tuple[System, float] | None = None
 
     def __call__(self, run: Run) -> float:
-        return super().__call__(run) - self.origin
+        now, system, body = super().__call__(run), run.system, self.port.body
+        if self._origin is None or self._origin[0] is not system:
+            start = system.starts[system.bodies.index(body)] if system.starts else body.initial_state()[0]
+            self._origin = system, float(combined(self.port, start)[AXES[self.axis]])
+        return now - self._origin[1]
 
 
 class Velocity(Position):

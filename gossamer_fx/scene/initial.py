@@ -2,13 +2,37 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
+from gossamer_fx.algebra.numbering import Numbering
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Array, Assembly, Vector
+from gossamer_fx.model.scalar_unknowns import InitialCondition
+from gossamer_fx.model.terms import Array, Assembly, Body, Vector
+
+
+def start_coordinates(bodies: list[Body], conditions: Iterable[InitialCondition], comm: MPI.Intracomm) -> list[Array]:
+    """Owned coordinates of each body where initial conditions place it; nothing if none of them places bodies.
+
+    Joints hold what they tie as it is at the start, so they have to know it before the scene is compiled.
+    """
+    placing = [condition for condition in conditions if not isinstance(condition, RigidMotion)]
+    if not placing:
+        return []
+    numbering = Numbering(comm, [body.block for body in bodies])
+    q, v = numbering.vector(), numbering.vector()
+    for k, body in enumerate(bodies):
+        q.array[numbering.owned(k)], v.array[numbering.owned(k)] = body.initial_state()
+    bare: Any = SimpleNamespace(comm=comm, bodies=bodies, numbering=numbering, q0=q, q1=q, v0=v)
+    for condition in placing:
+        condition.initialise(bare, q, v)
+    return [q.array_r[numbering.owned(k)].copy() for k in range(len(bodies))]
 
 
 def vectors_of(system: Assembly, k: int, values: Array) -> Array:

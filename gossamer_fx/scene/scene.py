@@ -9,8 +9,10 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import check, check_on_all
+from gossamer_fx.model.ports import starting_from
 from gossamer_fx.model.scalar_unknowns import InitialCondition, ScalarUnknownsMaker
 from gossamer_fx.model.terms import Body, Term, is_body
+from gossamer_fx.scene.initial import start_coordinates
 from gossamer_fx.scene.validation import validate
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import PathAverage, StressRule
@@ -82,12 +84,17 @@ class Scene:
                     bool(np.isfinite(values).all()),
                     f"The initial {what} of '{body.name}' is not finite everywhere; check the function that gives it.",
                 )
-        system = System(self.bodies, self.terms(), rule or PathAverage(), self.comm)
+        conditions = [item for item in self.items if isinstance(item, InitialCondition)]
+        starts = start_coordinates(self.bodies, conditions, self.comm)
+        with starting_from({id(body): values for body, values in zip(self.bodies, starts, strict=False)}):
+            terms = list(self.terms())
+        system = System(self.bodies, terms, rule or PathAverage(), self.comm)
+        system.starts = starts
         makers: dict[ScalarUnknownsMaker, list[Item]] = {}
         for item in self.items:
             if hasattr(item, "border"):
                 makers.setdefault(item.border, []).append(item)
         for maker, group in makers.items():
             system.borders.append(maker(group, system))
-        system.start([item for item in self.items if isinstance(item, InitialCondition)])
+        system.start(conditions)
         return system

@@ -13,6 +13,8 @@ from gossamer_fx.solvers.newton import Newton, Tolerances
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import EndPoint
 
+BEGINNING = 1e-3  # of the first step: in it rates are seen well above round-off, and little is moved
+
 
 @dataclass(frozen=True)
 class GeneralizedAlpha:
@@ -76,11 +78,22 @@ class GeneralizedAlphaSolver:
     def set_state(self, state: dict[str, Any]) -> None:
         self._started = state["started"]
 
-    def _first_acceleration(self) -> None:
-        """M v̇0 + De(q0)ᵀλ = F - f(q0), De(q0) v̇0 = -D²e[v0, v0]; and a0 = v̇0."""
+    def _first_acceleration(self, h: float) -> None:
+        """M v̇0 + De(q0)ᵀλ = F - f(q0, v0), De(q0) v̇0 = -D²e[v0, v0]; and a0 = v̇0.
+
+        Forces that depend on rates are those of a small part of the first step, of length h, made with v0.
+        """
         system, r, A = self._system, self._increment, self._system.M.copy()
         system.inertia(0.0)
-        system.residual(system.begin(1e-9), r)
+        y = system.begin(BEGINNING * h)
+        system.v0.copy(r)
+        r.scale(BEGINNING * h)
+        held = system.predict(r)
+        r.zeroEntries()
+        with r as w:
+            w[system.supports.held] = held
+        system.move(r, None)
+        system.residual(y, r)
         if system.constraints:
             with r as values:
                 values[system.constraints.owned] = 0
@@ -109,7 +122,7 @@ class GeneralizedAlphaSolver:
         """Advance by h; returns Newton's iterations.  Nothing has changed if it raises `NotConverged`."""
         system, αm, αf, β, γ = self._system, self._αm, self._αf, self._β, self._γ
         if not self._started:
-            self._first_acceleration()
+            self._first_acceleration(h)
         y = system.begin(h)
         # q1 - q0 = h v0 + h² a0/2 + w, so that a1 = a0 + w/(β h²) and v̇1 = c (w + offset)
         c = (1 - αm) / ((1 - αf) * β * h**2)

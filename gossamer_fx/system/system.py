@@ -36,6 +36,7 @@ class System:
     def __init__(self, bodies: list[Body], terms: Iterable[Term], rule: StressRule, comm: MPI.Intracomm) -> None:
         self.comm, self.bodies, self.rule = comm, bodies, rule
         self.borders: list[ScalarUnknowns] = []
+        self.starts: Sequence[Array] = ()  # owned coordinates at the start, if initial conditions place bodies
         self.time, self.h, self.geometric = 0.0, 1.0, 1.0
         self.supplied_energy = self.dissipated_energy = 0.0
         self.terms = list(terms)

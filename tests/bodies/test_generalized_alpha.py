@@ -64,6 +64,15 @@ def test_second_order(problem, radius: float) -> None:
     assert observed_order(STEPS, errors) == pytest.approx(2, abs=0.2)
 
 
+def test_starts_with_the_forces_of_dampers_and_constraints() -> None:
+    """v' = -c v/m: one step has the error of the rule, some h², not that of an acceleration that begins at zero."""
+    mass = gx.PointMass(2.0, (1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
+    damper = gx.Damper(mass.port(), gx.Ground((0.0, 0.0, 0.0)), 20.0)
+    run = gx.Simulation(gx.Scene(mass, damper), gx.GeneralizedAlpha(dt=0.01))
+    run.run(until=0.01)
+    assert run.totals.momentum[0] / 2.0 == pytest.approx(np.exp(-10.0 * 0.01), abs=5e-3)
+
+
 def fluttering(stepper) -> float:
     """Closing error of the ledger of a spinning, fluttering film after 0.1 s."""
     law = gx.Miyazaki(E=1e7, nu=0.3, density=1400.0, thickness=1e-4, residual=1e-3)
