@@ -47,6 +47,9 @@ if TYPE_CHECKING:
     from gossamer_fx.contact.obstacles import Cylinder as Cylinder
     from gossamer_fx.contact.obstacles import Plane as Plane
     from gossamer_fx.contact.obstacles import Sphere as Sphere
+    from gossamer_fx.contact.probes import ContactForce as ContactForce
+    from gossamer_fx.contact.probes import ContactGap as ContactGap
+    from gossamer_fx.contact.probes import Penetrations as Penetrations
     from gossamer_fx.control.attitude import AttitudeControl as AttitudeControl
     from gossamer_fx.control.attitude import patch as patch
     from gossamer_fx.gas.enclosure import Piston as Piston
@@ -170,6 +173,7 @@ _HOME = {
     "steppers.generalized_alpha": ["GeneralizedAlpha"],
     "scene.initial": ["RigidMotion", "StartFrom"],
     "contact.contact": ["Contact"],
+    "contact.probes": ["ContactForce", "ContactGap", "Penetrations"],
     "contact.obstacles": ["Box", "Cylinder", "Plane", "Sphere"],
     "interactions.clamped": ["Clamped"],
     "interactions.clamped_edge": ["ClampedEdge"],

@@ -28,15 +28,18 @@ class Blocks:
         at = self._unknowns[vectors]
         return at[:, :, None] * self._size + at[:, None, :]
 
-    def cover(self, keys: Keys) -> bool:
-        """Let the pattern hold these keys; whether it has grown."""
-        needed = np.unique(keys)
-        at = np.minimum(np.searchsorted(self.keys, needed), max(len(self.keys) - 1, 0))
-        if not len(needed) or (len(self.keys) and bool((self.keys[at] == needed).all())):
-            return False
+    def hold(self, *keys: Keys) -> bool:
+        """Whether the pattern has all of these keys."""
+        if not len(self.keys):
+            return not any(k.size for k in keys)
+        at = [np.minimum(np.searchsorted(self.keys, k), len(self.keys) - 1) for k in keys]
+        return all(bool((self.keys[i] == k).all()) for i, k in zip(at, keys, strict=True))
+
+    def cover(self, *keys: Keys) -> None:
+        """Let the pattern hold these keys, and former ones if they are not many more."""
+        needed = np.unique(np.concatenate([k.ravel() for k in keys]))
         self.keys = needed if len(self.keys) > KEPT * len(needed) else np.union1d(needed, self.keys)
         self._lay_out()
-        return True
 
     def slots(self, keys: Keys) -> Integers:
         """Where keys of the pattern stand in `values`."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from petsc4py import PETSc
 
@@ -21,10 +21,10 @@ class CompiledContacts(CompiledTerms):
     searches = True
 
     def __init__(self, terms: Sequence[ContactEnergy], system: Assembly) -> None:
-        self.groups: dict[str, Group] = {}
+        self.groups: dict[Any, Group] = {}  # by the scene's items
         for term in terms:
             bodies = BodySet(term.bodies, term.obstacles, term.radii, system)
-            self.groups[term.name] = Group(bodies, term.law, term.distance, term.stiffness, term.memory, system)
+            self.groups[term.item] = Group(bodies, term.law, term.distance, term.stiffness, term.memory, system)
 
     def search(self) -> bool:
         grown = [group.search() for group in self.groups.values()]  # all of them, whatever the first says
@@ -53,14 +53,14 @@ class CompiledContacts(CompiledTerms):
             group.keep()
 
     def energies(self) -> dict[str, float]:
-        return {name: group.energy_now() for name, group in self.groups.items()}
+        return {item.name: group.energy_now() for item, group in self.groups.items()}
 
 
 @dataclass(frozen=True, eq=False)
 class ContactEnergy:
     """Stored energy of all pairs between the primitives of some bodies and obstacles; see `contact.pairs`."""
 
-    name: str
+    item: Any  # of the scene, which has a name
     bodies: Sequence[MeshBody]
     obstacles: Sequence[Obstacle]
     radii: Sequence[float]

@@ -103,7 +103,7 @@ class Contact:
 
     def terms(self) -> Iterable[Term]:
         law = LAWS[self.law]
-        yield ContactEnergy(self.name, self.bodies, self.obstacles, self.radii, law, self.distance, self.stiffness)
+        yield ContactEnergy(self, self.bodies, self.obstacles, self.radii, law, self.distance, self.stiffness)
 
 
 def _says(name: str, what: str, value: Any, unit: str) -> str:

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.checks.errors import InputError
-from gossamer_fx.contact.blocks import Blocks
+from gossamer_fx.contact.blocks import Blocks, Keys
 from gossamer_fx.contact.body_set import WALLS, BodySet
 from gossamer_fx.contact.candidates import Candidates
 from gossamer_fx.contact.kernel import Array, library
@@ -23,6 +23,7 @@ START = 0.9  # distance of a point at which contact begins, over that of the nea
 GROWN = 0.999  # the same in the course of the run
 MARGIN = 0.3  # part of its way by which a point may miss the place where it was expected
 HORIZON = 32  # steps for which one search may serve, at most
+SOON = 3.0  # distance of pairs whose blocks new matrices hold in advance, over that at which contact begins
 COINCIDENT = 1e-6  # distance over that of contact, below which layers cannot be told apart
 
 
@@ -49,6 +50,7 @@ class Group:
         self.near: Pairs | None = None
         self._widened = self._grew = False
         self.searches = 0
+        self.force: Array = np.zeros((self.points.m, 3))  # on points, of this rank's pairs, in the last step
         self.nearest = self.closest = math.inf  # distance [m] at the start of the step, and the least so far
 
     # ---- search -----------------------------------------------------------------------------------------------------
@@ -176,19 +178,27 @@ class Group:
         """Work with these candidates in the step; the pattern then holds them."""
         self._v, self._mask = v, near
         self.near = pairs = self._select(near, v)
-        self._simple = (pairs.nodes < self.points.n).all(axis=1)
-        plain = np.flatnonzero(self._simple)
-        mixed = np.flatnonzero(~self._simple)
-        keys = [self.blocks.keys_of(pairs.nodes[plain]).ravel()]
-        self._expansion = None
-        if len(mixed):
-            vectors, weights = self.points.expanded(pairs.nodes[mixed])
-            keys.append(self.blocks.keys_of(vectors).ravel())
-            self._expansion = weights
-        self._grew = self.blocks.cover(np.concatenate(keys))
-        self._slots = self.blocks.slots(keys[0]).reshape(-1, 16)
-        self._mixed_slots = self.blocks.slots(keys[1]) if len(mixed) else None
+        plain, mixed = self._sorted(pairs)
         self._plain_pairs, self._mixed_pairs = pairs.some(plain), pairs.some(mixed)
+        keys, mixed_keys, self._expansion = self._keys(self._plain_pairs, self._mixed_pairs)
+        self._grew = not self.blocks.hold(keys, mixed_keys)
+        if self._grew:  # with what may come next, so that the matrices serve for some steps
+            soon = self._gap0 < SOON * self.found.distance(self.memory.distance)
+            wide = self.found.pairs(near | soon, self.memory.distance)
+            at = self._sorted(wide)
+            self.blocks.cover(*self._keys(wide.some(at[0]), wide.some(at[1]))[:2])
+        self._slots = self.blocks.slots(keys).reshape(-1, 16)
+        self._mixed_slots = self.blocks.slots(mixed_keys)
+
+    def _sorted(self, pairs: Pairs) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+        """Indices of the pairs between nodes of bodies alone, and of those with points of obstacles."""
+        simple = (pairs.nodes < self.points.n).all(axis=1)
+        return np.flatnonzero(simple), np.flatnonzero(~simple)
+
+    def _keys(self, plain: Pairs, mixed: Pairs) -> tuple[Keys, Keys, Array]:
+        """Blocks that pairs couple, and the weights of the vectors behind the points of obstacles."""
+        vectors, weights = self.points.expanded(mixed.nodes)
+        return self.blocks.keys_of(plain.nodes).ravel(), self.blocks.keys_of(vectors), weights
 
     def widen(self) -> bool:
         """After a step was solved: whether a pair that is near now was left out; it is then taken in."""
@@ -232,7 +242,7 @@ class Group:
             force=self.force, slots=self._slots, values=self.blocks.values,
         )  # fmt: skip
         self.acting = int((first.state > 0).sum())
-        if self._expansion is not None:
+        if len(self._mixed_pairs):
             done = act(
                 self._mixed_pairs, self.x0, x1, self._law, self._alpha, force=self.force, each=True, tangents=True
             )
@@ -242,10 +252,10 @@ class Group:
 
     def _spread(self, tangents: Array | None) -> None:
         """Add tangents (n, 144) of pairs with points of obstacles to the blocks of the vectors behind them."""
-        assert tangents is not None and self._expansion is not None and self._mixed_slots is not None
+        assert tangents is not None
         T, K = self._expansion, tangents.reshape(-1, 4, 3, 4, 3)
         blocks = np.einsum("npi,npaqb,nqj->nijab", T, K, T, optimize=True)
-        np.add.at(self.blocks.values, self._mixed_slots, blocks.reshape(-1, 9))
+        np.add.at(self.blocks.values, self._mixed_slots, blocks.reshape(*self._mixed_slots.shape, 9))
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         """The tangents were computed with the forces of the same state."""

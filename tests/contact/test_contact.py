@@ -168,3 +168,29 @@ def test_bad_input_is_refused():
         gx.Scene(gx.Contact(*_two(comm, height=0.0), distance=1e-3)).compile()
     with pytest.raises(gx.InputError, match="within it"):
         gx.Scene(gx.Contact(one, gx.Plane(point=(0, 0, 0.01), normal=(0, 0, 1)), distance=1e-3)).compile()
+
+
+@pytest.mark.mpi
+def test_probes_tell_force_gap_and_penetrations(comm):
+    lower = film(comm, name="lower")
+    upper = film(comm, height=1.2e-3, velocity=(0.0, 0.0, -2.0), turn=0.4, name="upper")
+    contact = gx.Contact(lower, upper, distance=1e-3)
+    names = {"down": (lower, "z"), "up": (upper, "z")}
+    probes = {name: gx.ContactForce(contact, *of) for name, of in names.items()}
+    seen = gx.Series(probes | {"gap": gx.ContactGap(contact), "pierced": gx.Penetrations(contact)})
+    run = simulate([contact], 8e-4, outputs=[seen])
+    assert np.allclose(seen["down"], -seen["up"], atol=1e-12)
+    impulse = 1e-4 * np.sum(seen["up"])
+    owned = run.system.numbering.owned(run.system.bodies.index(upper))
+    P = run.system.numbering.vector()
+    run.system.M.mult(run.system.v0, P)
+    momentum = comm.allreduce(P.array_r[owned][2::3].sum())
+    assert impulse == pytest.approx(momentum + 2.0 * 0.14 * 0.01, rel=1e-9)
+    assert 0 < min(seen["gap"]) < 1e-3
+    assert max(seen["pierced"]) == 0
+    with pytest.raises(gx.InputError, match="no component"):
+        gx.ContactForce(contact, lower, "w")
+    with pytest.raises(gx.InputError, match="which holds: lower, upper"):
+        gx.ContactForce(contact, film(comm, name="other"), "z")
+    with pytest.raises(gx.InputError, match="not in the scene"):
+        gx.ContactGap(gx.Contact(lower, distance=1e-3))(run)

@@ -46,6 +46,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
     plate = gx.Plate(mesh, gx.Linear(**film_law))
     creased = gx.Membrane(creased_strip(WORLD, 2, 1, 0.1, 0.1), law)
     scene = gx.Scene(film)
+    touching = gx.Contact(film, distance=1e-3)
     motion = gx.Snapshots(film)
     motion.positions.append(np.sin(film.initial_state()[0].reshape(-1, 3) ** 2))
     block, other = gx.RigidBody(1.0, (1.0, 1.0, 1.0)), gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="other")
@@ -85,6 +86,8 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "Checkpoints": {"folder": folder / "checkpoints", "keep": 2},
         "Clamped": {"body": beam, "group": "start"},
         "ClampedEdge": {"body": plate, "group": "left", "components": (0, 1, 2), "direction": (1.0, 0.0, 0.0)},
+        "ContactForce": {"contact": touching, "body": film, "axis": "x"},
+        "ContactGap": {"contact": touching},
         "Continuation": {"residual": 1e-8, "step": 2e-3, "growth": 1.6, "cut": 0.5, "inner": 0.1, "patience": 25},
         "Crease": {"film": creased, "edges": "crease", "stiffness": 1e-3, "rest_angle": 1.0, "yield_angle": 0.5},
         "Cylinder": {"start": z, "end": (1.0, 0.0, 0.0), "radius": 0.1, "inside": True},
@@ -145,6 +148,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         },
         "OrbitState": {"orbit": orbit, "quantity": "a"},
         "PathAverage": {"points": 10},
+        "Penetrations": {"contact": touching},
         "Picture": {"path": folder / "a.png", "times": (0.1,), "title": ""},
         "Piston": {"port": P, "area": 1.0, "direction": z},
         "Plate": {"mesh": mesh, "law": law, "order": 2, "hinges": (), "name": "plate"},

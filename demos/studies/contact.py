@@ -1,0 +1,277 @@
+"""Contact: iterations and books over step and law, against exact answers, and how far from ordinary numbers may be.
+
+films     a square film of 0.2 m is thrown at 2 m/s, turned and turning, onto another one; d̂ 1 mm, K 2e6 N/m³, 10 ms
+zigzag    a strip folded into 6 layers 2 mm apart, thrown at each other at random 1 m/s; d̂ 0.5 mm, K 8e6 N/m³, 10 ms
+bars      two strips head-on, edge to edge: one-dimensional waves (Saint-Venant): contact for 2L/c, stress ρcΔv/2,
+          velocities exchanged
+wall      such a strip on a fixed plane: contact for 2L/c, it comes back as it came
+block     a film flat on a plane that is the face of a rigid body, by a linear penalty: contact for π√(m/k), m the
+          reduced mass, and the velocities of two bodies on a spring
+cable     a cable falls on a film;  edges: film edge on film edge;  corner: a film over the corner of a box
+map       films of 0.1 m, 4 x 4 cells, at 2 m/s, d̂ 1 mm, h 1e-4 s, 3 ms; one number goes from ordinary to extreme
+
+`deviation` is the largest relative error of contact time, velocities and mean stress, zero where there is no exact
+answer.  Every case must keep energy and momenta, and have no edge that pierces a triangle at its end; anything else
+is an error.  The picture is the map.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from demos.studies import stability
+from demos.studies.engine.study import Result, Study
+from gossamer_fx.checks.errors import check
+from meshes.line import line
+from meshes.sheet import sheet
+
+LAW = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
+ENERGY, MOMENTUM = 1e-9, 1e-10
+MAP = {
+    "speed": [0.01, 0.1, 10.0, 100.0],
+    "h": [0.1, 0.3, 3.0, 10.0],
+    "stiffness": [1e-6, 1e-3, 1e3, 1e6],
+    "thickness": [7.5e-6, 2.5e-5, 1e-3],
+    "size": [0.01, 1.0, 10.0],
+    "distance": [1e-5, 1e-4, 5e-3],
+}
+ORDINARY = {"speed": 2.0, "h": 1.0, "stiffness": 1.0, "thickness": 1e-4, "size": 0.1, "distance": 1e-3}
+
+
+def film(comm: MPI.Comm, n: int = 4, size: float = 0.1, name: str = "film", **given: Any) -> gx.Membrane:
+    """A square film about `at` [m], turned about z by `turn` and about x by `tilt`, at a velocity and spin about z."""
+    motion = {"at": (0.0, 0.0, 0.0), "turn": 0.0, "tilt": 0.0, "velocity": (0.0, 0.0, 0.0), "spin": 0.0} | given
+    law = motion.pop("law", None) or gx.Miyazaki(**LAW, residual=1e-6)
+    c, s, C, S = (f(motion[a]) for a in ("turn", "tilt") for f in (np.cos, np.sin))
+
+    def placed(X: np.ndarray) -> np.ndarray:
+        x, y = X[0] - size / 2, X[1] - size / 2
+        x, y = c * x - s * y, s * x + c * y
+        return np.vstack([x, C * y, S * y]) + np.array(motion["at"])[:, None]
+
+    def thrown(X: np.ndarray) -> np.ndarray:
+        x = placed(X) - np.array(motion["at"])[:, None]
+        return np.cross((0, 0, motion["spin"]), x.T).T + np.array(motion["velocity"])[:, None]
+
+    mesh = sheet(comm, n, n, size, size)
+    return gx.Membrane(mesh, law, name=name, displacement=lambda X: placed(X) - X, velocity=thrown)
+
+
+def zigzag(comm: MPI.Comm, layers: int = 6, cells: int = 6, cell: float = 0.01, ridge: float = 2e-3) -> gx.Membrane:
+    """A strip folded along z, with random speeds of 1 m/s of its layers, and 0.3 m/s of its nodes."""
+    x = np.concatenate([[0], np.cumsum(([cell] * cells + [ridge]) * layers)[:-1]])
+    layer = np.repeat(np.arange(layers), cells + 1)
+    way = x - layer * (cells * cell + ridge)
+    X = np.where(layer % 2, cells * cell - way, way)
+
+    def build(model: Any) -> None:
+        x_, y_ = np.meshgrid(x, np.arange(6) * cell)
+        grid = np.arange(1, x_.size + 1).reshape(x_.shape)
+        a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
+        surface = model.addDiscreteEntity(2)
+        model.mesh.addNodes(2, surface, range(1, x_.size + 1), np.stack([x_, y_, 0 * x_], 2).ravel())
+        triangles = np.stack([(a, b, c), (a, c, d)]).transpose(0, 2, 3, 1)
+        model.mesh.addElementsByType(surface, 2, [], triangles.ravel())
+        model.addPhysicalGroup(2, [surface], name="film")
+
+    speeds = np.random.default_rng(0).uniform(-1, 1, layers)[layer]
+
+    def folded(p: np.ndarray) -> np.ndarray:
+        return np.vstack([np.interp(p[0], x, X) - p[0], 0 * p[0], np.interp(p[0], x, layer * ridge)])
+
+    def thrown(p: np.ndarray) -> np.ndarray:
+        phase = np.sin(np.outer((3e3, 5e3, 7e3), p[0]) + np.outer((2e3, 11e3, 13e3), p[1]))  # the same on every rank
+        return 0.4 * phase + np.vstack([0 * p[0] + 0.1, 0 * p[0] + 0.2, np.interp(p[0], x, speeds)])
+
+    mesh = gx.gmsh_mesh(build, comm)
+    return gx.Membrane(mesh, gx.Miyazaki(**LAW, residual=1e-6), displacement=folded, velocity=thrown, name="strip")
+
+
+BAR = {"E": 2.3e9, "nu": 0.0, "density": 1400.0, "thickness": 1e-4}
+LENGTH, WIDTH, SPEED = 0.5, 0.02, 1.0  # m, m, m/s of each bar
+WAVE = (BAR["E"] / BAR["density"]) ** 0.5
+
+
+def bar(comm: MPI.Comm, start: float, speed: float, name: str) -> gx.Membrane:
+    """A strip along x that begins at `start`."""
+    moved = lambda X: np.vstack([0 * X[0] + start, 0 * X[0], 0 * X[0]])  # noqa: E731
+    thrown = lambda X: np.vstack([0 * X[0] + speed, 0 * X[0], 0 * X[0]])  # noqa: E731
+    mesh = sheet(comm, 64, 2, LENGTH, WIDTH)
+    return gx.Membrane(mesh, gx.Linear(**BAR), displacement=moved, velocity=thrown, name=name)
+
+
+def impact(comm: MPI.Comm, against: str) -> tuple[gx.Simulation, gx.Contact, float]:
+    """Bars head-on, or one against a wall."""
+    d, h = 2e-5, 4e-6
+    left = bar(comm, -LENGTH - 1.1 * d, SPEED, "left")
+    if against == "bars":
+        other: Any = bar(comm, 0.0, -SPEED, "right")
+    else:
+        other = gx.Plane(point=(0.0, 0.0, 0.0), normal=(-1.0, 0.0, 0.0), name="wall")
+    contact = gx.Contact(left, other, distance=d)
+    force = gx.Series({"force": gx.ContactForce(contact, left, "x")})
+    run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=h), [force])
+    run.run(until=2.2 * 2 * LENGTH / WAVE)
+    values = -np.array(force["force"])
+    time = h * np.count_nonzero(values > 1e-6 * values.max())
+    stress = h * values.sum() / time / (WIDTH * BAR["thickness"])
+    x = bar_velocity(run, left)
+    exact = BAR["density"] * WAVE * SPEED
+    return run, contact, max(abs(time * WAVE / (2 * LENGTH) - 1), abs(stress / exact - 1), abs(x / -SPEED - 1))
+
+
+def bar_velocity(run: gx.Simulation, body: gx.Membrane) -> float:
+    """Mean velocity along x, by mass."""
+    owned, P = run.system.numbering.owned(run.system.bodies.index(body)), run.system.numbering.vector()
+    run.system.M.mult(run.system.v0, P)
+    mass = BAR["density"] * BAR["thickness"] * LENGTH * WIDTH
+    return float(run.comm.allreduce(P.array_r[owned][::3].sum()) / mass)
+
+
+def block(comm: MPI.Comm) -> tuple[gx.Simulation, gx.Contact, float]:
+    """m1 = the film at 2 m/s on m2 = 3 m1 at rest."""
+    d, V, size = 1e-3, 2.0, 0.1
+    mass = LAW["density"] * LAW["thickness"] * size**2
+    reduced = 0.75 * mass
+    k = reduced * (V / (0.6 * d)) ** 2
+    face = gx.RigidBody(3 * mass, (1e-5, 1e-5, 1e-5), position=(0, 0, -0.01), comm=comm, name="block")
+    thrown = film(comm, size=size, at=(0, 0, 1.05 * d), velocity=(0, 0, -V))
+    plane = gx.Plane(point=(0, 0, 0), normal=(0, 0, 1), on=face)
+    contact = gx.Contact(thrown, plane, distance=d, stiffness=k / size**2, law="penalty")
+    h, expected = 2e-6, np.pi * (reduced / k) ** 0.5
+    force = gx.Series({"force": gx.ContactForce(contact, thrown, "z"), "gap": gx.ContactGap(contact)})
+    run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=h), [force])
+    run.run(until=1.3 * expected)
+    time = h * np.count_nonzero(np.array(force["force"]) > 1e-9)
+    depth = d - min(force["gap"])
+    velocity = gx.Velocity(face.port(), "z")(run)
+    return run, contact, max(abs(time / expected - 1), abs(depth / (0.6 * d) - 1), abs(velocity / -(V / 2) - 1))
+
+
+def mixed(comm: MPI.Comm, what: str) -> tuple[gx.Simulation, gx.Contact, float]:
+    """Lines, edges and corners."""
+    flat = film(comm, name="flat")
+    if what == "cable":
+        down = lambda X: np.outer((0.0, 0.0, -2.0), np.ones(X.shape[1]))  # noqa: E731
+        mesh = line(comm, [(-0.06, -0.01, 0.003), (0.07, 0.02, 0.003)], 5)
+        rope = gx.Cable(mesh, gx.CableLaw(EA=1e4, line_density=0.01), velocity=down, name="rope")
+        contact = gx.Contact(flat, rope, distance=1e-3, radius={"rope": 1e-3})
+    elif what == "edges":
+        upright = film(comm, at=(0.003, 0.0, 0.052), tilt=np.pi / 2, velocity=(0, 0, -2.0), name="upright")
+        contact = gx.Contact(
+            film(comm, turn=0.3, tilt=np.pi / 2, at=(0, 0, -0.064), name="other"), upright, distance=1e-3
+        )
+    else:
+        box = gx.Box(centre=(0, 0, -0.0366), sizes=(0.04, 0.04, 0.04), axes=_on_a_corner())
+        thrown = film(comm, n=6, velocity=(0, 0, -2.0), name="thrown")
+        contact = gx.Contact(thrown, box, distance=1e-3)
+    run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=1e-4))
+    run.run(until=5e-3)
+    return run, contact, 0.0
+
+
+def _on_a_corner() -> tuple[tuple[float, ...], ...]:
+    """Axes of a box whose diagonal is upright."""
+    up = np.ones(3) / 3**0.5
+    side = np.array([1.0, -1.0, 0.0]) / 2**0.5
+    R = np.vstack([side, np.cross(up, side), up])
+    return tuple(tuple(row) for row in R.T.tolist())
+
+
+def extreme(comm: MPI.Comm, words: list[str]) -> tuple[gx.Simulation, gx.Contact, float]:
+    """One cell of the map."""
+    v = ORDINARY | {axis: float(value) for axis, value in (word.split("=") for word in words)}
+    law = LAW | {"thickness": v["thickness"]}
+    soft = gx.Miyazaki(**law | {"E": LAW["E"] * v["stiffness"]}, residual=1e-6)
+    size = v["size"]
+    lower = film(comm, size=size, law=gx.Miyazaki(**law, residual=1e-6), name="lower")
+    at, velocity = (0.1 * size, 0.05 * size, 1.5 * v["distance"]), (0.1 * v["speed"], 0.0, -v["speed"])
+    upper = film(comm, size=size, law=soft, turn=0.4, at=at, velocity=velocity, name="upper")
+    contact = gx.Contact(lower, upper, distance=v["distance"])
+    run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=1e-4 * v["h"]))
+    run.run(until=max(30 * run.stepper.dt, 3e-3 if v["speed"] >= 1 else 0.0))
+    return run, contact, 0.0
+
+
+def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
+    """Run one case.
+
+    Raises:
+        StepFailure: with the reason.
+        InputError: it completed with a wrong answer.
+    """
+    words = case.split()
+    if words[0] in ("films", "zigzag"):
+        _, law, h = words
+        if words[0] == "films":
+            lower = film(comm, 10, 0.2, name="lower")
+            moved = {"turn": 0.4, "tilt": 0.02, "at": (0.01, 0.005, 6e-3), "velocity": (0.3, 0, -2.0), "spin": 3.0}
+            contact = gx.Contact(
+                lower, film(comm, 10, 0.2, name="upper", **moved), distance=1e-3, stiffness=2e6, law=law
+            )
+        else:
+            contact = gx.Contact(zigzag(comm), distance=5e-4, stiffness=8e6, law=law)
+        run, deviation = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=float(h))), 0.0
+        run.run(until=0.01)
+    elif words[0] in ("bars", "wall"):
+        run, contact, deviation = impact(comm, words[0])
+    elif words[0] == "block":
+        run, contact, deviation = block(comm)
+    elif words[0] in ("cable", "edges", "corner"):
+        run, contact, deviation = mixed(comm, words[0])
+    else:
+        run, contact, deviation = extreme(comm, [] if case == "ordinary" else words)
+    first, now = run.first, run.totals
+    P = run.system.numbering.vector()
+    run.system.M.mult(run.system.v0, P)
+    size = float(comm.allreduce(np.abs(P.array_r).sum()))  # momenta of all nodes, which may be opposite
+    free = words[0] not in ("wall", "corner")  # what does not move takes momentum
+    change = max(np.abs(getattr(now, w) - getattr(first, w)).max() for w in ("momentum", "angular_momentum")) / size
+    pierced = gx.Penetrations(contact)(run)
+    sound = abs(run.energy_error) < ENERGY and (change < MOMENTUM or not free) and pierced == 0
+    check(
+        sound,
+        f"Case '{case}' is wrong without a word: energy {run.energy_error:.1e}, momenta {change:.1e}, "
+        f"{pierced:.0f} pierced.",
+    )
+    return {
+        "iterations": run.iterations / run.step,
+        "substeps": run.substeps,
+        "energy_error": abs(run.energy_error),
+        "momentum_error": change if free else 0.0,
+        "deviation": deviation,
+        "seconds": run.seconds,
+    }
+
+
+def cases() -> list[str]:
+    table = [
+        f"{s} {law} {h:g}" for s in ("films", "zigzag") for law in ("barrier", "penalty") for h in (1e-4, 2e-4, 5e-4)
+    ]
+    table += ["films barrier 0.001", "zigzag barrier 0.001"]
+    exact = ["bars", "wall", "block", "cable", "edges", "corner"]
+    return [*table, *exact, "ordinary", *(f"{axis}={value:g}" for axis, values in MAP.items() for value in values)]
+
+
+def draw(results: list[Result], path: Path) -> None:
+    """The map."""
+    stability.draw([r for r in results if "=" in str(r.case["case"]) or r.case["case"] == "ordinary"], path)
+
+
+STUDY = Study(
+    "contact",
+    "Contact: iterations and halved steps, books, and deviation from exact answers",
+    problem,
+    {"case": cases()},
+    lambda case: 1.0,
+    quick={"case": ["films barrier 0.0002", "block", "corner", "speed=10"]},
+    columns=("iterations", "substeps", "energy_error", "momentum_error", "deviation", "seconds"),
+    may_fail=True,
+    draw=draw,
+)
