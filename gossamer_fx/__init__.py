@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from gossamer_fx.checks.lone_errors import watch_uncaught_errors as _watch_uncaught_errors
+from gossamer_fx.version import VERSION as __version__
 
 if TYPE_CHECKING:
     from gossamer_fx.analyses.crease_identification import HangingStrip as HangingStrip
@@ -231,6 +232,7 @@ _HOME = {
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 __all__ = sorted(_MODULE)
+_FOUND = {"dolfinx", "basix", "ufl", "petsc4py", "mpi4py"}  # not installed with this package, but found
 
 _watch_uncaught_errors()
 
@@ -240,7 +242,16 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"gossamer_fx has no '{name}'; its names are: {', '.join(__all__)}")
     from gossamer_fx.checks.arguments import guarded
 
-    thing = globals()[name] = guarded(getattr(import_module(f"gossamer_fx.{_MODULE[name]}"), name))
+    try:
+        home = import_module(f"gossamer_fx.{_MODULE[name]}")
+    except ModuleNotFoundError as error:
+        if (error.name or "").split(".")[0] not in _FOUND:
+            raise
+        raise ImportError(
+            f"gossamer_fx {__version__} needs {error.name}, which this Python has not: use one with dolfinx, petsc4py, "
+            "mpi4py and gmsh, or pip install 'gossamer_fx[light]'."
+        ) from error
+    thing = globals()[name] = guarded(getattr(home, name))
     return thing
 
 

@@ -1,8 +1,9 @@
 """Run studies: python3 -m demos.studies NAME [--quick] [--out FOLDER] [--fresh]; NAME `all` runs every one.
 
-Writes FOLDER/NAME.csv, .md and .png, and for `all` the summary in README.md between the lines `<!-- studies -->` and
-`<!-- /studies -->`.  What is in the CSV already is not computed again: an interrupted study goes on where it stopped.
-Ends with code 1 if something is not as a study declares.  On two ranks: ./gossamer mpi 2 demos/studies NAME [--quick].
+Writes FOLDER/NAME.csv, .md and .png, and for `all` the summary in docs/verification.md between the lines
+`<!-- studies -->` and `<!-- /studies -->`.  What is in the CSV already is not computed again: an interrupted study goes
+on where it stopped.  Ends with code 1 if something is not as a study declares.  On two ranks:
+./gossamer mpi 2 demos/studies NAME [--quick].
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from gossamer_fx.checks.errors import InputError
 
 HERE = Path(__file__).parent
 NAMES = sorted(path.stem for path in HERE.glob("*.py") if not path.stem.startswith("_"))
-README = HERE.parent.parent / "README.md"
+PAGE = HERE.parent.parent / "docs" / "verification.md"
 BETWEEN = re.compile(r"(?<=<!-- studies -->\n).*?(?=<!-- /studies -->)", re.DOTALL)
 
 
@@ -52,9 +53,9 @@ def main() -> int:
                 picture(study, results, wanted.out / f"{name}.png")
             print(text)
     if comm.rank == 0:
-        if wanted.name == "all" and not wanted.quick and README.is_file():
+        if wanted.name == "all" and not wanted.quick and PAGE.is_file():
             text = summary(done)
-            README.write_text(BETWEEN.sub(lambda match: f"\n{text}\n", README.read_text()))
+            PAGE.write_text(BETWEEN.sub(lambda match: f"\n{text}\n", PAGE.read_text()))
         print("\n".join(missing) or "Everything is as the studies declare.")
     return 1 if missing else 0
 

@@ -15,6 +15,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
+from gossamer_fx.version import VERSION
+
 if TYPE_CHECKING:
     from mpi4py import MPI
 
@@ -58,8 +60,14 @@ def main(words: Sequence[str]) -> int:
     return 0
 
 
+def script() -> int:
+    """The command `gossamer` of an installed package."""
+    return main(sys.argv[1:])
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="gossamer", description="Run a scene, and look at what it did.")
+    parser.add_argument("--version", action="version", version=f"gossamer_fx {VERSION}")
     commands = parser.add_subparsers(required=True, metavar="run|plot|report", parser_class=_Parser)
 
     run = commands.add_parser("run", help="run a scene file")

@@ -201,6 +201,7 @@ class Piston:
         yield self.port.body
 
     def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:
+        """In a running scene."""
         compiled = _CompiledPiston(self, system)
         geometry.add(compiled)
         return compiled

@@ -33,6 +33,7 @@ class Mesh:
 
     @property
     def comm(self) -> MPI.Intracomm:
+        """The ranks that share the mesh."""
         return self.domain.comm
 
     def group(self, name: str) -> tuple[int, npt.NDArray[np.int32]]:

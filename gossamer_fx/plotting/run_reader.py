@@ -60,6 +60,7 @@ class RunReader:
 
     @property
     def title(self) -> str:
+        """Title of the run, or the name of its folder."""
         return str(self.about.get("title") or self.folder.name)
 
     def table(self, name: str) -> Tables:
@@ -105,6 +106,7 @@ class RunReader:
         return list(dict.fromkeys(name for name in names if name != "direction"))
 
     def check_field(self, field: str) -> None:
+        """Raise `InputError` for a field that the run has not."""
         known = self.known_fields()
         check(field in known, f"The run in '{self.folder}' has no field {field!r}; its fields are: {', '.join(known)}.")
 

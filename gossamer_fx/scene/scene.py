@@ -58,6 +58,7 @@ class Scene:
 
     @property
     def bodies(self) -> list[Body]:
+        """Bodies of the scene, those that parts ask for included."""
         return [item for item in self.items if is_body(item)]
 
     @property

@@ -53,6 +53,7 @@ class GeneralizedAlpha:
 
     @property
     def rule(self) -> EndPoint:
+        """Which stress acts in a step."""
         return EndPoint()
 
     def start(self, system: System) -> GeneralizedAlphaSolver:

@@ -14,7 +14,8 @@ that the tangent gets indefinite: on fine meshes a slack film is so soft that th
 
 `EndPoint` (α = 1) takes S̄ = ψ'(e1): statics, and steppers to compare with.
 
-Measured on the free sheet of `demos/spinning_sheet.py` by `demos/studies/stress_rule.py`; its table is in README.
+Measured on the free sheet of `demos/spinning_sheet.py` by `demos/studies/stress_rule.py`; its table is in
+`docs/theory/step.md`.
 """
 
 from __future__ import annotations

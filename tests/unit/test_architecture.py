@@ -31,6 +31,7 @@ FLOORS = (
     "loads",
     "control",
     "orbit",
+    "presets",
     "system",
     "scene",
     "solvers",

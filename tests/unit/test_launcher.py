@@ -24,6 +24,7 @@ COMMANDS = (
     "mpi",
     "shell",
     "lint",
+    "docs",
     "doctor",
     "setup",
 )
@@ -60,6 +61,7 @@ def test_help(words):
         (("mpi", "two", "script.py"), "number of ranks"),
         (("mpi", "0", "script.py"), "number of ranks"),
         (("mpi", "2"), "script"),
+        (("test", "--with", "0.8"), "0.11"),
     ],
 )
 def test_misuse_is_one_sentence(words, culprit):

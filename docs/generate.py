@@ -1,0 +1,302 @@
+"""Pages that are made from the code: the reference from docstrings, the gallery from demos, the options from parsers.
+
+A docstring is plain text: paragraphs, equations as indented lines, Args, Raises and Returns with one entry a name.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+import shutil
+from importlib import import_module
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+import gossamer_fx
+
+HERE = Path(__file__).parent
+ROOT = HERE.parent
+OUT = HERE / "generated"
+SECTIONS = {
+    "Args": "Arguments",
+    "Raises": "Errors",
+    "Returns": "Returns",
+    "Yields": "Yields",
+    "Attributes": "Attributes",
+}
+# what parts, outputs and steppers of every kind have; "Your own part" and `model/terms.py` explain it
+CONTRACT = {"terms", "requires", "describe", "initial_state", "initialise", "start"}
+CONTRACT |= {"open", "record", "close", "cursor", "resume", "times", "writes", "coordinates"}
+ROOMS = {
+    "mesh": "Meshes",
+    "bodies": "Bodies: films, plates, cables, beams, rigid bodies",
+    "materials": "Laws of films",
+    "gas": "Gas",
+    "interactions": "Joints, supports, springs, tapes",
+    "contact": "Contact",
+    "loads": "Loads and damping",
+    "control": "Control",
+    "orbit": "Orbit",
+    "scene": "Scene and start",
+    "steppers": "Time steppers and step control",
+    "terms": "Stress rules",
+    "analyses": "Equilibria, forms, vibrations",
+    "outputs": "Outputs and probes",
+    "run": "Runs: simulation, events, checkpoints",
+    "plotting": "Pictures",
+    "cli": "Cases",
+    "solvers": "Solvers",
+    "model": "Ports",
+    "checks": "Errors",
+}
+
+
+# ---- docstrings ------------------------------------------------------------------------------------------------------
+
+
+def markdown(text: str) -> str:
+    """A docstring as Markdown."""
+    lines, out = text.splitlines(), []
+    i = 0
+    while i < len(lines):
+        line = lines[i]
+        heading = re.fullmatch(r"(\w+):", line.strip())
+        if heading and heading[1] in SECTIONS and not line.startswith(" "):
+            i, entries = _entries(lines, i + 1)
+            out += ["", f"**{SECTIONS[heading[1]]}**", "", *entries, ""]
+        elif line.startswith("    "):
+            block = []
+            while i < len(lines) and (lines[i].startswith("    ") or not lines[i].strip()):
+                block.append(lines[i])
+                i += 1
+            while not block[-1].strip():
+                block.pop()
+            out += ["", "```text", *inspect.cleandoc("\n".join(["", *block])).splitlines(), "```", ""]
+        else:
+            out.append(prose(line) if not line.startswith("|") else line)
+            i += 1
+    return "\n".join(out)
+
+
+def _entries(lines: list[str], i: int) -> tuple[int, list[str]]:
+    """Entries `name: text` as a definition list, and where they end."""
+    out: list[str] = []
+    while i < len(lines) and (lines[i].startswith("    ") or not lines[i].strip()):
+        entry = re.match(r"    ([\w*][\w*, ]*): (.*)", lines[i])
+        if entry:
+            out += ["", f"`{entry[1]}`", f":   {prose(entry[2])}"]
+        elif lines[i].strip() and out:
+            out.append(f"    {prose(lines[i].strip())}")
+        elif lines[i].strip():
+            out += [prose(lines[i].strip())]
+        i += 1
+    return i, out
+
+
+def prose(line: str) -> str:
+    """A line of text: what Markdown would take for its own is escaped, public names are linked."""
+    words = re.split(r"(`[^`]*`)", line)
+    return "".join(_linked(w) if w.startswith("`") else re.sub(r"([*_<\\~#])", r"\\\1", w) for w in words)
+
+
+def _linked(code: str) -> str:
+    name = code.strip("`").removeprefix("gx.")
+    return f"{{py:obj}}`{name} <gossamer_fx.{name}>`" if name in gossamer_fx.__all__ else code
+
+
+# ---- reference -------------------------------------------------------------------------------------------------------
+
+
+def thing(name: str) -> Any:
+    """A public name as it is written, without the guard of its arguments."""
+    return getattr(import_module(f"gossamer_fx.{gossamer_fx._MODULE[name]}"), name)
+
+
+def members(cls: type) -> list[tuple[str, str, Any]]:
+    """Public methods and properties of a class that are its own or its parents' of this package, with their kind."""
+    found: dict[str, tuple[str, str, Any]] = {}
+    for parent in reversed([c for c in cls.__mro__ if c.__module__.startswith("gossamer_fx")]):
+        for name, value in vars(parent).items():
+            plain = value.__func__ if isinstance(value, staticmethod | classmethod) else value
+            if name.startswith("_"):
+                continue
+            if isinstance(plain, FunctionType):
+                found[name] = ("method", name, plain)
+            elif isinstance(plain, property):
+                found[name] = ("property", name, plain.fget)
+    return [found[name] for name in sorted(found)]
+
+
+def signature(thing: Any, bound: bool = False) -> str:
+    """Arguments as in the code; of methods without self."""
+    try:
+        found = inspect.signature(thing)
+    except (TypeError, ValueError):
+        return "()"
+    parameters = [p for i, p in enumerate(found.parameters.values()) if not (bound and i == 0 and p.name == "self")]
+    shown = [p.replace(default=_Shown(p.default)) if p.default is not p.empty else p for p in parameters]
+    return str(found.replace(parameters=shown)).replace("'", "")
+
+
+class _Shown:
+    """A default value as a short word."""
+
+    def __init__(self, value: Any) -> None:
+        text = repr(value)
+        self._text = text if len(text) < 40 and "<" not in text and "Frozen" not in text else "..."
+
+    def __repr__(self) -> str:
+        return self._text.replace("'", '"')
+
+
+def entry(name: str) -> str:
+    """Reference of one public name."""
+    it = thing(name)
+    text = inspect.getdoc(it) or ""
+    if not inspect.isclass(it):
+        return _directive("py:function", f"gossamer_fx.{name}{signature(it)}", markdown(text))
+    exception = issubclass(it, BaseException)
+    head = f"gossamer_fx.{name}" + ("" if exception else signature(it))
+    body = [markdown(text)]
+    for kind, member, plain in members(it):
+        doc = inspect.getdoc(plain)
+        if doc:
+            words = member + (signature(plain, bound=True) if kind == "method" else "")
+            body.append(_directive(f"py:{kind}", words, markdown(doc), fence=":::"))
+    return _directive("py:exception" if exception else "py:class", head, "\n\n".join(body))
+
+
+def _directive(kind: str, head: str, body: str, fence: str = "::::") -> str:
+    return f"{fence}{{{kind}}} {head}\n\n{body}\n{fence}\n"
+
+
+def undocumented() -> list[str]:
+    """Public names that say nothing about themselves, methods and properties of public classes included."""
+    missing = []
+    for name in gossamer_fx.__all__:
+        it = thing(name)
+        if not inspect.getdoc(it):
+            missing.append(name)
+        if inspect.isclass(it) and not issubclass(it, BaseException):
+            missing += [
+                f"{name}.{member}"
+                for _, member, plain in members(it)
+                if member not in CONTRACT and not inspect.getdoc(plain)
+            ]
+    return missing
+
+
+def reference() -> dict[str, str]:
+    """One page a room, and their index."""
+    rooms: dict[str, list[str]] = {}
+    for name in gossamer_fx.__all__:
+        rooms.setdefault(gossamer_fx._MODULE[name].split(".")[0], []).append(name)
+    order = [*[r for r in ROOMS if r in rooms], *sorted(set(rooms) - set(ROOMS))]
+    pages, rows = {}, []
+    for room in order:
+        title = ROOMS.get(room, room.capitalize())
+        pages[f"reference_{room}"] = f"# {title}\n\n" + "\n".join(entry(name) for name in rooms[room])
+        links = ", ".join(f"{{py:obj}}`{name} <gossamer_fx.{name}>`" for name in rooms[room])
+        rows.append(f"| [{title}](reference_{room}.md) | {links} |")
+    toc = "\n".join(f"reference_{room}" for room in order)
+    pages["reference"] = (
+        "# Every public name\n\n"
+        "Names of `import gossamer_fx as gx`. SI units and radians throughout; a group is the name of a physical group "
+        "of the mesh.\n\n"
+        "| what | names |\n|---|---|\n" + "\n".join(rows) + f"\n\n```{{toctree}}\n:hidden:\n\n{toc}\n```\n"
+    )
+    return pages
+
+
+# ---- gallery, options, presets ---------------------------------------------------------------------------------------
+
+
+def demos() -> list[tuple[str, str, str]]:
+    """Name, title and docstring of each demo."""
+    found = []
+    for path in sorted((ROOT / "demos").glob("*.py")):
+        doc = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+        found.append((path.stem, doc.split("\n\n")[0].replace("\n", " "), doc.partition("\n\n")[2]))
+    return found
+
+
+def gallery() -> str:
+    """Each demo: what it shows, its picture, its commands."""
+    parts = ["# Gallery\n\nMade from the files in `demos`; the commands at the end of each run it.\n"]
+    for name, title, text in demos():
+        parts.append(f"## {name.replace('_', ' ').capitalize()}\n\n{prose(title)}\n")
+        if (ROOT / "demos" / f"{name}.png").exists():
+            shutil.copy(ROOT / "demos" / f"{name}.png", OUT / f"{name}.png")
+            parts.append(f"![{title}]({name}.png)\n")
+        parts.append(markdown(text) + "\n")
+    return "\n".join(parts)
+
+
+def options() -> str:
+    """Help texts as the programs print them."""
+    from gossamer_fx.cli.command import _parser
+
+    launcher = re.search(r"<<'TEXT'\n(.*?)TEXT", (ROOT / "gossamer").read_text(encoding="utf-8"), re.DOTALL)
+    parts = [
+        "# Commands and their options\n\nThe launcher, in a clone:\n",
+        f"```text\n{launcher[1] if launcher else ''}```\n",
+    ]
+    parser: Any = _parser()
+    parts.append("An installed package has the command `gossamer` with `run`, `plot` and `report`.\n")
+    for name, sub in parser._subparsers._group_actions[0].choices.items():
+        sub.prog = f"gossamer {name}"
+        parts.append(f"## {name}\n\n```text\n{sub.format_help()}```\n")
+    return "\n".join(parts)
+
+
+def presets() -> str:
+    """Films, gases and surfaces with their figures and sources."""
+    from gossamer_fx.gas.ideal_gas import IdealGas
+    from gossamer_fx.orbit import optics
+    from gossamer_fx.presets import films, gases
+
+    parts = ["# Presets\n\n## Films\n\n" + markdown(inspect.getdoc(films) or "")]
+    parts.append("\n| name | E [GPa] | ν | density [kg/m³] | source |\n|---|---|---|---|---|")
+    for name, film in vars(films).items():
+        if isinstance(film, films.FilmMaterial):
+            parts.append(
+                f"| `films.{name}` | {film.E / 1e9:g} | {film.nu:g} | {film.density:g} | {prose(film.source)} |"
+            )
+    parts.append(
+        "\n## Gases\n\n" + markdown(inspect.getdoc(gases) or "") + "\n\n| name | γ | R [J/(kg K)] |\n|---|---|---|"
+    )
+    for name, gas in vars(gases).items():
+        if isinstance(gas, IdealGas):
+            parts.append(f"| `gases.{name}` | {gas.gamma:.4g} | {gas.R:.2f} |")
+    parts.append("\n## Surfaces in sunlight\n\n" + markdown(inspect.getdoc(optics.Optics) or ""))
+    parts.append("\n| name | r | s | ε | B |\n|---|---|---|---|---|")
+    for name, sheet in vars(optics).items():
+        if isinstance(sheet, optics.Optics):
+            for side, it in zip(("front", "back"), sheet.sides, strict=True):
+                figures = f"{it.reflectivity:g} | {it.specular:g} | {it.emissivity:g} | {it.lambertian:.4g}"
+                parts.append(f"| `optics.{name}`, {side} | {figures} |")
+    parts.append(
+        "\nThe sail's coefficients go back to measurements of 2.5 µm Kapton with 100 nm aluminium in front and "
+        "chromium behind; Heaton & Artusio-Glimpse (NASA NTRS 20150021404) revise them.\n"
+    )
+    return "\n".join(parts)
+
+
+def pages() -> dict[str, str]:
+    """All pages by name."""
+    return {**reference(), "gallery": gallery(), "options": options(), "presets": presets()}
+
+
+def write(app: Any = None) -> None:
+    OUT.mkdir(exist_ok=True)
+    for name, text in pages().items():
+        path = OUT / f"{name}.md"
+        if not path.exists() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+
+
+def setup(app: Any) -> dict[str, bool]:
+    app.connect("builder-inited", write)
+    return {"parallel_read_safe": True}

@@ -1,0 +1,122 @@
+"""The site: every public name says what it is, programs on pages run, commands and links are ones that work."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import io
+import os
+import re
+import shlex
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from gossamer_fx.cli.command import _parser
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+PAGES = sorted([*(p for p in DOCS.rglob("*.md") if "generated" not in p.parts), ROOT / "README.md"])
+LAUNCHER = re.search(r"<<'TEXT'\n(.*?)TEXT", (ROOT / "gossamer").read_text(), re.DOTALL)
+COMMANDS = set(re.findall(r"^  (\w+)", LAUNCHER[1], re.MULTILINE)) if LAUNCHER else set()
+NAMES = [str(p.relative_to(ROOT)) for p in PAGES]
+
+
+@pytest.fixture(scope="module")
+def generate() -> Iterator[ModuleType]:
+    sys.path.insert(0, str(DOCS))
+    yield importlib.import_module("generate")
+    sys.path.remove(str(DOCS))
+
+
+def test_every_public_name_says_what_it_is(generate: ModuleType) -> None:
+    assert generate.undocumented() == []
+
+
+def test_the_reference_has_every_public_name_once(generate: ModuleType) -> None:
+    import gossamer_fx
+
+    text = "\n".join(generate.reference().values())
+    for name in gossamer_fx.__all__:
+        kinds = rf"\{{py:(class|function|exception)\}} gossamer_fx\.{name}\b"
+        assert len(re.findall(kinds, text)) == 1, name
+
+
+def test_docstrings_become_markdown(generate: ModuleType) -> None:
+    text = "One * two_three.\n\n    a = b*c\n\nArgs:\n    x: first\n        line.\n    *y: rest."
+    made = generate.markdown(text)
+    assert "One \\* two\\_three." in made and "```text\na = b*c\n```" in made
+    assert "`x`\n:   first\n    line." in made and "`*y`" in made
+
+
+@pytest.mark.skipif(
+    "OMPI_COMM_WORLD_SIZE" in os.environ or "PMI_SIZE" in os.environ, reason="the pages are of one rank"
+)
+@pytest.mark.parametrize("path", PAGES, ids=NAMES)
+def test_programs_on_pages_run(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    programs = re.findall(r"^```python\n(.*?)^```", path.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+    if path == ROOT / "README.md" or programs:
+        assert programs
+    monkeypatch.chdir(tmp_path)
+    for program in programs:
+        with contextlib.redirect_stdout(io.StringIO()):
+            exec(compile(program, str(path), "exec"), {"__name__": "page"})
+
+
+def commands(text: str) -> list[list[str]]:
+    """Words of every ./gossamer or gossamer command in a page: in fences, and in code between backticks."""
+    lines = [
+        line.strip()
+        for block in re.findall(r"^```(?:sh)\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+        for line in block.splitlines()
+    ]
+    lines += re.findall(r"^    (\./gossamer .*)$", text, re.MULTILINE)
+    lines += re.findall(r"`(\./gossamer [^`]*)`", text)
+    pieces = [piece.strip() for line in lines for piece in re.sub(r"#.*", "", line).split(";")]
+    return [shlex.split(piece)[1:] for piece in pieces if piece.startswith("./gossamer ")]
+
+
+GENERATED = "out/"  # folders of runs that a page makes before
+
+
+@pytest.mark.parametrize("path", PAGES, ids=NAMES)
+def test_commands_on_pages_are_understood(path: Path) -> None:
+    for words in commands(path.read_text(encoding="utf-8")):
+        command, rest = words[0], words[1:]
+        told = " ".join(words)
+        assert command in COMMANDS or command == "--help", told
+        if any(word.isupper() for word in rest):  # a placeholder
+            continue
+        if command == "demo" and rest:
+            assert (ROOT / "demos" / f"{rest[0]}.py").is_file(), told
+        elif command == "study":
+            assert rest[0] == "all" or (ROOT / "demos" / "studies" / f"{rest[0]}.py").is_file(), told
+            assert set(rest[1:]) <= {"--quick", "--fresh"}, told
+        elif command == "bench":
+            assert f'"{rest[0]}"' in (ROOT / "demos" / "benchmarks" / "problems.py").read_text(), told
+        elif command in {"run", "plot", "report"}:
+            parsed = _parser().parse_args(words)
+            if command == "run" and parsed.scene.parts[0] == "demos":
+                assert (ROOT / parsed.scene).is_file(), told
+        elif command in {"test", "python", "mpi"}:
+            for word in rest:
+                if "/" in word and not word.startswith(GENERATED):
+                    assert (ROOT / word).exists(), told
+
+
+@pytest.mark.parametrize("path", PAGES, ids=NAMES)
+def test_links_lead_somewhere(path: Path) -> None:
+    text = re.sub(r"^```.*?^```", "", path.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if not re.match(r"[a-z]+:|#", target) and "generated/" not in target:
+            assert (path.parent / target.split("#")[0]).exists(), target
+
+
+def test_every_page_is_in_the_table_of_contents() -> None:
+    listed = set(re.findall(r"^([\w/]+)$", (DOCS / "index.md").read_text(), re.MULTILINE))
+    for path in PAGES:
+        name = str(path.relative_to(ROOT).with_suffix("")).removeprefix("docs/")
+        assert name in listed | {"index", "README"}, name
