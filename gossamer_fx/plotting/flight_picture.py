@@ -95,18 +95,15 @@ class FlightPicture:
         places, lit = np.array(self._places) / 1e6, np.array(self._lit)
         x, y = places @ out, places @ along
         axes.add_patch(Circle((0, 0), self.orbit.radius / 1e6, color=_EARTH))
-        sun = self.orbit.sun(0.0)
+        sun, reach = self.orbit.sun(0.0), float(np.linalg.norm(places, axis=1).max())
         if np.any(sun):
-            direction = np.array([sun @ out, sun @ along]) / np.linalg.norm(sun)
-            reach = 1.15 * float(np.linalg.norm(places, axis=1).max())
-            axes.annotate(
-                "Sun",
-                xy=tuple(1.25 * reach * direction),
-                xytext=tuple(0.75 * reach * direction),
-                arrowprops={"arrowstyle": "->", "color": _SUN, "lw": 2},
-                ha="center",
-                va="center",
-            )
+            to_sun = sun / np.linalg.norm(sun)
+            style = {"arrowstyle": "-|>", "color": _SUN, "lw": 2}
+            tip = (1.5 * reach * float(to_sun @ out), 1.5 * reach * float(to_sun @ along))
+            axes.annotate("", xy=tip, xytext=(0, 0), arrowprops=style)
+            axes.text(1.1 * tip[0], 1.1 * tip[1], "Sun", color=_SUN, ha="center", va="center")
+        axes.set_xlim(-1.7 * reach, 1.7 * reach)
+        axes.set_ylim(-1.7 * reach, 1.7 * reach)
         for light, colour in ((lit > 0.5, _DAY), (lit <= 0.5, _NIGHT)):
             axes.plot(np.where(light, x, np.nan), np.where(light, y, np.nan), color=colour, lw=2.2)
         axes.plot(x[:1], y[:1], "o", color=_NIGHT, ms=5)

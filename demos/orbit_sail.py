@@ -1,0 +1,116 @@
+"""A spinning solar sail in one low orbit: sunlight, eclipse, oblateness, on a film that is stretched in a frame.
+
+A square film of 10 m hangs by springs in a rigid frame, which stands for the booms and the hub.  The springs balance a
+tension of the film of 2.7 N/m at the start, so that the film is taut and in equilibrium; all turns slowly about the
+normal, which points to the Sun.
+
+    ./gossamer demo orbit_sail
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.orbit.optics import JPL_SAIL
+from gossamer_fx.outputs.output import Output
+from meshes.sheet import crossed_sheet
+
+SIDE, GAP, SPIN, ALTITUDE, STRETCH = 10.0, 0.2, 0.01, 8e5, 1e-4  # m, m, rad/s, m, 1
+RADIUS = 6378137.0 + ALTITUDE
+FILM = gx.Miyazaki(E=2.5e9, nu=0.3, density=1400.0, thickness=7.5e-6)
+# Green-Lagrange strain ½(λ²-1) of both directions, and the force on a length of an edge as it was: λ S t
+STRAIN = STRETCH + STRETCH**2 / 2
+TENSION = (1 + STRETCH) * FILM.E * FILM.thickness / (1 - FILM.nu) * STRAIN
+
+
+def sail(comm: MPI.Comm, cells: int) -> tuple[gx.Membrane, gx.RigidBody, list[gx.Spring]]:
+    """Film, frame, and the springs between them; the centre is at the origin."""
+
+    def stretched(X: np.ndarray) -> np.ndarray:
+        middle = np.array([[SIDE / 2], [SIDE / 2], [0.0]])
+        moved: np.ndarray = (1 + STRETCH) * (X - middle) - X
+        return moved
+
+    film = gx.Membrane(crossed_sheet(comm, cells, cells, SIDE, SIDE), FILM, displacement=stretched, name="sail")
+    frame = gx.RigidBody(30.0, (500.0, 500.0, 1000.0), comm=comm, name="frame")
+    each, stiffness = SIDE / cells, 500.0
+    springs = []
+    for i in range(cells + 1):
+        for j in range(cells + 1):
+            if 0 < i < cells and 0 < j < cells:
+                continue
+            outward = np.array([(i == cells) - (i == 0), (j == cells) - (j == 0), 0.0])
+            # an edge's node carries the tension of its length; a corner half of it along both edges
+            force = TENSION * each * (outward if np.count_nonzero(outward) == 1 else outward / 2)
+            node = np.array([i * each, j * each, 0.0])
+            place = (1 + STRETCH) * (node - np.array([SIDE / 2, SIDE / 2, 0.0]))
+            size = float(np.linalg.norm(force))
+            hook = frame.port((place + GAP * force / size).tolist())
+            rest = GAP - size / stiffness
+            ends = hook, film.port_at(node.tolist())
+            springs.append(gx.Spring(*ends, stiffness=stiffness, length=rest, name=f"tie {i} {j}"))
+    return film, frame, springs
+
+
+def main(
+    cells: int = 4,
+    dt: float = 10.0,
+    until: float | None = None,
+    output: str | Path | None = None,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> dict[str, float]:
+    """Fly for `until` [s], default one orbit, in steps of `dt` [s]; with `output`, a folder: a picture.
+
+    Returns:
+        part of the time in light, mean force of sunlight in it over that on a flat sail towards the Sun, change of the
+        sun angle [rad], part of the film that is not taut, error of the ledger, effort.
+    """
+    start = gx.Elements(RADIUS, 0.0, math.pi / 2)  # over the poles; the Sun is in its plane
+    orbit = gx.Orbit(start, gravity="J2", sun=(0.0, 0.0, 1.0), shadow="cone")
+    film, frame, springs = sail(comm, cells)
+    light = gx.SolarPressure(film, orbit, JPL_SAIL, name="sunlight")
+    spin = gx.RigidMotion(spin=(0.0, 0.0, SPIN))
+    scene = gx.Scene(film, frame, *springs, orbit, light, spin)
+    probes = {
+        "sunlit": gx.OrbitState(orbit, "sunlit"),
+        "a": gx.OrbitState(orbit, "a"),
+        "sun angle": gx.SunAngle(orbit, frame.frame().directors[2]),
+        "force": lambda run: math.hypot(*(gx.LoadResultant(orbit, "sunlight", "force", axis)(run) for axis in "xyz")),
+        "wrinkled or slack": lambda run: 1 - gx.AreaFraction(film, "taut")(run),
+    }
+    series = gx.Series(probes)
+    outputs: list[Output] = [gx.Progress(), series]
+    if output is not None:
+        drawn = {
+            "semi-major axis [m]": probes["a"],
+            "force of sunlight [N]": probes["force"],
+            "sun angle [rad]": probes["sun angle"],
+        }
+        outputs.append(
+            gx.FlightPicture(Path(output) / "orbit_sail.png", orbit, drawn, title="A spinning sail in orbit")
+        )
+    run = gx.Simulation(scene, gx.Midpoint(dt=dt), outputs)
+    run.run(until=until or start.period(orbit.mu))
+    flat = orbit.pressure * SIDE**2 * sum(JPL_SAIL.coefficients())
+    lit = series["sunlit"][1:] == 1.0
+    return {
+        "part of the time in light": float(series["sunlit"].mean()),
+        "force over that on a flat sail": float(series["force"][1:][lit].mean() / flat),
+        "largest change of the sun angle": float(np.ptp(series["sun angle"])),
+        "part of the film not taut": float(series["wrinkled or slack"][-1]),
+        "energy_error": run.energy_error,
+        "newton_per_step": run.iterations / run.step,
+        "substeps": run.substeps,
+        "seconds": run.seconds,
+    }
+
+
+if __name__ == "__main__":
+    for key, value in main(output="out").items():
+        if MPI.COMM_WORLD.rank == 0:
+            print(f"{key:36} {value:.6g}")

@@ -1,0 +1,33 @@
+"""The demos of flights, in short."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from demos import deorbit, orbit_sail, windmill
+
+
+def test_a_stretched_sail_flies_into_the_light() -> None:
+    result = orbit_sail.main(cells=2, dt=5.0, until=40.0)
+    assert result["force over that on a flat sail"] == pytest.approx(1.0, abs=2e-3)
+    assert result["part of the film not taut"] == 0
+    assert abs(result["energy_error"]) < 1e-9
+    assert result["newton_per_step"] < 8
+
+
+def test_pitched_petals_brake_the_spin_as_in_flight(folder: Path) -> None:
+    result = windmill.main(steps=30, output=folder)
+    assert result["torque [N m]"] == pytest.approx(result["formula for a sun angle of 0 [N m]"], rel=0.02)
+    assert result["mean torque of the probe [N m]"] == pytest.approx(result["torque [N m]"], rel=1e-3)
+    assert 0.5 < result["torque over the flight's"] < 2
+    assert (folder / "windmill.png").exists()
+    assert abs(windmill.main(steps=30, pitch=0.0)["torque [N m]"]) < 1e-3 * abs(result["torque [N m]"])
+
+
+def test_a_deorbit_sail_falls_as_the_formula() -> None:
+    result = deorbit.main(hours=0.5, dt=30.0, tilt=math.radians(1))
+    assert result["fall [m]"] == pytest.approx(result["fall by the formula [m]"], rel=0.02)
+    assert result["largest angle to the motion, late [rad]"] < math.radians(3)
