@@ -4,7 +4,8 @@
     Sze (a)        the cantilever of Sze, Liu & Lo (Finite Elem. Anal. Des. 40 (2004) 1551,
                    doi:10.1016/j.finel.2003.11.001), table of 20 loads: worst error of both displacements
     roll-up        their cantilever under an end moment, to a full circle; exact
-    slit ring      their slit annular plate, table of 11 loads
+    slit ring      their slit annular plate, table of 11 loads, error at the last.  (The table is computed too, and
+                   ends at W_B 17.528; an isogeometric Kirchhoff-Love shell (PENGoLINS) gives 17.473.)
     curl 1..4      a strip that is at rest curled to 0.5, π/2, π and 0.95·2π; exact
     buckled 1, 2   a pinned strip compressed beyond buckling to end slopes of 60 and 120 degrees: force at the
                    shortening of the extensible elastica with e_E = 1e-4 (Magnusson, Ristinmaa & Ljung 2001)
