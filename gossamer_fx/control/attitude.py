@@ -94,6 +94,15 @@ def wrapped(angles: Array) -> Array:
     return result
 
 
+def _three_by_three(axes: object) -> Array:
+    """A matrix (3, 3); of nothing but zeros for what is none."""
+    try:
+        matrix = np.asarray(axes, dtype=float)
+    except (TypeError, ValueError):
+        return np.zeros((3, 3))
+    return matrix if matrix.shape == (3, 3) else np.zeros((3, 3))
+
+
 class AttitudeControl:
     """Proportional-derivative torque on a body whose attitude is that of its position gradient.
 
@@ -147,10 +156,10 @@ class AttitudeControl:
             f"'{name}': gains {self.stiffness.tolist()} N m/rad and {self.damping.tolist()} N m s/rad; none may be "
             "negative.",
         )
-        self.axes = np.asarray(axes, dtype=float)
+        self.axes = _three_by_three(axes)
         check(
-            bool(np.allclose(self.axes.T @ self.axes, np.eye(3), atol=1e-9)),
-            f"'{name}': its axes are not orthonormal; give a rotation matrix with the columns u, v, w.",
+            bool(np.allclose(self.axes.T @ self.axes, np.eye(3), atol=1e-9) and np.linalg.det(self.axes) > 0),
+            f"'{name}': its axes are not right-handed and orthonormal; give a rotation matrix with columns u, v, w.",
         )
         self.angles: Array = np.zeros(3)
         self.torques: Array = np.zeros(3)

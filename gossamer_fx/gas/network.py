@@ -19,7 +19,7 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.gas.balance import Balance, Passage
+from gossamer_fx.gas.balance import ALMOST, Balance, Passage
 from gossamer_fx.gas.contract import Opening, Volume, Wall
 from gossamer_fx.gas.geometry import Geometry
 from gossamer_fx.gas.state import ChamberState
@@ -56,6 +56,7 @@ class GasNetwork:
         self._W: Array = self._V
         self._y: Array = np.ones(2 * len(chambers))
         self._given: Array = self._y
+        self._s: Array = np.zeros(2 * len(chambers))
         self._kept_magnitude: Array = np.zeros(len(chambers))  # of the last accepted state
         self.size = 2 * len(chambers)
         self._supplied = self._mass_supplied = 0.0
@@ -96,7 +97,8 @@ class GasNetwork:
         self._magnitude = self._magnitudes()
         self._y, self._given = self._at_iterate(y), y
         self._scale = self._balance.scales(self._y, self._V, self._magnitude)
-        return self._balance.residual(self._y, self._V, self._W) / self._scale
+        self._s = self._balance.residual(self._y, self._V, self._W) / self._scale
+        return self._s
 
     def _at_iterate(self, y: Array) -> Array:
         """The gas at the volumes of the iterate; y itself where there is none, e.g. in a negative volume."""
@@ -156,6 +158,18 @@ class GasNetwork:
             if V <= 0 or p1 <= 0:
                 return f"'{s.chamber.name}' would have a volume of {V:.3g} m³ and a pressure of {p1:.3g} Pa"
         return ""
+
+    def unsolved(self) -> str:
+        n = len(self._gases)
+        worst = np.abs(self._s).reshape(2, n).max(axis=0)
+        worst[~np.isfinite(worst)] = np.inf
+        k = int(np.argmax(worst))
+        if worst[k] <= ALMOST:
+            return ""
+        return (
+            f"the gas of '{self._gases[k].chamber.name}' is not in balance (volume {self._V[k]:.3g} m³, pressure "
+            f"{self._y[k]:.3g} Pa)"
+        )
 
     def totals(self) -> ScalarTotals:
         return ScalarTotals(

@@ -95,6 +95,10 @@ class Chamber:
             isinstance(enclosure, Membrane) or not (surface or rings),
             f"Chamber '{name}': surface and rings belong to a film; give one as enclosure, or leave them out.",
         )
+        check(
+            rigid or isinstance(enclosure, Membrane) or hasattr(enclosure, "compile"),
+            f"Chamber '{name}': {type(enclosure).__name__} encloses nothing; give a film, or a Piston.",
+        )
         self.enclosure = (
             FilmEnclosure(enclosure, surface, rings, name) if isinstance(enclosure, Membrane) else enclosure
         )

@@ -76,6 +76,10 @@ class ScalarUnknowns(Protocol):
         """In words, what cannot be in the solution of a step, e.g. a negative volume; else nothing."""
         ...
 
+    def unsolved(self) -> str:
+        """In words, of what the last residual is far from zero, e.g. the gas of a chamber; else nothing."""
+        ...
+
     def accept(self) -> None:
         """End the step."""
         ...

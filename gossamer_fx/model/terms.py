@@ -26,6 +26,8 @@ from dolfinx.common import IndexMap
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from gossamer_fx.checks.errors import check
+
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int32]
 Vector = Sequence[float]  # of three numbers
@@ -112,6 +114,13 @@ class Port:
     nodes: tuple[int, ...]
     weights: tuple[float, ...] = (1.0,)
     vectors: tuple[int, ...] = ()
+
+    def __post_init__(self) -> None:
+        count = self.body.block.index_map.size_global
+        check(
+            all(0 <= node < count for node in self.nodes),
+            f"A port of '{self.body.name}' has the nodes {self.nodes}; its nodes are 0 to {count - 1}.",
+        )
 
 
 @dataclass(frozen=True)

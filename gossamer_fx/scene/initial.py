@@ -83,6 +83,13 @@ class StartFrom:
     system: Assembly
     name: str = "start"
 
+    def __post_init__(self) -> None:
+        check(
+            hasattr(self.system, "q0") and hasattr(self.system, "numbering"),
+            f"StartFrom '{self.name}': {type(self.system).__name__} is no compiled scene; give the system of an "
+            "Equilibrium or a Simulation, or scene.compile().",
+        )
+
     def initialise(self, system: Assembly, q: PETSc.Vec, v: PETSc.Vec) -> None:
         there = {body.name: k for k, body in enumerate(self.system.bodies)}
         source = self.system.q0.array_r

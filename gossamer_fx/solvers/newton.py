@@ -294,6 +294,9 @@ class Newton:
         forces, violation = self.system.imbalance(self._r)
         if violation > self.tolerances.constraint:
             why += f", constraints off by {violation:.1e}"
+        unsolved = next(filter(None, (border.unsolved() for border in self.system.borders)), "")
+        if unsolved:
+            why += f", {unsolved},"
         return (
             f"{why} after {iterations} iterations, residual {forces:.1e} N of {self._reference:.1e} N at first, "
             f"largest in {self.system.place(self._r)}"

@@ -35,6 +35,11 @@ def beam(**options) -> gx.Beam:
     return gx.Beam(line(WORLD, [(0, 0, 0), (1, 0, 0)], 2), section, **options)
 
 
+def attitude(**options) -> gx.AttitudeControl:
+    body = gx.RigidBody(1.0, (1.0, 1.0, 1.0))
+    return gx.AttitudeControl(body.frame(), (0.0, 0.0, 0.0), 1.0, 1.0, **options)
+
+
 def tank(**options) -> gx.Tank:
     return gx.Tank(1e-3, gas=AIR, pressure=1e5, temperature=300.0, **options)
 
@@ -172,6 +177,16 @@ CASES: dict[str, tuple[Callable[[], object], str]] = {
     "tolerance is no number": (lambda: gx.Tolerances(relative=np.nan), "relative"),
     "halvings = -1": (lambda: gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3), halvings=-1), "halvings"),
     "back in time": (lambda: gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3)).run(until=-1.0), "until"),
+    "axes that are a word": (lambda: attitude(axes="xyz"), "axes"),
+    "axes of two columns": (lambda: attitude(axes=((1, 0), (0, 1), (0, 0))), "axes"),
+    "left-handed axes": (lambda: attitude(axes=((1, 0, 0), (0, 1, 0), (0, 0, -1))), "right-handed"),
+    "a mass that encloses": (
+        lambda: gx.Chamber(gx.PointMass(1.0), gas=AIR, pressure=1.0, temperature=300.0, dead_volume=1e-3),
+        "PointMass encloses nothing",
+    ),
+    "start from a scene": (lambda: gx.StartFrom(gx.Scene(film())), "no compiled scene"),
+    "port of a missing node": (lambda: gx.Port(gx.PointMass(1.0), (7,)), "its nodes are 0 to 0"),
+    "port of a node below zero": (lambda: gx.Port(gx.PointMass(1.0), (-1,)), "its nodes are 0 to 0"),
     "piston without area": (lambda: gx.Piston(gx.PointMass(1.0).port(), 0.0, (1, 0, 0)), "area"),
 }
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -157,6 +159,21 @@ def test_rings_of_even_and_odd_numbers_of_edges_close_a_volume(n: int, order: in
 
 
 # ---- steps that fail ------------------------------------------------------------------------------------------------
+
+
+def test_the_chamber_is_named_whose_gas_is_not_in_balance() -> None:
+    """The mass of the second chamber's piston is beyond its bottom."""
+    system = gx.Simulation(two_pistons(), gx.Midpoint(dt=5e-3)).system
+    y, border = system.begin(5e-3), system.borders[0]
+    system.inertia(0.0)
+    z, r = system.q0.copy(), system.q0.duplicate()
+    system.take(z)
+    system.residual(y, r)
+    assert border.unsolved() == ""
+    z.array[3] -= 0.5
+    system.take(z)
+    system.residual(y, r)
+    assert re.match(r"the gas of 'chamber of 150000 Pa' is not in balance \(volume -0\.003 m³", border.unsolved())
 
 
 @pytest.mark.mpi
