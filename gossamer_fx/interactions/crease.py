@@ -120,11 +120,6 @@ class Crease:
         yield self.energy
 
     @property
-    def cells(self) -> Indices:
-        """This rank's triangles (n, 2) on the left and right of its points."""
-        return np.repeat(self.film.mesh.edges.cells[self._owned], len(_GAUSS[self.film.order][0]), axis=0)
-
-    @property
     def _owned(self) -> Indices:
         table = self.film.mesh.edges
         lines = self.film.mesh.curve(self.edges, self.name)
@@ -158,6 +153,7 @@ class Crease:
             self.name,
             self.film,
             np.repeat(nodes, len(points), axis=0),
+            np.repeat(cells, len(points), axis=0),
             maps.reshape(-1, *maps.shape[2:]),
             (self.stiffness * length[:, None] * weights).ravel(),
             self.rest_angle,

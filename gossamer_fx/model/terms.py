@@ -244,6 +244,11 @@ class CompiledTerms:
         """Stored energies [J] at q0 on this rank, by name."""
         return {}
 
+    def in_cells(self, field: str, body: Body) -> tuple[Indices, Array] | None:
+        """Local cells (n,) of a body and values (n,) there of an output field at q0, if it has such; a cell may come
+        several times, and on any rank that knows it: the mean counts."""
+        return None
+
     def resultants(self) -> dict[str, Array]:
         """Force and torque about the origin (2, 3) of each load over the last step [N, N m] on this rank, by name."""
         return {}

@@ -8,6 +8,8 @@
     state           0 slack, 1 wrinkled, 2 taut
     pressure        of the gas inside over that outside [Pa]; where a film parts two chambers, their difference
 
+    fold_angle      of the creases at a cell [rad], zero in others
+
     curvature1 ≥ curvature2   principal curvatures of a plate [1/m], positive towards the normal of its mesh
     moment1 ≥ moment2         principal bending moments of a plate [N m/m]
 
@@ -23,7 +25,7 @@ from typing import Any
 
 import numpy as np
 import ufl
-from dolfinx import fem
+from dolfinx import fem, la
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
@@ -105,7 +107,9 @@ FIELDS = {
     "curvature2": Field((), True, lambda plate, x, v: _principal(plate.curvature(x))[1], of_plates=True),
     "moment1": Field((), True, lambda plate, x, v: _principal(plate.moment(x))[0], of_plates=True),
     "moment2": Field((), True, lambda plate, x, v: _principal(plate.moment(x))[1], of_plates=True),
-    "pressure": Field((), True, None),  # no function of the film's coordinates: the gas has its own state
+    # no functions of the film's coordinates: the gas has its own state, and a fold may have turned more than once
+    "pressure": Field((), True, None),
+    "fold_angle": Field((), True, None),
 }
 
 
@@ -138,7 +142,8 @@ class FieldFunctions:
             function = fem.Function(fem.functionspace(shape.body.space.mesh, (family, order, field.shape)), name=name)
             self.functions.append(function)
             if field.expression is None:
-                self._updates.append(partial(_take_pressure, function, body, system))
+                take = partial(_take_pressure, function) if name == "pressure" else partial(_take_mean, function, name)
+                self._updates.append(partial(take, body, system))
             else:
                 points = interpolation_points(function.function_space)
                 compiled = compile_expression(field.expression(shape.body, shape.q, shape.v), points)
@@ -162,6 +167,21 @@ def _take_pressure(function: fem.Function, film: MeshBody, system: System) -> No
             if getattr(enclosure, "film", None) is film:
                 cells = function.function_space.dofmap.list[enclosure.cells()]
                 values[cells] = gas.p - (outside.pressure if outside else 0.0) - values[cells]
+
+
+def _take_mean(function: fem.Function, name: str, body: MeshBody, system: System) -> None:
+    """Set a discontinuous function to the mean of what terms have in each cell, and to zero elsewhere."""
+    sums, counts = function.x, fem.Function(function.function_space).x
+    sums.array[:] = 0
+    for compiled in system.compiled:
+        found = compiled.in_cells(name, body)
+        if found is not None:
+            nodes = function.function_space.dofmap.list[found[0]]
+            np.add.at(sums.array, nodes, found[1][:, None])
+            np.add.at(counts.array, nodes, 1.0)
+    for vector in (sums, counts):
+        vector.scatter_reverse(la.InsertMode.add)
+    sums.array[:] /= np.maximum(counts.array, 1.0)
 
 
 class AreaFractions:

@@ -18,7 +18,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.algebra.numbering import Numbering
 from gossamer_fx.algebra.places import Gather, add_blocks
-from gossamer_fx.model.terms import Array, Assembly, CompiledTerms, Indices, MeshBody
+from gossamer_fx.model.terms import Array, Assembly, Body, CompiledTerms, Indices, MeshBody
 from gossamer_fx.terms import fold_angle
 
 Names = np.ndarray[Any, np.dtype[np.int64]]
@@ -74,6 +74,13 @@ class CreaseEnergies(CompiledTerms):
         here = points.owner == i
         return points.θ[here], points.rest[here]
 
+    def in_cells(self, field: str, body: Body) -> tuple[Indices, Array] | None:
+        mine = [term for term in self.terms if term.body is body]
+        if field != "fold_angle" or not mine:
+            return None
+        cells = np.concatenate([term.cells.ravel() for term in mine])
+        return cells, np.concatenate([np.repeat(self.angles(term)[0], 2) for term in mine])
+
     def get_state(self) -> dict[str, Any]:
         """The points whose angle or rest angle is not what positions and input tell, by the names of their edges."""
         unusual = [row for points in self._arrays for row in points.unusual()]
@@ -90,6 +97,7 @@ class CreaseEnergy:
     """Stored energy Σ ½ k (θ - θr)² over n points of folds, and what they dissipate where they yield.
 
     nodes (n, k)    local nodes of the body; a point is evaluated on one rank
+    cells (n, 2)    local cells on the left and on the right
     maps (n, 3, k)  the vectors along the fold, into the left and into the right panel are maps · positions of the nodes
     stiffness (n,)  k [N m/rad] of the part of the fold that the point stands for
     rest            θr [rad] at the start
@@ -101,6 +109,7 @@ class CreaseEnergy:
     name: str
     body: MeshBody
     nodes: Indices
+    cells: Indices
     maps: Array
     stiffness: Array
     rest: float

@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.interactions.crease import MOUNTAIN, VALLEY
+from gossamer_fx.outputs.fields import FieldFunctions
 from gossamer_fx.terms.crease_energies import CreaseEnergies
 from meshes.creased_strip import creased_strip
 
@@ -96,6 +97,50 @@ def test_a_fold_pressed_shut_opens_to_its_side(sign: int) -> None:
     assert (angles(run, crease) * sign > 0).all()
 
 
+@pytest.mark.mpi
+def test_the_field_of_fold_angles(comm: MPI.Comm) -> None:
+    film, crease = strip(comm)
+    run = gx.Simulation(gx.Scene(film, crease), gx.Midpoint(dt=1e-4))
+    fields = FieldFunctions(run.system, film, ["fold_angle"])
+    fields.update()
+    (values,) = fields.functions
+    n = film.mesh.domain.topology.index_map(2).size_local
+    folds = values.x.array[values.function_space.dofmap.list[:n]].mean(axis=1)
+    assert comm.allreduce(int(np.isclose(folds, 1.4).sum())) == 4  # two edges, each with two triangles
+    assert comm.allreduce(int((folds == 0).sum())) == 32 - 4
+    assert gx.FoldAngle(crease)(run) == pytest.approx(1.4)
+    assert gx.FoldAngle(crease, "largest")(run) == pytest.approx(1.4)
+    assert gx.FoldAngle(crease, "rest")(run) == 0.0
+    with pytest.raises(gx.InputError, match="'crease' is not in the scene"):
+        gx.FoldAngle(crease).of(gx.Scene(film).compile())
+
+
+def thrown_plate(angle: float = 1.4) -> tuple[gx.Plate, gx.Crease]:
+    mesh = creased_strip(MPI.COMM_SELF, 4, 1, LENGTH, WIDTH)
+    plate = gx.Plate(mesh, LAW, hinges=["crease"], displacement=folded(angle), velocity=throw)
+    return plate, gx.Crease(plate, "crease", STIFFNESS)
+
+
+@pytest.mark.parametrize("control", [None, gx.StepControl(iterations=6, error=2e-6, largest=1e-4)])
+def test_a_thrown_plate_conserves_energy_and_angular_momentum(control: gx.StepControl | None) -> None:
+    run = gx.Simulation(gx.Scene(*thrown_plate()), gx.Midpoint(dt=5e-5), control=control)
+    run.run(until=5e-3)
+    assert abs(run.energy_error) < 1e-10
+    drift = run.totals.angular_momentum - run.first.angular_momentum
+    assert np.abs(drift).max() < 1e-10 * np.abs(run.first.angular_momentum).max()
+
+
+def test_modes_of_a_creased_plate_are_softer_than_of_a_flat_one() -> None:
+    """The second frequency of a held strip falls where a crease lets its free half flap."""
+    found = []
+    for stiffness in (1e-5, 1.0):
+        plate = gx.Plate(creased_strip(MPI.COMM_SELF, 4, 1, LENGTH, WIDTH), LAW, hinges=["crease"])
+        search = gx.Equilibrium(gx.Scene(plate, gx.Crease(plate, "crease", stiffness), gx.Fixed(plate, "left")))
+        search.find()
+        found.append([mode.frequency for mode in gx.modes(search, 3)])
+    assert found[0][1] < 0.9 * found[1][1]
+
+
 def yielding(comm: MPI.Comm) -> tuple[gx.Membrane, gx.Crease]:
     """Shut to the side that its rest angle does not tell, and beyond its limit from the start."""
     return strip(comm, angle=math.pi, velocity=throw, shut=MOUNTAIN, yield_angle=0.5)
@@ -134,6 +179,10 @@ def two_surfaces(model: object) -> None:
 
 
 BAD = {
+    "no hinge": (
+        lambda film: gx.Crease(gx.Plate(film.mesh, LAW), "crease", 1e-3),
+        "transmits bending at 'crease' itself; give it hinges=['crease']",
+    ),
     "rim": (lambda film: gx.Crease(film, "left", 1e-3), "2 of the 2 edges of 'left' lie on the rim"),
     "surface": (lambda film: gx.Crease(film, "film", 1e-3), "the group 'film' has dimension 2; name curves"),
     "no group": (lambda film: gx.Crease(film, "fold", 1e-3), "The mesh has no group 'fold'"),
