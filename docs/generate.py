@@ -39,6 +39,7 @@ ROOMS = {
     "loads": "Loads and damping",
     "control": "Control",
     "orbit": "Orbit",
+    "reduction": "Reduced models",
     "scene": "Scene and start",
     "steppers": "Time steppers and step control",
     "terms": "Stress rules",
