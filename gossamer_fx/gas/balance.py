@@ -67,10 +67,10 @@ class Balance:
             passage.area = passage.aperture(h, t)
         self._choose_weights(p, U / (m * self._gas.cv), V)
 
-    def residual(self, y: Array, V: Array, W: Array) -> Array:
-        """Energy [J] and mass [kg] that each chamber would have too much, (2n,)."""
+    def residual(self, y: Array, V: Array, W: Array, known: Rates | None = None) -> Array:
+        """Energy [J] and mass [kg] that each chamber would have too much, (2n,); rates may be known already."""
         p1, m1 = y[: self._n], y[self._n :]
-        rates = self.rates(y, V)
+        rates = known or self.rates(y, V)
         energy = p1 * V / (self._gas.gamma - 1) - self._U0 - self.h * rates.energy + (self._p0 + p1) / 2 * W
         return np.concatenate([energy, m1 - self._m0 - self.h * rates.mass])
 
@@ -107,7 +107,7 @@ class Balance:
         """The solution, from a guess: Newton's method, backtracking; None if it is not found."""
         rates = self.rates(y, V)
         scale = self.scales(y, V, magnitude) + self.h * abs(np.concatenate([rates.energy, rates.mass]))
-        F = self.residual(y, V, W) / scale
+        F = self.residual(y, V, W, rates) / scale
         for _ in range(50):
             if abs(F).max() <= SETTLED:
                 return y

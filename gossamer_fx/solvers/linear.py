@@ -8,7 +8,8 @@ whole by block elimination: with Z = P⁻¹G and the small dense Σ = C - HᵀZ,
 
     δy = Σ⁻¹ (s - Hᵀ P⁻¹ r),    δz = P⁻¹ r - Z δy.
 
-It is exact if P is, and a border costs one more application of P⁻¹ a Newton iteration, however dense it is.
+It is exact if P is, and a border costs one more application of P⁻¹ a Newton iteration, however dense it is.  Where P is
+no factorisation, Z of an earlier iteration of the step does as well: Σ is made of it, too.
 All options can be overridden by PETSc's, prefix `gx_` (e.g. `-gx_pc_type lu`).
 """
 
@@ -22,6 +23,7 @@ import gossamer_fx.solvers.factorisation as factorisation
 from gossamer_fx.model.terms import Array
 from gossamer_fx.system.system import System
 
+MANY = 1000  # applications of a preconditioner that no solve makes
 DIRECT_UP_TO = 3000  # unknowns up to which a factorisation is cheapest
 REASONS = {
     int(getattr(PETSc.KSP.ConvergedReason, name)): words
@@ -88,27 +90,44 @@ class Bordered:
 class BorderedPreconditioner:
     """Block elimination with a preconditioner of the sparse part, as PETSc's Python preconditioner."""
 
-    def __init__(self, operator: Bordered, sparse: PETSc.PC) -> None:
-        self._operator, self._sparse = operator, sparse
+    def __init__(self, operator: Bordered, sparse: PETSc.PC, system: System) -> None:
+        self._operator, self._sparse, self._system = operator, sparse, system
         self._out = operator.composite.fields.duplicate()
+        self._Z: list[Array | None] = []
+        self._step: tuple[float, float] | None = None
+        self._applications, self._enough = 0, 0  # since the last set-up, and with a Z of its own
 
     def setUp(self, pc: PETSc.PC) -> None:
         operator = self._operator
         self._sparse.setOperators(operator.A)
         self._sparse.setUp()
-        z = operator.composite.fields
-        self._Z: list[Array | None] = [None] * len(operator.G)
+        step = self._system.time, self._system.h
+        if self._sparse.getType() != "python" or step != self._step or self._applications > self._enough + 1:
+            self._solve_columns()
+            self._step, self._enough = step, MANY
+        elif self._enough == MANY:
+            self._enough = self._applications
+        self._applications = 0
         self._Σ = operator.C.copy()
+        for k, column in enumerate(self._Z):
+            if column is not None:
+                self._out.array[:] = column
+                self._Σ[:, k] -= operator.rows(self._out)
+
+    def _solve_columns(self) -> None:
+        """Z = P⁻¹G."""
+        operator, z = self._operator, self._operator.composite.fields
+        self._Z = [None] * len(operator.G)
         for k, g in enumerate(operator.G):
             if g is not None:
                 with z as values:
                     values[:] = g
                 self._sparse.apply(z, self._out)
                 self._Z[k] = self._out.array_r.copy()
-                self._Σ[:, k] -= operator.rows(self._out)
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, out: PETSc.Vec) -> None:
         operator = self._operator
+        self._applications += 1
         r, s = operator.composite.split(x)
         self._sparse.apply(r, self._out)
         right = s - operator.rows(self._out)

@@ -121,7 +121,7 @@ class Newton:
             outer = ksp.getPC()
             outer.setOptionsPrefix(PREFIX + "border_")
             outer.setType("python")
-            outer.setPythonContext(linear.BorderedPreconditioner(self._bordered, sparse))
+            outer.setPythonContext(linear.BorderedPreconditioner(self._bordered, sparse, system))
         else:
             J = system.A
             self._preconditioner = ksp.getPC()
