@@ -215,3 +215,29 @@ def test_what_cannot_fly_is_refused() -> None:
         gx.Simulation(gx.Scene(body, Orbit(Elements(A)), Orbit(Elements(A), name="other")), gx.Midpoint(dt=1.0))
     with pytest.raises(gx.InputError, match="not in the scene"):
         Orbit(Elements(A)).flight(gx.Simulation(gx.Scene(body), gx.Midpoint(dt=1.0)).system)
+
+
+@pytest.mark.slow
+def test_a_stiffer_body_moves_as_the_rigid_one() -> None:
+    """A dumbbell on springs of 1, 4, 16 N/m against two masses on a bar: the angle errs by 1/stiffness."""
+    tilt, until, h = 0.5, 600.0, 1.0
+    arm = np.array([math.cos(tilt), math.sin(tilt), 0.0])
+
+    def angle(*parts: object, along: tuple[object, ...]) -> float:
+        run = gx.Simulation(gx.Scene(*parts, Orbit(Elements(A))), gx.Midpoint(dt=h))
+        run.run(until=until)
+        x = values_of(run.system, along, run.system.q0)
+        d = x[-1] - x[0] if len(along) == 2 else x[0]
+        return math.atan2(d[1], d[0])
+
+    across = np.array([-arm[1], arm[0], 0.0])
+    attitude = np.column_stack([arm, across, (0.0, 0.0, 1.0)])
+    bar = gx.RigidBody(20.0, (1e-6, 2000.0, 2000.0), attitude=attitude, spin=(0, 0, RATE))
+    rigid = angle(bar, along=(bar.frame().directors[0],))
+    errors = []
+    for stiffness in (1.0, 4.0, 16.0):
+        a, b, _ = dumbbell(tilt)
+        spring = gx.Spring(a.port(), b.port(), stiffness=stiffness, length=20.0)
+        errors.append(abs(angle(a, b, spring, along=(a.port(), b.port())) - rigid))
+    orders = np.log(np.array(errors[:-1]) / errors[1:]) / math.log(4)
+    assert np.all(np.abs(orders - 1) < 0.1), (errors, orders)

@@ -6,8 +6,10 @@ import math
 from pathlib import Path
 
 import pytest
+from mpi4py import MPI
 
 from demos import deorbit, orbit_sail, windmill
+from demos.studies import orbit
 
 
 def test_a_stretched_sail_flies_into_the_light() -> None:
@@ -31,3 +33,10 @@ def test_a_deorbit_sail_falls_as_the_formula() -> None:
     result = deorbit.main(hours=0.5, dt=30.0, tilt=math.radians(1))
     assert result["fall [m]"] == pytest.approx(result["fall by the formula [m]"], rel=0.02)
     assert result["largest angle to the motion, late [rad]"] < math.radians(3)
+
+
+@pytest.mark.parametrize("scene", ["swing", "wide swing"])
+def test_a_case_of_the_study_of_orbits(scene: str, comm: MPI.Intracomm) -> None:
+    result = orbit.problem(comm, scene, 30.0)
+    assert result["result/exact"] == pytest.approx(1.0, abs=2e-3)
+    assert result["momentum"] < 1e-12
