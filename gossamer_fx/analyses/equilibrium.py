@@ -15,20 +15,24 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from petsc4py import PETSc
+from mpi4py import MPI
 
+from gossamer_fx.analyses.rigid_motions import free_motions
 from gossamer_fx.checks.errors import NoEquilibrium, check
-from gossamer_fx.interactions.fixed import Fixed, Prescribed
 from gossamer_fx.model.terms import Array
 from gossamer_fx.scene.scene import Scene
+from gossamer_fx.solvers import factorisation
 from gossamer_fx.solvers.newton import Newton, NotConverged, Tolerances
+from gossamer_fx.system.reactions import Part, joint_force, support_force
 from gossamer_fx.system.system import System
 from gossamer_fx.system.totals import Totals
 from gossamer_fx.terms.discrete_gradient import EndPoint
 
-MOTIONS = ("translation x", "translation y", "translation z", "rotation x", "rotation y", "rotation z")
+FAR = 1e3  # sizes of the scene beyond which a body has flown off
+ROUNDED = 1e-3  # largest round-off of the forces, over the load, that may stand for balance
 
 
 @dataclass(frozen=True)
@@ -69,14 +73,16 @@ class Continuation:
 class EquilibriumResult:
     """An equilibrium.
 
-    residual    unbalanced force over that of loads and supports
+    residual    unbalanced force over that of loads and supports, or where there are none, over a thousand times the
+                round-off of the inner forces
     iterations  Newton iterations, those of failed pseudo-steps included
     steps, cuts pseudo-steps, and failed ones among them
     seconds     CPU time of this rank, without compilation
     totals      energies; the kinetic energy is zero, `supplied` is the work of loads and supports along the path of
                 the continuation (exact for dead loads and prescribed pressure)
-    regular     whether Newton's iteration converges without inertia: then the tangent is not singular
-    free        rigid motions that no support or load resists: the equilibrium is unique up to them at best
+    regular     whether Newton's iteration converges without inertia, and the tangent is not singular
+    free        rigid motions that no support or load resists, of each part that moves by itself: the equilibrium is
+                unique up to them at best
     """
 
     residual: float
@@ -101,11 +107,14 @@ class Equilibrium:
     """
 
     def __init__(self, scene: Scene, search: Continuation = Continuation()) -> None:
+        check(bool(scene.bodies), "Equilibrium: the scene has no body that could move; add a film, cable, beam or mass.")
         started = time.perf_counter()
         self.scene, self.search, self.comm = scene, search, scene.comm
         self.system: System = scene.compile(EndPoint())
         self.newton = Newton(self.system, Tolerances(), direct=True)
-        self._rest, self._r = self.system.numbering.vector(), self.system.numbering.vector()
+        self._rest, self._r, self._begun = (self.system.numbering.vector() for _ in range(3))
+        self._size = self._extent()
+        self.result: EquilibriumResult | None = None
         self.compile_seconds = time.perf_counter() - started
 
     def find(self, at: float = 0.0) -> EquilibriumResult:
@@ -117,39 +126,73 @@ class Equilibrium:
             NoEquilibrium: with the residual that was reached, the reason and the place.
         """
         started = time.process_time()
+        check(math.isfinite(at), f"find: at is {at!r}; give a time in seconds.")
         self._spent = self._steps = self._cuts = 0
+        self.result = None
+        self.system.q0.copy(self._begun)
         self._continue(at)
-        free = self._free_motions()
-        regular = not free and self._finish(at)
+        free, regular = self._judge(at)
         residual, _ = self._unbalanced()
         seconds = time.process_time() - started
-        return EquilibriumResult(
+        self.result = EquilibriumResult(
             residual, self._spent, self._steps, self._cuts, seconds, self.system.totals(), regular, free
         )
+        return self.result
 
-    def reaction(
-        self, support: Fixed | Prescribed, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    ) -> tuple[Array, Array]:
-        """Force [N] and moment [N m] about a point that a support exerts, (3,) each, in the equilibrium found last."""
-        system = self.system
-        k = system.bodies.index(support.body)
-        owned = system.numbering.owned(k)
-        forces = system.outside().array_r[owned].reshape(-1, 3)
-        nodes = support.body.nodes(support.group)
-        nodes = nodes[nodes < len(forces)]
-        held = np.zeros_like(forces)
-        these = np.ix_(nodes, np.array(support.components))
-        held[these] = forces[these]
-        arms = system.q0.array_r[owned].reshape(-1, 3) - np.asarray(about)
-        total: Array = self.comm.allreduce(np.array([held.sum(axis=0), np.cross(arms, held).sum(axis=0)]))
-        return total[0], total[1]
+    # ---- the result ---------------------------------------------------------------------------------------------
+
+    def reaction(self, support: Part, about: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> tuple[Array, Array]:
+        """Force [N] and moment [N m] about a point that a support exerts, (3,) each, in the equilibrium found last.
+
+        Raises:
+            InputError: no equilibrium was found yet, or the support is not in the scene.
+        """
+        self.need("reaction")
+        return support_force(self.system, support, about)
+
+    def joint_force(self, joint: Any, about: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> tuple[Array, Array]:
+        """Force [N] and moment [N m] about a point that a joint exerts on its side `b`, (3,) each.
+
+        Raises:
+            InputError: no equilibrium was found yet, or the joint is not in the scene.
+        """
+        self.need("joint_force")
+        return joint_force(self.system, joint, about)
+
+    def need(self, what: str) -> None:
+        """Raise `InputError` unless an equilibrium was found."""
+        check(self.result is not None, f"{what}: no equilibrium was found yet; call find() of the Equilibrium first.")
+
+    @property
+    def time(self) -> float:
+        """[s], of the loads."""
+        return self.system.time
+
+    @property
+    def totals(self) -> Totals:
+        """Energies and momenta now."""
+        return self.system.totals()
+
+    @property
+    def chambers(self) -> dict[str, Any]:
+        """States of the gas chambers and tanks by name."""
+        return {name: state for border in self.system.borders for name, state in border.states().items()}
+
+    def chamber(self, name: str) -> Any:
+        """State of one chamber: p [Pa], temperature [K], V [m³], m [kg], U [J]."""
+        chambers = self.chambers
+        known = ", ".join(chambers) or "none"
+        check(name in chambers, f"The scene has no chamber '{name}'; its chambers and tanks are: {known}.")
+        return chambers[name]
+
+    # ---- the search ---------------------------------------------------------------------------------------------
 
     def _continue(self, at: float) -> None:
         """Pseudo-steps until the residual is small without inertia."""
         search, h = self.search, self.search.step
         inner = Tolerances(search.inner, border=1e-8, constraint=1e-8, iterations=search.max_iterations)
         residual, round_off, ceiling, why = math.inf, 0.0, math.inf, "no step succeeded"
-        while residual > max(search.residual, round_off):
+        while residual > max(search.residual, min(round_off, ROUNDED)):
             try:
                 used = self._step(h, at, inner)
             except NotConverged as failure:
@@ -157,8 +200,9 @@ class Equilibrium:
                 self._cuts += 1
                 why = str(failure)
             else:
+                self._stay()
                 residual, load = self._unbalanced()
-                round_off = self.newton.round_off / load if load > 0 else 0.0
+                round_off = self.newton.round_off / load
                 inner = replace(inner, absolute=search.residual * load / 2)
                 ceiling *= search.cap_growth ** (3 if used <= search.fast_iterations // 3 else 1)
                 if used <= search.fast_iterations:
@@ -191,6 +235,9 @@ class Equilibrium:
         self._steps += 1
         try:
             _, self._y, used = self.newton.solve(self._rest, y)
+        except NotConverged:
+            system.take(system.q0)
+            raise
         finally:
             self._spent += self.newton.iterations
             system.time = at
@@ -199,46 +246,43 @@ class Equilibrium:
         return used
 
     def _unbalanced(self) -> tuple[float, float]:
-        """Residual without inertia over the outer forces, and those forces [N], at the accepted state."""
+        """Residual without inertia over the outer forces, and those forces [N], at the accepted state.
+
+        Where these are less than a thousand times the round-off of the inner forces, that stands for them.
+        """
         system = self.system
         system.inertia(0.0)
         system.residual(self._y, self._r)
-        load = float(system.outside().norm())
+        load = max(float(system.outside().norm()), self.newton.round_off / ROUNDED, 1e-300)
         unbalanced, _ = system.imbalance(self._r)
-        return (unbalanced / load if load > 0 else unbalanced), load
+        return unbalanced / load, load
 
-    def _free_motions(self) -> tuple[str, ...]:
-        """Rigid motions of the whole scene whose stiffness is what is left of the residual, or round-off."""
+    def _extent(self) -> float:
+        """Size of the scene and its distance from the origin [m]."""
+        largest = max((float(np.abs(b.initial_state()[0]).max(initial=0.0)) for b in self.system.bodies), default=0.0)
+        return max(self.comm.allreduce(largest, op=MPI.MAX), 1e-3)
+
+    def _judge(self, at: float) -> tuple[tuple[str, ...], bool]:
+        """Rigid motions that nothing resists, and whether the tangent without inertia is regular."""
+        finished = self._finish(at)
         system = self.system
-        system.inertia(0.0)
         unbalanced, load = self._unbalanced()
-        left = 2 * unbalanced * (load or 1.0)
         K = system.tangent()
-        stiffness, out = K.getDiagonal().norm(PETSc.NormType.NORM_INFINITY), self._rest.duplicate()
-        free = []
-        for name, φ in zip(MOTIONS, rigid_motions(system), strict=True):
-            K.mult(φ, out)
-            if φ.norm() > 0 and out.norm() < left + 1e-13 * stiffness * φ.norm():
-                free.append(name)
-        return tuple(free)
+        free = free_motions(system, K, unbalanced * (load or 1.0))
+        return free, not free and finished and (bool(system.borders) or not factorisation.is_singular(K))
 
-
-def rigid_motions(system: System) -> list[PETSc.Vec]:
-    """Velocities of the coordinates in three translations and three rotations about the origin, zero where held."""
-    motions = []
-    for i, axis in enumerate([*np.eye(3), *np.eye(3)]):
-        φ = system.numbering.vector()
-        with φ as values:
-            for k, body in enumerate(system.bodies):
-                owned = system.numbering.owned(k)
-                q = system.q0.array_r[owned].reshape(-1, 3)
-                v = np.cross(axis, q) if i >= 3 else np.zeros_like(q)
-                if i < 3:
-                    v[:: body.block.size // 3] = axis
-                values[owned] = v.ravel()
-            values[system.supports.held] = 0
-        motions.append(φ)
-    return motions
+    def _stay(self) -> None:
+        """See that the scene did not fly off: what nothing holds moves the further the longer the pseudo-step."""
+        system = self.system
+        Δ = np.abs(system.q0.array_r - self._begun.array_r)
+        far = np.array([Δ[system.numbering.owned(k)].max(initial=0.0) for k in range(len(system.bodies))])
+        system.comm.Allreduce(MPI.IN_PLACE, far, op=MPI.MAX)
+        k = int(far.argmax())
+        if far[k] > FAR * self._size:
+            raise NoEquilibrium(
+                f"No equilibrium: '{system.bodies[k].name}' has moved by {far[k]:.1e} m and moves on; hold it, or let "
+                "the loads on it balance each other."
+            )
 
 
 Found = EquilibriumResult  # its former name

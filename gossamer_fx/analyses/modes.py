@@ -60,6 +60,7 @@ def modes(
         not system.borders,
         "modes: the scene has gas chambers, whose stiffness is not known here; give their pressure as Pressure.",
     )
+    equilibrium.need("modes")
     system.inertia(0.0)
     K = system.tangent()
     M = system.M.copy()

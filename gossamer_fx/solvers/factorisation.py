@@ -6,8 +6,10 @@ need more; ICNTL(14) is the margin in per cent, and is doubled when INFOG(1) say
 
 from __future__ import annotations
 
+import numpy as np
 from petsc4py import PETSc
 
+EPS = float(np.finfo(float).eps)
 MARGIN, LARGEST = 20, 20_000  # % of the estimated workspace: MUMPS's own default, and the last that is tried
 WORKSPACE = (-8, -9, -11, -14, -15, -17, -20)
 REASONS = {
@@ -75,3 +77,18 @@ def solve(A: PETSc.Mat, b: PETSc.Vec, x: PETSc.Vec) -> str:
         ksp.setOperators(A)
         ksp.solve(b, x)
     return reason(pc)
+
+
+def is_singular(A: PETSc.Mat) -> bool:
+    """Whether A is singular to round-off: |A| |A⁻¹| above 1/(4 ε), estimated by two solutions from a random vector."""
+    x, b = A.createVecs()
+    b.setRandom()
+    for _ in range(2):
+        if solve(A, b, x):
+            return True
+        amplified = float(x.norm()) / max(float(b.norm()), 1e-300)
+        if not amplified * A.norm(PETSc.NormType.INFINITY) < 1 / (4 * EPS):
+            return True
+        x.copy(b)
+        b.normalize()
+    return False

@@ -1,0 +1,146 @@
+"""Forces that supports and joints exert, from the residual and the multipliers of the last solution."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any, Protocol
+
+import numpy as np
+from petsc4py import PETSc
+
+from gossamer_fx.algebra.places import PointMeasure, attach, is_here
+from gossamer_fx.bodies.frames import Frame
+from gossamer_fx.checks.errors import check
+from gossamer_fx.model.terms import Array, Attached, Port, Term, Vector
+from gossamer_fx.system.system import System
+from gossamer_fx.terms.point_constraints import PointConstraint
+from gossamer_fx.terms.supports import Support
+
+
+class Part(Protocol):
+    """A support or joint of a scene."""
+
+    name: str
+
+    def terms(self) -> Iterable[Term]: ...
+
+
+def check_vector(what: str, about: Vector) -> Array:
+    """Three finite numbers."""
+    point = np.asarray(about, dtype=float)
+    check(
+        point.shape == (3,) and bool(np.isfinite(point).all()), f"{what}: the point is {about!r}; give three numbers."
+    )
+    return point
+
+
+def support_force(system: System, support: Part, about: Vector) -> tuple[Array, Array]:
+    """Force [N] and moment about a point [N m], (3,) each, that a support exerts in the last solution.
+
+    Raises:
+        InputError: it is not in the scene, or holds nothing.
+    """
+    centre = check_vector(f"The reaction of '{support.name}'", about)
+    total = np.zeros((2, 3))
+    found = False
+    for term in support.terms():
+        name = getattr(term, "name", "")
+        if isinstance(term, Support):
+            found = any(isinstance(t, Support) and t.name == name and t.body is term.body for t in system.terms)
+            if found:
+                total += _held(system, term, centre)
+        elif isinstance(term, PointConstraint):
+            found = any(isinstance(t, PointConstraint) and t.name == name for t in system.terms)
+            if found:
+                total += _tied(system, term.measure, _multipliers(system, name), lambda port: True, centre)
+    check(found, f"'{support.name}' is no support of this scene; add it to the scene, or ask for one that is in it.")
+    total = system.comm.allreduce(total)
+    return total[0], total[1]
+
+
+def joint_force(system: System, joint: Any, about: Vector | None = None) -> tuple[Array, Array]:
+    """Force [N] and moment [N m], (3,) each, that a joint exerts on its second side `b`, in the last solution.
+
+    The moment is about a point, by default the origin; side `a` feels the opposite.
+
+    Raises:
+        InputError: it is not in the scene, or has no multipliers.
+    """
+    centre = check_vector(f"The force of '{joint.name}'", (0.0, 0.0, 0.0) if about is None else about)
+    terms = [term for term in joint.terms() if isinstance(term, PointConstraint)]
+    known = {t.name for t in system.terms if isinstance(t, PointConstraint)}
+    check(
+        bool(terms) and {t.name for t in terms} <= known,
+        f"'{joint.name}' is no joint of this scene; add it to the scene, or ask for one that is in it.",
+    )
+    second = list(_bodies(joint.b))
+    sign, mine = (1.0, second) if second else (-1.0, list(_bodies(joint.a)))
+
+    def on_side(port: Port) -> bool:
+        return any(port.body is body for body in mine)
+
+    total = np.zeros((2, 3))
+    for term in terms:
+        total += sign * _tied(system, term.measure, _multipliers(system, term.name), on_side, centre)
+    total = system.comm.allreduce(total)
+    return total[0], total[1]
+
+
+def _bodies(side: Attached | Frame) -> Iterable[Any]:
+    """Bodies of a port or frame, the frame of a beam's section included."""
+    vectors = (side.origin, side.complete.origin) if isinstance(side, Frame) else (side,)
+    for vector in vectors:
+        if isinstance(vector, Port):
+            yield vector.body
+
+
+def _held(system: System, term: Support, centre: Array) -> Array:
+    """This rank's share of force and moment of held coordinates."""
+    owned = system.numbering.owned(system.bodies.index(term.body))
+    vectors = term.body.block.size // 3
+    mine = term.dofs[term.dofs < owned.stop - owned.start].astype(np.int64) + owned.start
+    all_forces = np.zeros(system.numbering.size_local)
+    all_forces[mine] = system.supports.reactions[np.searchsorted(system.supports.held, mine)]
+    forces = all_forces[owned].reshape(-1, vectors, 3)
+    arms = system.q0.array_r[owned].reshape(-1, vectors, 3).copy()
+    arms[:, 0] -= centre
+    return np.array([forces[:, 0].sum(axis=0), np.cross(arms, forces).sum(axis=(0, 1))])
+
+
+def _multipliers(system: System, name: str) -> Array:
+    """λ of a constraint, one row for each of this rank's places."""
+    terms = [t for t in system.terms if isinstance(t, PointConstraint)]
+    k = next(i for i, term in enumerate(terms) if term.name == name)
+    owned = system.numbering.owned(len(system.bodies) + k)
+    return system.q0.array_r[owned].reshape(-1, terms[k].measure.H.shape[0])
+
+
+def _tied(
+    system: System, measure: PointMeasure, λ: Array, counts: Callable[[Port], bool], centre: Array
+) -> Array:
+    """This rank's share of what a constraint exerts on those of its ports that count: -De(q̄)ᵀλ."""
+    α = system.rule.alpha
+    total = np.zeros((2, 3))
+    row = 0
+    for place in measure.places:
+        indices, P, o = attach(system.numbering, system.bodies, place)
+        now, before = (_values(system, q, indices) for q in (system.q0, system.past))
+        if not is_here(place):
+            continue
+        X = P @ ((1 - α) * before + α * now) + o
+        forces = -(λ[row] @ (measure.H @ X + measure.L)).reshape(-1, 3)
+        row += 1
+        for port, x, f in zip(place, X.reshape(-1, 3), forces, strict=True):
+            if isinstance(port, Port) and counts(port):
+                of_points = sum(w for w, v in zip(port.weights, port.vectors or (0,) * len(port.weights), strict=True) if v == 0)
+                total[0] += of_points * f  # one for a point of the body, zero for a direction
+                total[1] += np.cross(x - of_points * centre, f)
+    return total
+
+
+def _values(system: System, q: PETSc.Vec, indices: Any) -> Array:
+    """Unknowns by their global indices; on all ranks together."""
+    values = PETSc.Vec().createSeq(len(indices))
+    PETSc.Scatter().create(q, PETSc.IS().createGeneral(indices), values, None).scatter(q, values)
+    found: Array = values.array_r.copy()
+    return found

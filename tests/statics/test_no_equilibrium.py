@@ -1,0 +1,116 @@
+"""What has no equilibrium is refused, and what is free to move is named: parts of a scene apart, about any centre."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from gossamer_fx import Equilibrium, NoEquilibrium
+from meshes.sheet import sheet
+
+LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1000.0, thickness=1e-4)
+STRETCHED = {"displacement": lambda X: 0.01 * X}
+
+
+def film(comm, name="film", law=LAW, **start):
+    return gx.Membrane(sheet(comm, 3, 3), law, name=name, **start)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("load", ["gravity", "edge", "one of two", "corner"])
+def test_what_nothing_holds_has_no_equilibrium(comm, load):
+    """It was 'found' 5e9 m away, with half of the load unbalanced."""
+    first, second = film(comm), film(comm, "other")
+    scene = {
+        "gravity": lambda: gx.Scene(first, gx.Gravity(first)),
+        "edge": lambda: gx.Scene(first, gx.EdgeLoad(first, "right", (10.0, 0.0, 0.0))),
+        "one of two": lambda: gx.Scene(gx.Fixed(first, "left"), gx.Gravity(first), gx.Gravity(second)),
+        "corner": lambda: gx.Scene(first, gx.Force(first.port("top right"), (0.0, 1.0, 0.0))),
+    }[load]()
+    culprit = "other" if load == "one of two" else "film"
+    with pytest.raises(NoEquilibrium, match=f"'{culprit}' has moved by .* hold it"):
+        Equilibrium(scene).find()
+
+
+@pytest.mark.parametrize("law", [LAW, gx.TensionField(E=1e9, nu=0.3, density=1000.0, thickness=1e-4)])
+def test_an_unloaded_slack_film_rests_where_it_is(comm, law):
+    """Its residual was 5.5, of loads that are nothing but round-off; now it is below the round-off of the film."""
+    body = film(comm, law=law, displacement=lambda X: -0.1 * X)
+    found = Equilibrium(gx.Scene(body)).find()
+    assert found.residual < 1e-3
+    assert not found.regular
+
+
+def test_a_state_after_a_failed_last_iteration_is_the_one_that_was_found(comm):
+    """A pendulum hung at (1, 0, 0), whose turn about the vertical nothing resists: the residual was nan."""
+    bob = gx.RigidBody(1.0, (1.0, 1.0, 1.0), (1.0, 0.0, -1.0))
+    scene = gx.Scene(gx.BallJoint(bob.port((0.0, 0.0, 1.0)), gx.Ground((1.0, 0.0, 0.0))), gx.Gravity(bob))
+    found = Equilibrium(scene).find()
+    assert found.residual < 1e-8
+    assert found.free == ("rotation z about (1, 0, 0)",)
+    assert not found.regular
+
+
+@pytest.mark.mpi
+def test_parts_are_free_apart(comm):
+    first, second = film(comm, **STRETCHED), film(comm, "other", **STRETCHED)
+    found = Equilibrium(gx.Scene(gx.Fixed(first, "left"), gx.Fixed(first, "right"), second)).find()
+    motions = [f"{kind} {axis} of 'other'" for kind in ("translation", "rotation") for axis in "xyz"]
+    assert [words.split(" about")[0] for words in found.free] == [m.split(" about")[0] for m in motions]
+    assert not found.regular
+
+
+def test_a_mass_on_a_slack_rope_is_not_held(comm):
+    mass = gx.PointMass(1.0, (0.5, 0.0, 0.0))
+    found = Equilibrium(gx.Scene(gx.Rope(mass.port(), gx.Ground((0.0, 0.0, 0.0)), length=1.0, stiffness=10.0))).find()
+    assert found.free == ("translation x", "translation y", "translation z")
+    assert not found.regular
+
+
+@pytest.mark.parametrize(
+    ("joint", "free"),
+    [
+        (lambda b: gx.RevoluteJoint(b.frame_at((1, 0, 0)), gx.ground_frame((1, 0, 0)), (0, 1, 0)), ("rotation y about (1, 0, 0)",)),
+        (lambda b: gx.PrismaticJoint(b.frame(), gx.ground_frame((2, 0, 0)), (0, 1, 1)), ("translation (0, 0.707, 0.707)",)),
+        (lambda b: gx.FixedJoint(b.frame(), gx.ground_frame((2, 0, 0))), ()),
+    ],
+    ids=["hinge", "slide", "fixed"],
+)  # fmt: skip
+def test_a_joint_leaves_its_own_motion(comm, joint, free):
+    found = Equilibrium(gx.Scene(joint(gx.RigidBody(1.0, (1.0, 1.0, 1.0), (2.0, 0.0, 0.0))))).find()
+    assert found.free == free
+    assert found.regular == (not free)
+
+
+@pytest.mark.mpi
+def test_a_film_that_is_pinned_turns_about_its_pin(comm):
+    """A stretched strip between two pins on a slanted line turns about that line."""
+    body = film(comm, law=gx.Linear(E=1e9, nu=0.3, density=1000.0, thickness=1e-4), **STRETCHED)
+    found = Equilibrium(gx.Scene(gx.Fixed(body, "bottom left"), gx.Fixed(body, "top right"))).find()
+    assert found.free == ("rotation (0.707, 0.707, 0)",)
+
+
+def test_a_tank_alone_has_nothing_to_find(comm):
+    tank = gx.Tank(1e-3, gas=gx.IdealGas(1.4, 287.0), pressure=1e5, temperature=300.0)
+    with pytest.raises(gx.InputError, match="no body"):
+        Equilibrium(gx.Scene(tank))
+
+
+@pytest.mark.parametrize("ask", ["reaction", "joint_force", "modes"])
+def test_results_before_an_equilibrium_was_found_are_refused(comm, ask):
+    body = film(comm)
+    held = gx.Fixed(body, "left")
+    equilibrium = Equilibrium(gx.Scene(held))
+    with pytest.raises(gx.InputError, match="no equilibrium was found yet"):
+        gx.modes(equilibrium, 1) if ask == "modes" else getattr(equilibrium, ask)(held)
+
+
+def test_the_reaction_of_what_is_not_in_the_scene_is_refused(comm):
+    body = film(comm)
+    equilibrium = Equilibrium(gx.Scene(gx.Fixed(body, "left"), gx.Gravity(body)))
+    equilibrium.find()
+    with pytest.raises(gx.InputError, match="no support of this scene"):
+        equilibrium.reaction(gx.Fixed(body, "right"))
+    with pytest.raises(gx.InputError, match="three numbers"):
+        equilibrium.reaction(gx.Fixed(body, "left"), about=(np.nan, 0.0, 0.0))
