@@ -113,15 +113,20 @@ if TYPE_CHECKING:
     from gossamer_fx.outputs.flight_probes import SunAngle as SunAngle
     from gossamer_fx.outputs.fold_angle import FoldAngle as FoldAngle
     from gossamer_fx.outputs.ledger import Ledger as Ledger
+    from gossamer_fx.outputs.probes import AngularVelocity as AngularVelocity
     from gossamer_fx.outputs.probes import AreaFraction as AreaFraction
     from gossamer_fx.outputs.probes import Displacement as Displacement
     from gossamer_fx.outputs.probes import GasState as GasState
+    from gossamer_fx.outputs.probes import JointForce as JointForce
     from gossamer_fx.outputs.probes import Position as Position
+    from gossamer_fx.outputs.probes import RingArea as RingArea
     from gossamer_fx.outputs.probes import Velocity as Velocity
     from gossamer_fx.outputs.progress import Progress as Progress
     from gossamer_fx.outputs.recording import Recording as Recording
     from gossamer_fx.outputs.series import Series as Series
     from gossamer_fx.outputs.snapshots import Snapshots as Snapshots
+    from gossamer_fx.outputs.values import field_values as field_values
+    from gossamer_fx.outputs.values import positions as positions
     from gossamer_fx.outputs.vtx import VTX as VTX
     from gossamer_fx.outputs.vtx import Probes as Probes
     from gossamer_fx.plotting.flight_picture import FlightPicture as FlightPicture
@@ -212,7 +217,17 @@ _HOME = {
     "plotting.flight_picture": ["FlightPicture"],
     "outputs.ledger": ["Ledger"],
     "outputs.fold_angle": ["FoldAngle"],
-    "outputs.probes": ["AreaFraction", "Displacement", "GasState", "Position", "Velocity"],
+    "outputs.probes": [
+        "AngularVelocity",
+        "AreaFraction",
+        "Displacement",
+        "GasState",
+        "JointForce",
+        "Position",
+        "RingArea",
+        "Velocity",
+    ],
+    "outputs.values": ["field_values", "positions"],
     "outputs.progress": ["Progress"],
     "outputs.vtx": ["VTX", "Probes"],
     "outputs.recording": ["Recording"],

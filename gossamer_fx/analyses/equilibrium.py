@@ -26,7 +26,7 @@ from gossamer_fx.model.terms import Array
 from gossamer_fx.scene.scene import Scene
 from gossamer_fx.solvers import factorisation
 from gossamer_fx.solvers.newton import Newton, NotConverged, Tolerances
-from gossamer_fx.system.reactions import Part, joint_force, support_force
+from gossamer_fx.system.reactions import Joint, Part, joint_force, support_force
 from gossamer_fx.system.system import System
 from gossamer_fx.system.totals import Totals
 from gossamer_fx.terms.discrete_gradient import EndPoint
@@ -107,7 +107,7 @@ class Equilibrium:
     """
 
     def __init__(self, scene: Scene, search: Continuation = Continuation()) -> None:
-        check(bool(scene.bodies), "Equilibrium: the scene has no body that could move; add a film, cable, beam or mass.")
+        check(bool(scene.bodies), "Equilibrium: the scene has no body to move; add a film, cable, beam or mass.")
         started = time.perf_counter()
         self.scene, self.search, self.comm = scene, search, scene.comm
         self.system: System = scene.compile(EndPoint())
@@ -150,7 +150,7 @@ class Equilibrium:
         self.need("reaction")
         return support_force(self.system, support, about)
 
-    def joint_force(self, joint: Any, about: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> tuple[Array, Array]:
+    def joint_force(self, joint: Joint, about: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> tuple[Array, Array]:
         """Force [N] and moment [N m] about a point that a joint exerts on its side `b`, (3,) each.
 
         Raises:

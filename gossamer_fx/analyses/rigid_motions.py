@@ -168,9 +168,8 @@ def _motions(
 
 def _triangle(comm: MPI.Intracomm, columns: Array) -> Array:
     """The factor R (6, 6) of a matrix (n, 6) whose rows are distributed; unlike its square, it loses no digits."""
-    own = np.linalg.qr(np.vstack([columns, np.zeros((6, 6))]), mode="r")
-    found: Array = np.linalg.qr(np.vstack(comm.allgather(own)), mode="r")
-    return found
+    own = np.asarray(np.linalg.qr(np.vstack([columns, np.zeros((6, 6))]), mode="r"))
+    return np.asarray(np.linalg.qr(np.vstack(comm.allgather(own)), mode="r"))
 
 
 def _null(forces: Array, moved: Array, n: int) -> Array:
@@ -194,9 +193,7 @@ def _named(motions: Array, centre: Array) -> list[str]:
     along = _reduced(still[:3])
     words = [f"translation {_direction(t)}" for t in along]
     span = np.array(along).T if along else np.zeros((3, 0))
-    if rank:
-        reduced = np.linalg.qr(turning[3:])[1] if rank == 3 else None
-        turning = turning @ np.linalg.inv(turning[3:]) if reduced is not None else _aligned(turning)
+    turning = _aligned(turning)
     for v, ω in zip(turning[:3].T, turning[3:].T, strict=True):
         v = v - span @ np.linalg.lstsq(span, v, rcond=None)[0] if span.size else v
         ω2 = ω @ ω
@@ -232,7 +229,6 @@ def _reduced(vectors: Array) -> list[Array]:
     """A basis of the span of vectors (3, k) with as many zeros as can be."""
     if not vectors.size:
         return []
-    padded = np.vstack([np.zeros_like(vectors), vectors])
     Q = np.linalg.svd(vectors, full_matrices=False)
     kept = Q[0][:, Q[1] > 1e-8 * max(Q[1].max(), 1e-300)]
     padded = np.vstack([np.zeros_like(kept), kept])

@@ -58,6 +58,9 @@ _TESTS: dict[str, Test] = {
     "Output": (lambda v: hasattr(v, "record"), "an output, e.g. Ledger"),
     "Volume": (lambda v: hasattr(v, "gas"), "a chamber or tank"),
     "StressRule": (lambda v: hasattr(v, "alpha"), "a rule, e.g. PathAverage()"),
+    "Joint": (lambda v: hasattr(v, "a") and hasattr(v, "b") and hasattr(v, "terms"), "a joint, e.g. BallJoint"),
+    "Ring": (lambda v: hasattr(v, "film") and hasattr(v, "edges"), "a Ring"),
+    "State": (lambda v: hasattr(v, "system"), "a Simulation or an Equilibrium"),
     "Body": (lambda v: hasattr(v, "block"), "a body"),
     "MeshBody": (lambda v: hasattr(v, "block") and hasattr(v, "space"), "a body on a mesh"),
 }

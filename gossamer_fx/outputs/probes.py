@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from petsc4py import PETSc
 
+from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.ports import combined
 from gossamer_fx.model.terms import Port
 from gossamer_fx.outputs.fields import STATES, AreaFractions
 from gossamer_fx.outputs.run import Run
+from gossamer_fx.system.reactions import Joint, joint_force
 from gossamer_fx.system.system import System
 
 if TYPE_CHECKING:
     from gossamer_fx.gas.contract import Volume
+    from gossamer_fx.gas.ring import Ring
 
 AXES = {"x": 0, "y": 1, "z": 2}
 GAS = ("pressure", "temperature", "volume", "mass")
@@ -75,6 +79,56 @@ class AreaFraction:
 
     def __call__(self, run: Run) -> float:
         return float(self._fractions(run.system)[STATES[self.state]])
+
+
+class AngularVelocity:
+    """Component [rad/s] of the angular velocity of a frame, e.g. `AngularVelocity(hub.frame(), "z")`."""
+
+    def __init__(self, frame: Frame, axis: str) -> None:
+        _check_axis(axis)
+        self.axis, self._directors = axis, [d for d in frame.directors if isinstance(d, Port)]
+        check(
+            len(self._directors) == len(frame.directors),
+            "AngularVelocity: the ground does not turn; give the frame of a body.",
+        )
+
+    def __call__(self, run: Run) -> float:
+        d, rates = (
+            np.array([[_component(run, port, axis, vector) for axis in AXES] for port in self._directors])
+            for vector in (run.system.q0, run.system.v0)
+        )
+        if len(d) == 2:  # the normal of a beam's section
+            normal = np.cross(rates[0], d[1]) + np.cross(d[0], rates[1])
+            d, rates = np.vstack([np.cross(*d), d]), np.vstack([normal, rates])
+        return float(np.cross(d, rates).sum(axis=0)[AXES[self.axis]] / 2)
+
+
+class JointForce:
+    """Component [N] of the force that a joint exerts on its side `b`, in the last step."""
+
+    def __init__(self, joint: Joint, axis: str) -> None:
+        _check_axis(axis)
+        self.joint, self.axis = joint, axis
+
+    def __call__(self, run: Run) -> float:
+        return float(joint_force(run.system, self.joint)[0][AXES[self.axis]])
+
+
+class RingArea:
+    """Deformed area [m²] of a `Ring`, the opening through which gas may pass."""
+
+    def __init__(self, ring: Ring) -> None:
+        self.ring = ring
+        self._loops: dict[int, Any] = {}
+
+    def __call__(self, run: Run) -> float:
+        from gossamer_fx.gas.ring import Loop
+
+        known = self.ring.film in run.system.bodies
+        check(known, f"'{self.ring.film.name}' is not in the scene; add it, or remove the probe of its ring.")
+        if id(run.system) not in self._loops:
+            self._loops = {id(run.system): Loop(self.ring, run.system)}
+        return float(self._loops[id(run.system)].aperture(0.0))
 
 
 def _check_axis(axis: str) -> None:

@@ -55,7 +55,8 @@ class Tolerances:
 class Newton:
     """Solves r(q1, y) = 0, s(q1, y) = 0 for a compiled system.
 
-    PETSc options with prefix `gx_` apply (e.g. `-gx_snes_monitor`, `-gx_snes_linesearch_type cp`).  `direct` factorises
+    PETSc options with prefix `gx_` apply (e.g. `-gx_snes_monitor`), but for a line search: the residual follows the
+    iterates one by one, so no other place may be asked for.  `direct` factorises
     the matrix whatever its size: without much inertia a film with slack parts is too ill-conditioned for the others.
     `subdomains` is a method of domain decomposition, see `subdomains.METHODS`.
 
@@ -95,8 +96,13 @@ class Newton:
         snes.setOptionsPrefix(PREFIX)
         snes.setType("newtonls")
         options = PETSc.Options(PREFIX)
-        if not options.hasName("snes_linesearch_type"):
-            options["snes_linesearch_type"] = "basic"
+        search = options.getString("snes_linesearch_type", "basic")
+        check(
+            search == "basic",
+            f"-gx_snes_linesearch_type {search}: the strains of the iteration follow each step of Newton's, so that a "
+            "line search would lead it astray; leave the option out.",
+        )
+        options["snes_linesearch_type"] = "basic"
         snes.setFunction(self._function, self._F)
         snes.setMaxLinearSolveFailures(tolerances.iterations)
         ksp = snes.getKSP()

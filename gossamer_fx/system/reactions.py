@@ -20,9 +20,20 @@ from gossamer_fx.terms.supports import Support
 class Part(Protocol):
     """A support or joint of a scene."""
 
-    name: str
+    @property
+    def name(self) -> str: ...
 
     def terms(self) -> Iterable[Term]: ...
+
+
+class Joint(Part, Protocol):
+    """A joint of two sides, each a port or a frame."""
+
+    @property
+    def a(self) -> Any: ...
+
+    @property
+    def b(self) -> Any: ...
 
 
 def check_vector(what: str, about: Vector) -> Array:
@@ -58,7 +69,7 @@ def support_force(system: System, support: Part, about: Vector) -> tuple[Array, 
     return total[0], total[1]
 
 
-def joint_force(system: System, joint: Any, about: Vector | None = None) -> tuple[Array, Array]:
+def joint_force(system: System, joint: Joint, about: Vector | None = None) -> tuple[Array, Array]:
     """Force [N] and moment [N m], (3,) each, that a joint exerts on its second side `b`, in the last solution.
 
     The moment is about a point, by default the origin; side `a` feels the opposite.
@@ -115,9 +126,7 @@ def _multipliers(system: System, name: str) -> Array:
     return system.q0.array_r[owned].reshape(-1, terms[k].measure.H.shape[0])
 
 
-def _tied(
-    system: System, measure: PointMeasure, λ: Array, counts: Callable[[Port], bool], centre: Array
-) -> Array:
+def _tied(system: System, measure: PointMeasure, λ: Array, counts: Callable[[Port], bool], centre: Array) -> Array:
     """This rank's share of what a constraint exerts on those of its ports that count: -De(q̄)ᵀλ."""
     α = system.rule.alpha
     total = np.zeros((2, 3))
@@ -132,7 +141,9 @@ def _tied(
         row += 1
         for port, x, f in zip(place, X.reshape(-1, 3), forces, strict=True):
             if isinstance(port, Port) and counts(port):
-                of_points = sum(w for w, v in zip(port.weights, port.vectors or (0,) * len(port.weights), strict=True) if v == 0)
+                of_points = sum(
+                    w for w, v in zip(port.weights, port.vectors or (0,) * len(port.weights), strict=True) if v == 0
+                )
                 total[0] += of_points * f  # one for a point of the body, zero for a direction
                 total[1] += np.cross(x - of_points * centre, f)
     return total

@@ -27,6 +27,7 @@ def test_a_cylinder_without_caps_holds_the_volume_of_its_polygon(order):
     run = gx.Simulation(gx.Scene(film, bag, outlet), gx.Midpoint(dt=1e-5))
     polygon = sides / 2 * radius**2 * math.sin(2 * math.pi / sides)
     assert pytest.approx(polygon * length, rel=1e-12) == run.chamber("chamber").V
+    assert gx.RingArea(rims[1])(run) == pytest.approx(polygon, rel=1e-12)
     run.run(until=1e-5)
     choked = polygon / 2 * 1e3 / math.sqrt(296.8 * 300.0) * math.sqrt(1.4) * (2 / 2.4) ** 3
     assert run.totals.mass_supplied == pytest.approx(-choked * 1e-5, rel=0.02)
