@@ -8,44 +8,79 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.checks.errors import check
+from gossamer_fx.algebra.places import PointMeasure
+from gossamer_fx.bodies.meshed import Meshed
+from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.checks.user_functions import ask_points
-from gossamer_fx.model.terms import Array, Term
+from gossamer_fx.model.ports import unit
+from gossamer_fx.model.terms import Array, Indices, Port, Term, Vector
+from gossamer_fx.terms.point_constraints import PointConstraint
 from gossamer_fx.terms.supports import Support
+
+
+def check_support(kind: str, body: Meshed, group: str, components: tuple[int, ...]) -> None:
+    """Raise `InputError` for components that are none, and for a group without nodes of the body; on all ranks."""
+    check(
+        set(components) <= {0, 1, 2} and bool(components),
+        f"{kind}: components are {components!r}; choose from 0, 1, 2.",
+    )
+    body.mesh.group(group)
+    nodes = body.nodes(group)
+    owned = int((nodes < body.block.index_map.size_local).sum())
+    check(
+        body.comm.allreduce(owned) > 0,
+        f"{kind}: the group '{group}' has no node of '{body.name}', so that nothing would be held; name another group.",
+    )
+
+
+def dofs_of(body: Meshed, nodes: Indices, components: tuple[int, ...]) -> Indices:
+    """Scalar indices of some components of the positions of nodes, node by node."""
+    dofs: Indices = (body.block.size * nodes[:, None] + np.array(components)).ravel().astype(np.int32)
+    return dofs
 
 
 @dataclass(frozen=True, eq=False)
 class Fixed:
-    """The nodes of a named group keep their initial position.
+    """The nodes of a named group keep their initial position, or do not move along one direction.
 
     Args:
-        body: a film.
+        body: a film, cable or beam; the sections of a beam may turn, see `Clamped`.
         group: name of points, curves or surfaces of its mesh.
         components: which of x, y, z (0, 1, 2) are held.
+        normal: instead of components, the one direction along which the nodes do not move: they slide in the plane
+            with this normal, e.g. one of symmetry.  Multipliers hold them, so that the matrix is factorised.
     """
 
-    body: Membrane
+    body: Meshed
     group: str
     components: tuple[int, ...] = (0, 1, 2)
     name: str = ""
+    normal: Vector | None = None
 
     def __post_init__(self) -> None:
-        check(
-            set(self.components) <= {0, 1, 2} and bool(self.components),
-            f"Fixed: components are {self.components!r}; choose from 0, 1, 2.",
-        )
-        self.body.mesh.group(self.group)
+        check_support(type(self).__name__, self.body, self.group, self.components)
+        if self.normal is not None:
+            check(
+                is_vector(self.normal) and any(self.normal),
+                f"Fixed: normal is {self.normal!r}; give three numbers, not all zero.",
+            )
         if not self.name:
-            object.__setattr__(self, "name", f"{self.body.name}/{self.group} fixed {self.components}")
+            along = self.components if self.normal is None else f"across {tuple(self.normal)}"
+            object.__setattr__(self, "name", f"{self.body.name}/{self.group} fixed {along}")
 
     def requires(self) -> Iterable[Any]:
         yield self.body
 
     def terms(self) -> Iterable[Term]:
         nodes = self.body.nodes(self.group)
-        dofs = (3 * nodes[:, None] + np.array(self.components)).ravel().astype(np.int32)
-        yield Support(self.name, self.body, dofs)
+        if self.normal is None:
+            yield Support(self.name, self.body, dofs_of(self.body, nodes, self.components))
+            return
+        n, index_map = unit(self.normal), self.body.block.index_map
+        own = nodes[nodes < index_map.size_local]
+        x = self.body.initial_state()[0].reshape(-1, self.body.block.size)[own, :3]
+        places = [(Port(self.body, (int(node),)),) for node in index_map.local_to_global(own)]
+        yield PointConstraint(self.name, PointMeasure(places, np.zeros((1, 3, 3)), n[None], -(x @ n).reshape(-1, 1)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +88,7 @@ class Prescribed:
     """The nodes of a named group move as prescribed; the work of what moves them is booked as supplied.
 
     Args:
-        body: a film.
+        body: a film, cable or beam.
         group: name of points, curves or surfaces of its mesh.
         motion: displacement [m] of the points (3, n) of the stress-free shape at a time [s], shape (3, n).
         components: which of x, y, z (0, 1, 2) are prescribed; the others are free.
@@ -62,18 +97,14 @@ class Prescribed:
     rule carries the difference on as an oscillation of the velocity from step to step.
     """
 
-    body: Membrane
+    body: Meshed
     group: str
     motion: Callable[[Array, float], Array]
     components: tuple[int, ...] = (0, 1, 2)
     name: str = ""
 
     def __post_init__(self) -> None:
-        check(
-            set(self.components) <= {0, 1, 2} and bool(self.components),
-            f"Prescribed: components are {self.components!r}; choose from 0, 1, 2.",
-        )
-        self.body.mesh.group(self.group)
+        check_support("Prescribed", self.body, self.group, self.components)
         if not self.name:
             object.__setattr__(self, "name", f"{self.body.name}/{self.group} moved {self.components}")
 
@@ -83,11 +114,10 @@ class Prescribed:
     def terms(self) -> Iterable[Term]:
         nodes = self.body.nodes(self.group)
         components = list(self.components)
-        dofs = (3 * nodes[:, None] + np.array(components)).ravel().astype(np.int32)
         X = self.body.space.tabulate_dof_coordinates()[nodes].T
 
         def position(t: float) -> Array:
             u = ask_points(self.body.comm, f"'{self.name}' at t = {t:.6g} s", lambda: self.motion(X, t), X.shape)
             return (X + u).T[:, components].ravel()
 
-        yield Support(self.name, self.body, dofs, position)
+        yield Support(self.name, self.body, dofs_of(self.body, nodes, self.components), position)

@@ -13,6 +13,7 @@ from dolfinx import fem
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.model.terms import Array, Body, Port, Term, Vector
+from gossamer_fx.terms.attached_loads import AttachedLoad
 from gossamer_fx.terms.loads import Load
 from gossamer_fx.terms.masses import KineticEnergy, NodeKineticEnergy
 from gossamer_fx.terms.point_loads import PointLoad
@@ -69,6 +70,7 @@ class Centrifugal:
                 for node, mass in enumerate(masses):
                     ports = tuple(Port(part.body, (node,), (1.0,), (k,)) for k in range(len(mass)))
                     yield PointLoad(self.name, ports, _OnVectors(mass, A, c))
+        yield AttachedLoad(f"{self.name} (attached)", self.body, np.zeros(3), A, c)
 
     def _on_mesh(self, part: KineticEnergy, A: Array, c: Array) -> Term:
         mesh, size = part.body.space.mesh, part.body.block.size

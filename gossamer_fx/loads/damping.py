@@ -1,31 +1,37 @@
-"""Damping of films, off unless it is part of the scene; what it takes is booked as dissipated."""
+"""Damping of films, cables and beams, off unless it is part of the scene; what it takes is booked as dissipated."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import ufl
 
+from gossamer_fx.bodies.beam import Beam
+from gossamer_fx.bodies.cable import Cable
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import constant
+from gossamer_fx.forms.kinematics import Expr, bar_strain
 from gossamer_fx.materials.film import Linear
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.element_energies import Dissipation
 
+Body = Membrane | Cable | Beam
+
 
 @dataclass(frozen=True, eq=False)
 class Damping:
-    """Mass- and stiffness-proportional damping of a film.
+    """Mass- and stiffness-proportional damping of a film, cable or beam.
 
-    mass [1/s]: force -mass ρt v per area; it slows every motion, rigid ones too.
-    stiffness [s]: stress `stiffness`·C Ė with the unwrinkled elastic matrix C (Kelvin-Voigt); rigid motions are free.
+    mass [1/s]: force -mass ρt v per area, or -mass μ v per length; it slows every motion, rigid ones too.
+    stiffness [s]: stress `stiffness`·C Ė with the elastic matrix C of the taut film, cable or beam (Kelvin-Voigt);
+        rigid motions are free.
     A mode of angular frequency ω loses the fraction ζ = mass/(2ω) + stiffness ω/2 of critical damping.
     """
 
-    body: Membrane
+    body: Body
     mass: float = 0.0
     stiffness: float = 0.0
     name: str = "damping"
@@ -41,23 +47,37 @@ class Damping:
         yield self.body
 
     def terms(self) -> Iterable[Term]:
-        film, law = self.body, self.body.law
+        body = self.body
         if self.mass > 0:
-            α = constant(film.space.mesh, self.mass)
+            α = constant(body.space.mesh, self.mass)
+            inertia = ufl.as_vector(_inertia(body))
             yield Dissipation(
                 self.name + " (mass)",
-                film,
+                body,
                 lambda x: x,
-                lambda v: α * film.area_density / 2 * ufl.dot(v, v),
-                film.mass_dx,
+                lambda v: α / 2 * sum(inertia[i] * v[i] ** 2 for i in range(len(inertia))),
+                body.mass_dx,
             )
         if self.stiffness > 0:
-            β = constant(film.space.mesh, self.stiffness)
-            unwrinkled = Linear(law.E, law.nu, law.density, law.thickness)
-            yield Dissipation(
-                self.name + " (stiffness)",
-                film,
-                film.measure,
-                lambda ė: β * unwrinkled.energy(ė, film.constants),
-                film.dx,
-            )
+            β = constant(body.space.mesh, self.stiffness)
+            measure, energy = _unwrinkled(body)
+            yield Dissipation(self.name + " (stiffness)", body, measure, lambda ė: β * energy(ė), body.dx)
+
+
+def _inertia(body: Body) -> list[Expr]:
+    """Mass per unit of the mesh of each of a node's numbers."""
+    if isinstance(body, Membrane):
+        return [body.area_density] * 3
+    c = body.constants
+    return [c.line_density] * 3 + ([c.rotary2] * 3 + [c.rotary3] * 3 if isinstance(body, Beam) else [])
+
+
+def _unwrinkled(body: Body) -> tuple[Callable[[Expr], Expr], Callable[[Expr], Expr]]:
+    """The measure of a body, and the density of its stored energy as it is in tension."""
+    if isinstance(body, Membrane):
+        law = body.law
+        linear = Linear(law.E, law.nu, law.density, law.thickness)
+        return body.measure, lambda e: linear.energy(e, body.constants)
+    if isinstance(body, Cable):
+        return bar_strain, lambda e: body.constants.EA / 2 * e[0] ** 2
+    return body.measure, body.density

@@ -1,7 +1,8 @@
-"""Dead load along edges of a film."""
+"""Load along edges of a film, in space or normal to the edge."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -12,45 +13,80 @@ from dolfinx import fem
 from dolfinx.mesh import meshtags
 
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.checks.errors import check, is_vector
+from gossamer_fx.checks.errors import check, check_on_all, is_vector
+from gossamer_fx.forms.compilation import constant
+from gossamer_fx.forms.kinematics import Expr, area_vector
 from gossamer_fx.model.terms import Term, Vector
 from gossamer_fx.terms.loads import Load
 
 
 @dataclass(frozen=True, eq=False)
 class EdgeLoad:
-    """Force per reference length along a named group of edges that keeps its direction; δW = ∫f·w ds.
+    """Force per reference length along a named group of edges; δW = ∫f·w ds.
 
     Args:
         body: the film.
-        group: name of curves on its rim.
-        force: f [N/m], three numbers or a function of time [s] that returns them.
+        group: name of curves of its mesh, on its rim or inside it.
+        force: f [N/m], three numbers or a function of time [s] that returns them: its direction in space stays.
+        normal: instead of a force, f = normal·ν [N/m] along the normal ν of a rim, in the film's plane and outwards; a
+            number or a function of time.
+        following: whether ν turns with the deformed film (δW = ∫f ν·w ds, |ν| = 1), or stays that of the mesh.
     """
 
     body: Membrane
     group: str
-    force: Vector | Callable[[float], Vector]
+    force: Vector | Callable[[float], Vector] | None = None
     name: str = ""
+    normal: float | Callable[[float], float] | None = None
+    following: bool = False
 
     def __post_init__(self) -> None:
-        dim, _ = self.body.mesh.group(self.group)
-        check(dim == 1, f"EdgeLoad: the group '{self.group}' of '{self.body.name}' is no group of edges; name one.")
+        film = self.body
+        edges = film.mesh.curve(self.group, f"EdgeLoad on '{film.name}'")
+        check(
+            (self.force is None) != (self.normal is None),
+            f"EdgeLoad on '{self.group}': give either a force or a normal one.",
+        )
+        check(
+            self.force is None or callable(self.force) or is_vector(self.force),
+            f"EdgeLoad on '{self.group}': force is {self.force!r} N/m; give three numbers or a function of time.",
+        )
+        sheets = film.mesh.edges.count[edges]
+        check_on_all(
+            film.comm,
+            bool((sheets <= (2 if self.normal is None else 1)).all()),
+            f"EdgeLoad: the group '{self.group}' of '{film.name}' has edges where several sheets meet, or inside the "
+            "film where a load has no normal; name edges of the rim, or give a force in space.",
+        )
         if not self.name:
-            object.__setattr__(self, "name", f"{self.body.name}/{self.group} load")
+            object.__setattr__(self, "name", f"{film.name}/{self.group} load")
 
     def requires(self) -> Iterable[Any]:
         yield self.body
 
     def terms(self) -> Iterable[Term]:
-        film = self.body
-        domain = film.mesh.domain
+        if self.normal is None:
+            yield self._in_space()
+        else:
+            yield self._across()
+
+    def _measures(self) -> tuple[ufl.Measure | None, ufl.Measure | None]:
+        """Of the edges on the rim, and of those inside; none if there are none."""
+        film, domain = self.body, self.body.mesh.domain
         domain.topology.create_connectivity(1, 2)
-        _, edges = film.mesh.group(self.group)
-        edges = np.unique(edges).astype(np.int32)
-        tags = meshtags(domain, 1, edges, np.ones(len(edges), dtype=np.int32))
-        force, name = self.force, self.name
-        f = fem.Constant(domain, (0.0, 0.0, 0.0) if callable(force) else tuple(float(c) for c in force))
-        ds = ufl.Measure("ds", domain, subdomain_data=tags, metadata={"quadrature_degree": film.order})
+        edges = film.mesh.curve(self.group, "EdgeLoad")
+        rim = film.mesh.edges.is_boundary[edges]
+        found: list[ufl.Measure | None] = []
+        for kind, own in (("ds", edges[rim]), ("dS", edges[~rim])):
+            tags = meshtags(domain, 1, own, np.ones(len(own), dtype=np.int32))
+            measure = ufl.Measure(kind, domain, subdomain_data=tags, metadata={"quadrature_degree": film.order})
+            found.append(measure(1) if film.comm.allreduce(len(own)) else None)
+        return found[0], found[1]
+
+    def _in_space(self) -> Term:
+        force, name, (ds, dS) = self.force, self.name, self._measures()
+        given = (0.0, 0.0, 0.0) if force is None or callable(force) else tuple(float(c) for c in force)
+        f = fem.Constant(self.body.mesh.domain, given)
 
         def at(t: float) -> None:
             now = np.asarray(force(t) if callable(force) else force, dtype=float)
@@ -60,4 +96,35 @@ class EdgeLoad:
             )
             f.value[:] = now
 
-        yield Load(name, film, lambda x, w: ufl.dot(f, w) * ds(1), at=at if callable(force) else None)
+        def work(x: Expr, w: Expr) -> ufl.Form:
+            both = [] if ds is None else [ufl.dot(f, w) * ds]
+            both += [] if dS is None else [ufl.dot(f, ufl.avg(w)) * dS]
+            return sum(both[1:], both[0])
+
+        return Load(name, self.body, work, at=at if callable(force) else None)
+
+    def _across(self) -> Term:
+        film, value, (ds, _) = self.body, self.normal, self._measures()
+        f = constant(film.mesh.domain, 0.0 if callable(value) else float(value or 0.0))
+        ν = ufl.FacetNormal(film.mesh.domain)
+
+        def at(t: float) -> None:
+            now = value(t) if callable(value) else value
+            good = isinstance(now, int | float | np.floating) and math.isfinite(now)
+            check(good, f"'{self.name}' is {now!r} N/m at t = {t:.6g} s; let its function return a finite number.")
+            f.value = now
+
+        def work(x: Expr, w: Expr) -> ufl.Form:
+            if not self.following:
+                return f * ufl.dot(ν, w) * ds
+            a = area_vector(film.deformation(x))
+            along = ufl.cross(a, ufl.dot(ufl.grad(x), ufl.cross(_normal(film), ν)))
+            return -f * ufl.dot(along, w) / ufl.sqrt(ufl.dot(along, along)) * ds
+
+        return Load(self.name, film, work, follows=self.following, at=at if callable(value) else None)
+
+
+def _normal(film: Membrane) -> Expr:
+    """Unit normal of the mesh."""
+    n = area_vector(film.deformation(ufl.SpatialCoordinate(film.mesh.domain)))
+    return n / ufl.sqrt(ufl.dot(n, n))

@@ -14,6 +14,7 @@ from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.loads.force import ConstantForce
 from gossamer_fx.model.terms import Body, Port, Term
+from gossamer_fx.terms.attached_loads import AttachedLoad
 from gossamer_fx.terms.loads import Load
 from gossamer_fx.terms.masses import KineticEnergy, NodeKineticEnergy
 from gossamer_fx.terms.point_loads import PointLoad
@@ -21,7 +22,10 @@ from gossamer_fx.terms.point_loads import PointLoad
 
 @dataclass(frozen=True, eq=False)
 class Gravity:
-    """Acceleration `g` [m/s²] of a body: its mass matrix times that acceleration, e.g. δW = ∫ρt g·w dA of a film."""
+    """Acceleration `g` [m/s²] of a body: its mass matrix times that acceleration, e.g. δW = ∫ρt g·w dA of a film.
+
+    What is bonded to the body, a `Tape`, is accelerated with it.
+    """
 
     body: Body
     g: tuple[float, float, float] = (0.0, 0.0, -9.80665)
@@ -41,6 +45,8 @@ class Gravity:
                 yield self._on_mesh(part)
             elif isinstance(part, NodeKineticEnergy):
                 yield from self._on_points(part)
+        g = np.asarray(self.g, dtype=float)
+        yield AttachedLoad(f"{self.name} (attached)", self.body, g, np.zeros((3, 3)), np.zeros(3))
 
     def _on_mesh(self, part: KineticEnergy) -> Term:
         size, g = part.body.block.size, tuple(float(c) for c in self.g)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
+from gossamer_fx.checks.errors import check_on_all
 from gossamer_fx.model.terms import Array, Assembly, CompiledTerms, Indices, MeshBody
 
 Motion = Callable[[float], Array]
@@ -32,8 +33,23 @@ class Supports(CompiledTerms):
             found.append(at)
             if term.motion is not None:
                 self._moved.append((at, _restricted(term.motion, mine)))
+        self._refuse_contradictions(terms, system)
         self.held: npt.NDArray[np.integer] = np.zeros(0, dtype=np.int64)
         self.hold(np.concatenate(found))
+
+    def _refuse_contradictions(self, terms: Sequence[Support], system: Assembly) -> None:
+        """Raise `InputError` if two terms would have different values for one coordinate."""
+        moved = [term for term in terms if term.motion is not None]
+        for mover in moved:
+            for other in terms:
+                if other.body is mover.body and other is not mover:
+                    both = len(np.intersect1d(mover.dofs, other.dofs))
+                    check_on_all(
+                        system.comm,
+                        both == 0,
+                        f"'{mover.name}' moves coordinates that '{other.name}' holds or moves, too; let each node be "
+                        "held by one of them, or give them other components.",
+                    )
 
     def hold(self, positions: npt.NDArray[np.integer]) -> None:
         """Hold these positions, too; on all ranks together."""

@@ -42,7 +42,8 @@ def test_an_unloaded_slack_film_rests_where_it_is(comm, law):
     assert not found.regular
 
 
-def test_a_state_after_a_failed_last_iteration_is_the_one_that_was_found(comm):
+@pytest.mark.filterwarnings("ignore:invalid value encountered")
+def test_the_result_is_the_state_that_was_found_before_the_last_iteration(comm):
     """A pendulum hung at (1, 0, 0), whose turn about the vertical nothing resists: the residual was nan."""
     bob = gx.RigidBody(1.0, (1.0, 1.0, 1.0), (1.0, 0.0, -1.0))
     scene = gx.Scene(gx.BallJoint(bob.port((0.0, 0.0, 1.0)), gx.Ground((1.0, 0.0, 0.0))), gx.Gravity(bob))

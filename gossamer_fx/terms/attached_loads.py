@@ -1,0 +1,106 @@
+"""Accelerations of a body as the masses that are attached to it have them: of a tape on a film."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from petsc4py import PETSc
+
+from gossamer_fx.algebra.numbering import GlobalIndices
+from gossamer_fx.algebra.places import Gather, add_blocks, attach_all, own_places
+from gossamer_fx.model.terms import Array, Assembly, Body, CompiledTerms, Port
+from gossamer_fx.terms.point_masses import AttachedKineticEnergy
+
+
+class AttachedLoads(CompiledTerms):
+    """All `AttachedLoad` terms of a scene: forces M (a + A (X - c)) on the attached vectors X of masses M."""
+
+    supplies = made_of_forms = True
+
+    def __init__(self, terms: Sequence[AttachedLoad], system: Assembly) -> None:
+        self._system = system
+        self._places: list[tuple[Array, Array, Array, Array]] = []  # P, offsets, M and A of one kinetic energy
+        self._indices: list[GlobalIndices] = []
+        self._constant: list[Array] = []
+        for term in terms:
+            for masses in system.terms:
+                if isinstance(masses, AttachedKineticEnergy):
+                    self._add(term, masses, system)
+        self._X0 = [np.zeros(constant.shape) for constant in self._constant]
+        self._gather = Gather(system.numbering, self._indices) if self._indices else None
+
+    def _add(self, term: AttachedLoad, masses: AttachedKineticEnergy, system: Assembly) -> None:
+        if not any(port.body is term.body for place in masses.places for port in place):
+            return
+        own = own_places(masses.places)
+        k = masses.mass.shape[1]
+        indices, P, o = attach_all(system.numbering, system.bodies, [masses.places[i] for i in own], 3 * k)
+        # of each port, what it has of the body's positions, and whether it is on the body at all
+        points = np.array([[_of_points(port, term.body) for port in masses.places[i]] for i in own]).reshape(-1, k)
+        here = np.array([[port.body is term.body for port in masses.places[i]] for i in own]).reshape(-1, k)
+        M = np.einsum("nij,ab->niajb", masses.mass[own], np.eye(3)).reshape(len(own), 3 * k, 3 * k)
+        A = np.einsum("nj,ij,ab->niajb", here * 1.0, np.eye(k), term.gradient).reshape(len(own), 3 * k, 3 * k)
+        a = (points[:, :, None] * (term.acceleration - term.gradient @ term.centre)).reshape(len(own), 3 * k)
+        self._places.append((P, o, M, A))
+        self._indices.append(indices)
+        self._constant.append(a)
+
+    def _vectors(self, q: PETSc.Vec) -> list[Array]:
+        if self._gather is None:
+            return []
+        pairs = zip(self._places, self._gather(q), strict=True)
+        return [np.einsum("nax,nx->na", P, values) + o for (P, o, _, _), values in pairs]
+
+    def _forces(self) -> list[Array]:
+        α = self._system.rule.alpha
+        found = []
+        for (_, _, M, A), a, X0, X1 in zip(
+            self._places, self._constant, self._X0, self._vectors(self._system.q1), strict=True
+        ):
+            X = (1 - α) * X0 + α * X1
+            found.append(np.einsum("nab,nb->na", M, a + np.einsum("nab,nb->na", A, X)))
+        return found
+
+    def begin(self, t: float) -> None:
+        self._X0 = self._vectors(self._system.q0)
+
+    def add_forces(self, r: PETSc.Vec) -> None:
+        for (P, _, _, _), indices, F in zip(self._places, self._indices, self._forces(), strict=True):
+            force = -np.einsum("nax,na->nx", P, F)
+            r.setValues(indices.ravel(), force.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
+        if self._places:
+            r.assemble()
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        α = self._system.rule.alpha
+        for (P, _, M, gradient), indices in zip(self._places, self._indices, strict=True):
+            if gradient.any():
+                K = -α * np.einsum("nax,nab,nbc,ncy->nxy", P, M, gradient, P, optimize=True)
+                add_blocks(A, indices, indices, K)
+
+    def supplied(self) -> float:
+        ends = zip(self._forces(), self._X0, self._vectors(self._system.q1), strict=True)
+        return sum(float(np.sum(F * (X1 - X0))) for F, X0, X1 in ends)
+
+
+@dataclass(frozen=True, eq=False)
+class AttachedLoad:
+    """Acceleration a + A (x - c) of a body, of the masses that other parts attach to it: a, c (3,), A (3, 3)."""
+
+    name: str
+    body: Body
+    acceleration: Array
+    gradient: Array
+    centre: Array
+    compiler: ClassVar[type[CompiledTerms]] = AttachedLoads
+
+
+def _of_points(port: Port, body: Body) -> float:
+    """Sum of the weights of positions: one for a point of the body, zero for a direction or another body."""
+    if port.body is not body:
+        return 0.0
+    vectors = port.vectors or (0,) * len(port.nodes)
+    return float(sum(w for w, v in zip(port.weights, vectors, strict=True) if v == 0))

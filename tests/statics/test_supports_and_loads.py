@@ -1,0 +1,150 @@
+"""Supports of any body in any direction, loads along edges, weights of what is attached, damping of lines."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from dolfinx.mesh import locate_entities
+
+import gossamer_fx as gx
+from meshes.line import line
+from meshes.sheet import sheet
+
+E, THICKNESS = 1e9, 1e-4
+LAW = gx.Linear(E, 0.0, 1000.0, THICKNESS)
+TUBE = gx.tube(0.02, 5e-4, 1e11, 0.3, 1560.0)
+
+
+def turned(comm, angle):
+    """A strip of 2 m × 1 m, turned about z."""
+    mesh = sheet(comm, 8, 4, 2.0, 1.0)
+    X, c, s = mesh.domain.geometry.x, np.cos(angle), np.sin(angle)
+    X[:, :2] = X[:, :2] @ np.array([[c, s], [-s, c]])
+    return mesh
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("angle", [0.0, 0.7])
+def test_a_strip_slides_in_planes_of_any_direction(comm, angle):
+    """Between planes that are not x, y, z: f = E t λ ε, ε = (λ² - 1)/2, and ε across is -ν ε."""
+    film = gx.Membrane(turned(comm, angle), gx.Linear(E, 0.3, 1000.0, THICKNESS))
+    e, n = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([-np.sin(angle), np.cos(angle), 0.0])
+    ends = gx.Fixed(film, "left", normal=tuple(e)), gx.Fixed(film, "bottom", normal=tuple(n))
+    flat = [gx.Fixed(film, edge, (2,)) for edge in ("left", "right", "top", "bottom")]
+    ε = (1.02**2 - 1) / 2
+    f = E * THICKNESS * 1.02 * ε
+    scene = gx.Scene(*ends, *flat, gx.EdgeLoad(film, "right", normal=f))
+    equilibrium = gx.Equilibrium(scene)
+    equilibrium.find()
+    x = gx.positions(equilibrium, film)
+    along = comm.allreduce(float((x @ e).max()), max)
+    assert along == pytest.approx(2.04, rel=1e-8)
+    assert comm.allreduce(float((x @ n).max()), max) == pytest.approx((1 - 0.6 * ε) ** 0.5, rel=1e-8)
+    force, _ = equilibrium.reaction(ends[0])
+    assert force == pytest.approx(-f * e, abs=1e-6 * f)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("following", [False, True], ids=["dead", "following"])
+def test_a_normal_load_pulls_along_the_film_or_as_the_mesh_was(comm, following):
+    """The strip starts turned by a right angle: the load that follows pulls it along, the dead one turns it back."""
+    quarter = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    film = gx.Membrane(sheet(comm, 4, 2, 2.0, 1.0), LAW, displacement=lambda X: (X.T @ quarter - X.T).T)
+    load = gx.EdgeLoad(film, "right", normal=lambda t: 2000.0 * t, following=following)
+    run = gx.Simulation(gx.Scene(load), gx.Midpoint(dt=1e-4))
+    run.run(until=1e-3)
+    impulse = 2000.0 * 1e-3**2 / 2
+    assert run.totals.momentum == pytest.approx([0, impulse, 0] if following else [impulse, 0, 0], abs=1e-5 * impulse)
+    assert abs(run.energy_error) < 1e-9
+
+
+@pytest.mark.mpi
+def test_a_load_on_edges_inside_the_film_counts(comm):
+    mesh = sheet(comm, 4, 4)
+    mesh.domain.topology.create_entities(1)
+    inside = locate_entities(mesh.domain, 1, lambda X: np.isclose(X[0], 0.5))
+    mesh.groups["middle"] = (1, np.sort(inside).astype(np.int32))
+    film = gx.Membrane(mesh, LAW)
+    held = [gx.Fixed(film, edge) for edge in ("left", "right")]
+    equilibrium = gx.Equilibrium(gx.Scene(*held, gx.EdgeLoad(film, "middle", (30.0, 0.0, 0.0))))
+    equilibrium.find()
+    total = sum(equilibrium.reaction(support)[0] for support in held)
+    assert total == pytest.approx([-30.0, 0, 0], abs=1e-5)
+    with pytest.raises(gx.InputError, match=r"no normal"):
+        gx.EdgeLoad(film, "middle", normal=1.0)
+
+
+@pytest.mark.parametrize(
+    ("bad", "words"),
+    [
+        ({"force": (1.0, 0.0, 0.0), "normal": 1.0}, "either a force or a normal one"),
+        ({}, "either a force or a normal one"),
+        ({"force": (1.0, np.nan, 0.0)}, "three numbers"),
+    ],
+)
+def test_edge_loads_that_are_none(comm, bad, words):
+    film = gx.Membrane(sheet(comm, 1, 1), LAW)
+    with pytest.raises(gx.InputError, match=words):
+        gx.EdgeLoad(film, "right", **bad)
+
+
+@pytest.mark.mpi
+def test_beams_and_cables_are_held_moved_and_damped_as_films_are(comm):
+    """A cantilever by three supports of its ends; damping takes what the ledger books."""
+    beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 4), TUBE)
+    pinned = gx.Fixed(beam, "start")
+    lifted = gx.Prescribed(beam, "end", lambda X, t: np.vstack([0 * X[0], 0 * X[0], 0.1 * t + 0 * X[0]]), (2,))
+    equilibrium = gx.Equilibrium(gx.Scene(pinned, lifted, gx.Fixed(beam, "end", (1,)), gx.Gravity(beam)))
+    equilibrium.find(at=1.0)
+    assert gx.Position(beam.port("end"), "z")(equilibrium) == pytest.approx(0.1)
+    weight = TUBE.line_density * 9.80665
+    assert equilibrium.reaction(pinned)[0] + equilibrium.reaction(lifted)[0] == pytest.approx([0, 0, weight], abs=1e-5)
+
+    for body in (
+        gx.Cable(line(comm, [(0, 0, 0), (1, 0, 0)], 4), gx.TensionOnly(1e4, 0.1), displacement=lambda X: 0.01 * X),
+        gx.Beam(
+            line(comm, [(0, 0, 0), (1, 0, 0)], 4), TUBE, velocity=lambda X: np.vstack([0 * X[0], X[0] ** 2, 0 * X[0]])
+        ),
+    ):
+        for damping in (gx.Damping(body, mass=20.0), gx.Damping(body, stiffness=1e-3)):
+            run = gx.Simulation(gx.Scene(gx.Fixed(body, "start"), damping), gx.Midpoint(dt=1e-4))
+            run.run(until=3e-3)
+            assert 0 < run.totals.dissipated < run.first.energy
+            assert abs(run.energy_error) < 1e-9
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("load", ["gravity", "centrifugal"])
+def test_a_tape_has_weight(comm, load):
+    film = gx.Membrane(sheet(comm, 4, 4), LAW)
+    tape = gx.Tape.along_edges(film, gx.CableLaw(1e4, 0.5), "right")
+    held = [gx.Fixed(film, edge) for edge in ("left", "right")]
+    field = gx.Gravity(film) if load == "gravity" else gx.Centrifugal(film, (0.0, 0.0, 2.0))
+    equilibrium = gx.Equilibrium(gx.Scene(tape, field, *held))
+    equilibrium.find()
+    total = sum(equilibrium.reaction(support)[0] for support in held)
+    mass = 1000.0 * THICKNESS
+    if load == "gravity":
+        assert total == pytest.approx([0, 0, (mass + 0.5) * 9.80665], rel=1e-6, abs=1e-6)
+    else:  # of the film about (½, ½), of the tape about (1, ½); what stretching adds is small
+        assert total == pytest.approx([-4 * (mass / 2 + 0.5), -4 * (mass / 2 + 0.25), 0], rel=1e-4, abs=1e-6)
+
+
+def test_contradicting_supports_are_refused(comm):
+    film = gx.Membrane(sheet(comm, 2, 2), LAW)
+    moved = gx.Prescribed(film, "left", lambda X, t: 0 * X)
+    with pytest.raises(gx.InputError, match=r"'film/left moved .*' moves coordinates that 'film/bottom fixed"):
+        gx.Scene(moved, gx.Fixed(film, "bottom")).compile()
+
+
+def test_a_support_of_nothing_is_refused(comm):
+    mesh = sheet(comm, 2, 2)
+    mesh.groups["nowhere"] = (1, np.zeros(0, dtype=np.int32))
+    film = gx.Membrane(mesh, LAW)
+    for support in (
+        lambda: gx.Fixed(film, "nowhere"),
+        lambda: gx.Prescribed(film, "nowhere", lambda X, t: 0 * X),
+        lambda: gx.Fixed(film, "left", normal=(0.0, 0.0, 0.0)),
+    ):
+        with pytest.raises(gx.InputError, match=r"no node|not all zero"):
+            support()
