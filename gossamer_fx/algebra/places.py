@@ -144,7 +144,7 @@ class Gather:
 
     def __call__(self, q: PETSc.Vec) -> list[Array]:
         self._scatter.scatter(q, self._values)
-        parts = np.split(self._values.array_r.copy(), self._ends[:-1])
+        parts = np.split(self._values.array_r.copy(), self._ends[:-1]) if self._shapes else []
         return [part.reshape(shape) for part, shape in zip(parts, self._shapes, strict=True)]
 
 

@@ -12,7 +12,7 @@ from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.bodies.meshed import Meshed
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.checks.user_functions import ask_points
-from gossamer_fx.model.ports import unit
+from gossamer_fx.model.ports import coordinates_at_start, unit
 from gossamer_fx.model.terms import Array, Indices, Port, Term, Vector
 from gossamer_fx.terms.point_constraints import PointConstraint
 from gossamer_fx.terms.supports import Support
@@ -78,7 +78,7 @@ class Fixed:
             return
         n, index_map = unit(self.normal), self.body.block.index_map
         own = nodes[nodes < index_map.size_local]
-        x = self.body.initial_state()[0].reshape(-1, self.body.block.size)[own, :3]
+        x = coordinates_at_start(self.body).reshape(-1, self.body.block.size)[own, :3]
         places = [(Port(self.body, (int(node),)),) for node in index_map.local_to_global(own)]
         yield PointConstraint(self.name, PointMeasure(places, np.zeros((1, 3, 3)), n[None], -(x @ n).reshape(-1, 1)))
 

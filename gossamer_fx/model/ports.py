@@ -9,7 +9,7 @@ from contextvars import ContextVar
 import numpy as np
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Array, Attached, Ground, Port, Vector
+from gossamer_fx.model.terms import Array, Attached, Body, Ground, Port, Vector
 
 
 def unit(direction: Vector | Array) -> Array:
@@ -45,6 +45,12 @@ def at_start(port: Attached) -> Array:
     if starts and isinstance(port, Port) and id(port.body) in starts:
         return combined(port, starts[id(port.body)])
     return initial(port)
+
+
+def coordinates_at_start(body: Body) -> Array:
+    """Owned coordinates of a body where the scene that is being compiled starts; else its own."""
+    starts = _STARTS.get(None)
+    return starts[id(body)] if starts and id(body) in starts else body.initial_state()[0]
 
 
 def initial_rate(port: Attached) -> Array:

@@ -6,9 +6,8 @@ from collections.abc import Callable, Iterable
 from typing import Any, Protocol
 
 import numpy as np
-from petsc4py import PETSc
 
-from gossamer_fx.algebra.places import PointMeasure, attach, is_here
+from gossamer_fx.algebra.places import Gather, PointMeasure, attach, own_places
 from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.terms import Array, Attached, Port, Term, Vector
@@ -130,28 +129,17 @@ def _tied(system: System, measure: PointMeasure, λ: Array, counts: Callable[[Po
     """This rank's share of what a constraint exerts on those of its ports that count: -De(q̄)ᵀλ."""
     α = system.rule.alpha
     total = np.zeros((2, 3))
-    row = 0
-    for place in measure.places:
-        indices, P, o = attach(system.numbering, system.bodies, place)
-        now, before = (_values(system, q, indices) for q in (system.q0, system.past))
-        if not is_here(place):
-            continue
+    own = [measure.places[i] for i in own_places(measure.places)]
+    attached = [attach(system.numbering, system.bodies, place) for place in own]
+    gather = Gather(system.numbering, [indices for indices, _, _ in attached])
+    ends = zip(own, attached, gather(system.q0), gather(system.past), λ, strict=True)
+    for place, (_, P, o), now, before, each in ends:
         X = P @ ((1 - α) * before + α * now) + o
-        forces = -(λ[row] @ (measure.H @ X + measure.L)).reshape(-1, 3)
-        row += 1
+        forces = -(each @ (measure.H @ X + measure.L)).reshape(-1, 3)
         for port, x, f in zip(place, X.reshape(-1, 3), forces, strict=True):
             if isinstance(port, Port) and counts(port):
-                of_points = sum(
-                    w for w, v in zip(port.weights, port.vectors or (0,) * len(port.weights), strict=True) if v == 0
-                )
+                vectors = port.vectors or (0,) * len(port.weights)
+                of_points = sum(w for w, v in zip(port.weights, vectors, strict=True) if v == 0)
                 total[0] += of_points * f  # one for a point of the body, zero for a direction
                 total[1] += np.cross(x - of_points * centre, f)
     return total
-
-
-def _values(system: System, q: PETSc.Vec, indices: Any) -> Array:
-    """Unknowns by their global indices; on all ranks together."""
-    values = PETSc.Vec().createSeq(len(indices))
-    PETSc.Scatter().create(q, PETSc.IS().createGeneral(indices), values, None).scatter(q, values)
-    found: Array = values.array_r.copy()
-    return found

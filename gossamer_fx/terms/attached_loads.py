@@ -29,7 +29,7 @@ class AttachedLoads(CompiledTerms):
             for masses in system.terms:
                 if isinstance(masses, AttachedKineticEnergy):
                     self._add(term, masses, system)
-        self._X0 = [np.zeros(constant.shape) for constant in self._constant]
+        self._X0: list[Array] = [np.zeros(constant.shape) for constant in self._constant]
         self._gather = Gather(system.numbering, self._indices) if self._indices else None
 
     def _add(self, term: AttachedLoad, masses: AttachedKineticEnergy, system: Assembly) -> None:

@@ -15,6 +15,11 @@ LAW = gx.Linear(E, 0.0, 1000.0, THICKNESS)
 TUBE = gx.tube(0.02, 5e-4, 1e11, 0.3, 1560.0)
 
 
+def bent(X):
+    """A velocity that bends a line along x."""
+    return np.vstack([0 * X[0], X[0] ** 2, 0 * X[0]])
+
+
 def turned(comm, angle):
     """A strip of 2 m × 1 m, turned about z."""
     mesh = sheet(comm, 8, 4, 2.0, 1.0)
