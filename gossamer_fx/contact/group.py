@@ -236,19 +236,28 @@ class Group:
             return
         self.force = np.zeros((self.points.m, 3))
         x1 = self.points.at(self._system.q1, self._t1)
-        self.blocks.values[:] = 0
-        first = act(
-            self._plain_pairs, self.x0, x1, self._law, self._alpha,
-            force=self.force, slots=self._slots, values=self.blocks.values,
-        )  # fmt: skip
-        self.acting = int((first.state > 0).sum())
-        if len(self._mixed_pairs):
-            done = act(
-                self._mixed_pairs, self.x0, x1, self._law, self._alpha, force=self.force, each=True, tangents=True
-            )
-            self.acting += int((done.state > 0).sum())
-            self._spread(done.tangents)
+        states = [
+            act(pairs, self.x0, x1, self._law, self._alpha, force=self.force).state
+            for pairs in (self._plain_pairs, self._mixed_pairs)
+        ]
+        self.acting = sum(int((state > 0).sum()) for state in states)
         self.points.add(self.force, r)
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        if self.near is None:
+            return
+        x1, γ = self.points.at(self._system.q1, self._t1), self._system.geometric
+        self.blocks.values[:] = 0
+        act(
+            self._plain_pairs, self.x0, x1, self._law, self._alpha,
+            slots=self._slots, values=self.blocks.values, geometric=γ,
+        )  # fmt: skip
+        if len(self._mixed_pairs):
+            of_pairs = act(
+                self._mixed_pairs, self.x0, x1, self._law, self._alpha, each=True, tangents=True, geometric=γ
+            )
+            self._spread(of_pairs.tangents)
+        self.blocks.add_to(A)
 
     def _spread(self, tangents: Array | None) -> None:
         """Add tangents (n, 144) of pairs with points of obstacles to the blocks of the vectors behind them."""
@@ -256,10 +265,6 @@ class Group:
         T, K = self._expansion, tangents.reshape(-1, 4, 3, 4, 3)
         blocks = np.einsum("npi,npaqb,nqj->nijab", T, K, T, optimize=True)
         np.add.at(self.blocks.values, self._mixed_slots, blocks.reshape(*self._mixed_slots.shape, 9))
-
-    def add_tangents(self, A: PETSc.Mat) -> None:
-        """The tangents were computed with the forces of the same state."""
-        self.blocks.add_to(A)
 
     def supplied(self) -> float:
         """Work [J] of prescribed obstacles in the step, on this rank."""

@@ -14,7 +14,8 @@ from gossamer_fx.forms.c_source import compile_c
 DECLARATIONS = """
 void squared_distances(int n, const int32_t *pairs, const uint8_t *kind, const double *x, double *s, double *uv);
 int act(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *x1, const double *k,
-        const double *S, const double *offset, double eps, int law, double alpha, double push, uint8_t *active,
+        const double *S, const double *offset, double eps, int law, double alpha, double geometric, double push,
+        uint8_t *active,
         double *force, const int32_t *slots, double *values, double *forces, double *tangents);
 double energy(int n, const int32_t *pairs, const uint8_t *kind, const double *x, const double *k, const double *S,
               const double *offset, double eps, int law, double *X);

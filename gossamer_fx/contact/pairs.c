@@ -401,11 +401,11 @@ static void push_back(const Pair *P, double Y1[3][3], int through, double d0, do
 /* Forces and tangents of pairs in a step from points x0 to x1 (or in the state x1, if α = 1).
 
    Of each pair: k [J] its stiffness, S its threshold of s - offset (squared lengths; lengths for planes), and ε the
-   part of S by which edges are rounded.  active (n): 0 no force, 1 contact, 2 passed through and pushed back.
+   part of S by which edges are rounded; γ is the share of the geometric stiffness in tangents.  active (n): 0 no force, 1 contact, 2 passed through and pushed back.
    forces (n, 12) and tangents (n, 144) of pairs, or added by points to `force` and by blocks to `values` where
    `slots` (n, 16) says; any of them may be null.  Returns the number of pairs that act. */
 int act(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *x1, const double *k,
-        const double *S, const double *offset, double ε, int law, double α, double push, uint8_t *active,
+        const double *S, const double *offset, double ε, int law, double α, double γ, double push, uint8_t *active,
         double *force, const int32_t *slots, double *values, double *forces, double *tangents)
 {
     int count = 0;
@@ -494,7 +494,7 @@ int act(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, cons
                     for (int j = 0; j < 6; ++j) D[m][j] = k[i] * (slope * H[m][j] + rise * mean[m] * φ1[j]);
                 }
             }
-            assemble(&P, S_, D, Ym, Y1, α, f, tangent ? K : 0);
+            assemble(&P, S_, D, Ym, Y1, α * γ, f, tangent ? K : 0);
         }
         active[i] = state;
         count += state > 0;

@@ -107,6 +107,7 @@ def act(
     force: Array | None = None,
     slots: Integers | None = None,
     values: Array | None = None,
+    geometric: float = 1.0,
     each: bool = False,
     tangents: bool = False,
 ) -> Action:
@@ -115,6 +116,7 @@ def act(
     Args:
         force: (m, 3), to which forces are added.
         slots, values: (n, 16) and (blocks, 9), to which the tangents' blocks of 3 x 3 are added.
+        geometric: share of the geometric stiffness α S̄·D²e in tangents; it is what is not positive in them.
         each: whether forces are also given pair by pair, and with `tangents` the tangents.
     """
     n = len(pairs)
@@ -127,6 +129,7 @@ def act(
         ROUNDING,
         law,
         alpha,
+        geometric,
         PUSH,
         *pointers(state, force, slots, values, forces, stiffness),
     )
