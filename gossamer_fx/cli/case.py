@@ -74,8 +74,9 @@ class Case:
         outputs: Sequence[Output] = (),
         checkpoints: Checkpoints | None = None,
         restart: str | Path | None = None,
+        changes: Sequence[str] = (),
     ) -> Simulation:
-        """The run, ready to start; it has the given outputs and the case's own.
+        """The run, ready to start; it has the given outputs and the case's own; the rest as that of `Simulation`.
 
         Raises:
             InputError: what is wrong with the scene or the outputs.
@@ -89,4 +90,5 @@ class Case:
             events=self.events,
             checkpoints=checkpoints,
             restart=restart,
+            changes=changes,
         )

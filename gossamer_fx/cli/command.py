@@ -34,10 +34,11 @@ class _Parser(argparse.ArgumentParser):
 
 def main(words: Sequence[str]) -> int:
     """Run one command; returns the exit code."""
-    wanted = _parser().parse_args(words)
+    wanted = _parser().parse_args(_with_values(words))
     if getattr(wanted, "ranks", 1) > 1 and not any(name in os.environ for name in _LAUNCHED):
-        sys.stdout.flush()
-        os.execvp("mpirun", ["mpirun", "-n", str(wanted.ranks), sys.executable, "-m", "gossamer_fx", *words])
+        from gossamer_fx.cli.launch import launch
+
+        return launch(wanted.ranks, ["-m", "gossamer_fx", *words])
     from mpi4py import MPI
 
     from gossamer_fx.checks.errors import InputError, NoEquilibrium, OutputFailure, StepFailure
@@ -65,6 +66,18 @@ def script() -> int:
     return main(sys.argv[1:])
 
 
+def _with_values(words: Sequence[str]) -> list[str]:
+    """The words with --restart=newest where --restart names no checkpoint."""
+    rest, given = list(words), list[str]()
+    while rest:
+        word = rest.pop(0)
+        if word == "--restart":
+            named = bool(rest) and (rest[0].isdigit() or (Path(rest[0]) / "run.json").is_file())
+            word = f"--restart={rest.pop(0) if named else 'newest'}"
+        given.append(word)
+    return given
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="gossamer", description="Run a scene, and look at what it did.")
     parser.add_argument("--version", action="version", version=f"gossamer_fx {VERSION}")
@@ -75,7 +88,9 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("options", nargs="*", metavar="NAME=VALUE", help="further arguments of build")
     run.add_argument("-o", "--output", type=Path, help="folder of the run; default out/NAME of the scene file")
     run.add_argument("-n", "--ranks", type=_positive, default=1, help="MPI ranks")
-    run.add_argument("--restart", action="store_true", help="go on from the newest checkpoint in the folder")
+    words = "go on from the newest checkpoint in the folder, or from that of a step, or in a folder"
+    run.add_argument("--restart", metavar="[STEP|FOLDER]", help=words)
+    run.add_argument("--changed", default="", metavar="PART,...", help="whose parameters differ from the checkpoint's")
     run.add_argument("--overwrite", action="store_true", help="replace a run that the folder holds")
     run.add_argument("--dry-run", action="store_true", help="compile and check the scene, print it, compute nothing")
     run.add_argument("--quiet", action="store_true", help="only warnings on the terminal")
@@ -131,8 +146,14 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         return
     log_to(comm, wanted.log, wanted.quiet)
     outputs: list[Output] = [case.recording(folder)] + ([] if wanted.quiet else [Progress()])
-    checkpoints = Checkpoints(folder / "checkpoints", every=wanted.checkpoint)
-    run = case.simulation(outputs, checkpoints, folder / "checkpoints" if wanted.restart else None)
+    saves = folder / "checkpoints"
+    checkpoints = Checkpoints(saves, every=wanted.checkpoint, overwrite=wanted.overwrite)
+    restart: Path | None = None
+    if wanted.restart == "newest":
+        restart = saves
+    elif wanted.restart:
+        restart = saves / f"step-{int(wanted.restart):08d}" if wanted.restart.isdigit() else Path(wanted.restart)
+    run = case.simulation(outputs, checkpoints, restart, [name for name in wanted.changed.split(",") if name])
     run.run(until=case.until)
     if comm.rank == 0 and not wanted.quiet:
         print(f"written to {folder}; look at it with: ./gossamer report {folder}")

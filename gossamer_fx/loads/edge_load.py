@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +13,7 @@ from dolfinx.mesh import meshtags
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check, check_on_all, is_vector
+from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, area_vector
 from gossamer_fx.model.terms import Term, Vector
@@ -89,12 +89,8 @@ class EdgeLoad:
         f = fem.Constant(self.body.mesh.domain, given)
 
         def at(t: float) -> None:
-            now = np.asarray(force(t) if callable(force) else force, dtype=float)
-            check(
-                is_vector(now),
-                f"'{name}' is {now.tolist()!r} N/m at t = {t:.6g} s; let its function return three numbers.",
-            )
-            f.value[:] = now
+            if callable(force):
+                f.value[:] = ask_numbers(self.body.comm, f"'{name}' at t = {t:.6g} s", lambda: force(t), (3,))
 
         def work(x: Expr, w: Expr) -> ufl.Form:
             both = [] if ds is None else [ufl.dot(f, w) * ds]
@@ -109,10 +105,8 @@ class EdgeLoad:
         ν = ufl.FacetNormal(film.mesh.domain)
 
         def at(t: float) -> None:
-            now = value(t) if callable(value) else value
-            good = isinstance(now, int | float | np.floating) and math.isfinite(now)
-            check(good, f"'{self.name}' is {now!r} N/m at t = {t:.6g} s; let its function return a finite number.")
-            f.value = now
+            if callable(value):
+                f.value = float(ask_numbers(film.comm, f"'{self.name}' at t = {t:.6g} s", lambda: value(t)))
 
         def work(x: Expr, w: Expr) -> ufl.Form:
             if not self.following:

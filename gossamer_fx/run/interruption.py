@@ -9,7 +9,8 @@ from typing import Any
 
 from mpi4py import MPI
 
-SIGNALS = (signal.SIGTERM, signal.SIGINT)
+# the last is what mpirun hands on to its ranks, which it kills soon after the others
+SIGNALS = (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1)
 
 
 class Interrupted(SystemExit):
@@ -21,7 +22,7 @@ class Interrupted(SystemExit):
 
 
 class Listener:
-    """Notes SIGTERM and SIGINT as long as it is entered; a second one has its usual effect."""
+    """Notes SIGTERM, SIGINT and SIGUSR1 as long as it is entered; a second one has its usual effect."""
 
     def __init__(self) -> None:
         self._noted, self._usual = 0, dict[int, Any]()

@@ -199,7 +199,7 @@ class Simulation:
     def run(self, until: float) -> None:
         """Advance to the time `until` [s]; steps are evened out so that it and the outputs' times are met.
 
-        SIGTERM and SIGINT end it after the step that is being made, with a checkpoint if there are any.
+        SIGTERM, SIGINT and SIGUSR1 end it after the step that is being made, with a checkpoint if there are any.
 
         Raises:
             StepFailure: a step failed, also in sub-steps; the outputs are complete up to it.

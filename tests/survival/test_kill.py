@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import json
 import os
 import re
 import signal
@@ -152,6 +153,31 @@ def test_a_signal_ends_the_run_after_its_step(tmp_path: Path, number: signal.Sig
         last = list(csv.DictReader(file))[-1]
     assert last["step"] == told[1] and Path(told[2]) == gx.latest(out / "checkpoints")
     assert Path(told[2]).name == f"step-{int(told[1]):08d}"
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_to_the_launcher_waits_for_a_long_step(tmp_path: Path, number: signal.Signals, ranks: int) -> None:
+    """Of two seconds, ten times what mpirun leaves its ranks."""
+    launch = ["-m", "gossamer_fx.cli.launch", "2"] if ranks > 1 else []
+    run = subprocess.Popen(
+        [sys.executable, *launch, "-m", "tests.survival.long_steps", str(tmp_path)],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert run.stdout is not None and "step" in run.stdout.readline()
+    time.sleep(0.3)
+    run.send_signal(number)
+    _, said = run.communicate(timeout=120)
+    assert run.returncode == 128 + number, said
+    told = re.search(r"stopped by \w+ at t = \S+ s, after step (\d+); restart from", said)
+    assert told, said
+    newest = gx.latest(tmp_path / "saves")
+    assert newest is not None and newest.name == f"step-{int(told[1]):08d}" and int(told[1]) >= 3
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["status"] == "stopped"
 
 
 def test_a_rank_that_dies_ends_the_run_and_nothing_is_lost(tmp_path: Path) -> None:
