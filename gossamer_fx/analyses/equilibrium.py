@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, replace
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -126,7 +127,7 @@ class Equilibrium:
             NoEquilibrium: with the residual that was reached, the reason and the place.
         """
         started = time.process_time()
-        check(math.isfinite(at), f"find: at is {at!r}; give a time in seconds.")
+        check(isinstance(at, Real) and math.isfinite(at), f"find: at is {at!r}; give a time in seconds.")
         self._spent = self._steps = self._cuts = 0
         self.result = None
         self.system.q0.copy(self._begun)

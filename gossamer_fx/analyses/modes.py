@@ -55,6 +55,7 @@ def modes(
         NoEquilibrium: the eigenvalue solver found fewer modes.
     """
     system = equilibrium.system
+    check(above >= 0, f"modes: above is {above!r} Hz; give zero or a positive frequency.")
     check(count > 0, f"modes: count is {count!r}; ask for one or more.")
     check(
         not system.borders,

@@ -38,6 +38,10 @@ class Damping:
 
     def __post_init__(self) -> None:
         check(
+            isinstance(self.body, Membrane | Cable | Beam),
+            f"Damping '{self.name}': {getattr(self.body, 'name', self.body)!r} is no film, cable or beam.",
+        )
+        check(
             self.mass >= 0 and self.stiffness >= 0 and self.mass + self.stiffness > 0,
             f"Damping '{self.name}': mass {self.mass!r} 1/s and stiffness {self.stiffness!r} s; one must be positive, "
             "none negative.",

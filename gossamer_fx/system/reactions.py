@@ -9,7 +9,7 @@ import numpy as np
 
 from gossamer_fx.algebra.places import Gather, PointMeasure, attach, own_places
 from gossamer_fx.bodies.frames import Frame
-from gossamer_fx.checks.errors import check
+from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.model.terms import Array, Attached, Port, Term, Vector
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.point_constraints import PointConstraint
@@ -37,11 +37,12 @@ class Joint(Part, Protocol):
 
 def check_vector(what: str, about: Vector) -> Array:
     """Three finite numbers."""
-    point = np.asarray(about, dtype=float)
-    check(
-        point.shape == (3,) and bool(np.isfinite(point).all()), f"{what}: the point is {about!r}; give three numbers."
-    )
-    return point
+    try:
+        known = is_vector(about)
+    except (TypeError, ValueError):
+        known = False
+    check(known, f"{what}: the point is {about!r}; give three numbers.")
+    return np.asarray(about, dtype=float)
 
 
 def support_force(system: System, support: Part, about: Vector) -> tuple[Array, Array]:
@@ -50,6 +51,7 @@ def support_force(system: System, support: Part, about: Vector) -> tuple[Array, 
     Raises:
         InputError: it is not in the scene, or holds nothing.
     """
+    check(hasattr(support, "terms"), f"{support!r} is no support; give a Fixed, Prescribed or Clamped of the scene.")
     centre = check_vector(f"The reaction of '{support.name}'", about)
     total = np.zeros((2, 3))
     found = False
@@ -76,6 +78,7 @@ def joint_force(system: System, joint: Joint, about: Vector | None = None) -> tu
     Raises:
         InputError: it is not in the scene, or has no multipliers.
     """
+    check(hasattr(joint, "b"), f"'{getattr(joint, 'name', joint)}' is no joint; give a BallJoint, FixedJoint, ...")
     centre = check_vector(f"The force of '{joint.name}'", (0.0, 0.0, 0.0) if about is None else about)
     terms = [term for term in joint.terms() if isinstance(term, PointConstraint)]
     known = {t.name for t in system.terms if isinstance(t, PointConstraint)}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -279,7 +280,10 @@ def test_the_version_is_that_of_the_package() -> None:
     from gossamer_fx.version import VERSION
 
     root = Path(gx.__file__).parent.parent
-    assert tomllib.loads((root / "pyproject.toml").read_text())["project"]["version"] == VERSION
+    package = tomllib.loads((root / "pyproject.toml").read_text())
+    source = package["tool"]["hatch"]["version"]
+    [told] = re.findall(source["pattern"], (root / source["path"]).read_text())
+    assert package["project"]["dynamic"] == ["version"] and told == VERSION == gx.__version__
 
 
 @pytest.mark.mpi
