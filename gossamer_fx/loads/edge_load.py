@@ -84,7 +84,7 @@ class EdgeLoad:
         return found[0], found[1]
 
     def _in_space(self) -> Term:
-        force, name, comm, (ds, dS) = self.force, self.name, self.body.comm, self._measures()
+        force, name, (ds, dS) = self.force, self.name, self._measures()
         given = (0.0, 0.0, 0.0) if force is None or callable(force) else tuple(float(c) for c in force)
         f = fem.Constant(self.body.mesh.domain, given)
 

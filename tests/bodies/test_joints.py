@@ -77,9 +77,9 @@ def test_bad_input_is_refused(make, words: str) -> None:
 
 def test_force_that_is_no_number_is_refused() -> None:
     a = body()
-    run = gx.Simulation(gx.Scene(a, gx.Force(a.port(), lambda t: (np.nan, 0.0, 0.0))), gx.Midpoint(dt=0.1))
+    scene = gx.Scene(a, gx.Force(a.port(), lambda t: (np.nan, 0.0, 0.0)))
     with pytest.raises(gx.InputError, match="three finite numbers"):
-        run.run(until=0.1)
+        gx.Simulation(scene, gx.Midpoint(dt=0.1))
 
 
 def four_bars(balls: bool) -> gx.Scene:
