@@ -9,6 +9,7 @@ import numpy as np
 from dolfinx import fem, mesh
 from mpi4py import MPI
 
+from gossamer_fx.forms.backend import evaluate
 from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.model.terms import Array
 
@@ -30,7 +31,7 @@ class Samples:
         n = len(strains[0])
         for function, values in zip(self._strains, strains, strict=True):
             function.x.array[: 3 * n] = np.ravel(values)
-        values: Array = self._compiled.eval(SQUARE, np.arange(n, dtype=np.int32))
+        values: Array = evaluate(self._compiled, SQUARE, np.arange(n, dtype=np.int32))
         return values
 
 
