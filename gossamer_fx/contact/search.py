@@ -31,7 +31,9 @@ class Surface:
     fixed: Bytes
 
     def all_fixed(self, primitives: Integers) -> Bytes:
-        return np.ascontiguousarray(self.fixed[primitives.reshape(len(primitives), -1)].all(axis=1), dtype=np.uint8)
+        return np.ascontiguousarray(
+            self.fixed[primitives.reshape(len(primitives), primitives[:1].size or 1)].all(axis=1), dtype=np.uint8
+        )
 
 
 def _boxes(lo: Array, hi: Array, primitives: Integers) -> Array:

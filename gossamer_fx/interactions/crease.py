@@ -143,7 +143,7 @@ class Crease:
         maps[:, :, 0, :k] = np.einsum("egck,ec->egk", left, t)
         maps[:, :, 1, :k] = np.einsum("egck,ec->egk", left, inwards[0])
         maps[:, :, 2, k:] = np.einsum("egck,ec->egk", right, inwards[1])
-        nodes = self.film.space.dofmap.list[cells].reshape(len(owned), -1)
+        nodes = self.film.space.dofmap.list[cells].reshape(len(owned), 2 * k)
         nodes, maps = _without_twins(nodes, maps, k)
         numbers = geometry.input_global_indices[vertices]
         swapped = (numbers[:, 0] > numbers[:, 1])[:, None]
@@ -200,5 +200,6 @@ def _without_twins(nodes: Indices, maps: Array, k: int) -> tuple[Indices, Array]
     twins = nodes[:, k:, None] == nodes[:, None, :k]
     maps[..., :k] += np.einsum("egvj,eji->egvi", maps[..., k:], twins)
     kept = np.concatenate([np.ones((len(nodes), k), dtype=bool), ~twins.any(axis=2)], axis=1)
-    columns = np.flatnonzero(kept.ravel()).reshape(len(nodes), -1) - 2 * k * np.arange(len(nodes))[:, None]
+    shared = 2 if k == 3 else 3  # nodes on an edge, of order 1 and 2
+    columns = np.flatnonzero(kept.ravel()).reshape(len(nodes), 2 * k - shared) - 2 * k * np.arange(len(nodes))[:, None]
     return np.take_along_axis(nodes, columns, axis=1), np.take_along_axis(maps, columns[:, None, None], axis=3)

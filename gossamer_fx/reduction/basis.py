@@ -81,7 +81,8 @@ def _mass_times_scalars(film: Membrane, φ: Array) -> Array:
     n, k = φ.shape
     padded = np.zeros((n, 3 * -(-k // 3)))
     padded[:, :k] = φ
-    return mass_times(film, padded.reshape(n, -1, 3).transpose(0, 2, 1)).transpose(0, 2, 1).reshape(n, -1)[:, :k]
+    threes = padded.reshape(n, padded.shape[1] // 3, 3).transpose(0, 2, 1)
+    return mass_times(film, threes).transpose(0, 2, 1).reshape(padded.shape)[:, :k]
 
 
 def make_basis(film: Membrane, snapshots: Sequence[Array], count: int) -> Basis:

@@ -140,7 +140,7 @@ class _Points:
 
     def vectors(self, q: Array) -> Array:
         """X (n, 3, 3)."""
-        result: Array = self._maps @ q.reshape(len(q), -1, 3)
+        result: Array = self._maps @ q.reshape(len(q), q.shape[1] // 3, 3)
         return result
 
     def keep(self, q: Array) -> None:
@@ -248,11 +248,11 @@ class _Points:
 
     def _to_nodes(self, F: Array) -> Array:
         forces: Array = np.swapaxes(self._maps, 1, 2) @ F
-        return forces.reshape(len(F), -1)
+        return forces.reshape(len(F), 3 * forces.shape[1])
 
 
 def _unknowns(numbering: Numbering, bodies: Sequence[Any], term: CreaseEnergy) -> Any:
     """Global indices (n, D) of the positions of a term's nodes."""
     k = bodies.index(term.body)
     nodes = term.body.block.index_map.local_to_global(term.nodes.ravel().astype(np.int32))
-    return numbering.to_global(k, nodes)[:, :3].reshape(len(term.nodes), -1)
+    return numbering.to_global(k, nodes)[:, :3].reshape(len(term.nodes), 3 * term.nodes.shape[1])
