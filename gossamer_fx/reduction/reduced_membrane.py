@@ -54,7 +54,8 @@ class ReducedMembrane(Membrane):
     `full` is the film that was reduced; `basis` holds its modes; `sample` the cells, with the error of sampling.
     """
 
-    def __init__(self, basis: Basis, sample: Sample, name: str) -> None:
+    def __init__(self, made_from: Basis, over: Sample, name: str) -> None:
+        basis, sample = made_from, over
         full = basis.film
         whole = full.space.mesh
         part, entities, *_ = dmesh.create_submesh(whole, 2, sample.cells)
