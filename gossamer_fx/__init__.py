@@ -266,7 +266,7 @@ def __getattr__(name: str) -> Any:
             f"gossamer_fx {__version__} needs {error.name}, which this Python has not: use one with dolfinx, petsc4py, "
             "mpi4py and gmsh, or pip install 'gossamer_fx[light]'."
         ) from error
-    thing = globals()[name] = guarded(getattr(home, name))
+    thing = globals()[name] = guarded(getattr(home, name), _MODULE)
     return thing
 
 

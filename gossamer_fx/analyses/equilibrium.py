@@ -66,6 +66,9 @@ class Continuation:
         for name in ("residual", "step", "inner"):
             value = getattr(self, name)
             check(math.isfinite(value) and value > 0, f"Continuation: {name} is {value!r}; give a positive number.")
+        for name in ("residual", "inner"):
+            value = getattr(self, name)
+            check(value < 1, f"Continuation: {name} is {value!r}, which any state meets; give a number below 1.")
         check(self.growth > 1, f"Continuation: growth is {self.growth!r}; the step can only grow by a factor above 1.")
         check(0 < self.cut < 1, f"Continuation: cut is {self.cut!r}; give a factor between 0 and 1.")
 

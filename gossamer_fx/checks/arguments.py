@@ -9,9 +9,10 @@ from __future__ import annotations
 import functools
 import inspect
 import math
+import os
 import re
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from numbers import Integral, Real
 from os import PathLike
 from typing import Any, get_origin
@@ -38,12 +39,20 @@ def _are_numbers(value: Any, count: int = 0) -> bool:
     return numbers.ndim == 1 and bool(np.isfinite(numbers).all()) and count in (0, len(numbers))
 
 
+def _is_path(value: Any) -> bool:
+    """Whether a word or path can be the name of a file: null characters cannot, nor what has no bytes."""
+    try:
+        return b"\0" not in os.fsencode(value)
+    except (TypeError, UnicodeEncodeError):
+        return False
+
+
 _TESTS: dict[str, Test] = {
     "float": (_is_number, "a number"),
     "int": (lambda v: isinstance(v, Integral) and not isinstance(v, bool), "a whole number"),
     "bool": (lambda v: isinstance(v, bool | np.bool_), "True or False"),
     "str": (lambda v: isinstance(v, str), "a word"),
-    "Path": (lambda v: isinstance(v, PathLike), "a path"),
+    "Path": (lambda v: isinstance(v, str | PathLike) and _is_path(v), "a path without null characters"),
     "None": (lambda v: v is None, "None"),
     "tuple[float, float, float]": (lambda v: _are_numbers(v, 3), "three numbers"),
     "Vector": (lambda v: _are_numbers(v, 3), "three numbers"),
@@ -66,8 +75,12 @@ _TESTS: dict[str, Test] = {
 }
 
 
-def guarded(thing: Any) -> Any:
+def guarded(thing: Any, public: Container[str]) -> Any:
     """A public class or function that checks its arguments; a class is changed in place.
+
+    Args:
+        thing: a class or function.
+        public: names of all public classes; an annotation may name one whose module is not loaded.
 
     Raises, when it is called:
         InputError: an argument that is missing, unknown, or of another kind than its annotation says.
@@ -75,12 +88,12 @@ def guarded(thing: Any) -> Any:
     if inspect.isclass(thing):
         init = thing.__dict__.get("__init__")
         if init is not None and not issubclass(thing, BaseException) and not hasattr(init, "__wrapped__"):
-            thing.__init__ = _checking(init, thing.__name__)
+            thing.__init__ = _checking(init, thing.__name__, public)
         return thing
-    return _checking(thing, thing.__name__) if inspect.isfunction(thing) else thing
+    return _checking(thing, thing.__name__, public) if inspect.isfunction(thing) else thing
 
 
-def _checking(function: Callable[..., Any], name: str) -> Callable[..., Any]:
+def _checking(function: Callable[..., Any], name: str, public: Container[str]) -> Callable[..., Any]:
     signature = inspect.signature(function)
     tests: dict[str, list[Test]] = {}
 
@@ -103,7 +116,7 @@ def _checking(function: Callable[..., Any], name: str) -> Callable[..., Any]:
 
     def refuse(given: Mapping[str, Any], cause: Exception | None) -> None:
         if not tests:
-            tests.update(_tests(function, signature.parameters))
+            tests.update(_tests(function, signature.parameters, public))
         for argument, value in given.items():
             allowed = tests.get(argument)
             if allowed and not any(test(value) for test, _ in allowed):
@@ -113,7 +126,9 @@ def _checking(function: Callable[..., Any], name: str) -> Callable[..., Any]:
     return call
 
 
-def _tests(function: Callable[..., Any], parameters: Mapping[str, inspect.Parameter]) -> dict[str, list[Test]]:
+def _tests(
+    function: Callable[..., Any], parameters: Mapping[str, inspect.Parameter], public: Container[str]
+) -> dict[str, list[Test]]:
     """What the annotations of a function allow; arguments with an annotation that is not understood allow all."""
     scope = vars(sys.modules[function.__module__]) if function.__module__ in sys.modules else {}
     found: dict[str, list[Test]] = {}
@@ -122,18 +137,23 @@ def _tests(function: Callable[..., Any], parameters: Mapping[str, inspect.Parame
             continue
         # alternatives that stand outside brackets
         kinds = re.split(r"\s*\|\s*(?![^\[]*\])", str(parameter.annotation))
-        tests = [_test_of(kind, scope) for kind in kinds]
+        if "Path" in kinds:
+            kinds = [kind for kind in kinds if kind != "str"]  # a word is tested as a path
+        tests = [_test_of(kind, scope, public) for kind in kinds]
         if all(tests) and parameter.default != math.inf:
             found[name] = [test for test in tests if test is not None]
     return found
 
 
-def _test_of(kind: str, scope: Mapping[str, Any]) -> Test | None:
+def _test_of(kind: str, scope: Mapping[str, Any], public: Container[str]) -> Test | None:
     """The test of one alternative of an annotation."""
     several = re.fullmatch(r"(?:tuple|Sequence)\[(\w+)(?:, \.\.\.)?\]", kind)
     if kind in _TESTS or not several:
-        return _TESTS.get(kind) or _of_class(scope.get(kind.split("[")[0]))
-    each = _test_of(several[1], scope)
+        name = kind.split("[")[0]
+        if name not in scope and name in public:  # not loaded where it is annotated only
+            return (lambda v: any(c.__name__ == name for c in type(v).__mro__)), f"a {name}"
+        return _TESTS.get(kind) or _of_class(scope.get(name))
+    each = _test_of(several[1], scope, public)
     if each is None:
         return None
     one, words = each

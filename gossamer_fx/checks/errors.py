@@ -12,7 +12,13 @@ from mpi4py import MPI
 
 
 class InputError(ValueError):
-    """A scene, mesh or option that cannot be computed; the message names the culprit and the remedy."""
+    """A scene, mesh or option that cannot be computed; the message names the culprit and the remedy.
+
+    It is one line, also if a name in it has line breaks or other characters that cannot be shown.
+    """
+
+    def __init__(self, message: str) -> None:
+        super().__init__("".join(c if c.isprintable() else ascii(c)[1:-1] for c in message))
 
 
 class StepFailure(RuntimeError):

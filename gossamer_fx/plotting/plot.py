@@ -67,7 +67,9 @@ def plot_field(run: RunReader, field: str, times: Sequence[float], path: str | P
     factor, prefix = scaled(float(run.times[-1]))
     captions = [f"t = {shape.time / factor:.4g} {prefix}s" for shape in shapes]
     title = f"{run.title}: {NAMES[field].lower()}" if field in NAMES else run.title
-    write(_parent(path), title, list(zip(captions, images, strict=True)), grid, metre, colours.key, [], (0, 1, ""))
+    write(
+        file_to_write(path), title, list(zip(captions, images, strict=True)), grid, metre, colours.key, [], (0, 1, "")
+    )
 
 
 def plot_strip(run: RunReader, field: str, path: str | Path, count: int = 6) -> None:
@@ -82,7 +84,7 @@ def plot_curves(run: RunReader, path: str | Path) -> None:
     """PNG of ledger, gas and probes over the time."""
     panels, times, unit = run_curves(run)
     check(bool(panels), f"The run in '{run.folder}' has fewer than two steps; let it run before its curves are drawn.")
-    write(_parent(path), run.title, [], arrange(1, 1.0), 1.0, {}, panels, (*times, unit))
+    write(file_to_write(path), run.title, [], arrange(1, 1.0), 1.0, {}, panels, (*times, unit))
 
 
 def animate(run: RunReader, field: str, path: str | Path, seconds: float = 6.0) -> None:
@@ -91,7 +93,7 @@ def animate(run: RunReader, field: str, path: str | Path, seconds: float = 6.0) 
     Raises:
         InputError: a name that ends in neither, no ffmpeg, an unknown field.
     """
-    path = _parent(path)
+    path = file_to_write(path)
     check(path.suffix in (".gif", ".mp4"), f"An animation cannot be written to '{path}'; end its name in .gif or .mp4.")
     check(
         path.suffix == ".gif" or shutil.which("ffmpeg") is not None,
@@ -217,11 +219,16 @@ def _mp4(path: Path, images: Iterator[np.ndarray], rate: float) -> None:
         )
 
 
-def _parent(path: str | Path) -> Path:
-    """The path, with its folder made."""
+def file_to_write(path: str | Path) -> Path:
+    """The path, with its folder made.
+
+    Raises:
+        InputError: the folder cannot be made, or the path is a folder.
+    """
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable.") from error
+    check(not path.is_dir(), f"Cannot write '{path}', which is a folder; give the name of a file.")
     return path

@@ -13,7 +13,7 @@ import numpy as np
 
 from gossamer_fx.checks.errors import OutputFailure, check
 from gossamer_fx.outputs.description import lines
-from gossamer_fx.plotting.plot import default_field, plot_curves, plot_strip
+from gossamer_fx.plotting.plot import default_field, file_to_write, plot_curves, plot_strip
 from gossamer_fx.plotting.run_reader import RunReader
 from gossamer_fx.plotting.viewer import view_data
 
@@ -44,14 +44,13 @@ def write_report(run: RunReader, path: str | Path) -> None:
     """Write the page.
 
     Raises:
-        InputError: nothing was recorded yet.
+        InputError: nothing was recorded yet, or the path is a folder.
         OutputFailure: the file cannot be written.
     """
     check(bool(run.table("ledger.csv")), f"The run in '{run.folder}' has no ledger yet; let it make a step.")
+    path = file_to_write(path)
     text = "\n".join(_page(run))
-    path = Path(path)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise OutputFailure(f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable.") from error

@@ -49,6 +49,9 @@ class Tolerances:
         for name in ("relative", "absolute", "floor", "border", "constraint"):
             value = getattr(self, name)
             check(value >= 0, f"Tolerances: {name} is {value!r}; give zero or a positive number.")
+        for name in ("relative", "border"):
+            value = getattr(self, name)
+            check(value < 1, f"Tolerances: {name} is {value!r}, which any state meets; give a number below 1.")
         check(self.iterations >= 1, f"Tolerances: iterations is {self.iterations!r}; allow at least one.")
 
 

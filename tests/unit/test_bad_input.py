@@ -187,6 +187,27 @@ CASES: dict[str, tuple[Callable[[], object], str]] = {
     "start from a scene": (lambda: gx.StartFrom(gx.Scene(film())), "no compiled scene"),
     "port of a missing node": (lambda: gx.Port(gx.PointMass(1.0), (7,)), "its nodes are 0 to 0"),
     "port of a node below zero": (lambda: gx.Port(gx.PointMass(1.0), (-1,)), "its nodes are 0 to 0"),
+    "checkpoints that are a word": (
+        lambda: gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3), checkpoints="saves"),
+        "give a Checkpoints",
+    ),
+    "checkpoints that are a recording": (
+        lambda: gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3), checkpoints=gx.Recording("saves")),
+        "give a Checkpoints",
+    ),
+    "null character in a checkpoint's name": (
+        lambda: gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3), restart="a\0b"),
+        "null characters",
+    ),
+    "null character in the log's name": (lambda: gx.log_to(WORLD, "a\0b"), "null characters"),
+    "null character in a picture's name": (lambda: gx.Picture("a\0b.png"), "null characters"),
+    "null character in a mesh's name": (lambda: gx.read_mesh("a\0b.msh", WORLD), "a\\x00b.msh"),
+    "a file's name that has no bytes": (lambda: gx.Ledger("\ud800.csv"), "Ledger: path is"),
+    "line break in a group's name": (lambda: gx.Fixed(film(), "left\nright"), "left\\nright"),
+    "tolerance that any state meets": (lambda: gx.Tolerances(relative=3.7), "below 1"),
+    "border that any state meets": (lambda: gx.Tolerances(border=1.0), "below 1"),
+    "residual that any state meets": (lambda: gx.Continuation(residual=3.7), "below 1"),
+    "inner residual that any state meets": (lambda: gx.Continuation(inner=1.0), "below 1"),
     "piston without area": (lambda: gx.Piston(gx.PointMass(1.0).port(), 0.0, (1, 0, 0)), "area"),
 }
 
@@ -268,6 +289,22 @@ def test_a_refused_run_destroys_nothing(folder: Path) -> None:
     with pytest.raises(gx.InputError, match="stres"):
         gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3), outputs)
     assert [(folder / name).read_text() for name in names] == ["precious"] * 2
+
+
+def test_pictures_and_reports_do_not_fall_on_folders(tmp_path: Path) -> None:
+    run = gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3), [gx.Recording(tmp_path / "run", every=1)])
+    run.run(until=2e-3)
+    recorded = gx.RunReader(tmp_path / "run")
+    (tmp_path / "folder.gif").mkdir()
+    for draw in (
+        lambda path: gx.plot_curves(recorded, path),
+        lambda path: gx.plot_field(recorded, "state", [0.0], path),
+        lambda path: gx.plot_strip(recorded, "state", path),
+        lambda path: gx.animate(recorded, "state", path),
+        lambda path: gx.write_report(recorded, path),
+    ):
+        with pytest.raises(gx.InputError, match=r"folder.gif', which is a folder; give the name of a file\."):
+            draw(tmp_path / "folder.gif")
 
 
 # ---- the command line ------------------------------------------------------------------------------------------------
