@@ -72,6 +72,7 @@ if TYPE_CHECKING:
     from gossamer_fx.interactions.joint import Link as Link
     from gossamer_fx.interactions.joint import PrismaticJoint as PrismaticJoint
     from gossamer_fx.interactions.joint import RevoluteJoint as RevoluteJoint
+    from gossamer_fx.interactions.rigid_region import RigidRegion as RigidRegion
     from gossamer_fx.interactions.spring import AxialSpring as AxialSpring
     from gossamer_fx.interactions.spring import Damper as Damper
     from gossamer_fx.interactions.spring import Rope as Rope
@@ -186,6 +187,7 @@ _HOME = {
     "interactions.crease": ["Crease"],
     "interactions.fixed": ["Fixed", "Prescribed"],
     "interactions.joint": ["BallJoint", "FixedJoint", "Link", "PrismaticJoint", "RevoluteJoint"],
+    "interactions.rigid_region": ["RigidRegion"],
     "interactions.spring": ["AxialSpring", "Damper", "Rope", "Spring", "Stop"],
     "interactions.tape": ["Tape"],
     "interactions.torsion": ["TorsionDamper", "TorsionSpring"],

@@ -36,6 +36,14 @@ class Frame:
         return SectionFrame(self, self.origin).frame
 
 
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A point of a body and one director: a straight edge, whose rotation about itself means nothing."""
+
+    origin: Attached
+    directors: tuple[Attached, ...]
+
+
 def ground_frame(point: Vector = (0.0, 0.0, 0.0)) -> Frame:
     """The axes of inertial space at a point [m]."""
     x, y, z = point

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from gossamer_fx.bodies.frames import Frame
+from gossamer_fx.bodies.frames import Frame, Line
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.terms import Attached, Port
 
 
-def bodies_of(*sides: Attached | Frame) -> Iterable[Any]:
+def bodies_of(*sides: Attached | Frame | Line) -> Iterable[Any]:
     """The bodies that a joint refers to."""
     for side in sides:
-        for part in (side.origin, *side.directors) if isinstance(side, Frame) else (side,):
+        for part in (side.origin, *side.directors) if isinstance(side, Frame | Line) else (side,):
             if isinstance(part, Port):
                 yield part.body
 

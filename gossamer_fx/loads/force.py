@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.bodies.frames import Frame
+from gossamer_fx.bodies.frames import Frame, Line
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.interactions.between import bodies_of
 from gossamer_fx.model.terms import Array, Attached, Port, Term, Vector
@@ -67,7 +67,8 @@ class Couple:
         (tr S 1 - S) F = T,    S = Σ r_i r_iᵀ
 
     Then Σ r_i × f_i = T whatever the lengths and angles of the vectors, so the angular momentum grows by exactly hT
-    also at the middle of a step, where directors are shorter than 1.
+    also at the middle of a step, where directors are shorter than 1.  One vector alone takes the torque across it,
+    f = T × r/|r|².
     """
 
     def __init__(self) -> None:
@@ -79,7 +80,7 @@ class Couple:
     def _spread(self, r: Array) -> tuple[Array, Array]:
         """(tr S 1 - S)⁻¹ and F."""
         S = r.T @ r
-        inverse = np.linalg.inv(np.trace(S) * np.eye(3) - S)
+        inverse = np.linalg.inv(np.trace(S) * np.eye(3) - (S if len(r) > 1 else 0.0))
         return inverse, inverse @ self.torque
 
     def force(self, X: Array) -> Array:
@@ -93,7 +94,9 @@ class Couple:
         K: Array = np.kron(np.eye(len(r)), cross_matrix(F))
         for j, d in enumerate(r):
             # dS F for a change of vector j, and with it dF = -(tr S 1 - S)⁻¹ (tr dS F - dS F)
-            change = 2 * np.outer(F, d) - (d @ F) * np.eye(3) - np.outer(d, F)
+            change = 2 * np.outer(F, d)
+            if len(r) > 1:
+                change -= (d @ F) * np.eye(3) + np.outer(d, F)
             dF = -inverse @ change
             for i, other in enumerate(r):
                 K[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] -= cross_matrix(other) @ dF
@@ -145,14 +148,14 @@ class Force:
 
 @dataclass(frozen=True, eq=False)
 class Torque:
-    """A torque on a rigid body or a beam's section.
+    """A torque on a rigid body, a beam's section or a `RigidRegion`.
 
     Args:
-        frame: what it turns, e.g. `body.frame()`.
+        frame: what it turns, e.g. `body.frame()`, or the line of a straight region, on which the torque across it acts.
         value: torque in space axes [N m], three numbers or a function of time [s] that returns them.
     """
 
-    frame: Frame
+    frame: Frame | Line
     value: Vector | History
     name: str = "torque"
 

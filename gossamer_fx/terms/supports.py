@@ -11,7 +11,7 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from gossamer_fx.checks.errors import check_on_all
-from gossamer_fx.model.terms import Array, Assembly, CompiledTerms, Indices, MeshBody
+from gossamer_fx.model.terms import Array, Assembly, Body, CompiledTerms, Indices
 
 Motion = Callable[[float], Array]
 
@@ -97,7 +97,7 @@ class Support:
     """
 
     name: str
-    body: MeshBody
+    body: Body
     dofs: Indices
     motion: Callable[[float], Array] | None = None
     compiler: ClassVar[type[CompiledTerms]] = Supports

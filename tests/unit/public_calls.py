@@ -167,6 +167,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "Reservoir": {"pressure": 1e5, "temperature": 300.0},
         "RevoluteJoint": hinge,
         "RigidBody": {"mass": 1.0, "inertia": (1.0, 1.0, 1.0), "position": z, "velocity": z, "spin": z},
+        "RigidRegion": {"body": film, "group": "left", "to": None, "sliding": False},
         "RigidMotion": {"spin": z, "velocity": z, "centre": z},
         "RingArea": {"ring": gx.Ring(film, "left")},
         "Ring": {"film": film, "edges": "left"},

@@ -1,0 +1,175 @@
+"""Edges, hubs and end plates under a given total force and moment: the motion is found, at rest and in time."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from demos.studies import bent_tube
+from meshes.disc import ring
+from meshes.line import line
+from meshes.sheet import sheet
+from meshes.tube_section import cylinder
+
+E, THICKNESS, DENSITY = 1e9, 1e-4, 1000.0
+TUBE = gx.tube(0.02, 5e-4, 1e11, 0.3, 1560.0)
+
+
+def strip(comm, nu=0.0, order=2, cells=(8, 4)):
+    film = gx.Membrane(sheet(comm, *cells, 2.0, 1.0), gx.Linear(E, nu, DENSITY, THICKNESS), order=order)
+    return film, gx.Fixed(film, "film", (2,))
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("sliding", [False, True])
+def test_a_strip_is_pulled_by_the_force_on_its_straight_edge(comm, sliding):
+    """f = E t λ ε; with ν and an edge that may shrink evenly, the strip shrinks by √(1 - 2νε)."""
+    nu = 0.3 if sliding else 0.0
+    film, flat = strip(comm, nu)
+    edge = gx.RigidRegion(film, "right", sliding=sliding, held=(2,))
+    λ = 1.02
+    ε = (λ**2 - 1) / 2
+    left = gx.Fixed(film, "left", (0,) if sliding else (0, 1, 2))
+    held = [left, gx.Fixed(film, "bottom", (1,))] if sliding else [left]
+    pull = gx.Force(edge.port(), (E * THICKNESS * λ * ε, 0.0, 0.0))
+    equilibrium = gx.Equilibrium(gx.Scene(flat, edge, pull, *held))
+    equilibrium.find()
+    assert gx.Position(edge.port(), "x")(equilibrium) == pytest.approx(2 * λ, rel=1e-9)
+    assert gx.Position(edge.port(), "y")(equilibrium) == pytest.approx(math.sqrt(1 - 2 * nu * ε) / 2, rel=1e-9)
+    assert equilibrium.joint_force(edge)[0] == pytest.approx([-E * THICKNESS * λ * ε, 0, 0], rel=1e-7, abs=1e-3)
+
+
+@pytest.mark.mpi
+def test_a_strip_is_bent_by_the_moment_on_its_straight_edge(comm):
+    """θ = M L/(E I) of small bending in the plane."""
+    film, flat = strip(comm)
+    edge = gx.RigidRegion(film, "right", held=(2,))
+    θ, inertia = 1e-5, THICKNESS / 12
+    moment = gx.Torque(edge.line, (0.0, 0.0, θ * E * inertia / 2.0))
+    equilibrium = gx.Equilibrium(gx.Scene(flat, gx.Fixed(film, "left"), edge, moment))
+    equilibrium.find()
+    corners = [gx.Displacement(film.port(f"{side} right"), "x")(equilibrium) for side in ("bottom", "top")]
+    assert corners[0] - corners[1] == pytest.approx(θ, rel=1e-4)
+    assert gx.Displacement(edge.port(), "y")(equilibrium) == pytest.approx(θ, rel=1e-4)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("piece", ["massless", "rigid body"])
+def test_a_hub_turns_by_the_torque_on_it(comm, piece):
+    """φ = T/(4π G t) (1/a² - 1/b²) of a ring in shear."""
+    film = gx.Membrane(ring(comm, 0.3, 1.0, 8, 32, 2), gx.Linear(E, 0.3, DENSITY, THICKNESS), order=2)
+    hub = gx.RigidBody(1.0, (0.1, 0.1, 0.2), name="hub") if piece == "rigid body" else None
+    region = gx.RigidRegion(film, "hub", hub, held=(2,))
+    G, T = E / 2.6, 0.5
+    load = gx.Torque(region.frame, (0.0, 0.0, T))
+    equilibrium = gx.Equilibrium(gx.Scene(gx.Fixed(film, "film", (2,)), gx.Fixed(film, "rim"), region, load))
+    equilibrium.find()
+    d = [gx.Displacement(region.frame.directors[0], axis)(equilibrium) for axis in "xy"]
+    exact = T / (4 * math.pi * G * THICKNESS) * (1 / 0.3**2 - 1)
+    assert math.hypot(*d) == pytest.approx(exact, rel=1e-3)
+
+
+@pytest.mark.mpi
+def test_a_wrinkled_hub_needs_no_secant(comm):
+    """The torque that is given is that of a hub which is turned by the angle that was found."""
+    law = gx.Miyazaki(E, 0.3, DENSITY, THICKNESS, residual=1e-4)
+
+    def film():
+        return gx.Membrane(ring(comm, 0.3, 1.0, 6, 24), law)
+
+    loaded, turned, T = film(), film(), 500.0
+    region = gx.RigidRegion(loaded, "hub", held=(2,))
+    found = gx.Equilibrium(
+        gx.Scene(gx.Fixed(loaded, "film", (2,)), gx.Fixed(loaded, "rim"), region, gx.Torque(region.frame, (0, 0, T)))
+    )
+    found.find()
+    p = region.frame.directors[0]
+    x, y = (gx.Displacement(p, axis)(found) for axis in "xy")
+    φ = 2 * math.asin(math.hypot(x, y) / 2)
+    c, s = math.cos(φ), math.sin(φ)
+    turn = gx.Prescribed(
+        turned, "hub", lambda X, t: np.vstack([(c - 1) * X[0] - s * X[1], s * X[0] + (c - 1) * X[1], 0 * X[0]]), (0, 1)
+    )
+    check = gx.Equilibrium(gx.Scene(gx.Fixed(turned, "film", (2,)), gx.Fixed(turned, "rim"), turn))
+    check.find()
+    assert φ > 0.01 and gx.AreaFraction(loaded, "wrinkled")(found) > 0.5
+    assert check.reaction(turn)[1][2] == pytest.approx(T, rel=1e-6)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("ratio", [0.5, 2.0])
+def test_an_inflated_tube_bends_under_the_moment_on_its_end_plate(comm, ratio):
+    """κ of Stein & Hedgepeth for the moment given, before and after the first wrinkle; the plate does not choke."""
+    tube = bent_tube
+    film = gx.Membrane(cylinder(comm, tube.RADIUS, tube.LENGTH, 16, 3, 2), tube.LAW, order=2)
+    plate = gx.RigidRegion(film, "last rim", sliding=True)
+    axial, M = tube.P * math.pi * tube.INFLATED**2, tube.moment(ratio)
+    held = [gx.Fixed(film, "first rim", (0,)), *(gx.Fixed(film, side, (1,)) for side in ("top", "bottom"))]
+    held += [gx.Fixed(film, point, (2,)) for point in ("first left", "first right")]
+    loads = gx.Force(plate.port(), (axial, 0.0, 0.0)), gx.Torque(plate.frame, (0.0, M, 0.0))
+    equilibrium = gx.Equilibrium(gx.Scene(film, gx.Pressure(film, tube.P), plate, *held, *loads))
+    equilibrium.find()
+    n = [gx.Displacement(plate.frame.directors[2], axis)(equilibrium) for axis in "xz"]
+    κ = math.asin(math.hypot(*n) / 2) * 2 / tube.LENGTH
+    assert κ == pytest.approx(ratio * tube.FIRST, rel=1e-2)
+
+
+@pytest.mark.mpi
+def test_a_beam_is_bent_into_an_arc_by_the_torque_on_its_end(comm):
+    """A half circle, M = π EI/L, reached in steps."""
+    thin = gx.tube(0.002, 5e-5, 1e11, 0.3, 1560.0)
+    beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 16), thin)
+    torque = gx.Torque(beam.frame("end"), lambda t: (0.0, 0.0, t * math.pi * thin.EI2))
+    equilibrium = gx.Equilibrium(gx.Scene(gx.Clamped(beam, "start"), torque))
+    for t in (0.25, 0.5, 0.75, 1.0):
+        equilibrium.find(at=t)
+    x, y = (gx.Position(beam.port("end"), axis)(equilibrium) for axis in "xy")
+    assert (x, y) == (pytest.approx(0.0, abs=2e-3), pytest.approx(2 / math.pi, rel=2e-3))
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("kind", ["straight", "stretching", "hub", "sliding", "body"])
+def test_momenta_of_a_free_film_grow_by_force_and_torque(comm, kind):
+    """Nothing is held: momentum F t, angular momentum T t about the origin, and the ledger closes."""
+    law = gx.Linear(E, 0.3, DENSITY, THICKNESS)
+    hub = gx.RigidBody(0.1, (1e-3, 1e-3, 1e-3), name="hub") if kind == "body" else None
+    if kind in ("straight", "stretching"):
+        film = gx.Membrane(sheet(comm, 4, 2, 2.0, 1.0), law)
+        region = gx.RigidRegion(film, "right", sliding=kind == "stretching")
+        frame = region.line
+    else:
+        film = gx.Membrane(ring(comm, 0.3, 1.0, 3, 12), law)
+        region = gx.RigidRegion(film, "hub", hub, sliding=kind == "sliding")
+        frame = region.frame
+    T = np.array([0.0, 0.0, 0.2])
+    motion = gx.RigidMotion(spin=(0.0, 0.0, 3.0), velocity=(1.0, 0.0, 0.0))
+    run = gx.Simulation(gx.Scene(film, region, gx.Torque(frame, tuple(T)), motion), gx.Midpoint(dt=1e-3))
+    run.run(until=0.05)
+    first, last = run.first, run.totals
+    assert last.momentum == pytest.approx(first.momentum, abs=1e-10)
+    grown = last.angular_momentum - first.angular_momentum
+    assert grown == pytest.approx(0.05 * T, abs=1e-9)
+    assert abs(run.energy_error) < 1e-10
+    assert last.supplied > 0
+
+
+@pytest.mark.mpi
+def test_what_cannot_be_one_piece_is_refused(comm):
+    film = gx.Membrane(sheet(comm, 2, 2), gx.Linear(E, 0.3, DENSITY, THICKNESS))
+    beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 2), TUBE)
+    body = gx.RigidBody(1.0, (1.0, 1.0, 1.0))
+    straight, plane = gx.RigidRegion(film, "right"), gx.RigidRegion(film, "film")
+    for act, words in (
+        (lambda: gx.RigidRegion(beam, "end"), "a section of a beam is rigid by itself"),
+        (lambda: gx.RigidRegion(film, "bottom left"), "one point"),
+        (lambda: gx.RigidRegion(film, "nowhere"), "nowhere"),
+        (lambda: gx.RigidRegion(film, "right", body, sliding=True), "leave one of them out"),
+        (lambda: straight.frame, "apply torques to its line"),
+        (lambda: plane.line, "apply torques to its frame"),
+        (lambda: gx.FixedJoint(straight.line, body.frame()), "give a Frame"),
+    ):
+        with pytest.raises(gx.InputError, match=words):
+            act()
