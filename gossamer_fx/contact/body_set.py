@@ -33,22 +33,32 @@ class BodySet:
     """Bodies and obstacles of one contact.
 
     Of points (m,): `area` [m²] that they stand for, `radius` [m], `body` (number of what they are of), and
-    `X` (n, 3), the stress-free places of those of bodies; of edges (e,): `edge_area`.
+    `X` (n, 3), the stress-free places of those of bodies; of edges (e,): `edge_area`.  Of obstacles (k,): `frames`,
+    the first of four points, origin and axes, of those that are `rough`; of others -1.
     """
 
     def __init__(
-        self, bodies: Sequence[MeshBody], obstacles: Sequence[Obstacle], radii: Sequence[float], system: Assembly
+        self,
+        bodies: Sequence[MeshBody],
+        obstacles: Sequence[Obstacle],
+        radii: Sequence[float],
+        system: Assembly,
+        rough: Sequence[bool] = (),
     ) -> None:
         self.shortest: list[float] = []  # edge of each body [m]
         self.names = [b.name for b in bodies] + [o.name for o in obstacles]
         self.indices = [system.bodies.index(b) for b in bodies]
         facets = [facets_of(b) for b in bodies]
         supports, shapes = [], []
-        for obstacle in obstacles:
+        rubs = [*rough] or [False] * len(obstacles)
+        for obstacle, has_frame in zip(obstacles, rubs, strict=True):
             walls, solids = obstacle.parts()
             at = [p for w in walls for p in w.behind] + [p for s in solids for p in s.corners]
             moves = [i == 0 for _ in walls for i in range(3)]  # origins move, directions do not
-            supports.append(Support(at, moves + [True] * sum(len(s.corners) for s in solids), obstacle.motion))
+            moves += [True] * sum(len(s.corners) for s in solids)
+            if has_frame:
+                at, moves = [*at, *obstacle.frame()], [*moves, True, False, False, False]
+            supports.append(Support(at, moves, obstacle.motion))
             shapes.append((walls, solids))
         nodes = [(k, f.nodes) for k, f in zip(self.indices, facets, strict=True)]
         self.points = points = Points(nodes, supports, system)
@@ -71,6 +81,7 @@ class BodySet:
         mean_point, mean_edge = float(self.area[:start].mean()), float(np.concatenate(areas).mean())
         self.area[start:] = mean_point
         self.walls: list[PlacedWall] = []
+        self.frames = np.full(len(obstacles), -1, dtype=np.int32)
         for k, (walls, solids) in enumerate(shapes):
             begin = start
             for wall in walls:
@@ -84,6 +95,9 @@ class BodySet:
                 areas.append(np.full(len(solid.edges), mean_edge))
                 triangles.append(np.array(solid.triangles, dtype=np.int32).reshape(-1, 3) + start)
                 start += len(corners)
+            if rubs[k]:
+                self.frames[k] = start
+                start += 4
             self.body[begin:start] = len(bodies) + k
         self.edge_area = np.concatenate(areas)
         fixed: Bytes = (np.arange(m) >= points.n).astype(np.uint8)

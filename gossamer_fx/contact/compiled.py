@@ -23,8 +23,14 @@ class CompiledContacts(CompiledTerms):
     def __init__(self, terms: Sequence[ContactEnergy], system: Assembly) -> None:
         self.groups: dict[Any, Group] = {}  # by the scene's items
         for term in terms:
-            bodies = BodySet(term.bodies, term.obstacles, term.radii, system)
-            self.groups[term.item] = Group(bodies, term.law, term.distance, term.stiffness, term.memory, system)
+            of_solids = [term.friction if o.friction is None else o.friction for o in term.obstacles]
+            bodies = BodySet(term.bodies, term.obstacles, term.radii, system, [μ > 0 for μ in of_solids])
+            group = Group(bodies, term.law, term.distance, term.stiffness, term.memory, system)
+            if (term.friction > 0 or any(of_solids)) and system.rule.alpha < 1:
+                from gossamer_fx.contact.friction import Friction
+
+                group.friction = Friction(bodies, group.blocks, term.friction, of_solids, term.creep, system)
+            self.groups[term.item] = group
 
     def search(self) -> bool:
         grown = [group.search() for group in self.groups.values()]  # all of them, whatever the first says
@@ -48,6 +54,9 @@ class CompiledContacts(CompiledTerms):
     def supplied(self) -> float:
         return sum(group.supplied() for group in self.groups.values())
 
+    def dissipated(self) -> float:
+        return sum(group.dissipated() for group in self.groups.values())
+
     def keep(self) -> None:
         for group in self.groups.values():
             group.keep()
@@ -67,5 +76,7 @@ class ContactEnergy:
     law: int
     distance: float
     stiffness: float | None
+    friction: float = 0.0
+    creep: float = 1e-3
     memory: Memory = field(default_factory=Memory)
     compiler: ClassVar[type[CompiledTerms]] = CompiledContacts

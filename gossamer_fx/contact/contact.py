@@ -11,7 +11,7 @@ import numpy as np
 from gossamer_fx.checks.errors import check
 from gossamer_fx.contact.compiled import ContactEnergy
 from gossamer_fx.contact.facets import facets_of
-from gossamer_fx.contact.obstacles import Obstacle
+from gossamer_fx.contact.obstacles import Obstacle, check_friction
 from gossamer_fx.contact.pairs import BARRIER, PENALTY
 from gossamer_fx.model.terms import MeshBody, Term, is_body, is_on_mesh
 
@@ -37,12 +37,17 @@ class Contact:
         stiffness: K [N/m³], pressure by closing: k = K d̂² A of a pair that stands for the area A.  None: k = 4 σ v² A
             with the area density σ and the closing speed v, by pairs, which stops what comes at this speed within d̂.
         law: "barrier" or "penalty".
+        friction: coefficient μ of Coulomb friction; obstacles may have their own.  Parts that press with the mean
+            force N and slide by w in a step resist with μ N φ(|w|/(h v_s)) along w, φ(y) = 2y - y² up to y = 1,
+            then 1; the work is booked as dissipated, and momentum and angular momentum are kept.
+        creep: v_s [m/s], below which parts that stick may slide.
         radius: of the cables and beams, by name [m].
         name: name in messages and output.
 
     Raises:
         InputError: no body, one twice, a distance that is not positive or larger than half an edge, a negative
-            stiffness, a cable without radius; when the scene is compiled: layers that pierce each other, or coincide.
+            stiffness or friction, a cable without radius; when the scene is compiled: layers that pierce each other, or
+            coincide.
     """
 
     def __init__(
@@ -51,6 +56,8 @@ class Contact:
         distance: float,
         stiffness: float | None = None,
         law: str = "barrier",
+        friction: float = 0.0,
+        creep: float = 1e-3,
         radius: Mapping[str, float] | None = None,
         name: str = "contact",
     ) -> None:
@@ -61,7 +68,9 @@ class Contact:
             _says(name, "stiffness", stiffness, "N/m³"),
         )
         check(law in LAWS, f"Contact '{name}': law is {law!r}; use 'barrier' or 'penalty'.")
-        self.law = law
+        check_friction(f"Contact '{name}'", friction)
+        check(math.isfinite(creep) and creep > 0, _says(name, "creep", creep, "m/s"))
+        self.law, self.friction, self.creep = law, friction, creep
         for k, body in enumerate(bodies):
             known = isinstance(body, Obstacle) or (is_body(body) and is_on_mesh(body))
             check(known, f"Contact '{name}': {body!r} has no surface; give films, cables, beams and obstacles.")
@@ -103,7 +112,17 @@ class Contact:
 
     def terms(self) -> Iterable[Term]:
         law = LAWS[self.law]
-        yield ContactEnergy(self, self.bodies, self.obstacles, self.radii, law, self.distance, self.stiffness)
+        yield ContactEnergy(
+            self,
+            self.bodies,
+            self.obstacles,
+            self.radii,
+            law,
+            self.distance,
+            self.stiffness,
+            self.friction,
+            self.creep,
+        )
 
 
 def _says(name: str, what: str, value: Any, unit: str) -> str:

@@ -50,6 +50,7 @@ class Group:
         self.near: Pairs | None = None
         self._widened = self._grew = False
         self.searches = 0
+        self.friction: Any = None  # a `Friction`, if there is any
         self.force: Array = np.zeros((self.points.m, 3))  # on points, of this rank's pairs, in the last step
         self.nearest = self.closest = math.inf  # distance [m] at the start of the step, and the least so far
 
@@ -181,12 +182,17 @@ class Group:
         plain, mixed = self._sorted(pairs)
         self._plain_pairs, self._mixed_pairs = pairs.some(plain), pairs.some(mixed)
         keys, mixed_keys, self._expansion = self._keys(self._plain_pairs, self._mixed_pairs)
-        self._grew = not self.blocks.hold(keys, mixed_keys)
+        of_friction = [] if self.friction is None else [self.friction.take(pairs, self.x0, self._law)]
+        self._grew = not self.blocks.hold(keys, mixed_keys, *of_friction)
         if self._grew:  # with what may come next, so that the matrices serve for some steps
             soon = self._gap0 < SOON * self.found.distance(self.memory.distance)
             wide = self.found.pairs(near | soon, self.memory.distance)
             at = self._sorted(wide)
-            self.blocks.cover(*self._keys(wide.some(at[0]), wide.some(at[1]))[:2])
+            if self.friction is not None:
+                of_friction.append(self.friction.keys(wide))
+            self.blocks.cover(*self._keys(wide.some(at[0]), wide.some(at[1]))[:2], *of_friction)
+        if self.friction is not None:
+            self.friction.place()
         self._slots = self.blocks.slots(keys).reshape(-1, 16)
         self._mixed_slots = self.blocks.slots(mixed_keys)
 
@@ -240,6 +246,8 @@ class Group:
             act(pairs, self.x0, x1, self._law, self._alpha, force=self.force).state
             for pairs in (self._plain_pairs, self._mixed_pairs)
         ]
+        if self.friction is not None:
+            self.friction.add_forces(self.x0, x1, self.force)
         self.acting = sum(int((state > 0).sum()) for state in states)
         self.points.add(self.force, r)
 
@@ -257,6 +265,8 @@ class Group:
                 self._mixed_pairs, self.x0, x1, self._law, self._alpha, each=True, tangents=True, geometric=γ
             )
             self._spread(of_pairs.tangents)
+        if self.friction is not None:
+            self.friction.add_tangents(self.x0, x1, self.blocks.values)
         self.blocks.add_to(A)
 
     def _spread(self, tangents: Array | None) -> None:
@@ -273,6 +283,12 @@ class Group:
         at = self.points.prescribed
         x1 = self.points.at(self._system.q1, self._t1)
         return float(np.sum(self.force[at] * (x1[at] - self.x0[at])))
+
+    def dissipated(self) -> float:
+        """Loss [J] of the step by friction, on this rank."""
+        if self.near is None or self.friction is None:
+            return 0.0
+        return self.friction.loss(self.x0, self.points.at(self._system.q1, self._t1))
 
     # ---- the start --------------------------------------------------------------------------------------------------
 

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.bodies.frames import along
+from gossamer_fx.bodies.frames import along, ground_frame
 from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.contact.pairs import IN_CYLINDER, IN_SPHERE, PLANE
-from gossamer_fx.model.terms import Array, Attached, Ground, Vector
+from gossamer_fx.model.terms import Array, Attached, Ground, Port, Vector
 
 Motion = Callable[[float], Sequence[float]]
 
@@ -47,13 +47,16 @@ class Obstacle:
 
     on: the rigid body of which it is a part; none: it stays, or moves as prescribed.
     motion: displacement [m] of the obstacle as a function of time [s]; its work is booked as supplied.
+    friction: coefficient of Coulomb friction with it; none: that of the contact.
     """
 
     on: RigidBody | None = None
     motion: Motion | None = None
+    friction: float | None = None
     name: str = "obstacle"
 
     def __post_init__(self) -> None:
+        check_friction(f"{type(self).__name__} '{self.name}'", 0.0 if self.friction is None else self.friction)
         check(
             self.on is None or self.motion is None,
             f"{type(self).__name__} '{self.name}': a part of a rigid body has no motion of its own; leave out one of "
@@ -78,6 +81,13 @@ class Obstacle:
     def requires(self) -> Iterable[Any]:
         return () if self.on is None else (self.on,)
 
+    def frame(self) -> tuple[Attached, ...]:
+        """An origin and three axes that move with it."""
+        if self.on is None:
+            frame = ground_frame()
+            return frame.origin, *frame.directors
+        return Port(self.on, (0,)), *self.on.frame().directors
+
     def _at(self, place: Array | Vector) -> Attached:
         x, y, z = np.asarray(place, dtype=float)
         return Ground((float(x), float(y), float(z))) if self.on is None else self.on.port_at((x, y, z))
@@ -88,6 +98,14 @@ class Obstacle:
             x, y, z = direction
             return Ground((float(x), float(y), float(z)))
         return along(direction, self.on.frame())
+
+
+def check_friction(owner: str, friction: float) -> None:
+    """Raise `InputError` for what is no coefficient of friction."""
+    check(
+        math.isfinite(friction) and friction >= 0,
+        f"{owner}: friction is {friction!r}; give zero, or a positive ratio of forces.",
+    )
 
 
 def _unit(vector: Vector | Array, what: str) -> Array:

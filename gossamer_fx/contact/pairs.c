@@ -354,8 +354,16 @@ static int passed(int edges, double U, double V, double Y0[3][3], double Y1[3][3
     gram(Y, e);
     const double det = e[3] * e[5] - e[4] * e[4];
     if (!(det > 0)) return 0;
-    const double u = (e[4] * e[2] - e[5] * e[1]) / det - U, v = (e[4] * e[1] - e[3] * e[2]) / det - V;
-    return u >= 0 && v >= 0 && (edges ? u <= 1 && v <= 1 : u + v <= 1);
+    const double u = (e[4] * e[2] - e[5] * e[1]) / det, v = (e[4] * e[1] - e[3] * e[2]) / det, s = u - U, t = v - V;
+    if (!(s >= 0 && t >= 0 && (edges ? s <= 1 && t <= 1 : s + t <= 1))) return 0;
+    /* vectors that lie in one plane all the way have a volume of round-off: where they meet, nothing may be between */
+    double between = 0, way = 0;
+    for (int i = 0; i < 3; ++i) {
+        const double w = Y[0][i] + u * Y[1][i] + v * Y[2][i];
+        between += w * w;
+        for (int k = 0; k < 3; ++k) way += (Y1[k][i] - Y0[k][i]) * (Y1[k][i] - Y0[k][i]);
+    }
+    return between <= 1e-5 * way;
 }
 
 /* The way back of an iterate that has passed through: the energy goes on as a parabola of the signed distance. */

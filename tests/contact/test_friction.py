@@ -1,0 +1,185 @@
+"""Friction of contact: closed forms of sliding, stopping and sticking; conservation; what turns a ball."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from random_pairs import near_pairs
+from scenes import SIGMA, conserved, film, group_of, pierced, simulate
+
+import gossamer_fx as gx
+from gossamer_fx.contact.friction import EDGES, Sliding
+from gossamer_fx.contact.pairs import BARRIER, EDGE_EDGE, POINT_TRIANGLE, act, nearest_points
+
+FLOOR = {"point": (0.0, 0.0, 0.0), "normal": (0.0, 0.0, 1.0)}
+
+
+def patch(velocity: float, height: float = 2e-5):
+    return film(MPI.COMM_SELF, 1, velocity=(velocity, 0.0, 0.0), height=height, name="patch")
+
+
+def speeds(body, items, until: float, dt: float = 5e-4):
+    """Velocities along x after each step, and the run."""
+    seen = gx.Series({"v": gx.Velocity(body.port_at((0.05, 0.05, 0.0)), "x")})
+    run = simulate(items, until, dt, outputs=[seen])
+    return np.array(seen["v"]), run
+
+
+def pressed(body, p: float, ramp: float = 0.01) -> gx.Pressure:
+    """A pressure [Pa] that presses the body down, and begins softly."""
+
+    def at(t: float) -> float:
+        y = min(t / ramp, 1.0)
+        return -p * y * y * (3 - 2 * y)
+
+    return gx.Pressure(body, at)
+
+
+def test_a_film_slides_down_a_slope() -> None:
+    slope, μ, g = math.radians(30), 0.3, 9.80665
+    body = patch(0.0, 1e-4)
+    down = gx.Gravity(body, (g * math.sin(slope), 0.0, -g * math.cos(slope)))
+    floor = gx.Plane(**FLOOR, friction=μ)
+    v, run = speeds(body, [gx.Contact(body, floor, distance=2e-4, stiffness=1e9), down], 0.03)
+    a = g * (math.sin(slope) - μ * math.cos(slope))
+    assert v[-1] == pytest.approx(a * 0.03, rel=0.02)  # though it jumps
+    travelled = 5e-4 * (v[1:] + v[:-1]).sum() / 2
+    lost = μ * SIGMA * 0.01 * g * math.cos(slope) * travelled
+    assert run.totals.dissipated == pytest.approx(lost, rel=0.05)
+    assert abs(run.energy_error) < 1e-9
+
+
+def test_a_film_that_slides_is_stopped() -> None:
+    body, μ, p, v0 = patch(0.2), 0.5, 4.0, 0.2
+    contact = gx.Contact(body, gx.Plane(**FLOOR), distance=2e-4, stiffness=1e8, friction=μ)
+    v, run = speeds(body, [contact, pressed(body, p)], 0.03)
+    until = 0.005 + v0 / (μ * p / SIGMA)  # the pressure begins in 0.01 s
+    t = 5e-4 * np.arange(len(v))
+    at_full = (t > 0.012) & (t < until - 1e-3)
+    assert np.allclose(v[at_full], (until - t[at_full]) * μ * p / SIGMA, atol=2e-3)
+    assert abs(v[t > until + 5e-3]).max() < 1e-5
+    assert run.totals.dissipated == pytest.approx(0.5 * SIGMA * 0.01 * v0**2, rel=1e-6)
+
+
+def test_below_the_friction_angle_it_creeps_as_slowly_as_stated() -> None:
+    body, μ, p, a = patch(0.0), 0.5, 4.0, 8.0
+    contact = gx.Contact(body, gx.Plane(**FLOOR), distance=2e-4, stiffness=1e8, friction=μ, creep=1e-4)
+    v, _ = speeds(body, [contact, pressed(body, p), gx.Gravity(body, (a, 0.0, 0.0))], 0.04)
+    share = a * SIGMA / (μ * p)
+    v = (v[1:] + v[:-1])[-30:] / 2  # of steps: their ends swing about it for a while
+    assert v.mean() == pytest.approx(1e-4 * (1 - math.sqrt(1 - share)), rel=0.05)
+
+
+@pytest.mark.mpi
+def test_films_that_rub_keep_momentum_and_angular_momentum(comm) -> None:
+    lower = film(comm, name="lower")
+    upper = film(comm, height=1.2e-3, velocity=(1.0, 0.4, -2.0), turn=0.4, name="upper", at=(0.01, 0.005))
+    run = simulate([gx.Contact(lower, upper, distance=1e-3, friction=0.3)], 1.6e-3)
+    assert run.totals.dissipated > 1e-5
+    assert gx.Velocity(lower.port_at((0.05, 0.05, 0.0)), "x")(run) > 0.02  # taken along
+    assert pierced(run) == 0
+    conserved(run)
+
+
+def test_friction_costs_nothing_where_there_is_none() -> None:
+    one, other = film(MPI.COMM_SELF, name="one"), film(MPI.COMM_SELF, height=1.2e-3, name="other")
+    run = simulate([gx.Contact(one, other, gx.Plane(point=(0, 0, -1), normal=(0, 0, 1)), distance=1e-3)], 1e-4)
+    assert group_of(run).friction is None
+    assert (group_of(run).bodies.frames < 0).all()
+
+
+@pytest.mark.parametrize("μ", [0.0, 0.5])
+def test_a_ball_on_a_film_turns_by_friction_alone(μ) -> None:
+    """It is thrown along a free film and presses on it: what it loses along the film, it gains as rotation."""
+    m, r = 1e-3, 0.01
+    bag = film(MPI.COMM_SELF, name="bag")
+    ball = gx.RigidBody(
+        m, (0.4 * m * r * r,) * 3, position=(0.003, 0.002, r + 3e-4), velocity=(0.3, 0, -0.5), comm=MPI.COMM_SELF
+    )
+    solid = gx.Sphere(centre=(0.003, 0.002, r + 3e-4), radius=r, on=ball, friction=μ)
+    run = simulate([gx.Contact(bag, solid, distance=2e-4)], 4e-3)
+    conserved(run, momentum=1e-10)
+    spin = _spin(run, ball)
+    if μ == 0:
+        assert abs(spin) < 1e-9
+        assert run.totals.dissipated == 0
+    else:
+        lost = m * (0.3 - gx.Velocity(ball.port(), "x")(run))
+        assert lost > 1e-6
+        assert spin * 0.4 * m * r * r == pytest.approx(lost * r, rel=0.1)
+        assert run.totals.dissipated > 0
+
+
+def _spin(run, ball) -> float:
+    """Angular velocity about y."""
+    owned = run.system.numbering.owned(run.system.bodies.index(ball))
+    d, rate = (z.array_r[owned].reshape(4, 3)[1:] for z in (run.system.q0, run.system.v0))
+    return float(np.cross(d, rate).sum(axis=0)[1] / 2)
+
+
+def test_a_moved_solid_drags_a_film_along_and_pays_for_it() -> None:
+    body = patch(0.0)
+    belt = gx.Plane(**FLOOR, motion=lambda t: (0.1 * t, 0.0, 0.0), friction=0.4)
+    contact = gx.Contact(body, belt, distance=2e-4, stiffness=1e8)
+    v, run = speeds(body, [contact, pressed(body, 4.0)], 0.03)
+    assert v[-1] == pytest.approx(0.1, abs=1e-4)
+    # what the belt gives is twice what the film has in the end: the other half is lost
+    kinetic = 0.5 * SIGMA * 0.01 * 0.1**2
+    assert run.totals.dissipated == pytest.approx(kinetic, rel=1e-2)
+    assert abs(run.energy_error) < 1e-9
+
+
+@pytest.mark.parametrize("kind", [POINT_TRIANGLE, EDGE_EDGE])
+def test_a_pair_that_rubs_has_no_resultant_and_the_derivative_it_says(kind) -> None:
+    n, μ, least = 40, 0.4, 0.01
+    pairs, x0, x1 = near_pairs(kind, n, seed=8)
+    uv = nearest_points(pairs.nodes, pairs.kind, x0)
+    u, v = uv.T
+    r = np.array([1 + 0 * u, u + v - 1, -u, -v] if kind == POINT_TRIANGLE else [1 - u, u, v - 1, -v]).T
+    t = np.broadcast_to(EDGES[kind], (n, 2, 4))
+    gap = np.einsum("nk,nkc->nc", r, x0.reshape(n, 4, 3))
+    normal = gap / np.linalg.norm(gap, axis=1)[:, None]
+    side = np.broadcast_to([1.0, 0, 0, 0] if kind == POINT_TRIANGLE else [1.0, 1, 0, 0], (n, 4))
+    keys = np.arange(16 * n).reshape(n, 4, 4)
+    rub = Sliding(pairs, BARRIER, side, normal, pairs.nodes, r, t, np.full(n, μ), keys)
+    rub.slots = keys.reshape(n, 16)
+
+    def forces(x):
+        out = np.zeros((4 * n, 3))
+        rub.add_forces(x0, x, least, 0.5, out)
+        return out.reshape(n, 4, 3)
+
+    F, size = forces(x1), np.abs(forces(x1)).max(axis=(1, 2))
+    acting = size > 0
+    assert acting.sum() > 10
+    middle, step = ((x0 + x1) / 2).reshape(n, 4, 3), (x1 - x0).reshape(n, 4, 3)
+    assert (np.abs(F.sum(axis=1)).max(axis=1) <= 1e-13 * size).all()
+    assert (np.abs(np.cross(middle, F).sum(axis=1)).max(axis=1) <= 1e-12 * size).all()
+    work = np.einsum("nkc,nkc->n", F, step)
+    assert (work[acting] > 0).all()
+    assert work.sum() == pytest.approx(rub.loss(x0, x1, least, 0.5), rel=1e-12)
+    values, δ = np.zeros((16 * n, 9)), 1e-7
+    rub.add_tangents(x0, x1, least, 0.5, 1.0, np.ones(4 * n), values)
+    K = values.reshape(n, 4, 4, 3, 3).transpose(0, 1, 3, 2, 4).reshape(n, 12, 12)
+    numeric = np.zeros_like(K)
+    for j in range(12):
+        way = np.zeros((4, 3))
+        way.flat[j] = δ
+        up, down = (forces(x1 + np.tile(z, (n, 1))) for z in (way, -way))
+        numeric[:, :, j] = ((up - down) / (2 * δ)).reshape(n, 12)
+    state = act(pairs, x0, x1, BARRIER, 0.5).state
+    good = [np.allclose(K[i], numeric[i], rtol=1e-4, atol=1e-4 * abs(K[i]).max()) for i in np.flatnonzero(acting)]
+    assert np.mean(good) > 0.9, state  # the others have the end of a side within the difference
+
+
+def test_what_is_no_friction_is_refused() -> None:
+    body = patch(0.0)
+    with pytest.raises(gx.InputError, match=r"Contact 'contact': friction is -0.1; give zero"):
+        gx.Contact(body, distance=1e-3, friction=-0.1)
+    with pytest.raises(gx.InputError, match=r"creep is 0.*positive"):
+        gx.Contact(body, distance=1e-3, friction=0.1, creep=0.0)
+    with pytest.raises(gx.InputError, match=r"Plane 'obstacle': friction is nan"):
+        gx.Plane(**FLOOR, friction=math.nan)
