@@ -35,6 +35,7 @@ ROOMS = {
     "materials": "Laws of films",
     "gas": "Gas",
     "interactions": "Joints, supports, springs, tapes",
+    "fold": "Fold maps",
     "contact": "Contact",
     "loads": "Loads and damping",
     "control": "Control",
@@ -104,15 +105,26 @@ def prose(line: str) -> str:
 
 def _linked(code: str) -> str:
     name = code.strip("`").removeprefix("gx.")
-    return f"{{py:obj}}`{name} <gossamer_fx.{name}>`" if name in gossamer_fx.__all__ else code
+    return f"{{py:obj}}`{name} <gossamer_fx.{name}>`" if name in public_names() else code
 
 
 # ---- reference -------------------------------------------------------------------------------------------------------
 
 
+def public_names() -> list[str]:
+    """Names of the package, and of its rooms that are public, e.g. fold.zigzag."""
+    rooms = gossamer_fx._ROOMS
+    own = [name for name in gossamer_fx.__all__ if name not in rooms]
+    return [*own, *(f"{room}.{name}" for room in rooms for name in getattr(gossamer_fx, room).__all__)]
+
+
 def thing(name: str) -> Any:
     """A public name as it is written, without the guard of its arguments."""
-    return getattr(import_module(f"gossamer_fx.{gossamer_fx._MODULE[name]}"), name)
+    if "." not in name:
+        return getattr(import_module(f"gossamer_fx.{gossamer_fx._MODULE[name]}"), name)
+    room, name = name.split(".")
+    module, written = getattr(gossamer_fx, room)._HOME[name]
+    return getattr(import_module(f"gossamer_fx.{room}.{module}"), written)
 
 
 def members(cls: type) -> list[tuple[str, str, Any]]:
@@ -176,7 +188,7 @@ def _directive(kind: str, head: str, body: str, fence: str = "::::") -> str:
 def undocumented() -> list[str]:
     """Public names that say nothing about themselves, methods and properties of public classes included."""
     missing = []
-    for name in gossamer_fx.__all__:
+    for name in public_names():
         it = thing(name)
         if not inspect.getdoc(it):
             missing.append(name)
@@ -192,8 +204,8 @@ def undocumented() -> list[str]:
 def reference() -> dict[str, str]:
     """One page a room, and their index."""
     rooms: dict[str, list[str]] = {}
-    for name in gossamer_fx.__all__:
-        rooms.setdefault(gossamer_fx._MODULE[name].split(".")[0], []).append(name)
+    for name in public_names():
+        rooms.setdefault((gossamer_fx._MODULE.get(name) or name).split(".")[0], []).append(name)
     order = [*[r for r in ROOMS if r in rooms], *sorted(set(rooms) - set(ROOMS))]
     pages, rows = {}, []
     for room in order:

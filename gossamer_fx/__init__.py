@@ -12,6 +12,7 @@ from gossamer_fx.checks.lone_errors import watch_uncaught_errors as _watch_uncau
 from gossamer_fx.version import VERSION as __version__
 
 if TYPE_CHECKING:
+    from gossamer_fx import fold as fold
     from gossamer_fx.analyses.crease_identification import HangingStrip as HangingStrip
     from gossamer_fx.analyses.crease_identification import IdentifiedCrease as IdentifiedCrease
     from gossamer_fx.analyses.crease_identification import identify_crease as identify_crease
@@ -248,13 +249,16 @@ _HOME = {
     "analyses.modes": ["Mode", "modes"],
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
-__all__ = sorted(_MODULE)
+_ROOMS = ["fold"]  # whose names are asked of them: gx.fold.zigzag
+__all__ = sorted([*_MODULE, *_ROOMS])
 _FOUND = {"dolfinx", "basix", "ufl", "petsc4py", "mpi4py"}  # not installed with this package, but found
 
 _watch_uncaught_errors()
 
 
 def __getattr__(name: str) -> Any:
+    if name in _ROOMS:
+        return import_module(f"gossamer_fx.{name}")
     if name not in _MODULE:
         raise AttributeError(f"gossamer_fx has no '{name}'; its names are: {', '.join(__all__)}")
     from gossamer_fx.checks.arguments import guarded

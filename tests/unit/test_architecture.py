@@ -27,6 +27,7 @@ FLOORS = (
     "reduction",
     "gas",
     "interactions",
+    "fold",
     "contact",
     "loads",
     "control",

@@ -1,0 +1,125 @@
+"""Sails of n trapezoids, each folded to a strip, in arms between them: the fold of IKAROS."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from gossamer_fx.fold.fold_map import FoldMap
+from gossamer_fx.model.terms import Array
+
+AJAR = 1e-2  # thickness of the layers over the radius of the hub at which mountain and valley can be told
+
+
+@dataclass(frozen=True)
+class Arms(FoldMap):
+    """n trapezoids round a hub, each folded at rows parallel to its edges into a strip that stands on edge.
+
+    With s along the rows of a trapezoid, y their distance from the centre and C the strip's line round the hub and out,
+
+        x = (C(s) + η(s, y) n(s), zigzag(y))
+
+    C has corners at columns of the mesh: 2 `bends` chords on the hub, then a radial arm, which two trapezoids share
+    (n = 4 is the cross of IKAROS).  Layers are η = gap (y/pitch - |s|/column) from the seam, on the hub with `hub_gap`
+    for `gap`.  Their corners there are in line, and the outermost layer has its length: those within, nearer to the
+    hub, are slack.  Edges of the mesh of `meshes.sails.trapezoids` are on all fold lines.
+
+    Args:
+        n: trapezoids, at least 3.
+        inner, outer: rows of the inner and outer edges, which are inner pitch and outer pitch from the centre.
+        pitch: between folds [m].
+        bends: corners on the hub between the middle of a trapezoid and its end; less than `inner`.
+        gap: distance of the layers of an arm [m].
+        hub_gap: distance of the layers on the hub [m].
+        ramp: length of an arm in which the one grows to the other [m].
+
+    Raises:
+        InputError: numbers out of these ranges.
+    """
+
+    called: ClassVar[str] = "fold.ikaros"
+    n: int
+    inner: int
+    outer: int
+    pitch: float
+    bends: int = 2
+    gap: float = 0.0
+    hub_gap: float = 0.0
+    ramp: float = 1.0
+
+    def __post_init__(self) -> None:
+        self._check(self.n >= 3, f"n is {self.n!r}; give at least 3 trapezoids.")
+        self._check(
+            0 < self.inner < self.outer, f"rows from {self.inner!r} to {self.outer!r}; give inner above 0, below outer."
+        )
+        self._check(
+            1 <= self.bends < self.inner,
+            f"bends is {self.bends!r}; give at least 1 and less than inner, {self.inner!r}.",
+        )
+        for what in ("pitch", "ramp"):
+            value = getattr(self, what)
+            self._check(math.isfinite(value) and value > 0, f"{what} is {value!r} m; give a positive number.")
+        for what in ("gap", "hub_gap"):
+            value = getattr(self, what)
+            self._check(math.isfinite(value) and value >= 0, f"{what} is {value!r} m; give zero or a positive number.")
+        self._check(self.radius > 0, f"hub_gap is {self.hub_gap:g} m: the layers leave no room for a hub; give less.")
+
+    @property
+    def column(self) -> float:
+        """Distance of columns along a row [m]."""
+        return math.tan(math.pi / self.n) * self.pitch
+
+    @property
+    def radius(self) -> float:
+        """Of the corners of the innermost layer on the hub [m]."""
+        return self.column / 2 / math.sin(math.pi / self.n / self.bends / 2) - self.hub_gap * self.outer
+
+    def pressed(self) -> Arms:
+        return replace(self, gap=0.0, hub_gap=0.0)
+
+    def ajar(self) -> Arms:
+        return _Tilted(**vars(self.pressed()))
+
+    def place(self, X: Array, side: Array) -> Array:
+        k = np.round((np.arctan2(X[:, 1], X[:, 0]) + np.pi / 2) / (2 * np.pi / self.n))
+        c, d = np.cos(2 * np.pi * k / self.n), np.sin(2 * np.pi * k / self.n)
+        s, y = c * X[:, 0] + d * X[:, 1], d * X[:, 0] - c * X[:, 1]
+        z = self._height(y / self.pitch - self.inner)
+        u = s / self.column
+        layer = np.maximum(y / self.pitch - np.abs(u), 0.0)
+        i = np.floor(u + 1e-9)
+        part = (u - i)[:, None]
+        p = (1 - part) * self._corner(i, layer) + part * self._corner(i + 1, layer)
+        return np.column_stack([c * p[:, 0] - d * p[:, 1], d * p[:, 0] + c * p[:, 1], z])
+
+    def _height(self, row: Array) -> Array:
+        """z (n,) of rows counted from the inner edge."""
+        wave: Array = self.pitch * (np.abs(np.remainder(row + 1, 2) - 1) - 0.5)
+        return wave
+
+    def _corner(self, i: Array, layer: Array) -> Array:
+        """The line C (n, 2) at columns i, of layers, in the frame of a trapezoid whose middle is at (0, -radius)."""
+        side, far = np.sign(i), np.maximum(np.abs(i) - self.bends, 0) * self.column
+        w = np.clip(far / self.ramp, 0, 1)
+        η = (self.hub_gap + (self.gap - self.hub_gap) * w * w * (3 - 2 * w)) * layer
+        half = math.pi / self.n
+        out = np.stack([side * math.sin(half), np.full_like(i, -math.cos(half))], axis=1)
+        across = np.stack([-side * math.cos(half), np.full_like(i, -math.sin(half))], axis=1)
+        on_arm = (self.radius + far)[:, None] * out + η[:, None] * across
+        angle = half * i / self.bends
+        on_hub = (self.radius + η)[:, None] * np.stack([np.sin(angle), -np.cos(angle)], axis=1)
+        return np.where((np.abs(i) < self.bends)[:, None], on_hub, on_arm)
+
+
+class _Tilted(Arms):
+    """Neighbouring panels are turned apart about their folds, so that none of these is shut."""
+
+    def pressed(self) -> Arms:
+        return self
+
+    def place(self, X: Array, side: Array) -> Array:
+        gap = AJAR * self.radius / self.outer
+        return replace(Arms(**vars(self)), gap=gap, hub_gap=gap).place(X, side)
