@@ -30,5 +30,5 @@ def __getattr__(name: str) -> Any:
     from gossamer_fx.checks.arguments import guarded
 
     module, thing = _HOME[name]
-    found = globals()[name] = guarded(getattr(import_module(f"gossamer_fx.fold.{module}"), thing))
+    found = globals()[name] = guarded(getattr(import_module(f"gossamer_fx.fold.{module}"), thing), ())
     return found
