@@ -10,21 +10,20 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from gossamer_fx.checks.errors import InputError
 from gossamer_fx.contact.blocks import Blocks, Keys
 from gossamer_fx.contact.body_set import WALLS, BodySet
 from gossamer_fx.contact.candidates import Candidates
 from gossamer_fx.contact.kernel import Array, library
 from gossamer_fx.contact.memory import Memory
-from gossamer_fx.contact.pairs import PLANE, Pairs, act, energy, squared_distances
-from gossamer_fx.contact.search import intersections
+from gossamer_fx.contact.pairs import IN_SPHERE, PLANE, Pairs, act, energy, squared_distances
+from gossamer_fx.contact.softness import Softness
+from gossamer_fx.contact.start import refuse_coincident, refuse_intersections
 
 START = 0.9  # distance of a point at which contact begins, over that of the nearest to it at the start
 GROWN = 0.999  # the same in the course of the run
 MARGIN = 0.3  # part of its way by which a point may miss the place where it was expected
 HORIZON = 32  # steps for which one search may serve, at most
 SOON = 3.0  # distance of pairs whose blocks new matrices hold in advance, over that at which contact begins
-COINCIDENT = 1e-6  # distance over that of contact, below which layers cannot be told apart
 
 
 class Group:
@@ -40,6 +39,7 @@ class Group:
         self.bodies, self.points, self.memory = bodies, bodies.points, memory
         self._law, self._d, self._K, self._system = law, distance, stiffness, system
         self._comm: MPI.Intracomm = system.comm
+        self._softness = Softness(stiffness or 0.0, distance, bodies.names, system.comm)
         memory.comm = self._comm
         library(self._comm)
         self.blocks = Blocks(system.numbering, self.points.unknowns)
@@ -74,10 +74,10 @@ class Group:
         """Take the initial state: distances of points; what cannot be right is refused."""
         system = self._system
         x = self.points.at(system.q0, system.time)
-        self._refuse_intersections(x)
+        refuse_intersections(self.bodies, x, self._comm)
         self._find(x, x, np.zeros_like(x))
         least = self.found.least(self.found.gaps(x), self._comm, self.points.m)
-        self._refuse_coincident(least, x)
+        refuse_coincident(self.bodies, x, least, self._d)
         self.memory.distance = np.minimum(self._d, START * least)
         self.x0 = x
 
@@ -157,23 +157,25 @@ class Group:
     def _stiffness(self, near: npt.NDArray[np.bool_], v: Array) -> Array:
         """k (n,) [J] of pairs at the beginning of contact."""
         found, area = self.found, self.found.area[near]
-        if self._K is not None:
-            return self._K * self._d**2 * area
         assert self._density is not None
-        speed = np.maximum(self.memory.speed, 1.25 * self._closing(near, v))
-        lightness = 1 / self._density[found.nodes[near, 0]] + 1 / self._density[found.second[near]]
-        return 8 / np.maximum(lightness, 1e-300) * speed**2 * area
+        sides = np.column_stack([found.nodes[near, 0], found.second[near]])
+        σ = 2 / np.maximum((1 / self._density[sides]).sum(axis=1), 1e-300)
+        rate = self._rate(near, v)
+        if self._K is not None:
+            self._softness.look(self.bodies.body[sides], self._density[sides].min(axis=1), np.maximum(-rate, 0))
+            return self._K * self._d**2 * area
+        return 4 * σ * np.maximum(self.memory.speed, 1.25 * np.abs(rate)) ** 2 * area
 
-    def _closing(self, near: npt.NDArray[np.bool_], v: Array) -> Array:
-        """Rate of the distance (n,) [m/s] at the beginning of a step, taken over a short time."""
+    def _rate(self, near: npt.NDArray[np.bool_], v: Array) -> Array:
+        """That of the distance (n,) [m/s] at the beginning of a step, taken over a short time."""
         τ = 1e-3 * self._system.h
         s0, s1 = (
             squared_distances(np.ascontiguousarray(self.found.nodes[near]), self.found.kind[near], x)
             for x in (self.x0, np.ascontiguousarray(self.x0 + τ * v))
         )
-        flat = self.found.kind[near] == PLANE
-        rate: Array = np.where(flat, s1 - s0, np.sqrt(np.abs(s1)) - np.sqrt(np.abs(s0))) / τ
-        return np.abs(rate)
+        kind, way = self.found.kind[near], np.sqrt(np.abs(s1)) - np.sqrt(np.abs(s0))
+        rate: Array = np.select([kind == PLANE, kind >= IN_SPHERE], [s1 - s0, -way], way) / τ
+        return rate
 
     def _take(self, near: npt.NDArray[np.bool_], v: Array) -> None:
         """Work with these candidates in the step; the pattern then holds them."""
@@ -289,29 +291,3 @@ class Group:
         if self.near is None or self.friction is None:
             return 0.0
         return self.friction.loss(self.x0, self.points.at(self._system.q1, self._t1))
-
-    # ---- the start --------------------------------------------------------------------------------------------------
-
-    def _refuse_intersections(self, x: Array) -> None:
-        found = intersections(self.bodies.surface, x, self.bodies.own_edges)
-        counts = self._comm.allgather(
-            (len(found), [x[self.bodies.surface.edges[e]].mean(axis=0).tolist() for e, _ in found[:1]])
-        )
-        count = sum(n for n, _ in counts)
-        if count:
-            a, b, c = next(place for _, places in counts for place in places)
-            raise InputError(
-                f"Contact: layers pierce each other at the start, {count} edges of the mesh, the first near "
-                f"({a:.4g}, {b:.4g}, {c:.4g}) m; open them, or leave one of the bodies out."
-            )
-
-    def _refuse_coincident(self, least: Array, x: Array) -> None:
-        film = np.arange(self.points.m) < self.points.n
-        close = np.flatnonzero(film & (least < COINCIDENT * self._d))
-        if len(close):
-            a, b, c = x[close[0]]
-            name = self.bodies.names[self.bodies.body[close[0]]]
-            raise InputError(
-                f"Contact: {len(close)} points of '{name}' and others touch something at the start, or are within it, "
-                f"the first at ({a:.4g}, {b:.4g}, {c:.4g}) m; open the layers by a little."
-            )

@@ -106,9 +106,11 @@ def test_intersections_are_those_of_all_pairs() -> None:
 
 
 def degenerate(kind: int, x: np.ndarray) -> None:
-    """Make two thirds of pairs x (n, 4, 3) parallel edges and slivers, edges of no length and coincident corners."""
+    """Make of pairs x (n, 4, 3) a third parallel edges and slivers, a third edges of no length and triangles of two
+    corners, and let a sixth have a point of both sides in one place."""
     third = slice(0, len(x) // 3)
     other = slice(len(x) // 3, 2 * len(x) // 3)
+    x[5 * len(x) // 6 :, 0] = x[5 * len(x) // 6 :, 2]
     if kind == EDGE_EDGE:
         x[third, 3] = x[third, 2] + x[third, 1] - x[third, 0]
         x[other, 3] = x[other, 2]
