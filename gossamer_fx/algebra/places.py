@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -126,9 +127,9 @@ class Places:
         u = q - self._z
         return np.einsum("nmx,nx->nm", np.einsum("nmxy,ny->nmx", self.H, u) / 2 + self.L, u) + self.c
 
-    def gradient(self, q: Array) -> Array:
-        """De (n, m, D)."""
-        return np.einsum("nmxy,ny->nmx", self.H, q - self._z) + self.L
+    def gradient(self, q: Array, on: Any = slice(None)) -> Array:
+        """De (n, m, D), of all places, or of those that `on` picks, to which q (k, D) then belongs."""
+        return np.einsum("nmxy,ny->nmx", self.H[on], q - self._z[on]) + self.L[on]
 
 
 class Gather:

@@ -82,20 +82,18 @@ class Balance:
         by_y, by_V = np.diag(np.concatenate([V / (γ - 1) + W / 2, np.ones(n)])), np.zeros((2 * n, n))
         by_V[np.arange(n), np.arange(n)] = p1 / (γ - 1)
         for passage in self._passages:
+            ends = self._at_ends(passage, p, T)
             for side, k in enumerate(passage.ends):
                 if k is None:
                     continue
-                by_p, by_T = (self._slope(passage, p, T, side, which) for which in (0, 1))
-                changes = (
-                    (by_y, k, by_p * self._θ[k] + by_T * V[k] / ((γ - 1) * mass[k] * cv)),
-                    (by_y, n + k, -by_T * T[k] / mass[k]),
-                    (by_V, k, by_T * p1[k] / ((γ - 1) * mass[k] * cv)),
-                )
-                for end, sign in zip(passage.ends, (-1, 1), strict=True):
+                by_p, by_T = (self._slope(passage, ends, side, which) for which in (0, 1))
+                by_U = 1 / ((γ - 1) * mass[k] * cv)
+                for end, sign in zip(passage.ends, (-h, h), strict=True):
                     if end is not None:
-                        for matrix, column, (ṁ, ė) in changes:
-                            matrix[end, column] -= h * sign * ė
-                            matrix[n + end, column] -= h * sign * ṁ
+                        for row, p_slope, T_slope in zip((n + end, end), by_p, by_T, strict=True):
+                            by_y[row, k] -= sign * (p_slope * self._θ[k] + T_slope * V[k] * by_U)
+                            by_y[row, n + k] += sign * T_slope * T[k] / mass[k]
+                            by_V[row, k] -= sign * T_slope * p1[k] * by_U
         for (wall, k), θ in zip(self._walls, self._θ_walls, strict=True):
             warming = h * wall.conductance * θ / (m1[k] * cv)
             by_y[k, k] += warming * V[k] / (γ - 1)
@@ -167,12 +165,13 @@ class Balance:
         ṁ = complex(passage.opening.flow(self._gas, passage.area, p, T))
         return ṁ, self._gas.cp * (T[0] if p[0].real >= p[1].real else T[1]) * ṁ
 
-    def _slope(self, passage: Passage, p: Array, T: Array, side: int, which: int) -> Array:
+    def _slope(self, passage: Passage, at_ends: tuple[Pair, Pair], side: int, which: int) -> tuple[float, float]:
         """Derivatives of both flows with respect to pressure (`which` 0) or temperature (1) at one end."""
-        ends = [list(pair) for pair in self._at_ends(passage, p, T)]
+        ends = [list(pair) for pair in at_ends]
         ends[which][side] += 1j * STEP
         (pa, pb), (Ta, Tb) = ends
-        return np.imag(self._flows(passage, (pa, pb), (Ta, Tb))) / STEP
+        ṁ, ė = self._flows(passage, (pa, pb), (Ta, Tb))
+        return ṁ.imag / STEP, ė.imag / STEP
 
     def _at_ends(self, passage: Passage, p: Array, T: Array) -> tuple[Pair, Pair]:
         """Pressures and temperatures at the ends of an opening."""
@@ -198,7 +197,7 @@ class Balance:
                     stiffness = self.h * self._gas.gamma * self._gas.R * Tu / V[k]
                     rates[k] += stiffness * moving
                     resting[k] += stiffness * at_rest
-                    slopes[k] -= stiffness * sign * self._slope(o, p, T, side, 0)[0]
+                    slopes[k] -= stiffness * sign * self._slope(o, (ps, Ts), side, 0)[0]
         exponential = np.array([_fitted_weight(z) for z in np.maximum(slopes, 0.0)])
         self._θ = 1 - 1 / (1 / (1 - exponential) + 40 * rates**4 / (1 + rates**2))
         self._amplification = resting

@@ -129,13 +129,19 @@ class GasNetwork:
         G: list[Array | None] = [None] * (2 * n)
         H: list[Array | None] = [None] * (2 * n)
         by_y, by_V = self._balance.derivatives(self._y, self._V, self._W)
-        for k, s in enumerate(self._gases):
-            if s.enclosure is not None:
-                mid, dV, dW = s.enclosure.gradients()
+        bounded = {k: s.enclosure for k, s in enumerate(self._gases) if s.enclosure is not None}
+        if bounded:
+            by_V = by_V[:, list(bounded)] / self._scale[:, None]
+            by_W = np.zeros_like(by_V)
+            dV, dW = [], []
+            for i, (k, enclosure) in enumerate(bounded.items()):
+                mid, of_volume, of_swept = enclosure.gradients()
                 G[k] = -self._α * mid
-                _add_row(H, k, (s.p + float(self._y[k])) / (2 * self._scale[k]), dW)
-                for row, share in enumerate(by_V[:, k] / self._scale):
-                    _add_row(H, row, float(share), dV)
+                by_W[k, i] = (self._gases[k].p + float(self._y[k])) / (2 * self._scale[k])
+                dV.append(of_volume)
+                dW.append(of_swept)
+            rows = by_V @ np.array(dV) + by_W @ np.array(dW)
+            H = [row if by_V[k].any() or by_W[k].any() else None for k, row in enumerate(rows)]
         return G, H, by_y / self._scale[:, None]
 
     def accept(self) -> None:
@@ -211,10 +217,3 @@ class GasNetwork:
 
     def _magnitudes(self) -> Array:
         return np.array([s.enclosure.magnitude if s.enclosure is not None else 0.0 for s in self._gases])
-
-
-def _add_row(rows: list[Array | None], k: int, share: float, gradient: Array) -> None:
-    """rows[k] += share · gradient."""
-    if share != 0:
-        known = rows[k]
-        rows[k] = share * gradient if known is None else known + share * gradient

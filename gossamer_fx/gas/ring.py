@@ -133,13 +133,12 @@ class Loop:
         self._X0: Array = np.zeros((len(nodes), 3))
         self._X1: Array = self._X0
         self.gradients: tuple[Array, Array] = (self._X0, self._X0)  # at q̄ and at q1
-        self._first: Array = self._X0
 
     def aperture(self, h: float) -> float:
         """|a| [m²] at q0 + ½ h v0: the middle of the coming step, to second order."""
         X = self._gather(self._system.q0)[0] + h / 2 * self._gather(self._system.v0)[0]
         xs, xr = self._tangents(X)
-        return float(np.linalg.norm(np.einsum("g,ngd->d", self._weights, np.cross(xs, xr))))
+        return float(np.linalg.norm(np.einsum("g,ngd->d", self._weights, _cross(xs, xr))))
 
     def follow(self) -> None:
         """Take the end of the step from the system."""
@@ -148,18 +147,13 @@ class Loop:
 
     def accept(self) -> None:
         """The end of this step is the start of the next."""
-        self._X0, self._first = self._X1, self.gradients[1]
+        self._X0 = self._X1
 
     def products(self) -> Array:
         """G(q1)·q1, the sum of its terms' sizes, and G(q̄)·(q1 - q0): its share of three volumes, or of round-off."""
         mid, end = self.gradients
         terms = end * self._X1
         return np.array([terms.sum(), abs(terms).sum(), (mid * (self._X1 - self._X0)).sum()])
-
-    def change(self) -> Array:
-        """G (n, 3) at q1 less that at q0."""
-        difference: Array = self.gradients[1] - self._first
-        return difference
 
     def direction(self, vertices: Indices) -> Indices:
         """+1 or -1 for edges (k, 2), given by global end vertices, that the walk passes so or the other way; 0 else."""
@@ -194,7 +188,7 @@ class Loop:
         """G (n, 3) of the positions X (n, 3)."""
         xs, xr = self._tangents(X)
         G = np.zeros_like(X)
-        np.add.at(G, self._strips, self._test.T @ np.cross(xs, xr))
+        np.add.at(G, self._strips, self._test.T @ _cross(xs, xr))
         return G
 
 
@@ -211,6 +205,12 @@ def _strips(n: int, order: int) -> Indices:
         m = n // 2
         strips = np.vstack([strips, [*(m, m + 1, n + m)[: order + 1], *[m + 1] * (order + 1)]])
     return strips
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """a × b of (..., 3): NumPy's own takes thrice the time for so few."""
+    (ax, ay, az), (bx, by, bz) = (np.moveaxis(v, -1, 0) for v in (a, b))
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
 
 
 def _cross_matrices(a: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -29,6 +29,7 @@ class Side:
     loops: list[Loop]
     signs: list[float]
     pressure: float = 0.0  # on the cells, along their normals [Pa]
+    first: Array = field(default_factory=lambda: np.zeros(0))  # G at q0, owned part
 
 
 class FilmSurface:
@@ -72,9 +73,8 @@ class FilmSurface:
         self._parts = np.zeros(3 * (index_map.size_local + index_map.num_ghosts))
         self._collect(broken)
         self._vector = la.vector(film.block.index_map, 3)
-        self._first: Array = np.zeros((len(self._nodes), 3))  # gradients at q0, q̄ and q1
-        self._mid: Array = self._first
-        self._end: Array = self._first
+        self._mid: Array = np.zeros((len(self._nodes), 3))  # gradients at q̄ and q1
+        self._end: Array = self._mid
         self._V0: Array = np.zeros(len(self._sides))
 
     def _collect(self, broken: fem.FunctionSpace) -> None:
@@ -119,7 +119,9 @@ class FilmSurface:
 
     def accept(self) -> None:
         """The end of this step is the start of the next."""
-        self._first, self._V0 = self._end, self.volume
+        self._V0 = self.volume
+        for c, side in enumerate(self._sides):
+            side.first = self._at_end(c)
 
     def _gradient(self, share: float) -> Array:
         """G at (1 - share) q0 + share q1, at the nodes of each chamber: this rank's cells only."""
@@ -136,21 +138,15 @@ class FilmSurface:
         """values -= pressure G_c(q̄), the owned part of a system vector."""
         side = self._sides[c]
         side.pressure = pressure
-        mid = self._mid[self._starts[c] : self._starts[c + 1]]
-        values[self._owned] -= pressure * self._spread(c, mid, [loop.gradients[0] for loop in side.loops])
+        values[self._owned] -= pressure * self._at_middle(c)
 
     def gradients(self, c: int) -> tuple[Array, Array, Array]:
         """G_c(q̄), ∂V_c/∂q1, ∂W_c/∂q1, owned parts of system vectors.
 
         As G is quadratic, ∂W/∂q1 = G(q̄) + α (G(q1) - G(q0)) for the midpoint α = ½.
         """
-        loops, here = self._sides[c].loops, slice(self._starts[c], self._starts[c + 1])
-        mid = self._spread(c, self._mid[here], [loop.gradients[0] for loop in loops])
-        end = self._spread(c, self._end[here], [loop.gradients[1] for loop in loops])
-        work = end
-        if self._α == 0.5:
-            change = self._spread(c, self._end[here] - self._first[here], [loop.change() for loop in loops])
-            work = mid + self._α * change
+        mid, end = self._at_middle(c), self._at_end(c)
+        work = mid + self._α * (end - self._sides[c].first) if self._α == 0.5 else end
         result = []
         for part in (mid, end, work):
             vector = np.zeros(self._n)
@@ -158,13 +154,22 @@ class FilmSurface:
             result.append(vector)
         return result[0], result[1], result[2]
 
+    def _at_middle(self, c: int) -> Array:
+        """G_c(q̄), owned part."""
+        return self._spread(c, self._mid, [loop.gradients[0] for loop in self._sides[c].loops])
+
+    def _at_end(self, c: int) -> Array:
+        """G_c(q1), owned part."""
+        return self._spread(c, self._end, [loop.gradients[1] for loop in self._sides[c].loops])
+
     def _spread(self, c: int, G: Array, rims: list[Array]) -> Array:
         """Sum of all ranks of a gradient at the nodes of a chamber and at those of its loops; the owned part."""
         here = slice(self._starts[c], self._starts[c + 1])
-        self._vector.array[:] = 0
-        self._vector.array.reshape(-1, 3)[self._nodes[here]] = G
+        values = self._vector.array
+        values[:] = 0
+        values.reshape(-1, 3)[self._nodes[here]] = G[here]
         self._vector.scatter_reverse(la.InsertMode.add)
-        total: Array = self._vector.array[: self._owned.stop - self._owned.start].copy()
+        total: Array = values[: self._owned.stop - self._owned.start].copy()
         side = self._sides[c]
         for loop, sign, rim in zip(side.loops, side.signs, rims, strict=True):
             loop.add_own(total, self._owned.start, sign * rim)

@@ -17,6 +17,8 @@ from gossamer_fx.scene.validation import validate
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import PathAverage, StressRule
 
+DOES = ("terms", "block", "initialise", "border")
+
 
 @runtime_checkable
 class Item(Protocol):
@@ -50,6 +52,11 @@ class Scene:
 
     def _add(self, item: Item) -> None:
         check(isinstance(item, Item), f"{item!r} is no part of a scene; give bodies, gas parts, loads or interactions.")
+        check(
+            any(hasattr(item, what) for what in DOES),
+            f"'{item.name}' ({type(item).__name__}) has none of {', '.join(DOES)}, so it would do nothing in a scene; "
+            "give it one of them, or leave it out.",
+        )
         if any(item is known for known in self.items):
             return
         for other in getattr(item, "requires", tuple)():

@@ -64,6 +64,27 @@ class Composite:
         return self.fields, y
 
 
+class Columns:
+    """Owned parts of `count` columns as one array `values` (k, n) of the k that are not None, and their `places`."""
+
+    def __init__(self, columns: list[Array | None]) -> None:
+        self.count, self.places = len(columns), [k for k, column in enumerate(columns) if column is not None]
+        self.values: Array = np.array([column for column in columns if column is not None])
+
+    def products(self, z: Array) -> Array:
+        """Each column times z (n,), or times each of z (k, n)."""
+        found = np.zeros((self.count, *z.shape[:-1]))
+        if self.places:
+            found[self.places] = self.values @ z.T
+        return found
+
+    def add(self, z: PETSc.Vec, weights: Array) -> None:
+        """z += Σ weights[k] columns[k]."""
+        if self.places:
+            with z as values:
+                values += weights[self.places] @ self.values
+
+
 class Bordered:
     """The bordered operator, as PETSc's Python matrix."""
 
@@ -73,18 +94,19 @@ class Bordered:
 
     def set(self, G: list[Array | None], H: list[Array | None], C: Array) -> None:
         """New coupling: owned parts of the columns and rows (None: zero), and the corner."""
-        self.G, self.H, self.C = G, H, C
+        self.G, self.H, self.C = Columns(G), Columns(H), C
 
-    def rows(self, z: PETSc.Vec) -> Array:
-        """Hᵀz."""
-        local = np.array([0.0 if h is None else h @ z.array_r for h in self.H])
-        return self.composite.comm.allreduce(local)
+    def rows(self, z: Array) -> Array:
+        """Hᵀz of the owned part of z (n,), or of several (k, n), whose products are the columns."""
+        total: Array = np.zeros((self.H.count, *z.shape[:-1]))
+        self.composite.comm.Allreduce(self.H.products(z), total)
+        return total
 
     def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, out: PETSc.Vec) -> None:
         z, y = self.composite.split(x)
         self.A.mult(z, self._out)
-        add_columns(self._out, self.G, y)
-        self.composite.join(self._out, self.rows(z) + self.C @ y, out)
+        self.G.add(self._out, y)
+        self.composite.join(self._out, self.rows(z.array_r) + self.C @ y, out)
 
 
 class BorderedPreconditioner:
@@ -93,7 +115,7 @@ class BorderedPreconditioner:
     def __init__(self, operator: Bordered, sparse: PETSc.PC, system: System) -> None:
         self._operator, self._sparse, self._system = operator, sparse, system
         self._out = operator.composite.fields.duplicate()
-        self._Z: list[Array | None] = []
+        self._Z = Columns([])
         self._step: tuple[float, float] | None = None
         self._applications, self._enough = 0, 0  # since the last set-up, and with a Z of its own
 
@@ -109,42 +131,32 @@ class BorderedPreconditioner:
             self._enough = self._applications
         self._applications = 0
         self._Σ = operator.C.copy()
-        for k, column in enumerate(self._Z):
-            if column is not None:
-                self._out.array[:] = column
-                self._Σ[:, k] -= operator.rows(self._out)
+        if self._Z.places:
+            self._Σ[:, self._Z.places] -= operator.rows(self._Z.values)
 
     def _solve_columns(self) -> None:
         """Z = P⁻¹G."""
         operator, z = self._operator, self._operator.composite.fields
-        self._Z = [None] * len(operator.G)
-        for k, g in enumerate(operator.G):
-            if g is not None:
-                with z as values:
-                    values[:] = g
-                self._sparse.apply(z, self._out)
-                self._Z[k] = self._out.array_r.copy()
+        solved: list[Array | None] = [None] * operator.G.count
+        for k, g in zip(operator.G.places, operator.G.values, strict=True):
+            with z as values:
+                values[:] = g
+            self._sparse.apply(z, self._out)
+            solved[k] = self._out.array_r.copy()
+        self._Z = Columns(solved)
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, out: PETSc.Vec) -> None:
         operator = self._operator
         self._applications += 1
         r, s = operator.composite.split(x)
         self._sparse.apply(r, self._out)
-        right = s - operator.rows(self._out)
+        right = s - operator.rows(self._out.array_r)
         try:
             δy: Array = np.linalg.solve(self._Σ, right)
         except np.linalg.LinAlgError:  # the iteration has gone astray: PETSc sees it and the step is retried
             δy = np.full_like(right, np.nan)
-        add_columns(self._out, self._Z, -δy)
+        self._Z.add(self._out, -δy)
         operator.composite.join(self._out, δy, out)
-
-
-def add_columns(z: PETSc.Vec, columns: list[Array | None], weights: Array) -> None:
-    """z += Σ weights[k] columns[k], over the columns that are not None."""
-    with z as values:
-        for column, weight in zip(columns, weights, strict=True):
-            if column is not None:
-                values += column * weight
 
 
 def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
+import numpy.typing as npt
 from petsc4py import PETSc
 
 from gossamer_fx.algebra.places import Gather, Places, PointMeasure, add_blocks, nodes_of
@@ -57,19 +58,26 @@ class Stencil:
         self.q0, self.e0 = q0, self.at.strain(q0)
 
     def force(self, q1: Array) -> Array:
-        """S̄·De(q̄) (n, D)."""
-        return np.einsum("nm,nmx->nx", self._stress(q1)[0], self.at.gradient(self._middle(q1)))
+        """S̄·De(q̄) (n, D), computed where there is stress: slack ropes and open stops cost little."""
+        S, _ = self._stress(q1)
+        on = np.flatnonzero(S.any(axis=1))
+        found = np.zeros_like(q1)
+        found[on] = np.einsum("nm,nmx->nx", S[on], self.at.gradient(self._middle(q1, on), on))
+        return found
 
     def tangent(self, q1: Array) -> Array:
-        """De(q̄)ᵀ dS̄/de1 De(q1) + α S̄·D²e (n, D, D)."""
+        """De(q̄)ᵀ dS̄/de1 De(q1) + α S̄·D²e (n, D, D), computed where it is not zero."""
         S, D = self._stress(q1)
-        B, B1 = self.at.gradient(self._middle(q1)), self.at.gradient(q1)
-        K = np.matmul(B.transpose(0, 2, 1), np.matmul(D, B1))
-        return K + self._α * np.einsum("nm,nmxy->nxy", S, self.at.H)
+        on = np.flatnonzero(S.any(axis=1) | D.any(axis=(1, 2)))
+        B, B1 = self.at.gradient(self._middle(q1, on), on), self.at.gradient(q1[on], on)
+        found = np.zeros((self.at.n, self.at.D, self.at.D))
+        found[on] = np.matmul(B.transpose(0, 2, 1), np.matmul(D[on], B1))
+        found[on] += self._α * np.einsum("nm,nmxy->nxy", S[on], self.at.H[on])
+        return found
 
-    def _middle(self, q1: Array) -> Array:
-        """The configuration in which forces act."""
-        return (1 - self._α) * self.q0 + self._α * q1
+    def _middle(self, q1: Array, on: npt.NDArray[np.intp]) -> Array:
+        """The configuration in which forces act, of the places `on`."""
+        return (1 - self._α) * self.q0[on] + self._α * q1[on]
 
     def _stress(self, q1: Array) -> tuple[Array, Array]:
         """Stress of the step and its derivative with respect to the end strain."""

@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable
 from operator import attrgetter
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -138,6 +139,7 @@ CASES: dict[str, tuple[Callable[[], object], str]] = {
     "duplicate names": (lambda: gx.Scene(film(), film()), "'film'"),
     "empty scene": (lambda: gx.Scene(), "empty"),
     "no part of a scene": (lambda: gx.Scene(LAW), "Miyazaki"),
+    "part that does nothing": (lambda: gx.Scene(film(), SimpleNamespace(name="idle")), "do nothing"),
     "NaN displacement": (lambda: gx.Scene(film(displacement=not_a_number)).compile(), "displacement"),
     "NaN velocity": (lambda: gx.Scene(film(velocity=not_a_number)).compile(), "velocity"),
     "dt = 0": (lambda: gx.Midpoint(dt=0.0), "dt"),
