@@ -7,7 +7,9 @@
     swing, wide swing time of a quarter of the libration of a bar in a circular orbit, from 1e-3 rad and from 40°, over
                       K(sin²θ)/(√3 n)
 
-`energy` and `momentum` are the closing error of the ledger and the change of the angular momentum of the whole.
+`energy` and `momentum` are the closing error of the ledger and the change of the angular momentum of the whole.  The
+ledger holds the motion about the centre of mass, 1 mJ of the dumbbell; the round-off of its spring's force (1e5 N/m times
+20 m times 1e-16) along paths of metres is 1e-9 J a step of that, and 1e-17 of the energy of the orbit.
 """
 
 from __future__ import annotations
@@ -91,7 +93,7 @@ STUDY = Study(
     problem,
     {"scene": ["rigid", "flexible", "node", *SWINGS], "h": [60.0, 30.0, 15.0]},
     lambda case: case["h"],
-    (Measure("result/exact", 1.0, 1e-2, lambda case: math.inf if case["scene"] == "node" else 2.0),),
+    (Measure("result/exact", 1.0, 1e-3, lambda case: 2.0),),
     quick={"scene": list(SWINGS), "h": [60.0, 30.0]},
     columns=("energy", "momentum", "iterations", "seconds"),
 )
