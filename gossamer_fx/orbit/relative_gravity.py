@@ -22,11 +22,12 @@ from petsc4py import PETSc
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import compile_form, constant
 from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.model.terms import Array, Assembly, CompiledTerms
+from gossamer_fx.model.terms import Array, Assembly, CompiledTerms, Ground
 from gossamer_fx.orbit.flight import Flight, Moments
 from gossamer_fx.orbit.mass_points import MassPoints
 from gossamer_fx.terms.masses import KineticEnergy, NodeKineticEnergy
 from gossamer_fx.terms.point_masses import AttachedKineticEnergy
+from gossamer_fx.terms.supports import Support
 
 
 def growth(R: Any, x: Any, dot: Any, root: Any) -> tuple[Any, Any]:
@@ -40,6 +41,12 @@ def excess(r0: Any, r1: Any, d0: Any, d1: Any) -> Any:
     """γ of the growths d of the distances r at both ends of a step."""
     p, q, w = d0 / r0, d1 / r1, (d0 + d1) / (r0 + r1)
     return p + q + w + p * q + p * w + q * w + p * q * w
+
+
+def _holds(term: Any) -> bool:
+    """Whether a term ties a body to a place of the frame."""
+    places = getattr(getattr(term, "measure", None), "places", ())
+    return isinstance(term, Support) or any(isinstance(port, Ground) for place in places for port in place)
 
 
 class MeshGravity:
@@ -102,6 +109,12 @@ class CompiledOrbit(CompiledTerms):
         self._system, self.name, self.flight = system, terms[0].name, terms[0].flight
         self._around = self.flight.around
         terms[0].flights[system] = self.flight
+        held = max(system.comm.allgather(next((t.name for t in system.terms if _holds(t)), "")))
+        check(
+            not held,
+            f"'{held}' holds a body to a place, but the frame of '{terms[0].name}' falls round the Earth: there is "
+            "nothing to hold on to; tie bodies to each other, e.g. to a RigidBody.",
+        )
         kinetic = [t for t in system.terms if isinstance(t, KineticEnergy)]
         points = [t for t in system.terms if isinstance(t, NodeKineticEnergy | AttachedKineticEnergy)]
         at = [system.bodies.index(t.body) for t in kinetic]

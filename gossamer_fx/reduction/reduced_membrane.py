@@ -73,16 +73,20 @@ class ReducedMembrane(Membrane):
         self.dx = WeightedMeasure(self.dx, weights)
         self.mass_dx = WeightedMeasure(self.mass_dx, weights)
         self.block = Block(IndexMap(self.comm, 1 if self.comm.rank == 0 else 0), 3 * basis.size)
-        q, v = (values.reshape(-1, 3) for values in full.initial_state())
-        (c, self.outside), (rate, _) = basis.project(q), basis.project(v)
-        here = self.block.size * self.block.index_map.size_local
-        self._reduced_start = c.ravel()[:here].copy(), rate.ravel()[:here].copy()
+        q, v = full.initial_state()
+        self.outside = basis.project(q.reshape(-1, 3))[1]
+        self._reduced_start = self.reduced(q), self.reduced(v)
 
     def coordinates(self, alpha: float) -> ReducedCoordinates:
         return ReducedCoordinates(self.space, alpha, self._modes)
 
     def initial_state(self) -> tuple[Array, Array]:
         return self._reduced_start
+
+    def reduced(self, values: Array) -> Array:
+        """Owned coefficients of owned positions or velocities of the full film: the nearest in the norm of the mass."""
+        c, _ = self.basis.project(values.reshape(-1, 3))
+        return c.ravel()[: self.block.size * self.block.index_map.size_local].copy()
 
     def terms(self) -> Iterable[Term]:
         mass = self.basis.mass * np.eye(self.basis.size)

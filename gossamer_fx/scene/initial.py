@@ -76,6 +76,8 @@ class RigidMotion:
 class StartFrom:
     """Takes the initial positions and directors from another compiled scene of the same bodies, e.g. an equilibrium.
 
+    A reduced film also starts from its full one: from the part of that shape which its modes hold.
+
     Args:
         system: the other scene's system; its `q0` is taken.
     """
@@ -95,9 +97,13 @@ class StartFrom:
         source = self.system.q0.array_r
         with q as values:
             for k, body in enumerate(system.bodies):
-                same = body.name in there and self.system.bodies[there[body.name]].block.size == body.block.size
+                other = self.system.bodies[there[body.name]] if body.name in there else None
+                full = other is not None and other is getattr(body, "full", None)
+                same = other is not None and (full or other.block.size == body.block.size)
                 check(same, f"'{self.name}' has no body '{body.name}' like this scene's; start from the same bodies.")
                 taken = source[self.system.numbering.owned(there[body.name])]
+                if full:
+                    taken = body.reduced(taken)  # type: ignore[attr-defined]
                 here = values[system.numbering.owned(k)]
                 check(len(taken) == len(here), f"'{body.name}' has other nodes in '{self.name}'; use the same mesh.")
                 here[:] = taken

@@ -241,3 +241,12 @@ def test_a_stiffer_body_moves_as_the_rigid_one() -> None:
         errors.append(abs(angle(a, b, spring, along=(a.port(), b.port())) - rigid))
     orders = np.log(np.array(errors[:-1]) / errors[1:]) / math.log(4)
     assert np.all(np.abs(orders - 1) < 0.1), (errors, orders)
+
+
+@pytest.mark.parametrize("hold", ["film", "mass"])
+def test_nothing_is_held_in_flight(hold: str) -> None:
+    film = gx.Membrane(sheet(MPI.COMM_WORLD, 2, 2), gx.Linear(E=1e9, nu=0.3, density=1e3, thickness=1e-5))
+    mass = gx.PointMass(1.0)
+    holder = gx.Fixed(film, "left") if hold == "film" else gx.Spring(gx.Ground((1.0, 0.0, 0.0)), mass.port(), 1.0, 1.0)
+    with pytest.raises(gx.InputError, match="nothing to hold on to"):
+        gx.Scene(film, mass, holder, Orbit(Elements(A, 0.0))).compile()

@@ -9,6 +9,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.reduced_sail import main
 from gossamer_fx.model.ports import initial, initial_rate
 from gossamer_fx.outputs.fields import AreaFractions, FieldFunctions
 from meshes.sheet import sheet
@@ -161,3 +162,24 @@ def test_what_cannot_be_reduced_is_told_in_one_sentence(recorded) -> None:
         gx.reduce(film, [other], 1)
     with pytest.raises(gx.InputError, match="before the film is reduced"):
         gx.Scene(gx.Fixed(gx.reduce(film, [shapes], 3), "left")).compile()
+
+
+@pytest.mark.mpi
+def test_it_starts_from_a_shape_of_the_film(recorded) -> None:
+    film, shapes = recorded
+    reduced = gx.reduce(film, [shapes], modes=8)
+    there = gx.Simulation(gx.Scene(film, gx.RigidMotion(velocity=(0.0, 0.0, 1.0))), gx.Midpoint(dt=0.1))
+    there.run(until=0.1)
+    run = gx.Simulation(gx.Scene(reduced, gx.StartFrom(there.system)), gx.Midpoint(dt=0.1))
+    expected, outside = reduced.basis.project(there.system.q0.array_r.reshape(-1, 3))
+    own = run.system.numbering.owned(0)
+    assert run.system.q0.array_r[own] == pytest.approx(expected.ravel()[: own.stop - own.start], abs=1e-12)
+    assert expected[0, 2] == pytest.approx(0.1, rel=1e-3) and outside < 1e-3
+
+
+@pytest.mark.mpi
+def test_the_demo_predicts_another_flight() -> None:
+    result = main(cells=6, modes=30, training=12.0, until=4.0)
+    assert result["error"] < 0.1 and result["reduced_unknowns"] < 0.9 * result["unknowns"]
+    assert result["energy_error"] < 1e-10 and result["angular_momentum_drift"] < 1e-12
+    assert result["energy_error_of_the_long_flight"] < 1e-10
