@@ -12,7 +12,7 @@ from gossamer_fx.contact.body_set import BodySet
 from gossamer_fx.contact.group import Group
 from gossamer_fx.contact.memory import Memory
 from gossamer_fx.contact.obstacles import Obstacle
-from gossamer_fx.model.terms import Assembly, CompiledTerms, MeshBody
+from gossamer_fx.model.terms import Array, Assembly, CompiledTerms, MeshBody
 
 
 class CompiledContacts(CompiledTerms):
@@ -39,6 +39,10 @@ class CompiledContacts(CompiledTerms):
     def widen(self) -> bool:
         missed = [group.widen() for group in self.groups.values()]
         return any(missed)
+
+    def limit(self, update: Array) -> None:
+        for group in self.groups.values():
+            group.limit(update)
 
     def inadmissible(self) -> str:
         return next(filter(None, [group.inadmissible() for group in self.groups.values()]), "")

@@ -24,6 +24,7 @@ GROWN = 0.999  # the same in the course of the run
 MARGIN = 0.3  # part of its way by which a point may miss the place where it was expected
 HORIZON = 32  # steps for which one search may serve, at most
 SOON = 3.0  # distance of pairs whose blocks new matrices hold in advance, over that at which contact begins
+REACH = 4.0  # way of a node in one of Newton's updates, over d̂, at most
 
 
 class Group:
@@ -207,6 +208,13 @@ class Group:
         """Blocks that pairs couple, and the weights of the vectors behind the points of obstacles."""
         vectors, weights = self.points.expanded(mixed.nodes)
         return self.blocks.keys_of(plain.nodes).ravel(), self.blocks.keys_of(vectors), weights
+
+    def limit(self, update: Array) -> None:
+        """Let no node go farther in an iteration than some distances of contact; the update (n,) changes in place."""
+        for index in self.bodies.indices:
+            rows = update[self._system.numbering.owned(index)].reshape(-1, self._system.bodies[index].block.size)
+            way = np.linalg.norm(rows[:, :3], axis=1)
+            rows *= np.minimum(1.0, REACH * self._d / np.maximum(way, 1e-300))[:, None]
 
     def widen(self) -> bool:
         """After a step was solved: whether a pair that is near now was left out; it is then taken in."""

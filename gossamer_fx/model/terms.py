@@ -205,6 +205,10 @@ class CompiledTerms:
         solved again from there.  Only if it `searches`."""
         return False
 
+    def limit(self, update: Array) -> None:
+        """Shorten an update (n,) of this rank's coordinates in Newton's iteration where it is farther than the terms
+        can follow.  Only if it `searches`."""
+
     def begin(self, t: float) -> None:
         """Start a step of length h; t is the time at which forces act."""
 

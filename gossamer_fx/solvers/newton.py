@@ -138,6 +138,8 @@ class Newton:
         snes.setJacobian(self._jacobian, J)
         snes.setFromOptions()
         snes.setConvergenceTest(self._test)
+        if system.searching:
+            snes.setLineSearchPreCheck(self._limit_update)
 
     def solve(self, increment: PETSc.Vec, y: Array) -> tuple[PETSc.Vec, Array, int]:
         """Solve from a predicted q1 - q0 and y; q1 is then in the system.
@@ -224,6 +226,12 @@ class Newton:
         with self._clock("law"):
             self.system.move(w, self._base)
         self._evaluate(y, F)
+
+    def _limit_update(self, x: PETSc.Vec, update: PETSc.Vec) -> bool:
+        """Keep an update within what contact can follow; whether it was changed."""
+        with update as values:
+            self.system.limit(values[: self._composite.n])
+        return True
 
     def _split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
         """w and y of x; held coordinates have their values, which not every linear solver keeps exactly."""

@@ -51,7 +51,7 @@ class System:
         self.increment = Increment(numbering, self.supports)
         self.compiled = [kind(alike, self) for kind, alike in kinds.items()]
         self.constraints = next((c for c in self.compiled if isinstance(c, CompiledConstraints)), None)
-        self._searching = [c for c in self.compiled if c.searches]
+        self.searching = [c for c in self.compiled if c.searches]
         self._has_stiffness = any(type(c).add_stiffness is not CompiledTerms.add_stiffness for c in self.compiled)
         self.patterns = 0  # how often the matrices were made; who keeps one must take the new one
 
@@ -105,7 +105,7 @@ class System:
             self.K.assemble()
         self._based_on = 0.0  # the c of the base
         self.patterns += 1
-        for searching in self._searching:
+        for searching in self.searching:
             searching.matrices_made()
 
     # ---- a step ------------------------------------------------------------------------------------------------
@@ -113,7 +113,7 @@ class System:
     def begin(self, h: float) -> Array:
         """Start a step of length h from (q0, v0); returns the first guess of the border scalars."""
         self.h = h
-        self._refresh([c.search() for c in self._searching])
+        self._refresh([c.search() for c in self.searching])
         t = self.time + self.rule.alpha * h
         for compiled in self.compiled:
             compiled.begin(t)
@@ -121,12 +121,12 @@ class System:
 
     def widen(self) -> bool:
         """After a step was solved: whether places that it needs were missed; it must then be solved again."""
-        if not self._searching:
+        if not self.searching:
             return False
-        missed = [c.widen() for c in self._searching]
+        missed = [c.widen() for c in self.searching]
         missed_anywhere: bool = self.comm.allreduce(any(missed))
         if missed_anywhere:
-            self._refresh([c.search() for c in self._searching])
+            self._refresh([c.search() for c in self.searching])
         return missed_anywhere
 
     def _refresh(self, lacking: Sequence[bool]) -> None:
@@ -138,6 +138,11 @@ class System:
         """In words, what cannot be in the solution of a step; else nothing."""
         found = [border.inadmissible() for border in self.borders] + [c.inadmissible() for c in self.compiled]
         return next(filter(None, found), "")
+
+    def limit(self, update: Array) -> None:
+        """Shorten an update (n,) of the owned coordinates where terms that search cannot follow it."""
+        for searching in self.searching:
+            searching.limit(update)
 
     def inertia(self, c: float, offset: PETSc.Vec | None = None) -> None:
         """Choose c and o (none: zero) of the residual's c M (w + o)."""

@@ -25,7 +25,7 @@ print(json.dumps({
     "compiled": sorted(type(terms).__name__ for terms in system.compiled),
     "stiffness": system.K is not None,
     "constraints": system.constraints is not None,
-    "searching": len(system._searching),
+    "searching": len(system.searching),
 }))
 """
 
