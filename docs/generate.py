@@ -38,6 +38,7 @@ ROOMS = {
     "fold": "Fold maps",
     "contact": "Contact",
     "loads": "Loads and damping",
+    "assemblies": "Assemblies: several parts in one call",
     "control": "Control",
     "orbit": "Orbit",
     "reduction": "Reduced models",

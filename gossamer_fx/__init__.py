@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from gossamer_fx.analyses.form_finding import find_form as find_form
     from gossamer_fx.analyses.modes import Mode as Mode
     from gossamer_fx.analyses.modes import modes as modes
+    from gossamer_fx.assemblies.inflatable_tube import InflatableTube as InflatableTube
     from gossamer_fx.bodies.beam import Beam as Beam
     from gossamer_fx.bodies.cable import Cable as Cable
     from gossamer_fx.bodies.cable import CableLaw as CableLaw
@@ -166,6 +167,7 @@ _HOME = {
     "bodies.point_mass": ["PointMass"],
     "bodies.rigid_body": ["RigidBody"],
     "bodies.sections": ["Section", "rectangle", "solid_circle", "tube"],
+    "assemblies.inflatable_tube": ["InflatableTube"],
     "cli.case": ["Case"],
     "control.attitude": ["AttitudeControl", "patch"],
     "terms.discrete_gradient": ["EndPoint", "PathAverage"],

@@ -14,6 +14,7 @@ import gossamer_fx as gx
 from meshes.creased_strip import creased_strip
 from meshes.line import line
 from meshes.sheet import sheet
+from meshes.tube import flat_tube
 
 WORLD = MPI.COMM_WORLD
 Call = dict[str, Any]
@@ -129,6 +130,20 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "Gravity": {"body": film, "g": z},
         "Ground": {"vector": z},
         "IdealGas": {"gamma": 1.4, "R": 287.0},
+        "InflatableTube": {
+            "mesh": flat_tube(WORLD, 0.25, 0.03, 4, 2),
+            "law": law,
+            "gas": gas,
+            "pressure": 1.0,
+            "temperature": 293.0,
+            "dead_volume": 1e-6,
+            "discharge_coefficient": 0.8,
+            "laminar": 1e-3,
+            "folds": gx.fold.zigzag(0.25, 2, width=0.047, lift=1e-4),
+            "crease": 1e-3,
+            "memory": 0.5,
+            "contact": 5e-4,
+        },
         "JointForce": {"joint": gx.BallJoint(P, Q), "axis": "x"},
         "Ledger": {"path": folder / "ledger.csv"},
         "Linear": film_law,

@@ -33,6 +33,7 @@ FLOORS = (
     "control",
     "orbit",
     "presets",
+    "assemblies",
     "system",
     "scene",
     "solvers",

@@ -1,0 +1,189 @@
+"""An inflatable tube is folded, and deployed from a tank: it touches itself, and chokes where it is folded.
+
+The film is pressed flat and folded to a zigzag, or rolled up.  Each panel is a compartment with gas of its own; gas
+passes to the next one through the deformed ring of film between them, which a fold all but closes.  Contact keeps the
+layers apart.  The compartments open one after the other, the tube unfolds and stiffens, and its end strikes the end of
+its way.  Nothing acts from outside but the clamp at the inlet, so the energy of film, contact, creases and gas stays as
+it was.
+
+Where the values come from:
+    length 0.25, 0.8 m   the short and the long tube of the deployment tests in Miyazaki, KAKENHI 19360384 final report
+                         (2009), §4(4); their films, diameters and pressures were not published
+    diameter 30 mm       chosen, as are folds, tank and valve
+    film                 polyimide, Kapton HN 100 (DuPont data sheet H-38492): 25 µm, 2.5 GPa, 0.34, 1420 kg/m³
+    tank                 chosen: 2 ml of nitrogen at 1.5 MPa and 293 K, a third of the pressure that the film would bear
+    crease               0.02 N m/m/rad for creases with memory: B/L* with L* = 29 thicknesses, as of the crease of Gori
+                         & Bosi (2022), doi:10.1016/j.eml.2022.101849
+
+    ./gossamer demo folded_tube
+    ./gossamer run demos/folded_tube.py cells=6 --output out/folded_tube; ./gossamer report out/folded_tube
+    ./gossamer run demos/folded_tube.py start=roll
+    ./gossamer run demos/folded_tube.py length=0.8 panels=5 tank=6.4e-6 until=0.15
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.model.terms import Array
+from gossamer_fx.outputs.output import Output, Probe
+from gossamer_fx.presets.films import KAPTON_HN
+from gossamer_fx.presets.gases import NITROGEN
+from meshes.tube import flat_tube
+
+TITLE = "A folded tube, deployed from a tank"
+OPEN = 0.5  # part of the area of the round tube at which a ring counts as open
+
+
+def rows_of(length: float, diameter: float, cells: int, compartments: int) -> int:
+    """Rows of edges across `flat_tube`, its ends not counted."""
+    across = 2 * max(round(cells / 2), 1)
+    along = 2 * max(round(across * length / compartments / (math.pi * diameter / 2) / 2), 1)
+    return along * compartments - 1
+
+
+def build(
+    comm: MPI.Comm,
+    length: float = 0.25,
+    diameter: float = 0.03,
+    cells: int = 4,
+    panels: int = 3,
+    start: str = "zigzag",
+    angle: float = 80.0,
+    lift: float = 1e-4,
+    tank: float = 2e-6,
+    bore: float = 0.5e-3,
+    crease: float = 0.0,
+    contact: float = 5e-4,
+    gravity: float = 0.0,
+    air: float = 0.0,
+    until: float = 0.04,
+    dt: float = 1e-4,
+) -> gx.Case:
+    """The tube of `panels` compartments with `cells` cells across, folded, its tank and the valve.
+
+    Args:
+        start: "zigzag", with panels that rise by `angle` [degrees], or "roll".
+        lift: half of the distance of the layers at the folds [m].
+        tank: its volume [m³].
+        bore: of the valve [m], which opens softly.
+        crease: stiffness of folds with memory [N m/m/rad]; 0: none.
+        contact: distance at which it begins [m]; 0: none.
+        gravity: downwards, along -z [m/s²].
+        air: pressure outside and, at the start, inside [Pa]; 0: vacuum.
+    """
+    width, half = math.pi * diameter / 2, length / panels
+    if start == "zigzag":
+        folds = gx.fold.zigzag(
+            length=length, panels=panels, angle=math.radians(angle), width=width, opening=1e-3, lift=lift
+        )
+    else:
+        bends = rows_of(length, diameter, cells, panels)
+        folds = gx.fold.roll(length=length, bends=bends, radius=0.4 * half, pitch=4e-3, width=width, opening=lift)
+    outside = gx.Ambient(air) if air else None
+    tube = gx.InflatableTube(
+        flat_tube(comm, length, diameter, cells, compartments=panels),
+        KAPTON_HN.law(25e-6, residual=1e-6),
+        gas=NITROGEN,
+        pressure=1.0 + air,
+        dead_volume=0.2e-6,
+        outside=outside,
+        folds=folds,
+        crease=crease,
+        memory=0.5,
+        contact=contact,
+    )
+    source = gx.Tank(tank, gas=NITROGEN, pressure=1.5e6, temperature=293.0)
+    valve = tube.inlet(source, lambda t: math.pi / 4 * bore**2 * min(0.1 + t / 5e-3, 1.0) ** 2)
+    items = [tube, valve]
+    if gravity:
+        items.append(gx.Gravity(tube.film, (0.0, 0.0, -gravity)))
+    probes: dict[str, Probe] = {f"p{i + 1} [Pa]": gx.GasState(bag, "pressure") for i, bag in enumerate(tube.chambers)}
+    probes |= {f"ring{i + 1} [mm2]": _square_millimetres(gx.RingArea(ring)) for i, ring in enumerate(tube.rings)}
+    tip = tube.film.port("tip right")
+    probes |= {f"tip {axis} [m]": gx.Position(tip, axis) for axis in "xyz"}
+    probes["tip speed [m/s]"] = _speed([gx.Velocity(tip, axis) for axis in "xyz"])
+    if tube.contact is not None:
+        probes["penetrations"] = gx.Penetrations(tube.contact)
+    probes |= {f"{line.name} [rad]": gx.FoldAngle(line) for line in tube.creases}
+    control = gx.StepControl(iterations=12, largest=2 * dt)
+    return gx.Case(gx.Scene(*items), gx.Midpoint(dt=dt), until, TITLE, probes=probes, control=control, frames=80)
+
+
+def _square_millimetres(area: Probe) -> Probe:
+    return lambda run: 1e6 * area(run)
+
+
+def _speed(components: list[gx.Velocity]) -> Probe:
+    return lambda run: math.hypot(*(v(run) for v in components))
+
+
+def opening_times(time: Array, rings: list[Array], diameter: float) -> list[float]:
+    """When each ring [mm²] first is half as wide as the round tube [s]; infinite for one that does not open."""
+    circle = 1e6 * math.pi * diameter**2 / 4
+    wide = [np.flatnonzero(area >= OPEN * circle) for area in rings]
+    return [float(time[found[0]]) if len(found) else math.inf for found in wide]
+
+
+def main(
+    output: str | Path | None = None, until: float = 0.04, comm: MPI.Comm = MPI.COMM_WORLD, **given: object
+) -> dict[str, float]:
+    """Deploy the tube; what `build` takes may be `given`.  With `output`, a folder: a recording and a picture.
+
+    Returns energy_error, mass_error, halved, steps, iterations (a step), seconds, penetrations (the most edges that
+    pierced triangles at any step), opening times [ms], pressures at the end [Pa], and speed [m/s] and distance [m] of
+    the tip.
+    """
+    case = build(comm, until=until, **given)  # type: ignore[arg-type]
+    series = gx.Series(case.probes)
+    outputs: list[Output] = [gx.Progress(), series]
+    if output is not None:
+        out = Path(output)
+        looks = (np.array([0.0, 0.08, 0.2, 0.35, 0.6, 1.0]) * until).tolist()
+        outputs += [case.recording(out), gx.Picture(out / "folded_tube.png", times=looks, title=TITLE)]
+    run = case.simulation(outputs)
+    run.run(until=until)
+    names = list(case.probes)
+    rings = [series[name] for name in names if name.startswith("ring")]
+    diameter = float(given.get("diameter", 0.03))  # type: ignore[arg-type]
+    opened = opening_times(series.time, rings, diameter)
+    ends = {name.split()[0]: float(series[name][-1]) for name in names if name.startswith("p") and "[Pa]" in name}
+    found = {
+        "energy_error": abs(run.energy_error),
+        "mass_error": abs(run.mass_error),
+        "halved": run.substeps,
+        "steps": run.step,
+        "iterations": run.iterations / run.step,
+        "seconds": run.seconds,
+        "penetrations": float(series["penetrations"].max()) if "penetrations" in names else math.nan,
+        "tip_speed": float(series["tip speed [m/s]"].max()),
+        "tip_distance": float(math.hypot(*(series[f"tip {axis} [m]"][-1] for axis in "xz"))),
+        **{f"opening_{i + 1}_ms": 1e3 * t for i, t in enumerate(opened)},
+        **{f"pressure_{name[1:]}": p for name, p in ends.items()},
+    }
+    return found
+
+
+def say(found: dict[str, float]) -> None:
+    """What happened, in words."""
+    order = ", ".join(f"{v:.1f} ms" for k, v in found.items() if k.startswith("opening"))
+    pressures = ", ".join(f"{v:.0f} Pa" for k, v in found.items() if k.startswith("pressure"))
+    print(f"The rings between the compartments are half open after {order}; pressures at the end: {pressures}.")
+    print(f"The tip reached {found['tip_speed']:.0f} m/s and is {1e3 * found['tip_distance']:.0f} mm from the clamp.")
+    print(f"Edges that pierced the film in any step: {found['penetrations']:.0f}.")
+    print(
+        f"Energy closes to {found['energy_error']:.0e}, the mass of the gas to {found['mass_error']:.0e}; "
+        f"{found['steps']:.0f} steps, {found['iterations']:.1f} iterations each, {found['halved']:.0f} halved, "
+        f"{found['seconds']:.0f} s."
+    )
+
+
+if __name__ == "__main__":
+    result = main(output="out/folded_tube")
+    if MPI.COMM_WORLD.rank == 0:
+        say(result)

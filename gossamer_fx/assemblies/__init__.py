@@ -1,0 +1,1 @@
+"""Assemblies: what takes several parts, in one call."""

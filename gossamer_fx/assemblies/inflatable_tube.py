@@ -1,0 +1,148 @@
+"""Inflatable tubes of compartments, folded or flat, in one call."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any
+
+from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.errors import check
+from gossamer_fx.gas.ideal_gas import IdealGas
+from gossamer_fx.gas.orifice import Orifice
+from gossamer_fx.gas.ring import Ring
+from gossamer_fx.gas.volumes import Ambient, Chamber, Reservoir, Tank
+from gossamer_fx.interactions.fixed import Fixed
+from gossamer_fx.materials.film import FilmLaw
+from gossamer_fx.mesh.mesh import Mesh
+
+if TYPE_CHECKING:
+    from gossamer_fx.contact.contact import Contact
+    from gossamer_fx.contact.obstacles import Obstacle
+    from gossamer_fx.fold.fold_map import FoldMap
+    from gossamer_fx.fold.folded import Folded
+    from gossamer_fx.interactions.crease import Crease
+
+
+class InflatableTube:
+    """A closed tube of film with gas in compartments: film, chambers, passages, clamp, folds, creases, contact.
+
+    It is made of the parts that one would write out: `film`, `rings`, `chambers` (one a compartment, from the inlet),
+    `passages` (orifices as wide as the deformed rings between chambers: a tube chokes where it is folded), `clamp`,
+    `start`, `creases`, `contact`; what was not asked for is None or empty.  In a scene it brings all of them:
+
+        tube = gx.InflatableTube(flat_tube(comm, 0.25, 0.03, 6, compartments=3), law, gas=NITROGEN)
+        tank = gx.Tank(2e-6, gas=NITROGEN, pressure=1.5e6, temperature=293.0)
+        scene = gx.Scene(tube, tube.inlet(tank, area=1e-7))
+
+    Args:
+        mesh: of the film, with the groups of `meshes.tube.flat_tube`: "compartment 1" and so on and "ring 1" and so on,
+            if there are several compartments.
+        law: of the film.
+        gas: in it.
+        pressure, temperature: of the gas at the start [Pa], [K].
+        dead_volume: of each compartment [m³], as of `Chamber`.
+        discharge_coefficient, laminar: of the passages, as of `Orifice`.
+        outside: what acts on the outer side; default vacuum.
+        clamp: group of the mesh that is held; None: the tube is free.
+        folds: map with which the tube starts folded; default flat.
+        crease: stiffness of the creases at its fold lines [N m/m/rad]; zero: none.
+        memory: rest angle of creases over the angle of their folds, 0 to 1.
+        contact: distance at which contact of the film with itself begins [m]; zero: no contact.
+        obstacles: solids that the film touches too.
+        name: name in messages and output; parts have names that begin with it.
+
+    Raises:
+        InputError: obstacles without contact, a crease without folds, and what the parts refuse.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        law: FilmLaw,
+        *,
+        gas: IdealGas,
+        pressure: float = 1.0,
+        temperature: float = 293.0,
+        dead_volume: float = 1e-6,
+        discharge_coefficient: float = 0.8,
+        laminar: float = 1e-3,
+        outside: Ambient | None = None,
+        clamp: str | None = "inlet",
+        folds: FoldMap | None = None,
+        crease: float = 0.0,
+        memory: float = 1.0,
+        contact: float = 0.0,
+        obstacles: tuple[Obstacle, ...] = (),
+        name: str = "tube",
+    ) -> None:
+        who = f"InflatableTube '{name}'"
+        check(isinstance(mesh, Mesh), f"{who}: the mesh is {mesh!r}; give that of `meshes.tube.flat_tube`.")
+        check(contact > 0 or not obstacles, f"{who}: it touches obstacles only with contact; give its distance.")
+        check(crease >= 0, f"{who}: crease is {crease!r} N m/m/rad; give zero or a positive number.")
+        check(contact >= 0, f"{who}: contact is {contact!r} m; give zero or a positive number.")
+        check(crease == 0 or folds is not None, f"{who}: creases are at fold lines; give the folds.")
+        self.name, self._discharge, self._gas = name, discharge_coefficient, gas
+        if folds is not None and crease:
+            mesh = folds.mark(mesh)
+        self.film = Membrane(mesh, law, name=f"{name} film")
+        count = sum(1 for group in mesh.groups if group.startswith("compartment ")) or 1
+        self.rings = [Ring(self.film, f"ring {i}") for i in range(1, count)]
+        self.chambers = [
+            Chamber(
+                self.film,
+                gas=gas,
+                pressure=pressure,
+                temperature=temperature,
+                dead_volume=dead_volume,
+                surface=(f"compartment {i + 1}",) if count > 1 else (),
+                rings=tuple(self.rings[max(i - 1, 0) : i + 1]),
+                outside=outside,
+                name=f"{name} {i + 1}",
+            )
+            for i in range(count)
+        ]
+        self.passages = [
+            Orifice(
+                self.chambers[i],
+                self.chambers[i + 1],
+                area=ring,
+                discharge_coefficient=discharge_coefficient,
+                laminar=laminar,
+                name=f"{name} passage {i + 1}",
+            )
+            for i, ring in enumerate(self.rings)
+        ]
+        self.clamp = Fixed(self.film, clamp) if clamp is not None else None
+        self.start: Folded | None = folds.start(self.film) if folds is not None else None
+        self.creases: list[Crease] = list(folds.creases(self.film, crease, memory)) if folds and crease else []
+        self.contact = self._contact(contact, obstacles) if contact else None
+
+    def _contact(self, distance: float, obstacles: tuple[Obstacle, ...]) -> Contact:
+        from gossamer_fx.contact.contact import Contact
+
+        return Contact(self.film, *obstacles, distance=distance, name=f"{self.name} contact")
+
+    def inlet(self, source: Tank | Reservoir, area: float | Callable[[float], float]) -> Orifice:
+        """The valve from a tank or reservoir into the first compartment, of an area [m²] or a function of time [s]."""
+        return Orifice(
+            source,
+            self.chambers[0],
+            area=area,
+            discharge_coefficient=self._discharge,
+            name=f"{self.name} inlet",
+        )
+
+    def vent(self, outside: Ambient, area: float | Callable[[float], float]) -> Orifice:
+        """The hole from the last compartment to the surroundings, of an area [m²] or a function of time [s]."""
+        return Orifice(
+            self.chambers[-1],
+            outside,
+            area=area,
+            discharge_coefficient=self._discharge,
+            name=f"{self.name} vent",
+        )
+
+    def requires(self) -> Iterable[Any]:
+        yield from (self.film, *self.chambers, *self.passages)
+        yield from (part for part in (self.clamp, self.start, self.contact) if part is not None)
+        yield from self.creases

@@ -1,0 +1,82 @@
+"""The inflatable tube in one call: its parts, and folded it deploys, touches itself, and closes its balance."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from gossamer_fx.presets.films import KAPTON_HN
+from gossamer_fx.presets.gases import NITROGEN
+from meshes.tube import flat_tube
+
+LENGTH, DIAMETER = 0.16, 0.03
+FOLDS = gx.fold.zigzag(length=LENGTH, panels=2, angle=1.4, width=math.pi * DIAMETER / 2, opening=1e-3, lift=1e-4)
+FLOOR = gx.Plane(point=(0.0, 0.0, -1.0), normal=(0.0, 0.0, 1.0))
+
+
+def tube(comm, **options):
+    mesh = flat_tube(comm, LENGTH, DIAMETER, 4, compartments=2)
+    return gx.InflatableTube(mesh, KAPTON_HN.law(25e-6, residual=1e-6), gas=NITROGEN, **options)
+
+
+def tank():
+    return gx.Tank(1e-6, gas=NITROGEN, pressure=1.5e6, temperature=293.0)
+
+
+@pytest.mark.mpi
+def test_its_parts(comm) -> None:
+    it = tube(comm, folds=FOLDS, crease=1e-3, memory=0.5, contact=5e-4)
+    scene = gx.Scene(it, it.inlet(tank(), 1e-8), it.vent(gx.Ambient(), 0.0))
+    for part in (it.film, *it.chambers, *it.passages, it.clamp, it.start, it.contact, *it.creases):
+        assert any(part is item for item in scene.items)
+    assert len(it.chambers) == 2 and len(it.passages) == 1 and len(it.creases) == 2
+    assert [math.degrees(c.rest_angle) for c in it.creases] == pytest.approx([-80.2, 80.2], abs=0.1)
+    plain = tube(comm)
+    assert plain.start is None and plain.contact is None and not plain.creases
+    assert sum(1 for _ in plain.requires()) == 5
+
+
+@pytest.mark.mpi
+def test_a_folded_tube_begins_to_deploy(comm) -> None:
+    it = tube(comm, folds=FOLDS, crease=1e-3, contact=5e-4)
+    series = gx.Series({"ring": gx.RingArea(it.rings[0]), "pierced": gx.Penetrations(it.contact)})
+    run = gx.Simulation(gx.Scene(it, it.inlet(tank(), 1e-7)), gx.Midpoint(dt=5e-5), [series])
+    run.run(until=4e-4)
+    assert abs(run.energy_error) < 1e-10 and abs(run.mass_error) < 1e-13
+    assert series["pierced"].max() == 0
+    first, second = (run.chamber(bag.name).p for bag in it.chambers)
+    assert first > second > 1.0
+    assert series["ring"].max() < 0.5 * math.pi * DIAMETER**2 / 4
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        ({"crease": 1e-3}, "creases are at fold lines; give the folds"),
+        (
+            {"obstacles": (gx.Plane(point=(0.0, 0.0, -1.0), normal=(0.0, 0.0, 1.0)),)},
+            "only with contact; give its distance",
+        ),
+        ({"contact": -1.0}, "give zero or a positive number"),
+        ({"clamp": "nowhere"}, "no group 'nowhere'"),
+        ({"pressure": 0.0}, "give a positive number"),
+    ],
+)
+def test_what_cannot_be_is_refused(comm, options, words: str) -> None:
+    with pytest.raises(gx.InputError, match=words):
+        tube(comm, **options)
+
+
+@pytest.mark.slow
+def test_the_demo(tmp_path) -> None:
+    from demos import folded_tube
+
+    found = folded_tube.main(tmp_path, until=4e-3)
+    assert found["energy_error"] < 1e-8 and found["mass_error"] < 1e-12
+    assert found["penetrations"] == 0
+    assert np.isfinite(found["pressure_3"]) and found["pressure_1"] > found["pressure_3"]
+    assert (tmp_path / "folded_tube.png").read_bytes()[1:4] == b"PNG"
