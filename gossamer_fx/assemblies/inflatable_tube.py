@@ -80,6 +80,10 @@ class InflatableTube:
         check(contact > 0 or not obstacles, f"{who}: it touches obstacles only with contact; give its distance.")
         check(crease >= 0, f"{who}: crease is {crease!r} N m/m/rad; give zero or a positive number.")
         check(contact >= 0, f"{who}: contact is {contact!r} m; give zero or a positive number.")
+        check(
+            folds is None or hasattr(folds, "mark"),
+            f"{who}: folds is a {type(folds).__name__}; give a map, e.g. fold.zigzag(...).",
+        )
         check(crease == 0 or folds is not None, f"{who}: creases are at fold lines; give the folds.")
         self.name, self._discharge, self._gas = name, discharge_coefficient, gas
         if folds is not None and crease:
