@@ -5,6 +5,8 @@ Every rank looks at its own cells; what concerns several ranks is summed, or tol
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import numpy.typing as npt
 from dolfinx import la
@@ -102,9 +104,10 @@ def folded(table: EdgeTable) -> int:
     return int(domain.comm.allreduce(int(found.sum())))
 
 
-def open_seams(domain: dmesh.Mesh) -> int:
+def open_seams(domain: dmesh.Mesh, groups: Mapping[str, tuple[int, npt.NDArray[np.int32]]]) -> int:
     """Number of boundary facets (edges, or ends of curves) that coincide with another one without being joined to it.
 
+    The sides of a slit that is meant are in named groups of their own, and not counted; `groups` are those of the mesh.
     Facets are sent to the rank that their rounded midpoint falls to; all ranks know the result.
     """
     topology, comm = domain.topology, domain.comm
@@ -114,11 +117,16 @@ def open_seams(domain: dmesh.Mesh) -> int:
     facets = dmesh.exterior_facet_indices(topology)
     middles = dmesh.compute_midpoints(domain, dim - 1, facets) if len(facets) else np.zeros((0, 3))
     pitch = ALIKE * extent(domain) or 1.0
-    keys = np.rint(middles / pitch).astype(np.int64)
-    home = (keys @ np.array([73856093, 19349663, 83492791], dtype=np.int64)) % comm.size
-    received = comm.alltoall([keys[home == rank] for rank in range(comm.size)])
-    _, counts = np.unique(np.concatenate(received), axis=0, return_counts=True)
-    return int(comm.allreduce(int(counts[counts > 1].sum())))
+    side = np.zeros(len(facets), dtype=np.int64)  # zero in no group
+    for number, (of, entities) in enumerate(groups.values(), start=1):
+        side[np.isin(facets, entities) & (of == dim - 1)] = number
+    keys = np.column_stack([np.rint(middles / pitch).astype(np.int64), side])
+    home = (keys[:, :3] @ np.array([73856093, 19349663, 83492791], dtype=np.int64)) % comm.size
+    received = np.concatenate(comm.alltoall([keys[home == rank] for rank in range(comm.size)]))
+    _, at, counts = np.unique(received[:, :3], axis=0, return_inverse=True, return_counts=True)
+    sides = np.bincount(np.unique(np.column_stack([at.ravel(), received[:, 3]])[received[:, 3] > 0], axis=0)[:, 0])
+    sides = np.pad(sides, (0, len(counts) - len(sides)))
+    return int(comm.allreduce(int(counts[(counts > 1) & (sides < counts)].sum())))
 
 
 def crossings(comm: MPI.Intracomm, corners: Array, nodes: Integers) -> int:

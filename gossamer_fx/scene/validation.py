@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.bodies.meshed import Meshed
 from gossamer_fx.checks.errors import check
 from gossamer_fx.mesh.edges import edges_of
 from gossamer_fx.mesh.quality import (
@@ -82,11 +83,11 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
     )
     if not _EXTENT[0] <= size <= _EXTENT[1]:
         yield f"The mesh of '{body.name}' is {size:.3g} m large; lengths are in metres."
-    seams = open_seams(domain)
+    seams = open_seams(domain, body.mesh.groups if isinstance(body, Meshed) else {})
     if seams:
         yield (
             f"{seams} boundary edges of '{body.name}' coincide without being joined; if this is a seam, glue it by "
-            "removing duplicate nodes (gmsh: model.mesh.removeDuplicateNodes)."
+            "removing duplicate nodes (gmsh: model.mesh.removeDuplicateNodes), and if it is a slit, name its two sides."
         )
     if corners.shape[1] == 3:
         turned = turned_inside(domain)

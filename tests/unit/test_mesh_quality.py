@@ -12,6 +12,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.scene.validation import self_intersections, validate, warnings
 from meshes.airbag import airbag
+from meshes.plates import slit_ring
 from meshes.sheet import sheet
 from meshes.sphere import sphere
 from meshes.tube import flat_tube
@@ -108,6 +109,14 @@ def test_a_seam_that_is_not_glued_is_told():
     twice = triangles(points + shifted, cells + [tuple(i + 25 for i in cell) for cell in cells])
     [words] = words_of(twice)
     assert "8 boundary edges of 'film' coincide" in words
+
+
+@pytest.mark.mpi
+def test_a_slit_whose_sides_are_named_is_meant():
+    film = gx.Membrane(slit_ring(WORLD, 2, 16, 6.0, 10.0), LAW)
+    assert list(warnings([film])) == []
+    del film.mesh.groups["start"]
+    assert "4 boundary edges of 'film' coincide" in "".join(warnings([film]))
 
 
 @pytest.mark.mpi
