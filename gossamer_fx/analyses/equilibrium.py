@@ -8,6 +8,10 @@ backward Euler steps from rest, with stress and loads at the end of the step,
 the mass as the only regularisation.  Every pseudo-step is solved by the mixed Newton iteration of
 `discrete_gradient`; h grows when few iterations sufficed and is cut when it failed, so that the equation turns into
 that of equilibrium.  The end is a Newton iteration with no inertia at all.
+
+A plate that wrinkles has an indefinite tangent until its wrinkles are nearly those at rest.  So a pseudo-step that
+fails is tried again with the geometric stiffness of tension alone, which bounds the energy from above: slow, but each
+such step gets down.  Where that helps, the next steps begin like that too.
 """
 
 from __future__ import annotations
@@ -34,6 +38,8 @@ from gossamer_fx.terms.discrete_gradient import EndPoint
 
 FAR = 1e3  # sizes of the scene beyond which a body has flown off
 ROUNDED = 1e-3  # largest round-off of the forces, over the load, that may stand for balance
+CAREFUL = 10**6  # tangents of a careful step without geometric stiffness but that of tension: all
+PATIENCE = 16  # pseudo-steps, at most, for which care is taken, or not tried
 
 
 @dataclass(frozen=True)
@@ -196,14 +202,18 @@ class Equilibrium:
         search, h = self.search, self.search.step
         inner = Tolerances(search.inner, border=1e-8, constraint=1e-8, iterations=search.max_iterations)
         residual, round_off, ceiling, why = math.inf, 0.0, math.inf, "no step succeeded"
+        care = _Care()
         while residual > max(search.residual, min(round_off, ROUNDED)):
+            self.newton.careful = CAREFUL if care.taken else 0
             try:
                 used = self._step(h, at, inner)
             except NotConverged as failure:
-                ceiling, h = h * math.sqrt(search.cut), h * search.cut
                 self._cuts += 1
                 why = str(failure)
+                if not care.fail():
+                    ceiling, h = h * math.sqrt(search.cut), h * search.cut
             else:
+                care.succeed()
                 self._stay()
                 residual, load = self._unbalanced()
                 round_off = self.newton.round_off / load
@@ -220,6 +230,7 @@ class Equilibrium:
 
     def _finish(self, at: float) -> bool:
         """Newton's iteration without inertia; whether it converges to a residual a hundred times smaller."""
+        self.newton.careful = 0
         residual, load = self._unbalanced()
         target = 1e-2 * min(residual, self.search.residual) * load
         try:
@@ -287,6 +298,32 @@ class Equilibrium:
                 f"No equilibrium: '{system.bodies[k].name}' has moved by {far[k]:.1e} m and moves on; hold it, or let "
                 "the loads on it balance each other."
             )
+
+
+class _Care:
+    """Whether pseudo-steps leave out the geometric stiffness of what pushes."""
+
+    def __init__(self) -> None:
+        self.taken = False
+        self._helped = 0  # failures without care after which care succeeded
+        self._left = 0  # steps until it is changed again
+
+    def fail(self) -> bool:
+        """After a step that failed: whether it is worth to try it again as it is."""
+        if self.taken:
+            if not self._helped:  # then it is of no use for a while
+                self.taken, self._left = False, PATIENCE
+            return False
+        if self._left and not self._helped:
+            return False
+        self.taken, self._left = True, min(2**self._helped, PATIENCE)
+        return True
+
+    def succeed(self) -> None:
+        self._left = max(self._left - 1, 0)
+        if self.taken:
+            self._helped += self._left == 0
+            self.taken = self._left > 0
 
 
 Found = EquilibriumResult  # its former name

@@ -11,7 +11,7 @@ from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.bodies.meshed import Meshed, PointFunction, Property, checked, positions
 from gossamer_fx.checks.errors import check
-from gossamer_fx.forms.kinematics import Expr, frame, green_lagrange, surface_gradient
+from gossamer_fx.forms.kinematics import Expr, frame, green_lagrange, surface_gradient, tension
 from gossamer_fx.forms.strain_path import Piece
 from gossamer_fx.materials.film import FilmLaw, constants
 from gossamer_fx.mesh.mesh import Mesh
@@ -102,7 +102,11 @@ class Membrane(Meshed):
 
     def terms(self) -> Iterable[Term]:
         yield KineticEnergy(self, lambda v, w: self.area_density * ufl.inner(v, w) * self.mass_dx)
-        yield StoredEnergy(self.name, self, self.measure, self.density, self.dx, self.law.quadratic, self.pieces)
+        # laws that wrinkle never push, so that only of the others a part pulls
+        pulling = tension if self.law.quadratic else None
+        yield StoredEnergy(
+            self.name, self, self.measure, self.density, self.dx, self.law.quadratic, self.pieces, pulling
+        )
 
     @cached_property
     def _start(self) -> tuple[Array, Array]:

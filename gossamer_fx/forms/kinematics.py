@@ -50,6 +50,14 @@ def half_trace_and_radius(e: Expr) -> tuple[Expr, Expr]:
     return h, r
 
 
+def tension(S: Expr) -> Expr:
+    """The part (S11, S22, S12) of a plane stress that pulls: its principal values where they are positive."""
+    h, r = half_trace_and_radius(ufl.as_vector([S[0], S[1], 2 * S[2]]))
+    high, low = (ufl.max_value(s, 0.0) for s in (h + r, h - r))
+    mean, share = (high + low) / 2, (high - low) / (2 * r)
+    return ufl.as_vector([mean + share * (S[0] - h), mean + share * (S[1] - h), share * S[2]])
+
+
 def line_derivative(f: Expr) -> Expr:
     """f' along the reference length of a mesh of line elements."""
     J = ufl.Jacobian(ufl.domain.extract_unique_domain(f))[:, 0]

@@ -20,6 +20,7 @@ from gossamer_fx.system.system import System
 
 SEARCHES = 5  # of places that a solved step turns out to need, before what is still missed is refused
 LAST = 0.01  # residual that the last linear solve of a step leaves, over that of a solved step
+EXPLODED = 1e12  # residual, over the first one, from which no iteration returns
 FALLS, STANDS = 0.5, 4.0  # a residual that falls by less than the one is round-off below the other times its floor
 
 
@@ -63,9 +64,10 @@ class Newton:
     the matrix whatever its size: without much inertia a film with slack parts is too ill-conditioned for the others.
     `subdomains` is a method of domain decomposition, see `subdomains.METHODS`.
 
-    The first `careful` tangents of a step have no geometric stiffness.  With it a film under large compressive stress,
-    or a stiff fold, has an indefinite tangent far from the solution, and the iteration is thrown away; without it the
-    tangent is positive semi-definite beside the inertia, and the iteration slow but safe.
+    The first `careful` tangents of a step have no geometric stiffness but that of films that pull.  With it a film
+    under large compressive stress, or a stiff fold, has an indefinite tangent far from the solution, and the iteration
+    is thrown away; without it the tangent is positive semi-definite beside the inertia, and the iteration slow but
+    safe.
     """
 
     def __init__(
@@ -291,6 +293,8 @@ class Newton:
             self._evaluate(y, snes.getFunction()[0])
             if self._solved():
                 return int(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_ABS)
+        if self._forces > EXPLODED * max(self._reference, self._limit):
+            return int(PETSc.SNES.ConvergedReason.DIVERGED_DTOL)
         if iteration >= self.tolerances.iterations:
             return int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT)
         return 0

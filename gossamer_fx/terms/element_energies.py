@@ -4,7 +4,8 @@ Mixed iteration (Magisano, Leonetti & Garcea, IJNME 109 (2017) 1237, doi:10.1002
 quadrature points is a variable of its own, condensed:
 
     residual   ∫ (S̄(ê) + D̄(ê)(e(q1) - ê))·De(q̄)[w] dx
-    tangent    ∫ D̄ De(q1)[δ]·De(q̄)[w] + γ α S̄(ê)·D²e[δ, w] dx,     γ = 1 but for careful starts: see `solvers.newton`
+    tangent    ∫ D̄ De(q1)[δ]·De(q̄)[w] + α (γ S̄ + (1-γ) S⁺)·D²e[δ, w] dx
+               γ = 1 but for careful starts (see `solvers.newton`), S⁺ the part of S̄ that pulls, or nothing
     update     ê = e(q1) - ½ D²e[δ, δ]     the *linearised* strain of the last iterate
 
 (S̄, D̄) are evaluated once an iteration, by compiled expressions, and the forms only read them.  A path that stays in one
@@ -88,7 +89,8 @@ class ElementEnergies(CompiledTerms):
 class StoredEnergy:
     """Stored energy ∫ψ(e(q)) dx: `measure` is quadratic in q, `density` ψ is a function of the strain alone.
 
-    `pieces` cuts the path between two strains where ψ is not smooth.
+    `pieces` cuts the path between two strains where ψ is not smooth; `pulling` is the part of a stress of which the
+    geometric stiffness is positive.
     """
 
     name: str
@@ -98,6 +100,7 @@ class StoredEnergy:
     dx: ufl.Measure
     quadratic: bool = False
     pieces: Callable[[Expr, Expr], list[Piece]] | None = None
+    pulling: Callable[[Expr], Expr] | None = None
     compiler: ClassVar[type[CompiledTerms]] = ElementEnergies
 
 
@@ -173,7 +176,10 @@ class ElementForces:
         self._known = 0
 
         self.residual = compile_form(ufl.dot(S + ufl.dot(D, e - self._ê), De_mid) * term.dx)
-        self.tangent = compile_form((ufl.dot(ufl.dot(D, De_dq), De_mid) + at.α * at.γ * ufl.dot(S, D2e)) * term.dx)
+        held = at.γ * S
+        if isinstance(term, StoredEnergy) and term.pulling is not None:
+            held += (1 - at.γ) * term.pulling(S)
+        self.tangent = compile_form((ufl.dot(ufl.dot(D, De_dq), De_mid) + at.α * ufl.dot(held, D2e)) * term.dx)
 
     def begin(self) -> None:
         """Start a step: of its stress nothing is known yet."""

@@ -11,7 +11,7 @@ from dolfinx import fem
 
 from gossamer_fx import Linear, Membrane
 from gossamer_fx.forms.backend import evaluate
-from gossamer_fx.forms.kinematics import area_vector
+from gossamer_fx.forms.kinematics import area_vector, tension
 from meshes.airbag import airbag
 from meshes.sheet import sheet
 from meshes.sphere import sphere
@@ -124,3 +124,13 @@ def test_mass_and_initial_state(comm, order):
     kinetic, *_ = film.terms()
     energy = comm.allreduce(fem.assemble_scalar(fem.form(0.5 * kinetic.mass(function, function))))
     assert energy == pytest.approx(0.5 * 1400.0 * 1e-3 * 2.0 * 27.0, rel=1e-12)
+
+
+def test_tension_is_the_positive_part_of_a_stress():
+    """Against eigenvalues, of stresses of all signs and of an isotropic one."""
+    random = np.random.default_rng(3)
+    for S in [*random.normal(size=(20, 3)), (2.0, 2.0, 0.0), (-1.0, -1.0, 0.0), (0.0, 0.0, 0.0)]:
+        values, axes = np.linalg.eigh([[S[0], S[2]], [S[2], S[1]]])
+        exact = axes @ np.diag(np.maximum(values, 0)) @ axes.T
+        found = [float(component) for component in tension(ufl.as_vector([ufl.as_ufl(float(s)) for s in S]))]
+        assert found == pytest.approx([exact[0, 0], exact[1, 1], exact[0, 1]], abs=1e-12)

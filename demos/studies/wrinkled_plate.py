@@ -1,0 +1,151 @@
+"""A sheared film that wrinkles: as a plate, whose wrinkles are resolved, and as a tension field, beside each other.
+
+Kapton, L × H = 380 × 128 mm, t = 25 µm; both long edges are clamped, and one is moved by δ = 3 mm along itself (Wong &
+Pellegrino, J. Mech. Mater. Struct. 1 (2006) 3, 27, 63, doi:10.2140/jomms.2006.1.3).  With γ = δ/H their theory has
+wrinkles at 45° of length √2 H, and
+
+    half wavelength  λ = (πHt)^½ (3(1-ν²)γ)^(-¼) = 6.31 mm
+    amplitude        a = (λ/π) (2(1-ν)γ)^½ = 0.361 mm
+    number           L/(2√2 λ) = 21.3;  about 19 were counted
+    force            E t L γ/4 (1 - c H/L), c near 1: the corners at the free ends are slack
+
+λ and a are measured on the middle line in the middle 40 % of the length, away from the fans at the ends.  The plate
+comes to rest from waves of 0.02 mm in all directions ("noise"), and from wrinkles of 1 and 1.3 times the theory's
+length: many numbers of wrinkles are equilibria, and their energies hardly differ.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from demos.studies.engine.study import Measure, Study
+from meshes.sheet import sheet
+
+LENGTH, HEIGHT, SHEAR = 0.38, 0.128, 3e-3
+FILM = {"E": 3.5e9, "nu": 0.31, "density": 1420.0, "thickness": 25e-6}
+GAMMA = SHEAR / HEIGHT
+LAMBDA = math.sqrt(math.pi * HEIGHT * FILM["thickness"]) * (3 * (1 - FILM["nu"] ** 2) * GAMMA) ** -0.25
+AMPLITUDE = LAMBDA / math.pi * math.sqrt(2 * (1 - FILM["nu"]) * GAMMA)
+FORCE = FILM["E"] * FILM["thickness"] * LENGTH * GAMMA / 4
+CENTRE = (0.3, 0.7)  # of the length, where wrinkles are measured
+# pseudo-steps of wrinkles need not be solved well; what is left unbalanced is in the slack corners
+SEARCH = gx.Continuation(
+    step=1e-4, growth=2.0, inner=0.3, residual=1e-4, fast_iterations=20, max_iterations=40, iterations=2000
+)
+STARTS = {"noise": None, "theory": 1.0, "long": 1.3}
+
+
+def moved(X: np.ndarray, t: float) -> np.ndarray:
+    return np.stack([SHEAR + 0 * X[0], 0 * X[0], 0 * X[0]])
+
+
+def sheared(X: np.ndarray) -> np.ndarray:
+    return np.stack([SHEAR * X[1] / HEIGHT, 0 * X[0], 0 * X[0]])
+
+
+def noisy(X: np.ndarray) -> np.ndarray:
+    """Sheared, with waves of 0.02 mm in all directions, 5 mm long and longer."""
+    random = np.random.default_rng(1)
+    w = 0 * X[0]
+    for kx, ky, phase, size in random.normal(size=(60, 4)):
+        w += 5e-6 * size * np.sin((kx * X[0] + ky * X[1]) * math.pi / 5e-3 + 6 * phase)
+    return sheared(X) + np.stack([0 * w, 0 * w, w * np.sin(math.pi * X[1] / HEIGHT)])
+
+
+def wrinkled(X: np.ndarray, scale: float) -> np.ndarray:
+    """Sheared, with wrinkles at 45° of the length and slope of the theory, or of another length."""
+    k, a = math.pi / (scale * LAMBDA), scale * AMPLITUDE
+    across = (X[0] - X[1]) / math.sqrt(2)
+    height = a * np.sqrt(np.maximum(np.sin(math.pi * np.clip(X[1] / HEIGHT, 0, 1)), 0))
+    shift = -(height**2) * k / 8 * np.sin(2 * k * across) / math.sqrt(2)  # so that wrinkles do not strain
+    return sheared(X) + np.stack([shift, -shift, height * np.sin(k * across)])
+
+
+def problem(comm: MPI.Comm, start: str, cells: int) -> dict[str, float]:
+    """A plate with `cells` across, whose diagonals lie along the wrinkles, and a film with half as many."""
+    scale = STARTS[start]
+    shape = noisy if scale is None else lambda X: wrinkled(X, scale)
+    plate = gx.Plate(sheet(comm, 3 * cells, cells, LENGTH, HEIGHT), gx.Linear(**FILM), displacement=shape)
+    clamps = [
+        gx.ClampedEdge(plate, edge, direction=(0.0, 1.0, 0.0), motion=motion, name=edge)
+        for edge, motion in (("bottom", None), ("top", moved))
+    ]
+    equilibrium = gx.Equilibrium(gx.Scene(plate, *clamps), SEARCH)
+    found = equilibrium.find()
+    measured = wrinkles(plate, equilibrium)
+    force = equilibrium.reaction(clamps[1])[0][0]
+
+    mesh = sheet(comm, 3 * cells // 2, cells // 2, LENGTH, HEIGHT)
+    film = gx.Membrane(mesh, gx.TensionField(**FILM), order=2, displacement=sheared)
+    top = gx.Prescribed(film, "top", moved)
+    other = gx.Equilibrium(gx.Scene(film, gx.Fixed(film, "bottom"), top), gx.Continuation(residual=1e-6))
+    of_film = other.find()
+    film_force = other.reaction(top)[0][0]
+    return measured | {
+        "force [N]": force,
+        "film's force [N]": film_force,
+        "force/film's": force / film_force,
+        "force/(EtLγ/4)": force / FORCE,
+        "energy [J]": sum(found.totals.stored.values()),
+        "film's energy [J]": sum(of_film.totals.stored.values()),
+        "residual": found.residual,
+        "unknowns": equilibrium.system.numbering.size,
+        "film's unknowns": other.system.numbering.size,
+        "iterations": found.iterations,
+        "seconds": found.seconds,
+        "film's seconds": of_film.seconds,
+    }
+
+
+def wrinkles(plate: gx.Plate, equilibrium: gx.Equilibrium) -> dict[str, float]:
+    """Number, half wavelength and amplitude of the wrinkles on the middle line."""
+    z = equilibrium.system.q0.array_r[2::3]
+    X = plate.space.tabulate_dof_coordinates()[: len(z)]
+    middle = abs(X[:, 1] - HEIGHT / 2) < 1e-9
+    parts = plate.comm.allgather(np.column_stack([X[middle, 0], z[middle]]))
+    x, w = np.array(sorted(map(tuple, np.concatenate(parts)))).T
+    i = np.flatnonzero(w[:-1] * w[1:] < 0)
+    zeros = x[i] - w[i] * (x[i + 1] - x[i]) / (w[i + 1] - w[i])
+    low, high = (share * LENGTH for share in CENTRE)
+    central = zeros[(zeros > low) & (zeros < high)]
+    half = float(np.diff(central).mean()) / math.sqrt(2) if len(central) > 1 else math.nan
+    amplitude = math.sqrt(2) * float(w[(x > low) & (x < high)].std())
+    return {
+        "number": LENGTH / (2 * math.sqrt(2) * half),
+        "counted": len(zeros) / 2,
+        "λ [mm]": 1e3 * half,
+        "a [mm]": 1e3 * amplitude,
+        "λ/theory": half / LAMBDA,
+        "a/theory": amplitude / AMPLITUDE,
+    }
+
+
+STUDY = Study(
+    "wrinkled_plate",
+    "A sheared film: a plate with its wrinkles, and a tension field",
+    problem,
+    {"start": list(STARTS), "cells": [32]},
+    lambda case: HEIGHT / case["cells"],
+    (
+        Measure("λ/theory", 1.0, 0.15),
+        Measure("a/theory", 1.0, 0.2),
+        Measure("number", LENGTH / (2 * math.sqrt(2) * LAMBDA), 3 / 21.3),
+        Measure("force/film's", 1.0, 0.05),
+    ),
+    quick={"start": ["theory"], "cells": [16]},
+    columns=(
+        "counted",
+        "force [N]",
+        "film's force [N]",
+        "energy [J]",
+        "unknowns",
+        "film's unknowns",
+        "iterations",
+        "seconds",
+        "film's seconds",
+    ),
+)
