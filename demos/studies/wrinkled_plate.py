@@ -36,7 +36,7 @@ CENTRE = (0.3, 0.7)  # of the length, where wrinkles are measured
 SEARCH = gx.Continuation(
     step=1e-4, growth=2.0, inner=0.3, residual=1e-4, fast_iterations=20, max_iterations=40, iterations=2000
 )
-STARTS = {"noise": None, "theory": 1.0, "long": 1.3}
+STARTS = {"noise": None, "theory": 1.0, "long": 1.3, "short": 0.8}
 
 
 def moved(X: np.ndarray, t: float) -> np.ndarray:
@@ -128,7 +128,7 @@ STUDY = Study(
     "wrinkled_plate",
     "A sheared film: a plate with its wrinkles, and a tension field",
     problem,
-    {"start": list(STARTS), "cells": [32]},
+    {"start": ["theory"], "cells": [32, 48]},
     lambda case: HEIGHT / case["cells"],
     (
         Measure("λ/theory", 1.0, 0.15),
