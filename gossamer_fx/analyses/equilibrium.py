@@ -9,9 +9,9 @@ the mass as the only regularisation.  Every pseudo-step is solved by the mixed N
 `discrete_gradient`; h grows when few iterations sufficed and is cut when it failed, so that the equation turns into
 that of equilibrium.  The end is a Newton iteration with no inertia at all.
 
-A plate that wrinkles has an indefinite tangent until its wrinkles are nearly those at rest.  So a pseudo-step that
-fails is tried again with the geometric stiffness of tension alone, which bounds the energy from above: slow, but each
-such step gets down.  Where that helps, the next steps begin like that too.
+A plate (or any film that can push) that wrinkles has an indefinite tangent until its wrinkles are nearly those at
+rest.  So a pseudo-step that fails is tried again with the geometric stiffness of tension alone, which bounds the energy
+from above: slow, but each such step gets down.  Where that helps, the next steps begin like that too.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from gossamer_fx.system.reactions import Joint, Part, joint_force, support_force
 from gossamer_fx.system.system import System
 from gossamer_fx.system.totals import Totals
 from gossamer_fx.terms.discrete_gradient import EndPoint
+from gossamer_fx.terms.element_energies import StoredEnergy
 
 FAR = 1e3  # sizes of the scene beyond which a body has flown off
 ROUNDED = 1e-3  # largest round-off of the forces, over the load, that may stand for balance
@@ -124,6 +125,7 @@ class Equilibrium:
         self.newton = Newton(self.system, Tolerances(), direct=True)
         self._rest, self._r, self._begun = (self.system.numbering.vector() for _ in range(3))
         self._size = self._extent()
+        self._pushes = any(isinstance(term, StoredEnergy) and term.pulling for term in self.system.terms)
         self.result: EquilibriumResult | None = None
         self.compile_seconds = time.perf_counter() - started
 
@@ -202,7 +204,7 @@ class Equilibrium:
         search, h = self.search, self.search.step
         inner = Tolerances(search.inner, border=1e-8, constraint=1e-8, iterations=search.max_iterations)
         residual, round_off, ceiling, why = math.inf, 0.0, math.inf, "no step succeeded"
-        care = _Care()
+        care = _Care(self._pushes)
         while residual > max(search.residual, min(round_off, ROUNDED)):
             self.newton.careful = CAREFUL if care.taken else 0
             try:
@@ -303,8 +305,8 @@ class Equilibrium:
 class _Care:
     """Whether pseudo-steps leave out the geometric stiffness of what pushes."""
 
-    def __init__(self) -> None:
-        self.taken = False
+    def __init__(self, possible: bool) -> None:
+        self._possible, self.taken = possible, False
         self._helped = 0  # failures without care after which care succeeded
         self._left = 0  # steps until it is changed again
 
@@ -314,7 +316,7 @@ class _Care:
             if not self._helped:  # then it is of no use for a while
                 self.taken, self._left = False, PATIENCE
             return False
-        if self._left and not self._helped:
+        if not self._possible or (self._left and not self._helped):
             return False
         self.taken, self._left = True, min(2**self._helped, PATIENCE)
         return True
