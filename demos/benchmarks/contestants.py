@@ -22,6 +22,7 @@ PACKAGES = {
         "KratosLinearSolversApplication==10.4.4",
     ),
     "exudyn": ("exudyn==1.13.6",),
+    "newton": ("newton==1.8.0", "warp-lang==1.19.0"),
     "ngsolve": ("ngsolve==6.2.2608", "netgen-mesher==6.2.2608"),
 }
 SELF = "gossamer"

@@ -171,6 +171,22 @@ PROBLEMS = {
         quick=alone("cells", (6, 12), steps=3),
         chart=True,
     ),
+    "contact": Problem(
+        title="A film of 0.2 m thrown at another one at 2 m/s, for 10 ms",
+        cost=lambda r: r["cpu"],
+        unit="s CPU",
+        cases={
+            f"{n} x {n} cells": {
+                SELF: {"n": n},
+                "newton": {"n": n},
+                "newton, h/10": {"n": n, "dt": 1e-5},
+                "newton, 100 sweeps": {"n": n, "iterations": 100},
+            }
+            for n in (10, 20)
+        },
+        quick={"4 x 4 cells": {SELF: {"n": 4}, "newton": {"n": 4}}},
+        peers=("newton",),
+    ),
     "ranks": Problem(
         title="Free spinning sheet on two ranks and on one",
         cost=lambda r: r["wall"] / r["steps"],

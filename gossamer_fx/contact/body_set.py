@@ -34,7 +34,8 @@ class BodySet:
 
     Of points (m,): `area` [m²] that they stand for, `radius` [m], `body` (number of what they are of), and
     `X` (n, 3), the stress-free places of those of bodies; of edges (e,): `edge_area`.  Of obstacles (k,): `frames`,
-    the first of four points, origin and axes, of those that are `rough`; of others -1.
+    the first of four points, origin and axes, of those that are `rough`; of others -1.  `of` are the bodies, and
+    `nodes` (n,) the global numbers of their points among the nodes of each.
     """
 
     def __init__(
@@ -62,6 +63,7 @@ class BodySet:
             shapes.append((walls, solids))
         nodes = [(k, f.nodes) for k, f in zip(self.indices, facets, strict=True)]
         self.points = points = Points(nodes, supports, system)
+        self.of, self.nodes = list(bodies), np.concatenate([f.nodes for f in facets])
         m = points.m
         self.X = np.vstack([f.X for f in facets])
         self.radius, self.area, self.body = np.zeros(m), np.zeros(m), np.zeros(m, dtype=np.int32)

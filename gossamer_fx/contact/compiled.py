@@ -6,13 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+import numpy as np
+import numpy.typing as npt
 from petsc4py import PETSc
 
 from gossamer_fx.contact.body_set import BodySet
 from gossamer_fx.contact.group import Group
 from gossamer_fx.contact.memory import Memory
 from gossamer_fx.contact.obstacles import Obstacle
-from gossamer_fx.model.terms import Array, Assembly, CompiledTerms, MeshBody
+from gossamer_fx.model.terms import Array, Assembly, Body, CompiledTerms, MeshBody
 
 
 class CompiledContacts(CompiledTerms):
@@ -64,6 +66,20 @@ class CompiledContacts(CompiledTerms):
     def keep(self) -> None:
         for group in self.groups.values():
             group.keep()
+
+    def at_nodes(self, field: str, body: Body) -> tuple[npt.NDArray[np.int64], Array] | None:
+        if field != "contact_pressure":
+            return None
+        from gossamer_fx.contact.pressure import pressures
+
+        nodes, values = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
+        for group in self.groups.values():
+            bodies = group.bodies
+            if body in bodies.of:
+                here = np.flatnonzero(bodies.body[: bodies.points.n] == bodies.of.index(body))
+                nodes.append(bodies.nodes[here])
+                values.append(pressures(group)[here])
+        return np.concatenate(nodes), np.concatenate(values)
 
     def energies(self) -> dict[str, float]:
         return {item.name: group.energy_now() for item, group in self.groups.items()}

@@ -38,7 +38,7 @@ class Group:
         self, bodies: BodySet, law: int, distance: float, stiffness: float | None, memory: Memory, system: Any
     ) -> None:
         self.bodies, self.points, self.memory = bodies, bodies.points, memory
-        self._law, self._d, self._K, self._system = law, distance, stiffness, system
+        self.law, self._d, self._K, self._system = law, distance, stiffness, system
         self._comm: MPI.Intracomm = system.comm
         self._softness = Softness(stiffness or 0.0, distance, bodies.names, system.comm)
         memory.comm = self._comm
@@ -89,7 +89,7 @@ class Group:
         if not len(memory.distance):
             self.start()
         if self.near is not None and memory.restored == self._seen:
-            self.energy, X = energy(self.near, self.x0, self._law)
+            self.energy, X = energy(self.near, self.x0, self.law)
             busy = X < 1
             order = np.argsort(self.near.names[busy])
             memory.names = self.near.names[busy][order]
@@ -107,11 +107,15 @@ class Group:
             memory.names, memory.stiffness = memory.names[own], memory.stiffness[own]
             self._find(self.x0, self.x0, np.zeros_like(self.x0))
             pairs = self._select(np.isin(self.found.names, memory.names))
-            self.energy = energy(pairs, self.x0, self._law)[0]
+            self.energy = energy(pairs, self.x0, self.law)[0]
         return self.energy if len(memory.names) else 0.0
 
     def _owned(self, kind: npt.NDArray[np.uint8], nodes: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
         return self.points.owned(nodes[:, 0])
+
+    def touching(self) -> Pairs:
+        """This rank's pairs that have energy in the accepted state; after `energy_now`."""
+        return self._select(np.isin(self.found.names, self.memory.names))
 
     def search(self) -> bool:
         """Find what may come near in the step; whether the matrix lacks entries for it."""
@@ -185,7 +189,7 @@ class Group:
         plain, mixed = self._sorted(pairs)
         self._plain_pairs, self._mixed_pairs = pairs.some(plain), pairs.some(mixed)
         keys, mixed_keys, self._expansion = self._keys(self._plain_pairs, self._mixed_pairs)
-        of_friction = [] if self.friction is None else [self.friction.take(pairs, self.x0, self._law)]
+        of_friction = [] if self.friction is None else [self.friction.take(pairs, self.x0, self.law)]
         self._grew = not self.blocks.hold(keys, mixed_keys, *of_friction)
         if self._grew:  # with what may come next, so that the matrices serve for some steps
             soon = self._gap0 < SOON * self.found.distance(self.memory.distance)
@@ -253,7 +257,7 @@ class Group:
         self.force = np.zeros((self.points.m, 3))
         x1 = self.points.at(self._system.q1, self._t1)
         states = [
-            act(pairs, self.x0, x1, self._law, self._alpha, force=self.force).state
+            act(pairs, self.x0, x1, self.law, self._alpha, force=self.force).state
             for pairs in (self._plain_pairs, self._mixed_pairs)
         ]
         if self.friction is not None:
@@ -267,13 +271,11 @@ class Group:
         x1, γ = self.points.at(self._system.q1, self._t1), self._system.geometric
         self.blocks.values[:] = 0
         act(
-            self._plain_pairs, self.x0, x1, self._law, self._alpha,
+            self._plain_pairs, self.x0, x1, self.law, self._alpha,
             slots=self._slots, values=self.blocks.values, geometric=γ,
         )  # fmt: skip
         if len(self._mixed_pairs):
-            of_pairs = act(
-                self._mixed_pairs, self.x0, x1, self._law, self._alpha, each=True, tangents=True, geometric=γ
-            )
+            of_pairs = act(self._mixed_pairs, self.x0, x1, self.law, self._alpha, each=True, tangents=True, geometric=γ)
             self._spread(of_pairs.tangents)
         if self.friction is not None:
             self.friction.add_tangents(self.x0, x1, self.blocks.values)

@@ -36,6 +36,7 @@ class Points:
         self, nodes: list[tuple[int, npt.NDArray[np.int64]]], supports: list[Support], system: Assembly
     ) -> None:
         numbering, self._numbering = system.numbering, system.numbering
+        self.comm = system.comm
         first = [numbering.to_global(k, at)[:, 0] for k, at in nodes]
         self.n = sum(map(len, first))
         unknowns: list[int] = []

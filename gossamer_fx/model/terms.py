@@ -253,6 +253,11 @@ class CompiledTerms:
         several times, and on any rank that knows it: the mean counts."""
         return None
 
+    def at_nodes(self, field: str, body: Body) -> tuple[npt.NDArray[np.int64], Array] | None:
+        """Global nodes (n,) of a body and values (n,) there of an output field at q0, if it has such; all ranks know
+        all of them, and what several terms have adds up."""
+        return None
+
     def resultants(self) -> dict[str, Array]:
         """Force and torque about the origin (2, 3) of each load over the last step [N, N m] on this rank, by name."""
         return {}

@@ -9,6 +9,7 @@
     pressure        of the gas inside over that outside [Pa]; where a film parts two chambers, their difference
 
     fold_angle      of the creases at a cell [rad], zero in others
+    contact_pressure    at the nodes [N/m²], both sides of a film added, by the area of the stress-free shape
 
     curvature1 ≥ curvature2   principal curvatures of a plate [1/m], positive towards the normal of its mesh
     moment1 ≥ moment2         principal bending moments of a plate [N m/m]
@@ -52,6 +53,7 @@ class Field:
     of_films: bool
     expression: Callable[[Any, Expr, Expr], Expr] | None
     of_plates: bool = False
+    of_nodes: bool = False  # whether terms have it at the nodes
 
 
 def position(q: Expr) -> Expr:
@@ -110,6 +112,7 @@ FIELDS = {
     # no functions of the film's coordinates: the gas has its own state, and a fold may have turned more than once
     "pressure": Field((), True, None),
     "fold_angle": Field((), True, None),
+    "contact_pressure": Field((), False, None, of_nodes=True),
 }
 
 
@@ -142,8 +145,9 @@ class FieldFunctions:
             function = fem.Function(fem.functionspace(shape.body.space.mesh, (family, order, field.shape)), name=name)
             self.functions.append(function)
             if field.expression is None:
-                take = partial(_take_pressure, function) if name == "pressure" else partial(_take_mean, function, name)
-                self._updates.append(partial(take, body, system))
+                take = _take_at_nodes if field.of_nodes else _take_mean
+                update = partial(_take_pressure, function) if name == "pressure" else partial(take, function, name)
+                self._updates.append(partial(update, body, system))
             else:
                 points = interpolation_points(function.function_space)
                 compiled = compile_expression(field.expression(shape.body, shape.q, shape.v), points)
@@ -182,6 +186,18 @@ def _take_mean(function: fem.Function, name: str, body: MeshBody, system: System
     for vector in (sums, counts):
         vector.scatter_reverse(la.InsertMode.add)
     sums.array[:] /= np.maximum(counts.array, 1.0)
+
+
+def _take_at_nodes(function: fem.Function, name: str, body: MeshBody, system: System) -> None:
+    """Set a function to the sum of what terms have at the nodes, and to zero elsewhere."""
+    index_map, cells = body.block.index_map, body.space.dofmap.list
+    at_nodes = np.zeros(index_map.size_local + index_map.num_ghosts)
+    for compiled in system.compiled:
+        found = compiled.at_nodes(name, body)
+        if found is not None:
+            local = index_map.global_to_local(found[0])
+            np.add.at(at_nodes, local[local >= 0], found[1][local >= 0])
+    function.x.array[function.function_space.dofmap.list.ravel()] = at_nodes[cells.ravel()]
 
 
 class AreaFractions:

@@ -1,0 +1,50 @@
+"""Contact pressure as a field: its integral is the force, on any number of ranks, for orders 1 and 2, beside others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from scenes import film, simulate
+
+import gossamer_fx as gx
+from gossamer_fx.outputs.fields import FieldFunctions
+
+
+def integral(body, function: fem.Function) -> float:
+    return float(body.comm.allreduce(fem.assemble_scalar(fem.form(function * ufl.dx(body.space.mesh)))))
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("order", [1, 2])
+def test_pressure_integrates_to_the_force(comm, order) -> None:
+    body = film(comm, 2, height=2e-5, order=order, name="film")
+
+    def softly(t: float) -> float:
+        y = min(t / 0.01, 1.0)
+        return -4.0 * y * y * (3 - 2 * y)
+
+    floor = gx.Plane(point=(0, 0, 0), normal=(0, 0, 1))
+    contact = gx.Contact(body, floor, distance=2e-4, stiffness=1e8)
+    run = simulate([contact, gx.Pressure(body, softly)], 0.014, 5e-4)
+    assert run.totals.stored["contact"] > 0
+    fields = FieldFunctions(run.system, body, ["contact_pressure"])
+    fields.update()
+    (alone,) = fields.functions
+    beside = FieldFunctions(run.system, body, ["stress1", "contact_pressure"])
+    beside.update()
+    assert integral(body, beside.functions[1]) == pytest.approx(integral(body, alone), rel=1e-12)
+    assert alone.x.array.min(initial=0.0) >= 0
+    if order == 1:  # the shares of points of order 2 are not those of their shape functions
+        assert integral(body, alone) == pytest.approx(4.0 * 0.01, rel=0.05)
+
+
+@pytest.mark.mpi
+def test_pressure_is_zero_where_nothing_touches(comm) -> None:
+    one, other = film(comm, 2, name="one"), film(comm, 2, height=0.01, name="other")
+    run = simulate([gx.Contact(one, gx.Plane(point=(0, 0, -1), normal=(0, 0, 1)), distance=1e-3), other], 1e-4)
+    for body in (one, other):
+        fields = FieldFunctions(run.system, body, ["contact_pressure"])
+        fields.update()
+        assert not np.abs(fields.functions[0].x.array).max(initial=0.0)
