@@ -11,14 +11,14 @@ Where the values come from:
                          (2009), §4(4); their films, diameters and pressures were not published
     diameter 30 mm       chosen, as are folds, tank and valve
     film                 polyimide, Kapton HN 100 (DuPont data sheet H-38492): 25 µm, 2.5 GPa, 0.34, 1420 kg/m³
-    tank                 chosen: 2 ml of nitrogen at 1.5 MPa and 293 K, a third of the pressure that the film would bear
+    tank                 chosen: 1 ml of nitrogen at 1.5 MPa and 293 K, which fills the tube to about 9 kPa
     crease               0.02 N m/m/rad for creases with memory: B/L* with L* = 29 thicknesses, as of the crease of Gori
                          & Bosi (2022), doi:10.1016/j.eml.2022.101849
 
     ./gossamer demo folded_tube
     ./gossamer run demos/folded_tube.py cells=6 --output out/folded_tube; ./gossamer report out/folded_tube
     ./gossamer run demos/folded_tube.py start=roll
-    ./gossamer run demos/folded_tube.py length=0.8 panels=5 tank=6.4e-6 until=0.15
+    ./gossamer run demos/folded_tube.py length=0.8 panels=5 tank=3.2e-6 until=0.1
 """
 
 from __future__ import annotations
@@ -56,13 +56,13 @@ def build(
     start: str = "zigzag",
     angle: float = 80.0,
     lift: float = 1e-4,
-    tank: float = 2e-6,
-    bore: float = 0.5e-3,
+    tank: float = 1e-6,
+    bore: float = 0.4e-3,
     crease: float = 0.0,
     contact: float = 5e-4,
     gravity: float = 0.0,
     air: float = 0.0,
-    until: float = 0.04,
+    until: float = 0.02,
     dt: float = 1e-4,
 ) -> gx.Case:
     """The tube of `panels` compartments with `cells` cells across, folded, its tank and the valve.
@@ -131,7 +131,7 @@ def opening_times(time: Array, rings: list[Array], diameter: float) -> list[floa
 
 
 def main(
-    output: str | Path | None = None, until: float = 0.04, comm: MPI.Comm = MPI.COMM_WORLD, **given: object
+    output: str | Path | None = None, until: float = 0.02, comm: MPI.Comm = MPI.COMM_WORLD, **given: object
 ) -> dict[str, float]:
     """Deploy the tube; what `build` takes may be `given`.  With `output`, a folder: a recording and a picture.
 

@@ -81,6 +81,7 @@ if TYPE_CHECKING:
     from gossamer_fx.interactions.spring import Spring as Spring
     from gossamer_fx.interactions.spring import Stop as Stop
     from gossamer_fx.interactions.tape import Tape as Tape
+    from gossamer_fx.interactions.tie import Tie as Tie
     from gossamer_fx.interactions.torsion import TorsionDamper as TorsionDamper
     from gossamer_fx.interactions.torsion import TorsionSpring as TorsionSpring
     from gossamer_fx.loads.centrifugal import Centrifugal as Centrifugal
@@ -110,6 +111,7 @@ if TYPE_CHECKING:
     from gossamer_fx.orbit.orbit import Orbit as Orbit
     from gossamer_fx.orbit.solar_pressure import SolarPressure as SolarPressure
     from gossamer_fx.orbit.surface_forces import Surface as Surface
+    from gossamer_fx.outputs.crossings import Crossings as Crossings
     from gossamer_fx.outputs.flight_probes import Attitude as Attitude
     from gossamer_fx.outputs.flight_probes import LoadResultant as LoadResultant
     from gossamer_fx.outputs.flight_probes import OrbitState as OrbitState
@@ -193,6 +195,7 @@ _HOME = {
     "interactions.rigid_region": ["RigidRegion"],
     "interactions.spring": ["AxialSpring", "Damper", "Rope", "Spring", "Stop"],
     "interactions.tape": ["Tape"],
+    "interactions.tie": ["Tie"],
     "interactions.torsion": ["TorsionDamper", "TorsionSpring"],
     "loads.centrifugal": ["Centrifugal"],
     "loads.damping": ["Damping"],
@@ -218,6 +221,7 @@ _HOME = {
     "orbit.solar_pressure": ["SolarPressure"],
     "orbit.surface_forces": ["Surface"],
     "orbit.orbit": ["Orbit"],
+    "outputs.crossings": ["Crossings"],
     "outputs.flight_probes": ["Attitude", "LoadResultant", "OrbitState", "SunAngle"],
     "plotting.flight_picture": ["FlightPicture"],
     "outputs.ledger": ["Ledger"],

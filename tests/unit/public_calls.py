@@ -32,7 +32,7 @@ UNCALLED = {
     "NoEquilibrium",
     "OutputFailure",
 }
-UNCALLED |= {"Contact", "IdentifiedCrease", "StepFailure", "StartFrom", "Scene", "Progress"}
+UNCALLED |= {"Contact", "Crossings", "IdentifiedCrease", "StepFailure", "StartFrom", "Scene", "Progress"}
 
 
 def valid_calls(folder: Path) -> dict[str, Call]:
@@ -201,6 +201,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "Tape": {"film": film, "law": gx.CableLaw(**cable_law), "bars": ends, "lengths": [1.0]},
         "TensionField": film_law,
         "TensionOnly": cable_law,
+        "Tie": {"a": film, "group": "left", "b": plate, "to": "left"},
         "Tolerances": {"relative": 1e-10, "absolute": 0.0, "floor": 4.0, "border": 1e-12, "iterations": 40},
         "Torque": {"frame": A, "value": z},
         "TorsionDamper": {**hinge, "coefficient": 1.0},

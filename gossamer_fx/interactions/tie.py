@@ -1,0 +1,150 @@
+"""Ties: edges of films that hang together, cables along edges of films."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from mpi4py import MPI
+
+from gossamer_fx.algebra.places import PointMeasure
+from gossamer_fx.bodies.beam import Beam
+from gossamer_fx.bodies.meshed import Meshed
+from gossamer_fx.checks.errors import check, check_on_all
+from gossamer_fx.interactions.joint import COINCIDE
+from gossamer_fx.model.ports import coordinates_at_start
+from gossamer_fx.model.terms import Array, Port, Term, is_on_mesh
+from gossamer_fx.terms.point_constraints import PointConstraint
+
+NODE = 1e-9  # part of a segment from its end that counts as its end
+
+
+@dataclass(frozen=True, eq=False)
+class Tie:
+    """The nodes of a line of one film or cable stay where they are at the start on a line of another.
+
+        x_k - (1 - s) x_i - s x_j = 0   for every node k of the first, between nodes i and j of the second
+
+    Meshes may differ: tie the finer line to the coarser one.  Three films on a line: tie two of them to the third.
+    Multipliers do no work and keep both momenta.  Matching lines are found where the scene starts, so of a folded film
+    too, as long as no other part of the second line is in the same place.
+
+    Args:
+        a: a film or cable, whose nodes are tied.
+        group: name of a curve (of a cable also of points) of its mesh; None: all of a cable.
+        b: a film or cable, or the same one.
+        to: name of a curve of its mesh; None: all of a cable.
+
+    Raises:
+        InputError: beams (join their ends by joints), a film without a group, a line tied to itself; when the scene is
+            compiled: nodes that are not on the other line.
+    """
+
+    a: Meshed
+    group: str | None
+    b: Meshed
+    to: str | None
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        for body, group in ((self.a, self.group), (self.b, self.to)):
+            known = isinstance(body, Meshed) and not isinstance(body, Beam) and is_on_mesh(body)
+            check(known, f"Tie: {getattr(body, 'name', body)!r} is no film or cable; join others by joints.")
+            check(
+                group is not None or body.space.mesh.topology.dim == 1,
+                f"Tie: of the film '{body.name}' one line is tied; name a curve of its mesh.",
+            )
+        check(
+            self.a is not self.b or self.group != self.to,
+            f"Tie: '{self.group}' of '{self.a.name}' is tied to itself; name another line.",
+        )
+        if not self.name:
+            words = [f"{body.name}/{group or 'all'}" for body, group in ((self.a, self.group), (self.b, self.to))]
+            object.__setattr__(self, "name", " tied to ".join(words))
+        if self.group is not None:
+            self.a.mesh.group(self.group)
+        if self.to is not None:
+            self.b.mesh.curve(self.to, f"'{self.name}'")
+
+    def requires(self) -> Iterable[Any]:
+        yield self.a
+        yield self.b
+
+    def terms(self) -> Iterable[Term]:
+        measure = PointMeasure(self._places(), np.zeros((3, 6, 6)), np.hstack([np.eye(3), -np.eye(3)]), np.zeros(3))
+        yield PointConstraint(self.name, measure)
+
+    def _places(self) -> list[tuple[Port, Port]]:
+        """Of this rank's nodes: each, and where it is on the other line."""
+        comm, index_map = self.a.comm, self.a.block.index_map
+        nodes = np.arange(index_map.size_local) if self.group is None else self.a.nodes(self.group)
+        own = np.asarray(nodes[nodes < index_map.size_local], dtype=np.int32)
+        x = _start(self.a)[own]
+        ends, at = self._segments()
+        check(len(ends) > 0, f"'{self.name}': the group '{self.to}' has no edges; name a line of '{self.b.name}'.")
+        count = comm.allreduce(len(own))
+        check(count > 0, f"'{self.name}': the group '{self.group}' has no nodes; name a line of '{self.a.name}'.")
+        which, s, distance = _nearest(x, at)
+        far = comm.allreduce(float(distance.max(initial=0.0)), op=MPI.MAX)
+        check_on_all(
+            comm,
+            far <= COINCIDE,
+            f"'{self.name}': nodes of the first are up to {far:.3g} m away from the second line at the start; let them "
+            "lie on it.",
+        )
+        numbers = index_map.local_to_global(own)
+        return [
+            (Port(self.a, (int(node),)), _between(self.b, ends[i], float(t)))
+            for node, i, t in zip(numbers, which, s, strict=True)
+        ]
+
+    def _segments(self) -> tuple[npt.NDArray[np.int64], Array]:
+        """The second line, on every rank: global nodes (n, 2) of its straight pieces, and their places (n, 2, 3)."""
+        body, space = self.b, self.b.space
+        mesh = space.mesh
+        if mesh.topology.dim == 2:
+            edges = body.mesh.curve(str(self.to), self.name)
+            local = body.mesh.edges.nodes(space, edges[edges < body.mesh.edges.owned])
+        else:
+            own = mesh.topology.index_map(1).size_local
+            cells = np.arange(own) if self.to is None else body.mesh.curve(self.to, self.name)
+            local = space.dofmap.list[cells[cells < own]]
+            local = local if local.shape[1] == 2 else local[:, [0, 2, 1]]
+        pieces = np.concatenate([local[:, k : k + 2] for k in range(local.shape[1] - 1)])
+        numbers = body.block.index_map.local_to_global(pieces.ravel().astype(np.int32)).reshape(-1, 2)
+        parts = body.comm.allgather((numbers, _start(body)[pieces].reshape(-1, 2, 3)))
+        return np.concatenate([n for n, _ in parts]), np.concatenate([x for _, x in parts])
+
+
+def _start(body: Meshed) -> Array:
+    """Positions (n, 3) [m] of all local nodes where the scene starts."""
+    x = fem.Function(body.space)
+    own = coordinates_at_start(body)
+    x.x.array[: len(own)] = own
+    x.x.scatter_forward()
+    positions: Array = x.x.array.reshape(-1, 3)
+    return positions
+
+
+def _nearest(x: Array, segments: Array) -> tuple[npt.NDArray[np.intp], Array, Array]:
+    """Of points (n, 3) the nearest of segments (m, 2, 3), the place on it between 0 and 1, and the distance [m]."""
+    a, d = segments[:, 0], segments[:, 1] - segments[:, 0]
+    square = np.einsum("mc,mc->m", d, d)
+    found, places, distances = np.zeros(len(x), dtype=np.intp), np.zeros(len(x)), np.zeros(len(x))
+    for k, p in enumerate(x):
+        s = np.clip(np.einsum("mc,mc->m", p - a, d) / square, 0, 1)
+        r = np.linalg.norm(a + s[:, None] * d - p, axis=1)
+        i = int(r.argmin())
+        found[k], places[k], distances[k] = i, s[i], r[i]
+    return found, places, distances
+
+
+def _between(body: Meshed, ends: npt.NDArray[np.int64], s: float) -> Port:
+    """The point at s between two nodes; a node, if it is one."""
+    if s < NODE or s > 1 - NODE:
+        return Port(body, (int(ends[0] if s < NODE else ends[1]),))
+    return Port(body, (int(ends[0]), int(ends[1])), (1 - s, s))

@@ -1,0 +1,119 @@
+"""Films and cables that are tied along lines move as one, and keep energy and both momenta."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from meshes.line import line
+from meshes.sheet import sheet
+from meshes.tube import flat_tube
+
+LAW = gx.Linear(E=1e6, nu=0.3, density=1000.0, thickness=1e-3)
+
+
+def strip(comm, name, n=2, *, angle=0.0, order=1, stretch=0.0):
+    """A strip of 0.2 x 0.1 m that hangs on the y axis, turned about it."""
+    c, s = math.cos(angle), math.sin(angle)
+
+    def moved(X):
+        x = (1 + stretch) * X[0]
+        return np.vstack([c * x, X[1], -s * x]) - X
+
+    mesh = sheet(comm, 4, n, 0.2, 0.1)
+    return gx.Membrane(mesh, LAW, name=name, order=order, displacement=moved)
+
+
+def conserved(run, energy=1e-10, momentum=1e-10):
+    first, now = run.first, run.totals
+    assert abs(run.energy_error) < energy
+    size = np.abs(first.angular_momentum).max() + 0.1 * np.abs(first.momentum).max()
+    assert np.abs(now.momentum - first.momentum).max() < momentum * 10 * size
+    assert np.abs(now.angular_momentum - first.angular_momentum).max() < momentum * size
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("order", [1, 2])
+def test_two_halves_move_as_the_whole(comm, order: int) -> None:
+    """A sheet that is cut and tied vibrates and turns as the uncut one does."""
+    whole = gx.Membrane(
+        sheet(comm, 8, 2, 0.4, 0.1),
+        LAW,
+        order=order,
+        displacement=lambda X: np.vstack([0.01 * (X[0] - 0.2), 0 * X[0], 0 * X[0]]),
+    )
+    halves = [
+        gx.Membrane(
+            sheet(comm, 4, 2, 0.2, 0.1),
+            LAW,
+            order=order,
+            name=name,
+            displacement=lambda X, shift=shift: np.vstack([shift + 0.01 * (X[0] + shift - 0.2), 0 * X[0], 0 * X[0]]),
+        )
+        for name, shift in (("left", 0.0), ("right", 0.2))
+    ]
+    spin = gx.RigidMotion(spin=(0.0, 0.0, 3.0), centre=(0.2, 0.05, 0.0))
+    one = gx.Simulation(gx.Scene(whole, spin), gx.Midpoint(dt=1e-3))
+    two = gx.Simulation(gx.Scene(*halves, gx.Tie(halves[0], "right", halves[1], "left"), spin), gx.Midpoint(dt=1e-3))
+    for run in (one, two):
+        run.run(until=5e-3)
+        conserved(run)
+    for group, half in (("top left", halves[0]), ("bottom right", halves[1])):
+        for axis in "xyz":
+            there = gx.Position(half.port(group), axis)(two)
+            assert there == pytest.approx(gx.Position(whole.port(group), axis)(one), abs=1e-8)
+
+
+@pytest.mark.mpi
+def test_three_films_of_different_meshes_on_a_line(comm) -> None:
+    films = [strip(comm, f"film {k}", n, angle=2 * math.pi * k / 3, stretch=0.01) for k, n in enumerate((2, 3, 4))]
+    ties = [gx.Tie(film, "left", films[0], "left") for film in films[1:]]
+    run = gx.Simulation(gx.Scene(*films, *ties, gx.RigidMotion(spin=(1.0, 5.0, 2.0))), gx.Midpoint(dt=1e-3))
+    run.run(until=5e-3)
+    conserved(run)
+    for corner in ("bottom left", "top left"):
+        places = [[gx.Position(film.port(corner), axis)(run) for axis in "xyz"] for film in films]
+        assert np.allclose(places, places[0], atol=1e-9)
+
+
+@pytest.mark.mpi
+def test_a_cable_along_an_edge_and_a_film_on_a_tube(comm) -> None:
+    film = strip(comm, "film")
+    cable = gx.Cable(line(comm, [(0, 0, 0), (0, 0.1, 0)], 4), gx.CableLaw(EA=100.0, line_density=0.1), name="cable")
+    run = gx.Simulation(
+        gx.Scene(film, cable, gx.Tie(cable, None, film, "left"), gx.RigidMotion(spin=(0.0, 0.0, 4.0))),
+        gx.Midpoint(dt=1e-3),
+    )
+    run.run(until=3e-3)
+    conserved(run)
+    end = [gx.Position(cable.port("end"), axis)(run) for axis in "xyz"]
+    assert end == pytest.approx([gx.Position(film.port("top left"), axis)(run) for axis in "xyz"], abs=1e-9)
+
+    width = math.pi * 0.03 / 2
+    tube = gx.Membrane(flat_tube(comm, 0.1, 0.03, 4), LAW, name="tube")
+    sail = gx.Membrane(
+        sheet(comm, 4, 4, 0.1, 0.1),
+        LAW,
+        name="sail",
+        displacement=lambda X: np.vstack([0 * X[0], X[1] * 0 + width / 2, 0 * X[0]]),
+    )
+    gx.Scene(tube, sail, gx.Tie(sail, "bottom", tube, "left")).compile()
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    "act, words",
+    [
+        (lambda a, b: gx.Tie(a, "left", a, "left"), "tied to itself"),
+        (lambda a, b: gx.Tie(a, None, b, "left"), "name a curve of its mesh"),
+        (lambda a, b: gx.Tie(a, "left", b, "film"), "has dimension 2; name curves"),
+        (lambda a, b: gx.Tie(gx.PointMass(1.0), "left", b, "left"), "a is|no film or cable"),
+        (lambda a, b: gx.Scene(gx.Tie(a, "right", b, "left")).compile(), "up to 0.2 m away"),
+    ],
+)
+def test_what_cannot_be_tied_is_refused(comm, act, words: str) -> None:
+    with pytest.raises(gx.InputError, match=words):
+        act(strip(comm, "a"), strip(comm, "b"))
