@@ -143,6 +143,7 @@ if TYPE_CHECKING:
     from gossamer_fx.plotting.report import write_report as write_report
     from gossamer_fx.plotting.run_reader import Playback as Playback
     from gossamer_fx.plotting.run_reader import RunReader as RunReader
+    from gossamer_fx.plotting.viewpoint import View as View
     from gossamer_fx.reduction.reduce import reduce as reduce
     from gossamer_fx.run.checkpoint import Checkpoints as Checkpoints
     from gossamer_fx.run.checkpoint import latest as latest
@@ -212,6 +213,7 @@ _HOME = {
     "plotting.picture": ["Picture"],
     "plotting.run_reader": ["Playback", "RunReader"],
     "plotting.plot": ["animate", "plot_curves", "plot_field", "plot_strip"],
+    "plotting.viewpoint": ["View"],
     "plotting.report": ["write_report"],
     "orbit.elements": ["Elements"],
     "orbit.drag": ["Drag", "ExponentialAtmosphere"],

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import math
 import os
 import sys
 import traceback
@@ -105,6 +106,10 @@ def _parser() -> argparse.ArgumentParser:
     plot.add_argument("-s", "--strip", type=_positive, metavar="N", help="at N times, evenly spread")
     plot.add_argument("-a", "--animate", choices=("gif", "mp4"), help="an animation")
     plot.add_argument("-c", "--curves", action="store_true", help="ledger, gas and probes over the time")
+    plot.add_argument("--azimuth", type=float, metavar="DEGREES", help="of the camera; 0 looks along y")
+    plot.add_argument("--elevation", type=float, metavar="DEGREES", help="of the camera above the horizon")
+    plot.add_argument("--follow", action="store_true", help="the camera moves with the shapes")
+    plot.add_argument("--zoom", action="store_true", help="each picture as large as its frame allows")
     plot.add_argument("-o", "--output", type=Path, help="file; default: in the folder of the run")
     plot.set_defaults(command=_plot)
 
@@ -270,6 +275,7 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     from gossamer_fx.checks.errors import check
     from gossamer_fx.plotting.plot import animate, default_field, plot_curves, plot_field, plot_strip
     from gossamer_fx.plotting.run_reader import RunReader
+    from gossamer_fx.plotting.viewpoint import View
 
     run, folder = RunReader(wanted.run), wanted.run
     chosen = [w for w in ("time", "strip", "animate", "curves") if getattr(wanted, w)]
@@ -278,14 +284,16 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         f"--{' and --'.join(chosen)} are several pictures; give one of them at a time.",
     )
     check(bool(chosen) or wanted.output is None, "--output names one file; say which picture with --strip, --time, ...")
+    angles = (None if a is None else math.radians(a) for a in (wanted.azimuth, wanted.elevation))
+    view = View(*angles, follow=wanted.follow or None, zoom=wanted.zoom)
     field: str = wanted.field or ("" if chosen == ["curves"] else default_field(run))
     output: Path | None = wanted.output
     if not chosen or wanted.strip:
-        _told(output or folder / f"{field}.png", lambda path: plot_strip(run, field, path, wanted.strip or 6))
+        _told(output or folder / f"{field}.png", lambda path: plot_strip(run, field, path, wanted.strip or 6, view))
     if wanted.time:
-        _told(output or folder / f"{field}_at.png", lambda path: plot_field(run, field, wanted.time, path))
+        _told(output or folder / f"{field}_at.png", lambda path: plot_field(run, field, wanted.time, path, view))
     if wanted.animate:
-        _told(output or folder / f"{field}.{wanted.animate}", lambda path: animate(run, field, path))
+        _told(output or folder / f"{field}.{wanted.animate}", lambda path: animate(run, field, path, view=view))
     if not chosen or wanted.curves:
         _told(output or folder / "curves.png", lambda path: plot_curves(run, path))
 

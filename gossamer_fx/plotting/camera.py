@@ -13,6 +13,7 @@ from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
 from gossamer_fx.model.terms import Array
 from gossamer_fx.plotting.rasterise import Canvas
 from gossamer_fx.plotting.view import Shape, unit
+from gossamer_fx.plotting.viewpoint import LARGEST_ZOOM, View
 
 # blue, orange, light grey: told apart with any colour vision, and in print by their brightness
 STATE_COLOURS = {SLACK: (0.18, 0.49, 0.75), WRINKLED: (0.96, 0.65, 0.14), TAUT: (0.87, 0.88, 0.89)}
@@ -30,22 +31,24 @@ _OUTLINE, _OUTLINE_STRENGTH = 6.0, 0.55  # depth [pixels] of a step that is outl
 class Camera:
     """Axonometric camera: `axes` (3, 3) are the unit vectors to the right, up and towards the eye; boxes in metres.
 
-    The picture of each shape shows `size` (width, height) around its place in `centres`, with depths in `depth`.
+    The picture of each shape shows `size` (width, height) around its place in `centres`, with depths in `depth`, but
+    the part of it that is one over its number in `zooms`.
     """
 
     axes: Array
     size: tuple[float, float]
     centres: list[tuple[float, float]]
     depth: tuple[float, float]
+    zooms: list[float]
 
 
-def aim(comm: MPI.Intracomm, shapes: Sequence[Shape]) -> Camera:
-    """A camera for all shapes, at one scale.
+def aim(comm: MPI.Intracomm, shapes: Sequence[Shape], view: View = View()) -> Camera:  # noqa: B008 (frozen)
+    """A camera for all shapes, at one scale unless the view zooms.
 
     z is up.  The longest horizontal axis of the shapes runs to the right, turned by 25°; a flat shape is seen from
     higher above (38°) than a tall one (18°).  The camera stands still unless the shapes travel far.
     """
-    axes = _axes(_spread(comm, shapes))
+    axes = _axes(_spread(comm, shapes), view)
     low, high = np.full((len(shapes), 3), np.inf), np.full((len(shapes), 3), -np.inf)
     for i, shape in enumerate(shapes):
         seen = shape.points @ axes.T
@@ -54,17 +57,26 @@ def aim(comm: MPI.Intracomm, shapes: Sequence[Shape]) -> Camera:
     comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
     size, whole = (high - low).max(axis=0), high.max(axis=0) - low.min(axis=0)
     centres = (high + low)[:, :2] / 2
-    if (whole[:2] <= 1.6 * size[:2].max()).all():
+    follows = view.zoom or view.follow or (view.follow is None and (whole[:2] > 1.6 * size[:2].max()).any())
+    if not follows:
         size, centres = whole, np.broadcast_to((high.max(axis=0) + low.min(axis=0))[:2] / 2, centres.shape)
     largest = float(size[:2].max()) or 1.0
     margin = 0.02 * largest
     width, height = (max(float(s), 0.2 * largest) + margin for s in size[:2])
+    own = np.maximum(high - low, 1e-9 * largest)[:, :2] + margin
+    zooms = np.minimum((np.array([width, height]) / own).min(axis=1), LARGEST_ZOOM) if view.zoom else np.ones(len(low))
     return Camera(
         axes,
         (width, height),
         [(float(x), float(y)) for x, y in centres],
         (-float(high[:, 2].max()) - margin, -float(low[:, 2].min()) + margin),
+        [float(z) for z in zooms],
     )
+
+
+def enlarged(zoom: float) -> str:
+    """Words for a caption, where a picture is larger than the scale says."""
+    return f", {zoom:.2g} times larger" if zoom > 1.05 else ""
 
 
 def _spread(comm: MPI.Intracomm, shapes: Sequence[Shape]) -> Array:
@@ -79,15 +91,17 @@ def _spread(comm: MPI.Intracomm, shapes: Sequence[Shape]) -> Array:
     return spread
 
 
-def _axes(spread: Array) -> Array:
+def _axes(spread: Array, view: View) -> Array:
     """Right, up and towards the eye."""
     plane = spread[:2, :2] + np.diag([2e-3, 0.0]) * np.trace(spread)  # of equal axes, x is the longer
     squares, vectors = np.linalg.eigh(plane)
     first, second = vectors[:, 1]
     long = vectors[:, 1] * np.sign(first if abs(first) > abs(second) else second)
     deep, tall = np.sqrt(max(squares[0], 0.0)), np.sqrt(max(spread[2, 2], 0.0))
-    azimuth = np.arctan2(long[1], long[0]) - np.radians(25)
-    elevation = np.radians(18 + 20 * deep / max(deep + tall, 1e-300))
+    chosen = np.arctan2(long[1], long[0]) - np.radians(25), np.radians(18 + 20 * deep / max(deep + tall, 1e-300))
+    azimuth, elevation = (
+        own if given is None else given for given, own in zip((view.azimuth, view.elevation), chosen, strict=True)
+    )
     right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     eye = np.array([np.sin(azimuth) * np.cos(elevation), -np.cos(azimuth) * np.cos(elevation), np.sin(elevation)])
     return np.array([right, np.cross(eye, right), eye])
@@ -99,9 +113,10 @@ def render(comm: MPI.Intracomm, camera: Camera, shapes: Iterable[Shape], scale: 
     Triangles of kind k have the colour colours[k] (red, green, blue in [0, 1]).
     """
     width, height = (round(s * scale) * _SUPERSAMPLES for s in camera.size)
-    fine, n = scale * _SUPERSAMPLES, _SUPERSAMPLES
+    n = _SUPERSAMPLES
     palette, images = _palette(colours), []
-    for shape, (x, y) in zip(shapes, camera.centres, strict=True):
+    for shape, (x, y), zoom in zip(shapes, camera.centres, camera.zooms, strict=True):
+        fine = scale * n * zoom
         to_pixels = _Projection(camera.axes, fine, np.array([width / 2 - x * fine, height / 2 + y * fine, 0.0]))
         canvas = Canvas(height, width, camera.depth[0] * fine, camera.depth[1] * fine)
         corners = to_pixels(shape.corners)

@@ -11,10 +11,11 @@ from gossamer_fx.outputs.fields import STATES, AreaFractions
 from gossamer_fx.outputs.output import make_parent
 from gossamer_fx.outputs.run import Run
 from gossamer_fx.outputs.schedule import Schedule
-from gossamer_fx.plotting.camera import BY_STATE, STATE_COLOURS, aim, render
+from gossamer_fx.plotting.camera import BY_STATE, STATE_COLOURS, aim, enlarged, render
 from gossamer_fx.plotting.curves import Snapshot, observe, panels, scaled
 from gossamer_fx.plotting.page import DPI, arrange, write
 from gossamer_fx.plotting.view import Renderer, Shape
+from gossamer_fx.plotting.viewpoint import View
 
 MOST_SHAPES = 24
 
@@ -29,13 +30,16 @@ class Picture:
         times: when the films are drawn [s]; if none are given, at the start and the end.  If the run stops early, its
             last state is added.
         title: a line on top.
+        view: from where the films are seen; default as `View` chooses it.
 
     Raises:
         InputError: too many times, a folder that cannot be written.
     """
 
-    def __init__(self, path: str | Path, times: Sequence[float] = (), title: str = "") -> None:
-        self.path, self.title = Path(path), title
+    def __init__(
+        self, path: str | Path, times: Sequence[float] = (), title: str = "", view: View | None = None
+    ) -> None:
+        self.path, self.title, self.view = Path(path), title, view or View()
         self.schedule = Schedule(times=tuple(times))
         check(self.path.suffix == ".png", f"Picture cannot write '{path}'; give a name that ends in .png.")
         check(
@@ -75,14 +79,19 @@ class Picture:
             self._look()
         factor, prefix = scaled(max(m.time for m in self._moments))
         images, metre, grid = [], 1.0, arrange(1, 1.0)
+        zooms: list[float] = []
         if self._shapes:
-            camera = aim(run.comm, self._shapes)
+            camera = aim(run.comm, self._shapes, self.view)
+            zooms = camera.zooms
             grid = arrange(len(self._shapes), camera.size[0] / camera.size[1])
             metre = grid.width / camera.size[0]
             images = render(run.comm, camera, self._shapes, metre * DPI, BY_STATE)
         if run.comm.rank == 0:
             states = ("taut", "wrinkled", "slack") if self._fractions else ()
-            captions = [f"t = {shape.time / factor:.4g} {prefix}s" for shape in self._shapes]
+            captions = [
+                f"t = {shape.time / factor:.4g} {prefix}s{enlarged(zoom)}"
+                for shape, zoom in zip(self._shapes, zooms, strict=True)
+            ]
             write(
                 self.path,
                 self.title,

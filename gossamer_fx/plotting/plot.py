@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +15,14 @@ from mpi4py import MPI
 from gossamer_fx.checks.errors import InputError, OutputFailure, check
 from gossamer_fx.model.terms import Array
 from gossamer_fx.outputs.fields import STATES
-from gossamer_fx.plotting.camera import BY_STATE, STATE_COLOURS, Camera, aim, render
+from gossamer_fx.plotting.camera import BY_STATE, STATE_COLOURS, Camera, aim, enlarged, render
 from gossamer_fx.plotting.colours import NAMES, Scale, scale
 from gossamer_fx.plotting.curves import scaled
 from gossamer_fx.plotting.page import DPI, arrange, write
 from gossamer_fx.plotting.run_curves import run_curves
 from gossamer_fx.plotting.run_reader import RunReader
 from gossamer_fx.plotting.view import Integers, Shape
+from gossamer_fx.plotting.viewpoint import View
 
 ALONE = MPI.COMM_SELF
 _SAMPLES = 24  # frames that decide on scale and camera
@@ -51,8 +52,15 @@ def default_field(run: RunReader) -> str:
     return "state" if "state" in known else known[0]
 
 
-def plot_field(run: RunReader, field: str, times: Sequence[float], path: str | Path) -> None:
-    """PNG of a field at some times, at one scale and from one place.
+def plot_field(run: RunReader, field: str, times: Sequence[float], path: str | Path, view: View | None = None) -> None:
+    """PNG of a field at some times, at one scale of colours.
+
+    Args:
+        run: what was recorded.
+        field: name of a recorded field, or "state".
+        times: [s].
+        path: `.png`.
+        view: from where; default: one that is chosen for all times, and one scale.
 
     Raises:
         InputError: an unknown field, a time outside the run.
@@ -60,24 +68,27 @@ def plot_field(run: RunReader, field: str, times: Sequence[float], path: str | P
     frames = [run.frame(t) for t in times]
     colours = colouring(run, field)
     shapes = [run.shape(k, field, colours.kinds) for k in frames]
-    camera = aim(ALONE, shapes)
+    camera = aim(ALONE, shapes, view or View())
     grid = arrange(len(shapes), camera.size[0] / camera.size[1])
     metre = grid.width / camera.size[0]
     images = render(ALONE, camera, shapes, metre * DPI, colours.table)
     factor, prefix = scaled(float(run.times[-1]))
-    captions = [f"t = {shape.time / factor:.4g} {prefix}s" for shape in shapes]
+    captions = [
+        f"t = {shape.time / factor:.4g} {prefix}s{enlarged(zoom)}"
+        for shape, zoom in zip(shapes, camera.zooms, strict=True)
+    ]
     title = f"{run.title}: {NAMES[field].lower()}" if field in NAMES else run.title
     write(
         file_to_write(path), title, list(zip(captions, images, strict=True)), grid, metre, colours.key, [], (0, 1, "")
     )
 
 
-def plot_strip(run: RunReader, field: str, path: str | Path, count: int = 6) -> None:
-    """PNG of a field at `count` times, evenly spread over the run."""
+def plot_strip(run: RunReader, field: str, path: str | Path, count: int = 6, view: View | None = None) -> None:
+    """PNG of a field at `count` times, evenly spread over the run; `view` as of `plot_field`."""
     check(count >= 1, f"The number of pictures is {count!r}; give one or more.")
     frames = np.unique(np.rint(np.linspace(0, len(run.times) - 1, count)).astype(int))
     run.frame(run.times[0] if len(run.times) else 0.0)
-    plot_field(run, field, run.times[frames].tolist(), path)
+    plot_field(run, field, run.times[frames].tolist(), path, view)
 
 
 def plot_curves(run: RunReader, path: str | Path) -> None:
@@ -87,8 +98,16 @@ def plot_curves(run: RunReader, path: str | Path) -> None:
     write(file_to_write(path), run.title, [], arrange(1, 1.0), 1.0, {}, panels, (*times, unit))
 
 
-def animate(run: RunReader, field: str, path: str | Path, seconds: float = 6.0) -> None:
+def animate(run: RunReader, field: str, path: str | Path, seconds: float = 6.0, view: View | None = None) -> None:
     """GIF, or MP4 if `ffmpeg` is at hand, of a field over the run.
+
+    Args:
+        run: what was recorded.
+        field: as of `plot_field`.
+        path: `.gif` or `.mp4`.
+        seconds: length of the animation.
+        view: from where; `follow` keeps the shape in the middle, `zoom` is not for animations.  Default: a camera that
+            stands still and sees the whole run.
 
     Raises:
         InputError: a name that ends in neither, no ffmpeg, an unknown field.
@@ -105,8 +124,9 @@ def animate(run: RunReader, field: str, path: str | Path, seconds: float = 6.0) 
     evenly = np.linspace(run.times[0], run.times[-1], count)
     frames = np.unique([run.frame(t) for t in evenly])
     colours = colouring(run, field)
-    camera = _camera(run, field, colours)
-    images = _frames(run, field, colours, camera, frames)
+    view = replace(view or View(), zoom=False)
+    camera = _camera(run, field, colours, view)
+    images = _frames(run, field, colours, camera, frames, bool(view.follow))
     if path.suffix == ".gif":
         _gif(path, images, seconds / len(frames))
     else:
@@ -136,17 +156,22 @@ def _sampled(run: RunReader) -> list[int]:
     return sorted({round(k) for k in np.linspace(0, last, min(_SAMPLES, last + 1))})
 
 
-def _camera(run: RunReader, field: str, colours: Colouring) -> Camera:
-    """One that sees the whole run and stands still."""
+def _camera(run: RunReader, field: str, colours: Colouring, view: View) -> Camera:
+    """One that sees the whole run and stands still, or one for the largest shape."""
     shapes = [run.shape(k, field, colours.kinds) for k in _sampled(run)]
+    if view.follow:
+        every = aim(ALONE, shapes, view)
+        return replace(every, centres=every.centres[:1], zooms=[1.0])
     points = np.concatenate([shape.points for shape in shapes])
     everything = Shape(
         0.0, np.zeros((0, 3, 3)), np.zeros((0, 3, 3)), np.zeros(0, np.int64), np.zeros((0, 2, 3)), points
     )
-    return aim(ALONE, [everything])
+    return aim(ALONE, [everything], view)
 
 
-def _frames(run: RunReader, field: str, colours: Colouring, camera: Camera, frames: Integers) -> Iterator[np.ndarray]:
+def _frames(
+    run: RunReader, field: str, colours: Colouring, camera: Camera, frames: Integers, follow: bool
+) -> Iterator[np.ndarray]:
     """Images (height, width, 3) of bytes: the page around is laid out once, then picture and time are put into it."""
     from io import BytesIO
 
@@ -167,6 +192,10 @@ def _frames(run: RunReader, field: str, colours: Colouring, camera: Camera, fram
     font = ImageFont.truetype(f"{get_data_path()}/fonts/ttf/DejaVuSans.ttf", round(0.13 * dots))
     for k in frames:
         shape = run.shape(int(k), field, colours.kinds)
+        if follow:
+            seen = shape.points @ camera.axes[:2].T
+            middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
+            camera = replace(camera, centres=[(float(middle[0]), float(middle[1]))])
         [image] = render(ALONE, camera, [shape], metre * dots, colours.table)
         whole = page.copy()
         whole.paste(Image.fromarray(np.rint(255 * image).astype(np.uint8)), corner)

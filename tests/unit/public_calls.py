@@ -207,6 +207,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "TorsionDamper": {**hinge, "coefficient": 1.0},
         "TorsionSpring": {**hinge, "stiffness": 1.0, "rest": 0.0},
         "VTX": {"path": folder / "a.bp", "fields": ("displacement",), "every": 1, "times": (0.1,)},
+        "View": {"azimuth": 0.5, "elevation": 0.3, "follow": True, "zoom": False},
         "Velocity": {"port": P, "axis": "x"},
         "WallHeat": {"chamber": tank, "conductance": 1.0, "temperature": 300.0},
         "When": {"probe": lambda run: 0.0, "value": 1.0, "tolerance": 1e-9},

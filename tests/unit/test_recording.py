@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import shutil
 from pathlib import Path
@@ -117,6 +118,33 @@ def test_pictures_and_animation(recorded: Path, tmp_path: Path) -> None:
     if shutil.which("ffmpeg"):
         gx.animate(run, "state", tmp_path / "run.mp4")
         assert (tmp_path / "run.mp4").stat().st_size > 1000
+
+
+def test_pictures_from_a_chosen_place(recorded: Path, tmp_path: Path) -> None:
+    """From above a flat scene is as deep as it is; each picture may fill its frame; a camera may follow."""
+    from PIL import Image
+
+    from gossamer_fx.plotting.camera import aim
+    from gossamer_fx.plotting.view import Shape
+
+    run = gx.RunReader(recorded)
+    none = np.zeros((0, 3, 3))
+
+    def square(size: float, x: float) -> Shape:
+        corners = np.array([[x, 0, 0], [x + size, 0, 0], [x + size, size, 0], [x, size, 0]], dtype=float)
+        return Shape(0.0, none, none, np.zeros(0, np.int64), np.zeros((0, 2, 3)), corners)
+
+    shapes = [square(1.0, 0.0), square(0.1, 5.0)]
+    above = aim(MPI.COMM_SELF, shapes, gx.View(azimuth=0.0, elevation=math.pi / 2, follow=False))
+    assert above.size == pytest.approx((5.1 * 1.02, 0.2 * 5.1 + 0.02 * 5.1))
+    assert above.axes == pytest.approx(np.eye(3), abs=1e-12) and above.zooms == [1.0, 1.0]
+    each = aim(MPI.COMM_SELF, shapes, gx.View(azimuth=0.0, elevation=math.pi / 2, zoom=True))
+    assert each.size == pytest.approx((1.02, 1.02)) and each.zooms == pytest.approx([1.0, 1.02 / 0.12])
+    assert each.centres[1] == pytest.approx((5.05, 0.05))
+    gx.plot_strip(run, "state", tmp_path / "strip.png", 3, gx.View(elevation=0.5, zoom=True))
+    gx.animate(run, "state", tmp_path / "run.gif", seconds=0.2, view=gx.View(azimuth=1.0, follow=True))
+    with Image.open(tmp_path / "run.gif") as image:
+        assert image.n_frames >= 2
 
 
 def test_the_report_needs_nothing_else(recorded: Path, tmp_path: Path) -> None:
