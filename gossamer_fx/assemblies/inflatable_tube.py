@@ -14,6 +14,7 @@ from gossamer_fx.gas.volumes import Ambient, Chamber, Reservoir, Tank
 from gossamer_fx.interactions.fixed import Fixed
 from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.mesh.mesh import Mesh
+from gossamer_fx.model.terms import Term
 
 if TYPE_CHECKING:
     from gossamer_fx.contact.contact import Contact
@@ -145,6 +146,9 @@ class InflatableTube:
             discharge_coefficient=self._discharge,
             name=f"{self.name} vent",
         )
+
+    def terms(self) -> Iterable[Term]:
+        return ()  # its parts have all of them
 
     def requires(self) -> Iterable[Any]:
         yield from (self.film, *self.chambers, *self.passages)
