@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from gossamer_fx.analyses.modes import Mode as Mode
     from gossamer_fx.analyses.modes import modes as modes
     from gossamer_fx.assemblies.inflatable_tube import InflatableTube as InflatableTube
+    from gossamer_fx.assemblies.lidded_box import LiddedBox as LiddedBox
     from gossamer_fx.bodies.beam import Beam as Beam
     from gossamer_fx.bodies.cable import Cable as Cable
     from gossamer_fx.bodies.cable import CableLaw as CableLaw
@@ -171,6 +172,7 @@ _HOME = {
     "bodies.rigid_body": ["RigidBody"],
     "bodies.sections": ["Section", "rectangle", "solid_circle", "tube"],
     "assemblies.inflatable_tube": ["InflatableTube"],
+    "assemblies.lidded_box": ["LiddedBox"],
     "cli.case": ["Case"],
     "control.attitude": ["AttitudeControl", "patch"],
     "terms.discrete_gradient": ["EndPoint", "PathAverage"],

@@ -1,0 +1,131 @@
+"""Boxes with a lid that springs open: what folded films are stowed in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gossamer_fx.bodies.frames import ground_frame
+from gossamer_fx.bodies.rigid_body import RigidBody
+from gossamer_fx.checks.errors import check
+from gossamer_fx.interactions.joint import RevoluteJoint
+from gossamer_fx.interactions.spring import Rope
+from gossamer_fx.interactions.torsion import TorsionDamper, TorsionSpring
+from gossamer_fx.loads.force import Torque
+from gossamer_fx.model.terms import Array, Ground, Term, Vector
+
+if TYPE_CHECKING:
+    from gossamer_fx.contact.obstacles import Box
+
+
+class LiddedBox:
+    """A box that is open at the top, +z, and a lid on a hinge that a latch holds shut until it lets go.
+
+    The hinge is along y at the edge -x of the opening; a spring turns the lid about it, by φ(t) = φr (1 - cos ωt) if
+    there is nothing else, ω² = k/I with the lid's moment of inertia about the hinge.  The stop is a cord from rim to
+    lid, tight at the largest angle.  The latch bears the spring's moment, and does no work.  The box stands still.
+
+    Parts: `lid` (a body), `hinge`, `spring`, `damper`, `latch`, `stop`; `obstacles` are walls and lid for a `Contact`.
+
+    Args:
+        sizes: lengths of the room within along x, y, z [m].
+        centre: of the room [m].
+        wall: thickness of walls and lid [m].
+        mass: of the lid [kg], spread evenly.
+        stiffness: k of the spring [N m/rad].
+        rest: φr, angle of the lid at which the spring is at rest [rad].
+        release: when the latch lets go [s].
+        damping: of the hinge [N m s/rad].
+        largest: angle at the stop [rad]; None: no stop.
+        cord: stiffness of the stop's cord [N/m].
+        name: name in messages and output; parts have names that begin with it.
+
+    Raises:
+        InputError: sizes, mass or stiffness that are not positive, angles that are not between 0 and π.
+    """
+
+    def __init__(
+        self,
+        sizes: Vector,
+        centre: Vector = (0.0, 0.0, 0.0),
+        *,
+        wall: float = 2e-3,
+        mass: float = 0.1,
+        stiffness: float = 0.1,
+        rest: float = 2.5,
+        release: float = 0.0,
+        damping: float = 0.0,
+        largest: float | None = 2.0,
+        cord: float = 1e4,
+        name: str = "box",
+    ) -> None:
+        self.name, self._wall = name, wall
+        self._half: Array = np.asarray(sizes, dtype=float) / 2
+        self._centre: Array = np.asarray(centre, dtype=float)
+        good = self._half.shape == (3,) and bool(np.isfinite(self._half).all() and (self._half > 0).all())
+        check(good, f"LiddedBox '{name}': sizes are {sizes!r} m; give three positive numbers.")
+        good = self._centre.shape == (3,) and bool(np.isfinite(self._centre).all())
+        check(good, f"LiddedBox '{name}': centre is {centre!r} m; give three finite numbers.")
+        for what, value, unit in (("wall", wall, "m"), ("mass", mass, "kg"), ("stiffness", stiffness, "N m/rad")):
+            check(
+                math.isfinite(value) and value > 0,
+                f"LiddedBox '{name}': {what} is {value!r} {unit}; give a positive number.",
+            )
+        for what, angle in (("rest", rest), ("largest", rest if largest is None else largest)):
+            check(0 < angle < math.pi, f"LiddedBox '{name}': {what} is {angle!r} rad; give an angle between 0 and π.")
+        check(
+            math.isfinite(release) and release >= 0,
+            f"LiddedBox '{name}': release is {release!r} s; give zero or a later time.",
+        )
+        check(
+            math.isfinite(damping) and damping >= 0,
+            f"LiddedBox '{name}': damping is {damping!r} N m s/rad; give zero or a positive number.",
+        )
+        x, y, _ = 2 * self._half
+        top = self._centre + np.array([0.0, 0.0, self._half[2] + wall / 2])
+        inertia = mass / 12 * np.array([y**2 + wall**2, x**2 + wall**2, x**2 + y**2])
+        self.lid = RigidBody(mass, tuple(inertia.tolist()), tuple(top.tolist()), name=f"{name} lid")
+        edge = tuple((top - np.array([self._half[0], 0.0, 0.0])).tolist())
+        sides = ground_frame(edge), self.lid.frame_at(edge)
+        axis = (0.0, -1.0, 0.0)
+        self.hinge = RevoluteJoint(*sides, axis=axis, name=f"{name} hinge")
+        self.spring = TorsionSpring(*sides, axis, stiffness, rest, name=f"{name} spring")
+        self.damper = TorsionDamper(*sides, axis, damping, name=f"{name} damper") if damping else None
+        moment = stiffness * rest
+        self.latch = Torque(
+            self.lid.frame(),
+            lambda t: (0.0, moment if t < release else 0.0, 0.0),
+            name=f"{name} latch",
+        )
+        self.stop = self._cord(top, 2 * x * math.sin(largest / 2), cord) if largest is not None else None
+
+    def _cord(self, top: Array, length: float, stiffness: float) -> Rope:
+        """From the rim opposite of the hinge to the end of the lid."""
+        end = top + np.array([self._half[0], 0.0, 0.0])
+        rim = Ground((float(end[0]), float(end[1]), float(end[2])))
+        return Rope(self.lid.port_at(end.tolist()), rim, length, stiffness, name=f"{self.name} stop")
+
+    @property
+    def obstacles(self) -> tuple[Box, ...]:
+        """Four walls and the floor, which stand still, and the lid."""
+        from gossamer_fx.contact.obstacles import Box
+
+        t, half, slabs = self._wall, self._half, []
+        for axis, sign in ((0, -1), (0, 1), (1, -1), (1, 1), (2, -1)):
+            at, sizes = self._centre.copy(), 2 * half + 2 * t * (np.arange(3) != 2)
+            at[axis] += sign * (half[axis] + t / 2)
+            sizes[axis] = t
+            slabs.append(Box(centre=at.tolist(), sizes=sizes.tolist(), name=f"{self.name} wall {len(slabs) + 1}"))
+        above = self._centre + np.array([0.0, 0.0, half[2] + t / 2])
+        room = [*(2 * half[:2]).tolist(), t]
+        return (*slabs, Box(centre=above.tolist(), sizes=room, on=self.lid, name=f"{self.name} cover"))
+
+    def terms(self) -> Iterable[Term]:
+        return ()  # its parts have all of them
+
+    def requires(self) -> Iterable[Any]:
+        yield from (self.lid, self.hinge, self.spring, self.latch)
+        yield from (part for part in (self.damper, self.stop) if part is not None)

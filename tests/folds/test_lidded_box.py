@@ -1,0 +1,98 @@
+"""The lid of a box: held by its latch, opened by its spring as the closed form says, held up by its stop."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from meshes.sheet import sheet
+
+SIZES = (0.1, 0.08, 0.05)
+INERTIA = 0.1 / 12 * (0.1**2 + 2e-3**2) + 0.1 * 0.05**2  # of the lid about its hinge
+
+
+class Angle:
+    """How far the lid has turned [rad]."""
+
+    def __init__(self, box: gx.LiddedBox) -> None:
+        end = [0.05, 0.0, 0.026]
+        self._ends = [
+            (gx.Position(box.lid.port_at(end), a), gx.Position(box.lid.port_at([-0.05, 0, 0.026]), a)) for a in "xz"
+        ]
+
+    def __call__(self, run: gx.Simulation) -> float:
+        x, z = (end(run) - hinge(run) for end, hinge in self._ends)
+        return math.atan2(z, x)
+
+
+@pytest.mark.mpi
+def test_the_spring_opens_the_lid_as_the_closed_form_says(comm) -> None:
+    box = gx.LiddedBox(SIZES, release=0.01, largest=None, rest=2.0, stiffness=0.1)
+    series = gx.Series({"angle": Angle(box)})
+    run = gx.Simulation(gx.Scene(box), gx.Midpoint(dt=5e-4), [series])
+    run.run(until=0.08)
+    held = series.time <= 0.01 + 1e-9
+    assert np.abs(series["angle"][held]).max() < 1e-9
+    ω = math.sqrt(0.1 / INERTIA)
+    exact = 2.0 * (1 - np.cos(ω * np.clip(series.time - 0.01, 0, None)))
+    assert ω * 0.07 > 1.0
+    assert series["angle"] == pytest.approx(exact, abs=2e-3)
+    assert abs(run.energy_error) < 1e-11
+
+
+@pytest.mark.mpi
+def test_the_stop_turns_the_lid_back_and_the_damper_takes_energy(comm) -> None:
+    box = gx.LiddedBox(SIZES, largest=1.5, rest=2.5, stiffness=0.2, damping=2e-3, cord=1e5)
+    series = gx.Series({"angle": Angle(box)})
+    run = gx.Simulation(gx.Scene(box), gx.Midpoint(dt=4e-4), [series])
+    run.run(until=0.06)
+    assert 1.5 < series["angle"].max() < 1.55
+    assert series["angle"][-1] < 1.4
+    assert run.totals.dissipated > 0.01 * 0.5 * 0.2 * 2.5**2
+    assert abs(run.energy_error) < 1e-9
+
+
+def test_walls_leave_the_room_free_and_the_lid_covers_it() -> None:
+    box = gx.LiddedBox(SIZES, (0.0, 0.0, 1.0))
+    walls = box.obstacles
+    assert len(walls) == 6 and walls[-1].on is box.lid
+    for wall in walls:
+        gap = np.abs(np.asarray(wall.centre) - [0, 0, 1]) - np.asarray(wall.sizes) / 2 - np.asarray(SIZES) / 2
+        assert gap.max() == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.mpi
+def test_a_film_in_the_box_touches_it(comm) -> None:
+    """A sheet that flies upwards in the box strikes the lid and turns it."""
+    law = gx.Miyazaki(E=1e8, nu=0.3, density=1400.0, thickness=1e-4, residual=1e-4)
+    film = gx.Membrane(
+        sheet(comm, 2, 2, 0.06, 0.06),
+        law,
+        displacement=lambda X: np.array([[-0.03], [-0.03], [0.022]]) + 0 * X,
+        velocity=lambda X: np.array([[0.0], [0.0], [2.0]]) + 0 * X,
+    )
+    box = gx.LiddedBox(SIZES, mass=1e-3, stiffness=1e-4, rest=1.0)
+    contact = gx.Contact(film, *box.obstacles, distance=1e-3)
+    angle = Angle(box)
+    run = gx.Simulation(gx.Scene(film, box, contact), gx.Midpoint(dt=1e-4))
+    run.run(until=3e-3 if comm.size == 1 else 5e-4)
+    assert gx.Penetrations(contact)(run) == 0
+    assert abs(run.energy_error) < 1e-9
+    assert comm.size > 1 or angle(run) > 0.005
+
+
+@pytest.mark.parametrize(
+    "options, words",
+    [
+        ({"rest": 4.0}, "rest is 4.0 rad; give an angle between 0 and π"),
+        ({"sizes": (0.1, 0.0, 0.1)}, "three positive numbers"),
+        ({"mass": -1.0}, "mass is -1.0 kg"),
+        ({"release": -1.0}, "zero or a later time"),
+    ],
+)
+def test_what_cannot_be_is_refused(options, words: str) -> None:
+    with pytest.raises(gx.InputError, match=words):
+        gx.LiddedBox(**{"sizes": SIZES} | options)
