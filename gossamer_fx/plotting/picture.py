@@ -7,6 +7,7 @@ from pathlib import Path
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
+from gossamer_fx.model.terms import Vector
 from gossamer_fx.outputs.fields import STATES, AreaFractions
 from gossamer_fx.outputs.output import make_parent
 from gossamer_fx.outputs.run import Run
@@ -14,6 +15,7 @@ from gossamer_fx.outputs.schedule import Schedule
 from gossamer_fx.plotting.camera import BY_STATE, STATE_COLOURS, aim, enlarged, render
 from gossamer_fx.plotting.curves import Snapshot, observe, panels, scaled
 from gossamer_fx.plotting.page import DPI, arrange, write
+from gossamer_fx.plotting.section import Cut, Section, check_section, draw, window
 from gossamer_fx.plotting.view import Renderer, Shape
 from gossamer_fx.plotting.viewpoint import View
 
@@ -31,13 +33,20 @@ class Picture:
             last state is added.
         title: a line on top.
         view: from where the films are seen; default as `View` chooses it.
+        section: a point [m] and a normal: instead of the films, the lines in which this plane cuts them are drawn, in
+            the colours of the films and their groups, or of the layers of a film that has none.
 
     Raises:
-        InputError: too many times, a folder that cannot be written.
+        InputError: too many times, a section without a normal, a folder that cannot be written.
     """
 
     def __init__(
-        self, path: str | Path, times: Sequence[float] = (), title: str = "", view: View | None = None
+        self,
+        path: str | Path,
+        times: Sequence[float] = (),
+        title: str = "",
+        view: View | None = None,
+        section: tuple[Vector, Vector] | None = None,
     ) -> None:
         self.path, self.title, self.view = Path(path), title, view or View()
         self.schedule = Schedule(times=tuple(times))
@@ -46,6 +55,9 @@ class Picture:
             len(self.times) <= MOST_SHAPES,
             f"Picture '{path}' of {len(self.times)} times; give at most {MOST_SHAPES}, and use VTX for more.",
         )
+        if section is not None:
+            check_section(f"Picture '{path}'", section)
+        self.section = section
 
     @property
     def times(self) -> Sequence[float]:
@@ -61,21 +73,27 @@ class Picture:
         self._renderers = [Renderer(run.system)] if run.system.bodies else []
         self._fractions = [AreaFractions(films)] if films else []
         self._shapes: list[Shape] = []
+        self._cuts: list[Cut] = []
+        self._section = Section(run.system, *self.section) if self.section and films else None
         self._moments: list[Snapshot] = []
 
     def record(self, run: Run, last: bool) -> None:
         self._moments.append(observe(run, self._fractions))
         chosen = self.schedule.meets(run.time) if self.times else run.step == 0 or last
-        if chosen or (last and not self._shapes):
+        if chosen or (last and not (self._shapes or self._cuts)):
             self._look()
 
     def _look(self) -> None:
+        if self._section:
+            self._cuts.append(self._section.cut())
+            return
         self._shapes += [sight.shape() for sight in self._renderers]
 
     def close(self, run: Run) -> None:
         if not self._moments:
             return
-        if run.time < run.until and all(shape.time < run.time for shape in self._shapes):
+        seen: Sequence[Shape | Cut] = self._cuts if self._section else self._shapes
+        if run.time < run.until and all(shape.time < run.time for shape in seen):
             self._look()
         factor, prefix = scaled(max(m.time for m in self._moments))
         images, metre, grid = [], 1.0, arrange(1, 1.0)
@@ -88,17 +106,24 @@ class Picture:
             images = render(run.comm, camera, self._shapes, metre * DPI, BY_STATE)
         if run.comm.rank == 0:
             states = ("taut", "wrinkled", "slack") if self._fractions else ()
+            key = {name: STATE_COLOURS[STATES[name]] for name in states}
             captions = [
                 f"t = {shape.time / factor:.4g} {prefix}s{enlarged(zoom)}"
-                for shape, zoom in zip(self._shapes, zooms, strict=True)
+                for shape, zoom in zip(seen, zooms or [1.0] * len(seen), strict=True)
             ]
+            if self._section:
+                key = self._section.key(self._cuts)
+                size, middles = window(self._cuts)
+                grid = arrange(len(self._cuts), size[0] / size[1])
+                metre = grid.width / size[0]
+                images = [draw(cut, size, at, grid, DPI) for cut, at in zip(self._cuts, middles, strict=True)]
             write(
                 self.path,
                 self.title,
                 list(zip(captions, images, strict=True)),
                 grid,
                 metre,
-                {name: STATE_COLOURS[STATES[name]] for name in states},
+                key,
                 panels(self._moments, factor),
                 (self._moments[0].time / factor, self._moments[-1].time / factor, f"{prefix}s"),
             )

@@ -19,7 +19,7 @@ from gossamer_fx.system.system import System
 Integers = npt.NDArray[np.int64]
 
 # triangles between the nodes of a cell, by the order of its film
-_TRIANGLES = {1: [[0, 1, 2]], 2: [[0, 5, 4], [5, 1, 3], [4, 3, 2], [5, 3, 4]]}
+TRIANGLES = {1: [[0, 1, 2]], 2: [[0, 5, 4], [5, 1, 3], [4, 3, 2], [5, 3, 4]]}
 _NODES = {1: [[0, 0], [1, 0], [0, 1]], 2: [[0, 0], [1, 0], [0, 1], [0.5, 0.5], [0, 0.5], [0.5, 0]]}
 
 _CREASE = 0.6  # cosine of the angle between neighbours beyond which an edge is drawn sharp
@@ -81,7 +81,7 @@ class _Film:
     def __init__(self, shape: BodyShape) -> None:
         film: Membrane = shape.body
         self._shape, x = shape, shape.q
-        pieces = np.array(_TRIANGLES[film.order])
+        pieces = np.array(TRIANGLES[film.order])
         middles = np.array(_NODES[film.order], dtype=float)[pieces].mean(axis=1)
         self._cells = np.arange(film.mesh.domain.topology.index_map(2).size_local, dtype=np.int32)
         self._triangles = film.space.dofmap.list[self._cells].astype(np.int64)[:, pieces].reshape(-1, 3)

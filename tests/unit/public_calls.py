@@ -178,7 +178,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "OrbitState": {"orbit": orbit, "quantity": "a"},
         "PathAverage": {"points": 10},
         "Penetrations": {"contact": touching},
-        "Picture": {"path": folder / "a.png", "times": (0.1,), "title": ""},
+        "Picture": {"path": folder / "a.png", "times": (0.1,), "title": "", "section": ((0, 0, 0), (0, 0, 1))},
         "Piston": {"port": P, "area": 1.0, "direction": z},
         "Plate": {"mesh": mesh, "law": law, "order": 2, "hinges": (), "name": "plate"},
         "Plane": {"point": z, "normal": z},
