@@ -22,7 +22,7 @@ from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr, beam_strain
 from gossamer_fx.materials.film import constants
 from gossamer_fx.mesh.mesh import Mesh
-from gossamer_fx.model.terms import Array, Port, Term, Vector
+from gossamer_fx.model.terms import Array, Indices, Port, Term, Vector
 from gossamer_fx.terms.element_energies import StoredEnergy
 from gossamer_fx.terms.masses import KineticEnergy
 from gossamer_fx.terms.point_constraints import PointConstraint
@@ -84,6 +84,11 @@ class Beam(Curve):
         q = fem.Function(self.space)
         x = self.space.tabulate_dof_coordinates()
         q.x.array[:] = np.hstack([x, d2, np.cross(t, d2)]).ravel()
+        return q
+
+    def stress_free(self, nodes: Indices) -> Array:
+        """Position and directors (n, 3, 3) of local nodes where the beam is free of stress."""
+        q: Array = self._reference.x.array.reshape(-1, 3, 3)[nodes]
         return q
 
     def measure(self, q: Expr) -> Expr:

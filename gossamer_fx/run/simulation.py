@@ -105,10 +105,11 @@ class Simulation:
             raise
 
     def _try_step(self) -> None:
-        """Begin a step and go back: what is wrong with loads and valves at the start is told before files are made."""
+        """Begin a step and go back: what is wrong with loads, valves and motions is told before files are made."""
         self.history.keep()
         with suppress(NotConverged):
             self.system.begin(self.stepping.wanted)
+            self.system.predict(self.system.numbering.vector())
         self.history.go_back()
 
     def _claim(self) -> Claims | None:

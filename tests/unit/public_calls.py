@@ -86,7 +86,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "Centrifugal": {"body": film, "spin": z, "centre": z},
         "Chamber": {"gas": gas, "pressure": 1e5, "temperature": 300.0, "volume": 1.0},
         "Checkpoints": {"folder": folder / "checkpoints", "keep": 2},
-        "Clamped": {"body": beam, "group": "start"},
+        "Clamped": {"body": beam, "group": "start", "direction": (1.0, 0.0, 0.0), "twist": 0.1},
         "ClampedEdge": {"body": plate, "group": "left", "components": (0, 1, 2), "direction": (1.0, 0.0, 0.0)},
         "ContactForce": {"contact": touching, "body": film, "axis": "x"},
         "ContactGap": {"contact": touching},
