@@ -35,7 +35,7 @@ from gossamer_fx.run.same_scene import compare, compare_energies
 from gossamer_fx.system.totals import Totals
 from gossamer_fx.version import VERSION
 
-FORMAT = 2
+FORMAT = 3
 
 
 class SavedRun(Run, Stateful, Protocol):

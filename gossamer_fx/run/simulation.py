@@ -21,7 +21,7 @@ from gossamer_fx.run.log import LOGGER
 from gossamer_fx.scene.scene import Scene
 from gossamer_fx.solvers.newton import NotConverged
 from gossamer_fx.steppers.history import History
-from gossamer_fx.steppers.stepping import Control, EqualSteps, Stepper, Stepping
+from gossamer_fx.steppers.stepping import Control, EqualSteps, Stepper, Stepping, even_step
 from gossamer_fx.system.totals import Totals
 
 if TYPE_CHECKING:
@@ -242,7 +242,7 @@ class Simulation:
         for milestone in milestones:
             while (left := milestone - self.time) > 1e-9 * self.stepping.wanted:
                 try:
-                    ended = self._advance(left / math.ceil(left / self.stepping.wanted - 1e-6), milestone)
+                    ended = self._advance(even_step(left, self.stepping.wanted), milestone)
                     signal = signals.heard(self.comm)
                     self._record(last=ended or signal > 0 or self.time == milestones[-1])
                 except Exception as error:

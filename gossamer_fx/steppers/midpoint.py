@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
+
+from petsc4py import PETSc
 
 from gossamer_fx.checks.errors import check
 from gossamer_fx.solvers.newton import Newton, NotConverged, Tolerances
@@ -53,6 +56,13 @@ class MidpointSolver:
         self._care = 0  # index in CAREFUL
         self._easy = 0  # steps since it was raised
         self._useless = 0  # steps for which care need not be tried, as it did not help before
+        self.vectors: dict[str, PETSc.Vec] = {}
+
+    def get_state(self) -> dict[str, Any]:
+        return {"care": self._care, "easy": self._easy, "useless": self._useless}
+
+    def set_state(self, state: dict[str, Any]) -> None:
+        self._care, self._easy, self._useless = state["care"], state["easy"], state["useless"]
 
     def step(self, h: float) -> int:
         """Advance by h; returns Newton's iterations.  Nothing has changed if it raises `NotConverged`.

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from typing import Protocol, runtime_checkable
 
 from gossamer_fx.checks.errors import StepFailure, check
 from gossamer_fx.solvers.newton import Newton, NotConverged
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import StressRule
+
+ROUND_OFF = 1e-10  # relative difference of a step from the wanted one that comes from summing times
 
 
 class StepSolver(Protocol):
@@ -81,6 +84,15 @@ class EqualSteps:
             self.substeps += 1
             self._attempt(h / 2, halvings - 1)
             self._attempt(h / 2, halvings - 1)
+
+
+def even_step(left: float, wanted: float) -> float:
+    """The length of steps that meet a time `left` seconds away, each no longer than wanted, or hardly so.
+
+    It is the wanted one itself if it differs by round-off, so that a run does not depend on where it was to end.
+    """
+    even = left / math.ceil(left / wanted - 1e-6)
+    return wanted if abs(even - wanted) <= ROUND_OFF * wanted else even
 
 
 def step_failure(system: System, h: float, reason: object) -> StepFailure:

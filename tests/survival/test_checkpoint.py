@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import re
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
@@ -292,3 +294,35 @@ def test_a_restart_from_the_start_records_it_once(folder: Path) -> None:
     run_to(2, fluttering_sheet(COMM), outputs=outputs(folder), restart=folder / "c" / "step-00000000")
     COMM.barrier()
     assert table(folder / "ledger.csv")[:, 1].tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize("end", ["ended", "stopped"])
+def test_a_restart_knows_of_steps_that_failed(folder: Path, end: str) -> None:
+    """Steps that are hard to solve: what the stepper learned of them goes on, and no digit depends on the end."""
+    dt, steps = 1e-2, 4
+
+    def run(until: int, **options: object) -> gx.Simulation:
+        run = gx.Simulation(filled_tube(COMM, 2), gx.Midpoint(dt=dt), **options)
+        run.run(until=until * dt)
+        return run
+
+    class Stop:
+        times = ()
+
+        def open(self, run: gx.Simulation) -> None: ...
+        def close(self, run: gx.Simulation) -> None: ...
+        def record(self, run: gx.Simulation, last: bool) -> None:
+            if run.step == steps // 2 - 1:
+                os.kill(os.getpid(), signal.SIGTERM)
+
+    whole = run(steps)
+    if end == "ended":
+        first = run(steps // 2, checkpoints=gx.Checkpoints(folder))
+        assert first.substeps > 0
+    else:
+        with pytest.raises(gx.Interrupted):
+            run(steps, outputs=[Stop()], checkpoints=gx.Checkpoints(folder))
+    rest = run(steps, restart=folder)
+    assert rest.iterations == whole.iterations
+    assert (rest.system.q0.array_r == whole.system.q0.array_r).all()
+    assert rest.chamber("tube").p == whole.chamber("tube").p
