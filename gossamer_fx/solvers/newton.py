@@ -21,6 +21,7 @@ from gossamer_fx.system.system import System
 SEARCHES = 5  # of places that a solved step turns out to need, before what is still missed is refused
 LAST = 0.01  # residual that the last linear solve of a step leaves, over that of a solved step
 EXPLODED = 1e12  # residual, over the first one, from which no iteration returns
+NEAR = 0.01  # residual over the first, from which on tangents are complete
 FALLS, STANDS = 0.5, 4.0  # a residual that falls by less than the one is round-off below the other times its floor
 
 
@@ -249,7 +250,8 @@ class Newton:
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
         with self._clock("tangent"):
-            self._take_geometric_stiffness(0.0 if snes.getIterationNumber() < self.careful else 1.0)
+            far = self._forces > NEAR * self._reference
+            self._take_geometric_stiffness(0.0 if far and snes.getIterationNumber() < self.careful else 1.0)
             A = self._tangent()
             self._take_geometric_stiffness(1.0)
         if self._scalars:

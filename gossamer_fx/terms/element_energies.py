@@ -34,8 +34,9 @@ from gossamer_fx.terms.coordinates import Coordinates
 from gossamer_fx.terms.discrete_gradient import StressRule
 
 # Choice of the strain in the mixed iteration: its regularisation, as a fraction of the largest stiffness; the relative
-# error of the linearised stress that triggers it; the last iteration that uses it, as it may cycle.
-SURROUNDINGS, FAR, CHOSEN = 0.03, 0.1, 12
+# error of the linearised stress that triggers it; the last iteration that uses it, as it may cycle, or creep where film
+# is almost slack.
+SURROUNDINGS, FAR, CHOSEN = 0.03, 0.1, 6
 
 
 class ElementEnergies(CompiledTerms):

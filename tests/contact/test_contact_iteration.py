@@ -1,13 +1,16 @@
-"""Newton's iteration with contact: how far an update may go."""
+"""Newton's iteration with contact: how far an update may go, and which tangents it takes."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from scenes import film, group_of
 
 import gossamer_fx as gx
 from gossamer_fx.contact.group import REACH
+from gossamer_fx.solvers.newton import NEAR
+from gossamer_fx.steppers import midpoint
 
 
 @pytest.mark.mpi
@@ -31,3 +34,22 @@ def test_updates_go_no_farther_than_contact_can_follow(comm):
 def test_a_scene_without_contact_limits_nothing(comm):
     run = gx.Simulation(gx.Scene(film(comm)), gx.Midpoint(dt=1e-4))
     assert not run.system.searching
+
+
+def test_careful_tangents_are_complete_near_the_solution(monkeypatch):
+    monkeypatch.setattr(midpoint, "CAREFUL", (20,))
+    lower = film(MPI.COMM_SELF, name="lower")
+    upper = film(MPI.COMM_SELF, height=1.2e-3, velocity=(0.2, 0.1, -2.0), turn=0.4, name="upper")
+    run = gx.Simulation(gx.Scene(gx.Contact(lower, upper, distance=1e-3)), gx.Midpoint(dt=1e-4))
+    newton, shares = run.solver.newton, []
+    tangent = run.system.tangent
+
+    def seen():
+        shares.append((run.system.geometric, newton._r.norm() / newton._reference))
+        return tangent()
+
+    newton._tangent = run.system.tangent = seen  # new matrices take the second
+    run.run(until=4e-4)
+    assert {share for share, _ in shares} == {0.0, 1.0}
+    assert all((share == 0.0) == (residual > NEAR) for share, residual in shares)
+    assert run.last_iterations < 20
