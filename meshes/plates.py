@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -31,22 +32,55 @@ def irregular_sheet(comm: MPI.Comm, nx: int, ny: int, width: float, height: floa
     return _mesh(comm, points.reshape(-1, 3), _triangles(ids, random.random((nx, ny)) < 0.5), lines)
 
 
-def slit_ring(comm: MPI.Comm, radial: int, around: int, inner: float, outer: float, irregular: bool = False) -> Mesh:
-    """A flat ring about the origin, cut along the positive x axis.
+def leaning_sheet(comm: MPI.Comm, nx: int, ny: int, width: float, height: float, ramp: float) -> Mesh:
+    """[0, width] × [0, height] in nx × ny cells whose long sides lie at 45°, along the wrinkles of a sheared film.
+
+    Towards both ends, within `ramp` [m] (more than half of the height), they turn upright.
+    Groups: "film"; the edges "bottom", "right", "top", "left".
+    """
+    u, v = _displaced(nx, ny, None)
+    x, y = width * u, height * v
+    lean = np.clip(np.minimum(x, width - x) / ramp, 0, 1)
+    points = np.stack([x + lean * (y - height / 2), y, 0 * x], axis=-1)
+    ids = _ids(nx, ny)
+    lines = {"bottom": ids[:, 0], "right": ids[-1], "top": ids[:, -1], "left": ids[0]}
+    return _mesh(comm, points.reshape(-1, 3), _triangles(ids, np.zeros((nx, ny), dtype=bool)), lines)
+
+
+def slit_ring(comm: MPI.Comm, radial: int, around: int, inner: float, outer: float) -> Mesh:
+    """A flat ring about the origin, cut along the positive x axis, in radial × around cells of two triangles.
 
     Groups: "film"; "start" and "end", the two sides of the slit, at 0 and 2π.
     """
-    random = np.random.default_rng(1)
-    u, v = _displaced(radial, around, random) if irregular else _displaced(radial, around, None)
-    odd = (
-        random.random((radial, around)) < 0.5
-        if irregular
-        else np.add.outer(np.arange(radial), np.arange(around)) % 2 > 0
-    )
+    u, v = _displaced(radial, around, None)
+    odd = np.add.outer(np.arange(radial), np.arange(around)) % 2 > 0
     r, angle = inner + (outer - inner) * u, 2 * np.pi * v
     points = np.stack([r * np.cos(angle), r * np.sin(angle), 0 * r], axis=-1)
     ids = _ids(radial, around)
     return _mesh(comm, points.reshape(-1, 3), _triangles(ids, odd), {"start": ids[:, 0], "end": ids[:, -1]})
+
+
+def free_slit_ring(comm: MPI.Comm, size: float, inner: float, outer: float) -> Mesh:
+    """The same ring in triangles of edges about `size` [m] that follow no direction."""
+
+    def build(model: Any) -> None:
+        import gmsh
+
+        geo, thirds = model.geo, [2 * np.pi * k / 3 for k in range(4)]
+        centre = geo.addPoint(0, 0, 0)
+        inside, outside = ([geo.addPoint(r * np.cos(a), r * np.sin(a), 0) for a in thirds] for r in (inner, outer))
+        arcs = [[geo.addCircleArc(p, centre, q) for p, q in pairwise(row)] for row in (inside, outside)]
+        start, end = (geo.addLine(inside[k], outside[k]) for k in (0, 3))
+        loop = geo.addCurveLoop([start, *arcs[1], -end, *(-arc for arc in reversed(arcs[0]))])
+        surface = geo.addPlaneSurface([loop])
+        geo.synchronize()
+        for limit in ("Min", "Max"):
+            gmsh.option.setNumber(f"Mesh.MeshSize{limit}", size)
+        for name, dim, entity in (("film", 2, surface), ("start", 1, start), ("end", 1, end)):
+            model.addPhysicalGroup(dim, [entity], name=name)
+        model.mesh.generate(2)
+
+    return gmsh_mesh(build, comm)
 
 
 def whole_disc(comm: MPI.Comm, cells: int, radius: float = 1.0) -> Mesh:

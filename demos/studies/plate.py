@@ -5,7 +5,8 @@
                    doi:10.1016/j.finel.2003.11.001), table of 20 loads: worst error of both displacements
     roll-up        their cantilever under an end moment, to a full circle; exact
     slit ring      their slit annular plate, table of 11 loads, error at the last.  (The table is computed too, and
-                   ends at W_B 17.528; an isogeometric Kirchhoff-Love shell (PENGoLINS) gives 17.473.)
+                   ends at W_B 17.528; an isogeometric Kirchhoff-Love shell (PENGoLINS) gives 17.473.)  "free": on a
+                   mesh whose edges follow no direction
     curl 1..4      a strip that is at rest curled to 0.5, π/2, π and 0.95·2π; exact
     buckled 1, 2   a pinned strip compressed beyond buckling to end slopes of 60 and 120 degrees: force at the
                    shortening of the extensible elastica with e_E = 1e-4 (Magnusson, Ristinmaa & Ljung 2001)
@@ -29,7 +30,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
-from meshes.plates import irregular_sheet, slit_ring, whole_disc
+from meshes.plates import free_slit_ring, irregular_sheet, slit_ring, whole_disc
 from meshes.sheet import EDGES, sheet
 
 NU = 0.3
@@ -118,7 +119,11 @@ def roll_up(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
 
 
 def slit(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
-    mesh = slit_ring(comm, cells // 2, 4 * cells, 6.0, 10.0, kind == "irregular")
+    mesh = (
+        free_slit_ring(comm, 8 / cells, 6.0, 10.0)
+        if kind == "free"
+        else slit_ring(comm, 5 * cells // 8, 5 * cells, 6.0, 10.0)
+    )
     plate = gx.Plate(mesh, gx.Linear(E=21e6, nu=0.0, density=1.0, thickness=0.03))
     load = gx.EdgeLoad(plate, "start", lambda t: (0.0, 0.0, 0.8 * t))
     equilibrium = gx.Equilibrium(gx.Scene(plate, gx.ClampedEdge(plate, "end"), load), gx.Continuation(step=50.0))
@@ -221,7 +226,7 @@ SCENES: dict[str, tuple[Callable[[MPI.Comm, int], Figures], float]] = {
     "roll-up": (roll_up, 1e-3),
     "roll-up irregular": (lambda comm, n: roll_up(comm, n, "irregular"), 1e-3),
     "slit ring": (slit, 5e-3),
-    "slit ring irregular": (lambda comm, n: slit(comm, n, "irregular"), 5e-3),
+    "slit ring free": (lambda comm, n: slit(comm, n, "free"), 5e-3),  # edges follow no bending line
     **{f"curl {k}": (lambda comm, n, a=a: curl(comm, n, a), 2e-3) for k, a in enumerate(CURLS, 1)},
     **{f"buckled {k}": (lambda comm, n, s=s: buckled(comm, n, s), 1e-2) for k, s in enumerate(BUCKLED, 1)},
     **{f"pressed {k}": (lambda comm, n, p=p: pressed(comm, n, p), 5e-3) for k, p in enumerate(DISC, 1)},
@@ -231,6 +236,13 @@ SCENES: dict[str, tuple[Callable[[MPI.Comm, int], Figures], float]] = {
         for edge in ("free", "clamped")
     },
 }
+
+
+def expected_order(scene: str) -> float:
+    """In h.  The ring's table is no closer to the limit than half of a percent, and pressed plates have boundary layers."""
+    if scene.startswith("slit"):
+        return math.inf
+    return 1.5 if scene.startswith(("pressed", "modes")) else 2.0
 
 
 def problem(comm: MPI.Comm, scene: str, cells: int) -> Figures:
@@ -245,7 +257,7 @@ STUDY = Study(
     problem,
     {"scene": list(SCENES), "cells": [8, 16, 32]},
     lambda case: 1 / case["cells"],
-    (Measure("error/accepted", 0.0, 1.0),),
+    (Measure("error/accepted", 0.0, 1.0, lambda case: expected_order(case["scene"])),),
     quick={"scene": ["elastica t/L 1e-03", "curl 2", "pressed 2"], "cells": [4, 8]},
     columns=("value", "error", "iterations", "seconds"),
 )

@@ -1,0 +1,120 @@
+"""A tape spring bent against its curvature: moment up to the snap, and after it.
+
+A steel strip, curved across (R = 13.3 mm, 80°, t = 0.1 mm), is a plate with a rest curvature on a flat mesh.  Its ends
+keep their shape and are turned by φ each, without axial force; by symmetry a half is computed.  The moment follows from
+the energy, M = dU/d(2φ).
+
+    peak     of uniform bending: the largest dU/dκ of the section under the curvature κ along the tape (Wüst, Z. Angew.
+             Math. Mech. 34 (1954) 444; solved anew below).  Ends that keep their shape make a short tape stiffer.
+    plateau  of a fold, a cylinder of radius R about the other axis: M = (1+ν) D α (Seffen & Pellegrino, Proc. R. Soc.
+             Lond. A 455 (1999) 1003, doi:10.1098/rspa.1999.0347)
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from demos.studies.engine.study import Measure, Study
+from meshes.sheet import sheet
+
+RADIUS, ANGLE, HALF = 13.3e-3, math.radians(80), 0.1
+STEEL = gx.Linear(E=210e9, nu=0.3, density=7850.0, thickness=1e-4)
+WIDTH = RADIUS * ANGLE
+D = STEEL.E * STEEL.thickness**3 / 12 / (1 - STEEL.nu**2)
+PLATEAU = (1 + STEEL.nu) * D * ANGLE
+TURNS = np.radians([0, 1, 2, 3, 4, 5, 6, 6.5, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16])
+FLAT = np.radians(13.0)  # the turn from which the moment is that of the fold
+SEARCH = gx.Continuation(step=1e-3, residual=1e-6, inner=0.3, fast_iterations=15, max_iterations=40)
+LITTLE = 1e-3 * D * ANGLE / RADIUS  # of an axial force [N]
+
+
+def peak_of_section(n: int = 300) -> float:
+    """Largest moment [N m] of uniform bending: with z and χ the height and the change of curvature of the section,
+
+    U(κ) = min ∫ E t/2 κ² (z - mean)² + D/2 (κ² - 2ν κ χ + χ²) ds
+    """
+    s = np.linspace(-WIDTH / 2, WIDTH / 2, n + 1)
+    h, E, ν = s[1] - s[0], STEEL.E * STEEL.thickness, STEEL.nu
+    weight = np.full(n + 1, h)
+    weight[[0, -1]] /= 2
+    second = (np.eye(n - 1, n + 1) - 2 * np.eye(n - 1, n + 1, 1) + np.eye(n - 1, n + 1, 2)) / h**2
+    centred = np.eye(n + 1) - np.outer(np.ones(n + 1), weight) / WIDTH
+    z0 = centred @ (RADIUS * (1 - np.cos(s / RADIUS)))
+
+    def energy(κ: float) -> float:
+        along = E * κ**2 * centred.T @ (weight[:, None] * centred)
+        K = along + D * h * second.T @ second
+        K += 1e-9 * np.trace(K) / n**2  # w itself is free
+        w = np.linalg.solve(K, -along @ z0 + D * ν * κ * h * second.sum(axis=0))
+        z, χ = centred @ (z0 + w), second @ w
+        return float(E / 2 * κ**2 * (weight * z * z).sum() + D / 2 * h * (κ**2 - 2 * ν * κ * χ + χ**2).sum())
+
+    curvatures = np.linspace(0.05, 4, 80)
+    return float(np.gradient([energy(κ) for κ in curvatures], curvatures).max())
+
+
+def problem(comm: MPI.Comm, cells: int) -> dict[str, float]:
+    """`cells` across."""
+    height = RADIUS * (1 - math.sin(ANGLE / 2) / (ANGLE / 2))  # of the mean of the section
+    shift = 0.0
+
+    def section(X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        a = X[1] / RADIUS - ANGLE / 2
+        return RADIUS * (np.sin(a) + ANGLE / 2) - X[1], RADIUS * (1 - np.cos(a))
+
+    def curved(X: np.ndarray) -> np.ndarray:
+        y, z = section(X)
+        return np.stack([0 * y, y, z])
+
+    def turned(X: np.ndarray, φ: float) -> np.ndarray:
+        y, z = section(X)
+        return np.stack([shift + (z - height) * math.sin(φ), y, height + (z - height) * math.cos(φ)])
+
+    def direction(X: np.ndarray, φ: float) -> np.ndarray:
+        return np.stack([math.cos(φ) + 0 * X[0], 0 * X[0], -math.sin(φ) + 0 * X[0]])
+
+    mesh = sheet(comm, 5 * cells // 2, cells, HALF, WIDTH, crossed=True)
+    tape = gx.Plate(mesh, STEEL, rest_curvature=np.diag((0.0, 1 / RADIUS, 0.0)), displacement=curved)
+    middle = gx.ClampedEdge(tape, "left", components=(0,), direction=(1.0, 0.0, 0.0), name="middle")
+    end = gx.ClampedEdge(tape, "right", direction=direction, motion=turned, name="end")
+    equilibrium = gx.Equilibrium(gx.Scene(tape, middle, end), SEARCH)
+    energies, iterations, seconds = [], 0, 0.0
+    stiffness = STEEL.E * STEEL.thickness * WIDTH / HALF
+    for φ in TURNS:
+        before, step = None, 0.0
+        for _ in range(12):  # a secant iteration for the shift without axial force
+            found = equilibrium.find(at=float(φ))
+            iterations, seconds = iterations + found.iterations, seconds + found.seconds
+            force = equilibrium.reaction(end)[0][0]
+            if before is not None and before != force:
+                secant = (force - before) / step
+                stiffness = secant if secant > 1e-3 * stiffness else stiffness
+            if abs(force) < LITTLE:
+                break
+            before, step = force, float(np.clip(-force / stiffness, -2e-3, 2e-3))
+            shift += step
+        energies.append(2 * sum(found.totals.stored.values()))
+    moments = np.diff(energies) / np.diff(2 * TURNS)
+    fold = TURNS >= FLAT
+    return {
+        "peak/section's": float(moments.max()) / peak_of_section(),
+        "plateau/(1+ν)Dα": float(np.polyfit(2 * TURNS[fold], np.array(energies)[fold], 1)[0]) / PLATEAU,
+        "peak [N m]": float(moments.max()),
+        "iterations": iterations,
+        "seconds": seconds,
+    }
+
+
+STUDY = Study(
+    "tape_spring",
+    "A tape spring bent against its curvature",
+    problem,
+    {"cells": [8]},
+    lambda case: WIDTH / case["cells"],
+    (Measure("peak/section's", 1.0, 0.15), Measure("plateau/(1+ν)Dα", 1.0, 0.05)),
+    columns=("peak [N m]", "iterations", "seconds"),
+)
