@@ -239,7 +239,7 @@ SCENES: dict[str, tuple[Callable[[MPI.Comm, int], Figures], float]] = {
 
 
 def expected_order(scene: str) -> float:
-    """In h.  The ring's table is no closer to the limit than half of a percent, and pressed plates have boundary layers."""
+    """In h.  The table of the ring is half a percent off the limit; pressed plates have boundary layers."""
     if scene.startswith("slit"):
         return math.inf
     return 1.5 if scene.startswith(("pressed", "modes")) else 2.0
