@@ -87,8 +87,13 @@ class LiddedBox:
         x, y, _ = 2 * self._half
         top = self._centre + np.array([0.0, 0.0, self._half[2] + wall / 2])
         inertia = mass / 12 * np.array([y**2 + wall**2, x**2 + wall**2, x**2 + y**2])
-        self.lid = RigidBody(mass, tuple(inertia.tolist()), tuple(top.tolist()), name=f"{name} lid")
-        edge = tuple((top - np.array([self._half[0], 0.0, 0.0])).tolist())
+        self.lid = RigidBody(
+            mass,
+            (float(inertia[0]), float(inertia[1]), float(inertia[2])),
+            (float(top[0]), float(top[1]), float(top[2])),
+            name=f"{name} lid",
+        )
+        edge = (float(top[0] - self._half[0]), float(top[1]), float(top[2]))
         sides = ground_frame(edge), self.lid.frame_at(edge)
         axis = (0.0, -1.0, 0.0)
         self.hinge = RevoluteJoint(*sides, axis=axis, name=f"{name} hinge")
@@ -113,15 +118,16 @@ class LiddedBox:
         """Four walls and the floor, which stand still, and the lid."""
         from gossamer_fx.contact.obstacles import Box
 
-        t, half, slabs = self._wall, self._half, []
+        t, half = self._wall, self._half
+        slabs: list[Box] = []
         for axis, sign in ((0, -1), (0, 1), (1, -1), (1, 1), (2, -1)):
             at, sizes = self._centre.copy(), 2 * half + 2 * t * (np.arange(3) != 2)
             at[axis] += sign * (half[axis] + t / 2)
             sizes[axis] = t
-            slabs.append(Box(centre=at.tolist(), sizes=sizes.tolist(), name=f"{self.name} wall {len(slabs) + 1}"))
+            slabs.append(Box(centre=tuple(at), sizes=tuple(sizes), name=f"{self.name} wall {len(slabs) + 1}"))
         above = self._centre + np.array([0.0, 0.0, half[2] + t / 2])
-        room = [*(2 * half[:2]).tolist(), t]
-        return (*slabs, Box(centre=above.tolist(), sizes=room, on=self.lid, name=f"{self.name} cover"))
+        room = (2 * half[0], 2 * half[1], t)
+        return (*slabs, Box(centre=tuple(above), sizes=room, on=self.lid, name=f"{self.name} cover"))
 
     def terms(self) -> Iterable[Term]:
         return ()  # its parts have all of them

@@ -284,8 +284,8 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         f"--{' and --'.join(chosen)} are several pictures; give one of them at a time.",
     )
     check(bool(chosen) or wanted.output is None, "--output names one file; say which picture with --strip, --time, ...")
-    angles = (None if a is None else math.radians(a) for a in (wanted.azimuth, wanted.elevation))
-    view = View(*angles, follow=wanted.follow or None, zoom=wanted.zoom)
+    azimuth, elevation = (None if a is None else math.radians(a) for a in (wanted.azimuth, wanted.elevation))
+    view = View(azimuth, elevation, follow=wanted.follow or None, zoom=wanted.zoom)
     field: str = wanted.field or ("" if chosen == ["curves"] else default_field(run))
     output: Path | None = wanted.output
     if not chosen or wanted.strip:

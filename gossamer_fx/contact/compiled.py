@@ -72,11 +72,13 @@ class CompiledContacts(CompiledTerms):
             return None
         from gossamer_fx.contact.pressure import pressures
 
-        nodes, values = [np.zeros(0, dtype=np.int64)], [np.zeros(0)]
+        nodes: list[npt.NDArray[np.int64]] = [np.zeros(0, dtype=np.int64)]
+        values: list[Array] = [np.zeros(0)]
         for group in self.groups.values():
             bodies = group.bodies
-            if body in bodies.of:
-                here = np.flatnonzero(bodies.body[: bodies.points.n] == bodies.of.index(body))
+            place = next((k for k, other in enumerate(bodies.of) if other is body), None)
+            if place is not None:
+                here = np.flatnonzero(bodies.body[: bodies.points.n] == place)
                 nodes.append(bodies.nodes[here])
                 values.append(pressures(group)[here])
         return np.concatenate(nodes), np.concatenate(values)

@@ -96,7 +96,7 @@ def _signs(x: Array, a: Integers, b: Integers, c: Integers, d: Integers) -> Inte
 
 
 def _exact_sign(corners: Array) -> int:
-    origin, *others = ([Fraction(value) for value in corner] for corner in corners.tolist())
+    origin, *others = ([Fraction(float(value)) for value in corner] for corner in corners)
     (a, b, c), (d, e, f), (g, h, i) = ([p - o for p, o in zip(other, origin, strict=True)] for other in others)
     volume = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
     return (volume > 0) - (volume < 0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
@@ -106,7 +107,7 @@ class Picture:
             images = render(run.comm, camera, self._shapes, metre * DPI, BY_STATE)
         if run.comm.rank == 0:
             states = ("taut", "wrinkled", "slack") if self._fractions else ()
-            key = {name: STATE_COLOURS[STATES[name]] for name in states}
+            key: dict[str, Any] = {name: STATE_COLOURS[STATES[name]] for name in states}
             captions = [
                 f"t = {shape.time / factor:.4g} {prefix}s{enlarged(zoom)}"
                 for shape, zoom in zip(seen, zooms or [1.0] * len(seen), strict=True)

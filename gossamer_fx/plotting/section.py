@@ -55,7 +55,8 @@ class Section:
 
     def cut(self) -> Cut:
         """The accepted state; collective."""
-        ends, kinds = [np.zeros((0, 2, 2))], [np.zeros(0, dtype=np.int64)]
+        ends: list[Array] = [np.zeros((0, 2, 2))]
+        kinds: list[npt.NDArray[np.int64]] = [np.zeros(0, dtype=np.int64)]
         for shape, triangles, of_triangles in self._films:
             shape.update()
             corners = shape.q.x.array.reshape(-1, 3)[triangles]
@@ -133,8 +134,8 @@ def layers(lines: Array) -> Integers:
     for start in sorted(range(len(places)), key=lambda i: (len(at[i]) != 1, at[i])):
         chain, place = [], start
         while True:
-            line = next((k for k in at[place] if left[k]), None)
-            if line is None:
+            line = next((k for k in at[place] if left[k]), -1)
+            if line < 0:
                 break
             left[line] = False
             chain.append(line)
@@ -150,8 +151,8 @@ def layers(lines: Array) -> Integers:
 def _follow(ends: npt.NDArray[np.integer], place: int) -> list[int]:
     """The places along a chain of lines (k, 2) from one of its ends on."""
     places = [place]
-    for i, j in ends.tolist():
-        places.append(int(i + j - places[-1]))
+    for both in ends.sum(axis=1):
+        places.append(int(both) - places[-1])
     return places
 
 
@@ -192,7 +193,7 @@ def draw(cut: Cut, size: tuple[float, float], middle: Array, grid: Grid, dpi: fl
     canvas = FigureCanvasAgg(figure)
     axes = figure.add_axes((0, 0, 1, 1))
     axes.set_axis_off()
-    colours = [COLOURS[k % len(COLOURS)] for k in cut.kinds.tolist()]
+    colours = [COLOURS[k % len(COLOURS)] for k in cut.kinds]
     axes.add_collection(LineCollection(list(cut.ends), colors=colours, linewidths=LINE, capstyle="round"))
     half = np.array(size) / 2
     axes.set(xlim=(middle[0] - half[0], middle[0] + half[0]), ylim=(middle[1] - half[1], middle[1] + half[1]))
