@@ -130,6 +130,22 @@ def test_a_thrown_plate_conserves_energy_and_angular_momentum(control: gx.StepCo
     assert np.abs(drift).max() < 1e-10 * np.abs(run.first.angular_momentum).max()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("control", [None, gx.StepControl(iterations=6, error=2e-6, largest=1e-4)])
+def test_a_thrown_plate_conserves_for_ten_thousand_steps(control: gx.StepControl | None) -> None:
+    """Folding to and fro through flat."""
+    plate, crease = thrown_plate()
+    run = gx.Simulation(gx.Scene(plate, crease), gx.Midpoint(dt=5e-5), control=control)
+    angle, seen = gx.FoldAngle(crease), []
+    while run.step < 10_000:
+        run.run(until=run.time + 2.5e-3)
+        seen.append(angle(run))
+    assert min(seen) < -0.2 and max(seen) > 0.2
+    assert abs(run.energy_error) < 1e-9
+    drift = run.totals.angular_momentum - run.first.angular_momentum
+    assert np.abs(drift).max() < 1e-10 * np.abs(run.first.angular_momentum).max()
+
+
 def test_modes_of_a_creased_plate_are_softer_than_of_a_flat_one() -> None:
     """The second frequency of a held strip falls where a crease lets its free half flap."""
     found = []

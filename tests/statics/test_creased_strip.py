@@ -13,6 +13,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from scipy.integrate import quad
 from scipy.optimize import brentq
 
@@ -20,6 +21,7 @@ import gossamer_fx as gx
 from demos import crease_identification
 from demos.studies import crease
 from demos.studies.crease import LENGTH, REST, STIFFNESS, STRIP, WIDTH
+from meshes.creased_strip import creased_strip
 
 # force [N/m], angle between the panels (180° - θ) [deg], distance of the ends [mm], depth of the V [mm]
 TABLE = (
@@ -71,6 +73,21 @@ def test_plates_of_eight_cells(comm, force: float, tolerance: float) -> None:
     found = crease.problem(comm, force, 8)
     assert found["d/exact"] == pytest.approx(1.0, abs=1e-3)
     assert found["angle error [deg]"] < tolerance
+
+
+def test_a_crease_alone_carries_the_moment_at_its_hinge(comm) -> None:
+    """A held strip, loaded at its end: with a stiff crease it moves as without one, with a soft one F l²/(k b) more."""
+    ends = []
+    for stiffness in (None, 1e3, 1e-2):
+        mesh = creased_strip(comm, 6, 1, LENGTH, WIDTH)
+        plate = gx.Plate(mesh, crease.LAW, hinges=[] if stiffness is None else ["crease"])
+        folds = [] if stiffness is None else [gx.Crease(plate, "crease", stiffness)]
+        load = gx.EdgeLoad(plate, "right", (0.0, 0.0, 1e-5))
+        search = gx.Equilibrium(gx.Scene(plate, gx.ClampedEdge(plate, "left"), load, *folds))
+        search.find()
+        ends.append(comm.allreduce(float(search.system.q0.array_r[2::3].max()), op=MPI.MAX))
+    assert ends[1] == pytest.approx(ends[0], rel=1e-2)
+    assert ends[2] - ends[1] == pytest.approx(1e-5 * LENGTH**2 / 1e-2, rel=1e-2)
 
 
 def test_own_weight_opens_a_hanging_strip() -> None:
