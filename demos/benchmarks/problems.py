@@ -76,7 +76,7 @@ def subdomains(sizes: tuple[int, ...], counts: tuple[int, ...], dt: float, metho
 def strips(own: int, kratos: tuple[int, int], exudyn: int, ngsolve: int) -> dict[str, Words]:
     """Cells along, and as few increments of the load as succeed; of Kratos cells and increments."""
     return {
-        SELF: {"n": own},
+        SELF: {"n": own, "step": 1e4},
         "kratos": {"n": kratos[0], "increments": kratos[1]},
         "exudyn": {"n": exudyn, "increments": 1},
         "ngsolve": {"n": ngsolve, "increments": 1},

@@ -67,14 +67,23 @@ def _detail(pc: PETSc.PC) -> int:
 
 def solve(A: PETSc.Mat, b: PETSc.Vec, x: PETSc.Vec) -> str:
     """Solve A x = b once; returns why it failed, or nothing."""
+    return _solve(_solver(A), b, x)
+
+
+def _solver(A: PETSc.Mat) -> PETSc.KSP:
+    """It factorises A at its first use."""
     ksp = PETSc.KSP().create(A.comm)
     ksp.setOperators(A)
     ksp.setType("preonly")
+    choose(ksp.getPC())
+    return ksp
+
+
+def _solve(ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> str:
     pc = ksp.getPC()
-    choose(pc)
     ksp.solve(b, x)
     while ksp.getConvergedReason() < 0 and enlarge(pc):
-        ksp.setOperators(A)
+        ksp.setOperators(ksp.getOperators()[0])
         ksp.solve(b, x)
     return reason(pc)
 
@@ -83,11 +92,12 @@ def is_singular(A: PETSc.Mat) -> bool:
     """Whether A is singular to round-off: |A| |A⁻¹| above 1/(4 ε), estimated by two solutions from a random vector."""
     x, b = A.createVecs()
     b.setRandom()
+    ksp, size = _solver(A), A.norm(PETSc.NormType.INFINITY)
     for _ in range(2):
-        if solve(A, b, x):
+        if _solve(ksp, b, x):
             return True
         amplified = float(x.norm()) / max(float(b.norm()), 1e-300)
-        if not amplified * A.norm(PETSc.NormType.INFINITY) < 1 / (4 * EPS):
+        if not amplified * size < 1 / (4 * EPS):
             return True
         x.copy(b)
         b.normalize()
