@@ -14,7 +14,6 @@ import cmath
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,8 +21,10 @@ from petsc4py import PETSc
 
 from gossamer_fx.analyses.equilibrium import Equilibrium
 from gossamer_fx.checks.errors import NoEquilibrium, check
+from gossamer_fx.solvers import factorisation
 
 AT_REST = (0.0, 0.0, 0.0)
+ASIDE = 1e-12  # of |K|/|M|, the square of the largest frequency or more
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ def modes(
     spin: tuple[float, float, float] = AT_REST,
     above: float = 0.0,
 ) -> list[Mode]:
-    """The `count` modes of lowest frequency, at rest those nearest to the frequency `above` [Hz], in order.
+    """The `count` modes whose frequency is nearest to `above` [Hz], in order; by default the lowest.
 
     Args:
         equilibrium: found; its state is the one about which the scene vibrates.
@@ -66,55 +67,104 @@ def modes(
     K = system.tangent()
     M = system.M.copy()
     system.supports.clear(M, 0.0)
+    result, ω = equilibrium.result, 2 * math.pi * above
+    # rigid motions make K singular: the place of the inversion is moved a little, to where nothing vibrates
+    aside = 0.0 if result is None or result.regular else ASIDE * K.norm() / M.norm()
     if spin == AT_REST:
-        found = _at_rest(K, M, count, (2 * math.pi * above) ** 2)
+        found = _at_rest(K, M, count, ω**2 or -aside)
     else:
         G = system.gyroscopic(spin)
         system.supports.clear(G, 0.0)
-        found = _turning(K, G, M, count)
+        found = _turning_near(K, G, M, count, ω) if ω else _turning(K, G, M, count, math.sqrt(aside))
     if len(found) < count:
         raise NoEquilibrium(f"Only {len(found)} of {count} modes converged; ask for fewer, or check the equilibrium.")
-    return sorted(found, key=lambda mode: (mode.frequency, -mode.growth))[:count]
+    nearest = sorted(found, key=lambda mode: math.hypot(mode.growth, 2 * math.pi * (mode.frequency - above)))[:count]
+    return sorted(nearest, key=lambda mode: (mode.frequency, -mode.growth))
+
+
+class _Inverse:
+    """(K - σ M)⁻¹ M, whose largest eigenvalues 1/(ω² - σ) are of the modes near σ."""
+
+    def __init__(self, K: PETSc.Mat, M: PETSc.Mat, σ: float) -> None:
+        A = K.copy()
+        A.axpy(-σ, M, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        self._M, self._Mx, self._pc = M, M.createVecLeft(), PETSc.PC().create(K.comm)
+        self._pc.setOperators(A)
+        factorisation.choose(self._pc)
+        _check_inverted(factorisation.set_up(self._pc))
+
+    def mult(self, A: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        self._M.mult(x, self._Mx)
+        self._pc.apply(self._Mx, y)
+
+
+def _check_inverted(problem: str) -> None:
+    if problem:
+        raise NoEquilibrium(f"modes: the stiffness is singular at the frequency asked for, {problem}; choose another.")
 
 
 def _at_rest(K: PETSc.Mat, M: PETSc.Mat, count: int, shift: float) -> list[Mode]:
-    """K φ = ω² M φ, near ω² = shift."""
+    """K φ = ω² M φ, near ω² = shift; loads that follow may make K unsymmetric."""
+    operator = PETSc.Mat().createPython((K.getSizes()), _Inverse(K, M, shift), K.comm)
+    operator.setUp()
+    found = [(cmath.sqrt(-shift - 1 / θ), shape) for θ, shape in _largest(operator, count) if θ]
+    return [Mode(abs(λ.imag) / (2 * math.pi), abs(λ.real), shape) for λ, shape in found]
+
+
+def _largest(operator: PETSc.Mat, count: int) -> Iterator[tuple[complex, npt.NDArray[np.complex128]]]:
+    """Eigenvalues of largest magnitude, and this rank's parts of the vectors."""
     from slepc4py import SLEPc
 
-    solver = SLEPc.EPS().create(K.comm)
-    solver.setOperators(K, M)
-    solver.setProblemType(SLEPc.EPS.ProblemType.GNHEP)  # loads that follow may make K unsymmetric
-    solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
-    solver.setTarget(shift)
+    solver = SLEPc.EPS().create(operator.comm)
+    solver.setOperators(operator)
+    solver.setProblemType(SLEPc.EPS.ProblemType.NHEP)
+    solver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_MAGNITUDE)
     solver.setDimensions(count)
-    roots = [(cmath.sqrt(-ω2), shape) for ω2, shape in _solutions(solver, K)]
-    return [Mode(abs(λ.imag) / (2 * math.pi), abs(λ.real), shape) for λ, shape in roots]
+    solver.setOptionsPrefix("gx_modes_")
+    solver.setTolerances(1e-9, 500)
+    solver.setFromOptions()
+    solver.solve()
+    for i in range(solver.getConverged()):
+        re, im = operator.createVecs()
+        yield complex(solver.getEigenpair(i, re, im)), re.array_r + 1j * im.array_r
 
 
-def _turning(K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, count: int) -> list[Mode]:
-    """The quadratic problem; of each conjugate pair the one with positive frequency."""
+def _turning(K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, count: int, aside: float) -> list[Mode]:
+    """The quadratic problem near λ = `aside`, which is real; of each conjugate pair the one with positive frequency."""
     from slepc4py import SLEPc
 
     solver = SLEPc.PEP().create(K.comm)
     solver.setOperators([K, G, M])
     solver.setWhichEigenpairs(SLEPc.PEP.Which.TARGET_MAGNITUDE)
-    solver.setTarget(0.0)
+    solver.setTarget(aside)
     solver.setDimensions(2 * count + 2)
     solver.setScale(SLEPc.PEP.Scale.SCALAR)
-    return [Mode(λ.imag / (2 * math.pi), λ.real, shape) for λ, shape in _solutions(solver, K) if λ.imag >= 0]
-
-
-def _solutions(solver: Any, K: PETSc.Mat) -> Iterator[tuple[complex, npt.NDArray[np.complex128]]]:
-    """Eigenvalues, and this rank's parts of the vectors, by shift and inversion with a factorisation."""
     solver.setOptionsPrefix("gx_modes_")
     solver.setTolerances(1e-9, 500)
     inversion = solver.getST()
     inversion.setType("sinvert")
-    inversion.getKSP().setType("preonly")
-    inversion.getKSP().getPC().setType("lu")
-    inversion.getKSP().getPC().setFactorSolverType("mumps")
+    inner = inversion.getKSP()
+    inner.setType("preonly")
+    factorisation.choose(inner.getPC())
     solver.setFromOptions()
+    inner.setErrorIfNotConverged(False)  # why it failed is told here
+    solver.setUp()
+    _check_inverted(factorisation.set_up(inner.getPC()))
+    inner.setErrorIfNotConverged(True)
     solver.solve()
+    found = []
     for i in range(solver.getConverged()):
         re, im = K.createVecs()
-        yield complex(solver.getEigenpair(i, re, im)), re.array_r + 1j * im.array_r
+        λ = complex(solver.getEigenpair(i, re, im))
+        if λ.imag >= 0:
+            found.append(Mode(λ.imag / (2 * math.pi), λ.real, re.array_r + 1j * im.array_r))
+    return found
+
+
+def _turning_near(K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, count: int, ω: float) -> list[Mode]:
+    """The quadratic problem near λ = iω, by the real part of the inverse there: see `turning_modes`."""
+    from gossamer_fx.analyses.turning_modes import NearFrequency
+
+    near = NearFrequency(K, G, M, ω)
+    pairs = [near.pair(z) for _, z in _largest(near.operator(), 2 * count + 2)]
+    return [Mode(λ.imag / (2 * math.pi), λ.real, shape) for λ, shape in pairs if λ.imag >= 0]

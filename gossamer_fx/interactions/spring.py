@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -83,6 +84,31 @@ class LengthDamper:
         return S[:, None], D[:, None, None]
 
 
+@dataclass(frozen=True)
+class RopeDamper:
+    """What a rope of length L loses by its own viscosity: f = c ṡ of the stretch s = max(l - L, 0), but no less than
+    minus the mean tension k s̄ of the step, so that the rope pulls or is slack.  S̄ = 2 f/(l0 + l1); its loss f Δl ≥ 0.
+    """
+
+    c: float
+    k: float
+    L: float
+    stacks: ClassVar[tuple[str, ...]] = ("c", "k", "L")
+
+    def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
+        l0, l1 = (np.sqrt(2 * np.maximum(e[:, 0], 1e-300)) for e in (e0, e1))
+        s0, s1 = (np.maximum(length - self.L, 0.0) for length in (l0, l1))
+        both, Δ = l0 + l1, l1 - l0
+        passing, safe = (s0 > 0) != (s1 > 0), np.where(Δ == 0, 1.0, Δ)
+        tension = np.where(passing, self.k * (s1 + s0) * (s1 - s0) / 2 / safe, self.k * (s0 + s1) / 2)
+        stiffness = np.where(passing, (self.k * s1 - tension) / safe, np.where(s1 > 0, self.k / 2, 0.0))
+        viscous = self.c * (s1 - s0) / h
+        pulls = viscous > -tension
+        f = np.where(pulls, viscous, -tension)
+        df = np.where(pulls, np.where(s1 > 0, self.c / h, 0.0), -stiffness)
+        return (2 * f / both)[:, None], (2 * (df - f / both) / both / l1)[:, None, None]
+
+
 def half_distance_squared(a: Attached, b: Attached) -> PointMeasure:
     """e = ½|x_a - x_b|²."""
     difference = np.hstack([np.eye(3), -np.eye(3)])
@@ -123,6 +149,7 @@ class Rope(Between):
         a, b: ports, or one `Ground`.
         length: L [m].
         stiffness: k = EA/L [N/m].
+        damping: c [N s/m], by which its tension is k (l - L) + c dl/dt, but never negative; none while it is slack.
     """
 
     a: Attached
@@ -130,15 +157,23 @@ class Rope(Between):
     length: float
     stiffness: float
     name: str = "rope"
+    damping: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_positive(self, "stiffness", "N/m")
         check_positive(self, "length", "m")
+        check(
+            math.isfinite(self.damping) and self.damping >= 0,
+            f"Rope '{self.name}': damping is {self.damping!r} N s/m; give none or a positive one.",
+        )
 
     def terms(self) -> Iterable[Term]:
-        density = LengthSpring(self.stiffness, self.length, side=1)
-        yield PointStoredEnergy(self.name, half_distance_squared(self.a, self.b), density)
+        density, measure = LengthSpring(self.stiffness, self.length, side=1), half_distance_squared(self.a, self.b)
+        yield PointStoredEnergy(self.name, measure, density)
+        if self.damping:
+            loss = RopeDamper(self.damping, self.stiffness, self.length)
+            yield PointDissipation(f"{self.name} damping", measure, loss)
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,6 +208,8 @@ class Stop(Between):
 @dataclass(frozen=True, eq=False)
 class Damper(Between):
     """Linear damper between two points: force c d|x_a - x_b|/dt along their connection; its loss is booked.
+
+    It pulls and pushes at any distance, also beside a rope that is slack: give a rope its own `damping` instead.
 
     Args:
         a, b: ports, or one `Ground`; they must not coincide.

@@ -20,6 +20,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from gossamer_fx.model.terms import Array, MeshBody, has_nodal_unknowns
+from gossamer_fx.solvers import factorisation
 from gossamer_fx.system.system import System
 
 Indices = npt.NDArray[np.integer]
@@ -36,15 +37,14 @@ class CoarseSpace:
         self._single: PETSc.Mat | None = None  # A with single numbers: blocks have no product with P
         self._coarse: PETSc.Mat | None = None
         self._solver = PETSc.PC().create(system.comm)
-        self._solver.setType("lu")
-        self._solver.setFactorSolverType("mumps")
+        factorisation.choose(self._solver)
         self._r, self._z = self._P.createVecRight(), self._P.createVecRight()
 
     def set_up(self, A: PETSc.Mat) -> None:
         self._single = A.convert("aij", out=self._single or PETSc.Mat())
         self._coarse = self._single.PtAP(self._P, self._coarse)
         self._solver.setOperators(self._coarse)
-        self._solver.setUp()
+        factorisation.set_up(self._solver)
 
     def solve(self, r: PETSc.Vec, z: PETSc.Vec) -> None:
         self._P.multTranspose(r, self._r)

@@ -36,6 +36,16 @@ def enlarge(pc: PETSc.PC) -> bool:
     return bool(margin <= LARGEST)
 
 
+def set_up(pc: PETSc.PC) -> str:
+    """Factorise its matrix, with a larger workspace where it was too small; returns why it failed, or nothing."""
+    if failure(pc) < 0:
+        renew(pc)
+    pc.setUp()
+    while failure(pc) < 0 and enlarge(pc):
+        pc.setUp()
+    return reason(pc)
+
+
 def renew(pc: PETSc.PC, margin: int = 0) -> None:
     """Begin anew, as after a failure PETSc would not even try the next matrix; `margin` [%], 0: as before."""
     operators, margin = pc.getOperators(), margin or pc.getFactorMatrix().getMumpsIcntl(14)

@@ -9,7 +9,8 @@ from typing import Any
 from petsc4py import PETSc
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.solvers.newton import Newton, Tolerances
+from gossamer_fx.solvers import factorisation
+from gossamer_fx.solvers.newton import Newton, NotConverged, Tolerances
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import EndPoint
 
@@ -103,12 +104,9 @@ class GeneralizedAlphaSolver:
             A.assemble()
         system.supports.clear(A, 1.0)
         r.scale(-1.0)
-        ksp = PETSc.KSP().create(system.comm)
-        ksp.setOperators(A)
-        ksp.setType("preonly")
-        ksp.getPC().setType("lu")
-        ksp.getPC().setFactorSolverType("mumps")
-        ksp.solve(r, self._v̇0)
+        problem = factorisation.solve(A, r, self._v̇0)
+        if problem:
+            raise NotConverged(f"no acceleration to start with, {problem}")
         self._drop_multipliers(self._v̇0)
         self._v̇0.copy(self._a0)
         self._started = True

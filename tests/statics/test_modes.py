@@ -139,3 +139,58 @@ def test_cantilever(comm):
     scale = (section.line_density / section.EI2) ** 0.5
     βL = [(2 * np.pi * mode.frequency * scale) ** 0.5 for mode in modes(equilibrium, 4)]
     assert βL == pytest.approx(np.repeat((1.87510407, 4.69409113), 2), rel=1e-3)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("above", [0.0, 1.01, 2.4])
+def test_a_free_hub_with_tethers_in_a_turning_frame(comm, above):
+    """ω/Ω = √(R/L) in the plane, √(1 + R/L) out of it, of tethers L with tip masses that swing against each other.
+
+    The hub of radius R is free: at zero frequency the stiffness is singular.
+    """
+    Ω, R, L, m, k = 3.0, 0.2, 1.0, 0.05, 1e5
+    hub = gx.RigidBody(2.0, (0.3, 0.3, 0.5), comm=comm, name="hub")
+    spin = (0.0, 0.0, Ω)
+    items = [Centrifugal(hub, spin)]
+    for i, e in enumerate(np.array([(1.0, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0)])):
+        tip = gx.PointMass(m, tuple((R + L) * e), comm=comm, name=f"tip {i}")
+        length = L - m * Ω**2 * (R + L) / k
+        items += [gx.Rope(hub.port(tuple(R * e)), tip.port(), length, k, f"tether {i}"), Centrifugal(tip, spin)]
+    equilibrium = Equilibrium(gx.Scene(*items))
+    result = equilibrium.find()
+    assert result.free == ("translation z", "rotation z")
+    planar, across = np.sqrt(R / L), np.sqrt(1 + R / L)
+    near = modes(equilibrium, 2 if above else 12, spin, above * planar * Ω / (2 * np.pi))
+    found = np.array([2 * np.pi * mode.frequency / Ω for mode in near])
+    for exact in [planar, across] if above == 0 else [planar] if above < 2 else [across]:
+        assert abs(found - exact).min() < 1e-5 * exact
+    if above > 2:
+        assert found.min() > planar
+
+
+def test_modes_near_a_frequency_in_a_turning_frame(comm):
+    """Those of the disc with two nodal diameters, (ω/Ω)² = 2.276136, without those below."""
+    film = gx.Membrane(ring(comm, 0.2, 1.0, 6, 32, 2), SPUN, order=2)
+    spin = (0.0, 0.0, SPIN)
+    equilibrium = Equilibrium(gx.Scene(film, gx.Fixed(film, "hub"), Centrifugal(film, spin)))
+    equilibrium.find()
+    found = modes(equilibrium, 2, spin, above=1.5 * SPIN / (2 * np.pi))
+    assert [(2 * np.pi * mode.frequency / SPIN) ** 2 for mode in found] == pytest.approx([2.276136] * 2, rel=2e-3)
+
+
+def test_a_film_on_a_free_hub_in_a_turning_frame(comm):
+    """A rigid hub, much heavier than its film, is as good as held: the disc's own frequencies, hub free."""
+    film = gx.Membrane(ring(comm, 0.2, 1.0, 4, 24, 2), SPUN, order=2)
+    mass = 1e4 * 5e-5 * 1e9 / SPIN**2 * 1e-4 * np.pi
+    hub = gx.RigidBody(mass, (mass, mass, 2 * mass), comm=comm, name="hub")
+    spin = (0.0, 0.0, SPIN)
+    scene = gx.Scene(gx.RigidRegion(film, "hub", hub), Centrifugal(film, spin), Centrifugal(hub, spin))
+    equilibrium = Equilibrium(scene)
+    equilibrium.find()
+    lowest, near = modes(equilibrium, 14, spin), modes(equilibrium, 10, spin, above=1.2 * SPIN / (2 * np.pi))
+    squares = np.array([(2 * np.pi * mode.frequency / SPIN) ** 2 for mode in lowest])
+    for exact in (0.733432, 1.158668):
+        assert abs(squares / exact - 1).min() < 1e-3
+    squares = np.array([(2 * np.pi * mode.frequency / SPIN) ** 2 for mode in near])
+    for exact in (0.733432, 1.0, 1.158668, 2.276136):  # of Ω the motion of the whole, as it is seen from turning axes
+        assert abs(squares / exact - 1).min() < 1e-3

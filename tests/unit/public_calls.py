@@ -198,7 +198,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "RigidMotion": {"spin": z, "velocity": z, "centre": z},
         "RingArea": {"ring": gx.Ring(film, "left")},
         "Ring": {"film": film, "edges": "left"},
-        "Rope": {"a": P, "b": Q, "length": 1.0, "stiffness": 1.0},
+        "Rope": {"a": P, "b": Q, "length": 1.0, "stiffness": 1.0, "damping": 0.1},
         "Section": edges,
         "Series": {"probes": {"a": lambda run: 0.0}},
         "Simulation": {"scene": scene, "stepper": gx.Midpoint(dt=0.1), "outputs": [], "halvings": 8},

@@ -56,3 +56,45 @@ def test_the_reason_is_told_and_the_next_matrix_is_tried():
     ksp.solve(b, x)
     assert x.array.tolist() == [1.0, 0.25, 0.5]
     assert factorisation.reason(pc) == ""
+
+
+def ropes(comm, masses, spin):
+    """A pinned hub with masses on ropes, turning."""
+    hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=comm, name="hub")
+    items = [gx.RevoluteJoint(hub.frame(), gx.ground_frame(), (0, 0, 1))]
+    for k in range(masses):
+        e = np.array([np.cos(2 * np.pi * k / masses), np.sin(2 * np.pi * k / masses), 0.0])
+        mass = gx.PointMass(0.1, tuple(0.5 * e), comm=comm, name=f"mass {k}")
+        items += [gx.Rope(hub.port(tuple(0.1 * e)), mass.port(), 0.39, 1e3, name=f"rope {k}")]
+        items += [gx.Centrifugal(mass, (0, 0, spin))] if spin else []
+    return gx.Scene(*items)
+
+
+def test_the_first_acceleration_has_the_workspace_that_it_needs(comm):
+    run = gx.Simulation(ropes(comm, 64, 0.0), gx.GeneralizedAlpha(dt=1e-3), halvings=0)
+    run.run(until=2e-3)
+    assert run.totals.energy == pytest.approx(64 * 0.5 * 1e3 * 0.01**2, rel=1e-4)
+
+
+@pytest.mark.parametrize("turning", [False, True])
+@pytest.mark.parametrize("above", [0.0, 0.3])
+def test_modes_have_the_workspace_that_they_need(comm, turning, above):
+    """In the plane ω = Ω √(R/l), with the length l to which spin and rope stretch it."""
+    spin = 5.0
+    equilibrium = gx.Equilibrium(ropes(comm, 64, spin))
+    equilibrium.find()
+    x = comm.bcast(equilibrium.system.q0.array_r[12:15].copy())
+    length = float(np.linalg.norm(x)) - 0.1
+    found = gx.modes(equilibrium, 3, (0.0, 0.0, spin) if turning else (0.0, 0.0, 0.0), above)
+    exact = spin / (2 * np.pi) * np.sqrt(0.1 / length)
+    assert found[-1].frequency == pytest.approx(exact, rel=2e-2)
+
+
+def test_a_coarse_space_is_set_up_anew_after_a_failure():
+    """PETSc would not try the next matrix; the reason is told."""
+    pc = PETSc.PC().create(PETSc.COMM_SELF)
+    factorisation.choose(pc)
+    pc.setOperators(matrix([1.0, 0.0, 2.0]))
+    assert "singular" in factorisation.set_up(pc)
+    pc.setOperators(matrix([1.0, 4.0, 2.0]))
+    assert factorisation.set_up(pc) == ""
