@@ -75,7 +75,7 @@ def modes(
     else:
         G = system.gyroscopic(spin)
         system.supports.clear(G, 0.0)
-        found = _turning_near(K, G, M, count, ω) if ω else _turning(K, G, M, count, math.sqrt(aside))
+        found = _turning(K, G, M, count, {"imaginary": ω} if ω else {"real": math.sqrt(aside)})
     if len(found) < count:
         raise NoEquilibrium(f"Only {len(found)} of {count} modes converged; ask for fewer, or check the equilibrium.")
     nearest = sorted(found, key=lambda mode: math.hypot(mode.growth, 2 * math.pi * (mode.frequency - above)))[:count]
@@ -129,42 +129,11 @@ def _largest(operator: PETSc.Mat, count: int) -> Iterator[tuple[complex, npt.NDA
         yield complex(solver.getEigenpair(i, re, im)), re.array_r + 1j * im.array_r
 
 
-def _turning(K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, count: int, aside: float) -> list[Mode]:
-    """The quadratic problem near λ = `aside`, which is real; of each conjugate pair the one with positive frequency."""
-    from slepc4py import SLEPc
+def _turning(K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, count: int, place: dict[str, float]) -> list[Mode]:
+    """The quadratic problem near a place of λ; of each conjugate pair the one with positive frequency."""
+    from gossamer_fx.analyses.turning_modes import Inverse
 
-    solver = SLEPc.PEP().create(K.comm)
-    solver.setOperators([K, G, M])
-    solver.setWhichEigenpairs(SLEPc.PEP.Which.TARGET_MAGNITUDE)
-    solver.setTarget(aside)
-    solver.setDimensions(2 * count + 2)
-    solver.setScale(SLEPc.PEP.Scale.SCALAR)
-    solver.setOptionsPrefix("gx_modes_")
-    solver.setTolerances(1e-9, 500)
-    inversion = solver.getST()
-    inversion.setType("sinvert")
-    inner = inversion.getKSP()
-    inner.setType("preonly")
-    factorisation.choose(inner.getPC())
-    solver.setFromOptions()
-    inner.setErrorIfNotConverged(False)  # why it failed is told here
-    solver.setUp()
-    _check_inverted(factorisation.set_up(inner.getPC()))
-    inner.setErrorIfNotConverged(True)
-    solver.solve()
-    found = []
-    for i in range(solver.getConverged()):
-        re, im = K.createVecs()
-        λ = complex(solver.getEigenpair(i, re, im))
-        if λ.imag >= 0:
-            found.append(Mode(λ.imag / (2 * math.pi), λ.real, re.array_r + 1j * im.array_r))
-    return found
-
-
-def _turning_near(K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, count: int, ω: float) -> list[Mode]:
-    """The quadratic problem near λ = iω, by the real part of the inverse there: see `turning_modes`."""
-    from gossamer_fx.analyses.turning_modes import NearFrequency
-
-    near = NearFrequency(K, G, M, ω)
+    near = Inverse(K, G, M, **place)
+    _check_inverted(near.problem)
     pairs = [near.pair(z) for _, z in _largest(near.operator(), 2 * count + 2)]
     return [Mode(λ.imag / (2 * math.pi), λ.real, shape) for λ, shape in pairs if λ.imag >= 0]
