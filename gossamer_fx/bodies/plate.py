@@ -164,8 +164,14 @@ class Plate(Membrane):
         """H0 (2, 2) in the frame of the mesh."""
         what = f"Plate '{self.name}': its rest_curvature"
         if not callable(given) and not isinstance(given, Mapping):
-            tensor = np.asarray(given, dtype=float)
-            check(tensor.shape == (3, 3), f"{what} is an array {tensor.shape}; give a tensor (3, 3) in 1/m.")
+            try:
+                tensor = np.asarray(given, dtype=float)
+            except (TypeError, ValueError):
+                tensor = np.zeros(0)
+            check(
+                tensor.shape == (3, 3),
+                f"{what} is no array (3, 3); give a tensor in 1/m, a function of the points, or those of groups.",
+            )
             given = _Uniform(tensor)
         H = cellwise(self.mesh, given, np.zeros((3, 3)), (3, 3), what)
         n = self.mesh.domain.topology.index_map(2).size_local

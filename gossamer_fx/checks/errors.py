@@ -56,7 +56,10 @@ def check_on_all(comm: MPI.Intracomm, condition: bool, message: str) -> None:
 
 def is_vector(value: Any) -> bool:
     """Whether a value is three finite numbers."""
-    numbers = np.asarray(value, dtype=float)
+    try:
+        numbers = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        return False
     return numbers.shape == (3,) and bool(np.isfinite(numbers).all())
 
 

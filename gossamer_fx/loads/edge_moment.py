@@ -12,6 +12,7 @@ from dolfinx.mesh import meshtags
 
 from gossamer_fx.bodies.plate import Plate
 from gossamer_fx.checks.errors import check, check_on_all
+from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.model.terms import Term
@@ -60,9 +61,8 @@ class EdgeMoment:
         m = constant(domain, 0.0 if callable(value) else value)
 
         def at(t: float) -> None:
-            now = value(t) if callable(value) else value
-            check(math.isfinite(now), f"EdgeMoment '{self.name}' is {now!r} N at t = {t:.6g} s; check its function.")
-            m.value = now
+            if callable(value):
+                m.value = float(ask_numbers(plate.comm, f"EdgeMoment '{self.name}' at t = {t:.6g} s", lambda: value(t)))
 
         def work(x: Expr, w: Expr) -> ufl.Form:
             return m * ufl.dot(plate.bending.edge_normal(x), plate.bending.slope(w)) * ds

@@ -75,7 +75,7 @@ class Environment:
         )
         self.sky = Sky(epoch, ut1_utc) if epoch is not None else None
         check(
-            sun is None or callable(sun) or is_vector(sun),
+            sun is None or callable(sun) or (is_vector(sun) and bool(np.any(sun))),
             f"Orbit '{name}': sun is {sun!r}; give three numbers in astronomical units, or a function of time.",
         )
         self._sun = sun

@@ -80,7 +80,12 @@ class Section:
 
 def check_section(owner: str, section: tuple[Vector, Vector]) -> None:
     """Raise `InputError` for what is no point and normal."""
-    good = len(section) == 2 and all(is_vector(v) for v in section) and bool(np.any(section[1]))
+    good = (
+        isinstance(section, Sequence)
+        and len(section) == 2
+        and all(is_vector(v) for v in section)
+        and bool(np.any(section[1]))
+    )
     check(good, f"{owner}: section is {section!r}; give a point [m] and a normal, ((x, y, z), (nx, ny, nz)).")
 
 

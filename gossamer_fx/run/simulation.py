@@ -75,11 +75,9 @@ class Simulation:
         started = time.perf_counter()
         self.system = scene.compile(stepper.rule)
         self.solver = stepper.start(self.system)
-        self.stepping: Stepping = (
-            EqualSteps(self.system, self.solver, stepper.dt, halvings)
-            if control is None
-            else control.start(self.system, self.solver, stepper.dt)
-        )
+        self.stepping: Stepping = EqualSteps(self.system, self.solver, stepper.dt, halvings)
+        if control is not None:
+            self.stepping = control.start(self.system, self.solver, stepper.dt)
         self.compile_seconds = time.perf_counter() - started
         self.history = History(self.system, [self.solver, self.stepping])
         self.step = self.iterations = self.substeps = self.last_iterations = 0
