@@ -1,0 +1,152 @@
+"""A spinning hub is stopped by two masses on cords that unwind from it: the yo-yo of satellites.
+
+Two cords are wound half way round a cylinder each, held there by contact alone; a mass at the end of each is let go.
+With cords without mass that leave the cylinder along its tangent (Fedor, NASA TN D-708, 1961, from the conservation of
+energy and angular momentum), the unwound length is s = R ω0 t and the spin of the hub
+
+    ω = ω0 (c R² - s²)/(c R² + s²),   c = 1 + I/(2 m R²)
+
+so that cords of the length R √c stop it.  Here the cords have mass, stretch, and touch the cylinder at a distance that
+the contact sets.
+
+Chosen: cylinder of 0.1 m radius, masses of 20 g, cords of 0.1 g/m; I such that π R is what stops the hub.
+
+    ./gossamer demo yo_yo
+    ./gossamer run demos/yo_yo.py cells=60 --output out/yo_yo; ./gossamer report out/yo_yo
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.model.terms import Array
+from gossamer_fx.outputs.output import Output
+from meshes.line import line
+
+TITLE = "A hub is stopped by two masses on cords"
+RADIUS, MASS, SPIN = 0.1, 0.02, 10.0  # m, kg, rad/s
+CORD, TOUCH = 1e-4, 4e-4  # radius of the cords and distance of contact [m]
+LINE_DENSITY, EA = 1e-4, 5e3  # kg/m, N
+PRESSING = 5e9  # N/m³: the cords' tension presses them into contact by a hundredth of its distance
+DAMPING = 1e-3  # s, of the cords' stretch: without it the masses bounce on them for ever
+UNWOUND = 0.98  # of half a turn: a cord ends before the other one begins
+
+
+def wound(cells: int) -> tuple[float, float, float]:
+    """Radius of a cord's corners, its length [m] and the angle of a cell [rad]: its cells lie outside of contact."""
+    step = UNWOUND * math.pi / cells
+    corners = (RADIUS + CORD + 1.01 * TOUCH) / math.cos(step / 2)
+    return corners, cells * 2 * corners * math.sin(step / 2), step
+
+
+def inertia(cells: int) -> float:
+    """I [kg m²] of a hub that cords of π R stop."""
+    R = wound(cells)[0]
+    return 2 * MASS * R**2 * (math.pi**2 - 1)
+
+
+def spin_of(t: Array, cells: int) -> Array:
+    """ω(t) [rad/s] of the closed form."""
+    c = math.pi**2
+    s = SPIN * t  # over R
+    return np.asarray(SPIN * (c - s**2) / (c + s**2))
+
+
+def build(comm: MPI.Comm, cells: int = 36, until: float | None = None, dt: float = 2e-4) -> gx.Case:
+    """The hub and two cords of `cells` cells until the time `until` [s], at which they are all but unwound."""
+    R, length, step = wound(cells)
+    I = inertia(cells)  # noqa: E741 (as in the formula)
+    hub = gx.RigidBody(2 * I / RADIUS**2, (I / 2, I / 2, I), name="hub")
+    drum = gx.Cylinder(start=(0.0, 0.0, -0.02), end=(0.0, 0.0, 0.02), radius=RADIUS, on=hub, name="drum")
+    cords: list[gx.Cable] = []
+    items: list[object] = [hub]
+    for k in range(2):
+
+        def places(X: Array, first: float = math.pi * k) -> Array:
+            angle = first - X[0] / length * cells * step
+            return np.vstack([R * np.cos(angle), R * np.sin(angle), 0 * angle]) - X
+
+        mesh = line(comm, [(0.0, 0.0, 0.0), (length, 0.0, 0.0)], cells)
+        law = gx.TensionOnly(EA=EA, line_density=LINE_DENSITY)
+        cord = gx.Cable(mesh, law, name=f"cord {k + 1}", displacement=places)
+        end = math.pi * k - cells * step
+        tip = gx.PointMass(MASS, (R * math.cos(end), R * math.sin(end), 0.0), name=f"mass {k + 1}")
+        held = hub.port((R * math.cos(math.pi * k), R * math.sin(math.pi * k), 0.0))
+        items += [cord, tip, gx.BallJoint(cord.port("start"), held, name=f"knot {k + 1}")]
+        items.append(gx.BallJoint(cord.port("end"), tip.port(), name=f"end {k + 1}"))
+        items.append(gx.Damping(cord, stiffness=DAMPING, name=f"damping {k + 1}"))
+        cords.append(cord)
+    contact = gx.Contact(
+        *cords, drum, distance=TOUCH, stiffness=PRESSING, radius=dict.fromkeys((c.name for c in cords), CORD)
+    )
+    scene = gx.Scene(*items, contact, gx.RigidMotion(spin=(0.0, 0.0, SPIN)))  # type: ignore[arg-type]
+    probes = {"spin of the hub [rad/s]": gx.AngularVelocity(hub.frame(), "z"), "penetrations": gx.Penetrations(contact)}
+    whole = UNWOUND * math.pi / SPIN if until is None else until
+    control = gx.StepControl(iterations=10, largest=1e-3)
+    return gx.Case(scene, gx.Midpoint(dt=dt), whole, TITLE, probes=probes, control=control, frames=60)
+
+
+def main(
+    output: str | Path | None = None, cells: int = 36, dt: float = 2e-4, comm: MPI.Comm = MPI.COMM_WORLD
+) -> dict[str, float]:
+    """Unwind the cords; errors of the hub's spin over the first one, until half and until all of them is unwound.
+
+    With `output`, a folder: the recording of the run, and a picture.
+    """
+    case = build(comm, cells, dt=dt)
+    series = gx.Series(case.probes)
+    outputs: list[Output] = [gx.Progress(), series]
+    if output is not None:
+        out = Path(output)
+        outputs.append(case.recording(out))
+    run = case.simulation(outputs)
+    run.run(until=case.until)
+    t, spin = series.time, series["spin of the hub [rad/s]"]
+    error = np.abs(spin - spin_of(t, cells)) / SPIN
+    if output is not None and comm.rank == 0:
+        draw(t, spin, cells, Path(output) / "yo_yo.png")
+    first, now = run.first.angular_momentum, run.totals.angular_momentum
+    return {
+        "error_half": float(error[t <= case.until / 2].max()),
+        "error_whole": float(error.max()),
+        "last_spin": float(spin[-1]),
+        "energy_error": abs(run.energy_error),
+        "angular_momentum_drift": float(np.abs(now - first).max() / np.abs(first).max()),
+        "penetrations": float(series["penetrations"].max()),
+        "halved": run.substeps,
+        "steps": run.step,
+        "iterations": run.iterations / run.step,
+        "seconds": run.seconds,
+    }
+
+
+def draw(t: Array, spin: Array, cells: int, path: Path) -> None:
+    """The spin of the hub over the time, computed and of the closed form, and their difference."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 3.8), dpi=100, facecolor="white", layout="constrained")
+    left, right = figure.subplots(1, 2)
+    exact = spin_of(t, cells)
+    left.plot(1e3 * t, spin, color=(0.8, 0.2, 0.1), label="computed")
+    left.plot(1e3 * t, exact, "--", color=(0.1, 0.35, 0.7), label="closed form")
+    left.set(xlabel="t [ms]", ylabel="spin of the hub [rad/s]")
+    left.legend(frameon=False)
+    right.plot(1e3 * t, 100 * (spin - exact) / SPIN, color="black")
+    right.set(xlabel="t [ms]", ylabel="difference [% of the first spin]")
+    for axes in (left, right):
+        axes.grid(alpha=0.3)
+    figure.suptitle(TITLE)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    FigureCanvasAgg(figure).print_png(str(path))
+
+
+if __name__ == "__main__":
+    for key, value in main(output="out/yo_yo").items():
+        if MPI.COMM_WORLD.rank == 0:
+            print(f"{key:24} {value:.6g}")
