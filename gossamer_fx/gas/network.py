@@ -21,6 +21,7 @@ from petsc4py import PETSc
 from gossamer_fx.checks.errors import check
 from gossamer_fx.gas.balance import ALMOST, Balance, Passage
 from gossamer_fx.gas.contract import Opening, Volume, Wall
+from gossamer_fx.gas.enclosure import FilmEnclosure
 from gossamer_fx.gas.geometry import Geometry
 from gossamer_fx.gas.state import ChamberState
 from gossamer_fx.model.scalar_unknowns import ScalarTotals
@@ -36,6 +37,10 @@ class GasNetwork:
         first = chambers[0]
         odd = next((c.name for c in chambers if c.gas != first.gas), "")
         check(not odd, f"The chambers '{first.name}' and '{odd}' hold different gases; a scene has one.")
+        whole = [c.enclosure for c in chambers if isinstance(c.enclosure, FilmEnclosure) and not c.enclosure.surface]
+        films = [enclosure.film for enclosure in whole]
+        twice = next((film.name for k, film in enumerate(films) if film in films[:k]), "")
+        check(not twice, f"Two chambers enclose the whole of '{twice}'; give each its surface, or leave one out.")
         self._gas = first.gas
         self._geometry = geometry = Geometry(system)
         self._gases = [

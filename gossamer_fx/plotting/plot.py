@@ -65,6 +65,7 @@ def plot_field(run: RunReader, field: str, times: Sequence[float], path: str | P
     Raises:
         InputError: an unknown field, a time outside the run.
     """
+    check(bool(len(times)), "There are no times of which to draw a picture; give one or more in seconds.")
     frames = [run.frame(t) for t in times]
     colours = colouring(run, field)
     shapes = [run.shape(k, field, colours.kinds) for k in frames]
