@@ -1,5 +1,7 @@
 """Run times beside those of others: ./gossamer bench NAME [--quick] [--runs N]; NAME `all` runs every problem.
 
+`contact` runs `contact_cost`, too.
+
 The contestants take turns, one thread each; of every figure the median over the runs is shown, times next to results.
 Writes out/benchmarks/NAME.csv, and ends with a line `ratio PEER NUMBER` for each peer: its cost over this program's,
 the smallest over the cases.
@@ -22,7 +24,8 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=3, help="of which the median is taken")
     parser.add_argument("--out", type=Path, default=Path("out/benchmarks"), help="folder of the tables")
     wanted = parser.parse_args()
-    for name in PROBLEMS if wanted.name == "all" else [wanted.name]:
+    parts = [name for name in PROBLEMS if wanted.name in (name, name.split("_")[0], "all")]
+    for name in parts:
         problem = PROBLEMS[name]
         compare(name, problem, problem.quick if wanted.quick else problem.cases, wanted.runs, wanted.out)
     return 0

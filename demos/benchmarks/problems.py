@@ -187,6 +187,17 @@ PROBLEMS = {
         quick={"4 x 4 cells": {SELF: {"n": 4}, "newton": {"n": 4}}},
         peers=("newton",),
     ),
+    "contact_cost": Problem(
+        title="A stack of films, a Newton iteration with contact over one without; all of them packed, and a tenth",
+        cost=lambda r: r["ratio"],
+        unit="times",
+        cases={
+            f"{vertices / 1000:g}k, {part:g} packed": {SELF: {"vertices": vertices, "part": part}}
+            for part in (1.0, 0.1)
+            for vertices in (1000, 5000, 20000, 80000)
+        },
+        quick={"1k, 1 packed": {SELF: {"vertices": 1000, "part": 1.0}}},
+    ),
     "ranks": Problem(
         title="Free spinning sheet on two ranks and on one",
         cost=lambda r: r["wall"] / r["steps"],

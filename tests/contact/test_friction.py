@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from random_pairs import near_pairs
-from scenes import SIGMA, conserved, film, group_of, pierced, simulate
+from scenes import FILM, SIGMA, conserved, film, group_of, pierced, simulate
 
 import gossamer_fx as gx
 from gossamer_fx.contact.friction import EDGES, Sliding
 from gossamer_fx.contact.pairs import BARRIER, EDGE_EDGE, POINT_TRIANGLE, act, nearest_points
+from meshes.sheet import EDGES as EDGES_OF_SHEET
+from meshes.sheet import sheet
 
 FLOOR = {"point": (0.0, 0.0, 0.0), "normal": (0.0, 0.0, 1.0)}
 
@@ -91,13 +93,14 @@ def test_friction_costs_nothing_where_there_is_none() -> None:
     assert (group_of(run).bodies.frames < 0).all()
 
 
+@pytest.mark.mpi
 @pytest.mark.parametrize("μ", [0.0, 0.5])
-def test_a_ball_on_a_film_turns_by_friction_alone(μ) -> None:
+def test_a_ball_on_a_film_turns_by_friction_alone(comm, μ) -> None:
     """It is thrown along a free film and presses on it: what it loses along the film, it gains as rotation."""
     m, r = 1e-3, 0.01
-    bag = film(MPI.COMM_SELF, name="bag")
+    bag = film(comm, name="bag")
     ball = gx.RigidBody(
-        m, (0.4 * m * r * r,) * 3, position=(0.003, 0.002, r + 3e-4), velocity=(0.3, 0, -0.5), comm=MPI.COMM_SELF
+        m, (0.4 * m * r * r,) * 3, position=(0.003, 0.002, r + 3e-4), velocity=(0.3, 0, -0.5), comm=comm
     )
     solid = gx.Sphere(centre=(0.003, 0.002, r + 3e-4), radius=r, on=ball, friction=μ)
     run = simulate([gx.Contact(bag, solid, distance=2e-4)], 4e-3)
@@ -116,8 +119,22 @@ def test_a_ball_on_a_film_turns_by_friction_alone(μ) -> None:
 def _spin(run, ball) -> float:
     """Angular velocity about y."""
     owned = run.system.numbering.owned(run.system.bodies.index(ball))
-    d, rate = (z.array_r[owned].reshape(4, 3)[1:] for z in (run.system.q0, run.system.v0))
-    return float(np.cross(d, rate).sum(axis=0)[1] / 2)
+    d, rate = (z.array_r[owned].reshape(-1, 4, 3)[:, 1:] for z in (run.system.q0, run.system.v0))
+    return run.comm.allreduce(float(np.cross(d, rate)[..., 1].sum() / 2))
+
+
+def test_a_restart_in_the_middle_of_rubbing(tmp_path) -> None:
+    def scene():
+        lower = film(MPI.COMM_SELF, 2, name="lower")
+        upper = film(MPI.COMM_SELF, 2, height=1.2e-3, velocity=(1.0, 0.4, -2.0), turn=0.4, name="upper")
+        return [gx.Contact(lower, upper, distance=1e-3, friction=0.3)]
+
+    through = simulate(scene(), 8e-4)
+    simulate(scene(), 4e-4, checkpoints=gx.Checkpoints(tmp_path / "saved", every=None))
+    again = simulate(scene(), 8e-4, restart=tmp_path / "saved")
+    assert through.totals.dissipated > 0
+    assert again.totals.dissipated == pytest.approx(through.totals.dissipated, rel=1e-9)
+    assert np.abs(again.system.q0.array_r - through.system.q0.array_r).max() < 1e-12
 
 
 def test_a_moved_solid_drags_a_film_along_and_pays_for_it() -> None:
@@ -183,3 +200,36 @@ def test_what_is_no_friction_is_refused() -> None:
         gx.Contact(body, distance=1e-3, friction=0.1, creep=0.0)
     with pytest.raises(gx.InputError, match=r"Plane 'obstacle': friction is nan"):
         gx.Plane(**FLOOR, friction=math.nan)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("μ", [0.0, 0.5])
+def test_a_ball_rolls_in_a_bag_if_there_is_friction(μ) -> None:
+    m, r, size, start = 5e-3, 0.02, 0.2, (0.03, 0.01, 0.012)
+
+    def sagging(X):
+        deep = 0.02 * np.sin(np.pi * X[0] / size) * np.sin(np.pi * X[1] / size)
+        return np.vstack([X[0] - size / 2, X[1] - size / 2, -deep]) - X
+
+    law = gx.Miyazaki(**FILM | {"E": 2e6}, residual=1e-3)
+    bag = gx.Membrane(sheet(MPI.COMM_SELF, 8, 8, size, size), law, displacement=sagging, name="bag")
+    rim = [gx.Fixed(bag, side) for side in EDGES_OF_SHEET]
+    ball = gx.RigidBody(
+        m, (0.4 * m * r * r,) * 3, position=start, velocity=(0, 0.4, 0), comm=MPI.COMM_SELF, name="ball"
+    )
+    contact = gx.Contact(bag, gx.Sphere(centre=start, radius=r, on=ball, friction=μ), distance=1e-3)
+    run = simulate([contact, *rim, gx.Gravity(bag), gx.Gravity(ball)], 0.25, 1e-3)
+    assert abs(run.energy_error) < 1e-9
+    assert pierced(run) == 0
+    state = (
+        z.array_r[run.system.numbering.owned(run.system.bodies.index(ball))] for z in (run.system.q0, run.system.v0)
+    )
+    (_, *d), (v, *rates) = (z.reshape(4, 3) for z in state)
+    ω = np.cross(d, rates).sum(axis=0) / 2
+    slip = (v + np.cross(ω, [0, 0, -r]))[:2]
+    if μ == 0:
+        assert not run.totals.dissipated
+        assert np.abs(ω).max() < 1e-9
+    else:
+        assert run.totals.dissipated > 1e-4
+        assert np.linalg.norm(slip) < 0.2 * np.linalg.norm(v[:2])
