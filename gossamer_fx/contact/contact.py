@@ -39,7 +39,8 @@ class Contact:
         law: "barrier" or "penalty".
         friction: coefficient μ of Coulomb friction; obstacles may have their own.  Parts that press with the mean
             force N and slide by w in a step resist with μ N φ(|w|/(h v_s)) along w, φ(y) = 2y - y² up to y = 1,
-            then 1; the work is booked as dissipated, and momentum and angular momentum are kept.
+            then 1; the work is booked as dissipated, and momentum and angular momentum are kept.  An equilibrium
+            has none.
         creep: v_s [m/s], below which parts that stick may slide.
         radius: of the cables and beams, by name [m].
         name: name in messages and output.

@@ -32,6 +32,20 @@ def film(comm, n=4, size=0.1, height=0.0, velocity=(0.0, 0.0, 0.0), turn=0.0, na
     )
 
 
+def solid_of(kind: str, block: gx.RigidBody, **given) -> gx.Plane | gx.Sphere | gx.Cylinder | gx.Box:
+    """A solid that is a part of a block, in the way of a film that falls from z = 0."""
+    makes, where = {
+        "plane": (gx.Plane, {"point": (0, 0, -0.008), "normal": (0.1, 0, 1)}),
+        "ball": (gx.Sphere, {"centre": (0, 0, -0.022), "radius": 0.02}),
+        "cylinder": (gx.Cylinder, {"start": (-0.06, 0, -0.022), "end": (0.03, 0, -0.022), "radius": 0.02}),
+        "box": (gx.Box, {"centre": (0, 0, -0.022), "sizes": (0.04, 0.04, 0.04)}),
+        "in ball": (gx.Sphere, {"centre": (0, 0, 0.02), "radius": 0.077, "inside": True}),
+        "in cylinder": (gx.Cylinder, {"start": (0, 0, 0.01), "end": (1, 0, 0.01), "radius": 0.0523, "inside": True}),
+        "in box": (gx.Box, {"centre": (0, 0, 0), "sizes": (0.12, 0.12, 0.006), "inside": True}),
+    }[kind]
+    return makes(**where, on=block, **given)
+
+
 def group_of(run) -> Group:
     """The only contact of a run."""
     (group,) = next(c for c in run.system.compiled if isinstance(c, CompiledContacts)).groups.values()

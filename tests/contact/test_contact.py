@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import FILM, conserved, film, group_of, pierced, simulate
+from scenes import FILM, conserved, film, group_of, pierced, simulate, solid_of
 
 import gossamer_fx as gx
 from meshes.line import line
@@ -62,15 +62,7 @@ def test_films_hit_solids(kind):
     comm = MPI.COMM_SELF
     thrown = film(comm, height=0.0, velocity=(0.1, 0.0, -2.0), name="thrown")
     block = gx.RigidBody(0.02, (1e-5, 1e-5, 1e-5), position=(0.0, 0.0, -0.022), comm=comm)
-    solid = {
-        "plane": gx.Plane(point=(0, 0, -0.008), normal=(0.1, 0, 1), on=block),
-        "ball": gx.Sphere(centre=(0, 0, -0.022), radius=0.02, on=block),
-        "cylinder": gx.Cylinder(start=(-0.06, 0, -0.022), end=(0.03, 0, -0.022), radius=0.02, on=block),
-        "box": gx.Box(centre=(0, 0, -0.022), sizes=(0.04, 0.04, 0.04), on=block),
-        "in ball": gx.Sphere(centre=(0, 0, 0.02), radius=0.077, inside=True, on=block),
-        "in cylinder": gx.Cylinder(start=(0, 0, 0.01), end=(1, 0, 0.01), radius=0.0523, inside=True, on=block),
-        "in box": gx.Box(centre=(0, 0, 0), sizes=(0.12, 0.12, 0.006), inside=True, on=block),
-    }[kind]
+    solid = solid_of(kind, block)
     run = simulate([gx.Contact(thrown, solid, distance=1e-3)], 4e-3)
     group = group_of(run)
     assert group.closest < 1e-3

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from random_pairs import near_pairs
-from scenes import FILM, SIGMA, conserved, film, group_of, pierced, simulate
+from scenes import FILM, SIGMA, conserved, film, group_of, pierced, simulate, solid_of
 
 import gossamer_fx as gx
 from gossamer_fx.contact.friction import EDGES, Sliding
@@ -91,6 +91,15 @@ def test_friction_costs_nothing_where_there_is_none() -> None:
     run = simulate([gx.Contact(one, other, gx.Plane(point=(0, 0, -1), normal=(0, 0, 1)), distance=1e-3)], 1e-4)
     assert group_of(run).friction is None
     assert (group_of(run).bodies.frames < 0).all()
+
+
+@pytest.mark.parametrize("kind", ["cylinder", "in ball", "in cylinder"])
+def test_films_rub_on_solids_of_a_free_body(kind) -> None:
+    thrown = film(MPI.COMM_SELF, velocity=(0.6, 0.3, -2.0), name="thrown")
+    block = gx.RigidBody(0.02, (1e-5, 1e-5, 1e-5), position=(0.0, 0.0, -0.022), comm=MPI.COMM_SELF)
+    run = simulate([gx.Contact(thrown, solid_of(kind, block, friction=0.4), distance=1e-3)], 4e-3)
+    assert run.totals.dissipated > 1e-5
+    conserved(run)
 
 
 @pytest.mark.mpi
