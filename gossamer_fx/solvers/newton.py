@@ -20,7 +20,7 @@ from gossamer_fx.system.system import System
 
 SEARCHES = 5  # of places that a solved step turns out to need, before what is still missed is refused
 LAST = 0.01  # residual that the last linear solve of a step leaves, over that of a solved step
-EXPLODED = 1e12  # residual, over the first one, from which no iteration returns
+EXPLODED = 1e12  # residual, over the first two (one may be round-off), from which no iteration returns
 NEAR = 0.01  # residual over the first, from which on tangents are complete
 FALLS, STANDS = 0.5, 4.0  # a residual that falls by less than the one is round-off below the other times its floor
 
@@ -295,7 +295,9 @@ class Newton:
             self._evaluate(y, snes.getFunction()[0])
             if self._solved():
                 return int(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_ABS)
-        if self._forces > EXPLODED * max(self._reference, self._limit):
+        if iteration < 2:
+            self._early = self._forces if iteration == 0 else max(self._early, self._forces)
+        if self._forces > EXPLODED * max(self._early, self._limit):
             return int(PETSc.SNES.ConvergedReason.DIVERGED_DTOL)
         if iteration >= self.tolerances.iterations:
             return int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT)
