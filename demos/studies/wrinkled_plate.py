@@ -13,7 +13,8 @@ wrinkles at 45° of length √2 H, and
 the wrinkles of the whole line, fans included.  The cells of the plate are long along the wrinkles and short across:
 four across half a wrinkle.  With two the wrinkles come out 1.7 times as long, with three 1.5 times: cells that cannot
 follow a wrinkle without stretching resist it.  The plate starts from small wrinkles of the theory's length ("theory"),
-of other lengths, or from waves of 0.02 mm in all directions ("noise").
+of 1.3 times that ("long"), or from waves of 0.02 mm in all directions ("noise").  From "long" it comes to 1.09 times
+the theory's length: 19.5 wrinkles, 1.22 times its amplitude, and an energy that is less by 3e-5 of itself.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ CENTRE = (0.3, 0.7)  # of the length, where wrinkles are measured
 SEARCH = gx.Continuation(
     step=1e-4, growth=2.0, inner=0.3, residual=1e-3, fast_iterations=20, max_iterations=40, iterations=2000
 )
-STARTS = {"noise": None, "theory": 1.0, "long": 1.3, "short": 0.8}
+STARTS = {"noise": None, "theory": 1.0, "long": 1.3}
 
 
 def moved(X: np.ndarray, t: float) -> np.ndarray:
