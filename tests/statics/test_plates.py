@@ -12,6 +12,7 @@ from dolfinx.fem.petsc import assemble_matrix
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.studies import tape_spring, wrinkled_plate
 from demos.studies.plate import buckled, curl, elastica, frequencies, pressed, roll_up
 from gossamer_fx.bodies.properties import cellwise
 from gossamer_fx.forms.bending import Bending
@@ -137,6 +138,24 @@ def test_a_sheared_plate_comes_to_rest_in_wrinkles(comm):
     assert sum(found.totals.stored.values()) < 0.8 * plane
     z = equilibrium.system.q0.array_r[2::3]
     assert comm.allreduce(float(z.max(initial=0.0)), op=MPI.MAX) > 10 * 1e-5
+
+
+@pytest.mark.slow
+def test_a_sheared_film_has_the_wrinkles_of_the_theory(comm):
+    """Half wavelength and amplitude of Wong & Pellegrino (2006), and the force of a tension field."""
+    found = wrinkled_plate.problem(comm, "theory", 5)
+    assert found["λ/theory"] == pytest.approx(1, abs=0.15)
+    assert found["a/theory"] == pytest.approx(1, abs=0.2)
+    assert found["counted"] == pytest.approx(19, abs=3)
+    assert found["force/film's"] == pytest.approx(1, abs=0.05)
+
+
+@pytest.mark.slow
+def test_a_tape_spring_folds_at_the_moment_of_the_theory(comm):
+    """It resists until it snaps, and then with (1+ν) D α however far it is bent (Seffen & Pellegrino 1999)."""
+    found = tape_spring.problem(comm, 8)
+    assert found["plateau/(1+ν)Dα"] == pytest.approx(1, abs=0.05)
+    assert found["peak/section's"] == pytest.approx(1, abs=0.15)
 
 
 def test_properties_vary_by_group_or_by_place():
