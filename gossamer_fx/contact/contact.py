@@ -13,7 +13,7 @@ from gossamer_fx.contact.compiled import ContactEnergy
 from gossamer_fx.contact.facets import facets_of
 from gossamer_fx.contact.obstacles import Obstacle, check_friction
 from gossamer_fx.contact.pairs import BARRIER, PENALTY
-from gossamer_fx.model.terms import MeshBody, Term, is_body, is_on_mesh
+from gossamer_fx.model.terms import MeshBody, Term, has_nodal_unknowns, is_body, is_on_mesh
 
 LAWS = {"barrier": BARRIER, "penalty": PENALTY}
 
@@ -75,6 +75,11 @@ class Contact:
         for k, body in enumerate(bodies):
             known = isinstance(body, Obstacle) or (is_body(body) and is_on_mesh(body))
             check(known, f"Contact '{name}': {body!r} has no surface; give films, cables, beams and obstacles.")
+            of_nodes = isinstance(body, Obstacle) or has_nodal_unknowns(body)
+            check(
+                of_nodes,
+                f"Contact '{name}': '{body.name}' is reduced, without nodes that touch; give the film itself.",
+            )
             twice = any(body is other for other in bodies[:k])
             check(
                 not twice, f"Contact '{name}': '{getattr(body, 'name', '')}' is given twice; once covers itself, too."

@@ -34,7 +34,7 @@ from gossamer_fx.forms.backend import interpolation_points
 from gossamer_fx.forms.compilation import compile_expression, compile_form, constant
 from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
-from gossamer_fx.model.terms import Array, Body, MeshBody
+from gossamer_fx.model.terms import Array, Body, MeshBody, has_nodal_unknowns
 from gossamer_fx.outputs.shapes import BodyShape
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import gradient
@@ -190,6 +190,9 @@ def _take_mean(function: fem.Function, name: str, body: MeshBody, system: System
 
 def _take_at_nodes(function: fem.Function, name: str, body: MeshBody, system: System) -> None:
     """Set a function to the sum of what terms have at the nodes, and to zero elsewhere."""
+    if not has_nodal_unknowns(body):  # of a reduced film there is nothing at nodes
+        function.x.array[:] = 0
+        return
     index_map, cells = body.block.index_map, body.space.dofmap.list
     at_nodes = np.zeros(index_map.size_local + index_map.num_ghosts)
     for compiled in system.compiled:

@@ -16,6 +16,7 @@ from gossamer_fx.contact.pairs import BARRIER, EDGE_EDGE, POINT_TRIANGLE, act, n
 from meshes.sheet import EDGES as EDGES_OF_SHEET
 from meshes.sheet import sheet
 
+OTHERS = ("plane", "ball", "cylinder", "box", "in ball", "in box")
 FLOOR = {"point": (0.0, 0.0, 0.0), "normal": (0.0, 0.0, 1.0)}
 
 
@@ -66,6 +67,7 @@ def test_a_film_that_slides_is_stopped() -> None:
     assert run.totals.dissipated == pytest.approx(0.5 * SIGMA * 0.01 * v0**2, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_below_the_friction_angle_it_creeps_as_slowly_as_stated() -> None:
     body, μ, p, a = patch(0.0), 0.5, 4.0, 8.0
     contact = gx.Contact(body, gx.Plane(**FLOOR), distance=2e-4, stiffness=1e8, friction=μ, creep=1e-4)
@@ -93,7 +95,7 @@ def test_friction_costs_nothing_where_there_is_none() -> None:
     assert (group_of(run).bodies.frames < 0).all()
 
 
-@pytest.mark.parametrize("kind", ["cylinder", "in ball", "in cylinder"])
+@pytest.mark.parametrize("kind", ["in cylinder", *(pytest.param(kind, marks=pytest.mark.slow) for kind in OTHERS)])
 def test_films_rub_on_solids_of_a_free_body(kind) -> None:
     thrown = film(MPI.COMM_SELF, velocity=(0.6, 0.3, -2.0), name="thrown")
     block = gx.RigidBody(0.02, (1e-5, 1e-5, 1e-5), position=(0.0, 0.0, -0.022), comm=MPI.COMM_SELF)

@@ -51,6 +51,17 @@ def recorded() -> tuple[gx.Membrane, gx.Snapshots]:
 
 
 @pytest.mark.mpi
+def test_contact_of_a_reduced_sail_is_refused_and_its_pressure_zero(recorded) -> None:
+    film, shapes = recorded
+    reduced = gx.reduce(film, [shapes], 6)
+    with pytest.raises(gx.InputError, match="is reduced, without nodes that touch; give the film itself"):
+        gx.Contact(reduced, distance=1e-3)
+    fields = FieldFunctions(gx.Simulation(gx.Scene(reduced), gx.Midpoint(dt=0.1)).system, reduced, ["contact_pressure"])
+    fields.update()
+    assert not np.abs(fields.functions[0].x.array).max(initial=0.0)
+
+
+@pytest.mark.mpi
 @pytest.mark.parametrize("cells", [None, 25])
 def test_a_reduced_sail_conserves_what_the_film_does(recorded, cells) -> None:
     film, shapes = recorded

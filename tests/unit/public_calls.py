@@ -181,7 +181,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "Picture": {"path": folder / "a.png", "times": (0.1,), "title": "", "section": ((0, 0, 0), (0, 0, 1))},
         "Piston": {"port": P, "area": 1.0, "direction": z},
         "Plate": {"mesh": mesh, "law": law, "order": 2, "hinges": (), "name": "plate"},
-        "Plane": {"point": z, "normal": z},
+        "Plane": {"point": z, "normal": z, "friction": 0.1},
         "PointMass": {"mass": 1.0, "position": z, "velocity": z},
         "Port": {"body": film, "nodes": (0,), "weights": (1.0,)},
         "Position": {"port": P, "axis": "x"},
