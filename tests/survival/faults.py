@@ -57,10 +57,13 @@ def main() -> None:
         Trouble(what, out),
     ]
     saves = gx.Checkpoints(out / "checkpoints", every=2)
-    run = gx.Simulation(fluttering_sheet(COMM), gx.Midpoint(dt=DT), outputs, checkpoints=saves)
+    restart = out / "checkpoints" if "restart" in sys.argv[3:] else None
+    if "no room" in sys.argv[3:]:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (2048, 2048))  # as on a disk that is full from the start
     try:
-        run.run(until=40 * DT)
-    except gx.OutputFailure as failure:
+        run = gx.Simulation(fluttering_sheet(COMM), gx.Midpoint(dt=DT), outputs, checkpoints=saves, restart=restart)
+        run.run(until=(60 if restart else 20) * DT)
+    except (gx.InputError, gx.OutputFailure) as failure:
         if COMM.rank == 0:
             print(failure, flush=True)
         sys.exit(3)

@@ -67,6 +67,44 @@ def test_a_full_disk_below_the_fields_is_named(tmp_path: Path) -> None:
     assert whole_checkpoints(tmp_path / "checkpoints")
 
 
+@pytest.mark.parametrize("ranks", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_a_restart_where_nothing_can_be_written_is_refused(tmp_path: Path, ranks: int) -> None:
+    """In a sentence, with fields too, and all that was written is as it was."""
+    assert meet(tmp_path, "nothing", "vtx", ranks=ranks).returncode == 0
+    before = {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()}
+    said = meet(tmp_path, "nothing", "vtx", "restart", "no room", ranks=ranks)
+    assert said.returncode == 3, said.stderr
+    assert said.stdout.count("Cannot write") == 1 and "Traceback" not in said.stderr
+    assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == before
+    assert meet(tmp_path, "nothing", "vtx", "restart", ranks=ranks).returncode == 0
+    assert rows(tmp_path / "ledger.csv") == list(range(61))
+
+
+def test_a_restart_on_a_disk_that_is_full_is_refused(tmp_path: Path) -> None:
+    """On a small file system in memory, where the system lets one be mounted."""
+    assert meet(tmp_path / "run", "nothing", "vtx").returncode == 0
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    again = f"{sys.executable} -m tests.survival.faults {disk} nothing vtx restart"
+    script = (
+        f"mount -t tmpfs -o size=2m tmpfs {disk} && cp -r {tmp_path}/run/. {disk} || exit 77;"
+        f"head -c 3000000 /dev/zero > {disk}/filler 2> /dev/null; {again}; code=$?; rm {disk}/filler;"
+        f"[ $code = 3 ] && {again}"
+    )
+    said = subprocess.run(
+        ["unshare", "--map-root-user", "--mount", "sh", "-c", script],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    if (said.returncode in (1, 77) and "unshare" in said.stderr + said.stdout) or said.returncode == 77:
+        pytest.skip("no file system can be mounted here without privileges")
+    assert said.returncode == 0, said.stderr
+    assert "Cannot write" in said.stdout and "No space left on device" in said.stdout
+
+
 @pytest.mark.parametrize("ranks", [1, 2])
 @pytest.mark.parametrize(
     ("what", "words"),

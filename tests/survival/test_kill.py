@@ -155,13 +155,26 @@ def test_a_signal_ends_the_run_after_its_step(tmp_path: Path, number: signal.Sig
     assert Path(told[2]).name == f"step-{int(told[1]):08d}"
 
 
-@pytest.mark.parametrize("ranks", [1, 2])
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_to_the_launcher_waits_for_a_long_step(tmp_path: Path, number: signal.Signals, ranks: int) -> None:
+ALONE, LAUNCHER = [sys.executable], [sys.executable, "-m", "gossamer_fx.cli.launch", "2"]
+PLAIN = ["mpirun", "--oversubscribe", "-n", "2", sys.executable]
+
+
+@pytest.mark.parametrize(
+    ("number", "launch"),
+    [
+        (signal.SIGTERM, ALONE),
+        (signal.SIGINT, ALONE),
+        (signal.SIGTERM, LAUNCHER),
+        (signal.SIGINT, LAUNCHER),
+        (signal.SIGUSR1, PLAIN),
+    ],
+)
+def test_a_signal_to_the_launcher_waits_for_a_long_step(
+    tmp_path: Path, number: signal.Signals, launch: list[str]
+) -> None:
     """Of two seconds, ten times what mpirun leaves its ranks."""
-    launch = ["-m", "gossamer_fx.cli.launch", "2"] if ranks > 1 else []
     run = subprocess.Popen(
-        [sys.executable, *launch, "-m", "tests.survival.long_steps", str(tmp_path)],
+        [*launch, "-m", "tests.survival.long_steps", str(tmp_path)],
         cwd=ROOT,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         stdout=subprocess.PIPE,
