@@ -23,7 +23,7 @@ START = 0.9  # distance of a point at which contact begins, over that of the nea
 GROWN = 0.999  # the same in the course of the run
 MARGIN = 0.3  # part of its way by which a point may miss the place where it was expected
 HORIZON = 32  # steps for which one search may serve, at most
-SOON = 3.0  # distance of pairs whose blocks new matrices hold in advance, over that at which contact begins
+SOON = 1.5  # distance of pairs whose blocks new matrices hold in advance, over that at which contact begins
 REACH = 4.0  # way of a node in one of Newton's updates, over d̂, at most
 
 

@@ -257,9 +257,10 @@ class Newton:
         if self._scalars:
             self._bordered.set(*self.system.coupling())
             J.assemble()
-        if self._floor == 0:
+        if self._floor == 0 or self.system.searching:  # what a predictor passes through may be stiff beyond measure
             A.getDiagonal(self._diagonal)
-            self._floor = self.tolerances.floor * np.finfo(float).eps * self.system.size(self._diagonal)
+            floor = self.tolerances.floor * np.finfo(float).eps * self.system.size(self._diagonal)
+            self._floor = min(floor, self._floor or math.inf)
         self._composite.split(snes.getSolution())[0].copy(self._base)
         self._aim(snes.getKSP())
 
@@ -286,7 +287,7 @@ class Newton:
             return int(PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN)
         self._before, self._forces = self._forces, self.system.imbalance(self._r)[0]
         if iteration == 0:
-            self._reference = self._forces
+            self._reference = min(self._forces, self._stopping())
         if self._solved():
             # convergence is judged on the true strain, and if it is not reached the iteration goes on from there
             w, y = self._split(snes.getSolution())
@@ -302,6 +303,14 @@ class Newton:
         if iteration >= self.tolerances.iterations:
             return int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT)
         return 0
+
+    def _stopping(self) -> float:
+        """Force [N] that stops and returns all that moves in a step.  With contact a predictor may have passed through
+        things, whose forces then, thousands of times larger, are no measure for a residual; else infinite."""
+        if not self.system.searching:
+            return math.inf
+        self.system.M.mult(self.system.v0, self._diagonal)
+        return self.system.c * self.system.h * float(self._diagonal.norm()) or math.inf
 
     def _solved(self) -> bool:
         forces, violation = self.system.imbalance(self._r)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import film, group_of
+from scenes import film, group_of, pierced
 
 import gossamer_fx as gx
 from gossamer_fx.contact.group import REACH
@@ -53,3 +53,29 @@ def test_careful_tangents_are_complete_near_the_solution(monkeypatch):
     assert {share for share, _ in shares} == {0.0, 1.0}
     assert all((share == 0.0) == (residual > NEAR) for share, residual in shares)
     assert run.last_iterations < 20
+
+
+def test_a_predictor_that_passed_through_is_no_measure_of_the_residual():
+    comm = MPI.COMM_SELF
+    lower, upper = (
+        film(comm, name="lower"),
+        film(comm, height=3e-3, velocity=(0.2, 0.1, -100.0), turn=0.4, name="upper"),
+    )
+    run = gx.Simulation(gx.Scene(gx.Contact(lower, upper, distance=1e-3)), gx.Midpoint(dt=1e-4))
+    newton, first = run.solver.newton, []
+    solved = newton._solved
+
+    def seen():
+        if newton._before == np.inf:  # the first residual of a step
+            first.append((newton._forces, newton._reference))
+        return solved()
+
+    newton._solved = seen
+    run.run(until=1e-3)
+    assert max(forces / reference for forces, reference in first) > 100
+    system = run.system
+    momentum = system.numbering.vector()
+    system.M.mult(system.v0, momentum)
+    assert newton._reference < 2.1 / 1e-4 * momentum.norm()  # 2 M v/h; the speeds hardly change in a step
+    assert abs(run.energy_error) < 1e-11
+    assert pierced(run) == 0
