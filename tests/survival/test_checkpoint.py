@@ -299,7 +299,7 @@ def test_a_restart_from_the_start_records_it_once(folder: Path) -> None:
 @pytest.mark.parametrize("end", ["ended", "stopped"])
 def test_a_restart_knows_of_steps_that_failed(folder: Path, end: str) -> None:
     """Steps that are hard to solve: what the stepper learned of them goes on, and no digit depends on the end."""
-    dt, steps = 1e-2, 4
+    dt, steps = 1e-2, 2
 
     def run(until: int, **options: object) -> gx.Simulation:
         run = gx.Simulation(filled_tube(COMM, 2), gx.Midpoint(dt=dt), **options)
