@@ -37,8 +37,8 @@ def problem(comm: MPI.Comm, stiffness: float, speed: float, h: float, cells: int
     run = gx.Simulation(gx.Scene(plate, crease), gx.Midpoint(dt=h))
     least, most, began = math.inf, -math.inf, time.process_time()
     angle = gx.FoldAngle(crease)
-    while run.time < UNTIL * (1 - 1e-9):
-        run.run(until=min(run.time + 4 * h, UNTIL))
+    for end in np.linspace(0, UNTIL, round(UNTIL / (4 * h)) + 1)[1:]:
+        run.run(until=float(end))
         θ = math.degrees(angle(run))
         least, most = min(least, θ), max(most, θ)
     drift = run.totals.angular_momentum - run.first.angular_momentum
