@@ -65,10 +65,10 @@ class Newton:
     the matrix whatever its size: without much inertia a film with slack parts is too ill-conditioned for the others.
     `subdomains` is a method of domain decomposition, see `subdomains.METHODS`.
 
-    The first `careful` tangents of a step have no geometric stiffness (at rest, but that of films that pull).  With it a film
-    under large compressive stress, or a stiff fold, has an indefinite tangent far from the solution, and the iteration
-    is thrown away; without it the tangent is positive semi-definite beside the inertia, and the iteration slow but
-    safe.
+    The first `careful` tangents of a step have no geometric stiffness (at rest: but that of films that pull).  With it
+    a film under large compressive stress, or a stiff fold, has an indefinite tangent far from the solution, and the
+    iteration is thrown away; without it the tangent is positive semi-definite beside the inertia, and the iteration
+    slow but safe.
     """
 
     def __init__(
