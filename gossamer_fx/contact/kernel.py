@@ -25,7 +25,6 @@ int64_t overlaps(int n, int size, const double *tree, const int32_t *order, int 
                  const uint8_t *fixed_a, const uint8_t *fixed_b, int64_t room, int32_t *pairs);
 int motion(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *x1, const double *radius,
            double kept, int most, double *part);
-int pierce(int n, const int32_t *pairs, const int32_t *edges, const int32_t *triangles, const double *x, uint8_t *hit);
 """
 
 Integers = npt.NDArray[np.int32]

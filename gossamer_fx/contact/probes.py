@@ -11,7 +11,7 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.contact.compiled import CompiledContacts
 from gossamer_fx.contact.contact import Contact
 from gossamer_fx.contact.group import Group
-from gossamer_fx.contact.search import intersections
+from gossamer_fx.contact.piercing import intersections
 
 AXES = {"x": 0, "y": 1, "z": 2}
 

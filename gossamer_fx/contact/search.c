@@ -1,4 +1,4 @@
-/* Search for near pairs in a tree of boxes, motion check, and intersections: see search.py. */
+/* Search for near pairs in a tree of boxes, and motion check: see search.py. */
 
 static int overlap(const double *a, const double *b)
 {
@@ -101,27 +101,4 @@ int motion(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, c
         }
     }
     return refused;
-}
-
-static double volume(const double *a, const double *b, const double *c, const double *d)
-{
-    double u[3], v[3], w[3], n[3];
-    for (int k = 0; k < 3; ++k) u[k] = b[k] - a[k], v[k] = c[k] - a[k], w[k] = d[k] - a[k];
-    cross(u, v, n);
-    return dot(n, w);
-}
-
-/* Whether the edge of each pair (edge, triangle) pierces the triangle: hit (n). */
-int pierce(int n, const int32_t *pairs, const int32_t *edges, const int32_t *triangles, const double *x, uint8_t *hit)
-{
-    int count = 0;
-    for (int i = 0; i < n; ++i) {
-        const int32_t *e = edges + 2 * (int64_t)pairs[2 * i], *t = triangles + 3 * (int64_t)pairs[2 * i + 1];
-        const double *p = x + 3 * e[0], *q = x + 3 * e[1], *a = x + 3 * t[0], *b = x + 3 * t[1], *c = x + 3 * t[2];
-        const double u = volume(p, q, a, b), v = volume(p, q, b, c), w = volume(p, q, c, a);
-        hit[i] = volume(a, b, c, p) * volume(a, b, c, q) < 0 &&
-                 ((u > 0 && v > 0 && w > 0) || (u < 0 && v < 0 && w < 0));
-        count += hit[i];
-    }
-    return count;
 }

@@ -36,7 +36,7 @@ class Surface:
         )
 
 
-def _boxes(lo: Array, hi: Array, primitives: Integers) -> Array:
+def boxes_of(lo: Array, hi: Array, primitives: Integers) -> Array:
     """Boxes (n, 6) of primitives (n, k) from those of their points."""
     return np.hstack([lo[primitives].min(axis=1), hi[primitives].max(axis=1)])
 
@@ -124,11 +124,11 @@ def candidates(
     points = surface.vertices[:, None]
     near: Integers = np.zeros((0, 2), dtype=np.int32)
     if len(triangles):
-        tree = Tree(_boxes(lo, hi, triangles))
-        boxes = np.ascontiguousarray(_boxes(lo, hi, points))
+        tree = Tree(boxes_of(lo, hi, triangles))
+        boxes = np.ascontiguousarray(boxes_of(lo, hi, points))
         fixed = surface.all_fixed(points), surface.all_fixed(triangles)
         near = tree.overlapping(vertices, boxes, np.ascontiguousarray(points), triangles, fixed)
-    boxes = np.ascontiguousarray(_boxes(lo, hi, lines)) if len(lines) else np.zeros((0, 6))
+    boxes = np.ascontiguousarray(boxes_of(lo, hi, lines)) if len(lines) else np.zeros((0, 6))
     fixed = surface.all_fixed(lines), surface.all_fixed(lines)
     across = Tree(boxes).overlapping(edges, boxes, lines, lines, fixed, same=True)
     nodes = np.vstack(
@@ -155,22 +155,3 @@ def allowed(nodes: Integers, kind: Bytes, x0: Array, x1: Array, radius: Array) -
 def refused(nodes: Integers, kind: Bytes, x0: Array, x1: Array, radius: Array) -> np.ndarray:
     """Indices of the pairs that come nearer than a tenth of their distance, or may, on the straight way to x1."""
     return np.flatnonzero(allowed(nodes, kind, x0, x1, radius) < 1)
-
-
-def intersections(surface: Surface, x: Array, edges: Integers | None = None) -> Integers:
-    """Pairs (k, 2) of edges and triangles of which one pierces the other, without a common point.
-
-    Args:
-        x: points (m, 3).
-        edges: which of the edges are asked for; none: all.
-    """
-    query = np.arange(len(surface.edges), dtype=np.int32) if edges is None else edges
-    if not (len(query) and len(surface.triangles)):
-        return np.zeros((0, 2), dtype=np.int32)
-    tree = Tree(_boxes(x, x, surface.triangles))
-    boxes = np.ascontiguousarray(_boxes(x, x, surface.edges))
-    fixed = surface.all_fixed(surface.edges), surface.all_fixed(surface.triangles)
-    near = tree.overlapping(query, boxes, surface.edges, surface.triangles, fixed)
-    near, hit = np.ascontiguousarray(near), np.empty(len(near), dtype=np.uint8)
-    library().lib.pierce(len(near), *pointers(near, surface.edges, surface.triangles, x, hit))
-    return near[hit == 1]

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from gossamer_fx.contact.pairs import EDGE_EDGE, POINT_TRIANGLE, squared_distances
-from gossamer_fx.contact.search import Surface, candidates, intersections, refused
+from gossamer_fx.contact.piercing import intersections
+from gossamer_fx.contact.search import Surface, candidates, refused
 
 
 def soup(n: int, seed: int, size: float = 0.2) -> tuple[Surface, np.ndarray]:

@@ -187,3 +187,12 @@ def test_what_cannot_be_folded_is_refused(comm, act: Callable[[MPI.Intracomm], A
     with pytest.raises(gx.InputError, match=words) as caught:
         act(comm)
     assert str(caught.value).endswith(".") and "\n" not in str(caught.value)
+
+
+def test_contact_starts_from_layers_that_meet_at_folds() -> None:
+    """At a fold line edges lie in the next panel's triangles to round-off, and pierce none."""
+    film = gx.Membrane(sheet(MPI.COMM_WORLD, 20, 4, 0.8, 0.1), LAW)
+    fold = gx.fold.zigzag(length=0.8, panels=5, angle=1.4)
+    contact = gx.Contact(film, distance=2e-4)
+    run = gx.Simulation(gx.Scene(film, contact, fold.start(film)), gx.Midpoint(dt=1e-5))
+    assert gx.Penetrations(contact)(run) == gx.Crossings(film)(run) == 0
