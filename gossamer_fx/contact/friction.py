@@ -122,8 +122,9 @@ class Sliding:
         w, r, t, r1, t1 = self._slide(x0, x1)
         y, grip, slope = self._grip(w, least)
         N, of_N = self._press(x0, x1, α, tangents=True)
-        if self._before is not None:  # once it turned round, g alone leads to the solution, slowly and safely
+        if self._before is not None:  # once it turned round, g alone leads near the solution, slowly and safely
             self._steady &= (self._before * w).sum(axis=1) >= 0
+            self._steady |= np.linalg.norm(w - self._before, axis=1) < 0.1 * np.linalg.norm(w, axis=1)
         self._before = w
         bend = np.where(self._steady | (y < 1), slope / np.maximum(y * least, 1e-9 * least), 0.0)
         D = (self.μ * N)[:, None, None] * (grip[:, None, None] * np.eye(2) + bend[:, None, None] * _square(w))

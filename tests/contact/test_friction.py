@@ -148,6 +148,15 @@ def test_a_restart_in_the_middle_of_rubbing(tmp_path) -> None:
     assert np.abs(again.system.q0.array_r - through.system.q0.array_r).max() < 1e-12
 
 
+def test_a_film_between_a_rough_floor_and_a_rough_film() -> None:
+    lower = film(MPI.COMM_SELF, 3, name="lower")
+    upper = film(MPI.COMM_SELF, 3, height=1.2e-3, velocity=(1.0, 0.4, -2.0), turn=0.4, name="upper", at=(0.01, 0.005))
+    floor = gx.Plane(point=(0, 0, -1e-3), normal=(0, 0, 1), friction=0.5)
+    run = simulate([gx.Contact(lower, upper, floor, distance=8e-4, friction=0.3)], 1e-3)
+    assert run.substeps < 10
+    assert abs(run.energy_error) < 1e-9
+
+
 def test_a_moved_solid_drags_a_film_along_and_pays_for_it() -> None:
     body = patch(0.0)
     belt = gx.Plane(**FLOOR, motion=lambda t: (0.1 * t, 0.0, 0.0), friction=0.4)
