@@ -158,6 +158,7 @@ class Newton:
         self._base.scale(-1.0)  # strains follow from those of q0
         self._reference, self._floor = 0.0, 0.0
         self._before = self._forces = math.inf
+        self._early = 0.0  # the larger one of the first two residuals
         self._held = self.system.predict(increment)
         self._r.zeroEntries()
         with self._r as w:
