@@ -75,8 +75,9 @@ class Environment:
         )
         self.sky = Sky(epoch, ut1_utc) if epoch is not None else None
         check(
-            sun is None or callable(sun) or (is_vector(sun) and bool(np.any(sun))),
-            f"Orbit '{name}': sun is {sun!r}; give three numbers in astronomical units, or a function of time.",
+            sun is None or callable(sun) or (is_vector(sun) and (bool(np.any(sun)) or self.mu > MU_SUN / 2)),
+            f"Orbit '{name}': sun is {sun!r}; give three numbers in astronomical units, or a function of time; only "
+            "an orbit with the Sun's mu has it at its centre.",
         )
         self._sun = sun
         self.state = self._state_of(start)
