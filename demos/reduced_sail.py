@@ -127,7 +127,7 @@ def main(
     spin, times = 1.1 * SPIN, np.linspace(0, 2 * training, 41)[1:].tolist()
     other = film(comm, cells, tilted, 0.015)
     started = time.process_time()
-    reduced = gx.reduce(other, [_of(one, other) for one in shapes], modes, sampled)
+    reduced = gx.reduce(other, shapes, modes, sampled)
     trained = time.process_time() - started
     truth = gx.Snapshots(other, times=times)
     whole, few = flight(other, spin, dt, [truth]), flight(reduced, spin, dt)
@@ -160,13 +160,6 @@ def main(
         "seconds_trained": trained,
         "seconds_of_the_long_flight": long.seconds,
     }
-
-
-def _of(shapes: gx.Snapshots, other: gx.Membrane) -> gx.Snapshots:
-    """The same shapes, for a film on an equal mesh."""
-    moved = gx.Snapshots(other)
-    moved.positions += shapes.positions
-    return moved
 
 
 def _shape(run: gx.Simulation, sail: Any) -> np.ndarray:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
+from meshes.arrays import mesh_of_arrays
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -126,14 +127,5 @@ def _triangles(ids: Integers, other: npt.NDArray[np.bool_]) -> Integers:
 
 
 def _mesh(comm: MPI.Comm, points: Floats, triangles: Integers, lines: dict[str, Integers]) -> Mesh:
-    def build(model: Any) -> None:
-        film = model.addDiscreteEntity(2)
-        model.mesh.addNodes(2, film, range(1, len(points) + 1), points.ravel())
-        model.mesh.addElementsByType(film, 2, [], triangles.ravel())
-        model.addPhysicalGroup(2, [film], name="film")
-        for name, nodes in lines.items():
-            line = model.addDiscreteEntity(1)
-            model.mesh.addElementsByType(line, 1, [], np.column_stack([nodes[:-1], nodes[1:]]).ravel())
-            model.addPhysicalGroup(1, [line], name=name)
-
-    return gmsh_mesh(build, comm)
+    edges = {name: np.column_stack([nodes[:-1], nodes[1:]]) - 1 for name, nodes in lines.items()}
+    return mesh_of_arrays(comm, lambda: (points, triangles - 1, edges))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from contact_scene import DENSITY, DISTANCE, NU, THICKNESS, E, grid, pierced, thrown
 from contestants import words
@@ -13,23 +11,21 @@ from stopwatch import Stopwatch, show
 import gossamer_fx as gx
 from gossamer_fx.contact.facets import facets_of
 from gossamer_fx.system.totals import relative_drift
+from meshes.arrays import mesh_of_arrays
 
 case = words({"n": 10, "dt": 1e-4, "until": 0.01, "law": "barrier"})
 watch = Stopwatch()
 X, triangles = grid(case["n"])
 
 
-def build(model: Any) -> None:
-    surface = model.addDiscreteEntity(2)
-    model.mesh.addNodes(2, surface, range(1, len(X) + 1), X.ravel())
-    model.mesh.addElementsByType(surface, 2, [], (triangles + 1).ravel())
-    model.addPhysicalGroup(2, [surface], name="film")
+def square() -> gx.Mesh:
+    return mesh_of_arrays(MPI.COMM_WORLD, lambda: (X, triangles, {}))
 
 
 law = gx.Linear(E=E, nu=NU, density=DENSITY, thickness=THICKNESS)
-lower = gx.Membrane(gx.gmsh_mesh(build, MPI.COMM_WORLD), law, name="lower")
+lower = gx.Membrane(square(), law, name="lower")
 upper = gx.Membrane(
-    gx.gmsh_mesh(build, MPI.COMM_WORLD),
+    square(),
     law,
     displacement=lambda X: (thrown(X.T)[0] - X.T).T,
     velocity=lambda X: thrown(X.T)[1].T,

@@ -10,6 +10,7 @@ from dolfinx.common import IndexMap
 from mpi4py import MPI
 
 from gossamer_fx.algebra.places import PointMeasure
+from gossamer_fx.algebra.rotations import perpendicular_pair
 from gossamer_fx.bodies.rigid_body import orthonormality
 from gossamer_fx.model.terms import Array, Block, Body, Port, Term
 from gossamer_fx.terms.point_constraints import PointConstraint
@@ -87,6 +88,4 @@ def directors_of(covariance: Array, flat: float = 1e-9) -> Array:
     n = n * np.sign(n[np.argmax(np.abs(n))])
     if dimension == 1:
         return n[None]
-    p = np.cross(n, np.eye(3)[np.argmin(np.abs(n))])
-    p = p / np.linalg.norm(p)
-    return np.array([p, np.cross(n, p)])
+    return np.array(perpendicular_pair(n))

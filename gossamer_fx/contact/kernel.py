@@ -24,7 +24,7 @@ int64_t overlaps(int n, int size, const double *tree, const int32_t *order, int 
                  const double *boxes, int self, int ka, const int32_t *a, int kb, const int32_t *b,
                  const uint8_t *fixed_a, const uint8_t *fixed_b, int64_t room, int32_t *pairs);
 int motion(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *x1, const double *radius,
-           double kept, int most, double *part);
+           double kept, int most, uint8_t *free);
 """
 
 Integers = npt.NDArray[np.int32]

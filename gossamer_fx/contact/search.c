@@ -57,13 +57,13 @@ int64_t overlaps(int n, int size, const double *tree, const int32_t *order, int 
     return found;
 }
 
-/* The part of the straight way of all points from x0 to x1 that pairs may go, keeping a part of their distance.
+/* Whether pairs keep a part of their distance on the straight way of all points from x0 to x1: additive motion check.
 
-   Additive motion check, Li et al., "Codimensional incremental potential contact" (2021), section 4: a pair may advance
-   by the part of its distance that its points can cover at most, again and again.  radius (n) is taken off the
-   distances.  part (n): 1 for those that may go all the way.  Returns the number of those that may not. */
+   Li et al., "Codimensional incremental potential contact" (2021), section 4: a pair may advance by the part of its
+   distance that its points can cover at most, again and again.  radius (n) is taken off the distances.
+   free (n): 1 yes, 0 no.  Returns the number of those that do not. */
 int motion(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *x1, const double *radius,
-           double kept, int most, double *part)
+           double kept, int most, uint8_t *free)
 {
     int refused = 0;
     const int32_t own[4] = {0, 1, 2, 3};
@@ -71,7 +71,7 @@ int motion(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, c
         const int32_t *p = pairs + 4 * i;
         const int edges = kind[i] == EDGE_EDGE;
         double x[12], Δ[12], mean[3] = {0}, length[4];
-        part[i] = 1;
+        free[i] = 1;
         for (int k = 0; k < 4; ++k)
             for (int c = 0; c < 3; ++c) {
                 x[3 * k + c] = x0[3 * p[k] + c];
@@ -94,7 +94,7 @@ int motion(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, c
             for (int k = 0; k < 12; ++k) x[k] = x0[3 * p[k / 3] + k % 3] + t * (Δ[k] + mean[k % 3]);
             d = sqrt(distance2(kind[i], x, own)) - radius[i];
             if (!(d > 1.01 * kept * d0) || step == most - 1) {
-                part[i] = t;
+                free[i] = 0;
                 ++refused;
                 break;
             }

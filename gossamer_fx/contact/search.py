@@ -141,17 +141,12 @@ def candidates(
     return np.ascontiguousarray(nodes, dtype=np.int32), kind, np.vstack([near, across]).astype(np.int64)
 
 
-def allowed(nodes: Integers, kind: Bytes, x0: Array, x1: Array, radius: Array) -> Array:
-    """Part (n,) of the straight way from x0 to x1 up to which pairs keep a tenth of their distance; 1: all of it.
+def refused(nodes: Integers, kind: Bytes, x0: Array, x1: Array, radius: Array) -> np.ndarray:
+    """Indices of the pairs that come nearer than a tenth of their distance, or may, on the straight way to x1.
 
     Additive continuous collision detection (Li, Kaufman & Jiang, ACM Trans. Graph. 40 (2021) 170, section 4).
     """
-    part = np.empty(len(kind))
+    free = np.empty(len(kind), dtype=np.uint8)
     arguments = pointers(nodes, kind, x0, x1, radius)
-    library().lib.motion(len(kind), *arguments, KEPT, CHECKS, *pointers(part))
-    return part
-
-
-def refused(nodes: Integers, kind: Bytes, x0: Array, x1: Array, radius: Array) -> np.ndarray:
-    """Indices of the pairs that come nearer than a tenth of their distance, or may, on the straight way to x1."""
-    return np.flatnonzero(allowed(nodes, kind, x0, x1, radius) < 1)
+    library().lib.motion(len(kind), *arguments, KEPT, CHECKS, *pointers(free))
+    return np.flatnonzero(free == 0)

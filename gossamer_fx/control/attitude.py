@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from gossamer_fx.algebra.rotations import cross_matrices
 from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.errors import check
 from gossamer_fx.control.rotation import euler_angles, euler_axes, position_gradient, rotation
 from gossamer_fx.interactions.between import bodies_of
-from gossamer_fx.loads.force import Couple, cross_matrix
+from gossamer_fx.loads.force import Couple
 from gossamer_fx.model.ports import combine, initial
 from gossamer_fx.model.terms import Array, Port, Term, Vector
 from gossamer_fx.terms.point_loads import PointLoad
@@ -81,7 +82,7 @@ class _Continuous(Couple):
         """With the rotation of a patch that does not stretch, δω = (tr S 1 - S)⁻¹ Σ r_i × δr_i."""
         control, r = self._control, X.reshape(-1, 3)
         inverse, _ = self._spread(r)
-        arms = np.hstack([cross_matrix(each) for each in r])
+        arms = np.hstack(tuple(cross_matrices(r)))
         axes = euler_axes(control.angles_of(X, self._reference)) @ control.axes.T
         gain = control.stiffness + 2 * control.damping / self._h
         turning = axes.T @ (gain[:, None] * np.linalg.solve(axes.T, inverse @ arms))

@@ -59,12 +59,8 @@ class Arms(FoldMap):
             1 <= self.bends < self.inner,
             f"bends is {self.bends!r}; give at least 1 and less than inner, {self.inner!r}.",
         )
-        for what in ("pitch", "ramp"):
-            value = getattr(self, what)
-            self._check(math.isfinite(value) and value > 0, f"{what} is {value!r} m; give a positive number.")
-        for what in ("gap", "hub_gap"):
-            value = getattr(self, what)
-            self._check(math.isfinite(value) and value >= 0, f"{what} is {value!r} m; give zero or a positive number.")
+        self._check_positive("pitch", "ramp")
+        self._check_not_negative("gap", "hub_gap")
         self._check(self.radius > 0, f"hub_gap is {self.hub_gap:g} m: the layers leave no room for a hub; give less.")
 
     @property

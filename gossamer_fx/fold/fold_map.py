@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -116,3 +117,13 @@ class FoldMap(ABC):
 
     def _check(self, condition: bool, message: str) -> None:
         check(condition, f"{self.called}: {message}")
+
+    def _check_positive(self, *lengths: str) -> None:
+        for what in lengths:
+            value = getattr(self, what)
+            self._check(math.isfinite(value) and value > 0, f"{what} is {value!r} m; give a positive number.")
+
+    def _check_not_negative(self, *lengths: str) -> None:
+        for what in lengths:
+            value = getattr(self, what)
+            self._check(math.isfinite(value) and value >= 0, f"{what} is {value!r} m; give zero or a positive number.")

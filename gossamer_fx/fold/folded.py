@@ -10,6 +10,7 @@ import numpy as np
 from dolfinx import fem
 from petsc4py import PETSc
 
+from gossamer_fx.algebra.rotations import rotations
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check, check_on_all, is_vector
 from gossamer_fx.fold.fold_lines import SHEETS, Map
@@ -79,11 +80,8 @@ class Folded:
 
 
 def _rotation(turn: Array) -> Array:
-    """The rotation (3, 3) by a rotation vector [rad] (Rodrigues' formula)."""
+    """The rotation (3, 3) by a rotation vector [rad]."""
     angle = float(np.linalg.norm(turn))
     if angle == 0:
         return np.eye(3)
-    x, y, z = turn / angle
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    result: Array = np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
-    return result
+    return rotations(turn / angle, angle)

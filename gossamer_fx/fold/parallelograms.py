@@ -41,9 +41,7 @@ class Miura(FoldMap):
     theta: float
 
     def __post_init__(self) -> None:
-        for what in ("a", "b"):
-            value = getattr(self, what)
-            self._check(math.isfinite(value) and value > 0, f"{what} is {value!r} m; give a positive number.")
+        self._check_positive("a", "b")
         for what in ("gamma", "theta"):
             value = getattr(self, what)
             self._check(0 < value < math.pi / 2, f"{what} is {value!r} rad; give a number between 0 and π/2.")

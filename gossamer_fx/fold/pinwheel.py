@@ -55,10 +55,8 @@ class Pinwheel(FoldMap):
             1 <= self.columns <= self.reach,
             f"columns is {self.columns!r} and reach {self.reach!r}; give 1 column a side or more, and no less in all.",
         )
-        self._check(math.isfinite(self.side) and self.side > 0, f"side is {self.side!r} m; give a positive number.")
-        self._check(
-            math.isfinite(self.gap) and self.gap >= 0, f"gap is {self.gap!r} m; give zero or a positive number."
-        )
+        self._check_positive("side")
+        self._check_not_negative("gap")
         self._check(self.radius > 0, f"gap is {self.gap:g} m: the layers leave no room for a hub; give less.")
 
     @property

@@ -77,12 +77,8 @@ class Strip(FoldMap):
         return nearest
 
     def _check_strip(self, lengths: tuple[str, ...]) -> None:
-        self._check(
-            math.isfinite(self.length) and self.length > 0, f"length is {self.length!r} m; give a positive number."
-        )
-        for what in lengths:
-            value = getattr(self, what)
-            self._check(math.isfinite(value) and value >= 0, f"{what} is {value!r} m; give zero or a positive number.")
+        self._check_positive("length")
+        self._check_not_negative(*lengths)
         opened = any(getattr(self, what, 0.0) for what in ("opening", "lift"))
         self._check(not opened or getattr(self, "width", 0.0) > 0, "sheets that are opened need the width of the film.")
 

@@ -44,15 +44,11 @@ class WoundStrip(FoldMap):
     gap: float = 0.0
 
     def __post_init__(self) -> None:
-        for what in ("length", "pitch"):
-            value = getattr(self, what)
-            self._check(math.isfinite(value) and value > 0, f"{what} is {value!r} m; give a positive number.")
+        self._check_positive("length", "pitch")
         for what, least in (("columns", 1), ("around", 6), ("rows", 1)):
             value = getattr(self, what)
             self._check(value >= least, f"{what} is {value!r}; give at least {least}.")
-        self._check(
-            math.isfinite(self.gap) and self.gap >= 0, f"gap is {self.gap!r} m; give zero or a positive number."
-        )
+        self._check_not_negative("gap")
         self._check(self.radius > 0, f"gap is {self.gap:g} m: the layers leave no room for a hub; give less.")
 
     @property

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from gossamer_fx.algebra.places import Gather, add_blocks
+from gossamer_fx.algebra.rotations import cross_matrices
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.terms import Array, Assembly
@@ -172,7 +173,7 @@ class Loop:
         k, n = self._strips.shape[1], len(self._strips)
         a = (self._by_xr.T @ xs - self._by_xs.T @ xr).reshape(n, k, k, 3)
         strip, i = self._rows
-        blocks = scale * self._α * _cross_matrices(a[strip, i])  # (rows, nodes, 3, 3)
+        blocks = scale * self._α * cross_matrices(a[strip, i])  # (rows, nodes, 3, 3)
         add_blocks(A, *self._places, blocks.transpose(0, 2, 1, 3).reshape(len(strip), 3, 3 * k))
 
     def _middle(self) -> Array:
@@ -211,11 +212,3 @@ def _cross(a: Array, b: Array) -> Array:
     """a × b of (..., 3): NumPy's own takes thrice the time for so few."""
     (ax, ay, az), (bx, by, bz) = (np.moveaxis(v, -1, 0) for v in (a, b))
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
-
-
-def _cross_matrices(a: Array) -> Array:
-    """[a]× (..., 3, 3) with [a]× b = a × b."""
-    result = np.zeros((*a.shape, 3))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        result[..., i, j], result[..., j, i] = -a[..., k], a[..., k]
-    return result

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gossamer_fx.algebra.rotations import cross_matrices, rotations
 from gossamer_fx.bodies.beam import Beam
 from gossamer_fx.bodies.curve import Curve
 from gossamer_fx.checks.errors import check, check_on_all, is_vector
@@ -110,14 +111,7 @@ class Clamped:
             f"The direction {when} is zero, or opposite to that of the section, so that no turn is the shortest; go "
             "there by a function of time.",
         )
-        v = _cross_matrices(np.cross(n, m))
+        v = cross_matrices(np.cross(n, m))
         shortest = np.eye(3) + v + v @ v / (1 + cosine)[:, None, None]
-        k = _cross_matrices(m)
-        rotations: Array = (np.eye(3) + np.sin(φ) * k + (1 - np.cos(φ)) * k @ k) @ shortest
-        return rotations
-
-
-def _cross_matrices(a: Array) -> Array:
-    """[a]× (n, 3, 3) of vectors (n, 3)."""
-    matrices: Array = np.cross(np.eye(3)[None], a[:, None, :])
-    return matrices
+        turns: Array = rotations(m, φ) @ shortest
+        return turns

@@ -21,11 +21,12 @@ from functools import cached_property
 import numpy as np
 
 from gossamer_fx.algebra.places import PointMeasure
+from gossamer_fx.algebra.rotations import perpendicular_pair
 from gossamer_fx.bodies.frames import Frame, along, is_normal, lies_in
 from gossamer_fx.checks.errors import check
 from gossamer_fx.interactions.between import Between, FrameJoint
 from gossamer_fx.model.ports import at_start, unit
-from gossamer_fx.model.terms import Array, Attached, Port, Term, Vector
+from gossamer_fx.model.terms import Attached, Port, Term, Vector
 from gossamer_fx.terms.point_constraints import PointConstraint
 
 COINCIDE = 1e-8  # m
@@ -46,16 +47,10 @@ def product(name: str, u: Attached, v: Attached) -> PointConstraint:
     return PointConstraint(name, PointMeasure([place], H[None], np.zeros((1, 6)), np.zeros(1)))
 
 
-def coincidence(name: str, a: Attached, b: Attached) -> PointConstraint:
-    """x_a - x_b = 0."""
-    place, L = ((a, b), np.hstack([np.eye(3), -np.eye(3)]))
-    return PointConstraint(name, PointMeasure([place], np.zeros((3, 6, 6)), L, np.zeros(3)))
-
-
-def perpendicular_pair(n: Array) -> tuple[Array, Array]:
-    """Two unit vectors that form a right-handed triad (p, q, n) with the unit vector n."""
-    p = unit(np.cross(n, np.eye(3)[np.argmin(np.abs(n))]))
-    return p, np.cross(n, p)
+def coincidence(name: str, *places: tuple[Attached, Attached]) -> PointConstraint:
+    """x_a - x_b = 0 at each of the places (a, b)."""
+    L = np.hstack([np.eye(3), -np.eye(3)])
+    return PointConstraint(name, PointMeasure(places, np.zeros((3, 6, 6)), L, np.zeros(3)))
 
 
 def same_rotation(name: str, a: Frame, b: Frame) -> Iterable[PointConstraint]:
@@ -79,7 +74,7 @@ class BallJoint(Between):
 
     def terms(self) -> Iterable[Term]:
         check_coincide(self.name, self.a, self.b)
-        yield coincidence(self.name, self.a, self.b)
+        yield coincidence(self.name, (self.a, self.b))
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +110,7 @@ class FixedJoint(FrameJoint):
 
     def terms(self) -> Iterable[Term]:
         check_coincide(self.name, self.a.origin, self.b.origin)
-        yield coincidence(self.name, self.a.origin, self.b.origin)
+        yield coincidence(self.name, (self.a.origin, self.b.origin))
         yield from same_rotation(self.name, *self._sides)
 
 
@@ -142,7 +137,7 @@ class RevoluteJoint(FrameJoint):
 
     def terms(self) -> Iterable[Term]:
         check_coincide(self.name, self.a.origin, self.b.origin)
-        yield coincidence(self.name, self.a.origin, self.b.origin)
+        yield coincidence(self.name, (self.a.origin, self.b.origin))
         n = unit(self.axis)
         full, other = self._sides
         if is_normal(n, other, at_start):

@@ -31,6 +31,7 @@ from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.bodies.rigid_piece import RigidPiece, fitted
 from gossamer_fx.checks.errors import check
 from gossamer_fx.interactions.fixed import check_support
+from gossamer_fx.interactions.joint import coincidence
 from gossamer_fx.model.terms import Array, Port, Term
 from gossamer_fx.terms.point_constraints import PointConstraint
 from gossamer_fx.terms.supports import Support
@@ -176,8 +177,7 @@ class RigidRegion:
         if self.sliding and len(self.piece.directors) == 3:
             yield from self._slides()
             return
-        measure = PointMeasure(self._places(), np.zeros((3, 6, 6)), np.hstack([np.eye(3), -np.eye(3)]), np.zeros(3))
-        yield PointConstraint(self.name, measure)
+        yield coincidence(self.name, *self._places())
 
     def _slides(self) -> Iterable[Term]:
         # (x_k - x̄)·n of the stacked vectors (x_k, x̄, n)

@@ -11,14 +11,12 @@ import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 
-from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.bodies.beam import Beam
 from gossamer_fx.bodies.meshed import Meshed
 from gossamer_fx.checks.errors import check, check_on_all
-from gossamer_fx.interactions.joint import COINCIDE
+from gossamer_fx.interactions.joint import COINCIDE, coincidence
 from gossamer_fx.model.ports import coordinates_at_start
 from gossamer_fx.model.terms import Array, Port, Term, is_on_mesh
-from gossamer_fx.terms.point_constraints import PointConstraint
 
 NODE = 1e-9  # part of a segment from its end that counts as its end
 
@@ -75,8 +73,7 @@ class Tie:
         yield self.b
 
     def terms(self) -> Iterable[Term]:
-        measure = PointMeasure(self._places(), np.zeros((3, 6, 6)), np.hstack([np.eye(3), -np.eye(3)]), np.zeros(3))
-        yield PointConstraint(self.name, measure)
+        yield coincidence(self.name, *self._places())
 
     def _places(self) -> list[tuple[Port, Port]]:
         """Of this rank's nodes: each, and where it is on the other line."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.algebra.rotations import cross_matrices
 from gossamer_fx.bodies.frames import Frame, Line
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.interactions.between import bodies_of
@@ -56,11 +57,6 @@ def at_time(comm: MPI.Intracomm, name: str, value: History, t: float) -> Array:
     return ask_numbers(comm, f"'{name}' at t = {t:.6g} s", lambda: value(t), (3,))
 
 
-def cross_matrix(a: Array) -> Array:
-    """[a]× with [a]× b = a × b."""
-    return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])
-
-
 class Couple:
     """A torque T on attached vectors r_i (directors, or arms between points): forces f_i = F × r_i with
 
@@ -91,7 +87,7 @@ class Couple:
     def tangent(self, X: Array) -> Array:
         r = X.reshape(-1, 3)
         inverse, F = self._spread(r)
-        K: Array = np.kron(np.eye(len(r)), cross_matrix(F))
+        K: Array = np.kron(np.eye(len(r)), cross_matrices(F))
         for j, d in enumerate(r):
             # dS F for a change of vector j, and with it dF = -(tr S 1 - S)⁻¹ (tr dS F - dS F)
             change = 2 * np.outer(F, d)
@@ -99,7 +95,7 @@ class Couple:
                 change -= (d @ F) * np.eye(3) + np.outer(d, F)
             dF = -inverse @ change
             for i, other in enumerate(r):
-                K[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] -= cross_matrix(other) @ dF
+                K[3 * i : 3 * i + 3, 3 * j : 3 * j + 3] -= cross_matrices(other) @ dF
         return K
 
 

@@ -37,11 +37,7 @@ class Joint(Part, Protocol):
 
 def check_vector(what: str, about: Vector) -> Array:
     """Three finite numbers."""
-    try:
-        known = is_vector(about)
-    except (TypeError, ValueError):
-        known = False
-    check(known, f"{what}: the point is {about!r}; give three numbers.")
+    check(is_vector(about), f"{what}: the point is {about!r}; give three numbers.")
     return np.asarray(about, dtype=float)
 
 
