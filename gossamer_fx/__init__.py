@@ -156,7 +156,7 @@ if TYPE_CHECKING:
     from gossamer_fx.scene.initial import RigidMotion as RigidMotion
     from gossamer_fx.scene.initial import StartFrom as StartFrom
     from gossamer_fx.scene.scene import Scene as Scene
-    from gossamer_fx.solvers.newton import Tolerances as Tolerances
+    from gossamer_fx.solvers.tolerances import Tolerances as Tolerances
     from gossamer_fx.steppers.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha
     from gossamer_fx.steppers.midpoint import Midpoint as Midpoint
     from gossamer_fx.steppers.step_control import StepControl as StepControl
@@ -210,7 +210,7 @@ _HOME = {
     "materials.film": ["Linear", "Miyazaki", "TensionField"],
     "mesh.mesh": ["Mesh", "gmsh_mesh", "read_mesh"],
     "steppers.midpoint": ["Midpoint"],
-    "solvers.newton": ["Tolerances"],
+    "solvers.tolerances": ["Tolerances"],
     "model.terms": ["Ground", "Port"],
     "plotting.picture": ["Picture"],
     "plotting.run_reader": ["Playback", "RunReader"],

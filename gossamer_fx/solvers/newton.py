@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 import numpy as np
 from petsc4py import PETSc
@@ -16,6 +15,7 @@ import gossamer_fx.solvers.linear as linear
 from gossamer_fx.algebra.numbering import PREFIX
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.terms import Array
+from gossamer_fx.solvers.tolerances import Tolerances
 from gossamer_fx.system.system import System
 
 SEARCHES = 5  # of places that a solved step turns out to need, before what is still missed is refused
@@ -27,34 +27,6 @@ FALLS, STANDS = 0.5, 4.0  # a residual that falls by less than the one is round-
 
 class NotConverged(Exception):
     """Newton's iteration failed; the message holds reason and place."""
-
-
-@dataclass(frozen=True)
-class Tolerances:
-    """When a step counts as solved.
-
-    `relative`: field residual over that of the predictor; residuals below `absolute` [N] count as zero, whatever
-    their ratio.  So do those below `floor` units in the last place of the forces, diag(K) q and the inertia (K is the
-    tangent without inertia), and below four times as much if they no longer fall.  `border`: largest fraction in the
-    border equations.
-    `constraint`: largest violation of a constraint between points, in its own units (m, or 1 for directions).
-    """
-
-    relative: float = 1e-10
-    absolute: float = 0.0
-    floor: float = 4.0
-    border: float = 1e-12
-    constraint: float = 1e-12
-    iterations: int = 40
-
-    def __post_init__(self) -> None:
-        for name in ("relative", "absolute", "floor", "border", "constraint"):
-            value = getattr(self, name)
-            check(value >= 0, f"Tolerances: {name} is {value!r}; give zero or a positive number.")
-        for name in ("relative", "border"):
-            value = getattr(self, name)
-            check(value < 1, f"Tolerances: {name} is {value!r}, which any state meets; give a number below 1.")
-        check(self.iterations >= 1, f"Tolerances: iterations is {self.iterations!r}; allow at least one.")
 
 
 class Newton:
@@ -74,7 +46,7 @@ class Newton:
     def __init__(
         self,
         system: System,
-        tolerances: Tolerances = Tolerances(),
+        tolerances: Tolerances,
         direct: bool = False,
         subdomains: str | None = None,
     ) -> None:
