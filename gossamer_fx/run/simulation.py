@@ -84,7 +84,7 @@ class Simulation:
         self.seconds = self.output_seconds = 0.0
         self.until = 0.0
         self.first = self._totals = self.system.totals()
-        self._largest = self.first.size
+        self.solver.newton.energy = self.first.size
         self._watch = self._watch_for(events)
         # whether the first step was begun, the outputs have recorded the present state, or were asked to
         self._started = self.recorded = self._offered = restart is not None
@@ -166,7 +166,7 @@ class Simulation:
     def energy_error(self) -> float:
         """Closing error of the ledger, over the largest energy that a step so far has ended with."""
         now, first = self.totals, self.first
-        largest = max(self._largest, now.size)
+        largest = max(self.solver.newton.energy, now.size)
         missing = (now.energy - first.energy) - (now.supplied - now.dissipated)
         return missing / largest if largest else 0.0
 
@@ -293,7 +293,7 @@ class Simulation:
                 self.iterations += self.last_iterations
                 self.step += 1
                 self.recorded = self._offered = False
-                self._largest = max(self._largest, self.totals.size)
+                self.solver.newton.energy = max(self.solver.newton.energy, self.totals.size)
             self.seconds += time.perf_counter() - started
         if abs(milestone - self.time) <= 1e-9 * stepping.wanted:
             self.system.time = milestone
@@ -318,7 +318,7 @@ class Simulation:
         return {
             **{name: getattr(self, name) for name in _COUNTS},
             "first": first,
-            "largest energy": self._largest,
+            "largest energy": self.solver.newton.energy,
             "recorded": self.recorded,
             "events": self._watch.get_state() if self._watch else {"done": [], "last": []},
         }
@@ -329,7 +329,7 @@ class Simulation:
             setattr(self, name, state[name])
         first: dict[str, Any] = {n: np.array(v) if isinstance(v, list) else v for n, v in state["first"].items()}
         self.first = Totals(**first)
-        self._largest, self._totals = state["largest energy"], self.system.totals()
+        self.solver.newton.energy, self._totals = state["largest energy"], self.system.totals()
         self.recorded = state["recorded"]
         if self._watch:
             self._watch.set_state(state["events"])

@@ -59,6 +59,7 @@ class Newton:
         self._diagonal = system.numbering.vector()
         self._rtol: float | None = None
         self.careful = 0
+        self.energy = 0.0  # the largest so far [J], that the work of a residual is compared with; zero: not compared
         self.iterations = 0  # of the last solve, also if it failed
         self.all_iterations = self.linear_iterations = 0  # of all solves
         self.seconds = dict.fromkeys(("law", "residual", "tangent", "linear solver"), 0.0)
@@ -288,9 +289,20 @@ class Newton:
     def _solved(self) -> bool:
         forces, violation = self.system.imbalance(self._r)
         stands = self._forces > FALLS * self._before
-        balanced = forces <= self._limit or (stands and forces <= self.round_off)
+        enough = forces <= self._limit and (stands or forces <= self._floor or self._works_little())
+        balanced = enough or (stands and forces <= self.round_off)
         held = violation <= self.tolerances.constraint
         return balanced and held and bool((abs(self._s) <= self.tolerances.border).all())
+
+    def _works_little(self) -> bool:
+        """Whether the work of the residual in the step, by which its energy is off, is small."""
+        if not self.energy:
+            return True
+        system = self.system
+        forces = self._r.array_r[: system.constraints.owned.start] if system.constraints else self._r.array_r
+        n = forces.size
+        work = system.comm.allreduce(float(forces @ (system.q1.array_r[:n] - system.q0.array_r[:n])))
+        return abs(work) <= self.tolerances.energy * self.energy
 
     def _complaint(self, reason: int, iterations: int) -> str:
         names = {v: k for k, v in vars(PETSc.SNES.ConvergedReason).items() if isinstance(v, int)}

@@ -13,23 +13,25 @@ class Tolerances:
 
     `relative`: field residual over that of the predictor; residuals below `absolute` [N] count as zero, whatever
     their ratio.  So do those below `floor` units in the last place of the forces, diag(K) q and the inertia (K is the
-    tangent without inertia), and below four times as much if they no longer fall.  `border`: largest fraction in the
-    border equations.
+    tangent without inertia), and below four times as much if they no longer fall.  `energy`: work of the residual in a step,
+    which is what the step adds to the energy of the whole, over the largest energy so far; while the residual falls.
+    `border`: largest fraction in the border equations.
     `constraint`: largest violation of a constraint between points, in its own units (m, or 1 for directions).
     """
 
     relative: float = 1e-10
     absolute: float = 0.0
     floor: float = 4.0
+    energy: float = 1e-12
     border: float = 1e-12
     constraint: float = 1e-12
     iterations: int = 40
 
     def __post_init__(self) -> None:
-        for name in ("relative", "absolute", "floor", "border", "constraint"):
+        for name in ("relative", "absolute", "floor", "energy", "border", "constraint"):
             value = getattr(self, name)
             check(value >= 0, f"Tolerances: {name} is {value!r}; give zero or a positive number.")
-        for name in ("relative", "border"):
+        for name in ("relative", "energy", "border"):
             value = getattr(self, name)
             check(value < 1, f"Tolerances: {name} is {value!r}, which any state meets; give a number below 1.")
         check(self.iterations >= 1, f"Tolerances: iterations is {self.iterations!r}; allow at least one.")
