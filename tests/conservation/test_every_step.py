@@ -61,3 +61,16 @@ def test_film_that_wrinkles(comm, h):
         velocity=lambda X: np.vstack([0 * X[0], 0 * X[0], 3 * np.sin(3 * X[0]) * np.cos(2 * X[1])]),
     )
     assert max(errors(gx.Scene(film), h, 40)) < 1e-13
+
+
+@pytest.mark.parametrize("energy, least, most", [(0.9, 1e-9, 1e-6), (1e-12, 0.0, 1e-10)])
+def test_a_step_far_too_long_closes_by_the_work_of_its_residual(comm, energy, least, most):
+    """Its predictor is so bad that a residual of 1e-10 of the predictor's, which is enough otherwise, does work."""
+    film = gx.Membrane(
+        sheet(comm, 6, 6),
+        gx.Miyazaki(1e9, 0.3, 1400.0, 1e-4),
+        velocity=lambda X: np.vstack([0 * X[0], 0 * X[0], 3 * np.sin(3 * X[0]) * np.cos(2 * X[1])]),
+    )
+    run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=0.1, tolerances=gx.Tolerances(energy=energy)))
+    run.run(until=2.0)
+    assert least <= abs(run.energy_error) < most
