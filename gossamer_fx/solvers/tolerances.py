@@ -13,8 +13,8 @@ class Tolerances:
 
     `relative`: field residual over that of the predictor; residuals below `absolute` [N] count as zero, whatever
     their ratio.  So do those below `floor` units in the last place of the forces, diag(K) q and the inertia (K is the
-    tangent without inertia), and below four times as much if they no longer fall.  `energy`: work of the residual in a step,
-    which is what the step adds to the energy of the whole, over the largest energy so far; while the residual falls.
+    tangent without inertia), and below four times as much if they no longer fall.  `energy`: work of the residual in a
+    step, by which the energy of the whole is off, over the largest energy so far; asked while the residual falls.
     `border`: largest fraction in the border equations.
     `constraint`: largest violation of a constraint between points, in its own units (m, or 1 for directions).
     """
