@@ -39,13 +39,14 @@ def check(condition: bool, message: str) -> None:
         raise InputError(message)
 
 
-def check_positive(item: Any, quantity: str, unit: str, hint: str = "") -> None:
-    """Raise `InputError` unless that attribute of a named item is a positive number; a hint may follow the remedy."""
-    value = getattr(item, quantity)
-    check(
-        math.isfinite(value) and value > 0,
-        f"{type(item).__name__} '{item.name}': {quantity} is {value!r} {unit}; give a positive number{hint}.",
-    )
+def check_positive(item: Any, quantity: str, unit: str) -> None:
+    """Raise `InputError` unless that attribute of a named item is a positive number."""
+    require_positive(f"{type(item).__name__} '{item.name}': {quantity}", getattr(item, quantity), unit)
+
+
+def require_positive(what: str, value: float, unit: str, hint: str = "") -> None:
+    """Raise `InputError` unless a value is a positive number; a hint may follow the remedy."""
+    check(math.isfinite(value) and value > 0, f"{what} is {value!r} {unit}; give a positive number{hint}.")
 
 
 def check_on_all(comm: MPI.Intracomm, condition: bool, message: str) -> None:

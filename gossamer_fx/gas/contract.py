@@ -22,11 +22,11 @@ class Holder(Protocol):
 
 @runtime_checkable
 class Volume(Protocol):
-    """A holder with a state of its own, of which pressure and temperature are the initial values."""
+    """A holder with a state of its own: see `run.chamber(name)`; here are its initial values [Pa], [K]."""
 
     name: str
-    pressure: float
-    temperature: float
+    initial_pressure: float
+    initial_temperature: float
     gas: IdealGas
     fixed_volume: float
     enclosure: Enclosure | None
@@ -38,8 +38,8 @@ class Opening(Protocol):
     """A way for gas between two holders."""
 
     name: str
-    first: Holder
-    second: Holder
+    first: Holder | Volume
+    second: Holder | Volume
 
     def aperture(self, geometry: Geometry) -> Aperture:
         """Its effective area in a running scene."""

@@ -80,9 +80,9 @@ class GasNetwork:
                 f"Chamber '{s.chamber.name}' encloses {s.V:.3g} m³ at the start; open it by an initial displacement or "
                 "give it a dead_volume.",
             )
-            s.p = s.chamber.pressure
+            s.p = s.chamber.initial_pressure
             s.U = s.p * s.V / (self._gas.gamma - 1)
-            s.m = s.U / (self._gas.cv * s.chamber.temperature)
+            s.m = s.U / (self._gas.cv * s.chamber.initial_temperature)
         self._kept_magnitude = self._magnitudes()
 
     def begin(self, h: float, t: float) -> Array:

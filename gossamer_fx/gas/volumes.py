@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.checks.errors import check, check_positive
+from gossamer_fx.checks.errors import check, check_positive, require_positive
 from gossamer_fx.gas.enclosure import Enclosure, FilmEnclosure
 from gossamer_fx.gas.ideal_gas import IdealGas
 from gossamer_fx.gas.network import GasNetwork
@@ -25,7 +25,7 @@ class Reservoir:
     border = GasNetwork
 
     def __post_init__(self) -> None:
-        _check_state(self)
+        _check_state(f"Reservoir '{self.name}'", self.pressure, self.temperature)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +77,9 @@ class Chamber:
         outside: Ambient | None = None,
         name: str = "chamber",
     ) -> None:
-        self.gas, self.pressure, self.temperature, self.name = gas, pressure, temperature, name
-        self.outside = outside
-        _check_state(self)
+        self.gas, self.name, self.outside = gas, name, outside
+        self.initial_pressure, self.initial_temperature = pressure, temperature
+        _check_state(f"{type(self).__name__} '{name}'", pressure, temperature)
         rigid = enclosure is None
         check(
             (volume is not None) == rigid,
@@ -119,6 +119,6 @@ class Tank(Chamber):
         super().__init__(gas=gas, pressure=pressure, temperature=temperature, volume=volume, name=name)
 
 
-def _check_state(holder: Any) -> None:
-    check_positive(holder, "pressure", "Pa", " (an almost empty chamber: 1e-3)")
-    check_positive(holder, "temperature", "K")
+def _check_state(where: str, pressure: float, temperature: float) -> None:
+    require_positive(f"{where}: pressure", pressure, "Pa", " (an almost empty chamber: 1e-3)")
+    require_positive(f"{where}: temperature", temperature, "K")
