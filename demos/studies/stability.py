@@ -12,7 +12,7 @@ extreme, alone and with another one:
     dead        volume that the flat tube encloses at the start [m³]
 
 A cell of the map is completed; completed with halved steps; or failed, and then its row holds the reason.  One that
-completed must have kept its books: energy to 1e-8, gas to 1e-12, with positive volumes and pressures and finite
+completed must have kept its books: energy to 1e-9, gas to 1e-12, with positive volumes and pressures and finite
 coordinates.  Anything else is wrong without a word, and the study ends with an error.
 """
 
@@ -49,7 +49,7 @@ PAIRS = {
     ("mass", "h"): ([1e-6, 1e6], [0.1, 10.0]),
     ("aspect", "thickness"): ([10.0, 1000.0], [1e-6, 1e-3]),
 }
-ENERGY, MASS = 1e-8, 1e-12
+ENERGY, MASS = 1e-9, 1e-12
 
 
 def cases() -> list[str]:
