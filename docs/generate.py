@@ -49,6 +49,7 @@ ROOMS = {
     "outputs": "Outputs and probes",
     "run": "Runs: simulation, events, checkpoints",
     "plotting": "Pictures",
+    "sweep": "Robust design",
     "cli": "Cases",
     "solvers": "Solvers",
     "model": "Ports",

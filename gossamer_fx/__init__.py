@@ -160,6 +160,7 @@ if TYPE_CHECKING:
     from gossamer_fx.steppers.generalized_alpha import GeneralizedAlpha as GeneralizedAlpha
     from gossamer_fx.steppers.midpoint import Midpoint as Midpoint
     from gossamer_fx.steppers.step_control import StepControl as StepControl
+    from gossamer_fx.sweep.robust_design import RobustDesign as RobustDesign
     from gossamer_fx.terms.discrete_gradient import EndPoint as EndPoint
     from gossamer_fx.terms.discrete_gradient import PathAverage as PathAverage
 
@@ -248,6 +249,7 @@ _HOME = {
     "outputs.snapshots": ["Snapshots"],
     "reduction.reduce": ["reduce"],
     "run.checkpoint": ["Checkpoints", "latest"],
+    "sweep.robust_design": ["RobustDesign"],
     "run.events": ["At", "When"],
     "run.interruption": ["Interrupted"],
     "run.log": ["log_to"],

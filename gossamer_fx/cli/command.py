@@ -1,4 +1,4 @@
-"""The commands run, plot and report: what is wrong is told in one sentence, with code 2 for input and 1 for the rest.
+"""The commands run, sweep, plot and report: what is wrong is told in one sentence, with code 2 for input and 1 for the rest.
 
 Heavy modules are loaded when the words on the command line are known to be right.
 """
@@ -6,15 +6,12 @@ Heavy modules are loaded when the words on the command line are known to be righ
 from __future__ import annotations
 
 import argparse
-import ast
 import math
 import os
 import sys
-import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import ModuleType
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from gossamer_fx.version import VERSION
 
@@ -36,14 +33,20 @@ class _Parser(argparse.ArgumentParser):
 def main(words: Sequence[str]) -> int:
     """Run one command; returns the exit code."""
     wanted = _parser().parse_args(_with_values(words))
-    if getattr(wanted, "ranks", 1) > 1 and not any(name in os.environ for name in _LAUNCHED):
-        from gossamer_fx.cli.launch import launch
+    if not any(name in os.environ for name in _LAUNCHED):
+        if getattr(wanted, "jobs", 1) > 1:
+            from gossamer_fx.cli.launch import launch_alike
 
-        return launch(wanted.ranks, ["-m", "gossamer_fx", *words])
+            return launch_alike(wanted.jobs, ["-m", "gossamer_fx", *words, "--jobs", "1"])
+        if getattr(wanted, "ranks", 1) > 1:
+            from gossamer_fx.cli.launch import launch
+
+            return launch(wanted.ranks, ["-m", "gossamer_fx", *words])
     from mpi4py import MPI
 
     from gossamer_fx.checks.errors import InputError, NoEquilibrium, OutputFailure, StepFailure
     from gossamer_fx.checks.lone_errors import abort_on_lone_error
+    from gossamer_fx.cli.user_files import end_program
 
     comm = MPI.COMM_WORLD
     try:
@@ -58,7 +61,7 @@ def main(words: Sequence[str]) -> int:
     except (MemoryError, OSError) as error:
         if wanted.debug:
             raise
-        _end(comm, f"{type(error).__name__}: {error}; look for memory and disk space, or for the file that it names.")
+        end_program(comm, f"{type(error).__name__}: {error}; look for memory and disk space, or for the file that it names.")
     return 0
 
 
@@ -82,7 +85,7 @@ def _with_values(words: Sequence[str]) -> list[str]:
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="gossamer", description="Run a scene, and look at what it did.")
     parser.add_argument("--version", action="version", version=f"gossamer_fx {VERSION}")
-    commands = parser.add_subparsers(required=True, metavar="run|plot|report", parser_class=_Parser)
+    commands = parser.add_subparsers(required=True, metavar="run|sweep|plot|report", parser_class=_Parser)
 
     run = commands.add_parser("run", help="run a scene file")
     run.add_argument("scene", type=Path, help="Python file with a function build(comm, ...) that returns a gx.Case")
@@ -98,6 +101,13 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--log", type=Path, help="file that all messages are appended to")
     run.add_argument("--checkpoint", type=_positive, default=100, metavar="STEPS", help="steps between checkpoints")
     run.set_defaults(command=_run)
+
+    sweep = commands.add_parser("sweep", help="make the runs of a design that a folder lacks")
+    sweep.add_argument("design", type=Path, help="Python file with a gx.RobustDesign named SWEEP")
+    sweep.add_argument("-o", "--output", type=Path, help="folder of the runs; default out/NAME of the file")
+    sweep.add_argument("-j", "--jobs", type=_positive, default=1, help="processes that share the runs")
+    sweep.add_argument("-n", "--ranks", type=_positive, default=1, help="MPI ranks of each process")
+    sweep.set_defaults(command=_sweep)
 
     plot = commands.add_parser("plot", help="pictures of a run: by default its films at six times, and curves")
     plot.add_argument("run", type=Path, help="folder of a run")
@@ -117,7 +127,7 @@ def _parser() -> argparse.ArgumentParser:
     report.add_argument("run", type=Path, help="folder of a run")
     report.add_argument("-o", "--output", type=Path, help="file; default report.html in the folder of the run")
     report.set_defaults(command=_report)
-    for command in (run, plot, report):
+    for command in (run, sweep, plot, report):
         command.add_argument("--debug", action="store_true", help="show where an error comes from")
     return parser
 
@@ -190,11 +200,12 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
 
     from gossamer_fx.checks.errors import check
     from gossamer_fx.cli.case import Case
+    from gossamer_fx.cli.user_files import guarded, load, option
 
     path: Path = wanted.scene
     check(path.is_file(), f"There is no scene file '{path}'; give a Python file with a function build(comm).")
-    options = dict(_option(word) for word in wanted.options)
-    module = _guarded(comm, path, wanted.debug, lambda: _load(path))
+    options = dict(option(word) for word in wanted.options)
+    module = guarded(comm, path, wanted.debug, lambda: load(path))
     build = getattr(module, "build", None)
     check(callable(build), f"'{path}' has no function build(comm); write one that returns a gossamer_fx.Case.")
     assert build is not None
@@ -209,63 +220,26 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
     needed = [n for n, p in list(parameters.items())[1:] if p.default is p.empty and p.kind is p.POSITIONAL_OR_KEYWORD]
     missing = [name for name in needed if name not in options]
     check(not missing, f"build in '{path}' needs a value for {', '.join(missing)}; give NAME=VALUE.")
-    case = _guarded(comm, path, wanted.debug, lambda: build(comm, **options))
+    case = guarded(comm, path, wanted.debug, lambda: build(comm, **options))
     check(isinstance(case, Case), f"build in '{path}' returns {type(case).__name__}; let it return a gossamer_fx.Case.")
     return case
 
 
-def _option(word: str) -> tuple[str, Any]:
-    """Name and value of a word NAME=VALUE; values are Python's numbers, tuples, ..., or else words."""
+def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     from gossamer_fx.checks.errors import check
+    from gossamer_fx.cli.user_files import guarded, load
+    from gossamer_fx.sweep.robust_design import RobustDesign
+    from gossamer_fx.sweep.sweep_report import run_design
 
-    name, equals, text = word.partition("=")
-    check(bool(equals) and name.isidentifier(), f"'{word}' is no NAME=VALUE; give arguments of build like cells=20.")
-    try:
-        return name, ast.literal_eval(text)
-    except (ValueError, SyntaxError):
-        return name, text
-
-
-def _load(path: Path) -> ModuleType:
-    """Execute a Python file; what stands beside it can be imported."""
-    from importlib.util import module_from_spec, spec_from_file_location
-
-    sys.path.insert(0, str(path.resolve().parent))
-    spec = spec_from_file_location(path.stem, path)
-    if spec is None or spec.loader is None:
-        from gossamer_fx.checks.errors import InputError
-
-        raise InputError(f"'{path}' is no Python file; give one with a function build(comm).")
-    module = module_from_spec(spec)
-    sys.modules[path.stem] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-def _guarded[T](comm: MPI.Intracomm, path: Path, debug: bool, act: Callable[[], T]) -> T:
-    """What `act` returns; an error of the user's code is told with its place in the file."""
-    from gossamer_fx.checks.errors import InputError
-
-    try:
-        return act()
-    except InputError:
-        raise
-    except (Exception, SystemExit) as error:
-        if debug:
-            raise
-        frames = [f for f in traceback.extract_tb(error.__traceback__) if Path(f.filename).resolve() == path.resolve()]
-        line = error.lineno if isinstance(error, SyntaxError) else frames[-1].lineno if frames else None
-        place = f"'{path}'" + (f", line {line}" if line else "")
-        words = str(error).splitlines()[0] if str(error) else "no words"
-        _end(comm, f"{place}: {type(error).__name__} ({words}); correct the file, or see more with --debug.", 2)
-
-
-def _end(comm: MPI.Intracomm, words: str, code: int = 1) -> NoReturn:
-    """Say something on the first rank that comes here, and end the program on all."""
-    print(f"gossamer: {words}", file=sys.stderr, flush=True)
-    if comm.size > 1:
-        comm.Abort(code)
-    raise SystemExit(code)
+    path: Path = wanted.design
+    check(path.is_file(), f"There is no file '{path}'; give a Python file with a gx.RobustDesign named SWEEP.")
+    design = getattr(guarded(comm, path, wanted.debug, lambda: load(path)), "SWEEP", None)
+    check(isinstance(design, RobustDesign), f"'{path}' has no SWEEP; let it be a gx.RobustDesign.")
+    assert isinstance(design, RobustDesign)
+    folder: Path = wanted.output or Path("out") / path.stem
+    text = guarded(comm, path, wanted.debug, lambda: run_design(design, comm, folder))
+    if comm.rank == 0:
+        print(f"{text}\nwritten to {folder}")
 
 
 # ---- plot and report -----------------------------------------------------------------------------------------------

@@ -40,6 +40,21 @@ def launch(ranks: int, program: Sequence[str]) -> int:
     return 128 + heard[0] if heard and code else code if code >= 0 else 128 - code
 
 
+def launch_alike(jobs: int, program: Sequence[str]) -> int:
+    """Run a Python program in several processes that share its work; returns zero if one of them came to the end.
+
+    The first one alone speaks.  Any of them may die: those that are left go on.
+    """
+    command = [sys.executable, *program]
+    runs = [subprocess.Popen(command, stdout=None if k == 0 else subprocess.DEVNULL) for k in range(jobs)]
+    try:
+        return min(abs(run.wait()) for run in runs)
+    except KeyboardInterrupt:
+        for run in runs:
+            run.terminate()
+        raise
+
+
 def _die_with_parent() -> None:
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGTERM)

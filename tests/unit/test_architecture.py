@@ -42,6 +42,7 @@ FLOORS = (
     "outputs",
     "plotting",
     "run",
+    "sweep",
     "cli",
     "__main__",
 )

@@ -1,0 +1,64 @@
+"""Python files of users: they are executed, and what is wrong with them is told in one sentence, with its place."""
+
+from __future__ import annotations
+
+import ast
+import sys
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from gossamer_fx.checks.errors import InputError, check
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+
+def option(word: str) -> tuple[str, Any]:
+    """Name and value of a word NAME=VALUE; values are Python's numbers, tuples, ..., or else words."""
+    name, equals, text = word.partition("=")
+    check(bool(equals) and name.isidentifier(), f"'{word}' is no NAME=VALUE; give arguments of build like cells=20.")
+    try:
+        return name, ast.literal_eval(text)
+    except (ValueError, SyntaxError):
+        return name, text
+
+
+def load(path: Path) -> ModuleType:
+    """Execute a Python file; what stands beside it can be imported."""
+    from importlib.util import module_from_spec, spec_from_file_location
+
+    sys.path.insert(0, str(path.resolve().parent))
+    spec = spec_from_file_location(path.stem, path)
+    if spec is None or spec.loader is None:
+        raise InputError(f"'{path}' is no Python file; give one with a function build(comm).")
+    module = module_from_spec(spec)
+    sys.modules[path.stem] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+def guarded[T](comm: MPI.Intracomm, path: Path, debug: bool, act: Callable[[], T]) -> T:
+    """What `act` returns; an error of the user's code is told with its place in the file."""
+    try:
+        return act()
+    except InputError:
+        raise
+    except (Exception, SystemExit) as error:
+        if debug:
+            raise
+        frames = [f for f in traceback.extract_tb(error.__traceback__) if Path(f.filename).resolve() == path.resolve()]
+        line = error.lineno if isinstance(error, SyntaxError) else frames[-1].lineno if frames else None
+        place = f"'{path}'" + (f", line {line}" if line else "")
+        words = str(error).splitlines()[0] if str(error) else "no words"
+        end_program(comm, f"{place}: {type(error).__name__} ({words}); correct the file, or see more with --debug.", 2)
+
+
+def end_program(comm: MPI.Intracomm, words: str, code: int = 1) -> NoReturn:
+    """Say something on the first rank that comes here, and end the program on all."""
+    print(f"gossamer: {words}", file=sys.stderr, flush=True)
+    if comm.size > 1:
+        comm.Abort(code)
+    raise SystemExit(code)
