@@ -57,7 +57,10 @@ def build(
     start: str = "zigzag",
     angle: float = 80.0,
     lift: float = 1e-4,
+    thickness: float = 25e-6,
     tank: float = 1e-6,
+    pressure: float = 1.5e6,
+    dead_volume: float = 0.2e-6,
     bore: float = 0.4e-3,
     crease: float = 0.0,
     contact: float = 5e-4,
@@ -71,7 +74,9 @@ def build(
     Args:
         start: "zigzag", with panels that rise by `angle` [degrees], or "roll".
         lift: half of the distance of the layers at the folds [m].
-        tank: its volume [m³].
+        thickness: of the film [m].
+        tank, pressure: its volume [m³], and the pressure in it at the start [Pa].
+        dead_volume: that each compartment cannot be pressed out of [m³].
         bore: of the valve [m], which opens softly.
         crease: stiffness of folds with memory [N m/m/rad]; 0: none.
         contact: distance at which it begins [m]; 0: none.
@@ -89,17 +94,17 @@ def build(
     outside = gx.Ambient(air) if air else None
     tube = gx.InflatableTube(
         flat_tube(comm, length, diameter, cells, compartments=panels),
-        KAPTON_HN.law(25e-6, residual=1e-6),
+        KAPTON_HN.law(thickness, residual=1e-6),
         gas=NITROGEN,
         pressure=1.0 + air,
-        dead_volume=0.2e-6,
+        dead_volume=dead_volume,
         outside=outside,
         folds=folds,
         crease=crease,
         memory=0.5,
         contact=contact,
     )
-    source = gx.Tank(tank, gas=NITROGEN, pressure=1.5e6, temperature=293.0)
+    source = gx.Tank(tank, gas=NITROGEN, pressure=pressure, temperature=293.0)
     valve = tube.inlet(source, lambda t: math.pi / 4 * bore**2 * min(0.1 + t / 5e-3, 1.0) ** 2)
     items = [tube, valve]
     if gravity:

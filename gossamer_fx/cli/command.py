@@ -61,7 +61,9 @@ def main(words: Sequence[str]) -> int:
     except (MemoryError, OSError) as error:
         if wanted.debug:
             raise
-        end_program(comm, f"{type(error).__name__}: {error}; look for memory and disk space, or for the file that it names.")
+        end_program(
+            comm, f"{type(error).__name__}: {error}; look for memory and disk space, or for the file that it names."
+        )
     return 0
 
 

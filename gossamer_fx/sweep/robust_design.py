@@ -77,7 +77,9 @@ class RobustDesign:
         check(len(self.goals) > 0, "RobustDesign has no goal; name a number of the outcome, and what it should be.")
         for name, goal in self.goals.items():
             check(goal in GOALS, f"RobustDesign: the goal of {name!r} is {goal!r}; give one of: {', '.join(GOALS)}.")
-            check(goal != "nominal" or bool(self.noise), f"RobustDesign: {name!r} cannot vary without noise; give some.")
+            check(
+                goal != "nominal" or bool(self.noise), f"RobustDesign: {name!r} cannot vary without noise; give some."
+            )
         for name, level in self.usual.items():
             check(
                 name in self.control and level in self.control[name],

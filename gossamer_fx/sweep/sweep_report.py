@@ -54,7 +54,13 @@ def tables(design: RobustDesign, results: Sequence[Result], confirmed: Sequence[
         lines.append(f"| interactions | | {max(1 - sum(shares.values()), 0):.0%} |")
         lines += ["", f"Best levels: {_words(design.best(results, goal))}."]
     goal = next(iter(design.goals))
-    lines += ["", f"## Confirmation for {goal}", "", "| levels | S/N predicted [dB] | S/N found [dB] | mean |", "|---|---|---|---|"]
+    lines += [
+        "",
+        f"## Confirmation for {goal}",
+        "",
+        "| levels | S/N predicted [dB] | S/N found [dB] | mean |",
+        "|---|---|---|---|",
+    ]
     half = len(confirmed) // 2
     found = design.ratios(confirmed, goal)
     for k, (which, levels) in enumerate((("usual", design.before()), ("best", design.best(results, goal)))):
@@ -73,7 +79,12 @@ def draw(design: RobustDesign, results: Sequence[Result], path: Path) -> None:
 
     rows, columns = len(design.goals), len(design.control)
     figure, axes = pyplot.subplots(
-        rows, columns, figsize=(1.5 * columns + 1.2, 2.2 * rows + 0.4), sharey="row", squeeze=False, layout="constrained"
+        rows,
+        columns,
+        figsize=(1.5 * columns + 1.2, 2.2 * rows + 0.4),
+        sharey="row",
+        squeeze=False,
+        layout="constrained",
     )
     for panels, goal in zip(axes, design.goals, strict=True):
         mean = np.nanmean(design.ratios(results, goal))

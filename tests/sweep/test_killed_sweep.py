@@ -60,7 +60,16 @@ def test_any_process_may_be_killed(tmp_path):
 @pytest.mark.parametrize("jobs", [2])
 def test_jobs_share_the_runs(tmp_path, jobs):
     (tmp_path / "design.py").write_text(DESIGN)
-    words = ["-m", "gossamer_fx", "sweep", str(tmp_path / "design.py"), "-o", str(tmp_path / "out"), "--jobs", str(jobs)]
+    words = [
+        "-m",
+        "gossamer_fx",
+        "sweep",
+        str(tmp_path / "design.py"),
+        "-o",
+        str(tmp_path / "out"),
+        "--jobs",
+        str(jobs),
+    ]
     ended = subprocess.run([sys.executable, *words], cwd=ROOT, capture_output=True, text=True, check=True)
     assert "written to" in ended.stdout
     words = [line.split() for line in (tmp_path / "told").read_text().splitlines()]
