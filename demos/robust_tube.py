@@ -1,9 +1,9 @@
 """Robust design of a folded tube: which levels let it deploy quickly and straight, whatever storage did to it.
 
 The method is that by which the deployment of the folded tubes in Miyazaki, KAKENHI 19360384 final report (2009), §4(4),
-was made repeatable (quality engineering); its factors and levels were not published, so those here are chosen.  A tube is
-run in every row of an L18 array as it was folded ("fresh"), and as storage left it ("stored": creases with memory, and
-residual air in it), until its tip is 95 % of its length from the clamp.
+was made repeatable (quality engineering); its factors and levels were not published, so those here are chosen.  A tube
+is run in every row of an L18 array as it was folded ("fresh"), and as storage left it ("stored": creases with memory,
+and residual air in it), until its tip is 95 % of its length from the clamp.
 
     ./gossamer sweep demos/robust_tube.py --jobs 2
     ./gossamer run demos/robust_tube.py start=roll state=stored --output out/stored     one of the runs

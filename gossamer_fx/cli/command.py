@@ -1,4 +1,6 @@
-"""The commands run, sweep, plot and report: what is wrong is told in one sentence, with code 2 for input and 1 for the rest.
+"""The commands run, sweep, plot and report.
+
+What is wrong is told in one sentence, with code 2 for input and 1 for the rest.
 
 Heavy modules are loaded when the words on the command line are known to be right.
 """

@@ -1,8 +1,8 @@
 """Robust design: levels of what a designer chooses at which what nobody chooses matters least.
 
 After G. Taguchi (S. Taguchi, Y. Wu, Robust Engineering, ASME Press 2000): control factors in an orthogonal array, every
-row of it with all noise, a signal-to-noise ratio for every row, the mean of it at every level, and runs at the best levels
-that confirm that the effects add up.
+row of it with all noise, a signal-to-noise ratio for every row, the mean of it at every level, and runs at the best
+levels that confirm that the effects add up.
 """
 
 from __future__ import annotations

@@ -114,5 +114,5 @@ def test_outcomes_that_are_no_numbers_or_refuse_are_told(tmp_path):
     def refuse(comm, folder, a):
         raise gx.InputError("a is too large.")
 
-    with pytest.raises(gx.InputError, match="The run with a=1 is refused: a is too large."):
+    with pytest.raises(gx.InputError, match=r"The run with a=1 is refused: a is too large\."):
         SharedRuns(comm, tmp_path, refuse).results([{"a": 1}])
