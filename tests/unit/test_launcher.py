@@ -15,6 +15,7 @@ GOSSAMER = str(ROOT / "gossamer")
 COMMANDS = (
     "demo",
     "run",
+    "sweep",
     "plot",
     "report",
     "study",
