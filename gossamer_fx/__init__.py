@@ -65,9 +65,11 @@ if TYPE_CHECKING:
     from gossamer_fx.gas.volumes import Chamber as Chamber
     from gossamer_fx.gas.volumes import Reservoir as Reservoir
     from gossamer_fx.gas.volumes import Tank as Tank
+    from gossamer_fx.interactions.attached_mass import AttachedMass as AttachedMass
     from gossamer_fx.interactions.clamped import Clamped as Clamped
     from gossamer_fx.interactions.clamped_edge import ClampedEdge as ClampedEdge
     from gossamer_fx.interactions.crease import Crease as Crease
+    from gossamer_fx.interactions.driven import Driven as Driven
     from gossamer_fx.interactions.fixed import Fixed as Fixed
     from gossamer_fx.interactions.fixed import Prescribed as Prescribed
     from gossamer_fx.interactions.joint import BallJoint as BallJoint
@@ -82,6 +84,7 @@ if TYPE_CHECKING:
     from gossamer_fx.interactions.spring import Spring as Spring
     from gossamer_fx.interactions.spring import Stop as Stop
     from gossamer_fx.interactions.tape import Tape as Tape
+    from gossamer_fx.interactions.tether import Tether as Tether
     from gossamer_fx.interactions.tie import Tie as Tie
     from gossamer_fx.interactions.torsion import TorsionDamper as TorsionDamper
     from gossamer_fx.interactions.torsion import TorsionSpring as TorsionSpring
@@ -131,6 +134,8 @@ if TYPE_CHECKING:
     from gossamer_fx.outputs.recording import Recording as Recording
     from gossamer_fx.outputs.series import Series as Series
     from gossamer_fx.outputs.snapshots import Snapshots as Snapshots
+    from gossamer_fx.outputs.spin_probes import MeanSpin as MeanSpin
+    from gossamer_fx.outputs.spin_probes import PolarPosition as PolarPosition
     from gossamer_fx.outputs.values import field_values as field_values
     from gossamer_fx.outputs.values import positions as positions
     from gossamer_fx.outputs.vtx import VTX as VTX
@@ -191,14 +196,17 @@ _HOME = {
     "contact.contact": ["Contact"],
     "contact.probes": ["ContactForce", "ContactGap", "Penetrations"],
     "contact.obstacles": ["Box", "Cylinder", "Plane", "Sphere"],
+    "interactions.attached_mass": ["AttachedMass"],
     "interactions.clamped": ["Clamped"],
     "interactions.clamped_edge": ["ClampedEdge"],
     "interactions.crease": ["Crease"],
+    "interactions.driven": ["Driven"],
     "interactions.fixed": ["Fixed", "Prescribed"],
     "interactions.joint": ["BallJoint", "FixedJoint", "Link", "PrismaticJoint", "RevoluteJoint"],
     "interactions.rigid_region": ["RigidRegion"],
     "interactions.spring": ["AxialSpring", "Damper", "Rope", "Spring", "Stop"],
     "interactions.tape": ["Tape"],
+    "interactions.tether": ["Tether"],
     "interactions.tie": ["Tie"],
     "interactions.torsion": ["TorsionDamper", "TorsionSpring"],
     "loads.centrifugal": ["Centrifugal"],
@@ -241,6 +249,7 @@ _HOME = {
         "RingArea",
         "Velocity",
     ],
+    "outputs.spin_probes": ["MeanSpin", "PolarPosition"],
     "outputs.values": ["field_values", "positions"],
     "outputs.progress": ["Progress"],
     "outputs.vtx": ["VTX", "Probes"],

@@ -32,6 +32,7 @@ from gossamer_fx.bodies.rigid_piece import RigidPiece, fitted
 from gossamer_fx.checks.errors import check
 from gossamer_fx.interactions.fixed import check_support
 from gossamer_fx.interactions.joint import coincidence
+from gossamer_fx.model.ports import coordinates_at_start
 from gossamer_fx.model.terms import Array, Port, Term
 from gossamer_fx.terms.point_constraints import PointConstraint
 from gossamer_fx.terms.supports import Support
@@ -157,11 +158,11 @@ class RigidRegion:
         return [int(node) for node in self.body.block.index_map.local_to_global(self._own)]
 
     def _places(self) -> list[tuple[Port, Port]]:
-        start, _, along = self._fit
         if self.to is None:
-            targets = [self.piece.port(*map(float, ξ)) for ξ in along]
-        else:
-            targets = [self.to.port_at(place) for place in (start[0] + along @ start[1:]).tolist()]
+            targets = [self.piece.port(*map(float, ξ)) for ξ in self._fit[2]]
+        else:  # where a fold map or another start has placed them
+            placed = coordinates_at_start(self.body).reshape(-1, self.body.block.size)[self._own, :3]
+            targets = [self.to.port_at(place) for place in placed.tolist()]
         return [(Port(self.body, (node,)), target) for node, target in zip(self._nodes(), targets, strict=True)]
 
     def requires(self) -> Iterable[Any]:

@@ -29,12 +29,15 @@ class Damping:
     stiffness [s]: stress `stiffness`·C Ė with the elastic matrix C of the taut film, cable or beam (Kelvin-Voigt);
         rigid motions are free.
     A mode of angular frequency ω loses the fraction ζ = mass/(2ω) + stiffness ω/2 of critical damping.
+    tension_only: C is the stiffness ψ''(e) that the film has at the start of each step: in full where it is taut, along
+        the folds where it is wrinkled, all but none where it is slack.
     """
 
     body: Body
     mass: float = 0.0
     stiffness: float = 0.0
     name: str = "damping"
+    tension_only: bool = False
 
     def __post_init__(self) -> None:
         check(
@@ -45,6 +48,10 @@ class Damping:
             self.mass >= 0 and self.stiffness >= 0 and self.mass + self.stiffness > 0,
             f"Damping '{self.name}': mass {self.mass!r} 1/s and stiffness {self.stiffness!r} s; one must be positive, "
             "none negative.",
+        )
+        check(
+            not self.tension_only or (isinstance(self.body, Membrane) and self.stiffness > 0),
+            f"Damping '{self.name}': tension_only is for the stiffness damping of films; leave it out, or give both.",
         )
 
     def requires(self) -> Iterable[Any]:
@@ -64,6 +71,14 @@ class Damping:
             )
         if self.stiffness > 0:
             β = constant(body.space.mesh, self.stiffness)
+            if self.tension_only and isinstance(body, Membrane):
+                from gossamer_fx.terms.present_stiffness import PresentStiffness
+
+                yield (now := PresentStiffness(body, body.measure, body.density, body.dx))
+                C = now.matrix
+                viscous = lambda ė: β / 2 * ufl.dot(ė, ufl.dot(C, ė))  # noqa: E731
+                yield Dissipation(self.name + " (stiffness)", body, body.measure, viscous, body.dx)
+                return
             measure, energy = _unwrinkled(body)
             yield Dissipation(self.name + " (stiffness)", body, measure, lambda ė: β * energy(ė), body.dx)
 

@@ -1,0 +1,206 @@
+"""A disc of film, folded round a hub, is deployed by its spin.
+
+The film is pleated and wound round a polygonal hub (skew fold), its inner edge fixed to it; masses sit at its tips.
+Hub and roll turn as one, and at t = 0 nothing holds the roll any more.  Free particles would go off along tangents; the
+layers strike each other and the hub, waves run through the film, and the hub hands its angular momentum to the sail,
+or a motor keeps its rate.  Contact keeps layers and hub apart; with `crease` the folds remember.
+
+Where the values come from:
+    diameter 1, 2 m      the spinning films with rigid parts of Miyazaki, KAKENHI 19360384 final report (2009), §4(4);
+                         their masses, films and spin rates were not published
+    film                 polyimide, Kapton HN (DuPont data sheet H-38492), here of 7.5 µm
+    hub, tips, spin      chosen: hub of 0.1 kg and a tenth of the diameter, 8 revolutions a second, tips of 2 g
+    damping              chosen: 0.1 ms, viscosity of the film over its stiffness
+
+    ./gossamer demo spin_deployment
+    ./gossamer run demos/spin_deployment.py diameter=2.0 rev=4.0 until=0.5 --output out/spin; ./gossamer report out/spin
+    ./gossamer run demos/spin_deployment.py held=True crease=5e-4
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.model.terms import Array
+from gossamer_fx.outputs.output import Output, Probe
+from gossamer_fx.presets.films import KAPTON_HN
+from meshes.sails import pinwheel
+
+TITLE = "A disc of film, deployed by its spin"
+VIEW = gx.View(azimuth=0.3, elevation=math.radians(35), zoom=True)
+HUB = 0.1  # its diameter over that of the disc
+CLEAR = 2.0  # distance of the hub from the film on it, over that of contact
+
+
+def pattern(diameter: float, n: int) -> tuple[float, int]:
+    """Side of the hub's polygon [m], and the number of sides to the end of a sector: tips are at diameter/2."""
+    slope = math.tan(math.pi / n)
+
+    def tip(count: int) -> float:
+        """Radius of the tips over a side."""
+        return math.hypot(0.5 + count, count * slope - 0.5 / slope)
+
+    side = HUB * diameter * math.sin(math.pi / n)
+    count = min(range(2, 60), key=lambda k: abs(side * tip(k) - diameter / 2))
+    return diameter / 2 / tip(count), count
+
+
+def build(
+    comm: MPI.Comm,
+    diameter: float = 1.0,
+    n: int = 6,
+    cells: int = 1,
+    rev: float = 8.0,
+    held: bool = False,
+    thickness: float = 7.5e-6,
+    tip: float = 2e-3,
+    inertia: float = 1.25e-4,
+    contact: float = 4e-4,
+    gap: float = 5e-4,
+    friction: float = 0.0,
+    crease: float = 0.0,
+    damping: float = 1e-4,
+    gravity: float = 0.0,
+    sense: int = 1,
+    until: float = 0.24,
+    dt: float = 4e-4,
+    largest: float = 1e-3,
+    iterations: int = 10,
+) -> gx.Case:
+    """The folded sail on its hub.
+
+    Args:
+        diameter: of the circle through the tips [m].
+        n: sides of the hub, and tips.
+        cells: cells on a side of the hub.
+        rev: spin at the start [1/s].
+        held: whether a motor keeps this rate; else the hub is free.
+        tip: mass at each tip [kg].
+        inertia: of the hub about its axis [kg m²].
+        contact: distance at which it begins [m].
+        gap: of the layers [m].
+        crease: stiffness of folds with memory [N m/m/rad]; 0: none.
+        damping: viscosity of the film over its stiffness [s]; 0: none.
+        gravity: along -z [m/s²].
+        sense: 1 spins as the roll winds outwards, so that it opens; -1 against it.
+        largest: step [s].
+    """
+    side, count = pattern(diameter, n)
+    folds = gx.fold.star(n=n, side=side, columns=cells, reach=count * cells, gap=gap)
+    mesh = folds.mark(pinwheel(comm, n, side, cells, count * cells))
+    film = gx.Membrane(mesh, KAPTON_HN.law(thickness, residual=1e-6), name="sail")
+    height = count * side * math.tan(math.pi / n)
+    hub = gx.RigidBody(0.1, (0.8 * inertia, 0.8 * inertia, inertia), name="hub")
+    radius = folds.radius * math.cos(math.pi / n / cells) - CLEAR * contact
+    drum = gx.Cylinder(start=(0.0, 0.0, 0.0), end=(0.0, 0.0, -height), radius=radius, on=hub, name="drum")
+    touching = gx.Contact(film, drum, distance=contact, friction=friction)
+    spin = sense * 2 * math.pi * rev
+    items: list[object] = [film, folds.start(film), hub, gx.RigidRegion(film, "hub", to=hub), touching]
+    items += [gx.AttachedMass(film.port(f"tip {k}"), tip, name=f"mass {k}") for k in range(n)]
+    items.append(gx.RigidMotion(spin=(0.0, 0.0, spin)))
+    if held:
+        items.append(gx.Driven(hub, (0.0, 0.0, 1.0), lambda t: spin * t))
+    if damping:
+        items.append(gx.Damping(film, stiffness=damping))
+    if crease:
+        items += folds.creases(film, crease, rest=0.5)
+    if gravity:
+        items.append(gx.Gravity(film, (0.0, 0.0, -gravity)))
+    ports = [film.port(f"tip {k}") for k in range(n)]
+    probes: dict[str, Probe] = {
+        "spin of the hub [rad/s]": gx.AngularVelocity(hub.frame(), "z"),
+        "spin of the sail [rad/s]": gx.MeanSpin(film, "z"),
+        **{f"radius {k} [m]": gx.PolarPosition(p, hub.frame(), "radius") for k, p in enumerate(ports)},
+        "twist [rad]": gx.PolarPosition(ports[0], hub.frame(), "angle"),
+        "penetrations": gx.Penetrations(touching),
+    }
+    control = gx.StepControl(iterations=iterations, largest=largest)
+    # the first guess of a step may press layers together: its residual is no measure of the forces
+    stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
+    scene = gx.Scene(*items)  # type: ignore[arg-type]
+    return gx.Case(scene, stepper, until, TITLE, probes=probes, control=control, frames=80)
+
+
+def main(
+    output: str | Path | None = None, until: float = 0.24, comm: MPI.Comm = MPI.COMM_WORLD, **given: object
+) -> dict[str, float]:
+    """Deploy the sail; what `build` takes may be `given`.  With `output`, a folder: a recording and pictures.
+
+    Returns energy_error, angular_momentum_drift (of a free hub: relative), halved, steps, iterations (a step), seconds,
+    penetrations (the most edges that pierced triangles at any step), largest_radius (mean of the tips [m]) and when
+    [s], the spins at the end [rad/s], and energy at the start and dissipated [J].
+    """
+    case = build(comm, until=until, **given)  # type: ignore[arg-type]
+    series = gx.Series(case.probes)
+    outputs: list[Output] = [gx.Progress(), series]
+    if output is not None:
+        out = Path(output)
+        looks = (np.array([0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.75, 0.85, 1.0]) * until).tolist()
+        outputs += [case.recording(out), gx.Picture(out / "spin_deployment.png", looks, TITLE, VIEW)]
+    run = case.simulation(outputs)
+    run.run(until=until)
+    radius = np.mean([series[name] for name in case.probes if name.startswith("radius")], axis=0)
+    if output is not None and comm.rank == 0:
+        draw(series, radius, Path(output) / "spin_deployment_curves.png")
+    first, now = run.first.angular_momentum, run.totals.angular_momentum
+    widest = int(radius.argmax())
+    return {
+        "energy_error": abs(run.energy_error),
+        "angular_momentum_drift": float(np.abs(now - first).max() / np.abs(first).max()),
+        "halved": run.substeps,
+        "steps": run.step,
+        "iterations": run.iterations / run.step,
+        "seconds": run.seconds,
+        "penetrations": float(series["penetrations"].max()),
+        "largest_radius": float(radius[widest]),
+        "when": float(series.time[widest]),
+        "spin_of_hub": float(series["spin of the hub [rad/s]"][-1]),
+        "spin_of_sail": float(series["spin of the sail [rad/s]"][-1]),
+        "energy": run.first.energy,
+        "dissipated": run.totals.dissipated,
+    }
+
+
+def draw(series: gx.Series, radius: Array, path: Path) -> None:
+    """Spins and radius over the time, and the spin of the sail over its radius."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 3.8), dpi=100, facecolor="white", layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for what, colour in (("hub", (0.1, 0.35, 0.7)), ("sail", (0.8, 0.2, 0.1))):
+        spin = series[f"spin of the {what} [rad/s]"]
+        left.plot(1e3 * series.time, spin, color=colour, label=what)
+        right.plot(1e3 * radius, spin, color=colour, label=what)
+    left.set(xlabel="t [ms]", ylabel="spin [rad/s]")
+    right.set(xlabel="mean radius of the tips [mm]", ylabel="spin [rad/s]")
+    left.legend(frameon=False)
+    for axes in (left, right):
+        axes.grid(alpha=0.3)
+    figure.suptitle(TITLE)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    FigureCanvasAgg(figure).print_png(str(path))
+
+
+def say(found: dict[str, float]) -> None:
+    """What happened, in words."""
+    print(f"The tips come to {1e3 * found['largest_radius']:.0f} mm after {1e3 * found['when']:.0f} ms.")
+    print(f"Hub and sail then spin at {found['spin_of_hub']:.1f} and {found['spin_of_sail']:.1f} rad/s.")
+    print(f"Of {found['energy']:.3f} J the film has taken {found['dissipated']:.3f} J.")
+    print(f"Edges that pierced the film in any step: {found['penetrations']:.0f}.")
+    print(
+        f"Energy closes to {found['energy_error']:.0e}, angular momentum to {found['angular_momentum_drift']:.0e}; "
+        f"{found['steps']:.0f} steps, {found['iterations']:.1f} iterations each, {found['halved']:.0f} halved, "
+        f"{found['seconds']:.0f} s."
+    )
+
+
+if __name__ == "__main__":
+    result = main(output="out/spin_deployment")
+    if MPI.COMM_WORLD.rank == 0:
+        say(result)

@@ -1,0 +1,46 @@
+"""Masses at points of bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from gossamer_fx.algebra.places import is_point
+from gossamer_fx.checks.errors import check, check_positive
+from gossamer_fx.model.terms import Port, Term
+from gossamer_fx.terms.point_masses import AttachedKineticEnergy
+
+
+@dataclass(frozen=True, eq=False)
+class AttachedMass:
+    """A mass at a point of a body, e.g. at the tip of a sail: kinetic energy ½ m |v|² of the point, no unknowns.
+
+    `Gravity` and `Centrifugal` of the body act on it, too.
+
+    Args:
+        port: a point of a film, plate, cable, beam or rigid body.
+        mass: m [kg].
+
+    Raises:
+        InputError: a port that is a direction, a mass that is not positive.
+    """
+
+    port: Port
+    mass: float
+    name: str = "attached mass"
+
+    def __post_init__(self) -> None:
+        check(
+            isinstance(self.port, Port) and bool(np.isclose(is_point(self.port), 1.0)),
+            f"AttachedMass '{self.name}': its port is no point of a body; give one, as film.port('tip').",
+        )
+        check_positive(self, "mass", "kg")
+
+    def requires(self) -> Iterable[Any]:
+        yield self.port.body
+
+    def terms(self) -> Iterable[Term]:
+        yield AttachedKineticEnergy([(self.port,)], np.full((1, 1, 1), self.mass))

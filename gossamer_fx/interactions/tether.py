@@ -1,0 +1,78 @@
+"""Tethers that a reel pays out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from numbers import Real
+
+from gossamer_fx.checks.errors import InputError, check, check_positive
+from gossamer_fx.checks.user_functions import ask_numbers
+from gossamer_fx.interactions.between import Between
+from gossamer_fx.interactions.spring import half_distance_squared
+from gossamer_fx.model.terms import Attached, Port, Term
+from gossamer_fx.terms.paid_out_ropes import PaidOutRope
+
+
+@dataclass(frozen=True, eq=False)
+class Tether(Between):
+    """A rope without mass from a reel at one of two points: tension k (l - L) beyond its length L, none below.
+
+    Either L is a function of time, and the work of the reel is booked as supplied (negative while it pays out under
+    tension), or a brake holds the reel and slips where the tension would exceed B: the loss B ΔL is booked as
+    dissipated.  A brake torque M on a reel of radius r is B = M/r.  Energy closes exactly, momentum and angular
+    momentum are kept.
+
+    Args:
+        a, b: ports, or one `Ground`.
+        length: L [m], a number with a `brake`, else a function of time [s].
+        stiffness: k [N/m], at every length.
+        brake: B [N].
+        most: length [m] that a braked reel has in all; default: without end.
+
+    Raises:
+        InputError: a length that is not positive, a brake beside a function, a length without either.
+    """
+
+    a: Attached
+    b: Attached
+    length: float | Callable[[float], float]
+    stiffness: float
+    brake: float | None = None
+    most: float = math.inf
+    name: str = "tether"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_positive(self, "stiffness", "N/m")
+        if callable(self.length):
+            check(self.brake is None, f"Tether '{self.name}': its length is given as a function; leave the brake out.")
+            return
+        check_positive(self, "length", "m")
+        check(
+            self.brake is not None,
+            f"Tether '{self.name}': its length is a number; give a brake, or a function of time, or take a Rope.",
+        )
+        check_positive(self, "brake", "N")
+        check(
+            isinstance(self.most, Real) and self.most >= self.length,
+            f"Tether '{self.name}': most is {self.most!r} m; give what the reel has in all, {self.length:g} m or more.",
+        )
+
+    def terms(self) -> Iterable[Term]:
+        measure, given = half_distance_squared(self.a, self.b), self.length
+        if not callable(given):
+            assert self.brake is not None
+            yield PaidOutRope(self.name, measure, self.stiffness, given, None, self.brake, self.most)
+            return
+        comm = next(port.body.comm for port in (self.a, self.b) if isinstance(port, Port))
+
+        def history(t: float) -> float:
+            what = f"Length of '{self.name}' at t = {t:.6g} s"
+            length = float(ask_numbers(comm, what, lambda: given(t)))
+            if length <= 0:
+                raise InputError(f"{what} is {length:g} m; give a function that is positive.")
+            return length
+
+        yield PaidOutRope(self.name, measure, self.stiffness, history(0.0), history)

@@ -1,0 +1,72 @@
+"""The stiffness ψ''(e) of films at the start of each step, for losses that follow the state of the film."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import basix.ufl
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from gossamer_fx.forms.backend import evaluate, interpolation_points
+from gossamer_fx.forms.compilation import compile_expression
+from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.forms.strain_path import gradient
+from gossamer_fx.model.terms import Assembly, CompiledTerms, MeshBody
+
+STRAINS = 3  # E11, E22, 2 E12
+
+
+class PresentStiffnesses(CompiledTerms):
+    """All `PresentStiffness` terms of a scene: evaluated whenever a state is accepted."""
+
+    made_of_forms = True
+
+    def __init__(self, terms: Sequence[PresentStiffness], system: Assembly) -> None:
+        self._made = []
+        for term in terms:
+            e = ufl.variable(term.measure(system.fields[system.bodies.index(term.body)].q0))
+            S = gradient(term.density, e)
+            C = ufl.diff(S, e)
+            entries = ufl.as_vector([C[i, j] for i in range(STRAINS) for j in range(STRAINS)])
+            points = interpolation_points(term.values.function_space)
+            cells = term.body.space.mesh.topology.index_map(2)
+            every = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
+            self._made.append((term, compile_expression(entries, points), every))
+
+    def keep(self) -> None:
+        for term, expression, cells in self._made:
+            dofmap = term.values.function_space.dofmap
+            places, found = dofmap.list[cells], evaluate(expression, term.body.space.mesh, cells)
+            term.values.x.array.reshape(-1, STRAINS**2)[places] = found.reshape(*places.shape, STRAINS**2)
+
+
+@dataclass(frozen=True, eq=False)
+class PresentStiffness:
+    """C = ψ''(e) at the quadrature points of a body in the accepted state, as a matrix (3, 3) for forms."""
+
+    body: MeshBody
+    measure: Callable[[Expr], Expr]
+    density: Callable[[Expr], Expr]
+    dx: ufl.Measure
+    values: Any = field(init=False)
+    compiler: ClassVar[type[CompiledTerms]] = PresentStiffnesses
+
+    def __post_init__(self) -> None:
+        mesh = self.body.space.mesh
+        element = basix.ufl.quadrature_element(
+            mesh.basix_cell(),
+            value_shape=(STRAINS**2,),
+            degree=self.dx.metadata()["quadrature_degree"],
+            scheme="default",
+        )
+        object.__setattr__(self, "values", fem.Function(fem.functionspace(mesh, element)))
+
+    @property
+    def matrix(self) -> Expr:
+        """C for forms with the measure `dx`."""
+        n = STRAINS
+        return ufl.as_matrix([[self.values[n * i + j] for j in range(n)] for i in range(n)])

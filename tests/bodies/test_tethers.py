@@ -1,0 +1,155 @@
+"""Tethers that are paid out along a history or against a brake, masses at points, driven hubs, probes of spin."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from gossamer_fx.presets.films import KAPTON_HN
+from gossamer_fx.terms.paid_out_ropes import PaidOutRopes
+from meshes.sheet import sheet
+
+K, MASS, L, BRAKE = 400.0, 0.5, 1.0, 2.0
+
+
+def flying(speed: float, **given) -> tuple[gx.Simulation, gx.PointMass]:
+    """A mass at the end of a tether that is just straight."""
+    mass = gx.PointMass(MASS, (L, 0.0, 0.0), velocity=(speed, 0.0, 0.0))
+    tether = gx.Tether(gx.Ground((0.0, 0.0, 0.0)), mass.port(), stiffness=K, **given)
+    return gx.Simulation(gx.Scene(mass, tether), gx.Midpoint(dt=5e-3)), mass
+
+
+def length_of(run: gx.Simulation) -> float:
+    return float(next(c for c in run.system.compiled if isinstance(c, PaidOutRopes)).lengths()[0])
+
+
+@pytest.mark.mpi
+def test_a_brake_stops_a_mass_as_friction_does() -> None:
+    """It pulls with B from where the tether is stretched by B/k: the rest of ½ m v² is lost on the way."""
+    run, mass = flying(1.2, length=L, brake=BRAKE)
+    run.run(until=0.45)
+    kinetic, elastic = MASS * 1.2**2 / 2, BRAKE**2 / 2 / K
+    paid = (kinetic - elastic) / BRAKE
+    assert length_of(run) - L == pytest.approx(paid, rel=1e-3)
+    assert run.totals.dissipated == pytest.approx(BRAKE * paid, rel=1e-3)
+    assert abs(run.energy_error) < 1e-13
+    # what the tether has stored comes back: the mass flies inwards with that energy
+    run.run(until=0.6)
+    assert gx.Velocity(mass.port(), "x")(run) == pytest.approx(-math.sqrt(2 * elastic / MASS), rel=0.01)
+
+
+@pytest.mark.mpi
+def test_an_empty_reel_holds() -> None:
+    run, mass = flying(3.0, length=L, brake=BRAKE, most=1.2)
+    run.run(until=0.25)
+    assert length_of(run) == pytest.approx(1.2, abs=1e-12)
+    assert run.totals.dissipated == pytest.approx(0.2 * BRAKE, rel=1e-9) and abs(run.energy_error) < 1e-13
+    left = MASS * 9 / 2 - 0.2 * BRAKE
+    assert gx.Velocity(mass.port(), "x")(run) == pytest.approx(-math.sqrt(2 * left / MASS), rel=1e-3)
+
+
+@pytest.mark.mpi
+def test_a_whirling_mass_is_paid_out_and_keeps_its_angular_momentum() -> None:
+    """Slowly: m l² ω is constant, and the reel takes what the kinetic energy loses."""
+    ω = 2.0
+    tension = MASS * ω**2 * L
+    start = L - tension / K
+    mass = gx.PointMass(MASS, (L, 0.0, 0.0), velocity=(0.0, ω * L, 0.0))
+    tether = gx.Tether(gx.Ground((0, 0, 0)), mass.port(), lambda t: start + 0.25 * t**2 * (3 - 2 * t), K)
+    run = gx.Simulation(gx.Scene(mass, tether), gx.Midpoint(dt=2e-2))
+    run.run(until=1.0)
+    x, y = (gx.Position(mass.port(), axis)(run) for axis in "xy")
+    assert run.totals.angular_momentum[2] == pytest.approx(MASS * ω * L**2, rel=1e-12)
+    assert abs(run.energy_error) < 1e-13
+    assert math.hypot(x, y) == pytest.approx(start + 0.25, abs=0.01)
+    assert run.totals.supplied < 0
+
+
+def test_the_tangent_of_a_tether_is_the_derivative() -> None:
+    run, _ = flying(3.0, length=L, brake=BRAKE, most=1.5)
+    ropes = next(c for c in run.system.compiled if isinstance(c, PaidOutRopes))
+    δ = 1e-7
+    for l0 in (0.9, 1.003, 1.005):
+        ropes._l = np.array([l0])
+        for l1 in (0.8, 1.002, 1.004, 1.2, 1.6, 1.005):
+            if abs(l1 - l0) > 1e-6:
+                slope = ropes._tension(np.array([l1]))[1]
+                above, below = (ropes._tension(np.array([l1 + s * δ]))[0] for s in (1, -1))
+                assert slope == pytest.approx((above - below) / 2 / δ, rel=1e-4, abs=1e-3)
+
+
+@pytest.mark.mpi
+def test_a_driven_hub_keeps_its_rate_and_books_the_work_of_its_motor(comm) -> None:
+    """A mass on a rope comes up to the hub's rate or swings about it; what it gains is supplied."""
+    hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="hub")
+    mass = gx.PointMass(MASS, (1.0, 0.0, 0.0))
+    rope = gx.Rope(hub.port((0.2, 0.0, 0.0)), mass.port(), 0.8, K)
+    motor = gx.Driven(hub, (0, 0, 1), lambda t: 3.0 * t)
+    spin = gx.RigidMotion(spin=(0.0, 0.0, 3.0))
+    run = gx.Simulation(gx.Scene(hub, mass, rope, motor, spin), gx.Midpoint(dt=5e-3))
+    run.run(until=0.2)
+    assert gx.AngularVelocity(hub.frame(), "z")(run) == pytest.approx(3.0, rel=1e-4)
+    first = run.first
+    gained = run.totals.energy - first.energy
+    assert run.totals.supplied == pytest.approx(gained, abs=1e-9 * first.energy)
+    assert abs(run.energy_error) < 1e-10
+
+
+@pytest.mark.mpi
+def test_masses_on_a_film_count_in_its_spin_and_weight(comm) -> None:
+    law = KAPTON_HN.law(25e-6)
+    film = gx.Membrane(sheet(comm, 2, 2, 0.2, 0.2), law)
+    corner = film.port("bottom left")
+    far = gx.AttachedMass(corner, 0.01)
+    hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="hub")
+    scene = gx.Scene(film, far, hub, gx.Gravity(film, (0.0, 0.0, -9.81)), gx.RigidMotion(spin=(0.0, 0.0, 4.0)))
+    run = gx.Simulation(scene, gx.Midpoint(dt=1e-3))
+    assert gx.MeanSpin(film, "z")(run) == pytest.approx(4.0, rel=1e-12)
+    x, y = (gx.Position(corner, axis)(run) for axis in "xy")
+    assert gx.PolarPosition(corner, hub.frame(), "radius")(run) == pytest.approx(math.hypot(x, y), rel=1e-12)
+    assert gx.PolarPosition(corner, hub.frame(), "angle")(run) == pytest.approx(math.atan2(y, x), rel=1e-12)
+    run.run(until=5e-3)
+    weight = 0.01 + law.density * law.thickness * 0.04
+    assert run.totals.momentum[2] == pytest.approx(-9.81 * 5e-3 * weight, rel=1e-9)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("tension_only", [False, True])
+def test_slack_film_is_free_of_damping_in_tension_only(comm, tension_only: bool) -> None:
+    """A film that is pressed together flies apart: its slack strain rate is damped by the one, not by the other."""
+    film = gx.Membrane(
+        sheet(comm, 2, 2, 0.2, 0.2),
+        KAPTON_HN.law(25e-6, residual=0.0),
+        displacement=lambda X: -0.2 * X,
+        velocity=lambda X: X,
+    )
+    run = gx.Simulation(
+        gx.Scene(film, gx.Damping(film, stiffness=1e-5, tension_only=tension_only)), gx.Midpoint(dt=1e-3)
+    )
+    run.run(until=0.01)
+    # of the kinetic energy three quarters are its flight as a whole, for it reaches from 0 to 0.2 m
+    lost = run.totals.dissipated / run.first.kinetic
+    assert lost == pytest.approx(0.0 if tension_only else 1 / 4, rel=0.1)
+    assert abs(run.energy_error) < 1e-10
+
+
+@pytest.mark.mpi
+def test_taut_film_is_damped_in_tension_only_as_elsewhere(comm) -> None:
+    lost = []
+    for tension_only in (False, True):
+        film = gx.Membrane(
+            sheet(comm, 3, 3, 0.2, 0.2),
+            KAPTON_HN.law(25e-6),
+            displacement=lambda X: 2e-3 * X,
+            velocity=lambda X: 0.5 * X,
+        )
+        held = [gx.Fixed(film, side) for side in ("left", "right", "top", "bottom")]
+        damping = gx.Damping(film, stiffness=1e-6, tension_only=tension_only)
+        run = gx.Simulation(gx.Scene(film, *held, damping), gx.Midpoint(dt=1e-6))
+        run.run(until=1e-5)
+        lost.append(run.totals.dissipated)
+        assert abs(run.energy_error) < 1e-12
+    assert lost[0] > 0 and lost[1] == pytest.approx(lost[0], rel=1e-9)

@@ -1,0 +1,49 @@
+"""A sail that is wound round a hub leaves it, touches itself, and keeps energy and angular momentum."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from demos import spin_deployment
+
+
+@pytest.mark.mpi
+def test_the_roll_leaves_the_hub(comm, tmp_path) -> None:
+    """At first its tips go off as free particles do, r² = r0² + (v t)²."""
+    found = spin_deployment.main(comm=comm, n=4, until=0.02 if comm.size == 1 else 4e-3, largest=2e-3)
+    assert found["penetrations"] == 0 and found["halved"] == 0
+    assert found["energy_error"] < 1e-8 and found["angular_momentum_drift"] < 1e-9
+    if comm.size == 1:
+        start = 0.5 * spin_deployment.HUB
+        free = start * math.hypot(1.0, 2 * math.pi * 8.0 * 0.02)
+        assert found["largest_radius"] == pytest.approx(free, rel=0.1)
+        assert found["spin_of_sail"] < 0.9 * found["spin_of_hub"]
+
+
+def test_tips_are_at_half_the_diameter(comm) -> None:
+    for n in (4, 6, 8):
+        side, count = spin_deployment.pattern(2.0, n)
+        case = spin_deployment.build(comm, n=n, diameter=2.0)
+        film = next(item for item in case.scene.items if getattr(item, "name", "") == "sail")
+        X = film.space.tabulate_dof_coordinates()
+        assert np.linalg.norm(X, axis=1).max() == pytest.approx(1.0, rel=1e-9) and count >= 2 and side > 0
+
+
+@pytest.mark.slow
+def test_the_sail_opens(tmp_path) -> None:
+    found = spin_deployment.main(tmp_path)
+    assert found["largest_radius"] > 0.42 and found["penetrations"] == 0
+    assert found["halved"] <= 0.02 * found["steps"]
+    assert found["energy_error"] < 1e-8 and found["angular_momentum_drift"] < 1e-9
+    for name in ("spin_deployment.png", "spin_deployment_curves.png"):
+        assert (tmp_path / name).read_bytes()[1:4] == b"PNG"
+
+
+@pytest.mark.slow
+def test_a_driven_hub_with_creases_and_friction() -> None:
+    found = spin_deployment.main(n=4, until=0.03, held=True, crease=5e-4, friction=0.3, gravity=9.81)
+    assert found["penetrations"] == 0 and found["energy_error"] < 1e-8
+    assert found["spin_of_hub"] == pytest.approx(2 * math.pi * 8.0, rel=1e-3)
