@@ -94,10 +94,12 @@ def nodes_of(measure: PointMeasure) -> int:
 
 
 class Places:
-    """Point measures on this rank: e_i = ½ u·H_i u + L_i·u + c_i of u = q - z, q each place's D unknowns.
+    """Point measures on this rank: e_i = ½ Y·H_i Y + L_i·Y + c_i of Y = P (q - z), q each place's D unknowns.
 
     Measures of one kind become one array, if they have as many strains m and unknowns D.
-    Arrays over n places: indices (n, D), H (n, m, D, D), L (n, m, D), c (n, m); `of` (n,) is the measure of each.
+    Arrays over n places: indices (n, D), P (n, 3k, D), H (n, m, 3k, 3k), L (n, m, 3k), c (n, m); `of` (n,) is the
+    measure of each.  Where P has not more columns than rows, H and L are those of q - z, and there is no P; else
+    vectors that depend on many unknowns, as the points of a reduced film do, would have large matrices.
     z (n, D) is where the measures are stationary, if there is ground: ½|x - g|² of a point g far from the origin would
     else be a small difference of large numbers.
     """
@@ -111,25 +113,46 @@ class Places:
         self.n, self.D = self.indices.shape
         H, L = (np.array([getattr(m, what) for m in measures])[self.of] for what in "HL")
         c = [np.broadcast_to(m.c, (len(m.places), self.m))[here] for m, here in zip(measures, own, strict=True)]
-        self.H = np.einsum("nax,nmab,nby->nmxy", P, H, P, optimize=True)
         self._z = np.zeros((self.n, self.D))
         if o.any():
             slope = np.einsum("nax,nma->nmx", P, np.einsum("nmab,nb->nma", H, o) + L)
             for k in np.flatnonzero(o.any(axis=1)):
-                self._z[k] = np.linalg.lstsq(self.H[k].reshape(-1, self.D), -slope[k].ravel(), rcond=1e-12)[0]
+                stiffness = P[k].T @ H[k] @ P[k]
+                self._z[k] = np.linalg.lstsq(stiffness.reshape(-1, self.D), -slope[k].ravel(), rcond=1e-12)[0]
         X = np.einsum("nax,nx->na", P, self._z) + o
         HX = np.einsum("nmab,nb->nma", H, X)
-        self.L = np.einsum("nax,nma->nmx", P, HX + L)
         self.c = np.concatenate(c) + np.einsum("na,nma->nm", X, HX / 2 + L)
+        self._P, self._H, self._L = (P, H, HX + L) if P.shape[1] < self.D else (None, *_of_unknowns(P, H, HX + L))
+        self.linear = not any(measure.H.any() for measure in measures)
 
     def strain(self, q: Array) -> Array:
         """e (n, m)."""
-        u = q - self._z
-        return np.einsum("nmx,nx->nm", np.einsum("nmxy,ny->nmx", self.H, u) / 2 + self.L, u) + self.c
+        Y = self._vectors(q)
+        return np.einsum("nma,na->nm", np.einsum("nmab,nb->nma", self._H, Y) / 2 + self._L, Y) + self.c
 
     def gradient(self, q: Array, on: Any = slice(None)) -> Array:
         """De (n, m, D), of all places, or of those that `on` picks, to which q (k, D) then belongs."""
-        return np.einsum("nmxy,ny->nmx", self.H[on], q - self._z[on]) + self.L[on]
+        slope = np.einsum("nmab,nb->nma", self._H[on], self._vectors(q, on)) + self._L[on]
+        return slope if self._P is None else slope @ self._P[on]
+
+    def curvature(self, S: Array, on: Any = slice(None)) -> Array:
+        """Σ_i S_i D²e_i (n, D, D) of stresses S (n, m)."""
+        K = np.einsum("nm,nmab->nab", S, self._H[on])
+        return K if self._P is None else self._P[on].transpose(0, 2, 1) @ (K @ self._P[on])
+
+    def second(self, v: Array) -> Array:
+        """D²e[v, v] (n, m)."""
+        Y = v if self._P is None else (self._P @ v[..., None])[..., 0]
+        return np.einsum("na,nmab,nb->nm", Y, self._H, Y, optimize=True)
+
+    def _vectors(self, q: Array, on: Any = slice(None)) -> Array:
+        u = q - self._z[on]
+        return u if self._P is None else (self._P[on] @ u[..., None])[..., 0]
+
+
+def _of_unknowns(P: Array, H: Array, L: Array) -> tuple[Array, Array]:
+    """H (n, m, D, D) and L (n, m, D) of the unknowns."""
+    return np.einsum("nax,nmab,nby->nmxy", P, H, P, optimize=True), np.einsum("nax,nma->nmx", P, L)
 
 
 class Gather:

@@ -90,7 +90,7 @@ class _Inverse:
         A.axpy(-σ, M, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         self._M, self._Mx, self._pc = M, M.createVecLeft(), PETSc.PC().create(K.comm)
         self._pc.setOperators(A)
-        factorisation.choose(self._pc)
+        factorisation.choose(self._pc, A)
         _check_inverted(factorisation.set_up(self._pc))
 
     def mult(self, A: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:

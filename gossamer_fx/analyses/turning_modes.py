@@ -35,7 +35,7 @@ class Inverse:
             Q.axpy(real, G, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         self._pc = PETSc.PC().create(K.comm)
         self._pc.setOperators(Q)
-        factorisation.choose(self._pc)
+        factorisation.choose(self._pc, Q)
         self.problem = factorisation.set_up(self._pc)
         self._b, self._u = Q.createVecRight(), Q.createVecRight()
         self._x, self._y, self._t = (K.createVecRight() for _ in range(3))

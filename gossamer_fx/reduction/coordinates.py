@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from dolfinx import fem, la
 from petsc4py import PETSc
-from scipy.sparse import bsr_matrix
+from scipy.sparse import csr_matrix
 
 from gossamer_fx.algebra.numbering import Numbering
 from gossamer_fx.model.terms import Array
@@ -25,7 +25,6 @@ class ReducedCoordinates(Coordinates):
         super().__init__(space, alpha)
         self._Φ, self._comm = values, space.mesh.comm
         self._owned = space.dofmap.index_map.size_local
-        self._wide = np.kron(values, np.eye(3))
         self._matrices: dict[fem.Form, la.MatrixCSR] = {}
 
     def take(self, function: fem.Function, unknowns: Array) -> None:
@@ -37,18 +36,24 @@ class ReducedCoordinates(Coordinates):
             forces += total.ravel()
 
     def assemble(self, forms: Iterable[fem.Form], A: PETSc.Mat, numbering: Numbering, k: int) -> None:
-        size = self._wide.shape[1]
-        K: Array = np.zeros((size, size))
+        n, r = self._Φ.shape
+        K: Array = np.zeros((r, 3, r, 3))
+        found = False
         for form in forms:
             # of this rank's own cells; the ranks' shares add up after the projection
             matrix = self._matrices.get(form) or self._matrices.setdefault(form, fem.create_matrix(form))
             matrix.set_value(np.float64(0))
             fem.assemble_matrix(matrix, form)  # type: ignore[arg-type]
-            a, b = matrix.block_size
-            blocks = bsr_matrix((matrix.data.reshape(-1, a, b), matrix.indices, matrix.indptr))
-            blocks.resize(*2 * (len(self._wide),))
-            K += self._wide.T @ (blocks @ self._wide)
-        total = self._comm.reduce(K)
+            blocks = matrix.data.reshape(-1, *matrix.block_size)
+            for i, j in np.ndindex(3, 3):
+                part = csr_matrix((blocks[:, i, j], matrix.indices, matrix.indptr))
+                part.resize(n, n)
+                K[:, i, :, j] += self._Φ.T @ (part @ self._Φ)
+            found = True
+        if not found:
+            return
+        size = 3 * r
+        total = self._comm.reduce(K.reshape(size, size))
         if total is not None:
             at = (numbering.start + numbering.owned(k).start + np.arange(size)).astype(PETSc.IntType)
             A.setValues(at, at, total, addv=PETSc.InsertMode.ADD_VALUES)

@@ -19,6 +19,7 @@ from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.terms import Array, Block, Port, Term
 from gossamer_fx.reduction.basis import Basis
 from gossamer_fx.reduction.coordinates import ReducedCoordinates, coefficients
+from gossamer_fx.reduction.reduced_energies import ReducedEnergy
 from gossamer_fx.reduction.sampling import Sample
 from gossamer_fx.terms.element_energies import StoredEnergy
 from gossamer_fx.terms.masses import KineticEnergy, NodeKineticEnergy
@@ -65,6 +66,7 @@ class ReducedMembrane(Membrane):
         self._modes = _at_nodes_of(self.space, basis, parents)
         weight = np.zeros(whole.topology.index_map(2).size_local + whole.topology.index_map(2).num_ghosts)
         weight[sample.cells] = sample.weights
+        self._weights = weight[parents][: part.topology.index_map(2).size_local]
         weights = _in_cells(part, weight[parents])
         for number, value in vars(full.constants).items():
             if isinstance(value, fem.Function):  # a property that varies from cell to cell
@@ -91,7 +93,17 @@ class ReducedMembrane(Membrane):
     def terms(self) -> Iterable[Term]:
         mass = self.basis.mass * np.eye(self.basis.size)
         yield NodeKineticEnergy(self, np.repeat(mass[None], self.block.index_map.size_local, axis=0))
-        yield StoredEnergy(self.name, self, self.measure, self.density, self.dx, self.law.quadratic, self.pieces)
+        yield ReducedEnergy(
+            self.name,
+            self,
+            self.measure,
+            self.density,
+            self.dx,
+            self.law.quadratic,
+            self.pieces,
+            modes=self._modes,
+            weights=self._weights,
+        )
 
     def describe(self, node: int) -> str:
         return "its modes"

@@ -1,4 +1,4 @@
-"""Factorisations by MUMPS: their workspace, and why one failed, in its own words.
+"""Factorisations by MUMPS: their workspace, and why one failed, in its own words.  Dense matrices are LAPACK's.
 
 MUMPS estimates its workspace from the pattern of the matrix.  Pivots that it puts off, as those of multipliers, may
 need more; ICNTL(14) is the margin in per cent, and is doubled when INFOG(1) says that it did not do.
@@ -20,10 +20,10 @@ REASONS = {
 } | dict.fromkeys(WORKSPACE, "its workspace is too small")
 
 
-def choose(pc: PETSc.PC) -> None:
-    """Let a preconditioner be a factorisation by MUMPS."""
+def choose(pc: PETSc.PC, A: PETSc.Mat | None = None) -> None:
+    """Let a preconditioner be a factorisation by MUMPS, or by LAPACK of matrices like A if that is dense."""
     pc.setType("lu")
-    pc.setFactorSolverType("mumps")
+    pc.setFactorSolverType("petsc" if A is not None and "dense" in A.getType() else "mumps")
 
 
 def enlarge(pc: PETSc.PC) -> bool:
@@ -48,18 +48,23 @@ def set_up(pc: PETSc.PC) -> str:
 
 def renew(pc: PETSc.PC, margin: int = 0) -> None:
     """Begin anew, as after a failure PETSc would not even try the next matrix; `margin` [%], 0: as before."""
-    operators, margin = pc.getOperators(), margin or pc.getFactorMatrix().getMumpsIcntl(14)
+    operators, by_mumps = pc.getOperators(), pc.getFactorSolverType() == "mumps"
+    if by_mumps:
+        margin = margin or pc.getFactorMatrix().getMumpsIcntl(14)
     pc.reset()
     pc.setFailedReason(PETSc.PC.FailedReason.NOERROR)
     pc.setOperators(*operators)
-    pc.setFactorSetUpSolverType()
-    pc.getFactorMatrix().setMumpsIcntl(14, margin)
+    if by_mumps:
+        pc.setFactorSetUpSolverType()
+        pc.getFactorMatrix().setMumpsIcntl(14, margin)
 
 
 def failure(pc: PETSc.PC) -> int:
-    """INFOG(1) of the last factorisation: negative if it failed; zero if there was none."""
-    if pc.getType() not in ("lu", "cholesky") or pc.getFactorSolverType() != "mumps":
+    """INFOG(1) of the last factorisation: negative if it failed; zero if there was none.  LAPACK has -10 only."""
+    if pc.getType() not in ("lu", "cholesky"):
         return 0
+    if pc.getFactorSolverType() != "mumps":
+        return -10 if pc.getFailedReason() != PETSc.PC.FailedReason.NOERROR else 0
     return int(pc.getFactorMatrix().getMumpsInfog(1))
 
 
@@ -68,6 +73,8 @@ def reason(pc: PETSc.PC) -> str:
     code = failure(pc)
     if code >= 0:
         return ""
+    if pc.getFactorSolverType() != "mumps":
+        return f"LAPACK: {REASONS[code]}"
     return f"MUMPS: {REASONS.get(code, 'see its manual')} (INFOG(1) = {code}, INFOG(2) = {_detail(pc)})"
 
 
@@ -85,7 +92,7 @@ def _solver(A: PETSc.Mat) -> PETSc.KSP:
     ksp = PETSc.KSP().create(A.comm)
     ksp.setOperators(A)
     ksp.setType("preonly")
-    choose(ksp.getPC())
+    choose(ksp.getPC(), A)
     return ksp
 
 

@@ -170,7 +170,7 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
     """
     if direct or system.constraints is not None or system.numbering.size <= DIRECT_UP_TO:
         ksp.setType("preonly")
-        factorisation.choose(pc)
+        factorisation.choose(pc, system.A)
         return
     ksp.setType("gmres")
     ksp.setGMRESRestart(RESTART)

@@ -48,11 +48,13 @@ class ElementEnergies(CompiledTerms):
     def __init__(self, terms: Sequence[StoredEnergy | Dissipation], system: Assembly) -> None:
         self._system = system
         at = [system.bodies.index(term.body) for term in terms]
-        self.elements = [
-            (k, ElementForces(term, system.fields[k], system.rule)) for k, term in zip(at, terms, strict=True)
-        ]
+        self.elements = [(k, self.forces_of(term, system.fields[k])) for k, term in zip(at, terms, strict=True)]
         dofmaps = {k: system.fields[k].q0.function_space.dofmap for k in at}
         self._forces = {k: la.vector(dofmap.index_map, dofmap.index_map_bs) for k, dofmap in dofmaps.items()}
+
+    def forces_of(self, term: StoredEnergy | Dissipation, at: Coordinates) -> ElementForces:
+        """A term, compiled."""
+        return ElementForces(term, at, self._system.rule)
 
     def begin(self, t: float) -> None:
         for k, force in self.elements:
@@ -123,12 +125,8 @@ class ElementForces:
 
     def __init__(self, term: StoredEnergy | Dissipation, at: Coordinates, rule: StressRule) -> None:
         self.term = term
-        q, w, dq, δ = at.q1, at.w, at.dq, at.δ
+        q, δ = at.q1, at.δ
         e = term.measure(q)
-        De = ufl.derivative(e, q, w)
-        De_mid = ufl.replace(De, {q: at.mid})
-        De_dq = ufl.derivative(e, q, dq)
-        D2e = ufl.derivative(De, q, dq)
         D2e_δδ = ufl.derivative(ufl.derivative(e, q, δ), q, δ)
 
         m = e.ufl_shape[0]
@@ -177,6 +175,14 @@ class ElementForces:
         self._before = self._e0.x.array.copy()
         self._known = 0
 
+        self._compile_forces(at, rule, e, S, D)
+
+    def _compile_forces(self, at: Coordinates, rule: StressRule, e: Expr, S: Expr, D: Expr) -> None:
+        """Residual and tangent from the stress at the quadrature points."""
+        term, q = self.term, at.q1
+        De = ufl.derivative(e, q, at.w)
+        De_mid, De_dq = ufl.replace(De, {q: at.mid}), ufl.derivative(e, q, at.dq)
+        D2e = ufl.derivative(De, q, at.dq)
         self.residual = compile_form(ufl.dot(S + ufl.dot(D, e - self._ê), De_mid) * term.dx)
         held = at.γ * S
         if isinstance(term, StoredEnergy) and term.pulling is not None and rule.alpha == 1.0:
@@ -240,6 +246,8 @@ class ElementForces:
     def _tabulate(self, expression: fem.Expression, at_points: fem.Function, cells: Indices | None = None) -> None:
         """The expression at the quadrature points of some cells (or all), as `interpolate` but without its copies."""
         cells, dofmap = self._cells if cells is None else cells, at_points.function_space.dofmap
+        if not len(cells):
+            return
         places, values = dofmap.list[cells], evaluate(expression, at_points.function_space.mesh, cells)
         at_points.x.array.reshape(-1, dofmap.index_map_bs)[places] = values.reshape(*places.shape, dofmap.index_map_bs)
 

@@ -75,7 +75,8 @@ class PointConstraints(CompiledConstraints):
         values = self._system.q1.array_r.copy()
         for k, (at, q) in enumerate(zip(self._places, self._gather(self._system.q1), strict=True)):
             λ, rows = values[self._local[k]], self._rows[k]
-            add_blocks(A, at.indices, at.indices, self._system.rule.alpha * np.einsum("nm,nmxy->nxy", λ, at.H))
+            if not at.linear:
+                add_blocks(A, at.indices, at.indices, self._system.rule.alpha * at.curvature(λ))
             add_blocks(A, at.indices, rows, self._middle_gradient(k, q).transpose(0, 2, 1))
             add_blocks(A, rows, at.indices, at.gradient(q))
             add_blocks(A, rows, rows, np.zeros((at.n, at.m, at.m)))
@@ -87,8 +88,7 @@ class PointConstraints(CompiledConstraints):
     def add_curvature(self, v: PETSc.Vec, r: PETSc.Vec) -> None:
         """D²e[v, v] in the rows of the multipliers."""
         for rows, at, rates in zip(self._rows, self._places, self._gather(v), strict=True):
-            curvature = np.einsum("nx,nmxy,ny->nm", rates, at.H, rates, optimize=True)
-            r.setValues(rows.ravel(), curvature.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
+            r.setValues(rows.ravel(), at.second(rates).ravel(), addv=PETSc.InsertMode.ADD_VALUES)
         r.assemble()
 
     def violation(self, q: PETSc.Vec) -> float:

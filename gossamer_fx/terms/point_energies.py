@@ -72,7 +72,7 @@ class Stencil:
         B, B1 = self.at.gradient(self._middle(q1, on), on), self.at.gradient(q1[on], on)
         found = np.zeros((self.at.n, self.at.D, self.at.D))
         found[on] = np.matmul(B.transpose(0, 2, 1), np.matmul(D[on], B1))
-        found[on] += self._α * np.einsum("nm,nmxy->nxy", S[on], self.at.H[on])
+        found[on] += self._α * self.at.curvature(S[on], on)
         return found
 
     def _middle(self, q1: Array, on: npt.NDArray[np.intp]) -> Array:

@@ -107,7 +107,7 @@ def test_more_modes_come_closer(recorded) -> None:
         c = run.system.q0.array_r[run.system.numbering.owned(0)].reshape(-1, 3)
         errors.append(np.abs(reduced.basis.values[: len(shapes.positions[0])] @ c - shapes.positions[10])[:, 2].max())
     assert errors[2] < errors[1] < errors[0]
-    assert errors[2] < 0.01 * np.abs(shapes.positions[10][:, 2]).max()
+    assert errors[2] < 0.05 * np.abs(shapes.positions[10][:, 2]).max()
 
 
 def test_devices_on_the_film_are_on_the_reduced_one_too() -> None:

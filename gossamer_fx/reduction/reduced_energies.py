@@ -1,0 +1,157 @@
+"""The stored energy of a reduced film: forces and tangents of its modes as products of full matrices.
+
+With G_a (q, r) the gradients ∂φ_i/∂X_a at the q quadrature points, the images of the two frame vectors are F_a = G_a c,
+and
+
+    forces    f = Σ_a G_aᵀ N_a,        N_a = Σ_b S_ab F̄_b dA
+    tangent   K = Σ_ac G_aᵀ T_ac G_c,  T_ac = (Σ_bd D_abcd F̄_b ⊗ F_d + α S_ac 1) dA
+
+S and D are those of the mixed iteration of `terms.element_energies`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from dolfinx import fem
+from petsc4py import PETSc
+
+from gossamer_fx.forms.backend import evaluate
+from gossamer_fx.forms.compilation import compile_expression
+from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.model.terms import Array, Assembly, CompiledTerms
+from gossamer_fx.reduction.mode_gradients import mode_gradients, own_cells, points_and_areas
+from gossamer_fx.terms.coordinates import Coordinates
+from gossamer_fx.terms.discrete_gradient import StressRule
+from gossamer_fx.terms.element_energies import Dissipation, ElementEnergies, ElementForces, StoredEnergy
+
+
+class ReducedEnergies(ElementEnergies):
+    """All `ReducedEnergy` terms of a scene."""
+
+    made_of_forms = False
+
+    def __init__(self, terms: Sequence[ReducedEnergy], system: Assembly) -> None:
+        super().__init__(terms, system)
+        self._reduced = [(k, force) for k, force in self.elements if isinstance(force, ModeForces)]
+
+    def forces_of(self, term: StoredEnergy | Dissipation, at: Coordinates) -> ElementForces:
+        return ModeForces(term, at, self._system.rule)
+
+    def move(self, linearly: bool) -> None:
+        super().move(linearly)
+        for _, force in self._reduced:
+            force.move()
+
+    def keep(self) -> None:
+        super().keep()
+        for _, force in self._reduced:
+            force.keep()
+
+    def add_forces(self, r: PETSc.Vec) -> None:
+        with r as values:
+            for k, force in self._reduced:
+                total = self._system.comm.reduce(force.forces())
+                if total is not None:
+                    values[self._system.numbering.owned(k)] += total.ravel()
+
+    def tangent_forms(self, k: int) -> list[fem.Form]:
+        return []
+
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        numbering = self._system.numbering
+        for k, force in self._reduced:
+            total = self._system.comm.reduce(force.tangents())
+            if total is not None:
+                owned = numbering.owned(k)
+                at = np.arange(owned.start, owned.stop, dtype=PETSc.IntType) + numbering.start
+                A.setValues(at, at.astype(PETSc.IntType), total, addv=PETSc.InsertMode.ADD_VALUES)
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedEnergy(StoredEnergy):
+    """The stored energy of a reduced film.
+
+    modes    (n, r) at the owned and ghost nodes of the body's space
+    weights  (cells,) of its own cells
+    """
+
+    modes: Array | None = None
+    weights: Array | None = None
+    compiler: ClassVar[type[CompiledTerms]] = ReducedEnergies
+
+
+class ModeForces(ElementForces):
+    """Forces and tangents of the modes on this rank's cells."""
+
+    def _compile_forces(self, at: Coordinates, rule: StressRule, e: Expr, S: Expr, D: Expr) -> None:
+        term: Any = self.term
+        film = term.body
+        points, dA = points_and_areas(film)
+        self._at, self._mesh = at, film.space.mesh
+        self._own = own_cells(film)
+        self._places = self._ê.function_space.dofmap.list[self._own].ravel()
+        self._dA = (dA * term.weights[:, None]).ravel()
+        G = mode_gradients(film, term.modes, points).reshape(2, len(self._dA), -1)
+        self._G = np.ascontiguousarray(G.swapaxes(0, 1))  # (q, 2, r)
+        self._deformation = compile_expression(film.deformation(at.q1), points)
+        self.move()
+        self.keep()
+
+    def move(self) -> None:
+        """q1 was set: F (2, 3, q) there."""
+        values = evaluate(self._deformation, self._mesh, self._own).reshape(len(self._dA), 3, 2)
+        self._F = np.ascontiguousarray(values.T)
+
+    def keep(self) -> None:
+        """The end of the step is the start of the next one."""
+        self._F0 = self._F
+
+    def _stress(self) -> tuple[Array, Array]:
+        """S (3, q) and D (3, 3, q) times dA."""
+        m = self._size
+        values = self._response.x.array.reshape(-1, m + m * m)[self._places].T * self._dA
+        return values[:m], values[m:].reshape(m, m, -1)
+
+    def _middle(self) -> Array:
+        """F̄ (2, 3, q), of where forces act."""
+        α = float(self._at.α.value)
+        middle: Array = (1 - α) * self._F0 + α * self._F
+        return middle
+
+    def forces(self) -> Array:
+        """Forces (r, 3) on the coefficients."""
+        F, (S, D) = self._F, self._stress()
+        e = np.stack([((F[0] ** 2).sum(axis=0) - 1) / 2, ((F[1] ** 2).sum(axis=0) - 1) / 2, (F[0] * F[1]).sum(axis=0)])
+        S = S + np.einsum("klq,lq->kq", D, e - self._ê.x.array.reshape(-1, self._size)[self._places].T)
+        a, b = self._middle()
+        G1, G2 = self._G.swapaxes(0, 1)
+        total: Array = G1.T @ (S[0] * a + S[2] * b).T + G2.T @ (S[1] * b + S[2] * a).T
+        return total
+
+    def tangents(self) -> Array:
+        """Their derivatives (3r, 3r)."""
+        S, D = self._stress()
+        B̄, B = _strain_operator(self._middle()), _strain_operator(self._F)
+        T = np.einsum("kiq,kjq->qij", B̄, np.einsum("klq,ljq->kjq", D, B)).reshape(-1, 2, 3, 2, 3)
+        share = float(self._at.α.value) * float(self._at.γ.value)
+        for i in range(3):
+            for a, c, k in ((0, 0, 0), (1, 1, 1), (0, 1, 2), (1, 0, 2)):
+                T[:, a, i, c, i] += share * S[k]
+        q, _, r = self._G.shape
+        K: Array = np.zeros((r, 9 * r))
+        for a in range(2):
+            TG = np.ascontiguousarray(T[:, a].swapaxes(2, 3)).reshape(q, 9, 2) @ self._G
+            K += self._G[:, a].T @ TG.reshape(q, 9 * r)
+        return K.reshape(r, 3, 3, r).swapaxes(2, 3).reshape(3 * r, 3 * r)
+
+
+def _strain_operator(F: Array) -> Array:
+    """What the strains (E11, E22, 2 E12) gain per gradient a along x: (3, 6, q), of F (2, 3, q)."""
+    A = np.zeros((3, 2, 3, F.shape[2]))
+    A[0, 0] = A[2, 1] = F[0]
+    A[1, 1] = A[2, 0] = F[1]
+    return A.reshape(3, 6, -1)
