@@ -59,9 +59,12 @@ def test_programs_on_pages_run(path: Path, tmp_path: Path, monkeypatch: pytest.M
     if path == ROOT / "README.md" or programs:
         assert programs
     monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
     for program in programs:
+        if path.parent.name != "tutorials" or not names:  # the programs of a tutorial follow each other
+            names = {"__name__": "page"}
         with contextlib.redirect_stdout(io.StringIO()):
-            exec(compile(program, str(path), "exec"), {"__name__": "page"})
+            exec(compile(program, str(path), "exec"), names)
 
 
 def commands(text: str) -> list[list[str]]:
