@@ -1,0 +1,117 @@
+"""Choking of folded tubes: how much the folds hold gas back, and what decides it.
+
+The tube of `demos/folded_tube.py` (0.25 m, three compartments, two folds) is filled from its tank; one thing is changed
+at a time:
+
+    sharp         zigzag of 80°, layers 0.2 mm apart at the folds, 25 µm, no crease memory: the usual one
+    lift 0.3      layers 0.6 mm apart at the folds
+    open 60       panels that rise by 60°
+    roll          rolled up: bends with a radius in the place of sharp folds
+    film 12.5, film 50       thickness [µm]
+    crease 0.02, crease 0.2  folds with memory [N m/m/rad], rest angle half of the fold
+    no contact    layers pass through each other: what a computation without contact says
+    long          0.8 m, five compartments, four folds
+
+For every fold: ratio of the pressures after and before it at 2, 3 and 5 ms, least and mean area of the ring over that
+of the round tube until 3 ms, and the time at which it is half open [ms].  Compartments between which nothing passes keep
+a ratio that falls from 1 as the first one fills.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from demos.folded_tube import OPEN, build
+from demos.studies.engine.study import Result, Study
+
+UNTIL, DIAMETER = 12e-3, 0.03
+TIMES = (2e-3, 3e-3, 5e-3)
+CASES: dict[str, dict[str, Any]] = {
+    "sharp": {},
+    "lift 0.3": {"lift": 3e-4},
+    "open 60": {"angle": 60.0},
+    "roll": {"start": "roll"},
+    "film 12.5": {"thickness": 12.5e-6},
+    "film 50": {"thickness": 50e-6},
+    "crease 0.02": {"crease": 0.02},
+    "crease 0.2": {"crease": 0.2},
+    "no contact": {"contact": 0.0},
+    "long": {"length": 0.8, "panels": 5, "tank": 3.2e-6, "until": 20e-3},
+}
+
+
+def problem(comm: MPI.Comm, tube: str) -> dict[str, float]:
+    case = build(comm, **{"until": UNTIL, **CASES[tube]})
+    series = gx.Series(case.probes)
+    run = case.simulation([series])
+    run.run(until=case.until)
+    t, round_tube = series.time, 1e6 * math.pi * DIAMETER**2 / 4
+    folds = sum(name.startswith("ring") for name in case.probes)
+    found = {}
+    for i in range(1, folds + 1):
+        ratio = series[f"p{i + 1} [Pa]"] / series[f"p{i} [Pa]"]
+        area = series[f"ring{i} [mm2]"] / round_tube
+        early = t <= TIMES[1]
+        found |= {f"ratio{i} {1e3 * at:g} ms": float(np.interp(at, t, ratio)) for at in TIMES}
+        found |= {f"least{i}": float(area[early].min()), f"mean{i}": float(area[early].mean())}
+        opened = np.flatnonzero(area >= OPEN)
+        found[f"opened{i} [ms]"] = 1e3 * float(t[opened[0]]) if len(opened) else math.inf
+    pierced = float(series["penetrations"].max()) if "penetrations" in case.probes else math.nan
+    return found | {
+        "penetrations": pierced,
+        "energy_error": abs(run.energy_error),
+        "halved": run.substeps,
+        "steps": run.step,
+        "seconds": run.seconds,
+    }
+
+
+def draw(results: list[Result], path: Path) -> None:
+    """Ratios of pressures over the folds of every tube, at three times."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    figure, axes = pyplot.subplots(1, len(TIMES), figsize=(10.5, 4.2), sharey=True, sharex=True, layout="constrained")
+    rows = [result for result in results if not result.failed]
+    marks = "osD^"
+    for panel, at in zip(axes, TIMES, strict=True):
+        for y, result in enumerate(rows):
+            for i in range(1, 5):
+                ratio = result.values.get(f"ratio{i} {1e3 * at:g} ms")
+                if ratio is not None:
+                    label = f"fold {i}" if at == TIMES[0] and result.case["tube"] in ("long",) else None
+                    panel.plot(
+                        ratio, y, marks[i - 1], color=("#0072B2", "#D55E00", "#009E73", "#CC79A7")[i - 1], label=label
+                    )
+        panel.set(title=f"{1e3 * at:g} ms", xlim=(0, 1.1), xlabel="pressure after the fold over that before it")
+        panel.grid(axis="y", color="#e4e7ea")
+        panel.spines[["top", "right"]].set_visible(False)
+    axes[0].set_yticks(range(len(rows)), [str(result.case["tube"]) for result in rows])
+    axes[0].invert_yaxis()
+    figure.legend(loc="outside lower center", ncols=4, frameon=False)
+    figure.savefig(path, dpi=130)
+    pyplot.close(figure)
+
+
+STUDY = Study(
+    "choking",
+    "Choking of folded tubes",
+    problem,
+    {"tube": list(CASES)},
+    lambda case: 1.0,
+    quick={"tube": ["sharp"]},
+    columns=(
+        *("ratio1 3 ms", "ratio2 3 ms", "ratio1 5 ms", "ratio2 5 ms", "mean1", "mean2", "opened1 [ms]", "opened2 [ms]"),
+        *("penetrations", "energy_error", "halved", "steps", "seconds"),
+    ),
+    may_fail=True,
+    draw=draw,
+)
