@@ -13,8 +13,8 @@ at a time:
     long          0.8 m, five compartments, four folds
 
 For every fold: ratio of the pressures after and before it at 2, 3 and 5 ms, least and mean area of the ring over that
-of the round tube until 3 ms, and the time at which it is half open [ms].  Compartments between which nothing passes keep
-a ratio that falls from 1 as the first one fills.
+of the round tube until 3 ms, and the time at which it is half open [ms].  Compartments between which nothing passes
+have a ratio that falls from 1 as the first one fills.
 """
 
 from __future__ import annotations
