@@ -98,11 +98,10 @@ def cost(vertices: int, part: float = 1.0, steps: int = 4, comm: MPI.Comm = MPI.
         runs.append(gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=STEP)))
     group = group_of(runs[0])
     search = Timed(group, "search", "widen", "inadmissible")
-    forces, tangents = Timed(group, "add_forces"), Timed(group, "add_tangents")
-    matrices = Timed(runs[0].system, "_build_matrices")
+    forces, tangents = Timed(group, "add_forces"), Timed(group, "add_tangents", "coupling")
     for run in runs:
         run.run(until=WARM * STEP)
-    clocks = (search, forces, tangents, matrices)
+    clocks = (search, forces, tangents)
     before = [clock.seconds for clock in clocks]
     touching = []
     for k in range(WARM, WARM + steps):
@@ -126,12 +125,10 @@ def cost(vertices: int, part: float = 1.0, steps: int = 4, comm: MPI.Comm = MPI.
         "search [ms]": 1e3 * spent[0] / iterations[0],
         "forces [ms]": 1e3 * spent[1] / iterations[0],
         "tangents [ms]": 1e3 * spent[2] / iterations[0],
-        "matrices [ms]": 1e3 * spent[3] / iterations[0],
         **{f"{part} [ms]": 1e3 * s / newton.all_iterations for part, s in newton.seconds.items()},
         "Newton/step": iterations[0] / steps,
         "alone Newton/step": iterations[1] / steps,
         "Krylov/Newton": newton.linear_iterations / newton.all_iterations,
-        "patterns": runs[0].system.patterns,
         "searches": group.searches,
         "ΔE/E": abs(runs[0].energy_error),
     }

@@ -1,78 +1,164 @@
-"""Blocks of 3 x 3 that contact adds to the tangent: summed by places first, entered by rows at once."""
+"""Blocks of 3 x 3 that contact adds to the tangent: summed by places, those of single vectors apart from the others.
+
+Which vectors are coupled changes from step to step, and most of what may touch does not.  So the blocks on the diagonal
+go into the system's matrix, whose pattern stays, and those of two vectors into a matrix of their own, which is made
+anew in each iteration of what is not zero.
+"""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from gossamer_fx.algebra.numbering import Numbering
-from gossamer_fx.contact.kernel import Array, Integers
+from gossamer_fx.contact.kernel import Array, Integers, library, pointers
+from gossamer_fx.contact.points import Points
 
-Keys = npt.NDArray[np.int64]
-KEPT = 2.0  # size of the pattern, over that of the present blocks, up to which it keeps former ones
+STRONG = 0.03  # norm of a block over the mean of the two on its diagonal, from which a preconditioner needs it
 
 
 class Blocks:
-    """The pattern of contact on this rank, by sorted keys row * size + column, and the present values."""
+    """The blocks between the vectors of a contact's points, in one step.
 
-    def __init__(self, numbering: Numbering, unknowns: Keys) -> None:
-        self._size, self._blocked = numbering.size, numbering.block_size == 3
-        self._unknowns = unknowns
-        self.keys: Keys = np.zeros(0, dtype=np.int64)
+    `values` (e, 9) are those of this rank's pairs; a block belongs to the rank that has its row.
+    """
+
+    def __init__(self, points: Points, system: Any) -> None:
+        self._points, self._system, self._comm = points, system, system.comm
+        self._numbering = numbering = system.numbering
+        unknowns = points.unknowns
+        self._sorted = np.argsort(unknowns)  # vectors by their unknowns, and the place of each in this order
+        self._place = np.argsort(self._sorted)
+        ends = np.array(self._comm.allgather(numbering.start + numbering.size_local))
+        self._owner = np.searchsorted(ends, unknowns, side="right")
+        self._rows: npt.NDArray[np.int64] = np.zeros(0, dtype=np.int64)
         self.values: Array = np.zeros((0, 9))
-        self._lay_out()
 
-    def keys_of(self, vectors: npt.NDArray[np.integer]) -> Keys:
-        """Keys (n, w, w) of the blocks that vectors (n, w) couple."""
-        at = self._unknowns[vectors]
-        return at[:, :, None] * self._size + at[:, None, :]
+    def lay_out(self, *groups: npt.NDArray[np.integer]) -> list[Integers]:
+        """Couple the vectors within each row of groups (n, w); where their blocks (n, w w) stand in `values`."""
+        widths = np.repeat([g.shape[1] for g in groups], [len(g) for g in groups]).astype(np.int32)
+        members = np.concatenate([g.ravel() for g in groups]).astype(np.int32)
+        room = int((widths.astype(np.int64) ** 2).sum())
+        slots, rows, columns = (np.empty(room, dtype=np.int32) for _ in range(3))
+        v = len(self._place)
+        work = np.empty(3 * v + 2, dtype=np.int32), np.empty(4 * len(members), dtype=np.int32)
+        count = library().lib.lay_out(len(widths), v, *pointers(widths, members, slots, rows, columns, *work))
+        self.values = np.zeros((count, 9))
+        self._divide(rows[:count], columns[:count])
+        ends = np.cumsum([len(g) * g.shape[1] ** 2 for g in groups])
+        return [s.reshape(len(g), g.shape[1] ** 2) for s, g in zip(np.split(slots, ends[:-1]), groups, strict=True)]
 
-    def hold(self, *keys: Keys) -> bool:
-        """Whether the pattern has all of these keys."""
-        if not len(self.keys):
-            return not any(k.size for k in keys)
-        at = [np.minimum(np.searchsorted(self.keys, k), len(self.keys) - 1) for k in keys]
-        return all(bool((self.keys[i] == k).all()) for i, k in zip(at, keys, strict=True))
+    def _divide(self, rows: Integers, columns: Integers) -> None:
+        """Tell the blocks of single vectors from the others, and to which rank they go."""
+        v, comm = len(self._place), self._comm
+        on_diagonal = np.flatnonzero(rows == columns)
+        self._on_diagonal = on_diagonal[np.argsort(self._place[rows[on_diagonal]])]
+        self._of_diagonal = rows[self._on_diagonal]
+        others = np.flatnonzero(rows != columns)
+        keys = self._place[rows[others]] * v + self._place[columns[others]]
+        order = np.argsort(keys)
+        others, keys = others[order], keys[order]
+        self._parts, places = [others], [slice(None)]
+        if comm.size > 1:
+            of = self._owner[rows[others]]
+            self._parts = [others[of == rank] for rank in range(comm.size)]
+            received = comm.alltoall([keys[of == rank] for rank in range(comm.size)])
+            keys = np.unique(np.concatenate(received))
+            places = [np.searchsorted(keys, k) for k in received]
+        self._places = places
+        i, j = np.divmod(keys, v)
+        self._rows, self._columns = self._sorted[i], self._sorted[j]
+        free = self._numbering.vector()
+        free.set(1.0)
+        free.array[self._system.supports.held] = 0
+        moves = self._points.of_vectors(free)
+        fixed = ~moves.all(axis=1)
+        self._held = np.flatnonzero(fixed[self._rows] | fixed[self._columns])
+        self._free = (moves[self._rows[self._held], :, None] * moves[self._columns[self._held], None]).reshape(-1, 9)
 
-    def cover(self, *keys: Keys) -> None:
-        """Let the pattern hold these keys, and former ones if they are not many more."""
-        needed = np.unique(np.concatenate([k.ravel() for k in keys]))
-        self.keys = needed if len(self.keys) > KEPT * len(needed) else np.union1d(needed, self.keys)
-        self._lay_out()
+    # ---- into matrices ----------------------------------------------------------------------------------------------
 
-    def slots(self, keys: Keys) -> Integers:
-        """Where keys of the pattern stand in `values`."""
-        return np.searchsorted(self.keys, keys).astype(np.int32)
+    def reserve(self, A: PETSc.Mat) -> None:
+        """Let the pattern of a matrix hold a block on the diagonal for each of this rank's vectors."""
+        own = self._sorted[self._owner[self._sorted] == self._comm.rank]
+        self._enter(A, own, np.zeros((len(own), 9)))
 
-    def _lay_out(self) -> None:
-        rows, columns = np.divmod(self.keys, self._size)
-        self.values = np.zeros((len(self.keys), 9))
-        self._rows, first, counts = np.unique(rows, return_index=True, return_counts=True)
-        if self._blocked:
-            self._ends = np.append(first, len(rows)).astype(PETSc.IntType)
-            self._columns = (columns // 3).astype(PETSc.IntType)
-            self._map = (self._rows // 3).astype(PETSc.IntType)
+    def add_diagonal(self, A: PETSc.Mat) -> None:
+        """A += the blocks of single vectors."""
+        self._enter(A, self._of_diagonal, self.values[self._on_diagonal])
+
+    def _enter(self, A: PETSc.Mat, vectors: npt.NDArray[np.integer], values: Array) -> None:
+        if not len(vectors):
             return
-        # single numbers: each row of blocks is three rows
-        place = np.arange(len(rows)) - np.repeat(first, counts)
-        start, length = np.repeat(9 * first, counts), np.repeat(counts, counts)
-        c, d = np.arange(3)[:, None], np.arange(3)
-        there = start[:, None, None] + c * (3 * length)[:, None, None] + (3 * place)[:, None, None] + d
-        self._order = np.empty(9 * len(rows), dtype=np.int64)
-        self._order[there.ravel()] = np.arange(9 * len(rows))
-        entries = np.empty(9 * len(rows), dtype=np.int64)
-        entries[there.ravel()] = np.broadcast_to(columns[:, None, None] + d, there.shape).ravel()
-        self._columns = entries.astype(PETSc.IntType)
-        self._ends = np.append(0, np.cumsum(np.repeat(3 * counts, 3))).astype(PETSc.IntType)
-        self._map = (self._rows[:, None] + np.arange(3)).ravel().astype(PETSc.IntType)
+        rows, *csr = self._csr(vectors, vectors, values)
+        enter = A.setValuesBlockedIJV if self._blocked else A.setValuesIJV
+        enter(*csr, addv=PETSc.InsertMode.ADD_VALUES, rowmap=rows)
 
-    def add_to(self, A: PETSc.Mat) -> None:
-        """A += the present values, zeros included."""
-        if not len(self.keys):
-            return
-        add = PETSc.InsertMode.ADD_VALUES
-        if self._blocked:
-            A.setValuesBlockedIJV(self._ends, self._columns, self.values.ravel(), addv=add, rowmap=self._map)
+    def coupling(self, diagonal: PETSc.Vec | None) -> PETSc.Mat | None:
+        """The matrix of the blocks of two vectors, or of those that are strong beside the `diagonal` of the tangent.
+
+        Zero at held coordinates; none if there is no such block on any rank.
+        """
+        if diagonal is None:
+            self._entries = self._exchange()
+            kept = self._entries.any(axis=1)
         else:
-            A.setValuesIJV(self._ends, self._columns, self.values.ravel()[self._order], addv=add, rowmap=self._map)
+            sizes = np.abs(self._points.of_vectors(diagonal)).max(axis=1)
+            squares = np.einsum("ni,ni->n", self._entries, self._entries)
+            kept = squares > STRONG**2 * sizes[self._rows] * sizes[self._columns]
+        some = np.flatnonzero(kept)
+        if not self._comm.allreduce(len(some)):
+            return None
+        rows, ends, columns, values = self._csr(self._rows[some], self._columns[some], self._entries[some])
+        n, start, size = self._numbering.size_local, self._numbering.start, 3 if self._blocked else 1
+        counts = np.zeros(n // size + 1, dtype=PETSc.IntType)
+        counts[rows - start // size + 1] = np.diff(ends)
+        csr = np.cumsum(counts, dtype=PETSc.IntType), columns, values
+        sizes = 2 * ((n, self._numbering.size),)
+        if self._blocked:
+            return PETSc.Mat().createBAIJ(sizes, 3, csr=csr, comm=self._comm)
+        return PETSc.Mat().createAIJ(sizes, csr=csr, comm=self._comm)
+
+    def _exchange(self) -> Array:
+        """Values (k, 9) of this rank's rows, of all ranks' pairs."""
+        if self._comm.size == 1:
+            entries = self.values[self._parts[0]]
+        else:
+            entries = np.zeros((len(self._rows), 9))
+            received = self._comm.alltoall([self.values[part] for part in self._parts])
+            for at, values in zip(self._places, received, strict=True):
+                entries[at] += values
+        entries[self._held] *= self._free
+        return entries
+
+    @property
+    def _blocked(self) -> bool:
+        return bool(self._numbering.block_size == 3)
+
+    def _csr(
+        self, of_rows: npt.NDArray[np.integer], of_columns: npt.NDArray[np.integer], values: Array
+    ) -> tuple[Integers, Integers, Integers, Array]:
+        """Rows of a matrix, where each one's entries begin, their columns and values, of blocks sorted by rows.
+
+        If the matrix has no blocks of three, each row of blocks is three rows.
+        """
+        unknowns = self._points.unknowns
+        first = np.flatnonzero(np.diff(of_rows, prepend=-1))
+        counts = np.diff(np.append(first, len(of_rows)))
+        rows, columns = unknowns[of_rows[first]], unknowns[of_columns]
+        if self._blocked:
+            rows, columns = rows // 3, columns // 3
+        else:
+            start, count = np.repeat(first, counts), np.repeat(counts, counts)
+            c, d = np.arange(3)[:, None], np.arange(3)
+            there = (9 * start + 3 * (np.arange(len(start)) - start))[:, None, None] + d
+            there = (there + c * (3 * count)[:, None, None]).reshape(-1, 9)
+            spread, single = np.empty(9 * len(start)), np.empty(9 * len(start), dtype=np.int64)
+            spread[there], single[there] = values, (columns[:, None, None] + d + 0 * c).reshape(-1, 9)
+            values, columns = spread, single
+            rows, counts = (rows[:, None] + np.arange(3)).ravel(), np.repeat(3 * counts, 3)
+        ends = np.append(0, np.cumsum(counts))
+        kind = PETSc.IntType
+        return rows.astype(kind), ends.astype(kind), columns.astype(kind), np.ascontiguousarray(values).ravel()

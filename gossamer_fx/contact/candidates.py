@@ -87,8 +87,8 @@ class Candidates:
         nodes = np.ascontiguousarray(self.nodes[which])
         return Pairs(nodes, kind, np.zeros(len(kind)), S, offset, self.names[which])
 
-    def refused(self, x0: Array, x1: Array, among: npt.NDArray[np.integer]) -> npt.NDArray[np.integer]:
-        """Which of some pairs would pass through each other on the way from x0 to x1."""
+    def refused(self, x0: Array, x1: Array, gaps: Array, among: npt.NDArray[np.integer]) -> npt.NDArray[np.integer]:
+        """Which of some pairs would pass through each other on the way from x0, where the gaps are, to x1."""
         among = among[self.kind[among] < WALLS]
-        nodes = np.ascontiguousarray(self.nodes[among])
-        return among[refused(nodes, self.kind[among], x0, x1, np.ascontiguousarray(self.radius[among]))]
+        nodes, kind = np.ascontiguousarray(self.nodes[among]), self.kind[among]
+        return among[refused(nodes, kind, x0, x1, self.radius[among], gaps[among])]

@@ -31,15 +31,15 @@ class CompiledContacts(CompiledTerms):
             if (term.friction > 0 or any(of_solids)) and system.rule.alpha < 1:
                 from gossamer_fx.contact.friction import Friction
 
-                group.friction = Friction(bodies, group.blocks, term.friction, of_solids, term.creep, system)
+                group.friction = Friction(bodies, term.friction, of_solids, term.creep, system)
             self.groups[term.item] = group
 
-    def search(self) -> bool:
-        grown = [group.search() for group in self.groups.values()]  # all of them, whatever the first says
-        return any(grown)
+    def search(self) -> None:
+        for group in self.groups.values():
+            group.search()
 
     def widen(self) -> bool:
-        missed = [group.widen() for group in self.groups.values()]
+        missed = [group.widen() for group in self.groups.values()]  # all of them, whatever the first says
         return any(missed)
 
     def limit(self, update: Array) -> None:
@@ -56,6 +56,10 @@ class CompiledContacts(CompiledTerms):
     def add_tangents(self, A: PETSc.Mat) -> None:
         for group in self.groups.values():
             group.add_tangents(A)
+
+    def couplings(self, diagonal: PETSc.Vec | None) -> list[PETSc.Mat]:
+        found = [group.coupling(diagonal) for group in self.groups.values()]
+        return [matrix for matrix in found if matrix is not None]
 
     def supplied(self) -> float:
         return sum(group.supplied() for group in self.groups.values())

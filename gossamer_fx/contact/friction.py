@@ -25,7 +25,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.contact.blocks import Blocks, Keys
 from gossamer_fx.contact.body_set import BodySet
 from gossamer_fx.contact.kernel import Array, Integers
 from gossamer_fx.contact.pairs import (
@@ -51,8 +50,8 @@ class Sliding:
     """n pairs that may rub, and the points between which they do.
 
     `nodes` (n, k), and as weights of these r (n, k) and t (n, 2, k); μ (n,).  N (n,) is the part along `normal` (n, 3)
-    of the mean force of `pairs` on their points with the weights `side` (n, 4).  `keys` (n, k, k) and `slots` (n, k k)
-    are those of the blocks that they couple.
+    of the mean force of `pairs` on their points with the weights `side` (n, 4).  `vectors` (n, k) are those behind the
+    nodes, and `slots` (n, k k) the blocks that they couple.
     """
 
     pairs: Pairs
@@ -63,7 +62,7 @@ class Sliding:
     r: Array
     t: Array
     μ: Array
-    keys: Keys
+    vectors: npt.NDArray[np.int64]
 
     def __post_init__(self) -> None:
         self._before: Array | None = None
@@ -156,11 +155,8 @@ class Friction:
     `creep` the speed v_s [m/s] below which what sticks may slide.
     """
 
-    def __init__(
-        self, bodies: BodySet, blocks: Blocks, own: float, of_solids: Sequence[float], creep: float, system: Any
-    ) -> None:
+    def __init__(self, bodies: BodySet, own: float, of_solids: Sequence[float], creep: float, system: Any) -> None:
         self._bodies, self._points, self._system, self._creep = bodies, bodies.points, system, creep
-        self._blocks = blocks
         self._μ = np.array([own] * len(bodies.indices) + list(of_solids))
         P = bodies.points.P
         self._vector = np.full(bodies.points.m, -1, dtype=np.int64)  # behind each point, if there is one
@@ -175,23 +171,18 @@ class Friction:
     def _least(self) -> float:
         return self._creep * float(self._system.h)
 
-    def take(self, pairs: Pairs, x0: Array, law: int) -> Keys:
-        """Let those of a step's pairs rub; the keys of the blocks that they couple."""
+    def take(self, pairs: Pairs, x0: Array, law: int) -> list[npt.NDArray[np.int64]]:
+        """Let those of a step's pairs rub; the vectors (n, k) that each group of them couples."""
         pairs = pairs.some(self._μ[self._partner(pairs.nodes)] > 0)
         solid: npt.NDArray[np.bool_] = np.asarray((pairs.nodes >= self._points.n).any(axis=1))
         parts = (self._on_film(pairs.some(~solid), x0, law), self._on_solid(pairs.some(solid), x0, law))
         self._rubbing = [part for part in parts if len(part.nodes)]
-        return np.concatenate([np.zeros(0, dtype=np.int64), *[part.keys.ravel() for part in self._rubbing]])
+        return [part.vectors for part in self._rubbing]
 
-    def keys(self, pairs: Pairs) -> Keys:
-        """Those of the blocks that pairs with solids couple when they rub; those between films couple them anyway."""
-        solid = (pairs.nodes >= self._points.n).any(axis=1) & (self._μ[self._partner(pairs.nodes)] > 0)
-        return self._keys(self._with_frame(pairs.nodes[solid])).ravel()
-
-    def place(self) -> None:
-        """The pattern of the blocks holds the keys."""
-        for part in self._rubbing:
-            part.slots = self._blocks.slots(part.keys.ravel()).reshape(len(part.nodes), -1)
+    def place(self, slots: Sequence[Integers]) -> None:
+        """Where the blocks of each group stand."""
+        for part, of_part in zip(self._rubbing, slots, strict=True):
+            part.slots = of_part
 
     # ---- forces -------------------------------------------------------------------------------------------------
 
@@ -221,12 +212,12 @@ class Friction:
         first = self._bodies.frames[self._partner(nodes) - len(self._bodies.indices)]
         return np.hstack([nodes, first[:, None] + np.arange(4)]).astype(np.int32)
 
-    def _keys(self, points: Integers) -> Keys:
-        """Of blocks (n, k, k) between the vectors behind points (n, k); what has none repeats a node of the film."""
+    def _behind(self, points: Integers) -> npt.NDArray[np.int64]:
+        """The vectors behind points (n, k); what has none repeats a node of the film."""
         vectors = self._vector[points]
         films = points < self._points.n
         film = points[np.arange(len(points)), films.argmax(axis=1)]
-        return self._blocks.keys_of(np.where(vectors >= 0, vectors, film[:, None]))
+        return np.where(vectors >= 0, vectors, film[:, None])
 
     def _on_film(self, pairs: Pairs, x0: Array, law: int) -> Sliding:
         """Pairs between films: the directions are edges, of which what is along the normal is taken away."""
@@ -241,7 +232,7 @@ class Friction:
         t = np.einsum("nij,njk->nik", _orthonormal(across, np.linalg.norm(edges, axis=2)), t)
         side = np.where((pairs.kind == EDGE_EDGE)[:, None], [1.0, 1, 0, 0], [1.0, 0, 0, 0])
         μ = self._μ[self._partner(nodes)]
-        return Sliding(pairs, law, side, normal, nodes, r, t, μ, self._keys(nodes))
+        return Sliding(pairs, law, side, normal, nodes, r, t, μ, self._behind(nodes))
 
     def _on_solid(self, pairs: Pairs, x0: Array, law: int) -> Sliding:
         """Pairs with an obstacle: a point of the film, the point of the obstacle that is there, and two of its axes."""
@@ -258,7 +249,7 @@ class Friction:
         t[:, 1, 5:] = np.cross(n, t[:, 0, 5:])
         r = np.hstack([of_film, -np.ones((len(points), 1)), -np.einsum("nic,nc->ni", axes, place - origin)])
         μ = self._μ[self._partner(pairs.nodes)]
-        return Sliding(pairs, law, films.astype(float), normal, points, r, t, μ, self._keys(points))
+        return Sliding(pairs, law, films.astype(float), normal, points, r, t, μ, self._behind(points))
 
     @staticmethod
     def _towards(pairs: Pairs, weights: Array, x0: Array) -> Array:

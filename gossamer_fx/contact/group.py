@@ -10,12 +10,12 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from gossamer_fx.contact.blocks import Blocks, Keys
+from gossamer_fx.contact.blocks import Blocks
 from gossamer_fx.contact.body_set import WALLS, BodySet
 from gossamer_fx.contact.candidates import Candidates
-from gossamer_fx.contact.kernel import Array, library
+from gossamer_fx.contact.kernel import Array, Bytes, library
 from gossamer_fx.contact.memory import Memory
-from gossamer_fx.contact.pairs import IN_SPHERE, PLANE, Pairs, act, energy, squared_distances
+from gossamer_fx.contact.pairs import IN_SPHERE, PLANE, Pairs, act, energy, squared_distances, starts
 from gossamer_fx.contact.softness import Softness
 from gossamer_fx.contact.start import refuse_coincident, refuse_intersections
 
@@ -23,7 +23,6 @@ START = 0.9  # distance of a point at which contact begins, over that of the nea
 GROWN = 0.999  # the same in the course of the run
 MARGIN = 0.3  # part of its way by which a point may miss the place where it was expected
 HORIZON = 32  # steps for which one search may serve, at most
-SOON = 1.5  # distance of pairs whose blocks new matrices hold in advance, over that at which contact begins
 REACH = 4.0  # way of a node in one of Newton's updates, over d̂, at most
 
 
@@ -43,13 +42,12 @@ class Group:
         self._softness = Softness(stiffness or 0.0, distance, bodies.names, system.comm)
         memory.comm = self._comm
         library(self._comm)
-        self.blocks = Blocks(system.numbering, self.points.unknowns)
+        self.blocks = Blocks(self.points, system)
         self._alpha = system.rule.alpha
         self._horizon, self._age = 4, 0
         self._density: Array | None = None
         self._seen = memory.restored
         self.near: Pairs | None = None
-        self._widened = self._grew = False
         self.searches = 0
         self.friction: Any = None  # a `Friction`, if there is any
         self.force: Array = np.zeros((self.points.m, 3))  # on points, of this rank's pairs, in the last step
@@ -117,11 +115,8 @@ class Group:
         """This rank's pairs that have energy in the accepted state; after `energy_now`."""
         return self._select(np.isin(self.found.names, self.memory.names))
 
-    def search(self) -> bool:
-        """Find what may come near in the step; whether the matrix lacks entries for it."""
-        if self._widened:
-            self._widened = False
-            return self._grew
+    def search(self) -> None:
+        """Find what may come near in the step."""
         system = self._system
         self.energy_now()
         t1 = system.time + system.h
@@ -141,13 +136,12 @@ class Group:
         self.closest = min(self.closest, self.nearest)
         self.memory.distance = np.maximum(self.memory.distance, np.minimum(self._d, GROWN * least))
         self._take(self._selection(x1), v)
-        return self._grew
 
     def _selection(self, x1: Array) -> npt.NDArray[np.bool_]:
         """Which candidates are near at x0, or may be at about x1."""
         d, gap1 = self.found.distance(self.memory.distance), self.found.gaps(x1)
         near = (self._gap0 < 1.05 * d) | (gap1 < 1.5 * d + MARGIN * np.abs(gap1 - self._gap0))
-        near[self.found.refused(self.x0, x1, np.flatnonzero(~near))] = True
+        near[self.found.refused(self.x0, x1, self._gap0, np.flatnonzero(~near))] = True
         return near
 
     def _select(self, near: npt.NDArray[np.bool_], v: Array | None = None) -> Pairs:
@@ -183,35 +177,20 @@ class Group:
         return rate
 
     def _take(self, near: npt.NDArray[np.bool_], v: Array) -> None:
-        """Work with these candidates in the step; the pattern then holds them."""
+        """Work with these candidates in the step."""
         self._v, self._mask = v, near
         self.near = pairs = self._select(near, v)
-        plain, mixed = self._sorted(pairs)
-        self._plain_pairs, self._mixed_pairs = pairs.some(plain), pairs.some(mixed)
-        keys, mixed_keys, self._expansion = self._keys(self._plain_pairs, self._mixed_pairs)
-        of_friction = [] if self.friction is None else [self.friction.take(pairs, self.x0, self.law)]
-        self._grew = not self.blocks.hold(keys, mixed_keys, *of_friction)
-        if self._grew:  # with what may come next, so that the matrices serve for some steps
-            soon = self._gap0 < SOON * self.found.distance(self.memory.distance)
-            wide = self.found.pairs(near | soon, self.memory.distance)
-            at = self._sorted(wide)
-            if self.friction is not None:
-                of_friction.append(self.friction.keys(wide))
-            self.blocks.cover(*self._keys(wide.some(at[0]), wide.some(at[1]))[:2], *of_friction)
-        if self.friction is not None:
-            self.friction.place()
-        self._slots = self.blocks.slots(keys).reshape(-1, 16)
-        self._mixed_slots = self.blocks.slots(mixed_keys)
-
-    def _sorted(self, pairs: Pairs) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-        """Indices of the pairs between nodes of bodies alone, and of those with points of obstacles."""
+        # those between nodes of bodies alone, and those with points of obstacles
         simple = (pairs.nodes < self.points.n).all(axis=1)
-        return np.flatnonzero(simple), np.flatnonzero(~simple)
-
-    def _keys(self, plain: Pairs, mixed: Pairs) -> tuple[Keys, Keys, Array]:
-        """Blocks that pairs couple, and the weights of the vectors behind the points of obstacles."""
-        vectors, weights = self.points.expanded(mixed.nodes)
-        return self.blocks.keys_of(plain.nodes).ravel(), self.blocks.keys_of(vectors), weights
+        self._plain_pairs, self._mixed_pairs = pairs.some(simple), pairs.some(~simple)
+        self._starts = starts(self._plain_pairs, self.x0)
+        vectors, self._expansion = self.points.expanded(self._mixed_pairs.nodes)
+        rubbing = [] if self.friction is None else self.friction.take(pairs, self.x0, self.law)
+        self._slots, self._mixed_slots, *of_friction = self.blocks.lay_out(self._plain_pairs.nodes, vectors, *rubbing)
+        if self.friction is not None:
+            self.friction.place(of_friction)
+        self._state: Bytes | None = None
+        self._end = self.x0
 
     def limit(self, update: Array) -> None:
         """Let no node go farther in an iteration than some distances of contact; the update (n,) changes in place."""
@@ -232,7 +211,6 @@ class Group:
         if not self._comm.allreduce(bool(missed.any())):
             return False
         self._take(self._mask | missed | self._selection(x1), self._v)
-        self._widened = True
         return True
 
     def inadmissible(self) -> str:
@@ -240,7 +218,7 @@ class Group:
         x1 = self.points.at(self._system.q1, self._t1)
         found, kind = self.found, self.found.kind
         behind_walls = np.flatnonzero((kind >= WALLS) & (found.gaps(x1) <= 0))
-        wrong = np.concatenate([found.refused(self.x0, x1, np.arange(len(kind))), behind_walls])
+        wrong = np.concatenate([found.refused(self.x0, x1, self._gap0, np.arange(len(kind))), behind_walls])
         words = ""
         if len(wrong):
             i = int(wrong[0])
@@ -255,23 +233,27 @@ class Group:
         if self.near is None:
             return
         self.force = np.zeros((self.points.m, 3))
-        x1 = self.points.at(self._system.q1, self._t1)
+        self._end = x1 = self.points.at(self._system.q1, self._t1)
         states = [
-            act(pairs, self.x0, x1, self.law, self._alpha, force=self.force).state
-            for pairs in (self._plain_pairs, self._mixed_pairs)
+            act(pairs, self.x0, x1, self.law, self._alpha, force=self.force, start=start).state
+            for pairs, start in ((self._plain_pairs, self._starts), (self._mixed_pairs, None))
         ]
+        self._state = states[0]
         if self.friction is not None:
             self.friction.add_forces(self.x0, x1, self.force)
         self.acting = sum(int((state > 0).sum()) for state in states)
         self.points.add(self.force, r)
 
     def add_tangents(self, A: PETSc.Mat) -> None:
+        """Add what is on the diagonal; `coupling` has the rest."""
         if self.near is None:
+            self.blocks.reserve(A)
             return
         x1, γ = self.points.at(self._system.q1, self._t1), self._system.geometric
+        state = self._state if np.array_equal(x1, self._end) else None
         self.blocks.values[:] = 0
         act(
-            self._plain_pairs, self.x0, x1, self.law, self._alpha,
+            self._plain_pairs, self.x0, x1, self.law, self._alpha, start=self._starts, state=state,
             slots=self._slots, values=self.blocks.values, geometric=γ,
         )  # fmt: skip
         if len(self._mixed_pairs):
@@ -279,7 +261,10 @@ class Group:
             self._spread(of_pairs.tangents)
         if self.friction is not None:
             self.friction.add_tangents(self.x0, x1, self.blocks.values)
-        self.blocks.add_to(A)
+        self.blocks.add_diagonal(A)
+
+    def coupling(self, diagonal: PETSc.Vec | None) -> PETSc.Mat | None:
+        return None if self.near is None else self.blocks.coupling(diagonal)
 
     def _spread(self, tangents: Array | None) -> None:
         """Add tangents (n, 144) of pairs with points of obstacles to the blocks of the vectors behind them."""

@@ -406,31 +406,72 @@ static void push_back(const Pair *P, double Y1[3][3], int through, double d0, do
         }
 }
 
+/* How much nearer the two sides of a pair may be at x1 than at x0, or on the straight way: at most. */
+static double approach(int kind, const double *x0, const double *x1, const int32_t *p)
+{
+    double Δ[4][3], mean[3] = {0}, length[4];
+    for (int k = 0; k < 4; ++k)
+        for (int c = 0; c < 3; ++c) {
+            Δ[k][c] = x1[3 * p[k] + c] - x0[3 * p[k] + c];
+            mean[c] += Δ[k][c] / 4;
+        }
+    for (int k = 0; k < 4; ++k) {
+        for (int c = 0; c < 3; ++c) Δ[k][c] -= mean[c];
+        length[k] = sqrt(dot(Δ[k], Δ[k]));
+    }
+    return kind == EDGE_EDGE ? fmax(length[0], length[1]) + fmax(length[2], length[3])
+                             : length[0] + fmax(length[1], fmax(length[2], length[3]));
+}
+
+/* Where pairs are nearest at x0, (u, v), and their distance: start (n, 3); of walls nothing. */
+void starts(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, double *start)
+{
+    for (int i = 0; i < n; ++i) {
+        double Y[3][3], *at = start + 3 * (int64_t)i;
+        if (kind[i] > EDGE_EDGE) continue;
+        vectors(ROWS[kind[i]], x0, pairs + 4 * i, Y);
+        nearest_points(kind[i] == EDGE_EDGE, Y, at, at + 1);
+        at[2] = sqrt(squared(Y, at[0], at[1]));
+    }
+}
+
 /* Forces and tangents of pairs in a step from points x0 to x1 (or in the state x1, if α = 1).
 
    Of each pair: k [J] its stiffness, S its threshold of s - offset (squared lengths; lengths for planes), and ε the
-   part of S by which edges are rounded; γ is the share of the geometric stiffness in tangents.  active (n): 0 no force, 1 contact, 2 passed through and pushed back.
+   part of S by which edges are rounded; γ is the share of the geometric stiffness in tangents; start (n, 3), which may
+   be null: see above.  active (n): 0 no force, 1 contact, 2 passed through and pushed back; `again`: it is known.
    forces (n, 12) and tangents (n, 144) of pairs, or added by points to `force` and by blocks to `values` where
    `slots` (n, 16) says; any of them may be null.  Returns the number of pairs that act. */
 int act(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *x1, const double *k,
-        const double *S, const double *offset, double ε, int law, double α, double γ, double push, uint8_t *active,
-        double *force, const int32_t *slots, double *values, double *forces, double *tangents)
+        const double *S, const double *offset, const double *start, double ε, int law, double α, double γ, double push,
+        int again, uint8_t *active, double *force, const int32_t *slots, double *values, double *forces,
+        double *tangents)
 {
     int count = 0;
     const int ends = α == 1;
     for (int i = 0; i < n; ++i) {
         const int32_t *p = pairs + 4 * i;
         const int linear = kind[i] >= PLANE;
-        const double size = S[i];
-        Pair P = {.U = 0, .V = 0, .w = kind[i] == EDGE_EDGE ? ε * size : 0, .kind = kind[i]};
-        memcpy(P.R, ROWS[P.kind], sizeof P.R);
-        double Y0[3][3], Y1[3][3], f[12], K[144];
+        const double size = S[i], *at = start && kind[i] <= EDGE_EDGE ? start + 3 * (int64_t)i : 0;
+        double f[12], K[144];
         const int tangent = values || tangents;
         int state = 0;
+        const int far = again ? !active[i]
+                              : at && !ends && at[2] - sqrt(size + offset[i]) > approach(kind[i], x0, x1, p);
+        if (far) {
+            active[i] = 0;
+            if (forces) memset(forces + 12 * i, 0, 12 * sizeof(double));
+            if (tangents) memset(tangents + 144 * i, 0, 144 * sizeof(double));
+            continue;
+        }
+        double Y0[3][3], Y1[3][3];
+        Pair P = {.U = 0, .V = 0, .w = kind[i] == EDGE_EDGE ? ε * size : 0, .kind = kind[i]};
+        memcpy(P.R, ROWS[P.kind], sizeof P.R);
         vectors(P.R, ends ? x1 : x0, p, Y0);
         if (P.kind <= EDGE_EDGE) {
             double u, v;
-            nearest_points(P.kind == EDGE_EDGE, Y0, &u, &v);
+            if (at && !ends) u = at[0], v = at[1];
+            else nearest_points(P.kind == EDGE_EDGE, Y0, &u, &v);
             for (int j = 0; j < 4; ++j) P.R[0][j] += u * P.R[1][j] + v * P.R[2][j];
             for (int c = 0; c < 3; ++c) Y0[0][c] += u * Y0[1][c] + v * Y0[2][c];
             P.U = -u, P.V = -v;

@@ -84,6 +84,13 @@ def nearest_points(nodes: Integers, kind: Bytes, x: Array) -> Array:
     return uv
 
 
+def starts(pairs: Pairs, x0: Array) -> Array:
+    """(u, v) of the nearest points of pairs at x0 and their distance [m] (n, 3), for `act`; of walls nothing."""
+    start = np.empty((len(pairs), 3))
+    library().lib.starts(len(pairs), *pointers(pairs.nodes, pairs.kind, x0, start))
+    return start
+
+
 def energy(pairs: Pairs, x: Array, law: int) -> tuple[float, Array]:
     """Energy [J] of pairs in a state, and x (n,) of each, below one where they touch."""
     X = np.empty(len(pairs))
@@ -110,6 +117,8 @@ def act(
     geometric: float = 1.0,
     each: bool = False,
     tangents: bool = False,
+    start: Array | None = None,
+    state: Bytes | None = None,
 ) -> Action:
     """Forces and tangents of a step from points x0 to x1 (m, 3), or in the state x1 if α = 1.
 
@@ -118,19 +127,22 @@ def act(
         slots, values: (n, 16) and (blocks, 9), to which the tangents' blocks of 3 x 3 are added.
         geometric: share of the geometric stiffness α S̄·D²e in tangents; it is what is not positive in them.
         each: whether forces are also given pair by pair, and with `tangents` the tangents.
+        start: of `starts` at x0, which saves time.
+        state: of the same step, if it is known from an earlier call.
     """
-    n = len(pairs)
-    state = np.empty(n, dtype=np.uint8)
+    n, again = len(pairs), state is not None
+    state = np.empty(n, dtype=np.uint8) if state is None else state
     forces = np.empty((n, 12)) if each else None
     stiffness = np.empty((n, 144)) if each and tangents else None
     library().lib.act(
         n,
-        *pointers(pairs.nodes, pairs.kind, x0, x1, pairs.k, pairs.S, pairs.offset),
+        *pointers(pairs.nodes, pairs.kind, x0, x1, pairs.k, pairs.S, pairs.offset, start),
         ROUNDING,
         law,
         alpha,
         geometric,
         PUSH,
+        again,
         *pointers(state, force, slots, values, forces, stiffness),
     )
     return Action(state, forces, stiffness)

@@ -109,6 +109,10 @@ class Points:
             rates[points] = (np.asarray(motion(t + h), dtype=float) - np.asarray(motion(t), dtype=float)) / h
         return rates
 
+    def of_vectors(self, q: PETSc.Vec) -> Array:
+        """What a vector of the system has at each of the vectors (v, 3), on all ranks."""
+        return self._gather(q)[0]
+
     def add(self, force: Array, r: PETSc.Vec) -> None:
         """r += Pᵀ force of forces (m, 3) on points."""
         of_vectors = force[: self.n] if self.plain else np.asarray(self.P.T @ force)

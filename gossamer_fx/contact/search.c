@@ -60,38 +60,30 @@ int64_t overlaps(int n, int size, const double *tree, const int32_t *order, int 
 /* Whether pairs keep a part of their distance on the straight way of all points from x0 to x1: additive motion check.
 
    Li et al., "Codimensional incremental potential contact" (2021), section 4: a pair may advance by the part of its
-   distance that its points can cover at most, again and again.  radius (n) is taken off the distances.
+   distance that its points can cover at most, again and again.  radius (n) is taken off the distances; gap (n) are
+   those of x0.
    free (n): 1 yes, 0 no.  Returns the number of those that do not. */
 int motion(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *x1, const double *radius,
-           double kept, int most, uint8_t *free)
+           const double *gap, double kept, int most, uint8_t *free)
 {
     int refused = 0;
     const int32_t own[4] = {0, 1, 2, 3};
     for (int i = 0; i < n; ++i) {
         const int32_t *p = pairs + 4 * i;
-        const int edges = kind[i] == EDGE_EDGE;
-        double x[12], Δ[12], mean[3] = {0}, length[4];
+        double x[12];
         free[i] = 1;
-        for (int k = 0; k < 4; ++k)
-            for (int c = 0; c < 3; ++c) {
-                x[3 * k + c] = x0[3 * p[k] + c];
-                Δ[3 * k + c] = x1[3 * p[k] + c] - x0[3 * p[k] + c];
-                mean[c] += Δ[3 * k + c] / 4;
-            }
-        for (int k = 0; k < 4; ++k) {
-            for (int c = 0; c < 3; ++c) Δ[3 * k + c] -= mean[c];
-            length[k] = sqrt(dot(Δ + 3 * k, Δ + 3 * k));
-        }
-        const double way = edges ? fmax(length[0], length[1]) + fmax(length[2], length[3])
-                                 : length[0] + fmax(length[1], fmax(length[2], length[3]));
-        const double d0 = sqrt(distance2(kind[i], x, own)) - radius[i];
+        const double way = approach(kind[i], x0, x1, p);
+        const double d0 = gap[i];
         if (way <= (1 - kept) * d0) continue;
         double t = 0, d = d0;
         for (int step = 0; step < most; ++step) {
             const double advance = 0.9 * (d - kept * d0) / way;
             if (t + advance >= 1) break;
             t += advance;
-            for (int k = 0; k < 12; ++k) x[k] = x0[3 * p[k / 3] + k % 3] + t * (Δ[k] + mean[k % 3]);
+            for (int k = 0; k < 12; ++k) {
+                const int j = 3 * p[k / 3] + k % 3;
+                x[k] = x0[j] + t * (x1[j] - x0[j]);
+            }
             d = sqrt(distance2(kind[i], x, own)) - radius[i];
             if (!(d > 1.01 * kept * d0) || step == most - 1) {
                 free[i] = 0;

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gossamer_fx.contact.kernel import Array, Bytes, Integers, library, pointers
-from gossamer_fx.contact.pairs import EDGE_EDGE, POINT_TRIANGLE
+from gossamer_fx.contact.pairs import EDGE_EDGE, POINT_TRIANGLE, squared_distances
 
 KEPT = 0.1  # part of its distance that a pair keeps on the way of a step
 CHECKS = 100  # positions on its way at which a pair's distance is computed at most
@@ -141,12 +141,16 @@ def candidates(
     return np.ascontiguousarray(nodes, dtype=np.int32), kind, np.vstack([near, across]).astype(np.int64)
 
 
-def refused(nodes: Integers, kind: Bytes, x0: Array, x1: Array, radius: Array) -> np.ndarray:
+def refused(nodes: Integers, kind: Bytes, x0: Array, x1: Array, radius: Array, gap: Array | None = None) -> np.ndarray:
     """Indices of the pairs that come nearer than a tenth of their distance, or may, on the straight way to x1.
+
+    gap: distances (n,) [m] at x0, less the radii, if they are known.
 
     Additive continuous collision detection (Li, Kaufman & Jiang, ACM Trans. Graph. 40 (2021) 170, section 4).
     """
+    if gap is None:
+        gap = np.sqrt(squared_distances(nodes, kind, x0)) - radius
     free = np.empty(len(kind), dtype=np.uint8)
-    arguments = pointers(nodes, kind, x0, x1, radius)
+    arguments = pointers(nodes, kind, x0, x1, radius, gap)
     library().lib.motion(len(kind), *arguments, KEPT, CHECKS, *pointers(free))
     return np.flatnonzero(free == 0)

@@ -193,12 +193,8 @@ class CompiledTerms:
 
     # ---- a step -------------------------------------------------------------------------------------------------
 
-    def search(self) -> bool:
-        """Before a step: find the places anew; whether the matrix may lack entries for them.  Only if it `searches`."""
-        return False
-
-    def matrices_made(self) -> None:
-        """The matrices were made anew, with entries for the present places only.  Only if it `searches`."""
+    def search(self) -> None:
+        """Before a step: find the places anew.  Only if it `searches`."""
 
     def widen(self) -> bool:
         """After a step was solved: whether places were missed that its end needs.  They are found now, and it is
@@ -227,7 +223,12 @@ class CompiledTerms:
         return []
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        """Add the rest of the derivative."""
+        """Add the rest of the derivative, to a matrix whose pattern is that of the first call."""
+
+    def couplings(self, diagonal: PETSc.Vec | None) -> list[PETSc.Mat]:
+        """New matrices of what else is in the derivative at the last `add_tangents`, zero at held coordinates: all of
+        it, or what a preconditioner needs beside a matrix with this diagonal.  Only if it `searches`."""
+        return []
 
     def inadmissible(self) -> str:
         """In words, what cannot be in the solution of a step; else nothing.  The same on every rank."""

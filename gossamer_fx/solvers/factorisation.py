@@ -11,6 +11,7 @@ from petsc4py import PETSc
 
 EPS = float(np.finfo(float).eps)
 MARGIN, LARGEST = 20, 20_000  # % of the estimated workspace: MUMPS's own default, and the last that is tried
+TYPES = "lu", "cholesky"
 WORKSPACE = (-8, -9, -11, -14, -15, -17, -20)
 REASONS = {
     -6: "the matrix is singular by its pattern",
@@ -61,7 +62,7 @@ def renew(pc: PETSc.PC, margin: int = 0) -> None:
 
 def failure(pc: PETSc.PC) -> int:
     """INFOG(1) of the last factorisation: negative if it failed; zero if there was none.  LAPACK has -10 only."""
-    if pc.getType() not in ("lu", "cholesky"):
+    if pc.getType() not in TYPES:
         return 0
     if pc.getFactorSolverType() != "mumps":
         return -10 if pc.getFailedReason() != PETSc.PC.FailedReason.NOERROR else 0

@@ -22,9 +22,11 @@ from petsc4py import PETSc
 import gossamer_fx.solvers.factorisation as factorisation
 from gossamer_fx.model.terms import Array
 from gossamer_fx.system.system import System
+from gossamer_fx.system.tangent import Tangent
 
 MANY = 1000  # applications of a preconditioner that no solve makes
 DIRECT_UP_TO = 3000  # unknowns up to which a factorisation is cheapest
+SEARCHING_UP_TO = 900  # the same where what is coupled changes from step to step, and a factorisation fills
 REASONS = {
     int(getattr(PETSc.KSP.ConvergedReason, name)): words
     for name, words in {
@@ -88,7 +90,7 @@ class Columns:
 class Bordered:
     """The bordered operator, as PETSc's Python matrix."""
 
-    def __init__(self, composite: Composite, A: PETSc.Mat) -> None:
+    def __init__(self, composite: Composite, A: Tangent) -> None:
         self.composite, self.A = composite, A
         self._out = composite.fields.duplicate()
 
@@ -121,7 +123,8 @@ class BorderedPreconditioner:
 
     def setUp(self, pc: PETSc.PC) -> None:
         operator = self._operator
-        self._sparse.setOperators(operator.A)
+        factorised = self._sparse.getType() in factorisation.TYPES
+        self._sparse.setOperators(operator.A.whole() if factorised else operator.A.strong())
         self._sparse.setUp()
         step = self._system.time, self._system.h
         if self._sparse.getType() != "python" or step != self._step or self._applications > self._enough + 1:
@@ -168,7 +171,8 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
     Nor does it pay to keep a factorisation for the next iteration, even of the last ones of a step: where films switch,
     the Krylov iterations that this costs take longer than another factorisation.
     """
-    if direct or system.constraints is not None or system.numbering.size <= DIRECT_UP_TO:
+    few = system.numbering.size <= (SEARCHING_UP_TO if system.searching else DIRECT_UP_TO)
+    if direct or system.constraints is not None or few:
         ksp.setType("preonly")
         factorisation.choose(pc, system.A)
         return

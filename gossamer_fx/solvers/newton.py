@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
@@ -68,9 +68,8 @@ class Newton:
         self._set_up()
 
     def _set_up(self) -> None:
-        """Make PETSc's solvers for the system's matrices; anew when these have changed."""
+        """Make PETSc's solvers for the system's matrices."""
         system, tolerances, comm = self.system, self.tolerances, self.system.comm
-        self._pattern = system.patterns
         self._snes = snes = PETSc.SNES().create(comm)
         snes.setOptionsPrefix(PREFIX)
         snes.setType("newtonls")
@@ -85,7 +84,8 @@ class Newton:
         snes.setFunction(self._function, self._F)
         snes.setMaxLinearSolveFailures(tolerances.iterations)
         ksp = snes.getKSP()
-        self._tangent = system.tangent
+        self._tangent: Callable[[], PETSc.Mat] = lambda: system.assemble().A
+        self._bordered: linear.Bordered | None = None
         if self._subdomains is not None:
             from gossamer_fx.solvers.subdomains import Subdomains, configure
 
@@ -93,8 +93,8 @@ class Newton:
             self._tangent, J = parts.tangent, parts.matrix
             configure(ksp, self._subdomains)
             self._preconditioner = ksp.getPC()
-        elif self._scalars:
-            self._bordered = linear.Bordered(self._composite, system.A)
+        elif self._scalars or system.searching:
+            self._bordered = linear.Bordered(self._composite, system.coupled)
             J = PETSc.Mat().createPython((self._x.getSizes(), self._x.getSizes()), self._bordered, comm)
             J.setUp()
             sparse = PETSc.PC().create(comm)
@@ -125,8 +125,6 @@ class Newton:
         Raises:
             NotConverged: with PETSc's reason and the place of the largest residual.
         """
-        if self._pattern != self.system.patterns:
-            self._set_up()
         increment.copy(self._base)
         self._base.scale(-1.0)  # strains follow from those of q0
         self._reference, self._floor = 0.0, 0.0
@@ -142,8 +140,6 @@ class Newton:
         for _ in range(SEARCHES):
             if not self.system.widen():
                 break
-            if self._pattern != self.system.patterns:
-                self._set_up()
             self._iterate()
         problem = self.system.inadmissible()
         if problem:
@@ -228,7 +224,7 @@ class Newton:
             self._take_geometric_stiffness(0.0 if far and snes.getIterationNumber() < self.careful else 1.0)
             A = self._tangent()
             self._take_geometric_stiffness(1.0)
-        if self._scalars:
+        if self._bordered is not None:
             self._bordered.set(*self.system.coupling())
             J.assemble()
         if self._floor == 0 or self.system.searching:  # what a predictor passes through may be stiff beyond measure

@@ -45,7 +45,7 @@ class TwoLevel:
         self._A = A = pc.getOperators()[0]
         step = self._system.time, self._system.h
         if step != self._step or self._applications > ENOUGH:
-            self._coarse.set_up(A)
+            self._coarse.set_up(self._system.A)  # whose pattern stays
         self._local.setOperators(A)
         if not self._levels:
             self._fill(FEW)

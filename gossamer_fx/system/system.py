@@ -15,6 +15,7 @@ from gossamer_fx.algebra.numbering import Numbering
 from gossamer_fx.model.scalar_unknowns import InitialCondition, ScalarUnknowns
 from gossamer_fx.model.terms import Array, Body, CompiledConstraints, CompiledTerms, Term, is_on_mesh
 from gossamer_fx.system.increment import Increment
+from gossamer_fx.system.tangent import Tangent
 from gossamer_fx.system.totals import Totals
 from gossamer_fx.terms.discrete_gradient import StressRule
 from gossamer_fx.terms.supports import Supports
@@ -53,7 +54,6 @@ class System:
         self.constraints = next((c for c in self.compiled if isinstance(c, CompiledConstraints)), None)
         self.searching = [c for c in self.compiled if c.searches]
         self._has_stiffness = any(type(c).add_stiffness is not CompiledTerms.add_stiffness for c in self.compiled)
-        self.patterns = 0  # how often the matrices were made; who keeps one must take the new one
 
     def start(self, conditions: Iterable[InitialCondition] = ()) -> None:
         """Take the initial state and set up the matrices; after the borders are attached."""
@@ -104,16 +104,15 @@ class System:
         if self.K is not None:
             self.K.assemble()
         self._based_on = 0.0  # the c of the base
-        self.patterns += 1
-        for searching in self.searching:
-            searching.matrices_made()
+        self.coupled = Tangent(self.A, self.searching)
 
     # ---- a step ------------------------------------------------------------------------------------------------
 
     def begin(self, h: float) -> Array:
         """Start a step of length h from (q0, v0); returns the first guess of the border scalars."""
         self.h = h
-        self._refresh([c.search() for c in self.searching])
+        for searching in self.searching:
+            searching.search()
         t = self.time + self.rule.alpha * h
         for compiled in self.compiled:
             compiled.begin(t)
@@ -125,14 +124,7 @@ class System:
             return False
         missed = [c.widen() for c in self.searching]
         missed_anywhere: bool = self.comm.allreduce(any(missed))
-        if missed_anywhere:
-            self._refresh([c.search() for c in self.searching])
         return missed_anywhere
-
-    def _refresh(self, lacking: Sequence[bool]) -> None:
-        """Make the matrices anew if entries are lacking on any rank."""
-        if lacking and self.comm.allreduce(any(lacking)):
-            self._build_matrices()
 
     def inadmissible(self) -> str:
         """In words, what cannot be in the solution of a step; else nothing."""
@@ -212,6 +204,10 @@ class System:
 
     def tangent(self) -> PETSc.Mat:
         """Derivative of the field residual with respect to q1."""
+        return self.assemble().whole()
+
+    def assemble(self) -> Tangent:
+        """The same, as a sum."""
         same = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
         if self._base is None:
             self.M.copy(self.A, same)
@@ -226,7 +222,8 @@ class System:
         self._add_tangents(self.A)
         self.A.assemble()
         self.supports.clear(self.A, 1.0)
-        return self.A
+        self.coupled.take()
+        return self.coupled
 
     def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
         """Columns and rows of all borders, zero at held coordinates, and their corner."""

@@ -30,8 +30,7 @@ class Collisions(CompiledTerms):
     def __init__(self, terms: Sequence[CollidingSpheres], system: Assembly) -> None:
         [self.spheres] = terms
         self._system, self._ports = system, self.spheres.ports
-        self._in_pattern: Pairs = frozenset()
-        self._missed: Pairs = frozenset()
+        self.found = 0  # most pairs of a step
         self.widened = 0
         self._take(frozenset())
 
@@ -48,22 +47,19 @@ class Collisions(CompiledTerms):
     def _within(self, x: Array, reach: float) -> Pairs:
         return frozenset(cKDTree(x).query_pairs(reach))
 
-    def search(self) -> bool:
+    def search(self) -> None:
         v = values_of(self._system, self._ports, self._system.v0)
         reach = 2 * (self.spheres.radius + self.spheres.foresight * self._system.h * np.linalg.norm(v, axis=1).max())
-        near = self._within(values_of(self._system, self._ports, self._system.q0), reach)
-        self._take(near | self._missed)
-        self._missed = frozenset()
-        return not self.pairs <= self._in_pattern
-
-    def matrices_made(self) -> None:
-        self._in_pattern = self.pairs
+        self._take(self._within(values_of(self._system, self._ports, self._system.q0), reach))
+        self.found = max(self.found, len(self.pairs))
 
     def widen(self) -> bool:
         touching = self._within(values_of(self._system, self._ports, self._system.q1), 2 * self.spheres.radius)
-        self._missed = touching - self.pairs
-        self.widened += bool(self._missed)
-        return bool(self._missed)
+        missed = touching - self.pairs
+        if missed:
+            self._take(self.pairs | missed)
+            self.widened += 1
+        return bool(missed)
 
     def inadmissible(self) -> str:
         closest = self._within(values_of(self._system, self._ports, self._system.q1), 0.2 * self.spheres.radius)
@@ -79,9 +75,12 @@ class Collisions(CompiledTerms):
         r.setValues(rows, self._stencil.force(q).ravel(), addv=PETSc.InsertMode.ADD_VALUES)
         r.assemble()
 
-    def add_tangents(self, A: PETSc.Mat) -> None:
+    def couplings(self, diagonal: PETSc.Vec | None) -> list[PETSc.Mat]:
         [q] = self._gather(self._system.q1)
-        add_blocks(A, self._stencil.at.indices, self._stencil.at.indices, self._stencil.tangent(q))
+        C = self._system.numbering.matrix()
+        add_blocks(C, self._stencil.at.indices, self._stencil.at.indices, self._stencil.tangent(q))
+        C.assemble()
+        return [C]
 
     def energies(self) -> dict[str, float]:
         return {self.spheres.name: float(self._stencil.energy().sum())}
