@@ -32,3 +32,13 @@ int lay_out(int n, int vectors, const int32_t *width, const int32_t *members, in
         }
     return count;
 }
+
+/* Which of some blocks are not zero: kept (n). */
+void which_count(int n, const int32_t *block, const double *values, uint8_t *kept)
+{
+    for (int i = 0; i < n; ++i) {
+        const double *value = values + 9 * (int64_t)block[i];
+        kept[i] = 0;
+        for (int k = 0; k < 9 && !kept[i]; ++k) kept[i] = value[k] != 0;
+    }
+}

@@ -59,24 +59,20 @@ class Blocks:
         others = np.flatnonzero(rows != columns)
         keys = self._place[rows[others]] * v + self._place[columns[others]]
         order = np.argsort(keys)
-        others, keys = others[order], keys[order]
-        self._parts, places = [others], [slice(None)]
+        others, keys = others[order].astype(np.int32), keys[order]
+        self._parts, self._places = [others], []
         if comm.size > 1:
             of = self._owner[rows[others]]
             self._parts = [others[of == rank] for rank in range(comm.size)]
             received = comm.alltoall([keys[of == rank] for rank in range(comm.size)])
             keys = np.unique(np.concatenate(received))
-            places = [np.searchsorted(keys, k) for k in received]
-        self._places = places
+            self._places = [np.searchsorted(keys, k) for k in received]
         i, j = np.divmod(keys, v)
         self._rows, self._columns = self._sorted[i], self._sorted[j]
         free = self._numbering.vector()
         free.set(1.0)
         free.array[self._system.supports.held] = 0
-        moves = self._points.of_vectors(free)
-        fixed = ~moves.all(axis=1)
-        self._held = np.flatnonzero(fixed[self._rows] | fixed[self._columns])
-        self._free = (moves[self._rows[self._held], :, None] * moves[self._columns[self._held], None]).reshape(-1, 9)
+        self._free = self._points.of_vectors(free)  # 0 where held
 
     # ---- into matrices ----------------------------------------------------------------------------------------------
 
@@ -102,16 +98,16 @@ class Blocks:
         Zero at held coordinates; none if there is no such block on any rank.
         """
         if diagonal is None:
-            self._entries = self._exchange()
-            kept = self._entries.any(axis=1)
+            self._take_entries()
+            some: Any = slice(None)
         else:
             sizes = np.abs(self._points.of_vectors(diagonal)).max(axis=1)
             squares = np.einsum("ni,ni->n", self._entries, self._entries)
-            kept = squares > STRONG**2 * sizes[self._rows] * sizes[self._columns]
-        some = np.flatnonzero(kept)
-        if not self._comm.allreduce(len(some)):
+            some = np.flatnonzero(squares > STRONG**2 * sizes[self._row] * sizes[self._column])
+        values = self._entries[some]
+        if not self._comm.allreduce(len(values)):
             return None
-        rows, ends, columns, values = self._csr(self._rows[some], self._columns[some], self._entries[some])
+        rows, ends, columns, values = self._csr(self._row[some], self._column[some], values)
         n, start, size = self._numbering.size_local, self._numbering.start, 3 if self._blocked else 1
         counts = np.zeros(n // size + 1, dtype=PETSc.IntType)
         counts[rows - start // size + 1] = np.diff(ends)
@@ -121,17 +117,21 @@ class Blocks:
             return PETSc.Mat().createBAIJ(sizes, 3, csr=csr, comm=self._comm)
         return PETSc.Mat().createAIJ(sizes, csr=csr, comm=self._comm)
 
-    def _exchange(self) -> Array:
-        """Values (k, 9) of this rank's rows, of all ranks' pairs."""
-        if self._comm.size == 1:
-            entries = self.values[self._parts[0]]
-        else:
-            entries = np.zeros((len(self._rows), 9))
+    def _take_entries(self) -> None:
+        """The blocks (k, 9) of this rank's rows that are not zero, of all ranks' pairs, their rows and columns."""
+        values, places = self.values, self._parts[0]
+        if self._comm.size > 1:
+            values, places = np.zeros((len(self._rows), 9)), np.arange(len(self._rows), dtype=np.int32)
             received = self._comm.alltoall([self.values[part] for part in self._parts])
-            for at, values in zip(self._places, received, strict=True):
-                entries[at] += values
-        entries[self._held] *= self._free
-        return entries
+            for at, part in zip(self._places, received, strict=True):
+                values[at] += part
+        kept = np.empty(len(places), dtype=np.uint8)
+        library().lib.which_count(len(places), *pointers(places, values, kept))
+        some = np.flatnonzero(kept)
+        self._row, self._column, self._entries = self._rows[some], self._columns[some], values[places[some]]
+        if not self._free.all():
+            free = self._free
+            self._entries *= (free[self._row][:, :, None] * free[self._column][:, None]).reshape(-1, 9)
 
     @property
     def _blocked(self) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -10,8 +11,8 @@ from mpi4py import MPI
 
 from gossamer_fx.contact.body_set import WALLS, BodySet
 from gossamer_fx.contact.kernel import Array, Bytes, Integers
-from gossamer_fx.contact.pairs import EDGE_EDGE, IN_SPHERE, PLANE, Pairs, squared_distances
-from gossamer_fx.contact.search import candidates, refused
+from gossamer_fx.contact.pairs import EDGE_EDGE, IN_SPHERE, PLANE, Pairs, approaches, squared_distances
+from gossamer_fx.contact.search import KEPT, candidates, refused
 
 
 @dataclass(frozen=True)
@@ -52,22 +53,28 @@ class Candidates:
         """Whether they are complete for points x; the same on every rank, since all know all points."""
         return bool(((x >= self.lo) & (x <= self.hi)).all())
 
-    def gaps(self, x: Array) -> Array:
-        """Distances (n,) [m] less the radii, at points x."""
-        s = squared_distances(self.nodes, self.kind, x)
-        walls, balls = self.kind >= WALLS, self.kind >= IN_SPHERE
-        gap: Array = np.sqrt(np.maximum(np.where(walls, 0, s), 0)) - self.radius
-        gap[walls] = s[walls] - self.radius[walls]
-        gap[balls] = self.wall[balls] - self.radius[balls] - np.sqrt(-s[balls])
+    def gaps(self, x: Array, some: Any = slice(None)) -> Array:
+        """Distances (n,) [m] less the radii, at points x; or of some pairs."""
+        kind, radius = self.kind[some], self.radius[some]
+        s = squared_distances(self.nodes[some], kind, x)
+        walls, balls = kind >= WALLS, kind >= IN_SPHERE
+        gap: Array = np.sqrt(np.maximum(np.where(walls, 0, s), 0)) - radius
+        gap[walls] = s[walls] - radius[walls]
+        gap[balls] = self.wall[some][balls] - radius[balls] - np.sqrt(-s[balls])
         return gap
 
+    def approach(self, x0: Array, x1: Array) -> Array:
+        """By how much (n,) [m] pairs may come nearer on the straight way from x0 to x1; of walls infinite."""
+        return approaches(self.nodes, self.kind, x0, x1)
+
     def least(self, gaps: Array, comm: MPI.Intracomm, m: int) -> Array:
-        """Distance (m,) of each point to what is nearest, on all ranks."""
+        """Distance (m,) of each point to what is nearest, on all ranks; infinite where all gaps are."""
         nearest = np.full(m, np.inf)
-        pairs = self.kind < WALLS
+        some = np.isfinite(gaps)
+        nodes, gaps, pairs = self.nodes[some], gaps[some], self.kind[some] < WALLS
         for j in range(4):
-            np.minimum.at(nearest, self.nodes[pairs, j], gaps[pairs])
-        np.minimum.at(nearest, self.nodes[~pairs, 0], gaps[~pairs])
+            np.minimum.at(nearest, nodes[pairs, j], gaps[pairs])
+        np.minimum.at(nearest, nodes[~pairs, 0], gaps[~pairs])
         comm.Allreduce(MPI.IN_PLACE, nearest, op=MPI.MIN)
         return nearest
 
@@ -76,9 +83,9 @@ class Candidates:
         d: Array = np.where(self.kind >= WALLS, of_points[self.nodes[:, 0]], of_points[self.nodes].min(axis=1))
         return d
 
-    def pairs(self, which: npt.NDArray[np.bool_], of_points: Array) -> Pairs:
-        """Some of them, with S and offset, and without stiffness."""
-        R, kind, d = self.radius[which], self.kind[which], self.distance(of_points)[which]
+    def pairs(self, which: npt.NDArray[np.bool_], begins: Array) -> Pairs:
+        """Some of them, of which contact begins at the distances (n,), with S and offset, and without stiffness."""
+        R, kind, d = self.radius[which], self.kind[which], begins[which]
         S, offset = (R + d) ** 2 - R**2, R**2
         plane, ball = kind == PLANE, kind >= IN_SPHERE
         S[plane], offset[plane] = d[plane], R[plane]
@@ -87,8 +94,10 @@ class Candidates:
         nodes = np.ascontiguousarray(self.nodes[which])
         return Pairs(nodes, kind, np.zeros(len(kind)), S, offset, self.names[which])
 
-    def refused(self, x0: Array, x1: Array, gaps: Array, among: npt.NDArray[np.integer]) -> npt.NDArray[np.integer]:
-        """Which of some pairs would pass through each other on the way from x0, where the gaps are, to x1."""
-        among = among[self.kind[among] < WALLS]
-        nodes, kind = np.ascontiguousarray(self.nodes[among]), self.kind[among]
-        return among[refused(nodes, kind, x0, x1, self.radius[among], gaps[among])]
+    def refused(self, x0: Array, x1: Array, gaps: Array, way: Array, among: Any = True) -> npt.NDArray[np.intp]:
+        """Which of them (or `among` a mask) would pass through each other from x0, where the gaps are, to x1.
+
+        way: of `approach`.
+        """
+        some = np.flatnonzero((way > (1 - KEPT) * gaps) & (self.kind < WALLS) & among)
+        return some[refused(self.nodes[some], self.kind[some], x0, x1, self.radius[some], gaps[some])]

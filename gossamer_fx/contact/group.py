@@ -22,6 +22,7 @@ from gossamer_fx.contact.start import refuse_coincident, refuse_intersections
 START = 0.9  # distance of a point at which contact begins, over that of the nearest to it at the start
 GROWN = 0.999  # the same in the course of the run
 MARGIN = 0.3  # part of its way by which a point may miss the place where it was expected
+FAR = 1.5  # distance from which a pair is none of a step, over that at which contact begins
 HORIZON = 32  # steps for which one search may serve, at most
 REACH = 4.0  # way of a node in one of Newton's updates, over d̂, at most
 
@@ -51,7 +52,9 @@ class Group:
         self.searches = 0
         self.friction: Any = None  # a `Friction`, if there is any
         self.force: Array = np.zeros((self.points.m, 3))  # on points, of this rank's pairs, in the last step
-        self.nearest = self.closest = math.inf  # distance [m] at the start of the step, and the least so far
+        self.closest = math.inf  # least distance [m] at the start of a step so far
+        self._known: list[tuple[Candidates, Array, Array]] = []  # gaps of candidates at points
+        self._distances: tuple[Any, Any, Array] = (None, None, np.zeros(0))
 
     # ---- search -----------------------------------------------------------------------------------------------------
 
@@ -130,23 +133,46 @@ class Group:
             self._find(self.x0, x1, v)
         self._age += 1
         self._t1 = t1
-        self._gap0 = self.found.gaps(self.x0)
-        least = self.found.least(self._gap0, self._comm, self.points.m)
-        self.nearest = float(least.min(initial=np.inf))
-        self.closest = min(self.closest, self.nearest)
-        self.memory.distance = np.maximum(self.memory.distance, np.minimum(self._d, GROWN * least))
+        self._gap0 = self._gaps_at_start()
+        least = self.found.least(np.where(self._gap0 < FAR * self._d, self._gap0, np.inf), self._comm, self.points.m)
+        self.closest = min(self.closest, float(least.min(initial=np.inf)))
+        grown = np.maximum(self.memory.distance, np.minimum(self._d, GROWN * least))
+        if not np.array_equal(grown, self.memory.distance):
+            self.memory.distance = grown
         self._take(self._selection(x1), v)
+
+    def _gaps_at_start(self) -> Array:
+        """Of all candidates at x0; of those that are far, less than that may be said."""
+        for found, x, gaps in self._known:
+            if found is self.found and np.array_equal(x, self.x0):
+                return gaps
+        return self.found.gaps(self.x0)
+
+    def _gaps_at(self, x1: Array) -> tuple[Array, Array]:
+        """The same at the end of a step, and by how much the pairs may come nearer until there."""
+        way = self.found.approach(self.x0, x1)
+        with np.errstate(invalid="ignore"):  # walls: their gaps less infinity
+            gaps = self._gap0 - way
+            near = np.flatnonzero(~(gaps - MARGIN * way > FAR * self._d))
+        gaps[near] = self.found.gaps(x1, near)
+        return gaps, way
+
+    def _begins(self) -> Array:
+        """Where contact of the candidates begins (n,) [m]."""
+        if self._distances[0] is not self.found or self._distances[1] is not self.memory.distance:
+            self._distances = self.found, self.memory.distance, self.found.distance(self.memory.distance)
+        return self._distances[2]
 
     def _selection(self, x1: Array) -> npt.NDArray[np.bool_]:
         """Which candidates are near at x0, or may be at about x1."""
-        d, gap1 = self.found.distance(self.memory.distance), self.found.gaps(x1)
-        near = (self._gap0 < 1.05 * d) | (gap1 < 1.5 * d + MARGIN * np.abs(gap1 - self._gap0))
-        near[self.found.refused(self.x0, x1, self._gap0, np.flatnonzero(~near))] = True
+        d, (gap1, way) = self._begins(), self._gaps_at(x1)
+        near = (self._gap0 < 1.05 * d) | (gap1 < FAR * d + MARGIN * np.abs(gap1 - self._gap0))
+        near[self.found.refused(self.x0, x1, self._gap0, way, ~near)] = True
         return near
 
     def _select(self, near: npt.NDArray[np.bool_], v: Array | None = None) -> Pairs:
         """The pairs of some candidates; stiffness follows their closing speed unless they have energy."""
-        pairs = self.found.pairs(near, self.memory.distance)
+        pairs = self.found.pairs(near, self._begins())
         known, k = self.memory.stiffness_of(pairs.names)
         if v is not None:
             k = np.where(known, k, self._stiffness(near, v))
@@ -181,7 +207,7 @@ class Group:
         self._v, self._mask = v, near
         self.near = pairs = self._select(near, v)
         # those between nodes of bodies alone, and those with points of obstacles
-        simple = (pairs.nodes < self.points.n).all(axis=1)
+        simple: npt.NDArray[np.bool_] = np.asarray((pairs.nodes < self.points.n).all(axis=1))
         self._plain_pairs, self._mixed_pairs = pairs.some(simple), pairs.some(~simple)
         self._starts = starts(self._plain_pairs, self.x0)
         vectors, self._expansion = self.points.expanded(self._mixed_pairs.nodes)
@@ -207,7 +233,9 @@ class Group:
             self._find(self.x0, x1, self._v)
             self._gap0 = self.found.gaps(self.x0)
             self._mask = np.isin(self.found.names, names)
-        missed = (self.found.gaps(x1) < 1.02 * self.found.distance(self.memory.distance)) & ~self._mask
+        gap1, self._way = self._gaps_at(x1)
+        self._known = [(self.found, self.x0, self._gap0), (self.found, x1, gap1)]
+        missed = (gap1 < 1.02 * self._begins()) & ~self._mask
         if not self._comm.allreduce(bool(missed.any())):
             return False
         self._take(self._mask | missed | self._selection(x1), self._v)
@@ -216,9 +244,11 @@ class Group:
     def inadmissible(self) -> str:
         """In words, what passed through something else in the step; else nothing."""
         x1 = self.points.at(self._system.q1, self._t1)
-        found, kind = self.found, self.found.kind
-        behind_walls = np.flatnonzero((kind >= WALLS) & (found.gaps(x1) <= 0))
-        wrong = np.concatenate([found.refused(self.x0, x1, self._gap0, np.arange(len(kind))), behind_walls])
+        if not np.array_equal(x1, self._known[1][1]):
+            self.widen()
+        found, gap1 = self.found, self._known[1][2]
+        behind_walls = np.flatnonzero((found.kind >= WALLS) & (gap1 <= 0))
+        wrong = np.concatenate([found.refused(self.x0, x1, self._gap0, self._way), behind_walls])
         words = ""
         if len(wrong):
             i = int(wrong[0])

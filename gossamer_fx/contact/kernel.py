@@ -13,7 +13,9 @@ from gossamer_fx.forms.c_source import compile_c
 
 DECLARATIONS = """
 void squared_distances(int n, const int32_t *pairs, const uint8_t *kind, const double *x, double *s, double *uv);
-void starts(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, double *start);
+void starts(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *S, double eps,
+            double *start);
+void approaches(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *x1, double *way);
 int act(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *x1, const double *k,
         const double *S, const double *offset, const double *start, double eps, int law, double alpha,
         double geometric, double push, int again, uint8_t *active, double *force, const int32_t *slots, double *values,
@@ -22,6 +24,7 @@ double energy(int n, const int32_t *pairs, const uint8_t *kind, const double *x,
               const double *offset, double eps, int law, double *X);
 int lay_out(int n, int vectors, const int32_t *width, const int32_t *members, int32_t *slots, int32_t *rows,
             int32_t *columns, int32_t *of_vectors, int32_t *of_members);
+void which_count(int n, const int32_t *block, const double *values, uint8_t *kept);
 void build_tree(int n, int size, const double *boxes, const int32_t *order, double *tree);
 int64_t overlaps(int n, int size, const double *tree, const int32_t *order, int queries, const int32_t *query,
                  const double *boxes, int self, int ka, const int32_t *a, int kb, const int32_t *b,

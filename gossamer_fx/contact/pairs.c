@@ -223,6 +223,21 @@ typedef struct {
     int kind;
 } Pair;
 
+static Pair begin(int kind, double rounding)
+{
+    Pair P = {.U = 0, .V = 0, .w = kind == EDGE_EDGE ? rounding : 0, .kind = kind};
+    memcpy(P.R, ROWS[kind], sizeof P.R);
+    return P;
+}
+
+/* Let r lead to the point (u, v), also in the vectors Y. */
+static void shift(Pair *P, double u, double v, double Y[3][3])
+{
+    for (int j = 0; j < 4; ++j) P->R[0][j] += u * P->R[1][j] + v * P->R[2][j];
+    for (int c = 0; c < 3; ++c) Y[0][c] += u * Y[1][c] + v * Y[2][c];
+    P->U = -u, P->V = -v;
+}
+
 static void add_rounding(const Pair *P, double e[6])
 {
     if (P->w == 0) return;
@@ -250,8 +265,8 @@ static double value(const Pair *P, double Y[3][3], double φ[6])
     return squared(Y, n.u, n.v) + P->w * (u * u + v * v);
 }
 
-/* φ of measures e, and H -= weight d²s/de² of the pair. */
-static void weights(const Pair *P, const double e_[6], double φ[6], double H[6][6], double weight)
+/* φ of measures e, and H -= weight d²s/de² of the pair, if it is not null. */
+static void weights(const Pair *P, const double e_[6], double φ[6], double (*H)[6], double weight)
 {
     memset(φ, 0, 6 * sizeof *φ);
     if (P->kind == PLANE) {
@@ -264,7 +279,7 @@ static void weights(const Pair *P, const double e_[6], double φ[6], double H[6]
     }
     if (P->kind == IN_CYLINDER) {
         φ[1] = -2 * e_[1], φ[2] = -2 * e_[2];
-        H[1][1] -= 2 * weight, H[2][2] -= 2 * weight;
+        if (H) H[1][1] -= 2 * weight, H[2][2] -= 2 * weight;
         return;
     }
     double e[6];
@@ -273,7 +288,7 @@ static void weights(const Pair *P, const double e_[6], double φ[6], double H[6]
     const Nearest n = nearest(P->kind == EDGE_EDGE, e, P->U, P->V);
     const double u = n.u, v = n.v;
     φ[0] = 1, φ[1] = 2 * u, φ[2] = 2 * v, φ[3] = u * u, φ[4] = 2 * u * v, φ[5] = v * v;
-    if (n.F1 <= 0) return;
+    if (!H || n.F1 <= 0) return;
     const double Ju[6] = {0, 2, 0, 2 * u, 2 * v, 0}, Jv[6] = {0, 0, 2, 0, 2 * u, 2 * v};
     double q[6];
     for (int m = 0; m < 6; ++m) q[m] = n.z[0] * Ju[m] + n.z[1] * Jv[m];
@@ -292,13 +307,15 @@ static void transfer(const Pair *P, const double f[3][3], double *force)
             force[3 * k + c] = P->R[0][k] * f[0][c] + P->R[1][k] * f[1][c] + P->R[2][k] * f[2][c];
 }
 
-static void transfer2(const Pair *P, double K9[9][9], double *K)
+static void transfer2(const Pair *P, double K9[3][3][9], double *K)
 {
     double half[9][12];
-    for (int i = 0; i < 9; ++i)
-        for (int k = 0; k < 4; ++k)
-            for (int c = 0; c < 3; ++c)
-                half[i][3 * k + c] = P->R[0][k] * K9[i][c] + P->R[1][k] * K9[i][3 + c] + P->R[2][k] * K9[i][6 + c];
+    for (int i = 0; i < 3; ++i)
+        for (int c = 0; c < 3; ++c)
+            for (int k = 0; k < 4; ++k)
+                for (int d = 0; d < 3; ++d)
+                    half[3 * i + c][3 * k + d] =
+                        P->R[0][k] * K9[i][c][d] + P->R[1][k] * K9[i][c][3 + d] + P->R[2][k] * K9[i][c][6 + d];
     for (int k = 0; k < 4; ++k)
         for (int c = 0; c < 3; ++c)
             for (int j = 0; j < 12; ++j)
@@ -307,34 +324,34 @@ static void transfer2(const Pair *P, double K9[9][9], double *K)
 }
 
 /* Force (12) and tangent (12 x 12) from the stress S (6), its derivative D (6 x 6) and the vectors in which the force
-   acts; the end of the step counts for α of them. */
+   acts; the end of the step counts for α of them.
+
+   The derivative of the measure of vectors i and j by vector i is vector j, twice if they are the same. */
 static void assemble(const Pair *P, const double S[6], double D[6][6], double Ym[3][3], double Y1[3][3], double α,
                      double *force, double *K)
 {
+    static const int M[3][3] = {{0, 1, 2}, {1, 3, 4}, {2, 4, 5}};
     double Q[3][3] = {{0}}, f[3][3];
     for (int m = 0; m < 6; ++m) Q[I[m]][J[m]] += S[m], Q[J[m]][I[m]] += S[m];
     for (int i = 0; i < 3; ++i)
         for (int c = 0; c < 3; ++c) f[i][c] = Q[i][0] * Ym[0][c] + Q[i][1] * Ym[1][c] + Q[i][2] * Ym[2][c];
     transfer(P, f, force);
     if (!K) return;
-    double Gm[6][9] = {{0}}, G1[6][9] = {{0}}, DG[6][9], K9[9][9];
+    double G1[6][9] = {{0}}, DG[6][9], K9[3][3][9];
     for (int m = 0; m < 6; ++m)
+        for (int c = 0; c < 3; ++c) G1[m][3 * I[m] + c] += Y1[J[m]][c], G1[m][3 * J[m] + c] += Y1[I[m]][c];
+    for (int m = 0; m < 6; ++m)
+        for (int j = 0; j < 9; ++j)
+            DG[m][j] = D[m][0] * G1[0][j] + D[m][1] * G1[1][j] + D[m][2] * G1[2][j] + D[m][3] * G1[3][j] +
+                       D[m][4] * G1[4][j] + D[m][5] * G1[5][j];
+    for (int i = 0; i < 3; ++i) {
+        const double *d0 = DG[M[i][0]], *d1 = DG[M[i][1]], *d2 = DG[M[i][2]];
         for (int c = 0; c < 3; ++c) {
-            Gm[m][3 * I[m] + c] += Ym[J[m]][c], Gm[m][3 * J[m] + c] += Ym[I[m]][c];
-            G1[m][3 * I[m] + c] += Y1[J[m]][c], G1[m][3 * J[m] + c] += Y1[I[m]][c];
+            const double y0 = Ym[0][c] * (1 + (i == 0)), y1 = Ym[1][c] * (1 + (i == 1)), y2 = Ym[2][c] * (1 + (i == 2));
+            for (int j = 0; j < 9; ++j) K9[i][c][j] = y0 * d0[j] + y1 * d1[j] + y2 * d2[j];
+            for (int j = 0; j < 3; ++j) K9[i][c][3 * j + c] += α * Q[i][j];
         }
-    for (int m = 0; m < 6; ++m)
-        for (int j = 0; j < 9; ++j) {
-            double sum = 0;
-            for (int k = 0; k < 6; ++k) sum += D[m][k] * G1[k][j];
-            DG[m][j] = sum;
-        }
-    for (int i = 0; i < 9; ++i)
-        for (int j = 0; j < 9; ++j) {
-            double sum = i % 3 == j % 3 ? α * Q[i / 3][j / 3] : 0;
-            for (int m = 0; m < 6; ++m) sum += Gm[m][i] * DG[m][j];
-            K9[i][j] = sum;
-        }
+    }
     transfer2(P, K9, K);
 }
 
@@ -423,22 +440,32 @@ static double approach(int kind, const double *x0, const double *x1, const int32
                              : length[0] + fmax(length[1], fmax(length[2], length[3]));
 }
 
-/* Where pairs are nearest at x0, (u, v), and their distance: start (n, 3); of walls nothing. */
-void starts(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, double *start)
+void approaches(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *x1, double *way)
+{
+    for (int i = 0; i < n; ++i) way[i] = kind[i] <= EDGE_EDGE ? approach(kind[i], x0, x1, pairs + 4 * i) : INFINITY;
+}
+
+/* Of pairs at x0: where they are nearest, (u, v), their distance, and s, which is rounded: start (n, 4); of walls
+   nothing. */
+void starts(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *S, double ε,
+            double *start)
 {
     for (int i = 0; i < n; ++i) {
-        double Y[3][3], *at = start + 3 * (int64_t)i;
+        double Y[3][3], φ[6], *at = start + 4 * (int64_t)i;
         if (kind[i] > EDGE_EDGE) continue;
-        vectors(ROWS[kind[i]], x0, pairs + 4 * i, Y);
-        nearest_points(kind[i] == EDGE_EDGE, Y, at, at + 1);
+        Pair P = begin(kind[i], ε * S[i]);
+        vectors(P.R, x0, pairs + 4 * i, Y);
+        nearest_points(P.kind == EDGE_EDGE, Y, at, at + 1);
         at[2] = sqrt(squared(Y, at[0], at[1]));
+        shift(&P, at[0], at[1], Y);
+        at[3] = value(&P, Y, φ);
     }
 }
 
 /* Forces and tangents of pairs in a step from points x0 to x1 (or in the state x1, if α = 1).
 
    Of each pair: k [J] its stiffness, S its threshold of s - offset (squared lengths; lengths for planes), and ε the
-   part of S by which edges are rounded; γ is the share of the geometric stiffness in tangents; start (n, 3), which may
+   part of S by which edges are rounded; γ is the share of the geometric stiffness in tangents; start (n, 4), which may
    be null: see above.  active (n): 0 no force, 1 contact, 2 passed through and pushed back; `again`: it is known.
    forces (n, 12) and tangents (n, 144) of pairs, or added by points to `force` and by blocks to `values` where
    `slots` (n, 16) says; any of them may be null.  Returns the number of pairs that act. */
@@ -452,7 +479,7 @@ int act(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, cons
     for (int i = 0; i < n; ++i) {
         const int32_t *p = pairs + 4 * i;
         const int linear = kind[i] >= PLANE;
-        const double size = S[i], *at = start && kind[i] <= EDGE_EDGE ? start + 3 * (int64_t)i : 0;
+        const double size = S[i], *at = start && kind[i] <= EDGE_EDGE ? start + 4 * (int64_t)i : 0;
         double f[12], K[144];
         const int tangent = values || tangents;
         int state = 0;
@@ -465,20 +492,17 @@ int act(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, cons
             continue;
         }
         double Y0[3][3], Y1[3][3];
-        Pair P = {.U = 0, .V = 0, .w = kind[i] == EDGE_EDGE ? ε * size : 0, .kind = kind[i]};
-        memcpy(P.R, ROWS[P.kind], sizeof P.R);
+        Pair P = begin(kind[i], ε * size);
         vectors(P.R, ends ? x1 : x0, p, Y0);
         if (P.kind <= EDGE_EDGE) {
             double u, v;
             if (at && !ends) u = at[0], v = at[1];
             else nearest_points(P.kind == EDGE_EDGE, Y0, &u, &v);
-            for (int j = 0; j < 4; ++j) P.R[0][j] += u * P.R[1][j] + v * P.R[2][j];
-            for (int c = 0; c < 3; ++c) Y0[0][c] += u * Y0[1][c] + v * Y0[2][c];
-            P.U = -u, P.V = -v;
+            shift(&P, u, v, Y0);
         }
         vectors(P.R, x1, p, Y1);
         double φ0[6], φ1[6];
-        const double s0 = value(&P, Y0, φ0), s1 = value(&P, Y1, φ1);
+        const double s0 = at && !ends ? at[3] : value(&P, Y0, φ0), s1 = value(&P, Y1, φ1);
         const double X0 = (s0 - offset[i]) / size, X1 = (s1 - offset[i]) / size;
         const int through = P.kind <= EDGE_EDGE && !ends && passed(P.kind, P.U, P.V, Y0, Y1);
         const int wrong = through || (X1 <= 0 && (law == BARRIER || P.kind <= EDGE_EDGE));
@@ -518,19 +542,19 @@ int act(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, cons
                 for (int g = 0; g < 2; ++g) {
                     double e[6], φ[6];
                     for (int m = 0; m < 6; ++m) e[m] = e0[m] + GAUSS[g] * Δ[m];
-                    weights(&P, e, φ, H, GAUSS[g] / 2);
+                    weights(&P, e, φ, tangent ? H : 0, GAUSS[g] / 2);
                     for (int m = 0; m < 6; ++m) mean[m] += φ[m] / 2;
                 }
                 for (int m = 0; m < 6; ++m) defect -= mean[m] * Δ[m];
                 if (N > 1e-28 * size2) {
                     double row[6];
                     const double c = defect / N;
-                    for (int m = 0; m < 6; ++m) {
+                    for (int m = 0; tangent && m < 6; ++m) {
                         double sum = 0;
                         for (int j = 0; j < 6; ++j) sum += Δ[j] * H[j][m];
                         row[m] = (φ1[m] - mean[m] - sum - 2 * c * Δ[m]) / N;
                     }
-                    for (int m = 0; m < 6; ++m) {
+                    for (int m = 0; tangent && m < 6; ++m) {
                         H[m][m] += c;
                         for (int j = 0; j < 6; ++j) H[m][j] += Δ[m] * row[j];
                     }
@@ -540,7 +564,8 @@ int act(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, cons
                 slope /= size, rise /= size * size;
                 for (int m = 0; m < 6; ++m) {
                     S_[m] = k[i] * slope * mean[m];
-                    for (int j = 0; j < 6; ++j) D[m][j] = k[i] * (slope * H[m][j] + rise * mean[m] * φ1[j]);
+                    for (int j = 0; tangent && j < 6; ++j)
+                        D[m][j] = k[i] * (slope * H[m][j] + rise * mean[m] * φ1[j]);
                 }
             }
             assemble(&P, S_, D, Ym, Y1, α * γ, f, tangent ? K : 0);
@@ -572,14 +597,12 @@ double energy(int n, const int32_t *pairs, const uint8_t *kind, const double *x,
 {
     double sum = 0;
     for (int i = 0; i < n; ++i) {
-        Pair P = {.U = 0, .V = 0, .w = kind[i] == EDGE_EDGE ? ε * S[i] : 0, .kind = kind[i]};
-        memcpy(P.R, ROWS[P.kind], sizeof P.R);
+        Pair P = begin(kind[i], ε * S[i]);
         double Y[3][3], φ[6], u, v;
         vectors(P.R, x, pairs + 4 * i, Y);
         if (P.kind <= EDGE_EDGE) {
             nearest_points(P.kind == EDGE_EDGE, Y, &u, &v);
-            for (int c = 0; c < 3; ++c) Y[0][c] += u * Y[1][c] + v * Y[2][c];
-            P.U = -u, P.V = -v;
+            shift(&P, u, v, Y);
         }
         X[i] = (value(&P, Y, φ) - offset[i]) / S[i];
         sum += k[i] * energy_of(law, kind[i] >= PLANE, X[i]);

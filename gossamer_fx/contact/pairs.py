@@ -85,10 +85,17 @@ def nearest_points(nodes: Integers, kind: Bytes, x: Array) -> Array:
 
 
 def starts(pairs: Pairs, x0: Array) -> Array:
-    """(u, v) of the nearest points of pairs at x0 and their distance [m] (n, 3), for `act`; of walls nothing."""
-    start = np.empty((len(pairs), 3))
-    library().lib.starts(len(pairs), *pointers(pairs.nodes, pairs.kind, x0, start))
+    """What `act` needs to know of pairs at x0: (u, v) of the nearest points, distance [m] and s [m²] (n, 4)."""
+    start = np.empty((len(pairs), 4))
+    library().lib.starts(len(pairs), *pointers(pairs.nodes, pairs.kind, x0, pairs.S), ROUNDING, *pointers(start))
     return start
+
+
+def approaches(nodes: Integers, kind: Bytes, x0: Array, x1: Array) -> Array:
+    """By how much (n,) [m] pairs may come nearer on the straight way from x0 to x1; of walls infinite."""
+    way = np.empty(len(kind))
+    library().lib.approaches(len(kind), *pointers(nodes, kind, x0, x1, way))
+    return way
 
 
 def energy(pairs: Pairs, x: Array, law: int) -> tuple[float, Array]:
