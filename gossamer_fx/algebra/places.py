@@ -13,6 +13,8 @@ from gossamer_fx.algebra.numbering import GlobalIndices, Numbering
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.terms import Array, Assembly, Attached, Body, Ground, Port
 
+LARGE = 50  # numbers of a block, for each of them, from which blocks are entered one by one
+
 
 def is_here(place: tuple[Attached, ...]) -> bool:
     """Whether this rank evaluates a place: it owns the first node of the place's first port."""
@@ -124,6 +126,7 @@ class Places:
         self.c = np.concatenate(c) + np.einsum("na,nma->nm", X, HX / 2 + L)
         self._P, self._H, self._L = (P, H, HX + L) if P.shape[1] < self.D else (None, *_of_unknowns(P, H, HX + L))
         self.linear = not any(measure.H.any() for measure in measures)
+        self._slope = self.forces(self._L) if self.linear else None
 
     def strain(self, q: Array) -> Array:
         """e (n, m)."""
@@ -132,12 +135,22 @@ class Places:
 
     def gradient(self, q: Array, on: Any = slice(None)) -> Array:
         """De (n, m, D), of all places, or of those that `on` picks, to which q (k, D) then belongs."""
-        slope = np.einsum("nmab,nb->nma", self._H[on], self._vectors(q, on)) + self._L[on]
-        return slope if self._P is None else slope @ self._P[on]
+        return self.forces(self.slope(q, on), on) if self._slope is None else self._slope[on]
 
-    def curvature(self, S: Array, on: Any = slice(None)) -> Array:
-        """Σ_i S_i D²e_i (n, D, D) of stresses S (n, m)."""
-        K = np.einsum("nm,nmab->nab", S, self._H[on])
+    def slope(self, q: Array, on: Any = slice(None)) -> Array:
+        """∂e/∂Y (n, m, 3k), likewise."""
+        return np.einsum("nmab,nb->nma", self._H[on], self._vectors(q, on)) + self._L[on]
+
+    def bend(self, S: Array, on: Any = slice(None)) -> Array:
+        """Σ_i S_i ∂²e_i/∂Y² (n, 3k, 3k) of stresses S (n, m)."""
+        return np.einsum("nm,nmab->nab", S, self._H[on])
+
+    def forces(self, f: Array, on: Any = slice(None)) -> Array:
+        """Forces (n, j, D) on the unknowns of forces f (n, j, 3k) on Y."""
+        return f if self._P is None else f @ self._P[on]
+
+    def stiffness(self, K: Array, on: Any = slice(None)) -> Array:
+        """Stiffness (n, D, D) of the unknowns of stiffness K (n, 3k, 3k) of Y."""
         return K if self._P is None else self._P[on].transpose(0, 2, 1) @ (K @ self._P[on])
 
     def second(self, v: Array) -> Array:
@@ -183,6 +196,10 @@ def add_blocks(A: PETSc.Mat, rows: GlobalIndices, columns: GlobalIndices, values
     """Add dense blocks values (n, r, c) at global rows (n, r) and columns (n, c) of A."""
     n, r, c = values.shape
     if n == 0:  # nothing on this rank
+        return
+    if r * c >= LARGE * n:
+        for row, column, block in zip(rows, columns, values, strict=True):
+            A.setValues(row, column, np.ascontiguousarray(block), addv=PETSc.InsertMode.ADD_VALUES)
         return
     A.setValuesIJV(
         np.arange(0, n * r * c + 1, c, dtype=PETSc.IntType),

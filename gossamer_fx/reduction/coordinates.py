@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 import numpy as np
 from dolfinx import fem, la
+from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
@@ -59,7 +60,7 @@ class ReducedCoordinates(Coordinates):
             A.setValues(at, at, total, addv=PETSc.InsertMode.ADD_VALUES)
 
 
-def coefficients(comm: object, unknowns: Array) -> Array:
+def coefficients(comm: MPI.Intracomm, unknowns: Array) -> Array:
     """The coefficients (r, 3), which rank 0 owns, on every rank."""
-    c: Array = comm.bcast(unknowns.reshape(-1, 3).copy())  # type: ignore[attr-defined]
-    return c
+    c: Array = unknowns.reshape(-1, 3)
+    return c if comm.size == 1 else comm.bcast(c.copy())

@@ -1,12 +1,10 @@
 """The stored energy of a reduced film: forces and tangents of its modes as products of full matrices.
 
-With G_a (q, r) the gradients ∂φ_i/∂X_a at the q quadrature points, the images of the two frame vectors are F_a = G_a c,
-and
+    forces    f = Σ_a G_aᵀ N_a,         N_a = Σ_b S_ab F̄_b dA
+    tangent   K = Σ_ac G_aᵀ T_ac G_c,   T_ac = (Σ_bd D_abcd F̄_b ⊗ F_d + α S_ac 1) dA
 
-    forces    f = Σ_a G_aᵀ N_a,        N_a = Σ_b S_ab F̄_b dA
-    tangent   K = Σ_ac G_aᵀ T_ac G_c,  T_ac = (Σ_bd D_abcd F̄_b ⊗ F_d + α S_ac 1) dA
-
-S and D are those of the mixed iteration of `terms.element_energies`.
+with the gradients G_a of the modes, see `mode_gradients`.  S and D are those of the mixed iteration of
+`terms.element_energies`.
 """
 
 from __future__ import annotations
@@ -23,7 +21,14 @@ from gossamer_fx.forms.backend import evaluate
 from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.model.terms import Array, Assembly, CompiledTerms
-from gossamer_fx.reduction.mode_gradients import mode_gradients, own_cells, points_and_areas
+from gossamer_fx.reduction.mode_gradients import (
+    mode_gradients,
+    own_cells,
+    points_and_areas,
+    project,
+    strain_operator,
+    stress_derivatives,
+)
 from gossamer_fx.terms.coordinates import Coordinates
 from gossamer_fx.terms.discrete_gradient import StressRule
 from gossamer_fx.terms.element_energies import Dissipation, ElementEnergies, ElementForces, StoredEnergy
@@ -54,9 +59,7 @@ class ReducedEnergies(ElementEnergies):
     def add_forces(self, r: PETSc.Vec) -> None:
         with r as values:
             for k, force in self._reduced:
-                total = self._system.comm.reduce(force.forces())
-                if total is not None:
-                    values[self._system.numbering.owned(k)] += total.ravel()
+                values[self._system.numbering.owned(k)] += self._on_rank_zero(force.forces()).ravel()
 
     def tangent_forms(self, k: int) -> list[fem.Form]:
         return []
@@ -64,11 +67,18 @@ class ReducedEnergies(ElementEnergies):
     def add_tangents(self, A: PETSc.Mat) -> None:
         numbering = self._system.numbering
         for k, force in self._reduced:
-            total = self._system.comm.reduce(force.tangents())
-            if total is not None:
-                owned = numbering.owned(k)
-                at = np.arange(owned.start, owned.stop, dtype=PETSc.IntType) + numbering.start
-                A.setValues(at, at.astype(PETSc.IntType), total, addv=PETSc.InsertMode.ADD_VALUES)
+            owned = numbering.owned(k)
+            at = np.arange(owned.start, owned.stop, dtype=PETSc.IntType) + PETSc.IntType(numbering.start)
+            A.setValues(at, at, self._on_rank_zero(force.tangents()), addv=PETSc.InsertMode.ADD_VALUES)
+
+    def _on_rank_zero(self, values: Array) -> Array:
+        """The sum of all ranks' values on rank 0, which owns the coefficients, and nothing on the others."""
+        comm = self._system.comm
+        if comm.size == 1:
+            return values
+        total: Array = np.zeros_like(values) if comm.rank == 0 else np.zeros((0, 0))
+        comm.Reduce(np.ascontiguousarray(values), total if comm.rank == 0 else None)
+        return total
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +105,7 @@ class ModeForces(ElementForces):
         self._own = own_cells(film)
         self._places = self._ê.function_space.dofmap.list[self._own].ravel()
         self._dA = (dA * term.weights[:, None]).ravel()
-        G = mode_gradients(film, term.modes, points).reshape(2, len(self._dA), -1)
-        self._G = np.ascontiguousarray(G.swapaxes(0, 1))  # (q, 2, r)
+        self._G = mode_gradients(film, term.modes, points)
         self._deformation = compile_expression(film.deformation(at.q1), points)
         self.move()
         self.keep()
@@ -135,23 +144,6 @@ class ModeForces(ElementForces):
     def tangents(self) -> Array:
         """Their derivatives (3r, 3r)."""
         S, D = self._stress()
-        B̄, B = _strain_operator(self._middle()), _strain_operator(self._F)
-        T = np.einsum("kiq,kjq->qij", B̄, np.einsum("klq,ljq->kjq", D, B)).reshape(-1, 2, 3, 2, 3)
         share = float(self._at.α.value) * float(self._at.γ.value)
-        for i in range(3):
-            for a, c, k in ((0, 0, 0), (1, 1, 1), (0, 1, 2), (1, 0, 2)):
-                T[:, a, i, c, i] += share * S[k]
-        q, _, r = self._G.shape
-        K: Array = np.zeros((r, 9 * r))
-        for a in range(2):
-            TG = np.ascontiguousarray(T[:, a].swapaxes(2, 3)).reshape(q, 9, 2) @ self._G
-            K += self._G[:, a].T @ TG.reshape(q, 9 * r)
-        return K.reshape(r, 3, 3, r).swapaxes(2, 3).reshape(3 * r, 3 * r)
-
-
-def _strain_operator(F: Array) -> Array:
-    """What the strains (E11, E22, 2 E12) gain per gradient a along x: (3, 6, q), of F (2, 3, q)."""
-    A = np.zeros((3, 2, 3, F.shape[2]))
-    A[0, 0] = A[2, 1] = F[0]
-    A[1, 1] = A[2, 0] = F[1]
-    return A.reshape(3, 6, -1)
+        B̄, B = strain_operator(self._middle()), strain_operator(self._F)
+        return project(stress_derivatives(B̄, D, B, share * S), self._G)

@@ -1,4 +1,4 @@
-"""Factorisations by MUMPS: their workspace, and why one failed, in its own words.  Dense matrices are LAPACK's.
+"""Factorisations by MUMPS: their workspace, and why one failed, in its own words; those of full matrices by LAPACK.
 
 MUMPS estimates its workspace from the pattern of the matrix.  Pivots that it puts off, as those of multipliers, may
 need more; ICNTL(14) is the margin in per cent, and is doubled when INFOG(1) says that it did not do.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 from petsc4py import PETSc
+from scipy.linalg.lapack import dgetrf, dgetrs
 
 EPS = float(np.finfo(float).eps)
 MARGIN, LARGEST = 20, 20_000  # % of the estimated workspace: MUMPS's own default, and the last that is tried
@@ -21,10 +22,33 @@ REASONS = {
 } | dict.fromkeys(WORKSPACE, "its workspace is too small")
 
 
+class Lapack:
+    """LU factors of a dense matrix, as PETSc's Python preconditioner; its own stops the program at a zero pivot."""
+
+    problem = ""
+
+    def setUp(self, pc: PETSc.PC) -> None:
+        self._lu, self._pivots, info = dgetrf(pc.getOperators()[1].getDenseArray())
+        self.problem = f"LAPACK: {REASONS[-10]}" if info else ""
+
+    def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        x.array[:] = np.nan if self.problem else dgetrs(self._lu, self._pivots, b.array_r)[0]
+
+    def recover(self) -> None:
+        """The next matrix is factorised whatever became of this one."""
+
+    def __str__(self) -> str:
+        return "a factorisation by LAPACK"
+
+
 def choose(pc: PETSc.PC, A: PETSc.Mat | None = None) -> None:
     """Let a preconditioner be a factorisation by MUMPS, or by LAPACK of matrices like A if that is dense."""
+    if A is not None and A.getType() == PETSc.Mat.Type.SEQDENSE:
+        pc.setType("python")
+        pc.setPythonContext(Lapack())
+        return
     pc.setType("lu")
-    pc.setFactorSolverType("petsc" if A is not None and "dense" in A.getType() else "mumps")
+    pc.setFactorSolverType("mumps")
 
 
 def enlarge(pc: PETSc.PC) -> bool:
@@ -49,33 +73,28 @@ def set_up(pc: PETSc.PC) -> str:
 
 def renew(pc: PETSc.PC, margin: int = 0) -> None:
     """Begin anew, as after a failure PETSc would not even try the next matrix; `margin` [%], 0: as before."""
-    operators, by_mumps = pc.getOperators(), pc.getFactorSolverType() == "mumps"
-    if by_mumps:
-        margin = margin or pc.getFactorMatrix().getMumpsIcntl(14)
+    operators, margin = pc.getOperators(), margin or pc.getFactorMatrix().getMumpsIcntl(14)
     pc.reset()
     pc.setFailedReason(PETSc.PC.FailedReason.NOERROR)
     pc.setOperators(*operators)
-    if by_mumps:
-        pc.setFactorSetUpSolverType()
-        pc.getFactorMatrix().setMumpsIcntl(14, margin)
+    pc.setFactorSetUpSolverType()
+    pc.getFactorMatrix().setMumpsIcntl(14, margin)
 
 
 def failure(pc: PETSc.PC) -> int:
-    """INFOG(1) of the last factorisation: negative if it failed; zero if there was none.  LAPACK has -10 only."""
-    if pc.getType() not in TYPES:
+    """INFOG(1) of the last factorisation: negative if it failed; zero if there was none."""
+    if pc.getType() not in TYPES or pc.getFactorSolverType() != "mumps":
         return 0
-    if pc.getFactorSolverType() != "mumps":
-        return -10 if pc.getFailedReason() != PETSc.PC.FailedReason.NOERROR else 0
     return int(pc.getFactorMatrix().getMumpsInfog(1))
 
 
 def reason(pc: PETSc.PC) -> str:
     """Why the last factorisation failed; nothing if it did not."""
+    if pc.getType() == "python":
+        return str(getattr(pc.getPythonContext(), "problem", ""))
     code = failure(pc)
     if code >= 0:
         return ""
-    if pc.getFactorSolverType() != "mumps":
-        return f"LAPACK: {REASONS[code]}"
     return f"MUMPS: {REASONS.get(code, 'see its manual')} (INFOG(1) = {code}, INFOG(2) = {_detail(pc)})"
 
 

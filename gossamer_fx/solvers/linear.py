@@ -62,6 +62,8 @@ class Composite:
         """(z, y) of x; z is overwritten by the next call."""
         with self.fields as values:
             values[:] = x.array_r[: self.n]
+        if not self.scalars:
+            return self.fields, np.zeros(0)
         y: Array = self.comm.bcast(x.array_r[self.n :].copy() if self.comm.rank == 0 else None)
         return self.fields, y
 

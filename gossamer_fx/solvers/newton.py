@@ -21,6 +21,7 @@ from gossamer_fx.system.system import System
 SEARCHES = 5  # of places that a solved step turns out to need, before what is still missed is refused
 LAST = 0.01  # residual that the last linear solve of a step leaves, over that of a solved step
 EXPLODED = 1e12  # residual, over the first two (one may be round-off), from which no iteration returns
+KEPT = 1e3  # residual over that of a solved step, up to which a full matrix is not made and factorised anew
 NEAR = 0.01  # residual over the first, from which on tangents are complete
 FALLS, STANDS = 0.5, 4.0  # a residual that falls by less than the one is round-off below the other times its floor
 
@@ -219,6 +220,9 @@ class Newton:
         self._composite.join(self._r, self._s, F)
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
+        if self.system.numbering.full and snes.getIterationNumber() and self._forces < KEPT * self._limit:
+            self._composite.split(snes.getSolution())[0].copy(self._base)
+            return
         with self._clock("tangent"):
             far = self._forces > NEAR * self._reference
             self._take_geometric_stiffness(0.0 if far and snes.getIterationNumber() < self.careful else 1.0)

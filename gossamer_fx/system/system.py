@@ -20,6 +20,8 @@ from gossamer_fx.system.totals import Totals
 from gossamer_fx.terms.discrete_gradient import StressRule
 from gossamer_fx.terms.supports import Supports
 
+_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
+
 
 class System:
     """State and equations of a scene for one stress rule.
@@ -270,7 +272,8 @@ class System:
             owned = self.numbering.owned(k)
             p, q = P[owned].reshape(-1, 3), x[owned].reshape(-1, 3)
             momenta[0] += p[:: body.block.size // 3].sum(axis=0)
-            momenta[1] += np.cross(q, p).sum(axis=0)
+            qp = q.T @ p
+            momenta[1] += qp[_NEXT, _LAST] - qp[_LAST, _NEXT]  # Σ q × p
         stored: dict[str, float] = {}
         for compiled in self.compiled:
             momenta += compiled.momenta()

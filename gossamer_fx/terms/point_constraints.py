@@ -76,7 +76,7 @@ class PointConstraints(CompiledConstraints):
         for k, (at, q) in enumerate(zip(self._places, self._gather(self._system.q1), strict=True)):
             λ, rows = values[self._local[k]], self._rows[k]
             if not at.linear:
-                add_blocks(A, at.indices, at.indices, self._system.rule.alpha * at.curvature(λ))
+                add_blocks(A, at.indices, at.indices, self._system.rule.alpha * at.stiffness(at.bend(λ)))
             add_blocks(A, at.indices, rows, self._middle_gradient(k, q).transpose(0, 2, 1))
             add_blocks(A, rows, at.indices, at.gradient(q))
             add_blocks(A, rows, rows, np.zeros((at.n, at.m, at.m)))

@@ -62,17 +62,19 @@ class Stencil:
         S, _ = self._stress(q1)
         on = np.flatnonzero(S.any(axis=1))
         found = np.zeros_like(q1)
-        found[on] = np.einsum("nm,nmx->nx", S[on], self.at.gradient(self._middle(q1, on), on))
+        found[on] = self.at.forces(S[on][:, None] @ self.at.slope(self._middle(q1, on), on), on)[:, 0]
         return found
 
     def tangent(self, q1: Array) -> Array:
         """De(q̄)ᵀ dS̄/de1 De(q1) + α S̄·D²e (n, D, D), computed where it is not zero."""
         S, D = self._stress(q1)
         on = np.flatnonzero(S.any(axis=1) | D.any(axis=(1, 2)))
-        B, B1 = self.at.gradient(self._middle(q1, on), on), self.at.gradient(q1[on], on)
+        B, B1 = self.at.slope(self._middle(q1, on), on), self.at.slope(q1[on], on)
+        K = np.matmul(B.transpose(0, 2, 1), np.matmul(D[on], B1)) + self._α * self.at.bend(S[on], on)
+        if len(on) == self.at.n:
+            return self.at.stiffness(K)
         found = np.zeros((self.at.n, self.at.D, self.at.D))
-        found[on] = np.matmul(B.transpose(0, 2, 1), np.matmul(D[on], B1))
-        found[on] += self._α * self.at.curvature(S[on], on)
+        found[on] = self.at.stiffness(K, on)
         return found
 
     def _middle(self, q1: Array, on: npt.NDArray[np.intp]) -> Array:

@@ -75,6 +75,14 @@ def test_a_reduced_sail_conserves_what_the_film_does(recorded, cells) -> None:
 
 
 @pytest.mark.mpi
+def test_more_cells_miss_less_of_the_stiffness(recorded) -> None:
+    film, shapes = recorded
+    few, more = (gx.reduce(film, [shapes], 8, cells).sample for cells in (10, 25))
+    assert len(few.cells) <= 10 and (few.weights > 0).all()
+    assert more.error < few.error < 1 and COMM.allreduce(len(more.cells)) > COMM.allreduce(len(few.cells))
+
+
+@pytest.mark.mpi
 def test_mass_momentum_and_energy_at_the_start_are_the_films(recorded) -> None:
     film, shapes = recorded
     full, reduced = (gx.Simulation(gx.Scene(b), gx.Midpoint(dt=0.1)) for b in (film, gx.reduce(film, [shapes], 12)))

@@ -10,6 +10,18 @@ import gossamer_fx as gx
 from gossamer_fx.solvers import factorisation
 
 
+def test_a_singular_full_matrix_is_told_and_the_next_one_is_solved():
+    """PETSc's own factorisation of dense matrices raises an error, which would end the program."""
+    A = PETSc.Mat().createDense((2, 2), array=np.ones((2, 2)), comm=PETSc.COMM_SELF)
+    x, b = A.createVecs()
+    b.array[:] = [1.0, 3.0]
+    assert "LAPACK: the matrix is singular" in factorisation.solve(A, b, x)
+    A.setValue(1, 1, 2.0)
+    A.assemble()
+    assert factorisation.solve(A, b, x) == ""
+    assert x.array.tolist() == [-1.0, 2.0]
+
+
 @pytest.mark.mpi
 @pytest.mark.parametrize("masses", [64, 128])
 def test_a_pinned_hub_with_many_ropes_makes_its_steps(comm, masses):
