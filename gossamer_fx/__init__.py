@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from gossamer_fx.analyses.modes import modes as modes
     from gossamer_fx.assemblies.inflatable_tube import InflatableTube as InflatableTube
     from gossamer_fx.assemblies.lidded_box import LiddedBox as LiddedBox
+    from gossamer_fx.assemblies.rotation_guides import RotationGuides as RotationGuides
     from gossamer_fx.bodies.beam import Beam as Beam
     from gossamer_fx.bodies.cable import Cable as Cable
     from gossamer_fx.bodies.cable import CableLaw as CableLaw
@@ -78,6 +79,7 @@ if TYPE_CHECKING:
     from gossamer_fx.interactions.joint import PrismaticJoint as PrismaticJoint
     from gossamer_fx.interactions.joint import RevoluteJoint as RevoluteJoint
     from gossamer_fx.interactions.rigid_region import RigidRegion as RigidRegion
+    from gossamer_fx.interactions.rope_bundle import RopeBundle as RopeBundle
     from gossamer_fx.interactions.spring import AxialSpring as AxialSpring
     from gossamer_fx.interactions.spring import Damper as Damper
     from gossamer_fx.interactions.spring import Rope as Rope
@@ -179,6 +181,7 @@ _HOME = {
     "bodies.sections": ["Section", "rectangle", "solid_circle", "tube"],
     "assemblies.inflatable_tube": ["InflatableTube"],
     "assemblies.lidded_box": ["LiddedBox"],
+    "assemblies.rotation_guides": ["RotationGuides"],
     "cli.case": ["Case"],
     "control.attitude": ["AttitudeControl", "patch"],
     "terms.discrete_gradient": ["EndPoint", "PathAverage"],
@@ -204,6 +207,7 @@ _HOME = {
     "interactions.fixed": ["Fixed", "Prescribed"],
     "interactions.joint": ["BallJoint", "FixedJoint", "Link", "PrismaticJoint", "RevoluteJoint"],
     "interactions.rigid_region": ["RigidRegion"],
+    "interactions.rope_bundle": ["RopeBundle"],
     "interactions.spring": ["AxialSpring", "Damper", "Rope", "Spring", "Stop"],
     "interactions.tape": ["Tape"],
     "interactions.tether": ["Tether"],

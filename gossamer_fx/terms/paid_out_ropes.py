@@ -80,7 +80,7 @@ class PaidOutRopes(CompiledTerms):
         weight = 1.0 if α == 1.0 else 0.5
         D = (slope - weight * T / mean) / mean / l1  # dS̄/de1, with dl1 = de1/l1
         B, B1 = self._middle_gradient(q), self._at.gradient(q)[:, 0]
-        K = D[:, None, None] * B[:, :, None] * B1[:, None, :] + (α * T / mean)[:, None, None] * self._at.H[:, 0]
+        K = D[:, None, None] * B[:, :, None] * B1[:, None, :] + α * self._at.curvature((T / mean)[:, None])
         add_blocks(A, self._at.indices, self._at.indices, K)
 
     def supplied(self) -> float:

@@ -153,3 +153,21 @@ def test_taut_film_is_damped_in_tension_only_as_elsewhere(comm) -> None:
         lost.append(run.totals.dissipated)
         assert abs(run.energy_error) < 1e-12
     assert lost[0] > 0 and lost[1] == pytest.approx(lost[0], rel=1e-9)
+
+
+@pytest.mark.mpi
+def test_a_bundle_is_its_ropes(comm) -> None:
+    motions = []
+    for bundled in (False, True):
+        film = gx.Membrane(
+            sheet(comm, 2, 2, 0.2, 0.2), KAPTON_HN.law(25e-6), velocity=lambda X: 0 * X + [[0], [0], [1]]
+        )
+        ends = [(film.port(f"bottom {side}"), gx.Ground((x, 0.0, 0.0))) for side, x in (("left", -0.1), ("right", 0.3))]
+        if bundled:
+            ropes = [gx.RopeBundle(ends, [0.1, 0.1], 50.0, 0.01)]
+        else:
+            ropes = [gx.Rope(*pair, 0.1, 50.0, name=f"rope {k}", damping=0.01) for k, pair in enumerate(ends)]
+        run = gx.Simulation(gx.Scene(film, *ropes), gx.Midpoint(dt=1e-3))
+        run.run(until=5e-3)
+        motions.append((gx.Velocity(ends[0][0], "z")(run), run.totals.dissipated))
+    assert motions[0] == pytest.approx(motions[1], rel=1e-9) and motions[0][1] > 0

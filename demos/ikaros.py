@@ -1,0 +1,302 @@
+"""The sail of IKAROS opens: stage 2, from the cross of four arms to the square, and the steady spin after it.
+
+Four trapezoids of film are folded to strips, which stand out from the hub as a cross, two half strips in each arm; 16
+tethers hold their inner edges, masses of 0.5 kg their tips.  Guides that held the arms are released at t = 0: the
+middles of the trapezoids fly out, the tips are drawn along, and the film opens.  Contact keeps layers and hub apart.
+Nothing acts from outside: the spin falls as the moment of inertia grows,
+
+    ω = ω0 (I + J0)/(I + J1)
+
+with the hub's I and the sail's J folded and open, once the swing between hub and sail has died away.
+
+Where the values come from:
+    square 14.1 m, inner edge 3.2 m, 4 trapezoids of 3.5 kg with devices, 4 masses of 0.5 kg, hub of 290 kg, φ1.6 m
+                         JAXA's press kit and the project's blog; here the sail ends at whole rows of folds
+    7.4 rpm in the cross, 2.5 rpm open
+                         project's blog, items 550 and 641 (6 and 16 June 2010); thruster use in between is not known
+    hub 85 kg m²         from the two: a uniform cylinder would have 93
+    tethers              1e4 N/m, chosen
+    film                 polyimide of 7.5 µm, 3 GPa; devices are spread evenly
+    damping              chosen: the flight's is not known
+
+    ./gossamer demo ikaros
+    ./gossamer run demos/ikaros.py until=8.0 --output out/ikaros; ./gossamer report out/ikaros
+    ./gossamer run demos/ikaros.py pitch=0.32 until=8.0
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.algebra.places import values_of
+from gossamer_fx.model.terms import Array
+from gossamer_fx.outputs.output import Output, Probe
+from meshes.sails import trapezoids
+
+TITLE = "IKAROS, stage 2: from the cross to the square"
+VIEW = gx.View(azimuth=0.3, elevation=math.radians(50))
+RPM = 2 * math.pi / 60
+HALF, INNER = 7.05, 1.6  # m: half of the sides of the sail and of its hole
+PETALS, TIP = 14.0, 0.5  # kg: four trapezoids with their devices; a tip mass
+HUB_MASS, HUB_INERTIA, HUB_RADIUS, HUB_HEIGHT = 290.0, (70.0, 70.0, 85.0), 0.79, 0.95  # kg, kg m², m
+FILM = {"E": 3e9, "nu": 0.34, "thickness": 7.5e-6}
+TETHER = 1e4  # N/m
+ARM_END = 7.4  # rpm at the end of stage 1
+FLIGHT = {"end of stage 1 (6 June 2010)": (None, ARM_END), "open (16 June 2010)": (9.97, 2.5)}  # tips' radius [m], rpm
+
+
+def rows(pitch: float) -> tuple[int, int, int]:
+    """Rows of the inner and outer edge, and bends of a strip on the hub."""
+    inner = int(INNER / pitch + 0.01)
+    return inner, round(HALF / pitch), max(1, min(round(math.pi / 4 * HUB_RADIUS / pitch), inner - 1))
+
+
+def square_inertia(pitch: float) -> float:
+    """J1 [kg m²] of the flat square with its tip masses."""
+    inner, outer, _ = rows(pitch)
+    a, b = outer * pitch, inner * pitch
+    return PETALS / (4 * (a**2 - b**2)) * 8 / 3 * (a**4 - b**4) + 4 * TIP * 2 * a**2
+
+
+def build(
+    comm: MPI.Comm,
+    pitch: float = 0.64,
+    rpm: float = ARM_END,
+    contact: float = 1.5e-3,
+    gap: float = 2e-3,
+    damping: float = 1e-4,
+    tension_only: bool = False,
+    tether_damping: float = 0.0,
+    crease: float = 0.0,
+    until: float = 8.0,
+    dt: float = 2e-3,
+    largest: float = 1e-2,
+    iterations: int = 10,
+) -> gx.Case:
+    """The sail in the cross, released.
+
+    Args:
+        pitch: between folds [m]; 0.32 has as many as the sail of the flight has rows of devices.
+        contact: distance at which it begins [m]; 0: none.
+        gap: of the layers [m].
+        damping: viscosity of the film over its stiffness [s]; with `tension_only` none where it is slack.
+        tether_damping: [N s/m].
+        crease: stiffness of folds with memory [N m/m/rad]; 0: none.
+        largest: step [s].
+    """
+    inner, outer, bends = rows(pitch)
+    folds = gx.fold.ikaros(n=4, inner=inner, outer=outer, pitch=pitch, bends=bends, gap=gap, hub_gap=gap, ramp=pitch)
+    film = sail(comm, pitch, folds.mark)
+    hub = gx.RigidBody(HUB_MASS, HUB_INERTIA, name="hub")
+    tips = [film.port(f"tip {k}") for k in range(4)]
+    items: list[object] = [film, folds.start(film), hub]
+    items += [gx.AttachedMass(port, TIP, name=f"mass {k}") for k, port in enumerate(tips)]
+    radius = min(HUB_RADIUS, folds.radius * math.cos(math.pi / 8 / bends) - 2 * contact)
+    items.append(tethers(film, hub, pitch, radius, tether_damping))
+    items.append(gx.RigidMotion(spin=(0.0, 0.0, rpm * RPM)))
+    if damping:
+        items.append(gx.Damping(film, stiffness=damping, tension_only=tension_only))
+    if crease:
+        items += folds.creases(film, crease, rest=0.5)
+    probes: dict[str, Probe] = {
+        "spin of the hub [rpm]": _rpm(gx.AngularVelocity(hub.frame(), "z")),
+        "spin of the sail [rpm]": _rpm(gx.MeanSpin(film, "z")),
+        **{f"radius {k} [m]": gx.PolarPosition(port, hub.frame(), "radius") for k, port in enumerate(tips)},
+        "twist [rad]": gx.PolarPosition(tips[0], hub.frame(), "angle"),
+        "middle [m]": gx.PolarPosition(film.port_at((0.0, -outer * pitch, 0.0)), hub.frame(), "radius"),
+    }
+    if contact:
+        end = (0.0, 0.0, HUB_HEIGHT / 2)
+        drum = gx.Cylinder(start=(0.0, 0.0, -HUB_HEIGHT / 2), end=end, radius=radius, on=hub, name="drum")
+        items.append(touching := gx.Contact(film, drum, distance=contact))
+        probes["penetrations"] = gx.Penetrations(touching)
+    else:
+        probes["penetrations"] = gx.Crossings(film)
+    control = gx.StepControl(iterations=iterations, largest=largest)
+    stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
+    return gx.Case(gx.Scene(*items), stepper, until, TITLE, probes=probes, control=control, frames=80)  # type: ignore[arg-type]
+
+
+def _rpm(spin: Probe) -> Probe:
+    return lambda run: spin(run) / RPM
+
+
+def sail(
+    comm: MPI.Comm,
+    pitch: float,
+    mark: Callable[[gx.Mesh], gx.Mesh] = lambda mesh: mesh,
+    displacement: Callable[[Array], Array] | None = None,
+) -> gx.Membrane:
+    """The four trapezoids with the mass of their devices."""
+    inner, outer, _ = rows(pitch)
+    density = PETALS / (4 * (outer**2 - inner**2) * pitch**2) / FILM["thickness"]
+    law = gx.Miyazaki(**FILM, density=density, residual=1e-6)
+    return gx.Membrane(mark(trapezoids(comm, 4, inner, outer, pitch)), law, name="sail", displacement=displacement)
+
+
+def tethers(film: gx.Membrane, hub: gx.RigidBody, pitch: float, radius: float, damping: float = 0.0) -> gx.RopeBundle:
+    """Four from each inner edge to the hub, where it has this radius: as long as in the open sail."""
+    inner = rows(pitch)[0]
+    ends, lengths = [], []
+    for k in range(4):
+        c, d = math.cos(math.pi / 2 * k), math.sin(math.pi / 2 * k)
+        for i in (-2, -1, 0, 1) if inner < 4 else (-4, -2, 2, 4):
+            place = pitch * np.array([c * i + d * inner, d * i - c * inner, 0.0])
+            far = float(np.linalg.norm(place))
+            ends.append((film.port_at(place.tolist()), hub.port((place * radius / far).tolist())))
+            lengths.append(far - radius)
+    return gx.RopeBundle(ends, lengths, TETHER, damping, name="tethers")
+
+
+def steady(
+    comm: MPI.Comm = MPI.COMM_WORLD, pitch: float = 0.64, rpm: float = 2.5, bent: float = 0.0, held: bool = True
+) -> tuple[gx.Equilibrium, float, float]:
+    """The open sail that spins steadily; the tethers' stiffness against swinging [N m/rad] and the sail's J1 [kg m²].
+
+    The search begins `bent` [m] out of the plane; the hub is `held` in turning axes, or free.  As if the sail were
+    rigid in its plane, tethers of length l with the tension T from the radius R on the hub to r on the sail have the
+    stiffness k = Σ T R r/l, and the lowest modes are
+
+        swing about the hub   ω² = k/J, with a free hub of inertia I: k (1/J + 1/I)
+        tilt against the hub  ω² = Ω² + k/J
+    """
+    spin, waves = (0.0, 0.0, rpm * RPM), lambda X: bent * np.sin(X[0]) * np.cos(1.3 * X[1])
+    film = sail(comm, pitch, displacement=(lambda X: np.vstack([0 * X[:2], waves(X)])) if bent else None)
+    hub = gx.RigidBody(HUB_MASS, HUB_INERTIA, name="hub")
+    items = [gx.AttachedMass(film.port(f"tip {k}"), TIP, name=f"mass {k}") for k in range(4)]
+    ropes = tethers(film, hub, pitch, HUB_RADIUS)
+    if held:
+        support: object = gx.FixedJoint(hub.frame(), gx.ground_frame())
+    else:
+        support = gx.Centrifugal(hub, spin)
+    search = gx.Equilibrium(gx.Scene(film, hub, *items, ropes, gx.Centrifugal(film, spin), support))  # type: ignore[arg-type]
+    search.find()
+    system, stiffness = search.system, 0.0
+    for pair, length in zip(ropes.ends, ropes.lengths, strict=True):
+        a, b = values_of(system, pair, system.q0)
+        l = float(np.linalg.norm(a - b))  # noqa: E741
+        stiffness += TETHER * max(l - length, 0.0) * float(np.linalg.norm(a) * np.linalg.norm(b)) / l
+    return search, stiffness, square_inertia(pitch)
+
+
+def arm_inertia(
+    out: float,
+    hub: float = HUB_INERTIA[2],
+    half_edges: tuple[float, float] = (7.0, 1.6),
+    radius: float = 0.8,
+    parts: int = 4000,
+) -> float:
+    """Moment of inertia [kg m²] of hub, wound strips and arms of which the length `out` [m] stands out from the hub.
+
+    A half strip has at the distance s from the middle of its trapezoid the mass ρ (a - max(s, b)) ds, with the half
+    edges (a, b); what is not out lies at the radius of the hub.
+    """
+    a, b = half_edges
+    s = (np.arange(parts) + 0.5) / parts * a
+    mass = 8 * PETALS / (4 * (a**2 - b**2)) * (a - np.maximum(s, b)) * a / parts
+    r = radius + np.clip(s - (a - out), 0.0, None)
+    return float(hub + mass @ r**2 + 4 * TIP * (radius + out) ** 2)
+
+
+def main(
+    output: str | Path | None = None, until: float = 8.0, comm: MPI.Comm = MPI.COMM_WORLD, **given: object
+) -> dict[str, float]:
+    """Open the sail; what `build` takes may be `given`.  With `output`, a folder: a recording and pictures.
+
+    Returns energy_error, angular_momentum_drift (relative), halved, steps, iterations (a step), seconds, penetrations
+    (the most edges that pierced triangles at any step), spins at the end [rpm] and that of the closed form, radius of
+    the tips at the end and at most [m], energy at the start, dissipated, and that still has to go [J].
+    """
+    case = build(comm, until=until, **given)  # type: ignore[arg-type]
+    series = gx.Series(case.probes)
+    outputs: list[Output] = [gx.Progress(), series]
+    if output is not None:
+        out = Path(output)
+        looks = (np.array([0.0, 0.06, 0.12, 0.2, 0.28, 0.4, 0.55, 0.7, 0.85, 1.0]) * until).tolist()
+        outputs += [case.recording(out), gx.Picture(out / "ikaros.png", looks, TITLE, VIEW)]
+    run = case.simulation(outputs)
+    run.run(until=until)
+    radius = np.mean([series[name] for name in case.probes if name.startswith("radius")], axis=0)
+    if output is not None and comm.rank == 0:
+        draw(series, radius, Path(output) / "ikaros_spin.png")
+    first, now = run.first.angular_momentum, run.totals.angular_momentum
+    inertia = HUB_INERTIA[2] + square_inertia(float(given.get("pitch", 0.64)))  # type: ignore[arg-type]
+    steady = float(first[2]) / inertia
+    return {
+        "energy_error": abs(run.energy_error),
+        "angular_momentum_drift": float(np.abs(now - first).max() / np.abs(first).max()),
+        "halved": run.substeps,
+        "steps": run.step,
+        "iterations": run.iterations / run.step,
+        "seconds": run.seconds,
+        "penetrations": float(series["penetrations"].max()),
+        "spin_of_hub": float(series["spin of the hub [rpm]"][-1]),
+        "spin_of_sail": float(series["spin of the sail [rpm]"][-1]),
+        "spin_in_the_end": steady / RPM,
+        "radius": float(radius[-1]),
+        "largest_radius": float(radius.max()),
+        "energy": run.first.energy,
+        "dissipated": run.totals.dissipated,
+        "to_be_lost": run.totals.energy - inertia * steady**2 / 2,
+    }
+
+
+def draw(series: gx.Series, radius: Array, path: Path) -> None:
+    """Spins and radius over the time, the spin over the radius, and the values of the flight."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(12, 3.8), dpi=100, facecolor="white", layout="constrained")
+    left, middle, right = figure.subplots(1, 3)
+    for what, colour in (("hub", (0.1, 0.35, 0.7)), ("sail", (0.8, 0.2, 0.1))):
+        spin = series[f"spin of the {what} [rpm]"]
+        left.plot(series.time, spin, color=colour, label=what)
+        right.plot(radius, spin, color=colour, label=what)
+    for label, (where, rpm) in FLIGHT.items():
+        left.axhline(rpm, linestyle=":", color="black")
+        left.annotate(f"flight: {label}", (series.time[-1], rpm), ha="right", va="bottom", fontsize=7)
+        if where is not None:
+            right.plot(where, rpm, "o", color="black")
+    middle.plot(series.time, radius, color="black", label="tips")
+    middle.plot(series.time, series["middle [m]"], "--", color="black", label="middles of the edges")
+    left.set(xlabel="t [s]", ylabel="spin [rpm]")
+    middle.set(xlabel="t [s]", ylabel="radius [m]")
+    right.set(xlabel="radius of the tips [m]", ylabel="spin [rpm]")
+    for axes in (left, middle, right):
+        axes.grid(alpha=0.3)
+    left.legend(frameon=False)
+    middle.legend(frameon=False)
+    figure.suptitle(TITLE)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    FigureCanvasAgg(figure).print_png(str(path))
+
+
+def say(found: dict[str, float]) -> None:
+    """What happened, in words."""
+    print(f"The tips are at {found['radius']:.2f} m; they were at most at {found['largest_radius']:.2f} m.")
+    print(
+        f"Hub and sail spin at {found['spin_of_hub']:.2f} and {found['spin_of_sail']:.2f} rpm; without swing it "
+        f"will be {found['spin_in_the_end']:.2f} rpm."
+    )
+    print(
+        f"Of {found['energy']:.1f} J the film has taken {found['dissipated']:.1f} J; {found['to_be_lost']:.1f} J have "
+        "still to go."
+    )
+    print(f"Edges that pierced the film in any step: {found['penetrations']:.0f}.")
+    print(
+        f"Energy closes to {found['energy_error']:.0e}, angular momentum to {found['angular_momentum_drift']:.0e}; "
+        f"{found['steps']:.0f} steps, {found['iterations']:.1f} iterations each, {found['halved']:.0f} halved, "
+        f"{found['seconds']:.0f} s."
+    )
+
+
+if __name__ == "__main__":
+    result = main(output="out/ikaros")
+    if MPI.COMM_WORLD.rank == 0:
+        say(result)

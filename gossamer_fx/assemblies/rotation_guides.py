@@ -1,0 +1,92 @@
+"""Guides that roll round a hub and let wound arms out, as those of IKAROS."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+from gossamer_fx.bodies.rigid_body import RigidBody
+from gossamer_fx.checks.errors import check
+from gossamer_fx.interactions.joint import RevoluteJoint
+from gossamer_fx.interactions.torsion import TorsionDamper
+from gossamer_fx.model.terms import Term
+
+if TYPE_CHECKING:
+    from gossamer_fx.contact.obstacles import Cylinder
+
+
+class RotationGuides:
+    """Upright rods on a ring that turns about the z axis of a hub against a brake.
+
+    Each arm of a sail is wound on the hub as far as its rod and stands out from there.  Its pull turns the ring, and as
+    far as the ring turns arms are unwound; the brake has the moment c (ω_ring - ω_hub), and what it takes is booked as
+    dissipated.  Between ring and hub nothing acts but the brake: the angular momentum of the whole is kept.
+
+    Parts: `ring` (a body), `joint`, `brake`; `rods` are obstacles for a `Contact`.
+
+    Args:
+        hub: a rigid body whose axes are those of space at the start.
+        count: number of rods, evenly spaced.
+        radius: of the circle on which their axes are [m].
+        rod: radius of a rod [m].
+        height: of the rods [m].
+        mass: of the ring and its rods [kg], on that circle.
+        brake: c [N m s/rad].
+        first: angle of the first rod against the x axis [rad].
+        name: name in messages and output; parts have names that begin with it.
+
+    Raises:
+        InputError: numbers that are not positive; rods that reach into the axis of the hub.
+    """
+
+    def __init__(
+        self,
+        hub: RigidBody,
+        count: int,
+        radius: float,
+        *,
+        rod: float = 0.02,
+        height: float = 0.5,
+        mass: float = 1.0,
+        brake: float = 1.0,
+        first: float = 0.0,
+        name: str = "guides",
+    ) -> None:
+        self.name = name
+        check(count >= 1, f"RotationGuides '{name}': count is {count!r}; give at least 1 rod.")
+        values = {"radius": (radius, "m"), "rod": (rod, "m"), "height": (height, "m"), "mass": (mass, "kg")}
+        for what, (value, unit) in (values | {"brake": (brake, "N m s/rad")}).items():
+            check(
+                math.isfinite(value) and value > 0,
+                f"RotationGuides '{name}': {what} is {value!r} {unit}; give a positive number.",
+            )
+        check(
+            rod < radius,
+            f"RotationGuides '{name}': rods of {rod:g} m are too thick for a circle of {radius:g} m; give less.",
+        )
+        self.hub, self._height, self._rod = hub, height, rod
+        polar = mass * radius**2
+        self.ring = RigidBody(mass, (polar / 2, polar / 2, polar), comm=hub.comm, name=f"{name} ring")
+        angles = [first + 2 * math.pi * k / count for k in range(count)]
+        self.places = [(radius * math.cos(angle), radius * math.sin(angle)) for angle in angles]
+        axis = (0.0, 0.0, 1.0)
+        self.joint = RevoluteJoint(hub.frame(), self.ring.frame(), axis=axis, name=f"{name} joint")
+        self.brake = TorsionDamper(hub.frame(), self.ring.frame(), axis, brake, name=f"{name} brake")
+
+    @property
+    def rods(self) -> tuple[Cylinder, ...]:
+        """The rods, as obstacles on the ring."""
+        from gossamer_fx.contact.obstacles import Cylinder
+
+        half = self._height / 2
+        return tuple(
+            Cylinder(start=(x, y, -half), end=(x, y, half), radius=self._rod, on=self.ring, name=f"{self.name} rod {k}")
+            for k, (x, y) in enumerate(self.places)
+        )
+
+    def terms(self) -> Iterable[Term]:
+        return ()  # its parts have all of them
+
+    def requires(self) -> Iterable[Any]:
+        yield from (self.hub, self.ring, self.joint, self.brake)

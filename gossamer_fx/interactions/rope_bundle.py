@@ -1,0 +1,69 @@
+"""Ropes of one kind as one part: the tethers or shrouds of a sail."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from gossamer_fx.checks.errors import check, check_positive
+from gossamer_fx.interactions.between import bodies_of
+from gossamer_fx.interactions.spring import LengthSpring, RopeDamper, half_distance_squared
+from gossamer_fx.model.terms import Attached, Term
+from gossamer_fx.terms.point_energies import PointDissipation, PointStoredEnergy
+
+
+@dataclass(frozen=True, eq=False)
+class RopeBundle:
+    """Ropes without mass, each as a `Rope`, that are evaluated at once and have one line in the ledger.
+
+    Args:
+        ends: pairs of ports, or of a port and a `Ground`.
+        lengths: L of each [m].
+        stiffness: k of each [N/m].
+        damping: c of each [N s/m], none while it is slack.
+
+    Raises:
+        InputError: no rope, not as many lengths as pairs, a number that is not positive, a pair without a body.
+    """
+
+    ends: Sequence[tuple[Attached, Attached]]
+    lengths: Sequence[float]
+    stiffness: float
+    damping: float = 0.0
+    name: str = "ropes"
+
+    def __post_init__(self) -> None:
+        check(
+            bool(len(self.ends)) and len(self.ends) == len(self.lengths),
+            f"RopeBundle '{self.name}' has {len(self.ends)} pairs and {len(self.lengths)} lengths; give as many of "
+            "both, and at least one.",
+        )
+        for k, (pair, length) in enumerate(zip(self.ends, self.lengths, strict=True)):
+            joins = isinstance(pair, tuple) and len(pair) == 2 and all(isinstance(end, Attached) for end in pair)
+            check(
+                joins and bool(list(bodies_of(*pair))),
+                f"RopeBundle '{self.name}': rope {k} is no pair of ports, of which one may be a Ground; give two.",
+            )
+            check(
+                math.isfinite(length) and length > 0,
+                f"RopeBundle '{self.name}': length {k} is {length!r} m; give a positive number.",
+            )
+        check_positive(self, "stiffness", "N/m")
+        check(
+            math.isfinite(self.damping) and self.damping >= 0,
+            f"RopeBundle '{self.name}': damping is {self.damping!r} N s/m; give none or a positive one.",
+        )
+
+    def requires(self) -> Iterable[Any]:
+        for pair in self.ends:
+            yield from bodies_of(*pair)
+
+    def terms(self) -> Iterable[Term]:
+        for pair, length in zip(self.ends, self.lengths, strict=True):
+            measure = half_distance_squared(*pair)
+            yield PointStoredEnergy(self.name, measure, LengthSpring(self.stiffness, float(length), side=1))
+            if self.damping:
+                loss = RopeDamper(self.damping, self.stiffness, float(length))
+                yield PointDissipation(f"{self.name} damping", measure, loss)
