@@ -21,6 +21,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.algebra.places import Gather, Places, PointMeasure, add_blocks
 from gossamer_fx.model.terms import Array, Assembly, CompiledTerms
+from gossamer_fx.terms.point_energies import Stencil
 
 
 class PaidOutRopes(CompiledTerms):
@@ -39,7 +40,7 @@ class PaidOutRopes(CompiledTerms):
         self._yield = np.where(np.isfinite(self._brake), self._brake, 0.0) / self._k
         self._brakes = np.isfinite(self._brake)
         self._next = self.length  # L1 of a step with a history
-        self._q: Array = np.zeros(self._at.indices.shape)
+        self._stencil = Stencil(self._at, self, False, system.rule.alpha)
         self._l: Array = np.zeros(self._at.n)
         self._begun = False
 
@@ -62,26 +63,24 @@ class PaidOutRopes(CompiledTerms):
             self.length = self.length + self._slip(length)
             self._begun = True
         self._next = self.length
-        self._q, self._l = q, length
+        self._l = length
+        self._stencil.keep(q)
 
     def add_forces(self, r: PETSc.Vec) -> None:
         q = self._gather(self._system.q1)[0]
-        l1 = self._lengths(q)
-        S = self._tension(l1)[0] / self._mean_length(l1)
-        force = np.einsum("n,nx->nx", S, self._middle_gradient(q))
-        r.setValues(self._at.indices.ravel(), force.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
+        r.setValues(self._at.indices.ravel(), self._stencil.force(q).ravel(), addv=PETSc.InsertMode.ADD_VALUES)
         r.assemble()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         q = self._gather(self._system.q1)[0]
-        l1, α = self._lengths(q), self._system.rule.alpha
+        add_blocks(A, self._at.indices, self._at.indices, self._stencil.tangent(q))
+
+    def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        """S̄ = T̄/l̄ (n, 1) with S̄·Δe = T̄ Δl, and dS̄/de1 (n, 1, 1): what the stencil asks for."""
+        l0, l1 = (np.sqrt(2 * np.maximum(e[:, 0], 1e-300)) for e in (e0, e1))
         T, slope = self._tension(l1)
-        mean = self._mean_length(l1)
-        weight = 1.0 if α == 1.0 else 0.5
-        D = (slope - weight * T / mean) / mean / l1  # dS̄/de1, with dl1 = de1/l1
-        B, B1 = self._middle_gradient(q), self._at.gradient(q)[:, 0]
-        K = D[:, None, None] * B[:, :, None] * B1[:, None, :] + α * self._at.curvature((T / mean)[:, None])
-        add_blocks(A, self._at.indices, self._at.indices, K)
+        mean = (l0 + l1) / 2
+        return (T / mean)[:, None], ((slope - T / mean / 2) / mean / l1)[:, None, None]
 
     def supplied(self) -> float:
         T = self._tension(self._lengths(self._gather(self._system.q1)[0]))[0]
@@ -124,15 +123,6 @@ class PaidOutRopes(CompiledTerms):
         l: Array = np.sqrt(2 * np.maximum(self._at.strain(q)[:, 0], 1e-300))  # noqa: E741
         return l
 
-    def _mean_length(self, l1: Array) -> Array:
-        """(l0 + l1)/2: e is half of the square of l, so that T̄ Δl = T̄/mean Δe."""
-        return l1 if self._system.rule.alpha == 1.0 else (self._l + l1) / 2
-
-    def _middle_gradient(self, q: Array) -> Array:
-        α = self._system.rule.alpha
-        gradient: Array = self._at.gradient((1 - α) * self._q + α * q)[:, 0]
-        return gradient
-
     def _room(self) -> Array:
         """What is left on the reels [m]."""
         return np.where(self._brakes, np.maximum(self._most - self.length, 0.0), 0.0)
@@ -150,11 +140,10 @@ class PaidOutRopes(CompiledTerms):
 
     def _tension(self, l1: Array) -> tuple[Array, Array]:
         """T̄ (n,) of a step to the distance l1, and its derivative: T is linear between its corners."""
-        y0, y1 = self._l - self.length, l1 - self._next
+        y1 = l1 - self._next
+        y0 = y1 if self._system.rule.alpha == 1.0 else self._l - self.length
         stiff = (y1 > 0) & ~(self._brakes & (y1 > self._yield) & (y1 < self._yield + self._room()))
         slope = np.where(stiff, self._k, 0.0)
-        if self._system.rule.alpha == 1.0:
-            return self._pull(y1), slope
         low, high = np.minimum(y0, y1), np.maximum(y0, y1)
         corners = [0 * y0, self._yield, self._yield + self._room()]
         y = np.sort([low, *(np.clip(corner, low, high) for corner in corners), high], axis=0)

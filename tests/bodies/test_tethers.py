@@ -171,3 +171,11 @@ def test_a_bundle_is_its_ropes(comm) -> None:
         run.run(until=5e-3)
         motions.append((gx.Velocity(ends[0][0], "z")(run), run.totals.dissipated))
     assert motions[0] == pytest.approx(motions[1], rel=1e-9) and motions[0][1] > 0
+
+
+def test_a_weight_hangs_at_the_length_that_is_out() -> None:
+    mass = gx.PointMass(MASS, (0.0, 0.0, -L))
+    tether = gx.Tether(gx.Ground((0.0, 0.0, 0.0)), mass.port(), lambda t: L + t, K)
+    search = gx.Equilibrium(gx.Scene(mass, tether, gx.Gravity(mass, (0.0, 0.0, -9.81))))
+    search.find(at=0.5)
+    assert gx.positions(search, mass)[..., 2].ravel()[:1] == pytest.approx(-(L + 0.5 + MASS * 9.81 / K), rel=1e-9)
