@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from gossamer_fx.analyses.form_finding import EdgeCable as EdgeCable
     from gossamer_fx.analyses.form_finding import Prestress as Prestress
     from gossamer_fx.analyses.form_finding import find_form as find_form
+    from gossamer_fx.analyses.mode_shapes import ModeShapes as ModeShapes
     from gossamer_fx.analyses.modes import Mode as Mode
     from gossamer_fx.analyses.modes import modes as modes
     from gossamer_fx.assemblies.inflatable_tube import InflatableTube as InflatableTube
@@ -124,6 +125,7 @@ if TYPE_CHECKING:
     from gossamer_fx.outputs.flight_probes import SunAngle as SunAngle
     from gossamer_fx.outputs.fold_angle import FoldAngle as FoldAngle
     from gossamer_fx.outputs.ledger import Ledger as Ledger
+    from gossamer_fx.outputs.outside_basis import OutsideBasis as OutsideBasis
     from gossamer_fx.outputs.probes import AngularVelocity as AngularVelocity
     from gossamer_fx.outputs.probes import AreaFraction as AreaFraction
     from gossamer_fx.outputs.probes import Displacement as Displacement
@@ -259,6 +261,7 @@ _HOME = {
     "outputs.vtx": ["VTX", "Probes"],
     "outputs.recording": ["Recording"],
     "outputs.series": ["Series"],
+    "outputs.outside_basis": ["OutsideBasis"],
     "outputs.snapshots": ["Snapshots"],
     "reduction.reduce": ["reduce"],
     "run.checkpoint": ["Checkpoints", "latest"],
@@ -271,6 +274,7 @@ _HOME = {
     "run.simulation": ["Simulation"],
     "analyses.crease_identification": ["HangingStrip", "IdentifiedCrease", "identify_crease"],
     "analyses.equilibrium": ["Continuation", "Equilibrium", "EquilibriumResult", "Found"],
+    "analyses.mode_shapes": ["ModeShapes"],
     "analyses.modes": ["Mode", "modes"],
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}

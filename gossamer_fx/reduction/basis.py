@@ -24,6 +24,7 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.model.terms import Array
 
+EXAMPLES = 8  # snapshots whose coefficients are kept
 SMALLEST = 1e-7  # singular values of the Gram matrix below this, over the largest, are round-off
 
 
@@ -34,6 +35,7 @@ class Basis:
     mass             m [kg] of the film
     singular_values  (k,) of the snapshots without the `fixed` modes, in the norm of the mass
     fixed            how many modes are made of 1, X, Y, Z
+    examples         coefficients (k, r, 3) of some of the snapshots
     """
 
     film: Membrane
@@ -41,6 +43,7 @@ class Basis:
     mass: float
     singular_values: Array
     fixed: int
+    examples: Array
 
     @property
     def size(self) -> int:
@@ -72,7 +75,7 @@ def mass_times(film: Membrane, x: Array) -> Array:
     return result
 
 
-def _mass_times_scalars(film: Membrane, φ: Array) -> Array:
+def scalar_mass_times(film: Membrane, φ: Array) -> Array:
     """M φ of owned scalars (n, k)."""
     n, k = φ.shape
     padded = np.zeros((n, 3 * -(-k // 3)))
@@ -97,11 +100,11 @@ def make_basis(film: Membrane, snapshots: Sequence[Array], count: int) -> Basis:
     check(not alike, f"reduce: a snapshot is of another mesh than '{film.name}'; record this film.")
     X = film.space.tabulate_dof_coordinates()[:n]
     fixed = _orthonormal(film, np.column_stack([np.ones(n), X]), 1e-10)
-    mass = float(comm.allreduce(_mass_times_scalars(film, np.ones((n, 1))).sum()))
+    mass = float(comm.allreduce(scalar_mass_times(film, np.ones((n, 1))).sum()))
     fixed *= mass**0.5
     fixed[:, 0] = 1.0
     A = _scaled(film, snapshots, fixed, mass)
-    gram = comm.allreduce(A.T @ _mass_times_scalars(film, A))
+    gram = comm.allreduce(A.T @ scalar_mass_times(film, A))
     λ, v = np.linalg.eigh((gram + gram.T) / 2)
     σ = np.sqrt(np.maximum(λ[::-1], 0.0))
     found = int((σ > SMALLEST * max(σ[0], 1e-300)).sum()) if σ[0] > 0 else 0
@@ -111,11 +114,13 @@ def make_basis(film: Membrane, snapshots: Sequence[Array], count: int) -> Basis:
     )
     modes = A @ (v[:, ::-1][:, :count] / σ[:count])
     for _ in range(2):  # what round-off left of the fixed modes and of each other
-        modes = modes - fixed @ comm.allreduce(_mass_times_scalars(film, fixed).T @ modes) / mass
-        products = comm.allreduce(modes.T @ _mass_times_scalars(film, modes))
+        modes = modes - fixed @ comm.allreduce(scalar_mass_times(film, fixed).T @ modes) / mass
+        products = comm.allreduce(modes.T @ scalar_mass_times(film, modes))
         modes = np.linalg.solve(np.linalg.cholesky((products + products.T) / 2), modes.T).T
     φ = np.column_stack([fixed, mass**0.5 * modes])
-    return Basis(film, _with_ghosts(film, φ), mass, σ[:found], fixed.shape[1])
+    some = np.stack([snapshots[i] for i in np.unique(np.linspace(0, len(snapshots) - 1, EXAMPLES).astype(int))])
+    examples = comm.allreduce(np.einsum("ni,tnx->tix", scalar_mass_times(film, φ), some)) / mass
+    return Basis(film, _with_ghosts(film, φ), mass, σ[:found], fixed.shape[1], examples)
 
 
 def _scaled(film: Membrane, snapshots: Sequence[Array], fixed: Array, mass: float) -> Array:
@@ -125,7 +130,7 @@ def _scaled(film: Membrane, snapshots: Sequence[Array], fixed: Array, mass: floa
     the whole stiffness of the film: a basis without it locks.  Of the sail of `demos/reduced_sail.py`, 40 modes at the
     sizes that they have predict another flight five times less well, and switch at random between taut and wrinkled.
     """
-    times, product = len(snapshots), _mass_times_scalars(film, fixed)
+    times, product = len(snapshots), scalar_mass_times(film, fixed)
     A = np.stack(snapshots, axis=1)  # (n, times, 3)
     c = film.comm.allreduce(np.einsum("ni,ntx->tix", product, A)) / mass
     A = A - np.einsum("ni,tix->ntx", fixed, c)
@@ -137,7 +142,7 @@ def _scaled(film: Membrane, snapshots: Sequence[Array], fixed: Array, mass: floa
     parts = np.einsum("ntx,tax->nat", A, axes)
     for kind in (slice(0, 1), slice(1, 3)):
         each = parts[:, kind].reshape(len(A), -1)
-        size = float(film.comm.allreduce(np.sum(each * _mass_times_scalars(film, each)))) ** 0.5
+        size = float(film.comm.allreduce(np.sum(each * scalar_mass_times(film, each)))) ** 0.5
         if size > 0:
             parts[:, kind] /= size
     return parts.reshape(len(A), -1)
@@ -158,7 +163,7 @@ def _orthonormal(film: Membrane, φ: Array, smallest: float) -> Array:
 
 
 def _inner(film: Membrane, a: Array, b: Array) -> float:
-    return float(film.comm.allreduce(a @ _mass_times_scalars(film, b[:, None])[:, 0]))
+    return float(film.comm.allreduce(a @ scalar_mass_times(film, b[:, None])[:, 0]))
 
 
 def _with_ghosts(film: Membrane, φ: Array) -> Array:

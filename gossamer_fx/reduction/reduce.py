@@ -43,5 +43,5 @@ def reduce(film: Membrane, motions: Sequence[Motion], modes: int, cells: int | N
     shapes = [x for motion in motions for x in motion.positions]
     basis = make_basis(film, shapes, modes)
     check(cells is None or cells >= 1, f"reduce: cells is {cells!r}; take one or more, or None for all.")
-    sample = every_cell(film) if cells is None else sample_cells(basis, shapes, cells)
+    sample = every_cell(film) if cells is None else sample_cells(basis, cells)
     return ReducedMembrane(basis, sample, film.name)

@@ -78,6 +78,7 @@ class ReducedMembrane(Membrane):
         q, v = full.initial_state()
         self.outside = basis.project(q.reshape(-1, 3))[1]
         self._reduced_start = self.reduced(q), self.reduced(v)
+        self.port_nodes: set[int] = set()  # of the full film
 
     def coordinates(self, alpha: float) -> ReducedCoordinates:
         return ReducedCoordinates(self.space, alpha, self._modes)
@@ -117,6 +118,7 @@ class ReducedMembrane(Membrane):
 
     def _combined(self, nodes: Sequence[int], weights: Sequence[float]) -> Port:
         """Σ_k weights[k] x(nodes[k]) as a combination of the coefficients; the same on every rank."""
+        self.port_nodes.update(nodes)
         start, end = self.full.block.index_map.local_range
         own = [(node - start, weight) for node, weight in zip(nodes, weights, strict=True) if start <= node < end]
         values = sum((weight * self.basis.values[node] for node, weight in own), np.zeros(self.basis.size))

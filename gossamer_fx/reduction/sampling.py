@@ -13,7 +13,7 @@ numbers ζ and LLᵀ = Σ_e k_e.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,7 +34,6 @@ from gossamer_fx.reduction.mode_gradients import (
     stress_derivatives,
 )
 
-SNAPSHOTS = 8  # of which forces and stiffness are fitted
 EQUATIONS = 4  # random motions for each cell that may be taken
 CHUNK = 64  # motions that are evaluated at once
 RIGID = 6  # motions that no stiffness need resist
@@ -58,26 +57,21 @@ def every_cell(film: Membrane) -> Sample:
     return Sample(cells, np.ones(len(cells)), 0.0)
 
 
-def sample_cells(basis: Basis, snapshots: Sequence[Array], most: int, seed: int = 0) -> Sample:
-    """At most `most` cells of each rank.
-
-    Args:
-        snapshots: owned positions (n, 3) of the film's nodes; of many, a few are taken.
-    """
+def sample_cells(basis: Basis, most: int, seed: int = 0) -> Sample:
+    """At most `most` cells of each rank, for the forces and the stiffness of the basis' examples."""
     film, comm = basis.film, basis.film.comm
     if comm.allreduce(max(len(own_cells(film)) - most, 0)) == 0:
         return every_cell(film)
     cells = CellEnergies(basis)
-    chosen = [snapshots[i] for i in np.unique(np.linspace(0, len(snapshots) - 1, SNAPSHOTS).astype(int))]
-    coefficients = [basis.project(x)[0] for x in chosen]
     rng = np.random.default_rng(seed)
-    rows = [row for c in coefficients for row in _equations(cells, basis, c, rng, EQUATIONS * most // len(chosen) + 1)]
+    count = EQUATIONS * most // len(basis.examples) + 1
+    rows = [row for c in basis.examples for row in _equations(cells, basis, c, rng, count)]
     Y = np.vstack([*rows, cells.areas])
     Y[-1] *= float(np.linalg.norm(Y[:-1])) / max(float(np.linalg.norm(Y[-1])), 1e-300)
     weights = fewest_weights(Y, Y.sum(axis=1), most)
     taken = np.flatnonzero(weights).astype(np.int32)
     errors = []
-    for c in coefficients:
+    for c in basis.examples:
         cells.take(c)
         K, kept = (comm.allreduce(cells.stiffness(w)) for w in (np.ones(len(weights)), weights))
         L = _factor(K)

@@ -9,7 +9,9 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.reduced_sail import main
+from demos.reduced_sail import SPIN as DEMO_SPIN
+from demos.reduced_sail import film as demo_film
+from demos.reduced_sail import main, saddle, steady
 from gossamer_fx.model.ports import initial, initial_rate
 from gossamer_fx.outputs.fields import AreaFractions, FieldFunctions
 from meshes.sheet import sheet
@@ -181,6 +183,29 @@ def test_what_cannot_be_reduced_is_told_in_one_sentence(recorded) -> None:
         gx.reduce(film, [other], 1)
     with pytest.raises(gx.InputError, match="before the film is reduced"):
         gx.Scene(gx.Fixed(gx.reduce(film, [shapes], 3), "left")).compile()
+
+
+@pytest.mark.mpi
+def test_the_energy_outside_of_the_basis_tells_where_it_does_not_hold(recorded) -> None:
+    film, shapes = recorded
+    shares = []
+    for modes in (6, 30):
+        reduced = gx.reduce(film, [shapes], modes)
+        run = flight(reduced)
+        run.run(until=0.4)
+        shares.append(gx.OutsideBasis(reduced)(run))
+    assert 0 < shares[1] < 0.5 * shares[0]
+    with pytest.raises(gx.InputError, match="is no reduced film"):
+        gx.OutsideBasis(film)
+
+
+def test_frequencies_of_the_spinning_sail_are_the_films() -> None:
+    film = demo_film(COMM, 6, saddle, 0.02)
+    found = steady(film, DEMO_SPIN)
+    modes = gx.modes(found, 6, spin=(0.0, 0.0, DEMO_SPIN))
+    reduced = gx.reduce(film, [gx.ModeShapes(film, found, modes, 0.1)], 5)
+    again = gx.modes(steady(reduced, DEMO_SPIN), 6, spin=(0.0, 0.0, DEMO_SPIN))
+    assert [mode.frequency for mode in again] == pytest.approx([mode.frequency for mode in modes], rel=0.01)
 
 
 @pytest.mark.mpi

@@ -289,6 +289,8 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "patch": {"centre": P, "points": [P, P, P]},
         "Playback": {"folder": folder / "no run"},
         "Snapshots": {"film": film, "every": 2},
+        "ModeShapes": {"film": film, "equilibrium": None, "modes": [], "height": 0.1},
+        "OutsideBasis": {"film": gx.reduce(film, [motion], 1)},
         "reduce": {"film": film, "motions": [motion], "modes": 1},
         "RobustDesign": {
             "outcome": lambda comm, folder, **values: {"y": 1.0},

@@ -1,0 +1,123 @@
+"""How far a reduced film is from what its modes can hold: the energy that the whole film would release beside them."""
+
+from __future__ import annotations
+
+import numpy as np
+import ufl
+from dolfinx import fem, la
+
+from gossamer_fx.checks.errors import check
+from gossamer_fx.forms.compilation import compile_form
+from gossamer_fx.model.terms import Array
+from gossamer_fx.outputs.run import Run
+from gossamer_fx.reduction.basis import scalar_mass_times
+from gossamer_fx.reduction.reduced_membrane import ReducedMembrane
+
+SOFTEST = 1e-3  # least stiffness of a node, over the mean: slack film has none
+
+
+class OutsideBasis:
+    """Probe: energy that a reduced film's basis keeps the whole film from releasing, over the stored energy.
+
+    Below 0.01 the modes hold the motion; from 0.1 on they do not, and the film itself should be asked.  In the shape
+    that the modes give, the whole film has the nodal forces f.  No acceleration Φ a of the modes balances all of them;
+    what is left would move the nodes, and release about
+
+        ε = min over a of Σ_n ½ (f + M Φ a)_n · k_n⁻¹ (f + M Φ a)_n
+
+    with the stiffness k_n of each node by itself, along the film's mean plane and across it.  Nodes at which ports are
+    attached are left out: their forces come from elsewhere; loads on faces are taken as what modes balance.  An
+    evaluation takes as long as a residual of the whole film; ask for it every hundred steps, or so.
+
+    Args:
+        film: made by `reduce`, in the scene of the run.
+    """
+
+    def __init__(self, film: ReducedMembrane) -> None:
+        check(
+            isinstance(film, ReducedMembrane),
+            f"OutsideBasis: '{getattr(film, 'name', film)}' is no reduced film; give one that `reduce` has made.",
+        )
+        self.film = film
+        self._estimate: _Estimate | None = None
+
+    def __call__(self, run: Run) -> float:
+        film = self.film
+        check(film in run.system.bodies, f"'{film.name}' is not in the scene; add it, or remove its probe.")
+        if self._estimate is None:
+            self._estimate = _Estimate(film)
+        owned = run.system.numbering.owned(run.system.bodies.index(film))
+        c = film.comm.bcast(run.system.q0.array_r[owned].reshape(-1, 3).copy())
+        return self._estimate(c)
+
+
+class _Estimate:
+    """The energy ε for given coefficients, over the stored one."""
+
+    def __init__(self, film: ReducedMembrane) -> None:
+        basis, full = film.basis, film.full
+        self._Φ, self._comm, self._n = basis.values, film.comm, full.space.dofmap.index_map.size_local
+        self._x = x = fem.Function(full.space)
+        energy = full.density(full.measure(x)) * full.dx
+        force = ufl.derivative(energy, x, ufl.TestFunction(full.space))
+        self._energy, self._force = compile_form(energy), compile_form(force)
+        self._b = la.vector(full.space.dofmap.index_map, 3)
+        self._free = np.ones(self._n)
+        start, end = full.space.dofmap.index_map.local_range
+        held = np.array([node for node in film.port_nodes if start <= node < end], dtype=np.int64)
+        self._free[held - start] = 0.0
+        self._weights = self._softness(compile_form(ufl.derivative(force, x)), basis.examples[0])
+        self._MΦ = scalar_mass_times(full, basis.values[: self._n])
+        self._inverse = [np.linalg.pinv(self._sum(self._MΦ.T @ (w[:, None] * self._MΦ))) for w in self._weights]
+
+    def __call__(self, c: Array) -> float:
+        f = self._forces(c)
+        normal = _normal(c)
+        across = f @ normal
+        released = 0.0
+        for w, inverse, part in zip(
+            self._weights, self._inverse, (across[:, None], f - across[:, None] * normal), strict=True
+        ):
+            y = self._MΦ.T @ (w[:, None] * part)
+            total = self._sum(np.concatenate([y.ravel(), [np.sum(w[:, None] * part**2)]]))
+            y = total[:-1].reshape(y.shape)
+            released += max(float(total[-1] - np.sum(y * (inverse @ y))), 0.0) / 2
+        stored = float(self._sum(np.array(fem.assemble_scalar(self._energy))))
+        return released / max(stored, 1e-300)
+
+    def _forces(self, c: Array) -> Array:
+        """Nodal forces (n, 3) of the film in the shape of the coefficients."""
+        self._x.x.array[:] = (self._Φ @ c).ravel()
+        self._b.array[:] = 0
+        fem.assemble_vector(self._b.array, self._force)
+        self._b.scatter_reverse(la.InsertMode.add)
+        forces: Array = self._b.array[: 3 * self._n].reshape(-1, 3).copy()
+        return forces
+
+    def _softness(self, stiffness: fem.Form, c: Array) -> tuple[Array, Array]:
+        """1/k_n (n,) across the film and in it, in the shape of the coefficients; zero at ports."""
+        self._x.x.array[:] = (self._Φ @ c).ravel()
+        K = fem.assemble_matrix(stiffness)
+        K.scatter_reverse()
+        rows = np.repeat(np.arange(len(K.indptr) - 1), np.diff(K.indptr))
+        on = (rows == K.indices) & (rows < self._n)
+        blocks = np.zeros((self._n, 3, 3))
+        blocks[rows[on]] = K.data.reshape(-1, 3, 3)[on]
+        normal = _normal(c)
+        across = np.einsum("i,nij,j->n", normal, blocks, normal)
+        along = (np.trace(blocks, axis1=1, axis2=2) - across) / 2
+        found = []
+        for k in (across, along):
+            mean = float(self._sum(np.array([k.sum(), float(len(k))])) @ [1, 0]) / self._comm.allreduce(len(k))
+            found.append(self._free / np.maximum(k, SOFTEST * mean))
+        return found[0], found[1]
+
+    def _sum(self, values: Array) -> Array:
+        total: Array = self._comm.allreduce(values)
+        return total
+
+
+def _normal(c: Array) -> Array:
+    """Of the film's mean plane, from the coefficients of X and Y."""
+    n = np.cross(c[1], c[2])
+    return n / max(float(np.linalg.norm(n)), 1e-300)
