@@ -1,0 +1,244 @@
+"""The arms of IKAROS are let out: stage 1, from arms wound round the hub to the cross.
+
+The four strips of folded film are wound round the hub, one and a quarter turns each, with a mass of 0.5 kg at the end.
+Rods on a ring hold them; their pull turns the ring against a brake, and as it turns they are let out.  Hub, arms and
+masses turn all but as one:
+
+    ω = L/(I + J),    J = Σ (∫ λ R² ds of the wound part + ∫ λ r² dr of what stands out + m r_tip²)
+
+the more so the slower they are let out.  Here an arm is a cable with the mass of its two half strips, wound in a spiral
+between those of its neighbours; contact keeps arms, hub and rods apart.  `demos/ikaros.py` is stage 2, from the cross.
+
+Where the values come from:
+    3.5 kg a trapezoid with its devices, 0.5 kg at a tip, hub of 290 kg and 85 kg m², 25 rpm before stage 1
+                         JAXA's press kit and the project's blog (item 894); inertia as in `demos/ikaros.py`
+    7.4 rpm after it     project's blog, item 550: "a little over 5 m" of arms were out
+    rods, brake          chosen: the flight took days, here the arms are out after a quarter of a minute
+
+    ./gossamer demo ikaros_arms
+    ./gossamer run demos/ikaros_arms.py brake=60.0 until=45.0 --output out/arms; ./gossamer report out/arms
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from demos.ikaros import HUB_HEIGHT, HUB_INERTIA, HUB_MASS, PETALS, RPM, TIP
+from gossamer_fx.model.terms import Array
+from gossamer_fx.outputs.output import Output, Probe
+from meshes.line import line
+
+TITLE = "IKAROS, stage 1: arms are let out by guides"
+VIEW = gx.View(azimuth=0.3, elevation=math.radians(60))
+START, ARM, HUB_RADIUS = 25.0, 6.4, 0.8  # rpm; length of an arm and radius of the hub [m]
+CORD, TOUCH, ROD = 4e-3, 5e-3, 0.06  # radius of an arm, distance of contact, radius of a rod [m]
+EA = 2e4  # N
+PRESSING = 4e8  # N/m³: the arms' pull presses them into contact by some hundredths of its distance
+LAYER = 2 * CORD + 1.05 * TOUCH  # distance of neighbouring turns
+FREE = 2  # cells that stand out at the start
+RING = 2.0  # kg
+FLIGHT = ((0.0, 25.0), (5.2, 7.4))  # length out [m] and spin [rpm] of the flight
+
+
+def winding(cells: int) -> tuple[float, int]:
+    """Angle of a cell on the hub, of which a quarter is a multiple, and number of wound cells."""
+    step = math.pi / 2 / max(1, round(math.pi / 2 * HUB_RADIUS * cells / ARM))
+    return step, cells - FREE
+
+
+def wound(cells: int) -> tuple[Array, float]:
+    """Corners (cells + 1, 2) of the first arm, from its knot outwards, and its exit from the roll [rad]."""
+    step, count = winding(cells)
+    angles = -step * np.arange(count + 1)
+    radii = HUB_RADIUS + LAYER * (-angles) / (math.pi / 2)
+    roll = radii[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    last, out = roll[-1], np.array([math.cos(angles[-1]), math.sin(angles[-1])])
+    free = last + np.outer(np.arange(1, FREE + 1) * ARM / cells, out)
+    return np.vstack([roll, free]), float(angles[-1])
+
+
+def closed_form(tips: Array, momentum: float, cells: int) -> Array:
+    """ω [rad/s] of hub, ring and arms that stand out radially, with their masses at the radii `tips` (n,) [m]."""
+    step, count = winding(cells)
+    φ = np.linspace(step * count, 0.0, 2000)  # what is still wound
+    radius = HUB_RADIUS + LAYER * φ / (math.pi / 2)
+    ring = RING * (radius[0] + ROD) ** 2
+    # along the spiral, from the knot: length, and inertia for a line density of one
+    length = HUB_RADIUS * φ + LAYER * φ**2 / math.pi
+    on_hub = (radius**4 - HUB_RADIUS**4) * math.pi / (8 * LAYER)
+    tip = radius + length[0] + FREE * ARM / cells - length
+    standing = (tip**3 - radius**3) / 3
+    inertia = HUB_INERTIA[2] + ring + 4 * (PETALS / 4 / ARM * (on_hub + standing) + TIP * tip**2)
+    return np.asarray(momentum / np.interp(tips, tip, inertia))
+
+
+def build(
+    comm: MPI.Comm,
+    cells: int = 24,
+    rpm: float = START,
+    brake: float = 20.0,
+    damping: float = 2e-2,
+    until: float = 16.0,
+    dt: float = 5e-3,
+    largest: float = 2e-2,
+    iterations: int = 10,
+) -> gx.Case:
+    """Hub, ring and four arms of `cells` cells; `damping` [s] of the arms' stretch."""
+    corners, angle = wound(cells)
+    lengths = np.linalg.norm(np.diff(corners, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(lengths)])
+    hub = gx.RigidBody(HUB_MASS, HUB_INERTIA, name="hub")
+    step = winding(cells)[0]
+    radius = HUB_RADIUS * math.cos(step / 2) - CORD - 1.05 * TOUCH
+    half = HUB_HEIGHT / 4
+    drum = gx.Cylinder(start=(0.0, 0.0, -half), end=(0.0, 0.0, half), radius=radius, on=hub, name="drum")
+    # the axis of a rod is beside the free part of its arm, and outside of its roll
+    away = ROD + CORD + 1.1 * TOUCH
+    c, s = math.cos(angle), math.sin(angle)
+    exit_radius = float(np.linalg.norm(corners[-1 - FREE]))
+    place = np.array([c, s]) * (exit_radius + away) + np.array([-s, c]) * away / math.cos(step / 2)
+    guides = gx.RotationGuides(
+        hub,
+        4,
+        float(np.linalg.norm(place)),
+        rod=ROD,
+        height=2 * half,
+        mass=RING,
+        brake=brake,
+        first=math.atan2(place[1], place[0]),
+    )
+    items: list[object] = [hub, guides]
+    arms: list[gx.Cable] = []
+    for k in range(4):
+        turn = np.array([[math.cos(math.pi / 2 * k), -math.sin(math.pi / 2 * k)], [math.sin(math.pi / 2 * k), 0.0]])
+        turn[1, 1] = turn[0, 0]
+        placed = corners @ turn.T
+
+        def places(X: Array, placed: Array = placed) -> Array:
+            x, y = (np.interp(X[0], along, placed[:, i]) for i in range(2))
+            return np.vstack([x, y, 0 * x]) - X
+
+        mesh = line(comm, [(float(x), 0.0, 0.0) for x in along], 1)
+        arm = gx.Cable(mesh, gx.TensionOnly(EA=EA, line_density=PETALS / 4 / ARM), name=f"arm {k}", displacement=places)
+        held = hub.port((float(placed[0, 0]), float(placed[0, 1]), 0.0))
+        items += [arm, gx.BallJoint(arm.port("start"), held, name=f"knot {k}")]
+        items += [gx.AttachedMass(arm.port("end"), TIP, name=f"mass {k}")]
+        items.append(gx.Damping(arm, stiffness=damping, name=f"damping {k}"))
+        arms.append(arm)
+    radii = dict.fromkeys((a.name for a in arms), CORD)
+    contact = gx.Contact(*arms, drum, *guides.rods, distance=TOUCH, stiffness=PRESSING, radius=radii)
+    scene = gx.Scene(*items, contact, gx.RigidMotion(spin=(0.0, 0.0, rpm * RPM)))  # type: ignore[arg-type]
+    spin = gx.AngularVelocity(hub.frame(), "z")
+    ring = gx.AngularVelocity(guides.ring.frame(), "z")
+    probes: dict[str, Probe] = {
+        "spin of the hub [rpm]": lambda run: spin(run) / RPM,
+        "ring against hub [rad/s]": lambda run: ring(run) - spin(run),
+        **{f"radius {k} [m]": gx.PolarPosition(a.port("end"), hub.frame(), "radius") for k, a in enumerate(arms)},
+        "swing [rad]": gx.PolarPosition(arms[0].port("end"), guides.ring.frame(), "angle"),
+        "penetrations": gx.Penetrations(contact),
+    }
+    control = gx.StepControl(iterations=iterations, largest=largest)
+    stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
+    return gx.Case(scene, stepper, until, TITLE, probes=probes, control=control, frames=60)
+
+
+def main(
+    output: str | Path | None = None,
+    until: float = 16.0,
+    cells: int = 24,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    **given: object,
+) -> dict[str, float]:
+    """Let the arms out; what `build` takes may be `given`.  With `output`, a folder: a recording and a picture.
+
+    Returns energy_error, angular_momentum_drift (relative), halved, steps, iterations (a step), seconds, penetrations
+    (the most edges that pierced at any step), radius of the tips at the end [m], the hub's spin there and that of the
+    closed form [rpm], their largest relative difference in the run, energy at the start and dissipated [J].
+    """
+    case = build(comm, cells, until=until, **given)  # type: ignore[arg-type]
+    series = gx.Series(case.probes)
+    outputs: list[Output] = [gx.Progress(), series]
+    if output is not None:
+        outputs.append(case.recording(Path(output)))
+    run = case.simulation(outputs)
+    arms = [body for body in run.system.bodies if isinstance(body, gx.Cable)]
+    looks = []
+    for t in np.linspace(0.0, until, 6):
+        if t > 0:
+            run.run(until=float(t))
+        looks.append((run.time, [gx.positions(run, arm) for arm in arms]))
+    radius = np.mean([series[name] for name in case.probes if name.startswith("radius")], axis=0)
+    first, now = run.first.angular_momentum, run.totals.angular_momentum
+    budget = closed_form(radius, float(first[2]), cells) / RPM
+    spin = series["spin of the hub [rpm]"]
+    if output is not None and comm.rank == 0:
+        draw(looks, series, radius, budget, Path(output) / "ikaros_arms.png")
+    return {
+        "energy_error": abs(run.energy_error),
+        "angular_momentum_drift": float(np.abs(now - first).max() / np.abs(first).max()),
+        "halved": run.substeps,
+        "steps": run.step,
+        "iterations": run.iterations / run.step,
+        "seconds": run.seconds,
+        "penetrations": float(series["penetrations"].max()),
+        "radius": float(radius[-1]),
+        "spin": float(spin[-1]),
+        "budget": float(budget[-1]),
+        "difference": float(np.abs(spin / budget - 1).max()),
+        "energy": run.first.energy,
+        "dissipated": run.totals.dissipated,
+    }
+
+
+def draw(looks: list[tuple[float, list[Array]]], series: gx.Series, radius: Array, budget: Array, path: Path) -> None:
+    """The arms from above, and the spin over time and radius."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(12, 6), dpi=100, facecolor="white", layout="constrained")
+    above, below = figure.subfigures(2, 1, height_ratios=(1.0, 1.3))
+    for axes, (t, arms) in zip(above.subplots(1, len(looks)), looks, strict=True):
+        for arm in arms:
+            axes.plot(arm[:, 0], arm[:, 1], color=(0.1, 0.35, 0.7), linewidth=1)
+            axes.plot(*arm[-1, :2], "o", color="black", markersize=3)
+        axes.set(xlim=(-8, 8), ylim=(-8, 8), aspect="equal", title=f"t = {t:.1f} s", xticks=[], yticks=[])
+    left, right = below.subplots(1, 2)
+    spin = series["spin of the hub [rpm]"]
+    for axes, x in ((left, series.time), (right, radius - HUB_RADIUS)):
+        axes.plot(x, spin, color=(0.8, 0.2, 0.1), label="hub, computed")
+        axes.plot(x, budget, "--", color=(0.1, 0.35, 0.7), label="if all turned as one")
+        axes.grid(alpha=0.3)
+    for out, rpm in FLIGHT:
+        right.plot(out, rpm, "o", color="black", label="flight" if out else None)
+    left.set(xlabel="t [s]", ylabel="spin [rpm]")
+    right.set(xlabel="length of the arms that is out [m]", ylabel="spin [rpm]")
+    right.legend(frameon=False)
+    figure.suptitle(TITLE)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    FigureCanvasAgg(figure).print_png(str(path))
+
+
+def say(found: dict[str, float]) -> None:
+    """What happened, in words."""
+    print(f"The tips are at {found['radius']:.2f} m, and the hub spins at {found['spin']:.2f} rpm.")
+    print(
+        f"If all turned as one it would be {found['budget']:.2f} rpm; at most {found['difference']:.1%} between them."
+    )
+    print(f"Of {found['energy']:.0f} J brake and arms have taken {found['dissipated']:.0f} J.")
+    print(f"Edges that pierced something in any step: {found['penetrations']:.0f}.")
+    print(
+        f"Energy closes to {found['energy_error']:.0e}, angular momentum to {found['angular_momentum_drift']:.0e}; "
+        f"{found['steps']:.0f} steps, {found['iterations']:.1f} iterations each, {found['halved']:.0f} halved, "
+        f"{found['seconds']:.0f} s."
+    )
+
+
+if __name__ == "__main__":
+    result = main(output="out/ikaros_arms")
+    if MPI.COMM_WORLD.rank == 0:
+        say(result)

@@ -1,0 +1,39 @@
+"""Arms that are wound round a hub are held and let out by guides on a braked ring."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from demos import ikaros_arms
+
+
+@pytest.mark.mpi
+def test_the_arms_turn_the_ring_and_nothing_passes_through(comm) -> None:
+    case = ikaros_arms.build(comm, cells=12, until=0.2)
+    run = case.simulation([series := gx.Series(case.probes)])
+    run.run(until=0.2 if comm.size == 1 else 0.02)
+    assert series["penetrations"].max() == 0 and run.substeps == 0
+    assert abs(run.energy_error) < 1e-8
+    first, now = run.first.angular_momentum, run.totals.angular_momentum
+    assert np.abs(now - first).max() < 1e-9 * np.abs(first).max()
+    if comm.size == 1:
+        assert series["ring against hub [rad/s]"][-1] > 0.01 and run.totals.dissipated > 0
+
+
+def test_the_closed_form_begins_as_the_scene_does(comm) -> None:
+    """Chords for arcs: 1 %."""
+    run = ikaros_arms.build(comm).simulation([])
+    corners = ikaros_arms.wound(24)[0]
+    tips = np.array([np.linalg.norm(corners[-1])])
+    ω = ikaros_arms.START * ikaros_arms.RPM
+    assert ikaros_arms.closed_form(tips, run.totals.angular_momentum[2], 24) == pytest.approx(ω, rel=0.01)
+
+
+@pytest.mark.slow
+def test_the_arms_are_let_out(tmp_path) -> None:
+    found = ikaros_arms.main(tmp_path, until=3.0)
+    assert found["radius"] > 1.5 and found["penetrations"] == 0 and found["difference"] < 0.1
+    assert found["energy_error"] < 1e-8 and found["angular_momentum_drift"] < 1e-9
+    assert (tmp_path / "ikaros_arms.png").read_bytes()[1:4] == b"PNG"
