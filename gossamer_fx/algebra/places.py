@@ -124,6 +124,9 @@ class Places:
         X = np.einsum("nax,nx->na", P, self._z) + o
         HX = np.einsum("nmab,nb->nma", H, X)
         self.c = np.concatenate(c) + np.einsum("na,nma->nm", X, HX / 2 + L)
+        self._P: Array | None
+        self._H: Array
+        self._L: Array
         self._P, self._H, self._L = (P, H, HX + L) if P.shape[1] < self.D else (None, *_of_unknowns(P, H, HX + L))
         self.linear = not any(measure.H.any() for measure in measures)
         self._slope = self.forces(self._L) if self.linear else None

@@ -124,6 +124,7 @@ def _parser() -> argparse.ArgumentParser:
     plot.add_argument("--elevation", type=float, metavar="DEGREES", help="of the camera above the horizon")
     plot.add_argument("--follow", action="store_true", help="the camera moves with the shapes")
     plot.add_argument("--zoom", action="store_true", help="each picture as large as its frame allows")
+    plot.add_argument("--opacity", type=float, default=1.0, help="of films; below 1 folded layers are seen through")
     plot.add_argument("-o", "--output", type=Path, help="file; default: in the folder of the run")
     plot.set_defaults(command=_plot)
 
@@ -263,7 +264,7 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     )
     check(bool(chosen) or wanted.output is None, "--output names one file; say which picture with --strip, --time, ...")
     azimuth, elevation = (None if a is None else math.radians(a) for a in (wanted.azimuth, wanted.elevation))
-    view = View(azimuth, elevation, follow=wanted.follow or None, zoom=wanted.zoom)
+    view = View(azimuth, elevation, follow=wanted.follow or None, zoom=wanted.zoom, opacity=wanted.opacity)
     field: str = wanted.field or ("" if chosen == ["curves"] else default_field(run))
     output: Path | None = wanted.output
     if not chosen or wanted.strip:

@@ -162,7 +162,7 @@ class RigidRegion:
             targets = [self.piece.port(*map(float, ξ)) for ξ in self._fit[2]]
         else:  # where a fold map or another start has placed them
             placed = coordinates_at_start(self.body).reshape(-1, self.body.block.size)[self._own, :3]
-            targets = [self.to.port_at(place) for place in placed.tolist()]
+            targets = [self.to.port_at(list(map(float, place))) for place in placed]
         return [(Port(self.body, (node,)), target) for node, target in zip(self._nodes(), targets, strict=True)]
 
     def requires(self) -> Iterable[Any]:

@@ -11,8 +11,8 @@ from mpi4py import MPI
 
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
 from gossamer_fx.model.terms import Array
-from gossamer_fx.plotting.rasterise import Canvas
-from gossamer_fx.plotting.view import Shape, unit
+from gossamer_fx.plotting.rasterise import Canvas, Colours
+from gossamer_fx.plotting.view import Integers, Shape, unit
 from gossamer_fx.plotting.viewpoint import LARGEST_ZOOM, View
 
 # blue, orange, light grey: told apart with any colour vision, and in print by their brightness
@@ -24,6 +24,7 @@ _SUPERSAMPLES = 2
 _LIGHT = unit(np.array([-0.45, 0.55, 0.7]))  # right, up, towards the eye
 _AMBIENT, _GLOSS, _SHININESS = 0.35, 0.35, 24
 _HALF_LINE, _DOT = 1.3, 5.0  # pixels
+_UNSEEN = 0.02  # share of light of layers that are left out behind others
 _OUTLINE, _OUTLINE_STRENGTH = 6.0, 0.55  # depth [pixels] of a step that is outlined
 
 
@@ -40,6 +41,7 @@ class Camera:
     centres: list[tuple[float, float]]
     depth: tuple[float, float]
     zooms: list[float]
+    opacity: float = 1.0
 
 
 def aim(comm: MPI.Intracomm, shapes: Sequence[Shape], view: View = View()) -> Camera:  # noqa: B008 (frozen)
@@ -71,6 +73,7 @@ def aim(comm: MPI.Intracomm, shapes: Sequence[Shape], view: View = View()) -> Ca
         [(float(x), float(y)) for x, y in centres],
         (-float(high[:, 2].max()) - margin, -float(low[:, 2].min()) + margin),
         [float(z) for z in zooms],
+        view.opacity,
     )
 
 
@@ -118,16 +121,37 @@ def render(comm: MPI.Intracomm, camera: Camera, shapes: Iterable[Shape], scale: 
     for shape, (x, y), zoom in zip(shapes, camera.centres, camera.zooms, strict=True):
         fine = scale * n * zoom
         to_pixels = _Projection(camera.axes, fine, np.array([width / 2 - x * fine, height / 2 + y * fine, 0.0]))
-        canvas = Canvas(height, width, camera.depth[0] * fine, camera.depth[1] * fine)
         corners = to_pixels(shape.corners)
-        canvas.draw(corners, _shades(corners, shape.normals @ camera.axes.T), shape.kinds, palette)
+        parts = [(corners, _shades(corners, shape.normals @ camera.axes.T), shape.kinds)]
         for triangles, shades in (_ribbons(to_pixels(shape.lines)), _discs(to_pixels(shape.dots))):
-            canvas.draw(triangles, shades, np.full(len(triangles), len(palette) - 1), palette)
+            parts.append((triangles, shades, np.full(len(triangles), len(palette) - 1)))
+        first = Canvas(height, width, camera.depth[0] * fine, camera.depth[1] * fine)
+        image = _image(comm, first, parts, palette, camera.opacity)
+        if comm.rank == 0:
+            images.append(image.reshape(height // n, n, width // n, n, 3).mean(axis=(1, 3)))
+    return images
+
+
+def _image(
+    comm: MPI.Intracomm,
+    canvas: Canvas,
+    parts: Sequence[tuple[Array, Array, Integers]],
+    palette: Colours,
+    opacity: float,
+) -> Array:
+    """What is nearest, and through it what is behind, layer by layer (depth peeling): (height, width, 3) on rank 0."""
+    image, share, light = np.ones((canvas.height, canvas.width, 3)), opacity, 1.0
+    while True:
+        for triangles, shades, kinds in parts:
+            canvas.draw(triangles, shades, kinds, palette)
         whole = canvas.combine(comm)
         if comm.rank == 0:
-            colours = whole.outlined(_OUTLINE * n, _OUTLINE_STRENGTH)
-            images.append(colours.reshape(height // n, n, width // n, n, 3).mean(axis=(1, 3)))
-    return images
+            image += light * share * (whole.outlined(_OUTLINE * _SUPERSAMPLES, _OUTLINE_STRENGTH) - 1)
+        light *= 1 - share
+        behind = whole.behind(comm) if light > _UNSEEN else None
+        if behind is None:
+            return image
+        canvas = behind
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from gossamer_fx.outputs.run import Run
 from gossamer_fx.outputs.schedule import Schedule
 from gossamer_fx.plotting.camera import BY_STATE, STATE_COLOURS, aim, enlarged, render
 from gossamer_fx.plotting.curves import Snapshot, observe, panels, scaled
+from gossamer_fx.plotting.groups import COLOURS, colour_table
 from gossamer_fx.plotting.page import DPI, arrange, write
 from gossamer_fx.plotting.section import Cut, Section, check_section, draw, window
 from gossamer_fx.plotting.view import Renderer, Shape
@@ -34,6 +35,7 @@ class Picture:
             last state is added.
         title: a line on top.
         view: from where the films are seen; default as `View` chooses it.
+        colour: "state" of the film (taut, wrinkled, slack), or "group": films, and the groups of their cells.
         section: a point [m] and a normal: instead of the films, the lines in which this plane cuts them are drawn, in
             the colours of the films and their groups, or of the layers of a film that has none.
 
@@ -48,6 +50,7 @@ class Picture:
         title: str = "",
         view: View | None = None,
         section: tuple[Vector, Vector] | None = None,
+        colour: str = "state",
     ) -> None:
         self.path, self.title, self.view = Path(path), title, view or View()
         self.schedule = Schedule(times=tuple(times))
@@ -56,6 +59,8 @@ class Picture:
             len(self.times) <= MOST_SHAPES,
             f"Picture '{path}' of {len(self.times)} times; give at most {MOST_SHAPES}, and use VTX for more.",
         )
+        check(colour in ("state", "group"), f'Picture \'{path}\': colour is {colour!r}; give "state" or "group".')
+        self.colour = colour
         if section is not None:
             check_section(f"Picture '{path}'", section)
         self.section = section
@@ -71,7 +76,7 @@ class Picture:
     def open(self, run: Run) -> None:
         make_parent(run.comm, self.path, file=True)
         films = [body for body in run.system.bodies if isinstance(body, Membrane)]
-        self._renderers = [Renderer(run.system)] if run.system.bodies else []
+        self._renderers = [Renderer(run.system, self.colour == "group")] if run.system.bodies else []
         self._fractions = [AreaFractions(films)] if films else []
         self._shapes: list[Shape] = []
         self._cuts: list[Cut] = []
@@ -90,6 +95,14 @@ class Picture:
             return
         self._shapes += [sight.shape() for sight in self._renderers]
 
+    def _key(self) -> dict[str, Any]:
+        """Names and colours of what is shown."""
+        if self.colour == "group":
+            names = [name for renderer in self._renderers for name in renderer.groups]
+            return dict(zip(names, COLOURS, strict=False))
+        states = ("taut", "wrinkled", "slack") if self._fractions else ()
+        return {name: STATE_COLOURS[STATES[name]] for name in states}
+
     def close(self, run: Run) -> None:
         if not self._moments:
             return
@@ -104,10 +117,10 @@ class Picture:
             zooms = camera.zooms
             grid = arrange(len(self._shapes), camera.size[0] / camera.size[1])
             metre = grid.width / camera.size[0]
-            images = render(run.comm, camera, self._shapes, metre * DPI, BY_STATE)
+            table = colour_table(len(self._renderers[0].groups)) if self.colour == "group" else BY_STATE
+            images = render(run.comm, camera, self._shapes, metre * DPI, table)
         if run.comm.rank == 0:
-            states = ("taut", "wrinkled", "slack") if self._fractions else ()
-            key: dict[str, Any] = {name: STATE_COLOURS[STATES[name]] for name in states}
+            key = self._key()
             captions = [
                 f"t = {shape.time / factor:.4g} {prefix}s{enlarged(zoom)}"
                 for shape, zoom in zip(seen, zooms or [1.0] * len(seen), strict=True)

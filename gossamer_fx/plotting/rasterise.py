@@ -29,6 +29,16 @@ class Canvas:
         self.height, self.width = height, width
         self._near, self._scale = near, _FARTHEST / (far - near)
         self._pixels = np.full(height * width, _BACKGROUND)
+        self._before: npt.NDArray[np.uint64] | None = None  # depths up to which nothing is drawn
+
+    def behind(self, comm: MPI.Intracomm) -> Canvas | None:
+        """A canvas that shows what is behind all that rank 0's shows; none if that shows nothing."""
+        comm.Bcast(self._pixels)
+        if (self._pixels == _BACKGROUND).all():
+            return None
+        other = Canvas(self.height, self.width, self._near, self._near + _FARTHEST / self._scale)
+        other._before = self._pixels >> _COLOUR_BITS
+        return other
 
     def draw(self, corners: Array, shades: Array, kinds: npt.NDArray[np.int64], palette: Colours) -> None:
         """Draw triangles: those with a pixel's centre inside own it, and no two that share an edge both do.
@@ -72,7 +82,11 @@ class Canvas:
         z = (depth[line] + depth_slope[line] * x).clip(0, _FARTHEST).astype(np.uint64)
         s = np.rint(shade[line] + shade_slope[line] * x).clip(0, 255).astype(np.int64)
         colour = lookup.ravel()[(kinds[triangle] * lookup.shape[1])[line] + s]
-        np.minimum.at(self._pixels, (row * self.width)[line] + column, (z << _COLOUR_BITS) | colour)
+        places = (row * self.width)[line] + column
+        if self._before is not None:
+            seen = z > self._before[places]
+            places, z, colour = places[seen], z[seen], colour[seen]
+        np.minimum.at(self._pixels, places, (z << _COLOUR_BITS) | colour)
 
     def combine(self, comm: MPI.Intracomm) -> Canvas:
         """The image of all ranks together, on rank 0; on the others this rank's own."""

@@ -13,12 +13,11 @@ from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.model.terms import Array, Vector
 from gossamer_fx.outputs.shapes import BodyShape
+from gossamer_fx.plotting.groups import COLOURS, groups_of
 from gossamer_fx.plotting.page import Grid
 from gossamer_fx.plotting.view import TRIANGLES, Integers, unit
 from gossamer_fx.system.system import System
 
-# told apart with any colour vision (Okabe & Ito 2008)
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
 LINE = 1.3  # points
 BACK = 0.1  # part of the section's length by which a line must go back to begin a new layer
 
@@ -42,16 +41,12 @@ class Section:
         up = unit(upright - (upright @ n) * n)
         self._axes = np.array([np.cross(up, n), up, n])
         self._films = []
-        names: list[str] = []
-        for body in system.bodies:
-            if isinstance(body, Membrane):
-                shape, (groups, of_cells) = BodyShape(system, body), _groups(body)
-                cells = shape.body.space.dofmap.list[: len(of_cells)].astype(np.int64)
-                pieces = np.array(TRIANGLES[body.order])
-                kinds = np.repeat(of_cells + len(names), len(pieces))
-                names += groups
-                self._films.append((shape, cells[:, pieces].reshape(-1, 3), kinds))
-        self._names = names
+        films = [body for body in system.bodies if isinstance(body, Membrane)]
+        self._names, parts = groups_of(films)
+        for film, of_cells in zip(films, parts, strict=True):
+            shape, pieces = BodyShape(system, film), np.array(TRIANGLES[film.order])
+            cells = shape.body.space.dofmap.list[: len(of_cells)].astype(np.int64)
+            self._films.append((shape, cells[:, pieces].reshape(-1, 3), np.repeat(of_cells, len(pieces))))
 
     def cut(self) -> Cut:
         """The accepted state; collective."""
@@ -87,18 +82,6 @@ def check_section(owner: str, section: tuple[Vector, Vector]) -> None:
         and bool(np.any(section[1]))
     )
     check(good, f"{owner}: section is {section!r}; give a point [m] and a normal, ((x, y, z), (nx, ny, nz)).")
-
-
-def _groups(film: Membrane) -> tuple[list[str], Integers]:
-    """Names of the film's parts, and which of them each of this rank's cells is in: its groups if they differ."""
-    cells = film.mesh.domain.topology.index_map(2).size_local
-    of_cells = np.zeros(cells, dtype=np.int64)
-    surfaces = [(name, found) for name, (dim, found) in film.mesh.groups.items() if dim == 2]
-    if len(surfaces) < 2:
-        return [film.name], of_cells
-    for k, (_, found) in enumerate(surfaces):
-        of_cells[found[found < cells]] = k
-    return [f"{film.name}: {name}" for name, _ in surfaces], of_cells
 
 
 def _crossings(x: Array) -> tuple[Array, Integers]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.model.terms import Array, MeshBody, is_on_mesh
 from gossamer_fx.outputs.fields import film_state
 from gossamer_fx.outputs.shapes import BodyShape
+from gossamer_fx.plotting.groups import groups_of
 from gossamer_fx.system.system import System
 
 Integers = npt.NDArray[np.int64]
@@ -30,7 +32,7 @@ class Shape:
     """What this rank shows at one time: points [m] in space.
 
     corners (n, 3, 3) of triangles, normals (n, 3, 3) at the corners, kinds (n,) which colour they have (the state of
-    the film), lines (m, 2, 3), dots (k, 3)
+    the film, or its group), lines (m, 2, 3), dots (k, 3)
     """
 
     time: float
@@ -47,11 +49,16 @@ class Shape:
 
 
 class Renderer:
-    """The bodies of a system, ready to be looked at."""
+    """The bodies of a system, ready to be looked at: films by their state, or by their `groups`."""
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, system: System, by_group: bool = False) -> None:
         self._system = system
-        self._films = [_Film(BodyShape(system, b)) for b in system.bodies if isinstance(b, Membrane)]
+        films = [body for body in system.bodies if isinstance(body, Membrane)]
+        parts: Sequence[Integers | None] = [None] * len(films)
+        self.groups: list[str] = []
+        if by_group:
+            self.groups, parts = groups_of(films)
+        self._films = [_Film(BodyShape(system, film), part) for film, part in zip(films, parts, strict=True)]
         curves = [(k, b) for k, b in enumerate(system.bodies) if is_on_mesh(b) and not isinstance(b, Membrane)]
         self._curves = [(system.fields[k].q0, _polylines(b)) for k, b in curves]
         self._dots = [k for k, b in enumerate(system.bodies) if not is_on_mesh(b)]
@@ -76,22 +83,26 @@ class Renderer:
 
 
 class _Film:
-    """A film's triangles, straight between nodes, and their states."""
+    """A film's triangles, straight between nodes, and their states, or the given kinds of cells."""
 
-    def __init__(self, shape: BodyShape) -> None:
+    def __init__(self, shape: BodyShape, of_cells: Integers | None) -> None:
         film: Membrane = shape.body
         self._shape, x = shape, shape.q
         pieces = np.array(TRIANGLES[film.order])
         middles = np.array(_NODES[film.order], dtype=float)[pieces].mean(axis=1)
         self._cells = np.arange(film.mesh.domain.topology.index_map(2).size_local, dtype=np.int32)
         self._triangles = film.space.dofmap.list[self._cells].astype(np.int64)[:, pieces].reshape(-1, 3)
-        self._state = compile_expression(film_state(film, x), middles)
+        self._kinds = None if of_cells is None else np.repeat(of_cells, len(pieces))
+        self._state = compile_expression(film_state(film, x), middles) if of_cells is None else None
         self._film, self._x = film, x
 
     def snapshot(self) -> tuple[Array, Array, Integers]:
-        """Corners, normals, states."""
+        """Corners, normals, kinds."""
         self._shape.update()
         corners = _positions(self._x.x.array, 3)[self._triangles]
+        if self._kinds is not None:
+            return corners, self._normals(corners), self._kinds
+        assert self._state is not None
         states = evaluate(self._state, self._film.mesh.domain, self._cells).ravel()
         return corners, self._normals(corners), np.rint(states).astype(np.int64)
 

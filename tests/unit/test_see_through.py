@@ -1,0 +1,69 @@
+"""Films that are seen through, and coloured by group."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import gossamer_fx as gx
+from gossamer_fx.plotting.camera import aim, render
+from gossamer_fx.plotting.groups import colour_table, groups_of
+from gossamer_fx.plotting.view import Renderer
+from meshes.sheet import sheet
+from meshes.tube import flat_tube
+
+ABOVE = {"azimuth": 0.0, "elevation": np.pi / 2}
+
+
+def film(comm, height=0.0, name="film", **given):
+    law = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
+    lift = lambda X: np.vstack([0 * X[0], 0 * X[0], 0 * X[0] + height])  # noqa: E731
+    return gx.Membrane(sheet(comm, 3, 3, **given), law, name=name, displacement=lift)
+
+
+def middle(comm, films, opacity):
+    """The pixel in the middle of a picture from above, coloured by group; on rank 0."""
+    run = gx.Simulation(gx.Scene(*films), gx.Midpoint(dt=1e-3))
+    renderer = Renderer(run.system, by_group=True)
+    shapes = [renderer.shape()]
+    camera = aim(comm, shapes, gx.View(**ABOVE, opacity=opacity))
+    images = render(comm, camera, shapes, 40.0, colour_table(len(renderer.groups)))
+    return images[0][images[0].shape[0] // 2, images[0].shape[1] // 2] if comm.rank == 0 else None
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("opacity", [1.0, 0.6])
+def test_layers_shine_through_in_order(comm, opacity):
+    """Light that a layer lets through is that of the next one; what nothing keeps back is white."""
+    low, high = film(comm, 0.0, "low"), film(comm, 0.1, "high")
+    alone = [middle(comm, [one], 1.0) for one in (film(comm, 0.0, "low"), film(comm, 0.1, "high"))]
+    both = middle(comm, [low, high], opacity)
+    if comm.rank == 0:
+        table = colour_table(2)
+        lower, upper = alone[0], alone[0].max() / table[0].max() * table[1]
+        assert np.allclose(alone[0], alone[1], atol=1e-12)  # each is the first of its scene
+        seen = opacity * upper + (1 - opacity) * (opacity * lower + (1 - opacity))
+        assert np.allclose(both, seen, atol=0.02)
+
+
+@pytest.mark.mpi
+def test_groups_are_those_that_are_seen(comm):
+    law = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
+    tube = gx.Membrane(flat_tube(comm, 0.3, 0.03, 4, compartments=3), law, name="tube")
+    names, [parts] = groups_of([tube])
+    assert names == ["compartment 1", "compartment 2", "compartment 3"]  # they cover top and bottom
+    counts = comm.allreduce(np.bincount(parts, minlength=3))
+    assert counts.min() == counts.max() > 0
+    names, parts = groups_of([film(comm, name="a"), film(comm, name="b")])
+    assert names == ["a", "b"] and all((part == k).all() for k, part in enumerate(parts))
+
+
+@pytest.mark.parametrize("opacity", [0.0, 1.5, "half"])
+def test_an_opacity_that_is_none_is_refused(opacity):
+    with pytest.raises(gx.InputError, match="opacity"):
+        gx.View(opacity=opacity)
+
+
+def test_a_colour_that_is_none_is_refused(tmp_path):
+    with pytest.raises(gx.InputError, match=r"give .state. or .group."):
+        gx.Picture(tmp_path / "a.png", colour="thickness")
