@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.model.terms import Array
@@ -29,7 +28,7 @@ def groups_of(films: Sequence[Membrane]) -> tuple[list[str], list[npt.NDArray[np
         for k, (_, found) in enumerate(surfaces):
             of_cells[found[found < count]] = k
         here = np.bincount(of_cells, minlength=len(surfaces) + 1) > 0
-        seen = np.flatnonzero(film.comm.allreduce(here, op=MPI.LOR))
+        seen = np.flatnonzero(film.comm.allreduce(here.astype(np.int64)))
         if len(seen) < 2:
             seen, of_cells, own = np.array([0]), np.zeros(count, dtype=np.int64), [film.name]
         else:
