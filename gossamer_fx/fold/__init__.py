@@ -3,7 +3,7 @@
 zigzag   accordion of panels across a strip, a sheet or a tube that is pressed flat
 roll     strip or flat tube rolled up, tip inside
 miura    Miura's rows of parallelograms
-ikaros   n trapezoids, each an accordion, in arms that stand out from a hub
+ikaros   n trapezoids, each an accordion, in arms that stand out from a hub or are wound round it
 star     ring whose pleats wind round a polygonal hub
 spiral   accordion strip wound round a hub
 """

@@ -11,6 +11,7 @@ import numpy as np
 from gossamer_fx.fold.fold_map import FoldMap
 from gossamer_fx.model.terms import Array
 
+STAGGER = 5.0  # by how much turns are shorter than those around them, over the distance of layers
 AJAR = 1e-2  # thickness of the layers over the radius of the hub at which mountain and valley can be told
 
 
@@ -23,9 +24,10 @@ class Arms(FoldMap):
         x = (C(s) + η(s, y) n(s), zigzag(y))
 
     C has corners at columns of the mesh: 2 `bends` chords on the hub, then a radial arm, which two trapezoids share
-    (n = 4 is the cross of IKAROS).  Layers are η = gap (y/pitch - |s|/column) from the seam, on the hub with `hub_gap`
-    for `gap`.  Their corners there are in line, and the outermost layer has its length: those within, nearer to the
-    hub, are slack.  Edges of the mesh of `meshes.sails.trapezoids` are on all fold lines.
+    (n = 4 is the cross of IKAROS), or an arm that is `wound` on, round the hub.  Layers are η = gap (y/pitch -
+    |s|/column) from the seam, on the hub with `hub_gap` for `gap`.  Their corners there are in line, and the outermost
+    layer has its length: those within, nearer to the hub, are slack.  Edges of the mesh of `meshes.sails.trapezoids`
+    are on all fold lines.
 
     Args:
         n: trapezoids, at least 3.
@@ -35,6 +37,8 @@ class Arms(FoldMap):
         gap: distance of the layers of an arm [m].
         hub_gap: distance of the layers on the hub [m].
         ramp: length of an arm in which the one grows to the other [m].
+        wound: whether the arms go on round the hub, all towards greater angles, as before they were let out: `hub_gap`
+            is then the distance of all layers.  One half of each arm turns back where it leaves its own trapezoid.
 
     Raises:
         InputError: numbers out of these ranges.
@@ -49,6 +53,7 @@ class Arms(FoldMap):
     gap: float = 0.0
     hub_gap: float = 0.0
     ramp: float = 1.0
+    wound: bool = False
 
     def __post_init__(self) -> None:
         self._check(self.n >= 3, f"n is {self.n!r}; give at least 3 trapezoids.")
@@ -71,7 +76,8 @@ class Arms(FoldMap):
     @property
     def radius(self) -> float:
         """Of the corners of the innermost layer on the hub [m]."""
-        return self.column / 2 / math.sin(math.pi / self.n / self.bends / 2) - self.hub_gap * self.outer
+        layers = self._height_of_roll if self.wound else self.outer
+        return self.column / 2 / math.sin(math.pi / self.n / self.bends / 2) - self.hub_gap * layers
 
     def pressed(self) -> Arms:
         return replace(self, gap=0.0, hub_gap=0.0)
@@ -83,12 +89,17 @@ class Arms(FoldMap):
         k = np.round((np.arctan2(X[:, 1], X[:, 0]) + np.pi / 2) / (2 * np.pi / self.n))
         c, d = np.cos(2 * np.pi * k / self.n), np.sin(2 * np.pi * k / self.n)
         s, y = c * X[:, 0] + d * X[:, 1], d * X[:, 0] - c * X[:, 1]
-        z = self._height(y / self.pitch - self.inner)
+        row = y / self.pitch
+        z = self._height(row - self.inner)
         u = s / self.column
-        layer = np.maximum(y / self.pitch - np.abs(u), 0.0)
         i = np.floor(u + 1e-9)
         part = (u - i)[:, None]
-        p = (1 - part) * self._corner(i, layer) + part * self._corner(i + 1, layer)
+        if self.wound:
+            back = u < -self.bends - 1e-9
+            p = (1 - part) * self._wound(i, row, back) + part * self._wound(i + 1, row, back)
+        else:
+            layer = np.maximum(row - np.abs(u), 0.0)
+            p = (1 - part) * self._corner(i, layer) + part * self._corner(i + 1, layer)
         return np.column_stack([c * p[:, 0] - d * p[:, 1], d * p[:, 0] + c * p[:, 1], z])
 
     def _height(self, row: Array) -> Array:
@@ -109,6 +120,52 @@ class Arms(FoldMap):
         on_hub = (self.radius + η)[:, None] * np.stack([np.sin(angle), -np.cos(angle)], axis=1)
         return np.where((np.abs(i) < self.bends)[:, None], on_hub, on_arm)
 
+    # ---- wound arms: heights count in layers ------------------------------------------------------------------------
+
+    @property
+    def _arm(self) -> int:
+        """Columns of an arm."""
+        return self.outer - self.bends
+
+    def _rise(self, p: Array) -> Array:
+        """Height of a strip at p columns from where its trapezoid begins: a quarter (of n) on, it is above two halves.
+
+        It lies on the hub at first, and leaves it to make room for the turns of the next trapezoid.
+        """
+        quarter = 2 * self.bends
+        whole = np.ceil(p / quarter) - 1  # 0 in the first quarter, its end included
+        rest = np.maximum(p - quarter * whole, 1.0)
+        rise: Array = whole * (2 * self._arm + 1) + (self._arm + 1) * (rest - 1) / (quarter - 1)
+        return rise
+
+    @property
+    def _height_of_roll(self) -> float:
+        j = np.arange(1, self._arm + 1)
+        front, back = self._rise(j + 2.0 * self.bends) + self._arm - j, self._rise(1.0 * j) + 2 * self._arm + 1
+        return float(max(front.max(), back.max()))
+
+    def _wound(self, i: Array, row: Array, back: Array) -> Array:
+        """Columns i of rows in the roll (n, 2); `back` where the strip has turned back at the column -bends.
+
+        The strip and its half that turned back lie above each other with their outer edges together, the seams outside.
+        Of the turns, which enclose each other, the inner ones are shorter.
+        """
+        N = self._arm
+        p = np.where(back, -self.bends - i, self.bends + i)
+        of = np.maximum(row - np.maximum(np.abs(i), self.bends), 0.0)
+        layer = self._rise(p) + np.where(back, 2 * N + 1 - of, of)
+        turn = p < 0.5
+        layer = np.where(turn, N + 0.5, layer)
+        r = (self.radius + self.hub_gap * layer)[:, None]
+
+        def at(p: Array) -> Array:
+            angle = math.pi / self.n * (p / self.bends - 1)
+            return np.stack([np.sin(angle), -np.cos(angle)], axis=1)
+
+        short = np.where(turn, STAGGER * self.hub_gap / self.column * (row - self.inner), 0.0)[:, None]
+        result: Array = r * ((1 - short) * at(p) + short * at(p + 1))
+        return result
+
 
 class _Tilted(Arms):
     """Neighbouring panels are turned apart about their folds, so that none of these is shut."""
@@ -117,5 +174,5 @@ class _Tilted(Arms):
         return self
 
     def place(self, X: Array, side: Array) -> Array:
-        gap = AJAR * self.radius / self.outer
+        gap = AJAR * self.radius / (self._height_of_roll if self.wound else self.outer)
         return replace(Arms(**vars(self)), gap=gap, hub_gap=gap).place(X, side)

@@ -9,6 +9,7 @@ import pytest
 
 import gossamer_fx as gx
 from demos import ikaros
+from meshes.sails import trapezoids
 
 RPM = ikaros.RPM
 
@@ -123,3 +124,38 @@ def test_the_ring_of_guides_is_braked_against_the_hub(comm) -> None:
     assert rate == pytest.approx(moment / c * (1 - math.exp(-decay * 0.3)), rel=1e-3)
     assert abs(run.energy_error) < 1e-12 and len(guides.rods) == 4
     assert run.totals.angular_momentum[2] == pytest.approx(run.first.angular_momentum[2], rel=1e-12)
+
+
+@pytest.mark.parametrize(("n", "inner", "outer", "bends"), [(4, 2, 6, 1), (4, 5, 8, 2), (6, 3, 5, 1)])
+def test_arms_wound_round_the_hub_are_isometric_and_apart(comm, n: int, inner: int, outer: int, bends: int) -> None:
+    """Pressed together without strain; opened by 1 mm nothing pierces, and some 10 mJ are stored."""
+    energies = []
+    for gap in (0.0, 1e-3):
+        folds = gx.fold.ikaros(n=n, inner=inner, outer=outer, pitch=0.5, bends=bends, hub_gap=gap, wound=True)
+        mesh = folds.mark(trapezoids(comm, n, inner, outer, 0.5))
+        film = gx.Membrane(mesh, gx.Miyazaki(**ikaros.FILM, density=1420.0, residual=1e-6), name="sail")
+        start = folds.start(film)
+        energies.append(start.strain_energy())
+        if gap:
+            contact = gx.Contact(film, distance=5e-4)
+            run = gx.Simulation(gx.Scene(film, start, contact), gx.Midpoint(dt=1e-4))
+            assert gx.Crossings(film)(run) == 0 and gx.ContactGap(contact)(run) > 0
+            r = np.linalg.norm(gx.positions(run, film)[:, :2], axis=1)
+            assert r.min() >= 0.99 * folds.radius and r.max() <= 1.01 * folds.column / 2 / math.sin(
+                math.pi / n / bends / 2
+            )
+    assert energies[0] < 1e-15 and energies[1] < 0.05
+
+
+@pytest.mark.mpi
+def test_the_wound_sail_leaves_the_hub(comm) -> None:
+    """Released at once, without guides: the tips begin as free particles."""
+    folds = gx.fold.ikaros(n=4, inner=2, outer=5, pitch=0.5, bends=1, hub_gap=2e-3, wound=True)
+    law = gx.Miyazaki(**ikaros.FILM, density=7000.0, residual=1e-6)
+    film = gx.Membrane(folds.mark(trapezoids(comm, 4, 2, 5, 0.5)), law, name="sail")
+    contact, spin = gx.Contact(film, distance=1e-3), gx.RigidMotion(spin=(0.0, 0.0, 2.6))
+    run = gx.Simulation(gx.Scene(film, folds.start(film), contact, spin), gx.Midpoint(dt=1e-3))
+    run.run(until=0.02 if comm.size == 1 else 2e-3)
+    assert gx.Penetrations(contact)(run) == 0 and abs(run.energy_error) < 1e-8
+    first, now = run.first.angular_momentum, run.totals.angular_momentum
+    assert np.abs(now - first).max() < 1e-9 * np.abs(first).max()

@@ -264,6 +264,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "gap": 1e-3,
             "hub_gap": 1e-4,
             "ramp": 1.0,
+            "wound": False,
         },
         "fold.miura": {"a": 0.1, "b": 0.1, "gamma": 1.0, "theta": 0.5},
         "fold.roll": {
