@@ -16,7 +16,7 @@ from petsc4py import PETSc
 from gossamer_fx.contact.kernel import Array, Integers, library, pointers
 from gossamer_fx.contact.points import Points
 
-STRONG = 0.03  # norm of a block over the mean of the two on its diagonal, from which a preconditioner needs it
+STRONG = 0.1  # norm of a block over the mean of the two on its diagonal, from which a preconditioner needs it
 
 
 class Blocks:

@@ -35,9 +35,9 @@ from gossamer_fx.terms.coordinates import Coordinates
 from gossamer_fx.terms.discrete_gradient import StressRule
 
 # Choice of the strain in the mixed iteration: its regularisation, as a fraction of the largest stiffness; the relative
-# error of the linearised stress that triggers it; the last iteration that uses it, as it may cycle, or creep where film
-# is almost slack.
-SURROUNDINGS, FAR, CHOSEN = 0.03, 0.1, 6
+# error of the linearised stress that triggers it; and how often in a step a point may be chosen for without that this
+# error falls below a part of the last one's, as it may cycle, or creep where film is almost slack.
+SURROUNDINGS, FAR, IDLE, FALLS = 0.03, 0.1, 5, 0.9
 
 
 class ElementEnergies(CompiledTerms):
@@ -171,9 +171,12 @@ class ElementForces:
             misses = _largest(abs(S[i] - σ[i]) for i in range(m))
             stress = _largest(abs(s) for i in range(m) for s in (S[i], σ[i]))
             resistance = SURROUNDINGS * ufl.max_value(stiffness, self._expected[2 * m])
-            self._resist = compile_expression(ufl.conditional(ufl.gt(misses, FAR * stress), resistance, 0.0), points)
+            is_far = ufl.conditional(ufl.gt(misses, FAR * stress), 1.0, 0.0)
+            self._resist = compile_expression(ufl.as_vector([is_far * resistance, misses]), points)
+            self._missed = np.full((len(self._cells), len(points)), np.inf)  # error of the stress where it was chosen
+            self._idle = np.zeros(self._missed.shape, dtype=int)  # how often it did not fall
         self._before = self._e0.x.array.copy()
-        self._known = 0
+        self._known, self._chooses = 0, self._switches
 
         self._compile_forces(at, rule, e, S, D)
 
@@ -191,7 +194,9 @@ class ElementForces:
 
     def begin(self) -> None:
         """Start a step: of its stress nothing is known yet."""
-        self._known = 0
+        self._known, self._chooses = 0, self._switches
+        if self._switches:
+            self._missed[:], self._idle[:] = np.inf, 0
 
     def accept(self) -> None:
         """End a step: the strain of its end is that of the next one's start."""
@@ -200,7 +205,7 @@ class ElementForces:
 
     def linearise(self) -> None:
         """ê from the strain at the last iterate and its linear change by δ; then the stress."""
-        if not self._switches or self._known > CHOSEN:
+        if not self._chooses:
             self._tabulate(self._linearised, self._ê)
             self._respond()
         elif not self._known:
@@ -222,8 +227,13 @@ class ElementForces:
         expected, e = self._expected.x.array.reshape(-1, 2 * m + 2), self._ê.x.array.reshape(-1, m)
         e[:] = expected[:, :m]
         self._respond()
-        resistance = evaluate(self._resist, mesh, self._cells)
-        is_far = resistance > 0
+        resistance, misses = np.moveaxis(
+            evaluate(self._resist, mesh, self._cells).reshape(*self._missed.shape, 2), 2, 0
+        )
+        self._idle += (resistance > 0) & (misses > FALLS * self._missed)
+        self._missed = np.where(resistance > 0, misses, np.inf)
+        is_far = (resistance > 0) & (self._idle < IDLE)
+        self._chooses = self._known <= IDLE or bool(is_far.any())
         far = self._ê.function_space.dofmap.list[is_far]
         S, D = np.split(self._response.x.array.reshape(-1, m + m * m)[far], [m], axis=1)
         K = D.reshape(-1, m, m) + resistance[is_far][:, None, None] * np.eye(m)

@@ -110,14 +110,16 @@ def test_restart_in_the_middle_of_contact(comm, folder):
 
 
 @pytest.mark.mpi
-def test_ranks_agree(comm):
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_ranks_agree(comm, friction):
     def run(on):
         lower = film(on, name="lower")
         upper = film(on, height=1.2e-3, velocity=(0.2, 0.1, -2.0), turn=0.4, name="upper")
-        return simulate([gx.Contact(lower, upper, distance=1e-3)], 2e-3)
+        return simulate([gx.Contact(lower, upper, distance=1e-3, friction=friction)], 2e-3)
 
     ours, alone = run(comm), run(MPI.COMM_SELF)
-    for name in ("kinetic", "angular_momentum"):
+    assert (ours.totals.dissipated > 0) == (friction > 0)
+    for name in ("kinetic", "angular_momentum", "dissipated"):
         assert np.allclose(getattr(ours.totals, name), getattr(alone.totals, name), rtol=1e-8, atol=1e-12)
     points = [group_of(r).points.at(r.system.q0, 0.0) for r in (ours, alone)]
     assert np.abs(points[0] - points[1]).max() < 1e-9

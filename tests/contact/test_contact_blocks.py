@@ -1,0 +1,77 @@
+"""The tangent of contact: what is in the system's matrix, and what is beside it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scenes import film, group_of, simulate
+
+import gossamer_fx as gx
+from gossamer_fx.system.tangent import Tangent
+
+
+def touching(comm, body: str) -> gx.Simulation:
+    """Films in the middle of a collision; one of them is held at an edge; with a body they rub, too."""
+    lower = film(comm, name="lower")
+    upper = film(comm, height=1.2e-3, velocity=(0.2, 0.1, -2.0), turn=0.4, name="upper", at=(0.01, 0.005))
+    items = [gx.Fixed(lower, "left")]
+    if body:
+        block = gx.RigidBody(0.02, (1e-5, 1e-5, 1e-5), position=(0.0, 0.0, -0.0209), comm=comm)
+        solid = gx.Sphere(centre=(0.0, 0.0, -0.0209), radius=0.02, on=block, friction=0.0)
+        return simulate([gx.Contact(lower, upper, solid, distance=1e-3, friction=0.2), *items], 2e-4)
+    return simulate([gx.Contact(lower, upper, distance=1e-3), *items], 2e-4)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("body", ["", "ball"])
+def test_the_tangent_is_the_derivative_of_the_residual(comm, body) -> None:
+    run = touching(comm, body)
+    system = run.system
+    numbering = system.numbering
+    contacts = system.searching[0]
+    held = system.supports.held
+    system.begin(1e-4)
+    q, z, end = (numbering.vector() for _ in range(3))
+    q.waxpy(1e-4, system.v0, system.q0)
+    z.array[:] = np.random.default_rng(comm.rank).normal(size=numbering.size_local)
+    z.array[held] = 0
+
+    def forces(step: float):
+        end.waxpy(step, z, q)
+        system.take(end)
+        r = numbering.vector()
+        contacts.add_forces(r)
+        r.array[held] = 0
+        return r
+
+    ε = 1e-9
+    exact = forces(ε)
+    exact.axpy(-1.0, forces(-ε))
+    exact.scale(0.5 / ε)
+    forces(0.0)
+    assert comm.allreduce(group_of(run).acting) > 10
+    A = numbering.matrix()
+    contacts.add_tangents(A)
+    A.assemble()
+    system.supports.clear(A, 0.0)
+    tangent = Tangent(A, [contacts])
+    tangent.take()
+    of_sum, of_whole, of_strong = (numbering.vector() for _ in range(3))
+    tangent.mult(z, of_sum)
+    tangent.whole().mult(z, of_whole)
+    tangent.strong().mult(z, of_strong)
+    size = exact.norm()
+    for found in (of_sum, of_whole):
+        found.axpy(-1.0, exact)
+        assert found.norm() < 1e-5 * size
+    of_strong.axpy(-1.0, exact)
+    assert of_strong.norm() < size  # a part
+
+
+@pytest.mark.mpi
+def test_the_matrix_of_the_films_keeps_its_pattern(comm) -> None:
+    run = touching(comm, "")
+    entries = run.system.A.getInfo()["nz_used"]
+    run.run(until=1.2e-3)
+    assert run.system.A.getInfo()["nz_used"] == entries
+    assert run.system.M.getInfo()["nz_used"] == entries
