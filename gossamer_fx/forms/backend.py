@@ -91,6 +91,8 @@ def interpolation_points(space: fem.FunctionSpace) -> Array:
 def evaluate(expression: fem.Expression, mesh: Mesh, cells: Indices) -> Array:
     """Values of an expression in some cells, shape (cells, points × values)."""
     values = expression.eval(mesh, cells)
+    if len(cells):
+        return np.asarray(values).reshape(len(cells), -1)
     width = expression.X().shape[0] * int(np.prod(expression.ufl_expression.ufl_shape, dtype=int))
     return np.asarray(values).reshape(len(cells), width)
 

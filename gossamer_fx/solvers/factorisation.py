@@ -28,7 +28,7 @@ class Lapack:
     problem = ""
 
     def setUp(self, pc: PETSc.PC) -> None:
-        self._lu, self._pivots, info = dgetrf(pc.getOperators()[1].getDenseArray())
+        self._lu, self._pivots, info = dgetrf(pc.getOperators()[1].getDenseArray(readonly=True))
         self.problem = f"LAPACK: {REASONS[-10]}" if info else ""
 
     def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
