@@ -134,6 +134,8 @@ class Places:
     def strain(self, q: Array) -> Array:
         """e (n, m)."""
         Y = self._vectors(q)
+        if self.linear:
+            return (self._L @ Y[..., None])[..., 0] + self.c
         return np.einsum("nma,na->nm", np.einsum("nmab,nb->nma", self._H, Y) / 2 + self._L, Y) + self.c
 
     def gradient(self, q: Array, on: Any = slice(None)) -> Array:

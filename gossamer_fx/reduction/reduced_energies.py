@@ -20,7 +20,7 @@ from petsc4py import PETSc
 from gossamer_fx.forms.backend import evaluate
 from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.model.terms import Array, Assembly, CompiledTerms
+from gossamer_fx.model.terms import Array, Assembly, CompiledTerms, Indices
 from gossamer_fx.reduction.mode_gradients import (
     mode_gradients,
     own_cells,
@@ -32,6 +32,8 @@ from gossamer_fx.reduction.mode_gradients import (
 from gossamer_fx.terms.coordinates import Coordinates
 from gossamer_fx.terms.discrete_gradient import StressRule
 from gossamer_fx.terms.element_energies import Dissipation, ElementEnergies, ElementForces, StoredEnergy
+
+FEW = 2000  # cells up to which one expression for all states takes less time than to sort cells by their states
 
 
 class ReducedEnergies(ElementEnergies):
@@ -110,6 +112,12 @@ class ModeForces(ElementForces):
         self.move()
         self.keep()
 
+    def _respond(self, cells: Indices | None = None) -> None:
+        if len(self._own) > FEW:
+            super()._respond(cells)
+        else:
+            self._tabulate(self._responses[0], self._response, cells)
+
     def move(self) -> None:
         """q1 was set: F (2, 3, q) there."""
         values = evaluate(self._deformation, self._mesh, self._own).reshape(len(self._dA), 3, 2)
@@ -137,8 +145,9 @@ class ModeForces(ElementForces):
         e = np.stack([((F[0] ** 2).sum(axis=0) - 1) / 2, ((F[1] ** 2).sum(axis=0) - 1) / 2, (F[0] * F[1]).sum(axis=0)])
         S = S + np.einsum("klq,lq->kq", D, e - self._ê.x.array.reshape(-1, self._size)[self._places].T)
         a, b = self._middle()
-        G1, G2 = self._G.swapaxes(0, 1)
-        total: Array = G1.T @ (S[0] * a + S[2] * b).T + G2.T @ (S[1] * b + S[2] * a).T
+        N = np.stack([S[0] * a + S[2] * b, S[1] * b + S[2] * a]).T  # (q, 3, 2)
+        q, _, r = self._G.shape
+        total: Array = self._G.reshape(2 * q, r).T @ N.swapaxes(1, 2).reshape(2 * q, 3)
         return total
 
     def tangents(self) -> Array:
