@@ -27,6 +27,7 @@ from gossamer_fx.system.tangent import Tangent
 MANY = 1000  # applications of a preconditioner that no solve makes
 DIRECT_UP_TO = 3000  # unknowns up to which a factorisation is cheapest
 SEARCHING_UP_TO = 900  # the same where what is coupled changes from step to step, and a factorisation fills
+EASY = 10  # applications in a solve up to which a preconditioner needs no couplings beside the matrix that stays
 REASONS = {
     int(getattr(PETSc.KSP.ConvergedReason, name)): words
     for name, words in {
@@ -122,13 +123,17 @@ class BorderedPreconditioner:
         self._Z = Columns([])
         self._step: tuple[float, float] | None = None
         self._applications, self._enough = 0, 0  # since the last set-up, and with a Z of its own
+        self._hard = False  # whether strong couplings are needed in this step
 
     def setUp(self, pc: PETSc.PC) -> None:
         operator = self._operator
-        factorised = self._sparse.getType() in factorisation.TYPES
-        self._sparse.setOperators(operator.A.whole() if factorised else operator.A.strong())
-        self._sparse.setUp()
         step = self._system.time, self._system.h
+        self._hard = step == self._step and (self._hard or self._applications > EASY)
+        if self._sparse.getType() in factorisation.TYPES:
+            self._sparse.setOperators(operator.A.whole())
+        else:
+            self._sparse.setOperators(operator.A.strong() if self._hard else operator.A.A)
+        self._sparse.setUp()
         if self._sparse.getType() != "python" or step != self._step or self._applications > self._enough + 1:
             self._solve_columns()
             self._step, self._enough = step, MANY
