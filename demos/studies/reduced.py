@@ -137,7 +137,7 @@ def projected(comm: MPI.Intracomm, modes: int) -> dict[str, float]:
     mean = X.mean(axis=2, keepdims=True)
     A = X - mean
     λ, v = np.linalg.eigh(comm.allreduce(np.einsum("nit,nis->ts", A, mass_times(sail, A))))
-    count = 3 * (modes + 3)
+    count = min(3 * (modes + 3), int((λ > 1e-14 * λ[-1]).sum()))  # no more than the snapshots hold
     U = np.einsum("nit,tk->nik", A, v[:, ::-1][:, :count] / np.sqrt(np.maximum(λ[::-1][:count], 1e-300)))
     MU = mass_times(sail, U)
     trained = time.process_time() - started

@@ -42,7 +42,10 @@ class SampledMesh(Mesh):
     """The sampled cells: what the groups of the whole mesh name is not among them."""
 
     def group(self, name: str) -> Any:
-        raise InputError(f"A reduced film has no group '{name}': hold or load that group before the film is reduced.")
+        raise InputError(
+            f"A reduced film has no group '{name}': supports, creases and loads on groups need the film itself; tie "
+            "points of a reduced one by `port_at`."
+        )
 
 
 class ReducedMembrane(Membrane):

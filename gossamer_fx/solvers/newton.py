@@ -21,7 +21,8 @@ from gossamer_fx.system.system import System
 SEARCHES = 5  # of places that a solved step turns out to need, before what is still missed is refused
 LAST = 0.01  # residual that the last linear solve of a step leaves, over that of a solved step
 EXPLODED = 1e12  # residual, over the first two (one may be round-off), from which no iteration returns
-KEPT = 1e3  # residual over that of a solved step, up to which a full matrix is not made and factorised anew
+# residual over that of a solved step, and over the first, up to which a full matrix is not made and factorised anew
+KEPT, CLOSE = 1e3, 1e-6
 NEAR = 0.01  # residual over the first, from which on tangents are complete
 FALLS, STANDS = 0.5, 4.0  # a residual that falls by less than the one is round-off below the other times its floor
 
@@ -220,7 +221,8 @@ class Newton:
         self._composite.join(self._r, self._s, F)
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
-        if self.system.numbering.full and snes.getIterationNumber() and self._forces < KEPT * self._limit:
+        near = self._forces < min(KEPT * self._limit, CLOSE * self._reference)
+        if near and self.system.numbering.full and snes.getIterationNumber():
             self._composite.split(snes.getSolution())[0].copy(self._base)
             return
         with self._clock("tangent"):
