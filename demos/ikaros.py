@@ -73,6 +73,7 @@ def build(
     damping: float = 1e-4,
     tension_only: bool = False,
     tether_damping: float = 0.0,
+    friction: float = 0.0,
     crease: float = 0.0,
     until: float = 8.0,
     dt: float = 2e-3,
@@ -87,6 +88,7 @@ def build(
         gap: of the layers [m].
         damping: viscosity of the film over its stiffness [s]; with `tension_only` none where it is slack.
         tether_damping: [N s/m].
+        friction: coefficient of the film on itself and the hub.
         crease: stiffness of folds with memory [N m/m/rad]; 0: none.
         largest: step [s].
     """
@@ -114,7 +116,7 @@ def build(
     if contact:
         end = (0.0, 0.0, HUB_HEIGHT / 2)
         drum = gx.Cylinder(start=(0.0, 0.0, -HUB_HEIGHT / 2), end=end, radius=radius, on=hub, name="drum")
-        items.append(touching := gx.Contact(film, drum, distance=contact))
+        items.append(touching := gx.Contact(film, drum, distance=contact, friction=friction))
         probes["penetrations"] = gx.Penetrations(touching)
     else:
         probes["penetrations"] = gx.Crossings(film)
