@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
+import numpy.typing as npt
 
 from gossamer_fx.fold.fold_map import FoldMap
 from gossamer_fx.model.terms import Array
@@ -144,7 +145,7 @@ class Arms(FoldMap):
         front, back = self._rise(j + 2.0 * self.bends) + self._arm - j, self._rise(1.0 * j) + 2 * self._arm + 1
         return float(max(front.max(), back.max()))
 
-    def _wound(self, i: Array, row: Array, back: Array) -> Array:
+    def _wound(self, i: Array, row: Array, back: npt.NDArray[np.bool_]) -> Array:
         """Columns i of rows in the roll (n, 2); `back` where the strip has turned back at the column -bends.
 
         The strip and its half that turned back lie above each other with their outer edges together, the seams outside.

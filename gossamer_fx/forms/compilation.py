@@ -55,7 +55,7 @@ def compile_form(form: ufl.Form) -> fem.Form:
     return _with_cache(comm, lambda: fem.form(numbered, jit_options=kernel_options()))
 
 
-def compile_expression(expression: Any, points: npt.NDArray[np.float64]) -> fem.Expression:
+def compile_expression(expression: Any, points: npt.NDArray[np.floating[Any]]) -> fem.Expression:
     """Compile an expression for evaluation at `points` of the reference cell, shape (n, tdim)."""
     comm = ufl.domain.extract_unique_domain(expression).ufl_cargo().comm
     numbered = map_integrand_dags(_Number(expression), expression)

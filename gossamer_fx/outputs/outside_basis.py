@@ -78,9 +78,9 @@ class _Estimate:
         for w, inverse, part in zip(
             self._weights, self._inverse, (across[:, None], f - across[:, None] * normal), strict=True
         ):
-            y = self._MΦ.T @ (w[:, None] * part)
-            total = self._sum(np.concatenate([y.ravel(), [np.sum(w[:, None] * part**2)]]))
-            y = total[:-1].reshape(y.shape)
+            own = self._MΦ.T @ (w[:, None] * part)
+            total = self._sum(np.concatenate([own.ravel(), [np.sum(w[:, None] * part**2)]]))
+            y = total[:-1].reshape(own.shape)
             released += max(float(total[-1] - np.sum(y * (inverse @ y))), 0.0) / 2
         stored = float(self._sum(np.array(fem.assemble_scalar(self._energy))))
         return released / max(stored, 1e-300)

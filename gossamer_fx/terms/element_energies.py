@@ -231,7 +231,7 @@ class ElementForces:
             evaluate(self._resist, mesh, self._cells).reshape(*self._missed.shape, 2), 2, 0
         )
         self._idle += (resistance > 0) & (misses > FALLS * self._missed)
-        self._missed = np.where(resistance > 0, misses, np.inf)
+        self._missed[:] = np.where(resistance > 0, misses, np.inf)
         is_far = (resistance > 0) & (self._idle < IDLE)
         self._chooses = self._known <= IDLE or bool(is_far.any())
         far = self._ê.function_space.dofmap.list[is_far]
