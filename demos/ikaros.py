@@ -151,7 +151,9 @@ def tethers(film: gx.Membrane, hub: gx.RigidBody, pitch: float, radius: float, d
         for i in (-2, -1, 0, 1) if inner < 4 else (-4, -2, 2, 4):
             place = pitch * np.array([c * i + d * inner, d * i - c * inner, 0.0])
             far = float(np.linalg.norm(place))
-            ends.append((film.port_at(place.tolist()), hub.port((place * radius / far).tolist())))
+            x, y, z = map(float, place)
+            rim = hub.port((x * radius / far, y * radius / far, z))
+            ends.append((film.port_at((x, y, z)), rim))
             lengths.append(far - radius)
     return gx.RopeBundle(ends, lengths, TETHER, damping, name="tethers")
 
@@ -220,7 +222,7 @@ def main(
     outputs: list[Output] = [gx.Progress(), series]
     if output is not None:
         out = Path(output)
-        looks = (np.array([0.0, 0.06, 0.12, 0.2, 0.28, 0.4, 0.55, 0.7, 0.85, 1.0]) * until).tolist()
+        looks = [part * until for part in (0.0, 0.06, 0.12, 0.2, 0.28, 0.4, 0.55, 0.7, 0.85, 1.0)]
         outputs += [case.recording(out), gx.Picture(out / "ikaros.png", looks, TITLE, VIEW)]
     run = case.simulation(outputs)
     run.run(until=until)

@@ -140,7 +140,7 @@ def main(
     outputs: list[Output] = [gx.Progress(), series]
     if output is not None:
         out = Path(output)
-        looks = (np.array([0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.75, 0.85, 1.0]) * until).tolist()
+        looks = [part * until for part in (0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.75, 0.85, 1.0)]
         outputs += [case.recording(out), gx.Picture(out / "spin_deployment.png", looks, TITLE, VIEW)]
     run = case.simulation(outputs)
     run.run(until=until)
