@@ -32,7 +32,7 @@ from meshes.line import line
 from meshes.sheet import sheet
 
 LAW = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
-ENERGY, MOMENTUM = 1e-9, 1e-10
+ENERGY, MOMENTUM = 1e-10, 1e-12
 MAP = {
     "speed": [0.01, 0.1, 10.0, 100.0],
     "h": [0.1, 0.3, 3.0, 10.0],
