@@ -1,22 +1,25 @@
 """The arms of IKAROS are let out: stage 1, from arms wound round the hub to the cross.
 
 The four strips of folded film are wound round the hub, one and a quarter turns each, with a mass of 0.5 kg at the end.
-Rods on a ring hold them; their pull turns the ring against a brake, and as it turns they are let out.  Hub, arms and
-masses turn all but as one:
+Rods on a ring hold them; their pull turns the ring against a brake, and as it turns they are let out.  In days, as in
+flight, hub, arms and masses turn as one:
 
     ω = L/(I + J),    J = Σ (∫ λ R² ds of the wound part + ∫ λ r² dr of what stands out + m r_tip²)
 
-the more so the slower they are let out.  Here an arm is a cable with the mass of its two half strips, wound in a spiral
+In seconds, as here, the arms lag and stop the hub like the cords of a yo-yo, and turn it backwards before they stand
+out; the curves show both.  What follows, swings of the arms that no damping ends, is not stage 1 any more, so the demo
+ends with the cross.  A stronger brake lets the arms out one by one, each when its pull happens to overcome it.  An arm
+here is a cable with the mass of its two half strips, wound in a spiral
 between those of its neighbours; contact keeps arms, hub and rods apart.  `demos/ikaros.py` is stage 2, from the cross.
 
 Where the values come from:
     3.5 kg a trapezoid with its devices, 0.5 kg at a tip, hub of 290 kg and 85 kg m², 25 rpm before stage 1
                          JAXA's press kit and the project's blog (item 894); inertia as in `demos/ikaros.py`
     7.4 rpm after it     project's blog, item 550: "a little over 5 m" of arms were out
-    rods, brake          chosen: the flight took days, here the arms are out after a quarter of a minute
+    rods, brake          chosen: the flight took days, here the arms are out after six seconds
 
     ./gossamer demo ikaros_arms
-    ./gossamer run demos/ikaros_arms.py brake=60.0 until=45.0 --output out/arms; ./gossamer report out/arms
+    ./gossamer run demos/ikaros_arms.py brake=30.0 until=8.0 --output out/arms; ./gossamer report out/arms
 """
 
 from __future__ import annotations
@@ -83,7 +86,7 @@ def build(
     rpm: float = START,
     brake: float = 20.0,
     damping: float = 2e-2,
-    until: float = 16.0,
+    until: float = 6.4,
     dt: float = 5e-3,
     largest: float = 2e-2,
     iterations: int = 10,
@@ -149,7 +152,7 @@ def build(
 
 def main(
     output: str | Path | None = None,
-    until: float = 16.0,
+    until: float = 6.4,
     cells: int = 24,
     comm: MPI.Comm = MPI.COMM_WORLD,
     **given: object,
