@@ -34,6 +34,7 @@ def test_the_closed_form_begins_as_the_scene_does(comm) -> None:
 @pytest.mark.slow
 def test_the_arms_are_let_out(tmp_path) -> None:
     found = ikaros_arms.main(tmp_path, until=3.0)
-    assert found["radius"] > 1.5 and found["penetrations"] == 0 and found["difference"] < 0.1
+    assert found["radius"] > 1.5 and found["penetrations"] == 0
+    assert 0 < found["spin"] < found["budget"]  # the arms lag behind the hub that they stop
     assert found["energy_error"] < 1e-8 and found["angular_momentum_drift"] < 1e-9
     assert (tmp_path / "ikaros_arms.png").read_bytes()[1:4] == b"PNG"
