@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -29,6 +30,19 @@ FALLS, STANDS = 0.5, 4.0  # a residual that falls by less than the one is round-
 
 class NotConverged(Exception):
     """Newton's iteration failed; the message holds reason and place."""
+
+
+def _weak[**P, T](method: Callable[P, T]) -> Callable[P, T]:
+    """A method that does not keep its object: through a solver of PETSc no garbage collector sees a circle."""
+    found = weakref.WeakMethod(method)
+
+    def call(*args: P.args, **given: P.kwargs) -> T:
+        known = found()
+        assert known is not None
+        result: T = known(*args, **given)
+        return result
+
+    return call
 
 
 class Newton:
@@ -83,7 +97,7 @@ class Newton:
             "line search would lead it astray; leave the option out.",
         )
         options["snes_linesearch_type"] = "basic"
-        snes.setFunction(self._function, self._F)
+        snes.setFunction(_weak(self._function), self._F)
         snes.setMaxLinearSolveFailures(tolerances.iterations)
         ksp = snes.getKSP()
         self._tangent: Callable[[], PETSc.Mat] = lambda: system.assemble().A
@@ -113,11 +127,11 @@ class Newton:
             J = system.A
             self._preconditioner = ksp.getPC()
             linear.configure(ksp, self._preconditioner, system, self._direct)
-        snes.setJacobian(self._jacobian, J)
+        snes.setJacobian(_weak(self._jacobian), J)
         snes.setFromOptions()
-        snes.setConvergenceTest(self._test)
+        snes.setConvergenceTest(_weak(self._test))
         if system.searching:
-            snes.setLineSearchPreCheck(self._limit_update)
+            snes.setLineSearchPreCheck(_weak(self._limit_update))
 
     def solve(self, increment: PETSc.Vec, y: Array) -> tuple[PETSc.Vec, Array, int]:
         """Solve from a predicted q1 - q0 and y; q1 is then in the system.

@@ -92,6 +92,7 @@ class System:
             compiled.add_mass(pattern)
             compiled.add_stiffness(pattern)
         self._add_tangents(pattern)
+        pattern.setDiagonal(self.numbering.vector(), addv=PETSc.InsertMode.ADD_VALUES)  # all that held rows keep
         pattern.assemble()
         self.M, self.A = pattern.duplicate(), pattern.duplicate()
         self.K = pattern.duplicate() if self._has_stiffness else None

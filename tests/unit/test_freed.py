@@ -1,0 +1,60 @@
+"""What a run has taken is given back: MPICH has 2048 communicators, and a run of a film takes about ten of them."""
+
+from __future__ import annotations
+
+import gc
+import weakref
+
+import pytest
+from petsc4py import PETSc
+
+import gossamer_fx as gx
+from meshes.airbag import airbag
+from meshes.sheet import sheet
+
+LAW = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
+
+
+def film(comm):
+    return [gx.Membrane(sheet(comm, 2, 2), gx.Miyazaki(**LAW))]
+
+
+def gas(comm):
+    bag = gx.Membrane(airbag(comm, edge=0.2, cells=2), gx.Miyazaki(**LAW))
+    gas = gx.IdealGas(gamma=1.4, R=296.8)
+    return [bag, gx.Chamber(bag, gas=gas, pressure=10.0, temperature=293.0, dead_volume=1e-6)]
+
+
+def touching(comm):
+    [one] = film(comm)
+    return [one, gx.Contact(one, gx.Plane(point=(0, 0, -1), normal=(0, 0, 1)), distance=1e-3)]
+
+
+def held(comm):
+    [one] = film(comm)
+    return [one, gx.Fixed(one, "left")]
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("parts", [film, gas, touching])
+def test_a_run_is_freed(comm, parts):
+    if parts is not film and PETSc.Sys.getVersion() >= (3, 23, 0):
+        pytest.skip("petsc4py 3.23 and newer keep preconditioners that are written in Python")
+    items = parts(comm)
+    run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=1e-3))
+    run.run(until=1e-3)
+    left = [weakref.ref(one) for one in (run.system, run.solver, items[0].mesh.domain)]
+    del items, run
+    gc.collect()
+    gc.collect()  # what the first one freed held more
+    assert [one() for one in left] == [None] * 3
+
+
+def test_an_equilibrium_is_freed(comm):
+    items = held(comm)
+    solver = gx.Equilibrium(gx.Scene(*items))
+    left = [weakref.ref(one) for one in (solver, items[0].mesh.domain)]
+    del items, solver
+    gc.collect()
+    gc.collect()  # what the first one freed held more
+    assert [one() for one in left] == [None] * 2
