@@ -63,9 +63,10 @@ def enlarge(pc: PETSc.PC) -> bool:
 
 def set_up(pc: PETSc.PC) -> str:
     """Factorise its matrix, with a larger workspace where it was too small; returns why it failed, or nothing."""
-    if failure(pc) < 0:
+    if pc.getAttr("factorised") and failure(pc) < 0:  # PETSc 3.25 has no factors to ask before
         renew(pc)
     pc.setUp()
+    pc.setAttr("factorised", True)
     while failure(pc) < 0 and enlarge(pc):
         pc.setUp()
     return reason(pc)
