@@ -37,6 +37,7 @@ import gossamer_fx as gx
 from gossamer_fx.algebra.places import values_of
 from gossamer_fx.model.terms import Array
 from gossamer_fx.outputs.output import Output, Probe
+from gossamer_fx.system.totals import relative_drift
 from meshes.sails import trapezoids
 
 TITLE = "IKAROS, stage 2: from the cross to the square"
@@ -234,7 +235,7 @@ def main(
     steady = float(first[2]) / inertia
     return {
         "energy_error": abs(run.energy_error),
-        "angular_momentum_drift": float(np.abs(now - first).max() / np.abs(first).max()),
+        "angular_momentum_drift": relative_drift(now, first),
         "halved": run.substeps,
         "steps": run.step,
         "iterations": run.iterations / run.step,

@@ -34,6 +34,7 @@ import gossamer_fx as gx
 from demos.ikaros import HUB_HEIGHT, HUB_INERTIA, HUB_MASS, PETALS, RPM, TIP
 from gossamer_fx.model.terms import Array
 from gossamer_fx.outputs.output import Output, Probe
+from gossamer_fx.system.totals import relative_drift
 from meshes.line import line
 
 TITLE = "IKAROS, stage 1: arms are let out by guides"
@@ -183,7 +184,7 @@ def main(
         draw(looks, series, radius, budget, Path(output) / "ikaros_arms.png")
     return {
         "energy_error": abs(run.energy_error),
-        "angular_momentum_drift": float(np.abs(now - first).max() / np.abs(first).max()),
+        "angular_momentum_drift": relative_drift(now, first),
         "halved": run.substeps,
         "steps": run.step,
         "iterations": run.iterations / run.step,

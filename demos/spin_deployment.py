@@ -29,6 +29,7 @@ import gossamer_fx as gx
 from gossamer_fx.model.terms import Array
 from gossamer_fx.outputs.output import Output, Probe
 from gossamer_fx.presets.films import KAPTON_HN
+from gossamer_fx.system.totals import relative_drift
 from meshes.sails import pinwheel
 
 TITLE = "A disc of film, deployed by its spin"
@@ -151,7 +152,7 @@ def main(
     widest = int(radius.argmax())
     return {
         "energy_error": abs(run.energy_error),
-        "angular_momentum_drift": float(np.abs(now - first).max() / np.abs(first).max()),
+        "angular_momentum_drift": relative_drift(now, first),
         "halved": run.substeps,
         "steps": run.step,
         "iterations": run.iterations / run.step,

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 from gossamer_fx.bodies.rigid_body import RigidBody
-from gossamer_fx.checks.errors import check
+from gossamer_fx.checks.errors import check, require_positive
 from gossamer_fx.interactions.joint import RevoluteJoint
 from gossamer_fx.interactions.torsion import TorsionDamper
 from gossamer_fx.model.terms import Term
@@ -57,10 +57,7 @@ class RotationGuides:
         check(count >= 1, f"RotationGuides '{name}': count is {count!r}; give at least 1 rod.")
         values = {"radius": (radius, "m"), "rod": (rod, "m"), "height": (height, "m"), "mass": (mass, "kg")}
         for what, (value, unit) in (values | {"brake": (brake, "N m s/rad")}).items():
-            check(
-                math.isfinite(value) and value > 0,
-                f"RotationGuides '{name}': {what} is {value!r} {unit}; give a positive number.",
-            )
+            require_positive(f"RotationGuides '{name}': {what}", value, unit)
         check(
             rod < radius,
             f"RotationGuides '{name}': rods of {rod:g} m are too thick for a circle of {radius:g} m; give less.",

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from gossamer_fx.checks.errors import check, check_positive
+from gossamer_fx.checks.errors import check, check_positive, require_positive
 from gossamer_fx.interactions.between import bodies_of
 from gossamer_fx.interactions.spring import LengthSpring, RopeDamper, half_distance_squared
 from gossamer_fx.model.terms import Attached, Term
@@ -46,10 +46,7 @@ class RopeBundle:
                 joins and bool(list(bodies_of(*pair))),
                 f"RopeBundle '{self.name}': rope {k} is no pair of ports, of which one may be a Ground; give two.",
             )
-            check(
-                math.isfinite(length) and length > 0,
-                f"RopeBundle '{self.name}': length {k} is {length!r} m; give a positive number.",
-            )
+            require_positive(f"RopeBundle '{self.name}': length {k}", length, "m")
         check_positive(self, "stiffness", "N/m")
         check(
             math.isfinite(self.damping) and self.damping >= 0,

@@ -11,7 +11,7 @@ from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.ports import combined
-from gossamer_fx.model.terms import Port
+from gossamer_fx.model.terms import Body, Port
 from gossamer_fx.outputs.fields import STATES, AreaFractions
 from gossamer_fx.outputs.run import Run
 from gossamer_fx.system.reactions import Joint, joint_force
@@ -137,6 +137,10 @@ def _check_axis(axis: str) -> None:
 
 def _component(run: Run, port: Port, axis: str, vector: PETSc.Vec) -> float:
     """Component of a port's vector in a state of the run, or of its rate."""
-    check(port.body in run.system.bodies, f"'{port.body.name}' is not in the scene; add it, or remove its probe.")
-    owned = run.system.numbering.owned(run.system.bodies.index(port.body))
-    return float(combined(port, vector.array_r[owned])[AXES[axis]])
+    return float(combined(port, vector.array_r[owned_by(run, port.body)])[AXES[axis]])
+
+
+def owned_by(run: Run, body: Body) -> slice:
+    """Where this rank's unknowns of a probed body stand."""
+    check(body in run.system.bodies, f"'{body.name}' is not in the scene; add it, or remove its probe.")
+    return run.system.numbering.owned(run.system.bodies.index(body))

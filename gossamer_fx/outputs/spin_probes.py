@@ -10,7 +10,7 @@ from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.ports import combined, initial
 from gossamer_fx.model.terms import Array, Attached, Body, Ground, Port, is_body
-from gossamer_fx.outputs.probes import AXES
+from gossamer_fx.outputs.probes import AXES, owned_by
 from gossamer_fx.outputs.run import Run
 
 POLAR = ("radius", "angle")
@@ -34,10 +34,9 @@ class MeanSpin:
 
     def __call__(self, run: Run) -> float:
         system, body = run.system, self.body
-        check(any(body is b for b in system.bodies), f"'{body.name}' is not in the scene; add it, or remove its probe.")
         k = (AXES[self.axis] + 1) % 3
         plane, size = [k, (k + 1) % 3], body.block.size
-        owned = system.numbering.owned(system.bodies.index(body))
+        owned = owned_by(run, body)
 
         def vectors(values: Array) -> Array:
             """Its vectors (n, 2) across the axis."""
@@ -99,7 +98,4 @@ def _now(run: Run, port: Attached) -> Array:
     """An attached vector (3,) in the present state."""
     if isinstance(port, Ground):
         return initial(port)
-    system = run.system
-    known = any(port.body is b for b in system.bodies)
-    check(known, f"'{port.body.name}' is not in the scene; add it, or remove its probe.")
-    return combined(port, system.q0.array_r[system.numbering.owned(system.bodies.index(port.body))])
+    return combined(port, run.system.q0.array_r[owned_by(run, port.body)])

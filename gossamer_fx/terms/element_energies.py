@@ -26,7 +26,7 @@ import ufl
 from dolfinx import fem, la
 from petsc4py import PETSc
 
-from gossamer_fx.forms.backend import evaluate, interpolation_points
+from gossamer_fx.forms.backend import evaluate, interpolation_points, tabulate
 from gossamer_fx.forms.compilation import compile_expression, compile_form
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.strain_path import Piece, gradient
@@ -254,12 +254,8 @@ class ElementForces:
         self._tabulate(general, self._response, cells)
 
     def _tabulate(self, expression: fem.Expression, at_points: fem.Function, cells: Indices | None = None) -> None:
-        """The expression at the quadrature points of some cells (or all), as `interpolate` but without its copies."""
-        cells, dofmap = self._cells if cells is None else cells, at_points.function_space.dofmap
-        if not len(cells):
-            return
-        places, values = dofmap.list[cells], evaluate(expression, at_points.function_space.mesh, cells)
-        at_points.x.array.reshape(-1, dofmap.index_map_bs)[places] = values.reshape(*places.shape, dofmap.index_map_bs)
+        """The expression at the quadrature points of some cells (or all)."""
+        tabulate(expression, at_points, self._cells if cells is None else cells)
 
     def energy(self) -> float:
         """Owned share of the stored energy at the last accepted state."""

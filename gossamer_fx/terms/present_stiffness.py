@@ -11,7 +11,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from gossamer_fx.forms.backend import evaluate, interpolation_points
+from gossamer_fx.forms.backend import interpolation_points, tabulate
 from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.strain_path import gradient
@@ -39,9 +39,7 @@ class PresentStiffnesses(CompiledTerms):
 
     def keep(self) -> None:
         for term, expression, cells in self._made:
-            dofmap = term.values.function_space.dofmap
-            places, found = dofmap.list[cells], evaluate(expression, term.body.space.mesh, cells)
-            term.values.x.array.reshape(-1, STRAINS**2)[places] = found.reshape(*places.shape, STRAINS**2)
+            tabulate(expression, term.values, cells)
 
 
 @dataclass(frozen=True, eq=False)
