@@ -30,8 +30,9 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import books, deploy, say_books
 from gossamer_fx.model.terms import Array
-from gossamer_fx.outputs.output import Output, Probe
+from gossamer_fx.outputs.output import Probe
 from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import NITROGEN
 from meshes.tube import flat_tube
@@ -148,27 +149,16 @@ def main(
     the tip.
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
-    series = gx.Series(case.probes)
-    outputs: list[Output] = [gx.Progress(), series]
-    if output is not None:
-        out = Path(output)
-        looks = (np.array([0.0, 0.08, 0.2, 0.35, 0.6, 1.0]) * until).tolist()
-        outputs += [case.recording(out), gx.Picture(out / "folded_tube.png", looks, TITLE, VIEW)]
-    run = case.simulation(outputs)
-    run.run(until=until)
+    parts = (0.0, 0.08, 0.2, 0.35, 0.6, 1.0)
+    run, series = deploy(case, output, "folded_tube", parts, VIEW)
     names = list(case.probes)
     rings = [series[name] for name in names if name.startswith("ring")]
     diameter = float(given.get("diameter", 0.03))  # type: ignore[arg-type]
     opened = opening_times(series.time, rings, diameter)
     ends = {name.split()[0]: float(series[name][-1]) for name in names if name.startswith("p") and "[Pa]" in name}
     found = {
-        "energy_error": abs(run.energy_error),
+        **books(run, series),
         "mass_error": abs(run.mass_error),
-        "halved": run.substeps,
-        "steps": run.step,
-        "iterations": run.iterations / run.step,
-        "seconds": run.seconds,
-        "penetrations": float(series["penetrations"].max()) if "penetrations" in names else math.nan,
         "tip_speed": float(series["tip speed [m/s]"].max()),
         "tip_distance": float(math.hypot(*(series[f"tip {axis} [m]"][-1] for axis in "xz"))),
         **{f"opening_{i + 1}_ms": 1e3 * t for i, t in enumerate(opened)},
@@ -183,12 +173,7 @@ def say(found: dict[str, float]) -> None:
     pressures = ", ".join(f"{v:.0f} Pa" for k, v in found.items() if k.startswith("pressure"))
     print(f"The rings between the compartments are half open after {order}; pressures at the end: {pressures}.")
     print(f"The tip reached {found['tip_speed']:.0f} m/s and is {1e3 * found['tip_distance']:.0f} mm from the clamp.")
-    print(f"Edges that pierced the film in any step: {found['penetrations']:.0f}.")
-    print(
-        f"Energy closes to {found['energy_error']:.0e}, the mass of the gas to {found['mass_error']:.0e}; "
-        f"{found['steps']:.0f} steps, {found['iterations']:.1f} iterations each, {found['halved']:.0f} halved, "
-        f"{found['seconds']:.0f} s."
-    )
+    say_books(found, "the mass of the gas", "mass_error")
 
 
 if __name__ == "__main__":

@@ -34,9 +34,10 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import books, deploy, keep, say_books
 from gossamer_fx.algebra.places import values_of
 from gossamer_fx.model.terms import Array
-from gossamer_fx.outputs.output import Output, Probe
+from gossamer_fx.outputs.output import Probe
 from gossamer_fx.system.totals import relative_drift
 from meshes.sails import trapezoids
 
@@ -219,14 +220,8 @@ def main(
     the tips at the end and at most [m], energy at the start, dissipated, and that still has to go [J].
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
-    series = gx.Series(case.probes)
-    outputs: list[Output] = [gx.Progress(), series]
-    if output is not None:
-        out = Path(output)
-        looks = [part * until for part in (0.0, 0.06, 0.12, 0.2, 0.28, 0.4, 0.55, 0.7, 0.85, 1.0)]
-        outputs += [case.recording(out), gx.Picture(out / "ikaros.png", looks, TITLE, VIEW)]
-    run = case.simulation(outputs)
-    run.run(until=until)
+    parts = (0.0, 0.06, 0.12, 0.2, 0.28, 0.4, 0.55, 0.7, 0.85, 1.0)
+    run, series = deploy(case, output, "ikaros", parts, VIEW)
     radius = np.mean([series[name] for name in case.probes if name.startswith("radius")], axis=0)
     if output is not None and comm.rank == 0:
         draw(series, radius, Path(output) / "ikaros_spin.png")
@@ -234,13 +229,8 @@ def main(
     inertia = HUB_INERTIA[2] + square_inertia(float(given.get("pitch", 0.64)))  # type: ignore[arg-type]
     steady = float(first[2]) / inertia
     return {
-        "energy_error": abs(run.energy_error),
+        **books(run, series),
         "angular_momentum_drift": relative_drift(now, first),
-        "halved": run.substeps,
-        "steps": run.step,
-        "iterations": run.iterations / run.step,
-        "seconds": run.seconds,
-        "penetrations": float(series["penetrations"].max()),
         "spin_of_hub": float(series["spin of the hub [rpm]"][-1]),
         "spin_of_sail": float(series["spin of the sail [rpm]"][-1]),
         "spin_in_the_end": steady / RPM,
@@ -254,7 +244,6 @@ def main(
 
 def draw(series: gx.Series, radius: Array, path: Path) -> None:
     """Spins and radius over the time, the spin over the radius, and the values of the flight."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12, 3.8), dpi=100, facecolor="white", layout="constrained")
@@ -277,9 +266,7 @@ def draw(series: gx.Series, radius: Array, path: Path) -> None:
         axes.grid(alpha=0.3)
     left.legend(frameon=False)
     middle.legend(frameon=False)
-    figure.suptitle(TITLE)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    FigureCanvasAgg(figure).print_png(str(path))
+    keep(figure, TITLE, path)
 
 
 def say(found: dict[str, float]) -> None:
@@ -293,12 +280,7 @@ def say(found: dict[str, float]) -> None:
         f"Of {found['energy']:.1f} J the film has taken {found['dissipated']:.1f} J; {found['to_be_lost']:.1f} J have "
         "still to go."
     )
-    print(f"Edges that pierced the film in any step: {found['penetrations']:.0f}.")
-    print(
-        f"Energy closes to {found['energy_error']:.0e}, angular momentum to {found['angular_momentum_drift']:.0e}; "
-        f"{found['steps']:.0f} steps, {found['iterations']:.1f} iterations each, {found['halved']:.0f} halved, "
-        f"{found['seconds']:.0f} s."
-    )
+    say_books(found, "angular momentum", "angular_momentum_drift")
 
 
 if __name__ == "__main__":

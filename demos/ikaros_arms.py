@@ -31,6 +31,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import books, keep, say_books
 from demos.ikaros import HUB_HEIGHT, HUB_INERTIA, HUB_MASS, PETALS, RPM, TIP
 from gossamer_fx.model.terms import Array
 from gossamer_fx.outputs.output import Output, Probe
@@ -183,13 +184,8 @@ def main(
     if output is not None and comm.rank == 0:
         draw(looks, series, radius, budget, Path(output) / "ikaros_arms.png")
     return {
-        "energy_error": abs(run.energy_error),
+        **books(run, series),
         "angular_momentum_drift": relative_drift(now, first),
-        "halved": run.substeps,
-        "steps": run.step,
-        "iterations": run.iterations / run.step,
-        "seconds": run.seconds,
-        "penetrations": float(series["penetrations"].max()),
         "radius": float(radius[-1]),
         "spin": float(spin[-1]),
         "budget": float(budget[-1]),
@@ -201,7 +197,6 @@ def main(
 
 def draw(looks: list[tuple[float, list[Array]]], series: gx.Series, radius: Array, budget: Array, path: Path) -> None:
     """The arms from above, and the spin over time and radius."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12, 6), dpi=100, facecolor="white", layout="constrained")
@@ -222,9 +217,7 @@ def draw(looks: list[tuple[float, list[Array]]], series: gx.Series, radius: Arra
     left.set(xlabel="t [s]", ylabel="spin [rpm]")
     right.set(xlabel="length of the arms that is out [m]", ylabel="spin [rpm]")
     right.legend(frameon=False)
-    figure.suptitle(TITLE)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    FigureCanvasAgg(figure).print_png(str(path))
+    keep(figure, TITLE, path)
 
 
 def say(found: dict[str, float]) -> None:
@@ -234,12 +227,7 @@ def say(found: dict[str, float]) -> None:
         f"If all turned as one it would be {found['budget']:.2f} rpm; at most {found['difference']:.1%} between them."
     )
     print(f"Of {found['energy']:.0f} J brake and arms have taken {found['dissipated']:.0f} J.")
-    print(f"Edges that pierced something in any step: {found['penetrations']:.0f}.")
-    print(
-        f"Energy closes to {found['energy_error']:.0e}, angular momentum to {found['angular_momentum_drift']:.0e}; "
-        f"{found['steps']:.0f} steps, {found['iterations']:.1f} iterations each, {found['halved']:.0f} halved, "
-        f"{found['seconds']:.0f} s."
-    )
+    say_books(found, "angular momentum", "angular_momentum_drift", "something")
 
 
 if __name__ == "__main__":

@@ -26,8 +26,9 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import books, deploy, keep, say_books
 from gossamer_fx.model.terms import Array
-from gossamer_fx.outputs.output import Output, Probe
+from gossamer_fx.outputs.output import Probe
 from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.system.totals import relative_drift
 from meshes.sails import pinwheel
@@ -137,27 +138,16 @@ def main(
     [s], the spins at the end [rad/s], and energy at the start and dissipated [J].
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
-    series = gx.Series(case.probes)
-    outputs: list[Output] = [gx.Progress(), series]
-    if output is not None:
-        out = Path(output)
-        looks = [part * until for part in (0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.75, 0.85, 1.0)]
-        outputs += [case.recording(out), gx.Picture(out / "spin_deployment.png", looks, TITLE, VIEW)]
-    run = case.simulation(outputs)
-    run.run(until=until)
+    parts = (0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.75, 0.85, 1.0)
+    run, series = deploy(case, output, "spin_deployment", parts, VIEW)
     radius = np.mean([series[name] for name in case.probes if name.startswith("radius")], axis=0)
     if output is not None and comm.rank == 0:
         draw(series, radius, Path(output) / "spin_deployment_curves.png")
     first, now = run.first.angular_momentum, run.totals.angular_momentum
     widest = int(radius.argmax())
     return {
-        "energy_error": abs(run.energy_error),
+        **books(run, series),
         "angular_momentum_drift": relative_drift(now, first),
-        "halved": run.substeps,
-        "steps": run.step,
-        "iterations": run.iterations / run.step,
-        "seconds": run.seconds,
-        "penetrations": float(series["penetrations"].max()),
         "largest_radius": float(radius[widest]),
         "when": float(series.time[widest]),
         "spin_of_hub": float(series["spin of the hub [rad/s]"][-1]),
@@ -169,7 +159,6 @@ def main(
 
 def draw(series: gx.Series, radius: Array, path: Path) -> None:
     """Spins and radius over the time, and the spin of the sail over its radius."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 3.8), dpi=100, facecolor="white", layout="constrained")
@@ -183,9 +172,7 @@ def draw(series: gx.Series, radius: Array, path: Path) -> None:
     left.legend(frameon=False)
     for axes in (left, right):
         axes.grid(alpha=0.3)
-    figure.suptitle(TITLE)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    FigureCanvasAgg(figure).print_png(str(path))
+    keep(figure, TITLE, path)
 
 
 def say(found: dict[str, float]) -> None:
@@ -193,12 +180,7 @@ def say(found: dict[str, float]) -> None:
     print(f"The tips come to {1e3 * found['largest_radius']:.0f} mm after {1e3 * found['when']:.0f} ms.")
     print(f"Hub and sail then spin at {found['spin_of_hub']:.1f} and {found['spin_of_sail']:.1f} rad/s.")
     print(f"Of {found['energy']:.3f} J the film has taken {found['dissipated']:.3f} J.")
-    print(f"Edges that pierced the film in any step: {found['penetrations']:.0f}.")
-    print(
-        f"Energy closes to {found['energy_error']:.0e}, angular momentum to {found['angular_momentum_drift']:.0e}; "
-        f"{found['steps']:.0f} steps, {found['iterations']:.1f} iterations each, {found['halved']:.0f} halved, "
-        f"{found['seconds']:.0f} s."
-    )
+    say_books(found, "angular momentum", "angular_momentum_drift")
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from demos.common.deployment import keep
 from gossamer_fx.model.terms import Array
 from gossamer_fx.outputs.output import Output
 from gossamer_fx.system.totals import relative_drift
@@ -128,7 +129,6 @@ def main(
 
 def draw(t: Array, spin: Array, cells: int, path: Path) -> None:
     """The spin of the hub over the time, computed and of the closed form, and their difference."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 3.8), dpi=100, facecolor="white", layout="constrained")
@@ -142,9 +142,7 @@ def draw(t: Array, spin: Array, cells: int, path: Path) -> None:
     right.set(xlabel="t [ms]", ylabel="difference [% of the first spin]")
     for axes in (left, right):
         axes.grid(alpha=0.3)
-    figure.suptitle(TITLE)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    FigureCanvasAgg(figure).print_png(str(path))
+    keep(figure, TITLE, path)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,59 @@
+"""What deployment demos share: how a case is run to its end, what its books say, and how a figure is kept."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import gossamer_fx as gx
+from gossamer_fx.outputs.output import Output
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def deploy(
+    case: gx.Case, output: str | Path | None, name: str, parts: Sequence[float], view: gx.View
+) -> tuple[gx.Simulation, gx.Series]:
+    """Run a case to its end; with `output`, a folder: its recording, and NAME.png at these parts of its time."""
+    series = gx.Series(case.probes)
+    outputs: list[Output] = [gx.Progress(), series]
+    if output is not None:
+        folder, looks = Path(output), [part * case.until for part in parts]
+        outputs += [case.recording(folder), gx.Picture(folder / f"{name}.png", looks, case.title, view)]
+    run = case.simulation(outputs)
+    run.run(until=case.until)
+    return run, series
+
+
+def books(run: gx.Simulation, series: gx.Series) -> dict[str, float]:
+    """Closing error of the energy, halved steps, steps, iterations a step, seconds, and the most edges that pierced."""
+    return {
+        "energy_error": abs(run.energy_error),
+        "halved": run.substeps,
+        "steps": run.step,
+        "iterations": run.iterations / run.step,
+        "seconds": run.seconds,
+        "penetrations": float(series["penetrations"].max()) if "penetrations" in series.probes else math.nan,
+    }
+
+
+def say_books(found: Mapping[str, float], kept: str, error: str, pierced: str = "the film") -> None:
+    """The books in words; beside the energy, `kept` closes to the number `error`."""
+    print(f"Edges that pierced {pierced} in any step: {found['penetrations']:.0f}.")
+    print(
+        f"Energy closes to {found['energy_error']:.0e}, {kept} to {found[error]:.0e}; "
+        f"{found['steps']:.0f} steps, {found['iterations']:.1f} iterations each, {found['halved']:.0f} halved, "
+        f"{found['seconds']:.0f} s."
+    )
+
+
+def keep(figure: Figure, title: str, path: Path) -> None:
+    """Write a figure of curves with a title."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    figure.suptitle(title)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    FigureCanvasAgg(figure).print_png(str(path))
