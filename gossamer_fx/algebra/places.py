@@ -128,6 +128,8 @@ class Places:
         self._H: Array
         self._L: Array
         self._P, self._H, self._L = (P, H, HX + L) if P.shape[1] < self.D else (None, *_of_unknowns(P, H, HX + L))
+        # many unknowns of which all places depend, as those of a reduced film
+        self.alike = self._P is not None and self.n > 1 and bool((self.indices == self.indices[:1]).all())
         self.linear = not any(measure.H.any() for measure in measures)
         self._slope = self.forces(self._L) if self.linear else None
 
@@ -136,7 +138,7 @@ class Places:
         Y = self._vectors(q)
         if self.linear:
             return (self._L @ Y[..., None])[..., 0] + self.c
-        return np.einsum("nma,na->nm", np.einsum("nmab,nb->nma", self._H, Y) / 2 + self._L, Y) + self.c
+        return ((self._times(Y) / 2 + self._L) @ Y[..., None])[..., 0] + self.c
 
     def gradient(self, q: Array, on: Any = slice(None)) -> Array:
         """De (n, m, D), of all places, or of those that `on` picks, to which q (k, D) then belongs."""
@@ -144,7 +146,7 @@ class Places:
 
     def slope(self, q: Array, on: Any = slice(None)) -> Array:
         """∂e/∂Y (n, m, 3k), likewise."""
-        return np.einsum("nmab,nb->nma", self._H[on], self._vectors(q, on)) + self._L[on]
+        return self._times(self._vectors(q, on), on) + self._L[on]
 
     def bend(self, S: Array, on: Any = slice(None)) -> Array:
         """Σ_i S_i ∂²e_i/∂Y² (n, 3k, 3k) of stresses S (n, m)."""
@@ -158,10 +160,23 @@ class Places:
         """Stiffness (n, D, D) of the unknowns of stiffness K (n, 3k, 3k) of Y."""
         return K if self._P is None else self._P[on].transpose(0, 2, 1) @ (K @ self._P[on])
 
+    def sum_of_stiffness(self, K: Array, on: Any = slice(None)) -> Array:
+        """The sum (D, D) of the stiffness of places with the same unknowns."""
+        whole: Any = self._P
+        P = whole[on]
+        rows = P.shape[0] * P.shape[1]
+        total: Array = P.reshape(rows, self.D).T @ (K @ P).reshape(rows, self.D)
+        return total
+
     def second(self, v: Array) -> Array:
         """D²e[v, v] (n, m)."""
         Y = v if self._P is None else (self._P @ v[..., None])[..., 0]
         return np.einsum("na,nmab,nb->nm", Y, self._H, Y, optimize=True)
+
+    def _times(self, Y: Array, on: Any = slice(None)) -> Array:
+        """H Y (n, m, 3k); matrix products take less time than sums by Einstein's rule."""
+        found: Array = (self._H[on] @ Y[:, None, :, None])[..., 0]
+        return found
 
     def _vectors(self, q: Array, on: Any = slice(None)) -> Array:
         u = q - self._z[on]
@@ -179,15 +194,16 @@ class Gather:
     def __init__(self, numbering: Numbering, indices: Sequence[GlobalIndices]) -> None:
         self._shapes = [i.shape for i in indices]
         needed = np.concatenate([np.zeros(0, dtype=PETSc.IntType), *[i.ravel() for i in indices]])
-        self._ends = np.cumsum([i.size for i in indices])
+        self._ends = np.cumsum([i.size for i in indices]).tolist()
+        self._starts = [0, *self._ends[:-1]]
         self._values = PETSc.Vec().createSeq(len(needed))
         source = PETSc.IS().createGeneral(needed.astype(PETSc.IntType))
         self._scatter = PETSc.Scatter().create(numbering.vector(), source, self._values, None)
 
     def __call__(self, q: PETSc.Vec) -> list[Array]:
         self._scatter.scatter(q, self._values)
-        parts = np.split(self._values.array_r.copy(), self._ends[:-1]) if self._shapes else []
-        return [part.reshape(shape) for part, shape in zip(parts, self._shapes, strict=True)]
+        values = self._values.array_r.copy()
+        return [values[a:b].reshape(shape) for a, b, shape in zip(self._starts, self._ends, self._shapes, strict=True)]
 
 
 def values_of(system: Assembly, ports: Sequence[Attached], q: PETSc.Vec) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from gossamer_fx.forms.c_source import compile_c
+import gossamer_fx.forms.c_source as c_source
 
 DECLARATIONS = """
 void squared_distances(int n, const int32_t *pairs, const uint8_t *kind, const double *x, double *s, double *uv);
@@ -48,20 +48,10 @@ def library(comm: MPI.Intracomm = MPI.COMM_SELF) -> Any:
     if not _loaded:
         folder = Path(__file__).parent
         source = "\n".join((folder / name).read_text(encoding="utf-8") for name in SOURCES)
-        _loaded.append(compile_c(comm, "contact", DECLARATIONS, source))
+        _loaded.append(c_source.compile_c(comm, "contact", DECLARATIONS, source))
     return _loaded[0]
 
 
 def pointers(*arrays: npt.NDArray[Any] | None) -> list[Any]:
     """Arrays as arguments of a C function; None is a null pointer."""
-    ffi = library().ffi
-    kinds = {"float64": "double *", "int32": "int32_t *", "uint8": "uint8_t *"}
-    found = []
-    for values in arrays:
-        if values is None:
-            found.append(ffi.NULL)
-            continue
-        if not values.flags.c_contiguous:
-            raise ValueError("C functions take contiguous arrays.")
-        found.append(ffi.cast(kinds[values.dtype.name], values.ctypes.data))
-    return found
+    return c_source.pointers(library().ffi, *arrays)

@@ -5,6 +5,7 @@
 | order of `create_mesh`'s arguments | points, element | element, points | element, points |
 | triangles at one edge | two | as many as are said, if it takes the number | as many as are said |
 | `Expression.eval` | (cells, points × values) | (cells, points, *values) | (cells, points, *values) |
+| kernels' last argument | permutation | data of the caller's | data of the caller's |
 | `interpolation_points` | a method | a property | a property |
 | gmsh's reader | `io.gmshio` | `io.gmsh` | `io.gmsh` |
 
@@ -33,6 +34,7 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int32]
 
 __all__ = [
+    "KERNELS_TAKE_DATA",
     "SHEETS_MAY_MEET",
     "VERSION",
     "Topology",
@@ -52,6 +54,8 @@ _LIMIT = "max_facet_to_cell_links"
 
 # whether three triangles or more may share an edge
 SHEETS_MAY_MEET = _LIMIT in signature(create_mesh).parameters
+
+KERNELS_TAKE_DATA = VERSION >= (0, 10)  # whether they have one more argument
 
 
 def distribute(

@@ -10,10 +10,13 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import numpy.typing as npt
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import on_rank_zero
 from gossamer_fx.forms.compilation import kernel_options
+
+KINDS = {"d": "double[]", "i": "int32_t[]", "B": "uint8_t[]"}  # by NumPy's characters
 
 
 def compile_c(comm: MPI.Intracomm, name: str, declarations: str, source: str) -> Any:
@@ -56,3 +59,8 @@ def compile_c(comm: MPI.Intracomm, name: str, declarations: str, source: str) ->
     loaded = importlib.util.module_from_spec(specification)
     specification.loader.exec_module(loaded)
     return loaded
+
+
+def pointers(ffi: Any, *arrays: npt.NDArray[Any] | None) -> list[Any]:
+    """Contiguous arrays as arguments of a C function; None is a null pointer."""
+    return [ffi.NULL if a is None else ffi.from_buffer(KINDS[a.dtype.char], a) for a in arrays]

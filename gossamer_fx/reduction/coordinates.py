@@ -20,6 +20,9 @@ class ReducedCoordinates(Coordinates):
 
     Args:
         values: Φ (n, r) at the owned and ghost nodes of the space.
+
+    Attributes:
+        end, change: the coefficients of q1 and δ, on every rank; strains follow from them, and no form has δ.
     """
 
     def __init__(self, space: fem.FunctionSpace, alpha: float, values: Array) -> None:
@@ -27,9 +30,16 @@ class ReducedCoordinates(Coordinates):
         self._Φ, self._comm = values, space.mesh.comm
         self._owned = space.dofmap.index_map.size_local
         self._matrices: dict[fem.Form, la.MatrixCSR] = {}
+        self.end = self.change = np.zeros((values.shape[1], 3))
 
     def take(self, function: fem.Function, unknowns: Array) -> None:
-        function.x.array[:] = (self._Φ @ coefficients(self._comm, unknowns)).ravel()
+        c = coefficients(self._comm, unknowns)
+        if function is self.δ:
+            self.change = c
+            return
+        if function is self.q1:
+            self.end = c
+        function.x.array[:] = (self._Φ @ c).ravel()
 
     def add_forces(self, b: Array, forces: Array) -> None:
         total = self._comm.reduce(self._Φ[: self._owned].T @ b.reshape(-1, 3)[: self._owned])

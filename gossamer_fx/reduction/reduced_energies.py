@@ -4,7 +4,7 @@
     tangent   K = Σ_ac G_aᵀ T_ac G_c,   T_ac = (Σ_bd D_abcd F̄_b ⊗ F_d + α S_ac 1) dA
 
 with the gradients G_a of the modes, see `mode_gradients`.  S and D are those of the mixed iteration of
-`terms.element_energies`.
+`terms.element_energies`; what happens at the points is in `points`.
 """
 
 from __future__ import annotations
@@ -14,64 +14,63 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from gossamer_fx.forms.backend import evaluate
+from gossamer_fx.forms.backend import interpolation_points
 from gossamer_fx.forms.compilation import compile_expression
-from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.model.terms import Array, Assembly, CompiledTerms, Indices
-from gossamer_fx.reduction.mode_gradients import (
-    mode_gradients,
-    own_cells,
-    points_and_areas,
-    project,
-    strain_operator,
-    stress_derivatives,
-)
-from gossamer_fx.terms.coordinates import Coordinates
+from gossamer_fx.model.terms import Array, Assembly, CompiledTerms
+from gossamer_fx.reduction.coordinates import ReducedCoordinates
+from gossamer_fx.reduction.mode_gradients import mode_gradients, own_cells, points_and_areas
+from gossamer_fx.reduction.points import GIVEN, LINEAR, TRUE, Law, Points
 from gossamer_fx.terms.discrete_gradient import StressRule
-from gossamer_fx.terms.element_energies import Dissipation, ElementEnergies, ElementForces, StoredEnergy
+from gossamer_fx.terms.element_energies import (
+    IDLE,
+    StoredEnergy,
+    first_that_holds,
+    quadrature_element,
+    with_derivative,
+)
 
-FEW = 2000  # cells up to which one expression for all states takes less time than to sort cells by their states
 
-
-class ReducedEnergies(ElementEnergies):
+class ReducedEnergies(CompiledTerms):
     """All `ReducedEnergy` terms of a scene."""
 
-    made_of_forms = False
-
     def __init__(self, terms: Sequence[ReducedEnergy], system: Assembly) -> None:
-        super().__init__(terms, system)
-        self._reduced = [(k, force) for k, force in self.elements if isinstance(force, ModeForces)]
+        self._system = system
+        at = [system.bodies.index(term.body) for term in terms]
+        self._forces = [(k, ModeForces(t, system.fields[k], system.rule)) for k, t in zip(at, terms, strict=True)]
 
-    def forces_of(self, term: StoredEnergy | Dissipation, at: Coordinates) -> ElementForces:
-        return ModeForces(term, at, self._system.rule)
+    def begin(self, t: float) -> None:
+        for _, force in self._forces:
+            force.begin()
 
     def move(self, linearly: bool) -> None:
-        super().move(linearly)
-        for _, force in self._reduced:
-            force.move()
+        for _, force in self._forces:
+            force.move(linearly)
 
     def keep(self) -> None:
-        super().keep()
-        for _, force in self._reduced:
-            force.keep()
+        for _, force in self._forces:
+            force.points.keep()
+
+    def energies(self) -> dict[str, float]:
+        return {force.name: force.points.energy() for _, force in self._forces}
 
     def add_forces(self, r: PETSc.Vec) -> None:
         with r as values:
-            for k, force in self._reduced:
+            for k, force in self._forces:
                 values[self._system.numbering.owned(k)] += self._on_rank_zero(force.forces()).ravel()
-
-    def tangent_forms(self, k: int) -> list[fem.Form]:
-        return []
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         numbering = self._system.numbering
-        for k, force in self._reduced:
-            owned = numbering.owned(k)
+        for k, force in self._forces:
+            owned, K = numbering.owned(k), self._on_rank_zero(force.tangents())
+            if A.getType() == PETSc.Mat.Type.SEQDENSE:  # PETSc's way of entering numbers takes ten times as long
+                A.getDenseArray()[owned, owned] += K
+                continue
             at = np.arange(owned.start, owned.stop, dtype=PETSc.IntType) + PETSc.IntType(numbering.start)
-            A.setValues(at, at, self._on_rank_zero(force.tangents()), addv=PETSc.InsertMode.ADD_VALUES)
+            A.setValues(at, at, K, addv=PETSc.InsertMode.ADD_VALUES)
 
     def _on_rank_zero(self, values: Array) -> Array:
         """The sum of all ranks' values on rank 0, which owns the coefficients, and nothing on the others."""
@@ -96,63 +95,59 @@ class ReducedEnergy(StoredEnergy):
     compiler: ClassVar[type[CompiledTerms]] = ReducedEnergies
 
 
-class ModeForces(ElementForces):
+class ModeForces:
     """Forces and tangents of the modes on this rank's cells."""
 
-    def _compile_forces(self, at: Coordinates, rule: StressRule, e: Expr, S: Expr, D: Expr) -> None:
-        term: Any = self.term
-        film = term.body
-        points, dA = points_and_areas(film)
-        self._at, self._mesh = at, film.space.mesh
-        self._own = own_cells(film)
-        self._places = self._ê.function_space.dofmap.list[self._own].ravel()
-        self._dA = (dA * term.weights[:, None]).ravel()
-        self._G = mode_gradients(film, term.modes, points)
-        self._deformation = compile_expression(film.deformation(at.q1), points)
-        self.move()
-        self.keep()
+    def __init__(self, term: ReducedEnergy, at: ReducedCoordinates, rule: StressRule) -> None:
+        film: Any = term.body
+        mesh, cells = film.space.mesh, own_cells(film)
+        Q = fem.functionspace(mesh, quadrature_element(mesh, term.dx.metadata(), (3,)))
+        strains = fem.Function(Q), fem.Function(Q)
+        e0, ê = strains[0], ufl.variable(strains[1])
+        cases, points = rule.cases(term, e0, ê), interpolation_points(Q)
+        stresses = [rule.stress(term, e0, ê), *(S for _, S in cases)]
+        law = Law(
+            strains,
+            [compile_expression(with_derivative(S, ê), points) for S in stresses],
+            compile_expression(first_that_holds(cases), points) if cases else None,
+            compile_expression(term.density(e0), points),
+            cells,
+        )
+        at_points, dA = points_and_areas(film)
+        x = mesh.geometry.x[mesh.geometry.dofmap[cells]]
+        G = mode_gradients(film, term.modes, at_points)
+        self.name, self._at = term.name, at
+        self.points = Points(law, x, dA * term.weights[:, None], G)
+        self._switches = not term.quadratic and rule.alpha == 0.5
+        self._known, self._chooses = 0, self._switches
 
-    def _respond(self, cells: Indices | None = None) -> None:
-        if len(self._own) > FEW:
-            super()._respond(cells)
+    def begin(self) -> None:
+        """Start a step."""
+        self._known, self._chooses = 0, self._switches
+        self.points.begin()
+
+    def move(self, linearly: bool) -> None:
+        """Strains after q1 was set, as those of `terms.element_energies.ElementForces` follow."""
+        points = self.points
+        points.move(self._at.end)
+        if not linearly:
+            points.set_strains(TRUE)
+            return
+        if not self._chooses:
+            points.set_strains(LINEAR, self._at.change)
+        elif not self._known:
+            points.strain[:] = points.past
+            points.set_strains(GIVEN)
         else:
-            self._tabulate(self._responses[0], self._response, cells)
-
-    def move(self) -> None:
-        """q1 was set: F (2, 3, q) there."""
-        values = evaluate(self._deformation, self._mesh, self._own).reshape(len(self._dA), 3, 2)
-        self._F = np.ascontiguousarray(values.T)
-
-    def keep(self) -> None:
-        """The end of the step is the start of the next one."""
-        self._F0 = self._F
-
-    def _stress(self) -> tuple[Array, Array]:
-        """S (3, q) and D (3, 3, q) times dA."""
-        m = self._size
-        values = self._response.x.array.reshape(-1, m + m * m)[self._places].T * self._dA
-        return values[:m], values[m:].reshape(m, m, -1)
-
-    def _middle(self) -> Array:
-        """F̄ (2, 3, q), of where forces act."""
-        α = float(self._at.α.value)
-        middle: Array = (1 - α) * self._F0 + α * self._F
-        return middle
+            far = points.choose_strains(self._at.change)
+            self._chooses = self._known <= IDLE or far
+        self._known += 1
 
     def forces(self) -> Array:
         """Forces (r, 3) on the coefficients."""
-        F, (S, D) = self._F, self._stress()
-        e = np.stack([((F[0] ** 2).sum(axis=0) - 1) / 2, ((F[1] ** 2).sum(axis=0) - 1) / 2, (F[0] * F[1]).sum(axis=0)])
-        S = S + np.einsum("klq,lq->kq", D, e - self._ê.x.array.reshape(-1, self._size)[self._places].T)
-        a, b = self._middle()
-        N = np.stack([S[0] * a + S[2] * b, S[1] * b + S[2] * a]).T  # (q, 3, 2)
-        q, _, r = self._G.shape
-        total: Array = self._G.reshape(2 * q, r).T @ N.swapaxes(1, 2).reshape(2 * q, 3)
-        return total
+        return self.points.forces(float(self._at.α.value))
 
     def tangents(self) -> Array:
         """Their derivatives (3r, 3r)."""
-        S, D = self._stress()
-        share = float(self._at.α.value) * float(self._at.γ.value)
-        B̄, B = strain_operator(self._middle()), strain_operator(self._F)
-        return project(stress_derivatives(B̄, D, B, share * S), self._G)
+        α = float(self._at.α.value)
+        return self.points.stiffness(α, α * float(self._at.γ.value))

@@ -48,13 +48,9 @@ class ElementEnergies(CompiledTerms):
     def __init__(self, terms: Sequence[StoredEnergy | Dissipation], system: Assembly) -> None:
         self._system = system
         at = [system.bodies.index(term.body) for term in terms]
-        self.elements = [(k, self.forces_of(term, system.fields[k])) for k, term in zip(at, terms, strict=True)]
+        self.elements = [(k, ElementForces(t, system.fields[k], system.rule)) for k, t in zip(at, terms, strict=True)]
         dofmaps = {k: system.fields[k].q0.function_space.dofmap for k in at}
         self._forces = {k: la.vector(dofmap.index_map, dofmap.index_map_bs) for k, dofmap in dofmaps.items()}
-
-    def forces_of(self, term: StoredEnergy | Dissipation, at: Coordinates) -> ElementForces:
-        """A term, compiled."""
-        return ElementForces(term, at, self._system.rule)
 
     def begin(self, t: float) -> None:
         for k, force in self.elements:
@@ -131,10 +127,9 @@ class ElementForces:
 
         m = e.ufl_shape[0]
         mesh, metadata = at.q1.function_space.mesh, term.dx.metadata()
-        element = _quadrature_element(mesh, metadata, (m,))
-        Q = fem.functionspace(mesh, element)
+        Q = fem.functionspace(mesh, quadrature_element(mesh, metadata, (m,)))
         self._e0, self._ê = fem.Function(Q), fem.Function(Q)
-        self._response = fem.Function(fem.functionspace(mesh, _quadrature_element(mesh, metadata, (m + m * m,))))
+        self._response = fem.Function(fem.functionspace(mesh, quadrature_element(mesh, metadata, (m + m * m,))))
         S = ufl.as_vector([self._response[i] for i in range(m)])
         D = ufl.as_matrix([[self._response[m + i * m + j] for j in range(m)] for i in range(m)])
 
@@ -148,12 +143,9 @@ class ElementForces:
             self._work = compile_form(ufl.dot(S, self._ê - self._e0) * term.dx)
         points = interpolation_points(Q)
         stresses = [S̄, *(S for _, S in cases)]  # the first serves every point
-        self._responses = [compile_expression(_with_derivative(S, ê), points) for S in stresses]
+        self._responses = [compile_expression(with_derivative(S, ê), points) for S in stresses]
         if cases:
-            case: Expr = ufl.as_ufl(0.0)
-            for k, (holds, _) in reversed(list(enumerate(cases, 1))):
-                case = ufl.conditional(holds, float(k), case)
-            self._case = compile_expression(case, points)
+            self._case = compile_expression(first_that_holds(cases), points)
         self._strain = compile_expression(e, points)
         linearised = e - D2e_δδ / 2
         self._linearised = compile_expression(linearised, points)
@@ -162,7 +154,7 @@ class ElementForces:
         self._size = m
         self._switches = isinstance(term, StoredEnergy) and not term.quadratic and rule.alpha == 0.5
         if self._switches:
-            self._expected = fem.Function(fem.functionspace(mesh, _quadrature_element(mesh, metadata, (2 * m + 2,))))
+            self._expected = fem.Function(fem.functionspace(mesh, quadrature_element(mesh, metadata, (2 * m + 2,))))
             change, stiffness = linearised - self._ê, _largest(D[i, i] for i in range(m))
             σ = S + ufl.dot(D, change)
             numbers = [*linearised, *σ, stiffness, ufl.sqrt(ufl.dot(change, change))]
@@ -178,11 +170,6 @@ class ElementForces:
         self._before = self._e0.x.array.copy()
         self._known, self._chooses = 0, self._switches
 
-        self._compile_forces(at, rule, e, S, D)
-
-    def _compile_forces(self, at: Coordinates, rule: StressRule, e: Expr, S: Expr, D: Expr) -> None:
-        """Residual and tangent from the stress at the quadrature points."""
-        term, q = self.term, at.q1
         De = ufl.derivative(e, q, at.w)
         De_mid, De_dq = ufl.replace(De, {q: at.mid}), ufl.derivative(e, q, at.dq)
         D2e = ufl.derivative(De, q, at.dq)
@@ -272,7 +259,15 @@ class ElementForces:
         return array
 
 
-def _with_derivative(S: Expr, e: Expr) -> Expr:
+def first_that_holds(cases: Sequence[tuple[Expr, Expr]]) -> Expr:
+    """The number, from one, of the first case whose condition holds, or zero."""
+    which: Expr = ufl.as_ufl(0.0)
+    for k, (holds, _) in reversed(list(enumerate(cases, 1))):
+        which = ufl.conditional(holds, float(k), which)
+    return which
+
+
+def with_derivative(S: Expr, e: Expr) -> Expr:
     """S and dS/de, row after row, as one vector."""
     m, D = S.ufl_shape[0], ufl.diff(S, e)
     return ufl.as_vector([S[i] for i in range(m)] + [D[i, j] for i in range(m) for j in range(m)])
@@ -282,7 +277,8 @@ def _largest(numbers: Iterable[Expr]) -> Expr:
     return reduce(ufl.max_value, numbers)
 
 
-def _quadrature_element(mesh: Any, metadata: dict[str, Any], shape: tuple[int, ...]) -> Any:
+def quadrature_element(mesh: Any, metadata: dict[str, Any], shape: tuple[int, ...]) -> Any:
+    """An element of values at the points at which a measure with this metadata is integrated."""
     return basix.ufl.quadrature_element(
         mesh.basix_cell(), value_shape=shape, degree=metadata["quadrature_degree"], scheme="default"
     )

@@ -67,15 +67,27 @@ class Stencil:
 
     def tangent(self, q1: Array) -> Array:
         """De(q̄)ᵀ dS̄/de1 De(q1) + α S̄·D²e (n, D, D), computed where it is not zero."""
-        S, D = self._stress(q1)
-        on = np.flatnonzero(S.any(axis=1) | D.any(axis=(1, 2)))
-        B, B1 = self.at.slope(self._middle(q1, on), on), self.at.slope(q1[on], on)
-        K = np.matmul(B.transpose(0, 2, 1), np.matmul(D[on], B1)) + self._α * self.at.bend(S[on], on)
+        K, on = self._stiffness(q1)
         if len(on) == self.at.n:
             return self.at.stiffness(K)
         found = np.zeros((self.at.n, self.at.D, self.at.D))
         found[on] = self.at.stiffness(K, on)
         return found
+
+    def add_tangent(self, A: PETSc.Mat, q1: Array) -> None:
+        """Add the same to a matrix."""
+        at = self.at
+        if at.alike:
+            add_blocks(A, at.indices[:1], at.indices[:1], at.sum_of_stiffness(*self._stiffness(q1))[None])
+        else:
+            add_blocks(A, at.indices, at.indices, self.tangent(q1))
+
+    def _stiffness(self, q1: Array) -> tuple[Array, npt.NDArray[np.intp]]:
+        """The same of the vectors that are measured (k, 3k, 3k), and of which places it is."""
+        S, D = self._stress(q1)
+        on = np.flatnonzero(S.any(axis=1) | D.any(axis=(1, 2)))
+        B, B1 = self.at.slope(self._middle(q1, on), on), self.at.slope(q1[on], on)
+        return B.transpose(0, 2, 1) @ (D[on] @ B1) + self._α * self.at.bend(S[on], on), on
 
     def _middle(self, q1: Array, on: npt.NDArray[np.intp]) -> Array:
         """The configuration in which forces act, of the places `on`."""
@@ -134,7 +146,7 @@ class PointEnergies(CompiledTerms):
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         for stencil, q in zip(self._stencils, self._gather(self._system.q1), strict=True):
-            add_blocks(A, stencil.at.indices, stencil.at.indices, stencil.tangent(q))
+            stencil.add_tangent(A, q)
 
     def energies(self) -> dict[str, float]:
         found = dict.fromkeys(self._names, 0.0)

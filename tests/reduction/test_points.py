@@ -1,0 +1,82 @@
+"""The compiled kernel of reduced films against the same in NumPy and dolfinx."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.forms.backend import evaluate, interpolation_points
+from gossamer_fx.forms.compilation import compile_expression
+from gossamer_fx.reduction.mode_gradients import (
+    mode_gradients,
+    own_cells,
+    points_and_areas,
+    project,
+    strain_operator,
+    stress_derivatives,
+)
+from gossamer_fx.reduction.points import TRUE, Points
+from gossamer_fx.terms.discrete_gradient import PathAverage
+from gossamer_fx.terms.element_energies import quadrature_element, with_derivative
+from meshes.sheet import sheet
+
+LAW = gx.Miyazaki(E=2e8, nu=0.3, density=1400.0, thickness=1e-5)
+HEAVY = {"thickness": lambda X: np.where(X[0] > 1.0, 3e-5, 1e-5)}
+
+
+def strains(F: np.ndarray) -> np.ndarray:
+    """(E11, E22, 2 E12) of F (q, 2, 3)."""
+    a, b = F[:, 0], F[:, 1]
+    return np.stack([((a * a).sum(1) - 1) / 2, ((b * b).sum(1) - 1) / 2, (a * b).sum(1)], axis=1)
+
+
+@pytest.mark.parametrize(("order", "properties"), [(1, None), (2, None), (1, HEAVY)])
+def test_the_kernel_is_what_numpy_says(order, properties) -> None:
+    film = gx.Membrane(sheet(MPI.COMM_SELF, 3, 3, 2.0, 2.0), LAW, order=order, properties=properties)
+    rng = np.random.default_rng(1)
+    shapes = gx.Snapshots(film)
+    X = film.space.tabulate_dof_coordinates()
+    shapes.positions += [X + 0.05 * rng.standard_normal(X.shape) for _ in range(3)]
+    reduced = gx.reduce(film, [shapes], 4)
+    system = gx.Simulation(gx.Scene(reduced), gx.Midpoint(dt=0.1)).system
+    energies = next(c for c in system.compiled if type(c).__name__ == "ReducedEnergies")
+    force = energies._forces[0][1]
+    points: Points = force.points
+    c0, c1 = reduced.basis.examples[0], reduced.basis.examples[1]
+    points.move(c0)
+    points.set_strains(TRUE)
+    points.keep()
+    points.begin()
+    points.move(c1)
+    points.set_strains(TRUE)
+
+    at, dA = points_and_areas(film)
+    dA, G = dA.ravel(), mode_gradients(film, reduced.basis.values, at)
+    F0, F1 = G @ c0, G @ c1
+    assert np.allclose(points.start, strains(F0), atol=1e-13) and np.allclose(points.strain, strains(F1), atol=1e-13)
+
+    Q = fem.functionspace(film.space.mesh, quadrature_element(film.space.mesh, film.dx.metadata(), (3,)))
+    e0, e1 = fem.Function(Q), fem.Function(Q)
+    e0.x.array[:], e1.x.array[:] = strains(F0).ravel(), strains(F1).ravel()
+    ê = ufl.variable(e1)
+    stress = PathAverage().stress(list(film.terms())[1], e0, ê)
+    expression = compile_expression(with_derivative(stress, ê), interpolation_points(Q))
+    response = evaluate(expression, film.space.mesh, own_cells(film)).reshape(-1, 12)
+    assert np.allclose(points.response, response, rtol=1e-9, atol=1e-9 * abs(response).max())
+
+    # the stress that is linear in the strain, about a strain that is not the true one
+    points.strain[:] *= 0.9
+    S, D = points.response[:, :3], points.response[:, 3:].reshape(-1, 3, 3)
+    s = (S + np.einsum("qij,qj->qi", D, strains(F1) - points.strain)) * dA[:, None]
+    mid = (F0 + F1) / 2
+    N = np.stack([s[:, :1] * mid[:, 0] + s[:, 2:] * mid[:, 1], s[:, 1:2] * mid[:, 1] + s[:, 2:] * mid[:, 0]], axis=1)
+    assert np.allclose(points.forces(0.5), np.einsum("qai,qax->ix", G, N), rtol=1e-11, atol=1e-11 * abs(N).max())
+
+    B0, B = (strain_operator(np.ascontiguousarray(F.transpose(1, 2, 0))) for F in (mid, F1))
+    weighted = np.moveaxis(D, 0, 2) * dA, S.T * dA
+    K = project(stress_derivatives(B0, weighted[0], B, 0.3 * weighted[1]), G)
+    assert np.allclose(points.stiffness(0.5, 0.3), K, rtol=1e-11, atol=1e-11 * abs(K).max())
