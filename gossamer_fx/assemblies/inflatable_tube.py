@@ -14,7 +14,7 @@ from gossamer_fx.gas.volumes import Ambient, Chamber, Reservoir, Tank
 from gossamer_fx.interactions.fixed import Fixed
 from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.mesh.mesh import Mesh
-from gossamer_fx.model.terms import Term
+from gossamer_fx.model.terms import Term, Vector
 
 if TYPE_CHECKING:
     from gossamer_fx.contact.contact import Contact
@@ -46,6 +46,7 @@ class InflatableTube:
         outside: what acts on the outer side; default vacuum.
         clamp: group of the mesh that is held; None: the tube is free.
         folds: map with which the tube starts folded; default flat.
+        origin, turn: where the folded shape comes to lie [m], and its rotation vector [rad], as of `FoldMap.start`.
         crease: stiffness of the creases at its fold lines [N m/m/rad]; zero: none.
         memory: rest angle of creases over the angle of their folds, 0 to 1.
         contact: distance at which contact of the film with itself begins [m]; zero: no contact.
@@ -70,6 +71,8 @@ class InflatableTube:
         outside: Ambient | None = None,
         clamp: str | None = "inlet",
         folds: FoldMap | None = None,
+        origin: Vector = (0.0, 0.0, 0.0),
+        turn: Vector = (0.0, 0.0, 0.0),
         crease: float = 0.0,
         memory: float = 1.0,
         contact: float = 0.0,
@@ -118,7 +121,7 @@ class InflatableTube:
             for i, ring in enumerate(self.rings)
         ]
         self.clamp = Fixed(self.film, clamp) if clamp is not None else None
-        self.start: Folded | None = folds.start(self.film) if folds is not None else None
+        self.start: Folded | None = folds.start(self.film, origin, turn) if folds is not None else None
         self.creases: list[Crease] = list(folds.creases(self.film, crease, memory)) if folds and crease else []
         self.contact = self._contact(contact, obstacles) if contact else None
 

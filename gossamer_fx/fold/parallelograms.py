@@ -12,6 +12,8 @@ import numpy as np
 from gossamer_fx.fold.fold_map import FoldMap
 from gossamer_fx.model.terms import Array
 
+Segment = tuple[tuple[float, float], tuple[float, float]]
+
 
 @dataclass(frozen=True)
 class Miura(FoldMap):
@@ -23,10 +25,16 @@ class Miura(FoldMap):
         height  H = a sin θ sin γ                     along y  L = a √(1 - sin²θ sin²γ)
         along x  S = b cos θ tan γ/√(1 + cos²θ tan²γ)   shift  V = b/√(1 + cos²θ tan²γ)
 
+    Two sheets, as of a tube that is pressed flat, are opened to a pillow in each parallelogram and shifted against each
+    other along z, in which the folded sheet has no overhang; both vanish at seams.  A shift s keeps them s cos θ apart
+    at fold lines.  Across a width w they cost strain energy of the order (opening/w)⁴ and (lift/w)².
+
     Args:
         a, b: sides [m], a along y.
         gamma: γ [rad], between 0 and π/2.
         theta: θ [rad], above 0 (flat) and below π/2 (pressed shut).
+        opening: half of the largest distance of two sheets within a parallelogram [m].
+        lift: half of their distance along z [m].
 
     Raises:
         InputError: numbers out of these ranges.
@@ -39,9 +47,12 @@ class Miura(FoldMap):
     b: float
     gamma: float
     theta: float
+    opening: float = 0.0
+    lift: float = 0.0
 
     def __post_init__(self) -> None:
         self._check_positive("a", "b")
+        self._check_not_negative("opening", "lift")
         for what in ("gamma", "theta"):
             value = getattr(self, what)
             self._check(0 < value < math.pi / 2, f"{what} is {value!r} rad; give a number between 0 and π/2.")
@@ -53,17 +64,55 @@ class Miura(FoldMap):
         root = math.sqrt(1 + (c * g) ** 2)
         return self.a * s, self.b * c * g / root, self.a * math.sqrt(1 - s * s), self.b / root
 
+    def lattice(self, X: Array) -> tuple[Array, Array]:
+        """Column u (n,) and row v (n,) of points X (n, 3) of the flat sheet; fold lines are at whole numbers."""
+        u = X[:, 0] / (self.b * math.sin(self.gamma))
+        return u, (X[:, 1] - self.b * math.cos(self.gamma) * _wave(u)) / self.a
+
+    def segments(self, low: tuple[float, float], high: tuple[float, float]) -> list[Segment]:
+        """Ends (x, y) of the fold lines that pass over the rectangle from `low` to `high` [m] of the flat sheet."""
+        width, rise = self.b * math.sin(self.gamma), self.b * math.cos(self.gamma)
+        columns = range(math.floor(low[0] / width), math.ceil(high[0] / width) + 1)
+        rows = range(math.floor((low[1] - rise) / self.a), math.ceil(high[1] / self.a) + 1)
+        straight = [((i * width, low[1]), (i * width, high[1])) for i in columns]
+        oblique = [
+            ((i * width, j * self.a + rise * (i % 2)), ((i + 1) * width, j * self.a + rise * ((i + 1) % 2)))
+            for i in columns[:-1]
+            for j in rows
+        ]
+        return straight + oblique
+
+    @cached_property
+    def axes(self) -> Array:
+        """Directions (3, 3), as columns, in which x, y and the normal of the first parallelogram are folded."""
+        H, S, L, V = self.sizes
+        along = np.array([0.0, L, H]) / self.a
+        across = (np.array([S, V, 0.0]) / self.b - math.cos(self.gamma) * along) / math.sin(self.gamma)
+        return np.stack([across, along, np.cross(across, along)], axis=1)
+
     def place(self, X: Array, side: Array) -> Array:
         H, S, L, V = self.sizes
-        u = X[:, 0] / (self.b * math.sin(self.gamma))
-        v = (X[:, 1] - self.b * math.cos(self.gamma) * _wave(u)) / self.a
-        return np.stack([S * u, L * v + V * _wave(u), H * _wave(v)], axis=1)
+        u, v = self.lattice(X)
+        p = np.stack([S * u, L * v + V * _wave(u), H * _wave(v)], axis=1)
+        if self.opening or self.lift:
+            # the upper side of the first parallelogram looks along its normal, those around it along mirrored ones
+            sense = np.stack([_sense(u) * _sense(v), _sense(v), np.ones(len(X))], axis=1)
+            pillow = self.opening * np.abs(np.sin(math.pi * u) * np.sin(math.pi * v))
+            p = p + (side * pillow)[:, None] * sense * self.axes[:, 2]
+            p[:, 2] += side * self.lift
+        return p
 
     def pressed(self) -> Miura:
-        return replace(self)
+        return replace(self, opening=0.0, lift=0.0)
 
 
 def _wave(u: Array) -> Array:
     """The triangular wave: 0 at even numbers, 1 at odd ones."""
     wave: Array = 1 - np.abs(np.remainder(u, 2) - 1)
     return wave
+
+
+def _sense(u: Array) -> Array:
+    """1 where that wave rises, -1 where it falls."""
+    sense: Array = np.where(np.remainder(u, 2) < 1, 1.0, -1.0)
+    return sense

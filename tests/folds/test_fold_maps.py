@@ -12,6 +12,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from meshes.creased import creased_film, creased_tube
 from meshes.sails import parallelograms, pinwheel, trapezoids
 from meshes.sheet import sheet
 from meshes.tube import flat_tube
@@ -35,12 +36,22 @@ TUBE = gx.fold.zigzag(length=0.25, panels=3, angle=1.4, width=WIDTH, opening=5e-
 ROUND = gx.fold.zigzag(length=0.25, panels=2, angle=1.2, bends=3, spacing=0.25 / 32)
 ROLL = gx.fold.roll(length=0.25, bends=31, radius=0.02, pitch=3e-3, width=WIDTH, opening=1e-4)
 MIURA = gx.fold.miura(a=0.05, b=0.05, gamma=1.0, theta=0.8)
+STOWED = gx.fold.miura(a=0.1, b=0.1, gamma=1.4, theta=1.4, opening=3e-4, lift=5e-5)
 CROSS = gx.fold.ikaros(n=4, inner=3, outer=8, pitch=0.32, bends=1, gap=1e-3, hub_gap=1e-3)
 HEXAGON = gx.fold.ikaros(n=6, inner=3, outer=6, pitch=0.1, bends=2, gap=1e-3, hub_gap=5e-4, ramp=0.1)
 STAR = gx.fold.star(n=8, side=0.04, columns=2, reach=12, gap=1e-4)
 SPIRAL = gx.fold.spiral(length=0.5, columns=50, around=30, rows=4, pitch=0.03, gap=2e-4)
 # angle between the panels of Miura's fold at its straight and at its oblique lines
 _STRAIGHT = 2 * math.asin(math.sin(0.8) * math.cos(1.0) / math.sqrt(1 - (math.sin(0.8) * math.sin(1.0)) ** 2))
+
+
+def oblique_tube(comm: MPI.Intracomm) -> gx.Mesh:
+    """A flat tube that Miura's lines cross at any angle, in two compartments."""
+    corners = ((0.02, 0.03), (0.07, 0.03), (0.17, 0.27), (0.12, 0.27))
+    lines = [*STOWED.segments((0.0, 0.0), (0.3, 0.3)), ((0.045, 0.03), (0.145, 0.27))]
+    return creased_tube(comm, corners, lines, 0.03, lambda X: STOWED.lattice(X)[1], (1.0,))
+
+
 SAMPLES = {
     "zigzag": Sample(ZIGZAG, lambda c: sheet(c, 9, 2, 0.3, 0.1), {"fold 1": -2.8, "fold 2": 2.8}, 1e-18),
     "tube": Sample(
@@ -57,6 +68,7 @@ SAMPLES = {
         {"valley 1": 1.6, "valley 2": _STRAIGHT, "mountain 1": -1.6, "mountain 2": -_STRAIGHT},
         1e-18,
     ),
+    "tube in Miura's fold": Sample(STOWED, oblique_tube, {"mountain top 1": -2.8, "valley bottom 1": 2.8}, 5e-3),
     "cross": Sample(
         CROSS,
         lambda c: trapezoids(c, 4, 3, 8, 0.32),
@@ -165,6 +177,21 @@ def test_sizes_of_miuras_fold() -> None:
 
 
 @pytest.mark.mpi
+def test_a_polygon_along_miuras_lines(comm) -> None:
+    """One parallelogram stays where it is under the inverse of its axes."""
+    corners = ((0.01, 0.03), (0.09, 0.03), (0.2, 0.25), (-0.1, 0.25))
+    lines = STOWED.segments((-0.1, 0.0), (0.2, 0.3))
+    film = gx.Membrane(creased_film(comm, corners, lines, (0.03, 0.03, 0.06, 0.06)), LAW)
+    assert STOWED.start(film).strain_energy() < 1e-15
+    X = film.space.tabulate_dof_coordinates()[: film.block.index_map.size_local]
+    u, v = STOWED.lattice(X)
+    first = (u >= 0) & (u <= 1) & (v >= 0) & (v <= 1)
+    assert np.allclose((STOWED.start(film).positions() @ STOWED.axes)[first], X[first], atol=1e-12)
+    assert np.allclose(STOWED.axes.T @ STOWED.axes, np.eye(3), atol=1e-12)
+    assert comm.allreduce(int(first.sum())) > 4
+
+
+@pytest.mark.mpi
 @pytest.mark.parametrize(
     "act, words",
     [
@@ -181,6 +208,10 @@ def test_sizes_of_miuras_fold() -> None:
         (lambda c: gx.fold.zigzag(length=0.3, panels=3, bends=3, spacing=0.06), "take more than a panel"),
         (lambda c: gx.fold.roll(length=0.3, bends=3, radius=0.02), "do not go round"),
         (lambda c: gx.fold.star(n=8, side=0.04, columns=2, reach=20, gap=5e-3), "no room for a hub"),
+        (
+            lambda c: creased_tube(c, ((0, 0), (0.1, 0), (0.1, 0.02), (0, 0.02)), (), 0.05, lambda X: X[:, 0], ()),
+            "has all its nodes on the rim; mesh finer",
+        ),
     ],
 )
 def test_what_cannot_be_folded_is_refused(comm, act: Callable[[MPI.Intracomm], Any], words: str) -> None:

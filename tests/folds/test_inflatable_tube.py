@@ -34,6 +34,11 @@ def test_its_parts(comm) -> None:
         assert any(part is item for item in scene.items)
     assert len(it.chambers) == 2 and len(it.passages) == 1 and len(it.creases) == 2
     assert [math.degrees(c.rest_angle) for c in it.creases] == pytest.approx([-80.2, 80.2], abs=0.1)
+    turned = tube(comm, folds=FOLDS, origin=(0.0, 0.0, 1.0), turn=(0.0, 0.0, math.pi / 2)).start
+    straight = tube(comm, folds=FOLDS).start
+    assert turned is not None and straight is not None
+    x, y, z = straight.positions().T
+    assert np.allclose(turned.positions(), np.column_stack([-y, x, z + 1.0]), atol=1e-12)
     plain = tube(comm)
     assert plain.start is None and plain.contact is None and not plain.creases
     assert sum(1 for _ in plain.requires()) == 5

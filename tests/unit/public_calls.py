@@ -142,6 +142,8 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "discharge_coefficient": 0.8,
             "laminar": 1e-3,
             "folds": gx.fold.zigzag(0.25, 2, width=0.047, lift=1e-4),
+            "origin": (0.0, 0.0, 0.0),
+            "turn": (0.0, 0.0, 1.0),
             "crease": 1e-3,
             "memory": 0.5,
             "contact": 5e-4,
@@ -266,7 +268,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "ramp": 1.0,
             "wound": False,
         },
-        "fold.miura": {"a": 0.1, "b": 0.1, "gamma": 1.0, "theta": 0.5},
+        "fold.miura": {"a": 0.1, "b": 0.1, "gamma": 1.0, "theta": 0.5, "opening": 1e-4, "lift": 1e-5},
         "fold.roll": {
             "length": 1.0,
             "bends": 99,

@@ -1,0 +1,175 @@
+"""Plane films of any outline whose nodes lie on given lines, of one sheet or of two that make a tube pressed flat."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx import Mesh, gmsh_mesh
+from meshes.arrays import Numbers, Points, rim
+
+Corners = Sequence[tuple[float, float]]
+Segments = Sequence[tuple[tuple[float, float], tuple[float, float]]]
+ON = 1e-7  # m: nodes that are nearer to a line are on it
+
+
+def creased_film(comm: MPI.Comm, corners: Corners, lines: Segments, size: Sequence[float]) -> Mesh:
+    """A convex polygon in z = 0 with edges of triangles along `lines`, as of `Miura.segments`.
+
+    Args:
+        corners: (x, y) of its corners [m], counterclockwise.
+        lines: ends of straight lines [m], which may pass over its rim.
+        size: of the cells at each corner [m].
+
+    Groups: "film"; its sides "side 1" and so on, from the first corner to the second and so on, and the points
+    "corner 1" and so on.
+    """
+
+    def build(model: Any) -> None:
+        points, triangles = _triangulated(model, corners, lines, size)
+        film = model.addDiscreteEntity(2)
+        _add(model, film, points, triangles)
+        model.addPhysicalGroup(2, [film], name="film")
+        _name_rim(model, points, rim(triangles), corners, "side {}", "corner {}")
+
+    return gmsh_mesh(build, comm)
+
+
+def creased_tube(
+    comm: MPI.Comm,
+    corners: Corners,
+    lines: Segments,
+    size: float,
+    rows: Callable[[Points], Points],
+    walls: Sequence[float],
+) -> Mesh:
+    """A closed tube pressed flat to a convex polygon in z = 0, with edges along `lines` in both sheets.
+
+    Compartments end where `rows`, a function of points (n, 3), has the values `walls`; lines of edges are there.  No
+    triangle has all its nodes on the rim, where the sheets are joined: it could not open.
+
+    Groups: "top", "bottom"; "compartment 1" and so on, "ring 1" and so on between them; "side 1" and so on, "corner 1"
+    and so on, as of `creased_film`.
+    """
+
+    def build(model: Any) -> None:
+        points, triangles = _triangulated(model, corners, lines, [size] * len(corners))
+        edges = rim(triangles)
+        on_rim = np.zeros(len(points), dtype=bool)
+        on_rim[edges] = True
+        triangles = _opened(points, triangles, on_rim, lines)
+        twin = np.arange(len(points))
+        twin[~on_rim] = len(points) + np.arange((~on_rim).sum())
+        row = rows(points)
+        walled = np.abs(row[:, None] - np.asarray(walls)) < ON
+        which = np.searchsorted(np.asarray(walls), row[triangles].mean(axis=1))
+        sides = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+        everything = np.vstack([points, points[~on_rim]])
+        names: dict[str, list[int]] = {}
+        first = True
+        for sheet, cells in (("top", triangles), ("bottom", twin[triangles][:, ::-1])):
+            for i in range(len(walls) + 1):
+                entity = model.addDiscreteEntity(2)
+                _add(model, entity, everything if first else everything[:0], cells[which == i])
+                first = False
+                for name in (sheet, f"compartment {i + 1}"):
+                    names.setdefault(name, []).append(entity)
+        for name, entities in names.items():
+            model.addPhysicalGroup(2, entities, name=name)
+        for i in range(len(walls)):
+            line = sides[walled[sides, i].all(axis=1)]
+            _add_lines(model, f"ring {i + 1}", np.vstack([line, twin[line]]))
+        _name_rim(model, points, edges, corners, "side {}", "corner {}")
+
+    return gmsh_mesh(build, comm)
+
+
+def _triangulated(model: Any, corners: Corners, lines: Segments, size: Sequence[float]) -> tuple[Points, Numbers]:
+    """Points (n, 3) and triangles (m, 3) of the polygon, with edges along the lines."""
+    current = model.getCurrent()
+    model.add("outline")
+    occ = model.occ
+    tags = [occ.addPoint(x, y, 0, h) for (x, y), h in zip(corners, size, strict=True)]
+    loop = [occ.addLine(a, b) for a, b in zip(tags, tags[1:] + tags[:1], strict=True)]
+    face = occ.addPlaneSurface([occ.addCurveLoop(loop)])
+    cuts = [(1, occ.addLine(occ.addPoint(*a, 0), occ.addPoint(*b, 0))) for a, b in lines]
+    inside, _ = occ.intersect(cuts, [(2, face)], removeTool=False) if cuts else ([], None)
+    occ.fragment([(2, face)], [cut for cut in inside if cut[0] == 1])
+    occ.synchronize()
+    for dim, tag in model.getEntities(0):
+        x, y, _ = model.getValue(dim, tag, [])
+        model.mesh.setSize([(dim, tag)], _size_at(x, y, corners, size))
+    model.mesh.generate(2)
+    numbers, coordinates, _ = model.mesh.getNodes()
+    nodes = model.mesh.getElementsByType(2)[1].reshape(-1, 3)
+    used = np.unique(nodes)
+    order = np.argsort(numbers)
+    points = coordinates.reshape(-1, 3)[order][np.searchsorted(numbers[order], used)]
+    triangles = np.searchsorted(used, nodes).astype(np.int64)
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    down = np.cross(b - a, c - a)[:, 2] < 0
+    triangles[down] = triangles[down][:, ::-1]
+    model.remove()
+    model.setCurrent(current)
+    return points, triangles
+
+
+def _size_at(x: float, y: float, corners: Corners, size: Sequence[float]) -> float:
+    """Mean of the corners' sizes, weighted by the inverse of the squared distance."""
+    weight = 1 / (((np.asarray(corners) - (x, y)) ** 2).sum(axis=1) + ON**2)
+    return float(weight @ np.asarray(size) / weight.sum())
+
+
+def _opened(points: Points, triangles: Numbers, on_rim: Any, lines: Segments) -> Numbers:
+    """The triangles, none with all its nodes on the rim: such a one gives its inner edge to the node beyond it."""
+    triangles = triangles.copy()
+    for t in np.flatnonzero(on_rim[triangles].all(axis=1)):
+        for k in range(3):
+            c, p, q = np.roll(triangles[t], -k)
+            others = [s for s in np.flatnonzero((triangles == p).any(axis=1) & (triangles == q).any(axis=1)) if s != t]
+            if not others or _on_a_line(points[[p, q]], lines):
+                continue
+            r = int(np.setdiff1d(triangles[others[0]], [p, q])[0])
+            if not on_rim[r]:
+                triangles[t], triangles[others[0]] = (c, p, r), (c, r, q)
+                break
+        else:
+            x, y, _ = points[triangles[t]].mean(axis=0)
+            raise ValueError(f"a triangle at ({x:.4g}, {y:.4g}) m has all its nodes on the rim; mesh finer")
+    return triangles
+
+
+def _on_a_line(ends: Points, lines: Segments) -> bool:
+    for a, b in lines:
+        (ax, ay), (bx, by) = a, b
+        length = np.hypot(bx - ax, by - ay)
+        away = ((ends[:, 0] - ax) * (by - ay) - (ends[:, 1] - ay) * (bx - ax)) / length
+        if (np.abs(away) < ON).all():
+            return True
+    return False
+
+
+def _add(model: Any, entity: int, points: Points, triangles: Numbers) -> None:
+    if len(points):
+        model.mesh.addNodes(2, entity, range(1, len(points) + 1), points.ravel())
+    model.mesh.addElementsByType(entity, 2, [], (triangles + 1).ravel())
+
+
+def _add_lines(model: Any, name: str, edges: Numbers) -> None:
+    entity = model.addDiscreteEntity(1)
+    model.mesh.addElementsByType(entity, 1, [], (edges + 1).ravel())
+    model.addPhysicalGroup(1, [entity], name=name)
+
+
+def _name_rim(model: Any, points: Points, edges: Numbers, corners: Corners, side: str, corner: str) -> None:
+    ends = list(corners)
+    for k, (a, b) in enumerate(zip(ends, ends[1:] + ends[:1], strict=True)):
+        on = np.array([_on_a_line(points[edge], [(a, b)]) for edge in edges])
+        _add_lines(model, side.format(k + 1), edges[on])
+        entity = model.addDiscreteEntity(0)
+        nearest = np.linalg.norm(points[:, :2] - a, axis=1).argmin()
+        model.mesh.addElementsByType(entity, 15, [], [nearest + 1])
+        model.addPhysicalGroup(0, [entity], name=corner.format(k + 1))
