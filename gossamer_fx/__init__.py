@@ -135,6 +135,7 @@ if TYPE_CHECKING:
     from gossamer_fx.outputs.probes import RingArea as RingArea
     from gossamer_fx.outputs.probes import Velocity as Velocity
     from gossamer_fx.outputs.progress import Progress as Progress
+    from gossamer_fx.outputs.recorded_shapes import RecordedShapes as RecordedShapes
     from gossamer_fx.outputs.recording import Recording as Recording
     from gossamer_fx.outputs.series import Series as Series
     from gossamer_fx.outputs.snapshots import Snapshots as Snapshots
@@ -262,6 +263,7 @@ _HOME = {
     "outputs.recording": ["Recording"],
     "outputs.series": ["Series"],
     "outputs.outside_basis": ["OutsideBasis"],
+    "outputs.recorded_shapes": ["RecordedShapes"],
     "outputs.snapshots": ["Snapshots"],
     "reduction.reduce": ["reduce"],
     "run.checkpoint": ["Checkpoints", "latest"],

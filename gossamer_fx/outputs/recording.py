@@ -23,7 +23,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.checks.errors import InputError, on_rank_zero
+from gossamer_fx.checks.errors import InputError, check, on_rank_zero
 from gossamer_fx.model.terms import Body, is_on_mesh
 from gossamer_fx.outputs.description import describe, versions
 from gossamer_fx.outputs.file_names import file_name
@@ -187,6 +187,23 @@ def _usual_fields(body: Body, run: Run) -> tuple[str, ...]:
         return ("displacement",)
     bounds = any(getattr(s.chamber.enclosure, "film", None) is body for s in run.chambers.values())
     return (*FILM_FIELDS, "pressure") if bounds else FILM_FIELDS
+
+
+def about_run(folder: Path) -> dict[str, Any]:
+    """What the run.json in a run's folder says.
+
+    Raises:
+        InputError: there is none, it is damaged, or of another format.
+    """
+    path = folder / "run.json"
+    check(path.is_file(), f"There is no run in '{folder}'; give a folder with a run.json, as `Recording` writes.")
+    try:
+        about: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        version, _ = about["format"], about["fields"].items()
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"'{path}' cannot be read ({error}); write the run again.") from error
+    check(version == FORMAT, f"'{path}' is of format {version}, not {FORMAT}; read it with the program that wrote it.")
+    return about
 
 
 def _replace(path: Path, text: str) -> None:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +13,7 @@ from gossamer_fx.mesh.quality import ALIKE, area_vectors
 from gossamer_fx.model.terms import Array
 from gossamer_fx.outputs.checksums import Verified
 from gossamer_fx.outputs.file_names import file_name, segments
-from gossamer_fx.outputs.recording import FORMAT
+from gossamer_fx.outputs.recording import about_run
 from gossamer_fx.plotting.view import Integers, Shape, smooth
 
 Tables = dict[str, Array]
@@ -38,17 +36,8 @@ class RunReader:
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
-        path = self.folder / "run.json"
-        check(path.is_file(), f"There is no run in '{folder}'; give a folder with a run.json, as `Recording` writes.")
-        try:
-            self.about: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-            self.fields: dict[str, list[str]] = self.about["fields"]
-            version = self.about["format"]
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise InputError(f"'{path}' cannot be read ({error}); write the run again.") from error
-        check(
-            version == FORMAT, f"'{path}' is of format {version}, not {FORMAT}; read it with the program that wrote it."
-        )
+        self.about = about_run(self.folder)
+        self.fields: dict[str, list[str]] = self.about["fields"]
         self.meshes = {name: Mesh(self.folder / "fields", name) for name in self.fields}
         self.times: Array = min((mesh.times for mesh in self.meshes.values()), key=len, default=np.zeros(0))
         self._points = self.table("points.csv")

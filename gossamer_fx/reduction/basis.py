@@ -95,7 +95,7 @@ def make_basis(film: Membrane, snapshots: Sequence[Array], count: int) -> Basis:
     """
     comm, n = film.comm, film.space.dofmap.index_map.size_local
     check(count >= 1, f"reduce: modes is {count!r}; ask for one or more.")
-    check(bool(snapshots), "reduce: there are no snapshots; record the film with `Snapshots` first.")
+    check(bool(snapshots), "reduce: there are no snapshots; record the film with `Snapshots` or `Recording` first.")
     alike = comm.allreduce(int(any(s.shape != (n, 3) for s in snapshots)))
     check(not alike, f"reduce: a snapshot is of another mesh than '{film.name}'; record this film.")
     X = film.space.tabulate_dof_coordinates()[:n]

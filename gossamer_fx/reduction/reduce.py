@@ -15,7 +15,7 @@ from gossamer_fx.reduction.sampling import every_cell, sample_cells
 
 @runtime_checkable
 class Motion(Protocol):
-    """Shapes of a film, e.g. a `Snapshots`: owned positions (n, 3) each."""
+    """Shapes of a film, e.g. `Snapshots`: owned positions (n, 3) each."""
 
     positions: Sequence[Array]
 
@@ -28,7 +28,7 @@ def reduce(film: Membrane, motions: Sequence[Motion], modes: int, cells: int | N
 
     Args:
         film: what is reduced; its `bending`, creases and contact cannot be.
-        motions: `Snapshots` of runs in which it took part.
+        motions: `Snapshots` of runs in which it took part, `RecordedShapes` of their folders, or `ModeShapes`.
         modes: how many singular vectors are taken, beside those that make all homogeneous motions exact.
         cells: most cells of each rank over which strains are integrated, see `reduction.sampling`; None: all.
 
@@ -38,7 +38,7 @@ def reduce(film: Membrane, motions: Sequence[Motion], modes: int, cells: int | N
     check_reducible(film)
     check(
         isinstance(motions, Sequence) and all(isinstance(motion, Motion) for motion in motions),
-        f"reduce: motions is {motions!r}; give a list of `Snapshots`.",
+        f"reduce: motions is {motions!r}; give a list of `Snapshots` or `RecordedShapes`.",
     )
     shapes = [x for motion in motions for x in motion.positions]
     basis = make_basis(film, shapes, modes)

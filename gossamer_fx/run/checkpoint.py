@@ -26,16 +26,19 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from gossamer_fx.algebra.rendezvous import fetch
 from gossamer_fx.checks.errors import InputError, check, on_rank_zero, write_on_all
 from gossamer_fx.model.terms import Stateful
 from gossamer_fx.outputs.output import Output, cursors_of, make_parent
 from gossamer_fx.outputs.run import Run
-from gossamer_fx.run.node_keys import all_names, fetch
+from gossamer_fx.run.node_keys import all_names
 from gossamer_fx.run.same_scene import compare, compare_energies
 from gossamer_fx.system.totals import Totals
 from gossamer_fx.version import VERSION
 
 FORMAT = 3
+LACKS = "The checkpoint lacks nodes of this scene; restart the scene by which it was written."
+TWICE = "Two nodes of the checkpoint have the same name."
 
 
 class SavedRun(Run, Stateful, Protocol):
@@ -242,7 +245,7 @@ def read(
     for name, vector in run.history.vectors.items():
         with vector as values:
             for k, block in enumerate(numbering.blocks):
-                rows = fetch(run.comm, arrays[f"names {k}"], arrays[f"{name} {k}"], here[k])
+                rows = fetch(run.comm, arrays[f"names {k}"], arrays[f"{name} {k}"], here[k], LACKS, TWICE)
                 values[numbering.owned(k)] = rows.reshape(-1, block.size).ravel()
     first = run.comm.rank == 0
     system.time = state["time"]

@@ -297,6 +297,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "modes": {"equilibrium": None, "count": 3, "spin": z, "above": 0.0},
         "patch": {"centre": P, "points": [P, P, P]},
         "Playback": {"folder": folder / "no run"},
+        "RecordedShapes": {"film": film, "folder": folder / "no run"},
         "Snapshots": {"film": film, "every": 2},
         "ModeShapes": {"film": film, "equilibrium": None, "modes": [], "height": 0.1},
         "OutsideBasis": {"film": gx.reduce(film, [motion], 1)},

@@ -1,0 +1,85 @@
+"""Reduced films from the folder of a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from meshes.airbag import airbag
+from meshes.sheet import sheet
+
+WORLD = MPI.COMM_WORLD
+LAW = gx.Miyazaki(E=2e8, nu=0.3, density=1400.0, thickness=1e-5)
+SIDE, DT = 2.0, 0.05
+
+
+def sail(comm: MPI.Intracomm, cells: int = 4, order: int = 1, name: str = "the sail") -> gx.Membrane:
+    def velocity(X: np.ndarray) -> np.ndarray:
+        x, y = X[0] - SIDE / 2, X[1] - SIDE / 2
+        return np.stack([-y, x, 0.05 * x * y])
+
+    return gx.Membrane(sheet(comm, cells, cells, SIDE, SIDE), LAW, order=order, velocity=velocity, name=name)
+
+
+def flown(comm: MPI.Intracomm, folder: Path, order: int, halves: bool = False) -> gx.Snapshots:
+    """A run in a folder, perhaps restarted in the middle; its shapes in memory, too."""
+    film = sail(comm, order=order)
+    shapes = gx.Snapshots(film, every=2)
+    outputs = [gx.Recording(folder / "run", every=2), shapes]
+    points = gx.Checkpoints(folder / "points", every=4)
+    run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=DT), outputs, checkpoints=points)
+    run.run(until=4 * DT if halves else 8 * DT)
+    if halves:
+        kept = list(shapes.positions)
+        again = gx.Recording(folder / "run", every=2), gx.Snapshots(film, every=2)
+        gx.Simulation(gx.Scene(film), gx.Midpoint(dt=DT), again, restart=folder / "points").run(until=8 * DT)
+        shapes.positions = kept + again[1].positions
+    return shapes
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(("order", "halves"), [(1, False), (2, True)])
+def test_shapes_on_the_disk_are_those_in_memory(folder: Path, order: int, halves: bool) -> None:
+    shapes = flown(WORLD, folder, order, halves)
+    read = gx.RecordedShapes(shapes.film, folder / "run")
+    assert read.times == pytest.approx(np.arange(0, 10, 2) * DT) and len(shapes.positions) == 5
+    for a, b in zip(read.positions, shapes.positions, strict=True):
+        assert a.shape == b.shape and np.abs(a - b).max(initial=0.0) < 1e-14
+    a, b = (gx.reduce(shapes.film, [motion], 2).basis.singular_values for motion in (read, shapes))
+    assert a[:2] == pytest.approx(b[:2], rel=1e-9)
+
+
+@pytest.mark.mpi
+def test_a_run_on_one_rank_is_read_on_all(folder: Path) -> None:
+    if WORLD.rank == 0:
+        flown(MPI.COMM_SELF, folder, 1)
+    WORLD.barrier()
+    film = sail(WORLD)
+    read = gx.RecordedShapes(film, folder / "run")
+    run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=DT))
+    run.run(until=8 * DT)
+    assert np.abs(read.positions[-1].ravel() - run.system.q0.array_r).max(initial=0.0) < 1e-8
+    assert gx.reduce(film, [read], 2).basis.size == 5
+
+
+@pytest.mark.mpi
+def test_what_is_not_there_is_told_in_one_sentence(folder: Path) -> None:
+    flown(WORLD, folder, 1)
+    for film, where, words in (
+        (sail(WORLD), folder / "nowhere", "There is no run in"),
+        (sail(WORLD, name="other"), folder / "run", "no fields of 'other', but of: the sail; give the film the name"),
+        (sail(WORLD, cells=3), folder / "run", "is of another mesh than 'the sail'; give the film that was recorded"),
+        (gx.Membrane(airbag(WORLD, 1.0, 4), LAW, name="the sail"), folder / "run", "lie on each other.*Snapshots"),
+    ):
+        with pytest.raises(gx.InputError, match=words):
+            gx.RecordedShapes(film, where)
+    if WORLD.rank == 0:
+        data = next((folder / "run" / "fields" / "the sail.bp").glob("data.*"))
+        data.write_bytes(bytes(len(data.read_bytes())))
+    WORLD.barrier()
+    with pytest.raises(gx.InputError, match=r"was changed since it was written|cannot be read"):
+        gx.RecordedShapes(sail(WORLD), folder / "run")
