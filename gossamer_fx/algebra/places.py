@@ -135,9 +135,10 @@ class Places:
 
     def strain(self, q: Array) -> Array:
         """e (n, m)."""
+        if self._slope is not None:
+            found: Array = (self._slope @ (q - self._z)[..., None])[..., 0] + self.c
+            return found
         Y = self._vectors(q)
-        if self.linear:
-            return (self._L @ Y[..., None])[..., 0] + self.c
         return ((self._times(Y) / 2 + self._L) @ Y[..., None])[..., 0] + self.c
 
     def gradient(self, q: Array, on: Any = slice(None)) -> Array:

@@ -145,6 +145,7 @@ class Newton:
         self._base.scale(-1.0)  # strains follow from those of q0
         self._reference, self._floor = 0.0, 0.0
         self._before = self._forces = math.inf
+        self._balance = math.inf, 0.0
         self._early = 0.0  # the larger one of the first two residuals
         self._held = self.system.predict(increment)
         self._r.zeroEntries()
@@ -232,6 +233,7 @@ class Newton:
     def _evaluate(self, y: Array, F: PETSc.Vec) -> None:
         with self._clock("residual"):
             self._s = self.system.residual(y, self._r)
+            self._balance = self.system.imbalance(self._r)
         self._composite.join(self._r, self._s, F)
 
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
@@ -261,7 +263,7 @@ class Newton:
 
     def _aim(self, ksp: PETSc.KSP) -> None:
         """Solve the last linear systems tightly: what a loose one leaves of the residual, the energy feels."""
-        forces = self.system.imbalance(self._r)[0]
+        forces = self._balance[0]
         if self._rtol is None:
             self._rtol = ksp.getTolerances()[0]
         last = 0 < forces * self._rtol < 10 * self._limit
@@ -275,7 +277,7 @@ class Newton:
     def _test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         if not np.isfinite(norms[2]):
             return int(PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN)
-        self._before, self._forces = self._forces, self.system.imbalance(self._r)[0]
+        self._before, self._forces = self._forces, self._balance[0]
         if iteration == 0:
             self._reference = min(self._forces, self._stopping())
         if self._solved():
@@ -303,7 +305,7 @@ class Newton:
         return self.system.c * self.system.h * float(self._diagonal.norm()) or math.inf
 
     def _solved(self) -> bool:
-        forces, violation = self.system.imbalance(self._r)
+        forces, violation = self._balance
         stands = self._forces > FALLS * self._before
         enough = forces <= self._limit and (stands or forces <= self._floor or self._works_little())
         balanced = enough or (stands and forces <= self.round_off)
@@ -326,7 +328,7 @@ class Newton:
         why = names.get(reason, str(reason)).lower().replace("_", " ")
         if linear_reason < 0:
             why += f", linear solver: {linear.reason(self.ksp, self._preconditioner)}"
-        forces, violation = self.system.imbalance(self._r)
+        forces, violation = self._balance
         if violation > self.tolerances.constraint:
             why += f", constraints off by {violation:.1e}"
         unsolved = next(filter(None, (border.unsolved() for border in self.system.borders)), "")

@@ -66,7 +66,7 @@ class PointConstraints(CompiledConstraints):
         """r += De(q̄)ᵀλ, and e(q1) in the rows of the multipliers."""
         values = self._system.q1.array_r.copy()
         for k, (at, q) in enumerate(zip(self._places, self._gather(self._system.q1), strict=True)):
-            force = np.einsum("nm,nmx->nx", values[self._local[k]], self._middle_gradient(k, q))
+            force = values[self._local[k]][:, None] @ self._middle_gradient(k, q)
             r.setValues(at.indices.ravel(), force.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
             r.setValues(self._rows[k].ravel(), at.strain(q).ravel(), addv=PETSc.InsertMode.ADD_VALUES)
         r.assemble()
@@ -82,8 +82,8 @@ class PointConstraints(CompiledConstraints):
             add_blocks(A, rows, rows, np.zeros((at.n, at.m, at.m)))
 
     def _middle_gradient(self, k: int, q: Array) -> Array:
-        α = self._system.rule.alpha
-        return self._places[k].gradient((1 - α) * self._q0[k] + α * q)
+        α, at = self._system.rule.alpha, self._places[k]
+        return at.gradient(q if at.linear else (1 - α) * self._q0[k] + α * q)
 
     def add_curvature(self, v: PETSc.Vec, r: PETSc.Vec) -> None:
         """D²e[v, v] in the rows of the multipliers."""

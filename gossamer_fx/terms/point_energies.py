@@ -52,10 +52,11 @@ class Stencil:
         self.q0: Array = np.zeros((at.n, at.D))
         self.e0: Array = np.zeros((at.n, at.m))
         self.h = 1.0
+        self._known: tuple[Array, tuple[Array, Array]] | None = None  # stress of the unknowns that were asked for last
 
     def keep(self, q0: Array) -> None:
         """Unknowns (n, D) at the start of a step."""
-        self.q0, self.e0 = q0, self.at.strain(q0)
+        self.q0, self.e0, self._known = q0, self.at.strain(q0), None
 
     def force(self, q1: Array) -> Array:
         """S̄·De(q̄) (n, D), computed where there is stress: slack ropes and open stops cost little."""
@@ -95,6 +96,11 @@ class Stencil:
 
     def _stress(self, q1: Array) -> tuple[Array, Array]:
         """Stress of the step and its derivative with respect to the end strain."""
+        if self._known is None or self._known[0] is not q1:
+            self._known = q1, self._average(q1)
+        return self._known[1]
+
+    def _average(self, q1: Array) -> tuple[Array, Array]:
         e1 = self.at.strain(q1)
         if self._dissipates:
             return self.density.average(self.e0, e1, self.h)
@@ -130,22 +136,32 @@ class PointEnergies(CompiledTerms):
             self._groups.append((alike, stencil))
         self._stencils = [stencil for _, stencil in self._groups]
         self._gather = Gather(system.numbering, [stencil.at.indices for stencil in self._stencils])
+        self._ends: list[Array] | None = None  # unknowns of the stencils in q1
 
     def begin(self, t: float) -> None:
+        self._ends = None
         for stencil in self._stencils:
             stencil.h = self._system.h
+
+    def move(self, linearly: bool) -> None:
+        self._ends = None
+
+    def _at_end(self) -> list[Array]:
+        if self._ends is None:
+            self._ends = self._gather(self._system.q1)
+        return self._ends
 
     def keep(self) -> None:
         for stencil, q in zip(self._stencils, self._gather(self._system.q0), strict=True):
             stencil.keep(q)
 
     def add_forces(self, r: PETSc.Vec) -> None:
-        for stencil, q in zip(self._stencils, self._gather(self._system.q1), strict=True):
+        for stencil, q in zip(self._stencils, self._at_end(), strict=True):
             r.setValues(stencil.at.indices.ravel(), stencil.force(q).ravel(), addv=PETSc.InsertMode.ADD_VALUES)
         r.assemble()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        for stencil, q in zip(self._stencils, self._gather(self._system.q1), strict=True):
+        for stencil, q in zip(self._stencils, self._at_end(), strict=True):
             stencil.add_tangent(A, q)
 
     def energies(self) -> dict[str, float]:
@@ -158,8 +174,7 @@ class PointEnergies(CompiledTerms):
         return found
 
     def dissipated(self) -> float:
-        unknowns = self._gather(self._system.q1)
-        return sum(stencil.loss(q) for stencil, q in zip(self._stencils, unknowns, strict=True))
+        return sum(stencil.loss(q) for stencil, q in zip(self._stencils, self._at_end(), strict=True))
 
 
 @dataclass(frozen=True, eq=False)

@@ -109,16 +109,17 @@ def test_with_all_modes_it_is_the_film() -> None:
 
 
 def test_more_modes_come_closer(recorded) -> None:
+    # this film is set spinning without tension and flutters: of its 46 modes it needs more than a taut one does
     film, shapes = recorded
     errors = []
-    for modes in (6, 18, 30):
+    for modes in (6, 18, 36):
         reduced = gx.reduce(film, [shapes], modes)
         run = flight(reduced)
         run.run(until=0.4)
         c = run.system.q0.array_r[run.system.numbering.owned(0)].reshape(-1, 3)
         errors.append(np.abs(reduced.basis.values[: len(shapes.positions[0])] @ c - shapes.positions[10])[:, 2].max())
     assert errors[2] < errors[1] < errors[0]
-    assert errors[2] < 0.05 * np.abs(shapes.positions[10][:, 2]).max()
+    assert errors[2] < 0.01 * np.abs(shapes.positions[10][:, 2]).max()
 
 
 def test_devices_on_the_film_are_on_the_reduced_one_too() -> None:
