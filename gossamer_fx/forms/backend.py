@@ -8,6 +8,7 @@
 | kernels' last argument | permutation | data of the caller's | data of the caller's |
 | `interpolation_points` | a method | a property | a property |
 | gmsh's reader | `io.gmshio` | `io.gmsh` | `io.gmsh` |
+| cells of a submesh in its parent | an array | an `EntityMap` | an `EntityMap` |
 
 Assembly into a part of a PETSc matrix is here too: dolfinx has no public function for it that does not unroll blocks as
 it sees fit.
@@ -26,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import GhostMode, Mesh, Topology, create_cell_partitioner, create_mesh, to_type
+from dolfinx.mesh import GhostMode, Mesh, Topology, create_cell_partitioner, create_mesh, create_submesh, to_type
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -43,6 +44,8 @@ __all__ = [
     "evaluate",
     "gmsh_order",
     "interpolation_points",
+    "part_of",
+    "tabulate",
 ]
 
 _version: str = dolfinx.__version__  # type: ignore[attr-defined]
@@ -78,6 +81,16 @@ def distribute(
 def _partitioner(mode: GhostMode, sheets: int) -> Any:
     make: Any = create_cell_partitioner
     return make(mode) if VERSION < (0, 10) else make(mode, sheets)
+
+
+def part_of(whole: Mesh, cells: Indices) -> tuple[Mesh, Indices]:
+    """A mesh of some cells of another one, and the number there of each of its cells, ghosts included."""
+    part, parents, *_ = create_submesh(whole, whole.topology.dim, cells)
+    if VERSION >= (0, 10):
+        shared = part.topology.index_map(whole.topology.dim)
+        here = np.arange(shared.size_local + shared.num_ghosts, dtype=np.int32)
+        parents = parents.sub_topology_to_topology(here, False)
+    return part, np.asarray(parents, dtype=np.int32)
 
 
 def gmsh_order(kind: str, nodes: int) -> Indices:

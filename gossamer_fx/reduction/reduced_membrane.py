@@ -14,6 +14,7 @@ from dolfinx.common import IndexMap
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.bodies.ports import global_node, interpolated
 from gossamer_fx.checks.errors import InputError, check
+from gossamer_fx.forms import backend
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.terms import Array, Block, Port, Term
@@ -62,10 +63,9 @@ class ReducedMembrane(Membrane):
         basis, sample = made_from, over
         full = basis.film
         whole = full.space.mesh
-        part, entities, *_ = dmesh.create_submesh(whole, 2, sample.cells)
+        part, parents = backend.part_of(whole, sample.cells)
         super().__init__(SampledMesh(part), full.law, order=full.order, name=name)
         self.full, self.basis, self.sample = full, basis, sample
-        parents = np.asarray(entities, dtype=np.int32)
         self._modes = _at_nodes_of(self.space, basis, parents)
         weight = np.zeros(whole.topology.index_map(2).size_local + whole.topology.index_map(2).num_ghosts)
         weight[sample.cells] = sample.weights
