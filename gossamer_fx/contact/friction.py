@@ -50,8 +50,9 @@ class Sliding:
     """n pairs that may rub, and the points between which they do.
 
     `nodes` (n, k), and as weights of these r (n, k) and t (n, 2, k); μ (n,).  N (n,) is the part along `normal` (n, 3)
-    of the mean force of `pairs` on their points with the weights `side` (n, 4).  `vectors` (n, k) are those behind the
-    nodes, and `slots` (n, k k) the blocks that they couple.
+    of the mean force of `pairs` on their points with the weights `side` (n, 4); each point is the sum of nodes with the
+    weights `points` (n, 4, k).  `vectors` (n, k) are those behind the nodes, and `slots` (n, k k) the blocks that they
+    couple.
     """
 
     pairs: Pairs
@@ -61,6 +62,7 @@ class Sliding:
     nodes: Integers
     r: Array
     t: Array
+    points: Array
     μ: Array
     vectors: npt.NDArray[np.int64]
 
@@ -82,7 +84,7 @@ class Sliding:
         return w, r, t, r1, t1
 
     def _press(self, x0: Array, x1: Array, α: float, tangents: bool = False) -> tuple[Array, Array]:
-        """N (n,) of a step, and its derivative (n, 4, 3) with respect to the pairs' points if it is asked for."""
+        """N (n,) of a step, and its derivative (n, k, 3) with respect to the nodes if it is asked for."""
         done = act(self.pairs, x0, x1, self.law, α, each=True, tangents=tangents)
         forces = np.asarray(done.forces).reshape(-1, 4, 3)
         N = -np.einsum("nk,nc,nkc->n", self.side, self.normal, forces)
@@ -91,6 +93,7 @@ class Sliding:
         if tangents:
             K = np.asarray(done.tangents).reshape(-1, 4, 3, 4, 3)
             slope = -np.einsum("nk,nc,nkcld,n->nld", self.side, self.normal, K, pushes.astype(float), optimize=True)
+            slope = np.einsum("npd,npk->nkd", slope, self.points)
         return np.where(pushes, N, 0.0), slope
 
     def _grip(self, w: Array, least: float) -> tuple[Array, Array, Array]:
@@ -136,7 +139,7 @@ class Sliding:
         both = self.r[:, :, None] * of_t[:, None] + of_t[:, :, None] * self.r[:, None]
         K += α * γ * both[..., None, None] * np.eye(3)
         forces = self._forces((self.μ * grip)[:, None] * w, r, t)
-        K[:, :, :4] += np.einsum("nka,nlb->nklab", forces, of_N)
+        K += np.einsum("nka,nlb->nklab", forces, of_N)
         there = moves[self.nodes]
         K *= (there[:, :, None] * there[:, None])[..., None, None]
         np.add.at(values, self.slots, K.reshape(*self.slots.shape, 9))
@@ -231,8 +234,9 @@ class Friction:
         t = t - (along / (2 * np.maximum(np.linalg.norm(gap, axis=1), 1e-300)[:, None]))[:, :, None] * r[:, None]
         t = np.einsum("nij,njk->nik", _orthonormal(across, np.linalg.norm(edges, axis=2)), t)
         side = np.where((pairs.kind == EDGE_EDGE)[:, None], [1.0, 1, 0, 0], [1.0, 0, 0, 0])
+        own = np.broadcast_to(np.eye(4), (len(nodes), 4, 4))
         μ = self._μ[self._partner(nodes)]
-        return Sliding(pairs, law, side, normal, nodes, r, t, μ, self._behind(nodes))
+        return Sliding(pairs, law, side, normal, nodes, r, t, own, μ, self._behind(nodes))
 
     def _on_solid(self, pairs: Pairs, x0: Array, law: int) -> Sliding:
         """Pairs with an obstacle: a point of the film, the point of the obstacle that is there, and two of its axes."""
@@ -249,7 +253,20 @@ class Friction:
         t[:, 1, 5:] = np.cross(n, t[:, 0, 5:])
         r = np.hstack([of_film, -np.ones((len(points), 1)), -np.einsum("nic,nc->ni", axes, place - origin)])
         μ = self._μ[self._partner(pairs.nodes)]
-        return Sliding(pairs, law, films.astype(float), normal, points, r, t, μ, self._behind(points))
+        side, of_frame = films.astype(float), self._by_frame(points)
+        return Sliding(pairs, law, side, normal, points, r, t, of_frame, μ, self._behind(points))
+
+    def _by_frame(self, points: Integers) -> Array:
+        """Weights (n, 4, 8) by which the first four of points (n, 8) follow the film and the obstacle's frame."""
+        weights = np.zeros((*points[:, :4].shape, 8))
+        films = points[:, :4] < self._points.n
+        weights[:, range(4), range(4)] = films
+        vectors = np.repeat(self._vector[points[:, None, 4:]], 4, axis=1)
+        rows = np.broadcast_to(points[:, :4, None], vectors.shape)
+        there = (vectors >= 0) & ~films[:, :, None]
+        if there.any():
+            weights[:, :, 4:][there] = np.asarray(self._points.P[rows[there], vectors[there]]).ravel()
+        return weights
 
     @staticmethod
     def _towards(pairs: Pairs, weights: Array, x0: Array) -> Array:

@@ -181,7 +181,8 @@ def test_a_pair_that_rubs_has_no_resultant_and_the_derivative_it_says(kind) -> N
     normal = gap / np.linalg.norm(gap, axis=1)[:, None]
     side = np.broadcast_to([1.0, 0, 0, 0] if kind == POINT_TRIANGLE else [1.0, 1, 0, 0], (n, 4))
     keys = np.arange(16 * n).reshape(n, 4, 4)
-    rub = Sliding(pairs, BARRIER, side, normal, pairs.nodes, r, t, np.full(n, μ), keys)
+    own = np.broadcast_to(np.eye(4), (n, 4, 4))
+    rub = Sliding(pairs, BARRIER, side, normal, pairs.nodes, r, t, own, np.full(n, μ), keys)
     rub.slots = keys.reshape(n, 16)
 
     def forces(x):
