@@ -159,8 +159,15 @@ class Segment:
     """
 
     def __init__(self, path: Path) -> None:
-        import adios2
+        import dolfinx.cpp  # noqa: F401 (the wheels of both have libraries of one name: adios2 goes second)
 
+        try:
+            import adios2
+        except ImportError as error:
+            raise InputError(
+                f"'{path}' cannot be read: this Python has no ADIOS2; install 'adios2', or open the file in "
+                "ParaView."
+            ) from error
         self._verified = Verified(path)
         try:
             self._file = adios2.FileReader(str(path))

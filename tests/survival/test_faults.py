@@ -13,6 +13,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from tests.survival.on_ranks import python
 from tests.survival.scenes import DT, filled_tube, fluttering_sheet
 
 COMM = MPI.COMM_WORLD
@@ -20,9 +21,8 @@ ROOT = Path(gx.__file__).parent.parent
 
 
 def meet(folder: Path, what: str, *options: str, ranks: int = 1) -> subprocess.CompletedProcess[str]:
-    launch = ["mpirun", "--oversubscribe", "-n", str(ranks)] if ranks > 1 else []
     return subprocess.run(
-        [*launch, sys.executable, "-m", "tests.survival.faults", str(folder), what, *options],
+        [*python(ranks), "-m", "tests.survival.faults", str(folder), what, *options],
         cwd=ROOT,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,

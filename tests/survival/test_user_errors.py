@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import gossamer_fx as gx
+from tests.survival.on_ranks import python
 
 ROOT = Path(gx.__file__).parent.parent
 WORDS = {
@@ -30,9 +31,8 @@ LAST = dict.fromkeys(WORDS, 3) | {"event": 4, "when": 2, "probe": 3}
 
 
 def run(folder: Path, what: str, ranks: int, rank: int, *options: str) -> subprocess.CompletedProcess[str]:
-    launch = ["mpirun", "--oversubscribe", "-n", str(ranks)] if ranks > 1 else []
     return subprocess.run(
-        [*launch, sys.executable, "-m", "tests.survival.user_errors", str(folder), what, str(rank), *options],
+        [*python(ranks), "-m", "tests.survival.user_errors", str(folder), what, str(rank), *options],
         cwd=ROOT,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
@@ -80,6 +80,7 @@ def test_a_scene_that_one_rank_refuses_ends_the_program(tmp_path: Path, rank: in
 def test_a_failed_step_shows_one_traceback(tmp_path: Path) -> None:
     code = """
 import gossamer_fx as gx
+from tests.survival.on_ranks import python
 from tests.survival.scenes import *
 film = next(iter(fluttering_sheet(MPI.COMM_WORLD, 2).items))
 tight = gx.Midpoint(dt=1e-2, tolerances=gx.Tolerances(iterations=1))

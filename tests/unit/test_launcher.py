@@ -197,7 +197,8 @@ def test_doctor():
 def test_a_private_tree_is_protected():
     if not os.environ.get("GOSSAMER_ENVIRONMENT", "").startswith("a private"):
         pytest.skip("this machine has dolfinx 0.9 itself, so that no private tree is used")
-    assert sys.executable == "/usr/bin/python3"
+    if sys.prefix == sys.base_prefix:  # no environment of its own, as dolfinx 0.11 has
+        assert sys.executable == "/usr/bin/python3"
     for folder in ("/usr", "/etc"):
         with pytest.raises(OSError):
             (Path(folder) / "gossamer_was_here").touch()
