@@ -165,8 +165,7 @@ class Segment:
             import adios2
         except ImportError as error:
             raise InputError(
-                f"'{path}' cannot be read: this Python has no ADIOS2; install 'adios2', or open the file in "
-                "ParaView."
+                f"'{path}' cannot be read: this Python has no ADIOS2; install 'adios2', or open the file in ParaView."
             ) from error
         self._verified = Verified(path)
         try:

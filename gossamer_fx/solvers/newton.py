@@ -25,6 +25,9 @@ EXPLODED = 1e12  # residual, over the first two (one may be round-off), from whi
 # residual over that of a solved step, and over the first, up to which a full matrix is not made and factorised anew
 KEPT, CLOSE = 1e3, 1e-6
 NEAR = 0.01  # residual over the first, from which on tangents are complete
+# residual over the force that would stop all that moves, below which it counts as zero where bodies touch: film that
+# flies free between two contacts has next to no forces, and its state changes with the round-off of its strains
+STILL = 1e-12
 FALLS, STANDS = 0.5, 4.0  # a residual that falls by less than the one is round-off below the other times its floor
 
 
@@ -143,7 +146,7 @@ class Newton:
         """
         increment.copy(self._base)
         self._base.scale(-1.0)  # strains follow from those of q0
-        self._reference, self._floor = 0.0, 0.0
+        self._reference, self._floor, self._still = 0.0, 0.0, 0.0
         self._before = self._forces = math.inf
         self._balance = math.inf, 0.0
         self._early = 0.0  # the larger one of the first two residuals
@@ -272,14 +275,16 @@ class Newton:
     @property
     def _limit(self) -> float:
         """The residual [N] at which a step may count as solved."""
-        return max(self.tolerances.relative * self._reference, self.tolerances.absolute, self._floor)
+        return max(self.tolerances.relative * self._reference, self.tolerances.absolute, self._floor, self._still)
 
     def _test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         if not np.isfinite(norms[2]):
             return int(PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN)
         self._before, self._forces = self._forces, self._balance[0]
         if iteration == 0:
-            self._reference = min(self._forces, self._stopping())
+            stopping = self._stopping()
+            self._reference = min(self._forces, stopping)
+            self._still = STILL * stopping if math.isfinite(stopping) else 0.0
         if self._solved():
             # convergence is judged on the true strain, and if it is not reached the iteration goes on from there
             w, y = self._split(snes.getSolution())
