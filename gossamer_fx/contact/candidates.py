@@ -80,7 +80,8 @@ class Candidates:
 
     def distance(self, of_points: Array) -> Array:
         """Where contact begins (n,) [m], from that of points: the least of a pair's."""
-        d: Array = np.where(self.kind >= WALLS, of_points[self.nodes[:, 0]], of_points[self.nodes].min(axis=1))
+        first, *others = of_points[self.nodes.T]
+        d: Array = np.where(self.kind >= WALLS, first, np.minimum.reduce([first, *others]))
         return d
 
     def pairs(self, which: npt.NDArray[np.bool_], begins: Array) -> Pairs:

@@ -31,18 +31,19 @@ def intersections(surface: Surface, x: Array, edges: Integers | None = None) -> 
     tree, boxes = Tree(boxes_of(x, x, triangles)), np.ascontiguousarray(boxes_of(x, x, lines))
     near = tree.overlapping(query, boxes, lines, triangles, (surface.all_fixed(lines), surface.all_fixed(triangles)))
     (p, q), (a, b, c) = lines[near[:, 0]].T, triangles[near[:, 1]].T
-    sides = _signs(x, a, b, c, p) * _signs(x, a, b, c, q) < 0
+    sizes = np.abs(x).max(axis=1)
+    sides = _signs(x, sizes, a, b, c, p) * _signs(x, sizes, a, b, c, q) < 0
     near, p, q, a, b, c = (part[sides] for part in (near, p, q, a, b, c))
-    u, v, w = _signs(x, p, q, a, b), _signs(x, p, q, b, c), _signs(x, p, q, c, a)
+    u, v, w = (_signs(x, sizes, p, q, *side) for side in ((a, b), (b, c), (c, a)))
     return near[(u == v) & (v == w) & (u != 0)]
 
 
-def _signs(x: Array, a: Integers, b: Integers, c: Integers, d: Integers) -> Integers:
-    """Signs (n,) of the volumes (b - a) × (c - a) · (d - a) of points; exact."""
+def _signs(x: Array, sizes: Array, a: Integers, b: Integers, c: Integers, d: Integers) -> Integers:
+    """Signs (n,) of the volumes (b - a) × (c - a) · (d - a) of points, whose largest coordinates are `sizes`; exact."""
     u, v, w = x[b] - x[a], x[c] - x[a], x[d] - x[a]
     volume = np.einsum("ni,ni->n", np.cross(u, v), w)
-    sizes = [np.abs(x[i]).max(axis=1) + np.abs(x[a]).max(axis=1) for i in (b, c, d)]
-    unsure = np.flatnonzero(np.abs(volume) <= 6 * ROUND_OFF * sizes[0] * sizes[1] * sizes[2])
+    of_a = sizes[a]
+    unsure = np.flatnonzero(np.abs(volume) <= 6 * ROUND_OFF * (sizes[b] + of_a) * (sizes[c] + of_a) * (sizes[d] + of_a))
     sign = np.sign(volume).astype(np.int32)
     for i in unsure:
         sign[i] = _exact_sign(x[[a[i], b[i], c[i], d[i]]])
