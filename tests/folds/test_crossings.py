@@ -83,7 +83,7 @@ def test_signs_of_volumes_near_zero() -> None:
     exact = [_exact_sign(np.vstack([corners[:3], corners[3] + [0, 0, bits * 2.0**-53]])) for bits in (-4, 4)]
     assert exact == [-1, 1] or exact == [1, -1]
     indices = [np.array([i], dtype=np.int32) for i in range(4)]
-    assert int(_signs(corners, *indices)[0]) == _exact_sign(corners)
+    assert int(_signs(corners, np.abs(corners).max(axis=1), *indices)[0]) == _exact_sign(corners)
     assert _exact_sign(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])) == 0
 
 
