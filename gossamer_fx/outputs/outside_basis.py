@@ -15,6 +15,7 @@ from gossamer_fx.reduction.basis import scalar_mass_times
 from gossamer_fx.reduction.reduced_membrane import ReducedMembrane
 
 SOFTEST = 1e-3  # least stiffness of a node, over the mean: slack film has none
+SLACK = 1e-9  # least stiffness across, over the one in the film: one without tension has none
 
 
 class OutsideBasis:
@@ -66,7 +67,7 @@ class _Estimate:
         start, end = full.space.dofmap.index_map.local_range
         held = np.array([node for node in film.port_nodes if start <= node < end], dtype=np.int64)
         self._free[held - start] = 0.0
-        self._weights = self._softness(compile_form(ufl.derivative(force, x)), basis.examples[0])
+        self._weights = self._softness(compile_form(ufl.derivative(force, x)), basis.examples)
         self._MΦ = scalar_mass_times(full, basis.values[: self._n])
         self._inverse = [np.linalg.pinv(self._sum(self._MΦ.T @ (w[:, None] * self._MΦ))) for w in self._weights]
 
@@ -94,8 +95,23 @@ class _Estimate:
         forces: Array = self._b.array[: 3 * self._n].reshape(-1, 3).copy()
         return forces
 
-    def _softness(self, stiffness: fem.Form, c: Array) -> tuple[Array, Array]:
-        """1/k_n (n,) across the film and in it, in the shape of the coefficients; zero at ports."""
+    def _softness(self, stiffness: fem.Form, examples: Array) -> tuple[Array, Array]:
+        """1/k_n (n,) across the film and in it, zero at ports; k_n is the largest in all shapes (k, r, 3), as a film
+        that begins without tension has none across."""
+        across, along = np.zeros(self._n), np.zeros(self._n)
+        for c in examples:
+            normal, blocks = _normal(c), self._blocks(stiffness, c)
+            k = np.einsum("i,nij,j->n", normal, blocks, normal)
+            across = np.maximum(across, k)
+            along = np.maximum(along, (np.trace(blocks, axis1=1, axis2=2) - k) / 2)
+        n = self._comm.allreduce(self._n)
+        of_all = [float(self._sum(np.array(k.sum()))) / n for k in (across, along)]
+        least = max(SOFTEST * of_all[0], SLACK * of_all[1]), SOFTEST * of_all[1]
+        softness = [self._free / np.maximum(k, floor) for k, floor in zip((across, along), least, strict=True)]
+        return softness[0], softness[1]
+
+    def _blocks(self, stiffness: fem.Form, c: Array) -> Array:
+        """The stiffness (n, 3, 3) of each node by itself in the shape of the coefficients."""
         self._x.x.array[:] = (self._Φ @ c).ravel()
         K = fem.assemble_matrix(stiffness)
         K.scatter_reverse()
@@ -103,14 +119,7 @@ class _Estimate:
         on = (rows == K.indices) & (rows < self._n)
         blocks = np.zeros((self._n, 3, 3))
         blocks[rows[on]] = K.data.reshape(-1, 3, 3)[on]
-        normal = _normal(c)
-        across = np.einsum("i,nij,j->n", normal, blocks, normal)
-        along = (np.trace(blocks, axis1=1, axis2=2) - across) / 2
-        found = []
-        for k in (across, along):
-            mean = float(self._sum(np.array([k.sum(), float(len(k))])) @ [1, 0]) / self._comm.allreduce(len(k))
-            found.append(self._free / np.maximum(k, SOFTEST * mean))
-        return found[0], found[1]
+        return blocks
 
     def _sum(self, values: Array) -> Array:
         total: Array = self._comm.allreduce(values)
