@@ -85,7 +85,8 @@ def _partitioner(mode: GhostMode, sheets: int) -> Any:
 
 def part_of(whole: Mesh, cells: Indices) -> tuple[Mesh, Indices]:
     """A mesh of some cells of another one, and the number there of each of its cells, ghosts included."""
-    part, parents, *_ = create_submesh(whole, whole.topology.dim, cells)
+    found: Any = create_submesh(whole, whole.topology.dim, cells)
+    part, parents, *_ = found
     if VERSION >= (0, 10):
         shared = part.topology.index_map(whole.topology.dim)
         here = np.arange(shared.size_local + shared.num_ghosts, dtype=np.int32)

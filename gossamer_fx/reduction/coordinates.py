@@ -30,7 +30,8 @@ class ReducedCoordinates(Coordinates):
         self._Φ, self._comm = values, space.mesh.comm
         self._owned = space.dofmap.index_map.size_local
         self._matrices: dict[fem.Form, la.MatrixCSR] = {}
-        self.end = self.change = np.zeros((values.shape[1], 3))
+        self.end: Array = np.zeros((values.shape[1], 3))
+        self.change: Array = self.end
 
     def take(self, function: fem.Function, unknowns: Array) -> None:
         c = coefficients(self._comm, unknowns)

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from dolfinx import fem
 from ufl.algorithms.analysis import extract_coefficients, extract_constants
 
@@ -100,14 +101,21 @@ class Points:
         self._missed, self._idle = np.full(q, np.inf), np.zeros(q, dtype=np.int32)
         self._G = np.ascontiguousarray(G).reshape(2 * q, self._r)
         self._x, self._dA = np.ascontiguousarray(x), np.ascontiguousarray(dA)
-        arrays = {"x": self._x, "other": law.others, "dA": self._dA, "start": self.start, "strain": self.strain}
+        arrays: dict[str, npt.NDArray[Any]] = {
+            "x": self._x,
+            "other": law.others,
+            "dA": self._dA,
+            "start": self.start,
+            "strain": self.strain,
+        }
         arrays |= {"response": self.response, "missed": self._missed, "idle": self._idle}
         numbers = {"cells": n, "points": p, "others": law.others.shape[1], "geometry": int(np.prod(x.shape[1:]))}
         found = dict(zip(arrays, pointers(self._c.ffi, *arrays.values()), strict=True))
         self._film = self._c.ffi.new(
             "film *", {**numbers, **found, "sort": law.sort, "law": law.expressions, "energy": law.energy}
         )
-        self._F0, self._F, self._dF = (np.zeros((2 * q, 3)) for _ in range(3))
+        self._F0: Array = np.zeros((2 * q, 3))
+        self._F: Array = np.zeros((2 * q, 3))
         self._N, self._TG = np.zeros((2 * q, 3)), np.zeros((2 * q, 9 * self._r))
 
     def move(self, c: Array) -> None:

@@ -114,6 +114,7 @@ class ModeForces:
             cells,
         )
         at_points, dA = points_and_areas(film)
+        assert term.modes is not None and term.weights is not None
         x = mesh.geometry.x[mesh.geometry.dofmap[cells]]
         G = mode_gradients(film, term.modes, at_points)
         self.name, self._at = term.name, at
