@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -195,7 +196,7 @@ class Gather:
     def __init__(self, numbering: Numbering, indices: Sequence[GlobalIndices]) -> None:
         self._shapes = [i.shape for i in indices]
         needed = np.concatenate([np.zeros(0, dtype=PETSc.IntType), *[i.ravel() for i in indices]])
-        self._ends: list[int] = np.cumsum([i.size for i in indices]).tolist()
+        self._ends = list(itertools.accumulate(i.size for i in indices))
         self._starts = [0, *self._ends[:-1]]
         self._values = PETSc.Vec().createSeq(len(needed))
         source = PETSc.IS().createGeneral(needed.astype(PETSc.IntType))
