@@ -15,7 +15,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-import dolfinx.cpp  # noqa: F401 (before adios2: the wheels of both have libraries of one name)
+import dolfinx  # noqa: F401 (before adios2: the wheels of both have libraries of one name)
 import hypothesis
 import numpy as np
 import pytest

@@ -159,7 +159,7 @@ class Segment:
     """
 
     def __init__(self, path: Path) -> None:
-        import dolfinx.cpp  # noqa: F401 (the wheels of both have libraries of one name: adios2 goes second)
+        import dolfinx  # noqa: F401 (the wheels of both have libraries of one name: adios2 goes second)
 
         try:
             import adios2
