@@ -11,6 +11,7 @@ import gc
 import itertools
 import os
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,6 +26,10 @@ PATIENCE = 60.0  # s that a failed rank waits for the others
 TALK = MPI.COMM_WORLD.Dup()  # what is left of a test that stopped half-way is not mistaken for one of our messages
 
 _TESTS = itertools.count(1)
+
+if "PYTEST_XDIST_WORKER" in os.environ:  # two jobs that Open MPI starts at the same moment must not share its folder
+    _ours = tempfile.TemporaryDirectory(prefix="gossamer-", ignore_cleanup_errors=True)
+    os.environ["TMPDIR"] = _ours.name
 
 hypothesis.settings.register_profile("same on every rank", derandomize=True, database=None, deadline=None)
 hypothesis.settings.load_profile("same on every rank")
