@@ -197,7 +197,7 @@ class Gather:
         self._shapes = [i.shape for i in indices]
         needed = np.concatenate([np.zeros(0, dtype=PETSc.IntType), *[i.ravel() for i in indices]])
         self._ends = list(itertools.accumulate(i.size for i in indices))
-        self._starts = [0, *self._ends[:-1]]
+        self._starts = [0, *self._ends][: len(self._ends)]
         self._values = PETSc.Vec().createSeq(len(needed))
         source = PETSc.IS().createGeneral(needed.astype(PETSc.IntType))
         self._scatter = PETSc.Scatter().create(numbering.vector(), source, self._values, None)
