@@ -30,7 +30,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import books, deploy, say_books
+from demos.common.deployment import books, deploy, say_books, square_millimetres
 from gossamer_fx.model.terms import Array
 from gossamer_fx.outputs.output import Probe
 from gossamer_fx.presets.films import KAPTON_HN
@@ -111,7 +111,7 @@ def build(
     if gravity:
         items.append(gx.Gravity(tube.film, (0.0, 0.0, -gravity)))
     probes: dict[str, Probe] = {f"p{i + 1} [Pa]": gx.GasState(bag, "pressure") for i, bag in enumerate(tube.chambers)}
-    probes |= {f"ring{i + 1} [mm2]": _square_millimetres(gx.RingArea(ring)) for i, ring in enumerate(tube.rings)}
+    probes |= {f"ring{i + 1} [mm2]": square_millimetres(gx.RingArea(ring)) for i, ring in enumerate(tube.rings)}
     tip = tube.film.port("tip right")
     probes |= {f"tip {axis} [m]": gx.Position(tip, axis) for axis in "xyz"}
     probes["tip speed [m/s]"] = _speed([gx.Velocity(tip, axis) for axis in "xyz"])
@@ -122,10 +122,6 @@ def build(
     # the first guess of a step may press layers together: its residual is no measure of the forces
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
     return gx.Case(gx.Scene(*items), stepper, until, TITLE, probes=probes, control=control, frames=80)
-
-
-def _square_millimetres(area: Probe) -> Probe:
-    return lambda run: 1e6 * area(run)
 
 
 def _speed(components: list[gx.Velocity]) -> Probe:

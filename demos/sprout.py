@@ -33,7 +33,7 @@ from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
 import gossamer_fx as gx
-from demos.common.deployment import books, deploy, say_books
+from demos.common.deployment import books, deploy, say_books, square_millimetres
 from gossamer_fx.model.terms import Array
 from gossamer_fx.outputs.output import Probe
 from gossamer_fx.presets.films import KAPTON_HN
@@ -196,7 +196,7 @@ def build(
     for name, side in SIDES.items():
         tube = tubes[side]
         probes |= {f"{bag.name} [Pa]": gx.GasState(bag, "pressure") for bag in tube.chambers}
-        probes |= {f"{name} ring {i + 1} [mm2]": _square_millimetres(gx.RingArea(r)) for i, r in enumerate(tube.rings)}
+        probes |= {f"{name} ring {i + 1} [mm2]": square_millimetres(gx.RingArea(r)) for i, r in enumerate(tube.rings)}
         tip = tube.film.port_at((*figure.axis(side)[1], 0.0))
         probes |= {f"{name} tip {axis} [m]": gx.Position(tip, axis) for axis in "xyz"}
     probes |= {f"spin {axis} [rad/s]": gx.AngularVelocity(cube.frame(), axis) for axis in "xyz"}
@@ -206,10 +206,6 @@ def build(
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
     scene = gx.Scene(*items)  # type: ignore[arg-type]
     return gx.Case(scene, stepper, until, TITLE, probes=probes, control=control, frames=80)
-
-
-def _square_millimetres(area: Probe) -> Probe:
-    return lambda run: 1e6 * area(run)
 
 
 def tips(series: gx.Series) -> dict[str, Array]:

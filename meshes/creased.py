@@ -33,7 +33,7 @@ def creased_film(comm: MPI.Comm, corners: Corners, lines: Segments, size: Sequen
         film = model.addDiscreteEntity(2)
         _add(model, film, points, triangles)
         model.addPhysicalGroup(2, [film], name="film")
-        _name_rim(model, points, rim(triangles), corners, "side {}", "corner {}")
+        _name_rim(model, points, rim(triangles), corners)
 
     return gmsh_mesh(build, comm)
 
@@ -82,7 +82,7 @@ def creased_tube(
         for i in range(len(walls)):
             line = sides[walled[sides, i].all(axis=1)]
             _add_lines(model, f"ring {i + 1}", np.vstack([line, twin[line]]))
-        _name_rim(model, points, edges, corners, "side {}", "corner {}")
+        _name_rim(model, points, edges, corners)
 
     return gmsh_mesh(build, comm)
 
@@ -164,12 +164,12 @@ def _add_lines(model: Any, name: str, edges: Numbers) -> None:
     model.addPhysicalGroup(1, [entity], name=name)
 
 
-def _name_rim(model: Any, points: Points, edges: Numbers, corners: Corners, side: str, corner: str) -> None:
+def _name_rim(model: Any, points: Points, edges: Numbers, corners: Corners) -> None:
     ends = list(corners)
     for k, (a, b) in enumerate(zip(ends, ends[1:] + ends[:1], strict=True)):
         on = np.array([_on_a_line(points[edge], [(a, b)]) for edge in edges])
-        _add_lines(model, side.format(k + 1), edges[on])
+        _add_lines(model, f"side {k + 1}", edges[on])
         entity = model.addDiscreteEntity(0)
         nearest = np.linalg.norm(points[:, :2] - a, axis=1).argmin()
         model.mesh.addElementsByType(entity, 15, [], [nearest + 1])
-        model.addPhysicalGroup(0, [entity], name=corner.format(k + 1))
+        model.addPhysicalGroup(0, [entity], name=f"corner {k + 1}")

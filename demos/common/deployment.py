@@ -1,4 +1,4 @@
-"""What deployment demos share: how a case is run to its end, what its books say, and how a figure is kept."""
+"""What deployment demos share: how a case is run to its end, what its books say, how curves are kept, and units."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import gossamer_fx as gx
-from gossamer_fx.outputs.output import Output
+from gossamer_fx.outputs.output import Output, Probe
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,6 +48,11 @@ def say_books(found: Mapping[str, float], kept: str, error: str, pierced: str = 
         f"{found['steps']:.0f} steps, {found['iterations']:.1f} iterations each, {found['halved']:.0f} halved, "
         f"{found['seconds']:.0f} s."
     )
+
+
+def square_millimetres(area: Probe) -> Probe:
+    """The probe of an area [m²] in mm²."""
+    return lambda run: 1e6 * area(run)
 
 
 def keep(figure: Figure, title: str, path: Path) -> None:

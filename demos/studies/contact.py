@@ -30,6 +30,7 @@ import gossamer_fx as gx
 from demos.studies import stability
 from demos.studies.engine.study import Result, Study
 from gossamer_fx.checks.errors import check
+from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import NITROGEN
 from meshes.line import line
 from meshes.sheet import sheet
@@ -195,7 +196,7 @@ def tube(comm: MPI.Comm, touches: bool) -> tuple[gx.Simulation, gx.Contact | Non
     folds = gx.fold.zigzag(
         length=length, panels=5, angle=np.radians(80), width=np.pi * diameter / 2, opening=1e-3, lift=3e-4
     )
-    law = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual=1e-6)
+    law = KAPTON_HN.law(25e-6, residual=1e-6)
     mesh = flat_tube(comm, length, diameter, 6, compartments=5)
     distance = 5e-4 if touches else 0.0
     made = gx.InflatableTube(mesh, law, gas=NITROGEN, pressure=1.0, dead_volume=1e-6, folds=folds, contact=distance)

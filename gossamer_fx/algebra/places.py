@@ -196,8 +196,7 @@ class Gather:
     def __init__(self, numbering: Numbering, indices: Sequence[GlobalIndices]) -> None:
         self._shapes = [i.shape for i in indices]
         needed = np.concatenate([np.zeros(0, dtype=PETSc.IntType), *[i.ravel() for i in indices]])
-        self._ends = list(itertools.accumulate(i.size for i in indices))
-        self._starts = [0, *self._ends][: len(self._ends)]
+        self._parts = list(itertools.pairwise(itertools.accumulate((i.size for i in indices), initial=0)))
         self._values = PETSc.Vec().createSeq(len(needed))
         source = PETSc.IS().createGeneral(needed.astype(PETSc.IntType))
         self._scatter = PETSc.Scatter().create(numbering.vector(), source, self._values, None)
@@ -205,7 +204,7 @@ class Gather:
     def __call__(self, q: PETSc.Vec) -> list[Array]:
         self._scatter.scatter(q, self._values)
         values = self._values.array_r.copy()
-        return [values[a:b].reshape(shape) for a, b, shape in zip(self._starts, self._ends, self._shapes, strict=True)]
+        return [values[a:b].reshape(shape) for (a, b), shape in zip(self._parts, self._shapes, strict=True)]
 
 
 def values_of(system: Assembly, ports: Sequence[Attached], q: PETSc.Vec) -> Array:

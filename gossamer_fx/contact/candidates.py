@@ -80,8 +80,8 @@ class Candidates:
 
     def distance(self, of_points: Array) -> Array:
         """Where contact begins (n,) [m], from that of points: the least of a pair's."""
-        first, *others = of_points[self.nodes.T]
-        d: Array = np.where(self.kind >= WALLS, first, np.minimum.reduce([first, *others]))
+        of_pair = of_points[self.nodes.T]
+        d: Array = np.where(self.kind >= WALLS, of_pair[0], of_pair.min(axis=0))
         return d
 
     def pairs(self, which: npt.NDArray[np.bool_], begins: Array) -> Pairs:

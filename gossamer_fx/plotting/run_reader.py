@@ -11,6 +11,7 @@ import numpy as np
 from gossamer_fx.checks.errors import InputError, check
 from gossamer_fx.mesh.quality import ALIKE, area_vectors
 from gossamer_fx.model.terms import Array
+from gossamer_fx.outputs.adios import adios2_for
 from gossamer_fx.outputs.checksums import Verified
 from gossamer_fx.outputs.file_names import file_name, segments
 from gossamer_fx.outputs.recording import about_run
@@ -159,14 +160,7 @@ class Segment:
     """
 
     def __init__(self, path: Path) -> None:
-        import dolfinx  # noqa: F401 (the wheels of both have libraries of one name: adios2 goes second)
-
-        try:
-            import adios2
-        except ImportError as error:
-            raise InputError(
-                f"'{path}' cannot be read: this Python has no ADIOS2; install 'adios2', or open the file in ParaView."
-            ) from error
+        adios2 = adios2_for(path)
         self._verified = Verified(path)
         try:
             self._file = adios2.FileReader(str(path))
