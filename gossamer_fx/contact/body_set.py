@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gossamer_fx.contact.facets import Facets, facets_of
+from gossamer_fx.contact.joined import places_of
 from gossamer_fx.contact.kernel import Array, Bytes, Integers
 from gossamer_fx.contact.obstacles import Obstacle, Wall
 from gossamer_fx.contact.pairs import EDGE_EDGE, POINT_TRIANGLE
@@ -103,7 +104,8 @@ class BodySet:
             self.body[begin:start] = len(bodies) + k
         self.edge_area = np.concatenate(areas)
         fixed: Bytes = (np.arange(m) >= points.n).astype(np.uint8)
-        self.surface = Surface(np.concatenate(vertices), _stack(edges, 2), _stack(triangles, 3), fixed)
+        places = places_of(system, bodies, [f.nodes for f in facets], m)
+        self.surface = Surface(np.concatenate(vertices), _stack(edges, 2), _stack(triangles, 3), fixed, places)
         vertex_points = self.surface.vertices
         self.own_vertices = np.flatnonzero(points.owned(vertex_points)).astype(np.int32)
         self.own_edges = np.flatnonzero(points.owned(self.surface.edges[:, 0])).astype(np.int32)

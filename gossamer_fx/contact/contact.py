@@ -28,7 +28,8 @@ class Contact:
     The squared distance is a concave function of quadratic measures, so that a step conserves energy, momentum and
     angular momentum as it does with films (DOI of the path average: 10.1007/BF00913408).  A step in which something
     would pass through something else is made anew in halves.  Layers that are nearer to each other than d̂ at the start
-    begin to touch at nine tenths of that distance, which grows as they part.
+    begin to touch at nine tenths of that distance, which grows as they part.  Where a `Tie` or a `BallJoint` joins
+    bodies they hang together, as the cells of one film do: cells that are joined are no pair, all others touch.
 
     Args:
         bodies: films, cables and beams, and obstacles (`Plane`, `Sphere`, `Cylinder`, `Box`).
@@ -48,7 +49,7 @@ class Contact:
     Raises:
         InputError: no body, one twice, a distance that is not positive or larger than half an edge, a negative
             stiffness or friction, a cable without radius; when the scene is compiled: layers that pierce each other, or
-            coincide.
+            coincide and are not tied.
     """
 
     def __init__(

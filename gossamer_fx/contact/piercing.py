@@ -16,7 +16,7 @@ ROUND_OFF = 1e-14  # error of a volume in double precision, over the sum of its 
 
 
 def intersections(surface: Surface, x: Array, edges: Integers | None = None) -> Integers:
-    """Pairs (k, 2) of edges and triangles of which one pierces the other, without a common point.
+    """Pairs (k, 2) of edges and triangles of which one pierces the other, without a common place.
 
     An edge that only touches a triangle does not pierce it.
 
@@ -29,7 +29,8 @@ def intersections(surface: Surface, x: Array, edges: Integers | None = None) -> 
     if not (len(query) and len(triangles)):
         return np.zeros((0, 2), dtype=np.int32)
     tree, boxes = Tree(boxes_of(x, x, triangles)), np.ascontiguousarray(boxes_of(x, x, lines))
-    near = tree.overlapping(query, boxes, lines, triangles, (surface.all_fixed(lines), surface.all_fixed(triangles)))
+    fixed = surface.all_fixed(lines), surface.all_fixed(triangles)
+    near = tree.overlapping(query, boxes, surface.where(lines), surface.where(triangles), fixed)
     (p, q), (a, b, c) = lines[near[:, 0]].T, triangles[near[:, 1]].T
     sizes = np.abs(x).max(axis=1)
     sides = _signs(x, sizes, a, b, c, p) * _signs(x, sizes, a, b, c, q) < 0

@@ -24,8 +24,8 @@ void build_tree(int n, int size, const double *boxes, const int32_t *order, doub
         }
 }
 
-/* Pairs (i, j) of a queried box and one of the tree that overlap; those with a common node, or both fixed, are left
-   out, and of one set (`self`) those with j <= i.  Returns their number, of which at most `room` are written. */
+/* Pairs (i, j) of a queried box and one of the tree that overlap; those with a common place, or both fixed, are
+   left out, and of one set (`self`) those with j <= i.  Returns their number, of which at most `room` are written. */
 int64_t overlaps(int n, int size, const double *tree, const int32_t *order, int queries, const int32_t *query,
                  const double *boxes, int self, int ka, const int32_t *a, int kb, const int32_t *b,
                  const uint8_t *fixed_a, const uint8_t *fixed_b, int64_t room, int32_t *pairs)

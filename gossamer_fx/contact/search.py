@@ -23,12 +23,21 @@ class Surface:
     """Primitives between points: `vertices` (p,) and `edges` (e, 2), `triangles` (t, 3), as indices of points.
 
     fixed (m,): points that are not moved by contact; primitives of such points alone are no pair.
+    places (m, w): numbers of places at which points are, if not each is at its own; see `contact.joined`.
     """
 
     vertices: Integers
     edges: Integers
     triangles: Integers
     fixed: Bytes
+    places: Integers | None = None
+
+    def where(self, primitives: Integers) -> Integers:
+        """Places (n, l) of primitives (n, k); those with one in common hang together, and are no pair."""
+        if self.places is None:
+            return primitives
+        size = primitives.shape[1] * self.places.shape[1]
+        return np.ascontiguousarray(self.places[primitives].reshape(len(primitives), size))
 
     def all_fixed(self, primitives: Integers) -> Bytes:
         return np.ascontiguousarray(
@@ -62,11 +71,11 @@ class Tree:
         fixed: tuple[Bytes, Bytes],
         same: bool = False,
     ) -> Integers:
-        """Pairs (k, 2) of queried boxes and those of the tree that overlap, without a common point; sorted.
+        """Pairs (k, 2) of queried boxes and those of the tree that overlap, without a common place; sorted.
 
         Args:
             query: which of `boxes` are asked for.
-            of_queries, of_tree: the points of the primitives.
+            of_queries, of_tree: the places of the primitives, see `Surface.where`.
             same: whether both are one set, of which i < j are taken.
         """
         room = 8 * len(query) + 64
@@ -127,10 +136,13 @@ def candidates(
         tree = Tree(boxes_of(lo, hi, triangles))
         boxes = np.ascontiguousarray(boxes_of(lo, hi, points))
         fixed = surface.all_fixed(points), surface.all_fixed(triangles)
-        near = tree.overlapping(vertices, boxes, np.ascontiguousarray(points), triangles, fixed)
+        at = surface.where(np.ascontiguousarray(points)), surface.where(triangles)
+        near = tree.overlapping(vertices, boxes, *at, fixed)
     boxes = np.ascontiguousarray(boxes_of(lo, hi, lines)) if len(lines) else np.zeros((0, 6))
     fixed = surface.all_fixed(lines), surface.all_fixed(lines)
-    across = Tree(boxes).overlapping(edges, boxes, lines, lines, fixed, same=True)
+    at = surface.where(lines)
+    of_lines = surface.where(lines)
+    across = Tree(boxes).overlapping(edges, boxes, of_lines, of_lines, fixed, same=True)
     nodes = np.vstack(
         [
             np.hstack([points[near[:, 0]], triangles[near[:, 1]]]).reshape(-1, 4),

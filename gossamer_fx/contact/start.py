@@ -44,5 +44,5 @@ def refuse_coincident(bodies: BodySet, x: Array, least: Array, distance: float) 
         name = bodies.names[bodies.body[close[0]]]
         raise InputError(
             f"Contact: {len(close)} points of '{name}' and others touch something at the start, or are within it, "
-            f"the first at ({a:.4g}, {b:.4g}, {c:.4g}) m; open the layers by a little."
+            f"the first at ({a:.4g}, {b:.4g}, {c:.4g}) m; open the layers by a little, or tie them there."
         )

@@ -29,7 +29,7 @@ class Tie:
 
     Meshes may differ: tie the finer line to the coarser one.  Three films on a line: tie two of them to the third.
     Multipliers do no work and keep both momenta.  Matching lines are found where the scene starts, so of a folded film
-    too, as long as no other part of the second line is in the same place.
+    too, as long as no other part of the second line is in the same place.  Contact lets what is tied hang together.
 
     Args:
         a: a film or cable, whose nodes are tied.

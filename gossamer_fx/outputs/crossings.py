@@ -9,14 +9,16 @@ import numpy as np
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
 from gossamer_fx.contact.facets import facets_of
+from gossamer_fx.contact.joined import places_of
 from gossamer_fx.contact.kernel import library
 from gossamer_fx.contact.piercing import intersections
 from gossamer_fx.contact.search import Surface
 from gossamer_fx.outputs.run import Run
+from gossamer_fx.system.system import System
 
 
 class Crossings:
-    """Number of edges of films that pierce a triangle of the same or another one, with which they have no common node.
+    """Number of edges of films that pierce a triangle of the same or another one, with which they do not hang together.
 
     Exact, see `contact.piercing`: an edge that only touches a triangle does not pierce it.  Films of order 2 are cut
     into plane triangles.  Each rank asks for its part of the edges, and knows all positions, as with `Contact`.
@@ -42,7 +44,7 @@ class Crossings:
             check(any(film is b for b in bodies), f"'{film.name}' is not in the scene; add it, or remove its probe.")
         library(run.comm)
         if self._surface is None:
-            self._take()
+            self._take(system)
         assert self._surface is not None
         owned = [system.q0.array_r[system.numbering.owned(bodies.index(film))].reshape(-1, 3) for film in self.films]
         x = np.concatenate(
@@ -52,8 +54,8 @@ class Crossings:
         found = intersections(self._surface, np.ascontiguousarray(x), mine)
         return float(run.comm.allreduce(len(np.unique(found[:, 0]))))
 
-    def _take(self) -> None:
-        """Points, edges and triangles of all films."""
+    def _take(self, system: System) -> None:
+        """Points, edges and triangles of all films, and where these are tied."""
         facets = [facets_of(film) for film in self.films]
         self._nodes = [f.nodes for f in facets]
         starts = np.cumsum([0, *(len(f.nodes) for f in facets)])
@@ -61,4 +63,5 @@ class Crossings:
         sides = np.unique(np.sort(T[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1), axis=0)
         edges, triangles = (np.ascontiguousarray(part, dtype=np.int32) for part in (sides, T))
         n = int(starts[-1])
-        self._surface = Surface(np.arange(n, dtype=np.int32), edges, triangles, np.zeros(n, dtype=np.uint8))
+        places = places_of(system, self.films, self._nodes, n)
+        self._surface = Surface(np.arange(n, dtype=np.int32), edges, triangles, np.zeros(n, dtype=np.uint8), places)

@@ -1,0 +1,97 @@
+"""Contact of films that are tied along a line: they hang together there, and touch everywhere else."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scenes import FILM, conserved, group_of, pierced, simulate
+
+import gossamer_fx as gx
+from meshes.line import line
+from meshes.sheet import sheet
+
+
+def leaf(comm, n=4, *, angle=0.0, spin=0.0, order=1, name="leaf", shift=0.0):
+    """A square film of 0.1 m on the y axis, turned about it, with a spin about it [rad/s]."""
+    c, s = math.cos(angle), math.sin(angle)
+    return gx.Membrane(
+        sheet(comm, 4, n, 0.1, 0.1),
+        gx.Miyazaki(**FILM, residual=1e-6),
+        name=name,
+        order=order,
+        displacement=lambda X: np.vstack([c * X[0], X[1], s * X[0] + shift]) - X,
+        velocity=lambda X: np.vstack([-s * spin * X[0], 0 * X[0], c * spin * X[0]]),
+    )
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("n, order", [(4, 1), (6, 1), (3, 2)])
+def test_leaves_clap_together_about_the_line_on_which_they_are_tied(comm, n, order):
+    """The mesh of the second is the same on the line, finer without a common multiple, or of order two."""
+    lower = leaf(comm, order=order, name="lower", n=4 if order == 1 else 2)
+    upper = leaf(comm, n, angle=0.03, spin=-20.0, order=order, name="upper")
+    contact = gx.Contact(lower, upper, distance=1e-3)
+    seen = gx.Series({"pierced": gx.Penetrations(contact), "crossings": gx.Crossings(lower, upper)})
+    run = simulate([contact, gx.Tie(upper, "left", lower, "left")], 4e-3, outputs=[seen])
+    assert run.first.stored["contact"] == 0
+    assert group_of(run).memory.distance.min() > 1e-4  # no joined cells are taken for near ones
+    assert group_of(run).closest < 1e-3
+    assert max(seen["pierced"]) == max(seen["crossings"]) == pierced(run) == 0
+    conserved(run, energy=1e-10, momentum=1e-12)
+    assert gx.Velocity(lower.port("top right"), "z")(run) < -0.1  # it was hit
+    difference = [gx.Position(b.port("bottom left"), "z")(run) for b in (lower, upper)]
+    assert difference[0] == pytest.approx(difference[1], abs=1e-10)
+
+
+@pytest.mark.mpi
+def test_leaves_that_are_nearer_than_the_distance_open_freely(comm):
+    lower, upper = leaf(comm, spin=-20.0, angle=-0.03, name="lower"), leaf(comm, 6, angle=0.03, spin=20.0, name="upper")
+    contact = gx.Contact(lower, upper, distance=2e-3)
+    seen = gx.Series({"energy": lambda run: run.totals.stored["contact"]})
+    run = simulate([contact, gx.Tie(upper, "left", lower, "left")], 4e-3, outputs=[seen])
+    assert max(seen["energy"]) == 0
+    assert group_of(run).memory.distance.min() == 2e-3  # it has grown
+    conserved(run, energy=1e-10, momentum=1e-12)
+
+
+@pytest.mark.mpi
+def test_films_and_a_cable_on_one_line_and_a_line_that_is_tied_to_a_tied_one(comm):
+    """The third film is tied to the second, and this to the first; the cable is tied to the third."""
+    films = [leaf(comm, n, angle=2 * math.pi * k / 3, name=f"film {k}") for k, n in enumerate((2, 3, 5))]
+    cable = gx.Cable(line(comm, [(0, 0, 0), (0, 0.1, 0)], 4), gx.CableLaw(EA=100.0, line_density=0.1), name="cable")
+    ties = [gx.Tie(b, "left", a, "left") for a, b in ((films[0], films[1]), (films[1], films[2]))]
+    contact = gx.Contact(*films, cable, distance=1e-3, radius={"cable": 1e-3})
+    run = simulate([contact, *ties, gx.Tie(cable, None, films[2], "left"), gx.RigidMotion(spin=(1.0, 5.0, 2.0))], 1e-3)
+    assert run.first.stored["contact"] == 0
+    assert group_of(run).memory.distance.min() == 1e-3
+    conserved(run, energy=1e-10, momentum=1e-12)
+
+
+def test_layers_that_coincide_and_are_not_tied_are_refused():
+    lower, upper = leaf(MPI.COMM_SELF, name="lower"), leaf(MPI.COMM_SELF, name="upper")
+    tie = gx.Tie(upper, "left", lower, "left")
+    with pytest.raises(gx.InputError, match=r"touch something at the start.*or tie them"):
+        gx.Scene(gx.Contact(lower, upper, distance=1e-3), tie).compile()
+    apart = [leaf(MPI.COMM_SELF, angle=0.5 * k, name=f"leaf {k}") for k in range(2)]
+    with pytest.raises(gx.InputError, match="touch something at the start"):
+        gx.Scene(gx.Contact(*apart, distance=1e-3)).compile()
+
+
+def test_films_joined_at_a_point_hang_together_there():
+    flat = leaf(MPI.COMM_SELF, name="flat")
+    steep = gx.Membrane(
+        sheet(MPI.COMM_SELF, 2, 2, 0.1, 0.1),
+        gx.Miyazaki(**FILM),
+        displacement=lambda X: np.vstack([-X[0], -X[1], X[0]]) - X,
+        name="steep",
+    )
+    contact, joint = (
+        gx.Contact(flat, steep, distance=1e-3),
+        gx.BallJoint(flat.port("bottom left"), steep.port("bottom left")),
+    )
+    with pytest.raises(gx.InputError, match="touch something at the start"):
+        gx.Scene(contact).compile()
+    gx.Scene(contact, joint).compile()
