@@ -14,6 +14,7 @@ from gossamer_fx.contact.body_set import BodySet
 from gossamer_fx.contact.group import Group
 from gossamer_fx.contact.memory import Memory
 from gossamer_fx.contact.obstacles import Obstacle
+from gossamer_fx.model.solids import Solid
 from gossamer_fx.model.terms import Array, Assembly, Body, CompiledTerms, MeshBody
 
 
@@ -86,6 +87,16 @@ class CompiledContacts(CompiledTerms):
                 nodes.append(bodies.nodes[here])
                 values.append(pressures(group)[here])
         return np.concatenate(nodes), np.concatenate(values)
+
+    def solids(self) -> list[Solid]:
+        from gossamer_fx.contact.surfaces import solid_of
+
+        found = [
+            solid_of(obstacle, group.x0[: group.points.n])
+            for item, group in self.groups.items()
+            for obstacle in item.obstacles
+        ]
+        return [solid for solid in found if solid is not None]
 
     def energies(self) -> dict[str, float]:
         return {item.name: group.energy_now() for item, group in self.groups.items()}

@@ -108,7 +108,8 @@ def check_friction(owner: str, friction: float) -> None:
     )
 
 
-def _unit(vector: Vector | Array, what: str) -> Array:
+def unit(vector: Vector | Array, what: str) -> Array:
+    """A vector of length one; `what` it is, for the message."""
     n = np.asarray(vector, dtype=float)
     length = np.linalg.norm(n)
     check(bool(length > 0), f"{what} has no length; give a direction.")
@@ -116,7 +117,7 @@ def _unit(vector: Vector | Array, what: str) -> Array:
     return unit
 
 
-def _across(axis: Array) -> tuple[Array, Array]:
+def across(axis: Array) -> tuple[Array, Array]:
     """Two directions across an axis."""
     a = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
     a /= np.linalg.norm(a)
@@ -136,7 +137,7 @@ class Plane(Obstacle):
     normal: Vector
 
     def parts(self) -> tuple[list[Wall], list[Solid]]:
-        n = _unit(self.normal, f"Plane '{self.name}': its normal")
+        n = unit(self.normal, f"Plane '{self.name}': its normal")
         origin = self._at(self.point)
         return [Wall(PLANE, (origin, self._along(n), origin))], []
 
@@ -178,11 +179,11 @@ class Cylinder(Obstacle):
     inside: bool = False
 
     def parts(self) -> tuple[list[Wall], list[Solid]]:
-        axis = _unit(np.subtract(self.end, self.start), f"Cylinder '{self.name}': its axis")
+        axis = unit(np.subtract(self.end, self.start), f"Cylinder '{self.name}': its axis")
         a, b = self._at(self.start), self._at(self.end)
         if not self.inside:
             return [], [Solid((a, b), ((0, 1),), radius=self.radius)]
-        u, v = _across(axis)
+        u, v = across(axis)
         return [Wall(IN_CYLINDER, (a, self._along(u), self._along(v)), self.radius)], []
 
 

@@ -27,6 +27,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.checks.errors import check
+from gossamer_fx.model.solids import Solid
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int32]
@@ -258,6 +259,10 @@ class CompiledTerms:
         """Global nodes (n,) of a body and values (n,) there of an output field at q0, if it has such; all ranks know
         all of them, and what several terms have adds up."""
         return None
+
+    def solids(self) -> list[Solid]:
+        """Solids for pictures, the same on every rank; after the initial state was taken."""
+        return []
 
     def resultants(self) -> dict[str, Array]:
         """Force and torque about the origin (2, 3) of each load over the last step [N, N m] on this rank, by name."""

@@ -5,6 +5,7 @@
     gas.csv            pressure, temperature, volume and mass of each chamber, if there is gas
     states.csv         fractions of area of the films that are taut and wrinkled, when fields are written
     points.csv         positions of the bodies without a mesh, if there are any
+    solids.csv         origin and axes of the solids that move, if there are any; their shapes are in run.json
     probes.csv         the probes that were asked for
     fields/NAME.bp     fields of each body on a mesh: `VTX`
 
@@ -32,11 +33,12 @@ from gossamer_fx.outputs.output import Output, Probe, make_parent
 from gossamer_fx.outputs.probes import GAS, AreaFraction, GasState
 from gossamer_fx.outputs.run import Run
 from gossamer_fx.outputs.schedule import Schedule
+from gossamer_fx.outputs.solids import FramePart, as_data, moves, solids_of
 from gossamer_fx.outputs.vtx import VTX, Probes
 
 TOLD_STATES = ("taut", "wrinkled")  # what is neither is slack
 FORMAT = 1  # of run.json and the files beside it
-FILES = ("run.json", "ledger.csv", "gas.csv", "states.csv", "points.csv", "probes.csv", "fields")
+FILES = ("run.json", "ledger.csv", "gas.csv", "states.csv", "points.csv", "solids.csv", "probes.csv", "fields")
 FILM_FIELDS = ("displacement", "state", "stress1", "strain2")
 
 
@@ -118,6 +120,7 @@ class Recording:
                 f"Recording '{self.folder}': the scene has no film '{unknown}'; its films are: "
                 f"{', '.join(films) or 'none'}."
             )
+        self._solids = solids_of(run.system)
         self._outputs = dict(self._parts(run))
         self._about = {
             "format": FORMAT,
@@ -125,6 +128,7 @@ class Recording:
             "scene": describe(run),
             "stepper": {"kind": type(run.stepper).__name__, "dt": run.stepper.dt},
             "fields": {name: list(output.fields) for name, output in self._outputs.items() if isinstance(output, VTX)},
+            "solids": [as_data(solid) for solid in self._solids],
             "versions": versions(),
             "ranks": run.comm.size,
         }
@@ -150,6 +154,15 @@ class Recording:
         if points:
             places = {f"{body.name} {'xyz'[i]}": _Place(k, i) for k, body in points for i in range(3)}
             yield "points.csv", Probes(self.folder / "points.csv", places)
+        moving = [solid for solid in self._solids if moves(solid)]
+        if moving:
+            numbers = {
+                f"{k} {solid.name} {part}{axis}": FramePart(solid, 3 * i + j)
+                for k, solid in enumerate(moving, start=1)
+                for i, part in enumerate(("", "d1", "d2", "d3"))
+                for j, axis in enumerate("xyz")
+            }
+            yield "solids.csv", Probes(self.folder / "solids.csv", numbers)
         yield "ledger.csv", Ledger(self.folder / "ledger.csv")
 
     def _write(self, run: Run, status: str) -> None:

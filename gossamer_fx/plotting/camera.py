@@ -19,6 +19,7 @@ from gossamer_fx.plotting.viewpoint import LARGEST_ZOOM, View
 STATE_COLOURS = {SLACK: (0.18, 0.49, 0.75), WRINKLED: (0.96, 0.65, 0.14), TAUT: (0.87, 0.88, 0.89)}
 BY_STATE: Array = np.array([STATE_COLOURS[state] for state in sorted(STATE_COLOURS)])
 _INK = (0.30, 0.33, 0.37)  # lines and dots
+_SOLID = (0.66, 0.64, 0.60)
 
 _SUPERSAMPLES = 2
 _LIGHT = unit(np.array([-0.45, 0.55, 0.7]))  # right, up, towards the eye
@@ -122,9 +123,9 @@ def render(comm: MPI.Intracomm, camera: Camera, shapes: Iterable[Shape], scale: 
         fine = scale * n * zoom
         to_pixels = _Projection(camera.axes, fine, np.array([width / 2 - x * fine, height / 2 + y * fine, 0.0]))
         corners = to_pixels(shape.corners)
-        parts = [(corners, _shades(corners, shape.normals @ camera.axes.T), shape.kinds)]
+        parts = [(corners, _shades(corners, shape.normals @ camera.axes.T), shape.kinds % len(palette))]
         for triangles, shades in (_ribbons(to_pixels(shape.lines)), _discs(to_pixels(shape.dots))):
-            parts.append((triangles, shades, np.full(len(triangles), len(palette) - 1)))
+            parts.append((triangles, shades, np.full(len(triangles), len(palette) - 2)))
         first = Canvas(height, width, camera.depth[0] * fine, camera.depth[1] * fine)
         image = _image(comm, first, parts, palette, camera.opacity)
         if comm.rank == 0:
@@ -204,9 +205,9 @@ def _shades(corners: Array, normals: Array) -> Array:
 
 
 def _palette(colours: Array) -> npt.NDArray[np.uint8]:
-    """Colours (kinds and ink, 256, 3) from dark to the film's colour at 1 - gloss, and half-way on to white."""
+    """Colours (kinds, ink and solids, 256, 3) from dark to the film's colour at 1 - gloss, and half-way on to white."""
     shade = np.linspace(0, 1, 256)[:, None]
-    base = np.array([*colours, _INK])[:, None]
+    base = np.array([*colours, _INK, _SOLID])[:, None]
     matt, gloss = (shade / (1 - _GLOSS)).clip(0, 1), ((shade - (1 - _GLOSS)) / _GLOSS).clip(0, 1)
     palette: npt.NDArray[np.uint8] = np.rint(255 * (base * matt * (1 - gloss / 2) + gloss / 2)).astype(np.uint8)
     return palette

@@ -15,7 +15,8 @@ from gossamer_fx.outputs.adios import adios2_for
 from gossamer_fx.outputs.checksums import Verified
 from gossamer_fx.outputs.file_names import file_name, segments
 from gossamer_fx.outputs.recording import about_run
-from gossamer_fx.plotting.view import Integers, Shape, smooth
+from gossamer_fx.outputs.solids import REST, placed
+from gossamer_fx.plotting.view import Integers, Shape, of_solid, smooth
 
 Tables = dict[str, Array]
 
@@ -42,6 +43,8 @@ class RunReader:
         self.meshes = {name: Mesh(self.folder / "fields", name) for name in self.fields}
         self.times: Array = min((mesh.times for mesh in self.meshes.values()), key=len, default=np.zeros(0))
         self._points = self.table("points.csv")
+        self._frames = self.table("solids.csv")
+        self.solids = [RecordedSolid(**solid) for solid in self.about.get("solids", [])]  # older runs have none
 
     @property
     def films(self) -> list[str]:
@@ -54,7 +57,7 @@ class RunReader:
         return str(self.about.get("title") or self.folder.name)
 
     def table(self, name: str) -> Tables:
-        """Columns of "ledger.csv", "gas.csv", "probes.csv" or "points.csv"; empty if the run wrote none.
+        """Columns of "ledger.csv", "gas.csv", "probes.csv", "points.csv" or "solids.csv"; empty if the run wrote none.
 
         A last row that is not whole is left out.
 
@@ -125,7 +128,20 @@ class RunReader:
             corners, normals = _finer(corners), _finer(normals)
             values = _finer(values[..., None])[..., 0]
         time = float(self.times[frame])
-        return Shape(time, corners, normals, kinds(values.mean(axis=1)), lines, self._dots(time))
+        of_triangles = kinds(values.mean(axis=1))
+        for x, solid in zip(self.places(time), self.solids, strict=True):
+            of_solids = of_solid(x, solid.triangles)
+            corners, normals = np.concatenate([corners, of_solids[0]]), np.concatenate([normals, of_solids[1]])
+            of_triangles = np.concatenate([of_triangles, of_solids[2]])
+            lines = lines if len(solid.triangles) else np.concatenate([lines, x[solid.lines]])
+        return Shape(time, corners, normals, of_triangles, lines, self._dots(time))
+
+    def places(self, time: float) -> list[Array]:
+        """Points (n, 3) of each of the solids at a time [s]."""
+        row = int(abs(self._frames["time"] - time).argmin()) if self._frames else 0
+        numbers = np.array([column[row] for name, column in self._frames.items() if name not in ("time", "step")])
+        moving = iter(numbers.reshape(-1, 4, 3))
+        return [placed(solid.X, next(moving) if solid.moves else REST) for solid in self.solids]
 
     def _dots(self, time: float) -> Array:
         """Positions (n, 3) of the bodies without a mesh."""
@@ -134,6 +150,16 @@ class RunReader:
         row = int(abs(self._points["time"] - time).argmin())
         numbers = [column[row] for name, column in self._points.items() if name not in ("time", "step")]
         return np.array(numbers).reshape(-1, 3)
+
+
+class RecordedSolid:
+    """A solid as `run.json` tells it; those that move have their frames in "solids.csv", in the same order."""
+
+    def __init__(self, X: list[list[float]], triangles: list[list[int]], lines: list[list[int]], moves: bool) -> None:
+        self.X: Array = np.array(X, dtype=float)
+        self.triangles = np.array(triangles, dtype=np.int64).reshape(len(triangles), 3)
+        self.lines = np.array(lines, dtype=np.int64).reshape(len(lines), 2)
+        self.moves = moves
 
 
 class Mesh:

@@ -1,4 +1,4 @@
-"""What a picture of a scene shows: films as triangles, cables and beams as lines, point and rigid bodies as dots."""
+"""What a picture of a scene shows: films and solids as triangles, cables and beams as lines, other bodies as dots."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.model.terms import Array, MeshBody, is_on_mesh
 from gossamer_fx.outputs.fields import film_state
 from gossamer_fx.outputs.shapes import BodyShape
+from gossamer_fx.outputs.solids import frame_of, placed, solids_of
 from gossamer_fx.plotting.groups import groups_of
 from gossamer_fx.system.system import System
 
@@ -24,6 +25,7 @@ Integers = npt.NDArray[np.int64]
 TRIANGLES = {1: [[0, 1, 2]], 2: [[0, 5, 4], [5, 1, 3], [4, 3, 2], [5, 3, 4]]}
 _NODES = {1: [[0, 0], [1, 0], [0, 1]], 2: [[0, 0], [1, 0], [0, 1], [0.5, 0.5], [0, 0.5], [0.5, 0]]}
 
+SOLID = -1  # kind of the triangles of solids
 _CREASE = 0.6  # cosine of the angle between neighbours beyond which an edge is drawn sharp
 
 
@@ -32,7 +34,7 @@ class Shape:
     """What this rank shows at one time: points [m] in space.
 
     corners (n, 3, 3) of triangles, normals (n, 3, 3) at the corners, kinds (n,) which colour they have (the state of
-    the film, or its group), lines (m, 2, 3), dots (k, 3)
+    the film, its group, or SOLID), lines (m, 2, 3), dots (k, 3)
     """
 
     time: float
@@ -61,6 +63,7 @@ class Renderer:
         self._films = [_Film(BodyShape(system, film), part) for film, part in zip(films, parts, strict=True)]
         curves = [(k, b) for k, b in enumerate(system.bodies) if is_on_mesh(b) and not isinstance(b, Membrane)]
         self._curves = [(system.fields[k].q0, _polylines(b)) for k, b in curves]
+        self._solids = solids_of(system)
         self._dots = [k for k, b in enumerate(system.bodies) if not is_on_mesh(b)]
 
     def shape(self) -> Shape:
@@ -71,6 +74,11 @@ class Renderer:
         for k in self._dots:
             owned = self._system.numbering.owned(k)
             dots.append(_positions(self._system.q0.array_r[owned], self._system.bodies[k].block.size))
+        for solid in self._solids:
+            x = placed(solid.X, frame_of(solid, self._system))
+            if self._system.comm.rank == 0:
+                lines += [x[solid.lines]] if not len(solid.triangles) else []
+                films.append(of_solid(x, solid.triangles))
         corners, normals, states = zip(*films, strict=True) if films else ((), (), ())
         return Shape(
             self._system.time,
@@ -114,6 +122,15 @@ class _Film:
         sums.scatter_reverse(la.InsertMode.add)
         sums.scatter_forward()
         return smooth(area, sums.array.reshape(-1, 3)[self._triangles])
+
+
+def of_solid(x: Array, triangles: npt.NDArray[np.integer]) -> tuple[Array, Array, Integers]:
+    """Corners, normals and kinds of a solid with points x (n, 3)."""
+    corners = x[triangles]
+    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    sums = np.zeros_like(x)
+    np.add.at(sums, triangles.ravel(), np.repeat(area, 3, axis=0))
+    return corners, smooth(area, sums[triangles]), np.full(len(triangles), SOLID, dtype=np.int64)
 
 
 def smooth(area: Array, sums: Array) -> Array:

@@ -75,23 +75,29 @@ def _part(
     low: Array,
     span: Array,
 ) -> dict[str, Any]:
-    offsets = np.cumsum([0, *(len(s.points) for _, s in surfaces)])
+    offsets = np.cumsum([0, *(len(s.points) for _, s in surfaces), *(len(solid.X) for solid in run.solids)])
     triangles: list[Integers] = [np.zeros((0, 3), dtype=np.int64)]
     lines: list[Integers] = [np.zeros((0, 2), dtype=np.int64)]
-    for (name, s), offset in zip(surfaces, offsets[:-1], strict=True):
+    for (name, s), offset in zip(surfaces, offsets, strict=False):
         (triangles if run.meshes[name].is_film else lines).append(s.pieces + offset)
+    lines += [solid.lines + offset for solid, offset in zip(run.solids, offsets[len(surfaces) :], strict=False)]
     positions, kinds = [], [[] for _ in fields]  # type: ignore[var-annotated]
+
+    def keep(x: Array) -> None:
+        positions.append(np.rint((x - low) / np.where(span > 0, span, 1.0) * 65535).clip(0, 65535))
+
     for frame in frames:
         for name, s in surfaces:
             _, k = run.meshes[name].at(frame)
-            x = s.segment.positions(k)[s.points]
-            positions.append(np.rint((x - low) / np.where(span > 0, span, 1.0) * 65535).clip(0, 65535))
+            keep(s.segment.positions(k)[s.points])
             if run.meshes[name].is_film:
                 for found, (field, colours) in zip(kinds, fields, strict=True):
                     known = field in run.fields[name]
                     corners = s.segment.pieces[s.of]
                     values = s.segment.read(field, k)[corners].mean(axis=1) if known else np.full(len(s.of), np.nan)
                     found.append(colours.kinds(values))
+        for x in run.places(float(run.times[frame])):
+            keep(x)
     return {
         "frames": len(frames),
         "vertices": int(offsets[-1]),
@@ -125,6 +131,7 @@ def _thinned(segment: Segment, most: int) -> _Surface:
 
 def _box(run: RunReader, frames: list[int]) -> tuple[Array, Array]:
     looks = [segment.positions(k) for mesh in run.meshes.values() for segment, k in map(mesh.at, frames)]
+    looks += [x for frame in frames for x in run.places(float(run.times[frame]))]
     low, high = (f([f(x, axis=0) for x in looks], axis=0) for f in (np.min, np.max))
     return low, high - low
 
