@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import math
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.checks.errors import check
 from gossamer_fx.gas.ideal_gas import IdealGas
 from gossamer_fx.gas.orifice import Orifice
@@ -22,14 +26,16 @@ if TYPE_CHECKING:
     from gossamer_fx.fold.fold_map import FoldMap
     from gossamer_fx.fold.folded import Folded
     from gossamer_fx.interactions.crease import Crease
+    from gossamer_fx.interactions.rigid_region import RigidRegion
 
 
 class InflatableTube:
-    """A closed tube of film with gas in compartments: film, chambers, passages, clamp, folds, creases, contact.
+    """A closed tube of film with gas in compartments: film, chambers, passages, clamp, caps, folds, creases, contact.
 
     It is made of the parts that one would write out: `film`, `rings`, `chambers` (one a compartment, from the inlet),
     `passages` (orifices as wide as the deformed rings between chambers: a tube chokes where it is folded), `clamp`,
-    `start`, `creases`, `contact`; what was not asked for is None or empty.  In a scene it brings all of them:
+    `caps` (a `RigidRegion` for each end with a cap), `start`, `creases`, `contact`; what was not asked for is None or
+    empty.  In a scene it brings all of them:
 
         tube = gx.InflatableTube(flat_tube(comm, 0.25, 0.03, 6, compartments=3), law, gas=NITROGEN)
         tank = gx.Tank(2e-6, gas=NITROGEN, pressure=1.5e6, temperature=293.0)
@@ -45,6 +51,9 @@ class InflatableTube:
         discharge_coefficient, laminar: of the passages, as of `Orifice`.
         outside: what acts on the outer side; default vacuum.
         clamp: group of the mesh that is held; None: the tube is free.
+        caps: what ends of the tube are fixed to, by the group of the end: a rigid body, e.g. a satellite; or the mass
+            [kg] of a bar along the flat end, which is made, and lies where the tube starts.
+        bar: side of the square section of such bars [m].
         folds: map with which the tube starts folded; default flat.
         origin, turn: where the folded shape comes to lie [m], and its rotation vector [rad], as of `FoldMap.start`.
         crease: stiffness of the creases at its fold lines [N m/m/rad]; zero: none.
@@ -54,7 +63,8 @@ class InflatableTube:
         name: name in messages and output; parts have names that begin with it.
 
     Raises:
-        InputError: obstacles without contact, a crease without folds, and what the parts refuse.
+        InputError: obstacles without contact, a crease without folds, a cap that is neither a rigid body nor a positive
+            mass, and what the parts refuse.
     """
 
     def __init__(
@@ -70,6 +80,8 @@ class InflatableTube:
         laminar: float = 1e-3,
         outside: Ambient | None = None,
         clamp: str | None = "inlet",
+        caps: Mapping[str, float | RigidBody] | None = None,
+        bar: float = 2e-3,
         folds: FoldMap | None = None,
         origin: Vector = (0.0, 0.0, 0.0),
         turn: Vector = (0.0, 0.0, 0.0),
@@ -122,8 +134,38 @@ class InflatableTube:
         ]
         self.clamp = Fixed(self.film, clamp) if clamp is not None else None
         self.start: Folded | None = folds.start(self.film, origin, turn) if folds is not None else None
+        check(
+            caps is None or isinstance(caps, Mapping), f"{who}: caps is {caps!r}; give a dictionary by groups of ends."
+        )
+        self.caps = [self._cap(end, what, bar) for end, what in (caps or {}).items()]
         self.creases: list[Crease] = list(folds.creases(self.film, crease, memory)) if folds and crease else []
         self.contact = self._contact(contact, obstacles) if contact else None
+
+    def _cap(self, end: str, what: float | RigidBody, bar: float) -> RigidRegion:
+        from gossamer_fx.interactions.rigid_region import RigidRegion
+
+        known = isinstance(what, RigidBody) or (isinstance(what, int | float) and math.isfinite(what) and what > 0)
+        who = f"InflatableTube '{self.name}'"
+        check(known, f"{who}: the cap of '{end}' is {what!r}; give a rigid body, or a positive mass in kg.")
+        check(math.isfinite(bar) and bar > 0, f"{who}: bar is {bar!r} m; give a positive number.")
+        body = what if isinstance(what, RigidBody) else self._bar(end, float(what), bar)
+        return RigidRegion(self.film, end, to=body, name=f"{self.name} {end} cap")
+
+    def _bar(self, end: str, mass: float, side: float) -> RigidBody:
+        """A bar along the nodes of an end, where the tube starts."""
+        index_map, comm = self.film.block.index_map, self.film.comm
+        nodes = self.film.nodes(end)
+        x = self.film.initial_state()[0].reshape(-1, 3) if self.start is None else self.start.positions()
+        own = x[nodes[nodes < index_map.size_local]]
+        x = np.concatenate(comm.allgather(own))
+        middle = x.mean(axis=0)
+        along = np.linalg.svd(x - middle)[2]  # its first row is the bar's axis
+        length = float(np.ptp((x - middle) @ along[0]))
+        axis, across = mass * side**2 / 6, mass * (length**2 + side**2) / 12
+        attitude = along.T * np.sign(np.linalg.det(along))
+        return RigidBody(
+            mass, (axis, across, across), tuple(middle), attitude=attitude, comm=comm, name=f"{self.name} {end} bar"
+        )
 
     def _contact(self, distance: float, obstacles: tuple[Obstacle, ...]) -> Contact:
         from gossamer_fx.contact.contact import Contact
@@ -156,4 +198,4 @@ class InflatableTube:
     def requires(self) -> Iterable[Any]:
         yield from (self.film, *self.chambers, *self.passages)
         yield from (part for part in (self.clamp, self.start, self.contact) if part is not None)
-        yield from self.creases
+        yield from (*self.caps, *self.creases)

@@ -58,6 +58,25 @@ def test_a_folded_tube_begins_to_deploy(comm) -> None:
 
 
 @pytest.mark.mpi
+def test_caps_keep_the_ends_straight(comm) -> None:
+    """A free tube, one end of which is on a heavy block, the other on a bar that lies where the folded tube ends."""
+    block = gx.RigidBody(1.0, (1e-3, 1e-3, 1e-3), name="block", comm=comm)
+    it = tube(comm, folds=FOLDS, contact=5e-4, clamp=None, caps={"inlet": block, "tip": 2e-3})
+    bar = next(item for item in gx.Scene(it).items if item.name == "tube tip bar")
+    assert [cap.to.name for cap in it.caps] == ["block", "tube tip bar"]
+    run = gx.Simulation(gx.Scene(it, it.inlet(tank(), 1e-7)), gx.Midpoint(dt=5e-5))
+    width, start = math.pi * DIAMETER / 2, [gx.Position(bar.port(), axis)(run) for axis in "xyz"]
+    run.run(until=4e-4 if comm.size == 1 else 1e-4)
+    ends = [
+        np.array([gx.Position(it.film.port(f"tip {side}"), axis)(run) for axis in "xyz"]) for side in ("left", "right")
+    ]
+    assert np.linalg.norm(ends[0] - ends[1]) == pytest.approx(width, rel=1e-9)
+    assert np.mean(ends, axis=0) == pytest.approx([gx.Position(bar.port(), axis)(run) for axis in "xyz"], abs=1e-9)
+    assert np.linalg.norm(np.mean(ends, axis=0) - start) > 1e-7  # it moves
+    assert abs(run.energy_error) < 1e-10 and np.abs(run.totals.momentum).max() < 1e-12
+
+
+@pytest.mark.mpi
 @pytest.mark.parametrize(
     "options, words",
     [
@@ -67,6 +86,9 @@ def test_a_folded_tube_begins_to_deploy(comm) -> None:
             "only with contact; give its distance",
         ),
         ({"contact": -1.0}, "give zero or a positive number"),
+        ({"caps": {"tip": 0.0}}, "the cap of 'tip' is 0.0; give a rigid body, or a positive mass"),
+        ({"caps": {"end": 1.0}}, "no group 'end'"),
+        ({"caps": {"tip": 1.0}, "bar": -1.0}, "bar is -1.0 m"),
         ({"clamp": "nowhere"}, "no group 'nowhere'"),
         ({"pressure": 0.0}, "give a positive number"),
     ],

@@ -144,6 +144,8 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "folds": gx.fold.zigzag(0.25, 2, width=0.047, lift=1e-4),
             "origin": (0.0, 0.0, 0.0),
             "turn": (0.0, 0.0, 1.0),
+            "caps": {"tip": 1e-3},
+            "bar": 2e-3,
             "crease": 1e-3,
             "memory": 0.5,
             "contact": 5e-4,
