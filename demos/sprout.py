@@ -5,21 +5,22 @@ sheets at each crease.  The fold is not quite shut, so no layer is in the place 
 for the room between the two sheets.  The parallelogram at the roots lies as it will when all is open; the others are
 stacked in front of the cube.  At t = 0 nothing holds the stack any more, and two valves open from a tank in the cube.
 Each tube has compartments; gas passes from one to the next through the deformed ring of film between them, at a fold.
-The tubes open, unfold and draw the film with them, which hangs on them by short tethers.  Contact keeps all layers and
-the cube apart.  Nothing acts from outside: energy, momentum and angular momentum stay as they were.
+The tubes open, unfold and draw the film with them, whose edges are tied to theirs.  Contact keeps all layers and the
+cube apart.  Nothing acts from outside: energy, momentum and angular momentum stay as they were.
 
 Where the values come from:
     cube, tubes, film    20 cm, 7 kg, two tubes in V with a triangular film: SPROUT, Nihon University (eoPortal;
                          Miyazaki, KAKENHI 19360384 final report, 2009), whose sides were 1.5 m; here they are 0.6 m,
                          and the last command begins with 1.5 m.  The angle of 60° is chosen, as are diameter, folds,
-                         tank, valves and tethers, which were not published
+                         tank and valves, which were not published
     film                 polyimide, Kapton HN 50 (DuPont data sheet H-38492): 12.5 µm, 2.5 GPa, 0.34, 1420 kg/m³
     tank                 chosen: nitrogen at 20 kPa and 293 K, half a litre, which fills the tubes to about 8 kPa
     damping              chosen: 0.3 ms, viscosity of the film over its stiffness
 
     ./gossamer demo sprout
     ./gossamer run demos/sprout.py crease=1.3e-3 --output out/sprout; ./gossamer report out/sprout
-    ./gossamer run demos/sprout.py length=1.5 rows=2 tethers=8 tank=2e-3 damping=1e-3 until=0.12 --output out/long
+    ./gossamer run demos/sprout.py inset=0.025 --output out/tethers
+    ./gossamer run demos/sprout.py length=1.5 rows=2 tank=2e-3 damping=1e-3 until=0.12 --output out/long
 """
 
 from __future__ import annotations
@@ -47,7 +48,6 @@ CUBE, MASS = 0.2, 7.0  # m, kg
 INERTIA = MASS * CUBE**2 / 6
 HALF = math.radians(30)  # half of the angle between the tubes
 GAP = 0.1  # between the roots of the tubes [m]
-INSET = 0.025  # of the film from the tubes [m]
 STAND = 0.05  # of the roots from the cube [m]
 BELOW = 0.055  # what the first parallelogram has before the roots [m]
 SIDES = {"left": -1, "right": 1}
@@ -58,12 +58,13 @@ Place = tuple[float, float]
 class Figure:
     """The flat figure in the plane of the fold map: outlines of tubes and film, (x, y) of their corners [m].
 
-    length, diameter: of the tubes [m]; centre: the point between their roots.
+    length, diameter: of the tubes [m]; inset: of the film from them [m]; centre: the point between their roots.
     """
 
     length: float
     diameter: float
     centre: Place
+    inset: float
 
     @property
     def width(self) -> float:
@@ -88,12 +89,12 @@ class Figure:
     def film(self) -> list[Place]:
         """Outline of the film; its side 1 is at the roots."""
         ends = ((-1, 0.0), (1, 0.0), (1, self.length), (-1, self.length))
-        return [self.at(side, along, -INSET) for side, along in ends]
+        return [self.at(side, along, -self.inset) for side, along in ends]
 
     def legs(self, count: int) -> list[tuple[int, Place, Place]]:
         """Where tethers are: side, point of the film, point of the tube."""
         places = [self.length * (k + 1) / (count + 1) for k in range(count)]
-        return [(side, self.at(side, s, -INSET), self.at(side, s, 0.0)) for side in SIDES.values() for s in places]
+        return [(side, self.at(side, s, -self.inset), self.at(side, s, 0.0)) for side in SIDES.values() for s in places]
 
 
 def build(
@@ -115,6 +116,7 @@ def build(
     bore: float = 7e-3,
     opening: float = 0.03,
     dead_volume: float = 1e-5,
+    inset: float = 0.0,
     tethers: int = 4,
     crease: float = 0.0,
     contact: float = 5e-4,
@@ -137,17 +139,18 @@ def build(
         tank, pressure: its volume [m³], and the pressure in it at the start [Pa].
         bore: of each valve [m], which opens in the time `opening` [s].
         dead_volume: that each compartment cannot be pressed out of [m³].
-        tethers: on each side of the film.
+        inset: of the film from the tubes [m]; 0: its edges are tied to theirs, else it hangs from them by tethers.
+        tethers: on each side of the film, if it is not tied.
         crease: stiffness of folds with memory [N m/m/rad]; 0: none.
         contact: distance at which it begins [m].
         damping: viscosity of the films over their stiffness [s]; 0: none.
-        largest: step [s].
+        largest, growth: step [s], and its ratio to the one before, at most: steps that grow faster fail more often.
     """
     folds = gx.fold.miura(
         a=a, b=b, gamma=math.radians(gamma), theta=math.radians(theta), opening=3e-4 if lift else 0.0, lift=lift
     )
     column = b * math.sin(folds.gamma)
-    figure = Figure(length, diameter, (column / 2, BELOW))
+    figure = Figure(length, diameter, (column / 2, BELOW), inset)
     lines = folds.segments((-length, 0.0), (column + length, 2 * length))
     origin = (-column / 2, CUBE / 2 + STAND - BELOW, 0.0)  # of the first parallelogram, which stays as it is
     x, y, z = Rotation.from_matrix(folds.axes.T).as_rotvec()
@@ -158,7 +161,7 @@ def build(
 
     mesh = creased_film(comm, figure.film(), lines, (fine, fine, coarse, coarse))
     film = gx.Membrane(folds.mark(mesh) if crease else mesh, law, name="film")
-    items: list[object] = [cube, film, folds.start(film, origin, turn), gx.RigidRegion(film, "side 1", to=cube)]
+    items: list[object] = [cube, film, folds.start(film, origin, turn)]
     if crease:
         items += folds.creases(film, crease, rest=0.5)
     walls = range(rows, math.ceil((BELOW + length * math.cos(HALF)) / a - 0.5), rows)
@@ -182,11 +185,13 @@ def build(
         valve = tube.inlet(source, lambda t: math.pi / 4 * bore**2 * min(0.05 + t / opening, 1.0) ** 2)
         items += [tube, valve]
         tubes[side] = tube
-    ends = [
-        (film.port_at((*inner, 0.0)), tubes[side].film.port_at((*outer, 0.0)))
-        for side, inner, outer in figure.legs(tethers)
-    ]
-    items.append(gx.RopeBundle(ends, [INSET / math.cos(HALF)] * len(ends), stiffness=2e3, name="tethers"))
+    if inset:
+        legs = figure.legs(tethers)
+        ends = [(film.port_at((*inner, 0.0)), tubes[side].film.port_at((*outer, 0.0))) for side, inner, outer in legs]
+        items.append(gx.RopeBundle(ends, [inset / math.cos(HALF)] * len(ends), stiffness=2e3, name="tethers"))
+        items.append(gx.RigidRegion(film, "side 1", to=cube))
+    else:
+        items += [gx.Tie(tubes[1].film, "side 4", film, "side 2"), gx.Tie(tubes[-1].film, "side 2", film, "side 4")]
     films = [film, *(tube.film for tube in tubes.values())]
     if damping:
         items += [gx.Damping(body, stiffness=damping, name=f"damping of {body.name}") for body in films]

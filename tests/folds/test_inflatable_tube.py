@@ -107,3 +107,18 @@ def test_the_demo(tmp_path) -> None:
     assert found["penetrations"] == 0
     assert np.isfinite(found["pressure_3"]) and found["pressure_1"] > found["pressure_3"]
     assert (tmp_path / "folded_tube.png").read_bytes()[1:4] == b"PNG"
+
+
+@pytest.mark.slow
+@pytest.mark.mpi
+def test_a_deployment_to_its_end_on_any_ranks(comm) -> None:
+    """Rings open, and pressures even out, as on one rank; round-off grows, so times agree to a part of the steps."""
+    from demos import folded_tube
+
+    found = folded_tube.main(comm=comm)
+    print({name: float(f"{value:.6g}") for name, value in found.items()})
+    assert found["energy_error"] < 1e-10 and found["mass_error"] < 1e-12 and found["penetrations"] == 0
+    assert found["opening_1_ms"] == pytest.approx(4.5, rel=0.1) and found["opening_2_ms"] == pytest.approx(5.7, rel=0.1)
+    pressures = [found[f"pressure_{k}"] for k in (1, 2, 3)]
+    assert pressures == pytest.approx([pressures[0]] * 3, rel=0.02)
+    assert found["halved"] < 0.02 * found["steps"]

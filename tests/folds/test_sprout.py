@@ -28,7 +28,7 @@ def test_the_stack_is_small_and_in_front_of_the_cube(comm) -> None:
     x = np.vstack(positions)
     assert x[:, 1].min() > sprout.CUBE / 2 and np.ptp(x, axis=0).max() < 0.6
     assert sum(start.strain_energy() for start in starts) < 0.02
-    figure = sprout.Figure(1.5, 0.03, (0.0, 0.0))
+    figure = sprout.Figure(1.5, 0.03, (0.0, 0.0), 0.025)
     (x0, y0), (x1, y1) = figure.axis(1)
     assert math.hypot(x1 - x0, y1 - y0) == pytest.approx(1.5) and math.atan2(x1 - x0, y1 - y0) == pytest.approx(
         sprout.HALF
