@@ -134,21 +134,30 @@ class Places:
         self.linear = not any(measure.H.any() for measure in measures)
         self._slope = self.forces(self._L) if self.linear else None
 
-    def strain(self, q: Array) -> Array:
+    def vectors(self, q: Array) -> Array:
+        """Y (n, 3k)."""
+        u = q - self._z
+        return u if self._P is None else (self._P @ u[..., None])[..., 0]
+
+    def measure(self, Y: Array) -> Array:
         """e (n, m)."""
-        if self._slope is not None:
-            found: Array = (self._slope @ (q - self._z)[..., None])[..., 0] + self.c
-            return found
-        Y = self._vectors(q)
-        return ((self._times(Y) / 2 + self._L) @ Y[..., None])[..., 0] + self.c
+        found: Array = ((self._times(Y) / 2 + self._L) @ Y[..., None])[..., 0] + self.c
+        return found
 
-    def gradient(self, q: Array, on: Any = slice(None)) -> Array:
-        """De (n, m, D), of all places, or of those that `on` picks, to which q (k, D) then belongs."""
-        return self.forces(self.slope(q, on), on) if self._slope is None else self._slope[on]
+    def strain(self, q: Array) -> Array:
+        """The same of the unknowns."""
+        if self._slope is None:
+            return self.measure(self.vectors(q))
+        found: Array = (self._slope @ (q - self._z)[..., None])[..., 0] + self.c
+        return found
 
-    def slope(self, q: Array, on: Any = slice(None)) -> Array:
-        """∂e/∂Y (n, m, 3k), likewise."""
-        return self._times(self._vectors(q, on), on) + self._L[on]
+    def gradient(self, q: Array) -> Array:
+        """De (n, m, D)."""
+        return self.forces(self.slope(self.vectors(q))) if self._slope is None else self._slope
+
+    def slope(self, Y: Array, on: Any = slice(None)) -> Array:
+        """∂e/∂Y (n, m, 3k), of all places, or of those that `on` picks, to which Y (k, 3k) then belongs."""
+        return self._times(Y, on) + self._L[on]
 
     def bend(self, S: Array, on: Any = slice(None)) -> Array:
         """Σ_i S_i ∂²e_i/∂Y² (n, 3k, 3k) of stresses S (n, m)."""
@@ -179,10 +188,6 @@ class Places:
         """H Y (n, m, 3k); matrix products take less time than sums by Einstein's rule."""
         found: Array = (self._H[on] @ Y[:, None, :, None])[..., 0]
         return found
-
-    def _vectors(self, q: Array, on: Any = slice(None)) -> Array:
-        u = q - self._z[on]
-        return u if self._P is None else (self._P[on] @ u[..., None])[..., 0]
 
 
 def _of_unknowns(P: Array, H: Array, L: Array) -> tuple[Array, Array]:

@@ -172,7 +172,7 @@ void forces(const film *f, const double *F0, const double *F, double alpha, doub
     }
 }
 
-/* Σ_c T_ac G_c (points, 2, 3, r, 3) with T_ac = (Σ_bd D_abcd F̄_b ⊗ F_d + share S_ac 1) dA and G (points, 2, r). */
+/* Σ_c T_ac G_c (points, 2, 3, 3, r) with T_ac = (Σ_bd D_abcd F̄_b ⊗ F_d + share S_ac 1) dA and G (points, 2, r). */
 void stiffness_times(const film *f, const double *F0, const double *F, double alpha, double share, int r,
                      const double *G, double *TG)
 {
@@ -195,11 +195,11 @@ void stiffness_times(const film *f, const double *F0, const double *F, double al
             T[x][x] += share * S[0] * f->dA[i], T[3 + x][3 + x] += share * S[1] * f->dA[i];
             T[x][3 + x] += share * S[2] * f->dA[i], T[3 + x][x] += share * S[2] * f->dA[i];
         }
-        for (int m = 0; m < 6; m++) {
-            double *out = TG + ((size_t)6 * i + m) * 3 * r;
-            for (int j = 0; j < r; j++)
-                for (int y = 0; y < 3; y++)
-                    out[3 * j + y] = T[m][y] * g0[j] + T[m][3 + y] * g1[j];
-        }
+        for (int m = 0; m < 6; m++)
+            for (int y = 0; y < 3; y++) {
+                double *out = TG + ((size_t)18 * i + 3 * m + y) * r, t0 = T[m][y], t1 = T[m][3 + y];
+                for (int j = 0; j < r; j++)
+                    out[j] = t0 * g0[j] + t1 * g1[j];
+            }
     }
 }

@@ -51,7 +51,7 @@ class Law:
             f: np.arange(ends[k] - v.shape[1], ends[k]) for k, (f, v) in enumerate(zip(found, values, strict=True))
         }
         self.others = np.ascontiguousarray(np.hstack(values)[:, ends[len(strains) - 1] :])
-        self._constants: list[tuple[Array, list[fem.Constant]]] = []
+        self._constants: list[tuple[Array, list[Array]]] = []  # what the kernel reads, and views of the values
         self._kept: list[Any] = []  # what the kernel points at
         self.expressions = ffi.new("expression[]", [self._entry(e) for e in expressions])
         self.energy = ffi.new("expression *", self._entry(energy))
@@ -63,8 +63,8 @@ class Law:
         ffi, coefficients = library().ffi, extract_coefficients(ufl_expression)
         used = [coefficients[compiled.original_coefficient_positions[k]] for k in range(compiled.num_coefficients)]
         places = np.concatenate([np.zeros(0), *[self._places[f] for f in used]]).astype(np.int32)
-        constants = extract_constants(ufl_expression)
-        numbers = np.zeros(max(sum(c._cpp_object.value.size for c in constants), 1))
+        constants = [np.ravel(c._cpp_object.value) for c in extract_constants(ufl_expression)]
+        numbers = np.zeros(sum(c.size for c in constants))
         self._constants.append((numbers, constants))
         self._kept += [expression, places]
         return {
@@ -77,8 +77,8 @@ class Law:
     def read_constants(self) -> None:
         """Take the present values of the law's constants."""
         for numbers, constants in self._constants:
-            values = [np.ravel(c._cpp_object.value) for c in constants]
-            numbers[: sum(map(len, values))] = np.concatenate([np.zeros(0), *values])
+            if constants:
+                np.concatenate(constants, out=numbers)
 
 
 class Points:
@@ -154,10 +154,10 @@ class Points:
 
     def stiffness(self, α: float, share: float) -> Array:
         """Their derivatives (3r, 3r), with a `share` of the stress in them."""
-        F = self._pointers(self._F0, self._F)
-        self._c.lib.stiffness_times(self._film, *F, α, share, self._r, *self._pointers(self._G, self._TG))
-        K: Array = self._G.T @ self._TG
-        return K.reshape(3 * self._r, 3 * self._r)
+        F, r = self._pointers(self._F0, self._F), self._r
+        self._c.lib.stiffness_times(self._film, *F, α, share, r, *self._pointers(self._G, self._TG))
+        K: Array = (self._G.T @ self._TG).reshape(r, 3, 3, r)
+        return K.swapaxes(2, 3).reshape(3 * r, 3 * r)
 
     def _pointers(self, *arrays: Array | None) -> list[Any]:
         return pointers(self._c.ffi, *arrays)

@@ -65,7 +65,7 @@ class ReducedEnergies(CompiledTerms):
     def add_tangents(self, A: PETSc.Mat) -> None:
         numbering = self._system.numbering
         for k, force in self._forces:
-            owned, K = numbering.owned(k), self._on_rank_zero(force.tangents())
+            owned, K = numbering.owned(k), self._on_rank_zero(force.tangents(self._system.geometric))
             if A.getType() == PETSc.Mat.Type.SEQDENSE:  # PETSc's way of entering numbers takes ten times as long
                 A.getDenseArray()[owned, owned] += K
                 continue
@@ -121,6 +121,7 @@ class ModeForces:
         self.points = Points(law, x, dA * term.weights[:, None], G)
         self._switches = not term.quadratic and rule.alpha == 0.5
         self._known, self._chooses = 0, self._switches
+        self._α = rule.alpha
 
     def begin(self) -> None:
         """Start a step."""
@@ -128,7 +129,11 @@ class ModeForces:
         self.points.begin()
 
     def move(self, linearly: bool) -> None:
-        """Strains after q1 was set, as those of `terms.element_energies.ElementForces` follow."""
+        """Strains after q1 was set, as those of `terms.element_energies.ElementForces` follow.
+
+        But for the first ones, which go on as in the last step: a small basis has no modes that alternate from step to
+        step, and a sail takes half an iteration less.
+        """
         points = self.points
         points.move(self._at.end)
         if not linearly:
@@ -137,7 +142,7 @@ class ModeForces:
         if not self._chooses:
             points.set_strains(LINEAR, self._at.change)
         elif not self._known:
-            points.strain[:] = points.past
+            points.strain[:] = 2 * points.start - points.past
             points.set_strains(GIVEN)
         else:
             far = points.choose_strains(self._at.change)
@@ -146,9 +151,8 @@ class ModeForces:
 
     def forces(self) -> Array:
         """Forces (r, 3) on the coefficients."""
-        return self.points.forces(float(self._at.α.value))
+        return self.points.forces(self._α)
 
-    def tangents(self) -> Array:
-        """Their derivatives (3r, 3r)."""
-        α = float(self._at.α.value)
-        return self.points.stiffness(α, α * float(self._at.γ.value))
+    def tangents(self, geometric: float) -> Array:
+        """Their derivatives (3r, 3r), with a share of the `geometric` stiffness."""
+        return self.points.stiffness(self._α, self._α * geometric)

@@ -53,6 +53,10 @@ class Composite:
 
     def join(self, z: PETSc.Vec | None, y: Array, x: PETSc.Vec) -> None:
         """x = (z, y); z None leaves the fields."""
+        if not self.scalars:
+            if z is not None:
+                z.copy(x)
+            return
         with x as values:
             if z is not None:
                 values[: self.n] = z.array_r
@@ -61,10 +65,11 @@ class Composite:
 
     def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
         """(z, y) of x; z is overwritten by the next call."""
+        if not self.scalars:
+            x.copy(self.fields)
+            return self.fields, np.zeros(0)
         with self.fields as values:
             values[:] = x.array_r[: self.n]
-        if not self.scalars:
-            return self.fields, np.zeros(0)
         y: Array = self.comm.bcast(x.array_r[self.n :].copy() if self.comm.rank == 0 else None)
         return self.fields, y
 

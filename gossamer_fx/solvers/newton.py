@@ -260,6 +260,8 @@ class Newton:
         self._aim(snes.getKSP())
 
     def _take_geometric_stiffness(self, share: float) -> None:
+        if share == self.system.geometric:
+            return
         self.system.geometric = share
         for field in self.system.fields.values():
             field.γ.value = share

