@@ -67,6 +67,7 @@ def build(
     contact: float = 5e-4,
     gravity: float = 0.0,
     air: float = 0.0,
+    residual: float = 1.0,
     until: float = 0.02,
     dt: float = 1e-4,
 ) -> gx.Case:
@@ -82,7 +83,8 @@ def build(
         crease: stiffness of folds with memory [N m/m/rad]; 0: none.
         contact: distance at which it begins [m]; 0: none.
         gravity: downwards, along -z [m/s²].
-        air: pressure outside and, at the start, inside [Pa]; 0: vacuum.
+        air: pressure outside [Pa]; 0: vacuum.
+        residual: pressure over it of the gas that is left in the tube at the start [Pa].
     """
     width, half = math.pi * diameter / 2, length / panels
     if start == "zigzag":
@@ -97,7 +99,7 @@ def build(
         flat_tube(comm, length, diameter, cells, compartments=panels),
         KAPTON_HN.law(thickness, residual=1e-6),
         gas=NITROGEN,
-        pressure=1.0 + air,
+        pressure=residual + air,
         dead_volume=dead_volume,
         outside=outside,
         folds=folds,

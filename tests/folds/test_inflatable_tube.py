@@ -98,6 +98,20 @@ def test_what_cannot_be_is_refused(comm, options, words: str) -> None:
         tube(comm, **options)
 
 
+@pytest.mark.mpi
+def test_gravity_air_outside_and_gas_that_was_left_inside(comm) -> None:
+    """The tube begins to open by what was left in it, against the air; the work of gravity and air is in the ledger."""
+    from demos import folded_tube
+
+    case = folded_tube.build(comm, gravity=9.81, air=1e3, residual=200.0)
+    run = case.simulation([])
+    volumes = [sum(run.chamber(f"tube {k}").V for k in (1, 2, 3))]
+    run.run(until=4e-4 if comm.size == 1 else 1e-4)
+    volumes.append(sum(run.chamber(f"tube {k}").V for k in (1, 2, 3)))
+    assert abs(run.energy_error) < 1e-10 and run.totals.supplied != 0
+    assert volumes[1] > volumes[0] and run.chamber("tube 3").p < 1.2e3  # it expands
+
+
 @pytest.mark.slow
 def test_the_demo(tmp_path) -> None:
     from demos import folded_tube
@@ -121,4 +135,4 @@ def test_a_deployment_to_its_end_on_any_ranks(comm) -> None:
     assert found["opening_1_ms"] == pytest.approx(4.5, rel=0.1) and found["opening_2_ms"] == pytest.approx(5.7, rel=0.1)
     pressures = [found[f"pressure_{k}"] for k in (1, 2, 3)]
     assert pressures == pytest.approx([pressures[0]] * 3, rel=0.02)
-    assert found["halved"] < 0.02 * found["steps"]
+    assert found["halved"] < 0.05 * found["steps"]
