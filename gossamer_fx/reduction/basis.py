@@ -25,7 +25,6 @@ from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.model.terms import Array
 
 EXAMPLES = 8  # snapshots whose coefficients are kept
-IN_PLANE = 0.4  # size of the ways in the plane beside those across it, when modes are chosen
 SMALLEST = 1e-7  # singular values of the Gram matrix below this, over the largest, are round-off
 
 
@@ -125,12 +124,11 @@ def make_basis(film: Membrane, snapshots: Sequence[Array], count: int) -> Basis:
 
 
 def _scaled(film: Membrane, snapshots: Sequence[Array], fixed: Array, mass: float) -> Array:
-    """Parts (n, 3 · times) of the snapshots across the film's mean plane, brought to size 1, and in it, to `IN_PLANE`.
+    """Parts (n, 3 · times) of the snapshots across the film's mean plane and in it, brought to one size.
 
     The way in the plane is smaller than that across it by the ratio of a wave's height to its length, but resisted by
     the whole stiffness of the film: a basis without it locks.  Of the sail of `demos/reduced_sail.py`, 40 modes at the
     sizes that they have predict another flight five times less well, and switch at random between taut and wrinkled.
-    Both at one size is a little too much: on a fine mesh 40 modes then predict to 2.2 % instead of 1.7 %.
     """
     times, product = len(snapshots), scalar_mass_times(film, fixed)
     A = np.stack(snapshots, axis=1)  # (n, times, 3)
@@ -142,11 +140,11 @@ def _scaled(film: Membrane, snapshots: Sequence[Array], fixed: Array, mass: floa
     normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     axes = np.stack([normal, first, np.cross(normal, first)], axis=1)  # (times, 3 axes, 3)
     parts = np.einsum("ntx,tax->nat", A, axes)
-    for kind, share in ((slice(0, 1), 1.0), (slice(1, 3), IN_PLANE)):
+    for kind in (slice(0, 1), slice(1, 3)):
         each = parts[:, kind].reshape(len(A), -1)
         size = float(film.comm.allreduce(np.sum(each * scalar_mass_times(film, each)))) ** 0.5
         if size > 0:
-            parts[:, kind] /= size / share
+            parts[:, kind] /= size
     return parts.reshape(len(A), -1)
 
 
