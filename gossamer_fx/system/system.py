@@ -50,7 +50,7 @@ class System:
         self.numbering = numbering = Numbering(comm, [b.block for b in bodies] + multipliers)
         self.q0, self.q1, self.v0, self.past, self._scratch, self._momenta = (numbering.vector() for _ in range(6))
         vectors = [np.tile(np.eye(1, b.block.size // 3)[0], b.block.index_map.size_local) for b in bodies]
-        self._is_position = np.concatenate(vectors)  # of each vector of this rank's nodes
+        self._is_position = np.concatenate([np.zeros(0), *vectors])  # of each vector of this rank's nodes
         self.fields = {k: b.coordinates(rule.alpha) for k, b in enumerate(bodies) if is_on_mesh(b)}
         self.supports = Supports(kinds.pop(Supports, []), self)
         self.increment = Increment(numbering, self.supports)
