@@ -35,6 +35,10 @@ class NotConverged(Exception):
     """Newton's iteration failed; the message holds reason and place."""
 
 
+class Inadmissible(NotConverged):
+    """It ended, but what it found cannot be: what passed through something else, a negative volume."""
+
+
 def _weak[**P, T](method: Callable[P, T]) -> Callable[P, T]:
     """A method that does not keep its object: through a solver of PETSc no garbage collector sees a circle."""
     found = weakref.WeakMethod(method)
@@ -143,6 +147,7 @@ class Newton:
 
         Raises:
             NotConverged: with PETSc's reason and the place of the largest residual.
+            Inadmissible: what is wrong with the solution.
         """
         increment.copy(self._base)
         self._base.scale(-1.0)  # strains follow from those of q0
@@ -163,7 +168,7 @@ class Newton:
             self._iterate()
         problem = self.system.inadmissible()
         if problem:
-            raise NotConverged(problem)
+            raise Inadmissible(problem)
         w, y = self._split(self._x)
         return w, y, self.iterations
 

@@ -9,7 +9,7 @@ from typing import Any
 from petsc4py import PETSc
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.solvers.newton import Newton, NotConverged
+from gossamer_fx.solvers.newton import Inadmissible, Newton, NotConverged
 from gossamer_fx.solvers.tolerances import Tolerances
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import PathAverage, StressRule
@@ -68,12 +68,16 @@ class MidpointSolver:
     def step(self, h: float) -> int:
         """Advance by h; returns Newton's iterations.  Nothing has changed if it raises `NotConverged`.
 
-        A step that fails is tried again with more careful starts of the iteration, before it is given up.
+        A step whose iteration fails is tried again with more careful starts, before it is given up; one that ended with
+        what cannot be is not, as it would end there again.
         """
         while True:
             self.newton.careful = CAREFUL[self._care]
             try:
                 iterations = self._attempt(h)
+            except Inadmissible:
+                self._easy = 0
+                raise
             except NotConverged:
                 self._easy = 0
                 if self._useless or self._care + 1 == len(CAREFUL):
