@@ -10,6 +10,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from gossamer_fx.contact.body_set import WALLS, BodySet
+from gossamer_fx.contact.course import Course
 from gossamer_fx.contact.kernel import Array, Bytes, Integers
 from gossamer_fx.contact.pairs import EDGE_EDGE, IN_SPHERE, PLANE, Pairs, approaches, squared_distances
 from gossamer_fx.contact.search import KEPT, candidates, refused
@@ -17,14 +18,13 @@ from gossamer_fx.contact.search import KEPT, candidates, refused
 
 @dataclass(frozen=True)
 class Candidates:
-    """n pairs of this rank, complete as long as all points are within their boxes lo, hi (m, 3).
+    """n pairs of this rank, complete as long as all points keep their course.
 
     Of pairs: nodes (n, 4), kind, names, area [m²] (n,), `second` (n,) the first point of the other side, `radius` (n,)
     of both sides together and `wall` (n,) of a ball or cylinder that holds the point [m].
     """
 
-    lo: Array
-    hi: Array
+    course: Course
     nodes: Integers
     kind: Bytes
     names: npt.NDArray[np.int64]
@@ -34,24 +34,22 @@ class Candidates:
     wall: Array
 
     @classmethod
-    def find(cls, bodies: BodySet, lo: Array, hi: Array, distance: Array | float) -> Candidates:
-        """All pairs that can be within a distance [m] while points are in their boxes."""
-        reach = (distance / 2 + bodies.radius)[:, None]
+    def find(cls, bodies: BodySet, course: Course, distance: float) -> Candidates:
+        """All pairs that can be within a distance [m] while points keep their course."""
+        reach, (lo, hi) = (distance / 2 + bodies.radius)[:, None], course.boxes()
         nodes, kind, numbers = candidates(bodies.surface, lo - reach, hi + reach, bodies.own_vertices, bodies.own_edges)
+        radius = bodies.radius[nodes[:, 0]] + bodies.radius[_second(nodes, kind)]
+        gaps = np.sqrt(squared_distances(nodes, kind, course.x)) - radius
+        near = gaps < distance + course.approach(nodes, kind)
+        nodes, kind, numbers, radius = nodes[near], kind[near], numbers[near], radius[near]
+
         at_walls, wall_kind, wall_names = bodies.wall_pairs()
         area = np.concatenate([bodies.areas_of(kind, nodes, numbers), bodies.area[at_walls[:, 0]]])
         names = np.concatenate([bodies.name(kind, numbers), wall_names])
+        wall = np.concatenate([np.zeros(len(kind)), bodies.wall_radius(at_walls)])
+        radius = np.concatenate([radius, bodies.radius[at_walls[:, 0]]])
         nodes, kind = np.vstack([nodes, at_walls]), np.concatenate([kind, wall_kind])
-        second = np.where(kind == EDGE_EDGE, nodes[:, 2], nodes[:, 1])
-        walls = kind >= WALLS
-        radius = bodies.radius[nodes[:, 0]] + np.where(walls, 0.0, bodies.radius[second])
-        wall = np.zeros(len(kind))
-        wall[walls] = bodies.wall_radius(nodes[walls])
-        return cls(lo, hi, nodes, kind, names, area, second, radius, wall)
-
-    def serve(self, x: Array) -> bool:
-        """Whether they are complete for points x; the same on every rank, since all know all points."""
-        return bool(((x >= self.lo) & (x <= self.hi)).all())
+        return cls(course, nodes, kind, names, area, _second(nodes, kind), radius, wall)
 
     def gaps(self, x: Array, some: Any = slice(None)) -> Array:
         """Distances (n,) [m] less the radii, at points x; or of some pairs."""
@@ -102,3 +100,8 @@ class Candidates:
         """
         some = np.flatnonzero((way > (1 - KEPT) * gaps) & (self.kind < WALLS) & among)
         return some[refused(self.nodes[some], self.kind[some], x0, x1, self.radius[some], gaps[some])]
+
+
+def _second(nodes: Integers, kind: Bytes) -> Integers:
+    """The first point (n,) of the other side of pairs (n, 4)."""
+    return np.where(kind == EDGE_EDGE, nodes[:, 2], nodes[:, 1])

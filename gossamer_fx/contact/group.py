@@ -13,6 +13,7 @@ from petsc4py import PETSc
 from gossamer_fx.contact.blocks import Blocks
 from gossamer_fx.contact.body_set import WALLS, BodySet
 from gossamer_fx.contact.candidates import Candidates
+from gossamer_fx.contact.course import Course, Drift
 from gossamer_fx.contact.kernel import Array, Bytes, library
 from gossamer_fx.contact.memory import Memory
 from gossamer_fx.contact.pairs import IN_SPHERE, PLANE, Pairs, act, energy, squared_distances, starts
@@ -58,15 +59,19 @@ class Group:
 
     # ---- search -----------------------------------------------------------------------------------------------------
 
-    def _find(self, x0: Array, x1: Array, v: Array) -> None:
-        """Candidates for the way from x0 to x1 and some steps more; collective."""
+    def _find(self, x0: Array, v: Array | None = None, x1: Array | None = None) -> None:
+        """Candidates for the way from x0 to x1, at velocities v, and some steps more, or about x0; collective."""
         if self._age:
             self._horizon = min(2 * self._horizon, HORIZON) if self._age >= self._horizon else max(self._age, 1)
-        way = self._horizon * self._system.h * v
-        margin = (self._d / 2 + MARGIN * np.linalg.norm(way, axis=1))[:, None]
-        lo = np.minimum(np.minimum(x0, x1), x0 + way) - margin
-        hi = np.maximum(np.maximum(x0, x1), x0 + way) + margin
-        self.found = Candidates.find(self.bodies, lo, hi, self._d)
+        at, h, start = self.bodies.surface.vertices, self._system.h, self._system.time
+        v, duration = (np.zeros_like(x0), 0.0) if v is None else (v, (self._horizon + 1e-6) * h)
+        drift = Drift.of(x0[at], v[at], start)
+        rates, margin = v - drift.rates(x0), np.full(len(x0), np.inf)  # walls have no place
+        margin[at] = self._d / 2 + MARGIN * duration * np.linalg.norm(rates[at], axis=1)
+        if x1 is not None:
+            missed = drift.undone(x1, self._t1) - (x0 + (self._t1 - start) * rates)
+            margin += np.linalg.norm(missed, axis=1)
+        self.found = Candidates.find(self.bodies, Course(drift, x0, rates, margin, duration), self._d)
         self._age = 0
         self.searches += 1
 
@@ -77,7 +82,7 @@ class Group:
         system = self._system
         x = self.points.at(system.q0, system.time)
         refuse_intersections(self.bodies, x, self._comm)
-        self._find(x, x, np.zeros_like(x))
+        self._find(x)
         least = self.found.least(self.found.gaps(x), self._comm, self.points.m)
         refuse_coincident(self.bodies, x, least, self._d)
         self.memory.distance = np.minimum(self._d, START * least)
@@ -106,7 +111,7 @@ class Group:
             kind, nodes = self.bodies.numbers(memory.names)
             own = self._owned(kind, nodes)
             memory.names, memory.stiffness = memory.names[own], memory.stiffness[own]
-            self._find(self.x0, self.x0, np.zeros_like(self.x0))
+            self._find(self.x0)
             pairs = self._select(np.isin(self.found.names, memory.names))
             self.energy = energy(pairs, self.x0, self.law)[0]
         return self.energy if len(memory.names) else 0.0
@@ -129,10 +134,10 @@ class Group:
             self._density = self.bodies.masses(system)
         if not self.memory.speed:
             self.memory.speed = 0.5 * self._d / system.h
-        if not (self.found.serve(self.x0) and self.found.serve(x1)):
-            self._find(self.x0, x1, v)
-        self._age += 1
         self._t1 = t1
+        if not (self.found.course.holds(self.x0, system.time) and self.found.course.holds(x1, t1)):
+            self._find(self.x0, v, x1)
+        self._age += 1
         self._gap0 = self._gaps_at_start()
         least = self.found.least(np.where(self._gap0 < FAR * self._d, self._gap0, np.inf), self._comm, self.points.m)
         self.closest = min(self.closest, float(least.min(initial=np.inf)))
@@ -228,9 +233,9 @@ class Group:
     def widen(self) -> bool:
         """After a step was solved: whether a pair that is near now was left out; it is then taken in."""
         x1 = self.points.at(self._system.q1, self._t1)
-        if not self.found.serve(x1):
+        if not self.found.course.holds(x1, self._t1):
             names = self.found.names[self._mask]
-            self._find(self.x0, x1, self._v)
+            self._find(self.x0, self._v, x1)
             self._gap0 = self.found.gaps(self.x0)
             self._mask = np.isin(self.found.names, names)
         gap1, self._way = self._gaps_at(x1)

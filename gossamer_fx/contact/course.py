@@ -1,0 +1,75 @@
+"""Where points are expected for some steps: they drift and turn together, and each goes on at a rate of its own.
+
+What only moves together comes no nearer, so a film that spins has no more pairs to look at than one at rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gossamer_fx.algebra.rotations import rotations
+from gossamer_fx.contact.kernel import Array, Bytes, Integers
+from gossamer_fx.contact.pairs import EDGE_EDGE, approaches
+
+
+@dataclass(frozen=True)
+class Drift:
+    """A rigid motion from `time` [s] on: with `velocity` [m/s], and turning about `centre` with `spin` [rad/s]."""
+
+    time: float
+    centre: Array
+    velocity: Array
+    spin: Array
+
+    @classmethod
+    def of(cls, x: Array, v: Array, time: float) -> Drift:
+        """The one nearest, by least squares, to the velocities v (n, 3) of points x (n, 3)."""
+        centre, velocity = x.mean(axis=0), v.mean(axis=0)
+        r = x - centre
+        inertia = np.sum(r**2) * np.eye(3) - r.T @ r
+        spin = np.linalg.lstsq(inertia, np.cross(r, v).sum(axis=0), rcond=1e-9)[0]
+        return cls(time, centre, velocity, spin)
+
+    def rates(self, x: Array) -> Array:
+        """Velocities (n, 3) of points at the beginning."""
+        return self.velocity + np.cross(self.spin, x - self.centre)
+
+    def undone(self, x: Array, time: float) -> Array:
+        """Where the points that are at x (n, 3) at a time were at the beginning, if they only drifted."""
+        τ, rate = time - self.time, float(np.linalg.norm(self.spin))
+        r = x - (self.centre + τ * self.velocity)
+        if rate * τ:
+            r = r @ rotations(self.spin / rate, rate * τ)  # by the inverse
+        return np.asarray(r + self.centre)
+
+
+@dataclass(frozen=True)
+class Course:
+    """Points are expected at x + τ `rates` (m, 3), drifted, within `margin` (m,) [m], up to τ = `duration` [s]."""
+
+    drift: Drift
+    x: Array
+    rates: Array
+    margin: Array
+    duration: float
+
+    def holds(self, x: Array, time: float) -> bool:
+        """Whether points (m, 3) are where they were expected."""
+        τ = time - self.drift.time
+        missed = self.drift.undone(x, time) - (self.x + τ * self.rates)
+        return τ <= self.duration and bool((np.linalg.norm(missed, axis=1) <= self.margin).all())
+
+    def boxes(self) -> tuple[Array, Array]:
+        """Their least and greatest coordinates (m, 3) each, without the drift."""
+        end, margin = self.x + self.duration * self.rates, self.margin[:, None]
+        return np.minimum(self.x, end) - margin, np.maximum(self.x, end) + margin
+
+    def approach(self, nodes: Integers, kind: Bytes) -> Array:
+        """By how much [m] pairs (n, 4) of primitives may come nearer at most."""
+        by = approaches(nodes, kind, self.x, np.ascontiguousarray(self.x + self.duration * self.rates))
+        margin, edges = self.margin[nodes], kind == EDGE_EDGE
+        first = np.where(edges, margin[:, :2].max(axis=1), margin[:, 0])
+        second = np.where(edges, margin[:, 2:].max(axis=1), margin[:, 1:].max(axis=1))
+        return np.asarray(by + first + second)
