@@ -46,7 +46,7 @@ class Group:
         library(self._comm)
         self.blocks = Blocks(self.points, system)
         self._alpha = system.rule.alpha
-        self._horizon, self._age = 4, 0
+        self._horizon, self._age, self._t1 = 4, 0, 0.0
         self._density: Array | None = None
         self._seen = memory.restored
         self.near: Pairs | None = None
