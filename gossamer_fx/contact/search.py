@@ -140,7 +140,6 @@ def candidates(
         near = tree.overlapping(vertices, boxes, *at, fixed)
     boxes = np.ascontiguousarray(boxes_of(lo, hi, lines)) if len(lines) else np.zeros((0, 6))
     fixed = surface.all_fixed(lines), surface.all_fixed(lines)
-    at = surface.where(lines)
     of_lines = surface.where(lines)
     across = Tree(boxes).overlapping(edges, boxes, of_lines, of_lines, fixed, same=True)
     nodes = np.vstack(

@@ -156,13 +156,13 @@ class Recording:
             yield "points.csv", Probes(self.folder / "points.csv", places)
         moving = [solid for solid in self._solids if moves(solid)]
         if moving:
-            numbers = {
+            frames: dict[str, Probe] = {
                 f"{k} {solid.name} {part}{axis}": FramePart(solid, 3 * i + j)
                 for k, solid in enumerate(moving, start=1)
                 for i, part in enumerate(("", "d1", "d2", "d3"))
                 for j, axis in enumerate("xyz")
             }
-            yield "solids.csv", Probes(self.folder / "solids.csv", numbers)
+            yield "solids.csv", Probes(self.folder / "solids.csv", frames)
         yield "ledger.csv", Ledger(self.folder / "ledger.csv")
 
     def _write(self, run: Run, status: str) -> None:

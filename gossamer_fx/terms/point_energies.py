@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
 from gossamer_fx.algebra.places import Gather, Places, PointMeasure, add_blocks, nodes_of
@@ -125,7 +124,7 @@ class Stencil:
         return float(np.sum(S * (e1 - self.e0)))
 
 
-def _places(on: npt.NDArray[np.bool_]) -> Any:
+def _places(on: Any) -> Any:
     """Where it is true (n,); all of them without a copy."""
     return slice(None) if on.all() else np.flatnonzero(on)
 
