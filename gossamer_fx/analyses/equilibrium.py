@@ -30,7 +30,8 @@ from gossamer_fx.checks.errors import NoEquilibrium, check
 from gossamer_fx.model.terms import Array
 from gossamer_fx.scene.scene import Scene
 from gossamer_fx.solvers import factorisation
-from gossamer_fx.solvers.newton import Newton, NotConverged
+from gossamer_fx.solvers.failures import NotConverged
+from gossamer_fx.solvers.newton import Newton
 from gossamer_fx.solvers.tolerances import Tolerances
 from gossamer_fx.system.reactions import Joint, Part, joint_force, support_force
 from gossamer_fx.system.system import System

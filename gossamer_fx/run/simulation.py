@@ -19,7 +19,7 @@ from gossamer_fx.outputs.output import Output, Writing, begin, cursors_of
 from gossamer_fx.run.interruption import Interrupted, Listener
 from gossamer_fx.run.log import LOGGER
 from gossamer_fx.scene.scene import Scene
-from gossamer_fx.solvers.newton import NotConverged
+from gossamer_fx.solvers.failures import NotConverged
 from gossamer_fx.steppers.history import History
 from gossamer_fx.steppers.stepping import Control, EqualSteps, Stepper, Stepping, even_step
 from gossamer_fx.system.totals import Totals

@@ -16,6 +16,7 @@ import gossamer_fx.solvers.linear as linear
 from gossamer_fx.algebra.numbering import PREFIX
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.terms import Array
+from gossamer_fx.solvers.failures import Inadmissible, NotConverged
 from gossamer_fx.solvers.tolerances import Tolerances
 from gossamer_fx.system.system import System
 
@@ -29,14 +30,6 @@ NEAR = 0.01  # residual over the first, from which on tangents are complete
 # flies free between two contacts has next to no forces, and its state changes with the round-off of its strains
 STILL = 1e-12
 FALLS, STANDS = 0.5, 4.0  # a residual that falls by less than the one is round-off below the other times its floor
-
-
-class NotConverged(Exception):
-    """Newton's iteration failed; the message holds reason and place."""
-
-
-class Inadmissible(NotConverged):
-    """It ended, but what it found cannot be: what passed through something else, a negative volume."""
 
 
 def _weak[**P, T](method: Callable[P, T]) -> Callable[P, T]:

@@ -10,7 +10,8 @@ from petsc4py import PETSc
 
 from gossamer_fx.checks.errors import check
 from gossamer_fx.solvers import factorisation
-from gossamer_fx.solvers.newton import Newton, NotConverged
+from gossamer_fx.solvers.failures import NotConverged
+from gossamer_fx.solvers.newton import Newton
 from gossamer_fx.solvers.tolerances import Tolerances
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import EndPoint

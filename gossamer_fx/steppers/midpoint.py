@@ -9,7 +9,8 @@ from typing import Any
 from petsc4py import PETSc
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.solvers.newton import Inadmissible, Newton, NotConverged
+from gossamer_fx.solvers.failures import Inadmissible, NotConverged
+from gossamer_fx.solvers.newton import Newton
 from gossamer_fx.solvers.tolerances import Tolerances
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import PathAverage, StressRule
