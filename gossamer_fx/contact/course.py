@@ -56,10 +56,10 @@ class Course:
     duration: float
 
     def holds(self, x: Array, time: float) -> bool:
-        """Whether points (m, 3) are where they were expected."""
-        τ = time - self.drift.time
+        """Whether points (m, 3) are where they were expected, or still near the end of their course."""
+        τ = min(time - self.drift.time, self.duration)
         missed = self.drift.undone(x, time) - (self.x + τ * self.rates)
-        return τ <= self.duration and bool((np.linalg.norm(missed, axis=1) <= self.margin).all())
+        return bool((np.linalg.norm(missed, axis=1) <= self.margin).all())
 
     def boxes(self) -> tuple[Array, Array]:
         """Their least and greatest coordinates (m, 3) each, without the drift."""
