@@ -40,7 +40,8 @@ class Candidates:
         nodes, kind, numbers = candidates(bodies.surface, lo - reach, hi + reach, bodies.own_vertices, bodies.own_edges)
         radius = bodies.radius[nodes[:, 0]] + bodies.radius[_second(nodes, kind)]
         gaps = np.sqrt(squared_distances(nodes, kind, course.x)) - radius
-        near = gaps < distance + course.approach(nodes, kind)
+        near = np.flatnonzero(gaps < distance + course.approach(nodes, kind))
+        near = near[np.lexsort((*numbers[near].T, kind[near]))]  # an order that does not depend on where they are
         nodes, kind, numbers, radius = nodes[near], kind[near], numbers[near], radius[near]
 
         at_walls, wall_kind, wall_names = bodies.wall_pairs()

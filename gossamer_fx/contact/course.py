@@ -11,7 +11,7 @@ import numpy as np
 
 from gossamer_fx.algebra.rotations import rotations
 from gossamer_fx.contact.kernel import Array, Bytes, Integers
-from gossamer_fx.contact.pairs import EDGE_EDGE, approaches
+from gossamer_fx.contact.pairs import approaches
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,5 @@ class Course:
 
     def approach(self, nodes: Integers, kind: Bytes) -> Array:
         """By how much [m] pairs (n, 4) of primitives may come nearer at most."""
-        by = approaches(nodes, kind, self.x, np.ascontiguousarray(self.x + self.duration * self.rates))
-        margin, edges = self.margin[nodes], kind == EDGE_EDGE
-        first = np.where(edges, margin[:, :2].max(axis=1), margin[:, 0])
-        second = np.where(edges, margin[:, 2:].max(axis=1), margin[:, 1:].max(axis=1))
-        return np.asarray(by + first + second)
+        end = np.ascontiguousarray(self.x + self.duration * self.rates)
+        return approaches(nodes, kind, self.x, end, self.margin)

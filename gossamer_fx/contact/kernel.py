@@ -15,7 +15,8 @@ DECLARATIONS = """
 void squared_distances(int n, const int32_t *pairs, const uint8_t *kind, const double *x, double *s, double *uv);
 void starts(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *S, double eps,
             double *start);
-void approaches(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *x1, double *way);
+void approaches(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *x1,
+                const double *margin, double *way);
 int act(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *x1, const double *k,
         const double *S, const double *offset, const double *start, double eps, int law, double alpha,
         double geometric, double push, int again, uint8_t *active, double *force, const int32_t *slots, double *values,

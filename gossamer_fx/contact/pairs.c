@@ -440,9 +440,18 @@ static double approach(int kind, const double *x0, const double *x1, const int32
                              : length[0] + fmax(length[1], fmax(length[2], length[3]));
 }
 
-void approaches(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *x1, double *way)
+/* The same for points that end within margins (m), which may be null, of x1. */
+void approaches(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *x1,
+                const double *margin, double *way)
 {
-    for (int i = 0; i < n; ++i) way[i] = kind[i] <= EDGE_EDGE ? approach(kind[i], x0, x1, pairs + 4 * i) : INFINITY;
+    for (int i = 0; i < n; ++i) {
+        const int32_t *p = pairs + 4 * (int64_t)i;
+        way[i] = kind[i] <= EDGE_EDGE ? approach(kind[i], x0, x1, p) : INFINITY;
+        if (margin && kind[i] <= EDGE_EDGE) {
+            const double first = margin[p[0]], second = margin[p[1]], third = fmax(margin[p[2]], margin[p[3]]);
+            way[i] += kind[i] == EDGE_EDGE ? fmax(first, second) + third : first + fmax(second, third);
+        }
+    }
 }
 
 /* Of pairs at x0: where they are nearest, (u, v), their distance, and s, which is rounded: start (n, 4); of walls

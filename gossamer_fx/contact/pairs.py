@@ -91,10 +91,13 @@ def starts(pairs: Pairs, x0: Array) -> Array:
     return start
 
 
-def approaches(nodes: Integers, kind: Bytes, x0: Array, x1: Array) -> Array:
-    """By how much (n,) [m] pairs may come nearer on the straight way from x0 to x1; of walls infinite."""
+def approaches(nodes: Integers, kind: Bytes, x0: Array, x1: Array, margin: Array | None = None) -> Array:
+    """By how much (n,) [m] pairs may come nearer on the straight way from x0 to x1; of walls infinite.
+
+    margin: distances (m,) [m] within which points may end beside x1.
+    """
     way = np.empty(len(kind))
-    library().lib.approaches(len(kind), *pointers(nodes, kind, x0, x1, way))
+    library().lib.approaches(len(kind), *pointers(nodes, kind, x0, x1, margin, way))
     return way
 
 

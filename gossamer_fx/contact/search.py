@@ -71,7 +71,7 @@ class Tree:
         fixed: tuple[Bytes, Bytes],
         same: bool = False,
     ) -> Integers:
-        """Pairs (k, 2) of queried boxes and those of the tree that overlap, without a common place; sorted.
+        """Pairs (k, 2) of queried boxes and those of the tree that overlap, without a common place.
 
         Args:
             query: which of `boxes` are asked for.
@@ -97,8 +97,7 @@ class Tree:
                 *pointers(pairs),
             )
             if found <= room:
-                pairs = pairs[:found]
-                return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+                return pairs[:found]
             room = int(found)
 
 
