@@ -6,6 +6,7 @@ What only moves together comes no nearer, so a film that spins has no more pairs
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -63,10 +64,13 @@ class Course:
 
     def boxes(self) -> tuple[Array, Array]:
         """Their least and greatest coordinates (m, 3) each, without the drift."""
-        end, margin = self.x + self.duration * self.rates, self.margin[:, None]
-        return np.minimum(self.x, end) - margin, np.maximum(self.x, end) + margin
+        margin = self.margin[:, None]
+        return np.minimum(self.x, self._end) - margin, np.maximum(self.x, self._end) + margin
 
     def approach(self, nodes: Integers, kind: Bytes) -> Array:
         """By how much [m] pairs (n, 4) of primitives may come nearer at most."""
-        end = np.ascontiguousarray(self.x + self.duration * self.rates)
-        return approaches(nodes, kind, self.x, end, self.margin)
+        return approaches(nodes, kind, self.x, self._end, self.margin)
+
+    @cached_property
+    def _end(self) -> Array:
+        return np.ascontiguousarray(self.x + self.duration * self.rates)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from gossamer_fx.algebra.rotations import perpendicular_pair
 from gossamer_fx.bodies.frames import along, ground_frame
 from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.checks.errors import check, is_vector
@@ -108,20 +109,12 @@ def check_friction(owner: str, friction: float) -> None:
     )
 
 
-def unit(vector: Vector | Array, what: str) -> Array:
-    """A vector of length one; `what` it is, for the message."""
+def _unit(vector: Vector | Array, what: str) -> Array:
     n = np.asarray(vector, dtype=float)
     length = np.linalg.norm(n)
     check(bool(length > 0), f"{what} has no length; give a direction.")
     unit: Array = n / length
     return unit
-
-
-def across(axis: Array) -> tuple[Array, Array]:
-    """Two directions across an axis."""
-    a = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
-    a /= np.linalg.norm(a)
-    return a, np.cross(axis, a)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -137,7 +130,7 @@ class Plane(Obstacle):
     normal: Vector
 
     def parts(self) -> tuple[list[Wall], list[Solid]]:
-        n = unit(self.normal, f"Plane '{self.name}': its normal")
+        n = _unit(self.normal, f"Plane '{self.name}': its normal")
         origin = self._at(self.point)
         return [Wall(PLANE, (origin, self._along(n), origin))], []
 
@@ -179,11 +172,11 @@ class Cylinder(Obstacle):
     inside: bool = False
 
     def parts(self) -> tuple[list[Wall], list[Solid]]:
-        axis = unit(np.subtract(self.end, self.start), f"Cylinder '{self.name}': its axis")
+        axis = _unit(np.subtract(self.end, self.start), f"Cylinder '{self.name}': its axis")
         a, b = self._at(self.start), self._at(self.end)
         if not self.inside:
             return [], [Solid((a, b), ((0, 1),), radius=self.radius)]
-        u, v = across(axis)
+        u, v = perpendicular_pair(axis)
         return [Wall(IN_CYLINDER, (a, self._along(u), self._along(v)), self.radius)], []
 
 

@@ -6,7 +6,9 @@ from itertools import product
 
 import numpy as np
 
-from gossamer_fx.contact.obstacles import Box, Cylinder, Obstacle, Plane, Sphere, across, unit
+from gossamer_fx.algebra.rotations import perpendicular_pair
+from gossamer_fx.contact.obstacles import Box, Cylinder, Obstacle, Plane, Sphere
+from gossamer_fx.model.ports import unit
 from gossamer_fx.model.solids import Solid
 from gossamer_fx.model.terms import Array, Indices
 
@@ -20,7 +22,7 @@ def solid_of(obstacle: Obstacle, near: Array) -> Solid | None:
     """An obstacle as a solid; none of a kind that is not known.  A plane is drawn where the points near (n, 3) are."""
     found: Surface
     if isinstance(obstacle, Plane):
-        found = _grid(np.asarray(obstacle.point, dtype=float), unit(obstacle.normal, "The normal"), near)
+        found = _grid(np.asarray(obstacle.point, dtype=float), unit(obstacle.normal), near)
     elif isinstance(obstacle, Box):
         found = _box(obstacle)
     elif isinstance(obstacle, Sphere):
@@ -28,7 +30,7 @@ def solid_of(obstacle: Obstacle, near: Array) -> Solid | None:
         found = _round(centre, centre, np.array([0.0, 0.0, 1.0]), obstacle.radius, obstacle.inside)
     elif isinstance(obstacle, Cylinder):
         start, end = np.asarray(obstacle.start, dtype=float), np.asarray(obstacle.end, dtype=float)
-        found = _round(start, end, unit(end - start, "The axis"), obstacle.radius, obstacle.inside)
+        found = _round(start, end, unit(end - start), obstacle.radius, obstacle.inside)
     else:
         return None
     X, triangles, lines = found
@@ -42,7 +44,7 @@ def _grid(point: Array, normal: Array, near: Array) -> Surface:
     middle = (near.max(axis=0) + near.min(axis=0)) / 2
     middle = middle - (middle - point) @ normal * normal
     half = SIDE * float(np.ptp(near, axis=0).max()) / 2
-    u, v = across(normal)
+    u, v = perpendicular_pair(normal)
     across_grid = np.linspace(-half, half, FIELDS + 1)[:, None]
     ends = [[s * p - half * q, s * p + half * q] for s, (p, q) in product(across_grid, ((u, v), (v, u)))]
     X = middle + np.concatenate(ends)
@@ -61,7 +63,7 @@ def _box(box: Box) -> Surface:
 def _round(start: Array, end: Array, axis: Array, radius: float, inside: bool) -> Surface:
     """A ball, or a cylinder with half a ball at each end; circles around both ends and lines along."""
     angles = np.linspace(0, 2 * np.pi, AROUND, endpoint=False)
-    u, v = across(axis)
+    u, v = perpendicular_pair(axis)
     circle = np.outer(np.cos(angles), u) + np.outer(np.sin(angles), v)
     tilts = np.linspace(0, np.pi / 2, RINGS)
     rings = [(start, -t) for t in tilts[::-1]] + [(end, t) for t in tilts]

@@ -138,18 +138,18 @@ class RunReader:
 
     def places(self, time: float) -> list[Array]:
         """Points (n, 3) of each of the solids at a time [s]."""
-        row = int(abs(self._frames["time"] - time).argmin()) if self._frames else 0
-        numbers = np.array([column[row] for name, column in self._frames.items() if name not in ("time", "step")])
-        moving = iter(numbers.reshape(-1, 4, 3))
+        moving = iter(_numbers(self._frames, time).reshape(-1, 4, 3))
         return [placed(solid.X, next(moving) if solid.moves else REST) for solid in self.solids]
 
     def _dots(self, time: float) -> Array:
         """Positions (n, 3) of the bodies without a mesh."""
-        if not self._points:
-            return np.zeros((0, 3))
-        row = int(abs(self._points["time"] - time).argmin())
-        numbers = [column[row] for name, column in self._points.items() if name not in ("time", "step")]
-        return np.array(numbers).reshape(-1, 3)
+        return _numbers(self._points, time).reshape(-1, 3)
+
+
+def _numbers(table: Tables, time: float) -> Array:
+    """What a table says at the time nearest to one; nothing if it is empty."""
+    row = int(abs(table["time"] - time).argmin()) if table else 0
+    return np.array([column[row] for name, column in table.items() if name not in ("time", "step")])
 
 
 class RecordedSolid:

@@ -12,6 +12,7 @@ from dolfinx import la
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.forms.backend import evaluate
 from gossamer_fx.forms.compilation import compile_expression
+from gossamer_fx.mesh.quality import area_vectors
 from gossamer_fx.model.terms import Array, MeshBody, is_on_mesh
 from gossamer_fx.outputs.fields import film_state
 from gossamer_fx.outputs.shapes import BodyShape
@@ -116,7 +117,7 @@ class _Film:
 
     def _normals(self, corners: Array) -> Array:
         """Unit normals at the corners: the mean of the triangles around, or the triangle's own where they differ."""
-        area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        area = area_vectors(corners)
         sums = la.vector(self._film.block.index_map, 3)
         np.add.at(sums.array.reshape(-1, 3), self._triangles.ravel(), np.repeat(area, 3, axis=0))
         sums.scatter_reverse(la.InsertMode.add)
@@ -127,7 +128,7 @@ class _Film:
 def of_solid(x: Array, triangles: npt.NDArray[np.integer]) -> tuple[Array, Array, Integers]:
     """Corners, normals and kinds of a solid with points x (n, 3)."""
     corners = x[triangles]
-    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = area_vectors(corners)
     sums = np.zeros_like(x)
     np.add.at(sums, triangles.ravel(), np.repeat(area, 3, axis=0))
     return corners, smooth(area, sums[triangles]), np.full(len(triangles), SOLID, dtype=np.int64)
