@@ -105,7 +105,7 @@ def build(
     items.append(tethers(film, hub, pitch, radius, tether_damping))
     items.append(gx.RigidMotion(spin=(0.0, 0.0, rpm * RPM)))
     if damping:
-        items.append(gx.Damping(film, stiffness=damping, tension_only=tension_only))
+        items.append(gx.Damping(film, stiffness=damping, tension_only=tension_only, name="film damping"))
     if crease:
         items += folds.creases(film, crease, rest=0.5)
     probes: dict[str, Probe] = {
@@ -217,7 +217,7 @@ def main(
 
     Returns energy_error, angular_momentum_drift (relative), halved, steps, iterations (a step), seconds, penetrations
     (the most edges that pierced triangles at any step), spins at the end [rpm] and that of the closed form, radius of
-    the tips at the end and at most [m], energy at the start, dissipated, and that still has to go [J].
+    the tips at the end and at most [m], energy at the start, dissipated, by each cause, and that still has to go [J].
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.06, 0.12, 0.2, 0.28, 0.4, 0.55, 0.7, 0.85, 1.0)
@@ -238,6 +238,7 @@ def main(
         "largest_radius": float(radius.max()),
         "energy": run.first.energy,
         "dissipated": run.totals.dissipated,
+        **{f"dissipated {name}": loss for name, loss in run.totals.losses.items()},
         "to_be_lost": run.totals.energy - inertia * steady**2 / 2,
     }
 
@@ -276,9 +277,10 @@ def say(found: dict[str, float]) -> None:
         f"Hub and sail spin at {found['spin_of_hub']:.2f} and {found['spin_of_sail']:.2f} rpm; without swing it "
         f"will be {found['spin_in_the_end']:.2f} rpm."
     )
+    causes = [f"{loss:.1f} J by {name[11:]}" for name, loss in found.items() if name.startswith("dissipated ")]
     print(
-        f"Of {found['energy']:.1f} J the film has taken {found['dissipated']:.1f} J; {found['to_be_lost']:.1f} J have "
-        "still to go."
+        f"Of {found['energy']:.1f} J {found['dissipated']:.1f} J are lost ({', '.join(causes) or 'no cause'}); "
+        f"{found['to_be_lost']:.1f} J have still to go."
     )
     say_books(found, "angular momentum", "angular_momentum_drift")
 

@@ -34,6 +34,8 @@ class CompiledContacts(CompiledTerms):
 
                 group.friction = Friction(bodies, term.friction, of_solids, term.creep, system)
             self.groups[term.item] = group
+        self._rubbing = {item.name: group for item, group in self.groups.items() if group.friction is not None}
+        self.losses = list(self._rubbing)
 
     def search(self) -> None:
         for group in self.groups.values():
@@ -65,8 +67,8 @@ class CompiledContacts(CompiledTerms):
     def supplied(self) -> float:
         return sum(group.supplied() for group in self.groups.values())
 
-    def dissipated(self) -> float:
-        return sum(group.dissipated() for group in self.groups.values())
+    def dissipated(self) -> Array:
+        return np.array([group.dissipated() for group in self._rubbing.values()])
 
     def keep(self) -> None:
         for group in self.groups.values():

@@ -173,6 +173,7 @@ class CompiledTerms:
     supplies = False  # whether its forces are loads, whose work is `supplied`
     made_of_forms = False  # whether all it adds comes from `tangent_forms`, `mass_forms` and forces alone
     searches = False  # whether its places change from step to step: then `search` and `widen` are called
+    losses: Sequence[str] = ()  # names of what dissipates, the same on every rank
 
     def __init__(self, terms: Sequence[Any], system: Assembly) -> None: ...
 
@@ -239,9 +240,9 @@ class CompiledTerms:
         """Work of the step on this rank; before it is kept."""
         return 0.0
 
-    def dissipated(self) -> float:
-        """Loss of the step on this rank; before it is kept."""
-        return 0.0
+    def dissipated(self) -> Array:
+        """Loss of the step on this rank, for each of the `losses`; before it is kept."""
+        return np.zeros(0)
 
     def keep(self) -> None:
         """q0 is the start of the next step, whose end q1 it was."""

@@ -14,7 +14,8 @@ class Ledger:
     """CSV with a row for every step: energies [J], momenta, gas masses [kg], the closing errors, iterations.
 
     `energy_error` is (H - H0) - (supplied - dissipated) over the largest energy so far, H kinetic and stored energy
-    (that of the gas included); supplied and dissipated are counted from the start.
+    (that of the gas included); supplied and dissipated are counted from the start.  Where several parts dissipate, each
+    has a column beside their sum.
     """
 
     times: Sequence[float] = ()
@@ -41,7 +42,10 @@ class Ledger:
         row: dict[str, Any] = {"time": t.time, "step": run.step, "iterations": run.last_iterations}
         row |= {"substeps": run.substeps, "kinetic": t.kinetic}
         row |= {f"stored {name}": energy for name, energy in t.stored.items()}
-        row |= {"supplied": t.supplied, "dissipated": t.dissipated, "energy_error": run.energy_error}
+        row |= {"supplied": t.supplied, "dissipated": t.dissipated}
+        if len(t.losses) > 1:
+            row |= {f"dissipated {name}": loss for name, loss in t.losses.items()}
+        row |= {"energy_error": run.energy_error}
         row |= {f"momentum {axis}": p for axis, p in zip("xyz", t.momentum, strict=True)}
         row |= {f"angular momentum {axis}": p for axis, p in zip("xyz", t.angular_momentum, strict=True)}
         if t.mass:

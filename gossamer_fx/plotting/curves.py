@@ -31,13 +31,15 @@ Panel = Callable[["Axes"], None]
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Energies [J], pressures [Pa], fractions of area (slack, wrinkled, taut) and closing errors at one time [s]."""
+    """Energies [J], pressures [Pa], fractions of area (slack, wrinkled, taut), closing errors and losses [J] by what
+    took them at one time [s]."""
 
     time: float
     energies: dict[str, float]
     pressures: dict[str, float]
     fractions: list[Array]
     errors: dict[str, float]
+    losses: dict[str, float]
 
 
 def observe(run: Run, fractions: Sequence[AreaFractions]) -> Snapshot:
@@ -47,7 +49,7 @@ def observe(run: Run, fractions: Sequence[AreaFractions]) -> Snapshot:
     energies |= {"supplied": totals.supplied, "dissipated": totals.dissipated}
     errors = {"energy": run.energy_error} | ({"gas mass": run.mass_error} if totals.mass else {})
     pressures = {name: state.p for name, state in chambers.items()}
-    return Snapshot(run.time, energies, pressures, [f(run.system) for f in fractions], errors)
+    return Snapshot(run.time, energies, pressures, [f(run.system) for f in fractions], errors, totals.losses)
 
 
 def panels(moments: Sequence[Snapshot], second: float) -> list[Panel]:
@@ -59,6 +61,10 @@ def panels(moments: Sequence[Snapshot], second: float) -> list[Panel]:
     colours = dict(zip(energies, cycle(LINES), strict=False))
     chambers = {name: colours[f"in {name}"] for name in pressures}
     result: list[Panel] = [lambda axes: _lines(axes, t, energies, colours, "Energy", "J")]
+    if len(moments[0].losses) > 1:
+        losses = _table([m.losses for m in moments])
+        shades = dict(zip(losses, cycle(LINES), strict=False))
+        result.append(lambda axes: _lines(axes, t, losses, shades, "Energy lost", "J"))
     if pressures:
         result.append(lambda axes: _lines(axes, t, pressures, chambers, "Pressure", "Pa"))
     if moments[0].fractions:

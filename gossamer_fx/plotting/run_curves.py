@@ -51,6 +51,7 @@ def _moment(ledger: Tables, gas: Tables, states: Tables, films: Sequence[str], r
         pressures,
         _fractions(states, films, time),
         errors,
+        {name[11:]: float(ledger[name][row]) for name in ledger if name.startswith("dissipated ")},
     )
 
 

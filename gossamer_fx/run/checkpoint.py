@@ -36,7 +36,7 @@ from gossamer_fx.run.same_scene import compare, compare_energies
 from gossamer_fx.system.totals import Totals
 from gossamer_fx.version import VERSION
 
-FORMAT = 3
+FORMAT = 4
 LACKS = "The checkpoint lacks nodes of this scene; restart the scene by which it was written."
 TWICE = "Two nodes of the checkpoint have the same name."
 
@@ -186,7 +186,6 @@ class Checkpoints:
 
     def _state(self, run: SavedRun) -> dict[str, Any]:
         system = run.system
-        energies = run.comm.allreduce(np.array([system.supplied_energy, system.dissipated_energy]))
         return {
             "format": FORMAT,
             "version": VERSION,
@@ -194,8 +193,7 @@ class Checkpoints:
             "ranks": run.comm.size,
             "vectors": list(run.history.vectors),
             "time": system.time,
-            "supplied": energies[0],
-            "dissipated": energies[1],
+            "supplied": run.comm.allreduce(system.supplied_energy),
             "run": run.get_state(),
             "history": run.history.get_state(),
             "totals": _plain(run.totals),
@@ -247,9 +245,9 @@ def read(
             for k, block in enumerate(numbering.blocks):
                 rows = fetch(run.comm, arrays[f"names {k}"], arrays[f"{name} {k}"], here[k], LACKS, TWICE)
                 values[numbering.owned(k)] = rows.reshape(-1, block.size).ravel()
-    first = run.comm.rank == 0
-    system.time = state["time"]
-    system.supplied_energy, system.dissipated_energy = (state[n] if first else 0.0 for n in ("supplied", "dissipated"))
+    first, before = float(run.comm.rank == 0), state["totals"]["losses"]  # of all ranks: the first carries them on
+    system.time, system.supplied_energy = state["time"], first * state["supplied"]
+    system.losses = {name: first * before.get(name, 0.0) for name in {**before, **system.losses}}
     run.history.set_state(state["history"])
     run.set_state(state["run"])
     if not changes:

@@ -66,7 +66,7 @@ class History:
             self._kept = {name: vector.duplicate() for name, vector in self.vectors.items()}
         for name, vector in self.vectors.items():
             vector.copy(self._kept[name])
-        self._numbers = system.time, system.supplied_energy, system.dissipated_energy
+        self._numbers = system.time, system.supplied_energy, dict(system.losses)
         self._memory = self.get_state()
 
     def go_back(self) -> None:
@@ -74,5 +74,6 @@ class History:
         system = self._system
         for name, vector in self.vectors.items():
             self._kept[name].copy(vector)
-        system.time, system.supplied_energy, system.dissipated_energy = self._numbers
+        system.time, system.supplied_energy, losses = self._numbers
+        system.losses = dict(losses)
         self.set_state(self._memory)

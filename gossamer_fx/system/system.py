@@ -40,8 +40,7 @@ class System:
         self.comm, self.bodies, self.rule = comm, bodies, rule
         self.borders: list[ScalarUnknowns] = []
         self.starts: Sequence[Array] = ()  # owned coordinates at the start, if initial conditions place bodies
-        self.time, self.h, self.geometric = 0.0, 1.0, 1.0
-        self.supplied_energy = self.dissipated_energy = 0.0
+        self.time, self.h, self.geometric, self.supplied_energy = 0.0, 1.0, 1.0, 0.0
         self.terms = list(terms)
         kinds: dict[type[CompiledTerms], list[Any]] = {}
         for term in self.terms:
@@ -57,6 +56,7 @@ class System:
         self.compiled = [kind(alike, self) for kind, alike in kinds.items()]
         self.constraints = next((c for c in self.compiled if isinstance(c, CompiledConstraints)), None)
         self.searching = [c for c in self.compiled if c.searches]
+        self.losses = {name: 0.0 for c in self.compiled for name in c.losses}
         self._has_stiffness = any(type(c).add_stiffness is not CompiledTerms.add_stiffness for c in self.compiled)
 
     def start(self, conditions: Iterable[InitialCondition] = ()) -> None:
@@ -193,7 +193,6 @@ class System:
         with out as values:
             for border in self.borders:
                 border.add_force(values)
-        with out as values:
             values *= -1
             values[self.supports.held] = self.supports.reactions
         return out
@@ -247,7 +246,9 @@ class System:
         """End the step with the velocities v1; q1 is the state now, and what flowed is booked."""
         Δq = self.q1.array_r - self.q0.array_r
         self.supplied_energy += self.supports.work(Δq) + sum(c.supplied() for c in self.compiled)
-        self.dissipated_energy += sum(c.dissipated() for c in self.compiled)
+        for compiled in self.compiled:
+            for name, loss in zip(compiled.losses, compiled.dissipated(), strict=True):
+                self.losses[name] += float(loss)
         for border in self.borders:
             border.accept()
         self.increment.accept(self.q0, self.q1)
@@ -267,7 +268,7 @@ class System:
             compiled.keep()
 
     def totals(self) -> Totals:
-        """Energies and momenta of the accepted state, and what was supplied and dissipated since the start."""
+        """Energies and momenta of the accepted state, and what was supplied and lost since the start."""
         self.M.mult(self.v0, self._momenta)
         P, x = self._momenta.array_r, self.q0.array_r
         p, q = (z[: 3 * len(self._is_position)].reshape(-1, 3) for z in (P, x))  # without multipliers
@@ -277,18 +278,17 @@ class System:
             momenta += compiled.momenta()
             for name, energy in compiled.energies().items():
                 stored[name] = stored.get(name, 0.0) + energy
-        local = np.array(
-            [self.v0.array_r @ P / 2, self.supplied_energy, self.dissipated_energy, *momenta.ravel(), *stored.values()]
-        )
-        kinetic, supplied, dissipated, *rest = self.comm.allreduce(local).tolist()
-        stored = dict(zip(stored, rest[6:], strict=True))
+        local = [self.v0.array_r @ P / 2, self.supplied_energy, *momenta.ravel(), *stored.values()]
+        kinetic, supplied, *rest = self.comm.allreduce(np.array([*local, *self.losses.values()])).tolist()
+        linear, angular = np.array(rest[:6]).reshape(2, 3)
+        stored = dict(zip(stored, rest[6 : 6 + len(stored)], strict=True))
+        losses = dict(zip(self.losses, rest[6 + len(stored) :], strict=True))
         mass = mass_supplied = 0.0
         for border in self.borders:
             b = border.totals()
             stored |= b.stored
             supplied, mass, mass_supplied = supplied + b.supplied, mass + b.mass, mass_supplied + b.mass_supplied
-        linear, angular = np.array(rest[:3]), np.array(rest[3:6])
-        return Totals(self.time, kinetic, stored, supplied, dissipated, linear, angular, mass, mass_supplied)
+        return Totals(self.time, kinetic, stored, supplied, losses, linear, angular, mass, mass_supplied)
 
     def size(self, diagonal: PETSc.Vec) -> float:
         """Norm [N] of the forces of which the last residual is the sum; the diagonal of the tangent is given."""

@@ -11,13 +11,16 @@ from gossamer_fx.model.terms import Array
 
 @dataclass(frozen=True)
 class Totals:
-    """Energies [J], momenta [kg m/s, kg m²/s], gas masses [kg]; supplied and dissipated since the start."""
+    """Energies [J], momenta [kg m/s, kg m²/s], gas masses [kg]; supplied and lost since the start.
+
+    `stored` and `losses` are by the name of what stores or dissipates.
+    """
 
     time: float
     kinetic: float
     stored: dict[str, float]
     supplied: float
-    dissipated: float
+    losses: dict[str, float]
     momentum: Array
     angular_momentum: Array
     mass: float
@@ -27,6 +30,11 @@ class Totals:
     def energy(self) -> float:
         """Kinetic and stored."""
         return self.kinetic + sum(self.stored.values())
+
+    @property
+    def dissipated(self) -> float:
+        """All losses."""
+        return sum(self.losses.values(), 0.0)
 
     @property
     def size(self) -> float:

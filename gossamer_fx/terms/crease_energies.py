@@ -37,6 +37,8 @@ class CreaseEnergies(CompiledTerms):
             groups.setdefault(term.nodes.shape[1], []).append(i)
         self._arrays = [_Points(terms, of, system) for of in groups.values()]
         self._gather = Gather(system.numbering, [points.indices for points in self._arrays])
+        self._yielding = [i for i, term in enumerate(terms) if np.isfinite(term.slip)]
+        self.losses = [terms[i].name for i in self._yielding]
 
     def keep(self) -> None:
         for points, q in zip(self._arrays, self._gather(self._system.q0), strict=True):
@@ -56,9 +58,13 @@ class CreaseEnergies(CompiledTerms):
         worst, name = max(self._system.comm.allgather(max(far, default=(0.0, ""))))
         return "" if worst < FARTHEST else f"'{name}' turns by {np.degrees(worst):.0f}° in one step: its sense is lost"
 
-    def dissipated(self) -> float:
-        unknowns = self._gather(self._system.q1)
-        return sum(points.loss(q) for points, q in zip(self._arrays, unknowns, strict=True))
+    def dissipated(self) -> Array:
+        if not self._yielding:
+            return np.zeros(0)
+        found = np.zeros(len(self.terms))
+        for points, q in zip(self._arrays, self._gather(self._system.q1), strict=True):
+            found += np.bincount(points.owner, points.loss(q), len(self.terms))
+        return found[self._yielding]
 
     def energies(self) -> dict[str, float]:
         found = dict.fromkeys((term.name for term in self.terms), 0.0)
@@ -186,9 +192,10 @@ class _Points:
         i = int(change.argmax()) if len(change) else -1
         return (float(change[i]), self._names[self.of.index(self.owner[i])]) if i >= 0 else (0.0, "")
 
-    def loss(self, q: Array) -> float:
+    def loss(self, q: Array) -> Array:
+        """What each point (n,) takes in the step."""
         limit = np.where(np.isfinite(self._slip), self._slip, 0.0)
-        return float(np.sum(self._k * limit * np.abs(self._slipped(self._end(self.vectors(q))))))
+        return self._k * limit * np.abs(self._slipped(self._end(self.vectors(q))))
 
     def energies(self) -> Array:
         """Of each term, at the start of the step."""

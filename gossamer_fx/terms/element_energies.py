@@ -50,6 +50,8 @@ class ElementEnergies(CompiledTerms):
         at = [system.bodies.index(term.body) for term in terms]
         self.elements = [(k, ElementForces(t, system.fields[k], system.rule)) for k, t in zip(at, terms, strict=True)]
         dofmaps = {k: system.fields[k].q0.function_space.dofmap for k in at}
+        self._dissipating = [force for _, force in self.elements if isinstance(force.term, Dissipation)]
+        self.losses = [force.term.name for force in self._dissipating]
         self._forces = {k: la.vector(dofmap.index_map, dofmap.index_map_bs) for k, dofmap in dofmaps.items()}
 
     def begin(self, t: float) -> None:
@@ -74,8 +76,8 @@ class ElementEnergies(CompiledTerms):
     def tangent_forms(self, k: int) -> list[fem.Form]:
         return [force.tangent for j, force in self.elements if j == k]
 
-    def dissipated(self) -> float:
-        return sum(f.dissipated() for _, f in self.elements if isinstance(f.term, Dissipation))
+    def dissipated(self) -> Array:
+        return np.array([force.dissipated() for force in self._dissipating])
 
     def keep(self) -> None:
         for _, force in self.elements:

@@ -39,6 +39,8 @@ class PaidOutRopes(CompiledTerms):
         self._given = [(i, term.history) for i, term in enumerate(terms) if term.history is not None]
         self._yield = np.where(np.isfinite(self._brake), self._brake, 0.0) / self._k
         self._brakes = np.isfinite(self._brake)
+        self._braked = [i for i, term in enumerate(terms) if np.isfinite(term.brake)]
+        self.losses = [terms[i].name for i in self._braked]
         self._next = self.length  # L1 of a step with a history
         self._stencil = Stencil(self._at, self, False, system.rule.alpha)
         self._l: Array = np.zeros(self._at.n)
@@ -86,9 +88,12 @@ class PaidOutRopes(CompiledTerms):
         T = self._tension(self._lengths(self._gather(self._system.q1)[0]))[0]
         return float(np.sum(-T * (self._next - self.length)))
 
-    def dissipated(self) -> float:
+    def dissipated(self) -> Array:
+        if not self._braked:
+            return np.zeros(0)
         slip = self._slip(self._lengths(self._gather(self._system.q1)[0]))
-        return float(np.sum(np.where(self._brakes, self._brake, 0.0) * slip))
+        loss = np.where(self._brakes, self._brake, 0.0) * slip
+        return np.bincount(self._at.of, loss, len(self._terms)).astype(float)[self._braked]
 
     def energies(self) -> dict[str, float]:
         found = dict.fromkeys((term.name for term in self._terms), 0.0)

@@ -116,12 +116,10 @@ class Stencil:
         """ψ (n,) at the start of the step."""
         return np.zeros(self.at.n) if self._dissipates else self.density.energy(self.e0)
 
-    def loss(self, q1: Array) -> float:
-        """What the step dissipates."""
-        if not self._dissipates:
-            return 0.0
+    def loss(self, q1: Array) -> Array:
+        """What each place (n,) of a dissipation takes in the step."""
         _, e1, (S, _) = self._end(q1)
-        return float(np.sum(S * (e1 - self.e0)))
+        return np.einsum("nm,nm->n", S, e1 - self.e0)
 
 
 def _places(on: Any) -> Any:
@@ -144,6 +142,7 @@ class PointEnergies(CompiledTerms):
             stencil = Stencil(at, density, isinstance(alike[0], PointDissipation), system.rule.alpha)
             self._groups.append((alike, stencil))
         self._stencils = [stencil for _, stencil in self._groups]
+        self.losses = [t.name for alike, _ in self._groups for t in alike if isinstance(t, PointDissipation)]
         self._gather = Gather(system.numbering, [stencil.at.indices for stencil in self._stencils])
         self._ends: list[Array] | None = None  # unknowns of the stencils in q1
 
@@ -182,8 +181,12 @@ class PointEnergies(CompiledTerms):
                     found[term.name] += float(share)
         return found
 
-    def dissipated(self) -> float:
-        return sum(stencil.loss(q) for stencil, q in zip(self._stencils, self._at_end(), strict=True))
+    def dissipated(self) -> Array:
+        found: list[float] = []
+        for (terms, stencil), q in zip(self._groups, self._at_end(), strict=True):
+            if isinstance(terms[0], PointDissipation):
+                found.extend(np.bincount(stencil.at.of, stencil.loss(q), len(terms)))
+        return np.array(found)
 
 
 @dataclass(frozen=True, eq=False)

@@ -82,6 +82,7 @@ def test_a_rest_angle_that_yields_dissipates() -> None:
     # of a rest angle that moves one way, the loss is the yield moment times its way
     k = STIFFNESS * WIDTH / len(rest)
     assert run.totals.dissipated == pytest.approx(0.3 * k * float((1.4 - rest).sum()), rel=0.2)
+    assert run.totals.losses == {"crease": run.totals.dissipated}
     assert run.totals.dissipated >= 0.3 * k * float((1.4 - rest).sum()) * (1 - 1e-12)
     assert abs(run.energy_error) < 1e-10
 

@@ -64,7 +64,7 @@ def test_a_film_that_slides_is_stopped() -> None:
     at_full = (t > 0.012) & (t < until - 1e-3)
     assert np.allclose(v[at_full], (until - t[at_full]) * μ * p / SIGMA, atol=2e-3)
     assert abs(v[t > until + 5e-3]).max() < 1e-5
-    assert run.totals.dissipated == pytest.approx(0.5 * SIGMA * 0.01 * v0**2, rel=1e-6)
+    assert run.totals.losses == {"contact": pytest.approx(0.5 * SIGMA * 0.01 * v0**2, rel=1e-6)}
 
 
 @pytest.mark.slow
@@ -119,7 +119,7 @@ def test_a_ball_on_a_film_turns_by_friction_alone(comm, μ) -> None:
     spin = _spin(run, ball)
     if μ == 0:
         assert abs(spin) < 1e-9
-        assert run.totals.dissipated == 0
+        assert run.totals.losses == {}
     else:
         lost = m * (0.3 - gx.Velocity(ball.port(), "x")(run))
         assert lost > 1e-6

@@ -51,9 +51,8 @@ def turning_beam(comm: MPI.Comm) -> gx.Scene:
 def numbers(run: gx.Simulation) -> np.ndarray:
     """What tells two states apart, whatever the numbering: energies, momenta, flows, centre of mass."""
     t = run.totals
-    return np.array(
-        [t.time, t.kinetic, *t.stored.values(), t.supplied, t.dissipated, *t.momentum, *t.angular_momentum, t.mass]
-    )
+    flows = [t.supplied, *t.losses.values()]
+    return np.array([t.time, t.kinetic, *t.stored.values(), *flows, *t.momentum, *t.angular_momentum, t.mass])
 
 
 def clamped_plate(comm: MPI.Comm) -> gx.Scene:
