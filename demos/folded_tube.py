@@ -34,7 +34,7 @@ from demos.common.deployment import books, deploy, say_books, square_millimetres
 from gossamer_fx.model.terms import Array
 from gossamer_fx.outputs.output import Probe
 from gossamer_fx.presets.films import KAPTON_HN
-from gossamer_fx.presets.gases import NITROGEN
+from gossamer_fx.presets.gases import AIR, NITROGEN
 from meshes.tube import flat_tube
 
 TITLE = "A folded tube, deployed from a tank"
@@ -67,6 +67,7 @@ def build(
     contact: float = 5e-4,
     gravity: float = 0.0,
     air: float = 0.0,
+    drag: float = 1.2,
     residual: float = 1.0,
     until: float = 0.02,
     dt: float = 1e-4,
@@ -84,6 +85,7 @@ def build(
         contact: distance at which it begins [m]; 0: none.
         gravity: downwards, along -z [m/s²].
         air: pressure outside [Pa]; 0: vacuum.
+        drag: coefficient of the drag of that air, of 293 K; 0: none.
         residual: pressure over it of the gas that is left in the tube at the start [Pa].
     """
     width, half = math.pi * diameter / 2, length / panels
@@ -109,9 +111,11 @@ def build(
     )
     source = gx.Tank(tank, gas=NITROGEN, pressure=pressure, temperature=293.0)
     valve = tube.inlet(source, lambda t: math.pi / 4 * bore**2 * min(0.1 + t / 5e-3, 1.0) ** 2)
-    items = [tube, valve]
+    items: list[object] = [tube, valve]
     if gravity:
         items.append(gx.Gravity(tube.film, (0.0, 0.0, -gravity)))
+    if air and drag:
+        items.append(gx.AirDrag(tube.film, air / (AIR.R * 293.0), drag))
     probes: dict[str, Probe] = {f"p{i + 1} [Pa]": gx.GasState(bag, "pressure") for i, bag in enumerate(tube.chambers)}
     probes |= {f"ring{i + 1} [mm2]": square_millimetres(gx.RingArea(ring)) for i, ring in enumerate(tube.rings)}
     tip = tube.film.port("tip right")

@@ -34,7 +34,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import books, deploy, keep, say_books
+from demos.common.deployment import books, by_cause, deploy, keep, losses, say_books
 from gossamer_fx.algebra.places import values_of
 from gossamer_fx.model.terms import Array
 from gossamer_fx.outputs.output import Probe
@@ -237,8 +237,7 @@ def main(
         "radius": float(radius[-1]),
         "largest_radius": float(radius.max()),
         "energy": run.first.energy,
-        "dissipated": run.totals.dissipated,
-        **{f"dissipated {name}": loss for name, loss in run.totals.losses.items()},
+        **losses(run),
         "to_be_lost": run.totals.energy - inertia * steady**2 / 2,
     }
 
@@ -277,9 +276,8 @@ def say(found: dict[str, float]) -> None:
         f"Hub and sail spin at {found['spin_of_hub']:.2f} and {found['spin_of_sail']:.2f} rpm; without swing it "
         f"will be {found['spin_in_the_end']:.2f} rpm."
     )
-    causes = [f"{loss:.1f} J by {name[11:]}" for name, loss in found.items() if name.startswith("dissipated ")]
     print(
-        f"Of {found['energy']:.1f} J {found['dissipated']:.1f} J are lost ({', '.join(causes) or 'no cause'}); "
+        f"Of {found['energy']:.1f} J {found['dissipated']:.1f} J are lost{by_cause(found)}; "
         f"{found['to_be_lost']:.1f} J have still to go."
     )
     say_books(found, "angular momentum", "angular_momentum_drift")

@@ -26,7 +26,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import books, deploy, keep, say_books
+from demos.common.deployment import books, by_cause, deploy, keep, losses, say_books
 from gossamer_fx.model.terms import Array
 from gossamer_fx.outputs.output import Probe
 from gossamer_fx.presets.films import KAPTON_HN
@@ -68,6 +68,7 @@ def build(
     crease: float = 0.0,
     damping: float = 1e-4,
     gravity: float = 0.0,
+    air: float = 0.0,
     sense: int = 1,
     until: float = 0.24,
     dt: float = 4e-4,
@@ -89,6 +90,7 @@ def build(
         crease: stiffness of folds with memory [N m/m/rad]; 0: none.
         damping: viscosity of the film over its stiffness [s]; 0: none.
         gravity: along -z [m/s²].
+        air: density of residual air [kg/m³], which drags on the film; p/(287 T) at the pressure p. 0: vacuum.
         sense: 1 spins as the roll winds outwards, so that it opens; -1 against it.
         largest: step [s].
     """
@@ -113,6 +115,8 @@ def build(
         items += folds.creases(film, crease, rest=0.5)
     if gravity:
         items.append(gx.Gravity(film, (0.0, 0.0, -gravity)))
+    if air:
+        items.append(gx.AirDrag(film, air))
     ports = [film.port(f"tip {k}") for k in range(n)]
     probes: dict[str, Probe] = {
         "spin of the hub [rad/s]": gx.AngularVelocity(hub.frame(), "z"),
@@ -135,7 +139,7 @@ def main(
 
     Returns energy_error, angular_momentum_drift (of a free hub: relative), halved, steps, iterations (a step), seconds,
     penetrations (the most edges that pierced triangles at any step), largest_radius (mean of the tips [m]) and when
-    [s], the spins at the end [rad/s], and energy at the start and dissipated [J].
+    [s], the spins at the end [rad/s], and energy at the start, dissipated, and dissipated by each cause [J].
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.75, 0.85, 1.0)
@@ -153,7 +157,7 @@ def main(
         "spin_of_hub": float(series["spin of the hub [rad/s]"][-1]),
         "spin_of_sail": float(series["spin of the sail [rad/s]"][-1]),
         "energy": run.first.energy,
-        "dissipated": run.totals.dissipated,
+        **losses(run),
     }
 
 
@@ -179,7 +183,7 @@ def say(found: dict[str, float]) -> None:
     """What happened, in words."""
     print(f"The tips come to {1e3 * found['largest_radius']:.0f} mm after {1e3 * found['when']:.0f} ms.")
     print(f"Hub and sail then spin at {found['spin_of_hub']:.1f} and {found['spin_of_sail']:.1f} rad/s.")
-    print(f"Of {found['energy']:.3f} J the film has taken {found['dissipated']:.3f} J.")
+    print(f"Of {found['energy']:.3f} J {found['dissipated']:.3f} J are lost{by_cause(found)}.")
     say_books(found, "angular momentum", "angular_momentum_drift")
 
 

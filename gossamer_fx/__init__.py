@@ -91,6 +91,7 @@ if TYPE_CHECKING:
     from gossamer_fx.interactions.tie import Tie as Tie
     from gossamer_fx.interactions.torsion import TorsionDamper as TorsionDamper
     from gossamer_fx.interactions.torsion import TorsionSpring as TorsionSpring
+    from gossamer_fx.loads.air_drag import AirDrag as AirDrag
     from gossamer_fx.loads.centrifugal import Centrifugal as Centrifugal
     from gossamer_fx.loads.damping import Damping as Damping
     from gossamer_fx.loads.edge_load import EdgeLoad as EdgeLoad
@@ -216,6 +217,7 @@ _HOME = {
     "interactions.tether": ["Tether"],
     "interactions.tie": ["Tie"],
     "interactions.torsion": ["TorsionDamper", "TorsionSpring"],
+    "loads.air_drag": ["AirDrag"],
     "loads.centrifugal": ["Centrifugal"],
     "loads.damping": ["Damping"],
     "loads.edge_load": ["EdgeLoad"],

@@ -40,6 +40,18 @@ def books(run: gx.Simulation, series: gx.Series) -> dict[str, float]:
     }
 
 
+def losses(run: gx.Simulation) -> dict[str, float]:
+    """Energy dissipated [J], and by each cause."""
+    each = {f"dissipated by {name}": loss for name, loss in run.totals.losses.items()}
+    return {"dissipated": run.totals.dissipated, **each}
+
+
+def by_cause(found: Mapping[str, float]) -> str:
+    """The losses of a run in words, behind their sum."""
+    each = [f"{loss:.3g} J {name[11:]}" for name, loss in found.items() if name.startswith("dissipated by ")]
+    return f" ({', '.join(each)})" if each else ""
+
+
 def say_books(found: Mapping[str, float], kept: str, error: str, pierced: str = "the film") -> None:
     """The books in words; beside the energy, `kept` closes to the number `error`."""
     print(f"Edges that pierced {pierced} in any step: {found['penetrations']:.0f}.")

@@ -13,7 +13,7 @@ from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.model.terms import Array, Assembly, Attached, CompiledTerms, MeshBody, Port
 from gossamer_fx.orbit.flight import Flight
 from gossamer_fx.orbit.orbit import Orbit
-from gossamer_fx.terms.loads import Load, Loads
+from gossamer_fx.terms.loads import Loads, at_rate
 from gossamer_fx.terms.point_loads import PointLoad, PointLoads
 
 
@@ -22,17 +22,8 @@ class FlyingLoads(Loads):
 
     def __init__(self, terms: Sequence[FlyingLoad], system: Assembly) -> None:
         self._flying = terms
-        super().__init__([self._load(term, system) for term in terms], system)
-
-    @staticmethod
-    def _load(term: FlyingLoad, system: Assembly) -> Load:
-        at = system.fields[system.bodies.index(term.body)]
-        rate = (at.q1 - at.q0) / at.h
-
-        def work(q: Expr, w: Expr) -> ufl.Form:
-            return term.work(q, rate, w)
-
-        return Load(term.name, term.body, work, follows=True)
+        at = [system.fields[system.bodies.index(term.body)] for term in terms]
+        super().__init__([at_rate(term, place) for term, place in zip(terms, at, strict=True)], system)
 
     def begin(self, t: float) -> None:
         system = self._system

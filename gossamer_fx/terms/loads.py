@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Protocol
 
 import numpy as np
 import ufl
@@ -71,6 +71,33 @@ class Load:
     follows: bool = False  # whether the work form depends on the configuration q
     at: Callable[[float], None] | None = None
     compiler: ClassVar[type[CompiledTerms]] = Loads
+
+
+class RateWork(Protocol):
+    """What a load needs that also depends on the mean velocity of the step: `work(q, rate, w)`."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def body(self) -> MeshBody: ...
+
+    @property
+    def work(self) -> Callable[[Expr, Expr, Expr], ufl.Form]: ...
+
+
+def rate_of(at: Coordinates) -> Expr:
+    """(q1 - q0)/h."""
+    return (at.q1 - at.q0) / at.h
+
+
+def at_rate(term: RateWork, at: Coordinates) -> Load:
+    """It as a load on these coordinates, whose h is to be set before each step."""
+
+    def work(q: Expr, w: Expr) -> ufl.Form:
+        return term.work(q, rate_of(at), w)
+
+    return Load(term.name, term.body, work, follows=True)
 
 
 class LoadForces:

@@ -63,6 +63,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
     return {
         "Accommodation": {"normal": 0.9, "tangential": 0.9, "wall_temperature": 300.0},
         "Air": {"density": 1e-12, "temperature": 1000.0, "molecule": 1e-26},
+        "AirDrag": {"body": film, "density": 0.1, "coefficient": 1.2, "wind": z},
         "Ambient": {"pressure": 1.0, "temperature": 300.0},
         "AngularVelocity": {"frame": A, "axis": "x"},
         "AreaFraction": {"film": film, "state": "taut"},

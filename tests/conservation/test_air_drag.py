@@ -1,0 +1,134 @@
+"""Air that slows films: closed forms of a fall and a throw, books that close, moments that symmetry forbids."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from meshes.sheet import sheet
+from tests.survival.scenes import flutter
+
+THIN = {"E": 1e6, "nu": 0.3, "density": 1400.0, "thickness": 1e-5}
+STIFF = gx.Linear(**(THIN | {"E": 1e9}))
+FILM, PLATE = gx.Miyazaki(**THIN, residual=1e-6), gx.Linear(**THIN)
+σ, ρ, C, g = 1400.0 * 1e-5, 0.1, 1.3, 9.80665
+
+
+def body(kind: str, comm: MPI.Comm, velocity: tuple[float, float, float]) -> gx.Membrane:
+    """A flat film whose normal is (0, -3, 4)/5, or a plate."""
+    given = {
+        "displacement": lambda X: np.vstack([0 * X[0], -X[1] / 5, 3 * X[1] / 5]),
+        "velocity": lambda X: 0 * X + np.reshape(velocity, (3, 1)),
+    }
+    mesh = sheet(comm, 2, 2)
+    return gx.Plate(mesh, PLATE, name="film", **given) if kind == "plate" else gx.Membrane(mesh, FILM, **given)
+
+
+def midpoint(dt: float) -> gx.Midpoint:
+    return gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
+
+
+NORMAL = np.array([0.0, -0.6, 0.8])
+EVERY = pytest.mark.parametrize("kind", ["film", "plate"])
+
+
+@pytest.mark.mpi
+@EVERY
+def test_a_film_falls_at_the_speed_at_which_air_carries_it(comm, kind: str) -> None:
+    film = body(kind, comm, (0.0, 0.0, 0.0))
+    fall = tuple(-g * NORMAL)
+    run = gx.Simulation(gx.Scene(film, gx.AirDrag(film, ρ, C), gx.Gravity(film, fall)), midpoint(4e-3))
+    speed, corner = math.sqrt(2 * σ * g / (ρ * C)), film.port("bottom left")
+    run.run(until=0.2)
+    v = np.array([gx.Velocity(corner, axis)(run) for axis in "xyz"])
+    assert v == pytest.approx(-speed * math.tanh(g * 0.2 / speed) * NORMAL, abs=1e-4 * speed)
+    run.run(until=1.2)
+    v = np.array([gx.Velocity(corner, axis)(run) for axis in "xyz"])
+    assert v == pytest.approx(-speed * NORMAL, abs=1e-6 * speed)
+    assert list(run.totals.losses) == ["air drag"] and abs(run.energy_error) < 1e-12
+
+
+@pytest.mark.mpi
+@EVERY
+def test_of_a_film_that_is_thrown_the_inverse_speed_grows_linearly(comm, kind: str) -> None:
+    """Along the film it glides: air takes nothing from that part of its velocity."""
+    v0, along = 4.0, np.array([1.0, 0.0, 0.0])
+    film = body(kind, comm, tuple(v0 * NORMAL + along))
+    run = gx.Simulation(gx.Scene(film, gx.AirDrag(film, ρ, C)), midpoint(1e-3))
+    corner = film.port("bottom left")
+    for t in (0.05, 0.15):
+        run.run(until=t)
+        v = np.array([gx.Velocity(corner, axis)(run) for axis in "xyz"])
+        assert 1 / (v @ NORMAL) == pytest.approx(1 / v0 + ρ * C * t / (2 * σ), rel=4e-5)
+        assert v - (v @ NORMAL) * NORMAL == pytest.approx(along, abs=1e-9)
+    assert run.totals.losses["air drag"] == pytest.approx(σ * (v0**2 - (v @ NORMAL) ** 2) / 2, rel=1e-10)
+    assert run.totals.supplied == 0 and abs(run.energy_error) < 1e-12
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("wind", [(0.0, 0.0, 0.0), (1.0, -2.0, 3.0)])
+def test_a_film_that_flutters_loses_what_is_booked(comm, wind) -> None:
+    """Wrinkled, slack and turning in space: still air only takes, and a wind gives, too."""
+    film = gx.Membrane(sheet(comm, 4, 4), FILM, velocity=flutter)
+    air = gx.AirDrag(film, ρ, C, wind=wind)
+    run = gx.Simulation(gx.Scene(film, air, gx.Damping(film, mass=0.5)), midpoint(1e-3))
+    lost = [0.0]
+    for k in range(1, 6):
+        run.run(until=k * 5e-3)
+        lost.append(run.totals.losses["air drag"])
+    assert (np.diff(lost) > 1e-4 * run.first.energy).all()
+    assert abs(run.totals.supplied) > 0.01 * run.first.energy if any(wind) else run.totals.supplied == 0
+    assert abs(run.energy_error) < 1e-12
+
+
+@pytest.mark.mpi
+def test_a_film_that_spins_in_its_plane_keeps_its_spin(comm) -> None:
+    """Air pushes it along its axis: it is slowed, and its angular momentum stays, but for the strain of its spin, 1e-5,
+    that lets it bulge."""
+    film = gx.Membrane(
+        sheet(comm, 4, 4), STIFF, velocity=lambda X: np.vstack([-8 * (X[1] - 0.5), 8 * (X[0] - 0.5), 0 * X[0] + 2])
+    )
+    run = gx.Simulation(gx.Scene(film, gx.AirDrag(film, ρ, C)), midpoint(1e-3))
+    run.run(until=0.04)
+    first, now = run.first, run.totals
+    assert now.momentum[2] < 0.8 * first.momentum[2]
+    about = [t.angular_momentum - np.cross([0.5, 0.5, 0.0], t.momentum) for t in (first, now)]
+    assert about[1] == pytest.approx(about[0], abs=1e-9 * abs(about[0][2]))
+    assert abs(run.energy_error) < 1e-12
+
+
+@pytest.mark.mpi
+def test_at_rest_air_carries_nothing_and_wind_presses(comm) -> None:
+    """In statics: what holds two edges of a flat film bears its weight and ½ ρ C u² on its area."""
+    for wind, lift in (((0.0, 0.0, 0.0), 0.0), ((0.0, 0.0, 0.5), ρ * C * 0.5**2 / 2)):
+        film = gx.Membrane(sheet(comm, 4, 4), STIFF)
+        held = [gx.Fixed(film, edge) for edge in ("left", "right")]
+        weight, air = gx.Gravity(film, (0.0, 0.0, 1.0)), gx.AirDrag(film, ρ, C, wind=wind)
+        equilibrium = gx.Equilibrium(gx.Scene(film, *held, weight, air))
+        equilibrium.find()
+        total = sum(equilibrium.reaction(support)[0] for support in held)
+        assert total[2] == pytest.approx(-(σ * 1.0 + lift), rel=2e-3) and abs(total[:2]).max() < 1e-6
+
+
+def test_newton_has_the_tangent_of_the_drag() -> None:
+    """With it the iteration of a film that air all but stops converges quadratically."""
+    film = body("film", MPI.COMM_WORLD, tuple(4.0 * NORMAL))
+    run = gx.Simulation(gx.Scene(film, gx.AirDrag(film, 100 * ρ, C)), gx.Midpoint(dt=5e-3))
+    run.run(until=5e-3)
+    assert run.iterations <= 7
+    assert run.totals.losses["air drag"] > 0.5 * run.first.energy
+
+
+def test_bad_air_is_refused() -> None:
+    film = body("film", MPI.COMM_WORLD, (0.0, 0.0, 0.0))
+    for given, words in (
+        ({"density": -1.0}, "density is -1.0 kg/m³; give a positive number"),
+        ({"density": 1.0, "coefficient": 0.0}, "coefficient is 0.0; give a positive number"),
+        ({"density": 1.0, "wind": (1.0, math.nan, 0.0)}, "wind is .* m/s; give three finite numbers"),
+    ):
+        with pytest.raises(gx.InputError, match=words):
+            gx.AirDrag(film, **given)
