@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from demos import ikaros
+from demos import ikaros, ikaros_swing
 from meshes.sails import trapezoids
 
 RPM = ikaros.RPM
@@ -90,6 +90,22 @@ def test_the_lowest_modes_of_the_steady_sail(comm, held: bool) -> None:
     assert np.abs(found / tilt - 1).min() < 0.02
     if not held:  # the motion of the whole, seen from turning axes
         assert np.sort(np.abs(found / ω - 1))[:2].max() < 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dampers", [0.0, 100.0])
+def test_the_hub_swings_in_the_open_sail_as_the_closed_form_says(dampers: float) -> None:
+    """A small swing; what dies away of it has been lost by film and tethers."""
+    found = ikaros_swing.main(until=80.0, dt=0.4, tether_damping=dampers)
+    assert found["frequency"] == pytest.approx(found["closed_form"], rel=0.01)
+    assert abs(found["decay"]) < 1e-5 and found["misfit"] < 0.01
+    assert found["energy_error"] < 1e-12 and 0 < found["dissipated"] < 1e-3 * found["swing"]
+
+
+def test_a_damped_swing_is_fitted() -> None:
+    t = np.linspace(0.0, 200.0, 400)
+    s = 0.3 * np.exp(-0.01 * t) * np.cos(0.2 * t + 0.4) + 0.02
+    assert ikaros_swing.fit(t, s) == pytest.approx((0.01, 0.2, 0.0), abs=1e-8)
 
 
 def test_the_steady_sail_is_found_from_far_out_of_its_plane(comm) -> None:

@@ -1,0 +1,112 @@
+"""The hub of IKAROS swings in its open sail: how fast, and how its swing dies away.
+
+The open sail spins steadily at 2.5 rpm; the hub is given a little more spin than that.  Tethers that pull with the
+centrifugal force of the sail turn it back: as of a sail that is rigid in its plane the swing has
+
+    ω² = k (1/I + 1/J),    k = Σ T R r/l
+
+(`ikaros.steady`).  That is for small swings: turned by θ, a tether of the length l gets longer by R r θ²/(2 l), from
+some 0.003 rad on by more than the 10 µm by which its tension stretches it; tethers and film then pull harder, and the
+swing gets faster.  The swing s = ω_hub - ω_sail is fitted by exp(-δ t) (a cos ωt + b sin ωt) + c.
+
+Sail and tethers are those of stage 2 (`ikaros.py`): viscosity of the film 1e-4 s, dampers of 0 or 100 N s/m in the
+tethers.  Of the flight neither frequency nor decay were published.
+
+    ./gossamer demo ikaros_swing
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from mpi4py import MPI
+from scipy.optimize import curve_fit
+
+import gossamer_fx as gx
+from demos import ikaros
+from demos.common.deployment import by_cause, losses
+from gossamer_fx.checks.errors import check
+from gossamer_fx.model.terms import Array
+
+
+def main(
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    angle: float = 2e-4,
+    damping: float = 1e-4,
+    tether_damping: float = 0.0,
+    until: float = 240.0,
+    dt: float = 0.2,
+    pitch: float = 0.64,
+    rpm: float = 2.5,
+) -> dict[str, float]:
+    """Let the hub swing with the rate `angle` [rad] times ω against the sail; see `ikaros.build` for the other numbers.
+
+    Returns the frequency [Hz] and that of the closed form, the decay δ [1/s], what the fit leaves of the swing, the
+    energy of the swing at the start [J], energy_error, what was dissipated, by each cause [J], steps, iterations (a
+    step) and seconds.
+    """
+    search, stiffness, J = ikaros.steady(comm, pitch, rpm, held=False)
+    inertia, Ω = ikaros.HUB_INERTIA[2], rpm * ikaros.RPM
+    ω = math.sqrt(stiffness * (1 / inertia + 1 / J))
+    film = ikaros.sail(comm, pitch)
+    hub = gx.RigidBody(ikaros.HUB_MASS, ikaros.HUB_INERTIA, spin=(0.0, 0.0, angle * ω), name="hub")
+    items: list[object] = [film, hub]
+    items += [gx.AttachedMass(film.port(f"tip {k}"), ikaros.TIP, name=f"mass {k}") for k in range(4)]
+    items.append(ikaros.tethers(film, hub, pitch, ikaros.HUB_RADIUS, tether_damping))
+    items += [gx.StartFrom(search.system), gx.RigidMotion(spin=(0.0, 0.0, Ω))]
+    if damping:
+        items.append(gx.Damping(film, stiffness=damping, name="film damping"))
+    series = gx.Series({"hub": gx.AngularVelocity(hub.frame(), "z"), "sail": gx.MeanSpin(film, "z")})
+    run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt), [gx.Progress(), series])  # type: ignore[arg-type]
+    run.run(until=until)
+    swing = series["hub"] - series["sail"]
+    found = fit(np.asarray(series.time), swing)
+    return {
+        "frequency": found[1] / (2 * math.pi),
+        "closed_form": ω / (2 * math.pi),
+        "decay": found[0],
+        "misfit": found[2],
+        "swing": (angle * ω) ** 2 / (1 / inertia + 1 / J) / 2,
+        "energy_error": abs(run.energy_error),
+        **losses(run),
+        "steps": run.step,
+        "iterations": run.iterations / run.step,
+        "seconds": run.seconds,
+    }
+
+
+def fit(t: Array, s: Array) -> tuple[float, float, float]:
+    """δ [1/s] and ω [rad/s] of exp(-δ t) (a cos ωt + b sin ωt) + c through s, and what is left over, rms over rms."""
+
+    def damped(t: Array, δ: float, ω: float, a: float, b: float, c: float) -> Array:
+        swing: Array = np.exp(-δ * t) * (a * np.cos(ω * t) + b * np.sin(ω * t)) + c
+        return swing
+
+    zeros = t[:-1][np.diff(np.sign(s)) != 0]
+    check(len(zeros) > 2, f"The hub has turned back less than twice in {t[-1]:.3g} s; choose a larger until.")
+    ω = math.pi * (len(zeros) - 1) / (zeros[-1] - zeros[0])
+    best, _ = curve_fit(damped, t, s, p0=(0.0, ω, float(s[0]), 0.0, 0.0))
+    left = s - damped(t, *best)
+    return float(best[0]), abs(float(best[1])), float(np.std(left) / np.std(s))
+
+
+def say(found: dict[str, float]) -> None:
+    """What happened, in words."""
+    print(
+        f"The hub swings with {1e3 * found['frequency']:.2f} mHz (closed form {1e3 * found['closed_form']:.2f} mHz); "
+        f"its swing dies away with {found['decay']:.1e}/s. The fit leaves {100 * found['misfit']:.1f} % of the motion."
+    )
+    print(f"Of {1e3 * found['swing']:.3g} mJ {1e3 * found['dissipated']:.3g} mJ are lost{by_cause(found)}.")
+    print(
+        f"Energy closes to {found['energy_error']:.0e}; {found['steps']:.0f} steps, {found['iterations']:.1f} "
+        f"iterations each, {found['seconds']:.0f} s."
+    )
+
+
+if __name__ == "__main__":
+    for turn in (2e-4, 0.1):
+        for dampers in (0.0, 100.0):
+            result = main(angle=turn, tether_damping=dampers)
+            if MPI.COMM_WORLD.rank == 0:
+                say(result)
