@@ -31,7 +31,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import books, keep, say_books
+from demos.common.deployment import books, by_cause, keep, losses, say_books
 from demos.ikaros import HUB_HEIGHT, HUB_INERTIA, HUB_MASS, PETALS, RPM, TIP
 from gossamer_fx.model.terms import Array
 from gossamer_fx.outputs.output import Output, Probe
@@ -163,7 +163,8 @@ def main(
 
     Returns energy_error, angular_momentum_drift (relative), halved, steps, iterations (a step), seconds, penetrations
     (the most edges that pierced at any step), radius of the tips at the end [m], the hub's spin there and that of the
-    closed form [rpm], their largest relative difference in the run, energy at the start and dissipated [J].
+    closed form [rpm], their largest relative difference in the run, energy at the start, dissipated, and by each
+    cause [J].
     """
     case = build(comm, cells, until=until, **given)  # type: ignore[arg-type]
     series = gx.Series(case.probes)
@@ -191,7 +192,7 @@ def main(
         "budget": float(budget[-1]),
         "difference": float(np.abs(spin / budget - 1).max()),
         "energy": run.first.energy,
-        "dissipated": run.totals.dissipated,
+        **losses(run),
     }
 
 
@@ -226,7 +227,7 @@ def say(found: dict[str, float]) -> None:
     print(
         f"If all turned as one it would be {found['budget']:.2f} rpm; at most {found['difference']:.1%} between them."
     )
-    print(f"Of {found['energy']:.0f} J brake and arms have taken {found['dissipated']:.0f} J.")
+    print(f"Of {found['energy']:.0f} J {found['dissipated']:.0f} J are lost{by_cause(found)}.")
     say_books(found, "angular momentum", "angular_momentum_drift", "something")
 
 

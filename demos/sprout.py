@@ -34,7 +34,7 @@ from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
 import gossamer_fx as gx
-from demos.common.deployment import books, deploy, say_books, square_millimetres
+from demos.common.deployment import books, deploy, losses, say_books, square_millimetres
 from gossamer_fx.model.terms import Array
 from gossamer_fx.outputs.output import Probe
 from gossamer_fx.presets.films import KAPTON_HN
@@ -228,7 +228,7 @@ def main(
     Returns energy_error, mass_error, angular_momentum_drift (relative to the most that the cube had), halved,
     steps, iterations (a step), seconds, penetrations (the most edges that pierced triangles at any step), the
     distance between the tips and of their middle from the roots' line [m], spin of the cube at the end [rad/s],
-    pressures at the end [Pa], and energy dissipated [J].
+    pressures at the end [Pa], and energy dissipated, and by each cause [J].
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 1.0)
@@ -244,7 +244,7 @@ def main(
         "span": float(np.linalg.norm(right[-1] - left[-1])),
         "reach": float((left[-1] + right[-1])[1] / 2 - CUBE / 2 - STAND),
         "spin": float(spin[-1]),
-        "dissipated": run.totals.dissipated,
+        **losses(run),
         **{f"pressure_{name[:-5].replace(' ', '_')}": p for name, p in ends.items()},
     }
 
