@@ -30,11 +30,13 @@ void build_tree(int n, int size, const double *boxes, const int32_t *order, doub
 int64_t overlaps(int n, int size, const double *tree, const int32_t *order, int queries, const int32_t *query,
                  const double *boxes, int self, int ka, const int32_t *a, int kb, const int32_t *b,
                  const uint8_t *fixed_a, const uint8_t *fixed_b, int64_t room, int32_t *pairs);
+void pierced(int n, const int32_t *pairs, const int32_t *edges, const int32_t *triangles, const double *x,
+             uint8_t *found);
 int motion(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *x1, const double *radius,
            const double *gap, double kept, int most, uint8_t *free);
 """
 
-SOURCES = "pairs.c", "search.c", "blocks.c"
+SOURCES = "pairs.c", "search.c", "piercing.c", "blocks.c"
 
 Integers = npt.NDArray[np.int32]
 Bytes = npt.NDArray[np.uint8]

@@ -2,6 +2,7 @@
 
    A pair has four points.  Kinds: 0 point-triangle, 1 edge-edge; 2 point and plane (point, origin, normal),
    3 point in a sphere (point, centre), 4 point in a cylinder (point, origin, two directions across the axis). */
+#include <float.h>
 #include <math.h>
 #include <stdint.h>
 #include <string.h>

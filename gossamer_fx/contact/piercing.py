@@ -9,10 +9,10 @@ from fractions import Fraction
 
 import numpy as np
 
-from gossamer_fx.contact.kernel import Array, Integers
+from gossamer_fx.contact.kernel import Array, Bytes, Integers, library, pointers
 from gossamer_fx.contact.search import Surface, Tree, boxes_of
 
-ROUND_OFF = 1e-14  # error of a volume in double precision, over the sum of its terms' sizes
+YES, UNSURE = 1, 2  # of piercing.c
 
 
 def intersections(surface: Surface, x: Array, edges: Integers | None = None) -> Integers:
@@ -31,27 +31,24 @@ def intersections(surface: Surface, x: Array, edges: Integers | None = None) -> 
     tree, boxes = Tree(boxes_of(x, x, triangles)), np.ascontiguousarray(boxes_of(x, x, lines))
     fixed = surface.all_fixed(lines), surface.all_fixed(triangles)
     near = tree.overlapping(query, boxes, surface.where(lines), surface.where(triangles), fixed)
-    (p, q), (a, b, c) = lines[near[:, 0]].T, triangles[near[:, 1]].T
-    sizes = np.abs(x).max(axis=1)
-    sides = _signs(x, sizes, a, b, c, p) * _signs(x, sizes, a, b, c, q) < 0
-    near, p, q, a, b, c = (part[sides] for part in (near, p, q, a, b, c))
-    u, v, w = (_signs(x, sizes, p, q, *side) for side in ((a, b), (b, c), (c, a)))
-    return near[(u == v) & (v == w) & (u != 0)]
+    found: Bytes = np.empty(len(near), dtype=np.uint8)
+    x = np.ascontiguousarray(x)
+    library().lib.pierced(len(near), *pointers(near, lines, triangles, x, found))
+    for i in np.flatnonzero(found == UNSURE):
+        found[i] = _pierces_exactly(x[lines[near[i, 0]]], x[triangles[near[i, 1]]])
+    return near[found == YES]
 
 
-def _signs(x: Array, sizes: Array, a: Integers, b: Integers, c: Integers, d: Integers) -> Integers:
-    """Signs (n,) of the volumes (b - a) × (c - a) · (d - a) of points, whose largest coordinates are `sizes`; exact."""
-    u, v, w = x[b] - x[a], x[c] - x[a], x[d] - x[a]
-    volume = np.einsum("ni,ni->n", np.cross(u, v), w)
-    of_a = sizes[a]
-    unsure = np.flatnonzero(np.abs(volume) <= 6 * ROUND_OFF * (sizes[b] + of_a) * (sizes[c] + of_a) * (sizes[d] + of_a))
-    sign = np.sign(volume).astype(np.int32)
-    for i in unsure:
-        sign[i] = _exact_sign(x[[a[i], b[i], c[i], d[i]]])
-    return sign
+def _pierces_exactly(ends: Array, corners: Array) -> bool:
+    """Whether the edge between two points (2, 3) pierces the triangle (3, 3)."""
+    p, q = ends
+    below, above = (_exact_sign(np.vstack([corners, end])) for end in ends)
+    turns = {_exact_sign(np.array([p, q, corners[k], corners[(k + 1) % 3]])) for k in range(3)}
+    return below * above < 0 and len(turns) == 1 and 0 not in turns
 
 
 def _exact_sign(corners: Array) -> int:
+    """Sign of the volume (b - a) × (c - a) · (d - a) of points (4, 3)."""
     origin, *others = ([Fraction(float(value)) for value in corner] for corner in corners)
     (a, b, c), (d, e, f), (g, h, i) = ([p - o for p, o in zip(other, origin, strict=True)] for other in others)
     volume = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)

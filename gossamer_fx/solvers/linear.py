@@ -135,7 +135,7 @@ class BorderedPreconditioner:
         step = self._system.time, self._system.h
         self._hard = step == self._step and (self._hard or self._applications > EASY)
         if self._sparse.getType() in factorisation.TYPES:
-            self._sparse.setOperators(operator.A.whole())
+            factorisation.replace(self._sparse, operator.A.whole())
         else:
             self._sparse.setOperators(operator.A.strong() if self._hard else operator.A.A)
         self._sparse.setUp()

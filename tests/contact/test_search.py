@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gossamer_fx.contact.pairs import EDGE_EDGE, POINT_TRIANGLE, squared_distances
-from gossamer_fx.contact.piercing import intersections
+from gossamer_fx.contact.piercing import _pierces_exactly, intersections
 from gossamer_fx.contact.search import Surface, candidates, refused
 
 
@@ -104,6 +104,22 @@ def test_intersections_are_those_of_all_pairs() -> None:
                 expected.add((i, j))
     assert len(expected) > 20
     assert {tuple(pair) for pair in intersections(surface, x).tolist()} == expected
+
+
+def test_intersections_of_what_touches_are_exact() -> None:
+    """Corners on a coarse grid, where every second volume is zero, turned, moved far off and put on the last bits."""
+    surface, x = soup(60, 4, 0.5)
+    x = np.round(4 * x) / 4
+    every = {
+        (i, j) for i, e in enumerate(surface.edges) for j, t in enumerate(surface.triangles) if not set(e) & set(t)
+    }
+    a = np.array([[3, -4, 0], [4, 3, 0], [0, 0, 5]]) / 5
+    for points in (x, x @ a, 1e3 + x @ a, np.nextafter(x @ a, 1)):
+        expected = {
+            (i, j) for i, j in every if _pierces_exactly(points[surface.edges[i]], points[surface.triangles[j]])
+        }
+        assert {tuple(pair) for pair in intersections(surface, points).tolist()} == expected
+        assert len(expected) > 10
 
 
 def degenerate(kind: int, x: np.ndarray) -> None:
