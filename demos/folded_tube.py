@@ -71,6 +71,7 @@ def build(
     residual: float = 1.0,
     until: float = 0.02,
     dt: float = 1e-4,
+    iterations: int = 10,
 ) -> gx.Case:
     """The tube of `panels` compartments with `cells` cells across, folded, its tank and the valve.
 
@@ -87,6 +88,7 @@ def build(
         air: pressure outside [Pa]; 0: vacuum.
         drag: coefficient of the drag of that air, of 293 K; 0: none.
         residual: pressure over it of the gas that is left in the tube at the start [Pa].
+        iterations: aimed at in a step.
     """
     width, half = math.pi * diameter / 2, length / panels
     if start == "zigzag":
@@ -124,7 +126,7 @@ def build(
     if tube.contact is not None:
         probes["penetrations"] = gx.Penetrations(tube.contact)
     probes |= {f"{line.name} [rad]": gx.FoldAngle(line) for line in tube.creases}
-    control = gx.StepControl(iterations=12, largest=2 * dt)
+    control = gx.StepControl(iterations=iterations, largest=2 * dt)
     # the first guess of a step may press layers together: its residual is no measure of the forces
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
     return gx.Case(gx.Scene(*items), stepper, until, TITLE, probes=probes, control=control, frames=80)

@@ -49,6 +49,7 @@ PETALS, TIP = 14.0, 0.5  # kg: four trapezoids with their devices; a tip mass
 HUB_MASS, HUB_INERTIA, HUB_RADIUS, HUB_HEIGHT = 290.0, (70.0, 70.0, 85.0), 0.79, 0.95  # kg, kg m², m
 FILM = {"E": 3e9, "nu": 0.34, "thickness": 7.5e-6}
 TETHER = 1e4  # N/m
+OUT = 6.0  # m: the sail counts as open when the middles of its edges are as far out
 ARM_END = 7.4  # rpm at the end of stage 1
 FLIGHT = {"end of stage 1 (6 June 2010)": (None, ARM_END), "open (16 June 2010)": (9.97, 2.5)}  # tips' radius [m], rpm
 
@@ -217,7 +218,8 @@ def main(
 
     Returns energy_error, angular_momentum_drift (relative), halved, steps, iterations (a step), seconds, penetrations
     (the most edges that pierced triangles at any step), spins at the end [rpm] and that of the closed form, radius of
-    the tips at the end and at most [m], energy at the start, dissipated, by each cause, and that still has to go [J].
+    the tips at the end and at most [m], when the middles of the edges are 6 m out [s], energy at the start, dissipated,
+    by each cause, and that still has to go [J].
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.06, 0.12, 0.2, 0.28, 0.4, 0.55, 0.7, 0.85, 1.0)
@@ -228,6 +230,7 @@ def main(
     first, now = run.first.angular_momentum, run.totals.angular_momentum
     inertia = HUB_INERTIA[2] + square_inertia(float(given.get("pitch", 0.64)))  # type: ignore[arg-type]
     steady = float(first[2]) / inertia
+    out = np.flatnonzero(series["middle [m]"] > OUT)
     return {
         **books(run, series),
         "angular_momentum_drift": relative_drift(now, first),
@@ -236,6 +239,7 @@ def main(
         "spin_in_the_end": steady / RPM,
         "radius": float(radius[-1]),
         "largest_radius": float(radius.max()),
+        "opened": float(series.time[out[0]]) if len(out) else math.inf,
         "energy": run.first.energy,
         **losses(run),
         "to_be_lost": run.totals.energy - inertia * steady**2 / 2,

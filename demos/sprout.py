@@ -9,18 +9,17 @@ The tubes open, unfold and draw the film with them, whose edges are tied to thei
 cube apart.  Nothing acts from outside: energy, momentum and angular momentum stay as they were.
 
 Where the values come from:
-    cube, tubes, film    20 cm, 7 kg, two tubes in V with a triangular film: SPROUT, Nihon University (eoPortal;
-                         Miyazaki, KAKENHI 19360384 final report, 2009), whose sides were 1.5 m; here they are 0.6 m,
-                         and the last command begins with 1.5 m.  The angle of 60° is chosen, as are diameter, folds,
-                         tank and valves, which were not published
+    cube, tubes, film    20 cm, 7 kg, two tubes of 1.5 m in V with a triangular film: SPROUT, Nihon University
+                         (eoPortal; Miyazaki, KAKENHI 19360384 final report, 2009).  The angle of 60° is chosen, as are
+                         diameter, folds, tank and valves, which were not published
     film                 polyimide, Kapton HN 50 (DuPont data sheet H-38492): 12.5 µm, 2.5 GPa, 0.34, 1420 kg/m³
-    tank                 chosen: nitrogen at 20 kPa and 293 K, half a litre, which fills the tubes to about 8 kPa
-    damping              chosen: 0.3 ms, viscosity of the film over its stiffness
+    tank                 chosen: nitrogen at 20 kPa and 293 K, two litres, which fill the tubes to about 10 kPa
+    damping              chosen: 1 ms, viscosity of the film over its stiffness
 
     ./gossamer demo sprout
     ./gossamer run demos/sprout.py crease=1.3e-3 --output out/sprout; ./gossamer report out/sprout
     ./gossamer run demos/sprout.py inset=0.025 --output out/tethers
-    ./gossamer run demos/sprout.py length=1.5 rows=2 tank=2e-3 damping=1e-3 until=0.12 --output out/long
+    ./gossamer run demos/sprout.py length=0.6 rows=1 tank=5e-4 damping=3e-4 until=0.12 --output out/short
 """
 
 from __future__ import annotations
@@ -99,7 +98,7 @@ class Figure:
 
 def build(
     comm: MPI.Comm,
-    length: float = 0.6,
+    length: float = 1.5,
     diameter: float = 0.03,
     a: float = 0.32,
     b: float = 0.37,
@@ -108,10 +107,10 @@ def build(
     cell: float = 0.06,
     fine: float = 0.2,
     coarse: float = 0.3,
-    rows: int = 1,
+    rows: int = 2,
     lift: float = 5e-5,
     thickness: float = 12.5e-6,
-    tank: float = 5e-4,
+    tank: float = 2e-3,
     pressure: float = 20e3,
     bore: float = 7e-3,
     opening: float = 0.03,
@@ -120,8 +119,8 @@ def build(
     tethers: int = 4,
     crease: float = 0.0,
     contact: float = 5e-4,
-    damping: float = 3e-4,
-    until: float = 0.12,
+    damping: float = 1e-3,
+    until: float = 0.4,
     dt: float = 1e-4,
     largest: float = 1e-3,
     iterations: int = 14,
@@ -221,7 +220,7 @@ def tips(series: gx.Series) -> dict[str, Array]:
 
 
 def main(
-    output: str | Path | None = None, until: float = 0.12, comm: MPI.Comm = MPI.COMM_WORLD, **given: object
+    output: str | Path | None = None, until: float = 0.4, comm: MPI.Comm = MPI.COMM_WORLD, **given: object
 ) -> dict[str, float]:
     """Deploy tubes and film; what `build` takes may be `given`.  With `output`, a folder: a recording and a picture.
 
@@ -231,7 +230,7 @@ def main(
     pressures at the end [Pa], and energy dissipated, and by each cause [J].
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
-    parts = (0.0, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 1.0)
+    parts = (0.0, 0.08, 0.16, 0.22, 0.27, 0.31, 0.4, 0.5, 0.7, 1.0)
     run, series = deploy(case, output, "sprout", parts, VIEW)
     left, right = tips(series).values()
     ends = {name: float(series[name][-1]) for name in case.probes if name.endswith("[Pa]")}

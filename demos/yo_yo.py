@@ -59,8 +59,13 @@ def spin_of(t: Array, cells: int) -> Array:
     return np.asarray(SPIN * (c - s**2) / (c + s**2))
 
 
-def build(comm: MPI.Comm, cells: int = 36, until: float | None = None, dt: float = 2e-4) -> gx.Case:
-    """The hub and two cords of `cells` cells until the time `until` [s], at which they are all but unwound."""
+def build(
+    comm: MPI.Comm, cells: int = 36, until: float | None = None, dt: float = 2e-4, largest: float = 1e-3
+) -> gx.Case:
+    """The hub and two cords of `cells` cells until the time `until` [s], at which they are all but unwound.
+
+    Steps [s] are as long as `largest` at most, the first one `dt`.
+    """
     R, length, step = wound(cells)
     I = inertia(cells)  # noqa: E741 (as in the formula)
     hub = gx.RigidBody(2 * I / RADIUS**2, (I / 2, I / 2, I), name="hub")
@@ -89,18 +94,22 @@ def build(comm: MPI.Comm, cells: int = 36, until: float | None = None, dt: float
     scene = gx.Scene(*items, contact, gx.RigidMotion(spin=(0.0, 0.0, SPIN)))  # type: ignore[arg-type]
     probes = {"spin of the hub [rad/s]": gx.AngularVelocity(hub.frame(), "z"), "penetrations": gx.Penetrations(contact)}
     whole = UNWOUND * math.pi / SPIN if until is None else until
-    control = gx.StepControl(iterations=10, largest=1e-3)
+    control = gx.StepControl(iterations=10, largest=largest)
     return gx.Case(scene, gx.Midpoint(dt=dt), whole, TITLE, probes=probes, control=control, frames=60)
 
 
 def main(
-    output: str | Path | None = None, cells: int = 36, dt: float = 2e-4, comm: MPI.Comm = MPI.COMM_WORLD
+    output: str | Path | None = None,
+    cells: int = 36,
+    dt: float = 2e-4,
+    largest: float = 1e-3,
+    comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> dict[str, float]:
     """Unwind the cords; errors of the hub's spin over the first one, until half and until all of them is unwound.
 
     With `output`, a folder: the recording of the run, and a picture.
     """
-    case = build(comm, cells, dt=dt)
+    case = build(comm, cells, dt=dt, largest=largest)
     series = gx.Series(case.probes)
     outputs: list[Output] = [gx.Progress(), series]
     if output is not None:

@@ -9,10 +9,12 @@ import pytest
 
 from demos import sprout
 
+SHORT = {"length": 0.6, "rows": 1, "tank": 5e-4, "damping": 3e-4}
+
 
 @pytest.mark.mpi
 def test_the_tubes_begin_to_open(comm) -> None:
-    found = sprout.main(comm=comm, until=1e-3 if comm.size == 1 else 2e-4, crease=1e-3)
+    found = sprout.main(comm=comm, until=1e-3 if comm.size == 1 else 2e-4, crease=1e-3, **SHORT)
     assert found["penetrations"] == 0
     assert found["energy_error"] < 1e-8 and found["mass_error"] < 1e-12 and found["angular_momentum_drift"] < 1e-9
     assert found["pressure_left_1"] > 1.3 * found["pressure_left_2"] > 0.5
@@ -21,7 +23,7 @@ def test_the_tubes_begin_to_open(comm) -> None:
 @pytest.mark.mpi
 def test_the_stack_is_small_and_in_front_of_the_cube(comm) -> None:
     """Tubes and film fill a box; the root of each tube is where it will be; no layer is stretched much."""
-    case = sprout.build(comm, length=1.5)
+    case = sprout.build(comm)
     starts = [item for item in case.scene.items if type(item).__name__ == "Folded"]
     assert len(starts) == 3
     positions = [part for start in starts for part in comm.allgather(start.positions())]
@@ -38,7 +40,7 @@ def test_the_stack_is_small_and_in_front_of_the_cube(comm) -> None:
 @pytest.mark.slow
 def test_the_tubes_stand_out_in_v(tmp_path) -> None:
     """Both are straight and as wide as the round tube; span and reach are those of the flat figure within a tenth."""
-    found = sprout.main(tmp_path)
+    found = sprout.main(tmp_path, until=0.12, **SHORT)
     assert found["penetrations"] == 0
     assert found["energy_error"] < 1e-8 and found["mass_error"] < 1e-12 and found["angular_momentum_drift"] < 1e-9
     assert found["reach"] == pytest.approx(0.6 * math.cos(sprout.HALF), rel=0.1)
