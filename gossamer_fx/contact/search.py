@@ -15,7 +15,7 @@ from gossamer_fx.contact.kernel import Array, Bytes, Integers, library, pointers
 from gossamer_fx.contact.pairs import EDGE_EDGE, POINT_TRIANGLE, squared_distances
 
 KEPT = 0.1  # part of its distance that a pair keeps on the way of a step
-CHECKS = 100  # positions on its way at which a pair's distance is computed at most
+CHECKS = 1000  # positions on its way at which a distance is computed at most: a turn is a long way for a near pair
 
 
 @dataclass(frozen=True)
