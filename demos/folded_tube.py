@@ -71,7 +71,7 @@ def build(
     residual: float = 1.0,
     until: float = 0.02,
     dt: float = 1e-4,
-    iterations: int = 10,
+    iterations: int = 12,
 ) -> gx.Case:
     """The tube of `panels` compartments with `cells` cells across, folded, its tank and the valve.
 

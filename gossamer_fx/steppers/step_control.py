@@ -16,7 +16,6 @@ from gossamer_fx.steppers.stepping import StepSolver, step_failure
 from gossamer_fx.system.system import System
 
 SAFETY = 0.9
-BELOW, WHILE = 0.8, 20  # steps after one that failed are shorter than this part of it, for so many
 
 
 @dataclass(frozen=True)
@@ -29,9 +28,8 @@ class StepControl:
 
     i the Newton iterations that it took and ε its local error.  That of the midpoint rule, h³ q⃛/12, is taken from
     the mean accelerations of this step and the one before (no further solve), and measured as the root mean square
-    over the mass, ε² = e·Me/m.  A step that fails, or whose error is too large, is made anew, shorter; one that fails
-    would again, so the next 20 stay below 0.8 of its length.  Energy, momenta and masses are conserved for every
-    sequence of steps.
+    over the mass, ε² = e·Me/m.  A step that fails, or whose error is too large, is made anew, shorter.  Energy,
+    momenta and masses are conserved for every sequence of steps.
 
     Args:
         iterations: target of Newton iterations a step.
@@ -72,7 +70,6 @@ class ControlledSteps:
         self._control, self._system, self._solver = control, system, solver
         self._smallest = control.smallest or 1e-6 * dt
         self.wanted, self.iterations, self.substeps = dt, 0, 0
-        self._failed, self._since = math.inf, 0  # length of the last step that failed, and how many were made since
         self.vectors: dict[str, PETSc.Vec] = {}
         self._estimate: LocalError | None = None
         if control.error is not None:
@@ -95,7 +92,6 @@ class ControlledSteps:
                 iterations = self._solver.step(h)
             except NotConverged as failure:
                 factor, reason = self._control.cut, str(failure)
-                self._failed, self._since = h, 0
             else:
                 self.iterations += iterations
                 factor = self._factor(iterations, h)
@@ -108,11 +104,9 @@ class ControlledSteps:
                 raise step_failure(self._system, h, reason)
         if self._estimate:
             self._estimate.accept()
-        self._since += 1
         proposed = h * min(factor, growth)
         if factor < 1 or proposed > self.wanted:
-            below = BELOW * self._failed if self._since < WHILE else math.inf
-            self.wanted = min(proposed, self._control.largest, max(below, h))
+            self.wanted = min(proposed, self._control.largest)
 
     def _factor(self, iterations: int, h: float) -> float:
         """Of the next step over this one of length h; negative if this one must be made anew, and has been undone."""
@@ -128,11 +122,10 @@ class ControlledSteps:
         return max(factor, control.cut)
 
     def get_state(self) -> dict[str, Any]:
-        before = self._estimate.before if self._estimate else 0.0
-        return {"wanted": self.wanted, "before": before, "failed": self._failed, "since": self._since}
+        return {"wanted": self.wanted, "before": self._estimate.before if self._estimate else 0.0}
 
     def set_state(self, state: dict[str, Any]) -> None:
-        self.wanted, self._failed, self._since = state["wanted"], state.get("failed", math.inf), state.get("since", 0)
+        self.wanted = state["wanted"]
         if self._estimate:
             self._estimate.before = state["before"]
 
