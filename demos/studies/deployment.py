@@ -49,7 +49,7 @@ STUDY = Study(
     "deployment",
     "Convergence of the deployment of a folded tube",
     problem,
-    {"start": ["usual", "nudged"], "cells": [4, 6, 8], "h": [2e-4, 1e-4, 5e-5]},
+    {"start": ["usual", "nudged"], "cells": [4, 6, 8], "h": [1e-4, 5e-5, 2.5e-5]},
     lambda case: case["h"],
     quick={"start": ["usual"], "cells": [4], "h": [1e-4]},
     columns=(
