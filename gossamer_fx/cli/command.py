@@ -75,12 +75,12 @@ def script() -> int:
 
 
 def _with_values(words: Sequence[str]) -> list[str]:
-    """The words with --restart=newest where --restart names no checkpoint."""
+    """The words with --restart=newest where what follows --restart is the scene, an argument of it, or an option."""
     rest, given = list(words), list[str]()
     while rest:
         word = rest.pop(0)
         if word == "--restart":
-            named = bool(rest) and (rest[0].isdigit() or (Path(rest[0]) / "run.json").is_file())
+            named = bool(rest) and not (rest[0].startswith("-") or rest[0].endswith(".py") or "=" in rest[0])
             word = f"--restart={rest.pop(0) if named else 'newest'}"
         given.append(word)
     return given

@@ -336,6 +336,7 @@ SCENES = {
     "an option of another kind": (GOOD, ["until=long"], "until"),
     "a value that is missing": (GOOD.replace("cells=2", "cells"), [], "cells"),
     "nothing to restart from": (GOOD, ["--restart"], "checkpoint"),
+    "a checkpoint that is nowhere": (GOOD, ["--restart", "saved"], "no checkpoint in 'saved'"),
     "no ranks": (GOOD, ["--ranks", "0"], "'0'"),
     "unknown flag": (GOOD, ["--fast"], "--fast"),
     "a log that cannot be": (GOOD, ["--log", "scene.py/log.txt"], "log.txt"),
