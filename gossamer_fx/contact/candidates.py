@@ -94,13 +94,17 @@ class Candidates:
         nodes = np.ascontiguousarray(self.nodes[which])
         return Pairs(nodes, kind, np.zeros(len(kind)), S, offset, self.names[which])
 
-    def refused(self, x0: Array, x1: Array, gaps: Array, way: Array, among: Any = True) -> npt.NDArray[np.intp]:
-        """Which of them (or `among` a mask) would pass through each other from x0, where the gaps are, to x1.
+    def refused(
+        self, x0: Array, x1: Array, gaps: Array, begins: Array, way: Array, among: Any = True
+    ) -> npt.NDArray[np.intp]:
+        """Which of them (or `among` a mask) would pass through each other from x0 to x1.
 
-        way: of `approach`.
+        gaps, begins, way: at x0, where contact begins, and of `approach` (n,) [m].
         """
-        some = np.flatnonzero((way > (1 - KEPT) * gaps) & (self.kind < WALLS) & among)
-        return some[refused(self.nodes[some], self.kind[some], x0, x1, self.radius[some], gaps[some])]
+        least = KEPT * np.minimum(gaps, begins)
+        some = np.flatnonzero((way > gaps - least) & (self.kind < WALLS) & among)
+        pairs = self.nodes[some], self.kind[some]
+        return some[refused(*pairs, x0, x1, self.radius[some], gaps[some], least[some])]
 
 
 def _second(nodes: Integers, kind: Bytes) -> Integers:

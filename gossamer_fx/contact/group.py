@@ -172,7 +172,7 @@ class Group:
         """Which candidates are near at x0, or may be at about x1."""
         d, (gap1, way) = self._begins(), self._gaps_at(x1)
         near = (self._gap0 < 1.05 * d) | (gap1 < FAR * d + MARGIN * np.abs(gap1 - self._gap0))
-        near[self.found.refused(self.x0, x1, self._gap0, way, ~near)] = True
+        near[self.found.refused(self.x0, x1, self._gap0, d, way, ~near)] = True
         return near
 
     def _select(self, near: npt.NDArray[np.bool_], v: Array | None = None) -> Pairs:
@@ -231,7 +231,7 @@ class Group:
             rows *= np.minimum(1.0, REACH * self._d / np.maximum(way, 1e-300))[:, None]
 
     def widen(self) -> bool:
-        """After a step was solved: whether a pair that is near now was left out; it is then taken in."""
+        """After a step was solved: whether a pair that is near now or was on the way was left out, and is taken in."""
         x1 = self.points.at(self._system.q1, self._t1)
         if not self.found.course.holds(x1, self._t1):
             names = self.found.names[self._mask]
@@ -240,7 +240,9 @@ class Group:
             self._mask = np.isin(self.found.names, names)
         gap1, self._way = self._gaps_at(x1)
         self._known = [(self.found, self.x0, self._gap0), (self.found, x1, gap1)]
-        missed = (gap1 < 1.02 * self._begins()) & ~self._mask
+        begins, left_out = self._begins(), ~self._mask
+        missed = (gap1 < 1.02 * begins) & left_out
+        missed[self.found.refused(self.x0, x1, self._gap0, begins, self._way, left_out)] = True
         if not self._comm.allreduce(bool(missed.any())):
             return False
         self._take(self._mask | missed | self._selection(x1), self._v)
@@ -253,7 +255,7 @@ class Group:
             self.widen()
         found, gap1 = self.found, self._known[1][2]
         behind_walls = np.flatnonzero((found.kind >= WALLS) & (gap1 <= 0))
-        wrong = np.concatenate([found.refused(self.x0, x1, self._gap0, self._way), behind_walls])
+        wrong = np.concatenate([found.refused(self.x0, x1, self._gap0, self._begins(), self._way), behind_walls])
         words = ""
         if len(wrong):
             i = int(wrong[0])

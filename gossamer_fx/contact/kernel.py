@@ -33,7 +33,7 @@ int64_t overlaps(int n, int size, const double *tree, const int32_t *order, int 
 void pierced(int n, const int32_t *pairs, const int32_t *edges, const int32_t *triangles, const double *x,
              uint8_t *found);
 int motion(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *x1, const double *radius,
-           const double *gap, double kept, int most, uint8_t *free);
+           const double *gap, const double *least, int most, uint8_t *free);
 """
 
 SOURCES = "pairs.c", "search.c", "piercing.c", "blocks.c"

@@ -57,14 +57,14 @@ int64_t overlaps(int n, int size, const double *tree, const int32_t *order, int 
     return found;
 }
 
-/* Whether pairs keep a part of their distance on the straight way of all points from x0 to x1: additive motion check.
+/* Whether pairs keep a least distance on the straight way of all points from x0 to x1: additive motion check.
 
    Li et al., "Codimensional incremental potential contact" (2021), section 4: a pair may advance by the part of its
    distance that its points can cover at most, again and again.  radius (n) is taken off the distances; gap (n) are
-   those of x0.
+   those of x0, least (n) those to be kept.
    free (n): 1 yes, 0 no.  Returns the number of those that do not. */
 int motion(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *x1, const double *radius,
-           const double *gap, double kept, int most, uint8_t *free)
+           const double *gap, const double *least, int most, uint8_t *free)
 {
     int refused = 0;
     const int32_t own[4] = {0, 1, 2, 3};
@@ -74,10 +74,10 @@ int motion(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, c
         free[i] = 1;
         const double way = approach(kind[i], x0, x1, p);
         const double d0 = gap[i];
-        if (way <= (1 - kept) * d0) continue;
+        if (way <= d0 - least[i]) continue;
         double t = 0, d = d0;
         for (int step = 0; step < most; ++step) {
-            const double advance = 0.9 * (d - kept * d0) / way;
+            const double advance = 0.9 * (d - least[i]) / way;
             if (t + advance >= 1) break;
             t += advance;
             for (int k = 0; k < 12; ++k) {
@@ -85,7 +85,7 @@ int motion(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, c
                 x[k] = x0[j] + t * (x1[j] - x0[j]);
             }
             d = sqrt(distance2(kind[i], x, own)) - radius[i];
-            if (!(d > 1.01 * kept * d0) || step == most - 1) {
+            if (!(d > 1.01 * least[i]) || step == most - 1) {
                 free[i] = 0;
                 ++refused;
                 break;

@@ -14,7 +14,7 @@ import numpy as np
 from gossamer_fx.contact.kernel import Array, Bytes, Integers, library, pointers
 from gossamer_fx.contact.pairs import EDGE_EDGE, POINT_TRIANGLE, squared_distances
 
-KEPT = 0.1  # part of its distance that a pair keeps on the way of a step
+KEPT = 0.1  # part of its distance, or of that at which contact begins, that a pair keeps on the way of a step
 CHECKS = 1000  # positions on its way at which a distance is computed at most: a turn is a long way for a near pair
 
 
@@ -151,16 +151,26 @@ def candidates(
     return np.ascontiguousarray(nodes, dtype=np.int32), kind, np.vstack([near, across]).astype(np.int64)
 
 
-def refused(nodes: Integers, kind: Bytes, x0: Array, x1: Array, radius: Array, gap: Array | None = None) -> np.ndarray:
-    """Indices of the pairs that come nearer than a tenth of their distance, or may, on the straight way to x1.
+def refused(
+    nodes: Integers,
+    kind: Bytes,
+    x0: Array,
+    x1: Array,
+    radius: Array,
+    gap: Array | None = None,
+    least: Array | None = None,
+) -> np.ndarray:
+    """Indices of the pairs that come nearer than their least distance, or may, on the straight way to x1.
 
-    gap: distances (n,) [m] at x0, less the radii, if they are known.
+    gap, least: distances (n,) [m] at x0 and on the way, less the radii; if not given they are computed, and a tenth.
 
     Additive continuous collision detection (Li, Kaufman & Jiang, ACM Trans. Graph. 40 (2021) 170, section 4).
     """
     if gap is None:
         gap = np.sqrt(squared_distances(nodes, kind, x0)) - radius
+    if least is None:
+        least = KEPT * gap
     free = np.empty(len(kind), dtype=np.uint8)
-    arguments = pointers(nodes, kind, x0, x1, radius, gap)
-    library().lib.motion(len(kind), *arguments, KEPT, CHECKS, *pointers(free))
+    arguments = pointers(nodes, kind, x0, x1, radius, gap, least)
+    library().lib.motion(len(kind), *arguments, CHECKS, *pointers(free))
     return np.flatnonzero(free == 0)
