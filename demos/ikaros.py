@@ -70,6 +70,7 @@ def square_inertia(pitch: float) -> float:
 def build(
     comm: MPI.Comm,
     pitch: float = 0.64,
+    refine: int = 1,
     rpm: float = ARM_END,
     contact: float = 1.5e-3,
     gap: float = 2e-3,
@@ -87,6 +88,7 @@ def build(
 
     Args:
         pitch: between folds [m]; 0.32 has as many as the sail of the flight has rows of devices.
+        refine: cells between folds.
         contact: distance at which it begins [m]; 0: none.
         gap: of the layers [m].
         damping: viscosity of the film over its stiffness [s]; with `tension_only` none where it is slack.
@@ -97,7 +99,7 @@ def build(
     """
     inner, outer, bends = rows(pitch)
     folds = gx.fold.ikaros(n=4, inner=inner, outer=outer, pitch=pitch, bends=bends, gap=gap, hub_gap=gap, ramp=pitch)
-    film = sail(comm, pitch, folds.mark)
+    film = sail(comm, pitch, folds.mark, refine=refine)
     hub = gx.RigidBody(HUB_MASS, HUB_INERTIA, name="hub")
     tips = [film.port(f"tip {k}") for k in range(4)]
     items: list[object] = [film, folds.start(film), hub]
@@ -138,12 +140,14 @@ def sail(
     pitch: float,
     mark: Callable[[gx.Mesh], gx.Mesh] = lambda mesh: mesh,
     displacement: Callable[[Array], Array] | None = None,
+    refine: int = 1,
 ) -> gx.Membrane:
     """The four trapezoids with the mass of their devices."""
     inner, outer, _ = rows(pitch)
     density = PETALS / (4 * (outer**2 - inner**2) * pitch**2) / FILM["thickness"]
     law = gx.Miyazaki(**FILM, density=density, residual=1e-6)
-    return gx.Membrane(mark(trapezoids(comm, 4, inner, outer, pitch)), law, name="sail", displacement=displacement)
+    mesh = mark(trapezoids(comm, 4, inner, outer, pitch, refine))
+    return gx.Membrane(mesh, law, name="sail", displacement=displacement)
 
 
 def tethers(film: gx.Membrane, hub: gx.RigidBody, pitch: float, radius: float, damping: float = 0.0) -> gx.RopeBundle:
