@@ -32,7 +32,7 @@ from gossamer_fx.model.terms import Array
 
 def main(
     comm: MPI.Comm = MPI.COMM_WORLD,
-    angle: float = 2e-4,
+    extra: float = 3e-4,
     damping: float = 1e-4,
     tether_damping: float = 0.0,
     until: float = 240.0,
@@ -40,7 +40,7 @@ def main(
     pitch: float = 0.64,
     rpm: float = 2.5,
 ) -> dict[str, float]:
-    """Let the hub swing with the rate `angle` [rad] times ω against the sail; see `ikaros.build` for the other numbers.
+    """Let the hub swing, with `extra` [rpm] more spin than the sail at first; see `ikaros.build` for the rest.
 
     Returns the frequency [Hz] and that of the closed form, the decay δ [1/s], what the fit leaves of the swing, the
     energy of the swing at the start [J], energy_error, what was dissipated, by each cause [J], steps, iterations (a
@@ -50,7 +50,7 @@ def main(
     inertia, Ω = ikaros.HUB_INERTIA[2], rpm * ikaros.RPM
     ω = math.sqrt(stiffness * (1 / inertia + 1 / J))
     film = ikaros.sail(comm, pitch)
-    hub = gx.RigidBody(ikaros.HUB_MASS, ikaros.HUB_INERTIA, spin=(0.0, 0.0, angle * ω), name="hub")
+    hub = gx.RigidBody(ikaros.HUB_MASS, ikaros.HUB_INERTIA, spin=(0.0, 0.0, extra * ikaros.RPM), name="hub")
     items: list[object] = [film, hub]
     items += [gx.AttachedMass(film.port(f"tip {k}"), ikaros.TIP, name=f"mass {k}") for k in range(4)]
     items.append(ikaros.tethers(film, hub, pitch, ikaros.HUB_RADIUS, tether_damping))
@@ -67,7 +67,7 @@ def main(
         "closed_form": ω / (2 * math.pi),
         "decay": found[0],
         "misfit": found[2],
-        "swing": (angle * ω) ** 2 / (1 / inertia + 1 / J) / 2,
+        "swing": (extra * ikaros.RPM) ** 2 / (1 / inertia + 1 / J) / 2,
         "energy_error": abs(run.energy_error),
         **losses(run),
         "steps": run.step,
@@ -105,8 +105,8 @@ def say(found: dict[str, float]) -> None:
 
 
 if __name__ == "__main__":
-    for turn in (2e-4, 0.1):
+    for more in (3e-4, 0.03, 0.2):
         for dampers in (0.0, 100.0):
-            result = main(angle=turn, tether_damping=dampers)
+            result = main(extra=more, tether_damping=dampers)
             if MPI.COMM_WORLD.rank == 0:
                 say(result)
