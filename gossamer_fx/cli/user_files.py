@@ -11,6 +11,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from gossamer_fx.checks.errors import InputError, check
+from gossamer_fx.run.interruption import Interrupted
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -44,7 +45,7 @@ def guarded[T](comm: MPI.Intracomm, path: Path, debug: bool, act: Callable[[], T
     """What `act` returns; an error of the user's code is told with its place in the file."""
     try:
         return act()
-    except InputError:
+    except (InputError, Interrupted):
         raise
     except (Exception, SystemExit) as error:
         if debug:

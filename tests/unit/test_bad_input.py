@@ -14,6 +14,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.cli.command import main
+from gossamer_fx.cli.user_files import guarded
 from meshes.line import line
 from meshes.sheet import sheet
 from meshes.sphere import sphere
@@ -357,6 +358,15 @@ def test_run_of_a_bad_scene_is_one_sentence(case: str, tmp_path: Path, monkeypat
     out, err = capsys.readouterr()
     assert code == 2 and not out
     assert err.startswith("gossamer: ") and err.count("\n") == 1 and err.endswith(".\n") and culprit in err
+
+
+def test_a_signal_in_a_scene_is_no_error_of_its_file(capsys) -> None:
+    def stop() -> None:
+        raise gx.Interrupted(15)
+
+    with pytest.raises(gx.Interrupted):
+        guarded(MPI.COMM_SELF, Path("scene.py"), False, stop)
+    assert capsys.readouterr() == ("", "")
 
 
 @pytest.mark.parametrize(
