@@ -193,7 +193,7 @@ def build(
         items += [gx.Tie(tubes[1].film, "side 4", film, "side 2"), gx.Tie(tubes[-1].film, "side 2", film, "side 4")]
     films = [film, *(tube.film for tube in tubes.values())]
     if damping:
-        items += [gx.Damping(body, stiffness=damping, name=f"damping of {body.name}") for body in films]
+        items += [gx.Damping(body, stiffness=damping, name=f"{body.name} damping") for body in films]
     box = gx.Box(centre=(0.0, 0.0, 0.0), sizes=(CUBE, CUBE, CUBE), on=cube, name="walls")
     touching = gx.Contact(*films, box, distance=contact)
     items.append(touching)

@@ -59,11 +59,13 @@ class Damping:
 
     def terms(self) -> Iterable[Term]:
         body = self.body
+        both = self.mass > 0 and self.stiffness > 0
+        by_mass, by_stiffness = (self.name + (f" ({part})" if both else "") for part in ("mass", "stiffness"))
         if self.mass > 0:
             α = constant(body.space.mesh, self.mass)
             inertia = ufl.as_vector(_inertia(body))
             yield Dissipation(
-                self.name + " (mass)",
+                by_mass,
                 body,
                 lambda x: x,
                 lambda v: α / 2 * sum(inertia[i] * v[i] ** 2 for i in range(len(inertia))),
@@ -77,10 +79,10 @@ class Damping:
                 yield (now := PresentStiffness(body, body.measure, body.density, body.dx))
                 C = now.matrix
                 viscous = lambda ė: β / 2 * ufl.dot(ė, ufl.dot(C, ė))  # noqa: E731
-                yield Dissipation(self.name + " (stiffness)", body, body.measure, viscous, body.dx)
+                yield Dissipation(by_stiffness, body, body.measure, viscous, body.dx)
                 return
             measure, energy = _unwrinkled(body)
-            yield Dissipation(self.name + " (stiffness)", body, measure, lambda ė: β * energy(ė), body.dx)
+            yield Dissipation(by_stiffness, body, measure, lambda ė: β * energy(ė), body.dx)
 
 
 def _inertia(body: Body) -> list[Expr]:
