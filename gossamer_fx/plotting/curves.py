@@ -23,6 +23,7 @@ LINES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B8860B", "#56B4E9", "#7F6
 _LEAST = 1e-6  # of the largest: what is always smaller is not shown
 _LOGARITHMIC = 30.0  # ratio of the curves' peaks beyond which their axis is logarithmic
 _LABEL_PITCH = 0.095  # of the axis' height
+_LABEL_LENGTH = 14  # letters of a name that fit between two panels
 _SHOWN = 0.02  # share of the area from which on a state is named
 _PREFIXES = {1e-9: "n", 1e-6: "µ", 1e-3: "m", 1.0: "", 1e3: "k", 1e6: "M", 1e9: "G"}
 
@@ -150,6 +151,7 @@ def label_ends(axes: Axes, labels: dict[str, tuple[float, str]]) -> None:
         heights[1:] += push
         heights = heights.clip(0, 1)
     for height, (_, name, colour) in zip(heights, ends, strict=True):
+        words = name if len(name) <= _LABEL_LENGTH else name[: _LABEL_LENGTH - 1].rstrip() + "…"
         axes.annotate(
-            name, (1, height), (5, 0), xycoords="axes fraction", textcoords="offset points", color=colour, va="center"
+            words, (1, height), (5, 0), xycoords="axes fraction", textcoords="offset points", color=colour, va="center"
         )
