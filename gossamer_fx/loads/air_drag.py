@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import ufl
 from dolfinx import fem
@@ -44,6 +44,8 @@ class AirDrag:
     Exact solution: a flat film of areal mass σ that is thrown along its normal has 1/v = 1/v0 + ρ C t/(2 σ); one that
     falls comes to v = √(2 σ g/(ρ C)).
     """
+
+    USUAL: ClassVar = {"density": (1e-12, 10.0, "kg/m³")}  # of gases
 
     body: Membrane
     density: float

@@ -126,7 +126,7 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
 
 
 def _of_numbers(name: str, holder: Any) -> Iterator[str]:
-    for attribute, (least, most, unit) in _USUAL.items():
+    for attribute, (least, most, unit) in (_USUAL | getattr(holder, "USUAL", {})).items():
         value = getattr(holder, attribute, None)
         if isinstance(value, int | float) and not least <= value <= most:
             yield f"'{name}': {attribute} = {value:g} {unit} is unusual; numbers are in SI units."

@@ -9,6 +9,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.scene.validation import warnings
 from meshes.sheet import sheet
 from tests.survival.scenes import flutter
 
@@ -132,3 +133,10 @@ def test_bad_air_is_refused() -> None:
     ):
         with pytest.raises(gx.InputError, match=words):
             gx.AirDrag(film, **given)
+
+
+def test_thin_air_is_usual_and_water_is_not() -> None:
+    film = body("film", MPI.COMM_WORLD, (0.0, 0.0, 0.0))
+    assert not [words for words in warnings([film, gx.AirDrag(film, 2.4e-4)]) if "air drag" in words]
+    [words] = [words for words in warnings([film, gx.AirDrag(film, 1000.0)]) if "air drag" in words]
+    assert "density = 1000 kg/m³ is unusual" in words
