@@ -156,9 +156,8 @@ class Checkpoints:
             gathered = comm.gather(checksums[0])
             if comm.rank == 0:
                 state["parts"] = gathered
-                state["checksum"] = _checksum_of(state)
-                with (new / "run.json").open("w", encoding="utf-8") as file:
-                    json.dump(state, file, indent=1)
+                with (new / "run.json").open("wb") as file:
+                    file.write(_page(state))
                     _to_disk(file)
                 shutil.rmtree(path, ignore_errors=True)
                 new.rename(path)
@@ -260,18 +259,19 @@ def _open(path: Path) -> tuple[Path, dict[str, Any]]:
     if chosen is None:
         raise InputError(f"There is no checkpoint in '{path}'; give a folder of checkpoints, or start without restart.")
     try:
-        state = json.loads((chosen / "run.json").read_text(encoding="utf-8"))
+        page = (chosen / "run.json").read_bytes()
+        state = json.loads(page)
         found, told = (state["format"], state["version"]), state.pop("checksum", None)
-        good = told == _checksum_of(state)
+        sound = told == _checksum_of(state)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(_damaged(chosen, f"run.json: {error}")) from error
     ours = FORMAT, VERSION
-    if found != ours and (good or told is None):
+    if found != ours and (sound or told is None):
         raise InputError(
             f"The checkpoint '{chosen}' was written by version {found[1]} (format {found[0]}), this is {ours[1]} "
             f"(format {ours[0]}); restart with the version that wrote it."
         )
-    if not good:
+    if not sound or page != _page(state):
         raise InputError(_damaged(chosen, "run.json was changed"))
     return chosen, state
 
@@ -314,8 +314,12 @@ def _step(path: Path) -> int:
     return int(path.name.removeprefix("step-"))
 
 
+def _page(state: dict[str, Any]) -> bytes:
+    """`run.json`: a state and its checksum."""
+    return json.dumps(state | {"checksum": _checksum_of(state)}, indent=1).encode()
+
+
 def _checksum_of(state: dict[str, Any]) -> str:
-    """Of all that `run.json` holds beside it."""
     text = json.dumps(json.loads(json.dumps(state)), sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 

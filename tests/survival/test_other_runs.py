@@ -179,20 +179,12 @@ def test_any_changed_byte_and_any_removed_key_of_a_checkpoint_is_told(tmp_path: 
                 found += removed(kept)
         return found
 
-    def same(content: bytes) -> bool:
-        """Another last digit, or E for e, may be the same number."""
-        try:
-            return bool(json.loads(content) == state)
-        except ValueError:
-            return False
-
     digits = [i for i, byte in enumerate(text) if chr(byte).isdigit()]
     changed = [text[:i] + bytes([(text[i] - 47) % 10 + 48]) + text[i + 1 :] for i in rng.choice(digits, 40)]
     flipped = [
         text[:i] + bytes([text[i] ^ 1 << rng.integers(8)]) + text[i + 1 :] for i in rng.integers(0, len(text), 40)
     ]
-    everything = [*removed(state), *changed, *flipped, text[:-20], b"", b"[]", b"null", b"{}"]
-    for content in (c for c in everything if not same(c)):
+    for content in [*removed(state), *changed, *flipped, text[:-20], b"", b"[]", b"null", b"{}"]:
         page.write_bytes(content)
         tried += 1
         with pytest.raises(gx.InputError) as told:
