@@ -251,11 +251,12 @@ class Group:
     def inadmissible(self) -> str:
         """In words, what passed through something else in the step; else nothing."""
         x1 = self.points.at(self._system.q1, self._t1)
-        if not np.array_equal(x1, self._known[1][1]):
-            self.widen()
+        if self._comm.allreduce(not np.array_equal(x1, self._known[1][1])):
+            self.widen()  # what it takes in is found below
         found, gap1 = self.found, self._known[1][2]
         behind_walls = np.flatnonzero((found.kind >= WALLS) & (gap1 <= 0))
-        wrong = np.concatenate([found.refused(self.x0, x1, self._gap0, self._begins(), self._way), behind_walls])
+        through = found.refused(self.x0, x1, self._gap0, self._begins(), self._way, self._mask)
+        wrong = np.concatenate([through, behind_walls])
         words = ""
         if len(wrong):
             i = int(wrong[0])
