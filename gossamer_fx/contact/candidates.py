@@ -13,7 +13,9 @@ from gossamer_fx.contact.body_set import WALLS, BodySet
 from gossamer_fx.contact.course import Course
 from gossamer_fx.contact.kernel import Array, Bytes, Integers
 from gossamer_fx.contact.pairs import EDGE_EDGE, IN_SPHERE, PLANE, Pairs, approaches, squared_distances
-from gossamer_fx.contact.search import KEPT, candidates, refused
+from gossamer_fx.contact.search import candidates, refused
+
+KEPT = 0.1  # part of its distance, or of that at which contact begins, that a pair keeps on the way of a step
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gossamer_fx.contact.kernel import Array, Bytes, Integers, library, pointers
-from gossamer_fx.contact.pairs import EDGE_EDGE, POINT_TRIANGLE, squared_distances
+from gossamer_fx.contact.pairs import EDGE_EDGE, POINT_TRIANGLE
 
-KEPT = 0.1  # part of its distance, or of that at which contact begins, that a pair keeps on the way of a step
 CHECKS = 1000  # positions on its way at which a distance is computed at most: a turn is a long way for a near pair
 
 
@@ -157,19 +156,15 @@ def refused(
     x0: Array,
     x1: Array,
     radius: Array,
-    gap: Array | None = None,
-    least: Array | None = None,
+    gap: Array,
+    least: Array,
 ) -> np.ndarray:
     """Indices of the pairs that come nearer than their least distance, or may, on the straight way to x1.
 
-    gap, least: distances (n,) [m] at x0 and on the way, less the radii; if not given they are computed, and a tenth.
+    gap, least: distances (n,) [m] at x0, and to be kept on the way, less the radii.
 
     Additive continuous collision detection (Li, Kaufman & Jiang, ACM Trans. Graph. 40 (2021) 170, section 4).
     """
-    if gap is None:
-        gap = np.sqrt(squared_distances(nodes, kind, x0)) - radius
-    if least is None:
-        least = KEPT * gap
     free = np.empty(len(kind), dtype=np.uint8)
     arguments = pointers(nodes, kind, x0, x1, radius, gap, least)
     library().lib.motion(len(kind), *arguments, CHECKS, *pointers(free))

@@ -64,6 +64,12 @@ def test_search_in_parts_finds_the_same() -> None:
     assert len(joined) == len(whole)
 
 
+def stopped(nodes: np.ndarray, kind: np.ndarray, x0: np.ndarray, x1: np.ndarray, radius: np.ndarray) -> set[int]:
+    """Pairs that do not keep a tenth of their distance."""
+    gap = np.sqrt(squared_distances(nodes, kind, x0)) - radius
+    return set(refused(nodes, kind, x0, x1, radius, gap, 0.1 * gap).tolist())
+
+
 def test_motion_check_refuses_what_passes_through() -> None:
     rng = np.random.default_rng(2)
     n, passes = 2000, 0
@@ -71,7 +77,7 @@ def test_motion_check_refuses_what_passes_through() -> None:
         x0, x1 = rng.normal(size=(2, 4 * n, 3))
         nodes = np.arange(4 * n, dtype=np.int32).reshape(n, 4)
         kinds = np.full(n, kind, np.uint8)
-        no = set(refused(nodes, kinds, x0, x1, np.zeros(n)).tolist())
+        no = stopped(nodes, kinds, x0, x1, np.zeros(n))
         t = np.linspace(0, 1, 400)
         way = np.array([squared_distances(nodes, kinds, np.ascontiguousarray(x0 + τ * (x1 - x0))) for τ in t]) ** 0.5
         hits = set(np.flatnonzero(way.min(0) < 0.02 * way[0]).tolist())
@@ -86,8 +92,8 @@ def test_a_radius_is_kept_clear_of() -> None:
     x0 = np.array([[0.3, 0.3, 1.0], [0, 0, 0], [1, 0, 0], [0, 1, 0]])
     x1 = x0 - [[0, 0, 0.6], [0, 0, 0], [0, 0, 0], [0, 0, 0]]
     nodes, kind = np.arange(4, dtype=np.int32)[None], np.array([POINT_TRIANGLE], np.uint8)
-    assert len(refused(nodes, kind, x0, x1, np.array([0.2]))) == 0
-    assert len(refused(nodes, kind, x0, x1, np.array([0.5]))) == 1
+    assert len(stopped(nodes, kind, x0, x1, np.array([0.2]))) == 0
+    assert len(stopped(nodes, kind, x0, x1, np.array([0.5]))) == 1
 
 
 def test_intersections_are_those_of_all_pairs() -> None:
@@ -152,7 +158,7 @@ def test_pairs_are_those_of_ipctk(ordinary: bool) -> None:
         flat0, flat1 = (np.ascontiguousarray(x.reshape(-1, 3)) for x in (x0, x1))
         ours = squared_distances(nodes, kinds, flat0)
         far = np.ones(n, bool)
-        far[refused(nodes, kinds, flat0, flat1, np.zeros(n))] = False
+        far[list(stopped(nodes, kinds, flat0, flat1, np.zeros(n)))] = False
         check = ipctk.TightInclusionCCD()
         if kind == POINT_TRIANGLE:
             distance, collides = ipctk.point_triangle_distance, check.point_triangle_ccd
