@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.contact.piercing import _exact_sign
+from gossamer_fx.contact.piercing import _exact_sign, intersections
+from gossamer_fx.contact.search import Surface
 from meshes.sheet import sheet
 
 LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
@@ -83,6 +84,24 @@ def test_signs_of_volumes_near_zero() -> None:
     exact = [_exact_sign(np.vstack([corners[:3], corners[3] + [0, 0, bits * 2.0**-53]])) for bits in (-4, 4)]
     assert exact == [-1, 1] or exact == [1, -1]
     assert _exact_sign(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])) == 0
+
+
+def test_the_count_follows_the_exact_sign_near_zero() -> None:
+    """An edge from above ends at a triangle, to the last bits: it pierces where its end is below or not at all."""
+    rng, seen = np.random.default_rng(5), set()
+    nodes = np.arange(5, dtype=np.int32)
+    surface = Surface(nodes, nodes[None, 3:], nodes[None, :3], np.zeros(5, dtype=np.uint8))
+    for _ in range(50):
+        corners = rng.integers(1, 2**20, (3, 3)) / 2**20
+        end = np.array([0.25, 0.25, 0.5]) @ corners  # without round-off
+        up = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+        for bits in range(-4, 5):
+            moved = end + bits * 2.0**-53 * np.sign(up)
+            sides = [_exact_sign(np.vstack([corners, point])) for point in (end + up, moved)]
+            found = intersections(surface, np.vstack([corners, end + up, moved]))
+            assert len(found) == (sides[0] * sides[1] < 0)
+            seen.add(sides[0] * sides[1])
+    assert seen == {-1, 0, 1}
 
 
 @pytest.mark.parametrize(
