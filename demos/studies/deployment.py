@@ -15,13 +15,14 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.folded_tube import build, opening_times
+from demos.studies.engine.chaos import STARTS, nudged
 from demos.studies.engine.study import Study
 
 UNTIL = 12e-3
 
 
 def problem(comm: MPI.Comm, start: str, cells: int, h: float) -> dict[str, float]:
-    case = build(comm, cells=cells, dt=h, until=UNTIL, pressure=1.5e6 * (1 + 1e-9 * (start == "nudged")))
+    case = build(comm, cells=cells, dt=h, until=UNTIL, pressure=nudged(1.5e6, start))
     series = gx.Series(case.probes)
     run = gx.Simulation(case.scene, case.stepper, [series])
     run.run(until=UNTIL)
@@ -49,7 +50,7 @@ STUDY = Study(
     "deployment",
     "Convergence of the deployment of a folded tube",
     problem,
-    {"start": ["usual", "nudged"], "cells": [4, 6, 8], "h": [1e-4, 5e-5, 2.5e-5]},
+    {"start": STARTS, "cells": [4, 6, 8], "h": [1e-4, 5e-5, 2.5e-5]},
     lambda case: case["h"],
     quick={"start": ["usual"], "cells": [4], "h": [1e-4]},
     columns=(
