@@ -13,6 +13,8 @@ from gossamer_fx.outputs.output import Output, Probe
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+BY = "dissipated by "  # before the name of a cause
+
 
 def deploy(
     case: gx.Case, output: str | Path | None, name: str, parts: Sequence[float], view: gx.View
@@ -42,13 +44,13 @@ def books(run: gx.Simulation, series: gx.Series) -> dict[str, float]:
 
 def losses(run: gx.Simulation) -> dict[str, float]:
     """Energy dissipated [J], and by each cause."""
-    each = {f"dissipated by {name}": loss for name, loss in run.totals.losses.items()}
+    each = {f"{BY}{name}": loss for name, loss in run.totals.losses.items()}
     return {"dissipated": run.totals.dissipated, **each}
 
 
 def by_cause(found: Mapping[str, float]) -> str:
     """The losses of a run in words, behind their sum."""
-    each = [f"{loss:.3g} J {name[11:]}" for name, loss in found.items() if name.startswith("dissipated by ")]
+    each = [f"{loss:.3g} J by {name.removeprefix(BY)}" for name, loss in found.items() if name.startswith(BY)]
     return f" ({', '.join(each)})" if each else ""
 
 

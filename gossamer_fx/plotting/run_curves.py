@@ -45,13 +45,14 @@ def _moment(ledger: Tables, gas: Tables, states: Tables, films: Sequence[str], r
         errors["gas mass"] = float(ledger["mass_error"][row])
     time = float(ledger["time"][row])
     pressures = {name[:-9]: _at(gas, name, time) for name in gas if name.endswith(" pressure")}
+    lost = "dissipated "
     return Snapshot(
         time,
         {"kinetic": float(ledger["kinetic"][row]), **stored, **flows},
         pressures,
         _fractions(states, films, time),
         errors,
-        {name[11:]: float(ledger[name][row]) for name in ledger if name.startswith("dissipated ")},
+        {name.removeprefix(lost): float(ledger[name][row]) for name in ledger if name.startswith(lost)},
     )
 
 
