@@ -75,6 +75,7 @@ if TYPE_CHECKING:
     from gossamer_fx.interactions.fixed import Fixed as Fixed
     from gossamer_fx.interactions.fixed import Prescribed as Prescribed
     from gossamer_fx.interactions.joint import BallJoint as BallJoint
+    from gossamer_fx.interactions.joint import CylindricalJoint as CylindricalJoint
     from gossamer_fx.interactions.joint import FixedJoint as FixedJoint
     from gossamer_fx.interactions.joint import Link as Link
     from gossamer_fx.interactions.joint import PrismaticJoint as PrismaticJoint
@@ -209,7 +210,7 @@ _HOME = {
     "interactions.crease": ["Crease"],
     "interactions.driven": ["Driven"],
     "interactions.fixed": ["Fixed", "Prescribed"],
-    "interactions.joint": ["BallJoint", "FixedJoint", "Link", "PrismaticJoint", "RevoluteJoint"],
+    "interactions.joint": ["BallJoint", "CylindricalJoint", "FixedJoint", "Link", "PrismaticJoint", "RevoluteJoint"],
     "interactions.rigid_region": ["RigidRegion"],
     "interactions.rope_bundle": ["RopeBundle"],
     "interactions.spring": ["AxialSpring", "Damper", "Rope", "Spring", "Stop"],

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.checks.errors import check, require_positive
-from gossamer_fx.interactions.joint import RevoluteJoint
+from gossamer_fx.interactions.joint import CylindricalJoint, RevoluteJoint
 from gossamer_fx.interactions.torsion import TorsionDamper
 from gossamer_fx.model.terms import Term
 
 if TYPE_CHECKING:
     from gossamer_fx.contact.obstacles import Cylinder
+    from gossamer_fx.interactions.between import FrameJoint
+    from gossamer_fx.interactions.spring import Damper
+    from gossamer_fx.interactions.tether import Tether
+
+REEL = 1e4  # N/m
+SLOWS = 0.1  # s in which the damper takes the ring's speed along the axis
 
 
 class RotationGuides:
@@ -21,9 +27,11 @@ class RotationGuides:
 
     Each arm of a sail is wound on the hub as far as its rod and stands out from there.  Its pull turns the ring, and as
     far as the ring turns arms are unwound; the brake has the moment c (ω_ring - ω_hub), and what it takes is booked as
-    dissipated.  Between ring and hub nothing acts but the brake: the angular momentum of the whole is kept.
+    dissipated.  Between ring and hub nothing acts but the brake: the angular momentum of the whole is kept.  To release
+    the arms a reel on the axis draws ring and rods down along the hub, out of their way, against a damper.
 
-    Parts: `ring` (a body), `joint`, `brake`; `rods` are obstacles for a `Contact`.
+    Parts: `ring` (a body), `joint`, `brake`, `reel` (a `Tether` and a `Damper`, or nothing); `rods` are obstacles for a
+    `Contact`.
 
     Args:
         hub: a rigid body whose axes are those of space at the start.
@@ -34,6 +42,9 @@ class RotationGuides:
         mass: of the ring and its rods [kg], on that circle.
         brake: c [N m s/rad].
         first: angle of the first rod against the x axis [rad].
+        drawn: how far the reel has drawn the ring down [m], a function of time [s] that is zero at the start; none: the
+            ring keeps its height.
+        depth: of the reel below the ring [m]; `drawn` stays below it.
         name: name in messages and output; parts have names that begin with it.
 
     Raises:
@@ -51,6 +62,8 @@ class RotationGuides:
         mass: float = 1.0,
         brake: float = 1.0,
         first: float = 0.0,
+        drawn: Callable[[float], float] | None = None,
+        depth: float = 1.2,
         name: str = "guides",
     ) -> None:
         self.name = name
@@ -68,7 +81,18 @@ class RotationGuides:
         angles = [first + 2 * math.pi * k / count for k in range(count)]
         self.places = [(radius * math.cos(angle), radius * math.sin(angle)) for angle in angles]
         axis = (0.0, 0.0, 1.0)
-        self.joint = RevoluteJoint(hub.frame(), self.ring.frame(), axis=axis, name=f"{name} joint")
+        self.reel: tuple[Tether, Damper] | tuple[()] = ()
+        if drawn is None:
+            self.joint: FrameJoint = RevoluteJoint(hub.frame(), self.ring.frame(), axis=axis, name=f"{name} joint")
+        else:
+            from gossamer_fx.interactions.spring import Damper
+            from gossamer_fx.interactions.tether import Tether
+
+            require_positive(f"RotationGuides '{name}': depth", depth, "m")
+            self.joint = CylindricalJoint(hub.frame(), self.ring.frame(), axis=axis, name=f"{name} joint")
+            ends = hub.port((0.0, 0.0, -depth)), self.ring.port()
+            reel = Tether(*ends, lambda t: depth - drawn(t), REEL, name=f"{name} reel")
+            self.reel = reel, Damper(*ends, mass / SLOWS, name=f"{name} slide")
         self.brake = TorsionDamper(hub.frame(), self.ring.frame(), axis, brake, name=f"{name} brake")
 
     @property
@@ -86,4 +110,4 @@ class RotationGuides:
         return ()  # its parts have all of them
 
     def requires(self) -> Iterable[Any]:
-        yield from (self.hub, self.ring, self.joint, self.brake)
+        yield from (self.hub, self.ring, self.joint, self.brake, *self.reel)

@@ -8,6 +8,7 @@ a and b attached to the two sides, and p, q, n directions that are fixed in one 
     fixed      ball, and g2·p1 = g3·p1 = g2·p3 = 0 for the axes p of one side that coincide with those of the other
     revolute   ball, and n·p = n·q = 0: the axis n of one side is normal to p, q of the other
     prismatic  the rotations of fixed, and (x_b - x_a)·p = (x_b - x_a)·q = 0
+    cylindrical  n·p = n·q = 0 of revolute, and (x_b - x_a)·p = (x_b - x_a)·q = 0 of prismatic
 
 A beam's section has two directors; where a joint needs its normal too, it is brought along (`Frame.complete`).
 """
@@ -62,6 +63,34 @@ def same_rotation(name: str, a: Frame, b: Frame) -> Iterable[PointConstraint]:
     yield product(f"{name} rotation 3", g2, p1)
     yield product(f"{name} rotation 2", g3, p1)
     yield product(f"{name} rotation 1", g2, p3)
+
+
+def same_axis(name: str, n: Vector, full: Frame, other: Frame) -> Iterable[PointConstraint]:
+    """Two products that keep a direction n of both frames alike; the first has three directors."""
+    if is_normal(n, other, at_start):
+        fixed, (p, q) = along(n, full, at_start), other.directors
+    else:
+        fixed = along(n, other, at_start)
+        p, q = (along(e, full, at_start) for e in perpendicular_pair(n))
+    yield product(f"{name} tilt 1", fixed, p)
+    yield product(f"{name} tilt 2", fixed, q)
+
+
+def on_axis(kind: str, name: str, n: Vector, a: Frame, b: Frame) -> Iterable[PointConstraint]:
+    """The point of b stays on the axis n through that of a, which carries it: (x_b - x_a)·p = 0 for two normals p."""
+    gap = at_start(b.origin) - at_start(a.origin)
+    check(
+        float(np.linalg.norm(np.cross(gap, n))) <= COINCIDE,
+        f"{kind} '{name}': its second point is off the axis through the first; place both on it.",
+    )
+    # of the stacked vectors (x_a, x_b, p), ports first
+    H = np.zeros((3, 3))
+    H[0, 2] = H[2, 0] = -1.0
+    H[1, 2] = H[2, 1] = 1.0
+    for k, e in enumerate(perpendicular_pair(n)):
+        places = [(a.origin, b.origin, along(e, a, at_start))]
+        measure = PointMeasure(places, np.kron(H, np.eye(3))[None], np.zeros((1, 9)), np.zeros(1))
+        yield PointConstraint(f"{name} slide {k + 1}", measure)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,15 +167,7 @@ class RevoluteJoint(FrameJoint):
     def terms(self) -> Iterable[Term]:
         check_coincide(self.name, self.a.origin, self.b.origin)
         yield coincidence(self.name, (self.a.origin, self.b.origin))
-        n = unit(self.axis)
-        full, other = self._sides
-        if is_normal(n, other, at_start):
-            fixed, (p, q) = along(n, full, at_start), other.directors
-        else:
-            fixed = along(n, other, at_start)
-            p, q = (along(e, full, at_start) for e in perpendicular_pair(n))
-        yield product(f"{self.name} tilt 1", fixed, p)
-        yield product(f"{self.name} tilt 2", fixed, q)
+        yield from same_axis(self.name, unit(self.axis), *self._sides)
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,23 +192,29 @@ class PrismaticJoint(FrameJoint):
     def terms(self) -> Iterable[Term]:
         a, b = self._sides
         yield from same_rotation(self.name, a, b)
+        yield from on_axis("PrismaticJoint", self.name, unit(self.axis), a, b)
+
+
+@dataclass(frozen=True, eq=False)
+class CylindricalJoint(FrameJoint):
+    """Two frames slide along and turn about an `axis` (a direction in space at the start), which `a` carries."""
+
+    a: Frame
+    b: Frame
+    axis: Vector
+    name: str = "cylindrical"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check(any(self.axis), f"CylindricalJoint '{self.name}': axis has no length; give its direction.")
+
+    @cached_property
+    def _sides(self) -> tuple[Frame, Frame]:
+        """A frame with three directors, and one that holds the axis or is normal to it."""
         n = unit(self.axis)
-        gap = at_start(b.origin) - at_start(a.origin)
-        check(
-            float(np.linalg.norm(np.cross(gap, n))) <= COINCIDE,
-            f"PrismaticJoint '{self.name}': its second point is off the axis through the first; place both on it.",
-        )
-        # (x_b - x_a)·p = 0 of the stacked vectors (x_a, x_b, p), ports first
-        H = np.zeros((3, 3))
-        H[0, 2] = H[2, 0] = -1.0
-        H[1, 2] = H[2, 1] = 1.0
-        for k, e in enumerate(perpendicular_pair(n)):
-            yield PointConstraint(
-                f"{self.name} slide {k + 1}",
-                PointMeasure(
-                    [(a.origin, b.origin, along(e, a, at_start))],
-                    np.kron(H, np.eye(3))[None],
-                    np.zeros((1, 9)),
-                    np.zeros(1),
-                ),
-            )
+        return self.a.complete, self.b if lies_in(n, self.b) or is_normal(n, self.b) else self.b.complete
+
+    def terms(self) -> Iterable[Term]:
+        n, (a, b) = unit(self.axis), self._sides
+        yield from same_axis(self.name, n, a, b)
+        yield from on_axis("CylindricalJoint", self.name, n, a, b)

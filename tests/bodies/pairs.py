@@ -68,7 +68,7 @@ BODIES: dict[str, Callable[[Motion, str], Any]] = {
 JOINTED = [(a, b, "ball") for i, a in enumerate(BODIES) for b in list(BODIES)[i:] if (a, b) != ("mass", "mass")] + [
     (a, b, kind)
     for a, b in (("beam", "body"), ("body", "body"), ("beam", "beam"))
-    for kind in ("fixed", "revolute", "prismatic")
+    for kind in ("fixed", "revolute", "prismatic", "cylindrical")
 ]
 AXIS = (1.0, 0.0, 0.0)  # of hinges and slides; in the plane of the beam's section
 
@@ -90,7 +90,8 @@ def joint(kind: str, a: Any, b: Any) -> Any:
     full, other = sorted((frame(a), frame(b)), key=lambda f: -len(f.directors))
     if kind == "fixed":
         return gx.FixedJoint(full, other)
-    return {"revolute": gx.RevoluteJoint, "prismatic": gx.PrismaticJoint}[kind](full, other, AXIS)
+    kinds = {"revolute": gx.RevoluteJoint, "prismatic": gx.PrismaticJoint, "cylindrical": gx.CylindricalJoint}
+    return kinds[kind](full, other, AXIS)
 
 
 # ---- what may act on a body; `loose` is a mass at rest nearby, so that the motion is no rigid one ----------------

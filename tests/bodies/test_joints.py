@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -157,3 +159,19 @@ def joined(comm: MPI.Comm) -> list[float]:
 def test_joints_across_ranks() -> None:
     """All ranks together find what each finds alone."""
     assert joined(MPI.COMM_WORLD) == pytest.approx(joined(MPI.COMM_SELF), rel=1e-8, abs=1e-10)
+
+
+def test_a_screw_on_its_axis() -> None:
+    """A cylindrical joint lets a body slide along and turn about its axis only: s = F t²/2m, φ = M t²/2I."""
+    axis = np.array([1.0, 2.0, 2.0]) / 3
+    bolt = gx.RigidBody(2.0, (0.3, 0.3, 0.3), (0.5, 1.0, 1.0), name="bolt")
+    push = gx.Force(bolt.port(), tuple(0.8 * axis + 5.0 * np.array([2.0, -1.0, 0.0])), name="push")
+    turn = gx.Torque(bolt.frame(), tuple(0.06 * axis + 2.0 * np.array([2.0, -1.0, 0.0])), name="turn")
+    joint = gx.CylindricalJoint(gx.ground_frame(), bolt.frame(), tuple(axis))
+    run = gx.Simulation(gx.Scene(joint, push, turn), gx.Midpoint(dt=1e-3))
+    run.run(until=0.5)
+    x, *directors = run.system.q0.array_r[:12].reshape(4, 3)
+    assert x == pytest.approx((1.5 + 0.8 * 0.5**2 / 2 / 2.0) * axis, abs=1e-9)
+    R = np.column_stack(directors)
+    assert math.acos((np.trace(R) - 1) / 2) == pytest.approx(0.06 * 0.5**2 / 2 / 0.3, rel=1e-5)
+    assert R @ axis == pytest.approx(axis, abs=1e-9)
