@@ -82,6 +82,7 @@ def build(
     until: float = 8.0,
     dt: float = 2e-3,
     largest: float = 1e-2,
+    growth: float = 1.5,
     iterations: int = 10,
 ) -> gx.Case:
     """The sail in the cross, released.
@@ -96,6 +97,7 @@ def build(
         friction: coefficient of the film on itself and the hub.
         crease: stiffness of folds with memory [N m/m/rad]; 0: none.
         largest: step [s].
+        growth: by which a step may be longer than the last one.
     """
     inner, outer, bends = rows(pitch)
     folds = gx.fold.ikaros(n=4, inner=inner, outer=outer, pitch=pitch, bends=bends, gap=gap, hub_gap=gap, ramp=pitch)
@@ -125,7 +127,7 @@ def build(
         probes["penetrations"] = gx.Penetrations(touching)
     else:
         probes["penetrations"] = gx.Crossings(film)
-    control = gx.StepControl(iterations=iterations, largest=largest)
+    control = gx.StepControl(iterations=iterations, largest=largest, growth=growth)
     # of the steps that do not end after 25 iterations most never do: they are halved sooner
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13, iterations=25))
     return gx.Case(gx.Scene(*items), stepper, until, TITLE, probes=probes, control=control, frames=80)  # type: ignore[arg-type]

@@ -73,6 +73,7 @@ def build(
     until: float = 0.24,
     dt: float = 4e-4,
     largest: float = 1e-3,
+    growth: float = 1.5,
     iterations: int = 10,
 ) -> gx.Case:
     """The folded sail on its hub.
@@ -93,6 +94,7 @@ def build(
         air: density of residual air [kg/m³], which drags on the film; p/(287 T) at the pressure p. 0: vacuum.
         sense: 1 spins as the roll winds outwards, so that it opens; -1 against it.
         largest: step [s].
+        growth: by which a step may be longer than the last one.
     """
     side, count = pattern(diameter, n)
     folds = gx.fold.star(n=n, side=side, columns=cells, reach=count * cells, gap=gap)
@@ -125,7 +127,7 @@ def build(
         "twist [rad]": gx.PolarPosition(ports[0], hub.frame(), "angle"),
         "penetrations": gx.Penetrations(touching),
     }
-    control = gx.StepControl(iterations=iterations, largest=largest)
+    control = gx.StepControl(iterations=iterations, largest=largest, growth=growth)
     # the first guess of a step may press layers together: its residual is no measure of the forces
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
     scene = gx.Scene(*items)  # type: ignore[arg-type]
