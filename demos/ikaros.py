@@ -82,7 +82,7 @@ def build(
     until: float = 8.0,
     dt: float = 2e-3,
     largest: float = 1e-2,
-    growth: float = 1.5,
+    growth: float = 1.1,
     iterations: int = 10,
 ) -> gx.Case:
     """The sail in the cross, released.
@@ -97,7 +97,7 @@ def build(
         friction: coefficient of the film on itself and the hub.
         crease: stiffness of folds with memory [N m/m/rad]; 0: none.
         largest: step [s].
-        growth: by which a step may be longer than the last one.
+        growth: by which a step may be longer than the last one; steps that grow by half are halved more often.
     """
     inner, outer, bends = rows(pitch)
     folds = gx.fold.ikaros(n=4, inner=inner, outer=outer, pitch=pitch, bends=bends, gap=gap, hub_gap=gap, ramp=pitch)

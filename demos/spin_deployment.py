@@ -73,7 +73,7 @@ def build(
     until: float = 0.24,
     dt: float = 4e-4,
     largest: float = 1e-3,
-    growth: float = 1.5,
+    growth: float = 1.1,
     iterations: int = 10,
 ) -> gx.Case:
     """The folded sail on its hub.
@@ -94,7 +94,7 @@ def build(
         air: density of residual air [kg/m³], which drags on the film; p/(287 T) at the pressure p. 0: vacuum.
         sense: 1 spins as the roll winds outwards, so that it opens; -1 against it.
         largest: step [s].
-        growth: by which a step may be longer than the last one.
+        growth: by which a step may be longer than the last one; steps that grow by half are halved more often.
     """
     side, count = pattern(diameter, n)
     folds = gx.fold.star(n=n, side=side, columns=cells, reach=count * cells, gap=gap)

@@ -27,7 +27,7 @@ from gossamer_fx.bodies.frames import Frame, along, is_normal, lies_in
 from gossamer_fx.checks.errors import check
 from gossamer_fx.interactions.between import Between, FrameJoint
 from gossamer_fx.model.ports import at_start, unit
-from gossamer_fx.model.terms import Attached, Port, Term, Vector
+from gossamer_fx.model.terms import Array, Attached, Port, Term, Vector
 from gossamer_fx.terms.point_constraints import PointConstraint
 
 COINCIDE = 1e-8  # m
@@ -65,7 +65,7 @@ def same_rotation(name: str, a: Frame, b: Frame) -> Iterable[PointConstraint]:
     yield product(f"{name} rotation 1", g2, p3)
 
 
-def same_axis(name: str, n: Vector, full: Frame, other: Frame) -> Iterable[PointConstraint]:
+def same_axis(name: str, n: Array, full: Frame, other: Frame) -> Iterable[PointConstraint]:
     """Two products that keep a direction n of both frames alike; the first has three directors."""
     if is_normal(n, other, at_start):
         fixed, (p, q) = along(n, full, at_start), other.directors
@@ -76,7 +76,7 @@ def same_axis(name: str, n: Vector, full: Frame, other: Frame) -> Iterable[Point
     yield product(f"{name} tilt 2", fixed, q)
 
 
-def on_axis(kind: str, name: str, n: Vector, a: Frame, b: Frame) -> Iterable[PointConstraint]:
+def on_axis(kind: str, name: str, n: Array, a: Frame, b: Frame) -> Iterable[PointConstraint]:
     """The point of b stays on the axis n through that of a, which carries it: (x_b - x_a)·p = 0 for two normals p."""
     gap = at_start(b.origin) - at_start(a.origin)
     check(
