@@ -147,7 +147,7 @@ def build(
         "swing [rad]": gx.PolarPosition(arms[0].port("end"), guides.ring.frame(), "angle"),
         "penetrations": gx.Penetrations(contact),
     }
-    control = gx.StepControl(iterations=iterations, largest=largest)
+    control = gx.StepControl(iterations=iterations, largest=largest, growth=1.1)
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
     return gx.Case(scene, stepper, until, TITLE, probes=probes, control=control, frames=60)
 

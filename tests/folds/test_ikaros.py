@@ -119,6 +119,7 @@ def test_the_steady_sail_is_found_from_far_out_of_its_plane(comm) -> None:
 def test_the_sail_opens_in_stage_2(tmp_path) -> None:
     found = ikaros.main(tmp_path, until=3.0)
     assert found["largest_radius"] > 8.0 and found["penetrations"] == 0
+    assert found["halved"] <= 0.02 * found["steps"]
     assert found["energy_error"] < 1e-8 and found["angular_momentum_drift"] < 1e-9
     for name in ("ikaros.png", "ikaros_spin.png"):
         assert (tmp_path / name).read_bytes()[1:4] == b"PNG"

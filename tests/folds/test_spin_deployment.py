@@ -43,6 +43,14 @@ def test_the_sail_opens(tmp_path) -> None:
 
 
 @pytest.mark.slow
+def test_the_finer_sail_snaps_straight() -> None:
+    """Two cells for one: at its first opening the film turns over in milliseconds."""
+    found = spin_deployment.main(cells=2)
+    assert found["largest_radius"] > 0.41 and found["penetrations"] == 0
+    assert found["halved"] <= 0.06 * found["steps"] and found["energy_error"] < 1e-8
+
+
+@pytest.mark.slow
 def test_a_driven_hub_with_creases_and_friction() -> None:
     found = spin_deployment.main(n=4, until=0.03, held=True, crease=5e-4, friction=0.3, gravity=9.81)
     assert found["penetrations"] == 0 and found["energy_error"] < 1e-8
