@@ -48,7 +48,7 @@ class RotationGuides:
         name: name in messages and output; parts have names that begin with it.
 
     Raises:
-        InputError: numbers that are not positive; rods that reach into the axis of the hub.
+        InputError: numbers that are not positive; rods that reach into the axis of the hub; `drawn` no function.
     """
 
     def __init__(
@@ -74,6 +74,10 @@ class RotationGuides:
         check(
             rod < radius,
             f"RotationGuides '{name}': rods of {rod:g} m are too thick for a circle of {radius:g} m; give less.",
+        )
+        check(
+            drawn is None or callable(drawn),
+            f"RotationGuides '{name}': drawn is {drawn!r}; give a function of time, as lambda t: 0.1 * t, or None.",
         )
         self.hub, self._height, self._rod = hub, height, rod
         polar = mass * radius**2
