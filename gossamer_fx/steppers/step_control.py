@@ -34,8 +34,8 @@ class StepControl:
     Args:
         iterations: target of Newton iterations a step.
         error: largest local error of a step [m]; none: errors are not looked at.
-        growth: largest ratio of a step to the one before; film that strikes itself or snaps straight has fewer steps that
-            fail with 1.1.
+        growth: largest ratio of a step to the one before; of film that strikes itself or snaps straight fewer
+            steps fail with 1.1.
         cut: smallest ratio, and that after a failure.
         smallest: step [s] below which the run fails; default 1e-6 dt.
         largest: [s]; default without limit.
