@@ -25,7 +25,7 @@ from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.algebra.rotations import perpendicular_pair
 from gossamer_fx.bodies.frames import Frame, along, is_normal, lies_in
 from gossamer_fx.checks.errors import check
-from gossamer_fx.interactions.between import Between, FrameJoint
+from gossamer_fx.interactions.between import Between, FrameJoint, check_axis
 from gossamer_fx.model.ports import at_start, unit
 from gossamer_fx.model.terms import Array, Attached, Port, Term, Vector
 from gossamer_fx.terms.point_constraints import PointConstraint
@@ -143,18 +143,24 @@ class FixedJoint(FrameJoint):
         yield from same_rotation(self.name, *self._sides)
 
 
+class AxisJoint(FrameJoint):
+    """Frames that share an axis, a direction in space at the start."""
+
+    axis: Vector
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_axis(self)
+
+
 @dataclass(frozen=True, eq=False)
-class RevoluteJoint(FrameJoint):
+class RevoluteJoint(AxisJoint):
     """Two frames that share a point and an `axis` (a direction in space at the start)."""
 
     a: Frame
     b: Frame
     axis: Vector
     name: str = "revolute"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check(any(self.axis), f"RevoluteJoint '{self.name}': axis has no length; give its direction.")
 
     @cached_property
     def _sides(self) -> tuple[Frame, Frame]:
@@ -171,17 +177,13 @@ class RevoluteJoint(FrameJoint):
 
 
 @dataclass(frozen=True, eq=False)
-class PrismaticJoint(FrameJoint):
+class PrismaticJoint(AxisJoint):
     """Two frames slide along an `axis` (a direction in space at the start), which `a` carries; no rotation."""
 
     a: Frame
     b: Frame
     axis: Vector
     name: str = "prismatic"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check(any(self.axis), f"PrismaticJoint '{self.name}': axis has no length; give its direction.")
 
     @cached_property
     def _sides(self) -> tuple[Frame, Frame]:
@@ -196,17 +198,13 @@ class PrismaticJoint(FrameJoint):
 
 
 @dataclass(frozen=True, eq=False)
-class CylindricalJoint(FrameJoint):
+class CylindricalJoint(AxisJoint):
     """Two frames slide along and turn about an `axis` (a direction in space at the start), which `a` carries."""
 
     a: Frame
     b: Frame
     axis: Vector
     name: str = "cylindrical"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check(any(self.axis), f"CylindricalJoint '{self.name}': axis has no length; give its direction.")
 
     @cached_property
     def _sides(self) -> tuple[Frame, Frame]:
