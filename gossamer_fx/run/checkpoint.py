@@ -156,6 +156,7 @@ class Checkpoints:
             gathered = comm.gather(checksums[0])
             if comm.rank == 0:
                 state["parts"] = gathered
+                state["checksum"] = _checksum_of(state)
                 with (new / "run.json").open("wb") as file:
                     file.write(_page(state))
                     _to_disk(file)
@@ -271,7 +272,7 @@ def _open(path: Path) -> tuple[Path, dict[str, Any]]:
             f"The checkpoint '{chosen}' was written by version {found[1]} (format {found[0]}), this is {ours[1]} "
             f"(format {ours[0]}); restart with the version that wrote it."
         )
-    if not sound or page != _page(state):
+    if not sound or page != _page(state | {"checksum": told}):
         raise InputError(_damaged(chosen, "run.json was changed"))
     return chosen, state
 
@@ -315,11 +316,12 @@ def _step(path: Path) -> int:
 
 
 def _page(state: dict[str, Any]) -> bytes:
-    """`run.json`: a state and its checksum."""
-    return json.dumps(state | {"checksum": _checksum_of(state)}, indent=1).encode()
+    """What `run.json` holds of a state, to the last byte."""
+    return json.dumps(state, indent=1).encode()
 
 
 def _checksum_of(state: dict[str, Any]) -> str:
+    """Of all that `run.json` holds beside it."""
     text = json.dumps(json.loads(json.dumps(state)), sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 

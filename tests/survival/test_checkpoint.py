@@ -15,7 +15,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.run.checkpoint import _page
+from gossamer_fx.run.checkpoint import _checksum_of
 from tests.survival.scenes import DT, clamped_plate, filled_tube, fluttering_sheet, numbers, turning_beam
 
 adios2 = pytest.importorskip("adios2", exc_type=ImportError)  # the light install has none
@@ -244,7 +244,8 @@ def test_other_versions_damage_and_nothing_are_refused(folder: Path) -> None:
         refused("is damaged .*; restart from another one, e.g. '.*step-00000000'")
     put(part, whole)
     state = json.loads(text) | {"version": "0.0.1"}
-    put(page, _page({key: value for key, value in state.items() if key != "checksum"}))
+    state["checksum"] = _checksum_of({key: value for key, value in state.items() if key != "checksum"})
+    put(page, json.dumps(state).encode())
     refused("was written by version 0.0.1")
     put(page, text.encode()[:100])
     refused("is damaged")
