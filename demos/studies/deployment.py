@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.folded_tube import build, opening_times
-from demos.studies.engine.chaos import STARTS, nudged
+from demos.studies.engine.deployments import STARTS, nudged
 from demos.studies.engine.study import Study
 
 UNTIL = 12e-3

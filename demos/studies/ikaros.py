@@ -10,7 +10,7 @@ from __future__ import annotations
 from mpi4py import MPI
 
 from demos.ikaros import main
-from demos.studies.engine.chaos import BOOKS
+from demos.studies.engine.deployments import BOOKS
 from demos.studies.engine.study import Study
 
 
