@@ -44,8 +44,8 @@ def _moment(ledger: Tables, gas: Tables, states: Tables, films: Sequence[str], r
     if "mass_error" in ledger:
         errors["gas mass"] = float(ledger["mass_error"][row])
     time = float(ledger["time"][row])
-    pressures = {name[:-9]: _at(gas, name, time) for name in gas if name.endswith(" pressure")}
-    lost = "dissipated "
+    chamber, lost = " pressure", "dissipated "
+    pressures = {name.removesuffix(chamber): _at(gas, name, time) for name in gas if name.endswith(chamber)}
     return Snapshot(
         time,
         {"kinetic": float(ledger["kinetic"][row]), **stored, **flows},

@@ -1,4 +1,8 @@
-"""Folded film moves chaotically: a case is computed twice, and what differs no mesh and no step can tell."""
+"""What studies of deployments share: columns for the books, and cases that are computed twice.
+
+Folded film moves chaotically; what differs between a case and the same with its start nudged, no mesh and no step can
+tell.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,7 @@ NUDGE = 1e-9  # of a value
 BOOKS = (
     *("dissipated", "penetrations", "energy_error", "angular_momentum_drift"),
     *("halved", "steps", "iterations", "seconds"),
-)  # columns of deployments: what a demo says of its books
+)  # columns: what a demo says of its books
 
 
 def nudged(value: float, start: str) -> float:
