@@ -40,6 +40,7 @@ class Arms(FoldMap):
         ramp: length of an arm in which the one grows to the other [m].
         wound: whether the arms go on round the hub, all towards greater angles, as before they were let out: `hub_gap`
             is then the distance of all layers.  One half of each arm turns back where it leaves its own trapezoid.
+        out: columns of the tips that stand out from the roll.
 
     Raises:
         InputError: numbers out of these ranges.
@@ -55,6 +56,7 @@ class Arms(FoldMap):
     hub_gap: float = 0.0
     ramp: float = 1.0
     wound: bool = False
+    out: int = 0
 
     def __post_init__(self) -> None:
         self._check(self.n >= 3, f"n is {self.n!r}; give at least 3 trapezoids.")
@@ -65,6 +67,10 @@ class Arms(FoldMap):
             1 <= self.bends < self.inner,
             f"bends is {self.bends!r}; give at least 1 and less than inner, {self.inner!r}.",
         )
+        self._check(
+            0 <= self.out < self._arm, f"out is {self.out!r}; give at least 0 columns, less than an arm's {self._arm}."
+        )
+        self._check(self.wound or not self.out, "out is of arms that are wound; give wound=True, too.")
         self._check_positive("pitch", "ramp")
         self._check_not_negative("gap", "hub_gap")
         self._check(self.radius > 0, f"hub_gap is {self.hub_gap:g} m: the layers leave no room for a hub; give less.")
@@ -141,7 +147,7 @@ class Arms(FoldMap):
 
     @property
     def _height_of_roll(self) -> float:
-        j = np.arange(1, self._arm + 1)
+        j = np.arange(1, self._arm - self.out + 1)
         front, back = self._rise(j + 2.0 * self.bends) + self._arm - j, self._rise(1.0 * j) + 2 * self._arm + 1
         return float(max(front.max(), back.max()))
 
@@ -149,22 +155,27 @@ class Arms(FoldMap):
         """Columns i of rows in the roll (n, 2); `back` where the strip has turned back at the column -bends.
 
         The strip and its half that turned back lie above each other with their outer edges together, the seams outside.
-        Of the turns, which enclose each other, the inner ones are shorter.
+        Of the turns, which enclose each other, the inner ones are shorter.  Tips stand out radially; outer layers bend
+        outwards `early`, so that layers stay apart and none is stretched.
         """
-        N = self._arm
-        p = np.where(back, -self.bends - i, self.bends + i)
+        N, corner, side = self._arm, self.outer - self.out, np.where(back, -1, 1)
+        p = np.minimum(np.where(back, -self.bends - i, self.bends + i), corner + side * self.bends)
         of = np.maximum(row - np.maximum(np.abs(i), self.bends), 0.0)
-        layer = self._rise(p) + np.where(back, 2 * N + 1 - of, of)
+        seam = self._rise(p) + np.where(back, 2 * N + 1, 0)
         turn = p < 0.5
-        layer = np.where(turn, N + 0.5, layer)
-        r = (self.radius + self.hub_gap * layer)[:, None]
+        beyond = np.maximum(np.abs(i) - corner, 0.0)
+        layer = np.where(turn, N + 0.5, np.where(beyond > 0, seam - self.out - 1, seam + side * of))
+        r = self.radius + self.hub_gap * layer + self.column * beyond
+        standing = (np.abs(i) >= corner) & (self.out > 0)
+        early = np.where(standing, self.hub_gap * (self.out + 1 + side * of), 0.0)
 
         def at(p: Array) -> Array:
             angle = math.pi / self.n * (p / self.bends - 1)
             return np.stack([np.sin(angle), -np.cos(angle)], axis=1)
 
         short = np.where(turn, STAGGER * self.hub_gap / self.column * (row - self.inner), 0.0)[:, None]
-        result: Array = r * ((1 - short) * at(p) + short * at(p + 1))
+        across = at(p) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+        result: Array = r[:, None] * ((1 - short) * at(p) + short * at(p + 1)) - early[:, None] * across
         return result
 
 
