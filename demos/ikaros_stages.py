@@ -1,0 +1,283 @@
+"""The sail of IKAROS from the roll to the square: both stages of its deployment in one scene.
+
+Four trapezoids of film are folded to strips and wound round the hub; 16 tethers hold their inner edges, masses of
+0.5 kg their tips, of which 1.9 m stand out at the start.  Rods on a ring hold the roll.  In stage 1 the pull of what
+stands out turns the ring against a brake, and as it turns arms are unwound.  At the `release` the ring is drawn down
+along the hub and the tethers are paid out, and stage 2 goes on to the open sail, as `demos/ikaros.py` has it from the
+cross.  Contact keeps layers, hub and rods apart; nothing acts from outside.
+
+Where all turns as one the spin is ω = L/(I + J), with the hub's I and the J of the sail as far as it is out.  The
+flight took days for stage 1 and was close to that.  In seconds, as here, the arms lag behind the hub, which they stop
+like the cords of a yo-yo; while they do, they pull less than the hub flings out of the roll.
+
+Where the values come from:
+    sail, hub, tethers, film
+                         as in `demos/ikaros.py`, here with a roll that begins at the hub's 0.84 m and grows inwards
+    25 rpm before stage 1, 7.4 rpm with "a little over 5 m" of arms out, 2.5 rpm open
+                         project's blog, items 894, 550, 641; thruster use in between is not known
+    ring, rods, brake, damping
+                         chosen; the flight had four guides, and a roll without slack
+
+    ./gossamer demo ikaros_stages
+    ./gossamer run demos/ikaros_stages.py brake=40.0 release=9.0 until=16.0 --output out/stages
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from demos.common.deployment import books, by_cause, deploy, keep, losses, say_books
+from demos.ikaros import (
+    FLIGHT,
+    HUB_HEIGHT,
+    HUB_INERTIA,
+    HUB_MASS,
+    RPM,
+    TETHER,
+    TIP,
+    arm_inertia,
+    rows,
+    sail,
+    square_inertia,
+    tethers,
+)
+from gossamer_fx.model.ports import initial
+from gossamer_fx.model.terms import Array
+from gossamer_fx.outputs.output import Probe
+from gossamer_fx.system.totals import relative_drift
+
+TITLE = "IKAROS, from the roll to the square"
+VIEW = gx.View(azimuth=0.3, elevation=math.radians(50), zoom=True)
+START = 25.0  # rpm before stage 1
+WOUND, HELD = (0.0, START), (5.2, 7.4)  # length of arms out [m] and rpm of the flight
+RING, ROD, HEIGHT = 2.0, 0.03, 0.9  # kg; radius and height of a rod [m]
+DRAWN, IN = 1.0, 0.5  # how far the ring is drawn down [m], and in what time [s]
+OUT, RODS = 1.92, 16  # m of the tips that stand out at the start; number of rods
+GAP = 1.5e-3  # of the layers [m]
+
+
+def folded(pitch: float, gap: float = GAP, out: float = OUT) -> gx.fold.ikaros:
+    """The strips, wound round the hub."""
+    inner, outer, bends = rows(pitch)
+    free = round(out / pitch)
+    return gx.fold.ikaros(n=4, inner=inner, outer=outer, pitch=pitch, bends=bends, hub_gap=gap, wound=True, out=free)
+
+
+def roll_radius(pitch: float) -> float:
+    """Of the corners of the outermost layer [m]."""
+    return pitch / 2 / math.sin(math.pi / 8 / rows(pitch)[2])
+
+
+def build(
+    comm: MPI.Comm,
+    pitch: float = 0.64,
+    refine: int = 1,
+    rpm: float = START,
+    brake: float = 10.0,
+    release: float = 6.0,
+    contact: float = 1e-3,
+    gap: float = GAP,
+    out: float = OUT,
+    rods: int = RODS,
+    damping: float = 2e-3,
+    until: float = 14.0,
+    dt: float = 2e-3,
+    largest: float = 1e-2,
+    growth: float = 1.1,
+    iterations: int = 10,
+) -> gx.Case:
+    """The sail on the hub, held by the rods.
+
+    Args:
+        pitch, refine, contact, gap, damping, largest, growth: as in `demos/ikaros.py`.
+        brake: of the ring [N m s/rad].
+        release: when the ring begins to be drawn down [s].
+        out: length of the tips that stand out at the start [m].
+        rods: their number, a multiple of 4.
+    """
+    folds, (_, outer, bends) = folded(pitch, gap, out), rows(pitch)
+    film = sail(comm, pitch, folds.mark, refine=refine)
+    hub = gx.RigidBody(HUB_MASS, HUB_INERTIA, name="hub")
+    guides = _guides(hub, folds, contact, brake, release, rods)
+    tips = [film.port(f"tip {k}") for k in range(4)]
+    radius = folds.radius * math.cos(math.pi / 8 / bends) - 2 * contact
+    drum = gx.Cylinder(
+        start=(0.0, 0.0, -HUB_HEIGHT / 2), end=(0.0, 0.0, HUB_HEIGHT / 2), radius=radius, on=hub, name="drum"
+    )
+    touching = gx.Contact(film, drum, *guides.rods, distance=contact)
+    start = folds.start(film)
+    items: list[object] = [film, start, hub, guides, touching, *_tethers(film, hub, pitch, radius, folds, release)]
+    items += [gx.AttachedMass(port, TIP, name=f"mass {k}") for k, port in enumerate(tips)]
+    items += [gx.Damping(film, stiffness=damping, name="film damping"), gx.RigidMotion(spin=(0.0, 0.0, rpm * RPM))]
+    spin, turn, mean = (
+        gx.AngularVelocity(hub.frame(), "z"),
+        gx.AngularVelocity(guides.ring.frame(), "z"),
+        gx.MeanSpin(film, "z"),
+    )
+    probes: dict[str, Probe] = {
+        "spin of the hub [rpm]": lambda run: spin(run) / RPM,
+        "spin of the sail [rpm]": lambda run: mean(run) / RPM,
+        "ring against hub [rad/s]": lambda run: turn(run) - spin(run),
+        **{f"radius {k} [m]": gx.PolarPosition(port, hub.frame(), "radius") for k, port in enumerate(tips)},
+        "middle [m]": gx.PolarPosition(film.port_at((0.0, -outer * pitch, 0.0)), hub.frame(), "radius"),
+        "penetrations": gx.Penetrations(touching),
+    }
+    control = gx.StepControl(iterations=iterations, largest=largest, growth=growth)
+    stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13, iterations=25))
+    return gx.Case(gx.Scene(*items), stepper, until, TITLE, probes=probes, control=control, frames=120)  # type: ignore[arg-type]
+
+
+def _smooth(part: float) -> float:
+    """From 0 to 1 as its argument does, without a jerk."""
+    part = min(max(part, 0.0), 1.0)
+    return part * part * (3 - 2 * part)
+
+
+def _tethers(
+    film: gx.Membrane, hub: gx.RigidBody, pitch: float, radius: float, folds: gx.fold.ikaros, release: float
+) -> list[gx.Tether]:
+    """Those of the open sail, short in stage 1, so that they hold the inner edges on the hub, then paid out."""
+    bundle, found = tethers(film, hub, pitch, radius), []
+    for k, ((edge, rim), whole) in enumerate(zip(bundle.ends, bundle.lengths, strict=True)):
+        wound = folds.place(initial(edge)[None], np.zeros(1))[0]
+        short = float(np.linalg.norm(wound - initial(rim)))
+
+        def length(t: float, short: float = short, whole: float = whole) -> float:
+            return short + max(whole - short, 0.0) * _smooth((t - release) / IN)
+
+        found.append(gx.Tether(edge, rim, length, TETHER, name=f"tether {k}"))
+    return found
+
+
+def _guides(
+    hub: gx.RigidBody, folds: gx.fold.ikaros, contact: float, brake: float, release: float, count: int
+) -> gx.RotationGuides:
+    """Rods that touch the roll almost, those of them that let out an arm in the corner where it stands out."""
+    away = ROD + 1.2 * contact
+    axis = roll_radius(folds.pitch) + away
+    arm = math.pi / 4 * ((folds.outer - folds.out) / folds.bends - 2)
+    first = arm - (folds.hub_gap * (2 * folds.out + 1) + away + contact) / axis
+
+    return gx.RotationGuides(
+        hub,
+        count,
+        axis,
+        rod=ROD,
+        height=HEIGHT,
+        mass=RING,
+        brake=brake,
+        first=first,
+        drawn=lambda t: DRAWN * _smooth((t - release) / IN),
+        depth=1.2 * DRAWN,
+    )
+
+
+def as_one(radius: Array, momentum: float, pitch: float) -> Array:
+    """Spin [rad/s] of hub, ring, wound strips and arms whose tips are at a radius (n,) [m], if all turn as one.
+
+    The roll, of which layers lie on the sides of a polygon, counts where the middle of them has its mean square.
+    """
+    inner, outer, bends = rows(pitch)
+    half_edges, ring = (outer * pitch, inner * pitch), RING * (roll_radius(pitch) + ROD) ** 2
+    cos = math.cos(math.pi / 8 / bends)
+    R = (folded(pitch).radius + roll_radius(pitch)) / 2 * math.sqrt((1 + 2 * cos**2) / 3)
+    inertia = [arm_inertia(max(r - R, 0.0), HUB_INERTIA[2] + ring, half_edges, R) for r in radius]
+    return momentum / np.array(inertia)
+
+
+def main(
+    output: str | Path | None = None,
+    until: float = 14.0,
+    release: float = 6.0,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    **given: object,
+) -> dict[str, float]:
+    """Deploy the sail; what `build` takes may be `given`.  With `output`, a folder: a recording and pictures.
+
+    Returns energy_error, angular_momentum_drift (relative), halved, steps, iterations (a step), seconds, penetrations
+    (the most edges that pierced triangles at any step), radius of the tips and spin of the hub and as one [m, rpm] at
+    the release, spins of hub and sail at the end and of the closed form there [rpm], radius of the tips at the end and
+    at most [m], energy at the start, dissipated, and by each cause [J].
+    """
+    case = build(comm, until=until, release=release, **given)  # type: ignore[arg-type]
+    stage2 = [release + part * (until - release) for part in (0.0, 0.06, 0.15, 0.3, 0.6, 1.0)]
+    looks = [part * release for part in (0.0, 0.15, 0.3, 0.5, 0.75)] + stage2
+    run, series = deploy(case, output, "ikaros_stages", [t / until for t in looks if t <= until], VIEW)
+    pitch = float(given.get("pitch", 0.64))  # type: ignore[arg-type]
+    radius = np.mean([series[name] for name in case.probes if name.startswith("radius")], axis=0)
+    first, now = run.first.angular_momentum, run.totals.angular_momentum
+    if output is not None and comm.rank == 0:
+        draw(series, radius, float(first[2]), pitch, release, Path(output) / "ikaros_stages_spin.png")
+    inertia = HUB_INERTIA[2] + RING * (roll_radius(pitch) + ROD) ** 2 + square_inertia(pitch)
+    k = min(int(np.searchsorted(series.time, release)), len(radius) - 1)
+    return {
+        **books(run, series),
+        "angular_momentum_drift": relative_drift(now, first),
+        "released_radius": float(radius[k]),
+        "released_spin": float(series["spin of the hub [rpm]"][k]),
+        "released_as_one": float(as_one(radius[k : k + 1], float(first[2]), pitch)[0] / RPM),
+        "spin_of_hub": float(series["spin of the hub [rpm]"][-1]),
+        "spin_of_sail": float(series["spin of the sail [rpm]"][-1]),
+        "spin_in_the_end": float(first[2]) / inertia / RPM,
+        "radius": float(radius[-1]),
+        "largest_radius": float(radius.max()),
+        "energy": run.first.energy,
+        **losses(run),
+    }
+
+
+def draw(series: gx.Series, radius: Array, momentum: float, pitch: float, release: float, path: Path) -> None:
+    """Spins and radius over the time, the spin of the hub over the length of arms out, and the values of the flight."""
+    from matplotlib.figure import Figure
+
+    blue, red = (0.1, 0.35, 0.7), (0.8, 0.2, 0.1)
+    figure = Figure(figsize=(12, 3.8), dpi=100, facecolor="white", layout="constrained")
+    left, middle, right = figure.subplots(1, 3)
+    for what, colour in (("hub", blue), ("sail", red)):
+        left.plot(series.time, series[f"spin of the {what} [rpm]"], color=colour, label=what)
+    left.axhline(FLIGHT["open (16 June 2010)"][1], linestyle=":", color="black")
+    left.annotate("flight, open", (series.time[-1], FLIGHT["open (16 June 2010)"][1]), ha="right", va="bottom")
+    middle.plot(series.time, radius, color="black", label="tips")
+    middle.plot(series.time, series["middle [m]"], "--", color="black", label="middles of the edges")
+    before, R = series.time <= release, roll_radius(pitch)
+    out = np.linspace(0.0, max(float(radius[before].max()) - R, 0.1), 60)
+    for what, colour in (("hub", blue), ("sail", red)):
+        right.plot(radius[before] - R, series[f"spin of the {what} [rpm]"][before], color=colour, label=what)
+    right.plot(out, as_one(R + out, momentum, pitch) / RPM, "--", color="black", label="if all turned as one")
+    for length, rpm in (WOUND, HELD):
+        right.plot(length, rpm, "o", color="black")
+    left.set(xlabel="t [s]", ylabel="spin [rpm]")
+    middle.set(xlabel="t [s]", ylabel="radius [m]")
+    right.set(xlabel="length of the arms that is out in stage 1 [m]", ylabel="spin [rpm]; dots: flight")
+    for axes in (left, middle, right):
+        axes.grid(alpha=0.3)
+        axes.legend(frameon=False)
+    for axes in (left, middle):
+        axes.axvline(release, color="black", linewidth=0.6)
+    keep(figure, TITLE, path)
+
+
+def say(found: dict[str, float]) -> None:
+    """What happened, in words."""
+    print(
+        f"At the release the tips are at {found['released_radius']:.2f} m, and the hub spins at "
+        f"{found['released_spin']:.2f} rpm; {found['released_as_one']:.2f} rpm if all turned as one."
+    )
+    print(f"At the end the tips are at {found['radius']:.2f} m; they were at most at {found['largest_radius']:.2f} m.")
+    print(
+        f"Hub and sail spin at {found['spin_of_hub']:.2f} and {found['spin_of_sail']:.2f} rpm; without swing it "
+        f"will be {found['spin_in_the_end']:.2f} rpm."
+    )
+    print(f"Of {found['energy']:.0f} J {found['dissipated']:.0f} J are lost{by_cause(found)}.")
+    say_books(found, "angular momentum", "angular_momentum_drift")
+
+
+if __name__ == "__main__":
+    result = main(output="out/ikaros_stages")
+    if MPI.COMM_WORLD.rank == 0:
+        say(result)

@@ -1,0 +1,35 @@
+"""The wound sail of IKAROS is held and let out by guides on a braked ring, and released when they are drawn away."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from demos import ikaros_stages
+
+
+@pytest.mark.mpi
+def test_the_roll_is_held_and_nothing_passes_through(comm) -> None:
+    found = ikaros_stages.main(comm=comm, until=0.1 if comm.size == 1 else 6e-3)
+    assert found["penetrations"] == 0 and found["halved"] == 0
+    assert found["energy_error"] < 1e-8 and found["angular_momentum_drift"] < 1e-9
+    assert found["spin_of_sail"] < found["spin_of_hub"] < ikaros_stages.START + 0.01
+
+
+def test_the_closed_form_begins_as_the_scene_does(comm) -> None:
+    """The roll counts as thin: 1 %."""
+    for pitch, rpm in ((0.64, 25.0), (0.32, 10.0)):
+        run = ikaros_stages.build(comm, pitch=pitch, rpm=rpm).simulation([])
+        tips = np.array([ikaros_stages.roll_radius(pitch) + ikaros_stages.OUT])
+        spin = ikaros_stages.as_one(tips, run.totals.angular_momentum[2], pitch)
+        assert spin / ikaros_stages.RPM == pytest.approx(rpm, rel=0.01)
+
+
+@pytest.mark.slow
+def test_both_stages(tmp_path) -> None:
+    found = ikaros_stages.main(tmp_path)
+    assert found["penetrations"] == 0 and found["halved"] < 0.02 * found["steps"]
+    assert found["energy_error"] < 1e-8 and found["angular_momentum_drift"] < 1e-9
+    assert found["released_radius"] > 5.0 and found["largest_radius"] > 9.0
+    for name in ("ikaros_stages.png", "ikaros_stages_spin.png"):
+        assert (tmp_path / name).read_bytes()[1:4] == b"PNG"
