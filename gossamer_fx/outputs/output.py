@@ -209,3 +209,17 @@ def evaluate_probe(run: Run, name: str, probe: Probe) -> float:
         InputError: it raises, or returns something else than a finite number, or different ones on different ranks.
     """
     return float(ask_numbers(run.comm, f"{name} at t = {run.time:.6g} s", lambda: probe(run)))
+
+
+def replace_file(path: Path, text: str) -> None:
+    """Write a new file beside the old one, which it then replaces: what is read is always whole; on one rank.
+
+    Raises:
+        InputError: it cannot be written.
+    """
+    try:
+        new = path.with_suffix(".new")
+        new.write_text(text, encoding="utf-8")
+        new.replace(path)
+    except OSError as error:
+        raise InputError(f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable.") from error

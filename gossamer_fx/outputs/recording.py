@@ -29,7 +29,7 @@ from gossamer_fx.model.terms import Body, is_on_mesh
 from gossamer_fx.outputs.description import describe, versions
 from gossamer_fx.outputs.file_names import file_name
 from gossamer_fx.outputs.ledger import Ledger
-from gossamer_fx.outputs.output import Output, Probe, make_parent
+from gossamer_fx.outputs.output import Output, Probe, make_parent, replace_file
 from gossamer_fx.outputs.probes import GAS, AreaFraction, GasState
 from gossamer_fx.outputs.run import Run
 from gossamer_fx.outputs.schedule import Schedule
@@ -180,7 +180,7 @@ class Recording:
             "mass error": run.mass_error,
         }
         text = json.dumps(self._about | {"status": status, "statistics": statistics}, indent=1, ensure_ascii=False)
-        on_rank_zero(run.comm, lambda: _replace(self.folder / "run.json", text))
+        on_rank_zero(run.comm, lambda: replace_file(self.folder / "run.json", text))
 
 
 class _Place:
@@ -217,13 +217,3 @@ def about_run(folder: Path) -> dict[str, Any]:
         raise InputError(f"'{path}' cannot be read ({error}); write the run again.") from error
     check(version == FORMAT, f"'{path}' is of format {version}, not {FORMAT}; read it with the program that wrote it.")
     return about
-
-
-def _replace(path: Path, text: str) -> None:
-    """A new file beside the old one, which it then replaces: what is read is always whole."""
-    try:
-        new = path.with_suffix(".new")
-        new.write_text(text, encoding="utf-8")
-        new.replace(path)
-    except OSError as error:
-        raise InputError(f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable.") from error

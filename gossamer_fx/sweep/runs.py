@@ -21,7 +21,7 @@ from mpi4py import MPI
 
 from gossamer_fx.checks.errors import InputError, NoEquilibrium, StepFailure, check, on_rank_zero
 from gossamer_fx.outputs.claims import Claims
-from gossamer_fx.outputs.output import make_parent
+from gossamer_fx.outputs.output import make_parent, replace_file
 
 Values = Mapping[str, Any]
 Outcome = Callable[..., Mapping[str, float]]
@@ -119,11 +119,5 @@ class SharedRuns:
             )
         numbers = {name: float(number) for name, number in numbers.items()}
         result = Result(dict(values), numbers, time.perf_counter() - started, failed)
-
-        def write() -> None:
-            new = path.with_suffix(".new")
-            new.write_text(json.dumps(asdict(result), indent=1))
-            new.replace(path)
-
-        on_rank_zero(self._comm, write)
+        on_rank_zero(self._comm, lambda: replace_file(path, json.dumps(asdict(result), indent=1)))
         return result
