@@ -30,7 +30,7 @@ from gossamer_fx.contact.kernel import Array, Bytes, Integers, library, pointers
 
 BARRIER, PENALTY = 0, 1
 POINT_TRIANGLE, EDGE_EDGE, PLANE, IN_SPHERE, IN_CYLINDER = range(5)
-ROUNDING = 0.05  # ε over S
+ROUNDING = 1e-3  # ε over S; where edges cross near their ends x stays above half of it, and the barrier below 500 k
 PUSH = 4.0  # stiffness by which iterates that passed through are pushed back, over that of their pair
 NONE, TOUCHES, PASSED = range(3)  # what a pair does in a step
 

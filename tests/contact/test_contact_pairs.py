@@ -17,6 +17,7 @@ from gossamer_fx.contact.pairs import (
     PLANE,
     POINT_TRIANGLE,
     TOUCHES,
+    Pairs,
     act,
     energy,
     squared_distances,
@@ -130,6 +131,15 @@ def test_distance_of_degenerate_pairs() -> None:
     for kind, x, s in cases:
         found = squared_distances(nodes, np.array([kind], np.uint8), np.array(x, float))
         assert found[0] == pytest.approx(s, rel=1e-14)
+
+
+def test_the_barrier_is_high_also_where_edges_cross_near_their_ends() -> None:
+    """What comes ten times as fast as a pair was made for has 12.5 k."""
+    nodes, kind = np.arange(4, dtype=np.int32)[None], np.array([EDGE_EDGE], np.uint8)
+    pairs = Pairs(nodes, kind, np.ones(1), np.full(1, 1e-6), np.zeros(1), np.zeros(1, np.int64))
+    for u in (0.0, 1e-2, 0.5, 1.0):
+        x = np.array([[-u, 0, 1e-9], [1 - u, 0, 1e-9], [0, -u, 0], [0, 1 - u, 0]])
+        assert energy(pairs, x, BARRIER)[0] > 100
 
 
 @pytest.mark.parametrize("kind", [POINT_TRIANGLE, EDGE_EDGE])
