@@ -152,8 +152,10 @@ def sail(
     return gx.Membrane(mesh, law, name="sail", displacement=displacement)
 
 
-def tethers(film: gx.Membrane, hub: gx.RigidBody, pitch: float, radius: float, damping: float = 0.0) -> gx.RopeBundle:
-    """Four from each inner edge to the hub, where it has this radius: as long as in the open sail."""
+def tethers(
+    film: gx.Membrane, hub: gx.RigidBody, pitch: float, radius: float, damping: float = 0.0, height: float = 0.0
+) -> gx.RopeBundle:
+    """Four from each inner edge to the hub, where it has this radius, at a height: as long as in the open sail."""
     inner = rows(pitch)[0]
     ends, lengths = [], []
     for k in range(4):
@@ -162,7 +164,7 @@ def tethers(film: gx.Membrane, hub: gx.RigidBody, pitch: float, radius: float, d
             place = pitch * np.array([c * i + d * inner, d * i - c * inner, 0.0])
             far = float(np.linalg.norm(place))
             x, y, z = map(float, place)
-            rim = hub.port((x * radius / far, y * radius / far, z))
+            rim = hub.port((x * radius / far, y * radius / far, height))
             ends.append((film.port_at((x, y, z)), rim))
             lengths.append(far - radius)
     return gx.RopeBundle(ends, lengths, TETHER, damping, name="tethers")

@@ -141,8 +141,11 @@ def _smooth(part: float) -> float:
 def _tethers(
     film: gx.Membrane, hub: gx.RigidBody, pitch: float, radius: float, folds: gx.fold.ikaros, release: float
 ) -> list[gx.Tether]:
-    """Those of the open sail, short in stage 1, so that they hold the inner edges on the hub, then paid out."""
-    bundle, found = tethers(film, hub, pitch, radius), []
+    """Those of the open sail, short in stage 1, then paid out: inner edges are held on the hub, at their height there.
+
+    Held at another height the roll slides along the hub, out of the rods.
+    """
+    bundle, found = tethers(film, hub, pitch, radius, height=-pitch / 2), []
     for k, ((edge, rim), whole) in enumerate(zip(bundle.ends, bundle.lengths, strict=True)):
         wound = folds.place(initial(edge)[None], np.zeros(1))[0]
         short = float(np.linalg.norm(wound - initial(rim)))
