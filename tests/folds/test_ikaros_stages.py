@@ -13,7 +13,10 @@ def test_the_roll_is_held_and_nothing_passes_through(comm) -> None:
     found = ikaros_stages.main(comm=comm, until=0.1 if comm.size == 1 else 6e-3)
     assert found["penetrations"] == 0 and found["halved"] == 0
     assert found["energy_error"] < 1e-8 and found["angular_momentum_drift"] < 1e-9
-    assert found["spin_of_sail"] < found["spin_of_hub"] < ikaros_stages.START + 0.01
+    assert found["spin_of_hub"] == pytest.approx(ikaros_stages.START, rel=0.01)
+    if comm.size == 1:
+        assert found["spin_of_sail"] < ikaros_stages.START
+        assert found["radius"] > ikaros_stages.roll_radius(0.64) + ikaros_stages.OUT
 
 
 def test_the_closed_form_begins_as_the_scene_does(comm) -> None:
