@@ -7,8 +7,9 @@ along the hub and the tethers are paid out, and stage 2 goes on to the open sail
 cross.  Contact keeps layers, hub and rods apart; nothing acts from outside.
 
 Where all turns as one the spin is ω = L/(I + J), with the hub's I and the J of the sail as far as it is out.  The
-flight took days for stage 1 and was close to that.  In seconds, as here, the arms lag behind the hub, which they stop
-like the cords of a yo-yo; while they do, they pull less than the hub flings out of the roll.
+flight took days for stage 1 and was close to that.  In seconds, as here, the arms lag behind the hub, swing ahead of it
+and back, and stop it little by little, like the cords of a yo-yo.  A weak brake lets them lag so far that they pull
+less than the hub flings out of the roll, and the film leaves the rods before the arms are out (`brake=10.0`).
 
 Where the values come from:
     sail, hub, tethers, film
@@ -19,7 +20,7 @@ Where the values come from:
                          chosen; the flight had four guides, and a roll without slack
 
     ./gossamer demo ikaros_stages
-    ./gossamer run demos/ikaros_stages.py brake=40.0 release=9.0 until=16.0 --output out/stages
+    ./gossamer run demos/ikaros_stages.py brake=10.0 release=6.0 until=14.0 --output out/stages
 """
 
 from __future__ import annotations
@@ -78,14 +79,14 @@ def build(
     pitch: float = 0.64,
     refine: int = 1,
     rpm: float = START,
-    brake: float = 10.0,
-    release: float = 6.0,
+    brake: float = 30.0,
+    release: float = 16.0,
     contact: float = 1e-3,
     gap: float = GAP,
     out: float = OUT,
     rods: int = RODS,
     damping: float = 2e-3,
-    until: float = 14.0,
+    until: float = 24.0,
     dt: float = 2e-3,
     largest: float = 1e-2,
     growth: float = 1.1,
@@ -195,8 +196,8 @@ def as_one(radius: Array, momentum: float, pitch: float) -> Array:
 
 def main(
     output: str | Path | None = None,
-    until: float = 14.0,
-    release: float = 6.0,
+    until: float = 24.0,
+    release: float = 16.0,
     comm: MPI.Comm = MPI.COMM_WORLD,
     **given: object,
 ) -> dict[str, float]:

@@ -14,7 +14,7 @@ def test_the_arms_turn_the_ring_and_nothing_passes_through(comm) -> None:
     case = ikaros_arms.build(comm, cells=12, until=0.2)
     run = case.simulation([series := gx.Series(case.probes)])
     run.run(until=0.2 if comm.size == 1 else 0.02)
-    assert series["penetrations"].max() == 0 and run.substeps == 0
+    assert series["penetrations"].max() == 0 and run.substeps <= 2
     assert abs(run.energy_error) < 1e-8
     first, now = run.first.angular_momentum, run.totals.angular_momentum
     assert np.abs(now - first).max() < 1e-9 * np.abs(first).max()
