@@ -19,7 +19,7 @@ Where the values come from:
     ring, rods, brake, damping
                          chosen; the flight had four guides, and a roll without slack
 
-    ./gossamer demo ikaros_stages
+    ./gossamer demo ikaros_stages                     # half an hour
     ./gossamer run demos/ikaros_stages.py brake=10.0 release=6.0 until=14.0 --output out/stages
 """
 
@@ -209,8 +209,8 @@ def main(
     at most [m], energy at the start, dissipated, and by each cause [J].
     """
     case = build(comm, until=until, release=release, **given)  # type: ignore[arg-type]
-    stage2 = [release + part * (until - release) for part in (0.0, 0.06, 0.15, 0.3, 0.6, 1.0)]
-    looks = [part * release for part in (0.0, 0.15, 0.3, 0.5, 0.75)] + stage2
+    stage2 = [release + part * (until - release) for part in (0.0, 0.15, 0.3, 0.6, 0.8, 1.0)]
+    looks = [part * release for part in (0.0, 0.15, 0.3, 0.5, 0.65, 0.8)] + stage2
     run, series = deploy(case, output, "ikaros_stages", [t / until for t in looks if t <= until], VIEW)
     pitch = float(given.get("pitch", 0.64))  # type: ignore[arg-type]
     radius = np.mean([series[name] for name in case.probes if name.startswith("radius")], axis=0)
@@ -245,7 +245,7 @@ def draw(series: gx.Series, radius: Array, momentum: float, pitch: float, releas
     for what, colour in (("hub", blue), ("sail", red)):
         left.plot(series.time, series[f"spin of the {what} [rpm]"], color=colour, label=what)
     left.axhline(FLIGHT["open (16 June 2010)"][1], linestyle=":", color="black")
-    left.annotate("flight, open", (series.time[-1], FLIGHT["open (16 June 2010)"][1]), ha="right", va="bottom")
+    left.annotate("flight, open", (0.0, FLIGHT["open (16 June 2010)"][1]), ha="left", va="bottom")
     middle.plot(series.time, radius, color="black", label="tips")
     middle.plot(series.time, series["middle [m]"], "--", color="black", label="middles of the edges")
     before, R = series.time <= release, roll_radius(pitch)

@@ -30,9 +30,11 @@ def test_the_closed_form_begins_as_the_scene_does(comm) -> None:
 
 @pytest.mark.slow
 def test_both_stages(tmp_path) -> None:
+    """Half an hour.  At the release the arms stand out, and hub and sail turn almost as one."""
     found = ikaros_stages.main(tmp_path)
     assert found["penetrations"] == 0 and found["halved"] < 0.02 * found["steps"]
     assert found["energy_error"] < 1e-8 and found["angular_momentum_drift"] < 1e-9
-    assert found["released_radius"] > 5.0 and found["largest_radius"] > 9.0
+    assert found["released_radius"] > 7.0 and found["largest_radius"] > 9.0
+    assert found["released_spin"] == pytest.approx(found["released_as_one"], rel=0.1)
     for name in ("ikaros_stages.png", "ikaros_stages_spin.png"):
         assert (tmp_path / name).read_bytes()[1:4] == b"PNG"
