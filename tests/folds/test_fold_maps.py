@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -207,6 +207,8 @@ def test_a_polygon_along_miuras_lines(comm) -> None:
         (lambda c: gx.fold.zigzag(length=0.3, panels=3, opening=1e-3), "need the width of the film"),
         (lambda c: gx.fold.zigzag(length=0.3, panels=3, bends=3, spacing=0.06), "take more than a panel"),
         (lambda c: gx.fold.roll(length=0.3, bends=3, radius=0.02), "do not go round"),
+        (lambda c: replace(CROSS, wound=True, out=7), "out is 7"),
+        (lambda c: replace(CROSS, out=2), "give wound=True"),
         (lambda c: gx.fold.star(n=8, side=0.04, columns=2, reach=20, gap=5e-3), "no room for a hub"),
         (
             lambda c: creased_tube(c, ((0, 0), (0.1, 0), (0.1, 0.02), (0, 0.02)), (), 0.05, lambda X: X[:, 0], ()),
