@@ -9,6 +9,8 @@ from typing import Any
 from gossamer_fx.outputs.output import Table
 from gossamer_fx.outputs.run import Run
 
+LOST = "dissipated "  # before the name of a cause
+
 
 class Ledger:
     """CSV with a row for every step: energies [J], momenta, gas masses [kg], the closing errors, iterations.
@@ -44,7 +46,7 @@ class Ledger:
         row |= {f"stored {name}": energy for name, energy in t.stored.items()}
         row |= {"supplied": t.supplied, "dissipated": t.dissipated}
         if len(t.losses) > 1:
-            row |= {f"dissipated {name}": loss for name, loss in t.losses.items()}
+            row |= {f"{LOST}{name}": loss for name, loss in t.losses.items()}
         row |= {"energy_error": run.energy_error}
         row |= {f"momentum {axis}": p for axis, p in zip("xyz", t.momentum, strict=True)}
         row |= {f"angular momentum {axis}": p for axis, p in zip("xyz", t.angular_momentum, strict=True)}

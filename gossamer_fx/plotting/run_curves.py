@@ -12,6 +12,7 @@ import numpy as np
 
 from gossamer_fx.model.terms import Array
 from gossamer_fx.outputs.fields import STATES
+from gossamer_fx.outputs.ledger import LOST
 from gossamer_fx.plotting.curves import LINES, Panel, Snapshot, label_ends, panels, scaled
 from gossamer_fx.plotting.run_reader import RunReader, Tables
 
@@ -44,7 +45,7 @@ def _moment(ledger: Tables, gas: Tables, states: Tables, films: Sequence[str], r
     if "mass_error" in ledger:
         errors["gas mass"] = float(ledger["mass_error"][row])
     time = float(ledger["time"][row])
-    chamber, lost = " pressure", "dissipated "
+    chamber = " pressure"
     pressures = {name.removesuffix(chamber): _at(gas, name, time) for name in gas if name.endswith(chamber)}
     return Snapshot(
         time,
@@ -52,7 +53,7 @@ def _moment(ledger: Tables, gas: Tables, states: Tables, films: Sequence[str], r
         pressures,
         _fractions(states, films, time),
         errors,
-        {name.removeprefix(lost): float(ledger[name][row]) for name in ledger if name.startswith(lost)},
+        {name.removeprefix(LOST): float(ledger[name][row]) for name in ledger if name.startswith(LOST)},
     )
 
 

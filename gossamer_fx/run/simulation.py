@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from petsc4py import PETSc
 
 from gossamer_fx.checks.errors import InputError, OutputFailure, check
 from gossamer_fx.checks.lone_errors import abort_on_lone_error, agree_on_error
@@ -297,6 +298,7 @@ class Simulation:
             self.seconds += time.perf_counter() - started
         if abs(milestone - self.time) <= 1e-9 * stepping.wanted:
             self.system.time = milestone
+        PETSc.garbage_cleanup(self.comm)  # on several ranks what Python drops is kept until all ask for this
         return ended
 
     def _leave(self, number: int) -> None:

@@ -94,6 +94,7 @@ def replace(pc: PETSc.PC, A: PETSc.Mat) -> None:
     if pc.getFactorSolverType() == "mumps" and A.handle != before.handle:
         renew(pc)
         pc.getFactorMatrix().setMumpsIcntl(7, MINIMUM_FILL)
+    before.destroy()  # on several ranks it would be kept to the end of the step
 
 
 def failure(pc: PETSc.PC) -> int:
