@@ -12,7 +12,16 @@ from mpi4py import MPI
 from gossamer_fx.contact.body_set import WALLS, BodySet
 from gossamer_fx.contact.course import Course
 from gossamer_fx.contact.kernel import Array, Bytes, Integers
-from gossamer_fx.contact.pairs import EDGE_EDGE, IN_SPHERE, PLANE, Pairs, approaches, squared_distances
+from gossamer_fx.contact.pairs import (
+    BARRIER,
+    EDGE_EDGE,
+    IN_SPHERE,
+    PLANE,
+    Pairs,
+    approaches,
+    infinite_at_crossings,
+    squared_distances,
+)
 from gossamer_fx.contact.search import candidates, refused
 
 KEPT = 0.1  # part of its distance, or of that at which contact begins, that a pair keeps on the way of a step
@@ -85,10 +94,12 @@ class Candidates:
         d: Array = np.where(self.kind >= WALLS, of_pair[0], of_pair.min(axis=0))
         return d
 
-    def pairs(self, which: npt.NDArray[np.bool_], begins: Array) -> Pairs:
+    def pairs(self, which: npt.NDArray[np.bool_], begins: Array, law: int) -> Pairs:
         """Some of them, of which contact begins at the distances (n,), with S and offset, and without stiffness."""
         R, kind, d = self.radius[which], self.kind[which], begins[which]
         S, offset = (R + d) ** 2 - R**2, R**2
+        if law == BARRIER:
+            S, offset = infinite_at_crossings(kind, S, offset)
         plane, ball = kind == PLANE, kind >= IN_SPHERE
         S[plane], offset[plane] = d[plane], R[plane]
         room = self.wall[which][ball] - R[ball]

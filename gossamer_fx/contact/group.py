@@ -16,7 +16,7 @@ from gossamer_fx.contact.candidates import Candidates
 from gossamer_fx.contact.course import Course, Drift
 from gossamer_fx.contact.kernel import Array, Bytes, library
 from gossamer_fx.contact.memory import Memory
-from gossamer_fx.contact.pairs import IN_SPHERE, PLANE, Pairs, act, energy, squared_distances, starts
+from gossamer_fx.contact.pairs import IN_SPHERE, PASSED, PLANE, Pairs, act, energy, squared_distances, starts
 from gossamer_fx.contact.softness import Softness
 from gossamer_fx.contact.start import refuse_coincident, refuse_intersections
 
@@ -177,7 +177,7 @@ class Group:
 
     def _select(self, near: npt.NDArray[np.bool_], v: Array | None = None) -> Pairs:
         """The pairs of some candidates; stiffness follows their closing speed unless they have energy."""
-        pairs = self.found.pairs(near, self._begins())
+        pairs = self.found.pairs(near, self._begins(), self.law)
         known, k = self.memory.stiffness_of(pairs.names)
         if v is not None:
             k = np.where(known, k, self._stiffness(near, v))
@@ -256,7 +256,8 @@ class Group:
         found, gap1 = self.found, self._known[1][2]
         behind_walls = np.flatnonzero((found.kind >= WALLS) & (gap1 <= 0))
         through = found.refused(self.x0, x1, self._gap0, self._begins(), self._way, self._mask)
-        wrong = np.concatenate([through, behind_walls])
+        pushed = act(self.near, self.x0, x1, self.law, self._alpha).state == PASSED
+        wrong = np.concatenate([through, np.flatnonzero(self._mask)[pushed], behind_walls])
         words = ""
         if len(wrong):
             i = int(wrong[0])

@@ -18,6 +18,7 @@ static const double ROWS[5][3][4] = {
     {{1, -1, 0, 0}, {0, 0, 1, 0}, {0, 0, 0, 1}},
 };
 static const int I[6] = {0, 0, 0, 1, 1, 2}, J[6] = {0, 1, 2, 1, 2, 2};
+static const double LOW = 0.02; /* part of x that rounded edges must keep in a step */
 static const double GAUSS[2] = {0.21132486540518713, 0.7886751345948129};
 
 static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
@@ -476,7 +477,7 @@ void starts(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, 
 
    Of each pair: k [J] its stiffness, S its threshold of s - offset (squared lengths; lengths for planes), and ε the
    part of S by which edges are rounded; γ is the share of the geometric stiffness in tangents; start (n, 4), which may
-   be null: see above.  active (n): 0 no force, 1 contact, 2 passed through and pushed back; `again`: it is known.
+   be null: see above.  active (n): 0 no force, 1 contact, 2 passed through, or about to, and pushed back; `again`: it is known.
    forces (n, 12) and tangents (n, 144) of pairs, or added by points to `force` and by blocks to `values` where
    `slots` (n, 16) says; any of them may be null.  Returns the number of pairs that act. */
 int act(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, const double *x1, const double *k,
@@ -515,7 +516,8 @@ int act(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, cons
         const double s0 = at && !ends ? at[3] : value(&P, Y0, φ0), s1 = value(&P, Y1, φ1);
         const double X0 = (s0 - offset[i]) / size, X1 = (s1 - offset[i]) / size;
         const int through = P.kind <= EDGE_EDGE && !ends && passed(P.kind, P.U, P.V, Y0, Y1);
-        const int wrong = through || (X1 <= 0 && (law == BARRIER || P.kind <= EDGE_EDGE));
+        const int steep = law == BARRIER && P.kind == EDGE_EDGE && !ends && !through && X1 < LOW * fmin(X0, 1);
+        const int wrong = through || (X1 <= 0 && !steep && (law == BARRIER || P.kind <= EDGE_EDGE));
         if (wrong && push > 0) {
             const double D = P.kind == PLANE ? size + offset[i] : P.kind > PLANE ? -sqrt(-offset[i] - size) : sqrt(size + offset[i]);
             const double d0 = P.kind == PLANE ? s0 : P.kind > PLANE ? -sqrt(-s0) : sqrt(s0);
@@ -525,7 +527,7 @@ int act(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, cons
             push_back(&P, Y1, through, d0, D, push * k[i] / (length * length), f, tangent ? K : 0);
         } else if (X0 < 1 || X1 < 1) {
             double S_[6], D[6][6], Ym[3][3], slope, rise;
-            state = 1;
+            state = steep ? 2 : 1;
             if (ends) {
                 memset(D, 0, sizeof D);
                 double e[6], H[6][6] = {{0}};
@@ -570,7 +572,12 @@ int act(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, cons
                     }
                     for (int m = 0; m < 6; ++m) mean[m] += c * Δ[m];
                 }
-                secant(law, linear, X0, X1, &slope, &rise);
+                if (steep) { /* s may be below its offset, where a barrier has no energy: it goes on as a parabola of s */
+                    const double low = LOW * fmin(X0, 1);
+                    secant(law, linear, X0, low, &slope, &rise);
+                    slope += rise * (X1 - low);
+                } else
+                    secant(law, linear, X0, X1, &slope, &rise);
                 slope /= size, rise /= size * size;
                 for (int m = 0; m < 6; ++m) {
                     S_[m] = k[i] * slope * mean[m];

@@ -11,6 +11,8 @@ convex in e, and is discretised as every other stored energy:
 
 by two Gauss points, and what is missing of φ̄·Δe = s1 - s0 is added along Δe.  Force De(q̄)ᵀ S̄.  Where edges may be
 parallel, s is rounded by adding ε ((u - ½)² + (v - ½)²) to |r + u a + v b|²: it stays concave and becomes smooth.
+Where edges cross, s is at most ε/2 then: that much is added to the offset of barriers, which are infinite there.  Edges
+must keep a fiftieth of their x in a step; in iterates that do not, b goes on as a parabola.
 r leads to the nearest points of the start, so that small distances of large triangles keep their digits.
 
     law         b(x), zero for x ≥ 1
@@ -30,7 +32,7 @@ from gossamer_fx.contact.kernel import Array, Bytes, Integers, library, pointers
 
 BARRIER, PENALTY = 0, 1
 POINT_TRIANGLE, EDGE_EDGE, PLANE, IN_SPHERE, IN_CYLINDER = range(5)
-ROUNDING = 1e-3  # ε over S; where edges cross near their ends x stays above half of it, and the barrier below 500 k
+ROUNDING = 0.05  # ε over S
 PUSH = 4.0  # stiffness by which iterates that passed through are pushed back, over that of their pair
 NONE, TOUCHES, PASSED = range(3)  # what a pair does in a step
 
@@ -64,6 +66,13 @@ class Action:
     state: Bytes
     forces: Array | None
     tangents: Array | None
+
+
+def infinite_at_crossings(kind: Bytes, S: Array, offset: Array) -> tuple[Array, Array]:
+    """S and offset (n,) with which a barrier begins where it did, and is infinite where rounded edges cross."""
+    rounded = np.where(kind == EDGE_EDGE, ROUNDING / 2, 0.0)
+    S = S / (1 + rounded)
+    return S, offset + rounded * S
 
 
 def squared_distances(nodes: Integers, kind: Bytes, x: Array) -> Array:
