@@ -249,15 +249,15 @@ class Group:
         return True
 
     def inadmissible(self) -> str:
-        """In words, what passed through something else in the step; else nothing."""
+        """In words, what passed through something else in the step, or all but did; else nothing."""
         x1 = self.points.at(self._system.q1, self._t1)
         if self._comm.allreduce(not np.array_equal(x1, self._known[1][1])):
             self.widen()  # what it takes in is found below
         found, gap1 = self.found, self._known[1][2]
         behind_walls = np.flatnonzero((found.kind >= WALLS) & (gap1 <= 0))
         through = found.refused(self.x0, x1, self._gap0, self._begins(), self._way, self._mask)
-        pushed = act(self.near, self.x0, x1, self.law, self._alpha).state == PASSED
-        wrong = np.concatenate([through, np.flatnonzero(self._mask)[pushed], behind_walls])
+        pushed = self.near.names[act(self.near, self.x0, x1, self.law, self._alpha).state == PASSED]
+        wrong = np.concatenate([through, np.flatnonzero(np.isin(found.names, pushed)), behind_walls])
         words = ""
         if len(wrong):
             i = int(wrong[0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import film, group_of, pierced
+from scenes import film, group_of, pierced, simulate
 
 import gossamer_fx as gx
 from gossamer_fx.contact.group import REACH
@@ -79,3 +79,19 @@ def test_a_predictor_that_passed_through_is_no_measure_of_the_residual():
     assert newton._reference < 2.1 / 1e-4 * momentum.norm()  # 2 M v/h; the speeds hardly change in a step
     assert abs(run.energy_error) < 1e-11
     assert pierced(run) == 0
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("gap, words", [(0.13, "would pass through"), (0.25, "")])
+def test_edges_nearer_than_their_barrier_lets_them_are_refused(comm, gap, words):
+    """In the middle of edges a barrier is infinite at 0.16 of the distance at which contact begins."""
+    d = 1e-3
+    films = [film(comm, n=2, name="lower"), film(comm, n=2, height=1.2 * d, turn=0.4, name="upper")]
+    run = simulate([*films, gx.Contact(*films, distance=d)], 1e-6, dt=1e-6)
+    system = run.system
+    system.begin(1e-6)
+    system.q0.copy(system.q1)
+    with system.q1 as values:
+        values[system.numbering.owned(1)].reshape(-1, 3)[:, 2] -= (1.2 - gap) * d
+    system.widen()
+    assert words in system.inadmissible() and bool(words) == bool(system.inadmissible())
