@@ -97,7 +97,8 @@ class Candidates:
     def pairs(self, which: npt.NDArray[np.bool_], begins: Array, law: int) -> Pairs:
         """Some of them, of which contact begins at the distances (n,), with S and offset, and without stiffness."""
         R, kind, d = self.radius[which], self.kind[which], begins[which]
-        S, offset = (R + d) ** 2 - R**2, R**2
+        S: Array = (R + d) ** 2 - R**2
+        offset: Array = R**2
         if law == BARRIER:
             S, offset = infinite_at_crossings(kind, S, offset)
         plane, ball = kind == PLANE, kind >= IN_SPHERE

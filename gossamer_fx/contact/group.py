@@ -256,6 +256,7 @@ class Group:
         found, gap1 = self.found, self._known[1][2]
         behind_walls = np.flatnonzero((found.kind >= WALLS) & (gap1 <= 0))
         through = found.refused(self.x0, x1, self._gap0, self._begins(), self._way, self._mask)
+        assert self.near is not None
         pushed = self.near.names[act(self.near, self.x0, x1, self.law, self._alpha).state == PASSED]
         wrong = np.concatenate([through, np.flatnonzero(np.isin(found.names, pushed)), behind_walls])
         words = ""
