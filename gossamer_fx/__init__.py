@@ -67,31 +67,31 @@ if TYPE_CHECKING:
     from gossamer_fx.gas.volumes import Chamber as Chamber
     from gossamer_fx.gas.volumes import Reservoir as Reservoir
     from gossamer_fx.gas.volumes import Tank as Tank
-    from gossamer_fx.interactions.attached_mass import AttachedMass as AttachedMass
-    from gossamer_fx.interactions.clamped import Clamped as Clamped
-    from gossamer_fx.interactions.clamped_edge import ClampedEdge as ClampedEdge
-    from gossamer_fx.interactions.crease import Crease as Crease
-    from gossamer_fx.interactions.driven import Driven as Driven
-    from gossamer_fx.interactions.fixed import Fixed as Fixed
-    from gossamer_fx.interactions.fixed import Prescribed as Prescribed
-    from gossamer_fx.interactions.joint import BallJoint as BallJoint
-    from gossamer_fx.interactions.joint import CylindricalJoint as CylindricalJoint
-    from gossamer_fx.interactions.joint import FixedJoint as FixedJoint
-    from gossamer_fx.interactions.joint import Link as Link
-    from gossamer_fx.interactions.joint import PrismaticJoint as PrismaticJoint
-    from gossamer_fx.interactions.joint import RevoluteJoint as RevoluteJoint
-    from gossamer_fx.interactions.rigid_region import RigidRegion as RigidRegion
-    from gossamer_fx.interactions.rope_bundle import RopeBundle as RopeBundle
-    from gossamer_fx.interactions.spring import AxialSpring as AxialSpring
-    from gossamer_fx.interactions.spring import Damper as Damper
-    from gossamer_fx.interactions.spring import Rope as Rope
-    from gossamer_fx.interactions.spring import Spring as Spring
-    from gossamer_fx.interactions.spring import Stop as Stop
-    from gossamer_fx.interactions.tape import Tape as Tape
-    from gossamer_fx.interactions.tether import Tether as Tether
-    from gossamer_fx.interactions.tie import Tie as Tie
-    from gossamer_fx.interactions.torsion import TorsionDamper as TorsionDamper
-    from gossamer_fx.interactions.torsion import TorsionSpring as TorsionSpring
+    from gossamer_fx.connectors.attached_mass import AttachedMass as AttachedMass
+    from gossamer_fx.constraints.clamped import Clamped as Clamped
+    from gossamer_fx.constraints.clamped_edge import ClampedEdge as ClampedEdge
+    from gossamer_fx.connectors.crease import Crease as Crease
+    from gossamer_fx.constraints.driven import Driven as Driven
+    from gossamer_fx.constraints.fixed import Fixed as Fixed
+    from gossamer_fx.constraints.fixed import Prescribed as Prescribed
+    from gossamer_fx.constraints.joint import BallJoint as BallJoint
+    from gossamer_fx.constraints.joint import CylindricalJoint as CylindricalJoint
+    from gossamer_fx.constraints.joint import FixedJoint as FixedJoint
+    from gossamer_fx.constraints.joint import Link as Link
+    from gossamer_fx.constraints.joint import PrismaticJoint as PrismaticJoint
+    from gossamer_fx.constraints.joint import RevoluteJoint as RevoluteJoint
+    from gossamer_fx.constraints.rigid_region import RigidRegion as RigidRegion
+    from gossamer_fx.connectors.rope_bundle import RopeBundle as RopeBundle
+    from gossamer_fx.connectors.spring import AxialSpring as AxialSpring
+    from gossamer_fx.connectors.spring import Damper as Damper
+    from gossamer_fx.connectors.spring import Rope as Rope
+    from gossamer_fx.connectors.spring import Spring as Spring
+    from gossamer_fx.connectors.spring import Stop as Stop
+    from gossamer_fx.connectors.tape import Tape as Tape
+    from gossamer_fx.connectors.tether import Tether as Tether
+    from gossamer_fx.constraints.tie import Tie as Tie
+    from gossamer_fx.connectors.torsion import TorsionDamper as TorsionDamper
+    from gossamer_fx.connectors.torsion import TorsionSpring as TorsionSpring
     from gossamer_fx.loads.air_drag import AirDrag as AirDrag
     from gossamer_fx.loads.centrifugal import Centrifugal as Centrifugal
     from gossamer_fx.loads.damping import Damping as Damping
@@ -204,20 +204,20 @@ _HOME = {
     "contact.contact": ["Contact"],
     "contact.probes": ["ContactForce", "ContactGap", "Penetrations"],
     "contact.obstacles": ["Box", "Cylinder", "Plane", "Sphere"],
-    "interactions.attached_mass": ["AttachedMass"],
-    "interactions.clamped": ["Clamped"],
-    "interactions.clamped_edge": ["ClampedEdge"],
-    "interactions.crease": ["Crease"],
-    "interactions.driven": ["Driven"],
-    "interactions.fixed": ["Fixed", "Prescribed"],
-    "interactions.joint": ["BallJoint", "CylindricalJoint", "FixedJoint", "Link", "PrismaticJoint", "RevoluteJoint"],
-    "interactions.rigid_region": ["RigidRegion"],
-    "interactions.rope_bundle": ["RopeBundle"],
-    "interactions.spring": ["AxialSpring", "Damper", "Rope", "Spring", "Stop"],
-    "interactions.tape": ["Tape"],
-    "interactions.tether": ["Tether"],
-    "interactions.tie": ["Tie"],
-    "interactions.torsion": ["TorsionDamper", "TorsionSpring"],
+    "connectors.attached_mass": ["AttachedMass"],
+    "constraints.clamped": ["Clamped"],
+    "constraints.clamped_edge": ["ClampedEdge"],
+    "connectors.crease": ["Crease"],
+    "constraints.driven": ["Driven"],
+    "constraints.fixed": ["Fixed", "Prescribed"],
+    "constraints.joint": ["BallJoint", "CylindricalJoint", "FixedJoint", "Link", "PrismaticJoint", "RevoluteJoint"],
+    "constraints.rigid_region": ["RigidRegion"],
+    "connectors.rope_bundle": ["RopeBundle"],
+    "connectors.spring": ["AxialSpring", "Damper", "Rope", "Spring", "Stop"],
+    "connectors.tape": ["Tape"],
+    "connectors.tether": ["Tether"],
+    "constraints.tie": ["Tie"],
+    "connectors.torsion": ["TorsionDamper", "TorsionSpring"],
     "loads.air_drag": ["AirDrag"],
     "loads.centrifugal": ["Centrifugal"],
     "loads.damping": ["Damping"],

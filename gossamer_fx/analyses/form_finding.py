@@ -21,7 +21,7 @@ from gossamer_fx.bodies.cable import CableLaw
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import NoEquilibrium, check
 from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.interactions.tape import Tape
+from gossamer_fx.connectors.tape import Tape
 from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.model.ports import combine
 from gossamer_fx.model.terms import Array, Term

@@ -15,7 +15,7 @@ from gossamer_fx.gas.ideal_gas import IdealGas
 from gossamer_fx.gas.orifice import Orifice
 from gossamer_fx.gas.ring import Ring
 from gossamer_fx.gas.volumes import Ambient, Chamber, Reservoir, Tank
-from gossamer_fx.interactions.fixed import Fixed
+from gossamer_fx.constraints.fixed import Fixed
 from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.terms import Term, Vector
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from gossamer_fx.contact.obstacles import Obstacle
     from gossamer_fx.fold.fold_map import FoldMap
     from gossamer_fx.fold.folded import Folded
-    from gossamer_fx.interactions.crease import Crease
-    from gossamer_fx.interactions.rigid_region import RigidRegion
+    from gossamer_fx.connectors.crease import Crease
+    from gossamer_fx.constraints.rigid_region import RigidRegion
 
 
 class InflatableTube:
@@ -142,7 +142,7 @@ class InflatableTube:
         self.contact = self._contact(contact, obstacles) if contact else None
 
     def _cap(self, end: str, what: float | RigidBody, bar: float) -> RigidRegion:
-        from gossamer_fx.interactions.rigid_region import RigidRegion
+        from gossamer_fx.constraints.rigid_region import RigidRegion
 
         known = isinstance(what, RigidBody) or (isinstance(what, int | float) and math.isfinite(what) and what > 0)
         who = f"InflatableTube '{self.name}'"

@@ -6,7 +6,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.interactions.crease import Crease
+from gossamer_fx.connectors.crease import Crease
 from gossamer_fx.outputs.run import Run
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.crease_energies import CreaseEnergies

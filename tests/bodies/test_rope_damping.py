@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.interactions.spring import RopeDamper
+from gossamer_fx.connectors.spring import RopeDamper
 
 K, C, MASS, L = 400.0, 1.0, 0.5, 1.0
 

@@ -11,7 +11,7 @@ from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
 from gossamer_fx.algebra.places import Gather, Places, PointMeasure, add_blocks, values_of
-from gossamer_fx.interactions.spring import LengthSpring, half_distance_squared
+from gossamer_fx.connectors.spring import LengthSpring, half_distance_squared
 from gossamer_fx.model.terms import Array, Assembly, CompiledTerms, Port, Term
 from gossamer_fx.terms.point_energies import Stencil
 

@@ -11,7 +11,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.interactions.crease import MOUNTAIN, VALLEY
+from gossamer_fx.connectors.crease import MOUNTAIN, VALLEY
 from gossamer_fx.outputs.fields import FieldFunctions
 from gossamer_fx.terms.crease_energies import CreaseEnergies
 from meshes.creased_strip import creased_strip

@@ -32,7 +32,8 @@ print(json.dumps({
 ABSENT = ("erfa", "matplotlib", "pyvista", "slepc4py", "adios4dolfinx", "h5py", "rich")
 ABSENT_PARTS = {
     "gas",
-    "interactions",
+    "constraints",
+    "connectors",
     "contact",
     "loads",
     "control",

@@ -11,7 +11,7 @@ import numpy as np
 
 from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.checks.errors import check, check_positive, is_vector
-from gossamer_fx.interactions.between import Between
+from gossamer_fx.bodies.between import Between
 from gossamer_fx.model.ports import at_start, unit
 from gossamer_fx.model.terms import Array, Attached, Port, Term
 from gossamer_fx.terms.point_energies import PointDissipation, PointStoredEnergy

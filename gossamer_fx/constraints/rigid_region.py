@@ -30,8 +30,8 @@ from gossamer_fx.bodies.meshed import Meshed
 from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.bodies.rigid_piece import RigidPiece, fitted
 from gossamer_fx.checks.errors import check
-from gossamer_fx.interactions.fixed import check_support
-from gossamer_fx.interactions.joint import coincidence
+from gossamer_fx.constraints.fixed import check_support
+from gossamer_fx.constraints.joint import coincidence
 from gossamer_fx.model.ports import coordinates_at_start
 from gossamer_fx.model.terms import Array, Port, Term
 from gossamer_fx.terms.point_constraints import PointConstraint

@@ -14,7 +14,7 @@ from mpi4py import MPI
 from gossamer_fx.bodies.beam import Beam
 from gossamer_fx.bodies.meshed import Meshed
 from gossamer_fx.checks.errors import check, check_on_all
-from gossamer_fx.interactions.joint import COINCIDE, coincidence
+from gossamer_fx.constraints.joint import COINCIDE, coincidence
 from gossamer_fx.model.ports import coordinates_at_start
 from gossamer_fx.model.terms import Array, Port, Term, is_on_mesh
 

@@ -14,7 +14,7 @@ from gossamer_fx.bodies.beam import Beam
 from gossamer_fx.bodies.curve import Curve
 from gossamer_fx.checks.errors import check, check_on_all, is_vector
 from gossamer_fx.checks.user_functions import ask_numbers, ask_points
-from gossamer_fx.interactions.fixed import check_support
+from gossamer_fx.constraints.fixed import check_support
 from gossamer_fx.model.terms import Array, Indices, Term, Vector
 from gossamer_fx.terms.supports import Support
 

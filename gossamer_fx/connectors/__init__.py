@@ -1,0 +1,1 @@
+"""Connectors: springs, ropes, tapes, torsion springs, creases and attached masses."""

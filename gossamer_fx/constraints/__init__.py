@@ -1,0 +1,1 @@
+"""Constraints: supports, prescribed motion, ties, rigid regions and joints."""

@@ -1,1 +1,0 @@
-"""What acts between bodies, through ports, or holds them."""
