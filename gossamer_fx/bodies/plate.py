@@ -24,7 +24,7 @@ from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.mesh.quality import area_vectors, corner_points
 from gossamer_fx.model.terms import Array, Indices, Term
 from gossamer_fx.terms.quadratic_energies import QuadraticEnergy
-from gossamer_fx.terms.triple_products import TripleProductEnergy
+from gossamer_fx.bodies.triple_products import TripleProductEnergy
 
 FLAT = 1e-6  # sine of the angle between neighbouring cells that counts as none
 

@@ -12,7 +12,7 @@ from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.bodies.between import Between
 from gossamer_fx.connectors.spring import half_distance_squared
 from gossamer_fx.model.terms import Attached, Port, Term
-from gossamer_fx.terms.paid_out_ropes import PaidOutRope
+from gossamer_fx.connectors.paid_out_ropes import PaidOutRope
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.constraints.fixed import Fixed, Prescribed
 from gossamer_fx.model.ports import unit
 from gossamer_fx.model.terms import Array, Term, Vector
-from gossamer_fx.terms.moving_energies import MovingEnergy
+from gossamer_fx.constraints.moving_energies import MovingEnergy
 from gossamer_fx.terms.quadratic_energies import QuadraticEnergy
 
 

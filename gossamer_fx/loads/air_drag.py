@@ -15,7 +15,7 @@ from gossamer_fx.checks.errors import check, check_positive, is_vector
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, area_vector
 from gossamer_fx.model.terms import Term, Vector
-from gossamer_fx.terms.drag import Drag
+from gossamer_fx.loads.film_drag import Drag
 
 SMALLEST = 1e-30  # (da/dA)² of a cell that has collapsed, on which nothing acts
 

@@ -74,7 +74,7 @@ class Damping:
         if self.stiffness > 0:
             β = constant(body.space.mesh, self.stiffness)
             if self.tension_only and isinstance(body, Membrane):
-                from gossamer_fx.terms.present_stiffness import PresentStiffness
+                from gossamer_fx.loads.present_stiffness import PresentStiffness
 
                 yield (now := PresentStiffness(body, body.measure, body.density, body.dx))
                 C = now.matrix

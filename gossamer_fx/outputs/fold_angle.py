@@ -9,7 +9,7 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.connectors.crease import Crease
 from gossamer_fx.outputs.run import Run
 from gossamer_fx.system.system import System
-from gossamer_fx.terms.crease_energies import CreaseEnergies
+from gossamer_fx.connectors.crease_energies import CreaseEnergies
 
 KINDS = ("mean", "least", "largest", "rest")
 

@@ -9,7 +9,7 @@ import pytest
 
 import gossamer_fx as gx
 from gossamer_fx.presets.films import KAPTON_HN
-from gossamer_fx.terms.paid_out_ropes import PaidOutRopes
+from gossamer_fx.connectors.paid_out_ropes import PaidOutRopes
 from meshes.sheet import sheet
 
 K, MASS, L, BRAKE = 400.0, 0.5, 1.0, 2.0

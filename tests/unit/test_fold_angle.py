@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gossamer_fx.terms import fold_angle
-from gossamer_fx.terms.fold_angle import Array
+from gossamer_fx.connectors.dihedral_angle import Array
 
 
 def panels(θ: float) -> Array:
