@@ -53,9 +53,9 @@ if TYPE_CHECKING:
     from gossamer_fx.contact.obstacles import Cylinder as Cylinder
     from gossamer_fx.contact.obstacles import Plane as Plane
     from gossamer_fx.contact.obstacles import Sphere as Sphere
-    from gossamer_fx.contact.probes import ContactForce as ContactForce
-    from gossamer_fx.contact.probes import ContactGap as ContactGap
-    from gossamer_fx.contact.probes import Penetrations as Penetrations
+    from gossamer_fx.probes.contact import ContactForce as ContactForce
+    from gossamer_fx.probes.contact import ContactGap as ContactGap
+    from gossamer_fx.probes.contact import Penetrations as Penetrations
     from gossamer_fx.control.attitude import AttitudeControl as AttitudeControl
     from gossamer_fx.control.attitude import patch as patch
     from gossamer_fx.gas.enclosure import Piston as Piston
@@ -120,31 +120,31 @@ if TYPE_CHECKING:
     from gossamer_fx.orbit.orbit import Orbit as Orbit
     from gossamer_fx.orbit.solar_pressure import SolarPressure as SolarPressure
     from gossamer_fx.orbit.surface_forces import Surface as Surface
-    from gossamer_fx.outputs.crossings import Crossings as Crossings
-    from gossamer_fx.outputs.flight_probes import Attitude as Attitude
-    from gossamer_fx.outputs.flight_probes import LoadResultant as LoadResultant
-    from gossamer_fx.outputs.flight_probes import OrbitState as OrbitState
-    from gossamer_fx.outputs.flight_probes import SunAngle as SunAngle
-    from gossamer_fx.outputs.fold_angle import FoldAngle as FoldAngle
+    from gossamer_fx.probes.crossings import Crossings as Crossings
+    from gossamer_fx.probes.flight import Attitude as Attitude
+    from gossamer_fx.probes.flight import LoadResultant as LoadResultant
+    from gossamer_fx.probes.flight import OrbitState as OrbitState
+    from gossamer_fx.probes.flight import SunAngle as SunAngle
+    from gossamer_fx.probes.crease_angle import FoldAngle as FoldAngle
     from gossamer_fx.outputs.ledger import Ledger as Ledger
-    from gossamer_fx.outputs.outside_basis import OutsideBasis as OutsideBasis
-    from gossamer_fx.outputs.probes import AngularVelocity as AngularVelocity
-    from gossamer_fx.outputs.probes import AreaFraction as AreaFraction
-    from gossamer_fx.outputs.probes import Displacement as Displacement
-    from gossamer_fx.outputs.probes import GasState as GasState
-    from gossamer_fx.outputs.probes import JointForce as JointForce
-    from gossamer_fx.outputs.probes import Position as Position
-    from gossamer_fx.outputs.probes import RingArea as RingArea
-    from gossamer_fx.outputs.probes import Velocity as Velocity
+    from gossamer_fx.reduction.outside_basis import OutsideBasis as OutsideBasis
+    from gossamer_fx.probes.points import AngularVelocity as AngularVelocity
+    from gossamer_fx.probes.points import AreaFraction as AreaFraction
+    from gossamer_fx.probes.points import Displacement as Displacement
+    from gossamer_fx.probes.points import GasState as GasState
+    from gossamer_fx.probes.points import JointForce as JointForce
+    from gossamer_fx.probes.points import Position as Position
+    from gossamer_fx.probes.points import RingArea as RingArea
+    from gossamer_fx.probes.points import Velocity as Velocity
     from gossamer_fx.outputs.progress import Progress as Progress
-    from gossamer_fx.outputs.recorded_shapes import RecordedShapes as RecordedShapes
+    from gossamer_fx.reduction.recorded_shapes import RecordedShapes as RecordedShapes
     from gossamer_fx.outputs.recording import Recording as Recording
     from gossamer_fx.outputs.series import Series as Series
-    from gossamer_fx.outputs.snapshots import Snapshots as Snapshots
-    from gossamer_fx.outputs.spin_probes import MeanSpin as MeanSpin
-    from gossamer_fx.outputs.spin_probes import PolarPosition as PolarPosition
-    from gossamer_fx.outputs.values import field_values as field_values
-    from gossamer_fx.outputs.values import positions as positions
+    from gossamer_fx.reduction.snapshots import Snapshots as Snapshots
+    from gossamer_fx.probes.spin import MeanSpin as MeanSpin
+    from gossamer_fx.probes.spin import PolarPosition as PolarPosition
+    from gossamer_fx.fields.values import field_values as field_values
+    from gossamer_fx.fields.values import positions as positions
     from gossamer_fx.outputs.vtx import VTX as VTX
     from gossamer_fx.outputs.vtx import Probes as Probes
     from gossamer_fx.plotting.flight_picture import FlightPicture as FlightPicture
@@ -202,7 +202,7 @@ _HOME = {
     "steppers.generalized_alpha": ["GeneralizedAlpha"],
     "scene.initial": ["RigidMotion", "StartFrom"],
     "contact.contact": ["Contact"],
-    "contact.probes": ["ContactForce", "ContactGap", "Penetrations"],
+    "probes.contact": ["ContactForce", "ContactGap", "Penetrations"],
     "contact.obstacles": ["Box", "Cylinder", "Plane", "Sphere"],
     "connectors.attached_mass": ["AttachedMass"],
     "constraints.clamped": ["Clamped"],
@@ -244,12 +244,12 @@ _HOME = {
     "orbit.solar_pressure": ["SolarPressure"],
     "orbit.surface_forces": ["Surface"],
     "orbit.orbit": ["Orbit"],
-    "outputs.crossings": ["Crossings"],
-    "outputs.flight_probes": ["Attitude", "LoadResultant", "OrbitState", "SunAngle"],
+    "probes.crossings": ["Crossings"],
+    "probes.flight": ["Attitude", "LoadResultant", "OrbitState", "SunAngle"],
     "plotting.flight_picture": ["FlightPicture"],
     "outputs.ledger": ["Ledger"],
-    "outputs.fold_angle": ["FoldAngle"],
-    "outputs.probes": [
+    "probes.crease_angle": ["FoldAngle"],
+    "probes.points": [
         "AngularVelocity",
         "AreaFraction",
         "Displacement",
@@ -259,15 +259,15 @@ _HOME = {
         "RingArea",
         "Velocity",
     ],
-    "outputs.spin_probes": ["MeanSpin", "PolarPosition"],
-    "outputs.values": ["field_values", "positions"],
+    "probes.spin": ["MeanSpin", "PolarPosition"],
+    "fields.values": ["field_values", "positions"],
     "outputs.progress": ["Progress"],
     "outputs.vtx": ["VTX", "Probes"],
     "outputs.recording": ["Recording"],
     "outputs.series": ["Series"],
-    "outputs.outside_basis": ["OutsideBasis"],
-    "outputs.recorded_shapes": ["RecordedShapes"],
-    "outputs.snapshots": ["Snapshots"],
+    "reduction.outside_basis": ["OutsideBasis"],
+    "reduction.recorded_shapes": ["RecordedShapes"],
+    "reduction.snapshots": ["Snapshots"],
     "reduction.reduce": ["reduce"],
     "run.checkpoint": ["Checkpoints", "latest"],
     "sweep.robust_design": ["RobustDesign"],

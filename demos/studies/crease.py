@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
-from gossamer_fx.outputs.fold_angle import FoldAngle
+from gossamer_fx.probes.crease_angle import FoldAngle
 from meshes.creased_strip import creased_strip
 
 LENGTH, WIDTH, THICKNESS, E = 0.05, 0.01, 50e-6, 2.5e9

@@ -17,7 +17,7 @@ import gossamer_fx as gx
 from demos.studies import airbag, bending_strip
 from demos.studies.engine.study import Study
 from gossamer_fx.materials.film import FilmLaw
-from gossamer_fx.outputs.fields import AreaFractions
+from gossamer_fx.fields.fields import AreaFractions
 
 K, STRIP_CELLS, AIRBAG_CELLS = 2.0, 24, 16
 

@@ -31,7 +31,7 @@ class Crease:
     θ is the angle between the panels, zero where they continue each other and measured at each edge (order 1) or at
     its two Gauss points (order 2) of the film as it moves; ±π is pressed shut.  It is positive for a valley fold: the
     panels have turned towards the normal of the film (the side from which its triangles run counterclockwise); negative
-    for a mountain fold.  Energy and angular momentum are conserved exactly; see `terms.fold_angle`.
+    for a mountain fold.  Energy and angular momentum are conserved exactly; see `connectors.dihedral_angle`.
 
     With a yield angle φ the rest angle follows as soon as |θ - θr| > φ, at the moment k φ; the loss is booked.
 

@@ -1,6 +1,6 @@
 """Energies of folds: rotational springs between the cells on both sides of edges, as arrays over points of the edges.
 
-With ψ = ½ k (θ - θr)² at each point the force of a step is m̄ G, G the discrete gradient of `fold_angle` and m̄ the mean
+With ψ = ½ k (θ - θr)² at each point the force of a step is m̄ G, G the discrete gradient of `dihedral_angle` and m̄ the mean
 moment along the path from θ0 to θ1, so that m̄ G·ΔX = ∫ m dθ.  A fold that yields holds |θ - θr| ≤ φ: beyond it the rest
 angle θr slips along, at the constant moment k φ, and what the step dissipates, k φ |Δθr|, closes the balance exactly.
 
@@ -19,7 +19,7 @@ from petsc4py import PETSc
 from gossamer_fx.algebra.numbering import Numbering
 from gossamer_fx.algebra.places import Gather, add_blocks
 from gossamer_fx.model.terms import Array, Assembly, Body, CompiledTerms, Indices, MeshBody
-from gossamer_fx.terms import fold_angle
+from gossamer_fx.algebra import dihedral_angle
 
 Names = np.ndarray[Any, np.dtype[np.int64]]
 
@@ -173,13 +173,13 @@ class _Points:
         X = self.vectors(q)
         n, θ1 = len(X), self._end(X)
         m, slope = self._moment(θ1)
-        G, g = self._direction(X, θ1).reshape(n, 9), fold_angle.gradient(X).reshape(n, 9)
+        G, g = self._direction(X, θ1).reshape(n, 9), dihedral_angle.gradient(X).reshape(n, 9)
         K = slope[:, None, None] * G[:, :, None] * g[:, None, :]
         if geometric:
             dG = (
-                fold_angle.gradient_derivative(X)
+                dihedral_angle.gradient_derivative(X)
                 if self._α == 1.0
-                else fold_angle.discrete_gradient_derivative(self._X, X, self.θ, θ1)
+                else dihedral_angle.discrete_gradient_derivative(self._X, X, self.θ, θ1)
             )
             K = K + (geometric * m)[:, None, None] * dG.reshape(n, 9, 9)
         B = self._maps
@@ -222,19 +222,19 @@ class _Points:
 
     def _principal(self, X: Array) -> Array:
         """The angle in [-π, π]; near its ends with the sign of a fold that is pressed shut."""
-        θ = fold_angle.angle(X)
+        θ = dihedral_angle.angle(X)
         wrong = (np.pi - np.abs(θ) < SHUT) & (θ * self._shut < 0)
         return np.where(wrong, θ + 2 * np.pi * self._shut, θ)
 
     def _end(self, X: Array) -> Array:
         """The angle of X that is within half a turn of that at the start."""
-        return self.θ + np.remainder(fold_angle.angle(X) - self.θ + np.pi, 2 * np.pi) - np.pi
+        return self.θ + np.remainder(dihedral_angle.angle(X) - self.θ + np.pi, 2 * np.pi) - np.pi
 
     def _direction(self, X: Array, θ1: Array) -> Array:
         """G (n, 3, 3)."""
         if self._α == 1.0:
-            return np.asarray(fold_angle.gradient(X))
-        return np.asarray(fold_angle.discrete_gradient(self._X, X, self.θ, θ1))
+            return np.asarray(dihedral_angle.gradient(X))
+        return np.asarray(dihedral_angle.discrete_gradient(self._X, X, self.θ, θ1))
 
     def _slipped(self, θ1: Array) -> Array:
         """By how much the rest angle moves."""

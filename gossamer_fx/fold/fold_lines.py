@@ -11,7 +11,7 @@ from dolfinx import la
 from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.terms import Array, Indices
-from gossamer_fx.terms import fold_angle
+from gossamer_fx.algebra import dihedral_angle
 
 ISOMETRIC = 1e-6  # strain of a triangle that is on both sides of a fold, at least
 FOLDED = 1e-4  # rad: the least angle of a fold
@@ -117,7 +117,7 @@ def _angles(x: Array, corners: Indices, cells: Indices, sides: Indices) -> Array
     away = [T[n, i, sides[:, i]] - T[n, i, _ENDS[sides[:, i], 0]] for i in range(2)]
     inwards = [a - np.einsum("nc,nc->n", a, t)[:, None] * t for a in away]
     vectors: Any = np.stack([t, *inwards], axis=1)
-    return np.asarray(fold_angle.angle(vectors))
+    return np.asarray(dihedral_angle.angle(vectors))
 
 
 def _sheets(mesh: Mesh) -> Indices:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from gossamer_fx.outputs.output import Table
-from gossamer_fx.outputs.run import Run
+from gossamer_fx.probes.run import Run
 
 LOST = "dissipated "  # before the name of a cause
 

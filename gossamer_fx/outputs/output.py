@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 from gossamer_fx.checks.errors import InputError, check, on_rank_zero, write_on_all
 from gossamer_fx.checks.user_functions import ask_numbers
-from gossamer_fx.outputs.run import Run
+from gossamer_fx.probes.run import Run
 
 Probe = Callable[[Run], float]
 

@@ -7,7 +7,7 @@ import time
 from collections.abc import Sequence
 from typing import IO, TYPE_CHECKING
 
-from gossamer_fx.outputs.run import Run
+from gossamer_fx.probes.run import Run
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar

@@ -9,7 +9,7 @@ import numpy as np
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.terms import Array
 from gossamer_fx.outputs.output import Probe, evaluate_probe
-from gossamer_fx.outputs.run import Run
+from gossamer_fx.probes.run import Run
 
 
 class Series:

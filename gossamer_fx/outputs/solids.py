@@ -8,7 +8,7 @@ import numpy as np
 
 from gossamer_fx.model.solids import Solid
 from gossamer_fx.model.terms import Array
-from gossamer_fx.outputs.run import Run
+from gossamer_fx.probes.run import Run
 from gossamer_fx.system.system import System
 
 REST = np.vstack([np.zeros(3), np.eye(3)])  # origin and axes of what stays

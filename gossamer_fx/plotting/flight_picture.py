@@ -13,7 +13,7 @@ from gossamer_fx.model.terms import Array
 from gossamer_fx.orbit.environment import local_axes
 from gossamer_fx.orbit.orbit import Orbit
 from gossamer_fx.outputs.output import Probe, evaluate_probe, make_parent
-from gossamer_fx.outputs.run import Run
+from gossamer_fx.probes.run import Run
 from gossamer_fx.plotting.camera import BY_STATE, Camera, aim, render
 from gossamer_fx.plotting.view import Renderer
 

@@ -9,9 +9,9 @@ from typing import Any
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.terms import Vector
-from gossamer_fx.outputs.fields import STATES, AreaFractions
+from gossamer_fx.fields.fields import STATES, AreaFractions
 from gossamer_fx.outputs.output import make_parent
-from gossamer_fx.outputs.run import Run
+from gossamer_fx.probes.run import Run
 from gossamer_fx.outputs.schedule import Schedule
 from gossamer_fx.plotting.camera import BY_STATE, STATE_COLOURS, aim, enlarged, render
 from gossamer_fx.plotting.curves import Snapshot, observe, panels, scaled

@@ -30,7 +30,7 @@ from gossamer_fx.algebra.rendezvous import fetch
 from gossamer_fx.checks.errors import InputError, check, on_rank_zero, write_on_all
 from gossamer_fx.model.terms import Stateful
 from gossamer_fx.outputs.output import Output, cursors_of, make_parent
-from gossamer_fx.outputs.run import Run
+from gossamer_fx.probes.run import Run
 from gossamer_fx.run.node_keys import all_names
 from gossamer_fx.run.same_scene import compare, compare_energies
 from gossamer_fx.system.totals import Totals

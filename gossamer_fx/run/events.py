@@ -16,7 +16,7 @@ from gossamer_fx.steppers.history import History
 from gossamer_fx.steppers.stepping import Stepping
 
 if TYPE_CHECKING:
-    from gossamer_fx.outputs.run import Run
+    from gossamer_fx.probes.run import Run
 
 Action = Callable[["Run"], object]
 

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.connectors.crease import MOUNTAIN, VALLEY
-from gossamer_fx.outputs.fields import FieldFunctions
+from gossamer_fx.fields.fields import FieldFunctions
 from gossamer_fx.connectors.crease_energies import CreaseEnergies
 from meshes.creased_strip import creased_strip
 

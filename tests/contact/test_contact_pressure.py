@@ -9,7 +9,7 @@ from dolfinx import fem
 from scenes import film, simulate
 
 import gossamer_fx as gx
-from gossamer_fx.outputs.fields import FieldFunctions
+from gossamer_fx.fields.fields import FieldFunctions
 
 
 def integral(body, function: fem.Function) -> float:

@@ -13,7 +13,7 @@ from demos.reduced_sail import SPIN as DEMO_SPIN
 from demos.reduced_sail import film as demo_film
 from demos.reduced_sail import main, saddle, steady
 from gossamer_fx.model.ports import initial, initial_rate
-from gossamer_fx.outputs.fields import AreaFractions, FieldFunctions
+from gossamer_fx.fields.fields import AreaFractions, FieldFunctions
 from meshes.sheet import sheet
 
 COMM = MPI.COMM_WORLD

@@ -17,7 +17,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
-from gossamer_fx.outputs.fields import AreaFractions, FieldFunctions
+from gossamer_fx.fields.fields import AreaFractions, FieldFunctions
 from gossamer_fx.plotting.rasterise import Canvas
 from meshes.sheet import sheet
 

@@ -10,8 +10,8 @@ from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.ports import combined, initial
 from gossamer_fx.model.terms import Array, Attached, Body, Ground, Port, is_body
-from gossamer_fx.outputs.probes import AXES, owned_by
-from gossamer_fx.outputs.run import Run
+from gossamer_fx.probes.points import AXES, owned_by
+from gossamer_fx.probes.run import Run
 
 POLAR = ("radius", "angle")
 

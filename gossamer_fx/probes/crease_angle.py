@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 from gossamer_fx.checks.errors import check
 from gossamer_fx.connectors.crease import Crease
-from gossamer_fx.outputs.run import Run
+from gossamer_fx.probes.run import Run
 from gossamer_fx.system.system import System
 from gossamer_fx.connectors.crease_energies import CreaseEnergies
 

@@ -13,7 +13,7 @@ from gossamer_fx.contact.joined import places_of
 from gossamer_fx.contact.kernel import library
 from gossamer_fx.contact.piercing import intersections
 from gossamer_fx.contact.search import Surface
-from gossamer_fx.outputs.run import Run
+from gossamer_fx.probes.run import Run
 from gossamer_fx.system.system import System
 
 

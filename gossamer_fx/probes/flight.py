@@ -14,8 +14,8 @@ from gossamer_fx.model.terms import Array, Port
 from gossamer_fx.orbit.elements import elements_of
 from gossamer_fx.orbit.environment import local_axes
 from gossamer_fx.orbit.orbit import Orbit
-from gossamer_fx.outputs.probes import AXES
-from gossamer_fx.outputs.run import Run
+from gossamer_fx.probes.points import AXES
+from gossamer_fx.probes.run import Run
 
 ELEMENTS = ("a", "e", "i", "node", "perigee", "anomaly")
 ORBITAL = (*ELEMENTS, "altitude", "depth", "sunlit")

@@ -1,0 +1,1 @@
+"""Fields of a state on the meshes of bodies: strains, stresses, wrinkling states."""

@@ -1,0 +1,1 @@
+"""Probes: functions of a run that return one number."""
