@@ -26,9 +26,9 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.algebra.places import values_of
+from gossamer_fx.fields.body_shape import BodyShape
 from gossamer_fx.model.ports import initial, initial_rate
 from gossamer_fx.outputs.output import Output
-from gossamer_fx.fields.body_shape import BodyShape
 from gossamer_fx.system.totals import relative_drift
 from meshes.sheet import sheet
 

@@ -13,19 +13,19 @@ from gossamer_fx.version import VERSION as __version__
 
 if TYPE_CHECKING:
     from gossamer_fx import fold as fold
-    from gossamer_fx.analyses.crease_identification import HangingStrip as HangingStrip
-    from gossamer_fx.analyses.crease_identification import IdentifiedCrease as IdentifiedCrease
-    from gossamer_fx.analyses.crease_identification import identify_crease as identify_crease
-    from gossamer_fx.analyses.equilibrium import Continuation as Continuation
-    from gossamer_fx.analyses.equilibrium import Equilibrium as Equilibrium
-    from gossamer_fx.analyses.equilibrium import EquilibriumResult as EquilibriumResult
-    from gossamer_fx.analyses.equilibrium import Found as Found
-    from gossamer_fx.analyses.form_finding import EdgeCable as EdgeCable
-    from gossamer_fx.analyses.form_finding import Prestress as Prestress
-    from gossamer_fx.analyses.form_finding import find_form as find_form
-    from gossamer_fx.analyses.mode_shapes import ModeShapes as ModeShapes
-    from gossamer_fx.analyses.modes import Mode as Mode
-    from gossamer_fx.analyses.modes import modes as modes
+    from gossamer_fx.analysis.crease_identification import HangingStrip as HangingStrip
+    from gossamer_fx.analysis.crease_identification import IdentifiedCrease as IdentifiedCrease
+    from gossamer_fx.analysis.crease_identification import identify_crease as identify_crease
+    from gossamer_fx.analysis.equilibrium import Continuation as Continuation
+    from gossamer_fx.analysis.equilibrium import Equilibrium as Equilibrium
+    from gossamer_fx.analysis.equilibrium import EquilibriumResult as EquilibriumResult
+    from gossamer_fx.analysis.equilibrium import Found as Found
+    from gossamer_fx.analysis.form_finding import EdgeCable as EdgeCable
+    from gossamer_fx.analysis.form_finding import Prestress as Prestress
+    from gossamer_fx.analysis.form_finding import find_form as find_form
+    from gossamer_fx.analysis.mode_shapes import ModeShapes as ModeShapes
+    from gossamer_fx.analysis.modes import Mode as Mode
+    from gossamer_fx.analysis.modes import modes as modes
     from gossamer_fx.assemblies.inflatable_tube import InflatableTube as InflatableTube
     from gossamer_fx.assemblies.lidded_box import LiddedBox as LiddedBox
     from gossamer_fx.assemblies.rotation_guides import RotationGuides as RotationGuides
@@ -48,29 +48,20 @@ if TYPE_CHECKING:
     from gossamer_fx.checks.errors import OutputFailure as OutputFailure
     from gossamer_fx.checks.errors import StepFailure as StepFailure
     from gossamer_fx.cli.case import Case as Case
-    from gossamer_fx.contact.contact import Contact as Contact
-    from gossamer_fx.contact.obstacles import Box as Box
-    from gossamer_fx.contact.obstacles import Cylinder as Cylinder
-    from gossamer_fx.contact.obstacles import Plane as Plane
-    from gossamer_fx.contact.obstacles import Sphere as Sphere
-    from gossamer_fx.probes.contact import ContactForce as ContactForce
-    from gossamer_fx.probes.contact import ContactGap as ContactGap
-    from gossamer_fx.probes.contact import Penetrations as Penetrations
-    from gossamer_fx.control.attitude import AttitudeControl as AttitudeControl
-    from gossamer_fx.control.attitude import patch as patch
-    from gossamer_fx.gas.enclosure import Piston as Piston
-    from gossamer_fx.gas.ideal_gas import IdealGas as IdealGas
-    from gossamer_fx.gas.orifice import Orifice as Orifice
-    from gossamer_fx.gas.orifice import WallHeat as WallHeat
-    from gossamer_fx.gas.ring import Ring as Ring
-    from gossamer_fx.gas.volumes import Ambient as Ambient
-    from gossamer_fx.gas.volumes import Chamber as Chamber
-    from gossamer_fx.gas.volumes import Reservoir as Reservoir
-    from gossamer_fx.gas.volumes import Tank as Tank
     from gossamer_fx.connectors.attached_mass import AttachedMass as AttachedMass
+    from gossamer_fx.connectors.crease import Crease as Crease
+    from gossamer_fx.connectors.rope_bundle import RopeBundle as RopeBundle
+    from gossamer_fx.connectors.spring import AxialSpring as AxialSpring
+    from gossamer_fx.connectors.spring import Damper as Damper
+    from gossamer_fx.connectors.spring import Rope as Rope
+    from gossamer_fx.connectors.spring import Spring as Spring
+    from gossamer_fx.connectors.spring import Stop as Stop
+    from gossamer_fx.connectors.tape import Tape as Tape
+    from gossamer_fx.connectors.tether import Tether as Tether
+    from gossamer_fx.connectors.torsion import TorsionDamper as TorsionDamper
+    from gossamer_fx.connectors.torsion import TorsionSpring as TorsionSpring
     from gossamer_fx.constraints.clamped import Clamped as Clamped
     from gossamer_fx.constraints.clamped_edge import ClampedEdge as ClampedEdge
-    from gossamer_fx.connectors.crease import Crease as Crease
     from gossamer_fx.constraints.driven import Driven as Driven
     from gossamer_fx.constraints.fixed import Fixed as Fixed
     from gossamer_fx.constraints.fixed import Prescribed as Prescribed
@@ -81,17 +72,25 @@ if TYPE_CHECKING:
     from gossamer_fx.constraints.joint import PrismaticJoint as PrismaticJoint
     from gossamer_fx.constraints.joint import RevoluteJoint as RevoluteJoint
     from gossamer_fx.constraints.rigid_region import RigidRegion as RigidRegion
-    from gossamer_fx.connectors.rope_bundle import RopeBundle as RopeBundle
-    from gossamer_fx.connectors.spring import AxialSpring as AxialSpring
-    from gossamer_fx.connectors.spring import Damper as Damper
-    from gossamer_fx.connectors.spring import Rope as Rope
-    from gossamer_fx.connectors.spring import Spring as Spring
-    from gossamer_fx.connectors.spring import Stop as Stop
-    from gossamer_fx.connectors.tape import Tape as Tape
-    from gossamer_fx.connectors.tether import Tether as Tether
     from gossamer_fx.constraints.tie import Tie as Tie
-    from gossamer_fx.connectors.torsion import TorsionDamper as TorsionDamper
-    from gossamer_fx.connectors.torsion import TorsionSpring as TorsionSpring
+    from gossamer_fx.contact.contact import Contact as Contact
+    from gossamer_fx.contact.obstacles import Box as Box
+    from gossamer_fx.contact.obstacles import Cylinder as Cylinder
+    from gossamer_fx.contact.obstacles import Plane as Plane
+    from gossamer_fx.contact.obstacles import Sphere as Sphere
+    from gossamer_fx.control.attitude import AttitudeControl as AttitudeControl
+    from gossamer_fx.control.attitude import patch as patch
+    from gossamer_fx.fields.values import field_values as field_values
+    from gossamer_fx.fields.values import positions as positions
+    from gossamer_fx.gas.enclosure import Piston as Piston
+    from gossamer_fx.gas.ideal_gas import IdealGas as IdealGas
+    from gossamer_fx.gas.orifice import Orifice as Orifice
+    from gossamer_fx.gas.orifice import WallHeat as WallHeat
+    from gossamer_fx.gas.ring import Ring as Ring
+    from gossamer_fx.gas.volumes import Ambient as Ambient
+    from gossamer_fx.gas.volumes import Chamber as Chamber
+    from gossamer_fx.gas.volumes import Reservoir as Reservoir
+    from gossamer_fx.gas.volumes import Tank as Tank
     from gossamer_fx.loads.air_drag import AirDrag as AirDrag
     from gossamer_fx.loads.centrifugal import Centrifugal as Centrifugal
     from gossamer_fx.loads.damping import Damping as Damping
@@ -120,14 +119,31 @@ if TYPE_CHECKING:
     from gossamer_fx.orbit.orbit import Orbit as Orbit
     from gossamer_fx.orbit.solar_pressure import SolarPressure as SolarPressure
     from gossamer_fx.orbit.surface_forces import Surface as Surface
+    from gossamer_fx.outputs.ledger import Ledger as Ledger
+    from gossamer_fx.outputs.progress import Progress as Progress
+    from gossamer_fx.outputs.recording import Recording as Recording
+    from gossamer_fx.outputs.series import Series as Series
+    from gossamer_fx.outputs.vtx import VTX as VTX
+    from gossamer_fx.outputs.vtx import Probes as Probes
+    from gossamer_fx.plot.flight_picture import FlightPicture as FlightPicture
+    from gossamer_fx.plot.picture import Picture as Picture
+    from gossamer_fx.plot.plot import animate as animate
+    from gossamer_fx.plot.plot import plot_curves as plot_curves
+    from gossamer_fx.plot.plot import plot_field as plot_field
+    from gossamer_fx.plot.plot import plot_strip as plot_strip
+    from gossamer_fx.plot.report import write_report as write_report
+    from gossamer_fx.plot.run_reader import Playback as Playback
+    from gossamer_fx.plot.run_reader import RunReader as RunReader
+    from gossamer_fx.plot.viewpoint import View as View
+    from gossamer_fx.probes.contact import ContactForce as ContactForce
+    from gossamer_fx.probes.contact import ContactGap as ContactGap
+    from gossamer_fx.probes.contact import Penetrations as Penetrations
+    from gossamer_fx.probes.crease_angle import FoldAngle as FoldAngle
     from gossamer_fx.probes.crossings import Crossings as Crossings
     from gossamer_fx.probes.flight import Attitude as Attitude
     from gossamer_fx.probes.flight import LoadResultant as LoadResultant
     from gossamer_fx.probes.flight import OrbitState as OrbitState
     from gossamer_fx.probes.flight import SunAngle as SunAngle
-    from gossamer_fx.probes.crease_angle import FoldAngle as FoldAngle
-    from gossamer_fx.outputs.ledger import Ledger as Ledger
-    from gossamer_fx.reduction.outside_basis import OutsideBasis as OutsideBasis
     from gossamer_fx.probes.points import AngularVelocity as AngularVelocity
     from gossamer_fx.probes.points import AreaFraction as AreaFraction
     from gossamer_fx.probes.points import Displacement as Displacement
@@ -136,28 +152,12 @@ if TYPE_CHECKING:
     from gossamer_fx.probes.points import Position as Position
     from gossamer_fx.probes.points import RingArea as RingArea
     from gossamer_fx.probes.points import Velocity as Velocity
-    from gossamer_fx.outputs.progress import Progress as Progress
-    from gossamer_fx.reduction.recorded_shapes import RecordedShapes as RecordedShapes
-    from gossamer_fx.outputs.recording import Recording as Recording
-    from gossamer_fx.outputs.series import Series as Series
-    from gossamer_fx.reduction.snapshots import Snapshots as Snapshots
     from gossamer_fx.probes.spin import MeanSpin as MeanSpin
     from gossamer_fx.probes.spin import PolarPosition as PolarPosition
-    from gossamer_fx.fields.values import field_values as field_values
-    from gossamer_fx.fields.values import positions as positions
-    from gossamer_fx.outputs.vtx import VTX as VTX
-    from gossamer_fx.outputs.vtx import Probes as Probes
-    from gossamer_fx.plotting.flight_picture import FlightPicture as FlightPicture
-    from gossamer_fx.plotting.picture import Picture as Picture
-    from gossamer_fx.plotting.plot import animate as animate
-    from gossamer_fx.plotting.plot import plot_curves as plot_curves
-    from gossamer_fx.plotting.plot import plot_field as plot_field
-    from gossamer_fx.plotting.plot import plot_strip as plot_strip
-    from gossamer_fx.plotting.report import write_report as write_report
-    from gossamer_fx.plotting.run_reader import Playback as Playback
-    from gossamer_fx.plotting.run_reader import RunReader as RunReader
-    from gossamer_fx.plotting.viewpoint import View as View
+    from gossamer_fx.reduction.outside_basis import OutsideBasis as OutsideBasis
+    from gossamer_fx.reduction.recorded_shapes import RecordedShapes as RecordedShapes
     from gossamer_fx.reduction.reduce import reduce as reduce
+    from gossamer_fx.reduction.snapshots import Snapshots as Snapshots
     from gossamer_fx.run.checkpoint import Checkpoints as Checkpoints
     from gossamer_fx.run.checkpoint import latest as latest
     from gossamer_fx.run.events import At as At
@@ -192,7 +192,7 @@ _HOME = {
     "terms.discrete_gradient": ["EndPoint", "PathAverage"],
     "materials.elastica": ["Elastica"],
     "checks.errors": ["InputError", "NoEquilibrium", "OutputFailure", "StepFailure"],
-    "analyses.form_finding": ["EdgeCable", "Prestress", "find_form"],
+    "analysis.form_finding": ["EdgeCable", "Prestress", "find_form"],
     "bodies.frames": ["Frame", "ground_frame"],
     "gas.enclosure": ["Piston"],
     "gas.ideal_gas": ["IdealGas"],
@@ -231,11 +231,11 @@ _HOME = {
     "steppers.midpoint": ["Midpoint"],
     "solvers.tolerances": ["Tolerances"],
     "model.terms": ["Ground", "Port"],
-    "plotting.picture": ["Picture"],
-    "plotting.run_reader": ["Playback", "RunReader"],
-    "plotting.plot": ["animate", "plot_curves", "plot_field", "plot_strip"],
-    "plotting.viewpoint": ["View"],
-    "plotting.report": ["write_report"],
+    "plot.picture": ["Picture"],
+    "plot.run_reader": ["Playback", "RunReader"],
+    "plot.plot": ["animate", "plot_curves", "plot_field", "plot_strip"],
+    "plot.viewpoint": ["View"],
+    "plot.report": ["write_report"],
     "orbit.elements": ["Elements"],
     "orbit.drag": ["Drag", "ExponentialAtmosphere"],
     "orbit.free_molecular": ["Accommodation", "Air"],
@@ -246,7 +246,7 @@ _HOME = {
     "orbit.orbit": ["Orbit"],
     "probes.crossings": ["Crossings"],
     "probes.flight": ["Attitude", "LoadResultant", "OrbitState", "SunAngle"],
-    "plotting.flight_picture": ["FlightPicture"],
+    "plot.flight_picture": ["FlightPicture"],
     "outputs.ledger": ["Ledger"],
     "probes.crease_angle": ["FoldAngle"],
     "probes.points": [
@@ -277,10 +277,10 @@ _HOME = {
     "steppers.step_control": ["StepControl"],
     "scene.scene": ["Scene"],
     "run.simulation": ["Simulation"],
-    "analyses.crease_identification": ["HangingStrip", "IdentifiedCrease", "identify_crease"],
-    "analyses.equilibrium": ["Continuation", "Equilibrium", "EquilibriumResult", "Found"],
-    "analyses.mode_shapes": ["ModeShapes"],
-    "analyses.modes": ["Mode", "modes"],
+    "analysis.crease_identification": ["HangingStrip", "IdentifiedCrease", "identify_crease"],
+    "analysis.equilibrium": ["Continuation", "Equilibrium", "EquilibriumResult", "Found"],
+    "analysis.mode_shapes": ["ModeShapes"],
+    "analysis.modes": ["Mode", "modes"],
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 _ROOMS = ["fold"]  # whose names are asked of them: gx.fold.zigzag

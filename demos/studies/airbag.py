@@ -15,8 +15,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
-from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.fields.fields import AreaFractions, FieldFunctions
+from gossamer_fx.materials.film import FilmLaw
 from meshes.sheet import crossed_sheet
 
 PRESSURE = 5000.0

@@ -16,8 +16,8 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.studies import airbag, bending_strip
 from demos.studies.engine.study import Study
-from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.fields.fields import AreaFractions
+from gossamer_fx.materials.film import FilmLaw
 
 K, STRIP_CELLS, AIRBAG_CELLS = 2.0, 24, 16
 

@@ -11,22 +11,22 @@ import numpy as np
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.checks.errors import check
+from gossamer_fx.constraints.fixed import Fixed
 from gossamer_fx.gas.ideal_gas import IdealGas
 from gossamer_fx.gas.orifice import Orifice
 from gossamer_fx.gas.ring import Ring
 from gossamer_fx.gas.volumes import Ambient, Chamber, Reservoir, Tank
-from gossamer_fx.constraints.fixed import Fixed
 from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.terms import Term, Vector
 
 if TYPE_CHECKING:
+    from gossamer_fx.connectors.crease import Crease
+    from gossamer_fx.constraints.rigid_region import RigidRegion
     from gossamer_fx.contact.contact import Contact
     from gossamer_fx.contact.obstacles import Obstacle
     from gossamer_fx.fold.fold_map import FoldMap
     from gossamer_fx.fold.folded import Folded
-    from gossamer_fx.connectors.crease import Crease
-    from gossamer_fx.constraints.rigid_region import RigidRegion
 
 
 class InflatableTube:

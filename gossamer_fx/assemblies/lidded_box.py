@@ -11,9 +11,9 @@ import numpy as np
 from gossamer_fx.bodies.frames import ground_frame
 from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.checks.errors import check
-from gossamer_fx.constraints.joint import RevoluteJoint
 from gossamer_fx.connectors.spring import Rope
 from gossamer_fx.connectors.torsion import TorsionDamper, TorsionSpring
+from gossamer_fx.constraints.joint import RevoluteJoint
 from gossamer_fx.loads.force import Torque
 from gossamer_fx.model.terms import Array, Ground, Term, Vector
 

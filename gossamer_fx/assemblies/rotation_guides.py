@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.checks.errors import check, require_positive
-from gossamer_fx.constraints.joint import CylindricalJoint, RevoluteJoint
 from gossamer_fx.connectors.torsion import TorsionDamper
+from gossamer_fx.constraints.joint import CylindricalJoint, RevoluteJoint
 from gossamer_fx.model.terms import Term
 
 if TYPE_CHECKING:
-    from gossamer_fx.contact.obstacles import Cylinder
     from gossamer_fx.bodies.between import FrameJoint
     from gossamer_fx.connectors.spring import Damper
     from gossamer_fx.connectors.tether import Tether
+    from gossamer_fx.contact.obstacles import Cylinder
 
 REEL = 1e4  # N/m
 SLOWS = 0.1  # s in which the damper takes the ring's speed along the axis

@@ -13,6 +13,7 @@ from dolfinx.mesh import meshtags
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.bodies.meshed import PointFunction, Property
 from gossamer_fx.bodies.properties import cellwise
+from gossamer_fx.bodies.triple_products import TripleProductEnergy
 from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.forms.bending import DEGREE, EDGE_DEGREE, PENALTY, Bending, curvature, moment
 from gossamer_fx.forms.compilation import constant
@@ -24,7 +25,6 @@ from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.mesh.quality import area_vectors, corner_points
 from gossamer_fx.model.terms import Array, Indices, Term
 from gossamer_fx.terms.quadratic_energies import QuadraticEnergy
-from gossamer_fx.bodies.triple_products import TripleProductEnergy
 
 FLAT = 1e-6  # sine of the angle between neighbouring cells that counts as none
 

@@ -252,9 +252,9 @@ def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
 
 def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     from gossamer_fx.checks.errors import check
-    from gossamer_fx.plotting.plot import animate, default_field, plot_curves, plot_field, plot_strip
-    from gossamer_fx.plotting.run_reader import RunReader
-    from gossamer_fx.plotting.viewpoint import View
+    from gossamer_fx.plot.plot import animate, default_field, plot_curves, plot_field, plot_strip
+    from gossamer_fx.plot.run_reader import RunReader
+    from gossamer_fx.plot.viewpoint import View
 
     run, folder = RunReader(wanted.run), wanted.run
     chosen = [w for w in ("time", "strip", "animate", "curves") if getattr(wanted, w)]
@@ -278,8 +278,8 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
 
 
 def _report(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
-    from gossamer_fx.plotting.report import write_report
-    from gossamer_fx.plotting.run_reader import RunReader
+    from gossamer_fx.plot.report import write_report
+    from gossamer_fx.plot.run_reader import RunReader
 
     run = RunReader(wanted.run)
     _told(wanted.output or wanted.run / "report.html", lambda path: write_report(run, path))

@@ -13,9 +13,9 @@ import numpy as np
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.bodies.plate import Plate
 from gossamer_fx.checks.errors import check, check_on_all, check_positive
+from gossamer_fx.connectors.crease_energies import CreaseEnergy
 from gossamer_fx.mesh.edges import EdgeTable
 from gossamer_fx.model.terms import Array, Indices, Term
-from gossamer_fx.connectors.crease_energies import CreaseEnergy
 
 VALLEY, MOUNTAIN = 1, -1
 _CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])  # of the reference triangle

@@ -16,10 +16,10 @@ from typing import Any, ClassVar
 import numpy as np
 from petsc4py import PETSc
 
+from gossamer_fx.algebra import dihedral_angle
 from gossamer_fx.algebra.numbering import Numbering
 from gossamer_fx.algebra.places import Gather, add_blocks
 from gossamer_fx.model.terms import Array, Assembly, Body, CompiledTerms, Indices, MeshBody
-from gossamer_fx.algebra import dihedral_angle
 
 Names = np.ndarray[Any, np.dtype[np.int64]]
 

@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gossamer_fx.algebra.places import PointMeasure
-from gossamer_fx.checks.errors import check, check_positive, is_vector
 from gossamer_fx.bodies.between import Between
+from gossamer_fx.checks.errors import check, check_positive, is_vector
 from gossamer_fx.model.ports import at_start, unit
 from gossamer_fx.model.terms import Array, Attached, Port, Term
 from gossamer_fx.terms.point_energies import PointDissipation, PointStoredEnergy

@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from numbers import Real
 
+from gossamer_fx.bodies.between import Between
 from gossamer_fx.checks.errors import InputError, check, check_positive
 from gossamer_fx.checks.user_functions import ask_numbers
-from gossamer_fx.bodies.between import Between
+from gossamer_fx.connectors.paid_out_ropes import PaidOutRope
 from gossamer_fx.connectors.spring import half_distance_squared
 from gossamer_fx.model.terms import Attached, Port, Term
-from gossamer_fx.connectors.paid_out_ropes import PaidOutRope
 
 
 @dataclass(frozen=True, eq=False)

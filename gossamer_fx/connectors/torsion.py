@@ -20,9 +20,9 @@ import numpy as np
 
 from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.algebra.rotations import perpendicular_pair
+from gossamer_fx.bodies.between import Between, check_axis
 from gossamer_fx.bodies.frames import Frame, along, is_normal
 from gossamer_fx.checks.errors import check, check_positive
-from gossamer_fx.bodies.between import Between, check_axis
 from gossamer_fx.model.ports import unit
 from gossamer_fx.model.terms import Array, Term, Vector
 from gossamer_fx.terms.point_energies import PointDissipation, PointStoredEnergy

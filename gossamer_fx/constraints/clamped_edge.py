@@ -12,12 +12,12 @@ from dolfinx.mesh import meshtags
 
 from gossamer_fx.bodies.plate import Plate
 from gossamer_fx.checks.errors import check, check_on_all, is_vector
+from gossamer_fx.constraints.fixed import Fixed, Prescribed
+from gossamer_fx.constraints.moving_energies import MovingEnergy
 from gossamer_fx.forms.bending import EDGE_DEGREE
 from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.constraints.fixed import Fixed, Prescribed
 from gossamer_fx.model.ports import unit
 from gossamer_fx.model.terms import Array, Term, Vector
-from gossamer_fx.constraints.moving_energies import MovingEnergy
 from gossamer_fx.terms.quadratic_energies import QuadraticEnergy
 
 

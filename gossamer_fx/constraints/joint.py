@@ -23,9 +23,9 @@ import numpy as np
 
 from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.algebra.rotations import perpendicular_pair
+from gossamer_fx.bodies.between import Between, FrameJoint, check_axis
 from gossamer_fx.bodies.frames import Frame, along, is_normal, lies_in
 from gossamer_fx.checks.errors import check
-from gossamer_fx.bodies.between import Between, FrameJoint, check_axis
 from gossamer_fx.model.ports import at_start, unit
 from gossamer_fx.model.terms import Array, Attached, Port, Term, Vector
 from gossamer_fx.terms.point_constraints import PointConstraint

@@ -14,7 +14,7 @@ from gossamer_fx.contact.body_set import BodySet
 from gossamer_fx.contact.group import Group
 from gossamer_fx.contact.memory import Memory
 from gossamer_fx.contact.obstacles import Obstacle
-from gossamer_fx.model.solids import Solid
+from gossamer_fx.drawing.solids import Solid
 from gossamer_fx.model.terms import Array, Assembly, Body, CompiledTerms, MeshBody
 
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.algebra.rotations import cross_matrices
+from gossamer_fx.bodies.between import bodies_of
 from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.errors import check
 from gossamer_fx.control.rotation import euler_angles, euler_axes, position_gradient, rotation
-from gossamer_fx.bodies.between import bodies_of
 from gossamer_fx.loads.force import Couple
 from gossamer_fx.model.ports import combine, initial
 from gossamer_fx.model.terms import Array, Port, Term, Vector

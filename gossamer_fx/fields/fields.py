@@ -30,12 +30,12 @@ from dolfinx import fem, la
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
+from gossamer_fx.fields.body_shape import BodyShape
 from gossamer_fx.forms.backend import interpolation_points
 from gossamer_fx.forms.compilation import compile_expression, compile_form, constant
 from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
 from gossamer_fx.model.terms import Array, Body, MeshBody, has_nodal_unknowns
-from gossamer_fx.fields.body_shape import BodyShape
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import gradient
 

@@ -7,8 +7,8 @@ from typing import Protocol
 import numpy as np
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Array, Body, MeshBody, is_on_mesh
 from gossamer_fx.fields.fields import FieldFunctions
+from gossamer_fx.model.terms import Array, Body, MeshBody, is_on_mesh
 from gossamer_fx.system.system import System
 
 

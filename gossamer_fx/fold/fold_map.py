@@ -12,9 +12,9 @@ import numpy as np
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
+from gossamer_fx.connectors.crease import MOUNTAIN, VALLEY, Crease
 from gossamer_fx.fold.fold_lines import FoldLine, find_lines
 from gossamer_fx.fold.folded import Folded
-from gossamer_fx.connectors.crease import MOUNTAIN, VALLEY, Crease
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.terms import Array, Indices, Vector
 

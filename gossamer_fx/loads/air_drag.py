@@ -14,8 +14,8 @@ from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check, check_positive, is_vector
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, area_vector
-from gossamer_fx.model.terms import Term, Vector
 from gossamer_fx.loads.film_drag import Drag
+from gossamer_fx.model.terms import Term, Vector
 
 SMALLEST = 1e-30  # (da/dA)² of a cell that has collapsed, on which nothing acts
 

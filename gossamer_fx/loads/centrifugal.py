@@ -12,8 +12,8 @@ from dolfinx import fem
 
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.model.terms import Array, Body, Port, Term, Vector
 from gossamer_fx.loads.attached_loads import AttachedLoad
+from gossamer_fx.model.terms import Array, Body, Port, Term, Vector
 from gossamer_fx.terms.loads import Load
 from gossamer_fx.terms.masses import KineticEnergy, NodeKineticEnergy
 from gossamer_fx.terms.point_loads import PointLoad

@@ -10,9 +10,9 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.algebra.rotations import cross_matrices
+from gossamer_fx.bodies.between import bodies_of
 from gossamer_fx.bodies.frames import Frame, Line
 from gossamer_fx.checks.user_functions import ask_numbers
-from gossamer_fx.bodies.between import bodies_of
 from gossamer_fx.model.terms import Array, Attached, Port, Term, Vector
 from gossamer_fx.terms.point_loads import PointForce, PointLoad
 

@@ -12,9 +12,9 @@ from dolfinx import fem
 
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.loads.attached_loads import AttachedLoad
 from gossamer_fx.loads.force import ConstantForce
 from gossamer_fx.model.terms import Body, Port, Term
-from gossamer_fx.loads.attached_loads import AttachedLoad
 from gossamer_fx.terms.loads import Load
 from gossamer_fx.terms.masses import KineticEnergy, NodeKineticEnergy
 from gossamer_fx.terms.point_loads import PointLoad

@@ -27,7 +27,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.solids import Solid
+from gossamer_fx.drawing.solids import Solid
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int32]

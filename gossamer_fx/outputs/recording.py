@@ -30,11 +30,11 @@ from gossamer_fx.outputs.description import describe, versions
 from gossamer_fx.outputs.file_names import file_name
 from gossamer_fx.outputs.ledger import Ledger
 from gossamer_fx.outputs.output import Output, Probe, make_parent, replace_file
+from gossamer_fx.outputs.schedule import Schedule
+from gossamer_fx.outputs.solid_frames import FramePart, as_data, moves, solids_of
+from gossamer_fx.outputs.vtx import VTX, Probes
 from gossamer_fx.probes.points import GAS, AreaFraction, GasState
 from gossamer_fx.probes.run import Run
-from gossamer_fx.outputs.schedule import Schedule
-from gossamer_fx.outputs.solids import FramePart, as_data, moves, solids_of
-from gossamer_fx.outputs.vtx import VTX, Probes
 
 TOLD_STATES = ("taut", "wrinkled")  # what is neither is slack
 FORMAT = 1  # of run.json and the files beside it

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gossamer_fx.checks.errors import check, on_rank_zero, write_on_all
+from gossamer_fx.fields.fields import FieldFunctions, check_fields
 from gossamer_fx.model.terms import MeshBody, is_on_mesh
 from gossamer_fx.outputs.checksums import Checksums, Verified
-from gossamer_fx.fields.fields import FieldFunctions, check_fields
 from gossamer_fx.outputs.file_names import segment, segment_number, segments
 from gossamer_fx.outputs.output import Probe, Table, evaluate_probe, make_parent
-from gossamer_fx.probes.run import Run
 from gossamer_fx.outputs.schedule import Schedule
+from gossamer_fx.probes.run import Run
 
 if TYPE_CHECKING:
     from dolfinx.io import VTXWriter

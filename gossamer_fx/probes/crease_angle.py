@@ -7,9 +7,9 @@ from mpi4py import MPI
 
 from gossamer_fx.checks.errors import check
 from gossamer_fx.connectors.crease import Crease
+from gossamer_fx.connectors.crease_energies import CreaseEnergies
 from gossamer_fx.probes.run import Run
 from gossamer_fx.system.system import System
-from gossamer_fx.connectors.crease_energies import CreaseEnergies
 
 KINDS = ("mean", "least", "largest", "rest")
 

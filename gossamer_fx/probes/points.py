@@ -10,9 +10,9 @@ from petsc4py import PETSc
 from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
+from gossamer_fx.fields.fields import STATES, AreaFractions
 from gossamer_fx.model.ports import combined
 from gossamer_fx.model.terms import Body, Port
-from gossamer_fx.fields.fields import STATES, AreaFractions
 from gossamer_fx.probes.run import Run
 from gossamer_fx.system.reactions import Joint, joint_force
 from gossamer_fx.system.system import System

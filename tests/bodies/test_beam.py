@@ -8,7 +8,7 @@ from mpi4py import MPI
 from spectrum import angular_frequencies
 
 import gossamer_fx as gx
-from gossamer_fx.analyses.equilibrium import Continuation, Equilibrium
+from gossamer_fx.analysis.equilibrium import Continuation, Equilibrium
 from gossamer_fx.bodies.ports import global_node
 from meshes.line import line
 

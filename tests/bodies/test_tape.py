@@ -7,7 +7,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.analyses.equilibrium import Equilibrium
+from gossamer_fx.analysis.equilibrium import Equilibrium
 from meshes.sheet import sheet
 
 COMM = MPI.COMM_WORLD

@@ -12,8 +12,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.connectors.crease import MOUNTAIN, VALLEY
-from gossamer_fx.fields.fields import FieldFunctions
 from gossamer_fx.connectors.crease_energies import CreaseEnergies
+from gossamer_fx.fields.fields import FieldFunctions
 from meshes.creased_strip import creased_strip
 
 WORLD = MPI.COMM_WORLD

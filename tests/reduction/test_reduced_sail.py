@@ -12,8 +12,8 @@ import gossamer_fx as gx
 from demos.reduced_sail import SPIN as DEMO_SPIN
 from demos.reduced_sail import film as demo_film
 from demos.reduced_sail import main, saddle, steady
-from gossamer_fx.model.ports import initial, initial_rate
 from gossamer_fx.fields.fields import AreaFractions, FieldFunctions
+from gossamer_fx.model.ports import initial, initial_rate
 from meshes.sheet import sheet
 
 COMM = MPI.COMM_WORLD

@@ -15,11 +15,11 @@ import gossamer_fx as gx
 from demos.studies import tape_spring, wrinkled_plate
 from demos.studies.plate import buckled, curl, elastica, frequencies, pressed, roll_up
 from gossamer_fx.bodies.properties import cellwise
+from gossamer_fx.fields.fields import FieldFunctions
 from gossamer_fx.forms.bending import Bending
 from gossamer_fx.forms.compilation import compile_form, constant
 from gossamer_fx.forms.kinematics import frame, green_lagrange, surface_gradient
 from gossamer_fx.forms.tied_strain import tied_strain
-from gossamer_fx.fields.fields import FieldFunctions
 from meshes.plates import irregular_sheet
 from meshes.sheet import sheet
 from meshes.sphere import sphere

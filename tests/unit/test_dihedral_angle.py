@@ -57,7 +57,9 @@ def test_the_discrete_gradient_gives_the_change_of_angle_and_no_torque(largest: 
 
 def test_it_is_the_gradient_where_nothing_moves() -> None:
     X, _, θ, _ = steps(0.0)
-    np.testing.assert_allclose(dihedral_angle.discrete_gradient(X, X, θ, θ), dihedral_angle.gradient(X), rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(
+        dihedral_angle.discrete_gradient(X, X, θ, θ), dihedral_angle.gradient(X), rtol=1e-10, atol=1e-10
+    )
 
 
 def test_a_fold_that_turns_beyond_half_a_turn_in_a_step() -> None:

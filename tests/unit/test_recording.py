@@ -13,9 +13,9 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.plotting.colours import scale
-from gossamer_fx.plotting.run_curves import grouped
-from gossamer_fx.plotting.viewer import view_data
+from gossamer_fx.plot.colours import scale
+from gossamer_fx.plot.run_curves import grouped
+from gossamer_fx.plot.viewer import view_data
 from meshes.airbag import airbag
 from meshes.line import line
 
@@ -124,8 +124,8 @@ def test_pictures_from_a_chosen_place(recorded: Path, tmp_path: Path) -> None:
     """From above a flat scene is as deep as it is; each picture may fill its frame; a camera may follow."""
     from PIL import Image
 
-    from gossamer_fx.plotting.camera import aim
-    from gossamer_fx.plotting.view import Shape
+    from gossamer_fx.plot.camera import aim
+    from gossamer_fx.plot.view import Shape
 
     run = gx.RunReader(recorded)
     none = np.zeros((0, 3, 3))
@@ -161,9 +161,9 @@ def test_the_report_needs_nothing_else(recorded: Path, tmp_path: Path) -> None:
 
 
 def test_large_films_are_thinned_for_the_view(recorded: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gossamer_fx.plotting.viewer._MOST_VERTICES", 1)  # at least 100 a body are kept in any case
+    monkeypatch.setattr("gossamer_fx.plot.viewer._MOST_VERTICES", 1)  # at least 100 a body are kept in any case
     assert view_data(gx.RunReader(recorded))["parts"][0]["vertices"] == 38
-    from gossamer_fx.plotting.viewer import _thinned
+    from gossamer_fx.plot.viewer import _thinned
 
     segment = gx.RunReader(recorded).meshes["the film"].segments[0]
     thin = _thinned(segment, 20)

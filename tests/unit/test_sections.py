@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.plotting.section import Section, layers
+from gossamer_fx.plot.section import Section, layers
 from meshes.sheet import sheet
 
 LAW = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}

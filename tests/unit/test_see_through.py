@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.plotting.camera import aim, render
-from gossamer_fx.plotting.groups import colour_table, groups_of
-from gossamer_fx.plotting.view import Renderer
+from gossamer_fx.plot.camera import aim, render
+from gossamer_fx.plot.groups import colour_table, groups_of
+from gossamer_fx.plot.view import Renderer
 from meshes.sheet import sheet
 from meshes.tube import flat_tube
 

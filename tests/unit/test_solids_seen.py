@@ -10,9 +10,9 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.contact.surfaces import solid_of
-from gossamer_fx.plotting.run_reader import RunReader
-from gossamer_fx.plotting.view import SOLID, Renderer
-from gossamer_fx.plotting.viewer import view_data
+from gossamer_fx.plot.run_reader import RunReader
+from gossamer_fx.plot.view import SOLID, Renderer
+from gossamer_fx.plot.viewer import view_data
 from meshes.sheet import sheet
 
 NEAR = np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 0.5]])

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gossamer_fx.model.terms import Array
 from gossamer_fx.fields.fields import STATES
+from gossamer_fx.model.terms import Array
 from gossamer_fx.outputs.ledger import LOST
-from gossamer_fx.plotting.curves import LINES, Panel, Snapshot, label_ends, panels, scaled
-from gossamer_fx.plotting.run_reader import RunReader, Tables
+from gossamer_fx.plot.curves import LINES, Panel, Snapshot, label_ends, panels, scaled
+from gossamer_fx.plot.run_reader import RunReader, Tables
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gossamer_fx.model.terms import Array
-from gossamer_fx.plotting.colours import Scale
-from gossamer_fx.plotting.curves import INK, Panel
+from gossamer_fx.plot.colours import Scale
+from gossamer_fx.plot.curves import INK, Panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,16 +13,16 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import InputError, OutputFailure, check
-from gossamer_fx.model.terms import Array
 from gossamer_fx.fields.fields import STATES
-from gossamer_fx.plotting.camera import BY_STATE, STATE_COLOURS, Camera, aim, enlarged, render
-from gossamer_fx.plotting.colours import NAMES, Scale, scale
-from gossamer_fx.plotting.curves import scaled
-from gossamer_fx.plotting.page import DPI, arrange, write
-from gossamer_fx.plotting.run_curves import run_curves
-from gossamer_fx.plotting.run_reader import RunReader
-from gossamer_fx.plotting.view import Integers, Shape
-from gossamer_fx.plotting.viewpoint import View
+from gossamer_fx.model.terms import Array
+from gossamer_fx.plot.camera import BY_STATE, STATE_COLOURS, Camera, aim, enlarged, render
+from gossamer_fx.plot.colours import NAMES, Scale, scale
+from gossamer_fx.plot.curves import scaled
+from gossamer_fx.plot.page import DPI, arrange, write
+from gossamer_fx.plot.run_curves import run_curves
+from gossamer_fx.plot.run_reader import RunReader
+from gossamer_fx.plot.view import Integers, Shape
+from gossamer_fx.plot.viewpoint import View
 
 ALONE = MPI.COMM_SELF
 _SAMPLES = 24  # frames that decide on scale and camera

@@ -16,12 +16,12 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.algebra.places import PointMeasure
-from gossamer_fx.analyses.equilibrium import Equilibrium, EquilibriumResult
+from gossamer_fx.analysis.equilibrium import Equilibrium, EquilibriumResult
 from gossamer_fx.bodies.cable import CableLaw
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import NoEquilibrium, check
-from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.connectors.tape import Tape
+from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.model.ports import combine
 from gossamer_fx.model.terms import Array, Term

@@ -11,9 +11,9 @@ from mpi4py import MPI
 
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
 from gossamer_fx.model.terms import Array
-from gossamer_fx.plotting.rasterise import Canvas, Colours
-from gossamer_fx.plotting.view import Integers, Shape, unit
-from gossamer_fx.plotting.viewpoint import LARGEST_ZOOM, View
+from gossamer_fx.plot.rasterise import Canvas, Colours
+from gossamer_fx.plot.view import Integers, Shape, unit
+from gossamer_fx.plot.viewpoint import LARGEST_ZOOM, View
 
 # blue, orange, light grey: told apart with any colour vision, and in print by their brightness
 STATE_COLOURS = {SLACK: (0.18, 0.49, 0.75), WRINKLED: (0.96, 0.65, 0.14), TAUT: (0.87, 0.88, 0.89)}

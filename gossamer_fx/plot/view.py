@@ -10,14 +10,14 @@ import numpy.typing as npt
 from dolfinx import la
 
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.fields.body_shape import BodyShape
+from gossamer_fx.fields.fields import film_state
 from gossamer_fx.forms.backend import evaluate
 from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.mesh.quality import area_vectors
 from gossamer_fx.model.terms import Array, MeshBody, is_on_mesh
-from gossamer_fx.fields.fields import film_state
-from gossamer_fx.fields.body_shape import BodyShape
-from gossamer_fx.outputs.solids import frame_of, placed, solids_of
-from gossamer_fx.plotting.groups import groups_of
+from gossamer_fx.outputs.solid_frames import frame_of, placed, solids_of
+from gossamer_fx.plot.groups import groups_of
 from gossamer_fx.system.system import System
 
 Integers = npt.NDArray[np.int64]

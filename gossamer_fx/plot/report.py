@@ -13,9 +13,9 @@ import numpy as np
 
 from gossamer_fx.checks.errors import OutputFailure, check
 from gossamer_fx.outputs.description import lines
-from gossamer_fx.plotting.plot import default_field, file_to_write, plot_curves, plot_strip
-from gossamer_fx.plotting.run_reader import RunReader
-from gossamer_fx.plotting.viewer import view_data
+from gossamer_fx.plot.plot import default_field, file_to_write, plot_curves, plot_strip
+from gossamer_fx.plot.run_reader import RunReader
+from gossamer_fx.plot.viewer import view_data
 
 _STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #33383d; max-width: 1180px; margin: 2em auto; padding: 0 1em; }

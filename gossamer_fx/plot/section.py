@@ -11,11 +11,11 @@ import numpy.typing as npt
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check, is_vector
-from gossamer_fx.model.terms import Array, Vector
 from gossamer_fx.fields.body_shape import BodyShape
-from gossamer_fx.plotting.groups import COLOURS, groups_of
-from gossamer_fx.plotting.page import Grid
-from gossamer_fx.plotting.view import TRIANGLES, Integers, unit
+from gossamer_fx.model.terms import Array, Vector
+from gossamer_fx.plot.groups import COLOURS, groups_of
+from gossamer_fx.plot.page import Grid
+from gossamer_fx.plot.view import TRIANGLES, Integers, unit
 from gossamer_fx.system.system import System
 
 LINE = 1.3  # points

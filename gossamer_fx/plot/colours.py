@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gossamer_fx.model.terms import Array
-from gossamer_fx.plotting.curves import scaled
-from gossamer_fx.plotting.view import Integers
+from gossamer_fx.plot.curves import scaled
+from gossamer_fx.plot.view import Integers
 
 UNITS = {
     "displacement": "m",

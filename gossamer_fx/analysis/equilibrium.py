@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.analyses.rigid_motions import free_motions
+from gossamer_fx.analysis.rigid_motions import free_motions
 from gossamer_fx.checks.errors import NoEquilibrium, check
 from gossamer_fx.model.terms import Array
 from gossamer_fx.scene.scene import Scene

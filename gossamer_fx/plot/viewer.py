@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from gossamer_fx.model.terms import Array
-from gossamer_fx.plotting.colours import NAMES, Scale
-from gossamer_fx.plotting.curves import scaled
-from gossamer_fx.plotting.plot import Colouring, colouring, default_field
-from gossamer_fx.plotting.run_reader import RunReader, Segment
-from gossamer_fx.plotting.view import Integers
+from gossamer_fx.plot.colours import NAMES, Scale
+from gossamer_fx.plot.curves import scaled
+from gossamer_fx.plot.plot import Colouring, colouring, default_field
+from gossamer_fx.plot.run_reader import RunReader, Segment
+from gossamer_fx.plot.view import Integers
 
 _BYTES = 6_000_000  # of positions and colours, about
 _MOST_FRAMES, _MOST_VERTICES = 80, 20_000

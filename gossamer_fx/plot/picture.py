@@ -8,18 +8,18 @@ from typing import Any
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Vector
 from gossamer_fx.fields.fields import STATES, AreaFractions
+from gossamer_fx.model.terms import Vector
 from gossamer_fx.outputs.output import make_parent
-from gossamer_fx.probes.run import Run
 from gossamer_fx.outputs.schedule import Schedule
-from gossamer_fx.plotting.camera import BY_STATE, STATE_COLOURS, aim, enlarged, render
-from gossamer_fx.plotting.curves import Snapshot, observe, panels, scaled
-from gossamer_fx.plotting.groups import COLOURS, colour_table
-from gossamer_fx.plotting.page import DPI, arrange, write
-from gossamer_fx.plotting.section import Cut, Section, check_section, draw, window
-from gossamer_fx.plotting.view import Renderer, Shape
-from gossamer_fx.plotting.viewpoint import View
+from gossamer_fx.plot.camera import BY_STATE, STATE_COLOURS, aim, enlarged, render
+from gossamer_fx.plot.curves import Snapshot, observe, panels, scaled
+from gossamer_fx.plot.groups import COLOURS, colour_table
+from gossamer_fx.plot.page import DPI, arrange, write
+from gossamer_fx.plot.section import Cut, Section, check_section, draw, window
+from gossamer_fx.plot.view import Renderer, Shape
+from gossamer_fx.plot.viewpoint import View
+from gossamer_fx.probes.run import Run
 
 MOST_SHAPES = 24
 

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from gossamer_fx.analyses.equilibrium import Equilibrium
+from gossamer_fx.analysis.equilibrium import Equilibrium
 from gossamer_fx.checks.errors import NoEquilibrium, check
 from gossamer_fx.solvers import factorisation
 
@@ -131,7 +131,7 @@ def _largest(operator: PETSc.Mat, count: int) -> Iterator[tuple[complex, npt.NDA
 
 def _turning(K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, count: int, place: dict[str, float]) -> list[Mode]:
     """The quadratic problem near a place of λ; of each conjugate pair the one with positive frequency."""
-    from gossamer_fx.analyses.turning_modes import Inverse
+    from gossamer_fx.analysis.turning_modes import Inverse
 
     near = Inverse(K, G, M, **place)
     _check_inverted(near.problem)

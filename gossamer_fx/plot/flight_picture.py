@@ -13,9 +13,9 @@ from gossamer_fx.model.terms import Array
 from gossamer_fx.orbit.environment import local_axes
 from gossamer_fx.orbit.orbit import Orbit
 from gossamer_fx.outputs.output import Probe, evaluate_probe, make_parent
+from gossamer_fx.plot.camera import BY_STATE, Camera, aim, render
+from gossamer_fx.plot.view import Renderer
 from gossamer_fx.probes.run import Run
-from gossamer_fx.plotting.camera import BY_STATE, Camera, aim, render
-from gossamer_fx.plotting.view import Renderer
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

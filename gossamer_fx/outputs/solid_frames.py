@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.model.solids import Solid
+from gossamer_fx.drawing.solids import Solid
 from gossamer_fx.model.terms import Array
 from gossamer_fx.probes.run import Run
 from gossamer_fx.system.system import System

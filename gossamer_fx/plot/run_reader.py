@@ -15,8 +15,8 @@ from gossamer_fx.outputs.adios import adios2_for
 from gossamer_fx.outputs.checksums import Verified
 from gossamer_fx.outputs.file_names import file_name, segments
 from gossamer_fx.outputs.recording import about_run
-from gossamer_fx.outputs.solids import REST, placed
-from gossamer_fx.plotting.view import Integers, Shape, of_solid, smooth
+from gossamer_fx.outputs.solid_frames import REST, placed
+from gossamer_fx.plot.view import Integers, Shape, of_solid, smooth
 
 Tables = dict[str, Array]
 

@@ -1,0 +1,1 @@
+"""Solids that are drawn and recorded: surfaces that move as a whole."""
