@@ -2,12 +2,12 @@
 
 For chamber k with the volume V and the state (p, m), U = p V/(γ-1), a step of length h solves
 
-    m1 = m0 + h Σ ±ṁ
-    U1 = U0 + h Σ ±c_p T_up ṁ + h Q - p̄ W,     p̄ = (p0 + p1)/2
+    m1 = m0 + h Σ ±mass_flow
+    U1 = U0 + h Σ ±c_p T_up mass_flow + h Q - p̄ W,     p̄ = (p0 + p1)/2
 
 Flows are taken at p0 + θ (p1 - p0) with a weight θ of each chamber,
 
-    1 - θ = 1/(1/(1 - θ_e) + 40 z⁴/(1 + z²)),     z = h ṁγRT/(V Δp) summed over its openings
+    1 - θ = 1/(1/(1 - θ_e) + 40 z⁴/(1 + z²)),     z = h mass_flow γRT/(V Δp) summed over its openings
 
 θ_e = ½ + O(h) makes exponential relaxation exact (vents, walls); the term with z is of fourth order while steps are
 short, and ends the ringing of steps that are longer than the time in which pressures equalise.  The flow is a concave
@@ -138,14 +138,14 @@ class Balance:
         p, T = self._at_openings(y, V)
         rates = Rates(np.zeros(n), np.zeros(n))
         for passage in self._passages:
-            ṁ, ė = (flow.real for flow in self._flows(passage, *self._at_ends(passage, p, T)))
+            mass_flow, energy_flow = (flow.real for flow in self._flows(passage, *self._at_ends(passage, p, T)))
             for end, sign in zip(passage.ends, (-1, 1), strict=True):
                 if end is None:
-                    rates.mass_supplied -= sign * ṁ
-                    rates.energy_supplied -= sign * ė
+                    rates.mass_supplied -= sign * mass_flow
+                    rates.energy_supplied -= sign * energy_flow
                 else:
-                    rates.mass[end] += sign * ṁ
-                    rates.energy[end] += sign * ė
+                    rates.mass[end] += sign * mass_flow
+                    rates.energy[end] += sign * energy_flow
         for (wall, k), θ in zip(self._walls, self._θ_walls, strict=True):
             U1 = y[k] * V[k] / (self._gas.gamma - 1)
             Tw = (1 - θ) * self._U0[k] / (self._m0[k] * cv) + θ * U1 / (y[n + k] * cv)
@@ -162,16 +162,16 @@ class Balance:
 
     def _flows(self, passage: Passage, p: Pair, T: Pair) -> Pair:
         """Mass and energy flow from the first to the second end."""
-        ṁ = complex(passage.opening.flow(self._gas, passage.area, p, T))
-        return ṁ, self._gas.cp * (T[0] if p[0].real >= p[1].real else T[1]) * ṁ
+        mass_flow = complex(passage.opening.flow(self._gas, passage.area, p, T))
+        return mass_flow, self._gas.cp * (T[0] if p[0].real >= p[1].real else T[1]) * mass_flow
 
     def _slope(self, passage: Passage, at_ends: tuple[Pair, Pair], side: int, which: int) -> tuple[float, float]:
         """Derivatives of both flows with respect to pressure (`which` 0) or temperature (1) at one end."""
         ends = [list(pair) for pair in at_ends]
         ends[which][side] += 1j * STEP
         (pa, pb), (Ta, Tb) = ends
-        ṁ, ė = self._flows(passage, (pa, pb), (Ta, Tb))
-        return ṁ.imag / STEP, ė.imag / STEP
+        mass_flow, energy_flow = self._flows(passage, (pa, pb), (Ta, Tb))
+        return mass_flow.imag / STEP, energy_flow.imag / STEP
 
     def _at_ends(self, passage: Passage, p: Array, T: Array) -> tuple[Pair, Pair]:
         """Pressures and temperatures at the ends of an opening."""

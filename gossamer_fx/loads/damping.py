@@ -78,11 +78,11 @@ class Damping:
 
                 yield (now := PresentStiffness(body, body.measure, body.density, body.dx))
                 C = now.matrix
-                viscous = lambda ė: β / 2 * ufl.dot(ė, ufl.dot(C, ė))  # noqa: E731
+                viscous = lambda e_rate: β / 2 * ufl.dot(e_rate, ufl.dot(C, e_rate))  # noqa: E731
                 yield Dissipation(by_stiffness, body, body.measure, viscous, body.dx)
                 return
             measure, energy = _unwrinkled(body)
-            yield Dissipation(by_stiffness, body, measure, lambda ė: β * energy(ė), body.dx)
+            yield Dissipation(by_stiffness, body, measure, lambda e_rate: β * energy(e_rate), body.dx)
 
 
 def _inertia(body: Body) -> list[Expr]:

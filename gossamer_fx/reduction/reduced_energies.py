@@ -103,12 +103,12 @@ class ModeForces:
         mesh, cells = film.space.mesh, own_cells(film)
         Q = fem.functionspace(mesh, quadrature_element(mesh, term.dx.metadata(), (3,)))
         strains = fem.Function(Q), fem.Function(Q)
-        e0, ê = strains[0], ufl.variable(strains[1])
-        cases, points = rule.cases(term, e0, ê), interpolation_points(Q)
-        stresses = [rule.stress(term, e0, ê), *(S for _, S in cases)]
+        e0, e_chosen = strains[0], ufl.variable(strains[1])
+        cases, points = rule.cases(term, e0, e_chosen), interpolation_points(Q)
+        stresses = [rule.stress(term, e0, e_chosen), *(S for _, S in cases)]
         law = Law(
             strains,
-            [compile_expression(with_derivative(S, ê), points) for S in stresses],
+            [compile_expression(with_derivative(S, e_chosen), points) for S in stresses],
             compile_expression(first_that_holds(cases), points) if cases else None,
             compile_expression(term.density(e0), points),
             cells,

@@ -1,13 +1,13 @@
 """Energies and dissipation ∫ψ(e(q)) dx on meshes, by a mixed iteration.
 
-Mixed iteration (Magisano, Leonetti & Garcea, IJNME 109 (2017) 1237, doi:10.1002/nme.5328): the strain ê at the
+Mixed iteration (Magisano, Leonetti & Garcea, IJNME 109 (2017) 1237, doi:10.1002/nme.5328): the strain e_chosen at the
 quadrature points is a variable of its own, condensed:
 
-    residual   ∫ (S̄(ê) + D̄(ê)(e(q1) - ê))·De(q̄)[w] dx
+    residual   ∫ (S̄(e_chosen) + D̄(e_chosen)(e(q1) - e_chosen))·De(q̄)[w] dx
     tangent    ∫ D̄ De(q1)[δ]·De(q̄)[w] + α (γ S̄ + (1-γ) S⁺)·D²e[δ, w] dx
                γ = 1 but for careful starts (see `solvers.newton`); S⁺ is the part of S̄ that pulls at rest (α = 1),
                and nothing in steps: there it costs a thrown plate half as many iterations again, and halvings
-    update     ê = e(q1) - ½ D²e[δ, δ]     the *linearised* strain of the last iterate
+    update     e_chosen = e(q1) - ½ D²e[δ, δ]     the *linearised* strain of the last iterate
 
 (S̄, D̄) are evaluated once an iteration, by compiled expressions, and the forms only read them.  A path that stays in one
 state has an expression of its own, which costs a third to a sixth of the one for all paths.
@@ -130,22 +130,22 @@ class ElementForces:
         m = e.ufl_shape[0]
         mesh, metadata = at.q1.function_space.mesh, term.dx.metadata()
         Q = fem.functionspace(mesh, quadrature_element(mesh, metadata, (m,)))
-        self._e0, self._ê = fem.Function(Q), fem.Function(Q)
+        self._e0, self._e_chosen = fem.Function(Q), fem.Function(Q)
         self._response = fem.Function(fem.functionspace(mesh, quadrature_element(mesh, metadata, (m + m * m,))))
         S = ufl.as_vector([self._response[i] for i in range(m)])
         D = ufl.as_matrix([[self._response[m + i * m + j] for j in range(m)] for i in range(m)])
 
-        ê = ufl.variable(self._ê)
+        e_chosen = ufl.variable(self._e_chosen)
         if isinstance(term, StoredEnergy):
-            S̄ = rule.stress(term, self._e0, ê)
-            cases = rule.cases(term, self._e0, ê)
+            S̄ = rule.stress(term, self._e0, e_chosen)
+            cases = rule.cases(term, self._e0, e_chosen)
             self._energy = compile_form(term.density(self._e0) * term.dx)
         else:
-            S̄, cases = gradient(term.density, (ê - self._e0) / at.h), []
-            self._work = compile_form(ufl.dot(S, self._ê - self._e0) * term.dx)
+            S̄, cases = gradient(term.density, (e_chosen - self._e0) / at.h), []
+            self._work = compile_form(ufl.dot(S, self._e_chosen - self._e0) * term.dx)
         points = interpolation_points(Q)
         stresses = [S̄, *(S for _, S in cases)]  # the first serves every point
-        self._responses = [compile_expression(with_derivative(S, ê), points) for S in stresses]
+        self._responses = [compile_expression(with_derivative(S, e_chosen), points) for S in stresses]
         if cases:
             self._case = compile_expression(first_that_holds(cases), points)
         self._strain = compile_expression(e, points)
@@ -157,7 +157,7 @@ class ElementForces:
         self._switches = isinstance(term, StoredEnergy) and not term.quadratic and rule.alpha == 0.5
         if self._switches:
             self._expected = fem.Function(fem.functionspace(mesh, quadrature_element(mesh, metadata, (2 * m + 2,))))
-            change, stiffness = linearised - self._ê, _largest(D[i, i] for i in range(m))
+            change, stiffness = linearised - self._e_chosen, _largest(D[i, i] for i in range(m))
             σ = S + ufl.dot(D, change)
             numbers = [*linearised, *σ, stiffness, ufl.sqrt(ufl.dot(change, change))]
             self._expect = compile_expression(ufl.as_vector(numbers), points)
@@ -175,7 +175,7 @@ class ElementForces:
         De = ufl.derivative(e, q, at.w)
         De_mid, De_dq = ufl.replace(De, {q: at.mid}), ufl.derivative(e, q, at.dq)
         D2e = ufl.derivative(De, q, at.dq)
-        self.residual = compile_form(ufl.dot(S + ufl.dot(D, e - self._ê), De_mid) * term.dx)
+        self.residual = compile_form(ufl.dot(S + ufl.dot(D, e - self._e_chosen), De_mid) * term.dx)
         held = at.γ * S
         if isinstance(term, StoredEnergy) and term.pulling is not None and rule.alpha == 1.0:
             held += (1 - at.γ) * term.pulling(S)
@@ -190,30 +190,30 @@ class ElementForces:
     def accept(self) -> None:
         """End a step: the strain of its end is that of the next one's start."""
         self._before[:] = self._e0.x.array
-        self._e0.x.array[:] = self._ê.x.array
+        self._e0.x.array[:] = self._e_chosen.x.array
 
     def linearise(self) -> None:
-        """ê from the strain at the last iterate and its linear change by δ; then the stress."""
+        """e_chosen from the strain at the last iterate and its linear change by δ; then the stress."""
         if not self._chooses:
-            self._tabulate(self._linearised, self._ê)
+            self._tabulate(self._linearised, self._e_chosen)
             self._respond()
         elif not self._known:
-            self._ê.x.array[:] = self._before
+            self._e_chosen.x.array[:] = self._before
             self._respond()
         else:
             self._choose()
         self._known += 1
 
     def evaluate(self) -> None:
-        """ê = e(q1): the true strain; then the stress."""
-        self._tabulate(self._strain, self._ê)
+        """e_chosen = e(q1): the true strain; then the stress."""
+        self._tabulate(self._strain, self._e_chosen)
         self._respond()
 
     def _choose(self) -> None:
-        """ê between the linearised strain and the one that has the linearised stress; see the module."""
-        m, mesh = self._size, self._ê.function_space.mesh
+        """e_chosen between the linearised strain and the one that has the linearised stress; see the module."""
+        m, mesh = self._size, self._e_chosen.function_space.mesh
         self._tabulate(self._expect, self._expected)
-        expected, e = self._expected.x.array.reshape(-1, 2 * m + 2), self._ê.x.array.reshape(-1, m)
+        expected, e = self._expected.x.array.reshape(-1, 2 * m + 2), self._e_chosen.x.array.reshape(-1, m)
         e[:] = expected[:, :m]
         self._respond()
         resistance, misses = np.moveaxis(
@@ -223,7 +223,7 @@ class ElementForces:
         self._missed[:] = np.where(resistance > 0, misses, np.inf)
         is_far = (resistance > 0) & (self._idle < IDLE)
         self._chooses = self._known <= IDLE or bool(is_far.any())
-        far = self._ê.function_space.dofmap.list[is_far]
+        far = self._e_chosen.function_space.dofmap.list[is_far]
         S, D = np.split(self._response.x.array.reshape(-1, m + m * m)[far], [m], axis=1)
         K = D.reshape(-1, m, m) + resistance[is_far][:, None, None] * np.eye(m)
         change = np.linalg.solve(K, (expected[far, m : 2 * m] - S)[..., None])[..., 0]
@@ -235,7 +235,7 @@ class ElementForces:
         """(S̄, D̄) in some cells (or all), by the cheapest expression that serves all points of a cell."""
         cells, (general, *special) = self._cells if cells is None else cells, self._responses
         if special:
-            case = evaluate(self._case, self._ê.function_space.mesh, cells)
+            case = evaluate(self._case, self._e_chosen.function_space.mesh, cells)
             case = np.where((case == case[:, :1]).all(axis=1), case[:, 0], 0)
             for k, expression in enumerate(special, 1):
                 self._tabulate(expression, self._response, cells[case == k])
@@ -257,7 +257,7 @@ class ElementForces:
     @property
     def strain(self) -> Array:
         """Strains at the quadrature points, owned and ghost."""
-        array: Array = self._ê.x.array
+        array: Array = self._e_chosen.x.array
         return array
 
 

@@ -62,9 +62,9 @@ def test_the_kernel_is_what_numpy_says(order, properties) -> None:
     Q = fem.functionspace(film.space.mesh, quadrature_element(film.space.mesh, film.dx.metadata(), (3,)))
     e0, e1 = fem.Function(Q), fem.Function(Q)
     e0.x.array[:], e1.x.array[:] = strains(F0).ravel(), strains(F1).ravel()
-    ê = ufl.variable(e1)
-    stress = PathAverage().stress(list(film.terms())[1], e0, ê)
-    expression = compile_expression(with_derivative(stress, ê), interpolation_points(Q))
+    e_chosen = ufl.variable(e1)
+    stress = PathAverage().stress(list(film.terms())[1], e0, e_chosen)
+    expression = compile_expression(with_derivative(stress, e_chosen), interpolation_points(Q))
     response = evaluate(expression, film.space.mesh, own_cells(film)).reshape(-1, 12)
     assert np.allclose(points.response, response, rtol=1e-9, atol=1e-9 * abs(response).max())
 
