@@ -115,16 +115,24 @@ def build(
     centre, corner = model.film.port_at((0, 0, 0)), model.film.port_at(model.points[0])
     ring = gx.patch(centre, [model.film.port_at(point) for point in model.points[4:]])
     I = inertia()  # noqa: E741 (as in the formula)
-    control = gx.AttitudeControl(ring, np.radians(TARGETS[case]), I * RATE**2, 2 * DAMPING * I * RATE)
+    control = gx.AttitudeControl(
+        ring, np.radians(TARGETS[case]), I * RATE**2, 2 * DAMPING * I * RATE
+    )
     scene = gx.Scene(*model.items, gx.BallJoint(centre, gx.Ground((0, 0, 0)), "centre"), control)
-    probes: dict[str, Probe] = {f"angle {axis} [deg]": Attitude(control, k) for k, axis in enumerate("uvw")}
+    probes: dict[str, Probe] = {
+        f"angle {axis} [deg]": Attitude(control, k) for k, axis in enumerate("uvw")
+    }
     probes |= {f"torque {axis} [N m]": ControlTorque(control, k) for k, axis in enumerate("uvw")}
     probes |= {f"A {axis} [m]": gx.Displacement(corner, axis) for axis in "xyz"}
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-12, floor=1.0))
-    return gx.Case(scene, stepper, until, title=f"The membrane antenna, turned: case {case}", probes=probes)
+    return gx.Case(
+        scene, stepper, until, title=f"The membrane antenna, turned: case {case}", probes=probes
+    )
 
 
-def main(case: int = 1, output: str | Path | None = None, comm: MPI.Comm = MPI.COMM_WORLD, **given: float) -> dict:
+def main(
+    case: int = 1, output: str | Path | None = None, comm: MPI.Comm = MPI.COMM_WORLD, **given: float
+) -> dict:
     """Control `case` of what `build` makes of the numbers given; angles in degrees, torques in N m, over the time.
 
     With `output`, a folder: the recording of the run, and pictures.
@@ -133,14 +141,24 @@ def main(case: int = 1, output: str | Path | None = None, comm: MPI.Comm = MPI.C
     series = gx.Series(turn.probes)
     outputs: list[Output] = [gx.Progress(), series]
     if output is not None:
-        out, looks = Path(output), (np.array([2.0, 4.0, 8.0, 16.0, 40.0]) * turn.until / 40).tolist()
-        outputs += [turn.recording(out), gx.Picture(out / "antenna.png", times=looks, title=turn.title)]
+        out, looks = (
+            Path(output),
+            (np.array([2.0, 4.0, 8.0, 16.0, 40.0]) * turn.until / 40).tolist(),
+        )
+        outputs += [
+            turn.recording(out),
+            gx.Picture(out / "antenna.png", times=looks, title=turn.title),
+        ]
     run = turn.simulation(outputs)
     run.run(until=turn.until)
 
     angles, torques, moved = (
         np.array([series[f"{what} {axis} [{unit}]"] for axis in axes]).T
-        for what, axes, unit in (("angle", "uvw", "deg"), ("torque", "uvw", "N m"), ("A", "xyz", "m"))
+        for what, axes, unit in (
+            ("angle", "uvw", "deg"),
+            ("torque", "uvw", "N m"),
+            ("A", "xyz", "m"),
+        )
     )
     if output is not None and comm.rank == 0:
         plot(series.time, angles, torques, moved, Path(output) / "history.png")
@@ -159,7 +177,9 @@ def main(case: int = 1, output: str | Path | None = None, comm: MPI.Comm = MPI.C
     }
 
 
-def plot(time: np.ndarray, angles: np.ndarray, torques: np.ndarray, moved: np.ndarray, path: Path) -> None:
+def plot(
+    time: np.ndarray, angles: np.ndarray, torques: np.ndarray, moved: np.ndarray, path: Path
+) -> None:
     """Angles, torques and the displacement of A over the time."""
     import matplotlib.pyplot as plt
 
@@ -182,5 +202,12 @@ if __name__ == "__main__":
     for case in TARGETS:
         result = main(case=case, output=f"out/antenna_attitude/case {case}")
         if MPI.COMM_WORLD.rank == 0:
-            for key in ("angle_error", "energy_error", "newton_per_step", "substeps", "dofs", "seconds"):
+            for key in (
+                "angle_error",
+                "energy_error",
+                "newton_per_step",
+                "substeps",
+                "dofs",
+                "seconds",
+            ):
                 print(f"case {case}  {key:16} {result[key]:.6g}")

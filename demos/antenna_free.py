@@ -24,7 +24,12 @@ DRIFT = (0.1, 0.0, 0.05)  # m/s
 
 
 def build(
-    comm: MPI.Comm, cells: int = 3, elements: int = 6, until: float = 50.0, dt: float = 5e-3, order: int = 1
+    comm: MPI.Comm,
+    cells: int = 3,
+    elements: int = 6,
+    until: float = 50.0,
+    dt: float = 5e-3,
+    order: int = 1,
 ) -> gx.Case:
     """The antenna with cells × cells squares of film, booms of `elements`, until a time [s] in steps of `dt` [s]."""
     motion = gx.RigidMotion(spin=SPIN, velocity=DRIFT)
@@ -45,7 +50,9 @@ def main(
     With `output`, a folder: the recording.
     """
     case = build(comm, until=steps * dt, dt=dt, **given)
-    outputs: list[Output] = [gx.Progress()] + ([case.recording(output)] if output is not None else [])
+    outputs: list[Output] = [gx.Progress()] + (
+        [case.recording(output)] if output is not None else []
+    )
     run = gx.Simulation(case.scene, stepper or case.stepper, outputs)
     run.run(until=case.until)
     first, last = run.first, run.totals

@@ -65,34 +65,57 @@ class FilmDeflection:
 
     def __init__(self, film: gx.Membrane, corners: Sequence[gx.Port]) -> None:
         self._film, self._corners = film, corners
-        x, y, _ = film.space.tabulate_dof_coordinates()[: film.block.index_map.size_local].T / (SIDE / 2)
-        self._bilinear = np.array([(1 + a * x) * (1 + b * y) / 4 for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]).T
+        x, y, _ = film.space.tabulate_dof_coordinates()[: film.block.index_map.size_local].T / (
+            SIDE / 2
+        )
+        self._bilinear = np.array(
+            [(1 + a * x) * (1 + b * y) / 4 for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+        ).T
 
     def __call__(self, run: gx.Simulation) -> float:
         system = run.system
-        owned, distance = system.numbering.owned(system.bodies.index(self._film)), system.numbering.vector()
+        owned, distance = (
+            system.numbering.owned(system.bodies.index(self._film)),
+            system.numbering.vector(),
+        )
         corners = values_of(system, self._corners, system.q0)
         _, B, C, D = corners
         normal = np.cross(D - C, B - C)
         normal /= np.linalg.norm(normal)
         positions = system.q0.array_r[owned].reshape(-1, 3)
         with distance as values:
-            values[owned] = np.outer((positions - self._bilinear @ corners) @ normal, normal).ravel()
+            values[owned] = np.outer(
+                (positions - self._bilinear @ corners) @ normal, normal
+            ).ravel()
         mass = FILM.density * FILM.thickness * SIDE**2
         return float(distance.dot(system.M * distance) / mass) ** 0.5
 
 
 def build(
-    comm: MPI.Comm, cells: int = 3, elements: int = 6, until: float = 2.0, dt: float = 5e-3, order: int = 1
+    comm: MPI.Comm,
+    cells: int = 3,
+    elements: int = 6,
+    until: float = 2.0,
+    dt: float = 5e-3,
+    order: int = 1,
 ) -> gx.Case:
     """The antenna with cells × cells squares of film and `elements` of each boom, hung at C; it tells tip and film."""
     model = antenna(comm, cells, elements, order)
     corners = [model.film.port_at(point) for point in model.points[:4]]
     hinge = gx.BallJoint(corners[2], gx.Ground(tuple(model.points[2].tolist())), "hinge")
     weights = [gx.Gravity(body, (0, 0, -G)) for body in (model.film, *model.booms)]
-    probes = {"tip [m]": gx.Position(corners[0], "z"), "film [m]": FilmDeflection(model.film, corners)}
+    probes = {
+        "tip [m]": gx.Position(corners[0], "z"),
+        "film [m]": FilmDeflection(model.film, corners),
+    }
     scene = gx.Scene(*model.items, hinge, *weights)
-    return gx.Case(scene, gx.Midpoint(dt=dt), until, title="The membrane antenna, hung at a corner", probes=probes)
+    return gx.Case(
+        scene,
+        gx.Midpoint(dt=dt),
+        until,
+        title="The membrane antenna, hung at a corner",
+        probes=probes,
+    )
 
 
 def main(
@@ -107,7 +130,9 @@ def main(
     """
     case = build(comm, **given)
     series = gx.Series(case.probes)
-    outputs: list[Output] = [gx.Progress(), series] + ([case.recording(output)] if output is not None else [])
+    outputs: list[Output] = [gx.Progress(), series] + (
+        [case.recording(output)] if output is not None else []
+    )
     run = gx.Simulation(case.scene, stepper or case.stepper, outputs)
     run.run(until=case.until)
 
@@ -128,12 +153,16 @@ def main(
     }
 
 
-def errors(results: dict[tuple[int, int, int], dict]) -> dict[tuple[int, int, int], tuple[float, float]]:
+def errors(
+    results: dict[tuple[int, int, int], dict],
+) -> dict[tuple[int, int, int], tuple[float, float]]:
     """Largest differences of tip and film deflection [m] to the last resolution, over the time."""
     *coarser, finest = results
     reference = results[finest]
     return {
-        key: tuple(float(np.abs(results[key][what] - reference[what]).max()) for what in ("tip", "film"))
+        key: tuple(
+            float(np.abs(results[key][what] - reference[what]).max()) for what in ("tip", "film")
+        )
         for key in coarser
     }
 
@@ -142,9 +171,14 @@ def plot(results: dict[tuple[int, int, int], dict], path: Path) -> None:
     """Tip and film over the time, and their errors over unknowns and run time."""
     import matplotlib.pyplot as plt
 
-    figure, ((tip, by_size), (film, by_seconds)) = plt.subplots(2, 2, figsize=(11, 8), layout="constrained")
+    figure, ((tip, by_size), (film, by_seconds)) = plt.subplots(
+        2, 2, figsize=(11, 8), layout="constrained"
+    )
     for (order, cells, elements), r in results.items():
-        style = {"label": f"{cells}×{cells}-{elements}, P{order}", "ls": "--" if order == 1 else "-"}
+        style = {
+            "label": f"{cells}×{cells}-{elements}, P{order}",
+            "ls": "--" if order == 1 else "-",
+        }
         tip.plot(r["time"], 1e3 * (r["tip"] - r["rigid_tip"]), **style)
         film.plot(r["time"], 1e3 * r["film"], **style)
     found = errors(results)
@@ -168,12 +202,15 @@ def plot(results: dict[tuple[int, int, int], dict], path: Path) -> None:
 if __name__ == "__main__":
     folder = Path("out/antenna_pendulum")
     results = {
-        (p, n, m): main(cells=n, elements=m, order=p, output=folder / f"P{p} {n}x{n}-{m}") for p, n, m in RESOLUTIONS
+        (p, n, m): main(cells=n, elements=m, order=p, output=folder / f"P{p} {n}x{n}-{m}")
+        for p, n, m in RESOLUTIONS
     }
     if MPI.COMM_WORLD.rank == 0:
         plot(results, folder / "convergence.png")
         found = errors(results)
-        print("film  mesh     unknowns  tip - rigid  tip error  film deflection  film error [mm]  Newton/step  run [s]")
+        print(
+            "film  mesh     unknowns  tip - rigid  tip error  film deflection  film error [mm]  Newton/step  run [s]"
+        )
         for (p, n, m), r in results.items():
             tip, film = (f"{1e3 * e:9.2f}" for e in found.get((p, n, m), (np.nan, np.nan)))
             print(

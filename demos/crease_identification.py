@@ -29,7 +29,9 @@ REST, STIFFNESS = math.radians(105.0), 3e-3  # what is to be found
 WEIGHTS = (0.0, 2e-4, 5e-4, 1e-3, 2e-3, 4e-3)  # N
 ANGLE_ERROR, DISTANCE_ERROR = math.radians(0.5), 2e-4
 # a strip whose width is large beside √(radius × thickness) bends as a wide plate does
-STRIP = gx.HangingStrip(LENGTH, WIDTH, LAW.E * LAW.thickness**3 / 12 / (1 - LAW.nu**2), LAW.density * LAW.thickness)
+STRIP = gx.HangingStrip(
+    LENGTH, WIDTH, LAW.E * LAW.thickness**3 / 12 / (1 - LAW.nu**2), LAW.density * LAW.thickness
+)
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,10 @@ class Hanging:
 def hang(weight: float, cells: int = 16) -> Hanging:
     """The equilibrium of the plate; down is x, and the left end turns freely."""
     plate = gx.Plate(
-        creased_strip(MPI.COMM_SELF, cells, 3, LENGTH, WIDTH), LAW, hinges=["crease"], displacement=folded(REST)
+        creased_strip(MPI.COMM_SELF, cells, 3, LENGTH, WIDTH),
+        LAW,
+        hinges=["crease"],
+        displacement=folded(REST),
     )
     crease = gx.Crease(plate, "crease", STIFFNESS, REST)
     items = [plate, crease, gx.Fixed(plate, "left"), gx.Gravity(plate, (GRAVITY, 0.0, 0.0))]
@@ -58,7 +63,9 @@ def hang(weight: float, cells: int = 16) -> Hanging:
     rim = rim[np.argsort(X[rim, 0])]
     ends = [x[plate.nodes(side)].mean(axis=0) for side in ("left", "right")]
     distance = float(np.linalg.norm(ends[1] - ends[0]))
-    return Hanging(weight, gx.FoldAngle(crease).of(search.system), distance, (x[rim] - ends[0])[:, [2, 0]].T)
+    return Hanging(
+        weight, gx.FoldAngle(crease).of(search.system), distance, (x[rim] - ends[0])[:, [2, 0]].T
+    )
 
 
 def experiment(cells: int = 16, seed: int = 0) -> tuple[list[Hanging], Array, Array]:
@@ -66,11 +73,15 @@ def experiment(cells: int = 16, seed: int = 0) -> tuple[list[Hanging], Array, Ar
     random = np.random.default_rng(seed)
     strips = [hang(weight, cells) for weight in WEIGHTS]
     angles = np.array([s.angle for s in strips]) + ANGLE_ERROR * random.normal(size=len(strips))
-    distances = np.array([s.distance for s in strips]) + DISTANCE_ERROR * random.normal(size=len(strips))
+    distances = np.array([s.distance for s in strips]) + DISTANCE_ERROR * random.normal(
+        size=len(strips)
+    )
     return strips, angles, distances
 
 
-def draw(strips: list[Hanging], angles: Array, distances: Array, found: gx.IdentifiedCrease, path: Path) -> None:
+def draw(
+    strips: list[Hanging], angles: Array, distances: Array, found: gx.IdentifiedCrease, path: Path
+) -> None:
     """Side views of the strip; angle and distance over weight, measured and by the crease that was found."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -79,20 +90,33 @@ def draw(strips: list[Hanging], angles: Array, distances: Array, found: gx.Ident
     side, left, right = figure.subplots(1, 3, width_ratios=[0.6, 1, 1])
     for k, strip in enumerate(strips):
         shade = 0.15 + 0.75 * k / len(strips)
-        side.plot(*(1e3 * strip.shape), color=(shade, 0.35, 1 - shade), label=f"{1e3 * strip.weight:g} mN")
+        side.plot(
+            *(1e3 * strip.shape), color=(shade, 0.35, 1 - shade), label=f"{1e3 * strip.weight:g} mN"
+        )
     side.invert_yaxis()
     side.set(aspect="equal", xlabel="mm", ylabel="down [mm]", title="The hanging strip")
     side.set_xlim(-20, 75)
     side.legend(fontsize=8, frameon=False, title="weight", title_fontsize=8, loc="upper right")
     curve = max(WEIGHTS) * np.linspace(0, 1, 30) ** 2
-    states = np.array([STRIP.equilibrium(found.rest_angle, found.stiffness, float(w)) for w in curve])
+    states = np.array(
+        [STRIP.equilibrium(found.rest_angle, found.stiffness, float(w)) for w in curve]
+    )
     scales = ((left, 180 / math.pi, angles, ANGLE_ERROR, "angle of the crease [°]"),)
     scales += ((right, 1e3, distances, DISTANCE_ERROR, "distance of the ends [mm]"),)
     for i, (axes, scale, values, error, label) in enumerate(scales):
         axes.plot(1e3 * curve, scale * states[:, i], color=(0.1, 0.35, 0.7), label="identified")
         for factor, style in ((10, "--"), (0.1, ":")):
-            other = [STRIP.equilibrium(found.rest_angle, factor * found.stiffness, float(w))[i] for w in curve]
-            axes.plot(1e3 * curve, scale * np.array(other), style, color="grey", label=f"stiffness × {factor:g}")
+            other = [
+                STRIP.equilibrium(found.rest_angle, factor * found.stiffness, float(w))[i]
+                for w in curve
+            ]
+            axes.plot(
+                1e3 * curve,
+                scale * np.array(other),
+                style,
+                color="grey",
+                label=f"stiffness × {factor:g}",
+            )
         axes.errorbar(
             1e3 * np.array(WEIGHTS),
             scale * values,
@@ -122,11 +146,19 @@ def main(output: str | Path | None = None, cells: int = 16, seed: int = 0) -> di
     """
     strips, angles, distances = experiment(cells, seed)
     found = gx.identify_crease(
-        STRIP, WEIGHTS, angles, distances, angle_uncertainty=ANGLE_ERROR, distance_uncertainty=DISTANCE_ERROR
+        STRIP,
+        WEIGHTS,
+        angles,
+        distances,
+        angle_uncertainty=ANGLE_ERROR,
+        distance_uncertainty=DISTANCE_ERROR,
     )
     if output is not None:
         draw(strips, angles, distances, found, Path(output) / "crease_identification.png")
-    at = [STRIP.equilibrium(found.rest_angle, factor * found.stiffness, max(WEIGHTS))[0] for factor in (1, 10, 0.1)]
+    at = [
+        STRIP.equilibrium(found.rest_angle, factor * found.stiffness, max(WEIGHTS))[0]
+        for factor in (1, 10, 0.1)
+    ]
     return {
         "rest angle [deg]": math.degrees(found.rest_angle),
         "its standard deviation [deg]": math.degrees(found.rest_angle_error),

@@ -21,7 +21,9 @@ from gossamer_fx.outputs.output import Output
 
 ALTITUDE, MASS, AREA, SWEEP = 4e5, 10.0, 25.0, math.radians(30)
 RADIUS = 6378137.0 + ALTITUDE
-AIR = gx.ExponentialAtmosphere(density=2.8e-12, altitude=ALTITUDE, scale_height=5.8e4, temperature=1000.0)
+AIR = gx.ExponentialAtmosphere(
+    density=2.8e-12, altitude=ALTITUDE, scale_height=5.8e4, temperature=1000.0
+)
 
 
 def panels() -> list[gx.Surface]:
@@ -30,7 +32,9 @@ def panels() -> list[gx.Surface]:
     for k in range(4):
         out = np.array([0.0, math.cos(k * math.pi / 2), math.sin(k * math.pi / 2)])
         normal = math.cos(SWEEP) * np.array([1.0, 0, 0]) + math.sin(SWEEP) * out
-        centre = 1.3 * (math.cos(SWEEP) * out - math.sin(SWEEP) * np.array([1.0, 0, 0])) - np.array([0.6, 0, 0])
+        centre = 1.3 * (math.cos(SWEEP) * out - math.sin(SWEEP) * np.array([1.0, 0, 0])) - np.array(
+            [0.6, 0, 0]
+        )
         found.append(gx.Surface(AREA / 4, tuple(normal), tuple(centre), two_sided=True))
     return found
 
@@ -66,7 +70,12 @@ def main(
     attitude[:, 1] = np.cross(attitude[:, 2], attitude[:, 0])
     rate = start.motion(orbit.mu)
     body = gx.RigidBody(
-        MASS, (6.0, 6.0, 8.0), attitude=attitude, spin=tuple(rate * across), comm=comm, name="satellite"
+        MASS,
+        (6.0, 6.0, 8.0),
+        attitude=attitude,
+        spin=tuple(rate * across),
+        comm=comm,
+        name="satellite",
     )
     drag = gx.Drag(body, orbit, AIR, surfaces=panels(), rotation=0.0, name="drag")
     nose = body.frame().directors[0]
@@ -79,7 +88,9 @@ def main(
     outputs: list[Output] = [gx.Progress(), series]
     if output is not None:
         drawn = {name: probes[name] for name in ("altitude [km]", "angle to the motion [rad]")}
-        outputs.append(gx.FlightPicture(Path(output) / "deorbit.png", orbit, drawn, title="A de-orbit sail"))
+        outputs.append(
+            gx.FlightPicture(Path(output) / "deorbit.png", orbit, drawn, title="A de-orbit sail")
+        )
     run = gx.Simulation(gx.Scene(drag), gx.Midpoint(dt=dt), outputs)
     run.run(until=3600 * hours)
     # the circle's fall by the formula, a few minutes at a time
@@ -93,7 +104,9 @@ def main(
     return {
         "fall [m]": float(series["a"][0] - series["a"][-1]),
         "fall by the formula [m]": RADIUS - a,
-        "largest angle to the motion, late [rad]": float(series["angle to the motion [rad]"][quarter:].max()),
+        "largest angle to the motion, late [rad]": float(
+            series["angle to the motion [rad]"][quarter:].max()
+        ),
         "energy_error": run.energy_error,
         "newton_per_step": run.iterations / run.step,
         "seconds": run.seconds,

@@ -93,11 +93,18 @@ def build(
     width, half = math.pi * diameter / 2, length / panels
     if start == "zigzag":
         folds = gx.fold.zigzag(
-            length=length, panels=panels, angle=math.radians(angle), width=width, opening=1e-3, lift=lift
+            length=length,
+            panels=panels,
+            angle=math.radians(angle),
+            width=width,
+            opening=1e-3,
+            lift=lift,
         )
     else:
         bends = rows_of(length, diameter, cells, panels)
-        folds = gx.fold.roll(length=length, bends=bends, radius=0.4 * half, pitch=4e-3, width=width, opening=lift)
+        folds = gx.fold.roll(
+            length=length, bends=bends, radius=0.4 * half, pitch=4e-3, width=width, opening=lift
+        )
     outside = gx.Ambient(air) if air else None
     tube = gx.InflatableTube(
         flat_tube(comm, length, diameter, cells, compartments=panels),
@@ -118,18 +125,27 @@ def build(
         items.append(gx.Gravity(tube.film, (0.0, 0.0, -gravity)))
     if air and drag:
         items.append(gx.AirDrag(tube.film, air / (AIR.R * 293.0), drag))
-    probes: dict[str, Probe] = {f"p{i + 1} [Pa]": gx.GasState(bag, "pressure") for i, bag in enumerate(tube.chambers)}
-    probes |= {f"ring{i + 1} [mm2]": square_millimetres(gx.RingArea(ring)) for i, ring in enumerate(tube.rings)}
+    probes: dict[str, Probe] = {
+        f"p{i + 1} [Pa]": gx.GasState(bag, "pressure") for i, bag in enumerate(tube.chambers)
+    }
+    probes |= {
+        f"ring{i + 1} [mm2]": square_millimetres(gx.RingArea(ring))
+        for i, ring in enumerate(tube.rings)
+    }
     tip = tube.film.port("tip right")
     probes |= {f"tip {axis} [m]": gx.Position(tip, axis) for axis in "xyz"}
     probes["tip speed [m/s]"] = _speed([gx.Velocity(tip, axis) for axis in "xyz"])
     if tube.contact is not None:
         probes["penetrations"] = gx.Penetrations(tube.contact)
     probes |= {f"{line.name} [rad]": gx.FoldAngle(line) for line in tube.creases}
-    control = gx.StepControl(iterations=iterations or (12 if start == "zigzag" else 10), largest=2 * dt)
+    control = gx.StepControl(
+        iterations=iterations or (12 if start == "zigzag" else 10), largest=2 * dt
+    )
     # the first guess of a step may press layers together: its residual is no measure of the forces
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
-    return gx.Case(gx.Scene(*items), stepper, until, TITLE, probes=probes, control=control, frames=80)
+    return gx.Case(
+        gx.Scene(*items), stepper, until, TITLE, probes=probes, control=control, frames=80
+    )
 
 
 def _speed(components: list[gx.Velocity]) -> Probe:
@@ -144,7 +160,10 @@ def opening_times(time: Array, rings: list[Array], diameter: float) -> list[floa
 
 
 def main(
-    output: str | Path | None = None, until: float = 0.02, comm: MPI.Comm = MPI.COMM_WORLD, **given: object
+    output: str | Path | None = None,
+    until: float = 0.02,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    **given: object,
 ) -> dict[str, float]:
     """Deploy the tube; what `build` takes may be `given`.  With `output`, a folder: a recording and a picture.
 
@@ -159,7 +178,11 @@ def main(
     rings = [series[name] for name in names if name.startswith("ring")]
     diameter = float(given.get("diameter", 0.03))  # type: ignore[arg-type]
     opened = opening_times(series.time, rings, diameter)
-    ends = {name.split()[0]: float(series[name][-1]) for name in names if name.startswith("p") and "[Pa]" in name}
+    ends = {
+        name.split()[0]: float(series[name][-1])
+        for name in names
+        if name.startswith("p") and "[Pa]" in name
+    }
     found = {
         **books(run, series),
         "mass_error": abs(run.mass_error),
@@ -175,8 +198,12 @@ def say(found: dict[str, float]) -> None:
     """What happened, in words."""
     order = ", ".join(f"{v:.1f} ms" for k, v in found.items() if k.startswith("opening"))
     pressures = ", ".join(f"{v:.0f} Pa" for k, v in found.items() if k.startswith("pressure"))
-    print(f"The rings between the compartments are half open after {order}; pressures at the end: {pressures}.")
-    print(f"The tip reached {found['tip_speed']:.0f} m/s and is {1e3 * found['tip_distance']:.0f} mm from the clamp.")
+    print(
+        f"The rings between the compartments are half open after {order}; pressures at the end: {pressures}."
+    )
+    print(
+        f"The tip reached {found['tip_speed']:.0f} m/s and is {1e3 * found['tip_distance']:.0f} mm from the clamp."
+    )
     say_books(found, "the mass of the gas", "mass_error")
 
 

@@ -25,7 +25,10 @@ FILM = gx.Prestress(E=1e9, nu=0.3, density=1000.0, thickness=1e-5, tension=TENSI
 
 
 def main(
-    force: float = 20.0, cells: int = 12, output: str | Path | None = None, comm: MPI.Comm = MPI.COMM_WORLD
+    force: float = 20.0,
+    cells: int = 12,
+    output: str | Path | None = None,
+    comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> dict[str, float]:
     """Form for cables of `force` [N]; with `output`, a folder, its picture."""
     began = time.process_time()
@@ -65,7 +68,9 @@ def draw(x: Array, cells: Array, path: Path) -> None:
     figure = Figure(figsize=(6, 4.2), dpi=100)
     FigureCanvasAgg(figure)
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
-    axes.plot_trisurf(*x.T, triangles=cells, color=(0.55, 0.72, 0.88), edgecolor="white", linewidth=0.3)
+    axes.plot_trisurf(
+        *x.T, triangles=cells, color=(0.55, 0.72, 0.88), edgecolor="white", linewidth=0.3
+    )
     axes.set_proj_type("ortho")
     axes.set_box_aspect((1, 1, HEIGHT), zoom=1.1)
     axes.view_init(40, -20)

@@ -46,18 +46,30 @@ VIEW = gx.View(azimuth=0.3, elevation=math.radians(50))
 RPM = 2 * math.pi / 60
 HALF, INNER = 7.05, 1.6  # m: half of the sides of the sail and of its hole
 PETALS, TIP = 14.0, 0.5  # kg: four trapezoids with their devices; a tip mass
-HUB_MASS, HUB_INERTIA, HUB_RADIUS, HUB_HEIGHT = 290.0, (70.0, 70.0, 85.0), 0.79, 0.95  # kg, kg m², m
+HUB_MASS, HUB_INERTIA, HUB_RADIUS, HUB_HEIGHT = (
+    290.0,
+    (70.0, 70.0, 85.0),
+    0.79,
+    0.95,
+)  # kg, kg m², m
 FILM = {"E": 3e9, "nu": 0.34, "thickness": 7.5e-6}
 TETHER = 1e4  # N/m
 OUT = 6.0  # m: the sail counts as open when the middles of its edges are as far out
 ARM_END = 7.4  # rpm at the end of stage 1
-FLIGHT = {"end of stage 1 (6 June 2010)": (None, ARM_END), "open (16 June 2010)": (9.97, 2.5)}  # tips' radius [m], rpm
+FLIGHT = {
+    "end of stage 1 (6 June 2010)": (None, ARM_END),
+    "open (16 June 2010)": (9.97, 2.5),
+}  # tips' radius [m], rpm
 
 
 def rows(pitch: float) -> tuple[int, int, int]:
     """Rows of the inner and outer edge, and bends of a strip on the hub."""
     inner = int(INNER / pitch + 0.01)
-    return inner, round(HALF / pitch), max(1, min(round(math.pi / 4 * HUB_RADIUS / pitch), inner - 1))
+    return (
+        inner,
+        round(HALF / pitch),
+        max(1, min(round(math.pi / 4 * HUB_RADIUS / pitch), inner - 1)),
+    )
 
 
 def square_inertia(pitch: float) -> float:
@@ -100,7 +112,9 @@ def build(
         growth: by which a step may be longer than the last one; steps that grow by half are halved more often.
     """
     inner, outer, bends = rows(pitch)
-    folds = gx.fold.ikaros(n=4, inner=inner, outer=outer, pitch=pitch, bends=bends, gap=gap, hub_gap=gap, ramp=pitch)
+    folds = gx.fold.ikaros(
+        n=4, inner=inner, outer=outer, pitch=pitch, bends=bends, gap=gap, hub_gap=gap, ramp=pitch
+    )
     film = sail(comm, pitch, folds.mark, refine=refine)
     hub = gx.RigidBody(HUB_MASS, HUB_INERTIA, name="hub")
     tips = [film.port(f"tip {k}") for k in range(4)]
@@ -110,19 +124,28 @@ def build(
     items.append(tethers(film, hub, pitch, radius, tether_damping))
     items.append(gx.RigidMotion(spin=(0.0, 0.0, rpm * RPM)))
     if damping:
-        items.append(gx.Damping(film, stiffness=damping, tension_only=tension_only, name="film damping"))
+        items.append(
+            gx.Damping(film, stiffness=damping, tension_only=tension_only, name="film damping")
+        )
     if crease:
         items += folds.creases(film, crease, rest=0.5)
     probes: dict[str, Probe] = {
         "spin of the hub [rpm]": _rpm(gx.AngularVelocity(hub.frame(), "z")),
         "spin of the sail [rpm]": _rpm(gx.MeanSpin(film, "z")),
-        **{f"radius {k} [m]": gx.PolarPosition(port, hub.frame(), "radius") for k, port in enumerate(tips)},
+        **{
+            f"radius {k} [m]": gx.PolarPosition(port, hub.frame(), "radius")
+            for k, port in enumerate(tips)
+        },
         "twist [rad]": gx.PolarPosition(tips[0], hub.frame(), "angle"),
-        "middle [m]": gx.PolarPosition(film.port_at((0.0, -outer * pitch, 0.0)), hub.frame(), "radius"),
+        "middle [m]": gx.PolarPosition(
+            film.port_at((0.0, -outer * pitch, 0.0)), hub.frame(), "radius"
+        ),
     }
     if contact:
         end = (0.0, 0.0, HUB_HEIGHT / 2)
-        drum = gx.Cylinder(start=(0.0, 0.0, -HUB_HEIGHT / 2), end=end, radius=radius, on=hub, name="drum")
+        drum = gx.Cylinder(
+            start=(0.0, 0.0, -HUB_HEIGHT / 2), end=end, radius=radius, on=hub, name="drum"
+        )
         items.append(touching := gx.Contact(film, drum, distance=contact, friction=friction))
         probes["penetrations"] = gx.Penetrations(touching)
     else:
@@ -130,7 +153,9 @@ def build(
     control = gx.StepControl(iterations=iterations, largest=largest, growth=growth)
     # of the steps that do not end after 25 iterations most never do: they are halved sooner
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13, iterations=25))
-    return gx.Case(gx.Scene(*items), stepper, until, TITLE, probes=probes, control=control, frames=80)  # type: ignore[arg-type]
+    return gx.Case(
+        gx.Scene(*items), stepper, until, TITLE, probes=probes, control=control, frames=80
+    )  # type: ignore[arg-type]
 
 
 def _rpm(spin: Probe) -> Probe:
@@ -153,7 +178,12 @@ def sail(
 
 
 def tethers(
-    film: gx.Membrane, hub: gx.RigidBody, pitch: float, radius: float, damping: float = 0.0, height: float = 0.0
+    film: gx.Membrane,
+    hub: gx.RigidBody,
+    pitch: float,
+    radius: float,
+    damping: float = 0.0,
+    height: float = 0.0,
 ) -> gx.RopeBundle:
     """Four from each inner edge to the hub, where it has this radius, at a height: as long as in the open sail."""
     inner = rows(pitch)[0]
@@ -171,7 +201,11 @@ def tethers(
 
 
 def steady(
-    comm: MPI.Comm = MPI.COMM_WORLD, pitch: float = 0.64, rpm: float = 2.5, bent: float = 0.0, held: bool = True
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    pitch: float = 0.64,
+    rpm: float = 2.5,
+    bent: float = 0.0,
+    held: bool = True,
 ) -> tuple[gx.Equilibrium, float, float]:
     """The open sail that spins steadily; the tethers' stiffness against swinging [N m/rad] and the sail's J1 [kg m²].
 
@@ -183,7 +217,9 @@ def steady(
         tilt against the hub  ω² = Ω² + k/J
     """
     spin, waves = (0.0, 0.0, rpm * RPM), lambda X: bent * np.sin(X[0]) * np.cos(1.3 * X[1])
-    film = sail(comm, pitch, displacement=(lambda X: np.vstack([0 * X[:2], waves(X)])) if bent else None)
+    film = sail(
+        comm, pitch, displacement=(lambda X: np.vstack([0 * X[:2], waves(X)])) if bent else None
+    )
     hub = gx.RigidBody(HUB_MASS, HUB_INERTIA, name="hub")
     items = [gx.AttachedMass(film.port(f"tip {k}"), TIP, name=f"mass {k}") for k in range(4)]
     ropes = tethers(film, hub, pitch, HUB_RADIUS)
@@ -197,7 +233,9 @@ def steady(
     for pair, length in zip(ropes.ends, ropes.lengths, strict=True):
         a, b = values_of(system, pair, system.q0)
         l = float(np.linalg.norm(a - b))  # noqa: E741
-        stiffness += TETHER * max(l - length, 0.0) * float(np.linalg.norm(a) * np.linalg.norm(b)) / l
+        stiffness += (
+            TETHER * max(l - length, 0.0) * float(np.linalg.norm(a) * np.linalg.norm(b)) / l
+        )
     return search, stiffness, square_inertia(pitch)
 
 
@@ -221,7 +259,10 @@ def arm_inertia(
 
 
 def main(
-    output: str | Path | None = None, until: float = 8.0, comm: MPI.Comm = MPI.COMM_WORLD, **given: object
+    output: str | Path | None = None,
+    until: float = 8.0,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    **given: object,
 ) -> dict[str, float]:
     """Open the sail; what `build` takes may be `given`.  With `output`, a folder: a recording and pictures.
 
@@ -267,11 +308,15 @@ def draw(series: gx.Series, radius: Array, path: Path) -> None:
         right.plot(radius, spin, color=colour, label=what)
     for label, (where, rpm) in FLIGHT.items():
         left.axhline(rpm, linestyle=":", color="black")
-        left.annotate(f"flight: {label}", (series.time[-1], rpm), ha="right", va="bottom", fontsize=7)
+        left.annotate(
+            f"flight: {label}", (series.time[-1], rpm), ha="right", va="bottom", fontsize=7
+        )
         if where is not None:
             right.plot(where, rpm, "o", color="black")
     middle.plot(series.time, radius, color="black", label="tips")
-    middle.plot(series.time, series["middle [m]"], "--", color="black", label="middles of the edges")
+    middle.plot(
+        series.time, series["middle [m]"], "--", color="black", label="middles of the edges"
+    )
     left.set(xlabel="t [s]", ylabel="spin [rpm]")
     middle.set(xlabel="t [s]", ylabel="radius [m]")
     right.set(xlabel="radius of the tips [m]", ylabel="spin [rpm]")
@@ -284,7 +329,9 @@ def draw(series: gx.Series, radius: Array, path: Path) -> None:
 
 def say(found: dict[str, float]) -> None:
     """What happened, in words."""
-    print(f"The tips are at {found['radius']:.2f} m; they were at most at {found['largest_radius']:.2f} m.")
+    print(
+        f"The tips are at {found['radius']:.2f} m; they were at most at {found['largest_radius']:.2f} m."
+    )
     print(
         f"Hub and sail spin at {found['spin_of_hub']:.2f} and {found['spin_of_sail']:.2f} rpm; without swing it "
         f"will be {found['spin_in_the_end']:.2f} rpm."

@@ -101,7 +101,9 @@ def build(
     step = winding(cells)[0]
     radius = HUB_RADIUS * math.cos(step / 2) - CORD - 1.05 * TOUCH
     half = HUB_HEIGHT / 4
-    drum = gx.Cylinder(start=(0.0, 0.0, -half), end=(0.0, 0.0, half), radius=radius, on=hub, name="drum")
+    drum = gx.Cylinder(
+        start=(0.0, 0.0, -half), end=(0.0, 0.0, half), radius=radius, on=hub, name="drum"
+    )
     # the axis of a rod is beside the free part of its arm, and outside of its roll
     away = ROD + CORD + 1.1 * TOUCH
     c, s = math.cos(angle), math.sin(angle)
@@ -120,7 +122,12 @@ def build(
     items: list[object] = [hub, guides]
     arms: list[gx.Cable] = []
     for k in range(4):
-        turn = np.array([[math.cos(math.pi / 2 * k), -math.sin(math.pi / 2 * k)], [math.sin(math.pi / 2 * k), 0.0]])
+        turn = np.array(
+            [
+                [math.cos(math.pi / 2 * k), -math.sin(math.pi / 2 * k)],
+                [math.sin(math.pi / 2 * k), 0.0],
+            ]
+        )
         turn[1, 1] = turn[0, 0]
         placed = corners @ turn.T
 
@@ -129,21 +136,31 @@ def build(
             return np.vstack([x, y, 0 * x]) - X
 
         mesh = line(comm, [(float(x), 0.0, 0.0) for x in along], 1)
-        arm = gx.Cable(mesh, gx.TensionOnly(EA=EA, line_density=PETALS / 4 / ARM), name=f"arm {k}", displacement=places)
+        arm = gx.Cable(
+            mesh,
+            gx.TensionOnly(EA=EA, line_density=PETALS / 4 / ARM),
+            name=f"arm {k}",
+            displacement=places,
+        )
         held = hub.port((float(placed[0, 0]), float(placed[0, 1]), 0.0))
         items += [arm, gx.BallJoint(arm.port("start"), held, name=f"knot {k}")]
         items += [gx.AttachedMass(arm.port("end"), TIP, name=f"mass {k}")]
         items.append(gx.Damping(arm, stiffness=damping, name=f"damping {k}"))
         arms.append(arm)
     radii = dict.fromkeys((a.name for a in arms), CORD)
-    contact = gx.Contact(*arms, drum, *guides.rods, distance=TOUCH, stiffness=PRESSING, radius=radii)
+    contact = gx.Contact(
+        *arms, drum, *guides.rods, distance=TOUCH, stiffness=PRESSING, radius=radii
+    )
     scene = gx.Scene(*items, contact, gx.RigidMotion(spin=(0.0, 0.0, rpm * RPM)))  # type: ignore[arg-type]
     spin = gx.AngularVelocity(hub.frame(), "z")
     ring = gx.AngularVelocity(guides.ring.frame(), "z")
     probes: dict[str, Probe] = {
         "spin of the hub [rpm]": lambda run: spin(run) / RPM,
         "ring against hub [rad/s]": lambda run: ring(run) - spin(run),
-        **{f"radius {k} [m]": gx.PolarPosition(a.port("end"), hub.frame(), "radius") for k, a in enumerate(arms)},
+        **{
+            f"radius {k} [m]": gx.PolarPosition(a.port("end"), hub.frame(), "radius")
+            for k, a in enumerate(arms)
+        },
         "swing [rad]": gx.PolarPosition(arms[0].port("end"), guides.ring.frame(), "angle"),
         "penetrations": gx.Penetrations(contact),
     }
@@ -196,7 +213,13 @@ def main(
     }
 
 
-def draw(looks: list[tuple[float, list[Array]]], series: gx.Series, radius: Array, budget: Array, path: Path) -> None:
+def draw(
+    looks: list[tuple[float, list[Array]]],
+    series: gx.Series,
+    radius: Array,
+    budget: Array,
+    path: Path,
+) -> None:
     """The arms from above, and the spin over time and radius."""
     from matplotlib.figure import Figure
 
@@ -206,7 +229,9 @@ def draw(looks: list[tuple[float, list[Array]]], series: gx.Series, radius: Arra
         for arm in arms:
             axes.plot(arm[:, 0], arm[:, 1], color=(0.1, 0.35, 0.7), linewidth=1)
             axes.plot(*arm[-1, :2], "o", color="black", markersize=3)
-        axes.set(xlim=(-8, 8), ylim=(-8, 8), aspect="equal", title=f"t = {t:.1f} s", xticks=[], yticks=[])
+        axes.set(
+            xlim=(-8, 8), ylim=(-8, 8), aspect="equal", title=f"t = {t:.1f} s", xticks=[], yticks=[]
+        )
     left, right = below.subplots(1, 2)
     spin = series["spin of the hub [rpm]"]
     for axes, x in ((left, series.time), (right, radius - HUB_RADIUS)):

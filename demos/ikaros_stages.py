@@ -66,7 +66,9 @@ def folded(pitch: float, gap: float = GAP, out: float = OUT) -> gx.fold.ikaros:
     """The strips, wound round the hub."""
     inner, outer, bends = rows(pitch)
     free = round(out / pitch)
-    return gx.fold.ikaros(n=4, inner=inner, outer=outer, pitch=pitch, bends=bends, hub_gap=gap, wound=True, out=free)
+    return gx.fold.ikaros(
+        n=4, inner=inner, outer=outer, pitch=pitch, bends=bends, hub_gap=gap, wound=True, out=free
+    )
 
 
 def roll_radius(pitch: float) -> float:
@@ -108,13 +110,27 @@ def build(
     tips = [film.port(f"tip {k}") for k in range(4)]
     radius = folds.radius * math.cos(math.pi / 8 / bends) - 2 * contact
     drum = gx.Cylinder(
-        start=(0.0, 0.0, -HUB_HEIGHT / 2), end=(0.0, 0.0, HUB_HEIGHT / 2), radius=radius, on=hub, name="drum"
+        start=(0.0, 0.0, -HUB_HEIGHT / 2),
+        end=(0.0, 0.0, HUB_HEIGHT / 2),
+        radius=radius,
+        on=hub,
+        name="drum",
     )
     touching = gx.Contact(film, drum, *guides.rods, distance=contact)
     start = folds.start(film)
-    items: list[object] = [film, start, hub, guides, touching, *_tethers(film, hub, pitch, radius, folds, release)]
+    items: list[object] = [
+        film,
+        start,
+        hub,
+        guides,
+        touching,
+        *_tethers(film, hub, pitch, radius, folds, release),
+    ]
     items += [gx.AttachedMass(port, TIP, name=f"mass {k}") for k, port in enumerate(tips)]
-    items += [gx.Damping(film, stiffness=damping, name="film damping"), gx.RigidMotion(spin=(0.0, 0.0, rpm * RPM))]
+    items += [
+        gx.Damping(film, stiffness=damping, name="film damping"),
+        gx.RigidMotion(spin=(0.0, 0.0, rpm * RPM)),
+    ]
     spin, turn, mean = (
         gx.AngularVelocity(hub.frame(), "z"),
         gx.AngularVelocity(guides.ring.frame(), "z"),
@@ -124,13 +140,20 @@ def build(
         "spin of the hub [rpm]": lambda run: spin(run) / RPM,
         "spin of the sail [rpm]": lambda run: mean(run) / RPM,
         "ring against hub [rad/s]": lambda run: turn(run) - spin(run),
-        **{f"radius {k} [m]": gx.PolarPosition(port, hub.frame(), "radius") for k, port in enumerate(tips)},
-        "middle [m]": gx.PolarPosition(film.port_at((0.0, -outer * pitch, 0.0)), hub.frame(), "radius"),
+        **{
+            f"radius {k} [m]": gx.PolarPosition(port, hub.frame(), "radius")
+            for k, port in enumerate(tips)
+        },
+        "middle [m]": gx.PolarPosition(
+            film.port_at((0.0, -outer * pitch, 0.0)), hub.frame(), "radius"
+        ),
         "penetrations": gx.Penetrations(touching),
     }
     control = gx.StepControl(iterations=iterations, largest=largest, growth=growth)
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13, iterations=25))
-    return gx.Case(gx.Scene(*items), stepper, until, TITLE, probes=probes, control=control, frames=120)  # type: ignore[arg-type]
+    return gx.Case(
+        gx.Scene(*items), stepper, until, TITLE, probes=probes, control=control, frames=120
+    )  # type: ignore[arg-type]
 
 
 def _smooth(part: float) -> float:
@@ -140,7 +163,12 @@ def _smooth(part: float) -> float:
 
 
 def _tethers(
-    film: gx.Membrane, hub: gx.RigidBody, pitch: float, radius: float, folds: gx.fold.ikaros, release: float
+    film: gx.Membrane,
+    hub: gx.RigidBody,
+    pitch: float,
+    radius: float,
+    folds: gx.fold.ikaros,
+    release: float,
 ) -> list[gx.Tether]:
     """Those of the open sail, short in stage 1, then paid out: inner edges are held on the hub, at their height there.
 
@@ -159,7 +187,12 @@ def _tethers(
 
 
 def _guides(
-    hub: gx.RigidBody, folds: gx.fold.ikaros, contact: float, brake: float, release: float, count: int
+    hub: gx.RigidBody,
+    folds: gx.fold.ikaros,
+    contact: float,
+    brake: float,
+    release: float,
+    count: int,
 ) -> gx.RotationGuides:
     """Rods that touch the roll almost, those of them that let out an arm in the corner where it stands out."""
     away = ROD + 1.2 * contact
@@ -211,12 +244,16 @@ def main(
     case = build(comm, until=until, release=release, **given)  # type: ignore[arg-type]
     stage2 = [release + part * (until - release) for part in (0.0, 0.15, 0.3, 0.6, 0.8, 1.0)]
     looks = [part * release for part in (0.0, 0.15, 0.3, 0.5, 0.65, 0.8)] + stage2
-    run, series = deploy(case, output, "ikaros_stages", [t / until for t in looks if t <= until], VIEW)
+    run, series = deploy(
+        case, output, "ikaros_stages", [t / until for t in looks if t <= until], VIEW
+    )
     pitch = float(given.get("pitch", 0.64))  # type: ignore[arg-type]
     radius = np.mean([series[name] for name in case.probes if name.startswith("radius")], axis=0)
     first, now = run.first.angular_momentum, run.totals.angular_momentum
     if output is not None and comm.rank == 0:
-        draw(series, radius, float(first[2]), pitch, release, Path(output) / "ikaros_stages_spin.png")
+        draw(
+            series, radius, float(first[2]), pitch, release, Path(output) / "ikaros_stages_spin.png"
+        )
     inertia = HUB_INERTIA[2] + RING * (roll_radius(pitch) + ROD) ** 2 + square_inertia(pitch)
     k = min(int(np.searchsorted(series.time, release)), len(radius) - 1)
     return {
@@ -235,7 +272,9 @@ def main(
     }
 
 
-def draw(series: gx.Series, radius: Array, momentum: float, pitch: float, release: float, path: Path) -> None:
+def draw(
+    series: gx.Series, radius: Array, momentum: float, pitch: float, release: float, path: Path
+) -> None:
     """Spins and radius over the time, the spin of the hub over the length of arms out, and the values of the flight."""
     from matplotlib.figure import Figure
 
@@ -247,17 +286,32 @@ def draw(series: gx.Series, radius: Array, momentum: float, pitch: float, releas
     left.axhline(FLIGHT["open (16 June 2010)"][1], linestyle=":", color="black")
     left.annotate("flight, open", (0.0, FLIGHT["open (16 June 2010)"][1]), ha="left", va="bottom")
     middle.plot(series.time, radius, color="black", label="tips")
-    middle.plot(series.time, series["middle [m]"], "--", color="black", label="middles of the edges")
+    middle.plot(
+        series.time, series["middle [m]"], "--", color="black", label="middles of the edges"
+    )
     before, R = series.time <= release, roll_radius(pitch)
     out = np.linspace(0.0, max(float(radius[before].max()) - R, 0.1), 60)
     for what, colour in (("hub", blue), ("sail", red)):
-        right.plot(radius[before] - R, series[f"spin of the {what} [rpm]"][before], color=colour, label=what)
-    right.plot(out, as_one(R + out, momentum, pitch) / RPM, "--", color="black", label="if all turned as one")
+        right.plot(
+            radius[before] - R,
+            series[f"spin of the {what} [rpm]"][before],
+            color=colour,
+            label=what,
+        )
+    right.plot(
+        out,
+        as_one(R + out, momentum, pitch) / RPM,
+        "--",
+        color="black",
+        label="if all turned as one",
+    )
     for length, rpm in (WOUND, HELD):
         right.plot(length, rpm, "o", color="black")
     left.set(xlabel="t [s]", ylabel="spin [rpm]")
     middle.set(xlabel="t [s]", ylabel="radius [m]")
-    right.set(xlabel="length of the arms that is out in stage 1 [m]", ylabel="spin [rpm]; dots: flight")
+    right.set(
+        xlabel="length of the arms that is out in stage 1 [m]", ylabel="spin [rpm]; dots: flight"
+    )
     for axes in (left, middle, right):
         axes.grid(alpha=0.3)
         axes.legend(frameon=False)
@@ -272,7 +326,9 @@ def say(found: dict[str, float]) -> None:
         f"At the release the tips are at {found['released_radius']:.2f} m, and the hub spins at "
         f"{found['released_spin']:.2f} rpm; {found['released_as_one']:.2f} rpm if all turned as one."
     )
-    print(f"At the end the tips are at {found['radius']:.2f} m; they were at most at {found['largest_radius']:.2f} m.")
+    print(
+        f"At the end the tips are at {found['radius']:.2f} m; they were at most at {found['largest_radius']:.2f} m."
+    )
     print(
         f"Hub and sail spin at {found['spin_of_hub']:.2f} and {found['spin_of_sail']:.2f} rpm; without swing it "
         f"will be {found['spin_in_the_end']:.2f} rpm."

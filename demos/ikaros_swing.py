@@ -50,14 +50,20 @@ def main(
     inertia, Ω = ikaros.HUB_INERTIA[2], rpm * ikaros.RPM
     ω = math.sqrt(stiffness * (1 / inertia + 1 / J))
     film = ikaros.sail(comm, pitch)
-    hub = gx.RigidBody(ikaros.HUB_MASS, ikaros.HUB_INERTIA, spin=(0.0, 0.0, extra * ikaros.RPM), name="hub")
+    hub = gx.RigidBody(
+        ikaros.HUB_MASS, ikaros.HUB_INERTIA, spin=(0.0, 0.0, extra * ikaros.RPM), name="hub"
+    )
     items: list[object] = [film, hub]
-    items += [gx.AttachedMass(film.port(f"tip {k}"), ikaros.TIP, name=f"mass {k}") for k in range(4)]
+    items += [
+        gx.AttachedMass(film.port(f"tip {k}"), ikaros.TIP, name=f"mass {k}") for k in range(4)
+    ]
     items.append(ikaros.tethers(film, hub, pitch, ikaros.HUB_RADIUS, tether_damping))
     items += [gx.StartFrom(search.system), gx.RigidMotion(spin=(0.0, 0.0, Ω))]
     if damping:
         items.append(gx.Damping(film, stiffness=damping, name="film damping"))
-    series = gx.Series({"hub": gx.AngularVelocity(hub.frame(), "z"), "sail": gx.MeanSpin(film, "z")})
+    series = gx.Series(
+        {"hub": gx.AngularVelocity(hub.frame(), "z"), "sail": gx.MeanSpin(film, "z")}
+    )
     run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt), [gx.Progress(), series])  # type: ignore[arg-type]
     run.run(until=until)
     swing = series["hub"] - series["sail"]
@@ -84,7 +90,10 @@ def fit(t: Array, s: Array) -> tuple[float, float, float]:
         return swing
 
     zeros = t[:-1][np.diff(np.sign(s)) != 0]
-    check(len(zeros) > 2, f"The hub has turned back less than twice in {t[-1]:.3g} s; choose a larger until.")
+    check(
+        len(zeros) > 2,
+        f"The hub has turned back less than twice in {t[-1]:.3g} s; choose a larger until.",
+    )
     ω = math.pi * (len(zeros) - 1) / (zeros[-1] - zeros[0])
     best, _ = curve_fit(damped, t, s, p0=(0.0, ω, float(s[0]), 0.0, 0.0))
     left = s - damped(t, *best)
@@ -97,7 +106,9 @@ def say(found: dict[str, float]) -> None:
         f"The hub swings with {1e3 * found['frequency']:.2f} mHz (closed form {1e3 * found['closed_form']:.2f} mHz); "
         f"its swing dies away with {found['decay']:.1e}/s. The fit leaves {100 * found['misfit']:.1f} % of the motion."
     )
-    print(f"Of {1e3 * found['swing']:.3g} mJ {1e3 * found['dissipated']:.3g} mJ are lost{by_cause(found)}.")
+    print(
+        f"Of {1e3 * found['swing']:.3g} mJ {1e3 * found['dissipated']:.3g} mJ are lost{by_cause(found)}."
+    )
     print(
         f"Energy closes to {found['energy_error']:.0e}; {found['steps']:.0f} steps, {found['iterations']:.1f} "
         f"iterations each, {found['seconds']:.0f} s."

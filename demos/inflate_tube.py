@@ -52,7 +52,18 @@ def valve_area(t: float) -> float:
 class Table:
     """Rows for people: the state of the run at a few instants."""
 
-    HEAD = ("t [ms]", "p [Pa]", "T [K]", "V [l]", "gas [mg]", "taut", "wrinkled", "slack", "ledger", "iterations")
+    HEAD = (
+        "t [ms]",
+        "p [Pa]",
+        "T [K]",
+        "V [l]",
+        "gas [mg]",
+        "taut",
+        "wrinkled",
+        "slack",
+        "ledger",
+        "iterations",
+    )
 
     def __init__(self, film: gx.Membrane, times: Sequence[float]) -> None:
         self.times = times
@@ -89,7 +100,9 @@ class Table:
 def build(comm: MPI.Comm, cells: int = 14, until: float = 0.05, dt: float = 1e-4) -> gx.Case:
     """The tube of `cells` cells across, its tank and the valve, until the time `until` [s] in steps of `dt` [s]."""
     film = gx.Membrane(flat_tube(comm, LENGTH, DIAMETER, cells), FILM)
-    tube = gx.Chamber(film, gas=NITROGEN, pressure=1.0, temperature=293.0, dead_volume=1e-6, name="tube")
+    tube = gx.Chamber(
+        film, gas=NITROGEN, pressure=1.0, temperature=293.0, dead_volume=1e-6, name="tube"
+    )
     tank = gx.Tank(20e-6, gas=NITROGEN, pressure=1.5e6, temperature=293.0)
     valve = gx.Orifice(tank, tube, area=valve_area, discharge_coefficient=0.8, name="valve")
     return gx.Case(gx.Scene(film, tube, valve), gx.Midpoint(dt=dt), until, title=TITLE)

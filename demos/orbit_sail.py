@@ -36,7 +36,9 @@ def sail(comm: MPI.Comm, cells: int) -> tuple[gx.Membrane, gx.RigidBody, list[gx
         moved: np.ndarray = (1 + STRETCH) * (X - middle) - X
         return moved
 
-    film = gx.Membrane(crossed_sheet(comm, cells, cells, SIDE, SIDE), FILM, displacement=stretched, name="sail")
+    film = gx.Membrane(
+        crossed_sheet(comm, cells, cells, SIDE, SIDE), FILM, displacement=stretched, name="sail"
+    )
     frame = gx.RigidBody(30.0, (500.0, 500.0, 1000.0), comm=comm, name="frame")
     each, stiffness = SIDE / cells, 500.0
     springs = []
@@ -80,7 +82,9 @@ def main(
         "sunlit": gx.OrbitState(orbit, "sunlit"),
         "a": gx.OrbitState(orbit, "a"),
         "sun angle": gx.SunAngle(orbit, frame.frame().directors[2]),
-        "force": lambda run: math.hypot(*(gx.LoadResultant(orbit, "sunlight", "force", axis)(run) for axis in "xyz")),
+        "force": lambda run: math.hypot(
+            *(gx.LoadResultant(orbit, "sunlight", "force", axis)(run) for axis in "xyz")
+        ),
         "wrinkled or slack": lambda run: 1 - gx.AreaFraction(film, "taut")(run),
     }
     series = gx.Series(probes)
@@ -92,7 +96,9 @@ def main(
             "sun angle [rad]": probes["sun angle"],
         }
         outputs.append(
-            gx.FlightPicture(Path(output) / "orbit_sail.png", orbit, drawn, title="A spinning sail in orbit")
+            gx.FlightPicture(
+                Path(output) / "orbit_sail.png", orbit, drawn, title="A spinning sail in orbit"
+            )
         )
     run = gx.Simulation(scene, gx.Midpoint(dt=dt), outputs)
     run.run(until=until or start.period(orbit.mu))

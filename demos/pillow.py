@@ -40,7 +40,9 @@ def two_squares(model: Any, cells: int) -> None:
     for line in rim:
         geo.mesh.setTransfiniteCurve(line, cells + 1)
     for sheet in (top, bottom):
-        geo.mesh.setTransfiniteSurface(sheet, "AlternateLeft")  # no triangle has all its nodes on the rim
+        geo.mesh.setTransfiniteSurface(
+            sheet, "AlternateLeft"
+        )  # no triangle has all its nodes on the rim
     geo.mesh.setReverse(2, bottom)  # normals point outwards
     geo.synchronize()
     for name, sheet in (("top", top), ("bottom", bottom)):
@@ -56,13 +58,19 @@ def build(comm: MPI.Intracomm, cells: int = 8, until: float = 0.1, dt: float = 5
     tank = gx.Tank(volume=4e-6, gas=NITROGEN, pressure=1e6, temperature=293.0)
     valve = gx.Orifice(tank, bag, area=5e-7, discharge_coefficient=0.8)
     rubbing = gx.Damping(film, mass=100.0, stiffness=1e-5)
-    return gx.Case(gx.Scene(film, bag, valve, rubbing), gx.Midpoint(dt=dt), until=until, title=TITLE)
+    return gx.Case(
+        gx.Scene(film, bag, valve, rubbing), gx.Midpoint(dt=dt), until=until, title=TITLE
+    )
 
 
-def main(comm: MPI.Intracomm, output: str | Path = "out/pillow", cells: int = 8, until: float = 0.1) -> gx.Simulation:
+def main(
+    comm: MPI.Intracomm, output: str | Path = "out/pillow", cells: int = 8, until: float = 0.1
+) -> gx.Simulation:
     """Blow it up, with the ledger and pictures in the folder `output`.  Returns the simulation at its end."""
     folder, case = Path(output), build(comm, cells, until)
-    picture = gx.Picture(folder / "pillow.png", times=[0.1 * until, 0.3 * until, until], title=TITLE)
+    picture = gx.Picture(
+        folder / "pillow.png", times=[0.1 * until, 0.3 * until, until], title=TITLE
+    )
     run = case.simulation([gx.Progress(), gx.Ledger(folder / "ledger.csv"), picture])
     run.run(until=case.until)
     if comm.rank == 0:

@@ -76,7 +76,11 @@ def parts(sail: gx.Membrane) -> list[Any]:
     for k, corner in enumerate(CORNERS):
         port = sail.port_at(corner)
         tip = gx.PointMass(
-            0.5, tuple(initial(port)), velocity=tuple(initial_rate(port)), comm=sail.comm, name=f"tip {k}"
+            0.5,
+            tuple(initial(port)),
+            velocity=tuple(initial_rate(port)),
+            comm=sail.comm,
+            name=f"tip {k}",
         )
         toward = np.sign(np.asarray(corner[:2]) - SIDE / 2)
         held = sail.port_at((*(SIDE / 2 + 0.125 * SIDE * toward), 0.0))
@@ -100,7 +104,11 @@ def steady(sail: gx.Membrane, spin: float) -> gx.Equilibrium:
 
 
 def flight(
-    sail: gx.Membrane, spin: float, dt: float, outputs: Sequence[Output] = (), controlled: bool = False
+    sail: gx.Membrane,
+    spin: float,
+    dt: float,
+    outputs: Sequence[Output] = (),
+    controlled: bool = False,
 ) -> gx.Simulation:
     """From the steady spin, with the kick that the sail was made with; or disturbed and controlled, too."""
     items = parts(sail)
@@ -108,7 +116,9 @@ def flight(
         items.append(gx.Torque(items[0].frame(), disturbance))
         # about the axes across that of the spin: the spin is left alone
         stiffness, damping = (0.5, 0.5, 0.0), (20.0, 20.0, 0.0)
-        items.append(gx.AttitudeControl(items[0].frame(), (0.0, 0.0, 0.0), stiffness, damping, period=1.0))
+        items.append(
+            gx.AttitudeControl(items[0].frame(), (0.0, 0.0, 0.0), stiffness, damping, period=1.0)
+        )
     start = gx.StartFrom(steady(sail, spin).system)
     turning = gx.RigidMotion(spin=(0.0, 0.0, spin), centre=CENTRE)
     return gx.Simulation(gx.Scene(sail, *items, start, turning), gx.Midpoint(dt=dt), outputs)
@@ -146,18 +156,27 @@ def main(
     whole, few = flight(other, spin, dt, [truth]), flight(reduced, spin, dt)
     seconds, found = [0.0, 0.0], []
     for t in times:
-        for k, run in enumerate((whole, few)):  # by turns, lest what else the computer does favours one
+        for k, run in enumerate(
+            (whole, few)
+        ):  # by turns, lest what else the computer does favours one
             started = time.process_time()
             run.run(until=t)
             seconds[k] += time.process_time() - started
         found.append(_shape(few, reduced))
     height = max(_largest(comm, x[:, 2]) for x in truth.positions)
-    error = max(_largest(comm, (a - b)[:, 2]) for a, b in zip(truth.positions[-40:], found, strict=True)) / height
+    error = (
+        max(
+            _largest(comm, (a - b)[:, 2]) for a, b in zip(truth.positions[-40:], found, strict=True)
+        )
+        / height
+    )
 
     outside = gx.OutsideBasis(reduced)
     outputs: list[Output] = [gx.Progress()]
     if output is not None:
-        outputs.append(gx.Picture(Path(output) / "reduced_sail.png", times=[until / 4, until / 2, until]))
+        outputs.append(
+            gx.Picture(Path(output) / "reduced_sail.png", times=[until / 4, until / 2, until])
+        )
     long = flight(reduced, spin, dt, outputs, controlled=True)
     long.run(until=until)
     hub = next(body for body in long.system.bodies if body.name == "hub")
@@ -169,7 +188,9 @@ def main(
         "unknowns": whole.system.numbering.size,
         "reduced_unknowns": few.system.numbering.size,
         "energy_error": abs(few.energy_error),
-        "angular_momentum_drift": relative_drift(few.totals.angular_momentum, few.first.angular_momentum),
+        "angular_momentum_drift": relative_drift(
+            few.totals.angular_momentum, few.first.angular_momentum
+        ),
         "energy_error_of_the_long_flight": abs(long.energy_error),
         "tilt_after_the_long_flight": float(np.hypot(*axis[:2])),
         "energy_outside": outside(few),

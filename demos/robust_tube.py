@@ -36,7 +36,14 @@ def build(comm: MPI.Comm, state: str = "fresh", length: float = LENGTH, **levels
     probes = {**case.probes, "distance [m]": far}
     arrived = gx.When(far, ARRIVED * length, stop=True, name="the tip has arrived", tolerance=1e-5)
     return gx.Case(
-        case.scene, case.stepper, UNTIL, case.title, probes=probes, frames=40, control=case.control, events=[arrived]
+        case.scene,
+        case.stepper,
+        UNTIL,
+        case.title,
+        probes=probes,
+        frames=40,
+        control=case.control,
+        events=[arrived],
     )
 
 

@@ -103,10 +103,18 @@ def build(
     height = count * side * math.tan(math.pi / n)
     hub = gx.RigidBody(0.1, (0.8 * inertia, 0.8 * inertia, inertia), name="hub")
     radius = folds.radius * math.cos(math.pi / n / cells) - CLEAR * contact
-    drum = gx.Cylinder(start=(0.0, 0.0, 0.0), end=(0.0, 0.0, -height), radius=radius, on=hub, name="drum")
+    drum = gx.Cylinder(
+        start=(0.0, 0.0, 0.0), end=(0.0, 0.0, -height), radius=radius, on=hub, name="drum"
+    )
     touching = gx.Contact(film, drum, distance=contact, friction=friction)
     spin = sense * 2 * math.pi * rev
-    items: list[object] = [film, folds.start(film), hub, gx.RigidRegion(film, "hub", to=hub), touching]
+    items: list[object] = [
+        film,
+        folds.start(film),
+        hub,
+        gx.RigidRegion(film, "hub", to=hub),
+        touching,
+    ]
     items += [gx.AttachedMass(film.port(f"tip {k}"), tip, name=f"mass {k}") for k in range(n)]
     items.append(gx.RigidMotion(spin=(0.0, 0.0, spin)))
     if held:
@@ -123,7 +131,10 @@ def build(
     probes: dict[str, Probe] = {
         "spin of the hub [rad/s]": gx.AngularVelocity(hub.frame(), "z"),
         "spin of the sail [rad/s]": gx.MeanSpin(film, "z"),
-        **{f"radius {k} [m]": gx.PolarPosition(p, hub.frame(), "radius") for k, p in enumerate(ports)},
+        **{
+            f"radius {k} [m]": gx.PolarPosition(p, hub.frame(), "radius")
+            for k, p in enumerate(ports)
+        },
         "twist [rad]": gx.PolarPosition(ports[0], hub.frame(), "angle"),
         "penetrations": gx.Penetrations(touching),
     }
@@ -135,7 +146,10 @@ def build(
 
 
 def main(
-    output: str | Path | None = None, until: float = 0.24, comm: MPI.Comm = MPI.COMM_WORLD, **given: object
+    output: str | Path | None = None,
+    until: float = 0.24,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    **given: object,
 ) -> dict[str, float]:
     """Deploy the sail; what `build` takes may be `given`.  With `output`, a folder: a recording and pictures.
 
@@ -183,8 +197,12 @@ def draw(series: gx.Series, radius: Array, path: Path) -> None:
 
 def say(found: dict[str, float]) -> None:
     """What happened, in words."""
-    print(f"The tips come to {1e3 * found['largest_radius']:.0f} mm after {1e3 * found['when']:.0f} ms.")
-    print(f"Hub and sail then spin at {found['spin_of_hub']:.1f} and {found['spin_of_sail']:.1f} rad/s.")
+    print(
+        f"The tips come to {1e3 * found['largest_radius']:.0f} mm after {1e3 * found['when']:.0f} ms."
+    )
+    print(
+        f"Hub and sail then spin at {found['spin_of_hub']:.1f} and {found['spin_of_sail']:.1f} rad/s."
+    )
     print(f"Of {found['energy']:.3f} J {found['dissipated']:.3f} J are lost{by_cause(found)}.")
     say_books(found, "angular momentum", "angular_momentum_drift")
 

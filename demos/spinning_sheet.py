@@ -34,7 +34,12 @@ def throw(x: np.ndarray) -> np.ndarray:
 
 
 def build(
-    comm: MPI.Comm, n: int = 20, until: float = 1.0, dt: float = 1e-3, residual: float = 1e-6, order: int = 1
+    comm: MPI.Comm,
+    n: int = 20,
+    until: float = 1.0,
+    dt: float = 1e-3,
+    residual: float = 1e-6,
+    order: int = 1,
 ) -> gx.Case:
     """The film of n × n × 2 triangles, until the time `until` [s] in steps of `dt` [s]."""
     law = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual=residual)
@@ -67,7 +72,9 @@ def main(
     mass = 1400.0 * 1e-4
     return {
         "energy_drift": abs(last.energy / first.energy - 1),
-        "linear_momentum_drift": relative_drift(last.momentum, first.momentum, scale=mass * SPIN * 0.5),
+        "linear_momentum_drift": relative_drift(
+            last.momentum, first.momentum, scale=mass * SPIN * 0.5
+        ),
         "angular_momentum_drift": relative_drift(last.angular_momentum, first.angular_momentum),
         "newton_per_step": run.iterations / run.step,
         "substeps": run.substeps,

@@ -93,7 +93,11 @@ class Figure:
     def legs(self, count: int) -> list[tuple[int, Place, Place]]:
         """Where tethers are: side, point of the film, point of the tube."""
         places = [self.length * (k + 1) / (count + 1) for k in range(count)]
-        return [(side, self.at(side, s, -self.inset), self.at(side, s, 0.0)) for side in SIDES.values() for s in places]
+        return [
+            (side, self.at(side, s, -self.inset), self.at(side, s, 0.0))
+            for side in SIDES.values()
+            for s in places
+        ]
 
 
 def build(
@@ -146,12 +150,21 @@ def build(
         largest, growth: step [s], and its ratio to the one before, at most: steps that grow faster fail more often.
     """
     folds = gx.fold.miura(
-        a=a, b=b, gamma=math.radians(gamma), theta=math.radians(theta), opening=3e-4 if lift else 0.0, lift=lift
+        a=a,
+        b=b,
+        gamma=math.radians(gamma),
+        theta=math.radians(theta),
+        opening=3e-4 if lift else 0.0,
+        lift=lift,
     )
     column = b * math.sin(folds.gamma)
     figure = Figure(length, diameter, (column / 2, BELOW), inset)
     lines = folds.segments((-length, 0.0), (column + length, 2 * length))
-    origin = (-column / 2, CUBE / 2 + STAND - BELOW, 0.0)  # of the first parallelogram, which stays as it is
+    origin = (
+        -column / 2,
+        CUBE / 2 + STAND - BELOW,
+        0.0,
+    )  # of the first parallelogram, which stays as it is
     x, y, z = Rotation.from_matrix(folds.axes.T).as_rotvec()
     turn = (float(x), float(y), float(z))
     law = KAPTON_HN.law(thickness, residual=1e-4)
@@ -168,7 +181,9 @@ def build(
     for name, side in SIDES.items():
         outline = [*lines, figure.axis(side)]
         tube = gx.InflatableTube(
-            creased_tube(comm, figure.tube(side), outline, cell, lambda X: folds.lattice(X)[1], walls),
+            creased_tube(
+                comm, figure.tube(side), outline, cell, lambda X: folds.lattice(X)[1], walls
+            ),
             law,
             gas=NITROGEN,
             dead_volume=dead_volume,
@@ -181,19 +196,31 @@ def build(
             memory=0.5,
             name=name,
         )
-        valve = tube.inlet(source, lambda t: math.pi / 4 * bore**2 * min(0.05 + t / opening, 1.0) ** 2)
+        valve = tube.inlet(
+            source, lambda t: math.pi / 4 * bore**2 * min(0.05 + t / opening, 1.0) ** 2
+        )
         items += [tube, valve]
         tubes[side] = tube
     if inset:
         legs = figure.legs(tethers)
-        ends = [(film.port_at((*inner, 0.0)), tubes[side].film.port_at((*outer, 0.0))) for side, inner, outer in legs]
-        items.append(gx.RopeBundle(ends, [inset / math.cos(HALF)] * len(ends), stiffness=2e3, name="tethers"))
+        ends = [
+            (film.port_at((*inner, 0.0)), tubes[side].film.port_at((*outer, 0.0)))
+            for side, inner, outer in legs
+        ]
+        items.append(
+            gx.RopeBundle(ends, [inset / math.cos(HALF)] * len(ends), stiffness=2e3, name="tethers")
+        )
         items.append(gx.RigidRegion(film, "side 1", to=cube))
     else:
-        items += [gx.Tie(tubes[1].film, "side 4", film, "side 2"), gx.Tie(tubes[-1].film, "side 2", film, "side 4")]
+        items += [
+            gx.Tie(tubes[1].film, "side 4", film, "side 2"),
+            gx.Tie(tubes[-1].film, "side 2", film, "side 4"),
+        ]
     films = [film, *(tube.film for tube in tubes.values())]
     if damping:
-        items += [gx.Damping(body, stiffness=damping, name=f"{body.name} damping") for body in films]
+        items += [
+            gx.Damping(body, stiffness=damping, name=f"{body.name} damping") for body in films
+        ]
     box = gx.Box(centre=(0.0, 0.0, 0.0), sizes=(CUBE, CUBE, CUBE), on=cube, name="walls")
     touching = gx.Contact(*films, box, distance=contact)
     items.append(touching)
@@ -202,7 +229,10 @@ def build(
     for name, side in SIDES.items():
         tube = tubes[side]
         probes |= {f"{bag.name} [Pa]": gx.GasState(bag, "pressure") for bag in tube.chambers}
-        probes |= {f"{name} ring {i + 1} [mm2]": square_millimetres(gx.RingArea(r)) for i, r in enumerate(tube.rings)}
+        probes |= {
+            f"{name} ring {i + 1} [mm2]": square_millimetres(gx.RingArea(r))
+            for i, r in enumerate(tube.rings)
+        }
         tip = tube.film.port_at((*figure.axis(side)[1], 0.0))
         probes |= {f"{name} tip {axis} [m]": gx.Position(tip, axis) for axis in "xyz"}
     probes |= {f"spin {axis} [rad/s]": gx.AngularVelocity(cube.frame(), axis) for axis in "xyz"}
@@ -216,11 +246,17 @@ def build(
 
 def tips(series: gx.Series) -> dict[str, Array]:
     """Paths (n, 3) [m] of the tips of the tubes."""
-    return {name: np.column_stack([series[f"{name} tip {axis} [m]"] for axis in "xyz"]) for name in SIDES}
+    return {
+        name: np.column_stack([series[f"{name} tip {axis} [m]"] for axis in "xyz"])
+        for name in SIDES
+    }
 
 
 def main(
-    output: str | Path | None = None, until: float = 0.4, comm: MPI.Comm = MPI.COMM_WORLD, **given: object
+    output: str | Path | None = None,
+    until: float = 0.4,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    **given: object,
 ) -> dict[str, float]:
     """Deploy tubes and film; what `build` takes may be `given`.  With `output`, a folder: a recording and a picture.
 
@@ -239,7 +275,9 @@ def main(
     return {
         **books(run, series),
         "mass_error": abs(run.mass_error),
-        "angular_momentum_drift": relative_drift(run.totals.angular_momentum, run.first.angular_momentum, most),
+        "angular_momentum_drift": relative_drift(
+            run.totals.angular_momentum, run.first.angular_momentum, most
+        ),
         "span": float(np.linalg.norm(right[-1] - left[-1])),
         "reach": float((left[-1] + right[-1])[1] / 2 - CUBE / 2 - STAND),
         "spin": float(spin[-1]),
@@ -251,8 +289,12 @@ def main(
 def say(found: dict[str, float]) -> None:
     """What happened, in words."""
     pressures = ", ".join(f"{v:.0f} Pa" for k, v in found.items() if k.startswith("pressure"))
-    print(f"The tips are {found['span']:.2f} m apart and {found['reach']:.2f} m in front of the roots.")
-    print(f"The compartments of both tubes have {pressures}; the cube turns at {found['spin']:.2g} rad/s.")
+    print(
+        f"The tips are {found['span']:.2f} m apart and {found['reach']:.2f} m in front of the roots."
+    )
+    print(
+        f"The compartments of both tubes have {pressures}; the cube turns at {found['spin']:.2g} rad/s."
+    )
     say_books(found, "angular momentum", "angular_momentum_drift")
 
 

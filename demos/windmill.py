@@ -56,28 +56,41 @@ def main(
     axis = np.array([c, s, 0.0])
     attitude = np.column_stack([(0.0, 0.0, 1.0), np.cross(axis, (0.0, 0.0, 1.0)), axis])
     body = gx.RigidBody(
-        MASS, (INERTIA / 2, INERTIA / 2, INERTIA), attitude=attitude, spin=tuple(RPM * axis), comm=comm, name="sail"
+        MASS,
+        (INERTIA / 2, INERTIA / 2, INERTIA),
+        attitude=attitude,
+        spin=tuple(RPM * axis),
+        comm=comm,
+        name="sail",
     )
     light = gx.SolarPressure(body, orbit, surfaces=petals(pitch), name="sunlight")
     probes = {
         "spin": lambda run: float(run.totals.angular_momentum @ axis),
         "sun angle [rad]": gx.SunAngle(orbit, body.frame().directors[2]),
         "torque": lambda run: sum(
-            float(a) * gx.LoadResultant(orbit, "sunlight", "torque", x)(run) for a, x in zip(axis, "xyz", strict=True)
+            float(a) * gx.LoadResultant(orbit, "sunlight", "torque", x)(run)
+            for a, x in zip(axis, "xyz", strict=True)
         ),
     }
     series = gx.Series({name: probes[name] for name in ("sun angle [rad]", "torque")})
     outputs: list[Output] = [gx.Progress(), series]
     if output is not None:
-        drawn = {"torque about the axis [N m]": probes["torque"], "sun angle [rad]": probes["sun angle [rad]"]}
-        outputs.append(gx.FlightPicture(Path(output) / "windmill.png", orbit, drawn, title="Windmill torque"))
+        drawn = {
+            "torque about the axis [N m]": probes["torque"],
+            "sun angle [rad]": probes["sun angle [rad]"],
+        }
+        outputs.append(
+            gx.FlightPicture(Path(output) / "windmill.png", orbit, drawn, title="Windmill torque")
+        )
     run = gx.Simulation(gx.Scene(light), gx.Midpoint(dt=dt), outputs)
     frame = body.frame()
 
     def spin(system: object) -> float:
         from gossamer_fx.algebra.places import values_of
 
-        d, rate = (values_of(run.system, frame.directors[:2], q) for q in (run.system.q0, run.system.v0))
+        d, rate = (
+            values_of(run.system, frame.directors[:2], q) for q in (run.system.q0, run.system.v0)
+        )
         return float(rate[0] @ d[1])
 
     before = spin(run.system)

@@ -51,7 +51,8 @@ def wrinkles(film: gx.Membrane, search: gx.Equilibrium) -> Wrinkles:
     fields.update()
     x = search.system.q0.array_r.reshape(-1, 3)
     state, direction, strain2 = (
-        f.x.array.reshape(-1, f.function_space.dofmap.bs)[f.function_space.dofmap.list[:, 0]] for f in fields.functions
+        f.x.array.reshape(-1, f.function_space.dofmap.bs)[f.function_space.dofmap.list[:, 0]]
+        for f in fields.functions
     )
     return Wrinkles(x[film.space.dofmap.list], state[:, 0], direction, strain2[:, 0])
 
@@ -79,7 +80,10 @@ def draw(scenes: dict[str, list[Wrinkles]], path: Path) -> None:
 
     figure = Figure(figsize=(11, 5.3), dpi=100, facecolor="white", layout="constrained")
     canvas = FigureCanvasAgg(figure)
-    extents = [np.ptp(np.concatenate([p.corners.reshape(-1, 3) for p in parts]), axis=0) for parts in scenes.values()]
+    extents = [
+        np.ptp(np.concatenate([p.corners.reshape(-1, 3) for p in parts]), axis=0)
+        for parts in scenes.values()
+    ]
     panels = figure.subplots(1, len(scenes), width_ratios=[e[0] / e[1] for e in extents])
     for axes, (title, parts) in zip(panels, scenes.items(), strict=True):
         for part in parts:
@@ -104,14 +108,18 @@ def _draw_part(axes: Any, part: Wrinkles) -> None:
 
     flat = part.corners[:, :, :2]
     colours = [_pale(round(s)) for s in part.state]
-    axes.add_collection(PolyCollection(flat, facecolors=colours, edgecolors="white", linewidths=0.3))
+    axes.add_collection(
+        PolyCollection(flat, facecolors=colours, edgecolors="white", linewidths=0.3)
+    )
     shown = part.state == WRINKLED
     size = np.linalg.norm(flat - np.roll(flat, 1, axis=1), axis=2).mean(axis=1)
     centre, half = flat.mean(axis=1)[shown], 0.33 * (part.direction[:, :2] * size[:, None])[shown]
     shortening = -part.strain2[shown]
     bold = np.clip(shortening / np.percentile(shortening, 90), 0.1, 1.0)
     lines = np.stack([centre - half, centre + half], axis=1)
-    axes.add_collection(LineCollection(lines, colors=(0.30, 0.14, 0.0), linewidths=0.3 + 0.8 * bold))
+    axes.add_collection(
+        LineCollection(lines, colors=(0.30, 0.14, 0.0), linewidths=0.3 + 0.8 * bold)
+    )
 
 
 def _pale(state: int) -> tuple[float, ...]:

@@ -60,7 +60,11 @@ def spin_of(t: Array, cells: int) -> Array:
 
 
 def build(
-    comm: MPI.Comm, cells: int = 36, until: float | None = None, dt: float = 2e-4, largest: float = 1e-3
+    comm: MPI.Comm,
+    cells: int = 36,
+    until: float | None = None,
+    dt: float = 2e-4,
+    largest: float = 1e-3,
 ) -> gx.Case:
     """The hub and two cords of `cells` cells until the time `until` [s], at which they are all but unwound.
 
@@ -69,7 +73,9 @@ def build(
     R, length, step = wound(cells)
     I = inertia(cells)  # noqa: E741 (as in the formula)
     hub = gx.RigidBody(2 * I / RADIUS**2, (I / 2, I / 2, I), name="hub")
-    drum = gx.Cylinder(start=(0.0, 0.0, -0.02), end=(0.0, 0.0, 0.02), radius=RADIUS, on=hub, name="drum")
+    drum = gx.Cylinder(
+        start=(0.0, 0.0, -0.02), end=(0.0, 0.0, 0.02), radius=RADIUS, on=hub, name="drum"
+    )
     cords: list[gx.Cable] = []
     items: list[object] = [hub]
     for k in range(2):
@@ -89,13 +95,22 @@ def build(
         items.append(gx.Damping(cord, stiffness=DAMPING, name=f"damping {k + 1}"))
         cords.append(cord)
     contact = gx.Contact(
-        *cords, drum, distance=TOUCH, stiffness=PRESSING, radius=dict.fromkeys((c.name for c in cords), CORD)
+        *cords,
+        drum,
+        distance=TOUCH,
+        stiffness=PRESSING,
+        radius=dict.fromkeys((c.name for c in cords), CORD),
     )
     scene = gx.Scene(*items, contact, gx.RigidMotion(spin=(0.0, 0.0, SPIN)))  # type: ignore[arg-type]
-    probes = {"spin of the hub [rad/s]": gx.AngularVelocity(hub.frame(), "z"), "penetrations": gx.Penetrations(contact)}
+    probes = {
+        "spin of the hub [rad/s]": gx.AngularVelocity(hub.frame(), "z"),
+        "penetrations": gx.Penetrations(contact),
+    }
     whole = UNWOUND * math.pi / SPIN if until is None else until
     control = gx.StepControl(iterations=10, largest=largest)
-    return gx.Case(scene, gx.Midpoint(dt=dt), whole, TITLE, probes=probes, control=control, frames=60)
+    return gx.Case(
+        scene, gx.Midpoint(dt=dt), whole, TITLE, probes=probes, control=control, frames=60
+    )
 
 
 def main(

@@ -23,5 +23,9 @@ html_theme = "sphinx_book_theme"
 html_title = f"gossamer_fx {VERSION}"
 html_static_path = ["static"]
 html_css_files = ["site.css"]
-html_theme_options = {"use_download_button": False, "use_fullscreen_button": False, "show_toc_level": 2}
+html_theme_options = {
+    "use_download_button": False,
+    "use_fullscreen_button": False,
+    "show_toc_level": 2,
+}
 linkcheck_timeout = 20

@@ -80,7 +80,13 @@ def markdown(text: str) -> str:
                 i += 1
             while not block[-1].strip():
                 block.pop()
-            out += ["", "```text", *inspect.cleandoc("\n".join(["", *block])).splitlines(), "```", ""]
+            out += [
+                "",
+                "```text",
+                *inspect.cleandoc("\n".join(["", *block])).splitlines(),
+                "```",
+                "",
+            ]
         else:
             out.append(prose(line) if not line.startswith("|") else line)
             i += 1
@@ -105,7 +111,9 @@ def _entries(lines: list[str], i: int) -> tuple[int, list[str]]:
 def prose(line: str) -> str:
     """A line of text: what Markdown would take for its own is escaped, public names are linked."""
     words = re.split(r"(`[^`]*`)", line)
-    return "".join(_linked(w) if w.startswith("`") else re.sub(r"([*_<\\~#])", r"\\\1", w) for w in words)
+    return "".join(
+        _linked(w) if w.startswith("`") else re.sub(r"([*_<\\~#])", r"\\\1", w) for w in words
+    )
 
 
 def _linked(code: str) -> str:
@@ -120,7 +128,10 @@ def public_names() -> list[str]:
     """Names of the package, and of its rooms that are public, e.g. fold.zigzag."""
     rooms = gossamer_fx._ROOMS
     own = [name for name in gossamer_fx.__all__ if name not in rooms]
-    return [*own, *(f"{room}.{name}" for room in rooms for name in getattr(gossamer_fx, room).__all__)]
+    return [
+        *own,
+        *(f"{room}.{name}" for room in rooms for name in getattr(gossamer_fx, room).__all__),
+    ]
 
 
 def thing(name: str) -> Any:
@@ -153,8 +164,14 @@ def signature(thing: Any, bound: bool = False) -> str:
         found = inspect.signature(thing)
     except (TypeError, ValueError):
         return "()"
-    parameters = [p for i, p in enumerate(found.parameters.values()) if not (bound and i == 0 and p.name == "self")]
-    shown = [p.replace(default=_Shown(p.default)) if p.default is not p.empty else p for p in parameters]
+    parameters = [
+        p
+        for i, p in enumerate(found.parameters.values())
+        if not (bound and i == 0 and p.name == "self")
+    ]
+    shown = [
+        p.replace(default=_Shown(p.default)) if p.default is not p.empty else p for p in parameters
+    ]
     return str(found.replace(parameters=shown)).replace("'", "")
 
 
@@ -215,7 +232,9 @@ def reference() -> dict[str, str]:
     pages, rows = {}, []
     for room in order:
         title = ROOMS.get(room, room.capitalize())
-        pages[f"reference_{room}"] = f"# {title}\n\n" + "\n".join(entry(name) for name in rooms[room])
+        pages[f"reference_{room}"] = f"# {title}\n\n" + "\n".join(
+            entry(name) for name in rooms[room]
+        )
         links = ", ".join(f"{{py:obj}}`{name} <gossamer_fx.{name}>`" for name in rooms[room])
         rows.append(f"| [{title}](reference_{room}.md) | {links} |")
     toc = "\n".join(f"reference_{room}" for room in order)
@@ -223,7 +242,9 @@ def reference() -> dict[str, str]:
         "# Every public name\n\n"
         "Names of `import gossamer_fx as gx`. SI units and radians throughout; a group is the name of a physical group "
         "of the mesh.\n\n"
-        "| what | names |\n|---|---|\n" + "\n".join(rows) + f"\n\n```{{toctree}}\n:hidden:\n\n{toc}\n```\n"
+        "| what | names |\n|---|---|\n"
+        + "\n".join(rows)
+        + f"\n\n```{{toctree}}\n:hidden:\n\n{toc}\n```\n"
     )
     return pages
 
@@ -242,7 +263,9 @@ def demos() -> list[tuple[str, str, str]]:
 
 def gallery() -> str:
     """Each demo: what it shows, its picture, its commands."""
-    parts = ["# Gallery\n\nMade from the files in `demos`; the commands at the end of each run it.\n"]
+    parts = [
+        "# Gallery\n\nMade from the files in `demos`; the commands at the end of each run it.\n"
+    ]
     for name, title, text in demos():
         parts.append(f"## {name.replace('_', ' ').capitalize()}\n\n{prose(title)}\n")
         if (ROOT / "demos" / f"{name}.png").exists():
@@ -256,13 +279,17 @@ def options() -> str:
     """Help texts as the programs print them."""
     from gossamer_fx.cli.command import _parser
 
-    launcher = re.search(r"<<'TEXT'\n(.*?)TEXT", (ROOT / "gossamer").read_text(encoding="utf-8"), re.DOTALL)
+    launcher = re.search(
+        r"<<'TEXT'\n(.*?)TEXT", (ROOT / "gossamer").read_text(encoding="utf-8"), re.DOTALL
+    )
     parts = [
         "# Commands and their options\n\nThe launcher, in a clone:\n",
         f"```text\n{launcher[1] if launcher else ''}```\n",
     ]
     parser: Any = _parser()
-    parts.append("An installed package has the command `gossamer` with `run`, `plot` and `report`.\n")
+    parts.append(
+        "An installed package has the command `gossamer` with `run`, `plot` and `report`.\n"
+    )
     for name, sub in parser._subparsers._group_actions[0].choices.items():
         sub.prog = f"gossamer {name}"
         parts.append(f"## {name}\n\n```text\n{sub.format_help()}```\n")
@@ -283,7 +310,9 @@ def presets() -> str:
                 f"| `films.{name}` | {film.E / 1e9:g} | {film.nu:g} | {film.density:g} | {prose(film.source)} |"
             )
     parts.append(
-        "\n## Gases\n\n" + markdown(inspect.getdoc(gases) or "") + "\n\n| name | γ | R [J/(kg K)] |\n|---|---|---|"
+        "\n## Gases\n\n"
+        + markdown(inspect.getdoc(gases) or "")
+        + "\n\n| name | γ | R [J/(kg K)] |\n|---|---|---|"
     )
     for name, gas in vars(gases).items():
         if isinstance(gas, IdealGas):

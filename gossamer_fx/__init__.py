@@ -210,7 +210,14 @@ _HOME = {
     "connectors.crease": ["Crease"],
     "constraints.driven": ["Driven"],
     "constraints.fixed": ["Fixed", "Prescribed"],
-    "constraints.joint": ["BallJoint", "CylindricalJoint", "FixedJoint", "Link", "PrismaticJoint", "RevoluteJoint"],
+    "constraints.joint": [
+        "BallJoint",
+        "CylindricalJoint",
+        "FixedJoint",
+        "Link",
+        "PrismaticJoint",
+        "RevoluteJoint",
+    ],
     "constraints.rigid_region": ["RigidRegion"],
     "connectors.rope_bundle": ["RopeBundle"],
     "connectors.spring": ["AxialSpring", "Damper", "Rope", "Spring", "Stop"],
@@ -285,7 +292,13 @@ _HOME = {
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 _ROOMS = ["fold"]  # whose names are asked of them: gx.fold.zigzag
 __all__ = sorted([*_MODULE, *_ROOMS])
-_FOUND = {"dolfinx", "basix", "ufl", "petsc4py", "mpi4py"}  # not installed with this package, but found
+_FOUND = {
+    "dolfinx",
+    "basix",
+    "ufl",
+    "petsc4py",
+    "mpi4py",
+}  # not installed with this package, but found
 
 _watch_uncaught_errors()
 

@@ -31,9 +31,13 @@ def film(comm: MPI.Comm, cells: int, side: float) -> Mesh:
         outer = round(cells / 3) / cells if cells > 2 else 0.5
         lines = side * (np.interp(np.arange(cells + 1) / cells, *_thirds(outer)) - 0.5)
         centres = (lines[1:] + lines[:-1]) / 2
-        xy = np.vstack([np.array(np.meshgrid(s, s, indexing="ij")).reshape(2, -1).T for s in (lines, centres)])
+        xy = np.vstack(
+            [np.array(np.meshgrid(s, s, indexing="ij")).reshape(2, -1).T for s in (lines, centres)]
+        )
         i, j = (k.ravel() for k in np.meshgrid(*[np.arange(cells)] * 2, indexing="ij"))
-        corners = np.array([(i + a) * (cells + 1) + j + b for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))])
+        corners = np.array(
+            [(i + a) * (cells + 1) + j + b for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))]
+        )
         centre = (cells + 1) ** 2 + i * cells + j
         triangles = np.array([[corners[k], corners[(k + 1) % 4], centre] for k in range(4)])
         surface = model.addDiscreteEntity(2)

@@ -37,9 +37,13 @@ def mesh_of_arrays(comm: MPI.Comm, arrays: Callable[[], tuple[Points, Numbers, G
     return gmsh_mesh(build, comm)
 
 
-def joined(points: Points, triangles: Numbers, tolerance: float = 1e-9) -> tuple[Points, Numbers, Numbers]:
+def joined(
+    points: Points, triangles: Numbers, tolerance: float = 1e-9
+) -> tuple[Points, Numbers, Numbers]:
     """Points in one place made one; and where each of the points went."""
-    _, first, where = np.unique(np.rint(points / tolerance), axis=0, return_index=True, return_inverse=True)
+    _, first, where = np.unique(
+        np.rint(points / tolerance), axis=0, return_index=True, return_inverse=True
+    )
     return points[first], where.ravel()[triangles], where.ravel()
 
 

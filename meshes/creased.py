@@ -66,7 +66,9 @@ def creased_tube(
         row = rows(points)
         walled = np.abs(row[:, None] - np.asarray(walls)) < ON
         which = np.searchsorted(np.asarray(walls), row[triangles].mean(axis=1))
-        sides = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+        sides = np.unique(
+            np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0
+        )
         everything = np.vstack([points, points[~on_rim]])
         names: dict[str, list[int]] = {}
         first = True
@@ -87,7 +89,9 @@ def creased_tube(
     return gmsh_mesh(build, comm)
 
 
-def _triangulated(model: Any, corners: Corners, lines: Segments, size: Sequence[float]) -> tuple[Points, Numbers]:
+def _triangulated(
+    model: Any, corners: Corners, lines: Segments, size: Sequence[float]
+) -> tuple[Points, Numbers]:
     """Points (n, 3) and triangles (m, 3) of the polygon, with edges along the lines."""
     current = model.getCurrent()
     model.add("outline")
@@ -129,7 +133,11 @@ def _opened(points: Points, triangles: Numbers, on_rim: Any, lines: Segments) ->
     for t in np.flatnonzero(on_rim[triangles].all(axis=1)):
         for k in range(3):
             c, p, q = np.roll(triangles[t], -k)
-            others = [s for s in np.flatnonzero((triangles == p).any(axis=1) & (triangles == q).any(axis=1)) if s != t]
+            others = [
+                s
+                for s in np.flatnonzero((triangles == p).any(axis=1) & (triangles == q).any(axis=1))
+                if s != t
+            ]
             if not others or _on_a_line(points[[p, q]], lines):
                 continue
             r = int(np.setdiff1d(triangles[others[0]], [p, q])[0])
@@ -138,7 +146,9 @@ def _opened(points: Points, triangles: Numbers, on_rim: Any, lines: Segments) ->
                 break
         else:
             x, y, _ = points[triangles[t]].mean(axis=0)
-            raise ValueError(f"a triangle at ({x:.4g}, {y:.4g}) m has all its nodes on the rim; mesh finer")
+            raise ValueError(
+                f"a triangle at ({x:.4g}, {y:.4g}) m has all its nodes on the rim; mesh finer"
+            )
     return triangles
 
 

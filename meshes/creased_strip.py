@@ -23,12 +23,16 @@ def creased_strip(comm: MPI.Comm, nx: int, ny: int, length: float, width: float)
         film = model.addDiscreteEntity(2)
         points = np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)])
         model.mesh.addNodes(2, film, range(1, x.size + 1), points.ravel())
-        triangles = np.concatenate([np.stack(corners, axis=-1).reshape(-1, 3) for corners in ((a, b, c), (a, c, d))])
+        triangles = np.concatenate(
+            [np.stack(corners, axis=-1).reshape(-1, 3) for corners in ((a, b, c), (a, c, d))]
+        )
         model.mesh.addElementsByType(film, 2, [], triangles.ravel())
         model.addPhysicalGroup(2, [film], name="film")
         for name, line in (("left", ids[:, 0]), ("crease", ids[:, nx]), ("right", ids[:, -1])):
             edge = model.addDiscreteEntity(1)
-            model.mesh.addElementsByType(edge, 1, [], np.column_stack([line[:-1], line[1:]]).ravel())
+            model.mesh.addElementsByType(
+                edge, 1, [], np.column_stack([line[:-1], line[1:]]).ravel()
+            )
             model.addPhysicalGroup(1, [edge], name=name)
 
     return gmsh_mesh(build, comm)

@@ -23,7 +23,11 @@ def quarter_disc(comm: MPI.Comm, cells: int, radius: float = 1.0, order: int = 1
         centre, px, py = geo.addPoint(0, 0, 0), geo.addPoint(a, 0, 0), geo.addPoint(0, a, 0)
         d = a / 2**0.5
         pd = geo.addPoint(d, d, 0)
-        mx, my, md = geo.addPoint(a / 2, 0, 0), geo.addPoint(0, a / 2, 0), geo.addPoint(0.41 * a, 0.41 * a, 0)
+        mx, my, md = (
+            geo.addPoint(a / 2, 0, 0),
+            geo.addPoint(0, a / 2, 0),
+            geo.addPoint(0.41 * a, 0.41 * a, 0),
+        )
         inner_x, outer_x = geo.addLine(centre, mx), geo.addLine(mx, px)
         inner_y, outer_y = geo.addLine(centre, my), geo.addLine(my, py)
         to_x, to_y, spoke = geo.addLine(mx, md), geo.addLine(my, md), geo.addLine(md, pd)
@@ -51,7 +55,9 @@ def quarter_disc(comm: MPI.Comm, cells: int, radius: float = 1.0, order: int = 1
     return gmsh_mesh(build, comm)
 
 
-def ring(comm: MPI.Comm, inner: float, outer: float, radial: int, around: int, order: int = 1) -> Mesh:
+def ring(
+    comm: MPI.Comm, inner: float, outer: float, radial: int, around: int, order: int = 1
+) -> Mesh:
     """A flat ring about the origin between two radii [m], `radial` cells across and 4·round(around/4) around.
 
     Groups: "film", "hub" (the inner circle), "rim".
@@ -64,11 +70,18 @@ def ring(comm: MPI.Comm, inner: float, outer: float, radial: int, around: int, o
         circles = []
         for r in (inner, outer):
             points = [geo.addPoint(r * x, r * y, 0) for x, y in axes]
-            circles.append((points, [geo.addCircleArc(points[i], centre, points[(i + 1) % 4]) for i in range(4)]))
+            circles.append(
+                (
+                    points,
+                    [geo.addCircleArc(points[i], centre, points[(i + 1) % 4]) for i in range(4)],
+                )
+            )
         (hub_points, hub), (rim_points, rim) = circles
         spokes = [geo.addLine(p, q) for p, q in zip(hub_points, rim_points, strict=True)]
         surfaces = [
-            geo.addPlaneSurface([geo.addCurveLoop([spokes[i], rim[i], -spokes[(i + 1) % 4], -hub[i]])])
+            geo.addPlaneSurface(
+                [geo.addCurveLoop([spokes[i], rim[i], -spokes[(i + 1) % 4], -hub[i]])]
+            )
             for i in range(4)
         ]
         for arc in hub + rim:

@@ -11,7 +11,10 @@ from gossamer_fx import Mesh, gmsh_mesh
 
 
 def line(
-    comm: MPI.Comm, points: Sequence[Sequence[float]], elements: int | Sequence[int], closed: bool = False
+    comm: MPI.Comm,
+    points: Sequence[Sequence[float]],
+    elements: int | Sequence[int],
+    closed: bool = False,
 ) -> Mesh:
     """Straight segments through `points` [m], each divided into `elements` (one number, or one for each segment).
 

@@ -16,7 +16,9 @@ Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
 
-def irregular_sheet(comm: MPI.Comm, nx: int, ny: int, width: float, height: float, seed: int = 1) -> Mesh:
+def irregular_sheet(
+    comm: MPI.Comm, nx: int, ny: int, width: float, height: float, seed: int = 1
+) -> Mesh:
     """[0, width] × [0, height] in about nx × ny cells of two triangles, with displaced nodes and random diagonals.
 
     Groups: "film"; the edges "bottom", "right", "top", "left"; "middle", a line of interior edges if nx is even.
@@ -33,7 +35,9 @@ def irregular_sheet(comm: MPI.Comm, nx: int, ny: int, width: float, height: floa
     return _mesh(comm, points.reshape(-1, 3), _triangles(ids, random.random((nx, ny)) < 0.5), lines)
 
 
-def leaning_sheet(comm: MPI.Comm, nx: int, ny: int, width: float, height: float, ramp: float) -> Mesh:
+def leaning_sheet(
+    comm: MPI.Comm, nx: int, ny: int, width: float, height: float, ramp: float
+) -> Mesh:
     """[0, width] × [0, height] in nx × ny cells whose long sides lie at 45°, along the wrinkles of a sheared film.
 
     Towards both ends, within `ramp` [m] (more than half of the height), they turn upright.
@@ -45,7 +49,9 @@ def leaning_sheet(comm: MPI.Comm, nx: int, ny: int, width: float, height: float,
     points = np.stack([x + lean * (y - height / 2), y, 0 * x], axis=-1)
     ids = _ids(nx, ny)
     lines = {"bottom": ids[:, 0], "right": ids[-1], "top": ids[:, -1], "left": ids[0]}
-    return _mesh(comm, points.reshape(-1, 3), _triangles(ids, np.zeros((nx, ny), dtype=bool)), lines)
+    return _mesh(
+        comm, points.reshape(-1, 3), _triangles(ids, np.zeros((nx, ny), dtype=bool)), lines
+    )
 
 
 def slit_ring(comm: MPI.Comm, radial: int, around: int, inner: float, outer: float) -> Mesh:
@@ -58,7 +64,9 @@ def slit_ring(comm: MPI.Comm, radial: int, around: int, inner: float, outer: flo
     r, angle = inner + (outer - inner) * u, 2 * np.pi * v
     points = np.stack([r * np.cos(angle), r * np.sin(angle), 0 * r], axis=-1)
     ids = _ids(radial, around)
-    return _mesh(comm, points.reshape(-1, 3), _triangles(ids, odd), {"start": ids[:, 0], "end": ids[:, -1]})
+    return _mesh(
+        comm, points.reshape(-1, 3), _triangles(ids, odd), {"start": ids[:, 0], "end": ids[:, -1]}
+    )
 
 
 def free_slit_ring(comm: MPI.Comm, size: float, inner: float, outer: float) -> Mesh:
@@ -69,8 +77,12 @@ def free_slit_ring(comm: MPI.Comm, size: float, inner: float, outer: float) -> M
 
         geo, thirds = model.geo, [2 * np.pi * k / 3 for k in range(4)]
         centre = geo.addPoint(0, 0, 0)
-        inside, outside = ([geo.addPoint(r * np.cos(a), r * np.sin(a), 0) for a in thirds] for r in (inner, outer))
-        arcs = [[geo.addCircleArc(p, centre, q) for p, q in pairwise(row)] for row in (inside, outside)]
+        inside, outside = (
+            [geo.addPoint(r * np.cos(a), r * np.sin(a), 0) for a in thirds] for r in (inner, outer)
+        )
+        arcs = [
+            [geo.addCircleArc(p, centre, q) for p, q in pairwise(row)] for row in (inside, outside)
+        ]
         start, end = (geo.addLine(inside[k], outside[k]) for k in (0, 3))
         loop = geo.addCurveLoop([start, *arcs[1], -end, *(-arc for arc in reversed(arcs[0]))])
         surface = geo.addPlaneSurface([loop])
@@ -97,7 +109,11 @@ def whole_disc(comm: MPI.Comm, cells: int, radius: float = 1.0) -> Mesh:
     for k in range(1, cells + 1):
         inner, outer = rings[k - 1], rings[k]
         for sector in range(6):
-            i = inner[(sector * (k - 1) + np.arange(k)) % len(inner)] if k > 1 else np.repeat(inner, 1)
+            i = (
+                inner[(sector * (k - 1) + np.arange(k)) % len(inner)]
+                if k > 1
+                else np.repeat(inner, 1)
+            )
             o = outer[(sector * k + np.arange(k + 1)) % len(outer)]
             triangles += [(o[j], o[j + 1], i[j]) for j in range(k)]
             triangles += [(i[j], o[j + 1], i[j + 1]) for j in range(k - 1)]
@@ -122,7 +138,11 @@ def _triangles(ids: Integers, other: npt.NDArray[np.bool_]) -> Integers:
     """Two triangles of each cell, its diagonal the other one where asked for."""
     a, b, c, d = ids[:-1, :-1], ids[1:, :-1], ids[1:, 1:], ids[:-1, 1:]
     sets = ((a, b, c), (a, c, d)), ((a, b, d), (b, c, d))
-    found = [np.stack(t, -1)[chosen] for chosen, pair in zip((~other, other), sets, strict=True) for t in pair]
+    found = [
+        np.stack(t, -1)[chosen]
+        for chosen, pair in zip((~other, other), sets, strict=True)
+        for t in pair
+    ]
     return np.concatenate(found)
 
 

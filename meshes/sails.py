@@ -11,7 +11,9 @@ from gossamer_fx import Mesh
 from meshes.arrays import Groups, Numbers, Points, joined, mesh_of_arrays, rim
 
 
-def parallelograms(comm: MPI.Comm, a: float, b: float, gamma: float, columns: int, rows: int, cells: int) -> Mesh:
+def parallelograms(
+    comm: MPI.Comm, a: float, b: float, gamma: float, columns: int, rows: int, cells: int
+) -> Mesh:
     """The flat sheet of Miura's fold: columns × rows parallelograms with sides a and b [m], each of cells × cells.
 
     Parallelogram (i, j) begins at x = i b sin γ; y of its corners rises by b cos γ in even columns and falls in odd
@@ -19,24 +21,35 @@ def parallelograms(comm: MPI.Comm, a: float, b: float, gamma: float, columns: in
     """
 
     def arrays() -> tuple[Points, Numbers, Groups]:
-        u, v = np.meshgrid(np.arange(columns * cells + 1) / cells, np.arange(rows * cells + 1) / cells)
+        u, v = np.meshgrid(
+            np.arange(columns * cells + 1) / cells, np.arange(rows * cells + 1) / cells
+        )
         wave = 1 - np.abs(np.remainder(u, 2) - 1)
-        points = np.stack([u * b * math.sin(gamma), v * a + b * math.cos(gamma) * wave, 0 * u], axis=-1).reshape(-1, 3)
+        points = np.stack(
+            [u * b * math.sin(gamma), v * a + b * math.cos(gamma) * wave, 0 * u], axis=-1
+        ).reshape(-1, 3)
         ids = np.arange(u.size).reshape(u.shape)
         p, q, r, s = ids[:-1, :-1], ids[:-1, 1:], ids[1:, 1:], ids[1:, :-1]
         rising = (np.arange(columns * cells) // cells % 2 == 0)[None, :, None]
         first = np.where(rising, np.stack([p, q, s], axis=-1), np.stack([p, q, r], axis=-1))
         second = np.where(rising, np.stack([q, r, s], axis=-1), np.stack([p, r, s], axis=-1))
         sides = {
-            name: np.column_stack([line[:-1], line[1:]]) for name, line in (("left", ids[:, 0]), ("right", ids[:, -1]))
+            name: np.column_stack([line[:-1], line[1:]])
+            for name, line in (("left", ids[:, 0]), ("right", ids[:, -1]))
         }
         corners = {"bottom left": ids[0, :1], "top right": ids[-1, -1:]}
-        return points, np.concatenate([first.reshape(-1, 3), second.reshape(-1, 3)]), sides | corners
+        return (
+            points,
+            np.concatenate([first.reshape(-1, 3), second.reshape(-1, 3)]),
+            sides | corners,
+        )
 
     return mesh_of_arrays(comm, arrays)
 
 
-def trapezoids(comm: MPI.Comm, n: int, inner: int, outer: int, pitch: float, refine: int = 1) -> Mesh:
+def trapezoids(
+    comm: MPI.Comm, n: int, inner: int, outer: int, pitch: float, refine: int = 1
+) -> Mesh:
     """n trapezoids between rows `inner` and `outer`, `pitch` [m] apart, joined along their seams; n = 4: a square.
 
     Row j is j pitch from the centre, its nodes at i tan(π/n) pitch, |i| ≤ j: rows, columns and seams are edges; cells
@@ -55,11 +68,18 @@ def trapezoids(comm: MPI.Comm, n: int, inner: int, outer: int, pitch: float, ref
                         cells.append(triangle)
         grid = np.array(cells).reshape(-1, 2) @ np.array([[slope * h, 0.0], [0.0, -h]])
         places = [_turned(grid, 2 * math.pi * k / n) for k in range(n)]
-        points, triangles, _ = joined(np.vstack(places), np.arange(n * len(grid)).reshape(-1, 3), 1e-6 * h)
+        points, triangles, _ = joined(
+            np.vstack(places), np.arange(n * len(grid)).reshape(-1, 3), 1e-6 * h
+        )
         edges = rim(triangles)
         far = _apothem(points[edges].mean(axis=1), n) > (inner + outer) / 2 * pitch
         corner = math.pi * (2 * np.arange(n) + 1) / n - math.pi / 2
-        tips = np.column_stack([np.cos(corner), np.sin(corner), 0 * corner]) * outer * pitch / math.cos(math.pi / n)
+        tips = (
+            np.column_stack([np.cos(corner), np.sin(corner), 0 * corner])
+            * outer
+            * pitch
+            / math.cos(math.pi / n)
+        )
         named = {f"tip {k}": _nearest(points, tip) for k, tip in enumerate(tips)}
         return points, triangles, {"inner": edges[~far], "outer": edges[far]} | named
 
@@ -91,7 +111,9 @@ def pinwheel(comm: MPI.Comm, n: int, side: float, columns: int, reach: int) -> M
         sector = np.vstack([half, mirrored]) + corner
         tip = np.array([[reach * h, reach * h * slope]]) + corner
         places = [_turned(sector, step * k) for k in range(n)]
-        points, triangles, _ = joined(np.vstack(places), np.arange(n * len(sector)).reshape(-1, 3), 1e-6 * h)
+        points, triangles, _ = joined(
+            np.vstack(places), np.arange(n * len(sector)).reshape(-1, 3), 1e-6 * h
+        )
         edges = rim(triangles)
         near = np.linalg.norm(points[edges].mean(axis=1), axis=1) < side / 2 / math.sin(step / 2)
         named = {f"tip {k}": _nearest(points, _turned(tip, step * k)[0]) for k in range(n)}

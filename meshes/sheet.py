@@ -30,7 +30,9 @@ def sheet(
 
     def build(model: Any) -> None:
         geo = model.geo
-        points = [geo.addPoint(x, y, 0) for x, y in ((0, 0), (width, 0), (width, height), (0, height))]
+        points = [
+            geo.addPoint(x, y, 0) for x, y in ((0, 0), (width, 0), (width, height), (0, height))
+        ]
         lines = [geo.addLine(points[i], points[(i + 1) % 4]) for i in range(4)]
         surface = geo.addPlaneSurface([geo.addCurveLoop(lines)])
         for line, n in zip(lines, (nx, ny, nx, ny), strict=True):
@@ -47,7 +49,9 @@ def sheet(
     return gmsh_mesh(build, comm)
 
 
-def crossed_sheet(comm: MPI.Comm, nx: int, ny: int, width: float = 1.0, height: float = 1.0) -> Mesh:
+def crossed_sheet(
+    comm: MPI.Comm, nx: int, ny: int, width: float = 1.0, height: float = 1.0
+) -> Mesh:
     """nx × ny cells, each of the four triangles between its corners and its centre; domain and groups as of `sheet`.
 
     The pattern has the symmetries of the cells, and no triangle has all its nodes on the edges.
@@ -55,7 +59,9 @@ def crossed_sheet(comm: MPI.Comm, nx: int, ny: int, width: float = 1.0, height: 
 
     def build(model: Any) -> None:
         x, y = np.meshgrid(np.linspace(0, width, nx + 1), np.linspace(0, height, ny + 1))
-        mx, my = np.meshgrid((np.arange(nx) + 0.5) * width / nx, (np.arange(ny) + 0.5) * height / ny)
+        mx, my = np.meshgrid(
+            (np.arange(nx) + 0.5) * width / nx, (np.arange(ny) + 0.5) * height / ny
+        )
         points = np.column_stack([np.append(x, mx), np.append(y, my), np.zeros(x.size + mx.size)])
         grid = np.arange(1, x.size + 1).reshape(x.shape)
         centres = np.arange(x.size + 1, len(points) + 1).reshape(mx.shape)
@@ -67,9 +73,13 @@ def crossed_sheet(comm: MPI.Comm, nx: int, ny: int, width: float = 1.0, height: 
         model.addPhysicalGroup(2, [film], name="film")
         for name, nodes in zip(EDGES, (grid[0], grid[:, -1], grid[-1], grid[:, 0]), strict=True):
             edge = model.addDiscreteEntity(1)
-            model.mesh.addElementsByType(edge, 1, [], np.column_stack([nodes[:-1], nodes[1:]]).ravel())
+            model.mesh.addElementsByType(
+                edge, 1, [], np.column_stack([nodes[:-1], nodes[1:]]).ravel()
+            )
             model.addPhysicalGroup(1, [edge], name=name)
-        for name, node in zip(CORNERS, (grid[0, 0], grid[0, -1], grid[-1, -1], grid[-1, 0]), strict=True):
+        for name, node in zip(
+            CORNERS, (grid[0, 0], grid[0, -1], grid[-1, -1], grid[-1, 0]), strict=True
+        ):
             corner = model.addDiscreteEntity(0)
             model.mesh.addElementsByType(corner, 15, [], [node])
             model.addPhysicalGroup(0, [corner], name=name)

@@ -24,8 +24,14 @@ def sphere(comm: MPI.Comm, radius: float, cells: int, order: int = 1) -> Mesh:
         model.occ.addSphere(0, 0, 0, radius)
         model.occ.synchronize()
         model.addPhysicalGroup(2, [tag for _, tag in model.getEntities(2)], name="film")
-        for option, value in (("MeshSizeMin", 1.0), ("MeshSizeMax", 1.0), ("MeshSizeExtendFromBoundary", 0)):
-            gmsh.option.setNumber(f"Mesh.{option}", value * 2 * math.pi * radius / cells if value else 0)
+        for option, value in (
+            ("MeshSizeMin", 1.0),
+            ("MeshSizeMax", 1.0),
+            ("MeshSizeExtendFromBoundary", 0),
+        ):
+            gmsh.option.setNumber(
+                f"Mesh.{option}", value * 2 * math.pi * radius / cells if value else 0
+            )
         model.mesh.generate(2)
         model.mesh.setOrder(order)
 

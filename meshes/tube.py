@@ -11,7 +11,9 @@ from mpi4py import MPI
 from gossamer_fx import Mesh, gmsh_mesh
 
 
-def flat_tube(comm: MPI.Comm, length: float, diameter: float, cells: int, compartments: int = 1) -> Mesh:
+def flat_tube(
+    comm: MPI.Comm, length: float, diameter: float, cells: int, compartments: int = 1
+) -> Mesh:
     """A closed tube of `length` and `diameter` [m], pressed flat into z = 0, with `cells` edges of triangles across.
 
     The film of a cylinder is flat when it is unrolled, so the two strips of width π d/2 are stress-free; the ends are
@@ -32,18 +34,25 @@ def flat_tube(comm: MPI.Comm, length: float, diameter: float, cells: int, compar
         size = width / across
         stations = range(compartments + 1)
         right, left = (
-            [geo.addPoint(length * i / compartments, y, 0, size) for i in stations] for y in (-width / 2, width / 2)
+            [geo.addPoint(length * i / compartments, y, 0, size) for i in stations]
+            for y in (-width / 2, width / 2)
         )
-        right_lines, left_lines = ([geo.addLine(a, b) for a, b in pairwise(side)] for side in (right, left))
+        right_lines, left_lines = (
+            [geo.addLine(a, b) for a, b in pairwise(side)] for side in (right, left)
+        )
         ends = {0, compartments}
         top_lines = [geo.addLine(right[i], left[i]) for i in stations]
-        bottom_lines = [top_lines[i] if i in ends else geo.addLine(right[i], left[i]) for i in stations]
+        bottom_lines = [
+            top_lines[i] if i in ends else geo.addLine(right[i], left[i]) for i in stations
+        ]
         strips: list[list[int]] = []
         for cross_lines in (top_lines, bottom_lines):
             for line in cross_lines:
                 geo.mesh.setTransfiniteCurve(line, across + 1)
             loops = [
-                geo.addCurveLoop([right_lines[i], cross_lines[i + 1], -left_lines[i], -cross_lines[i]])
+                geo.addCurveLoop(
+                    [right_lines[i], cross_lines[i + 1], -left_lines[i], -cross_lines[i]]
+                )
                 for i in range(compartments)
             ]
             strips.append([geo.addPlaneSurface([loop]) for loop in loops])
@@ -59,7 +68,12 @@ def flat_tube(comm: MPI.Comm, length: float, diameter: float, cells: int, compar
                 model.addPhysicalGroup(2, list(pair), name=f"compartment {i + 1}")
             for i in range(1, compartments):
                 model.addPhysicalGroup(1, [top_lines[i], bottom_lines[i]], name=f"ring {i}")
-        seams = {"right": right_lines, "tip": top_lines[-1:], "left": left_lines, "inlet": top_lines[:1]}
+        seams = {
+            "right": right_lines,
+            "tip": top_lines[-1:],
+            "left": left_lines,
+            "inlet": top_lines[:1],
+        }
         for name, lines in seams.items():
             model.addPhysicalGroup(1, lines, name=name)
         model.addPhysicalGroup(0, right[-1:], name="tip right")

@@ -10,13 +10,21 @@ from mpi4py import MPI
 from gossamer_fx import Mesh, gmsh_mesh
 
 
-def capped_cylinder(comm: MPI.Comm, radius: float, length: float, around: int, along: int, order: int = 1) -> Mesh:
+def capped_cylinder(
+    comm: MPI.Comm, radius: float, length: float, around: int, along: int, order: int = 1
+) -> Mesh:
     """`cylinder` with its caps, group "caps"."""
     return cylinder(comm, radius, length, around, along, order, capped=True)
 
 
 def cylinder(
-    comm: MPI.Comm, radius: float, length: float, around: int, along: int, order: int = 1, capped: bool = False
+    comm: MPI.Comm,
+    radius: float,
+    length: float,
+    around: int,
+    along: int,
+    order: int = 1,
+    capped: bool = False,
 ) -> Mesh:
     """A cylinder about the x axis from x = 0 to `length` [m], with 4·round(around/4) edges around, `along` along it.
 
@@ -41,7 +49,9 @@ def cylinder(
             arcs.append([geo.addCircleArc(ring[i], centre, ring[(i + 1) % 4]) for i in range(4)])
         lines = [geo.addLine(p, q) for p, q in zip(*points, strict=True)]
         walls = [
-            geo.addSurfaceFilling([geo.addCurveLoop([arcs[0][i], lines[(i + 1) % 4], -arcs[1][i], -lines[i]])])
+            geo.addSurfaceFilling(
+                [geo.addCurveLoop([arcs[0][i], lines[(i + 1) % 4], -arcs[1][i], -lines[i]])]
+            )
             for i in range(4)
         ]
         caps = [geo.addPlaneSurface([geo.addCurveLoop(ring)]) for ring in arcs] if capped else []
@@ -57,7 +67,9 @@ def cylinder(
             model.addPhysicalGroup(2, caps, name="caps")
         model.addPhysicalGroup(1, arcs[0], name="first rim")
         model.addPhysicalGroup(1, arcs[1], name="last rim")
-        for name, line, point in zip(("top", "left", "bottom", "right"), lines, points[0], strict=True):
+        for name, line, point in zip(
+            ("top", "left", "bottom", "right"), lines, points[0], strict=True
+        ):
             model.addPhysicalGroup(1, [line], name=name)
             model.addPhysicalGroup(0, [point], name=f"first {name}")
         size = 2 * math.pi * radius / (4 * quarter)

@@ -23,15 +23,21 @@ import pytest
 from mpi4py import MPI
 
 PATIENCE = 60.0  # s that a failed rank waits for the others
-TALK = MPI.COMM_WORLD.Dup()  # what is left of a test that stopped half-way is not mistaken for one of our messages
+TALK = (
+    MPI.COMM_WORLD.Dup()
+)  # what is left of a test that stopped half-way is not mistaken for one of our messages
 
 _TESTS = itertools.count(1)
 
-if "PYTEST_XDIST_WORKER" in os.environ:  # two jobs that Open MPI starts at the same moment must not share its folder
+if (
+    "PYTEST_XDIST_WORKER" in os.environ
+):  # two jobs that Open MPI starts at the same moment must not share its folder
     _ours = tempfile.TemporaryDirectory(prefix="gossamer-", ignore_cleanup_errors=True)
     os.environ["TMPDIR"] = _ours.name
 
-hypothesis.settings.register_profile("same on every rank", derandomize=True, database=None, deadline=None)
+hypothesis.settings.register_profile(
+    "same on every rank", derandomize=True, database=None, deadline=None
+)
 hypothesis.settings.load_profile("same on every rank")
 
 
@@ -88,7 +94,9 @@ def pytest_runtest_makereport(item: pytest.Item):
     while not told.Test():
         if report.failed and time.monotonic() > deadline:
             item.config.pluginmanager.getplugin("capturemanager").suspend_global_capture(in_=True)
-            sys.stderr.write(f"\n{item.nodeid} on rank {TALK.rank}, while others wait for it:\n{report.longreprtext}\n")
+            sys.stderr.write(
+                f"\n{item.nodeid} on rank {TALK.rank}, while others wait for it:\n{report.longreprtext}\n"
+            )
             sys.stderr.flush()
             TALK.Abort(1)
         time.sleep(1e-3)

@@ -19,15 +19,21 @@ from problems import PROBLEMS
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="gossamer bench", description=__doc__.splitlines()[0])
-    parser.add_argument("name", choices=[*PROBLEMS, "all"], metavar="NAME", help=", ".join([*PROBLEMS, "all"]))
+    parser.add_argument(
+        "name", choices=[*PROBLEMS, "all"], metavar="NAME", help=", ".join([*PROBLEMS, "all"])
+    )
     parser.add_argument("--quick", action="store_true", help="one small case")
     parser.add_argument("--runs", type=int, default=3, help="of which the median is taken")
-    parser.add_argument("--out", type=Path, default=Path("out/benchmarks"), help="folder of the tables")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/benchmarks"), help="folder of the tables"
+    )
     wanted = parser.parse_args()
     parts = [name for name in PROBLEMS if wanted.name in (name, name.split("_")[0], "all")]
     for name in parts:
         problem = PROBLEMS[name]
-        compare(name, problem, problem.quick if wanted.quick else problem.cases, wanted.runs, wanted.out)
+        compare(
+            name, problem, problem.quick if wanted.quick else problem.cases, wanted.runs, wanted.out
+        )
     return 0
 
 

@@ -22,9 +22,23 @@ odd = (np.arange(n * n) // n + np.arange(n * n)) % 2 == 1
 falling = cells[odd][:, [[0, 1, 3], [1, 2, 3]]].reshape(-1, 3)
 triangles = np.concatenate([cells[~odd][:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3), falling])
 explicit = (
-    *(Structures.MIDDLE_VELOCITY, Structures.FRACTIONAL_ACCELERATION, Structures.FRACTIONAL_ANGULAR_ACCELERATION),
-    *(K.NODAL_MASS, K.FORCE_RESIDUAL, K.RESIDUAL_VECTOR, K.MOMENT_RESIDUAL, Structures.MIDDLE_ANGULAR_VELOCITY),
-    *(Structures.NODAL_INERTIA, Structures.NODAL_DISPLACEMENT_DAMPING, Structures.NODAL_ROTATION_DAMPING),
+    *(
+        Structures.MIDDLE_VELOCITY,
+        Structures.FRACTIONAL_ACCELERATION,
+        Structures.FRACTIONAL_ANGULAR_ACCELERATION,
+    ),
+    *(
+        K.NODAL_MASS,
+        K.FORCE_RESIDUAL,
+        K.RESIDUAL_VECTOR,
+        K.MOMENT_RESIDUAL,
+        Structures.MIDDLE_ANGULAR_VELOCITY,
+    ),
+    *(
+        Structures.NODAL_INERTIA,
+        Structures.NODAL_DISPLACEMENT_DAMPING,
+        Structures.NODAL_ROTATION_DAMPING,
+    ),
 )
 model = K.Model()
 part = kratos_model.model_part(model, X, explicit)
@@ -34,7 +48,11 @@ for number, corners in enumerate(triangles.tolist(), start=1):
     part.CreateNewCondition("SurfaceLoadCondition3D3N", number, [c + 1 for c in corners], film)
 near = 1e-9
 for node in part.Nodes:
-    for held, axis in ((near > node.X, "X"), (near > node.Y, "Y"), (max(node.X, node.Y) > EDGE - near, "Z")):
+    for held, axis in (
+        (near > node.X, "X"),
+        (near > node.Y, "Y"),
+        (max(node.X, node.Y) > EDGE - near, "Z"),
+    ):
         if held:
             node.Fix(getattr(K, f"DISPLACEMENT_{axis}"))
     for step in (0, 1):
@@ -43,12 +61,20 @@ for node in part.Nodes:
 speed = math.sqrt(E / DENSITY / (1 - NU**2))
 dt = case["courant"] * EDGE / n / math.sqrt(2) / speed
 scheme = Structures.ExplicitCentralDifferencesScheme(
-    K.Parameters(f'{{"time_step_prediction_level": 0, "max_delta_time": {dt}, "fraction_delta_time": 0.9}}')
+    K.Parameters(
+        f'{{"time_step_prediction_level": 0, "max_delta_time": {dt}, "fraction_delta_time": 0.9}}'
+    )
 )
 strategy = Structures.MechanicalExplicitStrategy(part, scheme, False, False, True)
 strategy.SetEchoLevel(0)
 strategy.Initialize()
-cpu, wall, steps, heights, every = time.process_time(), time.perf_counter(), 0, [0.0], max(1, round(2e-3 / dt))
+cpu, wall, steps, heights, every = (
+    time.process_time(),
+    time.perf_counter(),
+    0,
+    [0.0],
+    max(1, round(2e-3 / dt)),
+)
 while steps * dt < case["until"]:
     steps += 1
     part.CloneTimeStep(steps * dt)
@@ -58,7 +84,9 @@ while steps * dt < case["until"]:
     if steps % every == 0:
         heights.append(part.Nodes[1].Z)
         recent = heights[-10:]
-        if not math.isfinite(heights[-1]) or (len(recent) == 10 and np.ptp(recent) < case["still"] * abs(recent[-1])):
+        if not math.isfinite(heights[-1]) or (
+            len(recent) == 10 and np.ptp(recent) < case["still"] * abs(recent[-1])
+        ):
             break
 result = {
     "cpu": time.process_time() - cpu,

@@ -12,7 +12,8 @@ def draw(rows: list[dict[str, object]], unit: str, path: Path) -> None:
     import matplotlib.pyplot as plt
 
     dofs, cost, newton, memory = (
-        np.array([float(str(row[key])) for row in rows]) for key in ("dofs", "cost", "Newton/step", "MB")
+        np.array([float(str(row[key])) for row in rows])
+        for key in ("dofs", "cost", "Newton/step", "MB")
     )
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")
     for axes, values, label in (
@@ -23,7 +24,9 @@ def draw(rows: list[dict[str, object]], unit: str, path: Path) -> None:
         exponent = np.polyfit(np.log(dofs), np.log(values), 1)[0]
         axes.loglog(dofs, values, "o-", label=f"{label}, exponent {exponent:.2f}")
         print(f"exponent of a {label}: {exponent:.3f}")
-    print(f"memory: {(memory[-1] - memory[0]) * 2**20 / (dofs[-1] - dofs[0]):.0f} bytes per unknown")
+    print(
+        f"memory: {(memory[-1] - memory[0]) * 2**20 / (dofs[-1] - dofs[0]):.0f} bytes per unknown"
+    )
     for axes, label in ((left, unit), (right, "memory [MB]")):
         axes.set(xlabel="unknowns", ylabel=label)
         axes.grid(which="both", alpha=0.3)

@@ -20,7 +20,10 @@ def compare(name: str, problem: Problem, cases: Cases, runs: int, folder: Path) 
     rows: list[Row] = []
     for label, case in cases.items():
         measured = take_turns(problem.script or name, label, case, runs, problem.seconds, rows)
-        middle = {who: {key: median(r[key] for r in found) for key in found[0]} for who, found in measured.items()}
+        middle = {
+            who: {key: median(r[key] for r in found) for key in found[0]}
+            for who, found in measured.items()
+        }
         costs = {who: median(map(problem.cost, found)) for who, found in measured.items()}
         for who, figures in middle.items():
             rest = "  ".join(f"{key} {value:.4g}" for key, value in figures.items())
@@ -41,12 +44,21 @@ def compare(name: str, problem: Problem, cases: Cases, runs: int, folder: Path) 
     if problem.chart and len(solved) > 1:
         draw(solved, problem.unit, folder / f"{name}.png")
     for peer in problem.peers:
-        print(f"ratio {peer} {ratios[peer]:.3g}" if peer in ratios else f"no ratio to {peer}: it failed")
+        print(
+            f"ratio {peer} {ratios[peer]:.3g}"
+            if peer in ratios
+            else f"no ratio to {peer}: it failed"
+        )
     return ratios
 
 
 def take_turns(
-    script: str, label: str, case: dict[str, dict[str, object]], runs: int, seconds: float, rows: list[Row]
+    script: str,
+    label: str,
+    case: dict[str, dict[str, object]],
+    runs: int,
+    seconds: float,
+    rows: list[Row],
 ) -> dict[str, list[Figures]]:
     """What each contestant measured; failures are told and go into the rows."""
     measured: dict[str, list[Figures]] = {}
@@ -68,4 +80,7 @@ def tell_difference(label: str, result: str, found: dict[str, Figures]) -> None:
         own = found[SELF][result]
         for who, figures in found.items():
             if who != SELF:
-                print(f"{label:20} {who:10} {result} differs by {abs(figures[result] / own - 1):.1e}", flush=True)
+                print(
+                    f"{label:20} {who:10} {result} differs by {abs(figures[result] / own - 1):.1e}",
+                    flush=True,
+                )

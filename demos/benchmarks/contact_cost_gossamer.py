@@ -20,7 +20,10 @@ from gossamer_fx.contact.group import Group
 from meshes.sheet import sheet
 
 CELL, DISTANCE, STEP, LAYERS = 5e-3, 1e-3, 1e-4, 5  # m, m, s
-SPEED, GAP = 1.0, 1.2  # m/s at which layers come to the middle one, over the layers between; over the distance
+SPEED, GAP = (
+    1.0,
+    1.2,
+)  # m/s at which layers come to the middle one, over the layers between; over the distance
 LAW = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
 WARM = 5  # steps until they touch
 
@@ -55,7 +58,9 @@ def stack(comm: MPI.Comm, vertices: int, part: float) -> list[gx.Membrane]:
 
 def thrown(X: np.ndarray, speed: float) -> np.ndarray:
     """A film at a speed, which flutters, so that a step without contact takes some iterations, too."""
-    flutter = 0.3 * np.sin(np.outer((150.0, 220.0, 310.0), X[0]) + np.outer((280.0, 130.0, 190.0), X[1]))
+    flutter = 0.3 * np.sin(
+        np.outer((150.0, 220.0, 310.0), X[0]) + np.outer((280.0, 130.0, 190.0), X[1])
+    )
     flutter[2] += speed
     return flutter
 
@@ -85,7 +90,9 @@ def group_of(run: gx.Simulation) -> Group:
     return group
 
 
-def cost(vertices: int, part: float = 1.0, steps: int = 4, comm: MPI.Comm = MPI.COMM_WORLD) -> dict[str, float]:
+def cost(
+    vertices: int, part: float = 1.0, steps: int = 4, comm: MPI.Comm = MPI.COMM_WORLD
+) -> dict[str, float]:
     """Figures of some steps of packed films, in turn with contact and without; times are of CPU, of all ranks.
 
     `ratio` is a Newton iteration, with its part of the search and checks of its step, over one without contact;

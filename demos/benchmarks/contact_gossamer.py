@@ -42,7 +42,10 @@ for film, facets in zip((lower, upper), films, strict=True):
 x = np.vstack(places)
 show(
     {
-        **{key: figures[key] for key in ("cpu", "wall", "dofs", "steps", "Newton/step", "halved", "ΔE/E")},
+        **{
+            key: figures[key]
+            for key in ("cpu", "wall", "dofs", "steps", "Newton/step", "halved", "ΔE/E")
+        },
         "ΔP/P": relative_drift(run.totals.momentum, run.first.momentum),
         "ΔL/L": relative_drift(run.totals.angular_momentum, run.first.angular_momentum),
         "pierced": pierced(x, np.vstack([films[0].triangles, films[1].triangles + len(places[0])])),

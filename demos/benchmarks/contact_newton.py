@@ -50,7 +50,11 @@ def totals(state) -> tuple[float, np.ndarray, np.ndarray]:
     """Energy, momentum, angular momentum."""
     q, u = state.particle_q.numpy().astype(float), state.particle_qd.numpy().astype(float)
     p = mass[:, None] * u
-    return float((p * u).sum() / 2) + elastic_energy(X, q, triangles), p.sum(axis=0), np.cross(q, p).sum(axis=0)
+    return (
+        float((p * u).sum() / 2) + elastic_energy(X, q, triangles),
+        p.sum(axis=0),
+        np.cross(q, p).sum(axis=0),
+    )
 
 
 def advance(a, b) -> None:

@@ -7,7 +7,10 @@ import numpy as np
 SIZE, DISTANCE, SPEED = 0.2, 1e-3, 2.0
 E, NU, DENSITY, THICKNESS = 1e7, 0.3, 1400.0, 1e-4
 SIGMA = DENSITY * THICKNESS
-LAME = (E * THICKNESS / (2 * (1 + NU)), E * THICKNESS * NU / (1 - NU**2))  # of plane stress, over the thickness [N/m]
+LAME = (
+    E * THICKNESS / (2 * (1 + NU)),
+    E * THICKNESS * NU / (1 - NU**2),
+)  # of plane stress, over the thickness [N/m]
 
 
 def grid(n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -15,8 +18,12 @@ def grid(n: int) -> tuple[np.ndarray, np.ndarray]:
     a = np.linspace(-SIZE / 2, SIZE / 2, n + 1)
     x, y = np.meshgrid(a, a, indexing="ij")
     number = np.arange(x.size).reshape(x.shape)
-    p, q, r, s = (c.ravel() for c in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]))
-    return np.stack([x, y, 0 * x], axis=2).reshape(-1, 3), np.vstack([np.stack([p, q, r], 1), np.stack([p, r, s], 1)])
+    p, q, r, s = (
+        c.ravel() for c in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
+    )
+    return np.stack([x, y, 0 * x], axis=2).reshape(-1, 3), np.vstack(
+        [np.stack([p, q, r], 1), np.stack([p, r, s], 1)]
+    )
 
 
 def thrown(X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -30,7 +37,12 @@ def films(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Stress-free places, places, velocities (p, 3) of both, and triangles (t, 3)."""
     X, triangles = grid(n)
     x, v = thrown(X)
-    return np.vstack([X, X]), np.vstack([X, x]), np.vstack([0 * X, v]), np.vstack([triangles, triangles + len(X)])
+    return (
+        np.vstack([X, X]),
+        np.vstack([X, x]),
+        np.vstack([0 * X, v]),
+        np.vstack([triangles, triangles + len(X)]),
+    )
 
 
 def elastic_energy(X: np.ndarray, x: np.ndarray, triangles: np.ndarray) -> float:
@@ -48,7 +60,9 @@ def elastic_energy(X: np.ndarray, x: np.ndarray, triangles: np.ndarray) -> float
 
 def pierced(x: np.ndarray, triangles: np.ndarray) -> int:
     """How many edges pierce triangles, by all pairs."""
-    edges = np.unique(np.sort(triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1), axis=0)
+    edges = np.unique(
+        np.sort(triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1), axis=0
+    )
     count = 0
     a, b, c = (x[triangles[:, k]] for k in range(3))
     for p, q in edges:

@@ -26,7 +26,9 @@ PACKAGES = {
     "ngsolve": ("ngsolve==6.2.2608", "netgen-mesher==6.2.2608"),
 }
 SELF = "gossamer"
-PREFIXED = ("ngsolve",)  # its libraries lie beside the folder of modules, where pip puts them with a prefix only
+PREFIXED = (
+    "ngsolve",
+)  # its libraries lie beside the folder of modules, where pip puts them with a prefix only
 
 
 class Failed(Exception):
@@ -41,18 +43,38 @@ def installed(program: str) -> Path:
     """
     packages = PACKAGES[program]
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    version = f"{packages[0].split('==')[1]}-python{sys.version_info.major}.{sys.version_info.minor}"
+    version = (
+        f"{packages[0].split('==')[1]}-python{sys.version_info.major}.{sys.version_info.minor}"
+    )
     folder = cache / "gossamer_fx" / f"{program}-{version}"
     if not (folder / ".complete").exists():
         print(f"installing {', '.join(packages)} in {folder}", file=sys.stderr)
-        pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--upgrade"]
-        place = ["--prefix", folder, "--ignore-installed"] if program in PREFIXED else ["--target", folder]
-        done = subprocess.run([*pip, "--root-user-action=ignore", *place, *packages], capture_output=True, text=True)
+        pip = [
+            sys.executable,
+            "-m",
+            "pip",
+            "install",
+            "--quiet",
+            "--disable-pip-version-check",
+            "--upgrade",
+        ]
+        place = (
+            ["--prefix", folder, "--ignore-installed"]
+            if program in PREFIXED
+            else ["--target", folder]
+        )
+        done = subprocess.run(
+            [*pip, "--root-user-action=ignore", *place, *packages], capture_output=True, text=True
+        )
         if done.returncode:
             raise Failed(f"cannot be installed: {_last_words(done)}")
         (folder / ".complete").touch()
     if program in PREFIXED:
-        return next(path.parent for path in sorted(folder.rglob("netgen")) if (path / "__init__.py").is_file())
+        return next(
+            path.parent
+            for path in sorted(folder.rglob("netgen"))
+            if (path / "__init__.py").is_file()
+        )
     return folder
 
 
@@ -69,10 +91,16 @@ def run(problem: str, program: str, case: dict[str, object], seconds: float) -> 
     environment["PYTHONPATH"] = str(installed(program) if program != SELF else HERE.parent.parent)
     environment |= {key: str(value) for key, value in case.items() if key.isupper()}
     script = [sys.executable, str(HERE / f"{problem}_{program}.py")]
-    given = [f"{key}={value}" for key, value in case.items() if not key.isupper() and key != "ranks"]
+    given = [
+        f"{key}={value}" for key, value in case.items() if not key.isupper() and key != "ranks"
+    ]
     start = ["mpirun", "-n", str(case["ranks"])] if "ranks" in case else []
     with subprocess.Popen(
-        [*start, *script, *given], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+        [*start, *script, *given],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
     ) as process:
         try:
             output, errors = process.communicate(timeout=seconds)
@@ -84,7 +112,9 @@ def run(problem: str, program: str, case: dict[str, object], seconds: float) -> 
     done = subprocess.CompletedProcess(process.args, process.returncode, output, errors)
     if done.returncode:
         raise Failed(_last_words(done))
-    results = [line for line in output.splitlines() if line.startswith("{")]  # libraries may say good-bye after it
+    results = [
+        line for line in output.splitlines() if line.startswith("{")
+    ]  # libraries may say good-bye after it
     if not results:
         raise Failed(_last_words(done))
     return dict(json.loads(results[-1]))

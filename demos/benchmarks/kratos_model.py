@@ -13,7 +13,12 @@ K.ParallelUtilities.SetNumThreads(1)
 
 VARIABLES = (
     *(K.DISPLACEMENT, K.REACTION, K.VELOCITY, K.ACCELERATION, K.VOLUME_ACCELERATION),
-    *(K.POSITIVE_FACE_PRESSURE, K.NEGATIVE_FACE_PRESSURE, Structures.SURFACE_LOAD, Structures.POINT_LOAD),
+    *(
+        K.POSITIVE_FACE_PRESSURE,
+        K.NEGATIVE_FACE_PRESSURE,
+        Structures.SURFACE_LOAD,
+        Structures.POINT_LOAD,
+    ),
 )
 
 
@@ -29,10 +34,23 @@ def model_part(model, nodes: np.ndarray, more: tuple = ()):
     return part
 
 
-def add_film(part, triangles: np.ndarray, E: float, nu: float, density: float, thickness: float, wrinkling: bool):
+def add_film(
+    part,
+    triangles: np.ndarray,
+    E: float,
+    nu: float,
+    density: float,
+    thickness: float,
+    wrinkling: bool,
+):
     """Membrane elements; returns their properties."""
     film = part.CreateNewProperties(1)
-    constants = {K.YOUNG_MODULUS: E, K.POISSON_RATIO: nu, K.DENSITY: density, K.THICKNESS: thickness}
+    constants = {
+        K.YOUNG_MODULUS: E,
+        K.POISSON_RATIO: nu,
+        K.DENSITY: density,
+        K.THICKNESS: thickness,
+    }
     elastic = Structures.LinearElasticPlaneStress2DLaw()
     for name, value in constants.items():
         film.SetValue(name, value)
@@ -67,7 +85,9 @@ def linear_solver(name: str):
 
 def nodal(part, variable) -> np.ndarray:
     """Values (n, 3) of a nodal vector."""
-    return np.array(K.VariableUtils().GetSolutionStepValuesVector(part.Nodes, variable, 0, 3)).reshape(-1, 3)
+    return np.array(
+        K.VariableUtils().GetSolutionStepValuesVector(part.Nodes, variable, 0, 3)
+    ).reshape(-1, 3)
 
 
 def grid(n: int, edge: float) -> tuple[np.ndarray, np.ndarray]:
@@ -75,4 +95,9 @@ def grid(n: int, edge: float) -> tuple[np.ndarray, np.ndarray]:
     s = np.linspace(0, edge, n + 1)
     x, y = np.meshgrid(s, s)
     first = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
-    return np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]), first[:, None] + [0, 1, n + 2, n + 1]
+    return np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]), first[:, None] + [
+        0,
+        1,
+        n + 2,
+        n + 1,
+    ]

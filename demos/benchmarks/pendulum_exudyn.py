@@ -45,7 +45,9 @@ for start, end in (((0, 0, 0), (SIDE, SIDE, 0)), ((SIDE, 0, 0), (0, SIDE, 0))):
     a, along = np.array(start), np.subtract(end, start)
     length = float(np.linalg.norm(along))
     points = [a + along * k / elements for k in range(elements + 1)]
-    nodes = [mbs.AddNode(NodePointSlope1(referenceCoordinates=[*p, *(along / length)])) for p in points]
+    nodes = [
+        mbs.AddNode(NodePointSlope1(referenceCoordinates=[*p, *(along / length)])) for p in points
+    ]
     for pair in pairwise(nodes):
         cable = ObjectANCFCable(
             length=length / elements,
@@ -61,8 +63,13 @@ for body in bodies:
     mbs.AddLoad(LoadMassProportional(markerNumber=marker, loadVector=[0, 0, -G]))
 for k in (0, 1, 2, 3):  # tied at the corners and at the thirds of the diagonals
     i, on_boom = k * n // 3, k * elements // 3
-    for node, boom in ((film.nodeNumbers[i * (n + 1) + i], 0), (film.nodeNumbers[i * (n + 1) + n - i], 1)):
-        markers = [mbs.AddMarker(MarkerNodeCoordinates(nodeNumber=m)) for m in (node, booms[boom][on_boom])]
+    for node, boom in (
+        (film.nodeNumbers[i * (n + 1) + i], 0),
+        (film.nodeNumbers[i * (n + 1) + n - i], 1),
+    ):
+        markers = [
+            mbs.AddMarker(MarkerNodeCoordinates(nodeNumber=m)) for m in (node, booms[boom][on_boom])
+        ]
         mbs.AddObject(
             ObjectConnectorCoordinateVector(
                 markerNumbers=markers, scalingMarker0=np.eye(3, 9), scalingMarker1=np.eye(3, 6)
@@ -78,7 +85,9 @@ of_film, places = [], []
 for e, body in enumerate(film.elementNumbers):
     for r in gauss:
         for s in gauss:
-            of_film.append(mbs.AddSensor(SensorBody(bodyNumber=body, localPosition=[r, s, 0], **position)))
+            of_film.append(
+                mbs.AddSensor(SensorBody(bodyNumber=body, localPosition=[r, s, 0], **position))
+            )
             places.append(((e % n + (1 + r) / 2) / n, (e // n + (1 + s) / 2) / n))
 mbs.Assemble()
 

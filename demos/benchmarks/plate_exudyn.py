@@ -14,7 +14,9 @@ from plate_problems import CASES, grid
 
 case = words({"shape": "strip", "n": 16, "increments": 10})
 if case["shape"] != "strip":
-    raise SystemExit("rectangular elements only: their reference slopes are those of a plane rectangle")
+    raise SystemExit(
+        "rectangular elements only: their reference slopes are those of a plane rectangle"
+    )
 shape = CASES["strip"]
 points, _ = grid("strip", case["n"])
 nx, ny = points.shape[0] - 1, points.shape[1] - 1
@@ -51,7 +53,10 @@ settings.parallel.numberOfThreads = 1
 cpu, wall = time.process_time(), time.perf_counter()
 mbs.SolveStatic(settings)
 cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
-W = max(mbs.GetNodeOutput(node, exu.OutputVariableType.Displacement)[2] for node in nodes[:, -1].tolist())
+W = max(
+    mbs.GetNodeOutput(node, exu.OutputVariableType.Displacement)[2]
+    for node in nodes[:, -1].tolist()
+)
 result = {
     "cpu": cpu,
     "wall": wall,

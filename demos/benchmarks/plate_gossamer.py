@@ -23,7 +23,9 @@ else:
     plate = gx.Plate(slit_ring(MPI.COMM_WORLD, n // 2, 4 * n, 6.0, 10.0), law)
     held, loaded = "end", "start"
 load = gx.EdgeLoad(plate, loaded, (0.0, 0.0, shape.load))
-search = gx.Equilibrium(gx.Scene(plate, gx.ClampedEdge(plate, held), load), gx.Continuation(step=case["step"]))
+search = gx.Equilibrium(
+    gx.Scene(plate, gx.ClampedEdge(plate, held), load), gx.Continuation(step=case["step"])
+)
 cpu, wall = time.process_time(), time.perf_counter()
 found = search.find()
 cpu, wall = time.process_time() - cpu, time.perf_counter() - wall

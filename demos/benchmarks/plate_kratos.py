@@ -12,7 +12,15 @@ import numpy as np
 from contestants import words
 from plate_problems import CASES, grid
 
-case = words({"shape": "strip", "n": 16, "increments": 10, "power": 1.0, "element": "ShellThinElementCorotational3D3N"})
+case = words(
+    {
+        "shape": "strip",
+        "n": 16,
+        "increments": 10,
+        "power": 1.0,
+        "element": "ShellThinElementCorotational3D3N",
+    }
+)
 shape = CASES[case["shape"]]
 points, ids = grid(case["shape"], case["n"])
 X = points.reshape(-1, 3)
@@ -32,7 +40,9 @@ for name, value in {
 plate.SetValue(K.CONSTITUTIVE_LAW, Structures.LinearElasticPlaneStress2DLaw())
 for axis in "XYZ":
     for motion, force in (("DISPLACEMENT", "REACTION"), ("ROTATION", "REACTION_MOMENT")):
-        K.VariableUtils().AddDof(getattr(K, f"{motion}_{axis}"), getattr(K, f"{force}_{axis}"), part)
+        K.VariableUtils().AddDof(
+            getattr(K, f"{motion}_{axis}"), getattr(K, f"{force}_{axis}"), part
+        )
 cells = triangles if case["element"].endswith("3N") else np.column_stack([a, b, c, d])
 for number, corners in enumerate(cells.tolist(), start=1):
     part.CreateNewElement(case["element"], number, [k + 1 for k in corners], plate)
@@ -50,7 +60,9 @@ scheme = K.ResidualBasedIncrementalUpdateStaticScheme()
 criterion = K.ResidualCriteria(1e-6, 1e-9)
 criterion.SetEchoLevel(0)
 builder = K.ResidualBasedBlockBuilderAndSolver(kratos_model.linear_solver("sparse_lu"))
-strategy = K.ResidualBasedNewtonRaphsonStrategy(part, scheme, criterion, builder, 40, False, False, True)
+strategy = K.ResidualBasedNewtonRaphsonStrategy(
+    part, scheme, criterion, builder, 40, False, False, True
+)
 strategy.SetEchoLevel(0)
 strategy.Initialize()
 strategy.Check()
@@ -59,15 +71,27 @@ for increment in range(1, case["increments"] + 1):
     part.CloneTimeStep(float(increment))
     part.ProcessInfo[K.STEP] = increment
     for k, share in zip(ids[-1].tolist(), shares, strict=True):
-        force = [0.0, 0.0, float(shape.load * share * (increment / case["increments"]) ** case["power"])]
+        force = [
+            0.0,
+            0.0,
+            float(shape.load * share * (increment / case["increments"]) ** case["power"]),
+        ]
         part.Nodes[k + 1].SetSolutionStepValue(Structures.POINT_LOAD, force)
     strategy.InitializeSolutionStep()
     strategy.Predict()
     if not strategy.SolveSolutionStep():
-        raise SystemExit(f"Newton's iteration failed in increment {increment} of {case['increments']}")
+        raise SystemExit(
+            f"Newton's iteration failed in increment {increment} of {case['increments']}"
+        )
     strategy.FinalizeSolutionStep()
     iterations += part.ProcessInfo[K.NL_ITERATION_NUMBER]
 cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
 heights = kratos_model.nodal(part, K.DISPLACEMENT)[ids[-1], 2]
-result = {"cpu": cpu, "wall": wall, "dofs": 6 * len(X), "steps": iterations, "W": float(heights.max())}
+result = {
+    "cpu": cpu,
+    "wall": wall,
+    "dofs": 6 * len(X),
+    "steps": iterations,
+    "W": float(heights.max()),
+}
 print(json.dumps(result | {"error [%]": 100 * abs(result["W"] / shape.deflection - 1)}))

@@ -38,7 +38,11 @@ n0, τ = ng.specialcf.normal(3), ng.specialcf.tangential(3)
 P = ng.Id(3) - ng.OuterProduct(n0, n0)
 F = ng.Grad(u).Trace() + P
 strain = ng.Interpolate(0.5 * (F.trans * F - P), ng.HCurlCurl(mesh, order=k - 1))
-normal = ng.Normalize(ng.Cof(F) * n0) if hasattr(ng, "Normalize") else 1 / ng.Norm(ng.Cof(F) * n0) * (ng.Cof(F) * n0)
+normal = (
+    ng.Normalize(ng.Cof(F) * n0)
+    if hasattr(ng, "Normalize")
+    else 1 / ng.Norm(ng.Cof(F) * n0) * (ng.Cof(F) * n0)
+)
 Fτ = F * τ
 tangent = 1 / ng.Norm(Fτ) * Fτ
 conormal = ng.Cross(normal, tangent)
@@ -71,9 +75,12 @@ share, t = ng.Parameter(0.0), shape.thickness
 form = ng.BilinearForm(space, symmetric=True, condense=True)
 bent = (u.Operator("hesseboundary").trans * normal).Reshape((3, 3))
 form += ng.Variation((0.5 * t * shape.E * ng.InnerProduct(strain, strain)).Compile() * ng.ds)
-form += ng.Variation((ng.InnerProduct(σ, bent) - 6 / t**3 / shape.E * ng.InnerProduct(σ, σ)).Compile() * ng.ds)
 form += ng.Variation(
-    ((ng.acos(conormal * edge) - math.pi / 2 + α * ν0) * (σ * ν0) * ν0).Compile() * ng.ds(element_boundary=True)
+    (ng.InnerProduct(σ, bent) - 6 / t**3 / shape.E * ng.InnerProduct(σ, σ)).Compile() * ng.ds
+)
+form += ng.Variation(
+    ((ng.acos(conormal * edge) - math.pi / 2 + α * ν0) * (σ * ν0) * ν0).Compile()
+    * ng.ds(element_boundary=True)
 )
 form += ng.Variation(-share * shape.load * u[2] * ng.ds(definedon=mesh.BBoundaries("right")))
 
@@ -83,11 +90,19 @@ for increment in range(1, case["increments"] + 1):
     share.Set((increment / case["increments"]) ** case["power"])
     take_edge_normals()
     failed, used = ng.solvers.Newton(
-        form, solution, inverse="sparsecholesky", printing=False, maxerr=1e-8, maxit=40, dampfactor=case["damping"]
+        form,
+        solution,
+        inverse="sparsecholesky",
+        printing=False,
+        maxerr=1e-8,
+        maxit=40,
+        dampfactor=case["damping"],
     )
     iterations += used
     if failed:
-        raise SystemExit(f"Newton's iteration failed in increment {increment} of {case['increments']}")
+        raise SystemExit(
+            f"Newton's iteration failed in increment {increment} of {case['increments']}"
+        )
 cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
 corner = mesh(*place(1 - 1e-9, 1 - 1e-9, 0), ng.BND)
 result = {

@@ -19,7 +19,9 @@ class Shape:
 
 CASES = {
     "strip": Shape(E=1.2e6, thickness=0.1, load=4.0, deflection=6.6996),  # elastica, PL²/EI = 4
-    "slit ring": Shape(E=21e6, thickness=0.03, load=0.8, deflection=17.528),  # Sze, Liu & Lo 2004, outer corner
+    "slit ring": Shape(
+        E=21e6, thickness=0.03, load=0.8, deflection=17.528
+    ),  # Sze, Liu & Lo 2004, outer corner
 }
 
 

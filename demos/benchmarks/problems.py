@@ -11,7 +11,9 @@ Words = dict[str, object]  # words of a script; see contestants.run
 Cases = dict[str, dict[str, Words]]  # by size, then by contestant
 Figures = dict[str, float]
 
-DIRECT: Words = {"PETSC_OPTIONS": "-gx_ksp_type preonly -gx_pc_type lu -gx_pc_factor_mat_solver_type mumps"}
+DIRECT: Words = {
+    "PETSC_OPTIONS": "-gx_ksp_type preonly -gx_pc_type lu -gx_pc_factor_mat_solver_type mumps"
+}
 STRICT: Words = {"PETSC_OPTIONS": "-gx_ksp_rtol 1e-8"}
 
 
@@ -56,17 +58,25 @@ def alone(word: str, sizes: tuple[int, ...], **more: object) -> Cases:
 def ranks(pairs: dict[str, tuple[int, int]], steps: int) -> Cases:
     """Cells of a side on one rank and on two."""
     return {
-        label: {"one-rank": {"n": one, "steps": steps}, SELF: {"n": two, "steps": steps, "ranks": 2}}
+        label: {
+            "one-rank": {"n": one, "steps": steps},
+            SELF: {"n": two, "steps": steps, "ranks": 2},
+        }
         for label, (one, two) in pairs.items()
     }
 
 
-def subdomains(sizes: tuple[int, ...], counts: tuple[int, ...], dt: float, methods: tuple[str, ...]) -> Cases:
+def subdomains(
+    sizes: tuple[int, ...], counts: tuple[int, ...], dt: float, methods: tuple[str, ...]
+) -> Cases:
     """Cells of a side and numbers of subdomains, each a rank, against a factorisation on one rank."""
     return {
         f"{dt:g} s, n = {n}, {count} parts": {
             SELF: {"n": n, "steps": 2, "dt": dt, **DIRECT},
-            **{m: {"n": n, "steps": 2, "dt": dt, "ranks": count, "subdomains": m, **STRICT} for m in methods},
+            **{
+                m: {"n": n, "steps": 2, "dt": dt, "ranks": count, "subdomains": m, **STRICT}
+                for m in methods
+            },
         }
         for n in sizes
         for count in counts
@@ -247,7 +257,9 @@ PROBLEMS = {
         unit="Krylov iterations to 1e-8 for one of Newton's",
         cases={
             **subdomains((20, 40, 80), (2, 4, 8, 16), 1e-3, ("bddc", "fetidp")),
-            **subdomains((20, 40, 80), (2, 4, 8, 16), 4e-3, ("bddc",)),  # FETI-DP may not converge, see its module
+            **subdomains(
+                (20, 40, 80), (2, 4, 8, 16), 4e-3, ("bddc",)
+            ),  # FETI-DP may not converge, see its module
         },
         quick=subdomains((20,), (2,), 1e-3, ("bddc", "fetidp")),
         equal=("energy", "stored"),

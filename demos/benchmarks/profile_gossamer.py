@@ -55,6 +55,17 @@ parts = {what: clocks[what] for what in ("law", "residual", "tangent")} | {
 parts["rest"] = figures["wall"] - sum(parts.values())
 iteration = figures["iteration [ms]"]
 show(
-    {key: figures[key] for key in ("cpu", "wall", "dofs", "steps", "Newton/step", "Krylov/Newton", "iteration [ms]")}
+    {
+        key: figures[key]
+        for key in (
+            "cpu",
+            "wall",
+            "dofs",
+            "steps",
+            "Newton/step",
+            "Krylov/Newton",
+            "iteration [ms]",
+        )
+    }
     | {f"{what} [ms]": iteration * seconds / figures["wall"] for what, seconds in parts.items()}
 )

@@ -22,7 +22,9 @@ kratos_model.add_film(part, triangles, 1e9, 0.3, DENSITY, THICKNESS, bool(case["
 x, y, _ = X.T
 for node, velocity in zip(
     part.Nodes,
-    np.column_stack([-SPIN * (y - 0.5), SPIN * (x - 0.5), np.sin(np.pi * x) * np.sin(np.pi * y)]).tolist(),
+    np.column_stack(
+        [-SPIN * (y - 0.5), SPIN * (x - 0.5), np.sin(np.pi * x) * np.sin(np.pi * y)]
+    ).tolist(),
     strict=True,
 ):
     for step in (0, 1):
@@ -35,7 +37,9 @@ def angular_momentum() -> np.ndarray:
     edges = X[triangles[:, 1:]] - X[triangles[:, :1]]
     areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1) / 2
     weights = DENSITY * THICKNESS * areas[:, None, None] / 12 * (1 + np.eye(3))
-    return np.einsum("eab,eabk->k", weights, np.cross(q[triangles][:, :, None], v[triangles][:, None]))
+    return np.einsum(
+        "eab,eabk->k", weights, np.cross(q[triangles][:, :, None], v[triangles][:, None])
+    )
 
 
 scheme = Structures.StructuralMechanicsBossakScheme(
@@ -44,7 +48,9 @@ scheme = Structures.StructuralMechanicsBossakScheme(
 criterion = K.ResidualCriteria(1e-6, 1e-10)
 criterion.SetEchoLevel(0)
 builder = K.ResidualBasedBlockBuilderAndSolver(kratos_model.linear_solver(case["solver"]))
-strategy = K.ResidualBasedNewtonRaphsonStrategy(part, scheme, criterion, builder, 30, False, False, True)
+strategy = K.ResidualBasedNewtonRaphsonStrategy(
+    part, scheme, criterion, builder, 30, False, False, True
+)
 strategy.SetEchoLevel(0)
 strategy.Initialize()
 strategy.Check()

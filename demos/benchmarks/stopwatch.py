@@ -26,7 +26,11 @@ class Stopwatch:
     def measure(self, run: gx.Simulation, until: float) -> dict[str, float]:
         """Figures of going on to the time `until` [s]: cpu of all ranks; times of a Newton iteration and its parts."""
         newton, first = run.solver.newton, run.step
-        iterations, krylov, parts = newton.all_iterations, newton.linear_iterations, dict(newton.seconds)
+        iterations, krylov, parts = (
+            newton.all_iterations,
+            newton.linear_iterations,
+            dict(newton.seconds),
+        )
         COMM.Barrier()
         cpu, wall = time.process_time(), time.perf_counter()
         run.run(until=until)
@@ -43,7 +47,10 @@ class Stopwatch:
             "halved": run.substeps,
             "iteration [ms]": 1e3 * cpu / iterations,
         }
-        figures |= {f"{part} [ms]": 1e3 * (s - parts[part]) / iterations for part, s in newton.seconds.items()}
+        figures |= {
+            f"{part} [ms]": 1e3 * (s - parts[part]) / iterations
+            for part, s in newton.seconds.items()
+        }
         return figures | {
             "MB": peak,
             "B/unknown": (peak - COMM.allreduce(self._before)) * 2**20 / dofs,

@@ -24,7 +24,10 @@ def deploy(
     outputs: list[Output] = [gx.Progress(), series]
     if output is not None:
         folder, looks = Path(output), [part * case.until for part in parts]
-        outputs += [case.recording(folder), gx.Picture(folder / f"{name}.png", looks, case.title, view)]
+        outputs += [
+            case.recording(folder),
+            gx.Picture(folder / f"{name}.png", looks, case.title, view),
+        ]
     run = case.simulation(outputs)
     run.run(until=case.until)
     return run, series
@@ -38,7 +41,9 @@ def books(run: gx.Simulation, series: gx.Series) -> dict[str, float]:
         "steps": run.step,
         "iterations": run.iterations / run.step,
         "seconds": run.seconds,
-        "penetrations": float(series["penetrations"].max()) if "penetrations" in series.probes else math.nan,
+        "penetrations": float(series["penetrations"].max())
+        if "penetrations" in series.probes
+        else math.nan,
     }
 
 
@@ -50,7 +55,11 @@ def losses(run: gx.Simulation) -> dict[str, float]:
 
 def by_cause(found: Mapping[str, float]) -> str:
     """The losses of a run in words, behind their sum."""
-    each = [f"{loss:.3g} J by {name.removeprefix(BY)}" for name, loss in found.items() if name.startswith(BY)]
+    each = [
+        f"{loss:.3g} J by {name.removeprefix(BY)}"
+        for name, loss in found.items()
+        if name.startswith(BY)
+    ]
     return f" ({', '.join(each)})" if each else ""
 
 

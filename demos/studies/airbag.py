@@ -31,7 +31,9 @@ LAWS: dict[str, FilmLaw] = {
 SHEETS, QUARTERS = 2, 4
 
 
-def airbag(comm: MPI.Comm, law: FilmLaw, order: int, cells: int) -> tuple[gx.Membrane, gx.Equilibrium]:
+def airbag(
+    comm: MPI.Comm, law: FilmLaw, order: int, cells: int
+) -> tuple[gx.Membrane, gx.Equilibrium]:
     """A quarter of one sheet with `cells` along half an edge, each of four triangles, in its planes of symmetry."""
     film = gx.Membrane(crossed_sheet(comm, cells, cells, HALF_EDGE, HALF_EDGE), law, order=order)
     seam = [gx.Fixed(film, edge, (2,)) for edge in ("top", "right")]
@@ -55,7 +57,9 @@ def stress_at(film: gx.Membrane, search: gx.Equilibrium, point: str) -> float:
     [σ1] = fields.functions
     cells = film.space.dofmap.list[: film.mesh.domain.topology.index_map(2).size_local]
     here, _ = np.nonzero(np.isin(cells, film.nodes(point)))
-    values = σ1.x.array[σ1.function_space.dofmap.list[here, -3:]]  # middles of edges if there are any: their mean
+    values = σ1.x.array[
+        σ1.function_space.dofmap.list[here, -3:]
+    ]  # middles of edges if there are any: their mean
     total, n = film.comm.allreduce(np.array([values.sum(), values.size]))
     return float(total / n)
 

@@ -38,7 +38,9 @@ def wrinkled_angle(ratio: float) -> float:
     """θ0 [rad] for κ/κ_w ≥ 1."""
     if ratio == 1:
         return 0.0
-    return float(brentq(lambda θ: math.sin(θ) + (math.pi - θ) * math.cos(θ) - math.pi / ratio, 0.0, math.pi))
+    return float(
+        brentq(lambda θ: math.sin(θ) + (math.pi - θ) * math.cos(θ) - math.pi / ratio, 0.0, math.pi)
+    )
 
 
 def moment(ratio: float) -> float:
@@ -60,7 +62,9 @@ def turn(X: Array, ratio: float) -> Array:
 def problem(comm: MPI.Comm, element: str, sides: int) -> dict[str, float]:
     """From a plane of symmetry at x = 0 to the end that is turned, `sides` edges around."""
     order = {"P1": 1, "P2": 2}[element]
-    film = gx.Membrane(cylinder(comm, RADIUS, LENGTH, sides, max(round(sides / 6), 2), order), LAW, order=order)
+    film = gx.Membrane(
+        cylinder(comm, RADIUS, LENGTH, sides, max(round(sides / 6), 2), order), LAW, order=order
+    )
     middle, end = gx.Fixed(film, "first rim", (0,)), gx.Prescribed(film, "last rim", turn, (0,))
     held = [gx.Fixed(film, line, (1,)) for line in ("top", "bottom")]
     held += [gx.Fixed(film, point, (2,)) for point in ("first left", "first right")]
@@ -110,5 +114,11 @@ STUDY = Study(
         *(Measure(f"M({ratio:g}κ_w)/exact", 1.0, 1e-2) for ratio in BENT),
     ),
     quick={"sides": [16, 32]},
-    columns=("M(½κ_w)/exact", *(f"θ0({ratio:g}κ_w)/exact" for ratio in BENT), "iterations", "residual", "seconds"),
+    columns=(
+        "M(½κ_w)/exact",
+        *(f"θ0({ratio:g}κ_w)/exact" for ratio in BENT),
+        "iterations",
+        "residual",
+        "seconds",
+    ),
 )

@@ -79,7 +79,9 @@ def draw(results: list[Result], path: Path) -> None:
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    figure, axes = pyplot.subplots(1, len(TIMES), figsize=(10.5, 4.2), sharey=True, sharex=True, layout="constrained")
+    figure, axes = pyplot.subplots(
+        1, len(TIMES), figsize=(10.5, 4.2), sharey=True, sharex=True, layout="constrained"
+    )
     rows = [result for result in results if not result.failed]
     marks = "osD^"
     for panel, at in zip(axes, TIMES, strict=True):
@@ -87,11 +89,21 @@ def draw(results: list[Result], path: Path) -> None:
             for i in range(1, 5):
                 ratio = result.values.get(f"ratio{i} {1e3 * at:g} ms")
                 if ratio is not None:
-                    label = f"fold {i}" if at == TIMES[0] and result.case["tube"] in ("long",) else None
-                    panel.plot(
-                        ratio, y, marks[i - 1], color=("#0072B2", "#D55E00", "#009E73", "#CC79A7")[i - 1], label=label
+                    label = (
+                        f"fold {i}" if at == TIMES[0] and result.case["tube"] in ("long",) else None
                     )
-        panel.set(title=f"{1e3 * at:g} ms", xlim=(0, 1.1), xlabel="pressure after the fold over that before it")
+                    panel.plot(
+                        ratio,
+                        y,
+                        marks[i - 1],
+                        color=("#0072B2", "#D55E00", "#009E73", "#CC79A7")[i - 1],
+                        label=label,
+                    )
+        panel.set(
+            title=f"{1e3 * at:g} ms",
+            xlim=(0, 1.1),
+            xlabel="pressure after the fold over that before it",
+        )
         panel.grid(axis="y", color="#e4e7ea")
         panel.spines[["top", "right"]].set_visible(False)
     axes[0].set_yticks(range(len(rows)), [str(result.case["tube"]) for result in rows])
@@ -109,7 +121,16 @@ STUDY = Study(
     lambda case: 1.0,
     quick={"tube": ["sharp"]},
     columns=(
-        *("ratio1 3 ms", "ratio2 3 ms", "ratio1 5 ms", "ratio2 5 ms", "mean1", "mean2", "opened1 [ms]", "opened2 [ms]"),
+        *(
+            "ratio1 3 ms",
+            "ratio2 3 ms",
+            "ratio1 5 ms",
+            "ratio2 5 ms",
+            "mean1",
+            "mean2",
+            "opened1 [ms]",
+            "opened2 [ms]",
+        ),
         *("penetrations", "energy_error", "halved", "steps", "seconds"),
     ),
     may_fail=True,

@@ -22,14 +22,21 @@ LAWS: dict[str, FilmLaw] = {
     "Miyazaki": gx.Miyazaki(**FILM, residual=1e-6),
     "Elastica": gx.Elastica(**FILM, half_wavelength=0.05),
 }
-EXACT = {1e-2: (0.141385, 0.020395, 0.233565), 0.1: (0.309515, 0.101325, 0.527859)}  # q: w0/a, S(0)/E, V/a³
+EXACT = {
+    1e-2: (0.141385, 0.020395, 0.233565),
+    0.1: (0.309515, 0.101325, 0.527859),
+}  # q: w0/a, S(0)/E, V/a³
 
 
 def problem(comm: MPI.Comm, law: str, element: str, q: float, nodes: int) -> dict[str, float]:
     """A quarter of the disc with `nodes` along a radius."""
     order = {"P1": 1, "P2": 2}[element]
     film = gx.Membrane(quarter_disc(comm, nodes // order, 1.0, order), LAWS[law], order=order)
-    supports = [gx.Fixed(film, "rim"), gx.Fixed(film, "x axis", (1,)), gx.Fixed(film, "y axis", (0,))]
+    supports = [
+        gx.Fixed(film, "rim"),
+        gx.Fixed(film, "x axis", (1,)),
+        gx.Fixed(film, "y axis", (0,)),
+    ]
     p = q * FILM["E"] * FILM["thickness"]
     equilibrium = gx.Equilibrium(gx.Scene(film, gx.Pressure(film, p), *supports))
     found = equilibrium.find()
@@ -51,7 +58,12 @@ STUDY = Study(
     {"law": list(LAWS), "element": ["P1", "P2"], "q": [1e-2, 0.1], "nodes": [4, 8, 16, 32]},
     lambda case: 1 / case["nodes"],
     (
-        Measure("w0/a", lambda case: EXACT[case["q"]][0], 3e-3, lambda case: 2.0 if case["element"] == "P1" else 3.0),
+        Measure(
+            "w0/a",
+            lambda case: EXACT[case["q"]][0],
+            3e-3,
+            lambda case: 2.0 if case["element"] == "P1" else 3.0,
+        ),
         Measure("V/a³", lambda case: EXACT[case["q"]][2], 5e-3, lambda case: 2.0),
     ),
     quick={"law": ["Miyazaki"], "q": [0.1], "nodes": [4, 8, 16]},

@@ -47,12 +47,27 @@ MAP = {
     "size": [0.01, 1.0, 10.0],
     "distance": [1e-5, 1e-4, 5e-3],
 }
-ORDINARY = {"speed": 2.0, "h": 1.0, "stiffness": 1.0, "thickness": 1e-4, "size": 0.1, "distance": 1e-3}
+ORDINARY = {
+    "speed": 2.0,
+    "h": 1.0,
+    "stiffness": 1.0,
+    "thickness": 1e-4,
+    "size": 0.1,
+    "distance": 1e-3,
+}
 
 
-def film(comm: MPI.Comm, n: int = 4, size: float = 0.1, name: str = "film", **given: Any) -> gx.Membrane:
+def film(
+    comm: MPI.Comm, n: int = 4, size: float = 0.1, name: str = "film", **given: Any
+) -> gx.Membrane:
     """A square film about `at` [m], turned about z by `turn` and about x by `tilt`, at a velocity and spin about z."""
-    motion = {"at": (0.0, 0.0, 0.0), "turn": 0.0, "tilt": 0.0, "velocity": (0.0, 0.0, 0.0), "spin": 0.0} | given
+    motion = {
+        "at": (0.0, 0.0, 0.0),
+        "turn": 0.0,
+        "tilt": 0.0,
+        "velocity": (0.0, 0.0, 0.0),
+        "spin": 0.0,
+    } | given
     law = motion.pop("law", None) or gx.Miyazaki(**LAW, residual=1e-6)
     c, s, C, S = (f(motion[a]) for a in ("turn", "tilt") for f in (np.cos, np.sin))
 
@@ -69,7 +84,9 @@ def film(comm: MPI.Comm, n: int = 4, size: float = 0.1, name: str = "film", **gi
     return gx.Membrane(mesh, law, name=name, displacement=lambda X: placed(X) - X, velocity=thrown)
 
 
-def zigzag(comm: MPI.Comm, layers: int = 6, cells: int = 6, cell: float = 0.01, ridge: float = 2e-3) -> gx.Membrane:
+def zigzag(
+    comm: MPI.Comm, layers: int = 6, cells: int = 6, cell: float = 0.01, ridge: float = 2e-3
+) -> gx.Membrane:
     """A strip folded along z, with random speeds of 1 m/s of its layers, and 0.3 m/s of its nodes."""
     x = np.concatenate([[0], np.cumsum(([cell] * cells + [ridge]) * layers)[:-1]])
     layer = np.repeat(np.arange(layers), cells + 1)
@@ -81,7 +98,9 @@ def zigzag(comm: MPI.Comm, layers: int = 6, cells: int = 6, cell: float = 0.01, 
         grid = np.arange(1, x_.size + 1).reshape(x_.shape)
         a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
         surface = model.addDiscreteEntity(2)
-        model.mesh.addNodes(2, surface, range(1, x_.size + 1), np.stack([x_, y_, 0 * x_], 2).ravel())
+        model.mesh.addNodes(
+            2, surface, range(1, x_.size + 1), np.stack([x_, y_, 0 * x_], 2).ravel()
+        )
         triangles = np.stack([(a, b, c), (a, c, d)]).transpose(0, 2, 3, 1)
         model.mesh.addElementsByType(surface, 2, [], triangles.ravel())
         model.addPhysicalGroup(2, [surface], name="film")
@@ -89,14 +108,20 @@ def zigzag(comm: MPI.Comm, layers: int = 6, cells: int = 6, cell: float = 0.01, 
     speeds = np.random.default_rng(0).uniform(-1, 1, layers)[layer]
 
     def folded(p: np.ndarray) -> np.ndarray:
-        return np.vstack([np.interp(p[0], x, X) - p[0], 0 * p[0], np.interp(p[0], x, layer * ridge)])
+        return np.vstack(
+            [np.interp(p[0], x, X) - p[0], 0 * p[0], np.interp(p[0], x, layer * ridge)]
+        )
 
     def thrown(p: np.ndarray) -> np.ndarray:
-        phase = np.sin(np.outer((3e3, 5e3, 7e3), p[0]) + np.outer((2e3, 11e3, 13e3), p[1]))  # the same on every rank
+        phase = np.sin(
+            np.outer((3e3, 5e3, 7e3), p[0]) + np.outer((2e3, 11e3, 13e3), p[1])
+        )  # the same on every rank
         return 0.4 * phase + np.vstack([0 * p[0] + 0.1, 0 * p[0] + 0.2, np.interp(p[0], x, speeds)])
 
     mesh = gx.gmsh_mesh(build, comm)
-    return gx.Membrane(mesh, gx.Miyazaki(**LAW, residual=1e-6), displacement=folded, velocity=thrown, name="strip")
+    return gx.Membrane(
+        mesh, gx.Miyazaki(**LAW, residual=1e-6), displacement=folded, velocity=thrown, name="strip"
+    )
 
 
 UNTIL = 0.04  # s, of the tube
@@ -130,12 +155,19 @@ def impact(comm: MPI.Comm, against: str) -> tuple[gx.Simulation, gx.Contact, flo
     stress = h * values.sum() / time / (WIDTH * BAR["thickness"])
     x = bar_velocity(run, left)
     exact = BAR["density"] * WAVE * SPEED
-    return run, contact, max(abs(time * WAVE / (2 * LENGTH) - 1), abs(stress / exact - 1), abs(x / -SPEED - 1))
+    return (
+        run,
+        contact,
+        max(abs(time * WAVE / (2 * LENGTH) - 1), abs(stress / exact - 1), abs(x / -SPEED - 1)),
+    )
 
 
 def bar_velocity(run: gx.Simulation, body: gx.Membrane) -> float:
     """Mean velocity along x, by mass."""
-    owned, P = run.system.numbering.owned(run.system.bodies.index(body)), run.system.numbering.vector()
+    owned, P = (
+        run.system.numbering.owned(run.system.bodies.index(body)),
+        run.system.numbering.vector(),
+    )
     run.system.M.mult(run.system.v0, P)
     mass = BAR["density"] * BAR["thickness"] * LENGTH * WIDTH
     return float(run.comm.allreduce(P.array_r[owned][::3].sum()) / mass)
@@ -147,18 +179,26 @@ def block(comm: MPI.Comm) -> tuple[gx.Simulation, gx.Contact, float]:
     mass = LAW["density"] * LAW["thickness"] * size**2
     reduced = 0.75 * mass
     k = reduced * (V / (0.6 * d)) ** 2
-    face = gx.RigidBody(3 * mass, (1e-5, 1e-5, 1e-5), position=(0, 0, -0.01), comm=comm, name="block")
+    face = gx.RigidBody(
+        3 * mass, (1e-5, 1e-5, 1e-5), position=(0, 0, -0.01), comm=comm, name="block"
+    )
     thrown = film(comm, size=size, at=(0, 0, 1.05 * d), velocity=(0, 0, -V))
     plane = gx.Plane(point=(0, 0, 0), normal=(0, 0, 1), on=face)
     contact = gx.Contact(thrown, plane, distance=d, stiffness=k / size**2, law="penalty")
     h, expected = 2e-6, np.pi * (reduced / k) ** 0.5
-    force = gx.Series({"force": gx.ContactForce(contact, thrown, "z"), "gap": gx.ContactGap(contact)})
+    force = gx.Series(
+        {"force": gx.ContactForce(contact, thrown, "z"), "gap": gx.ContactGap(contact)}
+    )
     run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=h), [force])
     run.run(until=1.3 * expected)
     time = h * np.count_nonzero(np.array(force["force"]) > 1e-9)
     depth = d - min(force["gap"])
     velocity = gx.Velocity(face.port(), "z")(run)
-    return run, contact, max(abs(time / expected - 1), abs(depth / (0.6 * d) - 1), abs(velocity / -(V / 2) - 1))
+    return (
+        run,
+        contact,
+        max(abs(time / expected - 1), abs(depth / (0.6 * d) - 1), abs(velocity / -(V / 2) - 1)),
+    )
 
 
 def mixed(comm: MPI.Comm, what: str) -> tuple[gx.Simulation, gx.Contact, float]:
@@ -170,9 +210,13 @@ def mixed(comm: MPI.Comm, what: str) -> tuple[gx.Simulation, gx.Contact, float]:
         rope = gx.Cable(mesh, gx.CableLaw(EA=1e4, line_density=0.01), velocity=down, name="rope")
         contact = gx.Contact(flat, rope, distance=1e-3, radius={"rope": 1e-3})
     elif what == "edges":
-        upright = film(comm, at=(0.003, 0.0, 0.052), tilt=np.pi / 2, velocity=(0, 0, -2.0), name="upright")
+        upright = film(
+            comm, at=(0.003, 0.0, 0.052), tilt=np.pi / 2, velocity=(0, 0, -2.0), name="upright"
+        )
         contact = gx.Contact(
-            film(comm, turn=0.3, tilt=np.pi / 2, at=(0, 0, -0.064), name="other"), upright, distance=1e-3
+            film(comm, turn=0.3, tilt=np.pi / 2, at=(0, 0, -0.064), name="other"),
+            upright,
+            distance=1e-3,
         )
     else:
         box = gx.Box(centre=(0, 0, -0.0366), sizes=(0.04, 0.04, 0.04), axes=_on_a_corner())
@@ -191,16 +235,25 @@ def _on_a_corner() -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(row) for row in R.T.tolist())
 
 
-def tube(comm: MPI.Comm, touches: bool, controlled: bool = False) -> tuple[gx.Simulation, gx.Contact | None, float]:
+def tube(
+    comm: MPI.Comm, touches: bool, controlled: bool = False
+) -> tuple[gx.Simulation, gx.Contact | None, float]:
     """A folded tube of five compartments, filled through a valve that opens within 15 ms."""
     length, diameter = 0.8, 0.058
     folds = gx.fold.zigzag(
-        length=length, panels=5, angle=np.radians(80), width=np.pi * diameter / 2, opening=1e-3, lift=3e-4
+        length=length,
+        panels=5,
+        angle=np.radians(80),
+        width=np.pi * diameter / 2,
+        opening=1e-3,
+        lift=3e-4,
     )
     law = KAPTON_HN.law(25e-6, residual=1e-6)
     mesh = flat_tube(comm, length, diameter, 6, compartments=5)
     distance = 5e-4 if touches else 0.0
-    made = gx.InflatableTube(mesh, law, gas=NITROGEN, pressure=1.0, dead_volume=1e-6, folds=folds, contact=distance)
+    made = gx.InflatableTube(
+        mesh, law, gas=NITROGEN, pressure=1.0, dead_volume=1e-6, folds=folds, contact=distance
+    )
     source = gx.Tank(20e-6, gas=NITROGEN, pressure=1.5e6, temperature=293.0)
 
     def area(t: float) -> float:
@@ -208,7 +261,9 @@ def tube(comm: MPI.Comm, touches: bool, controlled: bool = False) -> tuple[gx.Si
         return np.pi / 4 * (0.2e-3 + 0.8e-3 * s * s * (3 - 2 * s)) ** 2
 
     control = gx.StepControl(iterations=9, largest=5e-5) if controlled else None
-    run = gx.Simulation(gx.Scene(made, made.inlet(source, area)), gx.Midpoint(dt=2.5e-5), control=control)
+    run = gx.Simulation(
+        gx.Scene(made, made.inlet(source, area)), gx.Midpoint(dt=2.5e-5), control=control
+    )
     run.run(until=UNTIL)
     return run, made.contact, 0.0
 
@@ -220,7 +275,10 @@ def extreme(comm: MPI.Comm, words: list[str]) -> tuple[gx.Simulation, gx.Contact
     soft = gx.Miyazaki(**law | {"E": LAW["E"] * v["stiffness"]}, residual=1e-6)
     size = v["size"]
     lower = film(comm, size=size, law=gx.Miyazaki(**law, residual=1e-6), name="lower")
-    at, velocity = (0.1 * size, 0.05 * size, 1.5 * v["distance"]), (0.1 * v["speed"], 0.0, -v["speed"])
+    at, velocity = (
+        (0.1 * size, 0.05 * size, 1.5 * v["distance"]),
+        (0.1 * v["speed"], 0.0, -v["speed"]),
+    )
     upper = film(comm, size=size, law=soft, turn=0.4, at=at, velocity=velocity, name="upper")
     contact = gx.Contact(lower, upper, distance=v["distance"])
     run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=1e-4 * v["h"]))
@@ -240,9 +298,19 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
         _, law, h = words
         if words[0] == "films":
             lower = film(comm, 10, 0.2, name="lower")
-            moved = {"turn": 0.4, "tilt": 0.02, "at": (0.01, 0.005, 6e-3), "velocity": (0.3, 0, -2.0), "spin": 3.0}
+            moved = {
+                "turn": 0.4,
+                "tilt": 0.02,
+                "at": (0.01, 0.005, 6e-3),
+                "velocity": (0.3, 0, -2.0),
+                "spin": 3.0,
+            }
             contact = gx.Contact(
-                lower, film(comm, 10, 0.2, name="upper", **moved), distance=1e-3, stiffness=2e6, law=law
+                lower,
+                film(comm, 10, 0.2, name="upper", **moved),
+                distance=1e-3,
+                stiffness=2e6,
+                law=law,
             )
         else:
             contact = gx.Contact(zigzag(comm), distance=5e-4, stiffness=8e6, law=law)
@@ -261,9 +329,17 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
     first, now = run.first, run.totals
     P = run.system.numbering.vector()
     run.system.M.mult(run.system.v0, P)
-    size = float(comm.allreduce(np.abs(P.array_r).sum()))  # momenta of all nodes, which may be opposite
+    size = float(
+        comm.allreduce(np.abs(P.array_r).sum())
+    )  # momenta of all nodes, which may be opposite
     free = words[0] not in ("wall", "corner", "tube")  # what does not move takes momentum
-    change = max(np.abs(getattr(now, w) - getattr(first, w)).max() for w in ("momentum", "angular_momentum")) / size
+    change = (
+        max(
+            np.abs(getattr(now, w) - getattr(first, w)).max()
+            for w in ("momentum", "angular_momentum")
+        )
+        / size
+    )
     pierced = 0.0 if contact is None else gx.Penetrations(contact)(run)
     sound = abs(run.energy_error) < ENERGY and (change < MOMENTUM or not free) and pierced == 0
     check(
@@ -283,18 +359,33 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
 
 def cases() -> list[str]:
     table = [
-        f"{s} {law} {h:g}" for s in ("films", "zigzag") for law in ("barrier", "penalty") for h in (1e-4, 2e-4, 5e-4)
+        f"{s} {law} {h:g}"
+        for s in ("films", "zigzag")
+        for law in ("barrier", "penalty")
+        for h in (1e-4, 2e-4, 5e-4)
     ]
     table += ["films barrier 0.001", "zigzag barrier 0.001"]
     pairs = ["thickness=7.5e-06 size=1", "thickness=7.5e-06 size=4"]  # edges of 1 m in the last
-    exact = ["bars", "wall", "block", "cable", "edges", "corner", "tube", "tube alone", "tube controlled"]
+    exact = [
+        "bars",
+        "wall",
+        "block",
+        "cable",
+        "edges",
+        "corner",
+        "tube",
+        "tube alone",
+        "tube controlled",
+    ]
     single = [f"{axis}={value:g}" for axis, values in MAP.items() for value in values]
     return [*table, *exact, "ordinary", *single, *pairs]
 
 
 def draw(results: list[Result], path: Path) -> None:
     """The map."""
-    stability.draw([r for r in results if "=" in str(r.case["case"]) or r.case["case"] == "ordinary"], path)
+    stability.draw(
+        [r for r in results if "=" in str(r.case["case"]) or r.case["case"] == "ordinary"], path
+    )
 
 
 STUDY = Study(

@@ -51,7 +51,14 @@ STUDY = Study(
     lambda case: case["h"],
     quick={"start": ["usual"], "cells": [4], "h": [1e-4]},
     columns=(
-        *("opened1 [ms]", "opened2 [ms]", "p2/p1 at 3 ms", "p1 at the end [Pa]", "distance [mm]", "mean speed [m/s]"),
+        *(
+            "opened1 [ms]",
+            "opened2 [ms]",
+            "p2/p1 at 3 ms",
+            "p1 at the end [Pa]",
+            "distance [mm]",
+            "mean speed [m/s]",
+        ),
         *("penetrations", "energy_error", "iterations", "halved", "unknowns", "seconds"),
     ),
     may_fail=True,

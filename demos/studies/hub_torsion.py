@@ -92,7 +92,9 @@ def _inward(B: float, c: float) -> tuple[float, Solution]:
         ε2 = (y[0] / r - ε1 * sin2) / (1 - sin2)
         return np.array([ε1 * (1 - sin2) + ε2 * sin2, (ε1 - ε2) * math.sin(2 * φ) / r])
 
-    y = np.array([R / E * ((1 - NU) * A - (1 + NU) * B / R**2), -c * (1 + NU) / E * (R**-2 - RIM**-2)])
+    y = np.array(
+        [R / E * ((1 - NU) * A - (1 + NU) * B / R**2), -c * (1 + NU) / E * (R**-2 - RIM**-2)]
+    )
     h = (HUB - R) / INNER_STEPS
     for r in R + h * np.arange(INNER_STEPS):
         k1 = rates(r, y)
@@ -115,7 +117,9 @@ def problem(comm: MPI.Comm, law: str, element: str, torque: float, nodes: int) -
         at_hub = np.hypot(X[0], X[1]) < (HUB + RIM) / 2
         angle = np.where(at_hub, -θ, 0.0)
         x, y = (1 + STRAIN) * X[0], (1 + STRAIN) * X[1]
-        turned = np.vstack([np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y, X[2]])
+        turned = np.vstack(
+            [np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y, X[2]]
+        )
         return turned - X
 
     hub, rim = gx.Prescribed(film, "hub", turn, (0, 1)), gx.Prescribed(film, "rim", turn, (0, 1))
@@ -144,7 +148,9 @@ def mean_ratio(stress: fem.Function, solution: Solution, width: float) -> float:
     r = np.linalg.norm(compute_midpoints(domain, 2, cells), axis=1)
     values = stress.x.array[stress.function_space.dofmap.list[: len(cells)]].mean(axis=1)
     near = abs(r - PROBE) < width
-    total, n = domain.comm.allreduce(np.array([(values[near] / solution.stress(r[near])).sum(), near.sum()]))
+    total, n = domain.comm.allreduce(
+        np.array([(values[near] / solution.stress(r[near])).sum(), near.sum()])
+    )
     return float(total / n)
 
 

@@ -58,7 +58,9 @@ def problem(comm: MPI.Comm, element: str, q: float, sides: int) -> dict[str, flo
     order = {"P1": 1, "P2": 2}[element]
     along = 2 * round(sides * LENGTH / (12 * RADIUS))
     film = gx.Membrane(capped_cylinder(comm, RADIUS, LENGTH, sides, along, order), LAW, order=order)
-    search = gx.Equilibrium(gx.Scene(film, gx.Pressure(film, q * FILM["E"] * FILM["thickness"] / RADIUS)))
+    search = gx.Equilibrium(
+        gx.Scene(film, gx.Pressure(film, q * FILM["E"] * FILM["thickness"] / RADIUS))
+    )
     found = search.find()
     λ_x, λ_t = stretches(film, search)
     return {
@@ -79,7 +81,10 @@ STUDY = Study(
     lambda case: 2 * math.pi * RADIUS / case["sides"],
     (
         Measure(
-            "λ_x", lambda case: exact(case["q"])[0], 1e-3, lambda case: 2.0 if case["element"] == "P1" else math.inf
+            "λ_x",
+            lambda case: exact(case["q"])[0],
+            1e-3,
+            lambda case: 2.0 if case["element"] == "P1" else math.inf,
         ),
         Measure("λ_t", lambda case: exact(case["q"])[1], 1e-3, lambda case: 2.0),
     ),

@@ -73,6 +73,17 @@ STUDY = Study(
     {"scene": ["strip", "airbag"], "law": list(STRIP)},
     lambda case: math.nan,
     quick={"scene": ["strip"], "law": ["Linear", "Miyazaki 1e-6"]},
-    columns=("m or V", "error", "u", "σ1", "taut", "wrinkled", "slack", "iterations", "residual", "seconds"),
+    columns=(
+        "m or V",
+        "error",
+        "u",
+        "σ1",
+        "taut",
+        "wrinkled",
+        "slack",
+        "iterations",
+        "residual",
+        "seconds",
+    ),
     may_fail=True,  # Linear on the airbag
 )

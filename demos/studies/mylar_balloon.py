@@ -24,13 +24,22 @@ LAWS: dict[str, FilmLaw] = {
 }
 Q = 1e-3
 HALVES, QUARTERS = 2, 4
-CELLS = {"P1": (6, 12, 24), "P2": (4, 8, 12)}  # along a radius; finer ones of order 2 wrinkle in many ways at this q
+CELLS = {
+    "P1": (6, 12, 24),
+    "P2": (4, 8, 12),
+}  # along a radius; finer ones of order 2 wrinkle in many ways at this q
 
 
-def inflate(comm: MPI.Comm, law: FilmLaw, order: int, cells: int, q: float) -> tuple[np.ndarray, gx.EquilibriumResult]:
+def inflate(
+    comm: MPI.Comm, law: FilmLaw, order: int, cells: int, q: float
+) -> tuple[np.ndarray, gx.EquilibriumResult]:
     """(R/a, thickness/a, V/a³) of a quarter of the upper half, from flat."""
     film = gx.Membrane(quarter_disc(comm, cells, 1.0, order), law, order=order)
-    held = [gx.Fixed(film, "rim", (2,)), gx.Fixed(film, "x axis", (1,)), gx.Fixed(film, "y axis", (0,))]
+    held = [
+        gx.Fixed(film, "rim", (2,)),
+        gx.Fixed(film, "x axis", (1,)),
+        gx.Fixed(film, "y axis", (0,)),
+    ]
     p = q * FILM["E"] * FILM["thickness"]
     search = gx.Equilibrium(gx.Scene(film, gx.Pressure(film, p), *held))
     found = search.find()
@@ -38,12 +47,16 @@ def inflate(comm: MPI.Comm, law: FilmLaw, order: int, cells: int, q: float) -> t
     rim = [node for node in film.nodes("rim") if node < len(x)]
     radii, n = comm.allreduce(np.array([np.hypot(x[rim, 0], x[rim, 1]).sum(), len(rim)]))
     height = comm.allreduce(float(x[:, 2].max(initial=0.0)), op=MPI.MAX)
-    return np.array([radii / n, HALVES * height, HALVES * QUARTERS * found.totals.supplied / p]), found
+    return np.array(
+        [radii / n, HALVES * height, HALVES * QUARTERS * found.totals.supplied / p]
+    ), found
 
 
 def problem(comm: MPI.Comm, law: str, element: str, level: int) -> dict[str, float]:
     order, cells = {"P1": 1, "P2": 2}[element], CELLS[element][level]
-    (coarse, first), (fine, second) = (inflate(comm, LAWS[law], order, cells, q) for q in (2 * Q, Q))
+    (coarse, first), (fine, second) = (
+        inflate(comm, LAWS[law], order, cells, q) for q in (2 * Q, Q)
+    )
     radius, thickness, volume = 2 * fine - coarse
     return {
         "R/a": radius,

@@ -58,7 +58,9 @@ def problem(comm: MPI.Comm, scene: str, h: float) -> dict[str, float]:
         "result/exact": result,
         "energy": abs(run.energy_error),
         # the torque of an oblate Earth is a load
-        "momentum": math.nan if scene in DRIFTS else float(np.linalg.norm(now - first) / np.linalg.norm(first)),
+        "momentum": math.nan
+        if scene in DRIFTS
+        else float(np.linalg.norm(now - first) / np.linalg.norm(first)),
         "iterations": run.iterations / run.step,
         "seconds": run.seconds,
     }
@@ -70,7 +72,10 @@ def keplers_motion(comm: MPI.Comm, scene: str, h: float) -> tuple[gx.Simulation,
     bodies: list[Any] = [gx.RigidBody(20.0, (1.0, 2.0, 2.5), spin=(0.002, 0.001, 0.003), comm=comm)]
     if scene == "flexible":
         arm, v = np.array([8.0, 6.0, 0.0]), RATE * np.array([-6.0, 8.0, 0.0])
-        a, b = (gx.PointMass(10.0, tuple(s * arm), tuple(s * v), comm=comm, name=n) for s, n in ((-1, "a"), (1, "b")))
+        a, b = (
+            gx.PointMass(10.0, tuple(s * arm), tuple(s * v), comm=comm, name=n)
+            for s, n in ((-1, "a"), (1, "b"))
+        )
         bodies = [a, b, gx.Spring(a.port(), b.port(), stiffness=1e5, length=20.0)]
     run = gx.Simulation(gx.Scene(*bodies, orbit), gx.Midpoint(dt=h))
     run.run(until=10 * REVOLUTION)
@@ -98,7 +103,9 @@ def libration(comm: MPI.Comm, angle: float, h: float) -> tuple[gx.Simulation, fl
     return run, run.time / exact
 
 
-def drift(comm: MPI.Comm, angle: str, e: float, i: float, h: float, critical: bool) -> tuple[gx.Simulation, float]:
+def drift(
+    comm: MPI.Comm, angle: str, e: float, i: float, h: float, critical: bool
+) -> tuple[gx.Simulation, float]:
     """A flight over an oblate Earth, and the drift of an angle of its orbit over the exact one."""
     elements = gx.Elements(A, e, i, 1.0, 1.0)
     times = np.arange(EVERY, 5 * REVOLUTION, EVERY)

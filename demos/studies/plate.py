@@ -46,7 +46,10 @@ SZE_C = {  # P/P_max: (W_A, W_B)
     1.0: (13.891, 17.528),
 }  # fmt: skip
 CURLS = (0.5, math.pi / 2, math.pi, 0.95 * 2 * math.pi)
-BUCKLED = {60: (0.25904634, 1.15168675), 120: (0.87688206, 1.88454545)}  # end slope [deg]: δ, P/P_c for e_E = 1e-4
+BUCKLED = {
+    60: (0.25904634, 1.15168675),
+    120: (0.87688206, 1.88454545),
+}  # end slope [deg]: δ, P/P_c for e_E = 1e-4
 DISC = {1.0: 0.168034, 20.0: 1.49410, 100.0: 2.8564}  # p a⁴/(E t⁴): w0/t
 CIRCLE = {  # λ² = ω a² √(ρt/D) by nodal diameters and circles, these counted from 0 within a diameter
     "clamped": {(0, 0): 10.215826, (1, 0): 21.260398, (2, 0): 34.877035, (0, 1): 39.771148},
@@ -74,10 +77,18 @@ def positions(equilibrium: gx.Equilibrium, plate: gx.Plate, group: str) -> np.nd
 
 
 def strip(
-    comm: MPI.Comm, cells: int, length: float, width: float, law: gx.Linear, kind: str, **more: object
+    comm: MPI.Comm,
+    cells: int,
+    length: float,
+    width: float,
+    law: gx.Linear,
+    kind: str,
+    **more: object,
 ) -> gx.Plate:
     if kind == "irregular":
-        return gx.Plate(irregular_sheet(comm, cells, max(cells // 8, 2), length, width), law, **more)
+        return gx.Plate(
+            irregular_sheet(comm, cells, max(cells // 8, 2), length, width), law, **more
+        )
     return gx.Plate(sheet(comm, cells, max(cells // 8, 1), length, width), law, **more)
 
 
@@ -93,9 +104,13 @@ def elastica(comm: MPI.Comm, cells: int, t: float, kind: str = "regular") -> Fig
 
 
 def sze_a(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
-    plate = strip(comm, cells, 10.0, 1.0, gx.Linear(E=1.2e6, nu=0.0, density=1.0, thickness=0.1), kind)
+    plate = strip(
+        comm, cells, 10.0, 1.0, gx.Linear(E=1.2e6, nu=0.0, density=1.0, thickness=0.1), kind
+    )
     load = gx.EdgeLoad(plate, "right", lambda t: (0.0, 0.0, 4 * t))
-    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.ClampedEdge(plate, "left"), load), gx.Continuation(step=50.0))
+    equilibrium = gx.Equilibrium(
+        gx.Scene(plate, gx.ClampedEdge(plate, "left"), load), gx.Continuation(step=50.0)
+    )
     worst, iterations, seconds = 0.0, 0, 0.0
     for share, (u, w) in SZE_A.items():
         found = equilibrium.find(at=share)
@@ -106,14 +121,22 @@ def sze_a(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
 
 
 def roll_up(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
-    plate = strip(comm, cells, 12.0, 1.0, gx.Linear(E=1.2e6, nu=0.0, density=1.0, thickness=0.1), kind)
+    plate = strip(
+        comm, cells, 12.0, 1.0, gx.Linear(E=1.2e6, nu=0.0, density=1.0, thickness=0.1), kind
+    )
     moment = gx.EdgeMoment(plate, "right", lambda t: 50 * math.pi / 3 * t)
-    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.ClampedEdge(plate, "left"), moment), gx.Continuation(step=50.0))
+    equilibrium = gx.Equilibrium(
+        gx.Scene(plate, gx.ClampedEdge(plate, "left"), moment), gx.Continuation(step=50.0)
+    )
     worst, iterations, seconds = 0.0, 0, 0.0
     for share in np.linspace(0.125, 1.0, 8):
         found = equilibrium.find(at=share)
         x, φ = positions(equilibrium, plate, "right"), 2 * math.pi * share
-        worst = max(worst, abs(x[0] - 12 * math.sin(φ) / φ) / 12, abs(x[2] - 12 * (1 - math.cos(φ)) / φ) / 12)
+        worst = max(
+            worst,
+            abs(x[0] - 12 * math.sin(φ) / φ) / 12,
+            abs(x[2] - 12 * (1 - math.cos(φ)) / φ) / 12,
+        )
         iterations, seconds = iterations + found.iterations, seconds + found.seconds
     return {"error": worst, "value": x[0], "iterations": iterations, "seconds": seconds}
 
@@ -126,7 +149,9 @@ def slit(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
     )
     plate = gx.Plate(mesh, gx.Linear(E=21e6, nu=0.0, density=1.0, thickness=0.03))
     load = gx.EdgeLoad(plate, "start", lambda t: (0.0, 0.0, 0.8 * t))
-    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.ClampedEdge(plate, "end"), load), gx.Continuation(step=50.0))
+    equilibrium = gx.Equilibrium(
+        gx.Scene(plate, gx.ClampedEdge(plate, "end"), load), gx.Continuation(step=50.0)
+    )
     worst, iterations, seconds = 0.0, 0, 0.0
     nodes = plate.nodes("start")
     radius = plate.space.tabulate_dof_coordinates()[nodes, 0]
@@ -134,7 +159,10 @@ def slit(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
         found = equilibrium.find(at=share)
         z = equilibrium.system.q0.array_r.reshape(-1, 3)[:, 2]
         here = nodes < len(z)
-        ends = [float(z[nodes[here & (abs(radius - r) < 1e-9)]].max(initial=-math.inf)) for r in (6.0, 10.0)]
+        ends = [
+            float(z[nodes[here & (abs(radius - r) < 1e-9)]].max(initial=-math.inf))
+            for r in (6.0, 10.0)
+        ]
         W_A, W_B = comm.allreduce(np.array(ends), op=MPI.MAX)
         worst = max(abs(W_A / inner - 1), abs(W_B / outer - 1)) if share == 1.0 else worst
         iterations, seconds = iterations + found.iterations, seconds + found.seconds
@@ -159,20 +187,30 @@ def buckled(comm: MPI.Comm, cells: int, slope: int, kind: str = "regular") -> Fi
     law = gx.Linear(E=1e6, nu=0.0, density=1000.0, thickness=t)
     arc = np.linspace(0, half, 201)
     θ = math.radians(slope) * np.sin(math.pi * arc / (2 * half))  # of the elastica, nearly
-    x, z = (np.concatenate([[0], np.cumsum((f[1:] + f[:-1]) / 2) * arc[1]]) for f in (np.cos(θ), np.sin(θ)))
+    x, z = (
+        np.concatenate([[0], np.cumsum((f[1:] + f[:-1]) / 2) * arc[1]])
+        for f in (np.cos(θ), np.sin(θ))
+    )
 
     def bent(X: np.ndarray) -> np.ndarray:
         return np.stack([np.interp(X[0], arc, x) - X[0], 0 * X[0], np.interp(X[0], arc, z)])
 
     plate = strip(comm, cells, half, 0.05, law, kind, displacement=bent)
     clamp = gx.ClampedEdge(plate, "left", direction=(1.0, 0.0, 0.0))
-    end = gx.Prescribed(plate, "right", lambda X, t: np.array([[-shortening * half], [0], [0]]) + 0 * X, (0,))
+    end = gx.Prescribed(
+        plate, "right", lambda X, t: np.array([[-shortening * half], [0], [0]]) + 0 * X, (0,)
+    )
     equilibrium = gx.Equilibrium(gx.Scene(plate, clamp, end), gx.Continuation(step=0.05))
     found = equilibrium.find()
     force, _ = equilibrium.reaction(end)
     critical = 1e6 * t * 0.05 * (1 - math.sqrt(1 - 4 * e_E)) / 2
     value = -force[0] / critical
-    return {"error": abs(value / exact - 1), "value": value, "iterations": found.iterations, "seconds": found.seconds}
+    return {
+        "error": abs(value / exact - 1),
+        "value": value,
+        "iterations": found.iterations,
+        "seconds": found.seconds,
+    }
 
 
 def pressed(comm: MPI.Comm, cells: int, load: float) -> Figures:
@@ -181,7 +219,9 @@ def pressed(comm: MPI.Comm, cells: int, load: float) -> Figures:
     pressure = gx.Pressure(plate, load * 1e9 * t**4)
     equilibrium = gx.Equilibrium(gx.Scene(plate, gx.ClampedEdge(plate, "rim"), pressure))
     found = equilibrium.find()
-    value = comm.allreduce(float(equilibrium.system.q0.array_r[2::3].max(initial=0.0)), op=MPI.MAX) / t
+    value = (
+        comm.allreduce(float(equilibrium.system.q0.array_r[2::3].max(initial=0.0)), op=MPI.MAX) / t
+    )
     return {
         "error": abs(value / DISC[load] - 1),
         "value": value,
@@ -205,7 +245,9 @@ def frequencies(comm: MPI.Comm, cells: int, shape: str, edge: str) -> Figures:
         exact = np.array(sorted(v for v, times in values for _ in range(times)))
     else:
         exact = np.array(SQUARE[edge])
-    unit = math.sqrt(law.E * law.thickness**2 / (12 * (1 - NU**2)) / law.density) / (2 * math.pi)  # Hz per λ²
+    unit = math.sqrt(law.E * law.thickness**2 / (12 * (1 - NU**2)) / law.density) / (
+        2 * math.pi
+    )  # Hz per λ²
     rigid = 6 if edge == "free" else 0
     shift = 0.3 * exact[0] * unit if rigid else 0.0
     modes = gx.modes(equilibrium, len(exact) + rigid, above=shift)
@@ -219,7 +261,10 @@ def frequencies(comm: MPI.Comm, cells: int, shape: str, edge: str) -> Figures:
 
 
 SCENES: dict[str, tuple[Callable[[MPI.Comm, int], Figures], float]] = {
-    **{f"elastica t/L {t:.0e}": (lambda comm, n, t=t: elastica(comm, n, t), 5e-3) for t in (1e-2, 1e-3, 1e-4, 1e-5)},
+    **{
+        f"elastica t/L {t:.0e}": (lambda comm, n, t=t: elastica(comm, n, t), 5e-3)
+        for t in (1e-2, 1e-3, 1e-4, 1e-5)
+    },
     "elastica irregular": (lambda comm, n: elastica(comm, n, 1e-3, "irregular"), 5e-3),
     "Sze (a)": (sze_a, 5e-3),
     "Sze (a) irregular": (lambda comm, n: sze_a(comm, n, "irregular"), 5e-3),
@@ -228,10 +273,19 @@ SCENES: dict[str, tuple[Callable[[MPI.Comm, int], Figures], float]] = {
     "slit ring": (slit, 5e-3),
     "slit ring free": (lambda comm, n: slit(comm, n, "free"), 5e-3),  # edges follow no bending line
     **{f"curl {k}": (lambda comm, n, a=a: curl(comm, n, a), 2e-3) for k, a in enumerate(CURLS, 1)},
-    **{f"buckled {k}": (lambda comm, n, s=s: buckled(comm, n, s), 1e-2) for k, s in enumerate(BUCKLED, 1)},
-    **{f"pressed {k}": (lambda comm, n, p=p: pressed(comm, n, p), 5e-3) for k, p in enumerate(DISC, 1)},
     **{
-        f"modes {shape} {edge}": (lambda comm, n, shape=shape, edge=edge: frequencies(comm, n, shape, edge), 1e-2)
+        f"buckled {k}": (lambda comm, n, s=s: buckled(comm, n, s), 1e-2)
+        for k, s in enumerate(BUCKLED, 1)
+    },
+    **{
+        f"pressed {k}": (lambda comm, n, p=p: pressed(comm, n, p), 5e-3)
+        for k, p in enumerate(DISC, 1)
+    },
+    **{
+        f"modes {shape} {edge}": (
+            lambda comm, n, shape=shape, edge=edge: frequencies(comm, n, shape, edge),
+            1e-2,
+        )
         for shape in ("square", "circle")
         for edge in ("free", "clamped")
     },

@@ -133,12 +133,16 @@ def projected(comm: MPI.Intracomm, modes: int) -> dict[str, float]:
     """The flight in the space of ordinary modes: the nearest motion in the norm of the mass."""
     known = truth()
     sail, started = known.film, time.process_time()
-    X = np.stack([x for recording in known.recordings for x in recording.positions], axis=2)  # (n, 3, times)
+    X = np.stack(
+        [x for recording in known.recordings for x in recording.positions], axis=2
+    )  # (n, 3, times)
     mean = X.mean(axis=2, keepdims=True)
     A = X - mean
     λ, v = np.linalg.eigh(comm.allreduce(np.einsum("nit,nis->ts", A, mass_times(sail, A))))
     count = min(3 * (modes + 3), int((λ > 1e-14 * λ[-1]).sum()))  # no more than the snapshots hold
-    U = np.einsum("nit,tk->nik", A, v[:, ::-1][:, :count] / np.sqrt(np.maximum(λ[::-1][:count], 1e-300)))
+    U = np.einsum(
+        "nit,tk->nik", A, v[:, ::-1][:, :count] / np.sqrt(np.maximum(λ[::-1][:count], 1e-300))
+    )
     MU = mass_times(sail, U)
     trained = time.process_time() - started
 
@@ -149,12 +153,16 @@ def projected(comm: MPI.Intracomm, modes: int) -> dict[str, float]:
     h = TIMES[1] - TIMES[0]
     rates = [(b - a) / (2 * h) for a, b in zip(known.positions, known.positions[2:], strict=False)]
     turned = [(x - CENTRE) @ TILT.T + CENTRE for x in known.positions]
-    far = max(np.abs(project(x - mean[:, :, 0]) + mean[:, :, 0] - x).max(initial=0.0) for x in turned)
+    far = max(
+        np.abs(project(x - mean[:, :, 0]) + mean[:, :, 0] - x).max(initial=0.0) for x in turned
+    )
     high = max(np.abs(x[:, 2]).max(initial=0.0) for x in known.positions)
     momenta = []
     for x, v_true, y in zip(known.positions[1:], rates, near[1:], strict=False):
         exact, ours = (
-            comm.allreduce(np.cross(p - CENTRE, mass_times(sail, r[:, :, None])[:, :, 0]).sum(axis=0))
+            comm.allreduce(
+                np.cross(p - CENTRE, mass_times(sail, r[:, :, None])[:, :, 0]).sum(axis=0)
+            )
             for p, r in ((x, v_true), (y, project(v_true)))
         )
         momenta.append(np.linalg.norm(ours - exact) / np.linalg.norm(exact))
@@ -174,9 +182,7 @@ def problem(comm: MPI.Intracomm, model: str, modes: int) -> dict[str, float]:
     return projected(comm, modes) if model == VECTOR else predicted(comm, modes, SHARES[model])
 
 
-COLUMNS = (
-    "unknowns error tilted spin stress frequency energy momentum outside σ iterations seconds full/reduced trained"
-)
+COLUMNS = "unknowns error tilted spin stress frequency energy momentum outside σ iterations seconds full/reduced trained"
 STUDY = Study(
     "reduced",
     "Reduced models of a spinning sail",

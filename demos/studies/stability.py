@@ -32,7 +32,15 @@ from meshes.tube import flat_tube
 
 STEPS, H = 30, 1e-4
 LENGTH, DIAMETER, CELLS = 0.2, 0.058, 4
-ORDINARY = {"u": 1e-6, "thickness": 25e-6, "h": 1.0, "pressure": 1e5, "mass": 1.0, "aspect": 1.0, "dead": 1e-6}
+ORDINARY = {
+    "u": 1e-6,
+    "thickness": 25e-6,
+    "h": 1.0,
+    "pressure": 1e5,
+    "mass": 1.0,
+    "aspect": 1.0,
+    "dead": 1e-6,
+}
 RANGES = {
     "u": [1e-12, 1e-10, 1e-8, 1e-4, 1e-2, 1.0],
     "thickness": [1e-6, 5e-6, 1e-4, 1e-3],
@@ -82,7 +90,12 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
     tip = film.port("tip left")
     payload = gx.PointMass(v["mass"] * weight, position=initial(tip), comm=comm, name="payload")
     tube = gx.Chamber(
-        film, gas=gas, pressure=1e5 / v["pressure"], temperature=293.0, dead_volume=v["dead"], name="tube"
+        film,
+        gas=gas,
+        pressure=1e5 / v["pressure"],
+        temperature=293.0,
+        dead_volume=v["dead"],
+        name="tube",
     )
     tank = gx.Reservoir(pressure=1e5, temperature=293.0)
     valve = gx.Orifice(tank, tube, area=1e-6)
@@ -90,9 +103,19 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
     run = gx.Simulation(scene, gx.Midpoint(dt=v["h"] * H))
     run.run(until=STEPS * v["h"] * H)
     state, errors = run.chamber("tube"), (abs(run.energy_error), abs(run.mass_error))
-    finite = bool(np.isfinite(run.system.q0.array_r).all() and np.isfinite(run.system.v0.array_r).all())
-    sound = comm.allreduce(finite, MPI.LAND) and errors[0] <= ENERGY and errors[1] <= MASS and min(state.V, state.p) > 0
-    check(sound, f"Cell '{case}' is wrong without a word: energy off by {errors[0]:.1e}, gas by {errors[1]:.1e}.")
+    finite = bool(
+        np.isfinite(run.system.q0.array_r).all() and np.isfinite(run.system.v0.array_r).all()
+    )
+    sound = (
+        comm.allreduce(finite, MPI.LAND)
+        and errors[0] <= ENERGY
+        and errors[1] <= MASS
+        and min(state.V, state.p) > 0
+    )
+    check(
+        sound,
+        f"Cell '{case}' is wrong without a word: energy off by {errors[0]:.1e}, gas by {errors[1]:.1e}.",
+    )
     return {
         "iterations": run.iterations / run.step,
         "substeps": run.substeps,
@@ -116,17 +139,27 @@ def draw(results: list[Result], path: Path) -> None:
     for result in results:
         name = str(result.case["case"])
         rows.setdefault(" × ".join(word.split("=")[0] for word in name.split()), []).append(result)
-    colours = {"completed": "#009E73", "completed, with halved steps": "#E69F00", "failed, by name": "#56507A"}
+    colours = {
+        "completed": "#009E73",
+        "completed, with halved steps": "#E69F00",
+        "failed, by name": "#56507A",
+    }
     wide = max(map(len, rows.values()))
-    figure, axes = pyplot.subplots(figsize=(1.45 * wide + 2.2, 0.72 * len(rows) + 1.3), layout="constrained")
+    figure, axes = pyplot.subplots(
+        figsize=(1.45 * wide + 2.2, 0.72 * len(rows) + 1.3), layout="constrained"
+    )
     for y, cells in enumerate(rows.values()):
         for x, result in enumerate(cells):
             halved = result.values.get("substeps", 0) > 0
             kind = list(colours)[2 if result.failed else int(halved)]
             axes.add_patch(pyplot.Rectangle((x, y), 0.94, 0.9, color=colours[kind]))
-            told = "\n".join(word.split("=")[1] for word in str(result.case["case"]).split() if "=" in word)
+            told = "\n".join(
+                word.split("=")[1] for word in str(result.case["case"]).split() if "=" in word
+            )
             if not result.failed:
-                count = f"{result.values['iterations']:.1f} it." + (f", {result.values['substeps']:.0f} h." * halved)
+                count = f"{result.values['iterations']:.1f} it." + (
+                    f", {result.values['substeps']:.0f} h." * halved
+                )
                 told += f"\n{count}\n{result.values['energy_error']:.0e}"
             axes.text(
                 x + 0.47,
@@ -137,13 +170,23 @@ def draw(results: list[Result], path: Path) -> None:
                 fontsize=8,
                 color="white" if result.failed else "black",
             )
-    axes.set(xlim=(0, wide), ylim=(len(rows), 0), yticks=[y + 0.45 for y in range(len(rows))], yticklabels=list(rows))
+    axes.set(
+        xlim=(0, wide),
+        ylim=(len(rows), 0),
+        yticks=[y + 0.45 for y in range(len(rows))],
+        yticklabels=list(rows),
+    )
     axes.set_xticks([])
     axes.spines[:].set_visible(False)
     axes.tick_params(length=0)
     patches = [Patch(color=colour, label=kind) for kind, colour in colours.items()]
     figure.legend(handles=patches, loc="outside upper center", ncols=3, frameon=False)
-    figure.text(0.5, -0.02, "value; Newton iterations a step, halved steps; closing error of the energy", ha="center")
+    figure.text(
+        0.5,
+        -0.02,
+        "value; Newton iterations a step, halved steps; closing error of the energy",
+        ha="center",
+    )
     figure.savefig(path, dpi=120, bbox_inches="tight")
     pyplot.close(figure)
 

@@ -51,7 +51,9 @@ def peak_of_section(n: int = 300) -> float:
         K += 1e-9 * np.trace(K) / n**2  # w itself is free
         w = np.linalg.solve(K, -along @ z0 + D * ν * κ * h * second.sum(axis=0))
         z, χ = centred @ (z0 + w), second @ w
-        return float(E / 2 * κ**2 * (weight * z * z).sum() + D / 2 * h * (κ**2 - 2 * ν * κ * χ + χ**2).sum())
+        return float(
+            E / 2 * κ**2 * (weight * z * z).sum() + D / 2 * h * (κ**2 - 2 * ν * κ * χ + χ**2).sum()
+        )
 
     curvatures = np.linspace(0.05, 4, 80)
     return float(np.gradient([energy(κ) for κ in curvatures], curvatures).max())
@@ -72,13 +74,17 @@ def problem(comm: MPI.Comm, cells: int) -> dict[str, float]:
 
     def turned(X: np.ndarray, φ: float) -> np.ndarray:
         y, z = section(X)
-        return np.stack([shift + (z - height) * math.sin(φ), y, height + (z - height) * math.cos(φ)])
+        return np.stack(
+            [shift + (z - height) * math.sin(φ), y, height + (z - height) * math.cos(φ)]
+        )
 
     def direction(X: np.ndarray, φ: float) -> np.ndarray:
         return np.stack([math.cos(φ) + 0 * X[0], 0 * X[0], -math.sin(φ) + 0 * X[0]])
 
     mesh = sheet(comm, 5 * cells // 2, cells, HALF, WIDTH, crossed=True)
-    tape = gx.Plate(mesh, STEEL, rest_curvature=np.diag((0.0, 1 / RADIUS, 0.0)), displacement=curved)
+    tape = gx.Plate(
+        mesh, STEEL, rest_curvature=np.diag((0.0, 1 / RADIUS, 0.0)), displacement=curved
+    )
     middle = gx.ClampedEdge(tape, "left", components=(0,), direction=(1.0, 0.0, 0.0), name="middle")
     end = gx.ClampedEdge(tape, "right", direction=direction, motion=turned, name="end")
     equilibrium = gx.Equilibrium(gx.Scene(tape, middle, end), SEARCH)
@@ -102,7 +108,8 @@ def problem(comm: MPI.Comm, cells: int) -> dict[str, float]:
     fold = TURNS >= FLAT
     return {
         "peak/section's": float(moments.max()) / peak_of_section(),
-        "plateau/(1+ν)Dα": float(np.polyfit(2 * TURNS[fold], np.array(energies)[fold], 1)[0]) / PLATEAU,
+        "plateau/(1+ν)Dα": float(np.polyfit(2 * TURNS[fold], np.array(energies)[fold], 1)[0])
+        / PLATEAU,
         "peak [N m]": float(moments.max()),
         "iterations": iterations,
         "seconds": seconds,

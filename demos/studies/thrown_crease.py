@@ -27,11 +27,17 @@ def thrown(speed: float, X: np.ndarray) -> np.ndarray:
     return speed * np.stack([X[1] - 0.01, -X[0], 0.4 * np.sin(40 * X[0]) * (1 + 20 * X[1])])
 
 
-def problem(comm: MPI.Comm, stiffness: float, speed: float, h: float, cells: int) -> dict[str, float]:
+def problem(
+    comm: MPI.Comm, stiffness: float, speed: float, h: float, cells: int
+) -> dict[str, float]:
     """Stiffness and speed as multiples of the softest and slowest; time step h [s]; cells along a panel."""
     mesh = creased_strip(comm, cells, 3, LENGTH, WIDTH)
     plate = gx.Plate(
-        mesh, LAW, hinges=["crease"], displacement=folded(math.radians(80)), velocity=lambda X: thrown(speed, X)
+        mesh,
+        LAW,
+        hinges=["crease"],
+        displacement=folded(math.radians(80)),
+        velocity=lambda X: thrown(speed, X),
     )
     crease = gx.Crease(plate, "crease", stiffness * STIFFNESS)
     run = gx.Simulation(gx.Scene(plate, crease), gx.Midpoint(dt=h))
@@ -59,7 +65,11 @@ STUDY = Study(
     problem,
     {"stiffness": [1.0, 20.0, 400.0], "speed": [1.0, 10.0], "h": [2e-4, 5e-5], "cells": [8]},
     lambda case: LENGTH / case["cells"],
-    (Measure("halved", 0.0, 0.05), Measure("energy", 0.0, 1e-9), Measure("angular momentum", 0.0, 1e-10)),
+    (
+        Measure("halved", 0.0, 0.05),
+        Measure("energy", 0.0, 1e-9),
+        Measure("angular momentum", 0.0, 1e-10),
+    ),
     quick={"stiffness": [1.0], "h": [2e-4]},
     columns=("least angle", "largest angle", "iterations", "seconds"),
 )

@@ -43,7 +43,9 @@ def taut_sheet(comm: MPI.Comm) -> gx.Scene:
         return np.vstack([0 * X[0], 0 * X[0], 30 * np.sin(math.pi * X[0]) * np.sin(math.pi * X[1])])
 
     law = gx.Miyazaki(E=2.3e9, nu=0.3, density=1400.0, thickness=20e-6)
-    film = gx.Membrane(sheet(comm, 8, 8, crossed=True), law, displacement=lambda X: 0.05 * X, velocity=blow)
+    film = gx.Membrane(
+        sheet(comm, 8, 8, crossed=True), law, displacement=lambda X: 0.05 * X, velocity=blow
+    )
     return gx.Scene(film, *(gx.Fixed(film, edge) for edge in EDGES))
 
 
@@ -84,7 +86,9 @@ def positions(run: gx.Simulation) -> Array:
     return np.concatenate(found)
 
 
-def move(comm: MPI.Comm, scene: str, stepper: str, h: float) -> tuple[gx.Simulation, Array, Array, float]:
+def move(
+    comm: MPI.Comm, scene: str, stepper: str, h: float
+) -> tuple[gx.Simulation, Array, Array, float]:
     """The run to the end, positions at start and end, CPU time."""
     run = gx.Simulation(SCENES[scene](comm), STEPPERS[stepper](h))
     start, began = positions(run), time.process_time()
@@ -125,7 +129,9 @@ def problem(comm: MPI.Comm, scene: str, stepper: str, level: int) -> dict[str, f
 def expected_order(case: Trial) -> float:
     """Where the steps resolve the motion; strong damping of high frequencies comes to its order with smaller ones."""
     orders = {"sheet": 2.0, "balloon": 2.0, "antenna": 1.8}
-    return math.inf if case["stepper"] == "GeneralizedAlpha 0" else orders.get(case["scene"], math.inf)
+    return (
+        math.inf if case["stepper"] == "GeneralizedAlpha 0" else orders.get(case["scene"], math.inf)
+    )
 
 
 STUDY = Study(

@@ -29,7 +29,9 @@ SPUN = gx.Miyazaki(1e9, NU, 5e-5 * 1e9 / SPIN**2, 1e-4)
 EXACT = {  # Hz
     "square": (6.363363, 10.06136, 10.06136, 12.726726),
     "circle": (7.233104, 15.446646, 16.602991),
-    "hub": SPIN / (2 * math.pi) * np.sqrt((0.733432, 1.158668, 1.158668, 2.276136, 2.276136, 3.843137, 3.843137)),
+    "hub": SPIN
+    / (2 * math.pi)
+    * np.sqrt((0.733432, 1.158668, 1.158668, 2.276136, 2.276136, 3.843137, 3.843137)),
     "free disc": SPIN / (2 * math.pi) * np.sqrt((2.35, 3.3, 6.1)),
 }
 
@@ -37,14 +39,19 @@ EXACT = {  # Hz
 def film_of(comm: MPI.Comm, scene: str, order: int, cells: int) -> gx.Scene:
     if scene == "square":
         film = gx.Membrane(
-            sheet(comm, cells, cells, 2.1, 2.1), TENSIONED, order=order, displacement=lambda X: STRETCH * X
+            sheet(comm, cells, cells, 2.1, 2.1),
+            TENSIONED,
+            order=order,
+            displacement=lambda X: STRETCH * X,
         )
         return gx.Scene(film, *(gx.Fixed(film, edge) for edge in EDGES))
     if scene == "hub":
         film = gx.Membrane(ring(comm, HUB, 1.0, cells, 6 * cells, order), SPUN, order=order)
         return gx.Scene(film, gx.Fixed(film, "hub"), gx.Centrifugal(film, (0.0, 0.0, SPIN)))
     law, stretch = (TENSIONED, STRETCH) if scene == "circle" else (SPUN, 0.0)
-    film = gx.Membrane(quarter_disc(comm, cells, 1.0, order), law, order=order, displacement=lambda X: stretch * X)
+    film = gx.Membrane(
+        quarter_disc(comm, cells, 1.0, order), law, order=order, displacement=lambda X: stretch * X
+    )
     held = [gx.Fixed(film, "x axis", (1,)), gx.Fixed(film, "y axis", (0,))]
     last = gx.Fixed(film, "rim") if scene == "circle" else gx.Centrifugal(film, (0.0, 0.0, SPIN))
     return gx.Scene(film, *held, last)

@@ -32,13 +32,21 @@ from meshes.sheet import sheet
 LENGTH, HEIGHT, SHEAR = 0.38, 0.128, 3e-3
 FILM = {"E": 3.5e9, "nu": 0.31, "density": 1420.0, "thickness": 25e-6}
 GAMMA = SHEAR / HEIGHT
-LAMBDA = math.sqrt(math.pi * HEIGHT * FILM["thickness"]) * (3 * (1 - FILM["nu"] ** 2) * GAMMA) ** -0.25
+LAMBDA = (
+    math.sqrt(math.pi * HEIGHT * FILM["thickness"]) * (3 * (1 - FILM["nu"] ** 2) * GAMMA) ** -0.25
+)
 AMPLITUDE = LAMBDA / math.pi * math.sqrt(2 * (1 - FILM["nu"]) * GAMMA)
 FORCE = FILM["E"] * FILM["thickness"] * LENGTH * GAMMA / 4
 CENTRE = (0.3, 0.7)  # of the length, where wrinkles are measured
 # pseudo-steps of wrinkles need not be solved well; what is left unbalanced is in the slack corners
 SEARCH = gx.Continuation(
-    step=1e-4, growth=2.0, inner=0.3, residual=1e-3, fast_iterations=20, max_iterations=40, iterations=2000
+    step=1e-4,
+    growth=2.0,
+    inner=0.3,
+    residual=1e-3,
+    fast_iterations=20,
+    max_iterations=40,
+    iterations=2000,
 )
 STARTS = {"noise": None, "theory": 1.0, "long": 1.3}
 
@@ -65,7 +73,9 @@ def wrinkled(X: np.ndarray, scale: float) -> np.ndarray:
     k, a = math.pi / (scale * LAMBDA), scale * AMPLITUDE
     across = (X[0] - X[1]) / math.sqrt(2)
     height = a * np.sqrt(np.maximum(np.sin(math.pi * np.clip(X[1] / HEIGHT, 0, 1)), 0))
-    shift = -(height**2) * k / 8 * np.sin(2 * k * across) / math.sqrt(2)  # so that wrinkles do not strain
+    shift = (
+        -(height**2) * k / 8 * np.sin(2 * k * across) / math.sqrt(2)
+    )  # so that wrinkles do not strain
     return sheared(X) + np.stack([shift, -shift, height * np.sin(k * across)])
 
 
@@ -87,7 +97,9 @@ def problem(comm: MPI.Comm, start: str, cells: int) -> dict[str, float]:
     mesh = sheet(comm, 48, 16, LENGTH, HEIGHT)
     film = gx.Membrane(mesh, gx.TensionField(**FILM), order=2, displacement=sheared)
     top = gx.Prescribed(film, "top", moved)
-    other = gx.Equilibrium(gx.Scene(film, gx.Fixed(film, "bottom"), top), gx.Continuation(residual=1e-4))
+    other = gx.Equilibrium(
+        gx.Scene(film, gx.Fixed(film, "bottom"), top), gx.Continuation(residual=1e-4)
+    )
     of_film = other.find()
     film_force = other.reaction(top)[0][0]
     return measured | {

@@ -47,7 +47,10 @@ def gradient(X: Numbers) -> Numbers:
     C, S = _cosine_and_sine(X)
     t, p, m = _rows(X)
     σ, a, b, d = _dot(t, t), _dot(t, p), _dot(t, m), _dot(p, m)
-    gC = np.stack([_v(a) * m + _v(b) * p - 2 * _v(d) * t, _v(b) * t - _v(σ) * m, _v(a) * t - _v(σ) * p], axis=-2)
+    gC = np.stack(
+        [_v(a) * m + _v(b) * p - 2 * _v(d) * t, _v(b) * t - _v(σ) * m, _v(a) * t - _v(σ) * p],
+        axis=-2,
+    )
     length = np.sqrt(σ)
     gS = _v(_v(length)) * _cross_pairs(X, X)
     gS[..., 0, :] += _v(_dot(t, _cross(p, m)) / length) * t
@@ -62,11 +65,20 @@ def discrete_gradient(X0: Array, X1: Numbers, θ0: Array, θ1: Numbers) -> Numbe
     X̄, Δ = (X0 + X1) / 2, X1 - X0
     t, p, m = _rows(X̄)
     ends = [(*_products(X), *_cosine_and_sine(X)) for X in (X0, X1)]
-    σ, a, b, d, J, length = ((before + after) / 2 for before, after in zip(*(e[:6] for e in ends), strict=True))
-    gC = np.stack([_v(a) * m + _v(b) * p - 2 * _v(d) * t, _v(b) * t - _v(σ) * m, _v(a) * t - _v(σ) * p], axis=-2)
+    σ, a, b, d, J, length = (
+        (before + after) / 2 for before, after in zip(*(e[:6] for e in ends), strict=True)
+    )
+    gC = np.stack(
+        [_v(a) * m + _v(b) * p - 2 * _v(d) * t, _v(b) * t - _v(σ) * m, _v(a) * t - _v(σ) * p],
+        axis=-2,
+    )
     P = _without_rotation(X̄, Δ)
     R = Δ - P
-    rest = _cross_pairs(R, R) / 4 + (_cross_pairs(R, P) + _cross_pairs(P, R)) / 8 + _cross_pairs(P, P) / 12
+    rest = (
+        _cross_pairs(R, R) / 4
+        + (_cross_pairs(R, P) + _cross_pairs(P, R)) / 8
+        + _cross_pairs(P, P) / 12
+    )
     gS = _v(_v(length)) * (_cross_pairs(X̄, X̄) + _without_rotation(X̄, rest))
     gS[..., 0, :] += _v(J / length) * t
     (C0, S0), (C1, S1) = (e[6:] for e in ends)

@@ -34,7 +34,9 @@ class Numbering:
         self.size_local = int(sizes.sum())
         self.start = start = int(comm.exscan(self.size_local) or 0)
         self.local_starts = np.concatenate([[0], np.cumsum(sizes)])
-        block_starts = np.array(comm.allgather((start + self.local_starts[:-1]).tolist()), dtype=np.int64)
+        block_starts = np.array(
+            comm.allgather((start + self.local_starts[:-1]).tolist()), dtype=np.int64
+        )
         self.size = comm.allreduce(self.size_local)
         self._node_starts = [np.array(comm.allgather(b.index_map.local_range[0])) for b in blocks]
         self._starts = block_starts
@@ -47,7 +49,9 @@ class Numbering:
         largest = max((b.size for b in blocks), default=0)
         self.full = comm.size == 1 and largest >= MANY and largest >= SHARE * self.size
         self._map = PETSc.LGMap().create(
-            (everything[:: self.block_size] // self.block_size).astype(PETSc.IntType), bsize=self.block_size, comm=comm
+            (everything[:: self.block_size] // self.block_size).astype(PETSc.IntType),
+            bsize=self.block_size,
+            comm=comm,
         )
         ends = np.cumsum([0] + [len(i) for i in self.indices])
         self._local_sets = [self._local_set(a, e) for a, e in pairwise(ends)]
@@ -60,7 +64,9 @@ class Numbering:
     def _block_indices(self, k: int) -> GlobalIndices:
         """Global index of every owned and ghost unknown of block k."""
         index_map = self.blocks[k].index_map
-        nodes = index_map.local_to_global(np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32))
+        nodes = index_map.local_to_global(
+            np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+        )
         return self.to_global(k, nodes).ravel()
 
     def to_global(self, k: int, nodes: npt.NDArray[np.int64]) -> GlobalIndices:

@@ -37,7 +37,9 @@ def own_places(places: Sequence[tuple[Attached, ...]]) -> list[int]:
     return [i for i, place in enumerate(places) if is_here(place)]
 
 
-def attach(numbering: Numbering, bodies: list[Body], place: tuple[Attached, ...]) -> tuple[GlobalIndices, Array, Array]:
+def attach(
+    numbering: Numbering, bodies: list[Body], place: tuple[Attached, ...]
+) -> tuple[GlobalIndices, Array, Array]:
     """Unknowns (D,), map P (3k, D) and offset (3k,) of the stacked vectors X = P q + offset of a place."""
     indices, offset = [], np.zeros(3 * len(place))
     columns: list[tuple[int, float]] = []
@@ -47,11 +49,14 @@ def attach(numbering: Numbering, bodies: list[Body], place: tuple[Attached, ...]
             continue
         vectors = np.array(port.vectors or (0,) * len(port.nodes))
         check(
-            len(port.nodes) == len(port.weights) == len(vectors) and bool((vectors * 3 < port.body.block.size).all()),
+            len(port.nodes) == len(port.weights) == len(vectors)
+            and bool((vectors * 3 < port.body.block.size).all()),
             f"A port of '{port.body.name}' has {len(port.nodes)} nodes, {len(port.weights)} weights and vectors "
             f"{port.vectors}; give one weight and one existing vector for each node.",
         )
-        unknowns = numbering.to_global(bodies.index(port.body), np.array(port.nodes, dtype=np.int64))
+        unknowns = numbering.to_global(
+            bodies.index(port.body), np.array(port.nodes, dtype=np.int64)
+        )
         rows = np.arange(len(vectors))[:, None]
         indices.append(unknowns[rows, 3 * vectors[:, None] + np.arange(3)].ravel())
         columns += [(j, w) for w in port.weights]
@@ -70,10 +75,17 @@ def attach_all(
     """
     attached = [attach(numbering, bodies, place) for place in places]
     D = max((len(indices) for indices, _, _ in attached), default=0)
-    indices = np.array([np.pad(i, (0, D - len(i)), constant_values=i[0]) for i, _, _ in attached], dtype=PETSc.IntType)
+    indices = np.array(
+        [np.pad(i, (0, D - len(i)), constant_values=i[0]) for i, _, _ in attached],
+        dtype=PETSc.IntType,
+    )
     P = np.array([np.pad(p, ((0, 0), (0, D - p.shape[1]))) for _, p, _ in attached])
     o = np.array([offset for _, _, offset in attached])
-    return indices.reshape(len(attached), D), P.reshape(len(attached), rows, D), o.reshape(len(attached), rows)
+    return (
+        indices.reshape(len(attached), D),
+        P.reshape(len(attached), rows, D),
+        o.reshape(len(attached), rows),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +105,10 @@ class PointMeasure:
 
 def nodes_of(measure: PointMeasure) -> int:
     """The largest number of nodes that a place of a measure ties."""
-    return max((sum(len(getattr(port, "nodes", ())) for port in place) for place in measure.places), default=0)
+    return max(
+        (sum(len(getattr(port, "nodes", ())) for port in place) for place in measure.places),
+        default=0,
+    )
 
 
 class Places:
@@ -107,7 +122,9 @@ class Places:
     else be a small difference of large numbers.
     """
 
-    def __init__(self, numbering: Numbering, bodies: list[Body], measures: Sequence[PointMeasure]) -> None:
+    def __init__(
+        self, numbering: Numbering, bodies: list[Body], measures: Sequence[PointMeasure]
+    ) -> None:
         own = [own_places(measure.places) for measure in measures]
         self.of = np.repeat(np.arange(len(measures)), [len(o) for o in own])
         self.m = measures[0].H.shape[0]
@@ -115,22 +132,31 @@ class Places:
         self.indices, P, o = attach_all(numbering, bodies, place, measures[0].H.shape[1])
         self.n, self.D = self.indices.shape
         H, L = (np.array([getattr(m, what) for m in measures])[self.of] for what in "HL")
-        c = [np.broadcast_to(m.c, (len(m.places), self.m))[here] for m, here in zip(measures, own, strict=True)]
+        c = [
+            np.broadcast_to(m.c, (len(m.places), self.m))[here]
+            for m, here in zip(measures, own, strict=True)
+        ]
         self._z = np.zeros((self.n, self.D))
         if o.any():
             slope = np.einsum("nax,nma->nmx", P, np.einsum("nmab,nb->nma", H, o) + L)
             for k in np.flatnonzero(o.any(axis=1)):
                 stiffness = P[k].T @ H[k] @ P[k]
-                self._z[k] = np.linalg.lstsq(stiffness.reshape(-1, self.D), -slope[k].ravel(), rcond=1e-12)[0]
+                self._z[k] = np.linalg.lstsq(
+                    stiffness.reshape(-1, self.D), -slope[k].ravel(), rcond=1e-12
+                )[0]
         X = np.einsum("nax,nx->na", P, self._z) + o
         HX = np.einsum("nmab,nb->nma", H, X)
         self.c = np.concatenate(c) + np.einsum("na,nma->nm", X, HX / 2 + L)
         self._P: Array | None
         self._H: Array
         self._L: Array
-        self._P, self._H, self._L = (P, H, HX + L) if P.shape[1] < self.D else (None, *_of_unknowns(P, H, HX + L))
+        self._P, self._H, self._L = (
+            (P, H, HX + L) if P.shape[1] < self.D else (None, *_of_unknowns(P, H, HX + L))
+        )
         # many unknowns of which all places depend, as those of a reduced film
-        self.alike = self._P is not None and self.n > 1 and bool((self.indices == self.indices[:1]).all())
+        self.alike = (
+            self._P is not None and self.n > 1 and bool((self.indices == self.indices[:1]).all())
+        )
         self.linear = not any(measure.H.any() for measure in measures)
         self._slope = self.forces(self._L) if self.linear else None
 
@@ -201,7 +227,9 @@ class Gather:
     def __init__(self, numbering: Numbering, indices: Sequence[GlobalIndices]) -> None:
         self._shapes = [i.shape for i in indices]
         needed = np.concatenate([np.zeros(0, dtype=PETSc.IntType), *[i.ravel() for i in indices]])
-        self._parts = list(itertools.pairwise(itertools.accumulate((i.size for i in indices), initial=0)))
+        self._parts = list(
+            itertools.pairwise(itertools.accumulate((i.size for i in indices), initial=0))
+        )
         self._values = PETSc.Vec().createSeq(len(needed))
         source = PETSc.IS().createGeneral(needed.astype(PETSc.IntType))
         self._scatter = PETSc.Scatter().create(numbering.vector(), source, self._values, None)
@@ -209,7 +237,10 @@ class Gather:
     def __call__(self, q: PETSc.Vec) -> list[Array]:
         self._scatter.scatter(q, self._values)
         values = self._values.array_r.copy()
-        return [values[a:b].reshape(shape) for (a, b), shape in zip(self._parts, self._shapes, strict=True)]
+        return [
+            values[a:b].reshape(shape)
+            for (a, b), shape in zip(self._parts, self._shapes, strict=True)
+        ]
 
 
 def values_of(system: Assembly, ports: Sequence[Attached], q: PETSc.Vec) -> Array:

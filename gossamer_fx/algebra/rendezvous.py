@@ -53,7 +53,11 @@ def fetch(
     askers = [np.flatnonzero(wanted % size == r) for r in range(comm.size)]
     asked = comm.alltoall([wanted[i] for i in askers])
     at = [np.minimum(np.searchsorted(known, a), max(len(known) - 1, 0)) for a in asked]
-    found = all(len(known) > 0 and bool((known[i] == a).all()) for i, a in zip(at, asked, strict=True) if len(a))
+    found = all(
+        len(known) > 0 and bool((known[i] == a).all())
+        for i, a in zip(at, asked, strict=True)
+        if len(a)
+    )
     check_on_all(comm, found, lacks)
     answers = comm.alltoall([rows[i] if len(rows) else rows for i in at])
     result = np.zeros((len(wanted), values.shape[1]))

@@ -53,7 +53,9 @@ class HangingStrip:
             f"HangingStrip '{self.name}': area_density is {self.area_density!r} kg/m²; give zero or a positive number.",
         )
 
-    def equilibrium(self, rest_angle: float, stiffness: float, weight: float) -> tuple[float, float]:
+    def equilibrium(
+        self, rest_angle: float, stiffness: float, weight: float
+    ) -> tuple[float, float]:
         """Angle θ [rad] of the crease, and distance of the ends [m], under a weight [N].
 
         Args:
@@ -77,11 +79,15 @@ class HangingStrip:
             """Of (φ, φ') of both panels, and of the way down and sideways along each; s from 0 to 1 in each panel."""
             upper, lower = a * (load + own * (2 - s)), a * (load + own * (1 - s))
             down, sideways = (np.cos(y[0]), np.cos(y[2])), (np.sin(y[0]), np.sin(y[2]))
-            return np.vstack([y[1], upper * np.sin(y[0]), y[3], lower * np.sin(y[2]), sum(down), sum(sideways)])
+            return np.vstack(
+                [y[1], upper * np.sin(y[0]), y[3], lower * np.sin(y[2]), sum(down), sum(sideways)]
+            )
 
         def conditions(start: Array, end: Array) -> Array:
             moment = κ * (start[2] - end[0] - rest_angle)
-            return np.array([start[1], end[3], end[1] - moment, start[3] - moment, start[4], start[5]])
+            return np.array(
+                [start[1], end[3], end[1] - moment, start[3] - moment, start[4], start[5]]
+            )
 
         decay = math.sqrt(a * (load + own))
         s = np.linspace(0, 1, 41)
@@ -158,16 +164,26 @@ def identify_crease(
         bool(np.isfinite([W, θ, d]).all() and (W >= 0).all()),
         "identify_crease: what was measured holds numbers that are not finite, or negative weights; correct it.",
     )
-    for what, value in (("angle_uncertainty", angle_uncertainty), ("distance_uncertainty", distance_uncertainty)):
-        check(math.isfinite(value) and value > 0, f"identify_crease: {what} is {value!r}; give a positive number.")
+    for what, value in (
+        ("angle_uncertainty", angle_uncertainty),
+        ("distance_uncertainty", distance_uncertainty),
+    ):
+        check(
+            math.isfinite(value) and value > 0,
+            f"identify_crease: {what} is {value!r}; give a positive number.",
+        )
 
     def residuals(p: Array) -> Array:
         states = np.array([strip.equilibrium(float(p[0]), math.exp(p[1]), float(w)) for w in W])
-        return np.concatenate([(states[:, 0] - θ) / angle_uncertainty, (states[:, 1] - d) / distance_uncertainty])
+        return np.concatenate(
+            [(states[:, 0] - θ) / angle_uncertainty, (states[:, 1] - d) / distance_uncertainty]
+        )
 
     # of a crease that is much stiffer than the panels, or much softer, only the rest angle is known: start between
     start = np.array([θ[W.argmin()], math.log(strip.bending_stiffness / strip.length)])
-    fit = least_squares(residuals, start, x_scale=(1.0, 1.0), diff_step=1e-4, xtol=1e-10, ftol=1e-12)
+    fit = least_squares(
+        residuals, start, x_scale=(1.0, 1.0), diff_step=1e-4, xtol=1e-10, ftol=1e-12
+    )
     if not fit.success:
         raise NoEquilibrium(f"identify_crease: no crease fits what was measured ({fit.message})")
     misfit = math.sqrt(float(np.sum(fit.fun**2)) / (len(fit.fun) - 2))

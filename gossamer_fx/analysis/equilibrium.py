@@ -74,12 +74,23 @@ class Continuation:
     def __post_init__(self) -> None:
         for name in ("residual", "step", "inner"):
             value = getattr(self, name)
-            check(math.isfinite(value) and value > 0, f"Continuation: {name} is {value!r}; give a positive number.")
+            check(
+                math.isfinite(value) and value > 0,
+                f"Continuation: {name} is {value!r}; give a positive number.",
+            )
         for name in ("residual", "inner"):
             value = getattr(self, name)
-            check(value < 1, f"Continuation: {name} is {value!r}, which any state meets; give a number below 1.")
-        check(self.growth > 1, f"Continuation: growth is {self.growth!r}; the step can only grow by a factor above 1.")
-        check(0 < self.cut < 1, f"Continuation: cut is {self.cut!r}; give a factor between 0 and 1.")
+            check(
+                value < 1,
+                f"Continuation: {name} is {value!r}, which any state meets; give a number below 1.",
+            )
+        check(
+            self.growth > 1,
+            f"Continuation: growth is {self.growth!r}; the step can only grow by a factor above 1.",
+        )
+        check(
+            0 < self.cut < 1, f"Continuation: cut is {self.cut!r}; give a factor between 0 and 1."
+        )
 
 
 @dataclass(frozen=True)
@@ -120,14 +131,19 @@ class Equilibrium:
     """
 
     def __init__(self, scene: Scene, search: Continuation = Continuation()) -> None:
-        check(bool(scene.bodies), "Equilibrium: the scene has no body to move; add a film, cable, beam or mass.")
+        check(
+            bool(scene.bodies),
+            "Equilibrium: the scene has no body to move; add a film, cable, beam or mass.",
+        )
         started = time.perf_counter()
         self.scene, self.search, self.comm = scene, search, scene.comm
         self.system: System = scene.compile(EndPoint())
         self.newton = Newton(self.system, Tolerances(), direct=True)
         self._rest, self._r, self._begun = (self.system.numbering.vector() for _ in range(3))
         self._size = self._extent()
-        self._pushes = any(isinstance(term, StoredEnergy) and term.pulling for term in self.system.terms)
+        self._pushes = any(
+            isinstance(term, StoredEnergy) and term.pulling for term in self.system.terms
+        )
         self.result: EquilibriumResult | None = None
         self.compile_seconds = time.perf_counter() - started
 
@@ -140,7 +156,10 @@ class Equilibrium:
             NoEquilibrium: with the residual that was reached, the reason and the place.
         """
         started = time.process_time()
-        check(isinstance(at, Real) and math.isfinite(at), f"find: at is {at!r}; give a time in seconds.")
+        check(
+            isinstance(at, Real) and math.isfinite(at),
+            f"find: at is {at!r}; give a time in seconds.",
+        )
         self._spent = self._steps = self._cuts = 0
         self.result = None
         self.system.q0.copy(self._begun)
@@ -149,13 +168,22 @@ class Equilibrium:
         residual, _ = self._unbalanced()
         seconds = time.process_time() - started
         self.result = EquilibriumResult(
-            residual, self._spent, self._steps, self._cuts, seconds, self.system.totals(), regular, free
+            residual,
+            self._spent,
+            self._steps,
+            self._cuts,
+            seconds,
+            self.system.totals(),
+            regular,
+            free,
         )
         return self.result
 
     # ---- the result ---------------------------------------------------------------------------------------------
 
-    def reaction(self, support: Part, about: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> tuple[Array, Array]:
+    def reaction(
+        self, support: Part, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ) -> tuple[Array, Array]:
         """Force [N] and moment [N m] about a point that a support exerts, (3,) each, in the equilibrium found last.
 
         Raises:
@@ -164,7 +192,9 @@ class Equilibrium:
         self.need("reaction")
         return support_force(self.system, support, about)
 
-    def joint_force(self, joint: Joint, about: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> tuple[Array, Array]:
+    def joint_force(
+        self, joint: Joint, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ) -> tuple[Array, Array]:
         """Force [N] and moment [N m] about a point that a joint exerts on its side `b`, (3,) each.
 
         Raises:
@@ -175,7 +205,10 @@ class Equilibrium:
 
     def need(self, what: str) -> None:
         """Raise `InputError` unless an equilibrium was found."""
-        check(self.result is not None, f"{what}: no equilibrium was found yet; call find() of the Equilibrium first.")
+        check(
+            self.result is not None,
+            f"{what}: no equilibrium was found yet; call find() of the Equilibrium first.",
+        )
 
     @property
     def time(self) -> float:
@@ -190,13 +223,18 @@ class Equilibrium:
     @property
     def chambers(self) -> dict[str, Any]:
         """States of the gas chambers and tanks by name."""
-        return {name: state for border in self.system.borders for name, state in border.states().items()}
+        return {
+            name: state for border in self.system.borders for name, state in border.states().items()
+        }
 
     def chamber(self, name: str) -> Any:
         """State of one chamber: p [Pa], temperature [K], V [m³], m [kg], U [J]."""
         chambers = self.chambers
         known = ", ".join(chambers) or "none"
-        check(name in chambers, f"The scene has no chamber '{name}'; its chambers and tanks are: {known}.")
+        check(
+            name in chambers,
+            f"The scene has no chamber '{name}'; its chambers and tanks are: {known}.",
+        )
         return chambers[name]
 
     # ---- the search ---------------------------------------------------------------------------------------------
@@ -204,7 +242,9 @@ class Equilibrium:
     def _continue(self, at: float) -> None:
         """Pseudo-steps until the residual is small without inertia."""
         search, h = self.search, self.search.step
-        inner = Tolerances(search.inner, border=1e-8, constraint=1e-8, iterations=search.max_iterations)
+        inner = Tolerances(
+            search.inner, border=1e-8, constraint=1e-8, iterations=search.max_iterations
+        )
         residual, round_off, ceiling, why = math.inf, 0.0, math.inf, "no step succeeded"
         care = _Care(self._pushes)
         while residual > max(search.residual, min(round_off, ROUNDED)):
@@ -278,7 +318,10 @@ class Equilibrium:
 
     def _extent(self) -> float:
         """Size of the scene and its distance from the origin [m]."""
-        largest = max((float(np.abs(b.initial_state()[0]).max(initial=0.0)) for b in self.system.bodies), default=0.0)
+        largest = max(
+            (float(np.abs(b.initial_state()[0]).max(initial=0.0)) for b in self.system.bodies),
+            default=0.0,
+        )
         return max(self.comm.allreduce(largest, op=MPI.MAX), 1e-3)
 
     def _judge(self, at: float) -> tuple[tuple[str, ...], bool]:
@@ -288,13 +331,17 @@ class Equilibrium:
         unbalanced, load = self._unbalanced()
         K = system.tangent()
         free = free_motions(system, K, unbalanced * (load or 1.0))
-        return free, not free and finished and (bool(system.borders) or not factorisation.is_singular(K))
+        return free, not free and finished and (
+            bool(system.borders) or not factorisation.is_singular(K)
+        )
 
     def _stay(self) -> None:
         """See that the scene did not fly off: what nothing holds moves the further the longer the pseudo-step."""
         system = self.system
         Δ = np.abs(system.q0.array_r - self._begun.array_r)
-        far = np.array([Δ[system.numbering.owned(k)].max(initial=0.0) for k in range(len(system.bodies))])
+        far = np.array(
+            [Δ[system.numbering.owned(k)].max(initial=0.0) for k in range(len(system.bodies))]
+        )
         system.comm.Allreduce(MPI.IN_PLACE, far, op=MPI.MAX)
         k = int(far.argmax())
         if far[k] > FAR * self._size:

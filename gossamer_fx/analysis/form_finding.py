@@ -93,9 +93,14 @@ class EdgeCable:
         bars = Tape.along_edges(self.film, CableLaw(self.force, 1.0), self.group, self.name)
         energies = self.force * bars.lengths
         roots = np.sqrt(energies) / bars.lengths
-        vectors = [(combine((float(r), -float(r)), (b, a)),) for (a, b), r in zip(bars.bars, roots, strict=True)]
+        vectors = [
+            (combine((float(r), -float(r)), (b, a)),)
+            for (a, b), r in zip(bars.bars, roots, strict=True)
+        ]
         yield PointStoredEnergy(
-            self.name, PointMeasure(vectors, np.eye(3)[None], np.zeros((1, 3)), -energies[:, None] / 2), GivenForce()
+            self.name,
+            PointMeasure(vectors, np.eye(3)[None], np.zeros((1, 3)), -energies[:, None] / 2),
+            GivenForce(),
         )
 
 
@@ -114,7 +119,10 @@ def find_form(
         InputError: another law or order.
         NoEquilibrium: the shape still moves, as that of a film does that pinches off.
     """
-    check(isinstance(film.law, Prestress), f"find_form: the law of '{film.name}' is no Prestress; give its tension.")
+    check(
+        isinstance(film.law, Prestress),
+        f"find_form: the law of '{film.name}' is no Prestress; give its tension.",
+    )
     check(film.order == 1, f"find_form: '{film.name}' is of order {film.order}; use 1.")
     moved = math.inf
     for _ in range(updates):
@@ -123,7 +131,9 @@ def find_form(
         moved = _adopt(film, search)
         if moved <= change:
             return found
-    raise NoEquilibrium(f"After {updates} updates '{film.name}' still moves by {moved:.1e} m; it may pinch off.")
+    raise NoEquilibrium(
+        f"After {updates} updates '{film.name}' still moves by {moved:.1e} m; it may pinch off."
+    )
 
 
 def _adopt(film: Membrane, search: Equilibrium) -> float:
@@ -132,4 +142,6 @@ def _adopt(film: Membrane, search: Equilibrium) -> float:
     geometry = film.space.mesh.geometry
     before = geometry.x.copy()
     geometry.x[geometry.dofmap.ravel()] = q[film.space.dofmap.list.ravel()]
-    return float(film.comm.allreduce(float(np.abs(geometry.x - before).max(initial=0.0)), op=MPI.MAX))
+    return float(
+        film.comm.allreduce(float(np.abs(geometry.x - before).max(initial=0.0)), op=MPI.MAX)
+    )

@@ -28,9 +28,14 @@ class ModeShapes:
     `positions` is a list of arrays (n, 3) [m] of this rank's own nodes.
     """
 
-    def __init__(self, film: Membrane, equilibrium: Equilibrium, modes: Sequence[Mode], height: float) -> None:
+    def __init__(
+        self, film: Membrane, equilibrium: Equilibrium, modes: Sequence[Mode], height: float
+    ) -> None:
         system = equilibrium.system
-        check(film in system.bodies, f"ModeShapes: '{film.name}' is not in the equilibrium's scene; give its film.")
+        check(
+            film in system.bodies,
+            f"ModeShapes: '{film.name}' is not in the equilibrium's scene; give its film.",
+        )
         check(height > 0, f"ModeShapes: height is {height!r} m; give a positive number.")
         owned = system.numbering.owned(system.bodies.index(film))
         start = system.q0.array_r[owned].reshape(-1, 3)
@@ -39,5 +44,7 @@ class ModeShapes:
             for part in (mode.shape.real, mode.shape.imag):
                 φ = part[owned].reshape(-1, 3)
                 largest = film.comm.allreduce(float(np.abs(φ).max(initial=0.0)), MPI.MAX)
-                if largest > 1e-6 * film.comm.allreduce(float(np.abs(mode.shape).max(initial=0.0)), MPI.MAX):
+                if largest > 1e-6 * film.comm.allreduce(
+                    float(np.abs(mode.shape).max(initial=0.0)), MPI.MAX
+                ):
                     self.positions += [start + sign * height / largest * φ for sign in (1.0, -1.0)]

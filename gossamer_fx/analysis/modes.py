@@ -77,8 +77,12 @@ def modes(
         system.supports.clear(G, 0.0)
         found = _turning(K, G, M, count, {"imaginary": ω} if ω else {"real": math.sqrt(aside)})
     if len(found) < count:
-        raise NoEquilibrium(f"Only {len(found)} of {count} modes converged; ask for fewer, or check the equilibrium.")
-    nearest = sorted(found, key=lambda mode: math.hypot(mode.growth, 2 * math.pi * (mode.frequency - above)))[:count]
+        raise NoEquilibrium(
+            f"Only {len(found)} of {count} modes converged; ask for fewer, or check the equilibrium."
+        )
+    nearest = sorted(
+        found, key=lambda mode: math.hypot(mode.growth, 2 * math.pi * (mode.frequency - above))
+    )[:count]
     return sorted(nearest, key=lambda mode: (mode.frequency, -mode.growth))
 
 
@@ -100,7 +104,9 @@ class _Inverse:
 
 def _check_inverted(problem: str) -> None:
     if problem:
-        raise NoEquilibrium(f"modes: the stiffness is singular at the frequency asked for, {problem}; choose another.")
+        raise NoEquilibrium(
+            f"modes: the stiffness is singular at the frequency asked for, {problem}; choose another."
+        )
 
 
 def _at_rest(K: PETSc.Mat, M: PETSc.Mat, count: int, shift: float) -> list[Mode]:
@@ -111,7 +117,9 @@ def _at_rest(K: PETSc.Mat, M: PETSc.Mat, count: int, shift: float) -> list[Mode]
     return [Mode(abs(λ.imag) / (2 * math.pi), abs(λ.real), shape) for λ, shape in found]
 
 
-def _largest(operator: PETSc.Mat, count: int) -> Iterator[tuple[complex, npt.NDArray[np.complex128]]]:
+def _largest(
+    operator: PETSc.Mat, count: int
+) -> Iterator[tuple[complex, npt.NDArray[np.complex128]]]:
     """Eigenvalues of largest magnitude, and this rank's parts of the vectors."""
     from slepc4py import SLEPc
 
@@ -129,7 +137,9 @@ def _largest(operator: PETSc.Mat, count: int) -> Iterator[tuple[complex, npt.NDA
         yield complex(solver.getEigenpair(i, re, im)), re.array_r + 1j * im.array_r
 
 
-def _turning(K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, count: int, place: dict[str, float]) -> list[Mode]:
+def _turning(
+    K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, count: int, place: dict[str, float]
+) -> list[Mode]:
     """The quadratic problem near a place of λ; of each conjugate pair the one with positive frequency."""
     from gossamer_fx.analysis.turning_modes import Inverse
 

@@ -163,7 +163,11 @@ def _motions(
         forces, moved = _triangle(comm, Y[:, mine].T), _triangle(comm, R[:, mine].T)
         motions = _null(forces, moved, comm.allreduce(int(mine.sum())))
         motions[3:] /= arm[c]
-        yield [f"'{body.name}'" for k, body in enumerate(system.bodies) if first[k, c]], centre[c], motions
+        yield (
+            [f"'{body.name}'" for k, body in enumerate(system.bodies) if first[k, c]],
+            centre[c],
+            motions,
+        )
 
 
 def _triangle(comm: MPI.Intracomm, columns: Array) -> Array:
@@ -185,7 +189,9 @@ def _null(forces: Array, moved: Array, n: int) -> Array:
 def _named(motions: Array, centre: Array) -> list[str]:
     """Translations and rotations that span some motions (6, k), along axes where these do."""
     v, ω = motions[:3], motions[3:]
-    weight = np.abs(ω).max(initial=0.0) * np.abs(centre).max(initial=1.0) + np.abs(v).max(initial=0.0)
+    weight = np.abs(ω).max(initial=0.0) * np.abs(centre).max(initial=1.0) + np.abs(v).max(
+        initial=0.0
+    )
     scale = np.abs(ω).max(initial=0.0) or 1.0
     _, σ, Vt = np.linalg.svd(ω, full_matrices=True)
     rank = int((σ > 1e-6 * scale).sum()) if σ.max(initial=0.0) * weight > 1e-8 * weight else 0
@@ -200,8 +206,12 @@ def _named(motions: Array, centre: Array) -> list[str]:
         about = centre + np.cross(ω, v) / ω2
         about -= (about @ ω) / ω2 * ω
         size = max(float(np.abs(centre).max()), 1.0)
-        everywhere = span.shape[1] >= 2 and np.linalg.matrix_rank(np.column_stack([span, ω]), tol=1e-6) == 3
-        where = "" if everywhere or np.abs(about).max() < 1e-6 * size else f" about ({_numbers(about)})"
+        everywhere = (
+            span.shape[1] >= 2 and np.linalg.matrix_rank(np.column_stack([span, ω]), tol=1e-6) == 3
+        )
+        where = (
+            "" if everywhere or np.abs(about).max() < 1e-6 * size else f" about ({_numbers(about)})"
+        )
         words.append(f"rotation {_direction(ω)}{where}")
     return words
 
@@ -242,4 +252,7 @@ def _direction(d: Array) -> str:
 
 
 def _numbers(values: Array) -> str:
-    return ", ".join(f"{x + 0.0:.3g}" for x in np.where(np.abs(values) < 1e-6 * np.abs(values).max(), 0.0, values))
+    return ", ".join(
+        f"{x + 0.0:.3g}"
+        for x in np.where(np.abs(values) < 1e-6 * np.abs(values).max(), 0.0, values)
+    )

@@ -22,7 +22,9 @@ from gossamer_fx.solvers import factorisation
 class Inverse:
     """(A - σ B)⁻¹ B, or its real part, as a matrix: σ is `real`, or i `imaginary`; `problem` says if there is none."""
 
-    def __init__(self, K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, real: float = 0.0, imaginary: float = 0.0) -> None:
+    def __init__(
+        self, K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, real: float = 0.0, imaginary: float = 0.0
+    ) -> None:
         self._G, self._M, self._σ, self._ω = G, M, real, imaginary
         Q = K.copy()
         Q.axpy(real**2 - imaginary**2, M, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
@@ -30,7 +32,11 @@ class Inverse:
             turning = [G.copy(), G.copy()]
             for matrix, factor in zip(turning, (-imaginary, imaginary), strict=True):
                 matrix.scale(factor)
-            Q = PETSc.Mat().createNest([[Q, turning[0]], [turning[1], Q]], comm=K.comm).convert("aij", PETSc.Mat())
+            Q = (
+                PETSc.Mat()
+                .createNest([[Q, turning[0]], [turning[1], Q]], comm=K.comm)
+                .convert("aij", PETSc.Mat())
+            )
         elif real:
             Q.axpy(real, G, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
         self._pc = PETSc.PC().create(K.comm)

@@ -92,15 +92,25 @@ class InflatableTube:
         name: str = "tube",
     ) -> None:
         who = f"InflatableTube '{name}'"
-        check(isinstance(mesh, Mesh), f"{who}: the mesh is {mesh!r}; give that of `meshes.tube.flat_tube`.")
-        check(contact > 0 or not obstacles, f"{who}: it touches obstacles only with contact; give its distance.")
-        check(crease >= 0, f"{who}: crease is {crease!r} N m/m/rad; give zero or a positive number.")
+        check(
+            isinstance(mesh, Mesh),
+            f"{who}: the mesh is {mesh!r}; give that of `meshes.tube.flat_tube`.",
+        )
+        check(
+            contact > 0 or not obstacles,
+            f"{who}: it touches obstacles only with contact; give its distance.",
+        )
+        check(
+            crease >= 0, f"{who}: crease is {crease!r} N m/m/rad; give zero or a positive number."
+        )
         check(contact >= 0, f"{who}: contact is {contact!r} m; give zero or a positive number.")
         check(
             folds is None or hasattr(folds, "mark"),
             f"{who}: folds is a {type(folds).__name__}; give a map, e.g. fold.zigzag(...).",
         )
-        check(crease == 0 or folds is not None, f"{who}: creases are at fold lines; give the folds.")
+        check(
+            crease == 0 or folds is not None, f"{who}: creases are at fold lines; give the folds."
+        )
         self.name, self._discharge, self._gas = name, discharge_coefficient, gas
         if folds is not None and crease:
             mesh = folds.mark(mesh)
@@ -133,20 +143,30 @@ class InflatableTube:
             for i, ring in enumerate(self.rings)
         ]
         self.clamp = Fixed(self.film, clamp) if clamp is not None else None
-        self.start: Folded | None = folds.start(self.film, origin, turn) if folds is not None else None
+        self.start: Folded | None = (
+            folds.start(self.film, origin, turn) if folds is not None else None
+        )
         check(
-            caps is None or isinstance(caps, Mapping), f"{who}: caps is {caps!r}; give a dictionary by groups of ends."
+            caps is None or isinstance(caps, Mapping),
+            f"{who}: caps is {caps!r}; give a dictionary by groups of ends.",
         )
         self.caps = [self._cap(end, what, bar) for end, what in (caps or {}).items()]
-        self.creases: list[Crease] = list(folds.creases(self.film, crease, memory)) if folds and crease else []
+        self.creases: list[Crease] = (
+            list(folds.creases(self.film, crease, memory)) if folds and crease else []
+        )
         self.contact = self._contact(contact, obstacles) if contact else None
 
     def _cap(self, end: str, what: float | RigidBody, bar: float) -> RigidRegion:
         from gossamer_fx.constraints.rigid_region import RigidRegion
 
-        known = isinstance(what, RigidBody) or (isinstance(what, int | float) and math.isfinite(what) and what > 0)
+        known = isinstance(what, RigidBody) or (
+            isinstance(what, int | float) and math.isfinite(what) and what > 0
+        )
         who = f"InflatableTube '{self.name}'"
-        check(known, f"{who}: the cap of '{end}' is {what!r}; give a rigid body, or a positive mass in kg.")
+        check(
+            known,
+            f"{who}: the cap of '{end}' is {what!r}; give a rigid body, or a positive mass in kg.",
+        )
         check(math.isfinite(bar) and bar > 0, f"{who}: bar is {bar!r} m; give a positive number.")
         body = what if isinstance(what, RigidBody) else self._bar(end, float(what), bar)
         return RigidRegion(self.film, end, to=body, name=f"{self.name} {end} cap")
@@ -155,7 +175,11 @@ class InflatableTube:
         """A bar along the nodes of an end, where the tube starts."""
         index_map, comm = self.film.block.index_map, self.film.comm
         nodes = self.film.nodes(end)
-        x = self.film.initial_state()[0].reshape(-1, 3) if self.start is None else self.start.positions()
+        x = (
+            self.film.initial_state()[0].reshape(-1, 3)
+            if self.start is None
+            else self.start.positions()
+        )
         own = x[nodes[nodes < index_map.size_local]]
         x = np.concatenate(comm.allgather(own))
         middle = x.mean(axis=0)
@@ -164,7 +188,12 @@ class InflatableTube:
         axis, across = mass * side**2 / 6, mass * (length**2 + side**2) / 12
         attitude = along.T * np.sign(np.linalg.det(along))
         return RigidBody(
-            mass, (axis, across, across), tuple(middle), attitude=attitude, comm=comm, name=f"{self.name} {end} bar"
+            mass,
+            (axis, across, across),
+            tuple(middle),
+            attitude=attitude,
+            comm=comm,
+            name=f"{self.name} {end} bar",
         )
 
     def _contact(self, distance: float, obstacles: tuple[Obstacle, ...]) -> Contact:

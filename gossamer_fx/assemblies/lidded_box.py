@@ -65,17 +65,26 @@ class LiddedBox:
         self.name, self._wall = name, wall
         self._half: Array = np.asarray(sizes, dtype=float) / 2
         self._centre: Array = np.asarray(centre, dtype=float)
-        good = self._half.shape == (3,) and bool(np.isfinite(self._half).all() and (self._half > 0).all())
+        good = self._half.shape == (3,) and bool(
+            np.isfinite(self._half).all() and (self._half > 0).all()
+        )
         check(good, f"LiddedBox '{name}': sizes are {sizes!r} m; give three positive numbers.")
         good = self._centre.shape == (3,) and bool(np.isfinite(self._centre).all())
         check(good, f"LiddedBox '{name}': centre is {centre!r} m; give three finite numbers.")
-        for what, value, unit in (("wall", wall, "m"), ("mass", mass, "kg"), ("stiffness", stiffness, "N m/rad")):
+        for what, value, unit in (
+            ("wall", wall, "m"),
+            ("mass", mass, "kg"),
+            ("stiffness", stiffness, "N m/rad"),
+        ):
             check(
                 math.isfinite(value) and value > 0,
                 f"LiddedBox '{name}': {what} is {value!r} {unit}; give a positive number.",
             )
         for what, angle in (("rest", rest), ("largest", rest if largest is None else largest)):
-            check(0 < angle < math.pi, f"LiddedBox '{name}': {what} is {angle!r} rad; give an angle between 0 and π.")
+            check(
+                0 < angle < math.pi,
+                f"LiddedBox '{name}': {what} is {angle!r} rad; give an angle between 0 and π.",
+            )
         check(
             math.isfinite(release) and release >= 0,
             f"LiddedBox '{name}': release is {release!r} s; give zero or a later time.",
@@ -98,20 +107,26 @@ class LiddedBox:
         axis = (0.0, -1.0, 0.0)
         self.hinge = RevoluteJoint(*sides, axis=axis, name=f"{name} hinge")
         self.spring = TorsionSpring(*sides, axis, stiffness, rest, name=f"{name} spring")
-        self.damper = TorsionDamper(*sides, axis, damping, name=f"{name} damper") if damping else None
+        self.damper = (
+            TorsionDamper(*sides, axis, damping, name=f"{name} damper") if damping else None
+        )
         moment = stiffness * rest
         self.latch = Torque(
             self.lid.frame(),
             lambda t: (0.0, moment if t < release else 0.0, 0.0),
             name=f"{name} latch",
         )
-        self.stop = self._cord(top, 2 * x * math.sin(largest / 2), cord) if largest is not None else None
+        self.stop = (
+            self._cord(top, 2 * x * math.sin(largest / 2), cord) if largest is not None else None
+        )
 
     def _cord(self, top: Array, length: float, stiffness: float) -> Rope:
         """From the rim opposite of the hinge to the end of the lid."""
         end = top + np.array([self._half[0], 0.0, 0.0])
         rim = Ground((float(end[0]), float(end[1]), float(end[2])))
-        return Rope(self.lid.port_at(end.tolist()), rim, length, stiffness, name=f"{self.name} stop")
+        return Rope(
+            self.lid.port_at(end.tolist()), rim, length, stiffness, name=f"{self.name} stop"
+        )
 
     @property
     def obstacles(self) -> tuple[Box, ...]:
@@ -124,10 +139,15 @@ class LiddedBox:
             at, sizes = self._centre.copy(), 2 * half + 2 * t * (np.arange(3) != 2)
             at[axis] += sign * (half[axis] + t / 2)
             sizes[axis] = t
-            slabs.append(Box(centre=tuple(at), sizes=tuple(sizes), name=f"{self.name} wall {len(slabs) + 1}"))
+            slabs.append(
+                Box(centre=tuple(at), sizes=tuple(sizes), name=f"{self.name} wall {len(slabs) + 1}")
+            )
         above = self._centre + np.array([0.0, 0.0, half[2] + t / 2])
         room = (2 * half[0], 2 * half[1], t)
-        return (*slabs, Box(centre=tuple(above), sizes=room, on=self.lid, name=f"{self.name} cover"))
+        return (
+            *slabs,
+            Box(centre=tuple(above), sizes=room, on=self.lid, name=f"{self.name} cover"),
+        )
 
     def terms(self) -> Iterable[Term]:
         return ()  # its parts have all of them

@@ -68,7 +68,12 @@ class RotationGuides:
     ) -> None:
         self.name = name
         check(count >= 1, f"RotationGuides '{name}': count is {count!r}; give at least 1 rod.")
-        values = {"radius": (radius, "m"), "rod": (rod, "m"), "height": (height, "m"), "mass": (mass, "kg")}
+        values = {
+            "radius": (radius, "m"),
+            "rod": (rod, "m"),
+            "height": (height, "m"),
+            "mass": (mass, "kg"),
+        }
         for what, (value, unit) in (values | {"brake": (brake, "N m s/rad")}).items():
             require_positive(f"RotationGuides '{name}': {what}", value, unit)
         check(
@@ -81,23 +86,31 @@ class RotationGuides:
         )
         self.hub, self._height, self._rod = hub, height, rod
         polar = mass * radius**2
-        self.ring = RigidBody(mass, (polar / 2, polar / 2, polar), comm=hub.comm, name=f"{name} ring")
+        self.ring = RigidBody(
+            mass, (polar / 2, polar / 2, polar), comm=hub.comm, name=f"{name} ring"
+        )
         angles = [first + 2 * math.pi * k / count for k in range(count)]
         self.places = [(radius * math.cos(angle), radius * math.sin(angle)) for angle in angles]
         axis = (0.0, 0.0, 1.0)
         self.reel: tuple[Tether, Damper] | tuple[()] = ()
         if drawn is None:
-            self.joint: FrameJoint = RevoluteJoint(hub.frame(), self.ring.frame(), axis=axis, name=f"{name} joint")
+            self.joint: FrameJoint = RevoluteJoint(
+                hub.frame(), self.ring.frame(), axis=axis, name=f"{name} joint"
+            )
         else:
             from gossamer_fx.connectors.spring import Damper
             from gossamer_fx.connectors.tether import Tether
 
             require_positive(f"RotationGuides '{name}': depth", depth, "m")
-            self.joint = CylindricalJoint(hub.frame(), self.ring.frame(), axis=axis, name=f"{name} joint")
+            self.joint = CylindricalJoint(
+                hub.frame(), self.ring.frame(), axis=axis, name=f"{name} joint"
+            )
             ends = hub.port((0.0, 0.0, -depth)), self.ring.port()
             reel = Tether(*ends, lambda t: depth - drawn(t), REEL, name=f"{name} reel")
             self.reel = reel, Damper(*ends, mass / SLOWS, name=f"{name} slide")
-        self.brake = TorsionDamper(hub.frame(), self.ring.frame(), axis, brake, name=f"{name} brake")
+        self.brake = TorsionDamper(
+            hub.frame(), self.ring.frame(), axis, brake, name=f"{name} brake"
+        )
 
     @property
     def rods(self) -> tuple[Cylinder, ...]:
@@ -106,7 +119,13 @@ class RotationGuides:
 
         half = self._height / 2
         return tuple(
-            Cylinder(start=(x, y, -half), end=(x, y, half), radius=self._rod, on=self.ring, name=f"{self.name} rod {k}")
+            Cylinder(
+                start=(x, y, -half),
+                end=(x, y, half),
+                radius=self._rod,
+                on=self.ring,
+                name=f"{self.name} rod {k}",
+            )
             for k, (x, y) in enumerate(self.places)
         )
 

@@ -59,7 +59,10 @@ class Beam(Curve):
         name: str = "beam",
     ) -> None:
         super().__init__("Beam", name, mesh, 2, 9)
-        self.section, self._velocity = section, checked(velocity, f"Beam '{name}': its velocity", mesh.comm)
+        self.section, self._velocity = (
+            section,
+            checked(velocity, f"Beam '{name}': its velocity", mesh.comm),
+        )
         self.constants = constants(section, self.mesh.domain)
         self._frames: dict[int, Frame] = {}
         self._reference = self._stress_free(np.asarray(normal, dtype=float))
@@ -68,7 +71,9 @@ class Beam(Curve):
         """Positions of the mesh, and directors normal to its mean tangent at each node."""
         J, w = ufl.Jacobian(self.mesh.domain)[:, 0], ufl.TestFunction(self.space)
         tangent = J / ufl.sqrt(ufl.dot(J, J))
-        mean = fem.assemble_vector(compile_form(sum(tangent[i] * w[i] for i in range(3)) * self.mass_dx))
+        mean = fem.assemble_vector(
+            compile_form(sum(tangent[i] * w[i] for i in range(3)) * self.mass_dx)
+        )
         mean.scatter_reverse(la.InsertMode.add)
         mean.scatter_forward()
         t = mean.array.reshape(-1, 9)[:, :3]
@@ -98,7 +103,9 @@ class Beam(Curve):
     def density(self, e: Expr) -> Expr:
         """Stored energy per unit reference length."""
         c = self.constants
-        return sum(k * e[i] ** 2 for i, k in enumerate((c.EA, c.GA2, c.GA3, c.EI2, c.EI3, c.GJ))) / 2
+        return (
+            sum(k * e[i] ** 2 for i, k in enumerate((c.EA, c.GA2, c.GA3, c.EI2, c.EI3, c.GJ))) / 2
+        )
 
     def mass(self, v: Expr, w: Expr) -> ufl.Form:
         """Of velocities (ẋ, ḋ2, ḋ3)."""
@@ -119,7 +126,9 @@ class Beam(Curve):
     def frame(self, group: str) -> Frame:
         """Position and directors (d2, d3) at a named point of the mesh."""
         node = global_node(self, self.mesh, group)
-        return self._frames.setdefault(node, Frame(Port(self, (node,)), self._directors(node), f"{self.name}/{group}"))
+        return self._frames.setdefault(
+            node, Frame(Port(self, (node,)), self._directors(node), f"{self.name}/{group}")
+        )
 
     @cached_property
     def _start(self) -> tuple[Array, Array]:

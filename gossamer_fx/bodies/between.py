@@ -20,7 +20,10 @@ def bodies_of(*sides: Attached | Frame | Line) -> Iterable[Any]:
 
 def check_axis(joint: Any) -> None:
     """Raise `InputError` if the axis of a joint, or of what acts about one, has no length."""
-    check(any(joint.axis), f"{type(joint).__name__} '{joint.name}': axis has no length; give its direction.")
+    check(
+        any(joint.axis),
+        f"{type(joint).__name__} '{joint.name}': axis has no length; give its direction.",
+    )
 
 
 class Between:

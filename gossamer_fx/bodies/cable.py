@@ -40,7 +40,10 @@ class CableLaw:
         law = type(self).__name__
         for name in ("EA", "line_density"):
             value = getattr(self, name)
-            check(math.isfinite(value) and value > 0, f"{law}: {name} is {value!r}; give a positive number.")
+            check(
+                math.isfinite(value) and value > 0,
+                f"{law}: {name} is {value!r}; give a positive number.",
+            )
 
     def energy(self, e: Expr, c: Any) -> Expr:
         """Stored energy per unit reference length [J/m] of e = (ε,)."""
@@ -90,7 +93,9 @@ class Cable(Curve):
         self._velocity = checked(velocity, f"Cable '{name}': its velocity", mesh.comm)
 
     def terms(self) -> Iterable[Term]:
-        yield KineticEnergy(self, lambda v, w: self.constants.line_density * ufl.inner(v, w) * self.mass_dx)
+        yield KineticEnergy(
+            self, lambda v, w: self.constants.line_density * ufl.inner(v, w) * self.mass_dx
+        )
         yield StoredEnergy(self.name, self, bar_strain, self.density, self.dx, self.law.quadratic)
 
     def density(self, e: Expr) -> Expr:

@@ -117,7 +117,9 @@ class SectionFrame:
         H = np.concatenate([np.zeros((9, 21, 21)), np.kron(products, np.eye(3))])
         L = np.concatenate([np.kron(same, np.eye(3)), np.zeros((3, 21))])
         c = np.concatenate([np.zeros(9), [-0.5, 0.0, 0.0]])
-        yield PointConstraint(f"{self.name} follows", PointMeasure([(*self._vectors(), *self._section)], H, L, c))
+        yield PointConstraint(
+            f"{self.name} follows", PointMeasure([(*self._vectors(), *self._section)], H, L, c)
+        )
 
     def describe(self, node: int) -> str:
         return "the frame of the section"

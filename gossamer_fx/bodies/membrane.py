@@ -73,7 +73,9 @@ class Membrane(Meshed):
 
             vary(self.constants, law, self.mesh, properties, name)
         self._frame = frame(domain)
-        self._displacement = checked(displacement, f"Membrane '{name}': its displacement", mesh.comm)
+        self._displacement = checked(
+            displacement, f"Membrane '{name}': its displacement", mesh.comm
+        )
         self._velocity = checked(velocity, f"Membrane '{name}': its velocity", mesh.comm)
         degree = max(2 * (order - 1), 1)
         self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": degree})
@@ -105,7 +107,14 @@ class Membrane(Meshed):
         # laws that wrinkle never push, so that only of the others a part pulls
         pulling = tension if self.law.quadratic else None
         yield StoredEnergy(
-            self.name, self, self.measure, self.density, self.dx, self.law.quadratic, self.pieces, pulling
+            self.name,
+            self,
+            self.measure,
+            self.density,
+            self.dx,
+            self.law.quadratic,
+            self.pieces,
+            pulling,
         )
 
     @cached_property

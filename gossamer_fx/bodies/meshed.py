@@ -67,7 +67,10 @@ def checked(function: PointFunction | None, what: str, comm: MPI.Intracomm) -> P
     """The function, with a check of what it returns on all ranks; each calls it with its own points."""
     if function is None:
         return None
-    check(callable(function), f"{what} is {function!r}; give a function of the points (3, n) that returns (3, n).")
+    check(
+        callable(function),
+        f"{what} is {function!r}; give a function of the points (3, n) that returns (3, n).",
+    )
 
     return lambda points: ask_points(comm, what, lambda: function(points), points.shape)
 

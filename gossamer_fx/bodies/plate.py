@@ -78,7 +78,13 @@ class Plate(Membrane):
             "angles between cells alone give a stiffness that depends on the pattern of the mesh).",
         )
         super().__init__(
-            mesh, law, order=2, properties=properties, displacement=displacement, velocity=velocity, name=name
+            mesh,
+            law,
+            order=2,
+            properties=properties,
+            displacement=displacement,
+            velocity=velocity,
+            name=name,
         )
         domain, c = self.mesh.domain, self.constants
         check(
@@ -93,7 +99,9 @@ class Plate(Membrane):
         self._check_flat(table)
         self.bending_stiffness = c.E * c.thickness**3 / (12 * (1 - c.nu**2))
         rest = None if rest_curvature is None else self._rest(rest_curvature)
-        self.bending = Bending(domain, self._frame, self.bending_stiffness, c.nu, constant(domain, PENALTY), rest)
+        self.bending = Bending(
+            domain, self._frame, self.bending_stiffness, c.nu, constant(domain, PENALTY), rest
+        )
 
     def measure(self, x: Expr) -> Expr:
         """Tied Green-Lagrange strain (E11, E22, 2 E12) of the positions x."""
@@ -107,20 +115,27 @@ class Plate(Membrane):
         """Bending moment per length (2, 2) [N m/m] of the positions x: D ((1-ν)(κ - H0) + ν tr(κ - H0) I)."""
         κ = self.curvature(x)
         return moment(
-            κ if self.bending.rest is None else κ - self.bending.rest, self.bending_stiffness, self.constants.nu
+            κ if self.bending.rest is None else κ - self.bending.rest,
+            self.bending_stiffness,
+            self.constants.nu,
         )
 
     def terms(self) -> Iterable[Term]:
         yield from super().terms()
         b, domain, name = self.bending, self.mesh.domain, f"{self.name} bending"
-        dx, dS = ufl.Measure("dx", domain, metadata={"quadrature_degree": DEGREE}), self._transmitting()
+        dx, dS = (
+            ufl.Measure("dx", domain, metadata={"quadrature_degree": DEGREE}),
+            self._transmitting(),
+        )
         yield QuadraticEnergy(name, self, lambda x, w: b.cells(x, w, dx) + b.edges(x, w, dS))
         if b.rest is not None:
             area, length = ufl.CellVolume(domain), ufl.FacetArea(domain)("+")
             D = self.bending_stiffness
             mean = (D("+") + D("-")) / 2
 
-            def scaled(vectors: Callable[[Expr], Any], scale: Expr) -> Callable[[Expr], tuple[Expr, Expr, Expr]]:
+            def scaled(
+                vectors: Callable[[Expr], Any], scale: Expr
+            ) -> Callable[[Expr], tuple[Expr, Expr, Expr]]:
                 def dimensionless(x: Expr) -> tuple[Expr, Expr, Expr]:
                     u, v, s = vectors(x)
                     return u, v, s / scale
@@ -141,7 +156,9 @@ class Plate(Membrane):
             return ufl.Measure("dS", domain, metadata=metadata)
         edges = domain.topology.index_map(1)
         domain.topology.create_connectivity(1, 2)
-        others = np.setdiff1d(np.arange(edges.size_local + edges.num_ghosts, dtype=np.int32), self._hinged)
+        others = np.setdiff1d(
+            np.arange(edges.size_local + edges.num_ghosts, dtype=np.int32), self._hinged
+        )
         tags = meshtags(domain, 1, others, np.ones(len(others), dtype=np.int32))
         return ufl.Measure("dS", domain, subdomain_data=tags, metadata=metadata)(1)
 
@@ -182,7 +199,10 @@ class Plate(Membrane):
         out_of_plane = np.abs(np.einsum("nij,nj->ni", values, normals)).max(initial=0.0)
         check_on_all(
             self.comm,
-            bool(np.abs(values - values.transpose(0, 2, 1)).max(initial=0.0) <= size and out_of_plane <= size),
+            bool(
+                np.abs(values - values.transpose(0, 2, 1)).max(initial=0.0) <= size
+                and out_of_plane <= size
+            ),
             f"{what} is no symmetric tensor in the plane of the mesh; give κ e⊗e with e in that plane.",
         )
         return ufl.dot(self._frame.T, ufl.dot(H, self._frame))

@@ -26,9 +26,15 @@ class PointMass:
         comm: MPI.Intracomm = MPI.COMM_WORLD,
         name: str = "mass",
     ) -> None:
-        check(math.isfinite(mass) and mass > 0, f"PointMass '{name}': mass is {mass!r} kg; give a positive number.")
+        check(
+            math.isfinite(mass) and mass > 0,
+            f"PointMass '{name}': mass is {mass!r} kg; give a positive number.",
+        )
         for what, value, unit in (("position", position, "m"), ("velocity", velocity, "m/s")):
-            check(is_vector(value), f"PointMass '{name}': {what} is {value!r} {unit}; give three finite numbers.")
+            check(
+                is_vector(value),
+                f"PointMass '{name}': {what} is {value!r} {unit}; give three finite numbers.",
+            )
         self.mass, self.name, self.comm = mass, name, comm
         self._state = np.asarray(position, dtype=float), np.asarray(velocity, dtype=float)
         self.block = Block(IndexMap(comm, 1 if comm.rank == 0 else 0), 3)

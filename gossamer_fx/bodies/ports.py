@@ -26,8 +26,13 @@ def global_node(body: MeshBody, mesh: Mesh, group: str) -> int:
     """The one node of a named point of the mesh."""
     nodes, index_map = local_nodes(body.space, mesh, group), body.block.index_map
     owned = nodes[nodes < index_map.size_local]
-    found = [i for part in body.comm.allgather(index_map.local_to_global(owned).tolist()) for i in part]
-    check(len(found) == 1, f"Group '{group}' of '{body.name}' has {len(found)} nodes; a port is one point.")
+    found = [
+        i for part in body.comm.allgather(index_map.local_to_global(owned).tolist()) for i in part
+    ]
+    check(
+        len(found) == 1,
+        f"Group '{group}' of '{body.name}' has {len(found)} nodes; a port is one point.",
+    )
     return int(found[0])
 
 
@@ -41,7 +46,11 @@ def interpolated(body: MeshBody, point: Sequence[float], tolerance: float = 1e-6
     tdim = mesh.topology.dim
     cells = np.arange(mesh.topology.index_map(tdim).size_local, dtype=np.int32)
     distance, cell = np.inf, -1
-    check_on_all(body.comm, x.shape == (3,), f"A port of '{body.name}' is at {list(point)!r}; give three coordinates.")
+    check_on_all(
+        body.comm,
+        x.shape == (3,),
+        f"A port of '{body.name}' is at {list(point)!r}; give three coordinates.",
+    )
     if len(cells):
         tree = geometry.bb_tree(mesh, tdim, entities=cells)
         middle = geometry.create_midpoint_tree(mesh, tdim, cells)
@@ -53,7 +62,9 @@ def interpolated(body: MeshBody, point: Sequence[float], tolerance: float = 1e-6
         nearest <= tolerance,
         f"The point {x.tolist()} m is {nearest:.3g} m away from '{body.name}'; give a point of its mesh.",
     )
-    nodes, weights = body.comm.bcast(_weights(body, cell, x) if body.comm.rank == rank else None, root=rank)
+    nodes, weights = body.comm.bcast(
+        _weights(body, cell, x) if body.comm.rank == rank else None, root=rank
+    )
     return Port(body, nodes, weights)
 
 

@@ -17,10 +17,21 @@ from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.terms import Array, Indices
 
-LIMITS = {"E": (0.0, np.inf), "nu": (-1.0, 0.5), "density": (0.0, np.inf), "thickness": (0.0, np.inf)}
+LIMITS = {
+    "E": (0.0, np.inf),
+    "nu": (-1.0, 0.5),
+    "density": (0.0, np.inf),
+    "thickness": (0.0, np.inf),
+}
 
 
-def vary(constants: SimpleNamespace, law: FilmLaw, mesh: Mesh, properties: Mapping[str, Property], name: str) -> None:
+def vary(
+    constants: SimpleNamespace,
+    law: FilmLaw,
+    mesh: Mesh,
+    properties: Mapping[str, Property],
+    name: str,
+) -> None:
     """Replace some of a law's `constants` by functions that are constant in each cell.
 
     Raises:
@@ -42,7 +53,9 @@ def vary(constants: SimpleNamespace, law: FilmLaw, mesh: Mesh, properties: Mappi
         values = function.x.array
         check_on_all(
             mesh.comm,
-            bool(((values > low) & (values <= high)).all()) if np.isfinite(high) else bool((values > low).all()),
+            bool(((values > low) & (values <= high)).all())
+            if np.isfinite(high)
+            else bool((values > low).all()),
             f"Membrane '{name}': its {what} is not above {low:g}{f' and up to {high:g}' * bool(np.isfinite(high))} "
             "everywhere; correct its values.",
         )
@@ -56,7 +69,9 @@ def cellwise(mesh: Mesh, given: Any, base: Any, shape: tuple[int, ...], what: st
         given: {group: value}, the others have `base`; or a function of points (3, n) that returns (*shape, n).
     """
     function = fem.Function(fem.functionspace(mesh.domain, ("Discontinuous Lagrange", 0, shape)))
-    cells = np.arange(mesh.domain.topology.index_map(2).size_local + mesh.domain.topology.index_map(2).num_ghosts)
+    cells = np.arange(
+        mesh.domain.topology.index_map(2).size_local + mesh.domain.topology.index_map(2).num_ghosts
+    )
     size = int(np.prod(shape, dtype=int))
     values = np.tile(np.asarray(base, dtype=float).ravel(), (len(cells), 1))
     if callable(given):
@@ -70,15 +85,24 @@ def cellwise(mesh: Mesh, given: Any, base: Any, shape: tuple[int, ...], what: st
         values[:] = found.reshape(size, -1).T
     else:
         for group, value in given.items():
-            values[_cells(mesh, group, what)] = _numbers(value, shape, f"{what} in '{group}'").ravel()
-    check_on_all(mesh.comm, bool(np.isfinite(values).all()), f"{what} is not finite everywhere; correct its values.")
+            values[_cells(mesh, group, what)] = _numbers(
+                value, shape, f"{what} in '{group}'"
+            ).ravel()
+    check_on_all(
+        mesh.comm,
+        bool(np.isfinite(values).all()),
+        f"{what} is not finite everywhere; correct its values.",
+    )
     function.x.array.reshape(-1, size)[function.function_space.dofmap.list.ravel()] = values
     return function
 
 
 def _cells(mesh: Mesh, group: str, what: str) -> Indices:
     dim, cells = mesh.group(group)
-    check(dim == 2, f"{what}: the group '{group}' is no group of triangles; name a surface of the mesh.")
+    check(
+        dim == 2,
+        f"{what}: the group '{group}' is no group of triangles; name a surface of the mesh.",
+    )
     return cells
 
 
@@ -88,5 +112,7 @@ def _numbers(value: Any, shape: tuple[int, ...], what: str) -> Array:
     except (TypeError, ValueError):
         numbers = np.zeros(0)
     if numbers.shape != shape:
-        raise InputError(f"{what} is {value!r}; give {'a number' if not shape else f'numbers of shape {shape}'}.")
+        raise InputError(
+            f"{what} is {value!r}; give {'a number' if not shape else f'numbers of shape {shape}'}."
+        )
     return numbers

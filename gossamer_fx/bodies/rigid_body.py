@@ -63,11 +63,16 @@ class RigidBody:
         comm: MPI.Intracomm = MPI.COMM_WORLD,
         name: str = "body",
     ) -> None:
-        check(math.isfinite(mass) and mass > 0, f"RigidBody '{name}': mass is {mass!r} kg; give a positive number.")
+        check(
+            math.isfinite(mass) and mass > 0,
+            f"RigidBody '{name}': mass is {mass!r} kg; give a positive number.",
+        )
         tensor = np.asarray(inertia, dtype=float)
         tensor = np.diag(tensor) if tensor.shape == (3,) else tensor
         check(
-            tensor.shape == (3, 3) and bool(np.isfinite(tensor).all()) and bool(np.allclose(tensor, tensor.T)),
+            tensor.shape == (3, 3)
+            and bool(np.isfinite(tensor).all())
+            and bool(np.allclose(tensor, tensor.T)),
             f"RigidBody '{name}': inertia is {tensor.tolist()} kg m²; give three numbers or a symmetric (3, 3).",
         )
         self.euler_tensor = np.trace(tensor) / 2 * np.eye(3) - tensor
@@ -84,14 +89,21 @@ class RigidBody:
         )
         R = np.asarray(attitude, dtype=float)
         check(
-            R.shape == (3, 3) and bool(np.allclose(R.T @ R, np.eye(3), atol=1e-12)) and np.linalg.det(R) > 0,
+            R.shape == (3, 3)
+            and bool(np.allclose(R.T @ R, np.eye(3), atol=1e-12))
+            and np.linalg.det(R) > 0,
             f"RigidBody '{name}': the attitude is no rotation matrix; give orthonormal columns of determinant 1.",
         )
         self.mass, self.name, self.comm = mass, name, comm
         directors = np.linalg.qr(R)[0]
         directors *= np.sign(np.sum(directors * R, axis=0))
         self._q = np.vstack([np.asarray(position, dtype=float), directors.T])
-        self._v = np.vstack([np.asarray(velocity, dtype=float), np.cross(np.asarray(spin, dtype=float), directors.T)])
+        self._v = np.vstack(
+            [
+                np.asarray(velocity, dtype=float),
+                np.cross(np.asarray(spin, dtype=float), directors.T),
+            ]
+        )
         self.block = Block(IndexMap(comm, 1 if comm.rank == 0 else 0), 12)
 
     def initial_state(self) -> tuple[Array, Array]:
@@ -103,7 +115,9 @@ class RigidBody:
         mass[:, 0, 0] = self.mass
         mass[:, 1:, 1:] = self.euler_tensor
         yield NodeKineticEnergy(self, mass)
-        yield PointConstraint(f"{self.name} directors", PointMeasure([self.frame().directors], *orthonormality(3)))
+        yield PointConstraint(
+            f"{self.name} directors", PointMeasure([self.frame().directors], *orthonormality(3))
+        )
 
     def port(self, point: Sequence[float] = (0.0, 0.0, 0.0)) -> Port:
         """The material point with body coordinates `point` [m], from the centre of mass."""

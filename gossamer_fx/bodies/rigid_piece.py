@@ -27,7 +27,9 @@ class RigidPiece:
         rigid: whether the directors keep their lengths and angles; one director alone may else change its length.
     """
 
-    def __init__(self, name: str, owner: Body, start: Array, rates: Array, rigid: bool = True) -> None:
+    def __init__(
+        self, name: str, owner: Body, start: Array, rates: Array, rigid: bool = True
+    ) -> None:
         self.name, self.comm, self._owner, self._rigid = name, owner.comm, owner, rigid
         self._q, self._v = start, rates
         self.block = Block(IndexMap(self.comm, 1 if self.comm.rank == 0 else 0), start.size)
@@ -50,7 +52,9 @@ class RigidPiece:
     def terms(self) -> Iterable[Term]:
         if self._rigid:
             measures = orthonormality(len(self._q) - 1)
-            yield PointConstraint(f"{self.name} directors", PointMeasure([self.directors], *measures))
+            yield PointConstraint(
+                f"{self.name} directors", PointMeasure([self.directors], *measures)
+            )
 
     def describe(self, node: int) -> str:
         return "the piece without mass"

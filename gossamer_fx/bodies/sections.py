@@ -34,18 +34,28 @@ class Section:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            check(math.isfinite(value) and value > 0, f"Section: {field.name} is {value!r}; give a positive number.")
+            check(
+                math.isfinite(value) and value > 0,
+                f"Section: {field.name} is {value!r}; give a positive number.",
+            )
 
 
 def _positive(section: str, **numbers: float) -> None:
     for name, value in numbers.items():
-        check(math.isfinite(value) and value > 0, f"{section}: {name} is {value!r}; give a positive number.")
+        check(
+            math.isfinite(value) and value > 0,
+            f"{section}: {name} is {value!r}; give a positive number.",
+        )
 
 
-def _of_shape(E: float, nu: float, density: float, A: float, I2: float, I3: float, J: float, k: float) -> Section:
+def _of_shape(
+    E: float, nu: float, density: float, A: float, I2: float, I3: float, J: float, k: float
+) -> Section:
     check(-1 < nu <= 0.5, f"Section: nu is {nu!r}; Poisson's ratio lies in (-1, 0.5].")
     G = E / (2 * (1 + nu))
-    return Section(E * A, k * G * A, k * G * A, E * I2, E * I3, G * J, density * A, density * I2, density * I3)
+    return Section(
+        E * A, k * G * A, k * G * A, E * I2, E * I3, G * J, density * A, density * I2, density * I3
+    )
 
 
 def solid_circle(radius: float, E: float, nu: float, density: float) -> Section:

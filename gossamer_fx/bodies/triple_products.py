@@ -50,7 +50,14 @@ class TripleProductEnergies(CompiledTerms):
                 energy += scale * _triple(*vectors(at.q0)) * dx
             force = la.vector(term.body.block.index_map, term.body.block.size)
             self._compiled.append(
-                (k, term.name, compile_form(residual), compile_form(tangent), compile_form(energy), force)
+                (
+                    k,
+                    term.name,
+                    compile_form(residual),
+                    compile_form(tangent),
+                    compile_form(energy),
+                    force,
+                )
             )
 
     def add_forces(self, r: PETSc.Vec) -> None:
@@ -108,7 +115,10 @@ def _second(X: Vectors, a: Vectors, b: Vectors) -> Expr:
 def _invariants(X: Vectors, δ: Vectors) -> list[Expr]:
     """The derivatives of the six invariants of X along δ."""
     (u, v, s), (du, dv, ds) = X, δ
-    products = [ufl.dot(a, db) + ufl.dot(da, b) for a, b, da, db in ((u, v, du, dv), (u, s, du, ds), (v, s, dv, ds))]
+    products = [
+        ufl.dot(a, db) + ufl.dot(da, b)
+        for a, b, da, db in ((u, v, du, dv), (u, s, du, ds), (v, s, dv, ds))
+    ]
     return [ufl.dot(u, du), ufl.dot(v, dv), *products, _gradient(X, δ)]
 
 

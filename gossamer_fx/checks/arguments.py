@@ -52,7 +52,10 @@ _TESTS: dict[str, Test] = {
     "int": (lambda v: isinstance(v, Integral) and not isinstance(v, bool), "a whole number"),
     "bool": (lambda v: isinstance(v, bool | np.bool_), "True or False"),
     "str": (lambda v: isinstance(v, str), "a word"),
-    "Path": (lambda v: isinstance(v, str | PathLike) and _is_path(v), "a path without null characters"),
+    "Path": (
+        lambda v: isinstance(v, str | PathLike) and _is_path(v),
+        "a path without null characters",
+    ),
     "None": (lambda v: v is None, "None"),
     "tuple[float, float, float]": (lambda v: _are_numbers(v, 3), "three numbers"),
     "Vector": (lambda v: _are_numbers(v, 3), "three numbers"),
@@ -61,13 +64,22 @@ _TESTS: dict[str, Test] = {
     "tuple[float, ...]": (_are_numbers, "numbers"),
     "npt.NDArray[np.float64]": (lambda v: isinstance(v, np.ndarray), "an array"),
     "Array": (lambda v: bool(np.iterable(v)) and not isinstance(v, str), "an array"),
-    "MPI.Intracomm": (lambda v: isinstance(v, MPI.Intracomm), "a communicator, e.g. MPI.COMM_WORLD"),
+    "MPI.Intracomm": (
+        lambda v: isinstance(v, MPI.Intracomm),
+        "a communicator, e.g. MPI.COMM_WORLD",
+    ),
     # contracts
-    "Stepper": (lambda v: hasattr(v, "start") and hasattr(v, "dt"), "a stepper, e.g. Midpoint(dt=1e-3)"),
+    "Stepper": (
+        lambda v: hasattr(v, "start") and hasattr(v, "dt"),
+        "a stepper, e.g. Midpoint(dt=1e-3)",
+    ),
     "Output": (lambda v: hasattr(v, "record"), "an output, e.g. Ledger"),
     "Volume": (lambda v: hasattr(v, "gas"), "a chamber or tank"),
     "StressRule": (lambda v: hasattr(v, "alpha"), "a rule, e.g. PathAverage()"),
-    "Joint": (lambda v: hasattr(v, "a") and hasattr(v, "b") and hasattr(v, "terms"), "a joint, e.g. BallJoint"),
+    "Joint": (
+        lambda v: hasattr(v, "a") and hasattr(v, "b") and hasattr(v, "terms"),
+        "a joint, e.g. BallJoint",
+    ),
     "Ring": (lambda v: hasattr(v, "film") and hasattr(v, "edges"), "a Ring"),
     "State": (lambda v: hasattr(v, "system"), "a Simulation or an Equilibrium"),
     "Body": (lambda v: hasattr(v, "block"), "a body"),
@@ -87,13 +99,19 @@ def guarded(thing: Any, public: Container[str]) -> Any:
     """
     if inspect.isclass(thing):
         init = thing.__dict__.get("__init__")
-        if init is not None and not issubclass(thing, BaseException) and not hasattr(init, "__wrapped__"):
+        if (
+            init is not None
+            and not issubclass(thing, BaseException)
+            and not hasattr(init, "__wrapped__")
+        ):
             thing.__init__ = _checking(init, thing.__name__, public)
         return thing
     return _checking(thing, thing.__name__, public) if inspect.isfunction(thing) else thing
 
 
-def _checking(function: Callable[..., Any], name: str, public: Container[str]) -> Callable[..., Any]:
+def _checking(
+    function: Callable[..., Any], name: str, public: Container[str]
+) -> Callable[..., Any]:
     signature = inspect.signature(function)
     tests: dict[str, list[Test]] = {}
 
@@ -127,7 +145,9 @@ def _checking(function: Callable[..., Any], name: str, public: Container[str]) -
 
 
 def _tests(
-    function: Callable[..., Any], parameters: Mapping[str, inspect.Parameter], public: Container[str]
+    function: Callable[..., Any],
+    parameters: Mapping[str, inspect.Parameter],
+    public: Container[str],
 ) -> dict[str, list[Test]]:
     """What the annotations of a function allow; arguments with an annotation that is not understood allow all."""
     scope = vars(sys.modules[function.__module__]) if function.__module__ in sys.modules else {}
@@ -157,7 +177,9 @@ def _test_of(kind: str, scope: Mapping[str, Any], public: Container[str]) -> Tes
     if each is None:
         return None
     one, words = each
-    return (lambda v: bool(np.iterable(v)) and not isinstance(v, str) and all(map(one, v))), f"several, each {words}"
+    return (
+        lambda v: bool(np.iterable(v)) and not isinstance(v, str) and all(map(one, v))
+    ), f"several, each {words}"
 
 
 def _of_class(kind: Any) -> Test | None:
@@ -169,7 +191,12 @@ def _of_class(kind: Any) -> Test | None:
     if inspect.isclass(kind) and not getattr(kind, "_is_protocol", False):
         return (lambda value: isinstance(value, kind)), f"a {kind.__name__}"
     alternatives = getattr(kind, "__args__", ())
-    if kind is not None and alternatives and all(inspect.isclass(a) for a in alternatives) and "|" in str(kind):
+    if (
+        kind is not None
+        and alternatives
+        and all(inspect.isclass(a) for a in alternatives)
+        and "|" in str(kind)
+    ):
         words = " or ".join(f"a {a.__name__}" for a in alternatives)
         return (lambda value: isinstance(value, alternatives)), words
     return None

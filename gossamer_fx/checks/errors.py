@@ -41,12 +41,17 @@ def check(condition: bool, message: str) -> None:
 
 def check_positive(item: Any, quantity: str, unit: str) -> None:
     """Raise `InputError` unless that attribute of a named item is a positive number."""
-    require_positive(f"{type(item).__name__} '{item.name}': {quantity}", getattr(item, quantity), unit)
+    require_positive(
+        f"{type(item).__name__} '{item.name}': {quantity}", getattr(item, quantity), unit
+    )
 
 
 def require_positive(what: str, value: float, unit: str, hint: str = "") -> None:
     """Raise `InputError` unless a value is a positive number; a hint may follow the remedy."""
-    check(math.isfinite(value) and value > 0, f"{what} is {value!r} {unit}; give a positive number{hint}.")
+    check(
+        math.isfinite(value) and value > 0,
+        f"{what} is {value!r} {unit}; give a positive number{hint}.",
+    )
 
 
 def check_on_all(comm: MPI.Intracomm, condition: bool, message: str) -> None:
@@ -92,7 +97,9 @@ def write_on_all[T](comm: MPI.Intracomm, path: Path, task: Callable[[], T]) -> T
     try:
         result = task()
     except (OSError, RuntimeError) as error:
-        reason = getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
+        reason = (
+            getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
+        )
     reason = next(filter(None, comm.allgather(reason)), "")
     if reason:
         raise OutputFailure(

@@ -14,8 +14,15 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-PATIENCE, TAG = 10.0, 28531  # s that a rank with an error waits for the others; a message that nobody else sends
-_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")  # number of ranks, as those say who start them
+PATIENCE, TAG = (
+    10.0,
+    28531,
+)  # s that a rank with an error waits for the others; a message that nobody else sends
+_SIZES = (
+    "OMPI_COMM_WORLD_SIZE",
+    "PMI_SIZE",
+    "MPI_LOCALNRANKS",
+)  # number of ranks, as those say who start them
 
 
 @contextmanager
@@ -45,7 +52,11 @@ def agree_on_error(comm: MPI.Intracomm, error: Exception) -> None:
                 kinds.add(str(kind))
                 del awaited[r]
         if time.monotonic() > deadline or len(kinds) > 1:
-            words = f"rank {comm.rank} failed alone" if len(kinds) == 1 else "the ranks failed in different ways"
+            words = (
+                f"rank {comm.rank} failed alone"
+                if len(kinds) == 1
+                else "the ranks failed in different ways"
+            )
             traceback.print_exception(error)
             sys.stderr.write(f"gossamer: {words}; its error is above, and the run ends.\n")
             sys.stderr.flush()
@@ -62,7 +73,9 @@ def watch_uncaught_errors() -> None:
         return
     usual = sys.excepthook
 
-    def uncaught(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+    def uncaught(
+        kind: type[BaseException], error: BaseException, trace: TracebackType | None
+    ) -> None:
         usual(kind, error, trace)
         sys.stderr.flush()
         from mpi4py import MPI

@@ -37,35 +37,49 @@ def ask[T](comm: MPI.Intracomm, what: str, function: Callable[[], T]) -> T:
     return result
 
 
-def ask_numbers(comm: MPI.Intracomm, what: str, function: Callable[[], Any], shape: tuple[int, ...] = ()) -> Numbers:
+def ask_numbers(
+    comm: MPI.Intracomm, what: str, function: Callable[[], Any], shape: tuple[int, ...] = ()
+) -> Numbers:
     """The finite numbers, an array of this shape, that a user's function returns; the same on every rank.
 
     Raises:
         InputError: on every rank, if the function raises, returns something else on one of them, or not the same.
     """
-    wanted = {(): "a finite number", (3,): "three finite numbers"}.get(shape, f"finite numbers {shape}")
+    wanted = {(): "a finite number", (3,): "three finite numbers"}.get(
+        shape, f"finite numbers {shape}"
+    )
     return _agree(comm, what, *_numbers(function, shape, wanted))
 
 
-def ask_points(comm: MPI.Intracomm, what: str, function: Callable[[], Any], shape: tuple[int, ...]) -> Numbers:
+def ask_points(
+    comm: MPI.Intracomm, what: str, function: Callable[[], Any], shape: tuple[int, ...]
+) -> Numbers:
     """The vectors (3, n) at this rank's own points that a user's function returns.
 
     Raises:
         InputError: on every rank, if the function raises or returns something else on one of them.
     """
-    problem, cause, values = _numbers(function, shape, f"finite numbers {shape} for the points (3, n)")
+    problem, cause, values = _numbers(
+        function, shape, f"finite numbers {shape} for the points (3, n)"
+    )
     _agree(comm, what, problem, cause, np.zeros(0))
     return values
 
 
-def _numbers(function: Callable[[], Any], shape: tuple[int, ...], wanted: str) -> tuple[str, Exception | None, Numbers]:
+def _numbers(
+    function: Callable[[], Any], shape: tuple[int, ...], wanted: str
+) -> tuple[str, Exception | None, Numbers]:
     """What is wrong with what it returns, and the numbers."""
     result, problem, cause = _call(function)
     values = np.zeros(shape)
     if not problem:
         try:
             found = np.asarray(result, dtype=float)
-            good = found.shape == shape and bool(np.isfinite(found).all()) and not isinstance(result, str)
+            good = (
+                found.shape == shape
+                and bool(np.isfinite(found).all())
+                and not isinstance(result, str)
+            )
         except (TypeError, ValueError):
             good = False
         if good:
@@ -90,10 +104,16 @@ def _shown(value: Any) -> str:
     if isinstance(value, np.ndarray) and value.size > 3:
         return f"an array {value.shape}"
     text = repr(value.tolist() if isinstance(value, np.ndarray | np.generic) else value)
-    return text if len(text) <= 60 and "\n" not in text and " object at " not in text else type(value).__name__
+    return (
+        text
+        if len(text) <= 60 and "\n" not in text and " object at " not in text
+        else type(value).__name__
+    )
 
 
-def _agree(comm: MPI.Intracomm, what: str, problem: str, cause: Exception | None, values: Numbers) -> Numbers:
+def _agree(
+    comm: MPI.Intracomm, what: str, problem: str, cause: Exception | None, values: Numbers
+) -> Numbers:
     if comm.size == 1:
         if problem:
             raise InputError(f"{what}: {problem}") from cause
@@ -109,7 +129,9 @@ def _agree(comm: MPI.Intracomm, what: str, problem: str, cause: Exception | None
         raise InputError(f"{what}: {next(filter(None, talk.allgather(problem)))}") from cause
     highest, lowest = extremes[1 : 1 + flat.size], -extremes[1 + flat.size :]
     if (highest - lowest > SAME * np.maximum(abs(highest), abs(lowest)).max(initial=0.0)).any():
-        raise InputError(f"{what}: it differs from rank to rank; sum what each rank has with run.comm.allreduce.")
+        raise InputError(
+            f"{what}: it differs from rank to rank; sum what each rank has with run.comm.allreduce."
+        )
     return highest.reshape(values.shape)
 
 
@@ -129,7 +151,9 @@ def _wait(comm: MPI.Intracomm, request: MPI.Request, words: str) -> None:
     deadline = time.monotonic() + PATIENCE
     while not request.Test():
         if time.monotonic() > deadline:
-            sys.stderr.write(f"gossamer: {words} This is of rank {comm.rank} alone, and ends the run.\n")
+            sys.stderr.write(
+                f"gossamer: {words} This is of rank {comm.rank} alone, and ends the run.\n"
+            )
             sys.stderr.flush()
             comm.Abort(2)
         time.sleep(1e-3)

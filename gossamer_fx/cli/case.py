@@ -54,7 +54,10 @@ class Case:
 
     def __post_init__(self) -> None:
         check(isinstance(self.scene, Scene), f"Case: scene is {self.scene!r}; give a Scene.")
-        check(hasattr(self.stepper, "start"), f"Case: stepper is {self.stepper!r}; give one, e.g. Midpoint(dt=1e-3).")
+        check(
+            hasattr(self.stepper, "start"),
+            f"Case: stepper is {self.stepper!r}; give one, e.g. Midpoint(dt=1e-3).",
+        )
         check(
             isinstance(self.until, int | float) and math.isfinite(self.until) and self.until > 0,
             f"Case: until is {self.until!r}; give the end time in seconds.",

@@ -64,7 +64,8 @@ def main(words: Sequence[str]) -> int:
         if wanted.debug:
             raise
         end_program(
-            comm, f"{type(error).__name__}: {error}; look for memory and disk space, or for the file that it names."
+            comm,
+            f"{type(error).__name__}: {error}; look for memory and disk space, or for the file that it names.",
         )
     return 0
 
@@ -80,7 +81,9 @@ def _with_values(words: Sequence[str]) -> list[str]:
     while rest:
         word = rest.pop(0)
         if word == "--restart":
-            named = bool(rest) and not (rest[0].startswith("-") or rest[0].endswith(".py") or "=" in rest[0])
+            named = bool(rest) and not (
+                rest[0].startswith("-") or rest[0].endswith(".py") or "=" in rest[0]
+            )
             word = f"--restart={rest.pop(0) if named else 'newest'}"
         given.append(word)
     return given
@@ -89,48 +92,96 @@ def _with_values(words: Sequence[str]) -> list[str]:
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="gossamer", description="Run a scene, and look at what it did.")
     parser.add_argument("--version", action="version", version=f"gossamer_fx {VERSION}")
-    commands = parser.add_subparsers(required=True, metavar="run|sweep|plot|report", parser_class=_Parser)
+    commands = parser.add_subparsers(
+        required=True, metavar="run|sweep|plot|report", parser_class=_Parser
+    )
 
     run = commands.add_parser("run", help="run a scene file")
-    run.add_argument("scene", type=Path, help="Python file with a function build(comm, ...) that returns a gx.Case")
+    run.add_argument(
+        "scene",
+        type=Path,
+        help="Python file with a function build(comm, ...) that returns a gx.Case",
+    )
     run.add_argument("options", nargs="*", metavar="NAME=VALUE", help="further arguments of build")
-    run.add_argument("-o", "--output", type=Path, help="folder of the run; default out/NAME of the scene file")
+    run.add_argument(
+        "-o", "--output", type=Path, help="folder of the run; default out/NAME of the scene file"
+    )
     run.add_argument("-n", "--ranks", type=_positive, default=1, help="MPI ranks")
     words = "go on from the newest checkpoint in the folder, or from that of a step, or in a folder"
     run.add_argument("--restart", metavar="[STEP|FOLDER]", help=words)
-    run.add_argument("--changed", default="", metavar="PART,...", help="whose parameters differ from the checkpoint's")
+    run.add_argument(
+        "--changed",
+        default="",
+        metavar="PART,...",
+        help="whose parameters differ from the checkpoint's",
+    )
     run.add_argument("--overwrite", action="store_true", help="replace a run that the folder holds")
-    run.add_argument("--dry-run", action="store_true", help="compile and check the scene, print it, compute nothing")
+    run.add_argument(
+        "--dry-run",
+        action="store_true",
+        help="compile and check the scene, print it, compute nothing",
+    )
     run.add_argument("--quiet", action="store_true", help="only warnings on the terminal")
     run.add_argument("--log", type=Path, help="file that all messages are appended to")
-    run.add_argument("--checkpoint", type=_positive, default=100, metavar="STEPS", help="steps between checkpoints")
+    run.add_argument(
+        "--checkpoint",
+        type=_positive,
+        default=100,
+        metavar="STEPS",
+        help="steps between checkpoints",
+    )
     run.set_defaults(command=_run)
 
     sweep = commands.add_parser("sweep", help="make the runs of a design that a folder lacks")
     sweep.add_argument("design", type=Path, help="Python file with a gx.RobustDesign named SWEEP")
-    sweep.add_argument("-o", "--output", type=Path, help="folder of the runs; default out/NAME of the file")
-    sweep.add_argument("-j", "--jobs", type=_positive, default=1, help="processes that share the runs")
+    sweep.add_argument(
+        "-o", "--output", type=Path, help="folder of the runs; default out/NAME of the file"
+    )
+    sweep.add_argument(
+        "-j", "--jobs", type=_positive, default=1, help="processes that share the runs"
+    )
     sweep.add_argument("-n", "--ranks", type=_positive, default=1, help="MPI ranks of each process")
     sweep.set_defaults(command=_sweep)
 
-    plot = commands.add_parser("plot", help="pictures of a run: by default its films at six times, and curves")
+    plot = commands.add_parser(
+        "plot", help="pictures of a run: by default its films at six times, and curves"
+    )
     plot.add_argument("run", type=Path, help="folder of a run")
     plot.add_argument("-f", "--field", help="state, displacement, stress1, strain2, pressure, ...")
     plot.add_argument("-t", "--time", type=float, nargs="+", metavar="T", help="at these times [s]")
-    plot.add_argument("-s", "--strip", type=_positive, metavar="N", help="at N times, evenly spread")
+    plot.add_argument(
+        "-s", "--strip", type=_positive, metavar="N", help="at N times, evenly spread"
+    )
     plot.add_argument("-a", "--animate", choices=("gif", "mp4"), help="an animation")
-    plot.add_argument("-c", "--curves", action="store_true", help="ledger, gas and probes over the time")
-    plot.add_argument("--azimuth", type=float, metavar="DEGREES", help="of the camera; 0 looks along y")
-    plot.add_argument("--elevation", type=float, metavar="DEGREES", help="of the camera above the horizon")
+    plot.add_argument(
+        "-c", "--curves", action="store_true", help="ledger, gas and probes over the time"
+    )
+    plot.add_argument(
+        "--azimuth", type=float, metavar="DEGREES", help="of the camera; 0 looks along y"
+    )
+    plot.add_argument(
+        "--elevation", type=float, metavar="DEGREES", help="of the camera above the horizon"
+    )
     plot.add_argument("--follow", action="store_true", help="the camera moves with the shapes")
-    plot.add_argument("--zoom", action="store_true", help="each picture as large as its frame allows")
-    plot.add_argument("--opacity", type=float, default=1.0, help="of films; below 1 folded layers are seen through")
+    plot.add_argument(
+        "--zoom", action="store_true", help="each picture as large as its frame allows"
+    )
+    plot.add_argument(
+        "--opacity",
+        type=float,
+        default=1.0,
+        help="of films; below 1 folded layers are seen through",
+    )
     plot.add_argument("-o", "--output", type=Path, help="file; default: in the folder of the run")
     plot.set_defaults(command=_plot)
 
-    report = commands.add_parser("report", help="one HTML page about a run that needs no other file")
+    report = commands.add_parser(
+        "report", help="one HTML page about a run that needs no other file"
+    )
     report.add_argument("run", type=Path, help="folder of a run")
-    report.add_argument("-o", "--output", type=Path, help="file; default report.html in the folder of the run")
+    report.add_argument(
+        "-o", "--output", type=Path, help="file; default report.html in the folder of the run"
+    )
     report.set_defaults(command=_report)
     for command in (run, sweep, plot, report):
         command.add_argument("--debug", action="store_true", help="show where an error comes from")
@@ -154,7 +205,9 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     from gossamer_fx.run.log import log_to
 
     folder: Path = wanted.output or Path("out") / wanted.scene.stem
-    free = wanted.dry_run or wanted.restart or wanted.overwrite or not (folder / "run.json").exists()
+    free = (
+        wanted.dry_run or wanted.restart or wanted.overwrite or not (folder / "run.json").exists()
+    )
     check(
         comm.bcast(free),
         f"'{folder}' holds a run already; give another folder with --output, go on with --restart, or replace it with "
@@ -172,8 +225,14 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     if wanted.restart == "newest":
         restart = saves
     elif wanted.restart:
-        restart = saves / f"step-{int(wanted.restart):08d}" if wanted.restart.isdigit() else Path(wanted.restart)
-    run = case.simulation(outputs, checkpoints, restart, [name for name in wanted.changed.split(",") if name])
+        restart = (
+            saves / f"step-{int(wanted.restart):08d}"
+            if wanted.restart.isdigit()
+            else Path(wanted.restart)
+        )
+    run = case.simulation(
+        outputs, checkpoints, restart, [name for name in wanted.changed.split(",") if name]
+    )
     run.run(until=case.until)
     if comm.rank == 0 and not wanted.quiet:
         print(f"written to {folder}; look at it with: ./gossamer report {folder}")
@@ -190,7 +249,9 @@ def _show(case: Case, comm: MPI.Intracomm) -> None:
     if comm.rank == 0:
         steps = case.until / case.stepper.dt
         print("\n".join(lines(about)))
-        print(f"about {steps:.6g} steps of {case.stepper.dt:.6g} s to t = {case.until:.6g} s; nothing was computed")
+        print(
+            f"about {steps:.6g} steps of {case.stepper.dt:.6g} s to t = {case.until:.6g} s; nothing was computed"
+        )
         for words in strange:
             print(f"warning: {words}")
 
@@ -208,11 +269,17 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
     from gossamer_fx.cli.user_files import guarded, load, option
 
     path: Path = wanted.scene
-    check(path.is_file(), f"There is no scene file '{path}'; give a Python file with a function build(comm).")
+    check(
+        path.is_file(),
+        f"There is no scene file '{path}'; give a Python file with a function build(comm).",
+    )
     options = dict(option(word) for word in wanted.options)
     module = guarded(comm, path, wanted.debug, lambda: load(path))
     build = getattr(module, "build", None)
-    check(callable(build), f"'{path}' has no function build(comm); write one that returns a gossamer_fx.Case.")
+    check(
+        callable(build),
+        f"'{path}' has no function build(comm); write one that returns a gossamer_fx.Case.",
+    )
     assert build is not None
     parameters = inspect.signature(build).parameters
     free = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
@@ -222,11 +289,20 @@ def _case(wanted: argparse.Namespace, comm: MPI.Intracomm) -> Case:
         f"build in '{path}' takes no {unknown[0] if unknown else 'comm'!r}; its arguments are: "
         f"{', '.join(parameters) or 'none, but the first must be the communicator'}.",
     )
-    needed = [n for n, p in list(parameters.items())[1:] if p.default is p.empty and p.kind is p.POSITIONAL_OR_KEYWORD]
+    needed = [
+        n
+        for n, p in list(parameters.items())[1:]
+        if p.default is p.empty and p.kind is p.POSITIONAL_OR_KEYWORD
+    ]
     missing = [name for name in needed if name not in options]
-    check(not missing, f"build in '{path}' needs a value for {', '.join(missing)}; give NAME=VALUE.")
+    check(
+        not missing, f"build in '{path}' needs a value for {', '.join(missing)}; give NAME=VALUE."
+    )
     case = guarded(comm, path, wanted.debug, lambda: build(comm, **options))
-    check(isinstance(case, Case), f"build in '{path}' returns {type(case).__name__}; let it return a gossamer_fx.Case.")
+    check(
+        isinstance(case, Case),
+        f"build in '{path}' returns {type(case).__name__}; let it return a gossamer_fx.Case.",
+    )
     return case
 
 
@@ -237,7 +313,10 @@ def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     from gossamer_fx.sweep.sweep_report import run_design
 
     path: Path = wanted.design
-    check(path.is_file(), f"There is no file '{path}'; give a Python file with a gx.RobustDesign named SWEEP.")
+    check(
+        path.is_file(),
+        f"There is no file '{path}'; give a Python file with a gx.RobustDesign named SWEEP.",
+    )
     design = getattr(guarded(comm, path, wanted.debug, lambda: load(path)), "SWEEP", None)
     check(isinstance(design, RobustDesign), f"'{path}' has no SWEEP; let it be a gx.RobustDesign.")
     assert isinstance(design, RobustDesign)
@@ -262,17 +341,33 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         len(chosen) <= 1,
         f"--{' and --'.join(chosen)} are several pictures; give one of them at a time.",
     )
-    check(bool(chosen) or wanted.output is None, "--output names one file; say which picture with --strip, --time, ...")
-    azimuth, elevation = (None if a is None else math.radians(a) for a in (wanted.azimuth, wanted.elevation))
-    view = View(azimuth, elevation, follow=wanted.follow or None, zoom=wanted.zoom, opacity=wanted.opacity)
+    check(
+        bool(chosen) or wanted.output is None,
+        "--output names one file; say which picture with --strip, --time, ...",
+    )
+    azimuth, elevation = (
+        None if a is None else math.radians(a) for a in (wanted.azimuth, wanted.elevation)
+    )
+    view = View(
+        azimuth, elevation, follow=wanted.follow or None, zoom=wanted.zoom, opacity=wanted.opacity
+    )
     field: str = wanted.field or ("" if chosen == ["curves"] else default_field(run))
     output: Path | None = wanted.output
     if not chosen or wanted.strip:
-        _told(output or folder / f"{field}.png", lambda path: plot_strip(run, field, path, wanted.strip or 6, view))
+        _told(
+            output or folder / f"{field}.png",
+            lambda path: plot_strip(run, field, path, wanted.strip or 6, view),
+        )
     if wanted.time:
-        _told(output or folder / f"{field}_at.png", lambda path: plot_field(run, field, wanted.time, path, view))
+        _told(
+            output or folder / f"{field}_at.png",
+            lambda path: plot_field(run, field, wanted.time, path, view),
+        )
     if wanted.animate:
-        _told(output or folder / f"{field}.{wanted.animate}", lambda path: animate(run, field, path, view=view))
+        _told(
+            output or folder / f"{field}.{wanted.animate}",
+            lambda path: animate(run, field, path, view=view),
+        )
     if not chosen or wanted.curves:
         _told(output or folder / "curves.png", lambda path: plot_curves(run, path))
 

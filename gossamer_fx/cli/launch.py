@@ -46,7 +46,10 @@ def launch_alike(jobs: int, program: Sequence[str]) -> int:
     The first one alone speaks.  Any of them may die: those that are left go on.
     """
     command = [sys.executable, *program]
-    runs = [subprocess.Popen(command, stdout=None if k == 0 else subprocess.DEVNULL) for k in range(jobs)]
+    runs = [
+        subprocess.Popen(command, stdout=None if k == 0 else subprocess.DEVNULL)
+        for k in range(jobs)
+    ]
     try:
         return min(abs(run.wait()) for run in runs)
     except KeyboardInterrupt:

@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 def option(word: str) -> tuple[str, Any]:
     """Name and value of a word NAME=VALUE; values are Python's numbers, tuples, ..., or else words."""
     name, equals, text = word.partition("=")
-    check(bool(equals) and name.isidentifier(), f"'{word}' is no NAME=VALUE; give arguments of build like cells=20.")
+    check(
+        bool(equals) and name.isidentifier(),
+        f"'{word}' is no NAME=VALUE; give arguments of build like cells=20.",
+    )
     try:
         return name, ast.literal_eval(text)
     except (ValueError, SyntaxError):
@@ -50,11 +53,25 @@ def guarded[T](comm: MPI.Intracomm, path: Path, debug: bool, act: Callable[[], T
     except (Exception, SystemExit) as error:
         if debug:
             raise
-        frames = [f for f in traceback.extract_tb(error.__traceback__) if Path(f.filename).resolve() == path.resolve()]
-        line = error.lineno if isinstance(error, SyntaxError) else frames[-1].lineno if frames else None
+        frames = [
+            f
+            for f in traceback.extract_tb(error.__traceback__)
+            if Path(f.filename).resolve() == path.resolve()
+        ]
+        line = (
+            error.lineno
+            if isinstance(error, SyntaxError)
+            else frames[-1].lineno
+            if frames
+            else None
+        )
         place = f"'{path}'" + (f", line {line}" if line else "")
         words = str(error).splitlines()[0] if str(error) else "no words"
-        end_program(comm, f"{place}: {type(error).__name__} ({words}); correct the file, or see more with --debug.", 2)
+        end_program(
+            comm,
+            f"{place}: {type(error).__name__} ({words}); correct the file, or see more with --debug.",
+            2,
+        )
 
 
 def end_program(comm: MPI.Intracomm, words: str, code: int = 1) -> NoReturn:

@@ -95,7 +95,10 @@ class Crease:
         n, rim, unknown = self.film.comm.allreduce(
             np.array([len(owned), (~table.is_inside[owned]).sum(), (~table.is_known[owned]).sum()])
         ).tolist()
-        check(n > 0, f"{who}: the group '{self.edges}' has no edges; name a line between triangles of the mesh.")
+        check(
+            n > 0,
+            f"{who}: the group '{self.edges}' has no edges; name a line between triangles of the mesh.",
+        )
         check(
             rim == 0,
             f"{who}: {rim} of the {n} edges of '{self.edges}' lie on the rim of '{self.film.name}' or where more than "
@@ -132,12 +135,18 @@ class Crease:
         points, weights = (np.array(a) for a in _GAUSS[self.film.order])
         cells, sides = table.cells[owned], table.sides[owned]
         geometry = self.film.mesh.domain.geometry
-        vertices = geometry.dofmap[:, :3][cells[:, 0, None], _ENDS[sides[:, 0]]]  # of the left panel: start and end
+        vertices = geometry.dofmap[:, :3][
+            cells[:, 0, None], _ENDS[sides[:, 0]]
+        ]  # of the left panel: start and end
         along = geometry.x[vertices[:, 1]] - geometry.x[vertices[:, 0]]
         length = np.linalg.norm(along, axis=1)
         t = along / length[:, None]
-        left, right = (self._derivatives(cells[:, i], sides[:, i], points, i == 1) for i in range(2))
-        inwards = [_inwards(geometry.x[geometry.dofmap[cells[:, i], :3]], t, sides[:, i]) for i in range(2)]
+        left, right = (
+            self._derivatives(cells[:, i], sides[:, i], points, i == 1) for i in range(2)
+        )
+        inwards = [
+            _inwards(geometry.x[geometry.dofmap[cells[:, i], :3]], t, sides[:, i]) for i in range(2)
+        ]
         maps: Array = np.zeros((len(owned), len(points), 3, 2 * left.shape[-1]))
         k = left.shape[-1]
         maps[:, :, 0, :k] = np.einsum("egck,ec->egk", left, t)
@@ -148,7 +157,9 @@ class Crease:
         numbers = geometry.input_global_indices[vertices]
         swapped = (numbers[:, 0] > numbers[:, 1])[:, None]
         order = np.where(swapped, np.arange(len(points))[::-1], np.arange(len(points)))
-        names = np.concatenate([np.repeat(np.sort(numbers, axis=1), len(points), axis=0), order.reshape(-1, 1)], axis=1)
+        names = np.concatenate(
+            [np.repeat(np.sort(numbers, axis=1), len(points), axis=0), order.reshape(-1, 1)], axis=1
+        )
         return CreaseEnergy(
             self.name,
             self.film,
@@ -171,7 +182,9 @@ class Crease:
         table = element.tabulate(1, reference.reshape(-1, 2))[1:, :, :, 0]  # (2, 3 g, k)
         table = table.reshape(2, 3, len(points), -1)[:, sides]  # (2, n, g, k)
         corners = domain.geometry.x[domain.geometry.dofmap[cells, :3]]
-        J = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=1)  # (n, 2, 3)
+        J = np.stack(
+            [corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=1
+        )  # (n, 2, 3)
         dual = np.linalg.solve(J @ np.swapaxes(J, 1, 2), J)
         gradients: Array = np.einsum("nac,angk->ngck", dual, table)
         return gradients
@@ -201,5 +214,10 @@ def _without_twins(nodes: Indices, maps: Array, k: int) -> tuple[Indices, Array]
     maps[..., :k] += np.einsum("egvj,eji->egvi", maps[..., k:], twins)
     kept = np.concatenate([np.ones((len(nodes), k), dtype=bool), ~twins.any(axis=2)], axis=1)
     shared = 2 if k == 3 else 3  # nodes on an edge, of order 1 and 2
-    columns = np.flatnonzero(kept.ravel()).reshape(len(nodes), 2 * k - shared) - 2 * k * np.arange(len(nodes))[:, None]
-    return np.take_along_axis(nodes, columns, axis=1), np.take_along_axis(maps, columns[:, None, None], axis=3)
+    columns = (
+        np.flatnonzero(kept.ravel()).reshape(len(nodes), 2 * k - shared)
+        - 2 * k * np.arange(len(nodes))[:, None]
+    )
+    return np.take_along_axis(nodes, columns, axis=1), np.take_along_axis(
+        maps, columns[:, None, None], axis=3
+    )

@@ -46,17 +46,28 @@ class CreaseEnergies(CompiledTerms):
 
     def add_forces(self, r: PETSc.Vec) -> None:
         for points, q in zip(self._arrays, self._gather(self._system.q1), strict=True):
-            r.setValues(points.indices.ravel(), points.forces(q).ravel(), addv=PETSc.InsertMode.ADD_VALUES)
+            r.setValues(
+                points.indices.ravel(), points.forces(q).ravel(), addv=PETSc.InsertMode.ADD_VALUES
+            )
         r.assemble()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         for points, q in zip(self._arrays, self._gather(self._system.q1), strict=True):
-            add_blocks(A, points.indices, points.indices, points.tangents(q, self._system.geometric))
+            add_blocks(
+                A, points.indices, points.indices, points.tangents(q, self._system.geometric)
+            )
 
     def inadmissible(self) -> str:
-        far = [points.turned(q) for points, q in zip(self._arrays, self._gather(self._system.q1), strict=True)]
+        far = [
+            points.turned(q)
+            for points, q in zip(self._arrays, self._gather(self._system.q1), strict=True)
+        ]
         worst, name = max(self._system.comm.allgather(max(far, default=(0.0, ""))))
-        return "" if worst < FARTHEST else f"'{name}' turns by {np.degrees(worst):.0f}° in one step: its sense is lost"
+        return (
+            ""
+            if worst < FARTHEST
+            else f"'{name}' turns by {np.degrees(worst):.0f}° in one step: its sense is lost"
+        )
 
     def dissipated(self) -> Array:
         if not self._yielding:
@@ -90,7 +101,9 @@ class CreaseEnergies(CompiledTerms):
     def get_state(self) -> dict[str, Any]:
         """The points whose angle or rest angle is not what positions and input tell, by the names of their edges."""
         unusual = [row for points in self._arrays for row in points.unusual()]
-        return {"points": sorted(row for rows in self._system.comm.allgather(unusual) for row in rows)}
+        return {
+            "points": sorted(row for rows in self._system.comm.allgather(unusual) for row in rows)
+        }
 
     def set_state(self, state: dict[str, Any]) -> None:
         told = {tuple(place): (turns, rest) for place, turns, rest in state["points"]}
@@ -140,7 +153,9 @@ class _Points:
             for what in ("slip", "shut", "rest")
         )
         self._places = np.concatenate([terms[i].names for i in of])
-        self.indices = np.concatenate([_unknowns(system.numbering, system.bodies, terms[i]) for i in of])
+        self.indices = np.concatenate(
+            [_unknowns(system.numbering, system.bodies, terms[i]) for i in of]
+        )
         self.rest = self._first_rest.copy()
         self._begun = False
 
@@ -190,7 +205,9 @@ class _Points:
         """The largest change of angle in the step, and whose it is."""
         change = np.abs(self._end(self.vectors(q)) - self.θ)
         i = int(change.argmax()) if len(change) else -1
-        return (float(change[i]), self._names[self.of.index(self.owner[i])]) if i >= 0 else (0.0, "")
+        return (
+            (float(change[i]), self._names[self.of.index(self.owner[i])]) if i >= 0 else (0.0, "")
+        )
 
     def loss(self, q: Array) -> Array:
         """What each point (n,) takes in the step."""
@@ -206,7 +223,11 @@ class _Points:
         turns = np.rint((self.θ - self._principal(self._X)) / (2 * np.pi)).astype(int)
         moved = self.rest != self._first_rest
         return [
-            ([int(self.owner[i]), *self._places[i].tolist()], int(turns[i]), float(self.rest[i]) if moved[i] else None)
+            (
+                [int(self.owner[i]), *self._places[i].tolist()],
+                int(turns[i]),
+                float(self.rest[i]) if moved[i] else None,
+            )
             for i in np.flatnonzero(moved | (turns != 0))
         ]
 
@@ -249,7 +270,9 @@ class _Points:
             return self._k * at_end, self._k * (slipped == 0)
         Δ = np.abs(θ1 - self.θ)
         # of the path, the part on which the fold slips: there the moment is that at the end, before it grows linearly
-        part = np.where(slipped == 0, 0.0, np.minimum(np.abs(slipped) / np.where(Δ > 0, Δ, 1.0), 1.0))
+        part = np.where(
+            slipped == 0, 0.0, np.minimum(np.abs(slipped) / np.where(Δ > 0, Δ, 1.0), 1.0)
+        )
         mean = part * at_end + (1 - part) * (self.θ - self.rest + at_end) / 2
         return self._k * mean, self._k * (1 - part) ** 2 / 2
 

@@ -36,7 +36,9 @@ class PaidOutRopes(CompiledTerms):
             np.array([getattr(term, what) for term in mine], dtype=float)
             for what in ("stiffness", "brake", "most", "length")
         )
-        self._given = [(i, term.history) for i, term in enumerate(terms) if term.history is not None]
+        self._given = [
+            (i, term.history) for i, term in enumerate(terms) if term.history is not None
+        ]
         self._yield = np.where(np.isfinite(self._brake), self._brake, 0.0) / self._k
         self._brakes = np.isfinite(self._brake)
         self._braked = [i for i, term in enumerate(terms) if np.isfinite(term.brake)]
@@ -70,7 +72,11 @@ class PaidOutRopes(CompiledTerms):
 
     def add_forces(self, r: PETSc.Vec) -> None:
         q = self._gather(self._system.q1)[0]
-        r.setValues(self._at.indices.ravel(), self._stencil.force(q).ravel(), addv=PETSc.InsertMode.ADD_VALUES)
+        r.setValues(
+            self._at.indices.ravel(),
+            self._stencil.force(q).ravel(),
+            addv=PETSc.InsertMode.ADD_VALUES,
+        )
         r.assemble()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
@@ -97,7 +103,9 @@ class PaidOutRopes(CompiledTerms):
 
     def energies(self) -> dict[str, float]:
         found = dict.fromkeys((term.name for term in self._terms), 0.0)
-        for i, energy in zip(self._at.of, self._k * np.maximum(self._l - self.length, 0.0) ** 2 / 2, strict=True):
+        for i, energy in zip(
+            self._at.of, self._k * np.maximum(self._l - self.length, 0.0) ** 2 / 2, strict=True
+        ):
             found[self._terms[i].name] += float(energy)
         return found
 
@@ -134,7 +142,9 @@ class PaidOutRopes(CompiledTerms):
 
     def _slip(self, l1: Array) -> Array:
         """ΔL (n,) of the brakes when the ends come to the distance l1."""
-        slip: Array = np.where(self._brakes, np.clip(l1 - self._next - self._yield, 0.0, self._room()), 0.0)
+        slip: Array = np.where(
+            self._brakes, np.clip(l1 - self._next - self._yield, 0.0, self._room()), 0.0
+        )
         return slip
 
     def _pull(self, y: Array) -> Array:

@@ -41,7 +41,11 @@ class RopeBundle:
             "both, and at least one.",
         )
         for k, (pair, length) in enumerate(zip(self.ends, self.lengths, strict=True)):
-            joins = isinstance(pair, tuple) and len(pair) == 2 and all(isinstance(end, Attached) for end in pair)
+            joins = (
+                isinstance(pair, tuple)
+                and len(pair) == 2
+                and all(isinstance(end, Attached) for end in pair)
+            )
             check(
                 joins and bool(list(bodies_of(*pair))),
                 f"RopeBundle '{self.name}': rope {k} is no pair of ports, of which one may be a Ground; give two.",
@@ -60,7 +64,9 @@ class RopeBundle:
     def terms(self) -> Iterable[Term]:
         for pair, length in zip(self.ends, self.lengths, strict=True):
             measure = half_distance_squared(*pair)
-            yield PointStoredEnergy(self.name, measure, LengthSpring(self.stiffness, float(length), side=1))
+            yield PointStoredEnergy(
+                self.name, measure, LengthSpring(self.stiffness, float(length), side=1)
+            )
             if self.damping:
                 loss = RopeDamper(self.damping, self.stiffness, float(length))
                 yield PointDissipation(f"{self.name} damping", measure, loss)

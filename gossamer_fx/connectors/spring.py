@@ -29,7 +29,9 @@ class Quadratic:
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
         k = np.reshape(self.k, (-1, 1))
-        return k * (e0 + e1) / 2, np.broadcast_to(k[:, :, None] / 2 * np.eye(e0.shape[1]), (*e0.shape, e0.shape[1]))
+        return k * (e0 + e1) / 2, np.broadcast_to(
+            k[:, :, None] / 2 * np.eye(e0.shape[1]), (*e0.shape, e0.shape[1])
+        )
 
 
 @dataclass(frozen=True)
@@ -100,8 +102,12 @@ class RopeDamper:
         s0, s1 = (np.maximum(length - self.L, 0.0) for length in (l0, l1))
         both, Δ = l0 + l1, l1 - l0
         passing, safe = (s0 > 0) != (s1 > 0), np.where(Δ == 0, 1.0, Δ)
-        tension = np.where(passing, self.k * (s1 + s0) * (s1 - s0) / 2 / safe, self.k * (s0 + s1) / 2)
-        stiffness = np.where(passing, (self.k * s1 - tension) / safe, np.where(s1 > 0, self.k / 2, 0.0))
+        tension = np.where(
+            passing, self.k * (s1 + s0) * (s1 - s0) / 2 / safe, self.k * (s0 + s1) / 2
+        )
+        stiffness = np.where(
+            passing, (self.k * s1 - tension) / safe, np.where(s1 > 0, self.k / 2, 0.0)
+        )
         viscous = self.c * (s1 - s0) / h
         pulls = viscous > -tension
         f = np.where(pulls, viscous, -tension)
@@ -134,7 +140,10 @@ class Spring(Between):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_positive(self, "stiffness", "N/m")
-        check(self.length >= 0, f"Spring '{self.name}': length is {self.length!r} m; give none or a positive one.")
+        check(
+            self.length >= 0,
+            f"Spring '{self.name}': length is {self.length!r} m; give none or a positive one.",
+        )
 
     def terms(self) -> Iterable[Term]:
         density = LengthSpring(self.stiffness, self.length)
@@ -169,7 +178,10 @@ class Rope(Between):
         )
 
     def terms(self) -> Iterable[Term]:
-        density, measure = LengthSpring(self.stiffness, self.length, side=1), half_distance_squared(self.a, self.b)
+        density, measure = (
+            LengthSpring(self.stiffness, self.length, side=1),
+            half_distance_squared(self.a, self.b),
+        )
         yield PointStoredEnergy(self.name, measure, density)
         if self.damping:
             loss = RopeDamper(self.damping, self.stiffness, self.length)
@@ -227,8 +239,13 @@ class Damper(Between):
 
     def terms(self) -> Iterable[Term]:
         distance = float(np.linalg.norm(at_start(self.a) - at_start(self.b)))
-        check(distance > 0, f"Damper '{self.name}': its two points coincide, so it has no direction; separate them.")
-        yield PointDissipation(self.name, half_distance_squared(self.a, self.b), LengthDamper(self.coefficient))
+        check(
+            distance > 0,
+            f"Damper '{self.name}': its two points coincide, so it has no direction; separate them.",
+        )
+        yield PointDissipation(
+            self.name, half_distance_squared(self.a, self.b), LengthDamper(self.coefficient)
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -67,20 +67,31 @@ class Tape:
         ends = np.concatenate([chains[:, [k, k + 1]] for k in range(chains.shape[1] - 1)])
         own = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
         names = space.dofmap.index_map.local_to_global(ends.ravel()).reshape(-1, 2)
-        rows = film.comm.allgather(list(zip(names[:, 0].tolist(), names[:, 1].tolist(), own.tolist(), strict=True)))
+        rows = film.comm.allgather(
+            list(zip(names[:, 0].tolist(), names[:, 1].tolist(), own.tolist(), strict=True))
+        )
         bars = [row for part in rows for row in part]
         pairs = [(Port(film, (a,)), Port(film, (b,))) for a, b, _ in bars]
         return Tape(film, law, pairs, np.array([length for _, _, length in bars]), name)
 
     @staticmethod
     def through(
-        film: Membrane, law: CableLaw, points: Sequence[Sequence[float]], bars: int, name: str = "tape"
+        film: Membrane,
+        law: CableLaw,
+        points: Sequence[Sequence[float]],
+        bars: int,
+        name: str = "tape",
     ) -> Tape:
         """Through `points` [m] of the film's mesh, `bars` of equal length from each to the next."""
-        check(len(points) >= 2 and bars >= 1, f"Tape '{name}' needs two points and one bar at least; give more.")
+        check(
+            len(points) >= 2 and bars >= 1,
+            f"Tape '{name}' needs two points and one bar at least; give more.",
+        )
         corners = np.asarray(points, dtype=float)
         steps = np.arange(bars * (len(corners) - 1) + 1) / bars
-        places = np.array([np.interp(steps, np.arange(len(corners)), corner) for corner in corners.T]).T
+        places = np.array(
+            [np.interp(steps, np.arange(len(corners)), corner) for corner in corners.T]
+        ).T
         ports = [film.port_at(place) for place in places]
         lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
         return Tape(film, law, list(pairwise(ports)), lengths, name)
@@ -100,7 +111,9 @@ class Tape:
         yield AttachedKineticEnergy(self.bars, law.line_density * L[:, None, None] * consistent)
         # e = √(EA L) ε, so that the energy of every bar is ½ e²
         scale = np.sqrt(law.EA * L)
-        vectors = [(_stretch(a, b, float(k)),) for (a, b), k in zip(self.bars, scale / L**2, strict=True)]
+        vectors = [
+            (_stretch(a, b, float(k)),) for (a, b), k in zip(self.bars, scale / L**2, strict=True)
+        ]
         measure = PointMeasure(vectors, np.eye(3)[None], np.zeros((1, 3)), -scale[:, None] / 2)
         density = OneSided() if isinstance(law, TensionOnly) else Quadratic(1.0)
         yield PointStoredEnergy(self.name, measure, density)

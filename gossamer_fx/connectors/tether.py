@@ -47,7 +47,10 @@ class Tether(Between):
         super().__post_init__()
         check_positive(self, "stiffness", "N/m")
         if callable(self.length):
-            check(self.brake is None, f"Tether '{self.name}': its length is given as a function; leave the brake out.")
+            check(
+                self.brake is None,
+                f"Tether '{self.name}': its length is given as a function; leave the brake out.",
+            )
             return
         check_positive(self, "length", "m")
         check(
@@ -64,7 +67,9 @@ class Tether(Between):
         measure, given = half_distance_squared(self.a, self.b), self.length
         if not callable(given):
             assert self.brake is not None
-            yield PaidOutRope(self.name, measure, self.stiffness, given, None, self.brake, self.most)
+            yield PaidOutRope(
+                self.name, measure, self.stiffness, given, None, self.brake, self.most
+            )
             return
         comm = next(port.body.comm for port in (self.a, self.b) if isinstance(port, Port))
 

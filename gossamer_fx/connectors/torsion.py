@@ -91,7 +91,9 @@ def hinge_angle(a: Frame, b: Frame, axis: Vector, rest: float) -> PointMeasure:
     H = np.zeros((2, 3, 3))
     H[0, 0, 1] = H[0, 1, 0] = H[1, 0, 2] = H[1, 2, 0] = 1.0
     place = (moving, zero, quarter)
-    return PointMeasure([place], np.array([np.kron(h, np.eye(3)) for h in H]), np.zeros((2, 9)), np.zeros(2))
+    return PointMeasure(
+        [place], np.array([np.kron(h, np.eye(3)) for h in H]), np.zeros((2, 9)), np.zeros(2)
+    )
 
 
 class AboutHinge(Between):
@@ -138,7 +140,9 @@ class TorsionSpring(AboutHinge):
 
     def terms(self) -> Iterable[Term]:
         yield PointStoredEnergy(
-            self.name, hinge_angle(*self._sides, self.axis, self.rest), AngularSpring(self.stiffness)
+            self.name,
+            hinge_angle(*self._sides, self.axis, self.rest),
+            AngularSpring(self.stiffness),
         )
 
 

@@ -56,7 +56,8 @@ class Clamped:
             "leave direction and twist out.",
         )
         check(
-            callable(self.twist) or (isinstance(self.twist, Real) and bool(np.isfinite(self.twist))),
+            callable(self.twist)
+            or (isinstance(self.twist, Real) and bool(np.isfinite(self.twist))),
             f"'{self.name}': twist is {self.twist!r} rad; give an angle, or a function of time.",
         )
         if self.direction is not None and not callable(self.direction):
@@ -71,7 +72,12 @@ class Clamped:
     def terms(self) -> Iterable[Term]:
         size, nodes = self.body.block.size, self.body.nodes(self.group)
         dofs = (size * nodes[:, None] + np.arange(size)).ravel().astype(np.int32)
-        still = self.direction is None and self.motion is None and not callable(self.twist) and self.twist == 0
+        still = (
+            self.direction is None
+            and self.motion is None
+            and not callable(self.twist)
+            and self.twist == 0
+        )
         yield Support(self.name, self.body, dofs, None if still else self._path(nodes))
 
     def _path(self, nodes: Indices) -> Callable[[float], Array]:
@@ -83,7 +89,9 @@ class Clamped:
         def path(t: float) -> Array:
             q = start.copy()
             if moved is not None:
-                q[:, 0] += ask_points(comm, f"Motion of '{self.name}' at t = {t:.6g} s", lambda: moved(X, t), X.shape).T
+                q[:, 0] += ask_points(
+                    comm, f"Motion of '{self.name}' at t = {t:.6g} s", lambda: moved(X, t), X.shape
+                ).T
             if q.shape[1] > 1:
                 n = np.cross(q[:, 1], q[:, 2])
                 q[:, 1:] = np.einsum("nij,nkj->nki", self._turn(X, n, t), q[:, 1:])
@@ -95,7 +103,11 @@ class Clamped:
         """Rotations (n, 3, 3) of sections with the normals n (n, 3)."""
         comm, when = self.body.comm, f"of '{self.name}' at t = {t:.6g} s"
         given, angle = self.direction, self.twist
-        φ = float(ask_numbers(comm, f"Twist {when}", lambda: angle(t))) if callable(angle) else float(angle)
+        φ = (
+            float(ask_numbers(comm, f"Twist {when}", lambda: angle(t)))
+            if callable(angle)
+            else float(angle)
+        )
         if given is None:
             m = n
         elif callable(given):

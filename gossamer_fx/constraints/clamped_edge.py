@@ -65,7 +65,9 @@ class ClampedEdge(Fixed):
         if self.motion is None:
             yield from super().terms()
         else:
-            yield from Prescribed(plate, self.group, self.motion, self.components, self.name).terms()
+            yield from Prescribed(
+                plate, self.group, self.motion, self.components, self.name
+            ).terms()
         clamp, ds = plate.bending.clamp, self._edges()
         if callable(self.direction):
             nodes, turned = plate.nodes(self.group), self.direction
@@ -73,7 +75,9 @@ class ClampedEdge(Fixed):
 
             def values(t: float) -> Array:
                 d = np.asarray(turned(X, t), dtype=float)
-                good = d.shape == X.shape and bool(np.isfinite(d).all() and np.linalg.norm(d, axis=0).all())
+                good = d.shape == X.shape and bool(
+                    np.isfinite(d).all() and np.linalg.norm(d, axis=0).all()
+                )
                 check_on_all(
                     plate.comm,
                     good,
@@ -85,7 +89,11 @@ class ClampedEdge(Fixed):
 
             yield MovingEnergy(name, plate, lambda x, w, d: clamp(x, w, d, ds), nodes, values)
         else:
-            d = self._initial() if self.direction is None else fem.Constant(plate.mesh.domain, unit(self.direction))
+            d = (
+                self._initial()
+                if self.direction is None
+                else fem.Constant(plate.mesh.domain, unit(self.direction))
+            )
             yield QuadraticEnergy(name, plate, lambda x, w: clamp(x, w, d, ds))
 
     def _edges(self) -> ufl.Measure:
@@ -93,7 +101,9 @@ class ClampedEdge(Fixed):
         domain.topology.create_connectivity(1, 2)
         edges = self.body.mesh.curve(self.group, "ClampedEdge")
         tags = meshtags(domain, 1, edges, np.ones(len(edges), dtype=np.int32))
-        return ufl.Measure("ds", domain, subdomain_data=tags, metadata={"quadrature_degree": EDGE_DEGREE})(1)
+        return ufl.Measure(
+            "ds", domain, subdomain_data=tags, metadata={"quadrature_degree": EDGE_DEGREE}
+        )(1)
 
     def _initial(self) -> Expr:
         """The direction as it starts."""

@@ -60,7 +60,9 @@ class Driven:
         start = coordinates_at_start(body).reshape(-1, 4, 3).copy()
 
         def path(t: float) -> Array:
-            angle = ask_numbers(body.comm, f"Angle of '{self.name}' at t = {t:.6g} s", lambda: self.angle(t))
+            angle = ask_numbers(
+                body.comm, f"Angle of '{self.name}' at t = {t:.6g} s", lambda: self.angle(t)
+            )
             placed = start.copy()
             placed[:, 1:] = start[:, 1:] @ rotations(axis, float(angle)).T
             return placed.ravel()

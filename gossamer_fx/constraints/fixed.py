@@ -35,7 +35,9 @@ def check_support(kind: str, body: Meshed, group: str, components: tuple[int, ..
 
 def dofs_of(body: Meshed, nodes: Indices, components: tuple[int, ...]) -> Indices:
     """Scalar indices of some components of the positions of nodes, node by node."""
-    dofs: Indices = (body.block.size * nodes[:, None] + np.array(components)).ravel().astype(np.int32)
+    dofs: Indices = (
+        (body.block.size * nodes[:, None] + np.array(components)).ravel().astype(np.int32)
+    )
     return dofs
 
 
@@ -80,7 +82,9 @@ class Fixed:
         own = nodes[nodes < index_map.size_local]
         x = coordinates_at_start(self.body).reshape(-1, self.body.block.size)[own, :3]
         places = [(Port(self.body, (int(node),)),) for node in index_map.local_to_global(own)]
-        yield PointConstraint(self.name, PointMeasure(places, np.zeros((1, 3, 3)), n[None], -(x @ n).reshape(-1, 1)))
+        yield PointConstraint(
+            self.name, PointMeasure(places, np.zeros((1, 3, 3)), n[None], -(x @ n).reshape(-1, 1))
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +110,9 @@ class Prescribed:
     def __post_init__(self) -> None:
         check_support("Prescribed", self.body, self.group, self.components)
         if not self.name:
-            object.__setattr__(self, "name", f"{self.body.name}/{self.group} moved {self.components}")
+            object.__setattr__(
+                self, "name", f"{self.body.name}/{self.group} moved {self.components}"
+            )
 
     def requires(self) -> Iterable[Any]:
         yield self.body
@@ -117,7 +123,12 @@ class Prescribed:
         X = self.body.space.tabulate_dof_coordinates()[nodes].T
 
         def position(t: float) -> Array:
-            u = ask_points(self.body.comm, f"'{self.name}' at t = {t:.6g} s", lambda: self.motion(X, t), X.shape)
+            u = ask_points(
+                self.body.comm,
+                f"'{self.name}' at t = {t:.6g} s",
+                lambda: self.motion(X, t),
+                X.shape,
+            )
             return (X + u).T[:, components].ravel()
 
         yield Support(self.name, self.body, dofs_of(self.body, nodes, self.components), position)

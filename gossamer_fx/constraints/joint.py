@@ -116,11 +116,17 @@ class Link(Between):
 
     def terms(self) -> Iterable[Term]:
         length = float(np.linalg.norm(at_start(self.a) - at_start(self.b)))
-        check(length > 0, f"Link '{self.name}' has no length; use a BallJoint for points that coincide.")
+        check(
+            length > 0,
+            f"Link '{self.name}' has no length; use a BallJoint for points that coincide.",
+        )
         difference = np.hstack([np.eye(3), -np.eye(3)])
         H, c = difference.T @ difference, -(length**2) / 2
         yield PointConstraint(
-            self.name, PointMeasure([(self.a, self.b)], H[None] / length, np.zeros((1, 6)), np.array([c / length]))
+            self.name,
+            PointMeasure(
+                [(self.a, self.b)], H[None] / length, np.zeros((1, 6)), np.array([c / length])
+            ),
         )
 
 
@@ -210,7 +216,9 @@ class CylindricalJoint(AxisJoint):
     def _sides(self) -> tuple[Frame, Frame]:
         """A frame with three directors, and one that holds the axis or is normal to it."""
         n = unit(self.axis)
-        return self.a.complete, self.b if lies_in(n, self.b) or is_normal(n, self.b) else self.b.complete
+        return self.a.complete, self.b if lies_in(n, self.b) or is_normal(
+            n, self.b
+        ) else self.b.complete
 
     def terms(self) -> Iterable[Term]:
         n, (a, b) = unit(self.axis), self._sides

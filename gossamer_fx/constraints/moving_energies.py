@@ -27,7 +27,11 @@ class MovingEnergies(CompiledTerms):
         self._system, self._compiled = system, []
         for term in terms:
             k = system.bodies.index(term.body)
-            at, d0, d1 = system.fields[k], fem.Function(term.body.space), fem.Function(term.body.space)
+            at, d0, d1 = (
+                system.fields[k],
+                fem.Function(term.body.space),
+                fem.Function(term.body.space),
+            )
             # the matrices of both ends count alike; in statics only that of the end does
             share = constant(term.body.space.mesh, 1.0 if system.rule.alpha == 1.0 else 0.5)
             ends = (d1,) if system.rule.alpha == 1.0 else (d0, d1)
@@ -70,7 +74,9 @@ class MovingEnergies(CompiledTerms):
         found: dict[str, float] = {}
         for c in self._compiled:
             _set(c.before, c.term, self._system.time)
-            found[c.term.name] = found.get(c.term.name, 0.0) + float(fem.assemble_scalar(c.energy)) / 2
+            found[c.term.name] = (
+                found.get(c.term.name, 0.0) + float(fem.assemble_scalar(c.energy)) / 2
+            )
         return found
 
 

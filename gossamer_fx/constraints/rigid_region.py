@@ -121,7 +121,9 @@ class RigidRegion:
     @property
     def a(self) -> Port:
         """A node of the body, as the first side of a joint."""
-        return Port(self.body, (self.body.comm.allreduce(min(self._nodes(), default=sys.maxsize), MPI.MIN),))
+        return Port(
+            self.body, (self.body.comm.allreduce(min(self._nodes(), default=sys.maxsize), MPI.MIN),)
+        )
 
     @property
     def b(self) -> Port:
@@ -139,7 +141,9 @@ class RigidRegion:
                 np.vstack([start, np.cross(*start[1:])]),
                 np.vstack([rates, np.cross(rates[1], start[2]) + np.cross(start[1], rates[2])]),
             )
-        return RigidPiece(f"piece of {self.name}", self.body, start, rates, not (self.sliding and len(start) == 2))
+        return RigidPiece(
+            f"piece of {self.name}", self.body, start, rates, not (self.sliding and len(start) == 2)
+        )
 
     @cached_property
     def _own(self) -> Array:
@@ -161,9 +165,14 @@ class RigidRegion:
         if self.to is None:
             targets = [self.piece.port(*map(float, ξ)) for ξ in self._fit[2]]
         else:  # where a fold map or another start has placed them
-            placed = coordinates_at_start(self.body).reshape(-1, self.body.block.size)[self._own, :3]
+            placed = coordinates_at_start(self.body).reshape(-1, self.body.block.size)[
+                self._own, :3
+            ]
             targets = [self.to.port_at(list(map(float, place))) for place in placed]
-        return [(Port(self.body, (node,)), target) for node, target in zip(self._nodes(), targets, strict=True)]
+        return [
+            (Port(self.body, (node,)), target)
+            for node, target in zip(self._nodes(), targets, strict=True)
+        ]
 
     def requires(self) -> Iterable[Any]:
         yield self.body
@@ -196,7 +205,9 @@ class RigidRegion:
         ξ = np.array(along) / np.linalg.norm(along)
         mean = Port(self.body, tuple(nodes), (1.0 / len(nodes),) * len(nodes))
         for k, d in enumerate((p, q)):
-            yield PointConstraint(f"{self.name} centre {k + 1}", PointMeasure([(mean, self.piece.port(), d)], *plane))
+            yield PointConstraint(
+                f"{self.name} centre {k + 1}", PointMeasure([(mean, self.piece.port(), d)], *plane)
+            )
         # (Σ ξ_q x_k)·p - (Σ ξ_p x_k)·q, two products in one measure
         of_p, of_q = (Port(self.body, tuple(nodes), tuple(map(float, column))) for column in ξ.T)
         turned = np.zeros((4, 4))
@@ -204,5 +215,10 @@ class RigidRegion:
         turned[1, 3] = turned[3, 1] = -1.0
         yield PointConstraint(
             f"{self.name} spin",
-            PointMeasure([(of_q, of_p, p, q)], np.kron(turned, np.eye(3))[None], np.zeros((1, 12)), np.zeros(1)),
+            PointMeasure(
+                [(of_q, of_p, p, q)],
+                np.kron(turned, np.eye(3))[None],
+                np.zeros((1, 12)),
+                np.zeros(1),
+            ),
         )

@@ -51,7 +51,10 @@ class Tie:
     def __post_init__(self) -> None:
         for body, group in ((self.a, self.group), (self.b, self.to)):
             known = isinstance(body, Meshed) and not isinstance(body, Beam) and is_on_mesh(body)
-            check(known, f"Tie: {getattr(body, 'name', body)!r} is no film or cable; join others by joints.")
+            check(
+                known,
+                f"Tie: {getattr(body, 'name', body)!r} is no film or cable; join others by joints.",
+            )
             check(
                 group is not None or body.space.mesh.topology.dim == 1,
                 f"Tie: of the film '{body.name}' one line is tied; name a curve of its mesh.",
@@ -61,7 +64,10 @@ class Tie:
             f"Tie: '{self.group}' of '{self.a.name}' is tied to itself; name another line.",
         )
         if not self.name:
-            words = [f"{body.name}/{group or 'all'}" for body, group in ((self.a, self.group), (self.b, self.to))]
+            words = [
+                f"{body.name}/{group or 'all'}"
+                for body, group in ((self.a, self.group), (self.b, self.to))
+            ]
             object.__setattr__(self, "name", " tied to ".join(words))
         if self.group is not None:
             self.a.mesh.group(self.group)
@@ -82,9 +88,15 @@ class Tie:
         own = np.asarray(nodes[nodes < index_map.size_local], dtype=np.int32)
         x = _start(self.a)[own]
         ends, at = self._segments()
-        check(len(ends) > 0, f"'{self.name}': the group '{self.to}' has no edges; name a line of '{self.b.name}'.")
+        check(
+            len(ends) > 0,
+            f"'{self.name}': the group '{self.to}' has no edges; name a line of '{self.b.name}'.",
+        )
         count = comm.allreduce(len(own))
-        check(count > 0, f"'{self.name}': the group '{self.group}' has no nodes; name a line of '{self.a.name}'.")
+        check(
+            count > 0,
+            f"'{self.name}': the group '{self.group}' has no nodes; name a line of '{self.a.name}'.",
+        )
         which, s, distance = _nearest(x, at)
         far = comm.allreduce(float(distance.max(initial=0.0)), op=MPI.MAX)
         check_on_all(
@@ -112,7 +124,9 @@ class Tie:
             local = space.dofmap.list[cells[cells < own]]
             local = local if local.shape[1] == 2 else local[:, [0, 2, 1]]
         pieces = np.concatenate([local[:, k : k + 2] for k in range(local.shape[1] - 1)])
-        numbers = body.block.index_map.local_to_global(pieces.ravel().astype(np.int32)).reshape(-1, 2)
+        numbers = body.block.index_map.local_to_global(pieces.ravel().astype(np.int32)).reshape(
+            -1, 2
+        )
         parts = body.comm.allgather((numbers, _start(body)[pieces].reshape(-1, 2, 3)))
         return np.concatenate([n for n, _ in parts]), np.concatenate([x for _, x in parts])
 

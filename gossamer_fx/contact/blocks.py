@@ -29,7 +29,9 @@ class Blocks:
         self._points, self._system, self._comm = points, system, system.comm
         self._numbering = numbering = system.numbering
         unknowns = points.unknowns
-        self._sorted = np.argsort(unknowns)  # vectors by their unknowns, and the place of each in this order
+        self._sorted = np.argsort(
+            unknowns
+        )  # vectors by their unknowns, and the place of each in this order
         self._place = np.argsort(self._sorted)
         ends = np.array(self._comm.allgather(numbering.start + numbering.size_local))
         self._owner = np.searchsorted(ends, unknowns, side="right")
@@ -44,11 +46,16 @@ class Blocks:
         slots, rows, columns = (np.empty(room, dtype=np.int32) for _ in range(3))
         v = len(self._place)
         work = np.empty(3 * v + 2, dtype=np.int32), np.empty(4 * len(members), dtype=np.int32)
-        count = library().lib.lay_out(len(widths), v, *pointers(widths, members, slots, rows, columns, *work))
+        count = library().lib.lay_out(
+            len(widths), v, *pointers(widths, members, slots, rows, columns, *work)
+        )
         self.values = np.zeros((count, 9))
         self._divide(rows[:count], columns[:count])
         ends = np.cumsum([len(g) * g.shape[1] ** 2 for g in groups])
-        return [s.reshape(len(g), g.shape[1] ** 2) for s, g in zip(np.split(slots, ends[:-1]), groups, strict=True)]
+        return [
+            s.reshape(len(g), g.shape[1] ** 2)
+            for s, g in zip(np.split(slots, ends[:-1]), groups, strict=True)
+        ]
 
     def _divide(self, rows: Integers, columns: Integers) -> None:
         """Tell the blocks of single vectors from the others, and to which rank they go."""
@@ -108,7 +115,11 @@ class Blocks:
         if not self._comm.allreduce(len(values)):
             return None
         rows, ends, columns, values = self._csr(self._row[some], self._column[some], values)
-        n, start, size = self._numbering.size_local, self._numbering.start, 3 if self._blocked else 1
+        n, start, size = (
+            self._numbering.size_local,
+            self._numbering.start,
+            3 if self._blocked else 1,
+        )
         counts = np.zeros(n // size + 1, dtype=PETSc.IntType)
         counts[rows - start // size + 1] = np.diff(ends)
         csr = np.cumsum(counts, dtype=PETSc.IntType), columns, values
@@ -121,17 +132,26 @@ class Blocks:
         """The blocks (k, 9) of this rank's rows that are not zero, of all ranks' pairs, their rows and columns."""
         values, places = self.values, self._parts[0]
         if self._comm.size > 1:
-            values, places = np.zeros((len(self._rows), 9)), np.arange(len(self._rows), dtype=np.int32)
+            values, places = (
+                np.zeros((len(self._rows), 9)),
+                np.arange(len(self._rows), dtype=np.int32),
+            )
             received = self._comm.alltoall([self.values[part] for part in self._parts])
             for at, part in zip(self._places, received, strict=True):
                 values[at] += part
         kept = np.empty(len(places), dtype=np.uint8)
         library().lib.which_count(len(places), *pointers(places, values, kept))
         some = np.flatnonzero(kept)
-        self._row, self._column, self._entries = self._rows[some], self._columns[some], values[places[some]]
+        self._row, self._column, self._entries = (
+            self._rows[some],
+            self._columns[some],
+            values[places[some]],
+        )
         if not self._free.all():
             free = self._free
-            self._entries *= (free[self._row][:, :, None] * free[self._column][:, None]).reshape(-1, 9)
+            self._entries *= (free[self._row][:, :, None] * free[self._column][:, None]).reshape(
+                -1, 9
+            )
 
     @property
     def _blocked(self) -> bool:
@@ -156,9 +176,17 @@ class Blocks:
             there = (9 * start + 3 * (np.arange(len(start)) - start))[:, None, None] + d
             there = (there + c * (3 * count)[:, None, None]).reshape(-1, 9)
             spread, single = np.empty(9 * len(start)), np.empty(9 * len(start), dtype=np.int64)
-            spread[there], single[there] = values, (columns[:, None, None] + d + 0 * c).reshape(-1, 9)
+            spread[there], single[there] = (
+                values,
+                (columns[:, None, None] + d + 0 * c).reshape(-1, 9),
+            )
             values, columns = spread, single
             rows, counts = (rows[:, None] + np.arange(3)).ravel(), np.repeat(3 * counts, 3)
         ends = np.append(0, np.cumsum(counts))
         kind = PETSc.IntType
-        return rows.astype(kind), ends.astype(kind), columns.astype(kind), np.ascontiguousarray(values).ravel()
+        return (
+            rows.astype(kind),
+            ends.astype(kind),
+            columns.astype(kind),
+            np.ascontiguousarray(values).ravel(),
+        )

@@ -105,27 +105,37 @@ class BodySet:
         self.edge_area = np.concatenate(areas)
         fixed: Bytes = (np.arange(m) >= points.n).astype(np.uint8)
         places = places_of(system, bodies, [f.nodes for f in facets], m)
-        self.surface = Surface(np.concatenate(vertices), _stack(edges, 2), _stack(triangles, 3), fixed, places)
+        self.surface = Surface(
+            np.concatenate(vertices), _stack(edges, 2), _stack(triangles, 3), fixed, places
+        )
         vertex_points = self.surface.vertices
         self.own_vertices = np.flatnonzero(points.owned(vertex_points)).astype(np.int32)
         self.own_edges = np.flatnonzero(points.owned(self.surface.edges[:, 0])).astype(np.int32)
-        self._strides = np.array([len(self.surface.triangles) or 1, len(self.surface.edges) or 1], dtype=np.int64)
+        self._strides = np.array(
+            [len(self.surface.triangles) or 1, len(self.surface.edges) or 1], dtype=np.int64
+        )
         self._wall_of = self.own_vertices[self.own_vertices < points.n]
 
     # ---- names of pairs: the same on every rank, in every search ----------------------------------------------------
 
-    def name(self, kind: npt.NDArray[np.integer], numbers: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    def name(
+        self, kind: npt.NDArray[np.integer], numbers: npt.NDArray[np.int64]
+    ) -> npt.NDArray[np.int64]:
         """Names (n,) of pairs of primitives with numbers (n, 2); of a wall and a point they are (wall, point)."""
         stride = np.where(kind == EDGE_EDGE, self._strides[1], self._strides[0])
         stride = np.where(kind >= WALLS, np.int64(self.points.m), stride)
-        return (numbers[:, 0] * stride + numbers[:, 1]) * 4 + np.minimum(kind.astype(np.int64), WALLS)
+        return (numbers[:, 0] * stride + numbers[:, 1]) * 4 + np.minimum(
+            kind.astype(np.int64), WALLS
+        )
 
     def numbers(self, names: npt.NDArray[np.int64]) -> tuple[Bytes, Integers]:
         """Kind (n,) and points (n, 4) of named pairs."""
         what, rest = names % 4, names // 4
         kind, nodes = what.astype(np.uint8), np.zeros((len(names), 4), dtype=np.int32)
         i, j = np.divmod(rest[what == POINT_TRIANGLE], self._strides[0])
-        nodes[what == POINT_TRIANGLE] = np.column_stack([self.surface.vertices[i], self.surface.triangles[j]])
+        nodes[what == POINT_TRIANGLE] = np.column_stack(
+            [self.surface.vertices[i], self.surface.triangles[j]]
+        )
         i, j = np.divmod(rest[what == EDGE_EDGE], self._strides[1])
         nodes[what == EDGE_EDGE] = np.hstack([self.surface.edges[i], self.surface.edges[j]])
         for at in np.flatnonzero(what == WALLS):
@@ -144,7 +154,9 @@ class BodySet:
             behind = np.broadcast_to(np.array(placed.behind, dtype=np.int32), (len(points), 3))
             nodes.append(np.column_stack([points, behind]).astype(np.int32))
             kinds.append(np.full(len(points), placed.wall.kind, dtype=np.uint8))
-            both = np.column_stack([np.full(len(points), k, dtype=np.int64), points.astype(np.int64)])
+            both = np.column_stack(
+                [np.full(len(points), k, dtype=np.int64), points.astype(np.int64)]
+            )
             names.append(self.name(kinds[-1], both))
         return np.vstack(nodes), np.concatenate(kinds), np.concatenate(names)
 
@@ -185,10 +197,20 @@ def _edges_and_areas(shape: Facets, radius: float) -> tuple[Integers, Array, Arr
     lines' shadows."""
     n = len(shape.nodes)
     if len(shape.lines):
-        area: Array = np.linalg.norm(shape.X[shape.lines[:, 1]] - shape.X[shape.lines[:, 0]], axis=1) * 2 * radius
-        return shape.lines, area, np.bincount(shape.lines.ravel(), np.repeat(area / 2, 2), n).astype(float)
+        area: Array = (
+            np.linalg.norm(shape.X[shape.lines[:, 1]] - shape.X[shape.lines[:, 0]], axis=1)
+            * 2
+            * radius
+        )
+        return (
+            shape.lines,
+            area,
+            np.bincount(shape.lines.ravel(), np.repeat(area / 2, 2), n).astype(float),
+        )
     T = shape.X[shape.triangles]
-    thirds = np.repeat(np.linalg.norm(np.cross(T[:, 1] - T[:, 0], T[:, 2] - T[:, 0]), axis=1) / 6, 3)
+    thirds = np.repeat(
+        np.linalg.norm(np.cross(T[:, 1] - T[:, 0], T[:, 2] - T[:, 0]), axis=1) / 6, 3
+    )
     sides = np.sort(shape.triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1)
     edges, which = np.unique(sides, axis=0, return_inverse=True)
     return (

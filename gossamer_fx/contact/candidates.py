@@ -48,11 +48,15 @@ class Candidates:
     def find(cls, bodies: BodySet, course: Course, distance: float) -> Candidates:
         """All pairs that can be within a distance [m] while points keep their course."""
         reach, (lo, hi) = (distance / 2 + bodies.radius)[:, None], course.boxes()
-        nodes, kind, numbers = candidates(bodies.surface, lo - reach, hi + reach, bodies.own_vertices, bodies.own_edges)
+        nodes, kind, numbers = candidates(
+            bodies.surface, lo - reach, hi + reach, bodies.own_vertices, bodies.own_edges
+        )
         radius = bodies.radius[nodes[:, 0]] + bodies.radius[_second(nodes, kind)]
         gaps = np.sqrt(squared_distances(nodes, kind, course.x)) - radius
         near = np.flatnonzero(gaps < distance + course.approach(nodes, kind))
-        near = near[np.lexsort((*numbers[near].T, kind[near]))]  # an order that does not depend on where they are
+        near = near[
+            np.lexsort((*numbers[near].T, kind[near]))
+        ]  # an order that does not depend on where they are
         nodes, kind, numbers, radius = nodes[near], kind[near], numbers[near], radius[near]
 
         at_walls, wall_kind, wall_names = bodies.wall_pairs()

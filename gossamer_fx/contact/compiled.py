@@ -26,15 +26,21 @@ class CompiledContacts(CompiledTerms):
     def __init__(self, terms: Sequence[ContactEnergy], system: Assembly) -> None:
         self.groups: dict[Any, Group] = {}  # by the scene's items
         for term in terms:
-            of_solids = [term.friction if o.friction is None else o.friction for o in term.obstacles]
-            bodies = BodySet(term.bodies, term.obstacles, term.radii, system, [μ > 0 for μ in of_solids])
+            of_solids = [
+                term.friction if o.friction is None else o.friction for o in term.obstacles
+            ]
+            bodies = BodySet(
+                term.bodies, term.obstacles, term.radii, system, [μ > 0 for μ in of_solids]
+            )
             group = Group(bodies, term.law, term.distance, term.stiffness, term.memory, system)
             if (term.friction > 0 or any(of_solids)) and system.rule.alpha < 1:
                 from gossamer_fx.contact.friction import Friction
 
                 group.friction = Friction(bodies, term.friction, of_solids, term.creep, system)
             self.groups[term.item] = group
-        self._rubbing = {item.name: group for item, group in self.groups.items() if group.friction is not None}
+        self._rubbing = {
+            item.name: group for item, group in self.groups.items() if group.friction is not None
+        }
         self.losses = list(self._rubbing)
 
     def search(self) -> None:
@@ -42,7 +48,9 @@ class CompiledContacts(CompiledTerms):
             group.search()
 
     def widen(self) -> bool:
-        missed = [group.widen() for group in self.groups.values()]  # all of them, whatever the first says
+        missed = [
+            group.widen() for group in self.groups.values()
+        ]  # all of them, whatever the first says
         return any(missed)
 
     def limit(self, update: Array) -> None:

@@ -75,7 +75,10 @@ class Contact:
         self.law, self.friction, self.creep = law, friction, creep
         for k, body in enumerate(bodies):
             known = isinstance(body, Obstacle) or (is_body(body) and is_on_mesh(body))
-            check(known, f"Contact '{name}': {body!r} has no surface; give films, cables, beams and obstacles.")
+            check(
+                known,
+                f"Contact '{name}': {body!r} has no surface; give films, cables, beams and obstacles.",
+            )
             of_nodes = isinstance(body, Obstacle) or has_nodal_unknowns(body)
             check(
                 of_nodes,
@@ -83,14 +86,18 @@ class Contact:
             )
             twice = any(body is other for other in bodies[:k])
             check(
-                not twice, f"Contact '{name}': '{getattr(body, 'name', '')}' is given twice; once covers itself, too."
+                not twice,
+                f"Contact '{name}': '{getattr(body, 'name', '')}' is given twice; once covers itself, too.",
             )
         self.bodies = [b for b in bodies if not isinstance(b, Obstacle)]
         self.obstacles = [b for b in bodies if isinstance(b, Obstacle)]
         check(bool(self.bodies), f"Contact '{name}' has no film, cable or beam; give at least one.")
         given = dict(radius or {})
         strangers = sorted(set(given) - {b.name for b in self.bodies})
-        check(not strangers, f"Contact '{name}': there is no '{''.join(strangers[:1])}' whose radius is given.")
+        check(
+            not strangers,
+            f"Contact '{name}': there is no '{''.join(strangers[:1])}' whose radius is given.",
+        )
         self.radii = [self._radius(body, float(given.get(body.name, 0.0))) for body in self.bodies]
 
     def _radius(self, body: MeshBody, radius: float) -> float:

@@ -41,8 +41,12 @@ def facets_of(body: MeshBody) -> Facets:
     own = space.dofmap.list[: mesh.topology.index_map(tdim).size_local]
     width = own.shape[1]
     pieces = np.array(PIECES[(1, 3)] if (tdim, width) == (1, 3) else PIECES[width])
-    corners = mesh.geometry.input_global_indices[mesh.geometry.dofmap[: len(own), : tdim + 1]].astype(np.int64)
-    names = np.zeros((*own.shape, 2), dtype=np.int64)  # a node by the ends of the edge on which it is
+    corners = mesh.geometry.input_global_indices[
+        mesh.geometry.dofmap[: len(own), : tdim + 1]
+    ].astype(np.int64)
+    names = np.zeros(
+        (*own.shape, 2), dtype=np.int64
+    )  # a node by the ends of the edge on which it is
     names[:, : tdim + 1] = corners[:, :, None]
     if width == 6:
         for at, (a, b) in zip((3, 4, 5), ((1, 2), (0, 2), (0, 1)), strict=True):
@@ -55,8 +59,12 @@ def facets_of(body: MeshBody) -> Facets:
     cells = np.concatenate(body.comm.allgather(table)).reshape(-1, 3)
     X = np.concatenate(body.comm.allgather(places)).reshape(-1, 3)
     _, first, which = np.unique(cells[:, 1:], axis=0, return_index=True, return_inverse=True)
-    all_pieces = np.sort(which.reshape(-1, width)[:, pieces].reshape(-1, pieces.shape[1]), axis=1).astype(np.int32)
+    all_pieces = np.sort(
+        which.reshape(-1, width)[:, pieces].reshape(-1, pieces.shape[1]), axis=1
+    ).astype(np.int32)
     all_pieces = all_pieces[np.lexsort(all_pieces.T[::-1])]
     none = np.zeros((0, 5 - pieces.shape[1]), dtype=np.int32)
     triangles, lines = (all_pieces, none) if tdim == 2 else (none, all_pieces)
-    return Facets(cells[first, 0], X[first], np.ascontiguousarray(triangles), np.ascontiguousarray(lines))
+    return Facets(
+        cells[first, 0], X[first], np.ascontiguousarray(triangles), np.ascontiguousarray(lines)
+    )

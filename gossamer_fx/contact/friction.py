@@ -68,7 +68,9 @@ class Sliding:
 
     def __post_init__(self) -> None:
         self._before: Array | None = None
-        self._steady = np.ones(len(self.nodes), dtype=bool)  # whether slopes beyond w_s can be relied on
+        self._steady = np.ones(
+            len(self.nodes), dtype=bool
+        )  # whether slopes beyond w_s can be relied on
         self.slots: Integers = np.zeros((0, 0), dtype=np.int32)
 
     def _vectors(self, x: Array) -> tuple[Array, Array]:
@@ -92,7 +94,9 @@ class Sliding:
         slope = np.zeros((0, 4, 3))
         if tangents:
             K = np.asarray(done.tangents).reshape(-1, 4, 3, 4, 3)
-            slope = -np.einsum("nk,nc,nkcld,n->nld", self.side, self.normal, K, pushes.astype(float), optimize=True)
+            slope = -np.einsum(
+                "nk,nc,nkcld,n->nld", self.side, self.normal, K, pushes.astype(float), optimize=True
+            )
             slope = np.einsum("npd,npk->nkd", slope, self.points)
         return np.where(pushes, N, 0.0), slope
 
@@ -100,12 +104,20 @@ class Sliding:
         """|w|/w_s, g (n,) of S = μ N g w, and its derivative with respect to |w|; `least` is w_s [m]."""
         y = np.linalg.norm(w, axis=1) / least
         beyond = np.maximum(y, 1)
-        return y, np.where(y < 1, 2 - y, 1 / beyond) / least, np.where(y < 1, -1.0, -1 / beyond**2) / least**2
+        return (
+            y,
+            np.where(y < 1, 2 - y, 1 / beyond) / least,
+            np.where(y < 1, -1.0, -1 / beyond**2) / least**2,
+        )
 
     def loss(self, x0: Array, x1: Array, least: float, α: float) -> float:
         """S·w [J] of a step."""
         w = self._slide(x0, x1)[0]
-        return float(np.sum(self.μ * self._press(x0, x1, α)[0] * self._grip(w, least)[1] * (w * w).sum(axis=1)))
+        return float(
+            np.sum(
+                self.μ * self._press(x0, x1, α)[0] * self._grip(w, least)[1] * (w * w).sum(axis=1)
+            )
+        )
 
     def add_forces(self, x0: Array, x1: Array, least: float, α: float, force: Array) -> None:
         """Add the forces on points to `force` (m, 3)."""
@@ -119,17 +131,25 @@ class Sliding:
         forces: Array = self.r[:, :, None] * of_r[:, None] + of_t[:, :, None] * r[:, None]
         return forces
 
-    def add_tangents(self, x0: Array, x1: Array, least: float, α: float, γ: float, moves: Array, values: Array) -> None:
+    def add_tangents(
+        self, x0: Array, x1: Array, least: float, α: float, γ: float, moves: Array, values: Array
+    ) -> None:
         """Add the derivative with respect to x1 to blocks; points of which `moves` is 0 have none."""
         w, r, t, r1, t1 = self._slide(x0, x1)
         y, grip, slope = self._grip(w, least)
         N, of_N = self._press(x0, x1, α, tangents=True)
-        if self._before is not None:  # once it turned round, g alone leads near the solution, slowly and safely
+        if (
+            self._before is not None
+        ):  # once it turned round, g alone leads near the solution, slowly and safely
             self._steady &= (self._before * w).sum(axis=1) >= 0
-            self._steady |= np.linalg.norm(w - self._before, axis=1) < 0.1 * np.linalg.norm(w, axis=1)
+            self._steady |= np.linalg.norm(w - self._before, axis=1) < 0.1 * np.linalg.norm(
+                w, axis=1
+            )
         self._before = w
         bend = np.where(self._steady | (y < 1), slope / np.maximum(y * least, 1e-9 * least), 0.0)
-        D = (self.μ * N)[:, None, None] * (grip[:, None, None] * np.eye(2) + bend[:, None, None] * _square(w))
+        D = (self.μ * N)[:, None, None] * (
+            grip[:, None, None] * np.eye(2) + bend[:, None, None] * _square(w)
+        )
         middle, end = (
             self.r[:, None, :, None] * v[:, :, None] + self.t[..., None] * u[:, None, None]
             for u, v in ((r, t), (r1, t1))
@@ -158,11 +178,15 @@ class Friction:
     `creep` the speed v_s [m/s] below which what sticks may slide.
     """
 
-    def __init__(self, bodies: BodySet, own: float, of_solids: Sequence[float], creep: float, system: Any) -> None:
+    def __init__(
+        self, bodies: BodySet, own: float, of_solids: Sequence[float], creep: float, system: Any
+    ) -> None:
         self._bodies, self._points, self._system, self._creep = bodies, bodies.points, system, creep
         self._μ = np.array([own] * len(bodies.indices) + list(of_solids))
         P = bodies.points.P
-        self._vector = np.full(bodies.points.m, -1, dtype=np.int64)  # behind each point, if there is one
+        self._vector = np.full(
+            bodies.points.m, -1, dtype=np.int64
+        )  # behind each point, if there is one
         self._vector[: bodies.points.n] = np.arange(bodies.points.n)
         frames = bodies.frames[bodies.frames >= 0]
         for i in (frames[:, None] + np.arange(4)).ravel():
@@ -178,7 +202,10 @@ class Friction:
         """Let those of a step's pairs rub; the vectors (n, k) that each group of them couples."""
         pairs = pairs.some(self._μ[self._partner(pairs.nodes)] > 0)
         solid: npt.NDArray[np.bool_] = np.asarray((pairs.nodes >= self._points.n).any(axis=1))
-        parts = (self._on_film(pairs.some(~solid), x0, law), self._on_solid(pairs.some(solid), x0, law))
+        parts = (
+            self._on_film(pairs.some(~solid), x0, law),
+            self._on_solid(pairs.some(solid), x0, law),
+        )
         self._rubbing = [part for part in parts if len(part.nodes)]
         return [part.vectors for part in self._rubbing]
 
@@ -202,7 +229,9 @@ class Friction:
 
     def loss(self, x0: Array, x1: Array) -> float:
         """Dissipation [J] of a step, on this rank."""
-        return sum(part.loss(x0, x1, self._least, self._system.rule.alpha) for part in self._rubbing)
+        return sum(
+            part.loss(x0, x1, self._least, self._system.rule.alpha) for part in self._rubbing
+        )
 
     # ---- pairs --------------------------------------------------------------------------------------------------
 
@@ -231,7 +260,11 @@ class Friction:
         along = np.einsum("nic,nc->ni", edges, normal)
         across = edges - along[:, :, None] * normal[:, None]
         # the gradient of r·t with respect to r is then across the normal
-        t = t - (along / (2 * np.maximum(np.linalg.norm(gap, axis=1), 1e-300)[:, None]))[:, :, None] * r[:, None]
+        t = (
+            t
+            - (along / (2 * np.maximum(np.linalg.norm(gap, axis=1), 1e-300)[:, None]))[:, :, None]
+            * r[:, None]
+        )
         t = np.einsum("nij,njk->nik", _orthonormal(across, np.linalg.norm(edges, axis=2)), t)
         side = np.where((pairs.kind == EDGE_EDGE)[:, None], [1.0, 1, 0, 0], [1.0, 0, 0, 0])
         own = np.broadcast_to(np.eye(4), (len(nodes), 4, 4))
@@ -246,12 +279,18 @@ class Friction:
         points = self._with_frame(pairs.nodes)
         origin, axes = x0[points[:, 4]], x0[points[:, 5:]]
         place = np.einsum("nk,nkc->nc", of_film, x0[pairs.nodes])
-        normal = _unit(self._towards(pairs, weights * np.where((weights * films).sum(axis=1) < 0, -1, 1)[:, None], x0))
+        normal = _unit(
+            self._towards(
+                pairs, weights * np.where((weights * films).sum(axis=1) < 0, -1, 1)[:, None], x0
+            )
+        )
         n = np.einsum("nic,nc->ni", axes, normal)  # in the obstacle's axes
         t = np.zeros((len(points), 2, 8))
         t[:, 0, 5:] = _unit(np.cross(n, np.eye(3)[np.abs(n).argmin(axis=1)]))
         t[:, 1, 5:] = np.cross(n, t[:, 0, 5:])
-        r = np.hstack([of_film, -np.ones((len(points), 1)), -np.einsum("nic,nc->ni", axes, place - origin)])
+        r = np.hstack(
+            [of_film, -np.ones((len(points), 1)), -np.einsum("nic,nc->ni", axes, place - origin)]
+        )
         μ = self._μ[self._partner(pairs.nodes)]
         side, of_frame = films.astype(float), self._by_frame(points)
         return Sliding(pairs, law, side, normal, points, r, t, of_frame, μ, self._behind(points))
@@ -265,7 +304,9 @@ class Friction:
         rows = np.broadcast_to(points[:, :4, None], vectors.shape)
         there = (vectors >= 0) & ~films[:, :, None]
         if there.any():
-            weights[:, :, 4:][there] = np.asarray(self._points.P[rows[there], vectors[there]]).ravel()
+            weights[:, :, 4:][there] = np.asarray(
+                self._points.P[rows[there], vectors[there]]
+            ).ravel()
         return weights
 
     @staticmethod

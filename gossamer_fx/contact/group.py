@@ -16,11 +16,22 @@ from gossamer_fx.contact.candidates import Candidates
 from gossamer_fx.contact.course import Course, Drift
 from gossamer_fx.contact.kernel import Array, Bytes, library
 from gossamer_fx.contact.memory import Memory
-from gossamer_fx.contact.pairs import IN_SPHERE, PASSED, PLANE, Pairs, act, energy, squared_distances, starts
+from gossamer_fx.contact.pairs import (
+    IN_SPHERE,
+    PASSED,
+    PLANE,
+    Pairs,
+    act,
+    energy,
+    squared_distances,
+    starts,
+)
 from gossamer_fx.contact.softness import Softness
 from gossamer_fx.contact.start import refuse_coincident, refuse_intersections
 
-START = 0.9  # distance of a point at which contact begins, over that of the nearest to it at the start
+START = (
+    0.9  # distance of a point at which contact begins, over that of the nearest to it at the start
+)
 GROWN = 0.999  # the same in the course of the run
 MARGIN = 0.3  # part of its way by which a point may miss the place where it was expected
 FAR = 1.5  # distance from which a pair is none of a step, over that at which contact begins
@@ -36,7 +47,13 @@ class Group:
     """
 
     def __init__(
-        self, bodies: BodySet, law: int, distance: float, stiffness: float | None, memory: Memory, system: Any
+        self,
+        bodies: BodySet,
+        law: int,
+        distance: float,
+        stiffness: float | None,
+        memory: Memory,
+        system: Any,
     ) -> None:
         self.bodies, self.points, self.memory = bodies, bodies.points, memory
         self.law, self._d, self._K, self._system = law, distance, stiffness, system
@@ -52,7 +69,9 @@ class Group:
         self.near: Pairs | None = None
         self.searches = 0
         self.friction: Any = None  # a `Friction`, if there is any
-        self.force: Array = np.zeros((self.points.m, 3))  # on points, of this rank's pairs, in the last step
+        self.force: Array = np.zeros(
+            (self.points.m, 3)
+        )  # on points, of this rank's pairs, in the last step
         self.closest = math.inf  # least distance [m] at the start of a step so far
         self._known: list[tuple[Candidates, Array, Array]] = []  # gaps of candidates at points
         self._distances: tuple[Any, Any, Array] = (None, None, np.zeros(0))
@@ -62,7 +81,9 @@ class Group:
     def _find(self, x0: Array, v: Array | None = None, x1: Array | None = None) -> None:
         """Candidates for the way from x0 to x1, at velocities v, and some steps more, or about x0; collective."""
         if self._age:
-            self._horizon = min(2 * self._horizon, HORIZON) if self._age >= self._horizon else max(self._age, 1)
+            self._horizon = (
+                min(2 * self._horizon, HORIZON) if self._age >= self._horizon else max(self._age, 1)
+            )
         at, h, start = self.bodies.surface.vertices, self._system.h, self._system.time
         v, duration = (np.zeros_like(x0), 0.0) if v is None else (v, (self._horizon + 1e-6) * h)
         drift = Drift.of(x0[at], v[at], start)
@@ -71,7 +92,9 @@ class Group:
         if x1 is not None:
             missed = drift.undone(x1, self._t1) - (x0 + (self._t1 - start) * rates)
             margin += np.linalg.norm(missed, axis=1)
-        self.found = Candidates.find(self.bodies, Course(drift, x0, rates, margin, duration), self._d)
+        self.found = Candidates.find(
+            self.bodies, Course(drift, x0, rates, margin, duration), self._d
+        )
         self._age = 0
         self.searches += 1
 
@@ -116,7 +139,9 @@ class Group:
             self.energy = energy(pairs, self.x0, self.law)[0]
         return self.energy if len(memory.names) else 0.0
 
-    def _owned(self, kind: npt.NDArray[np.uint8], nodes: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
+    def _owned(
+        self, kind: npt.NDArray[np.uint8], nodes: npt.NDArray[np.int32]
+    ) -> npt.NDArray[np.bool_]:
         return self.points.owned(nodes[:, 0])
 
     def touching(self) -> Pairs:
@@ -139,7 +164,9 @@ class Group:
             self._find(self.x0, v, x1)
         self._age += 1
         self._gap0 = self._gaps_at_start()
-        least = self.found.least(np.where(self._gap0 < FAR * self._d, self._gap0, np.inf), self._comm, self.points.m)
+        least = self.found.least(
+            np.where(self._gap0 < FAR * self._d, self._gap0, np.inf), self._comm, self.points.m
+        )
         self.closest = min(self.closest, float(least.min(initial=np.inf)))
         grown = np.maximum(self.memory.distance, np.minimum(self._d, GROWN * least))
         if not np.array_equal(grown, self.memory.distance):
@@ -165,7 +192,11 @@ class Group:
     def _begins(self) -> Array:
         """Where contact of the candidates begins (n,) [m]."""
         if self._distances[0] is not self.found or self._distances[1] is not self.memory.distance:
-            self._distances = self.found, self.memory.distance, self.found.distance(self.memory.distance)
+            self._distances = (
+                self.found,
+                self.memory.distance,
+                self.found.distance(self.memory.distance),
+            )
         return self._distances[2]
 
     def _selection(self, x1: Array) -> npt.NDArray[np.bool_]:
@@ -192,7 +223,9 @@ class Group:
         σ = 2 / np.maximum((1 / self._density[sides]).sum(axis=1), 1e-300)
         rate = self._rate(near, v)
         if self._K is not None:
-            self._softness.look(self.bodies.body[sides], self._density[sides].min(axis=1), np.maximum(-rate, 0))
+            self._softness.look(
+                self.bodies.body[sides], self._density[sides].min(axis=1), np.maximum(-rate, 0)
+            )
             return self._K * self._d**2 * area
         return 4 * σ * np.maximum(self.memory.speed, 1.25 * np.abs(rate)) ** 2 * area
 
@@ -200,7 +233,9 @@ class Group:
         """That of the distance (n,) [m/s] at the beginning of a step, taken over a short time."""
         τ = 1e-3 * self._system.h
         s0, s1 = (
-            squared_distances(np.ascontiguousarray(self.found.nodes[near]), self.found.kind[near], x)
+            squared_distances(
+                np.ascontiguousarray(self.found.nodes[near]), self.found.kind[near], x
+            )
             for x in (self.x0, np.ascontiguousarray(self.x0 + τ * v))
         )
         kind, way = self.found.kind[near], np.sqrt(np.abs(s1)) - np.sqrt(np.abs(s0))
@@ -217,7 +252,9 @@ class Group:
         self._starts = starts(self._plain_pairs, self.x0)
         vectors, self._expansion = self.points.expanded(self._mixed_pairs.nodes)
         rubbing = [] if self.friction is None else self.friction.take(pairs, self.x0, self.law)
-        self._slots, self._mixed_slots, *of_friction = self.blocks.lay_out(self._plain_pairs.nodes, vectors, *rubbing)
+        self._slots, self._mixed_slots, *of_friction = self.blocks.lay_out(
+            self._plain_pairs.nodes, vectors, *rubbing
+        )
         if self.friction is not None:
             self.friction.place(of_friction)
         self._state: Bytes | None = None
@@ -226,7 +263,9 @@ class Group:
     def limit(self, update: Array) -> None:
         """Let no node go farther in an iteration than some distances of contact; the update (n,) changes in place."""
         for index in self.bodies.indices:
-            rows = update[self._system.numbering.owned(index)].reshape(-1, self._system.bodies[index].block.size)
+            rows = update[self._system.numbering.owned(index)].reshape(
+                -1, self._system.bodies[index].block.size
+            )
             way = np.linalg.norm(rows[:, :3], axis=1)
             rows *= np.minimum(1.0, REACH * self._d / np.maximum(way, 1e-300))[:, None]
 
@@ -258,11 +297,15 @@ class Group:
         through = found.refused(self.x0, x1, self._gap0, self._begins(), self._way, self._mask)
         assert self.near is not None
         pushed = self.near.names[act(self.near, self.x0, x1, self.law, self._alpha).state == PASSED]
-        wrong = np.concatenate([through, np.flatnonzero(np.isin(found.names, pushed)), behind_walls])
+        wrong = np.concatenate(
+            [through, np.flatnonzero(np.isin(found.names, pushed)), behind_walls]
+        )
         words = ""
         if len(wrong):
             i = int(wrong[0])
-            a, b = (self.bodies.names[self.bodies.body[p]] for p in (found.nodes[i, 0], found.second[i]))
+            a, b = (
+                self.bodies.names[self.bodies.body[p]] for p in (found.nodes[i, 0], found.second[i])
+            )
             x, y, z = x1[found.nodes[i, 0]]
             words = f"'{a}' would pass through '{b}' near ({x:.4g}, {y:.4g}, {z:.4g}) m"
         return next(filter(None, self._comm.allgather(words)), "")
@@ -297,7 +340,16 @@ class Group:
             slots=self._slots, values=self.blocks.values, geometric=γ,
         )  # fmt: skip
         if len(self._mixed_pairs):
-            of_pairs = act(self._mixed_pairs, self.x0, x1, self.law, self._alpha, each=True, tangents=True, geometric=γ)
+            of_pairs = act(
+                self._mixed_pairs,
+                self.x0,
+                x1,
+                self.law,
+                self._alpha,
+                each=True,
+                tangents=True,
+                geometric=γ,
+            )
             self._spread(of_pairs.tangents)
         if self.friction is not None:
             self.friction.add_tangents(self.x0, x1, self.blocks.values)
@@ -311,7 +363,9 @@ class Group:
         assert tangents is not None
         T, K = self._expansion, tangents.reshape(-1, 4, 3, 4, 3)
         blocks = np.einsum("npi,npaqb,nqj->nijab", T, K, T, optimize=True)
-        np.add.at(self.blocks.values, self._mixed_slots, blocks.reshape(*self._mixed_slots.shape, 9))
+        np.add.at(
+            self.blocks.values, self._mixed_slots, blocks.reshape(*self._mixed_slots.shape, 9)
+        )
 
     def supplied(self) -> float:
         """Work [J] of prescribed obstacles in the step, on this rank."""

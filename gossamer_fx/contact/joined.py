@@ -29,7 +29,11 @@ def places_of(
         nodes: of each of the bodies, those that its points are, in the order of the points.
         m: number of points; those of bodies are the first.
     """
-    ties = [t.measure for t in system.terms if isinstance(t, PointConstraint) and _is_coincidence(t.measure)]
+    ties = [
+        t.measure
+        for t in system.terms
+        if isinstance(t, PointConstraint) and _is_coincidence(t.measure)
+    ]
     if not ties:
         return None
     starts = np.cumsum([0, *map(len, nodes)])
@@ -40,21 +44,29 @@ def places_of(
 
     def points(port: Attached) -> list[int]:
         """Of the nodes on which a point depends; none, if it belongs to something else."""
-        body = next((k for k, b in enumerate(bodies) if isinstance(port, Port) and port.body is b), None)
+        body = next(
+            (k for k, b in enumerate(bodies) if isinstance(port, Port) and port.body is b), None
+        )
         if body is None or not isinstance(port, Port) or any(port.vectors):
             return []
-        of_nodes = [numbers[body].get(node) for node, w in zip(port.nodes, port.weights, strict=True) if w]
+        of_nodes = [
+            numbers[body].get(node) for node, w in zip(port.nodes, port.weights, strict=True) if w
+        ]
         return [] if None in of_nodes else [p for p in of_nodes if p is not None]
 
     own = [measure.places[i] for measure in ties for i in own_places(measure.places)]
     mine = [(points(a), points(b)) for a, b in own]
-    pairs = [sorted(pair, key=len) for part in system.comm.allgather(mine) for pair in part if all(pair)]
+    pairs = [
+        sorted(pair, key=len) for part in system.comm.allgather(mine) for pair in part if all(pair)
+    ]
     if not pairs:
         return None
     nodal = np.array([(a[0], b[0]) for a, b in pairs if len(b) == 1], dtype=np.int64).reshape(-1, 2)
     count, place = connected_components(_graph(nodal, m), directed=False)
     on_lines = [(place[p], place[q]) for a, b in pairs if len(b) > 1 for p in a for q in b]
-    reach = identity(count, dtype=bool, format="csr") + _graph(np.array(on_lines, dtype=np.int64).reshape(-1, 2), count)
+    reach = identity(count, dtype=bool, format="csr") + _graph(
+        np.array(on_lines, dtype=np.int64).reshape(-1, 2), count
+    )
     while (further := reach @ reach).nnz > reach.nnz:  # a line that is tied to a line that is tied
         reach = further
     rows = reach[place]

@@ -57,7 +57,9 @@ class Obstacle:
     name: str = "obstacle"
 
     def __post_init__(self) -> None:
-        check_friction(f"{type(self).__name__} '{self.name}'", 0.0 if self.friction is None else self.friction)
+        check_friction(
+            f"{type(self).__name__} '{self.name}'", 0.0 if self.friction is None else self.friction
+        )
         check(
             self.on is None or self.motion is None,
             f"{type(self).__name__} '{self.name}': a part of a rigid body has no motion of its own; leave out one of "
@@ -91,7 +93,11 @@ class Obstacle:
 
     def _at(self, place: Array | Vector) -> Attached:
         x, y, z = np.asarray(place, dtype=float)
-        return Ground((float(x), float(y), float(z))) if self.on is None else self.on.port_at((x, y, z))
+        return (
+            Ground((float(x), float(y), float(z)))
+            if self.on is None
+            else self.on.port_at((x, y, z))
+        )
 
     def _along(self, direction: Array) -> Attached:
         """A direction that turns with the obstacle."""
@@ -152,7 +158,9 @@ class Sphere(Obstacle):
     def parts(self) -> tuple[list[Wall], list[Solid]]:
         c = self._at(self.centre)
         return (
-            ([Wall(IN_SPHERE, (c, c, c), self.radius)], []) if self.inside else ([], [Solid((c,), radius=self.radius)])
+            ([Wall(IN_SPHERE, (c, c, c), self.radius)], [])
+            if self.inside
+            else ([], [Solid((c,), radius=self.radius)])
         )
 
 
@@ -198,7 +206,10 @@ class Box(Obstacle):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check(min(self.sizes) > 0, f"Box '{self.name}': sizes are {tuple(self.sizes)!r} m; give positive numbers.")
+        check(
+            min(self.sizes) > 0,
+            f"Box '{self.name}': sizes are {tuple(self.sizes)!r} m; give positive numbers.",
+        )
         A = np.asarray(self.axes, dtype=float)
         check(
             A.shape == (3, 3) and bool(np.allclose(A @ A.T, np.eye(3), atol=1e-9)),
@@ -206,7 +217,11 @@ class Box(Obstacle):
         )
 
     def parts(self) -> tuple[list[Wall], list[Solid]]:
-        A, c, half = np.asarray(self.axes, float), np.asarray(self.centre, float), np.asarray(self.sizes, float) / 2
+        A, c, half = (
+            np.asarray(self.axes, float),
+            np.asarray(self.centre, float),
+            np.asarray(self.sizes, float) / 2,
+        )
         if self.inside:
             walls = []
             for axis, h in zip(A, half, strict=True):
@@ -214,7 +229,9 @@ class Box(Obstacle):
                     origin = self._at(c + sign * h * axis)
                     walls.append(Wall(PLANE, (origin, self._along(-sign * axis), origin)))
             return walls, []
-        corners = [c + (np.array(s) * half) @ A for s in product((-1, 1), repeat=3)]  # number: bits of the signs
+        corners = [
+            c + (np.array(s) * half) @ A for s in product((-1, 1), repeat=3)
+        ]  # number: bits of the signs
         edges = [(i, i | bit) for i in range(8) for bit in (1, 2, 4) if not i & bit]
         triangles = []
         for bit in (1, 2, 4):

@@ -33,7 +33,9 @@ from gossamer_fx.contact.kernel import Array, Bytes, Integers, library, pointers
 BARRIER, PENALTY = 0, 1
 POINT_TRIANGLE, EDGE_EDGE, PLANE, IN_SPHERE, IN_CYLINDER = range(5)
 ROUNDING = 0.05  # ε over S
-PUSH = 4.0  # stiffness by which iterates that passed through are pushed back, over that of their pair
+PUSH = (
+    4.0  # stiffness by which iterates that passed through are pushed back, over that of their pair
+)
 NONE, TOUCHES, PASSED = range(3)  # what a pair does in a step
 
 
@@ -56,7 +58,9 @@ class Pairs:
 
     def some(self, which: np.ndarray) -> Pairs:
         """Those of the given indices, or where a mask is true."""
-        return Pairs(*(getattr(self, name)[which] for name in ("nodes", "kind", "k", "S", "offset", "names")))
+        return Pairs(
+            *(getattr(self, name)[which] for name in ("nodes", "kind", "k", "S", "offset", "names"))
+        )
 
 
 @dataclass
@@ -96,11 +100,15 @@ def nearest_points(nodes: Integers, kind: Bytes, x: Array) -> Array:
 def starts(pairs: Pairs, x0: Array) -> Array:
     """What `act` needs to know of pairs at x0: (u, v) of the nearest points, distance [m] and s [m²] (n, 4)."""
     start = np.empty((len(pairs), 4))
-    library().lib.starts(len(pairs), *pointers(pairs.nodes, pairs.kind, x0, pairs.S), ROUNDING, *pointers(start))
+    library().lib.starts(
+        len(pairs), *pointers(pairs.nodes, pairs.kind, x0, pairs.S), ROUNDING, *pointers(start)
+    )
     return start
 
 
-def approaches(nodes: Integers, kind: Bytes, x0: Array, x1: Array, margin: Array | None = None) -> Array:
+def approaches(
+    nodes: Integers, kind: Bytes, x0: Array, x1: Array, margin: Array | None = None
+) -> Array:
     """By how much (n,) [m] pairs may come nearer on the straight way from x0 to x1; of walls infinite.
 
     margin: distances (m,) [m] within which points may end beside x1.

@@ -50,6 +50,8 @@ def _pierces_exactly(ends: Array, corners: Array) -> bool:
 def _exact_sign(corners: Array) -> int:
     """Sign of the volume (b - a) × (c - a) · (d - a) of points (4, 3)."""
     origin, *others = ([Fraction(float(value)) for value in corner] for corner in corners)
-    (a, b, c), (d, e, f), (g, h, i) = ([p - o for p, o in zip(other, origin, strict=True)] for other in others)
+    (a, b, c), (d, e, f), (g, h, i) = (
+        [p - o for p, o in zip(other, origin, strict=True)] for other in others
+    )
     volume = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
     return (volume > 0) - (volume < 0)

@@ -33,7 +33,10 @@ class Points:
     """
 
     def __init__(
-        self, nodes: list[tuple[int, npt.NDArray[np.int64]]], supports: list[Support], system: Assembly
+        self,
+        nodes: list[tuple[int, npt.NDArray[np.int64]]],
+        supports: list[Support],
+        system: Assembly,
     ) -> None:
         numbering, self._numbering = system.numbering, system.numbering
         self.comm = system.comm
@@ -66,7 +69,9 @@ class Points:
                     entries.append((i, known[u], weight))
             if moved and support.motion is not None:
                 self._moved.append((np.array(moved, dtype=np.int64), support.motion))
-        self.unknowns = np.concatenate([*first, np.array(unknowns, dtype=np.int64)]).astype(np.int64)
+        self.unknowns = np.concatenate([*first, np.array(unknowns, dtype=np.int64)]).astype(
+            np.int64
+        )
         self.m = self.n + len(constants)
         self._constants = np.vstack([np.zeros((self.n, 3)), *constants])
         self.plain = not entries
@@ -76,7 +81,9 @@ class Points:
         self.P = csr_matrix((values, (rows, columns)), shape=(self.m, len(self.unknowns)))
         self.moves = np.zeros(self.m, dtype=bool)  # whether the equations govern it
         self.moves[rows] = True
-        self.prescribed = np.concatenate([np.zeros(0, dtype=np.int64), *(points for points, _ in self._moved)])
+        self.prescribed = np.concatenate(
+            [np.zeros(0, dtype=np.int64), *(points for points, _ in self._moved)]
+        )
         self.width = int(np.diff(self.P.indptr).max(initial=1))
         self.components = self.unknowns[:, None] + np.arange(3)
         self._gather = Gather(numbering, [self.components])
@@ -96,7 +103,9 @@ class Points:
         if not self.plain:
             x = np.asarray(self.P @ x)
         if self.m > self.n:
-            x = (x if len(x) == self.m else np.vstack([x, np.zeros((self.m - len(x), 3))])) + self._constants
+            x = (
+                x if len(x) == self.m else np.vstack([x, np.zeros((self.m - len(x), 3))])
+            ) + self._constants
             for points, motion in self._moved:
                 x[points] += np.asarray(motion(t), dtype=float)
         return np.ascontiguousarray(x)
@@ -106,7 +115,9 @@ class Points:
         rates = np.zeros((self.m, 3))
         rates[:] = self.P @ self._gather(v)[0]
         for points, motion in self._moved:
-            rates[points] = (np.asarray(motion(t + h), dtype=float) - np.asarray(motion(t), dtype=float)) / h
+            rates[points] = (
+                np.asarray(motion(t + h), dtype=float) - np.asarray(motion(t), dtype=float)
+            ) / h
         return rates
 
     def of_vectors(self, q: PETSc.Vec) -> Array:
@@ -133,7 +144,9 @@ class Points:
         for j in range(w):
             there = counts > j
             at = np.where(there, starts + j, 0)
-            vectors[:, :, j] = np.where(there, self.P.indices[at], nodes[:, :1])  # an unused one repeats the first
+            vectors[:, :, j] = np.where(
+                there, self.P.indices[at], nodes[:, :1]
+            )  # an unused one repeats the first
             for p in range(4):
                 weights[:, p, p, j] = np.where(there[:, p], self.P.data[at[:, p]], 0.0)
         first = np.where(nodes[:, 0] < self.n, nodes[:, 0], nodes.min(axis=1))

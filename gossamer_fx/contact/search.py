@@ -40,7 +40,8 @@ class Surface:
 
     def all_fixed(self, primitives: Integers) -> Bytes:
         return np.ascontiguousarray(
-            self.fixed[primitives.reshape(len(primitives), primitives[:1].size or 1)].all(axis=1), dtype=np.uint8
+            self.fixed[primitives.reshape(len(primitives), primitives[:1].size or 1)].all(axis=1),
+            dtype=np.uint8,
         )
 
 
@@ -58,7 +59,11 @@ class Tree:
         self.order = morton(boxes)
         self.boxes = np.empty((2 * self.size, 6))
         library().lib.build_tree(
-            n, self.size, *pointers(np.ascontiguousarray(boxes)), *pointers(self.order), *pointers(self.boxes)
+            n,
+            self.size,
+            *pointers(np.ascontiguousarray(boxes)),
+            *pointers(self.order),
+            *pointers(self.boxes),
         )
 
     def overlapping(
@@ -146,8 +151,14 @@ def candidates(
             np.hstack([lines[across[:, 0]], lines[across[:, 1]]]).reshape(-1, 4),
         ]
     )
-    kind = np.repeat(np.array([POINT_TRIANGLE, EDGE_EDGE], dtype=np.uint8), [len(near), len(across)])
-    return np.ascontiguousarray(nodes, dtype=np.int32), kind, np.vstack([near, across]).astype(np.int64)
+    kind = np.repeat(
+        np.array([POINT_TRIANGLE, EDGE_EDGE], dtype=np.uint8), [len(near), len(across)]
+    )
+    return (
+        np.ascontiguousarray(nodes, dtype=np.int32),
+        kind,
+        np.vstack([near, across]).astype(np.int64),
+    )
 
 
 def refused(

@@ -19,7 +19,9 @@ class Softness:
     stiffness: K [N/m³].  distance: d̂ [m].  names: of bodies and obstacles.
     """
 
-    def __init__(self, stiffness: float, distance: float, names: Sequence[str], comm: MPI.Intracomm) -> None:
+    def __init__(
+        self, stiffness: float, distance: float, names: Sequence[str], comm: MPI.Intracomm
+    ) -> None:
         self._K, self._d, self._names, self._comm = stiffness, distance, names, comm
         self._told = False
 

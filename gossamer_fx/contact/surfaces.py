@@ -13,7 +13,10 @@ from gossamer_fx.model.ports import unit
 from gossamer_fx.model.terms import Array, Indices
 
 AROUND, RINGS = 32, 9  # points of a circle; circles from the middle of a ball to its pole
-FIELDS, SIDE = 6, 1.2  # of the grid that stands for a plane, along each side; its side over the size of what it is for
+FIELDS, SIDE = (
+    6,
+    1.2,
+)  # of the grid that stands for a plane, along each side; its side over the size of what it is for
 NONE: Indices = np.zeros((0, 3), dtype=np.int32)
 Surface = tuple[Array, Indices, Indices]  # points, triangles, lines
 
@@ -46,18 +49,27 @@ def _grid(point: Array, normal: Array, near: Array) -> Surface:
     half = SIDE * float(np.ptp(near, axis=0).max()) / 2
     u, v = perpendicular_pair(normal)
     across_grid = np.linspace(-half, half, FIELDS + 1)[:, None]
-    ends = [[s * p - half * q, s * p + half * q] for s, (p, q) in product(across_grid, ((u, v), (v, u)))]
+    ends = [
+        [s * p - half * q, s * p + half * q] for s, (p, q) in product(across_grid, ((u, v), (v, u)))
+    ]
     X = middle + np.concatenate(ends)
     return X, NONE, np.arange(len(X), dtype=np.int32).reshape(len(ends), 2)
 
 
 def _box(box: Box) -> Surface:
     axes, half = np.asarray(box.axes, dtype=float), np.asarray(box.sizes, dtype=float) / 2
-    X = np.asarray(box.centre, dtype=float) + np.array(list(product((-1, 1), repeat=3))) * half @ axes
+    X = (
+        np.asarray(box.centre, dtype=float)
+        + np.array(list(product((-1, 1), repeat=3))) * half @ axes
+    )
     lines = [(i, i | bit) for i in range(8) for bit in (1, 2, 4) if not i & bit]
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     triangles = [t for a, b, c, d in faces for t in ((a, b, c), (a, c, d))]
-    return X, NONE if box.inside else np.array(triangles, dtype=np.int32), np.array(lines, dtype=np.int32)
+    return (
+        X,
+        NONE if box.inside else np.array(triangles, dtype=np.int32),
+        np.array(lines, dtype=np.int32),
+    )
 
 
 def _round(start: Array, end: Array, axis: Array, radius: float, inside: bool) -> Surface:

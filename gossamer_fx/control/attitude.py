@@ -53,7 +53,10 @@ class _Held(Couple):
     def set_state(self, state: dict[str, Any]) -> None:
         self._next = -math.inf if state["due"] is None else state["due"]
         self.torque = np.array(state["torque"])
-        self._control.angles, self._control.torques = np.array(state["angles"]), np.array(state["torques"])
+        self._control.angles, self._control.torques = (
+            np.array(state["angles"]),
+            np.array(state["torques"]),
+        )
 
 
 class _Continuous(Couple):
@@ -74,8 +77,12 @@ class _Continuous(Couple):
 
     def force(self, X: Array) -> Array:
         control = self._control
-        middle, before, after = (control.angles_of(Y, self._reference) for Y in (X, self._X0, 2 * X - self._X0))
-        self.torque = control.in_space(middle, control.law(middle, wrapped(after - before) / self._h))
+        middle, before, after = (
+            control.angles_of(Y, self._reference) for Y in (X, self._X0, 2 * X - self._X0)
+        )
+        self.torque = control.in_space(
+            middle, control.law(middle, wrapped(after - before) / self._h)
+        )
         return super().force(X)
 
     def tangent(self, X: Array) -> Array:
@@ -148,10 +155,15 @@ class AttitudeControl:
             f"'{name}' acts on something without position gradient; give the frame of a rigid body or beam, or a patch "
             "of a film.",
         )
-        check(math.isfinite(period) and period >= 0, f"'{name}': period is {period!r} s; give none or a positive one.")
+        check(
+            math.isfinite(period) and period >= 0,
+            f"'{name}': period is {period!r} s; give none or a positive one.",
+        )
         self.frame, self.period, self.name = frame, period, name
         self.target = np.asarray(target, dtype=float)
-        self.stiffness, self.damping = (np.broadcast_to(np.asarray(k, dtype=float), 3) for k in (stiffness, damping))
+        self.stiffness, self.damping = (
+            np.broadcast_to(np.asarray(k, dtype=float), 3) for k in (stiffness, damping)
+        )
         check(
             bool((self.stiffness >= 0).all() and (self.damping >= 0).all()),
             f"'{name}': gains {self.stiffness.tolist()} N m/rad and {self.damping.tolist()} N m s/rad; none may be "
@@ -159,7 +171,10 @@ class AttitudeControl:
         )
         self.axes = _three_by_three(axes)
         check(
-            bool(np.allclose(self.axes.T @ self.axes, np.eye(3), atol=1e-9) and np.linalg.det(self.axes) > 0),
+            bool(
+                np.allclose(self.axes.T @ self.axes, np.eye(3), atol=1e-9)
+                and np.linalg.det(self.axes) > 0
+            ),
             f"'{name}': its axes are not right-handed and orthonormal; give a rotation matrix with columns u, v, w.",
         )
         self.angles: Array = np.zeros(3)

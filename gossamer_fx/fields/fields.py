@@ -68,7 +68,9 @@ def _principal_strains(film: Membrane, x: Expr) -> tuple[Expr, Expr]:
 
 def _principal(tensor: Expr) -> tuple[Expr, Expr]:
     """The principal values of a symmetric tensor (2, 2), the larger one first."""
-    h, r = half_trace_and_radius(ufl.as_vector([tensor[0, 0], tensor[1, 1], tensor[0, 1] + tensor[1, 0]]))
+    h, r = half_trace_and_radius(
+        ufl.as_vector([tensor[0, 0], tensor[1, 1], tensor[0, 1] + tensor[1, 0]])
+    )
     return h + r, h - r
 
 
@@ -97,7 +99,9 @@ def film_state(film: Membrane, x: Expr) -> Expr:
 
 
 FIELDS = {
-    "displacement": Field((3,), False, lambda body, q, v: position(q) - ufl.SpatialCoordinate(body.space.mesh)),
+    "displacement": Field(
+        (3,), False, lambda body, q, v: position(q) - ufl.SpatialCoordinate(body.space.mesh)
+    ),
     "velocity": Field((3,), False, lambda body, q, v: position(v)),
     "strain1": Field((), True, lambda film, x, v: _principal_strains(film, x)[0]),
     "strain2": Field((), True, lambda film, x, v: _principal_strains(film, x)[1]),
@@ -105,8 +109,12 @@ FIELDS = {
     "stress2": Field((), True, lambda film, x, v: _principal_stresses(film, x)[1]),
     "direction": Field((3,), True, lambda film, x, v: _direction(film, x)),
     "state": Field((), True, lambda film, x, v: film_state(film, x)),
-    "curvature1": Field((), True, lambda plate, x, v: _principal(plate.curvature(x))[0], of_plates=True),
-    "curvature2": Field((), True, lambda plate, x, v: _principal(plate.curvature(x))[1], of_plates=True),
+    "curvature1": Field(
+        (), True, lambda plate, x, v: _principal(plate.curvature(x))[0], of_plates=True
+    ),
+    "curvature2": Field(
+        (), True, lambda plate, x, v: _principal(plate.curvature(x))[1], of_plates=True
+    ),
     "moment1": Field((), True, lambda plate, x, v: _principal(plate.moment(x))[0], of_plates=True),
     "moment2": Field((), True, lambda plate, x, v: _principal(plate.moment(x))[1], of_plates=True),
     # no functions of the film's coordinates: the gas has its own state, and a fold may have turned more than once
@@ -120,9 +128,17 @@ def check_fields(body: Body, names: Sequence[str]) -> None:
     """Raise `InputError` for a field that does not exist, or that this body has not."""
     is_film = isinstance(body, Membrane)
     bends = isinstance(body, Membrane) and body.bends
-    known = [n for n, field in FIELDS.items() if (is_film or not field.of_films) and (bends or not field.of_plates)]
+    known = [
+        n
+        for n, field in FIELDS.items()
+        if (is_film or not field.of_films) and (bends or not field.of_plates)
+    ]
     unknown = [name for name in names if name not in known]
-    problem = f"'{body.name}' has no field {unknown[0]!r}" if unknown else f"No field of '{body.name}' is asked for"
+    problem = (
+        f"'{body.name}' has no field {unknown[0]!r}"
+        if unknown
+        else f"No field of '{body.name}' is asked for"
+    )
     check(bool(names) and not unknown, f"{problem}; its fields are: {', '.join(known)}.")
 
 
@@ -137,20 +153,31 @@ class FieldFunctions:
         check_fields(body, names)
         self._shape = shape = BodyShape(system, body)
         jumps = any(FIELDS[name].of_films for name in names)
-        family, order = "Discontinuous Lagrange" if jumps else "Lagrange", shape.body.space.ufl_element().degree
+        family, order = (
+            "Discontinuous Lagrange" if jumps else "Lagrange",
+            shape.body.space.ufl_element().degree,
+        )
         self.functions: list[fem.Function] = []
         self._updates: list[Callable[[], None]] = []
         for name in names:
             field = FIELDS[name]
-            function = fem.Function(fem.functionspace(shape.body.space.mesh, (family, order, field.shape)), name=name)
+            function = fem.Function(
+                fem.functionspace(shape.body.space.mesh, (family, order, field.shape)), name=name
+            )
             self.functions.append(function)
             if field.expression is None:
                 take = _take_at_nodes if field.of_nodes else _take_mean
-                update = partial(_take_pressure, function) if name == "pressure" else partial(take, function, name)
+                update = (
+                    partial(_take_pressure, function)
+                    if name == "pressure"
+                    else partial(take, function, name)
+                )
                 self._updates.append(partial(update, body, system))
             else:
                 points = interpolation_points(function.function_space)
-                compiled = compile_expression(field.expression(shape.body, shape.q, shape.v), points)
+                compiled = compile_expression(
+                    field.expression(shape.body, shape.q, shape.v), points
+                )
                 self._updates.append(partial(function.interpolate, compiled))
 
     def update(self) -> None:
@@ -215,7 +242,10 @@ class AreaFractions:
         for film in self._films:
             shape = BodyShape(system, film)
             which = constant(shape.body.space.mesh, 0.0)
-            share = ufl.conditional(ufl.eq(film_state(shape.body, shape.q), which), 1.0, 0.0) * shape.body.dx
+            share = (
+                ufl.conditional(ufl.eq(film_state(shape.body, shape.q), which), 1.0, 0.0)
+                * shape.body.dx
+            )
             found.append((shape, which, compile_form(share)))
         return found
 

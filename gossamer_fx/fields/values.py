@@ -44,11 +44,17 @@ def field_values(state: State, body: MeshBody, field: str) -> tuple[Array, Array
         InputError: the body is not in the scene or has no mesh; a field that it has not.
     """
     _check_in(state, body)
-    check(is_on_mesh(body), f"field_values: '{body.name}' has no mesh; ask for the fields of a film, cable or beam.")
+    check(
+        is_on_mesh(body),
+        f"field_values: '{body.name}' has no mesh; ask for the fields of a film, cable or beam.",
+    )
     fields = FieldFunctions(state.system, body, [field])
     fields.update()
     function = fields.functions[0]
-    size, n = function.function_space.dofmap.index_map_bs, function.function_space.dofmap.index_map.size_local
+    size, n = (
+        function.function_space.dofmap.index_map_bs,
+        function.function_space.dofmap.index_map.size_local,
+    )
     values: Array = function.x.array.reshape(-1, size)[:n].copy()
     points = function.function_space.tabulate_dof_coordinates()[:n]
     return np.asarray(points), values[:, 0] if size == 1 else values

@@ -26,9 +26,13 @@ __all__ = sorted(_HOME)
 
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
-        raise AttributeError(f"gossamer_fx.fold has no '{name}'; its maps are: {', '.join(__all__)}")
+        raise AttributeError(
+            f"gossamer_fx.fold has no '{name}'; its maps are: {', '.join(__all__)}"
+        )
     from gossamer_fx.checks.arguments import guarded
 
     module, thing = _HOME[name]
-    found = globals()[name] = guarded(getattr(import_module(f"gossamer_fx.fold.{module}"), thing), ())
+    found = globals()[name] = guarded(
+        getattr(import_module(f"gossamer_fx.fold.{module}"), thing), ()
+    )
     return found

@@ -61,19 +61,26 @@ class Arms(FoldMap):
     def __post_init__(self) -> None:
         self._check(self.n >= 3, f"n is {self.n!r}; give at least 3 trapezoids.")
         self._check(
-            0 < self.inner < self.outer, f"rows from {self.inner!r} to {self.outer!r}; give inner above 0, below outer."
+            0 < self.inner < self.outer,
+            f"rows from {self.inner!r} to {self.outer!r}; give inner above 0, below outer.",
         )
         self._check(
             1 <= self.bends < self.inner,
             f"bends is {self.bends!r}; give at least 1 and less than inner, {self.inner!r}.",
         )
         self._check(
-            0 <= self.out < self._arm, f"out is {self.out!r}; give at least 0 columns, less than an arm's {self._arm}."
+            0 <= self.out < self._arm,
+            f"out is {self.out!r}; give at least 0 columns, less than an arm's {self._arm}.",
         )
-        self._check(self.wound or not self.out, "out is of arms that are wound; give wound=True, too.")
+        self._check(
+            self.wound or not self.out, "out is of arms that are wound; give wound=True, too."
+        )
         self._check_positive("pitch", "ramp")
         self._check_not_negative("gap", "hub_gap")
-        self._check(self.radius > 0, f"hub_gap is {self.hub_gap:g} m: the layers leave no room for a hub; give less.")
+        self._check(
+            self.radius > 0,
+            f"hub_gap is {self.hub_gap:g} m: the layers leave no room for a hub; give less.",
+        )
 
     @property
     def column(self) -> float:
@@ -148,7 +155,10 @@ class Arms(FoldMap):
     @property
     def _height_of_roll(self) -> float:
         j = np.arange(1, self._arm - self.out + 1)
-        front, back = self._rise(j + 2.0 * self.bends) + self._arm - j, self._rise(1.0 * j) + 2 * self._arm + 1
+        front, back = (
+            self._rise(j + 2.0 * self.bends) + self._arm - j,
+            self._rise(1.0 * j) + 2 * self._arm + 1,
+        )
         return float(max(front.max(), back.max()))
 
     def _wound(self, i: Array, row: Array, back: npt.NDArray[np.bool_]) -> Array:
@@ -173,9 +183,13 @@ class Arms(FoldMap):
             angle = math.pi / self.n * (p / self.bends - 1)
             return np.stack([np.sin(angle), -np.cos(angle)], axis=1)
 
-        short = np.where(turn, STAGGER * self.hub_gap / self.column * (row - self.inner), 0.0)[:, None]
+        short = np.where(turn, STAGGER * self.hub_gap / self.column * (row - self.inner), 0.0)[
+            :, None
+        ]
         across = at(p) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
-        result: Array = r[:, None] * ((1 - short) * at(p) + short * at(p + 1)) - early[:, None] * across
+        result: Array = (
+            r[:, None] * ((1 - short) * at(p) + short * at(p + 1)) - early[:, None] * across
+        )
         return result
 
 

@@ -56,9 +56,14 @@ def find_lines(folds: Map, mesh: Mesh) -> list[FoldLine]:
     )
     X = domain.geometry.x
     flat = np.abs(X[:, 2]).max(initial=0.0) <= 1e-9 * max(np.abs(X).max(initial=0.0), 1e-30)
-    check(mesh.comm.allreduce(int(not flat)) == 0, f"{who}: the mesh is not flat; mesh the film in the plane z = 0.")
+    check(
+        mesh.comm.allreduce(int(not flat)) == 0,
+        f"{who}: the mesh is not flat; mesh the film in the plane z = 0.",
+    )
     corners = domain.geometry.dofmap[:, :3]
-    shut, ajar = (each.place(X, np.zeros(len(X))) for each in (folds.pressed(), folds.ajar().pressed()))
+    shut, ajar = (
+        each.place(X, np.zeros(len(X))) for each in (folds.pressed(), folds.ajar().pressed())
+    )
     check_on_all(
         mesh.comm,
         bool(np.isfinite(shut).all() and np.isfinite(ajar).all()),
@@ -77,7 +82,9 @@ def find_lines(folds: Map, mesh: Mesh) -> list[FoldLine]:
     number = folds.label(X[ends].mean(axis=1))
     keys: list[Key] = [
         (int(n), int(s), 1 if t > 0 else -1, round(float(a), 5))
-        for n, s, t, a in zip(number[kinked], sheet[kinked, 0], sense[kinked], size[kinked], strict=True)
+        for n, s, t, a in zip(
+            number[kinked], sheet[kinked, 0], sense[kinked], size[kinked], strict=True
+        )
     ]
     known = sorted({key for part in mesh.comm.allgather(sorted(set(keys))) for key in part})
     code = la.vector(domain.topology.index_map(1))
@@ -85,7 +92,11 @@ def find_lines(folds: Map, mesh: Mesh) -> list[FoldLine]:
     code.scatter_forward()
     names = _names(known)
     return [
-        FoldLine(names[key], key[2] * key[3], np.flatnonzero(np.rint(code.array) == i + 1).astype(np.int32))
+        FoldLine(
+            names[key],
+            key[2] * key[3],
+            np.flatnonzero(np.rint(code.array) == i + 1).astype(np.int32),
+        )
         for i, key in enumerate(known)
     ]
 
@@ -94,7 +105,8 @@ def _refuse_cut_triangles(folds: Map, mesh: Mesh, flat: Array, folded: Array) ->
     """Those of which an edge changes its length."""
     owned = mesh.domain.topology.index_map(2).size_local
     before, after = (
-        np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2) for corners in (flat[:owned], folded[:owned])
+        np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+        for corners in (flat[:owned], folded[:owned])
     )
     cut = np.flatnonzero((np.abs(after - before) > ISOMETRIC * before).any(axis=1))
     count = mesh.comm.allreduce(len(cut))

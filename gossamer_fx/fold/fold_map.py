@@ -69,9 +69,13 @@ class FoldMap(ABC):
         Raises:
             InputError: triangles that lie on both sides of a fold line.
         """
-        return replace(mesh, groups=mesh.groups | {line.name: (1, line.edges) for line in self.lines(mesh)})
+        return replace(
+            mesh, groups=mesh.groups | {line.name: (1, line.edges) for line in self.lines(mesh)}
+        )
 
-    def start(self, film: Membrane, origin: Vector = (0.0, 0.0, 0.0), turn: Vector = (0.0, 0.0, 0.0)) -> Folded:
+    def start(
+        self, film: Membrane, origin: Vector = (0.0, 0.0, 0.0), turn: Vector = (0.0, 0.0, 0.0)
+    ) -> Folded:
         """The item of a scene with which the film starts folded.
 
         Args:
@@ -95,7 +99,10 @@ class FoldMap(ABC):
         Raises:
             InputError: a mesh without the groups, a share that is not between 0 and 1, and what `Crease` raises.
         """
-        check(0 <= rest <= 1, f"{self.called}: rest is {rest!r}; give a number from 0 (no memory) to 1.")
+        check(
+            0 <= rest <= 1,
+            f"{self.called}: rest is {rest!r}; give a number from 0 (no memory) to 1.",
+        )
         lines = self.lines(film.mesh)
         for line in lines:
             check(
@@ -121,9 +128,15 @@ class FoldMap(ABC):
     def _check_positive(self, *lengths: str) -> None:
         for what in lengths:
             value = getattr(self, what)
-            self._check(math.isfinite(value) and value > 0, f"{what} is {value!r} m; give a positive number.")
+            self._check(
+                math.isfinite(value) and value > 0,
+                f"{what} is {value!r} m; give a positive number.",
+            )
 
     def _check_not_negative(self, *lengths: str) -> None:
         for what in lengths:
             value = getattr(self, what)
-            self._check(math.isfinite(value) and value >= 0, f"{what} is {value!r} m; give zero or a positive number.")
+            self._check(
+                math.isfinite(value) and value >= 0,
+                f"{what} is {value!r} m; give zero or a positive number.",
+            )

@@ -37,14 +37,19 @@ class Folded:
     def __post_init__(self) -> None:
         for what in ("origin", "turn"):
             value = getattr(self, what)
-            check(is_vector(value), f"Folded '{self.name}': {what} is {value!r}; give three finite numbers.")
+            check(
+                is_vector(value),
+                f"Folded '{self.name}': {what} is {value!r}; give three finite numbers.",
+            )
 
     def requires(self) -> Iterable[Any]:
         yield self.film
 
     def initialise(self, system: Assembly, q: PETSc.Vec, v: PETSc.Vec) -> None:
         with q as values:
-            values[system.numbering.owned(system.bodies.index(self.film))] = self.positions().ravel()
+            values[system.numbering.owned(system.bodies.index(self.film))] = (
+                self.positions().ravel()
+            )
 
     def positions(self) -> Array:
         """Places (n, 3) [m] of this rank's nodes."""
@@ -57,7 +62,9 @@ class Folded:
             x.shape == X.shape and bool(np.isfinite(x).all()),
             f"'{self.name}': the fold map gives positions that are not finite; make it for the mesh of this film.",
         )
-        placed: Array = x @ _rotation(np.asarray(self.turn, dtype=float)).T + np.asarray(self.origin, dtype=float)
+        placed: Array = x @ _rotation(np.asarray(self.turn, dtype=float)).T + np.asarray(
+            self.origin, dtype=float
+        )
         return placed
 
     def strain_energy(self) -> float:

@@ -55,12 +55,19 @@ class Miura(FoldMap):
         self._check_not_negative("opening", "lift")
         for what in ("gamma", "theta"):
             value = getattr(self, what)
-            self._check(0 < value < math.pi / 2, f"{what} is {value!r} rad; give a number between 0 and π/2.")
+            self._check(
+                0 < value < math.pi / 2,
+                f"{what} is {value!r} rad; give a number between 0 and π/2.",
+            )
 
     @cached_property
     def sizes(self) -> tuple[float, float, float, float]:
         """H, S, L, V [m]."""
-        c, s, g = math.cos(self.theta), math.sin(self.theta) * math.sin(self.gamma), math.tan(self.gamma)
+        c, s, g = (
+            math.cos(self.theta),
+            math.sin(self.theta) * math.sin(self.gamma),
+            math.tan(self.gamma),
+        )
         root = math.sqrt(1 + (c * g) ** 2)
         return self.a * s, self.b * c * g / root, self.a * math.sqrt(1 - s * s), self.b / root
 
@@ -76,7 +83,10 @@ class Miura(FoldMap):
         rows = range(math.floor((low[1] - rise) / self.a), math.ceil(high[1] / self.a) + 1)
         straight = [((i * width, low[1]), (i * width, high[1])) for i in columns]
         oblique = [
-            ((i * width, j * self.a + rise * (i % 2)), ((i + 1) * width, j * self.a + rise * ((i + 1) % 2)))
+            (
+                (i * width, j * self.a + rise * (i % 2)),
+                ((i + 1) * width, j * self.a + rise * ((i + 1) % 2)),
+            )
             for i in columns[:-1]
             for j in rows
         ]
@@ -87,7 +97,9 @@ class Miura(FoldMap):
         """Directions (3, 3), as columns, in which x, y and the normal of the first parallelogram are folded."""
         H, S, L, V = self.sizes
         along = np.array([0.0, L, H]) / self.a
-        across = (np.array([S, V, 0.0]) / self.b - math.cos(self.gamma) * along) / math.sin(self.gamma)
+        across = (np.array([S, V, 0.0]) / self.b - math.cos(self.gamma) * along) / math.sin(
+            self.gamma
+        )
         return np.stack([across, along, np.cross(across, along)], axis=1)
 
     def place(self, X: Array, side: Array) -> Array:

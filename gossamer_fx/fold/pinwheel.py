@@ -57,7 +57,10 @@ class Pinwheel(FoldMap):
         )
         self._check_positive("side")
         self._check_not_negative("gap")
-        self._check(self.radius > 0, f"gap is {self.gap:g} m: the layers leave no room for a hub; give less.")
+        self._check(
+            self.radius > 0,
+            f"gap is {self.gap:g} m: the layers leave no room for a hub; give less.",
+        )
 
     @property
     def column(self) -> float:
@@ -80,7 +83,9 @@ class Pinwheel(FoldMap):
         k, s, down, second = self._unrolled(X)
         i = np.floor(s / self.column + 1e-9)
         part = (s / self.column - i)[:, None]
-        full = np.maximum((i + np.array([[0.0], [1.0]])) * self.column, 1e-300) * math.tan(math.pi / self.n)
+        full = np.maximum((i + np.array([[0.0], [1.0]])) * self.column, 1e-300) * math.tan(
+            math.pi / self.n
+        )
         p = [self._corner(k, i + j, down / full[j], second) for j in range(2)]
         return np.column_stack([(1 - part) * p[0] + part * p[1], -down])
 

@@ -80,7 +80,10 @@ class Strip(FoldMap):
         self._check_positive("length")
         self._check_not_negative(*lengths)
         opened = any(getattr(self, what, 0.0) for what in ("opening", "lift"))
-        self._check(not opened or getattr(self, "width", 0.0) > 0, "sheets that are opened need the width of the film.")
+        self._check(
+            not opened or getattr(self, "width", 0.0) > 0,
+            "sheets that are opened need the width of the film.",
+        )
 
     def _across(self, X: Array) -> Array:
         """One on the centre line, zero at the seams |y| = width/2."""
@@ -131,7 +134,8 @@ class Zigzag(Strip):
         )
         self._check(self.bends >= 1, f"bends is {self.bends!r}; give at least 1.")
         self._check(
-            (self.spacing > 0) == (self.bends > 1), "spacing is the distance of several bends; give both or none."
+            (self.spacing > 0) == (self.bends > 1),
+            "spacing is the distance of several bends; give both or none.",
         )
         self._check(
             (self.bends - 1) * self.spacing < self.length / self.panels,

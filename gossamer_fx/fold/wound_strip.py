@@ -49,7 +49,10 @@ class WoundStrip(FoldMap):
             value = getattr(self, what)
             self._check(value >= least, f"{what} is {value!r}; give at least {least}.")
         self._check_not_negative("gap")
-        self._check(self.radius > 0, f"gap is {self.gap:g} m: the layers leave no room for a hub; give less.")
+        self._check(
+            self.radius > 0,
+            f"gap is {self.gap:g} m: the layers leave no room for a hub; give less.",
+        )
 
     @property
     def radius(self) -> float:

@@ -27,7 +27,15 @@ import numpy as np
 import numpy.typing as npt
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import GhostMode, Mesh, Topology, create_cell_partitioner, create_mesh, create_submesh, to_type
+from dolfinx.mesh import (
+    GhostMode,
+    Mesh,
+    Topology,
+    create_cell_partitioner,
+    create_mesh,
+    create_submesh,
+    to_type,
+)
 from mpi4py import MPI
 from petsc4py import PETSc
 
@@ -51,7 +59,9 @@ __all__ = [
 _version: str = dolfinx.__version__  # type: ignore[attr-defined]
 VERSION = int(_version.split(".")[0]), int(_version.split(".")[1])
 if not (0, 9) <= VERSION <= (0, 11):
-    raise ImportError(f"gossamer_fx runs on dolfinx 0.9, 0.10 and 0.11, and this is {_version}; use one of those.")
+    raise ImportError(
+        f"gossamer_fx runs on dolfinx 0.9, 0.10 and 0.11, and this is {_version}; use one of those."
+    )
 
 _LIMIT = "max_facet_to_cell_links"
 
@@ -62,7 +72,12 @@ KERNELS_TAKE_DATA = VERSION >= (0, 10)  # whether they have one more argument
 
 
 def distribute(
-    comm: MPI.Intracomm, cells: npt.NDArray[np.int64], points: Array, kind: str, order: int, sheets: int
+    comm: MPI.Intracomm,
+    cells: npt.NDArray[np.int64],
+    points: Array,
+    kind: str,
+    order: int,
+    sheets: int,
 ) -> Mesh:
     """A mesh over all ranks, whose neighbouring triangles are known across their borders.
 
@@ -121,7 +136,9 @@ def tabulate(expression: fem.Expression, at_points: fem.Function, cells: Indices
         return
     space = at_points.function_space
     places, values = space.dofmap.list[cells], evaluate(expression, space.mesh, cells)
-    at_points.x.array.reshape(-1, space.dofmap.index_map_bs)[places] = values.reshape(*places.shape, -1)
+    at_points.x.array.reshape(-1, space.dofmap.index_map_bs)[places] = values.reshape(
+        *places.shape, -1
+    )
 
 
 def add_to_matrix(matrix: PETSc.Mat, form: fem.Form, unrolled: bool) -> None:

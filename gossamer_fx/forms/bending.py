@@ -46,7 +46,9 @@ def curvature(x: Expr, B: Expr) -> Expr:
     """κ = n·D²x (2, 2) [1/m] of the moved surface, n its unit normal."""
     F = ufl.dot(ufl.grad(x), B)
     n, H = ufl.cross(F[:, 0], F[:, 1]), second_gradient(x, B)
-    return ufl.as_matrix([[ufl.dot(n, H[:, a, b]) for b in range(2)] for a in range(2)]) / ufl.sqrt(ufl.dot(n, n))
+    return ufl.as_matrix([[ufl.dot(n, H[:, a, b]) for b in range(2)] for a in range(2)]) / ufl.sqrt(
+        ufl.dot(n, n)
+    )
 
 
 class Bending:
@@ -58,20 +60,33 @@ class Bending:
         rest: curvature (2, 2) [1/m] of the plate without bending moments; none: flat.
     """
 
-    def __init__(self, domain: ufl.Mesh, B: Expr, D: Expr, ν: Expr, penalty: Expr, rest: Expr | None = None) -> None:
+    def __init__(
+        self, domain: ufl.Mesh, B: Expr, D: Expr, ν: Expr, penalty: Expr, rest: Expr | None = None
+    ) -> None:
         self._B, self._D, self._ν, self._η, self.rest = B, D, ν, penalty, rest
-        self._n, self._length, self._area = ufl.FacetNormal(domain), ufl.FacetArea(domain), ufl.CellVolume(domain)
+        self._n, self._length, self._area = (
+            ufl.FacetNormal(domain),
+            ufl.FacetArea(domain),
+            ufl.CellVolume(domain),
+        )
 
     # ---- the quadratic form --------------------------------------------------------------------------------------
 
     def cells(self, x: Expr, w: Expr, dx: ufl.Measure) -> ufl.Form:
         """The cells' part of a(x, w)."""
         H, G = second_gradient(x, self._B), second_gradient(w, self._B)
-        return sum(ufl.inner(moment(H[i, :, :], self._D, self._ν), G[i, :, :]) for i in range(3)) * dx
+        return (
+            sum(ufl.inner(moment(H[i, :, :], self._D, self._ν), G[i, :, :]) for i in range(3)) * dx
+        )
 
     def edges(self, x: Expr, w: Expr, dS: ufl.Measure) -> ufl.Form:
         """The part of a(x, w) of interior edges that transmit bending."""
-        s = 0.75 * self._η * self._length("+") * sum((self._D / self._area)(side) for side in ("+", "-"))
+        s = (
+            0.75
+            * self._η
+            * self._length("+")
+            * sum((self._D / self._area)(side) for side in ("+", "-"))
+        )
         dx, dw = jump(self.slope, x), jump(self.slope, w)
         m, mw = mean(self._edge_moment, x), mean(self._edge_moment, w)
         return (s * ufl.dot(dx, dw) - ufl.dot(m, dw) - ufl.dot(mw, dx)) * dS
@@ -80,7 +95,11 @@ class Bending:
         """The part of a(x, w) of edges of the rim where the plate is tangent to the unit vector d (3,)."""
         dx, dw = (u - ufl.dot(u, d) * d for u in (self.slope(x), self.slope(w)))
         s = 3 * self._η * self._length * self._D / self._area
-        form = s * ufl.dot(dx, dw) - ufl.dot(self._edge_moment(x), dw) - ufl.dot(self._edge_moment(w), dx)
+        form = (
+            s * ufl.dot(dx, dw)
+            - ufl.dot(self._edge_moment(x), dw)
+            - ufl.dot(self._edge_moment(w), dx)
+        )
         if self.rest is not None:  # -m0 (n·d), n the normal x,n × x,t
             form -= self._across(self.rest_moment) * sum(
                 ufl.dot(ufl.cross(self.slope(u), self._along(v)), d) for u, v in ((x, w), (w, x))

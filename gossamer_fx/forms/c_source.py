@@ -33,7 +33,9 @@ def compile_c(comm: MPI.Intracomm, name: str, declarations: str, source: str) ->
     """
     options = kernel_options()
     arguments = [*options["cffi_extra_compile_args"], "-O3", "-fno-math-errno"]
-    key = hashlib.sha1("\n".join([declarations, source, *arguments, sys.version]).encode()).hexdigest()[:16]
+    key = hashlib.sha1(
+        "\n".join([declarations, source, *arguments, sys.version]).encode()
+    ).hexdigest()[:16]
     module, folder = f"gossamer_{name}_{key}", Path(options["cache_dir"])
     path = folder / f"{module}.so"
 

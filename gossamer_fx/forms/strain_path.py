@@ -51,7 +51,9 @@ def within_cone(e0: Expr, e1: Expr, m: Expr, margin: float) -> tuple[Expr, Expr]
     exit = ufl.conditional(falls, _fraction(C, root - B), _fraction(-B - root, A))
     starts = ufl.And(ufl.ge(first[0], 0), ufl.ge(C, 0))
     ends = ufl.And(ufl.ge(last[0], 0), ufl.ge(product(last, last), 0))
-    through = ufl.And(ufl.lt(A, 0), ufl.And(ufl.gt(B**2, A * C), ufl.lt(first[0] * A, B * change[0])))
+    through = ufl.And(
+        ufl.lt(A, 0), ufl.And(ufl.gt(B**2, A * C), ufl.lt(first[0] * A, B * change[0]))
+    )
     start = ufl.conditional(starts, 0.0, ufl.conditional(ufl.Or(ends, through), entry, 1.0))
     end = ufl.conditional(ends, 1.0, ufl.conditional(ufl.Or(starts, through), exit, start))
     return start, ufl.max_value(start, end)
@@ -85,7 +87,9 @@ def mean_gradient(ea: Expr, eb: Expr) -> Expr:
 
     along, across = xa * xb + ya * yb, xa * yb - ya * xb
     turned = across**2 / (ra * rb - ufl.min_value(along, 0))  # ra rb + along, without cancellation
-    opening = ufl.conditional(ufl.lt(along, 0), ufl.max_value(turned, 1e-24 * ra * rb), ra * rb + along)
+    opening = ufl.conditional(
+        ufl.lt(along, 0), ufl.max_value(turned, 1e-24 * ra * rb), ra * rb + along
+    )
     mk, m2 = x * kx + y * ky, x**2 + y**2
     J0 = ufl.ln((both + 2 * k) ** 2 / (2 * opening)) / (2 * k)
     J1 = ((rb - ra) / 2 - mk * J0) / k2

@@ -30,7 +30,10 @@ def tied_strain(domain: Mesh, x: Expr, B: Expr) -> Expr:
     v = [ufl.as_vector([all_vertices[i, j] for j in range(3)]) for i in range(3)]
     F, H = ufl.grad(x), ufl.grad(ufl.grad(x))
     normal = ufl.cross(v[1] - v[0], v[2] - v[0])
-    λ = [ufl.dot(ufl.cross(v[i - 1] - v[i - 2], X - v[i - 2]), normal) / ufl.dot(normal, normal) for i in range(3)]
+    λ = [
+        ufl.dot(ufl.cross(v[i - 1] - v[i - 2], X - v[i - 2]), normal) / ufl.dot(normal, normal)
+        for i in range(3)
+    ]
     middles = [(v[i - 2] + v[i - 1]) / 2 for i in range(3)]
 
     def second(a: Expr, b: Expr) -> Expr:
@@ -44,7 +47,9 @@ def tied_strain(domain: Mesh, x: Expr, B: Expr) -> Expr:
         c, d, l2 = along[i], second(τ, τ), ufl.dot(τ, τ)
         edge = (ufl.dot(c, c) + ufl.dot(d, d) / 12 - l2) / 2
         mean = (sum(ufl.dot(a, a) for a in along) / 3 - l2) / 2
-        tied.append(mean + ufl.dot(c, d) / 2 * (λ[i - 1] - λ[i - 2]) + 3 * (mean - edge) * (λ[i] - 1.0 / 3))
+        tied.append(
+            mean + ufl.dot(c, d) / 2 * (λ[i - 1] - λ[i - 2]) + 3 * (mean - edge) * (λ[i] - 1.0 / 3)
+        )
         t = ufl.dot(B.T, τ)
         rows.append([t[0] ** 2, t[1] ** 2, t[0] * t[1]])
     return ufl.dot(ufl.inv(ufl.as_matrix(rows)), ufl.as_vector(tied))

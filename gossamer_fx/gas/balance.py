@@ -28,7 +28,10 @@ from gossamer_fx.model.terms import Array
 
 Pair = tuple[complex, complex]
 STEP = 1e-30  # of the complex-step derivative
-SETTLED, ALMOST = 1e-13, 1e-9  # residual of solved equations of the gas, and one that is left to Newton's iteration
+SETTLED, ALMOST = (
+    1e-13,
+    1e-9,
+)  # residual of solved equations of the gas, and one that is left to Newton's iteration
 
 
 @dataclass
@@ -54,7 +57,9 @@ class Rates:
 class Balance:
     """The equations of n chambers for y = (p1, m1), at volumes V and swept volumes W (n,)."""
 
-    def __init__(self, gas: IdealGas, passages: list[Passage], walls: list[tuple[Wall, int]], n: int) -> None:
+    def __init__(
+        self, gas: IdealGas, passages: list[Passage], walls: list[tuple[Wall, int]], n: int
+    ) -> None:
         self._gas, self._passages, self._walls, self._n = gas, passages, walls, n
         self._θ: Array = np.full(n, 0.5)
         self._θ_walls: Array = np.full(len(walls), 0.5)
@@ -71,7 +76,12 @@ class Balance:
         """Energy [J] and mass [kg] that each chamber would have too much, (2n,); rates may be known already."""
         p1, m1 = y[: self._n], y[self._n :]
         rates = known or self.rates(y, V)
-        energy = p1 * V / (self._gas.gamma - 1) - self._U0 - self.h * rates.energy + (self._p0 + p1) / 2 * W
+        energy = (
+            p1 * V / (self._gas.gamma - 1)
+            - self._U0
+            - self.h * rates.energy
+            + (self._p0 + p1) / 2 * W
+        )
         return np.concatenate([energy, m1 - self._m0 - self.h * rates.mass])
 
     def derivatives(self, y: Array, V: Array, W: Array) -> tuple[Array, Array]:
@@ -79,7 +89,10 @@ class Balance:
         n, h, γ, cv = self._n, self.h, self._gas.gamma, self._gas.cv
         p, T = self._at_openings(y, V)
         p1, m1, mass = y[:n], y[n:], self._m0 + y[n:]
-        by_y, by_V = np.diag(np.concatenate([V / (γ - 1) + W / 2, np.ones(n)])), np.zeros((2 * n, n))
+        by_y, by_V = (
+            np.diag(np.concatenate([V / (γ - 1) + W / 2, np.ones(n)])),
+            np.zeros((2 * n, n)),
+        )
         by_V[np.arange(n), np.arange(n)] = p1 / (γ - 1)
         for passage in self._passages:
             ends = self._at_ends(passage, p, T)
@@ -104,13 +117,18 @@ class Balance:
     def settle(self, y: Array, V: Array, W: Array, magnitude: Array) -> Array | None:
         """The solution, from a guess: Newton's method, backtracking; None if it is not found."""
         rates = self.rates(y, V)
-        scale = self.scales(y, V, magnitude) + self.h * abs(np.concatenate([rates.energy, rates.mass]))
+        scale = self.scales(y, V, magnitude) + self.h * abs(
+            np.concatenate([rates.energy, rates.mass])
+        )
         F = self.residual(y, V, W, rates) / scale
         for _ in range(50):
             if abs(F).max() <= SETTLED:
                 return y
             try:
-                δ, size = np.linalg.solve(self.derivatives(y, V, W)[0] / scale[:, None], F), float(F @ F)
+                δ, size = (
+                    np.linalg.solve(self.derivatives(y, V, W)[0] / scale[:, None], F),
+                    float(F @ F),
+                )
             except np.linalg.LinAlgError:
                 return None
             for λ in 0.5 ** np.arange(30):
@@ -138,7 +156,9 @@ class Balance:
         p, T = self._at_openings(y, V)
         rates = Rates(np.zeros(n), np.zeros(n))
         for passage in self._passages:
-            mass_flow, energy_flow = (flow.real for flow in self._flows(passage, *self._at_ends(passage, p, T)))
+            mass_flow, energy_flow = (
+                flow.real for flow in self._flows(passage, *self._at_ends(passage, p, T))
+            )
             for end, sign in zip(passage.ends, (-1, 1), strict=True):
                 if end is None:
                     rates.mass_supplied -= sign * mass_flow
@@ -165,7 +185,9 @@ class Balance:
         mass_flow = complex(passage.opening.flow(self._gas, passage.area, p, T))
         return mass_flow, self._gas.cp * (T[0] if p[0].real >= p[1].real else T[1]) * mass_flow
 
-    def _slope(self, passage: Passage, at_ends: tuple[Pair, Pair], side: int, which: int) -> tuple[float, float]:
+    def _slope(
+        self, passage: Passage, at_ends: tuple[Pair, Pair], side: int, which: int
+    ) -> tuple[float, float]:
         """Derivatives of both flows with respect to pressure (`which` 0) or temperature (1) at one end."""
         ends = [list(pair) for pair in at_ends]
         ends[which][side] += 1j * STEP
@@ -175,9 +197,14 @@ class Balance:
 
     def _at_ends(self, passage: Passage, p: Array, T: Array) -> tuple[Pair, Pair]:
         """Pressures and temperatures at the ends of an opening."""
-        ends = tuple(zip(passage.ends, (passage.opening.first, passage.opening.second), strict=True))
+        ends = tuple(
+            zip(passage.ends, (passage.opening.first, passage.opening.second), strict=True)
+        )
         (pa, pb), (Ta, Tb) = (
-            [complex(getattr(holder, name)) if k is None else complex(values[k]) for k, holder in ends]
+            [
+                complex(getattr(holder, name)) if k is None else complex(values[k])
+                for k, holder in ends
+            ]
             for name, values in (("pressure", p), ("temperature", T))
         )
         return (pa, pb), (Ta, Tb)

@@ -9,7 +9,9 @@ from gossamer_fx.gas.enclosure import Enclosure
 from gossamer_fx.gas.geometry import Geometry
 from gossamer_fx.gas.ideal_gas import IdealGas
 
-Aperture = Callable[[float, float], float]  # C_d A [m²] of a step of length h whose middle is at time t
+Aperture = Callable[
+    [float, float], float
+]  # C_d A [m²] of a step of length h whose middle is at time t
 
 
 class Holder(Protocol):
@@ -45,7 +47,9 @@ class Opening(Protocol):
         """Its effective area in a running scene."""
         ...
 
-    def flow(self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]) -> complex:
+    def flow(
+        self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]
+    ) -> complex:
         """Mass flow [kg/s] from first to second at pressures p and temperatures T of the two ends."""
         ...
 

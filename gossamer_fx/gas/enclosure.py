@@ -79,10 +79,15 @@ class FilmEnclosure:
     of the mesh are outwards.
     """
 
-    def __init__(self, film: Membrane, surface: tuple[str, ...], rings: tuple[Ring, ...], chamber: str) -> None:
+    def __init__(
+        self, film: Membrane, surface: tuple[str, ...], rings: tuple[Ring, ...], chamber: str
+    ) -> None:
         self.film, self.surface, self.rings, self.chamber = film, surface, rings, chamber
         odd = next((r.edges for r in rings if r.film is not film), None)
-        check(odd is None, f"Chamber '{chamber}': its ring '{odd}' is on another film than '{film.name}'.")
+        check(
+            odd is None,
+            f"Chamber '{chamber}': its ring '{odd}' is on another film than '{film.name}'.",
+        )
 
     def requires(self) -> Iterable[Any]:
         yield self.film
@@ -165,7 +170,9 @@ class _CompiledFilm:
         return self._sign * float(self._surface.swept[self._place])
 
     def start(self) -> None:
-        self._sign = -1.0 if self._surface.volume[self._place] < -ROUND_OFF * self.magnitude else 1.0
+        self._sign = (
+            -1.0 if self._surface.volume[self._place] < -ROUND_OFF * self.magnitude else 1.0
+        )
 
     def add_force(self, values: Array, pressure: float) -> None:
         self._surface.add_force(self._place, self._sign * pressure, values)
@@ -194,7 +201,9 @@ class Piston:
 
     def __init__(self, port: Port, area: float, direction: tuple[float, float, float]) -> None:
         check(area > 0, f"Piston: area is {area!r} m²; give a positive number.")
-        check(any(direction), "Piston: direction has no length; give the axis along which it moves.")
+        check(
+            any(direction), "Piston: direction has no length; give the axis along which it moves."
+        )
         self.port, self.area, self.direction = port, area, unit(direction)
 
     def requires(self) -> Iterable[Any]:
@@ -228,7 +237,11 @@ class _CompiledPiston:
 
     def follow(self) -> None:
         end, start = self._along(self._system.q1.array_r), self._along(self._system.q0.array_r)
-        self.volume, self.magnitude, self.swept = end - self._origin, abs(end) + abs(self._origin), end - start
+        self.volume, self.magnitude, self.swept = (
+            end - self._origin,
+            abs(end) + abs(self._origin),
+            end - start,
+        )
 
     def add_force(self, values: Array, pressure: float) -> None:
         values -= pressure * self._G

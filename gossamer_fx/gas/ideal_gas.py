@@ -15,8 +15,14 @@ class IdealGas:
     R: float
 
     def __post_init__(self) -> None:
-        check(self.gamma > 1, f"IdealGas: gamma is {self.gamma!r}; the ratio of specific heats exceeds 1.")
-        check(self.R > 0, f"IdealGas: R is {self.R!r}; give the specific gas constant in J/(kg K), e.g. 287 for air.")
+        check(
+            self.gamma > 1,
+            f"IdealGas: gamma is {self.gamma!r}; the ratio of specific heats exceeds 1.",
+        )
+        check(
+            self.R > 0,
+            f"IdealGas: R is {self.R!r}; give the specific gas constant in J/(kg K), e.g. 287 for air.",
+        )
 
     @property
     def cv(self) -> float:

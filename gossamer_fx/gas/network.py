@@ -33,18 +33,32 @@ class GasNetwork:
 
     def __init__(self, items: list[Any], system: Assembly) -> None:
         chambers = [i for i in items if isinstance(i, Volume)]
-        check(bool(chambers), "The scene has gas but no chamber or tank; add one, or remove reservoirs and orifices.")
+        check(
+            bool(chambers),
+            "The scene has gas but no chamber or tank; add one, or remove reservoirs and orifices.",
+        )
         first = chambers[0]
         odd = next((c.name for c in chambers if c.gas != first.gas), "")
-        check(not odd, f"The chambers '{first.name}' and '{odd}' hold different gases; a scene has one.")
-        whole = [c.enclosure for c in chambers if isinstance(c.enclosure, FilmEnclosure) and not c.enclosure.surface]
+        check(
+            not odd,
+            f"The chambers '{first.name}' and '{odd}' hold different gases; a scene has one.",
+        )
+        whole = [
+            c.enclosure
+            for c in chambers
+            if isinstance(c.enclosure, FilmEnclosure) and not c.enclosure.surface
+        ]
         films = [enclosure.film for enclosure in whole]
         twice = next((film.name for k, film in enumerate(films) if film in films[:k]), "")
-        check(not twice, f"Two chambers enclose the whole of '{twice}'; give each its surface, or leave one out.")
+        check(
+            not twice,
+            f"Two chambers enclose the whole of '{twice}'; give each its surface, or leave one out.",
+        )
         self._gas = first.gas
         self._geometry = geometry = Geometry(system)
         self._gases = [
-            ChamberState(c, c.enclosure.compile(system, geometry) if c.enclosure else None) for c in chambers
+            ChamberState(c, c.enclosure.compile(system, geometry) if c.enclosure else None)
+            for c in chambers
         ]
         index = {id(c): k for k, c in enumerate(chambers)}
         passages = [
@@ -86,7 +100,9 @@ class GasNetwork:
         self._kept_magnitude = self._magnitudes()
 
     def begin(self, h: float, t: float) -> Array:
-        p, m, U, V = (np.array([getattr(s, name) for s in self._gases]) for name in ("p", "m", "U", "V"))
+        p, m, U, V = (
+            np.array([getattr(s, name) for s in self._gases]) for name in ("p", "m", "U", "V")
+        )
         self._balance.begin(h, t, p, m, U, V)
         # volumes and round-off of the start: those of the last iterate may be of a step that failed
         self._V, self._W, self._magnitude = V, np.zeros(len(V)), self._kept_magnitude
@@ -107,7 +123,9 @@ class GasNetwork:
 
     def _at_iterate(self, y: Array) -> Array:
         """The gas at the volumes of the iterate; y itself where there is none, e.g. in a negative volume."""
-        if not (np.isfinite(y).all() and np.isfinite(self._V + self._W).all() and (self._V > 0).all()):
+        if not (
+            np.isfinite(y).all() and np.isfinite(self._V + self._W).all() and (self._V > 0).all()
+        ):
             return y
         # Newton's iteration changes y from where the gas was, not from where it was asked for
         guess = np.maximum(self._y + (y - self._given), 0.1 * abs(self._y))
@@ -195,7 +213,11 @@ class GasNetwork:
 
     def get_state(self) -> dict[str, Any]:
         chambers = [[s.chamber.name, s.p, s.m, s.U, s.V] for s in self._gases]
-        return {"chambers": chambers, "supplied": self._supplied, "mass supplied": self._mass_supplied}
+        return {
+            "chambers": chambers,
+            "supplied": self._supplied,
+            "mass supplied": self._mass_supplied,
+        }
 
     def set_state(self, state: dict[str, Any]) -> None:
         self._geometry.follow()
@@ -215,10 +237,14 @@ class GasNetwork:
         return float(s.chamber.outside.pressure) if s.chamber.outside is not None else 0.0
 
     def _volume(self, s: ChamberState) -> float:
-        return float(s.chamber.fixed_volume) + (s.enclosure.volume if s.enclosure is not None else 0.0)
+        return float(s.chamber.fixed_volume) + (
+            s.enclosure.volume if s.enclosure is not None else 0.0
+        )
 
     def _swept(self, s: ChamberState) -> float:
         return s.enclosure.swept if s.enclosure is not None else 0.0
 
     def _magnitudes(self) -> Array:
-        return np.array([s.enclosure.magnitude if s.enclosure is not None else 0.0 for s in self._gases])
+        return np.array(
+            [s.enclosure.magnitude if s.enclosure is not None else 0.0 for s in self._gases]
+        )

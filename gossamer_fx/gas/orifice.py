@@ -19,7 +19,9 @@ from gossamer_fx.gas.ring import Ring
 from gossamer_fx.gas.volumes import Chamber
 
 
-def isentropic_flow(gas: IdealGas, pu: complex, Tu: complex, pd: complex, laminar: float) -> complex:
+def isentropic_flow(
+    gas: IdealGas, pu: complex, Tu: complex, pd: complex, laminar: float
+) -> complex:
     """Mass flow per effective area [kg/(s m²)] from pressure pu and temperature Tu through an orifice to pd ≤ pu.
 
         ṁ/(C_d A) = p_u/√(R T_u) Ψ(x),   x = p_d/p_u
@@ -75,7 +77,10 @@ class Orifice:
                 getattr(end, "border", None) is GasNetwork and not isinstance(end, Orifice),
                 f"Orifice '{self.name}': {end!r} holds no gas; connect chambers, tanks, reservoirs or surroundings.",
             )
-        check(self.first is not self.second, f"Orifice '{self.name}' leads from '{self.first.name}' back into it.")
+        check(
+            self.first is not self.second,
+            f"Orifice '{self.name}' leads from '{self.first.name}' back into it.",
+        )
         check(
             isinstance(self.area, Ring) or callable(self.area) or 0 <= self.area < math.inf,
             f"Orifice '{self.name}': area is {self.area!r} m²; give a positive number, a function of time, or a ring.",
@@ -111,7 +116,9 @@ class Orifice:
         check(opening >= 0, f"{what} is {opening!r} m²; give one that is not negative.")
         return opening
 
-    def flow(self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]) -> complex:
+    def flow(
+        self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]
+    ) -> complex:
         """Mass flow [kg/s] from first to second at pressures p and temperatures T of the two ends."""
         if p[0].real >= p[1].real:
             return area * isentropic_flow(gas, p[0], T[0], p[1], self.laminar)

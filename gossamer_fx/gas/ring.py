@@ -66,8 +66,12 @@ class Ring:
         check(len(walk) == len(edges), one_loop)
         starts = np.array([edge[5] for edge in walk])
         low = starts.min(axis=0)
-        x, y, z = np.rint((starts - low) / (ALIKE * float(np.linalg.norm(starts.max(axis=0) - low)) or 1.0)).T
-        return np.roll(np.array([edge[:5] for edge in walk]), -int(np.lexsort((z, y, x))[0]), axis=0)
+        x, y, z = np.rint(
+            (starts - low) / (ALIKE * float(np.linalg.norm(starts.max(axis=0) - low)) or 1.0)
+        ).T
+        return np.roll(
+            np.array([edge[:5] for edge in walk]), -int(np.lexsort((z, y, x))[0]), axis=0
+        )
 
     def _own_edges(self) -> list[Edge]:
         """This rank's edges."""
@@ -79,10 +83,17 @@ class Ring:
         nodes = film.block.index_map.local_to_global(local.ravel()).reshape(local.shape)
         middles = nodes[:, 1] if film.order == 2 else np.full(len(own), -1)
         x = film.space.tabulate_dof_coordinates()
-        numbers: Any = np.column_stack([table.ends[own], nodes[:, 0], nodes[:, -1], middles]).tolist()
-        starts, ends = ([(float(a), float(b), float(c)) for a, b, c in x[local[:, k]]] for k in (0, -1))
+        numbers: Any = np.column_stack(
+            [table.ends[own], nodes[:, 0], nodes[:, -1], middles]
+        ).tolist()
+        starts, ends = (
+            [(float(a), float(b), float(c)) for a, b, c in x[local[:, k]]] for k in (0, -1)
+        )
         rows = zip(numbers, starts, ends, strict=True)
-        return [(a, b, node_a, node_b, middle, start, end) for (a, b, node_a, node_b, middle), start, end in rows]
+        return [
+            (a, b, node_a, node_b, middle, start, end)
+            for (a, b, node_a, node_b, middle), start, end in rows
+        ]
 
 
 class Loop:
@@ -104,7 +115,10 @@ class Loop:
         order, n = ring.film.order, len(walk)
         nodes = walk[:, 2] if order == 1 else np.concatenate([walk[:, 2], walk[:, 4]])
         self._strips = _strips(n, order)
-        s, ws = (np.asarray(part) for part in basix.make_quadrature(basix.CellType.interval, 3 * order - 1))
+        s, ws = (
+            np.asarray(part)
+            for part in basix.make_quadrature(basix.CellType.interval, 3 * order - 1)
+        )
         r, wr = (np.asarray(part) for part in basix.make_quadrature(basix.CellType.interval, 2))
         element: Any = basix.create_element(basix.ElementFamily.P, basix.CellType.interval, order)
         N, dN = element.tabulate(1, s)[:, :, :, 0]
@@ -114,12 +128,16 @@ class Loop:
             """Products (points, nodes of a strip) of functions along it and across."""
             return np.einsum("si,rj->srji", along, sideways).reshape(len(s) * len(r), -1)
 
-        self._ds, self._dr = at_points(dN, across), at_points(N, np.broadcast_to(slope, across.shape))
+        self._ds, self._dr = (
+            at_points(dN, across),
+            at_points(N, np.broadcast_to(slope, across.shape)),
+        )
         self._test = at_points(N, across) * np.outer(ws, wr).reshape(-1, 1)
         self._weights = np.outer(ws, wr).ravel()
         # products (points, i j) of a test function and the slope of another function
         self._by_xr, self._by_xs = (
-            np.einsum("gi,gj->gij", self._test, slopes).reshape(len(slopes), -1) for slopes in (self._dr, self._ds)
+            np.einsum("gi,gj->gij", self._test, slopes).reshape(len(slopes), -1)
+            for slopes in (self._dr, self._ds)
         )
 
         self._system, self._α = system, system.rule.alpha

@@ -43,7 +43,11 @@ class FilmSurface:
     def __init__(self, film: Membrane, system: Assembly) -> None:
         self.film, self._comm, self._sides = film, film.comm, list[Side]()
         k = system.bodies.index(film)
-        self._at, self._owned, self._n = system.fields[k], system.numbering.owned(k), system.numbering.size_local
+        self._at, self._owned, self._n = (
+            system.fields[k],
+            system.numbering.owned(k),
+            system.numbering.size_local,
+        )
         self._α = system.rule.alpha
         self._form: fem.Form | None = None
 
@@ -55,7 +59,9 @@ class FilmSurface:
     def _compile(self) -> None:
         film, domain = self.film, self.film.mesh.domain
         cells = np.unique(np.concatenate([side.cells for side in self._sides]))
-        whole = self._comm.allreduce(len(cells) == domain.topology.index_map(2).size_local, op=MPI.LAND)
+        whole = self._comm.allreduce(
+            len(cells) == domain.topology.index_map(2).size_local, op=MPI.LAND
+        )
         restricted = {} if whole else {"subdomain_data": [(1, cells)], "subdomain_id": 1}
         degree = 2 * (film.order - 1) + film.order
         dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": degree}, **restricted)
@@ -109,7 +115,8 @@ class FilmSurface:
             local[c] = terms[here].sum(), abs(terms[here]).sum(), works[here].sum()
             if self._comm.rank == 0:  # every rank has all of a loop
                 shares = [
-                    loop.products() * (sign, 1.0, sign) for loop, sign in zip(side.loops, side.signs, strict=True)
+                    loop.products() * (sign, 1.0, sign)
+                    for loop, sign in zip(side.loops, side.signs, strict=True)
                 ]
                 local[c] += np.sum(shares, axis=0) if shares else 0.0
         self._comm.Allreduce(MPI.IN_PLACE, local, op=MPI.SUM)

@@ -100,7 +100,9 @@ class Chamber:
             f"Chamber '{name}': {type(enclosure).__name__} encloses nothing; give a film, or a Piston.",
         )
         self.enclosure = (
-            FilmEnclosure(enclosure, surface, rings, name) if isinstance(enclosure, Membrane) else enclosure
+            FilmEnclosure(enclosure, surface, rings, name)
+            if isinstance(enclosure, Membrane)
+            else enclosure
         )
 
     def requires(self) -> Iterable[Any]:
@@ -114,9 +116,17 @@ class Tank(Chamber):
     """A rigid chamber that blows down: `volume` [m³] at `pressure` [Pa] and `temperature` [K]."""
 
     def __init__(
-        self, volume: float, *, gas: IdealGas, pressure: float, temperature: float, name: str = "tank"
+        self,
+        volume: float,
+        *,
+        gas: IdealGas,
+        pressure: float,
+        temperature: float,
+        name: str = "tank",
     ) -> None:
-        super().__init__(gas=gas, pressure=pressure, temperature=temperature, volume=volume, name=name)
+        super().__init__(
+            gas=gas, pressure=pressure, temperature=temperature, volume=volume, name=name
+        )
 
 
 def _check_state(where: str, pressure: float, temperature: float) -> None:

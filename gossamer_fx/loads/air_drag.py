@@ -59,7 +59,10 @@ class AirDrag:
             math.isfinite(self.coefficient) and self.coefficient > 0,
             f"AirDrag '{self.name}': coefficient is {self.coefficient!r}; give a positive number.",
         )
-        check(is_vector(self.wind), f"AirDrag '{self.name}': wind is {self.wind!r} m/s; give three finite numbers.")
+        check(
+            is_vector(self.wind),
+            f"AirDrag '{self.name}': wind is {self.wind!r} m/s; give three finite numbers.",
+        )
 
     def requires(self) -> Iterable[Any]:
         yield self.body
@@ -73,6 +76,13 @@ class AirDrag:
         def work(x: Expr, v: Expr, w: Expr) -> ufl.Form:
             a = area_vector(film.deformation(x))  # n da/dA
             va = ufl.dot(v if u is None else v - u, a)  # vₙ da/dA
-            return -half_ρC * abs(va) * va * ufl.dot(a, w) / ufl.max_value(ufl.dot(a, a), SMALLEST) * dx
+            return (
+                -half_ρC
+                * abs(va)
+                * va
+                * ufl.dot(a, w)
+                / ufl.max_value(ufl.dot(a, a), SMALLEST)
+                * dx
+            )
 
         yield Drag(self.name, film, work, u)

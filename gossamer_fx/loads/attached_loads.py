@@ -22,7 +22,9 @@ class AttachedLoads(CompiledTerms):
 
     def __init__(self, terms: Sequence[AttachedLoad], system: Assembly) -> None:
         self._system = system
-        self._places: list[tuple[Array, Array, Array, Array]] = []  # P, offsets, M and A of one kinetic energy
+        self._places: list[
+            tuple[Array, Array, Array, Array]
+        ] = []  # P, offsets, M and A of one kinetic energy
         self._indices: list[GlobalIndices] = []
         self._constant: list[Array] = []
         for term in terms:
@@ -37,13 +39,23 @@ class AttachedLoads(CompiledTerms):
             return
         own = own_places(masses.places)
         k = masses.mass.shape[1]
-        indices, P, o = attach_all(system.numbering, system.bodies, [masses.places[i] for i in own], 3 * k)
+        indices, P, o = attach_all(
+            system.numbering, system.bodies, [masses.places[i] for i in own], 3 * k
+        )
         # of each port, what it has of the body's positions, and whether it is on the body at all
-        points = np.array([[_of_points(port, term.body) for port in masses.places[i]] for i in own]).reshape(-1, k)
-        here = np.array([[port.body is term.body for port in masses.places[i]] for i in own]).reshape(-1, k)
+        points = np.array(
+            [[_of_points(port, term.body) for port in masses.places[i]] for i in own]
+        ).reshape(-1, k)
+        here = np.array(
+            [[port.body is term.body for port in masses.places[i]] for i in own]
+        ).reshape(-1, k)
         M = np.einsum("nij,ab->niajb", masses.mass[own], np.eye(3)).reshape(len(own), 3 * k, 3 * k)
-        A = np.einsum("nj,ij,ab->niajb", here * 1.0, np.eye(k), term.gradient).reshape(len(own), 3 * k, 3 * k)
-        a = (points[:, :, None] * (term.acceleration - term.gradient @ term.centre)).reshape(len(own), 3 * k)
+        A = np.einsum("nj,ij,ab->niajb", here * 1.0, np.eye(k), term.gradient).reshape(
+            len(own), 3 * k, 3 * k
+        )
+        a = (points[:, :, None] * (term.acceleration - term.gradient @ term.centre)).reshape(
+            len(own), 3 * k
+        )
         self._places.append((P, o, M, A))
         self._indices.append(indices)
         self._constant.append(a)
@@ -68,7 +80,9 @@ class AttachedLoads(CompiledTerms):
         self._X0 = self._vectors(self._system.q0)
 
     def add_forces(self, r: PETSc.Vec) -> None:
-        for (P, _, _, _), indices, F in zip(self._places, self._indices, self._forces(), strict=True):
+        for (P, _, _, _), indices, F in zip(
+            self._places, self._indices, self._forces(), strict=True
+        ):
             force = -np.einsum("nax,na->nx", P, F)
             r.setValues(indices.ravel(), force.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
         if self._places:

@@ -52,7 +52,10 @@ class Centrifugal:
     name: str = ""
 
     def __post_init__(self) -> None:
-        check(any(self.spin), f"Centrifugal force on '{self.body.name}': spin is zero; give Ω in rad/s.")
+        check(
+            any(self.spin),
+            f"Centrifugal force on '{self.body.name}': spin is zero; give Ω in rad/s.",
+        )
         if not self.name:
             object.__setattr__(self, "name", f"centrifugal force on {self.body.name}")
 
@@ -74,11 +77,17 @@ class Centrifugal:
 
     def _on_mesh(self, part: KineticEnergy, A: Array, c: Array) -> Term:
         mesh, size = part.body.space.mesh, part.body.block.size
-        turning, centre = fem.Constant(mesh, A), fem.Constant(mesh, np.concatenate([c, np.zeros(size - 3)]))
+        turning, centre = (
+            fem.Constant(mesh, A),
+            fem.Constant(mesh, np.concatenate([c, np.zeros(size - 3)])),
+        )
 
         def work(q: Expr, w: Expr) -> ufl.Form:
             r = q - centre
-            vectors = [ufl.dot(turning, ufl.as_vector([r[k + i] for i in range(3)])) for k in range(0, size, 3)]
+            vectors = [
+                ufl.dot(turning, ufl.as_vector([r[k + i] for i in range(3)]))
+                for k in range(0, size, 3)
+            ]
             return part.mass(ufl.as_vector([vector[i] for vector in vectors for i in range(3)]), w)
 
         return Load(self.name, part.body, work, follows=True)

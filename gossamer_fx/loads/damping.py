@@ -60,7 +60,9 @@ class Damping:
     def terms(self) -> Iterable[Term]:
         body = self.body
         both = self.mass > 0 and self.stiffness > 0
-        by_mass, by_stiffness = (self.name + (f" ({part})" if both else "") for part in ("mass", "stiffness"))
+        by_mass, by_stiffness = (
+            self.name + (f" ({part})" if both else "") for part in ("mass", "stiffness")
+        )
         if self.mass > 0:
             α = constant(body.space.mesh, self.mass)
             inertia = ufl.as_vector(_inertia(body))
@@ -82,7 +84,9 @@ class Damping:
                 yield Dissipation(by_stiffness, body, body.measure, viscous, body.dx)
                 return
             measure, energy = _unwrinkled(body)
-            yield Dissipation(by_stiffness, body, measure, lambda e_rate: β * energy(e_rate), body.dx)
+            yield Dissipation(
+                by_stiffness, body, measure, lambda e_rate: β * energy(e_rate), body.dx
+            )
 
 
 def _inertia(body: Body) -> list[Expr]:
@@ -90,7 +94,9 @@ def _inertia(body: Body) -> list[Expr]:
     if isinstance(body, Membrane):
         return [body.area_density] * 3
     c = body.constants
-    return [c.line_density] * 3 + ([c.rotary2] * 3 + [c.rotary3] * 3 if isinstance(body, Beam) else [])
+    return [c.line_density] * 3 + (
+        [c.rotary2] * 3 + [c.rotary3] * 3 if isinstance(body, Beam) else []
+    )
 
 
 def _unwrinkled(body: Body) -> tuple[Callable[[Expr], Expr], Callable[[Expr], Expr]]:

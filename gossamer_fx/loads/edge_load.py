@@ -79,18 +79,24 @@ class EdgeLoad:
         found: list[ufl.Measure | None] = []
         for kind, own in (("ds", edges[rim]), ("dS", edges[~rim])):
             tags = meshtags(domain, 1, own, np.ones(len(own), dtype=np.int32))
-            measure = ufl.Measure(kind, domain, subdomain_data=tags, metadata={"quadrature_degree": film.order})
+            measure = ufl.Measure(
+                kind, domain, subdomain_data=tags, metadata={"quadrature_degree": film.order}
+            )
             found.append(measure(1) if film.comm.allreduce(len(own)) else None)
         return found[0], found[1]
 
     def _in_space(self) -> Term:
         force, name, (ds, dS) = self.force, self.name, self._measures()
-        given = (0.0, 0.0, 0.0) if force is None or callable(force) else tuple(float(c) for c in force)
+        given = (
+            (0.0, 0.0, 0.0) if force is None or callable(force) else tuple(float(c) for c in force)
+        )
         f = fem.Constant(self.body.mesh.domain, given)
 
         def at(t: float) -> None:
             if callable(force):
-                f.value[:] = ask_numbers(self.body.comm, f"'{name}' at t = {t:.6g} s", lambda: force(t), (3,))
+                f.value[:] = ask_numbers(
+                    self.body.comm, f"'{name}' at t = {t:.6g} s", lambda: force(t), (3,)
+                )
 
         def work(x: Expr, w: Expr) -> ufl.Form:
             both = [] if ds is None else [ufl.dot(f, w) * ds]
@@ -106,7 +112,9 @@ class EdgeLoad:
 
         def at(t: float) -> None:
             if callable(value):
-                f.value = float(ask_numbers(film.comm, f"'{self.name}' at t = {t:.6g} s", lambda: value(t)))
+                f.value = float(
+                    ask_numbers(film.comm, f"'{self.name}' at t = {t:.6g} s", lambda: value(t))
+                )
 
         def work(x: Expr, w: Expr) -> ufl.Form:
             if not self.following:
@@ -115,7 +123,9 @@ class EdgeLoad:
             along = ufl.cross(a, ufl.dot(ufl.grad(x), ufl.cross(_normal(film), ν)))
             return -f * ufl.dot(along, w) / ufl.sqrt(ufl.dot(along, along)) * ds
 
-        return Load(self.name, film, work, follows=self.following, at=at if callable(value) else None)
+        return Load(
+            self.name, film, work, follows=self.following, at=at if callable(value) else None
+        )
 
 
 def _normal(film: Membrane) -> Expr:

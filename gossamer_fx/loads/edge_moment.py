@@ -62,7 +62,11 @@ class EdgeMoment:
 
         def at(t: float) -> None:
             if callable(value):
-                m.value = float(ask_numbers(plate.comm, f"EdgeMoment '{self.name}' at t = {t:.6g} s", lambda: value(t)))
+                m.value = float(
+                    ask_numbers(
+                        plate.comm, f"EdgeMoment '{self.name}' at t = {t:.6g} s", lambda: value(t)
+                    )
+                )
 
         def work(x: Expr, w: Expr) -> ufl.Form:
             return m * ufl.dot(plate.bending.edge_normal(x), plate.bending.slope(w)) * ds

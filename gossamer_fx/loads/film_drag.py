@@ -25,7 +25,9 @@ class Drags(Loads):
 
     def __init__(self, terms: Sequence[Drag], system: Assembly) -> None:
         at = [system.fields[system.bodies.index(term.body)] for term in terms]
-        super().__init__([at_rate(term, place) for term, place in zip(terms, at, strict=True)], system)
+        super().__init__(
+            [at_rate(term, place) for term, place in zip(terms, at, strict=True)], system
+        )
         self.losses, self._steps = [term.name for term in terms], [place.h for place in at]
         self._lost: list[fem.Form] = []
         self._given: list[fem.Form] = []

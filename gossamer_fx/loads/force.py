@@ -137,7 +137,9 @@ class Force:
     def terms(self) -> Iterable[Term]:
         value, comm = self.value, self.port.body.comm
         law: PointForce = (
-            ForceInTime(comm, self.name, value) if callable(value) else ConstantForce(np.asarray(value, dtype=float))
+            ForceInTime(comm, self.name, value)
+            if callable(value)
+            else ConstantForce(np.asarray(value, dtype=float))
         )
         yield PointLoad(self.name, (self.port,), law)
 
@@ -162,6 +164,8 @@ class Torque:
         vectors: tuple[Attached, ...] = self.frame.directors
         value, comm = self.value, next(iter(self.requires())).comm
         law: PointForce = (
-            TorqueInTime(comm, self.name, value) if callable(value) else ConstantTorque(np.asarray(value, dtype=float))
+            TorqueInTime(comm, self.name, value)
+            if callable(value)
+            else ConstantTorque(np.asarray(value, dtype=float))
         )
         yield PointLoad(self.name, vectors, law)

@@ -34,7 +34,10 @@ class Gravity:
     def __post_init__(self) -> None:
         if not self.name:
             object.__setattr__(self, "name", f"gravity of {self.body.name}")
-        check(is_vector(self.g), f"Gravity '{self.name}': g is {self.g!r} m/s²; give three finite numbers.")
+        check(
+            is_vector(self.g),
+            f"Gravity '{self.name}': g is {self.g!r} m/s²; give three finite numbers.",
+        )
 
     def requires(self) -> Iterable[Any]:
         yield self.body

@@ -43,11 +43,15 @@ class Pressure:
     def terms(self) -> Iterable[Term]:
         film, value = self.body, self.value
         p = constant(film.space.mesh, 0.0 if callable(value) else value)
-        dx = ufl.Measure("dx", film.space.mesh, metadata={"quadrature_degree": 2 * (film.order - 1) + film.order})
+        dx = ufl.Measure(
+            "dx", film.space.mesh, metadata={"quadrature_degree": 2 * (film.order - 1) + film.order}
+        )
 
         def at(t: float) -> None:
             if callable(value):
-                p.value = ask_numbers(film.comm, f"Pressure '{self.name}' at t = {t:.6g} s", lambda: value(t))
+                p.value = ask_numbers(
+                    film.comm, f"Pressure '{self.name}' at t = {t:.6g} s", lambda: value(t)
+                )
 
         yield Load(
             self.name,

@@ -25,7 +25,9 @@ from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED, FilmLaw
 from gossamer_fx.model.terms import Array
 
 FITTED_UP_TO = 0.3  # shortening δ
-STEEPEST = -0.42  # strain beyond which the compressive stress stays what it is: a strip 60 % shorter
+STEEPEST = (
+    -0.42
+)  # strain beyond which the compressive stress stays what it is: a strip 60 % shorter
 
 
 def onset(e_E: float) -> float:
@@ -107,7 +109,9 @@ class Elastica(FilmLaw):
         # taut through tr and det, which are smooth where the principal strains coincide
         taut = c.E / (2 * (1 - c.nu**2)) * (tr**2 - 2 * (1 - c.nu) * det)
         borne = ufl.conditional(ufl.ge(f, -c.onset), taut, c.E * γ1**2 / 2 + _buckled(f, c))
-        slack = ufl.conditional(ufl.ge(γ1, 0), _unloaded(γ2, c), _unloaded(γ1, c) + _unloaded(γ2, c))
+        slack = ufl.conditional(
+            ufl.ge(γ1, 0), _unloaded(γ2, c), _unloaded(γ1, c) + _unloaded(γ2, c)
+        )
         return c.thickness * ufl.conditional(ufl.ge(self._larger_stress(γ1, f, c), 0), borne, slack)
 
     def state(self, e: Expr, c: Any) -> Expr:

@@ -44,13 +44,18 @@ class FilmLaw:
     density: float
     thickness: float
 
-    quadratic = False  # whether the energy is quadratic in the strain (its path average is then exact)
+    quadratic = (
+        False  # whether the energy is quadratic in the strain (its path average is then exact)
+    )
 
     def __post_init__(self) -> None:
         law = type(self).__name__
         for name in ("E", "density", "thickness"):
             value = getattr(self, name)
-            check(math.isfinite(value) and value > 0, f"{law}: {name} is {value!r}; give a positive number.")
+            check(
+                math.isfinite(value) and value > 0,
+                f"{law}: {name} is {value!r}; give a positive number.",
+            )
         check(-1 < self.nu <= 0.5, f"{law}: nu is {self.nu!r}; Poisson's ratio lies in (-1, 0.5].")
 
     def energy(self, e: Expr, c: Any) -> Expr:
@@ -113,7 +118,11 @@ class Miyazaki(FilmLaw):
         (first_in, last_in), (first_out, last_out) = (
             (ufl.min_value(a, b), ufl.max_value(a, b)) for a, b in zip(taut, slack, strict=True)
         )
-        wrinkled = [(0.0, first_in), (first_out, ufl.max_value(first_out, last_in)), (last_out, 1.0)]
+        wrinkled = [
+            (0.0, first_in),
+            (first_out, ufl.max_value(first_out, last_in)),
+            (last_out, 1.0),
+        ]
 
         def wrinkled_stress(a: Expr, b: Expr) -> Expr:
             return self._wrinkled_stress(a, b, c)
@@ -141,7 +150,12 @@ class Miyazaki(FilmLaw):
 
     def _wrinkled(self, e: Expr, c: Any) -> Expr:
         (h, r), (tr, det), ν, u = half_trace_and_radius(e), _invariants(e), c.nu, c.residual
-        return c.E * c.thickness / (2 * (1 - u * ν**2)) * ((1 - u) * (h + r) ** 2 + u * (tr**2 - 2 * (1 - ν) * det))
+        return (
+            c.E
+            * c.thickness
+            / (2 * (1 - u * ν**2))
+            * ((1 - u) * (h + r) ** 2 + u * (tr**2 - 2 * (1 - ν) * det))
+        )
 
     def _slack(self, e: Expr, c: Any) -> Expr:
         (tr, det), ν, u = _invariants(e), c.nu, c.residual
@@ -155,7 +169,9 @@ class Miyazaki(FilmLaw):
         γ1, γ2 = h + r, h - r
         f1 = γ2 + c.nu * γ1
         f2 = γ1 + c.residual * c.nu * γ2
-        return ufl.conditional(ufl.ge(f1, -ROUND_OFF), taut, ufl.conditional(ufl.gt(f2, 0), wrinkled, slack))
+        return ufl.conditional(
+            ufl.ge(f1, -ROUND_OFF), taut, ufl.conditional(ufl.gt(f2, 0), wrinkled, slack)
+        )
 
 
 @dataclass(frozen=True)

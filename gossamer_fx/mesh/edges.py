@@ -70,7 +70,9 @@ class EdgeTable:
     def opposite(self) -> Indices:
         """Local vertices (n, 2) of the left and right triangle that are not on the edge; -1 for none."""
         corners = _corners(self.domain.topology)
-        result: Indices = np.where(self.cells >= 0, corners[self.cells, self.sides], -1).astype(np.int32)
+        result: Indices = np.where(self.cells >= 0, corners[self.cells, self.sides], -1).astype(
+            np.int32
+        )
         return result
 
     def nodes(self, space: fem.FunctionSpace, edges: Indices) -> Indices:
@@ -108,7 +110,9 @@ def edges_of(domain: dmesh.Mesh) -> EdgeTable:
     n, owned = index_map.size_local + index_map.num_ghosts, index_map.size_local
     vertices = topology.connectivity(1, 0).array.reshape(-1, 2)
     names = _global_vertices(topology, vertices)
-    vertices = np.where((names[:, 0] < names[:, 1])[:, None], vertices, vertices[:, ::-1]).astype(np.int32)
+    vertices = np.where((names[:, 0] < names[:, 1])[:, None], vertices, vertices[:, ::-1]).astype(
+        np.int32
+    )
 
     edges = topology.connectivity(2, 1).array.reshape(-1, 3)
     forwards = corners[:, _FROM] == vertices[edges, 0]
@@ -131,7 +135,9 @@ def edges_of(domain: dmesh.Mesh) -> EdgeTable:
     count = la.vector(index_map)
     count.array[:owned] = _tally(domain, local, owned)[0]
     count.scatter_forward()
-    return EdgeTable(domain, owned, vertices, table[0], table[1], np.rint(count.array).astype(np.int64))
+    return EdgeTable(
+        domain, owned, vertices, table[0], table[1], np.rint(count.array).astype(np.int64)
+    )
 
 
 def _tally(domain: dmesh.Mesh, cells: Indices, n: int) -> tuple[Floats, Floats]:
@@ -154,5 +160,9 @@ def _corners(topology: dmesh.Topology) -> Indices:
 
 
 def _global_vertices(topology: dmesh.Topology, vertices: Indices) -> Integers:
-    names: Integers = topology.index_map(0).local_to_global(vertices.ravel().astype(np.int32)).reshape(vertices.shape)
+    names: Integers = (
+        topology.index_map(0)
+        .local_to_global(vertices.ravel().astype(np.int32))
+        .reshape(vertices.shape)
+    )
     return names

@@ -69,18 +69,29 @@ def extract(model: Any) -> RawMesh:
     surfaces = [s for d, g in tagged if d == dim for s in model.getEntitiesForPhysicalGroup(d, g)]
     surfaces = sorted(set(surfaces)) or [s for _, s in model.getEntities(dim)]
     found = [elements for elements in (_elements(model, dim, s) for s in surfaces) if len(elements)]
-    _check(bool(found), "The named groups of the mesh hold none of its cells; name the surfaces that are meant.")
+    _check(
+        bool(found),
+        "The named groups of the mesh hold none of its cells; name the surfaces that are meant.",
+    )
     cells = np.vstack(found)
     used = np.unique(cells)
-    _check(bool(np.isin(used, tags).all()), "Cells of the mesh have nodes that it does not list; write it again.")
-    _check(not _folded(cells), "Cells of the mesh have one node twice; remove them, or write the mesh again.")
+    _check(
+        bool(np.isin(used, tags).all()),
+        "Cells of the mesh have nodes that it does not list; write it again.",
+    )
+    _check(
+        not _folded(cells),
+        "Cells of the mesh have one node twice; remove them, or write the mesh again.",
+    )
     _check(
         len(np.unique(np.sort(cells, axis=1), axis=0)) == len(cells),
         "Two cells of the mesh have the same nodes: where two sheets meet at a corner, choose the triangles so that "
         "each has a node of its own.",
     )
     order_of_tags = np.argsort(tags)
-    points = coordinates.reshape(-1, 3)[order_of_tags[np.searchsorted(tags, used, sorter=order_of_tags)]]
+    points = coordinates.reshape(-1, 3)[
+        order_of_tags[np.searchsorted(tags, used, sorter=order_of_tags)]
+    ]
     _check(
         bool((abs(points) < _FARTHEST).all()),
         f"Nodes of the mesh have coordinates that are no numbers below {_FARTHEST:g} m; mesh it again.",
@@ -90,7 +101,10 @@ def extract(model: Any) -> RawMesh:
         entities = [_elements(model, d, s) for s in model.getEntitiesForPhysicalGroup(d, g)]
         nodes = np.vstack([e for e in entities if len(e)] or [np.zeros((0, d + 1), dtype=np.int64)])
         nodes = nodes[np.isin(nodes, used).all(axis=1)]
-        _check(not _folded(nodes), "Elements of the mesh's groups have one node twice; write the mesh again.")
+        _check(
+            not _folded(nodes),
+            "Elements of the mesh's groups have one node twice; write the mesh again.",
+        )
         groups[model.getPhysicalName(d, g) or str(g)] = d, np.searchsorted(used, nodes)
     return RawMesh(kind, order, points, np.searchsorted(used, cells), groups)
 
@@ -131,7 +145,11 @@ def read_file(path: Path) -> RawMesh:
         arrays, mesh = Path(folder) / "mesh.npz", Path(folder) / "mesh.msh"
         mesh.symlink_to(path.resolve())
         # a child of an MPI process is none itself
-        alone = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_", "PMIX_", "PMI_", "PRTE_"))}
+        alone = {
+            k: v
+            for k, v in os.environ.items()
+            if not k.startswith(("OMPI_", "PMIX_", "PMI_", "PRTE_"))
+        }
         child = subprocess.run(
             [sys.executable, "-m", "gossamer_fx.mesh.gmsh_reader", str(mesh), str(arrays)],
             capture_output=True,
@@ -142,7 +160,9 @@ def read_file(path: Path) -> RawMesh:
         if child.returncode == _REFUSED and said:
             raise BadMesh(said.replace(str(mesh), str(path)))
         if child.returncode or not arrays.is_file():
-            raise BadMesh(f"gmsh broke off when it read '{path}'; the file is damaged, write it again as MSH 4.1.")
+            raise BadMesh(
+                f"gmsh broke off when it read '{path}'; the file is damaged, write it again as MSH 4.1."
+            )
         with np.load(arrays) as file:
             about = json.loads(str(file["about"]))
             groups = {name: (d, file[f"group {k}"]) for k, (name, d) in enumerate(about["groups"])}
@@ -155,7 +175,9 @@ def _check_format(path: Path) -> None:
         with path.open("rb") as file:
             head = file.read(200)
     except OSError as error:
-        raise BadMesh(f"'{path}' cannot be read ({error.strerror}); give a mesh file that is readable.") from error
+        raise BadMesh(
+            f"'{path}' cannot be read ({error.strerror}); give a mesh file that is readable."
+        ) from error
     _check(
         _MSH.match(head) is not None,
         f"'{path}' is not in MSH format 2.2 or 4.x; write the mesh with gmsh as MSH 4.1 (gmsh -format msh41).",
@@ -175,9 +197,18 @@ def _read_here(path: str, arrays: str) -> None:
     except Exception as error:  # gmsh has no other kind; names in a damaged file may be no text
         words = " ".join(str(error).split())
         raise BadMesh(f"gmsh cannot read '{path}' ({words}); write it again as MSH 4.1.") from error
-    about = {"kind": raw.kind, "order": raw.order, "groups": [(name, d) for name, (d, _) in raw.groups.items()]}
+    about = {
+        "kind": raw.kind,
+        "order": raw.order,
+        "groups": [(name, d) for name, (d, _) in raw.groups.items()],
+    }
     entities = {f"group {k}": nodes for k, (_, nodes) in enumerate(raw.groups.values())}
-    contents: dict[str, Any] = {"about": json.dumps(about), "points": raw.points, "cells": raw.cells, **entities}
+    contents: dict[str, Any] = {
+        "about": json.dumps(about),
+        "points": raw.points,
+        "cells": raw.cells,
+        **entities,
+    }
     np.savez(arrays, **contents)
 
 

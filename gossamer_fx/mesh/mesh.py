@@ -66,7 +66,10 @@ def read_mesh(path: str | Path, comm: MPI.Intracomm) -> Mesh:
     """
 
     def read() -> RawMesh:
-        check(Path(path).is_file(), f"There is no mesh file '{path}'; give the path of a gmsh file (.msh).")
+        check(
+            Path(path).is_file(),
+            f"There is no mesh file '{path}'; give the path of a gmsh file (.msh).",
+        )
         try:
             return read_file(Path(path))
         except BadMesh as error:
@@ -122,7 +125,9 @@ def _distribute_mesh(comm: MPI.Intracomm, raw: RawMesh | None) -> Mesh:
     cells = raw.cells[:, permutation].copy() if raw else np.zeros((0, width), dtype=np.int64)
     domain = distribute(comm, cells, points, kind, order, sheets)
     groups = {}
-    table = [(name, dim, nodes.shape[1]) for name, (dim, nodes) in raw.groups.items()] if raw else None
+    table = (
+        [(name, dim, nodes.shape[1]) for name, (dim, nodes) in raw.groups.items()] if raw else None
+    )
     for name, dim, nodes_each in comm.bcast(table):
         entities = raw.groups[name][1] if raw else np.zeros((0, nodes_each), dtype=np.int64)
         if dim == domain.topology.dim:
@@ -134,18 +139,26 @@ def _distribute_mesh(comm: MPI.Intracomm, raw: RawMesh | None) -> Mesh:
 def _most_at_a_facet(raw: RawMesh) -> int:
     """The most triangles that share an edge, or lines that share a point."""
     corners = np.sort(raw.cells[:, : 3 if raw.kind == "triangle" else 2], axis=1)
-    facets = [corners[:, [i, j]] for i, j in ((0, 1), (0, 2), (1, 2))] if raw.kind == "triangle" else [corners.T]
+    facets = (
+        [corners[:, [i, j]] for i, j in ((0, 1), (0, 2), (1, 2))]
+        if raw.kind == "triangle"
+        else [corners.T]
+    )
     keys = np.vstack(facets).astype(np.int64)
     if raw.kind == "triangle":
         keys = keys[:, 0] * len(raw.points) + keys[:, 1]
     return int(np.unique(keys, return_counts=True)[1].max())
 
 
-def _distribute(domain: dmesh.Mesh, dim: int, entities: npt.NDArray[np.int64]) -> npt.NDArray[np.int32]:
+def _distribute(
+    domain: dmesh.Mesh, dim: int, entities: npt.NDArray[np.int64]
+) -> npt.NDArray[np.int32]:
     """Local entities (owned and ghost) of those that rank 0 lists by their input nodes."""
     domain.topology.create_entities(dim)
     domain.topology.create_connectivity(dim, 0)
     domain.topology.create_connectivity(dim, domain.topology.dim)
-    vertices, values = distribute_entity_data(domain, dim, entities, np.ones(len(entities), dtype=np.int32))
+    vertices, values = distribute_entity_data(
+        domain, dim, entities, np.ones(len(entities), dtype=np.int32)
+    )
     tags = dmesh.meshtags_from_entities(domain, dim, adjacencylist(vertices), values)
     return np.asarray(tags.indices, dtype=np.int32)

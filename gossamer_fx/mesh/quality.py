@@ -124,7 +124,9 @@ def open_seams(domain: dmesh.Mesh, groups: Mapping[str, tuple[int, npt.NDArray[n
     home = (keys[:, :3] @ np.array([73856093, 19349663, 83492791], dtype=np.int64)) % comm.size
     received = np.concatenate(comm.alltoall([keys[home == rank] for rank in range(comm.size)]))
     _, at, counts = np.unique(received[:, :3], axis=0, return_inverse=True, return_counts=True)
-    sides = np.bincount(np.unique(np.column_stack([at.ravel(), received[:, 3]])[received[:, 3] > 0], axis=0)[:, 0])
+    sides = np.bincount(
+        np.unique(np.column_stack([at.ravel(), received[:, 3]])[received[:, 3] > 0], axis=0)[:, 0]
+    )
     sides = np.pad(sides, (0, len(counts) - len(sides)))
     return int(comm.allreduce(int(counts[(counts > 1) & (sides < counts)].sum())))
 
@@ -139,11 +141,15 @@ def crossings(comm: MPI.Intracomm, corners: Array, nodes: Integers) -> int:
     visitor: tuple[Array, Integers] = (corners, nodes)
     for _ in range(comm.size):
         pierced |= _pierced(corners, nodes, *visitor)
-        visitor = comm.sendrecv(visitor, dest=(comm.rank + 1) % comm.size, source=(comm.rank - 1) % comm.size)
+        visitor = comm.sendrecv(
+            visitor, dest=(comm.rank + 1) % comm.size, source=(comm.rank - 1) % comm.size
+        )
     return int(comm.allreduce(int(pierced.sum())))
 
 
-def _pierced(mine: Array, my_nodes: Integers, others: Array, other_nodes: Integers) -> npt.NDArray[np.bool_]:
+def _pierced(
+    mine: Array, my_nodes: Integers, others: Array, other_nodes: Integers
+) -> npt.NDArray[np.bool_]:
     """Which of `mine` are crossed by an edge of `others`, or cross one of theirs with an edge."""
     found = np.zeros(len(mine), dtype=bool)
     if not len(mine) or not len(others):
@@ -184,6 +190,8 @@ def _segment_meets(start: Array, end: Array, triangle: Array) -> npt.NDArray[np.
         u = (np.cross(at, b) * normal).sum(axis=1) / squares
         v = (np.cross(a, at) * normal).sum(axis=1) / squares
         margin = 1e-6
-        through = (np.minimum(*heights) < -margin * squares**0.75) & (np.maximum(*heights) > margin * squares**0.75)
+        through = (np.minimum(*heights) < -margin * squares**0.75) & (
+            np.maximum(*heights) > margin * squares**0.75
+        )
         result: npt.NDArray[np.bool_] = through & (u > margin) & (v > margin) & (u + v < 1 - margin)
     return result

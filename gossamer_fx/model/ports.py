@@ -76,7 +76,10 @@ def combine(weights: Sequence[float], ports: Sequence[Attached]) -> Attached:
         return Ground((float(x), float(y), float(z)))
     parts = [(w, p) for w, p in zip(weights, ports, strict=True) if isinstance(p, Port)]
     body = parts[0][1].body
-    check(len(parts) == len(ports) and all(p.body is body for _, p in parts), "Only ports of one body can be combined.")
+    check(
+        len(parts) == len(ports) and all(p.body is body for _, p in parts),
+        "Only ports of one body can be combined.",
+    )
     return Port(
         body,
         tuple(n for _, p in parts for n in p.nodes),

@@ -87,7 +87,10 @@ def is_on_mesh(body: Body) -> TypeGuard[MeshBody]:
 
 def has_nodal_unknowns(body: Body) -> TypeGuard[MeshBody]:
     """Whether a body's unknowns are the coordinates of the nodes of its mesh."""
-    return is_on_mesh(body) and body.block.index_map.size_global == body.space.dofmap.index_map.size_global
+    return (
+        is_on_mesh(body)
+        and body.block.index_map.size_global == body.space.dofmap.index_map.size_global
+    )
 
 
 @runtime_checkable
@@ -171,8 +174,12 @@ class CompiledTerms:
     """
 
     supplies = False  # whether its forces are loads, whose work is `supplied`
-    made_of_forms = False  # whether all it adds comes from `tangent_forms`, `mass_forms` and forces alone
-    searches = False  # whether its places change from step to step: then `search` and `widen` are called
+    made_of_forms = (
+        False  # whether all it adds comes from `tangent_forms`, `mass_forms` and forces alone
+    )
+    searches = (
+        False  # whether its places change from step to step: then `search` and `widen` are called
+    )
     losses: Sequence[str] = ()  # names of what dissipates, the same on every rank
 
     def __init__(self, terms: Sequence[Any], system: Assembly) -> None: ...

@@ -51,7 +51,10 @@ class ExponentialAtmosphere:
 
     def __call__(self, altitude: float) -> Air:
         """The air at an altitude [m]."""
-        return Air(self.density * math.exp((self.altitude - altitude) / self.scale_height), self.temperature)
+        return Air(
+            self.density * math.exp((self.altitude - altitude) / self.scale_height),
+            self.temperature,
+        )
 
 
 class Drag:
@@ -86,8 +89,14 @@ class Drag:
         self.body, self.orbit, self.atmosphere, self.rotation = body, orbit, atmosphere, rotation
         self.accommodation, self.surfaces = accommodation or Accommodation(), tuple(surfaces)
         self.name = name or f"drag on {body.name}"
-        check(callable(atmosphere), f"'{self.name}': atmosphere is {atmosphere!r}; give a function of the altitude.")
-        check(math.isfinite(rotation), f"'{self.name}': rotation is {rotation!r} rad/s; give a finite number.")
+        check(
+            callable(atmosphere),
+            f"'{self.name}': atmosphere is {atmosphere!r}; give a function of the altitude.",
+        )
+        check(
+            math.isfinite(rotation),
+            f"'{self.name}': rotation is {rotation!r} rad/s; give a finite number.",
+        )
         check_surfaces(self.name, body, self.surfaces)
 
     def requires(self) -> Iterable[Any]:
@@ -98,7 +107,10 @@ class Drag:
         """The air, and its velocity (3,) as seen from the origin of the frame."""
         altitude = float(np.linalg.norm(flight.R)) - self.orbit.radius
         air = self.atmosphere(altitude)
-        check(isinstance(air, Air), f"'{self.name}': the atmosphere returns {air!r} at {altitude:.6g} m; return Air.")
+        check(
+            isinstance(air, Air),
+            f"'{self.name}': the atmosphere returns {air!r} at {altitude:.6g} m; return Air.",
+        )
         wind: Array = np.cross([0.0, 0.0, self.rotation], flight.R) - flight.V
         return air, wind
 
@@ -110,13 +122,18 @@ class Drag:
 
     def _on_film(self, film: Membrane) -> FlyingLoad:
         mesh, how = film.space.mesh, self.accommodation
-        U, ρ, thermal, wall = fem.Constant(mesh, np.zeros(3)), *(constant(mesh, 1.0) for _ in range(3))
+        U, ρ, thermal, wall = (
+            fem.Constant(mesh, np.zeros(3)),
+            *(constant(mesh, 1.0) for _ in range(3)),
+        )
         σn, σt, sides = (constant(mesh, s) for s in (how.normal, how.tangential, 1.0))
         dx = surface_measure(film)
 
         def work(q: Expr, rate: Expr, w: Expr) -> ufl.Form:
             a = area_vector(film.deformation(q))
-            return ρ * ufl.dot(flow_force(a, U - rate, thermal, σn, σt, wall, sides, Symbolic), w) * dx
+            return (
+                ρ * ufl.dot(flow_force(a, U - rate, thermal, σn, σt, wall, sides, Symbolic), w) * dx
+            )
 
         def prepare(flight: Flight, system: Assembly) -> None:
             air, U.value = self.flow(flight)

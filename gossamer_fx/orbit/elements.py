@@ -40,7 +40,10 @@ class Elements:
             f"Elements: a is {self.a!r} m and e is {self.e!r}; give an ellipse (a > 0, e < 1) or a hyperbola (a < 0, "
             "e > 1).",
         )
-        check(0 <= self.i <= math.pi, f"Elements: i is {self.i!r} rad; an inclination is between 0 and pi.")
+        check(
+            0 <= self.i <= math.pi,
+            f"Elements: i is {self.i!r} rad; an inclination is between 0 and pi.",
+        )
         check(
             1 + self.e * math.cos(self.anomaly) > 0,
             f"Elements: the hyperbola of e = {self.e!r} has no point at the anomaly {self.anomaly!r} rad; give one "
@@ -73,7 +76,8 @@ class Elements:
         e, half = self.e, self.anomaly / 2
         if e < 1:
             E = 2 * math.atan2(
-                math.sqrt(1 - e) * math.sin(self.anomaly / 2), math.sqrt(1 + e) * math.cos(self.anomaly / 2)
+                math.sqrt(1 - e) * math.sin(self.anomaly / 2),
+                math.sqrt(1 + e) * math.cos(self.anomaly / 2),
             )
             return E - e * math.sin(E)
         H = 2 * math.atanh(math.sqrt((e - 1) / (e + 1)) * math.tan(half))
@@ -95,7 +99,10 @@ def elements_of(r: Array, v: Array, mu: float = MU) -> Elements:
         "A body that falls straight down has no elements; give it a velocity across.",
     )
     energy = float(v @ v) / 2 - mu / distance
-    check(abs(energy) > 1e-14 * mu / distance, "A parabola has no semi-major axis; change the speed a little.")
+    check(
+        abs(energy) > 1e-14 * mu / distance,
+        "A parabola has no semi-major axis; change the speed a little.",
+    )
     # the eccentricity vector from r·v and 2E + μ/r, whose difference does not cancel for circles
     ecc = ((v @ v) - mu / distance) * r / mu - float(r @ v) * v / mu
     e, normal = float(np.linalg.norm(ecc)), L / np.linalg.norm(L)
@@ -136,7 +143,9 @@ def _true_anomaly(M: float, e: float) -> float:
             E -= change
             if abs(change) < 1e-15:
                 break
-        return 2 * math.atan2(math.sqrt(1 + e) * math.sin(E / 2), math.sqrt(1 - e) * math.cos(E / 2))
+        return 2 * math.atan2(
+            math.sqrt(1 + e) * math.sin(E / 2), math.sqrt(1 - e) * math.cos(E / 2)
+        )
     H = math.asinh(M / e)
     for _ in range(60):
         change = (e * math.sinh(H) - H - M) / (e * math.cosh(H) - 1)

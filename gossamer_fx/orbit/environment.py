@@ -16,7 +16,14 @@ from gossamer_fx.orbit.elements import Elements
 from gossamer_fx.orbit.gravity_field import EGM_MU, MU, RADIUS, egm2008, oblateness
 from gossamer_fx.orbit.harmonics import SolidHarmonics
 from gossamer_fx.orbit.optics import PRESSURE
-from gossamer_fx.orbit.sky import MU_MOON, MU_SUN, Sky, point_gradient, third_body, third_body_gradient
+from gossamer_fx.orbit.sky import (
+    MU_MOON,
+    MU_SUN,
+    Sky,
+    point_gradient,
+    third_body,
+    third_body_gradient,
+)
 
 Shadow = Literal["none", "cylinder", "cone"]
 SunHistory = Callable[[float], Sequence[float]]
@@ -45,7 +52,10 @@ class Environment:
         self.name, self.radius, self.pressure, self.following = name, radius, pressure, following
         for what in ("radius", "pressure", "following"):
             value = getattr(self, what)
-            check(math.isfinite(value) and value > 0, f"Orbit '{name}': {what} is {value!r}; give a positive number.")
+            check(
+                math.isfinite(value) and value > 0,
+                f"Orbit '{name}': {what} is {value!r}; give a positive number.",
+            )
         check(
             gravity in ("point", "J2") or isinstance(gravity, int),
             f"Orbit '{name}': gravity is {gravity!r}; give 'point', 'J2' or a degree of EGM2008.",
@@ -63,7 +73,10 @@ class Environment:
             self._harmonics = egm2008(gravity)
         self._turns = isinstance(gravity, int)
         self.mu = mu if mu is not None else EGM_MU if self._turns else MU
-        check(math.isfinite(self.mu) and self.mu > 0, f"Orbit '{name}': mu is {mu!r} m³/s²; give a positive number.")
+        check(
+            math.isfinite(self.mu) and self.mu > 0,
+            f"Orbit '{name}': mu is {mu!r} m³/s²; give a positive number.",
+        )
         self._third = tuple(third_bodies)
         check(
             set(self._third) <= {"sun", "moon"},
@@ -75,7 +88,9 @@ class Environment:
         )
         self.sky = Sky(epoch, ut1_utc) if epoch is not None else None
         check(
-            sun is None or callable(sun) or (is_vector(sun) and (bool(np.any(sun)) or self.mu > MU_SUN / 2)),
+            sun is None
+            or callable(sun)
+            or (is_vector(sun) and (bool(np.any(sun)) or self.mu > MU_SUN / 2)),
             f"Orbit '{name}': sun is {sun!r}; give three numbers in astronomical units, or a function of time; only "
             "an orbit with the Sun's mu has it at its centre.",
         )
@@ -86,11 +101,16 @@ class Environment:
         if isinstance(start, Elements):
             return start.state(self.mu)
         check(
-            isinstance(start, tuple | list) and len(start) == 2 and all(is_vector(s) for s in start),
+            isinstance(start, tuple | list)
+            and len(start) == 2
+            and all(is_vector(s) for s in start),
             f"Orbit '{self.name}': start is {start!r}; give Elements, or a position [m] and a velocity [m/s].",
         )
         r, v = (np.asarray(s, dtype=float) for s in start)
-        check(bool(np.linalg.norm(r) > 0), f"Orbit '{self.name}' starts in the centre; give another position.")
+        check(
+            bool(np.linalg.norm(r) > 0),
+            f"Orbit '{self.name}' starts in the centre; give another position.",
+        )
         return r, v
 
     # ---- what attracts -----------------------------------------------------------------------------------------
@@ -155,7 +175,8 @@ class Environment:
             return self.sky.sun(t)
         value = self._sun(t) if callable(self._sun) else self._sun
         check(
-            is_vector(value), f"Orbit '{self.name}': the Sun is at {value!r} au at t = {t:.6g} s; give three numbers."
+            is_vector(value),
+            f"Orbit '{self.name}': the Sun is at {value!r} au at t = {t:.6g} s; give three numbers.",
         )
         return AU * np.asarray(value, dtype=float)
 

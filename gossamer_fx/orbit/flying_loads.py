@@ -23,7 +23,9 @@ class FlyingLoads(Loads):
     def __init__(self, terms: Sequence[FlyingLoad], system: Assembly) -> None:
         self._flying = terms
         at = [system.fields[system.bodies.index(term.body)] for term in terms]
-        super().__init__([at_rate(term, place) for term, place in zip(terms, at, strict=True)], system)
+        super().__init__(
+            [at_rate(term, place) for term, place in zip(terms, at, strict=True)], system
+        )
 
     def begin(self, t: float) -> None:
         system = self._system
@@ -94,7 +96,9 @@ class FlyingPointLoads(PointLoads):
 
     def __init__(self, terms: Sequence[FlyingPointLoad], system: Assembly) -> None:
         self._flying = terms
-        super().__init__([PointLoad(t.name, t.ports, _ByComplexSteps(t.law)) for t in terms], system)
+        super().__init__(
+            [PointLoad(t.name, t.ports, _ByComplexSteps(t.law)) for t in terms], system
+        )
 
     def begin(self, t: float) -> None:
         for term in self._flying:

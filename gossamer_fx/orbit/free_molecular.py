@@ -27,8 +27,14 @@ class Air:
     molecule: float = ATOM
 
     def __post_init__(self) -> None:
-        check(self.density >= 0, f"Air: density is {self.density!r} kg/m³; give a number that is not negative.")
-        check(self.temperature > 0, f"Air: temperature is {self.temperature!r} K; give a positive number.")
+        check(
+            self.density >= 0,
+            f"Air: density is {self.density!r} kg/m³; give a number that is not negative.",
+        )
+        check(
+            self.temperature > 0,
+            f"Air: temperature is {self.temperature!r} K; give a positive number.",
+        )
         check(self.molecule > 0, f"Air: molecule is {self.molecule!r} kg; give a positive mass.")
 
     @property
@@ -54,7 +60,10 @@ class Accommodation:
     def __post_init__(self) -> None:
         for quantity in ("normal", "tangential"):
             value = getattr(self, quantity)
-            check(0 <= value <= 1, f"Accommodation: {quantity} is {value!r}; give a number between 0 and 1.")
+            check(
+                0 <= value <= 1,
+                f"Accommodation: {quantity} is {value!r}; give a number between 0 and 1.",
+            )
         check(
             self.wall_temperature > 0,
             f"Accommodation: wall_temperature is {self.wall_temperature!r} K; give a positive number.",

@@ -38,7 +38,9 @@ class SolidHarmonics:
 
     @cached_property
     def _second(self) -> list[list[Coefficients]]:
-        return [[differentiate(c, axis) for axis in range(k + 1)] for k, c in enumerate(self._first)]
+        return [
+            [differentiate(c, axis) for axis in range(k + 1)] for k, c in enumerate(self._first)
+        ]
 
     def potential(self, r: Array) -> Array:
         """Φ (...) at positions r (..., 3) [m]."""

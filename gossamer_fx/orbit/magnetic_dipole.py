@@ -32,7 +32,9 @@ class MagneticDipole:
         InputError: no three directors, an orbit without epoch, or a year that IGRF-14 does not cover.
     """
 
-    def __init__(self, frame: Frame, orbit: Orbit, moment: Vector | MomentHistory, *, name: str = "magnet") -> None:
+    def __init__(
+        self, frame: Frame, orbit: Orbit, moment: Vector | MomentHistory, *, name: str = "magnet"
+    ) -> None:
         self.frame, self.orbit, self.moment, self.name = frame, orbit, moment, name
         check(
             isinstance(frame, Frame) and len(frame.directors) == 3,
@@ -42,7 +44,10 @@ class MagneticDipole:
             callable(moment) or is_vector(moment),
             f"'{name}': moment is {moment!r} A m²; give three numbers or a function of time.",
         )
-        check(orbit.sky is not None, f"'{name}': the magnetic field turns with the Earth; give the orbit an epoch.")
+        check(
+            orbit.sky is not None,
+            f"'{name}': the magnetic field turns with the Earth; give the orbit an epoch.",
+        )
         self._field = Igrf(orbit.sky.year) if orbit.sky is not None else None
 
     def requires(self) -> Iterable[Any]:

@@ -33,7 +33,9 @@ class Igrf:
         )
         k = int(np.clip(np.searchsorted(epochs, year, side="right") - 1, 0, len(epochs) - 2))
         s = (year - epochs[k]) / (epochs[k + 1] - epochs[k])
-        self.harmonics = SolidHarmonics((1 - s) * c[k] + s * c[k + 1], REFERENCE_RADIUS, REFERENCE_RADIUS)
+        self.harmonics = SolidHarmonics(
+            (1 - s) * c[k] + s * c[k + 1], REFERENCE_RADIUS, REFERENCE_RADIUS
+        )
 
     def field(self, r: Array) -> Array:
         """B (..., 3) [T] at Earth-fixed positions r (..., 3) [m]."""

@@ -29,9 +29,13 @@ class MassPoints:
             if not own:
                 continue
             k = masses.shape[1]
-            i, P, offset = attach_all(system.numbering, system.bodies, [places[j] for j in own], 3 * k)
+            i, P, offset = attach_all(
+                system.numbering, system.bodies, [places[j] for j in own], 3 * k
+            )
             for row, j in enumerate(own):
-                points, weights = equivalent_points(masses[j, :, :], np.array([is_point(port) for port in places[j]]))
+                points, weights = equivalent_points(
+                    masses[j, :, :], np.array([is_point(port) for port in places[j]])
+                )
                 spread = np.kron(points, np.eye(3)).reshape(len(points), 3, 3 * k)
                 indices += [i[row]] * len(points)
                 B += list(spread @ P[row])
@@ -41,7 +45,9 @@ class MassPoints:
         n = len(m)
         padded = [np.pad(i, (0, width - len(i)), constant_values=i[0]) for i in indices]
         self.indices = np.array(padded, dtype=PETSc.IntType).reshape(n, width)
-        self.B = np.array([np.pad(b, ((0, 0), (0, width - b.shape[1]))) for b in B]).reshape(n, 3, width)
+        self.B = np.array([np.pad(b, ((0, 0), (0, width - b.shape[1]))) for b in B]).reshape(
+            n, 3, width
+        )
         self.o, self.mass = np.array(o).reshape(n, 3), np.array(m)
         self._gather = Gather(system.numbering, [self.indices])
 
@@ -58,7 +64,12 @@ class MassPoints:
 
     def add_matrices(self, K: Array, A: PETSc.Mat) -> None:
         """Add matrices (n, 3, 3) between the points' positions."""
-        add_blocks(A, self.indices, self.indices, np.einsum("nax,nab,nby->nxy", self.B, K, self.B, optimize=True))
+        add_blocks(
+            A,
+            self.indices,
+            self.indices,
+            np.einsum("nax,nab,nby->nxy", self.B, K, self.B, optimize=True),
+        )
 
 
 def equivalent_points(mass: Array, is_point: Array) -> tuple[Array, Array]:
@@ -90,5 +101,6 @@ def _places(term: Kinetic) -> tuple[Sequence[tuple[Attached, ...]], Array]:
     start, body = term.body.block.index_map.local_range[0], term.body
     k = body.block.size // 3
     return [
-        tuple(Port(body, (start + i,), (1.0,), (j,)) for j in range(k)) for i in range(len(term.mass))
+        tuple(Port(body, (start + i,), (1.0,), (j,)) for j in range(k))
+        for i in range(len(term.mass))
     ], term.mass.reshape(-1, k, k)

@@ -36,7 +36,9 @@ class Optics:
     def __post_init__(self) -> None:
         for quantity in ("reflectivity", "specular", "emissivity", "lambertian"):
             value = getattr(self, quantity)
-            check(0 <= value <= 1, f"Optics: {quantity} is {value!r}; give a number between 0 and 1.")
+            check(
+                0 <= value <= 1, f"Optics: {quantity} is {value!r}; give a number between 0 and 1."
+            )
         back = self.other_side
         check(
             back is None or back.other_side is None,

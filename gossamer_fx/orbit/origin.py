@@ -103,19 +103,29 @@ class Origin:
 
     def _invariants(self) -> Exact:
         (x, y, z), (u, v, w) = self._R0, self._V0
-        return [(u * u + v * v + w * w) / 2 - self._mu / _norm(self._R0), y * w - z * v, z * u - x * w, x * v - y * u]
+        return [
+            (u * u + v * v + w * w) / 2 - self._mu / _norm(self._R0),
+            y * w - z * v,
+            z * u - x * w,
+            x * v - y * u,
+        ]
 
     def get_state(self) -> dict[str, Any]:
         names = {"position": self._R0, "velocity": self._V0, "first": self._first}
         return {name: [str(d) for d in numbers] for name, numbers in names.items()}
 
     def set_state(self, state: dict[str, Any]) -> None:
-        self._R0, self._V0, self._first = ([Decimal(d) for d in state[n]] for n in ("position", "velocity", "first"))
+        self._R0, self._V0, self._first = (
+            [Decimal(d) for d in state[n]] for n in ("position", "velocity", "first")
+        )
         self._R1, self._V1 = self._R0, self._V0
 
 
 def raise_too_long(h: float) -> None:
-    check(False, f"Orbit: a step of {h:.6g} s is too long a part of a revolution; make the stepper's dt smaller.")
+    check(
+        False,
+        f"Orbit: a step of {h:.6g} s is too long a part of a revolution; make the stepper's dt smaller.",
+    )
 
 
 def exact(vector: Sequence[float] | Array) -> Exact:

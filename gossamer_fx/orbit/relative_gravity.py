@@ -46,7 +46,9 @@ def excess(r0: Any, r1: Any, d0: Any, d1: Any) -> Any:
 def _holds(term: Any) -> bool:
     """Whether a term ties a body to a place of the frame."""
     places = getattr(getattr(term, "measure", None), "places", ())
-    return isinstance(term, Support) or any(isinstance(port, Ground) for place in places for port in place)
+    return isinstance(term, Support) or any(
+        isinstance(port, Ground) for place in places for port in place
+    )
 
 
 class MeshGravity:
@@ -68,7 +70,9 @@ class MeshGravity:
             return ufl.as_vector([q[i] for i in range(3)])
 
         x0, x1, x = point(at.q0), point(at.q1), point(at.mid)
-        (r0, d0), (r1, d1) = (growth(R, y, ufl.dot, ufl.sqrt) for R, y in ((self.R0, x0), (self.R1, x1)))
+        (r0, d0), (r1, d1) = (
+            growth(R, y, ufl.dot, ufl.sqrt) for R, y in ((self.R0, x0), (self.R1, x1))
+        )
         γ = excess(r0, r1, d0, d1)
         pull = -self.σ * (x - γ / (1 + γ) * ((self.R0 + self.R1) / 2 + x))
         self.force = compile_form(term.mass(placed(pull + self.A + ufl.dot(self.G, x)), at.w))
@@ -76,7 +80,9 @@ class MeshGravity:
         self.tangent = compile_form(-term.mass(placed(ufl.dot(self.T, point(at.dq))), at.w))
         unit = placed(ufl.as_vector([one, 0 * one, 0 * one]))
         weight = self.μ * d0 / (r0 * (r0 + d0))
-        self.potential = compile_form(term.mass(placed(ufl.as_vector([weight, 0 * one, 0 * one])), unit))
+        self.potential = compile_form(
+            term.mass(placed(ufl.as_vector([weight, 0 * one, 0 * one])), unit)
+        )
         self._weights = compile_form(term.mass(unit, at.w))
 
     def vector(self, form: fem.Form) -> Array:
@@ -116,9 +122,13 @@ class CompiledOrbit(CompiledTerms):
             "nothing to hold on to; tie bodies to each other, e.g. to a RigidBody.",
         )
         kinetic = [t for t in system.terms if isinstance(t, KineticEnergy)]
-        points = [t for t in system.terms if isinstance(t, NodeKineticEnergy | AttachedKineticEnergy)]
+        points = [
+            t for t in system.terms if isinstance(t, NodeKineticEnergy | AttachedKineticEnergy)
+        ]
         at = [system.bodies.index(t.body) for t in kinetic]
-        self._meshes = [MeshGravity(t, k, system.fields[k]) for k, t in zip(at, kinetic, strict=True)]
+        self._meshes = [
+            MeshGravity(t, k, system.fields[k]) for k, t in zip(at, kinetic, strict=True)
+        ]
         self._points = MassPoints(points, system) if points else None
         self._size = sum(b.block.index_map.size_local * b.block.size for b in system.bodies)
         self._weights = self._weigh()
@@ -142,7 +152,10 @@ class CompiledOrbit(CompiledTerms):
 
     def _is_place(self) -> Array:
         """1 for each owned position, 0 for each director."""
-        each = [np.tile(np.eye(b.block.size // 3)[0], b.block.index_map.size_local) for b in self._system.bodies]
+        each = [
+            np.tile(np.eye(b.block.size // 3)[0], b.block.index_map.size_local)
+            for b in self._system.bodies
+        ]
         return np.concatenate([np.zeros(0), *each])
 
     def _sums(self, *vectors: Array) -> list[Array]:
@@ -167,7 +180,11 @@ class CompiledOrbit(CompiledTerms):
         self._tangent = (flight.gradient - self._around.tide(flight.R)) / 2
         for mesh in self._meshes:
             mesh.R0.value, mesh.R1.value, mesh.σ.value = R0, R1, self._σ
-            mesh.A.value, mesh.G.value, mesh.T.value = -flight.pushed, flight.gradient, self._tangent
+            mesh.A.value, mesh.G.value, mesh.T.value = (
+                -flight.pushed,
+                flight.gradient,
+                self._tangent,
+            )
         if self._points:
             self._X0 = self._points(self._system.q0)
 
@@ -176,7 +193,9 @@ class CompiledOrbit(CompiledTerms):
         assert self._points is not None
         flight, x0, x = self.flight, self._X0, (self._X0 + x1) / 2
         R0, R1 = flight.origin.R0, flight.origin.R1
-        (r0, d0), (r1, d1) = (growth(np.broadcast_to(R, x.shape), y, _dots, np.sqrt) for R, y in ((R0, x0), (R1, x1)))
+        (r0, d0), (r1, d1) = (
+            growth(np.broadcast_to(R, x.shape), y, _dots, np.sqrt) for R, y in ((R0, x0), (R1, x1))
+        )
         γ = excess(r0, r1, d0, d1)[:, None]
         pull = -self._σ * (x - γ / (1 + γ) * ((R0 + R1) / 2 + x))
         forces: Array = self._points.mass[:, None] * (pull - flight.pushed + x @ flight.gradient)
@@ -217,13 +236,17 @@ class CompiledOrbit(CompiledTerms):
         places = np.repeat(self._is_place(), 3)
         forces = -r.array_r[: self._size].reshape(-1, 3)
         gravity = (places.reshape(-1, 3) * forces).sum(axis=0)
-        self._resultant = np.array([gravity, np.cross(middle[: self._size].reshape(-1, 3), forces).sum(axis=0)])
+        self._resultant = np.array(
+            [gravity, np.cross(middle[: self._size].reshape(-1, 3), forces).sum(axis=0)]
+        )
         deformed = float(tidal.array_r[: self._size] @ Δq[: self._size])
         *gravity, deformed = system.comm.allreduce(np.array([*gravity, deformed]))
         ΔS, S, P0 = self._sums(Δq, middle, system.v0.array_r)
         self.flight.centre = S / self.mass
         others = 2 * (ΔS / h - P0) / h - np.array(gravity)
-        attracted = self.mass * flight.field @ ΔR + flight.field @ ΔS + S @ flight.gradient @ ΔR + deformed
+        attracted = (
+            self.mass * flight.field @ ΔR + flight.field @ ΔS + S @ flight.gradient @ ΔR + deformed
+        )
         return float(attracted + others @ ΔR) if system.comm.rank == 0 else 0.0
 
     def resultants(self) -> dict[str, Array]:
@@ -251,7 +274,9 @@ class CompiledOrbit(CompiledTerms):
         """What momentum (3,) and angular momentum (3,) about the centre are more than those in the frame; on rank 0."""
         m, origin = self.moments(), self.flight.origin
         R, V = origin.R0, origin.V0
-        extra = np.array([m.mass * V, m.mass * origin.moment() + np.cross(R, m.momentum) + np.cross(m.first, V)])
+        extra = np.array(
+            [m.mass * V, m.mass * origin.moment() + np.cross(R, m.momentum) + np.cross(m.first, V)]
+        )
         return extra if self._system.comm.rank == 0 else np.zeros((2, 3))
 
 
@@ -270,5 +295,7 @@ class RelativeGravity:
 
     compiler: ClassVar[type[CompiledTerms]] = CompiledOrbit
 
-    def __init__(self, name: str, flight: Flight, flights: MutableMapping[Assembly, Flight]) -> None:
+    def __init__(
+        self, name: str, flight: Flight, flights: MutableMapping[Assembly, Flight]
+    ) -> None:
         self.name, self.flight, self.flights = name, flight, flights

@@ -35,7 +35,9 @@ class ShadowMap:
     def update(self, system: Assembly, u: Array) -> None:
         """Find what light along u reaches at the start of the step; called on all ranks together."""
         x = system.fields[system.bodies.index(self._film)].q0.x.array.reshape(-1, 3)
-        self.lit.x.array[: self._owned] = lit_parts(self._film.comm, x[self._corners], u, self._pixels)
+        self.lit.x.array[: self._owned] = lit_parts(
+            self._film.comm, x[self._corners], u, self._pixels
+        )
         self.lit.x.scatter_forward()
 
 
@@ -43,11 +45,15 @@ def lit_parts(comm: MPI.Intracomm, triangles: Array, u: Array, pixels: int) -> A
     """Part (n,) of each of this rank's triangles (n, 3, 3) that light along u (3,) reaches."""
     e1, e2 = np.linalg.svd(u[None])[2][1:]
     flat, depth = triangles @ np.column_stack([e1, e2]), triangles @ u
-    ends = np.concatenate([flat.min(axis=(0, 1), initial=np.inf), -flat.max(axis=(0, 1), initial=-np.inf)])
+    ends = np.concatenate(
+        [flat.min(axis=(0, 1), initial=np.inf), -flat.max(axis=(0, 1), initial=-np.inf)]
+    )
     comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MIN)
     low, high = ends[:2], -ends[2:]
     pixel = float((high - low).max()) / pixels
-    counts = np.maximum(np.ceil(1.5 * np.ptp(flat, axis=1).max(axis=-1, initial=0.0) / pixel).astype(int), _SAMPLES)
+    counts = np.maximum(
+        np.ceil(1.5 * np.ptp(flat, axis=1).max(axis=-1, initial=0.0) / pixel).astype(int), _SAMPLES
+    )
     nearest = np.full((pixels + 1, pixels + 1), np.inf)
     groups = [(np.flatnonzero(counts == n), _barycentric(n)) for n in np.unique(counts)]
     for which, weights in groups:

@@ -33,7 +33,9 @@ class Sky:
         try:
             self.start = datetime.fromisoformat(epoch).replace(tzinfo=UTC)
         except (TypeError, ValueError):
-            raise InputError(f"epoch is {epoch!r}; give a date in UTC such as '2026-01-01T12:00:00'.") from None
+            raise InputError(
+                f"epoch is {epoch!r}; give a date in UTC such as '2026-01-01T12:00:00'."
+            ) from None
         check(abs(ut1_utc) < 1, f"ut1_utc is {ut1_utc!r} s; it is below 0.9 s.")
         erfa, s = _erfa(), self.start
         day = s.second + s.microsecond * 1e-6

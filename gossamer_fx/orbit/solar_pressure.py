@@ -71,7 +71,9 @@ class SolarPressure:
 
     def terms(self) -> Iterable[Term]:
         if isinstance(self.body, RigidBody):
-            yield FlyingPointLoad(self.name, axes_of(self.body), self.orbit, _LightOnFaces(self.surfaces))
+            yield FlyingPointLoad(
+                self.name, axes_of(self.body), self.orbit, _LightOnFaces(self.surfaces)
+            )
         else:
             yield self._on_film(self.body)
 
@@ -107,23 +109,34 @@ class SolarPressure:
         rows[:] = np.concatenate(both)
         for group, optics in self.groups.items():
             dim, cells = film.mesh.group(group)
-            check(dim == 2, f"'{self.name}': the group '{group}' has dimension {dim}; name triangles of the mesh.")
+            check(
+                dim == 2,
+                f"'{self.name}': the group '{group}' has dimension {dim}; name triangles of the mesh.",
+            )
             rows[cells] = np.concatenate([optics.coefficients(back=side) for side in (False, True)])
         return [table[i] for i in range(3)], [table[i] for i in range(3, 6)]
 
 
 def check_surfaces(name: str, body: Membrane | RigidBody, surfaces: Sequence[Surface]) -> None:
     """Raise `InputError` unless a rigid body has surfaces and a film has none."""
-    check(isinstance(body, Membrane | RigidBody), f"'{name}' acts on {body!r}; give a film or a rigid body.")
+    check(
+        isinstance(body, Membrane | RigidBody),
+        f"'{name}' acts on {body!r}; give a film or a rigid body.",
+    )
     if isinstance(body, RigidBody):
         check(bool(surfaces), f"'{name}': the rigid body '{body.name}' has no surfaces; give some.")
     else:
-        check(not surfaces, f"'{name}': the faces of the film '{body.name}' are its triangles; give no surfaces.")
+        check(
+            not surfaces,
+            f"'{name}': the faces of the film '{body.name}' are its triangles; give no surfaces.",
+        )
 
 
 def surface_measure(film: Membrane) -> ufl.Measure:
     """dx of forces on the deformed faces: constant on triangles of order 1."""
-    return ufl.Measure("dx", film.space.mesh, metadata={"quadrature_degree": 1 if film.order == 1 else 4})
+    return ufl.Measure(
+        "dx", film.space.mesh, metadata={"quadrature_degree": 1 if film.order == 1 else 4}
+    )
 
 
 class _LightOnFaces(FacesForce):
@@ -132,7 +145,8 @@ class _LightOnFaces(FacesForce):
     def __init__(self, surfaces: Sequence[Surface]) -> None:
         super().__init__(*geometry(surfaces))
         self._front, self._back = (
-            np.array([s.optics.coefficients(back=side) for s in surfaces]).T[..., None] for side in (False, True)
+            np.array([s.optics.coefficients(back=side) for s in surfaces]).T[..., None]
+            for side in (False, True)
         )
         self._back *= np.array([s.two_sided for s in surfaces])[:, None]
         self._u: Array = np.zeros(3)

@@ -48,12 +48,16 @@ def light_force(a: Any, u: Any, front: Any, back: Any, maths: Any) -> Any:
     """
     c, area = maths.dot(a, u), maths.root(maths.dot(a, a))
     to_us = maths.choose(c, 1.0, -1.0)
-    mirrored, both, along = (maths.choose(c, of_back, of_front) for of_front, of_back in zip(front, back, strict=True))
+    mirrored, both, along = (
+        maths.choose(c, of_back, of_front) for of_front, of_back in zip(front, back, strict=True)
+    )
     shade = to_us * c  # projected area
     return shade * ((mirrored * shade / area + both) * (to_us / area) * a + along * u)
 
 
-def flow_force(a: Any, U: Any, thermal: Any, σn: Any, σt: Any, wall: Any, two_sided: Any, maths: Any) -> Any:
+def flow_force(
+    a: Any, U: Any, thermal: Any, σn: Any, σt: Any, wall: Any, two_sided: Any, maths: Any
+) -> Any:
     """Force over the density of air that comes with the velocity U on a face with the area vector a.
 
     thermal: √(2kT/m) of the air [m/s]; wall: √(T_w/T); two_sided: 1, or 0 if the back is not reached.
@@ -88,5 +92,11 @@ class Surface:
     def __post_init__(self) -> None:
         check(self.area > 0, f"Surface: area is {self.area!r} m²; give a positive number.")
         for what in ("normal", "centre"):
-            check(is_vector(getattr(self, what)), f"Surface: {what} is {getattr(self, what)!r}; give three numbers.")
-        check(bool(np.any(np.asarray(self.normal))), "Surface: normal is zero; give the direction outward.")
+            check(
+                is_vector(getattr(self, what)),
+                f"Surface: {what} is {getattr(self, what)!r}; give three numbers.",
+            )
+        check(
+            bool(np.any(np.asarray(self.normal))),
+            "Surface: normal is zero; give the direction outward.",
+        )

@@ -69,7 +69,10 @@ class Verified:
         for name, (end, _) in (self.steps[-1] if self.steps else {}).items():
             path = folder / name
             size = path.stat().st_size if path.is_file() else -1
-            check(size >= end, f"'{path}' is {'shorter than it was' if size >= 0 else 'missing'}; {_REMEDY}")
+            check(
+                size >= end,
+                f"'{path}' is {'shorter than it was' if size >= 0 else 'missing'}; {_REMEDY}",
+            )
         for k in range(len(self.steps)):
             self._compare(k, ("md.", "mmd."))
 
@@ -80,7 +83,12 @@ class Verified:
         *lines, _ = path.read_bytes().split(b"\n")  # a last line without end was not written wholly
         try:
             for line in lines:
-                steps.append({str(name): (int(end), int(crc)) for name, (end, crc) in json.loads(line).items()})
+                steps.append(
+                    {
+                        str(name): (int(end), int(crc))
+                        for name, (end, crc) in json.loads(line).items()
+                    }
+                )
         except (ValueError, TypeError, AttributeError) as error:
             raise InputError(f"'{path}' is damaged ({error}); {_REMEDY}") from error
         return steps
@@ -95,7 +103,10 @@ class Verified:
             if name.startswith(kinds):
                 start = self.steps[k - 1].get(name, (0, 0))[0] if k else 0
                 path = self.folder / name
-                check(_crc(path, start, end) == crc, f"'{path}' was changed since it was written; {_REMEDY}")
+                check(
+                    _crc(path, start, end) == crc,
+                    f"'{path}' was changed since it was written; {_REMEDY}",
+                )
 
     def cut(self, count: int) -> None:
         """Cut off all but the first `count` steps.

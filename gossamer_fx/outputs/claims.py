@@ -24,7 +24,9 @@ from gossamer_fx.checks.errors import InputError, check, on_rank_zero
 from gossamer_fx.outputs.file_names import segment_number
 from gossamer_fx.outputs.output import make_parent
 
-_HERE: weakref.WeakValueDictionary[Path, Claims] = weakref.WeakValueDictionary()  # claims of this process
+_HERE: weakref.WeakValueDictionary[Path, Claims] = (
+    weakref.WeakValueDictionary()
+)  # claims of this process
 
 
 class Claims:
@@ -49,7 +51,10 @@ class Claims:
         weakref.finalize(self, _release, self._locks)
         for a, b in combinations(self._paths, 2):
             same = segment_number(a, b) is not None or segment_number(b, a) is not None
-            check(not same, f"Two outputs of the run write '{max(a, b, key=_length)}'; give one of them another name.")
+            check(
+                not same,
+                f"Two outputs of the run write '{max(a, b, key=_length)}'; give one of them another name.",
+            )
         self.hold()
 
     def hold(self) -> None:
@@ -122,7 +127,12 @@ def _lock(path: Path) -> int:
             pass
         os.close(lock)  # the one who held it has just removed it
     os.ftruncate(lock, 0)
-    about = {"pid": os.getpid(), "host": platform.node(), "program": sys.argv[0], "since": time.strftime("%F %T")}
+    about = {
+        "pid": os.getpid(),
+        "host": platform.node(),
+        "program": sys.argv[0],
+        "since": time.strftime("%F %T"),
+    }
     os.write(lock, json.dumps(about).encode())
     return lock
 

@@ -31,11 +31,19 @@ def describe(run: Run) -> Description:
     system, totals = run.system, run.totals
     roles = Counter(type(part).__name__ for part in run.scene.terms())
     others = [item for item in run.scene.items if not is_body(item)]
-    massive = {part.body for part in run.scene.terms() if isinstance(part, KineticEnergy | NodeKineticEnergy)}
+    massive = {
+        part.body
+        for part in run.scene.terms()
+        if isinstance(part, KineticEnergy | NodeKineticEnergy)
+    }
     return {
         "unknowns": system.numbering.size + sum(border.size for border in system.borders),
         "ranks": run.comm.size,
-        "bodies": {body.name: _body(run, k, body) for k, body in enumerate(system.bodies) if body in massive},
+        "bodies": {
+            body.name: _body(run, k, body)
+            for k, body in enumerate(system.bodies)
+            if body in massive
+        },
         "section frames": [body.name for body in system.bodies if body not in massive],
         "roles": dict(sorted(roles.items())),
         "items": {item.name: type(item).__name__ for item in others},
@@ -52,7 +60,11 @@ def describe(run: Run) -> Description:
 def _body(run: Run, k: int, body: Body) -> Description:
     system, comm = run.system, run.comm
     nodes = body.block.index_map.size_global
-    found: Description = {"kind": type(body).__name__, "nodes": nodes, "unknowns": nodes * body.block.size}
+    found: Description = {
+        "kind": type(body).__name__,
+        "nodes": nodes,
+        "unknowns": nodes * body.block.size,
+    }
     owned, first = system.numbering.owned(k), system.numbering.vector()
     along = np.zeros(owned.stop - owned.start)
     along.reshape(-1, 3)[:: body.block.size // 3, 0] = 1.0
@@ -67,7 +79,9 @@ def _body(run: Run, k: int, body: Body) -> Description:
         dim = domain.topology.dim
         found["cells"] = domain.topology.index_map(dim).size_global
         found["order"] = body.space.ufl_element().degree
-        found["area" if dim == 2 else "length"] = comm.allreduce(float(sizes(corner_points(domain)).sum()))
+        found["area" if dim == 2 else "length"] = comm.allreduce(
+            float(sizes(corner_points(domain)).sum())
+        )
     for name in ("law", "section"):
         law = getattr(body, name, None)
         if is_dataclass(law):
@@ -77,7 +91,9 @@ def _body(run: Run, k: int, body: Body) -> Description:
 
 def versions() -> dict[str, str]:
     """Of this project and what it stands on."""
-    return {"gossamer_fx": VERSION} | {name: version for name in _PACKAGES if (version := _version(name))}
+    return {"gossamer_fx": VERSION} | {
+        name: version for name in _PACKAGES if (version := _version(name))
+    }
 
 
 def _version(name: str) -> str:
@@ -98,16 +114,26 @@ def lines(about: Mapping[str, Any]) -> list[str]:
             words.append(f"{body['cells']} cells of order {body['order']}")
         words.append(f"{body['unknowns']} unknowns")
         words.append(f"mass {body['mass']:.6g} kg")
-        words += [f"{what} {body[what]:.6g} {unit}" for what, unit in (("area", "m²"), ("length", "m")) if what in body]
+        words += [
+            f"{what} {body[what]:.6g} {unit}"
+            for what, unit in (("area", "m²"), ("length", "m"))
+            if what in body
+        ]
         rows.append((f"body '{name}'", ", ".join(words)))
         if "law" in body:
             law, numbers = body["law"]
-            rows.append(("", f"{law}: " + ", ".join(f"{key} {value:.6g}" for key, value in numbers.items())))
+            rows.append(
+                ("", f"{law}: " + ", ".join(f"{key} {value:.6g}" for key, value in numbers.items()))
+            )
     if about.get("section frames"):  # descriptions of older runs have none
         rows.append(("section frames", ", ".join(f"'{name}'" for name in about["section frames"])))
-    rows.append(("parts per role", ", ".join(f"{role} {n}" for role, n in about["roles"].items()) or "none"))
+    rows.append(
+        ("parts per role", ", ".join(f"{role} {n}" for role, n in about["roles"].items()) or "none")
+    )
     if about["items"]:
-        rows.append(("other items", ", ".join(f"{kind} '{name}'" for name, kind in about["items"].items())))
+        rows.append(
+            ("other items", ", ".join(f"{kind} '{name}'" for name, kind in about["items"].items()))
+        )
     for name, gas in about["chambers"].items():
         rows.append(
             (
@@ -116,6 +142,11 @@ def lines(about: Mapping[str, Any]) -> list[str]:
             )
         )
     rows.append(("mass", f"{sum(body['mass'] for body in about['bodies'].values()):.6g} kg"))
-    rows.append(("energies", ", ".join(f"{name} {energy:.6g} J" for name, energy in about["energies"].items())))
+    rows.append(
+        (
+            "energies",
+            ", ".join(f"{name} {energy:.6g} J" for name, energy in about["energies"].items()),
+        )
+    )
     width = max(len(name) for name, _ in rows) + 2
     return [name.ljust(width) + words for name, words in rows]

@@ -38,7 +38,11 @@ def segment(path: Path, number: int) -> Path:
 
 def segment_number(path: Path, other: Path) -> int | None:
     """Which segment of `path` another file in the same folder is; None: it is another file's."""
-    if other.parent != path.parent or other.suffix != path.suffix or not other.stem.startswith(path.stem):
+    if (
+        other.parent != path.parent
+        or other.suffix != path.suffix
+        or not other.stem.startswith(path.stem)
+    ):
         return None
     found = _SEGMENT.fullmatch(other.stem[len(path.stem) :])
     return 0 if other == path else int(found[1]) if found else None
@@ -47,5 +51,7 @@ def segment_number(path: Path, other: Path) -> int | None:
 def segments(path: Path) -> list[Path]:
     """The segments of a file that there are, in their order."""
     beside = path.parent.iterdir() if path.parent.is_dir() else ()
-    found = [(number, other) for other in beside if (number := segment_number(path, other)) is not None]
+    found = [
+        (number, other) for other in beside if (number := segment_number(path, other)) is not None
+    ]
     return [other for _, other in sorted(found)]

@@ -49,9 +49,15 @@ class Ledger:
             row |= {f"{LOST}{name}": loss for name, loss in t.losses.items()}
         row |= {"energy_error": run.energy_error}
         row |= {f"momentum {axis}": p for axis, p in zip("xyz", t.momentum, strict=True)}
-        row |= {f"angular momentum {axis}": p for axis, p in zip("xyz", t.angular_momentum, strict=True)}
+        row |= {
+            f"angular momentum {axis}": p for axis, p in zip("xyz", t.angular_momentum, strict=True)
+        }
         if t.mass:
-            row |= {"gas mass": t.mass, "gas mass supplied": t.mass_supplied, "mass_error": run.mass_error}
+            row |= {
+                "gas mass": t.mass,
+                "gas mass supplied": t.mass_supplied,
+                "mass_error": run.mass_error,
+            }
         return row
 
     def record(self, run: Run, last: bool) -> None:

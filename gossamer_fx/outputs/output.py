@@ -64,7 +64,11 @@ class Writing(Output, Protocol):
 
 def cursors_of(outputs: Iterable[Output]) -> list[tuple[str, dict[str, Any]]]:
     """Kinds and cursors of those that go on after a restart."""
-    return [(type(output).__name__, output.cursor()) for output in outputs if isinstance(output, Continued)]
+    return [
+        (type(output).__name__, output.cursor())
+        for output in outputs
+        if isinstance(output, Continued)
+    ]
 
 
 def begin(run: Run, output: Output, cursors: list[tuple[str, dict[str, Any]]]) -> None:
@@ -103,7 +107,9 @@ class Table:
         """
         head, self._head = self._head, ()
         if head:
-            write_on_all(comm, self.path, lambda: self.path.write_bytes(b"") if comm.rank == 0 else 0)
+            write_on_all(
+                comm, self.path, lambda: self.path.write_bytes(b"") if comm.rank == 0 else 0
+            )
             self.append(comm, head)
         task = lambda: self._append(row) if comm.rank == 0 else (0, 0)  # noqa: E731
         self.end, self._crc = comm.bcast(write_on_all(comm, self.path, task))
@@ -192,7 +198,8 @@ def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> No
                 f"Cannot write '{path}' ({error.strerror}); choose a folder that exists and is writable."
             ) from error
         check(
-            file is not True or not path.is_dir(), f"Cannot write '{path}', which is a folder; give the name of a file."
+            file is not True or not path.is_dir(),
+            f"Cannot write '{path}', which is a folder; give the name of a file.",
         )
         check(
             file is not False or not path.is_file(),
@@ -222,4 +229,6 @@ def replace_file(path: Path, text: str) -> None:
         new.write_text(text, encoding="utf-8")
         new.replace(path)
     except OSError as error:
-        raise InputError(f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable.") from error
+        raise InputError(
+            f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
+        ) from error

@@ -35,7 +35,9 @@ class Progress:
         self._live = self._stream.isatty()
         if not self._live:
             self._pause = max(self._pause, 10.0)
-        self._print(run, f"{run.system.numbering.size} unknowns, compiled in {run.compile_seconds:.1f} s\n")
+        self._print(
+            run, f"{run.system.numbering.size} unknowns, compiled in {run.compile_seconds:.1f} s\n"
+        )
 
     def _print(self, run: Run, text: str) -> None:
         if run.comm.rank == 0:
@@ -64,7 +66,9 @@ class Progress:
         h = run.system.h if run.step else run.stepping.wanted
         counts = f"step {run.step}  {run.last_iterations} it.  ledger {error:+.0e}"
         words = f"{run.time:.4g}/{run.until:.4g} s  h {h:.2g} s  {counts}"
-        self._bar.update(self._bar.task_ids[0], completed=run.time, total=run.until, description=words)
+        self._bar.update(
+            self._bar.task_ids[0], completed=run.time, total=run.until, description=words
+        )
         self._bar.refresh()
 
     def close(self, run: Run) -> None:

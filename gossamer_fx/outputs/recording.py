@@ -38,7 +38,16 @@ from gossamer_fx.probes.run import Run
 
 TOLD_STATES = ("taut", "wrinkled")  # what is neither is slack
 FORMAT = 1  # of run.json and the files beside it
-FILES = ("run.json", "ledger.csv", "gas.csv", "states.csv", "points.csv", "solids.csv", "probes.csv", "fields")
+FILES = (
+    "run.json",
+    "ledger.csv",
+    "gas.csv",
+    "states.csv",
+    "points.csv",
+    "solids.csv",
+    "probes.csv",
+    "fields",
+)
 FILM_FIELDS = ("displacement", "state", "stress1", "strain2")
 
 
@@ -127,7 +136,11 @@ class Recording:
             "title": self.title,
             "scene": describe(run),
             "stepper": {"kind": type(run.stepper).__name__, "dt": run.stepper.dt},
-            "fields": {name: list(output.fields) for name, output in self._outputs.items() if isinstance(output, VTX)},
+            "fields": {
+                name: list(output.fields)
+                for name, output in self._outputs.items()
+                if isinstance(output, VTX)
+            },
             "solids": [as_data(solid) for solid in self._solids],
             "versions": versions(),
             "ranks": run.comm.size,
@@ -140,19 +153,36 @@ class Recording:
         for body in run.system.bodies:
             if is_on_mesh(body):
                 chosen = self.fields.get(body.name) or _usual_fields(body, run)
-                yield body.name, VTX(self.folder / "fields" / f"{file_name(body.name)}.bp", body, chosen, every, times)
+                yield (
+                    body.name,
+                    VTX(
+                        self.folder / "fields" / f"{file_name(body.name)}.bp",
+                        body,
+                        chosen,
+                        every,
+                        times,
+                    ),
+                )
         if self.probes:
             yield "probes.csv", Probes(self.folder / "probes.csv", self.probes)
         if gas:
-            numbers = {f"{name} {q}": GasState(s.chamber, q) for name, s in gas.items() for q in GAS}
+            numbers = {
+                f"{name} {q}": GasState(s.chamber, q) for name, s in gas.items() for q in GAS
+            }
             yield "gas.csv", Probes(self.folder / "gas.csv", numbers)
         films = [body for body in run.system.bodies if isinstance(body, Membrane)]
         if films:
-            shares = {f"{film.name} {state}": AreaFraction(film, state) for film in films for state in TOLD_STATES}
+            shares = {
+                f"{film.name} {state}": AreaFraction(film, state)
+                for film in films
+                for state in TOLD_STATES
+            }
             yield "states.csv", Probes(self.folder / "states.csv", shares, every, times)
         points = [(k, body) for k, body in enumerate(run.system.bodies) if not is_on_mesh(body)]
         if points:
-            places = {f"{body.name} {'xyz'[i]}": _Place(k, i) for k, body in points for i in range(3)}
+            places = {
+                f"{body.name} {'xyz'[i]}": _Place(k, i) for k, body in points for i in range(3)
+            }
             yield "points.csv", Probes(self.folder / "points.csv", places)
         moving = [solid for solid in self._solids if moves(solid)]
         if moving:
@@ -179,7 +209,9 @@ class Recording:
             "energy error": run.energy_error,
             "mass error": run.mass_error,
         }
-        text = json.dumps(self._about | {"status": status, "statistics": statistics}, indent=1, ensure_ascii=False)
+        text = json.dumps(
+            self._about | {"status": status, "statistics": statistics}, indent=1, ensure_ascii=False
+        )
         on_rank_zero(run.comm, lambda: replace_file(self.folder / "run.json", text))
 
 
@@ -209,11 +241,17 @@ def about_run(folder: Path) -> dict[str, Any]:
         InputError: there is none, it is damaged, or of another format.
     """
     path = folder / "run.json"
-    check(path.is_file(), f"There is no run in '{folder}'; give a folder with a run.json, as `Recording` writes.")
+    check(
+        path.is_file(),
+        f"There is no run in '{folder}'; give a folder with a run.json, as `Recording` writes.",
+    )
     try:
         about: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         version, _ = about["format"], about["fields"].items()
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"'{path}' cannot be read ({error}); write the run again.") from error
-    check(version == FORMAT, f"'{path}' is of format {version}, not {FORMAT}; read it with the program that wrote it.")
+    check(
+        version == FORMAT,
+        f"'{path}' is of format {version}, not {FORMAT}; read it with the program that wrote it.",
+    )
     return about

@@ -31,7 +31,10 @@ class Series:
     def __init__(self, probes: Mapping[str, Probe]) -> None:
         self.probes = dict(probes)
         for name, probe in self.probes.items():
-            check(callable(probe), f"Probe '{name}' is {probe!r}; give a function of the run that returns a number.")
+            check(
+                callable(probe),
+                f"Probe '{name}' is {probe!r}; give a function of the run that returns a number.",
+            )
         self._rows: list[list[float]] = []
 
     def open(self, run: Run) -> None:
@@ -39,7 +42,13 @@ class Series:
 
     def record(self, run: Run, last: bool) -> None:
         self._rows.append(
-            [run.time, *(evaluate_probe(run, f"Probe '{name}'", probe) for name, probe in self.probes.items())]
+            [
+                run.time,
+                *(
+                    evaluate_probe(run, f"Probe '{name}'", probe)
+                    for name, probe in self.probes.items()
+                ),
+            ]
         )
 
     def close(self, run: Run) -> None:
@@ -51,7 +60,10 @@ class Series:
         return self._column(0)
 
     def __getitem__(self, name: str) -> Array:
-        check(name in self.probes, f"The series has no '{name}'; its names are: {', '.join(self.probes) or 'none'}.")
+        check(
+            name in self.probes,
+            f"The series has no '{name}'; its names are: {', '.join(self.probes) or 'none'}.",
+        )
         return self._column(1 + list(self.probes).index(name))
 
     def _column(self, k: int) -> Array:

@@ -24,7 +24,9 @@ def frame_of(solid: Solid, system: System) -> Array:
     if solid.on is not None:
         owned = system.numbering.owned(system.bodies.index(solid.on))
         return np.concatenate(system.comm.allgather(system.q0.array_r[owned].copy())).reshape(4, 3)
-    origin = np.zeros(3) if solid.motion is None else np.asarray(solid.motion(system.time), dtype=float)
+    origin = (
+        np.zeros(3) if solid.motion is None else np.asarray(solid.motion(system.time), dtype=float)
+    )
     return np.vstack([REST[:1] + origin, REST[1:]])
 
 
@@ -40,7 +42,12 @@ def moves(solid: Solid) -> bool:
 def as_data(solid: Solid) -> dict[str, Any]:
     """For a file."""
     X = [[float(f"{x:.6g}") for x in point] for point in solid.X]
-    return {"X": X, "triangles": solid.triangles.tolist(), "lines": solid.lines.tolist(), "moves": moves(solid)}
+    return {
+        "X": X,
+        "triangles": solid.triangles.tolist(),
+        "lines": solid.lines.tolist(),
+        "moves": moves(solid),
+    }
 
 
 class FramePart:

@@ -48,11 +48,18 @@ class VTX:
     ) -> None:
         self.path, self.body, self.fields = Path(path), body, fields
         self.schedule = Schedule(every, tuple(times))
-        check(self.path.suffix == ".bp", f"VTX cannot write '{path}'; give a name that ends in .bp.")
-        check(not isinstance(fields, str), f"VTX '{path}': fields is {fields!r}; give a tuple of names, ({fields!r},).")
+        check(
+            self.path.suffix == ".bp", f"VTX cannot write '{path}'; give a name that ends in .bp."
+        )
+        check(
+            not isinstance(fields, str),
+            f"VTX '{path}': fields is {fields!r}; give a tuple of names, ({fields!r},).",
+        )
         self._writer: VTXWriter | None = None
         self._checksums: Checksums | None = None
-        self._segment = self._steps = 0  # file that is or was written last, and how many times are in it
+        self._segment = self._steps = (
+            0  # file that is or was written last, and how many times are in it
+        )
 
     @property
     def times(self) -> Sequence[float]:
@@ -72,7 +79,10 @@ class VTX:
         bodies = [b for b in run.system.bodies if is_on_mesh(b)]
         names = ", ".join(f"'{b.name}'" for b in bodies) or "none"
         if self.body is None:
-            check(len(bodies) == 1, f"VTX '{self.path}': say which body is meant; those on a mesh are: {names}.")
+            check(
+                len(bodies) == 1,
+                f"VTX '{self.path}': say which body is meant; those on a mesh are: {names}.",
+            )
             return bodies[0]
         check(
             self.body in bodies,
@@ -134,7 +144,10 @@ class VTX:
         """Remove what came after the cursor: later segments, and the end of this one."""
         here = segment(self.path, self._segment)
         if self._steps:
-            check(here.is_dir(), f"'{here}' is gone since the checkpoint was written; put it back, or start anew.")
+            check(
+                here.is_dir(),
+                f"'{here}' is gone since the checkpoint was written; put it back, or start anew.",
+            )
             Verified(here).cut(self._steps)
         for other in segments(self.path):
             if (segment_number(self.path, other) or 0) > self._segment and other.is_dir():
@@ -155,14 +168,27 @@ class Probes:
     """
 
     def __init__(
-        self, path: str | Path, probes: Mapping[str, Probe], every: int = 1, times: Sequence[float] = ()
+        self,
+        path: str | Path,
+        probes: Mapping[str, Probe],
+        every: int = 1,
+        times: Sequence[float] = (),
     ) -> None:
         self.path, self.probes = Path(path), dict(probes)
         self.schedule = Schedule(every, tuple(times))
-        check(bool(self.probes), f"Probes '{path}': there is none; give a dict of names and functions of the run.")
+        check(
+            bool(self.probes),
+            f"Probes '{path}': there is none; give a dict of names and functions of the run.",
+        )
         for name, probe in self.probes.items():
-            check(callable(probe), f"Probe '{name}' is {probe!r}; give a function of the run that returns a number.")
-            check(name not in ("time", "step"), f"Probe '{name}' has the name of a column that exists; rename it.")
+            check(
+                callable(probe),
+                f"Probe '{name}' is {probe!r}; give a function of the run that returns a number.",
+            )
+            check(
+                name not in ("time", "step"),
+                f"Probe '{name}' has the name of a column that exists; rename it.",
+            )
         self._table, self._head = Table(self.path), ["time", "step", *self.probes]
 
     @property
@@ -186,7 +212,9 @@ class Probes:
         self._table.cut(run.comm, self._head, cursor)
 
     def _row(self, run: Run) -> list[float]:
-        return [evaluate_probe(run, f"Probe '{name}'", probe) for name, probe in self.probes.items()]
+        return [
+            evaluate_probe(run, f"Probe '{name}'", probe) for name, probe in self.probes.items()
+        ]
 
     def record(self, run: Run, last: bool) -> None:
         if self.schedule.due(run.step, run.time, last):

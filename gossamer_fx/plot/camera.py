@@ -60,14 +60,25 @@ def aim(comm: MPI.Intracomm, shapes: Sequence[Shape], view: View = View()) -> Ca
     comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
     size, whole = (high - low).max(axis=0), high.max(axis=0) - low.min(axis=0)
     centres = (high + low)[:, :2] / 2
-    follows = view.zoom or view.follow or (view.follow is None and (whole[:2] > 1.6 * size[:2].max()).any())
+    follows = (
+        view.zoom
+        or view.follow
+        or (view.follow is None and (whole[:2] > 1.6 * size[:2].max()).any())
+    )
     if not follows:
-        size, centres = whole, np.broadcast_to((high.max(axis=0) + low.min(axis=0))[:2] / 2, centres.shape)
+        size, centres = (
+            whole,
+            np.broadcast_to((high.max(axis=0) + low.min(axis=0))[:2] / 2, centres.shape),
+        )
     largest = float(size[:2].max()) or 1.0
     margin = 0.02 * largest
     width, height = (max(float(s), 0.2 * largest) + margin for s in size[:2])
     own = np.maximum(high - low, 1e-9 * largest)[:, :2] + margin
-    zooms = np.minimum((np.array([width, height]) / own).min(axis=1), LARGEST_ZOOM) if view.zoom else np.ones(len(low))
+    zooms = (
+        np.minimum((np.array([width, height]) / own).min(axis=1), LARGEST_ZOOM)
+        if view.zoom
+        else np.ones(len(low))
+    )
     return Camera(
         axes,
         (width, height),
@@ -87,31 +98,51 @@ def _spread(comm: MPI.Intracomm, shapes: Sequence[Shape]) -> Array:
     """Mean second moment (3, 3) of each shape's points about their centre."""
     moments = np.zeros((len(shapes), 13))
     for row, shape in zip(moments, shapes, strict=True):
-        row[0], row[1:4], row[4:] = len(shape.points), shape.points.sum(axis=0), (shape.points.T @ shape.points).ravel()
+        row[0], row[1:4], row[4:] = (
+            len(shape.points),
+            shape.points.sum(axis=0),
+            (shape.points.T @ shape.points).ravel(),
+        )
     comm.Allreduce(MPI.IN_PLACE, moments)
     count, first, second = moments[:, :1], moments[:, 1:4], moments[:, 4:].reshape(-1, 3, 3)
     centre = first / count
-    spread: Array = (second / count[..., None] - np.einsum("ni,nj->nij", centre, centre)).mean(axis=0)
+    spread: Array = (second / count[..., None] - np.einsum("ni,nj->nij", centre, centre)).mean(
+        axis=0
+    )
     return spread
 
 
 def _axes(spread: Array, view: View) -> Array:
     """Right, up and towards the eye."""
-    plane = spread[:2, :2] + np.diag([2e-3, 0.0]) * np.trace(spread)  # of equal axes, x is the longer
+    plane = spread[:2, :2] + np.diag([2e-3, 0.0]) * np.trace(
+        spread
+    )  # of equal axes, x is the longer
     squares, vectors = np.linalg.eigh(plane)
     first, second = vectors[:, 1]
     long = vectors[:, 1] * np.sign(first if abs(first) > abs(second) else second)
     deep, tall = np.sqrt(max(squares[0], 0.0)), np.sqrt(max(spread[2, 2], 0.0))
-    chosen = np.arctan2(long[1], long[0]) - np.radians(25), np.radians(18 + 20 * deep / max(deep + tall, 1e-300))
+    chosen = (
+        np.arctan2(long[1], long[0]) - np.radians(25),
+        np.radians(18 + 20 * deep / max(deep + tall, 1e-300)),
+    )
     azimuth, elevation = (
-        own if given is None else given for given, own in zip((view.azimuth, view.elevation), chosen, strict=True)
+        own if given is None else given
+        for given, own in zip((view.azimuth, view.elevation), chosen, strict=True)
     )
     right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-    eye = np.array([np.sin(azimuth) * np.cos(elevation), -np.cos(azimuth) * np.cos(elevation), np.sin(elevation)])
+    eye = np.array(
+        [
+            np.sin(azimuth) * np.cos(elevation),
+            -np.cos(azimuth) * np.cos(elevation),
+            np.sin(elevation),
+        ]
+    )
     return np.array([right, np.cross(eye, right), eye])
 
 
-def render(comm: MPI.Intracomm, camera: Camera, shapes: Iterable[Shape], scale: float, colours: Array) -> list[Array]:
+def render(
+    comm: MPI.Intracomm, camera: Camera, shapes: Iterable[Shape], scale: float, colours: Array
+) -> list[Array]:
     """Images (height, width, 3) in [0, 1] of the shapes at `scale` pixels per metre, on rank 0; none on the others.
 
     Triangles of kind k have the colour colours[k] (red, green, blue in [0, 1]).
@@ -121,9 +152,13 @@ def render(comm: MPI.Intracomm, camera: Camera, shapes: Iterable[Shape], scale: 
     palette, images = _palette(colours), []
     for shape, (x, y), zoom in zip(shapes, camera.centres, camera.zooms, strict=True):
         fine = scale * n * zoom
-        to_pixels = _Projection(camera.axes, fine, np.array([width / 2 - x * fine, height / 2 + y * fine, 0.0]))
+        to_pixels = _Projection(
+            camera.axes, fine, np.array([width / 2 - x * fine, height / 2 + y * fine, 0.0])
+        )
         corners = to_pixels(shape.corners)
-        parts = [(corners, _shades(corners, shape.normals @ camera.axes.T), shape.kinds % len(palette))]
+        parts = [
+            (corners, _shades(corners, shape.normals @ camera.axes.T), shape.kinds % len(palette))
+        ]
         for triangles, shades in (_ribbons(to_pixels(shape.lines)), _discs(to_pixels(shape.dots))):
             parts.append((triangles, shades, np.full(len(triangles), len(palette) - 2)))
         first = Canvas(height, width, camera.depth[0] * fine, camera.depth[1] * fine)
@@ -147,7 +182,9 @@ def _image(
             canvas.draw(triangles, shades, kinds, palette)
         whole = canvas.combine(comm)
         if comm.rank == 0:
-            image += light * share * (whole.outlined(_OUTLINE * _SUPERSAMPLES, _OUTLINE_STRENGTH) - 1)
+            image += (
+                light * share * (whole.outlined(_OUTLINE * _SUPERSAMPLES, _OUTLINE_STRENGTH) - 1)
+            )
         light *= 1 - share
         behind = whole.behind(comm) if light > _UNSEEN else None
         if behind is None:
@@ -164,7 +201,9 @@ class _Projection:
     origin: Array
 
     def __call__(self, points: Array) -> Array:
-        pixels: Array = self.origin + self.scale * (points @ self.axes.T) * np.array([1.0, -1.0, -1.0])
+        pixels: Array = self.origin + self.scale * (points @ self.axes.T) * np.array(
+            [1.0, -1.0, -1.0]
+        )
         return pixels
 
 
@@ -177,7 +216,8 @@ def _ribbons(ends: Array) -> tuple[Array, Array]:
     triangles = []
     for side in (across, -across):
         triangles += [
-            np.stack(t, axis=1) for t in ((a + side, a + towards, b + towards), (a + side, b + towards, b + side))
+            np.stack(t, axis=1)
+            for t in ((a + side, a + towards, b + towards), (a + side, b + towards, b + side))
         ]
     shades = [np.tile(s, (len(a), 1)) for s in ([0.35, 0.8, 0.8], [0.35, 0.8, 0.35]) * 2]
     return np.concatenate(triangles), np.concatenate(shades)
@@ -209,5 +249,7 @@ def _palette(colours: Array) -> npt.NDArray[np.uint8]:
     shade = np.linspace(0, 1, 256)[:, None]
     base = np.array([*colours, _INK, _SOLID])[:, None]
     matt, gloss = (shade / (1 - _GLOSS)).clip(0, 1), ((shade - (1 - _GLOSS)) / _GLOSS).clip(0, 1)
-    palette: npt.NDArray[np.uint8] = np.rint(255 * (base * matt * (1 - gloss / 2) + gloss / 2)).astype(np.uint8)
+    palette: npt.NDArray[np.uint8] = np.rint(
+        255 * (base * matt * (1 - gloss / 2) + gloss / 2)
+    ).astype(np.uint8)
     return palette

@@ -64,7 +64,11 @@ class Scale:
         from matplotlib import colormaps
 
         along = np.linspace(0, 1, _BINS)
-        colours: Array = colormaps["RdYlBu_r"](along)[:, :3] if self.signed else colormaps["viridis"](along)[:, :3]
+        colours: Array = (
+            colormaps["RdYlBu_r"](along)[:, :3]
+            if self.signed
+            else colormaps["viridis"](along)[:, :3]
+        )
         return colours
 
     def bins(self, values: Array) -> Integers:

@@ -18,7 +18,15 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 INK = "#33383d"
-LINES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B8860B", "#56B4E9", "#7F6A4F")  # after Okabe and Ito
+LINES = (
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#B8860B",
+    "#56B4E9",
+    "#7F6A4F",
+)  # after Okabe and Ito
 
 _LEAST = 1e-6  # of the largest: what is always smaller is not shown
 _LOGARITHMIC = 30.0  # ratio of the curves' peaks beyond which their axis is logarithmic
@@ -46,11 +54,16 @@ class Snapshot:
 def observe(run: Run, fractions: Sequence[AreaFractions]) -> Snapshot:
     """The state of a run."""
     totals, chambers = run.totals, run.chambers
-    energies = {"kinetic": totals.kinetic, **{f"in {name}": energy for name, energy in totals.stored.items()}}
+    energies = {
+        "kinetic": totals.kinetic,
+        **{f"in {name}": energy for name, energy in totals.stored.items()},
+    }
     energies |= {"supplied": totals.supplied, "dissipated": totals.dissipated}
     errors = {"energy": run.energy_error} | ({"gas mass": run.mass_error} if totals.mass else {})
     pressures = {name: state.p for name, state in chambers.items()}
-    return Snapshot(run.time, energies, pressures, [f(run.system) for f in fractions], errors, totals.losses)
+    return Snapshot(
+        run.time, energies, pressures, [f(run.system) for f in fractions], errors, totals.losses
+    )
 
 
 def panels(moments: Sequence[Snapshot], second: float) -> list[Panel]:
@@ -58,7 +71,10 @@ def panels(moments: Sequence[Snapshot], second: float) -> list[Panel]:
     if len(moments) < 2:
         return []
     t = np.array([m.time for m in moments]) / second
-    energies, pressures = _table([m.energies for m in moments]), _table([m.pressures for m in moments])
+    energies, pressures = (
+        _table([m.energies for m in moments]),
+        _table([m.pressures for m in moments]),
+    )
     colours = dict(zip(energies, cycle(LINES), strict=False))
     chambers = {name: colours[f"in {name}"] for name in pressures}
     result: list[Panel] = [lambda axes: _lines(axes, t, energies, colours, "Energy", "J")]
@@ -85,7 +101,9 @@ def _table(rows: Sequence[dict[str, float]]) -> dict[str, Array]:
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
-def _lines(axes: Axes, t: Array, curves: dict[str, Array], colours: dict[str, str], title: str, unit: str) -> None:
+def _lines(
+    axes: Axes, t: Array, curves: dict[str, Array], colours: dict[str, str], title: str, unit: str
+) -> None:
     """Curves on one axis; where their sizes are far apart, the magnitudes on a logarithmic one."""
     peaks = {name: float(abs(values).max()) for name, values in curves.items()}
     largest = max(peaks.values())
@@ -113,12 +131,19 @@ def _lines(axes: Axes, t: Array, curves: dict[str, Array], colours: dict[str, st
 
 def _states(axes: Axes, t: Array, fractions: Array) -> None:
     order = [STATES[name] for name in ("taut", "wrinkled", "slack")]
-    axes.stackplot(t, 100 * fractions[:, order].T, colors=[STATE_COLOURS[s] for s in order], linewidth=0)
+    axes.stackplot(
+        t, 100 * fractions[:, order].T, colors=[STATE_COLOURS[s] for s in order], linewidth=0
+    )
     axes.set_ylim(0, 100)
     tops = np.cumsum(fractions[-1, order]) * 100
     names = {s: name for name, s in STATES.items()}
-    labels = {names[s]: (float(top - 50 * fractions[-1, s]), INK) for s, top in zip(order, tops, strict=True)}
-    label_ends(axes, {name: at for name, at in labels.items() if fractions[:, STATES[name]].max() > _SHOWN})
+    labels = {
+        names[s]: (float(top - 50 * fractions[-1, s]), INK)
+        for s, top in zip(order, tops, strict=True)
+    }
+    label_ends(
+        axes, {name: at for name, at in labels.items() if fractions[:, STATES[name]].max() > _SHOWN}
+    )
     axes.set_title("State of the film [% of area]")
 
 
@@ -142,7 +167,9 @@ def label_ends(axes: Axes, labels: dict[str, tuple[float, str]]) -> None:
     """Name curves at their right ends, moved apart where they would overlap."""
     axes.autoscale_view()
     to_axes = axes.transData + axes.transAxes.inverted()
-    ends = sorted((float(to_axes.transform((0, y))[1]), name, colour) for name, (y, colour) in labels.items())
+    ends = sorted(
+        (float(to_axes.transform((0, y))[1]), name, colour) for name, (y, colour) in labels.items()
+    )
     heights = np.array([y for y, _, _ in ends]).clip(0, 1)
     for _ in range(100):
         overlap = _LABEL_PITCH - np.diff(heights)
@@ -153,5 +180,11 @@ def label_ends(axes: Axes, labels: dict[str, tuple[float, str]]) -> None:
     for height, (_, name, colour) in zip(heights, ends, strict=True):
         words = name if len(name) <= _LABEL_LENGTH else name[: _LABEL_LENGTH - 1].rstrip() + "…"
         axes.annotate(
-            words, (1, height), (5, 0), xycoords="axes fraction", textcoords="offset points", color=colour, va="center"
+            words,
+            (1, height),
+            (5, 0),
+            xycoords="axes fraction",
+            textcoords="offset points",
+            color=colour,
+            va="center",
         )

@@ -20,7 +20,12 @@ from gossamer_fx.probes.run import Run
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_DAY, _NIGHT, _EARTH, _SUN = (0.93, 0.60, 0.10), (0.22, 0.29, 0.42), (0.55, 0.70, 0.85), (0.95, 0.70, 0.05)
+_DAY, _NIGHT, _EARTH, _SUN = (
+    (0.93, 0.60, 0.10),
+    (0.22, 0.29, 0.42),
+    (0.55, 0.70, 0.85),
+    (0.95, 0.70, 0.05),
+)
 _PIXELS = 900.0
 
 
@@ -39,11 +44,19 @@ class FlightPicture:
 
     times: Sequence[float] = ()
 
-    def __init__(self, path: str | Path, orbit: Orbit, probes: Mapping[str, Probe], title: str = "") -> None:
+    def __init__(
+        self, path: str | Path, orbit: Orbit, probes: Mapping[str, Probe], title: str = ""
+    ) -> None:
         self.path, self.orbit, self.probes, self.title = Path(path), orbit, dict(probes), title
-        check(self.path.suffix == ".png", f"FlightPicture cannot write '{path}'; give a name that ends in .png.")
+        check(
+            self.path.suffix == ".png",
+            f"FlightPicture cannot write '{path}'; give a name that ends in .png.",
+        )
         for name, probe in self.probes.items():
-            check(callable(probe), f"Probe '{name}' is {probe!r}; give a function of the run that returns a number.")
+            check(
+                callable(probe),
+                f"Probe '{name}' is {probe!r}; give a function of the run that returns a number.",
+            )
 
     def open(self, run: Run) -> None:
         make_parent(run.comm, self.path)
@@ -56,7 +69,9 @@ class FlightPicture:
         r, _ = self.orbit.flight(run.system).state()
         self._places.append(r)
         self._lit.append(self.orbit.sunlit(r, self.orbit.sun(run.time)))
-        values = [evaluate_probe(run, f"Probe '{name}'", probe) for name, probe in self.probes.items()]
+        values = [
+            evaluate_probe(run, f"Probe '{name}'", probe) for name, probe in self.probes.items()
+        ]
         self._rows.append([run.time, *values])
 
     def close(self, run: Run) -> None:
@@ -72,9 +87,16 @@ class FlightPicture:
 
         rows = np.array(self._rows)
         figure = Figure(figsize=(11, 4.6 + 1.5 * len(self.probes)), layout="constrained")
-        grid = figure.add_gridspec(1 + len(self.probes), 2, height_ratios=[4.6] + [1.5] * len(self.probes))
+        grid = figure.add_gridspec(
+            1 + len(self.probes), 2, height_ratios=[4.6] + [1.5] * len(self.probes)
+        )
         self._draw_orbit(figure.add_subplot(grid[0, 0]))
-        _draw_scene(figure.add_subplot(grid[0, 1]), camera, image, {"Sun": (to_sun, _SUN), "motion": (v, _NIGHT)})
+        _draw_scene(
+            figure.add_subplot(grid[0, 1]),
+            camera,
+            image,
+            {"Sun": (to_sun, _SUN), "motion": (v, _NIGHT)},
+        )
         hours = rows[-1, 0] > 3 * 3600
         for k, name in enumerate(self.probes):
             axes = figure.add_subplot(grid[1 + k, :])
@@ -113,7 +135,9 @@ class FlightPicture:
         axes.set_title("orbit: light, shadow; start ●, end ■", fontsize=10)
 
 
-def _draw_scene(axes: Axes, camera: Camera, image: Array, arrows: Mapping[str, tuple[Array, tuple]]) -> None:
+def _draw_scene(
+    axes: Axes, camera: Camera, image: Array, arrows: Mapping[str, tuple[Array, tuple]]
+) -> None:
     """The scene, and directions as they are seen from the camera."""
     height, width = image.shape[:2]
     axes.imshow(image)
@@ -125,6 +149,8 @@ def _draw_scene(axes: Axes, camera: Camera, image: Array, arrows: Mapping[str, t
         axes.annotate("", xy=(x + way[0], y + way[1]), xytext=(x, y), arrowprops=style)
         depth = "towards us" if towards > 0.7 else "away from us" if towards < -0.7 else ""
         words = f"{name} {depth}".strip()
-        axes.text(x + 1.12 * way[0], y + 1.12 * way[1], words, color=colour, ha="center", va="center")
+        axes.text(
+            x + 1.12 * way[0], y + 1.12 * way[1], words, color=colour, ha="center", va="center"
+        )
     axes.set_axis_off()
     axes.set_title("the scene at the end, with directions to the Sun and of motion", fontsize=10)

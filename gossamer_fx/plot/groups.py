@@ -33,7 +33,9 @@ def groups_of(films: Sequence[Membrane]) -> tuple[list[str], list[npt.NDArray[np
             seen, of_cells, own = np.array([0]), np.zeros(count, dtype=np.int64), [film.name]
         else:
             prefix = f"{film.name}: " if len(films) > 1 else ""
-            own = [f"{prefix}{surfaces[k][0]}" if k < len(surfaces) else f"{prefix}rest" for k in seen]
+            own = [
+                f"{prefix}{surfaces[k][0]}" if k < len(surfaces) else f"{prefix}rest" for k in seen
+            ]
         parts.append(np.searchsorted(seen, of_cells) + len(names))
         names += own
     return names, parts
@@ -41,5 +43,7 @@ def groups_of(films: Sequence[Membrane]) -> tuple[list[str], list[npt.NDArray[np
 
 def colour_table(kinds: int) -> Array:
     """Red, green and blue in [0, 1] (kinds, 3)."""
-    numbers = [[int(COLOURS[k % len(COLOURS)][i : i + 2], 16) for i in (1, 3, 5)] for k in range(kinds)]
+    numbers = [
+        [int(COLOURS[k % len(COLOURS)][i : i + 2], 16) for i in (1, 3, 5)] for k in range(kinds)
+    ]
     return np.array(numbers, dtype=float).reshape(kinds, 3) / 255

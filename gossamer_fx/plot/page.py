@@ -36,7 +36,9 @@ _STYLE = {
     "xtick.major.size": 3,
     "ytick.major.size": 3,
     "ytick.minor.size": 0,
-    **dict.fromkeys(("axes.edgecolor", "axes.labelcolor", "text.color", "xtick.color", "ytick.color"), INK),
+    **dict.fromkeys(
+        ("axes.edgecolor", "axes.labelcolor", "text.color", "xtick.color", "ytick.color"), INK
+    ),
 }
 
 
@@ -59,7 +61,9 @@ def arrange(n: int, aspect: float) -> Grid:
         height = min(width / aspect, _MOST / rows - _CAPTION)
         return Grid(columns, rows, height * aspect, height)
 
-    return max(map(grid, range(1, n + 1)), key=lambda g: g.width * n / (g.columns * g.rows) / g.rows**0.35)
+    return max(
+        map(grid, range(1, n + 1)), key=lambda g: g.width * n / (g.columns * g.rows) / g.rows**0.35
+    )
 
 
 def write(
@@ -153,7 +157,9 @@ class _Page:
         """Colours of a scale, with its ends and middle and its name."""
         factor, label = scale.label
         axes = self.axes(_MARGIN, y - 0.07, _BAR, 0.12)
-        axes.imshow(scale.table[None], aspect="auto", extent=(scale.low / factor, scale.high / factor, 0, 1))
+        axes.imshow(
+            scale.table[None], aspect="auto", extent=(scale.low / factor, scale.high / factor, 0, 1)
+        )
         axes.set(yticks=[])
         axes.locator_params(axis="x", nbins=4)
         axes.tick_params(axis="x", labelsize=7.5, pad=1.5)
@@ -165,7 +171,13 @@ class _Page:
         target = 0.3 * width / metre
         power = 10.0 ** math.floor(math.log10(target))
         length = max(f * power for f in (1.0, 2.0, 5.0) if f * power <= target)
-        name = f"{length * 1e3:g} mm" if length < 0.01 else f"{length * 1e2:g} cm" if length < 1 else f"{length:g} m"
+        name = (
+            f"{length * 1e3:g} mm"
+            if length < 0.01
+            else f"{length * 1e2:g} cm"
+            if length < 1
+            else f"{length:g} m"
+        )
         right = _WIDTH - _MARGIN
         axes = self.axes(right - length * metre, y - 0.05, length * metre, 0.1)
         axes.spines["bottom"].set_visible(False)

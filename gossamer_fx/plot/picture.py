@@ -54,12 +54,18 @@ class Picture:
     ) -> None:
         self.path, self.title, self.view = Path(path), title, view or View()
         self.schedule = Schedule(times=tuple(times))
-        check(self.path.suffix == ".png", f"Picture cannot write '{path}'; give a name that ends in .png.")
+        check(
+            self.path.suffix == ".png",
+            f"Picture cannot write '{path}'; give a name that ends in .png.",
+        )
         check(
             len(self.times) <= MOST_SHAPES,
             f"Picture '{path}' of {len(self.times)} times; give at most {MOST_SHAPES}, and use VTX for more.",
         )
-        check(colour in ("state", "group"), f'Picture \'{path}\': colour is {colour!r}; give "state" or "group".')
+        check(
+            colour in ("state", "group"),
+            f'Picture \'{path}\': colour is {colour!r}; give "state" or "group".',
+        )
         self.colour = colour
         if section is not None:
             check_section(f"Picture '{path}'", section)
@@ -76,7 +82,9 @@ class Picture:
     def open(self, run: Run) -> None:
         make_parent(run.comm, self.path, file=True)
         films = [body for body in run.system.bodies if isinstance(body, Membrane)]
-        self._renderers = [Renderer(run.system, self.colour == "group")] if run.system.bodies else []
+        self._renderers = (
+            [Renderer(run.system, self.colour == "group")] if run.system.bodies else []
+        )
         self._fractions = [AreaFractions(films)] if films else []
         self._shapes: list[Shape] = []
         self._cuts: list[Cut] = []
@@ -117,7 +125,9 @@ class Picture:
             zooms = camera.zooms
             grid = arrange(len(self._shapes), camera.size[0] / camera.size[1])
             metre = grid.width / camera.size[0]
-            table = colour_table(len(self._renderers[0].groups)) if self.colour == "group" else BY_STATE
+            table = (
+                colour_table(len(self._renderers[0].groups)) if self.colour == "group" else BY_STATE
+            )
             images = render(run.comm, camera, self._shapes, metre * DPI, table)
         if run.comm.rank == 0:
             key = self._key()
@@ -130,7 +140,10 @@ class Picture:
                 size, middles = window(self._cuts)
                 grid = arrange(len(self._cuts), size[0] / size[1])
                 metre = grid.width / size[0]
-                images = [draw(cut, size, at, grid, DPI) for cut, at in zip(self._cuts, middles, strict=True)]
+                images = [
+                    draw(cut, size, at, grid, DPI)
+                    for cut, at in zip(self._cuts, middles, strict=True)
+                ]
             write(
                 self.path,
                 self.title,

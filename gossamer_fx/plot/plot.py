@@ -41,7 +41,9 @@ class Colouring:
         if isinstance(self.key, Scale):
             return self.key.bins(np.nan_to_num(values))
         # films without states are drawn as taut
-        found: Integers = np.rint(np.where(np.isfinite(values), values, max(STATES.values()))).astype(np.int64)
+        found: Integers = np.rint(
+            np.where(np.isfinite(values), values, max(STATES.values()))
+        ).astype(np.int64)
         return found
 
 
@@ -52,7 +54,9 @@ def default_field(run: RunReader) -> str:
     return "state" if "state" in known else known[0]
 
 
-def plot_field(run: RunReader, field: str, times: Sequence[float], path: str | Path, view: View | None = None) -> None:
+def plot_field(
+    run: RunReader, field: str, times: Sequence[float], path: str | Path, view: View | None = None
+) -> None:
     """PNG of a field at some times, at one scale of colours.
 
     Args:
@@ -65,7 +69,10 @@ def plot_field(run: RunReader, field: str, times: Sequence[float], path: str | P
     Raises:
         InputError: an unknown field, a time outside the run.
     """
-    check(bool(len(times)), "There are no times of which to draw a picture; give one or more in seconds.")
+    check(
+        bool(len(times)),
+        "There are no times of which to draw a picture; give one or more in seconds.",
+    )
     frames = [run.frame(t) for t in times]
     colours = colouring(run, field)
     shapes = [run.shape(k, field, colours.kinds) for k in frames]
@@ -80,11 +87,20 @@ def plot_field(run: RunReader, field: str, times: Sequence[float], path: str | P
     ]
     title = f"{run.title}: {NAMES[field].lower()}" if field in NAMES else run.title
     write(
-        file_to_write(path), title, list(zip(captions, images, strict=True)), grid, metre, colours.key, [], (0, 1, "")
+        file_to_write(path),
+        title,
+        list(zip(captions, images, strict=True)),
+        grid,
+        metre,
+        colours.key,
+        [],
+        (0, 1, ""),
     )
 
 
-def plot_strip(run: RunReader, field: str, path: str | Path, count: int = 6, view: View | None = None) -> None:
+def plot_strip(
+    run: RunReader, field: str, path: str | Path, count: int = 6, view: View | None = None
+) -> None:
     """PNG of a field at `count` times, evenly spread over the run; `view` as of `plot_field`."""
     check(count >= 1, f"The number of pictures is {count!r}; give one or more.")
     frames = np.unique(np.rint(np.linspace(0, len(run.times) - 1, count)).astype(int))
@@ -95,11 +111,16 @@ def plot_strip(run: RunReader, field: str, path: str | Path, count: int = 6, vie
 def plot_curves(run: RunReader, path: str | Path) -> None:
     """PNG of ledger, gas and probes over the time."""
     panels, times, unit = run_curves(run)
-    check(bool(panels), f"The run in '{run.folder}' has fewer than two steps; let it run before its curves are drawn.")
+    check(
+        bool(panels),
+        f"The run in '{run.folder}' has fewer than two steps; let it run before its curves are drawn.",
+    )
     write(file_to_write(path), run.title, [], arrange(1, 1.0), 1.0, {}, panels, (*times, unit))
 
 
-def animate(run: RunReader, field: str, path: str | Path, seconds: float = 6.0, view: View | None = None) -> None:
+def animate(
+    run: RunReader, field: str, path: str | Path, seconds: float = 6.0, view: View | None = None
+) -> None:
     """GIF, or MP4 if `ffmpeg` is at hand, of a field over the run.
 
     Args:
@@ -114,7 +135,10 @@ def animate(run: RunReader, field: str, path: str | Path, seconds: float = 6.0, 
         InputError: a name that ends in neither, no ffmpeg, an unknown field.
     """
     path = file_to_write(path)
-    check(path.suffix in (".gif", ".mp4"), f"An animation cannot be written to '{path}'; end its name in .gif or .mp4.")
+    check(
+        path.suffix in (".gif", ".mp4"),
+        f"An animation cannot be written to '{path}'; end its name in .gif or .mp4.",
+    )
     check(
         path.suffix == ".gif" or shutil.which("ffmpeg") is not None,
         f"'{path}' needs ffmpeg, which is not on the PATH; install it, or write a .gif.",
@@ -165,7 +189,12 @@ def _camera(run: RunReader, field: str, colours: Colouring, view: View) -> Camer
         return replace(every, centres=every.centres[:1], zooms=[1.0])
     points = np.concatenate([shape.points for shape in shapes])
     everything = Shape(
-        0.0, np.zeros((0, 3, 3)), np.zeros((0, 3, 3)), np.zeros(0, np.int64), np.zeros((0, 2, 3)), points
+        0.0,
+        np.zeros((0, 3, 3)),
+        np.zeros((0, 3, 3)),
+        np.zeros(0, np.int64),
+        np.zeros((0, 2, 3)),
+        points,
     )
     return aim(ALONE, [everything], view)
 
@@ -182,12 +211,16 @@ def _frames(
     grid = arrange(1, camera.size[0] / camera.size[1])
     metre = grid.width / camera.size[0]
     factor, prefix = scaled(float(run.times[-1]))
-    digits = max(0, 1 - int(np.floor(np.log10(max(np.diff(run.times).min(initial=1.0) / factor, 1e-6)))))
+    digits = max(
+        0, 1 - int(np.floor(np.log10(max(np.diff(run.times).min(initial=1.0) / factor, 1e-6))))
+    )
     file, blank = BytesIO(), np.ones((2, 2, 3))
     x, y = write(file, run.title, [("", blank)], grid, metre, colours.key, [], (0, 1, ""))
     page = Image.open(file).convert("RGB")
     smaller = _FRAME_WIDTH / page.width
-    page = page.resize((_FRAME_WIDTH, 2 * round(smaller * page.height / 2)), Image.Resampling.LANCZOS)
+    page = page.resize(
+        (_FRAME_WIDTH, 2 * round(smaller * page.height / 2)), Image.Resampling.LANCZOS
+    )
     corner = round(smaller * x), round(smaller * y)
     dots = smaller * DPI
     font = ImageFont.truetype(f"{get_data_path()}/fonts/ttf/DejaVuSans.ttf", round(0.13 * dots))
@@ -201,7 +234,9 @@ def _frames(
         whole = page.copy()
         whole.paste(Image.fromarray(np.rint(255 * image).astype(np.uint8)), corner)
         words = f"t = {shape.time / factor:.{digits}f} {prefix}s"
-        ImageDraw.Draw(whole).text((corner[0], corner[1] - 0.24 * dots), words, fill=(51, 56, 61), font=font)
+        ImageDraw.Draw(whole).text(
+            (corner[0], corner[1] - 0.24 * dots), words, fill=(51, 56, 61), font=font
+        )
         yield np.asarray(whole)
 
 
@@ -210,9 +245,14 @@ def _gif(path: Path, images: Iterator[np.ndarray], pause: float) -> None:
 
     frames = [Image.fromarray(image) for image in images]
     # one palette for all, so that colours do not flicker: white, and the colours of some frames
-    few = np.concatenate([np.asarray(frame).reshape(-1, 3) for frame in frames[:: max(len(frames) // 6, 1)]])
+    few = np.concatenate(
+        [np.asarray(frame).reshape(-1, 3) for frame in frames[:: max(len(frames) // 6, 1)]]
+    )
     drawn = few[(few < 250).any(axis=1)]
-    colours = Image.fromarray(drawn[None]).quantize(255, method=Image.Quantize.MEDIANCUT).getpalette() or []
+    colours = (
+        Image.fromarray(drawn[None]).quantize(255, method=Image.Quantize.MEDIANCUT).getpalette()
+        or []
+    )
     palette = Image.new("P", (1, 1))
     palette.putpalette([255, 255, 255, *colours[: 3 * 255]])
     indexed = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
@@ -226,14 +266,37 @@ def _gif(path: Path, images: Iterator[np.ndarray], pause: float) -> None:
             optimize=False,
         )
     except OSError as error:
-        raise OutputFailure(f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable.") from error
+        raise OutputFailure(
+            f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
+        ) from error
 
 
 def _mp4(path: Path, images: Iterator[np.ndarray], rate: float) -> None:
     first = next(images)
     height, width = first.shape[:2]
-    command = ["ffmpeg", "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}"]
-    command += ["-r", f"{rate:.6g}", "-i", "-", "-pix_fmt", "yuv420p", "-movflags", "+faststart", str(path)]
+    command = [
+        "ffmpeg",
+        "-y",
+        "-loglevel",
+        "error",
+        "-f",
+        "rawvideo",
+        "-pix_fmt",
+        "rgb24",
+        "-s",
+        f"{width}x{height}",
+    ]
+    command += [
+        "-r",
+        f"{rate:.6g}",
+        "-i",
+        "-",
+        "-pix_fmt",
+        "yuv420p",
+        "-movflags",
+        "+faststart",
+        str(path),
+    ]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as film:
         assert film.stdin is not None and film.stderr is not None
         try:
@@ -259,6 +322,8 @@ def file_to_write(path: str | Path) -> Path:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable.") from error
+        raise InputError(
+            f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
+        ) from error
     check(not path.is_dir(), f"Cannot write '{path}', which is a folder; give the name of a file.")
     return path

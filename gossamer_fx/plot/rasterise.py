@@ -40,7 +40,9 @@ class Canvas:
         other._before = self._pixels >> _COLOUR_BITS
         return other
 
-    def draw(self, corners: Array, shades: Array, kinds: npt.NDArray[np.int64], palette: Colours) -> None:
+    def draw(
+        self, corners: Array, shades: Array, kinds: npt.NDArray[np.int64], palette: Colours
+    ) -> None:
         """Draw triangles: those with a pixel's centre inside own it, and no two that share an edge both do.
 
         corners (n, 3, 3): x to the right and y down in pixels, distance from the eye
@@ -51,13 +53,24 @@ class Canvas:
         x, y = corners[..., 0], corners[..., 1]
         top = np.ceil(y.min(axis=1) - 0.5).clip(0, self.height).astype(np.int64)
         bottom = np.ceil(y.max(axis=1) - 0.5).clip(0, self.height).astype(np.int64)
-        seen = (bottom > top) & (x.max(axis=1) > 0) & (x.min(axis=1) < self.width) & (abs(_twice_area(x, y)) > 1e-9)
+        seen = (
+            (bottom > top)
+            & (x.max(axis=1) > 0)
+            & (x.min(axis=1) < self.width)
+            & (abs(_twice_area(x, y)) > 1e-9)
+        )
         box = ((bottom - top) * np.ptp(x.clip(0, self.width), axis=1))[seen]
         batches = np.floor(np.cumsum(box) / (2 * _SAMPLES))
-        corners, shades, kinds, top, bottom = (a[seen] for a in (corners, shades, kinds, top, bottom))
-        lookup = (palette.astype(np.uint64) << np.array([16, 8, 0], dtype=np.uint64)).sum(axis=2, dtype=np.uint64)
+        corners, shades, kinds, top, bottom = (
+            a[seen] for a in (corners, shades, kinds, top, bottom)
+        )
+        lookup = (palette.astype(np.uint64) << np.array([16, 8, 0], dtype=np.uint64)).sum(
+            axis=2, dtype=np.uint64
+        )
         for batch in np.split(np.arange(len(batches)), np.flatnonzero(np.diff(batches)) + 1):
-            self._draw(corners[batch], shades[batch], kinds[batch], top[batch], bottom[batch], lookup)
+            self._draw(
+                corners[batch], shades[batch], kinds[batch], top[batch], bottom[batch], lookup
+            )
 
     def _draw(
         self,
@@ -76,7 +89,9 @@ class Canvas:
         last = np.ceil(right - 0.5).clip(0, self.width).astype(np.int64)
         line, column = _expand(first, last)
         # depth and shade are linear: the value on a line at x = 0, and the slope along it
-        depth, depth_slope = _along_lines(corners, (corners[..., 2] - self._near) * self._scale, triangle, level)
+        depth, depth_slope = _along_lines(
+            corners, (corners[..., 2] - self._near) * self._scale, triangle, level
+        )
         shade, shade_slope = _along_lines(corners, shades * 255.0, triangle, level)
         x = column + 0.5
         z = (depth[line] + depth_slope[line] * x).clip(0, _FARTHEST).astype(np.uint64)
@@ -111,7 +126,9 @@ class Canvas:
         return colours
 
 
-def _expand(start: npt.NDArray[np.int64], end: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.int64], ...]:
+def _expand(
+    start: npt.NDArray[np.int64], end: npt.NDArray[np.int64]
+) -> tuple[npt.NDArray[np.int64], ...]:
     """All integers of the ranges start[i] ≤ j < end[i], as (i, j)."""
     count = (end - start).clip(0)
     which = np.repeat(np.arange(len(start)), count)
@@ -120,11 +137,15 @@ def _expand(start: npt.NDArray[np.int64], end: npt.NDArray[np.int64]) -> tuple[n
 
 
 def _twice_area(x: Array, y: Array) -> Array:
-    area: Array = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0])
+    area: Array = (x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (
+        y[:, 1] - y[:, 0]
+    )
     return area
 
 
-def _edges(x: Array, y: Array, triangle: npt.NDArray[np.int64], level: Array) -> tuple[Array, Array]:
+def _edges(
+    x: Array, y: Array, triangle: npt.NDArray[np.int64], level: Array
+) -> tuple[Array, Array]:
     """Where the lines y = level enter and leave their triangles.
 
     Edges are taken from their upper to their lower end, so that both triangles of an edge find the same number.
@@ -139,11 +160,16 @@ def _edges(x: Array, y: Array, triangle: npt.NDArray[np.int64], level: Array) ->
         slope = (xl - xu) / np.where(yl > yu, yl - yu, 1.0)
         crosses = (yu[triangle] <= level) & (level < yl[triangle])
         at = xu[triangle] + (level - yu[triangle]) * slope[triangle]
-        left, right = np.where(crosses, np.fmin(left, at), left), np.where(crosses, np.fmax(right, at), right)
+        left, right = (
+            np.where(crosses, np.fmin(left, at), left),
+            np.where(crosses, np.fmax(right, at), right),
+        )
     return np.where(left <= right, left, 0.0), np.where(left <= right, right, 0.0)
 
 
-def _along_lines(corners: Array, values: Array, triangle: npt.NDArray[np.int64], level: Array) -> tuple[Array, Array]:
+def _along_lines(
+    corners: Array, values: Array, triangle: npt.NDArray[np.int64], level: Array
+) -> tuple[Array, Array]:
     """A linear function of each triangle, given at its corners, on the lines y = level: value at x = 0, slope."""
     x, y = corners[..., 0], corners[..., 1]
     d1, d2 = values[:, 1] - values[:, 0], values[:, 2] - values[:, 0]

@@ -47,13 +47,18 @@ def write_report(run: RunReader, path: str | Path) -> None:
         InputError: nothing was recorded yet, or the path is a folder.
         OutputFailure: the file cannot be written.
     """
-    check(bool(run.table("ledger.csv")), f"The run in '{run.folder}' has no ledger yet; let it make a step.")
+    check(
+        bool(run.table("ledger.csv")),
+        f"The run in '{run.folder}' has no ledger yet; let it make a step.",
+    )
     path = file_to_write(path)
     text = "\n".join(_page(run))
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise OutputFailure(f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable.") from error
+        raise OutputFailure(
+            f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
+        ) from error
 
 
 def _page(run: RunReader) -> Iterable[str]:
@@ -74,7 +79,9 @@ def _page(run: RunReader) -> Iterable[str]:
         field = default_field(run)
         yield _image(lambda file: plot_strip(run, field, file), f"{field} at six times")
     if len(run.table("ledger.csv")["time"]) > 1:
-        yield _image(lambda file: plot_curves(run, file), "energies, pressures, states, errors, iterations")
+        yield _image(
+            lambda file: plot_curves(run, file), "energies, pressures, states, errors, iterations"
+        )
     yield "<h2>Scene</h2><pre>" + escape("\n".join(lines(about["scene"]))) + "</pre>"
     yield "<h2>Ledger</h2>" + _table(("", "start", "end", "largest magnitude"), _ledger(run))
     yield "<h2>Solver</h2>" + _table(("", ""), [*_pairs(about["stepper"]), *_pairs(numbers)])
@@ -82,7 +89,11 @@ def _page(run: RunReader) -> Iterable[str]:
     if moving:
         data = json.dumps(view_data(run), separators=(",", ":"))
         yield f'<script type="application/json" id="run-data">{data}</script>'
-        yield "<script>" + Path(__file__).with_name("viewer.js").read_text(encoding="utf-8") + "</script>"
+        yield (
+            "<script>"
+            + Path(__file__).with_name("viewer.js").read_text(encoding="utf-8")
+            + "</script>"
+        )
     yield "</body></html>"
 
 
@@ -109,8 +120,14 @@ def _pairs(numbers: dict[str, object]) -> list[tuple[str, str]]:
 def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
     kind = ' class="number"'
     body = "".join(
-        f"<tr><th>{escape(first)}</th>" + "".join(f"<td{kind}>{escape(word)}</td>" for word in rest) + "</tr>"
+        f"<tr><th>{escape(first)}</th>"
+        + "".join(f"<td{kind}>{escape(word)}</td>" for word in rest)
+        + "</tr>"
         for first, *rest in rows
     )
-    top = "<tr>" + "".join(f"<th{kind}>{escape(word)}</th>" for word in head) + "</tr>" if any(head) else ""
+    top = (
+        "<tr>" + "".join(f"<th{kind}>{escape(word)}</th>" for word in head) + "</tr>"
+        if any(head)
+        else ""
+    )
     return f"<table>{top}{body}</table>"

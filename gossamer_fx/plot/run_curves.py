@@ -34,26 +34,39 @@ def run_curves(run: RunReader) -> tuple[list[Panel], tuple[float, float], str]:
     found = panels(moments, factor)
     found.append(partial(_work, ledger["time"] / factor, ledger))
     probes = run.table("probes.csv")
-    found += [partial(_probes, probes["time"] / factor, title, curves) for title, curves in grouped(probes).items()]
+    found += [
+        partial(_probes, probes["time"] / factor, title, curves)
+        for title, curves in grouped(probes).items()
+    ]
     return found, (ledger["time"][0] / factor, ledger["time"][-1] / factor), f"{prefix}s"
 
 
-def _moment(ledger: Tables, gas: Tables, states: Tables, films: Sequence[str], row: int) -> Snapshot:
-    stored = {f"in {name[7:]}": float(ledger[name][row]) for name in ledger if name.startswith("stored ")}
+def _moment(
+    ledger: Tables, gas: Tables, states: Tables, films: Sequence[str], row: int
+) -> Snapshot:
+    stored = {
+        f"in {name[7:]}": float(ledger[name][row]) for name in ledger if name.startswith("stored ")
+    }
     flows = {name: float(ledger[name][row]) for name in ("supplied", "dissipated")}
     errors = {"energy": float(ledger["energy_error"][row])}
     if "mass_error" in ledger:
         errors["gas mass"] = float(ledger["mass_error"][row])
     time = float(ledger["time"][row])
     chamber = " pressure"
-    pressures = {name.removesuffix(chamber): _at(gas, name, time) for name in gas if name.endswith(chamber)}
+    pressures = {
+        name.removesuffix(chamber): _at(gas, name, time) for name in gas if name.endswith(chamber)
+    }
     return Snapshot(
         time,
         {"kinetic": float(ledger["kinetic"][row]), **stored, **flows},
         pressures,
         _fractions(states, films, time),
         errors,
-        {name.removeprefix(LOST): float(ledger[name][row]) for name in ledger if name.startswith(LOST)},
+        {
+            name.removeprefix(LOST): float(ledger[name][row])
+            for name in ledger
+            if name.startswith(LOST)
+        },
     )
 
 
@@ -94,4 +107,6 @@ def _probes(t: Array, title: str, curves: Tables, axes: Axes) -> None:
     for name, values in curves.items():
         axes.plot(t, values, color=colours[name])
     axes.set_title(title)
-    label_ends(axes, {name: (float(values[-1]), colours[name]) for name, values in curves.items() if name})
+    label_ends(
+        axes, {name: (float(values[-1]), colours[name]) for name, values in curves.items() if name}
+    )

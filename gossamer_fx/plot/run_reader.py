@@ -41,10 +41,14 @@ class RunReader:
         self.about = about_run(self.folder)
         self.fields: dict[str, list[str]] = self.about["fields"]
         self.meshes = {name: Mesh(self.folder / "fields", name) for name in self.fields}
-        self.times: Array = min((mesh.times for mesh in self.meshes.values()), key=len, default=np.zeros(0))
+        self.times: Array = min(
+            (mesh.times for mesh in self.meshes.values()), key=len, default=np.zeros(0)
+        )
         self._points = self.table("points.csv")
         self._frames = self.table("solids.csv")
-        self.solids = [RecordedSolid(**solid) for solid in self.about.get("solids", [])]  # older runs have none
+        self.solids = [
+            RecordedSolid(**solid) for solid in self.about.get("solids", [])
+        ]  # older runs have none
 
     @property
     def films(self) -> list[str]:
@@ -75,7 +79,9 @@ class RunReader:
             values = np.array([[float(word) for word in row] for row in rows])
             values = values.reshape(len(rows), len(head))
         except (OSError, ValueError, csv.Error) as error:
-            raise InputError(f"'{path}' holds something else than numbers ({error}); write the run again.") from error
+            raise InputError(
+                f"'{path}' holds something else than numbers ({error}); write the run again."
+            ) from error
         return dict(zip(head, values.T, strict=True))
 
     def frame(self, time: float) -> int:
@@ -84,7 +90,10 @@ class RunReader:
         Raises:
             InputError: no fields were written, or the time is outside the run.
         """
-        check(len(self.times) > 0, f"The run in '{self.folder}' has no fields; let it run, or plot its curves.")
+        check(
+            len(self.times) > 0,
+            f"The run in '{self.folder}' has no fields; let it run, or plot its curves.",
+        )
         first, last = self.times[0], self.times[-1]
         slack = 1e-6 * (last - first)
         check(
@@ -101,7 +110,10 @@ class RunReader:
     def check_field(self, field: str) -> None:
         """Raise `InputError` for a field that the run has not."""
         known = self.known_fields()
-        check(field in known, f"The run in '{self.folder}' has no field {field!r}; its fields are: {', '.join(known)}.")
+        check(
+            field in known,
+            f"The run in '{self.folder}' has no field {field!r}; its fields are: {', '.join(known)}.",
+        )
 
     def values(self, field: str, frame: int) -> list[Array]:
         """Corner values (n, 3) of the triangles of each film that has the field; lengths of vectors."""
@@ -121,8 +133,13 @@ class RunReader:
                 lines = np.concatenate([lines, own])
                 continue
             known = field in self.fields[name]
-            here = segment.read(field, k)[segment.pieces] if known else np.full(own.shape[:2], np.nan)
-            corners, normals = np.concatenate([corners, own]), np.concatenate([normals, segment.normals(own)])
+            here = (
+                segment.read(field, k)[segment.pieces] if known else np.full(own.shape[:2], np.nan)
+            )
+            corners, normals = (
+                np.concatenate([corners, own]),
+                np.concatenate([normals, segment.normals(own)]),
+            )
             values = np.concatenate([values, here])
         while 0 < len(corners) < _FINE and np.ptp(values, axis=1).max() > 0:
             corners, normals = _finer(corners), _finer(normals)
@@ -131,7 +148,10 @@ class RunReader:
         of_triangles = kinds(values.mean(axis=1))
         for x, solid in zip(self.places(time), self.solids, strict=True):
             of_solids = of_solid(x, solid.triangles)
-            corners, normals = np.concatenate([corners, of_solids[0]]), np.concatenate([normals, of_solids[1]])
+            corners, normals = (
+                np.concatenate([corners, of_solids[0]]),
+                np.concatenate([normals, of_solids[1]]),
+            )
             of_triangles = np.concatenate([of_triangles, of_solids[2]])
             lines = lines if len(solid.triangles) else np.concatenate([lines, x[solid.lines]])
         return Shape(time, corners, normals, of_triangles, lines, self._dots(time))
@@ -155,7 +175,9 @@ def _numbers(table: Tables, time: float) -> Array:
 class RecordedSolid:
     """A solid as `run.json` tells it; those that move have their frames in "solids.csv", in the same order."""
 
-    def __init__(self, X: list[list[float]], triangles: list[list[int]], lines: list[list[int]], moves: bool) -> None:
+    def __init__(
+        self, X: list[list[float]], triangles: list[list[int]], lines: list[list[int]], moves: bool
+    ) -> None:
         self.X: Array = np.array(X, dtype=float)
         self.triangles = np.array(triangles, dtype=np.int64).reshape(len(triangles), 3)
         self.lines = np.array(lines, dtype=np.int64).reshape(len(lines), 2)
@@ -169,7 +191,9 @@ class Mesh:
         path = folder / f"{file_name(body)}.bp"
         self.segments = [Segment(one) for one in segments(path)]
         check(bool(self.segments), f"'{path}' is missing; write the run again.")
-        self._frames = [(segment, k) for segment in self.segments for k in range(len(segment.times))]
+        self._frames = [
+            (segment, k) for segment in self.segments for k in range(len(segment.times))
+        ]
         self.times: Array = np.concatenate([segment.times for segment in self.segments])
         self.is_film = self.segments[0].is_film
 
@@ -191,15 +215,23 @@ class Segment:
         try:
             self._file = adios2.FileReader(str(path))
             steps = self._file.num_steps()
-            self.times: Array = np.asarray(self._file.read("step", step_selection=[0, steps])).ravel()
+            self.times: Array = np.asarray(
+                self._file.read("step", step_selection=[0, steps])
+            ).ravel()
             self._blocks = len(self._file.all_blocks_info("geometry")[0])
-            self.is_film: bool = int(np.ravel(self._file.read("types"))[0]) in (5, 22, 69)  # VTK's triangles
+            self.is_film: bool = int(np.ravel(self._file.read("types"))[0]) in (
+                5,
+                22,
+                69,
+            )  # VTK's triangles
             self.X, cells = self._mesh()
             self.pieces, self.vertices = self._join(cells)
         except InputError:
             raise
         except Exception as error:  # adios2 raises what its C++ side throws
-            raise InputError(f"'{path}' cannot be read; it is damaged, or no fields were written.") from error
+            raise InputError(
+                f"'{path}' cannot be read; it is damaged, or no fields were written."
+            ) from error
 
     def _mesh(self) -> tuple[Array, Integers]:
         """Points (n, 3) and cells (m, nodes) of all blocks."""

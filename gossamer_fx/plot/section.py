@@ -46,7 +46,9 @@ class Section:
         for film, of_cells in zip(films, parts, strict=True):
             shape, pieces = BodyShape(system, film), np.array(TRIANGLES[film.order])
             cells = shape.body.space.dofmap.list[: len(of_cells)].astype(np.int64)
-            self._films.append((shape, cells[:, pieces].reshape(-1, 3), np.repeat(of_cells, len(pieces))))
+            self._films.append(
+                (shape, cells[:, pieces].reshape(-1, 3), np.repeat(of_cells, len(pieces)))
+            )
 
     def cut(self) -> Cut:
         """The accepted state; collective."""
@@ -81,7 +83,10 @@ def check_section(owner: str, section: tuple[Vector, Vector]) -> None:
         and all(is_vector(v) for v in section)
         and bool(np.any(section[1]))
     )
-    check(good, f"{owner}: section is {section!r}; give a point [m] and a normal, ((x, y, z), (nx, ny, nz)).")
+    check(
+        good,
+        f"{owner}: section is {section!r}; give a point [m] and a normal, ((x, y, z), (nx, ny, nz)).",
+    )
 
 
 def _crossings(x: Array) -> tuple[Array, Integers]:
@@ -96,7 +101,9 @@ def _crossings(x: Array) -> tuple[Array, Integers]:
     crossed = np.zeros((len(which), 3), dtype=bool)
     for k, (i, j) in enumerate(((0, 1), (1, 2), (2, 0))):
         crossed[:, k] = above[:, i] != above[:, j]
-        low, high = (np.where(above[:, i : i + 1] == side, x[:, i], x[:, j]) for side in (False, True))
+        low, high = (
+            np.where(above[:, i : i + 1] == side, x[:, i], x[:, j]) for side in (False, True)
+        )
         gap = np.where(crossed[:, k], high[:, 2] - low[:, 2], 1.0)
         points[:, k] = low[:, :2] - (low[:, 2] / gap)[:, None] * (high - low)[:, :2]
     return points[crossed].reshape(-1, 2, 2), which
@@ -147,7 +154,11 @@ def _follow(ends: npt.NDArray[np.integer], place: int) -> list[int]:
 def _turns(s: Array, back: float) -> list[int]:
     """Where numbers turn back by more than a length."""
     turns: list[int] = []
-    way, low, high = 0, 0, 0  # the direction, and where the least and the greatest number of this layer are
+    way, low, high = (
+        0,
+        0,
+        0,
+    )  # the direction, and where the least and the greatest number of this layer are
     for k, value in enumerate(s):
         low, high = (k if value < s[low] else low), (k if value > s[high] else high)
         if way >= 0 and s[high] - value > back:
@@ -166,7 +177,10 @@ def window(cuts: Sequence[Cut]) -> tuple[tuple[float, float], list[Array]]:
     width, height = np.max([high - low for low, high in boxes], axis=0)
     largest = max(float(width), float(height)) or 1.0
     return (
-        (max(float(width), 0.1 * largest) + 0.05 * largest, max(float(height), 0.1 * largest) + 0.05 * largest),
+        (
+            max(float(width), 0.1 * largest) + 0.05 * largest,
+            max(float(height), 0.1 * largest) + 0.05 * largest,
+        ),
         [(low + high) / 2 for low, high in boxes],
     )
 
@@ -182,9 +196,14 @@ def draw(cut: Cut, size: tuple[float, float], middle: Array, grid: Grid, dpi: fl
     axes = figure.add_axes((0, 0, 1, 1))
     axes.set_axis_off()
     colours = [COLOURS[k % len(COLOURS)] for k in cut.kinds]
-    axes.add_collection(LineCollection(list(cut.ends), colors=colours, linewidths=LINE, capstyle="round"))
+    axes.add_collection(
+        LineCollection(list(cut.ends), colors=colours, linewidths=LINE, capstyle="round")
+    )
     half = np.array(size) / 2
-    axes.set(xlim=(middle[0] - half[0], middle[0] + half[0]), ylim=(middle[1] - half[1], middle[1] + half[1]))
+    axes.set(
+        xlim=(middle[0] - half[0], middle[0] + half[0]),
+        ylim=(middle[1] - half[1], middle[1] + half[1]),
+    )
     canvas.draw()
     image: Array = np.asarray(canvas.buffer_rgba())[..., :3] / 255
     return image

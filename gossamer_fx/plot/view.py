@@ -48,7 +48,9 @@ class Shape:
     @property
     def points(self) -> Array:
         """All of them (p, 3)."""
-        return np.concatenate([part.reshape(-1, 3) for part in (self.corners, self.lines, self.dots)])
+        return np.concatenate(
+            [part.reshape(-1, 3) for part in (self.corners, self.lines, self.dots)]
+        )
 
 
 class Renderer:
@@ -61,8 +63,14 @@ class Renderer:
         self.groups: list[str] = []
         if by_group:
             self.groups, parts = groups_of(films)
-        self._films = [_Film(BodyShape(system, film), part) for film, part in zip(films, parts, strict=True)]
-        curves = [(k, b) for k, b in enumerate(system.bodies) if is_on_mesh(b) and not isinstance(b, Membrane)]
+        self._films = [
+            _Film(BodyShape(system, film), part) for film, part in zip(films, parts, strict=True)
+        ]
+        curves = [
+            (k, b)
+            for k, b in enumerate(system.bodies)
+            if is_on_mesh(b) and not isinstance(b, Membrane)
+        ]
         self._curves = [(system.fields[k].q0, _polylines(b)) for k, b in curves]
         self._solids = solids_of(system)
         self._dots = [k for k, b in enumerate(system.bodies) if not is_on_mesh(b)]
@@ -70,11 +78,15 @@ class Renderer:
     def shape(self) -> Shape:
         """The accepted state; every rank must look at it, to know the normals at its border."""
         films = [film.snapshot() for film in self._films]
-        lines = [_positions(q.x.array, q.function_space.dofmap.bs)[ends] for q, ends in self._curves]
+        lines = [
+            _positions(q.x.array, q.function_space.dofmap.bs)[ends] for q, ends in self._curves
+        ]
         dots = []
         for k in self._dots:
             owned = self._system.numbering.owned(k)
-            dots.append(_positions(self._system.q0.array_r[owned], self._system.bodies[k].block.size))
+            dots.append(
+                _positions(self._system.q0.array_r[owned], self._system.bodies[k].block.size)
+            )
         for solid in self._solids:
             x = placed(solid.X, frame_of(solid, self._system))
             if self._system.comm.rank == 0:
@@ -100,7 +112,9 @@ class _Film:
         pieces = np.array(TRIANGLES[film.order])
         middles = np.array(_NODES[film.order], dtype=float)[pieces].mean(axis=1)
         self._cells = np.arange(film.mesh.domain.topology.index_map(2).size_local, dtype=np.int32)
-        self._triangles = film.space.dofmap.list[self._cells].astype(np.int64)[:, pieces].reshape(-1, 3)
+        self._triangles = (
+            film.space.dofmap.list[self._cells].astype(np.int64)[:, pieces].reshape(-1, 3)
+        )
         self._kinds = None if of_cells is None else np.repeat(of_cells, len(pieces))
         self._state = compile_expression(film_state(film, x), middles) if of_cells is None else None
         self._film, self._x = film, x

@@ -42,11 +42,17 @@ def view_data(run: RunReader) -> dict[str, Any]:
     bodies = list(run.meshes)
     groups: dict[tuple[int, ...], list[int]] = {}
     for frame in range(len(run.times)):
-        groups.setdefault(tuple(id(run.meshes[name].at(frame)[0]) for name in bodies), []).append(frame)
+        groups.setdefault(tuple(id(run.meshes[name].at(frame)[0]) for name in bodies), []).append(
+            frame
+        )
     share = max(_MOST_VERTICES // max(len(bodies), 1), 100)
     thin = {id(s): _thinned(s, share) for name in bodies for s in run.meshes[name].segments}
-    bytes_a_frame = sum(6 * len(s.points) + len(fields) * len(s.pieces) for s in thin.values()) / len(groups)
-    count = int(np.clip(_BYTES / max(bytes_a_frame, 1), 2, min(_MOST_FRAMES, max(len(run.times), 2))))
+    bytes_a_frame = sum(
+        6 * len(s.points) + len(fields) * len(s.pieces) for s in thin.values()
+    ) / len(groups)
+    count = int(
+        np.clip(_BYTES / max(bytes_a_frame, 1), 2, min(_MOST_FRAMES, max(len(run.times), 2)))
+    )
     chosen = set(np.unique(np.rint(np.linspace(0, len(run.times) - 1, count)).astype(int)).tolist())
     low, span = _box(run, sorted(chosen))
     parts: list[dict[str, Any]] = []
@@ -75,12 +81,17 @@ def _part(
     low: Array,
     span: Array,
 ) -> dict[str, Any]:
-    offsets = np.cumsum([0, *(len(s.points) for _, s in surfaces), *(len(solid.X) for solid in run.solids)])
+    offsets = np.cumsum(
+        [0, *(len(s.points) for _, s in surfaces), *(len(solid.X) for solid in run.solids)]
+    )
     triangles: list[Integers] = [np.zeros((0, 3), dtype=np.int64)]
     lines: list[Integers] = [np.zeros((0, 2), dtype=np.int64)]
     for (name, s), offset in zip(surfaces, offsets, strict=False):
         (triangles if run.meshes[name].is_film else lines).append(s.pieces + offset)
-    lines += [solid.lines + offset for solid, offset in zip(run.solids, offsets[len(surfaces) :], strict=False)]
+    lines += [
+        solid.lines + offset
+        for solid, offset in zip(run.solids, offsets[len(surfaces) :], strict=False)
+    ]
     positions, kinds = [], [[] for _ in fields]  # type: ignore[var-annotated]
 
     def keep(x: Array) -> None:
@@ -94,7 +105,11 @@ def _part(
                 for found, (field, colours) in zip(kinds, fields, strict=True):
                     known = field in run.fields[name]
                     corners = s.segment.pieces[s.of]
-                    values = s.segment.read(field, k)[corners].mean(axis=1) if known else np.full(len(s.of), np.nan)
+                    values = (
+                        s.segment.read(field, k)[corners].mean(axis=1)
+                        if known
+                        else np.full(len(s.of), np.nan)
+                    )
                     found.append(colours.kinds(values))
         for x in run.places(float(run.times[frame])):
             keep(x)
@@ -113,11 +128,15 @@ def _thinned(segment: Segment, most: int) -> _Surface:
     vertices, at = np.unique(segment.vertices.ravel(), return_index=True)
     points = segment.pieces.ravel()[at]
     last = len(segment.times) - 1
-    looks = np.concatenate([segment.positions(k)[points] for k in sorted({0, last // 2, last})], axis=1)
+    looks = np.concatenate(
+        [segment.positions(k)[points] for k in sorted({0, last // 2, last})], axis=1
+    )
     cluster: Integers = np.arange(len(vertices))
     pitch = float(np.ptp(looks, axis=0).max(initial=0.0)) / 1000
     while len(np.unique(cluster)) > most and pitch > 0:
-        cluster = np.unique(np.rint(looks / pitch).astype(np.int64), axis=0, return_inverse=True)[1].ravel()
+        cluster = np.unique(np.rint(looks / pitch).astype(np.int64), axis=0, return_inverse=True)[
+            1
+        ].ravel()
         pitch *= 1.25
     found, first = np.unique(cluster, return_index=True)
     pieces = np.searchsorted(found, cluster[np.searchsorted(vertices, segment.vertices)])
@@ -130,7 +149,9 @@ def _thinned(segment: Segment, most: int) -> _Surface:
 
 
 def _box(run: RunReader, frames: list[int]) -> tuple[Array, Array]:
-    looks = [segment.positions(k) for mesh in run.meshes.values() for segment, k in map(mesh.at, frames)]
+    looks = [
+        segment.positions(k) for mesh in run.meshes.values() for segment, k in map(mesh.at, frames)
+    ]
     looks += [x for frame in frames for x in run.places(float(run.times[frame]))]
     low, high = (f([f(x, axis=0) for x in looks], axis=0) for f in (np.min, np.max))
     return low, high - low
@@ -150,10 +171,13 @@ def _field(name: str, found: Colouring) -> dict[str, Any]:
         }
     else:
         about["names"] = [
-            [key, int(abs(found.table - np.asarray(colour)).sum(axis=1).argmin())] for key, colour in found.key.items()
+            [key, int(abs(found.table - np.asarray(colour)).sum(axis=1).argmin())]
+            for key, colour in found.key.items()
         ]
     return about
 
 
 def _packed(values: npt.NDArray[Any], kind: type) -> str:
-    return b64encode(np.ascontiguousarray(values, dtype=np.dtype(kind).newbyteorder("<")).tobytes()).decode()
+    return b64encode(
+        np.ascontiguousarray(values, dtype=np.dtype(kind).newbyteorder("<")).tobytes()
+    ).decode()

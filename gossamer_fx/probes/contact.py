@@ -50,9 +50,15 @@ class ContactForce:
     def __init__(self, contact: Contact, body: Any, axis: str) -> None:
         known = [*contact.bodies, *contact.obstacles]
         names = ", ".join(one.name for one in known)
-        check(axis in AXES, f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}.")
+        check(
+            axis in AXES,
+            f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}.",
+        )
         here = any(body is one for one in known)
-        check(here, f"'{getattr(body, 'name', body)}' is not in '{contact.name}', which holds: {names}.")
+        check(
+            here,
+            f"'{getattr(body, 'name', body)}' is not in '{contact.name}', which holds: {names}.",
+        )
         self.contact, self.axis = contact, axis
         self._number = next(k for k, one in enumerate(known) if one is body)
 
@@ -71,4 +77,6 @@ class Penetrations:
     def __call__(self, run: Any) -> float:
         group = group_of(self.contact, run)
         x = group.points.at(run.system.q0, run.system.time)
-        return float(run.comm.allreduce(len(intersections(group.bodies.surface, x, group.bodies.own_edges))))
+        return float(
+            run.comm.allreduce(len(intersections(group.bodies.surface, x, group.bodies.own_edges)))
+        )

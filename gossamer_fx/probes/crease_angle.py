@@ -36,12 +36,21 @@ class FoldAngle:
             InputError: the crease is not in it.
         """
         energy = self.crease.energy
-        compiled = [c for c in system.compiled if isinstance(c, CreaseEnergies) and any(t is energy for t in c.terms)]
-        check(bool(compiled), f"'{self.crease.name}' is not in the scene; add it, or remove its probe.")
+        compiled = [
+            c
+            for c in system.compiled
+            if isinstance(c, CreaseEnergies) and any(t is energy for t in c.terms)
+        ]
+        check(
+            bool(compiled),
+            f"'{self.crease.name}' is not in the scene; add it, or remove its probe.",
+        )
         θ, rest = compiled[0].angles(energy)
         if self.which in ("mean", "rest"):
             weights, values = energy.stiffness, θ if self.which == "mean" else rest
-            total, length = system.comm.allreduce(np.array([float(weights @ values), float(weights.sum())]))
+            total, length = system.comm.allreduce(
+                np.array([float(weights @ values), float(weights.sum())])
+            )
             return float(total / length)
         if self.which == "least":
             return float(system.comm.allreduce(float(θ.min(initial=np.inf)), op=MPI.MIN))

@@ -33,22 +33,37 @@ class Crossings:
     def __init__(self, *films: Membrane) -> None:
         check(bool(films), "Crossings: there is no film; give one or several.")
         for k, film in enumerate(films):
-            check(isinstance(film, Membrane), f"Crossings: {getattr(film, 'name', film)!r} is no film; give films.")
-            check(not any(film is other for other in films[:k]), f"Crossings: '{film.name}' is given twice.")
+            check(
+                isinstance(film, Membrane),
+                f"Crossings: {getattr(film, 'name', film)!r} is no film; give films.",
+            )
+            check(
+                not any(film is other for other in films[:k]),
+                f"Crossings: '{film.name}' is given twice.",
+            )
         self.films = films
         self._surface: Surface | None = None
 
     def __call__(self, run: Run) -> float:
         bodies, system = run.system.bodies, run.system
         for film in self.films:
-            check(any(film is b for b in bodies), f"'{film.name}' is not in the scene; add it, or remove its probe.")
+            check(
+                any(film is b for b in bodies),
+                f"'{film.name}' is not in the scene; add it, or remove its probe.",
+            )
         library(run.comm)
         if self._surface is None:
             self._take(system)
         assert self._surface is not None
-        owned = [system.q0.array_r[system.numbering.owned(bodies.index(film))].reshape(-1, 3) for film in self.films]
+        owned = [
+            system.q0.array_r[system.numbering.owned(bodies.index(film))].reshape(-1, 3)
+            for film in self.films
+        ]
         x = np.concatenate(
-            [np.concatenate(run.comm.allgather(part))[nodes] for part, nodes in zip(owned, self._nodes, strict=True)]
+            [
+                np.concatenate(run.comm.allgather(part))[nodes]
+                for part, nodes in zip(owned, self._nodes, strict=True)
+            ]
         )
         mine = np.arange(run.comm.rank, len(self._surface.edges), run.comm.size, dtype=np.int32)
         found = intersections(self._surface, np.ascontiguousarray(x), mine)
@@ -59,9 +74,13 @@ class Crossings:
         facets = [facets_of(film) for film in self.films]
         self._nodes = [f.nodes for f in facets]
         starts = np.cumsum([0, *(len(f.nodes) for f in facets)])
-        T = np.vstack([f.triangles + start for f, (start, _) in zip(facets, pairwise(starts), strict=True)])
+        T = np.vstack(
+            [f.triangles + start for f, (start, _) in zip(facets, pairwise(starts), strict=True)]
+        )
         sides = np.unique(np.sort(T[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1), axis=0)
         edges, triangles = (np.ascontiguousarray(part, dtype=np.int32) for part in (sides, T))
         n = int(starts[-1])
         places = places_of(system, self.films, self._nodes, n)
-        self._surface = Surface(np.arange(n, dtype=np.int32), edges, triangles, np.zeros(n, dtype=np.uint8), places)
+        self._surface = Surface(
+            np.arange(n, dtype=np.int32), edges, triangles, np.zeros(n, dtype=np.uint8), places
+        )

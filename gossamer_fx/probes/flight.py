@@ -31,7 +31,10 @@ class OrbitState:
     """
 
     def __init__(self, orbit: Orbit, quantity: str) -> None:
-        check(quantity in ORBITAL, f"An orbit has no quantity {quantity!r}; its quantities are: {', '.join(ORBITAL)}.")
+        check(
+            quantity in ORBITAL,
+            f"An orbit has no quantity {quantity!r}; its quantities are: {', '.join(ORBITAL)}.",
+        )
         self.orbit, self.quantity = orbit, quantity
 
     def __call__(self, run: Run) -> float:
@@ -70,7 +73,10 @@ class Attitude:
             isinstance(of, Membrane | Port),
             f"Attitude of {of!r}; give a film, or a director such as body.frame().directors[2].",
         )
-        check(axis in self.NAMES, f"An orbit has no axis {axis!r}; its axes are: {', '.join(self.NAMES)}.")
+        check(
+            axis in self.NAMES,
+            f"An orbit has no axis {axis!r}; its axes are: {', '.join(self.NAMES)}.",
+        )
         self.orbit, self.of, self.axis = orbit, of, axis
 
     def __call__(self, run: Run) -> float:
@@ -86,7 +92,10 @@ class LoadResultant:
 
     def __init__(self, orbit: Orbit, load: str, action: str, axis: str) -> None:
         check(action in ACTIONS, f"A load has no {action!r}; it has: {', '.join(ACTIONS)}.")
-        check(axis in AXES, f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}.")
+        check(
+            axis in AXES,
+            f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}.",
+        )
         self.orbit, self.load, self.action, self.axis = orbit, load, action, axis
 
     def __call__(self, run: Run) -> float:

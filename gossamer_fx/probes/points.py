@@ -46,7 +46,11 @@ class Displacement(Position):
     def __call__(self, run: Run) -> float:
         now, system, body = super().__call__(run), run.system, self.port.body
         if self._origin is None or self._origin[0] is not system:
-            start = system.starts[system.bodies.index(body)] if system.starts else body.initial_state()[0]
+            start = (
+                system.starts[system.bodies.index(body)]
+                if system.starts
+                else body.initial_state()[0]
+            )
             self._origin = system, float(combined(self.port, start)[AXES[self.axis]])
         return now - self._origin[1]
 
@@ -62,19 +66,26 @@ class GasState:
     """Pressure [Pa], temperature [K], volume [m³] or mass [kg] of a chamber, e.g. `GasState(bag, "pressure")`."""
 
     def __init__(self, chamber: Volume, quantity: str) -> None:
-        check(quantity in GAS, f"A chamber has no quantity {quantity!r}; its quantities are: {', '.join(GAS)}.")
+        check(
+            quantity in GAS,
+            f"A chamber has no quantity {quantity!r}; its quantities are: {', '.join(GAS)}.",
+        )
         self.chamber, self.quantity = chamber, quantity
 
     def __call__(self, run: Run) -> float:
         s = run.chamber(self.chamber.name)
-        return {"pressure": s.p, "temperature": s.temperature, "volume": s.V, "mass": s.m}[self.quantity]
+        return {"pressure": s.p, "temperature": s.temperature, "volume": s.V, "mass": s.m}[
+            self.quantity
+        ]
 
 
 class AreaFraction:
     """Fraction of a film's reference area that is "slack", "wrinkled" or "taut"."""
 
     def __init__(self, film: Membrane, state: str) -> None:
-        check(state in STATES, f"A film has no state {state!r}; its states are: {', '.join(STATES)}.")
+        check(
+            state in STATES, f"A film has no state {state!r}; its states are: {', '.join(STATES)}."
+        )
         self.state, self._fractions = state, AreaFractions([film])
 
     def __call__(self, run: Run) -> float:
@@ -94,7 +105,9 @@ class AngularVelocity:
 
     def __call__(self, run: Run) -> float:
         d, rates = (
-            np.array([[_component(run, port, axis, vector) for axis in AXES] for port in self._directors])
+            np.array(
+                [[_component(run, port, axis, vector) for axis in AXES] for port in self._directors]
+            )
             for vector in (run.system.q0, run.system.v0)
         )
         if len(d) == 2:  # the normal of a beam's section
@@ -125,14 +138,19 @@ class RingArea:
         from gossamer_fx.gas.ring import Loop
 
         known = self.ring.film in run.system.bodies
-        check(known, f"'{self.ring.film.name}' is not in the scene; add it, or remove the probe of its ring.")
+        check(
+            known,
+            f"'{self.ring.film.name}' is not in the scene; add it, or remove the probe of its ring.",
+        )
         if id(run.system) not in self._loops:
             self._loops = {id(run.system): Loop(self.ring, run.system)}
         return float(self._loops[id(run.system)].aperture(0.0))
 
 
 def _check_axis(axis: str) -> None:
-    check(axis in AXES, f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}.")
+    check(
+        axis in AXES, f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}."
+    )
 
 
 def _component(run: Run, port: Port, axis: str, vector: PETSc.Vec) -> float:
@@ -142,5 +160,8 @@ def _component(run: Run, port: Port, axis: str, vector: PETSc.Vec) -> float:
 
 def owned_by(run: Run, body: Body) -> slice:
     """Where this rank's unknowns of a probed body stand."""
-    check(body in run.system.bodies, f"'{body.name}' is not in the scene; add it, or remove its probe.")
+    check(
+        body in run.system.bodies,
+        f"'{body.name}' is not in the scene; add it, or remove its probe.",
+    )
     return run.system.numbering.owned(run.system.bodies.index(body))

@@ -29,7 +29,9 @@ class MeanSpin:
 
     def __init__(self, body: Body, axis: str = "z") -> None:
         check(is_body(body), f"MeanSpin: {body!r} is no body; give a film, plate, cable or beam.")
-        check(axis in AXES, f"MeanSpin: there is no axis {axis!r}; its axes are: {', '.join(AXES)}.")
+        check(
+            axis in AXES, f"MeanSpin: there is no axis {axis!r}; its axes are: {', '.join(AXES)}."
+        )
         self.body, self.axis = body, axis
 
     def __call__(self, run: Run) -> float:
@@ -84,12 +86,20 @@ class PolarPosition:
     """
 
     def __init__(self, port: Port, frame: Frame, quantity: str = "radius") -> None:
-        check(quantity in POLAR, f"PolarPosition: there is no {quantity!r}; choose from {', '.join(POLAR)}.")
-        check(len(frame.directors) == 3, "PolarPosition: the frame has no third axis; give one with three directors.")
+        check(
+            quantity in POLAR,
+            f"PolarPosition: there is no {quantity!r}; choose from {', '.join(POLAR)}.",
+        )
+        check(
+            len(frame.directors) == 3,
+            "PolarPosition: the frame has no third axis; give one with three directors.",
+        )
         self.port, self.frame, self.quantity = port, frame, quantity
 
     def __call__(self, run: Run) -> float:
-        x, origin, *axes = (_now(run, port) for port in (self.port, self.frame.origin, *self.frame.directors))
+        x, origin, *axes = (
+            _now(run, port) for port in (self.port, self.frame.origin, *self.frame.directors)
+        )
         a, b, _ = (float((x - origin) @ d) for d in axes)
         return math.hypot(a, b) if self.quantity == "radius" else math.atan2(b, a)
 

@@ -53,7 +53,9 @@ class Basis:
         """Coefficients (r, 3) of owned values x (n, 3), and the share of ∫ρt |x|² dA that is outside of the basis."""
         product = mass_times(self.film, x[:, :, None])[:, :, 0]
         own = self.values[: len(x)]
-        total = self.film.comm.allreduce(np.concatenate([own.T @ product, [[np.sum(x * product), 0, 0]]]))
+        total = self.film.comm.allreduce(
+            np.concatenate([own.T @ product, [[np.sum(x * product), 0, 0]]])
+        )
         c = total[:-1] / self.mass
         whole = float(total[-1, 0])
         return c, max(whole - self.mass * float(np.sum(c * c)), 0.0) / whole if whole else 0.0
@@ -95,7 +97,10 @@ def make_basis(film: Membrane, snapshots: Sequence[Array], count: int) -> Basis:
     """
     comm, n = film.comm, film.space.dofmap.index_map.size_local
     check(count >= 1, f"reduce: modes is {count!r}; ask for one or more.")
-    check(bool(snapshots), "reduce: there are no snapshots; record the film with `Snapshots` or `Recording` first.")
+    check(
+        bool(snapshots),
+        "reduce: there are no snapshots; record the film with `Snapshots` or `Recording` first.",
+    )
     alike = comm.allreduce(int(any(s.shape != (n, 3) for s in snapshots)))
     check(not alike, f"reduce: a snapshot is of another mesh than '{film.name}'; record this film.")
     X = film.space.tabulate_dof_coordinates()[:n]
@@ -118,7 +123,9 @@ def make_basis(film: Membrane, snapshots: Sequence[Array], count: int) -> Basis:
         products = comm.allreduce(modes.T @ scalar_mass_times(film, modes))
         modes = np.linalg.solve(np.linalg.cholesky((products + products.T) / 2), modes.T).T
     φ = np.column_stack([fixed, mass**0.5 * modes])
-    some = np.stack([snapshots[i] for i in np.unique(np.linspace(0, len(snapshots) - 1, EXAMPLES).astype(int))])
+    some = np.stack(
+        [snapshots[i] for i in np.unique(np.linspace(0, len(snapshots) - 1, EXAMPLES).astype(int))]
+    )
     examples = comm.allreduce(np.einsum("ni,tnx->tix", scalar_mass_times(film, φ), some)) / mass
     return Basis(film, _with_ghosts(film, φ), mass, σ[:found], fixed.shape[1], examples)
 

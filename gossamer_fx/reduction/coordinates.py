@@ -47,13 +47,17 @@ class ReducedCoordinates(Coordinates):
         if total is not None:
             forces += total.ravel()
 
-    def assemble(self, forms: Iterable[fem.Form], A: PETSc.Mat, numbering: Numbering, k: int) -> None:
+    def assemble(
+        self, forms: Iterable[fem.Form], A: PETSc.Mat, numbering: Numbering, k: int
+    ) -> None:
         n, r = self._Φ.shape
         K: Array = np.zeros((r, 3, r, 3))
         found = False
         for form in forms:
             # of this rank's own cells; the ranks' shares add up after the projection
-            matrix = self._matrices.get(form) or self._matrices.setdefault(form, fem.create_matrix(form))
+            matrix = self._matrices.get(form) or self._matrices.setdefault(
+                form, fem.create_matrix(form)
+            )
             matrix.set_value(np.float64(0))
             fem.assemble_matrix(matrix, form)  # type: ignore[arg-type]
             blocks = matrix.data.reshape(-1, *matrix.block_size)
@@ -67,7 +71,9 @@ class ReducedCoordinates(Coordinates):
         size = 3 * r
         total = self._comm.reduce(K.reshape(size, size))
         if total is not None:
-            at = (numbering.start + numbering.owned(k).start + np.arange(size)).astype(PETSc.IntType)
+            at = (numbering.start + numbering.owned(k).start + np.arange(size)).astype(
+                PETSc.IntType
+            )
             A.setValues(at, at, total, addv=PETSc.InsertMode.ADD_VALUES)
 
 

@@ -31,7 +31,9 @@ def points_and_areas(film: Membrane) -> tuple[Array, Array]:
     points, weights = (np.asarray(part, dtype=np.float64) for part in rule)
     cells = own_cells(film)
     J = compile_expression(ufl.JacobianDeterminant(film.space.mesh), points)
-    return points, abs(evaluate(J, film.space.mesh, cells).reshape(len(cells), len(points))) * weights
+    return points, abs(
+        evaluate(J, film.space.mesh, cells).reshape(len(cells), len(points))
+    ) * weights
 
 
 def mode_gradients(film: Membrane, φ: Array, points: Array) -> Array:

@@ -57,7 +57,11 @@ class _Estimate:
 
     def __init__(self, film: ReducedMembrane) -> None:
         basis, full = film.basis, film.full
-        self._Φ, self._comm, self._n = basis.values, film.comm, full.space.dofmap.index_map.size_local
+        self._Φ, self._comm, self._n = (
+            basis.values,
+            film.comm,
+            full.space.dofmap.index_map.size_local,
+        )
         self._x = x = fem.Function(full.space)
         energy = full.density(full.measure(x)) * full.dx
         force = ufl.derivative(energy, x, ufl.TestFunction(full.space))
@@ -69,7 +73,9 @@ class _Estimate:
         self._free[held - start] = 0.0
         self._weights = self._softness(compile_form(ufl.derivative(force, x)), basis.examples)
         self._MΦ = scalar_mass_times(full, basis.values[: self._n])
-        self._inverse = [np.linalg.pinv(self._sum(self._MΦ.T @ (w[:, None] * self._MΦ))) for w in self._weights]
+        self._inverse = [
+            np.linalg.pinv(self._sum(self._MΦ.T @ (w[:, None] * self._MΦ))) for w in self._weights
+        ]
 
     def __call__(self, c: Array) -> float:
         f = self._forces(c)
@@ -77,7 +83,10 @@ class _Estimate:
         across = f @ normal
         released = 0.0
         for w, inverse, part in zip(
-            self._weights, self._inverse, (across[:, None], f - across[:, None] * normal), strict=True
+            self._weights,
+            self._inverse,
+            (across[:, None], f - across[:, None] * normal),
+            strict=True,
         ):
             own = self._MΦ.T @ (w[:, None] * part)
             total = self._sum(np.concatenate([own.ravel(), [np.sum(w[:, None] * part**2)]]))
@@ -107,7 +116,10 @@ class _Estimate:
         n = self._comm.allreduce(self._n)
         of_all = [float(self._sum(np.array(k.sum()))) / n for k in (across, along)]
         least = max(SOFTEST * of_all[0], SLACK * of_all[1]), SOFTEST * of_all[1]
-        softness = [self._free / np.maximum(k, floor) for k, floor in zip((across, along), least, strict=True)]
+        softness = [
+            self._free / np.maximum(k, floor)
+            for k, floor in zip((across, along), least, strict=True)
+        ]
         return softness[0], softness[1]
 
     def _blocks(self, stiffness: fem.Form, c: Array) -> Array:

@@ -44,14 +44,19 @@ class Law:
     ) -> None:
         ffi = library(strains[0].function_space.mesh.comm).ffi
         everything = [*expressions, energy, *([] if sort is None else [sort])]
-        found = dict.fromkeys([*strains, *(f for e in everything for f in extract_coefficients(e.ufl_expression))])
+        found = dict.fromkeys(
+            [*strains, *(f for e in everything for f in extract_coefficients(e.ufl_expression))]
+        )
         values = [_in_cells(f, cells) for f in found]
         ends = np.cumsum([v.shape[1] for v in values])
         self._places = {
-            f: np.arange(ends[k] - v.shape[1], ends[k]) for k, (f, v) in enumerate(zip(found, values, strict=True))
+            f: np.arange(ends[k] - v.shape[1], ends[k])
+            for k, (f, v) in enumerate(zip(found, values, strict=True))
         }
         self.others = np.ascontiguousarray(np.hstack(values)[:, ends[len(strains) - 1] :])
-        self._constants: list[tuple[Array, list[Array]]] = []  # what the kernel reads, and views of the values
+        self._constants: list[
+            tuple[Array, list[Array]]
+        ] = []  # what the kernel reads, and views of the values
         self._kept: list[Any] = []  # what the kernel points at
         self.expressions = ffi.new("expression[]", [self._entry(e) for e in expressions])
         self.energy = ffi.new("expression *", self._entry(energy))
@@ -61,7 +66,10 @@ class Law:
     def _entry(self, expression: fem.Expression) -> dict[str, Any]:
         compiled, ufl_expression = expression.ufcx_expression, expression.ufl_expression
         ffi, coefficients = library().ffi, extract_coefficients(ufl_expression)
-        used = [coefficients[compiled.original_coefficient_positions[k]] for k in range(compiled.num_coefficients)]
+        used = [
+            coefficients[compiled.original_coefficient_positions[k]]
+            for k in range(compiled.num_coefficients)
+        ]
         places = np.concatenate([np.zeros(0), *[self._places[f] for f in used]]).astype(np.int32)
         constants = [np.ravel(c._cpp_object.value) for c in extract_constants(ufl_expression)]
         numbers = np.zeros(sum(c.size for c in constants))
@@ -109,10 +117,16 @@ class Points:
             "strain": self.strain,
         }
         arrays |= {"response": self.response, "missed": self._missed, "idle": self._idle}
-        numbers = {"cells": n, "points": p, "others": law.others.shape[1], "geometry": int(np.prod(x.shape[1:]))}
+        numbers = {
+            "cells": n,
+            "points": p,
+            "others": law.others.shape[1],
+            "geometry": int(np.prod(x.shape[1:])),
+        }
         found = dict(zip(arrays, pointers(self._c.ffi, *arrays.values()), strict=True))
         self._film = self._c.ffi.new(
-            "film *", {**numbers, **found, "sort": law.sort, "law": law.expressions, "energy": law.energy}
+            "film *",
+            {**numbers, **found, "sort": law.sort, "law": law.expressions, "energy": law.energy},
         )
         self._F0: Array = np.zeros((2 * q, 3))
         self._F: Array = np.zeros((2 * q, 3))
@@ -140,7 +154,9 @@ class Points:
     def choose_strains(self, change: Array) -> bool:
         """Strains between the linear ones and those with linear stresses; whether these were far from each other."""
         pointers = self._pointers(self._F, self._G @ change)
-        return bool(self._c.lib.choose_strains(self._film, *pointers, SURROUNDINGS, FAR, FALLS, IDLE))
+        return bool(
+            self._c.lib.choose_strains(self._film, *pointers, SURROUNDINGS, FAR, FALLS, IDLE)
+        )
 
     def energy(self) -> float:
         """Stored energy [J] at the start of the step."""
@@ -148,7 +164,9 @@ class Points:
 
     def forces(self, α: float) -> Array:
         """Forces (r, 3) on the coefficients."""
-        self._c.lib.forces(self._film, *self._pointers(self._F0, self._F), α, *self._pointers(self._N))
+        self._c.lib.forces(
+            self._film, *self._pointers(self._F0, self._F), α, *self._pointers(self._N)
+        )
         f: Array = self._G.T @ self._N
         return f
 

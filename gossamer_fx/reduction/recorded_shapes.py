@@ -75,7 +75,9 @@ class RecordedShapes:
             f"RecordedShapes: nodes of '{self.film.name}' lie on each other, so that they cannot be told apart in "
             "files; keep its shapes in memory by `Snapshots`."
         )
-        fetch(self.film.comm, names, np.zeros((len(names), 0)), names[:0], "", twice)  # where names meet
+        fetch(
+            self.film.comm, names, np.zeros((len(names), 0)), names[:0], "", twice
+        )  # where names meet
 
 
 class _Part:
@@ -89,7 +91,9 @@ class _Part:
             file = adios2.FileReader(str(path))
             steps = file.num_steps()
             self.times = [float(t) for t in np.ravel(file.read("step", step_selection=[0, steps]))]
-            counts = [int(block["Count"].split(",")[0]) for block in file.all_blocks_info("geometry")[0]]
+            counts = [
+                int(block["Count"].split(",")[0]) for block in file.all_blocks_info("geometry")[0]
+            ]
             ends = np.cumsum([0, *counts])
             share = ends[-1] * np.array([comm.rank, comm.rank + 1]) // comm.size
             rows = [
@@ -100,7 +104,11 @@ class _Part:
 
             def read(name: str, **which: Any) -> Array:
                 parts = [
-                    np.asarray(file.read(name, start=[int(at), 0], count=[int(n), 3], block_id=block, **which))
+                    np.asarray(
+                        file.read(
+                            name, start=[int(at), 0], count=[int(n), 3], block_id=block, **which
+                        )
+                    )
                     for block, at, n in rows
                 ]
                 return np.concatenate([np.zeros((0, 3)), *[part.reshape(-1, 3) for part in parts]])
@@ -111,5 +119,7 @@ class _Part:
             file.close()
         except Exception:  # adios2 raises what its C++ side throws
             whole = False
-        check_on_all(comm, whole, f"'{path}' cannot be read; it is damaged, or holds no displacement.")
+        check_on_all(
+            comm, whole, f"'{path}' cannot be read; it is damaged, or holds no displacement."
+        )
         on_rank_zero(comm, lambda: [verified.check_step(k) for k in range(steps)])

@@ -20,7 +20,9 @@ class Motion(Protocol):
     positions: Sequence[Array]
 
 
-def reduce(film: Membrane, motions: Sequence[Motion], modes: int, cells: int | None = None) -> ReducedMembrane:
+def reduce(
+    film: Membrane, motions: Sequence[Motion], modes: int, cells: int | None = None
+) -> ReducedMembrane:
     """A film with 3·(modes + 3) unknowns (12 instead of 9 if it is not plane) that moves as it did in `motions`.
 
     Mass-weighted singular vectors of all shapes, scalar modes times vectors, so that every conservation law is kept;
@@ -42,6 +44,9 @@ def reduce(film: Membrane, motions: Sequence[Motion], modes: int, cells: int | N
     )
     shapes = [x for motion in motions for x in motion.positions]
     basis = make_basis(film, shapes, modes)
-    check(cells is None or cells >= 1, f"reduce: cells is {cells!r}; take one or more, or None for all.")
+    check(
+        cells is None or cells >= 1,
+        f"reduce: cells is {cells!r}; take one or more, or None for all.",
+    )
     sample = every_cell(film) if cells is None else sample_cells(basis, cells)
     return ReducedMembrane(basis, sample, film.name)

@@ -40,7 +40,10 @@ class ReducedEnergies(CompiledTerms):
     def __init__(self, terms: Sequence[ReducedEnergy], system: Assembly) -> None:
         self._system = system
         at = [system.bodies.index(term.body) for term in terms]
-        self._forces = [(k, ModeForces(t, system.fields[k], system.rule)) for k, t in zip(at, terms, strict=True)]
+        self._forces = [
+            (k, ModeForces(t, system.fields[k], system.rule))
+            for k, t in zip(at, terms, strict=True)
+        ]
 
     def begin(self, t: float) -> None:
         for _, force in self._forces:
@@ -60,16 +63,25 @@ class ReducedEnergies(CompiledTerms):
     def add_forces(self, r: PETSc.Vec) -> None:
         with r as values:
             for k, force in self._forces:
-                values[self._system.numbering.owned(k)] += self._on_rank_zero(force.forces()).ravel()
+                values[self._system.numbering.owned(k)] += self._on_rank_zero(
+                    force.forces()
+                ).ravel()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         numbering = self._system.numbering
         for k, force in self._forces:
-            owned, K = numbering.owned(k), self._on_rank_zero(force.tangents(self._system.geometric))
-            if A.getType() == PETSc.Mat.Type.SEQDENSE:  # PETSc's way of entering numbers takes ten times as long
+            owned, K = (
+                numbering.owned(k),
+                self._on_rank_zero(force.tangents(self._system.geometric)),
+            )
+            if (
+                A.getType() == PETSc.Mat.Type.SEQDENSE
+            ):  # PETSc's way of entering numbers takes ten times as long
                 A.getDenseArray()[owned, owned] += K
                 continue
-            at = np.arange(owned.start, owned.stop, dtype=PETSc.IntType) + PETSc.IntType(numbering.start)
+            at = np.arange(owned.start, owned.stop, dtype=PETSc.IntType) + PETSc.IntType(
+                numbering.start
+            )
             A.setValues(at, at, K, addv=PETSc.InsertMode.ADD_VALUES)
 
     def _on_rank_zero(self, values: Array) -> Array:

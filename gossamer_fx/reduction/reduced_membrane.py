@@ -67,7 +67,9 @@ class ReducedMembrane(Membrane):
         super().__init__(SampledMesh(part), full.law, order=full.order, name=name)
         self.full, self.basis, self.sample = full, basis, sample
         self._modes = _at_nodes_of(self.space, basis, parents)
-        weight = np.zeros(whole.topology.index_map(2).size_local + whole.topology.index_map(2).num_ghosts)
+        weight = np.zeros(
+            whole.topology.index_map(2).size_local + whole.topology.index_map(2).num_ghosts
+        )
         weight[sample.cells] = sample.weights
         self._weights = weight[parents][: part.topology.index_map(2).size_local]
         weights = _in_cells(part, weight[parents])
@@ -96,7 +98,9 @@ class ReducedMembrane(Membrane):
 
     def terms(self) -> Iterable[Term]:
         mass = self.basis.mass * np.eye(self.basis.size)
-        yield NodeKineticEnergy(self, np.repeat(mass[None], self.block.index_map.size_local, axis=0))
+        yield NodeKineticEnergy(
+            self, np.repeat(mass[None], self.block.index_map.size_local, axis=0)
+        )
         yield ReducedEnergy(
             self.name,
             self,
@@ -123,8 +127,14 @@ class ReducedMembrane(Membrane):
         """Σ_k weights[k] x(nodes[k]) as a combination of the coefficients; the same on every rank."""
         self.port_nodes.update(nodes)
         start, end = self.full.block.index_map.local_range
-        own = [(node - start, weight) for node, weight in zip(nodes, weights, strict=True) if start <= node < end]
-        values = sum((weight * self.basis.values[node] for node, weight in own), np.zeros(self.basis.size))
+        own = [
+            (node - start, weight)
+            for node, weight in zip(nodes, weights, strict=True)
+            if start <= node < end
+        ]
+        values = sum(
+            (weight * self.basis.values[node] for node, weight in own), np.zeros(self.basis.size)
+        )
         values = self.comm.allreduce(values)
         return Port(self, (0,) * len(values), tuple(values.tolist()), tuple(range(len(values))))
 
@@ -156,6 +166,7 @@ def _at_nodes_of(space: fem.FunctionSpace, basis: Basis, parents: Any) -> Array:
 def check_reducible(film: Membrane) -> None:
     """Refuse what the reduced model has no form for."""
     check(
-        type(film).terms is Membrane.terms and all(isinstance(t, KineticEnergy | StoredEnergy) for t in film.terms()),
+        type(film).terms is Membrane.terms
+        and all(isinstance(t, KineticEnergy | StoredEnergy) for t in film.terms()),
         f"reduce: '{film.name}' has more than strains and mass (bending, creases, contact); those cannot be reduced.",
     )

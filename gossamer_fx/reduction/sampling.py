@@ -80,7 +80,9 @@ def sample_cells(basis: Basis, most: int, seed: int = 0) -> Sample:
     return Sample(taken, weights[taken], float(np.sqrt(np.mean(np.square(errors)))))
 
 
-def _equations(cells: CellEnergies, basis: Basis, c: Array, rng: np.random.Generator, count: int) -> Iterator[Array]:
+def _equations(
+    cells: CellEnergies, basis: Basis, c: Array, rng: np.random.Generator, count: int
+) -> Iterator[Array]:
     """Energies and work (2k, cells) of random motions about a snapshot with coefficients c, in portions."""
     comm, r = basis.film.comm, basis.size
     cells.take(c)
@@ -162,7 +164,9 @@ class CellEnergies:
     def take(self, c: Array) -> None:
         """Choose coefficients (r, 3)."""
         self._x.x.array[:] = (self._Φ @ c).ravel()
-        values = evaluate(self._state, self._film.space.mesh, own_cells(self._film)).reshape(-1, 18).T
+        values = (
+            evaluate(self._state, self._film.space.mesh, own_cells(self._film)).reshape(-1, 18).T
+        )
         self._F = values[:6].reshape(2, 3, -1)
         self._S, self._D = values[6:9] * self._dA, values[9:].reshape(3, 3, -1) * self._dA
 
@@ -171,20 +175,29 @@ class CellEnergies:
         on = np.repeat(weights > 0, self._points)
         ξ = np.repeat(weights, self._points)[on]
         B = strain_operator(self._F[:, :, on])
-        return project(stress_derivatives(B, self._D[:, :, on] * ξ, B, self._S[:, on] * ξ), self._G[on])
+        return project(
+            stress_derivatives(B, self._D[:, :, on] * ξ, B, self._S[:, on] * ξ), self._G[on]
+        )
 
     def motions(self, z: Array) -> tuple[Array, Array]:
         """Energies z·k_e z and work z·f_e (k, cells) of motions z (k, r, 3)."""
         k = len(z)
-        H = [(self._G[:, a] @ z.transpose(1, 0, 2).reshape(-1, 3 * k)).reshape(-1, k, 3) for a in range(2)]
+        H = [
+            (self._G[:, a] @ z.transpose(1, 0, 2).reshape(-1, 3 * k)).reshape(-1, k, 3)
+            for a in range(2)
+        ]
         F = self._F
-        de = np.stack([_dot(F[0], H[0]), _dot(F[1], H[1]), _dot(F[0], H[1]) + _dot(F[1], H[0])])  # (3, k, q)
+        de = np.stack(
+            [_dot(F[0], H[0]), _dot(F[1], H[1]), _dot(F[0], H[1]) + _dot(F[1], H[0])]
+        )  # (3, k, q)
         S, D = self._S[:, None], self._D
         products = [(H[a] * H[b]).sum(axis=2).T for a, b in ((0, 0), (1, 1), (0, 1))]
         energy = (de * np.einsum("ijq,jkq->ikq", D, de)).sum(axis=0)
         energy = energy + S[0] * products[0] + S[1] * products[1] + 2 * S[2] * products[2]
         work = (S * de).sum(axis=0)
-        return tuple(part.reshape(k, self.count, self._points).sum(axis=2) for part in (energy, work))
+        return tuple(
+            part.reshape(k, self.count, self._points).sum(axis=2) for part in (energy, work)
+        )
 
 
 def _dot(F: Array, H: Array) -> Array:

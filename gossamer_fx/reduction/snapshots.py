@@ -32,7 +32,8 @@ class Snapshots:
 
     def open(self, run: Run) -> None:
         check(
-            self.film in run.system.bodies, f"Snapshots: '{self.film.name}' is not in the scene; give one of its films."
+            self.film in run.system.bodies,
+            f"Snapshots: '{self.film.name}' is not in the scene; give one of its films.",
         )
         self.positions.clear()
 

@@ -80,8 +80,14 @@ class Checkpoints:
             every is None or (isinstance(every, int) and every >= 1),
             f"Checkpoints: every is {every!r}; give a number of steps, or None.",
         )
-        check(minutes is None or minutes > 0, f"Checkpoints: minutes is {minutes!r}; give a positive number, or None.")
-        check(isinstance(keep, int) and keep >= 1, f"Checkpoints: keep is {keep!r}; keep at least one.")
+        check(
+            minutes is None or minutes > 0,
+            f"Checkpoints: minutes is {minutes!r}; give a positive number, or None.",
+        )
+        check(
+            isinstance(keep, int) and keep >= 1,
+            f"Checkpoints: keep is {keep!r}; keep at least one.",
+        )
         self.seconds = 0.0  # spent in writing
         self._written: int | None = None
 
@@ -106,7 +112,10 @@ class Checkpoints:
         newest = latest(self.folder)
         if newest is None or _step(newest) == 0 or self.overwrite:
             return
-        own = restart is not None and self.folder.resolve() in (Path(restart).resolve(), Path(restart).resolve().parent)
+        own = restart is not None and self.folder.resolve() in (
+            Path(restart).resolve(),
+            Path(restart).resolve().parent,
+        )
         check(
             own,
             f"'{self.folder}' holds checkpoints of a run up to step {_step(newest)}; go on from them with restart "
@@ -203,7 +212,11 @@ class Checkpoints:
 
 def complete(folder: Path) -> list[Path]:
     """The checkpoints in a folder, oldest first."""
-    found = [p for p in folder.glob("step-*") if re.fullmatch(r"step-\d{8,}", p.name) and (p / "run.json").is_file()]
+    found = [
+        p
+        for p in folder.glob("step-*")
+        if re.fullmatch(r"step-\d{8,}", p.name) and (p / "run.json").is_file()
+    ]
     return sorted(found, key=_step)
 
 
@@ -243,9 +256,14 @@ def read(
     for name, vector in run.history.vectors.items():
         with vector as values:
             for k, block in enumerate(numbering.blocks):
-                rows = fetch(run.comm, arrays[f"names {k}"], arrays[f"{name} {k}"], here[k], LACKS, TWICE)
+                rows = fetch(
+                    run.comm, arrays[f"names {k}"], arrays[f"{name} {k}"], here[k], LACKS, TWICE
+                )
                 values[numbering.owned(k)] = rows.reshape(-1, block.size).ravel()
-    first, before = float(run.comm.rank == 0), state["totals"]["losses"]  # of all ranks: the first carries them on
+    first, before = (
+        float(run.comm.rank == 0),
+        state["totals"]["losses"],
+    )  # of all ranks: the first carries them on
     system.time, system.supplied_energy = state["time"], first * state["supplied"]
     system.losses = {name: first * before.get(name, 0.0) for name in {**before, **system.losses}}
     run.history.set_state(state["history"])
@@ -258,7 +276,9 @@ def read(
 def _open(path: Path) -> tuple[Path, dict[str, Any]]:
     chosen = path if (path / "run.json").is_file() else latest(path)
     if chosen is None:
-        raise InputError(f"There is no checkpoint in '{path}'; give a folder of checkpoints, or start without restart.")
+        raise InputError(
+            f"There is no checkpoint in '{path}'; give a folder of checkpoints, or start without restart."
+        )
     try:
         page = (chosen / "run.json").read_bytes()
         state = json.loads(page)
@@ -286,7 +306,11 @@ def _damaged(path: Path, reason: str) -> str:
 
 def _load(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
     """The parts of the ranks that this rank reads, one after the other."""
-    names = [f"{what} {k}" for what in ("names", *state["vectors"]) for k in range(len(run.system.numbering.blocks))]
+    names = [
+        f"{what} {k}"
+        for what in ("names", *state["vectors"])
+        for k in range(len(run.system.numbering.blocks))
+    ]
     parts = []
     for rank in range(run.comm.rank, state["ranks"], run.comm.size):
         part = path / _rank(rank)
@@ -296,14 +320,22 @@ def _load(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
             parts.append({name: file[name] for name in names})
     if not parts:
         sizes = [block.size for block in run.system.numbering.blocks]
-        empty: dict[str, Any] = {f"names {k}": np.zeros(0, dtype=np.uint64) for k in range(len(sizes))}
-        empty |= {f"{what} {k}": np.zeros((0, size)) for what in state["vectors"] for k, size in enumerate(sizes)}
+        empty: dict[str, Any] = {
+            f"names {k}": np.zeros(0, dtype=np.uint64) for k in range(len(sizes))
+        }
+        empty |= {
+            f"{what} {k}": np.zeros((0, size))
+            for what in state["vectors"]
+            for k, size in enumerate(sizes)
+        }
         return empty
     return {name: np.concatenate([part[name] for part in parts]) for name in names}
 
 
 def _plain(totals: Totals) -> dict[str, Any]:
-    return {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in asdict(totals).items()}
+    return {
+        name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in asdict(totals).items()
+    }
 
 
 def _name(step: int) -> str:

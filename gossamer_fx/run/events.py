@@ -69,7 +69,10 @@ class When:
     tolerance: float | None = None
 
     def __post_init__(self) -> None:
-        check(callable(self.probe), f"When '{self.name}': {self.probe!r} is no function of the run; give one.")
+        check(
+            callable(self.probe),
+            f"When '{self.name}': {self.probe!r} is no function of the run; give one.",
+        )
         check(
             self.tolerance is None or self.tolerance > 0,
             f"When '{self.name}': tolerance is {self.tolerance!r} s; give a positive one.",
@@ -94,7 +97,9 @@ class EventMonitor:
     def __init__(self, run: Run, events: Sequence[Event], history: History) -> None:
         self._run, self._history = run, history
         for event in events:
-            check(isinstance(event, At | When), f"{event!r} is no event; give At(...) or When(...).")
+            check(
+                isinstance(event, At | When), f"{event!r} is no event; give At(...) or When(...)."
+            )
         self._at = [e for e in events if isinstance(e, At)]
         self._when = [e for e in events if isinstance(e, When)]
         self._events: list[Event] = [*self._at, *self._when]
@@ -140,13 +145,21 @@ class EventMonitor:
         """Those that have just happened."""
         happened = []
         for e in waiting:
-            before, self._last[e] = self._last[e], evaluate_probe(self._run, f"When '{e.name}'", e.probe)
+            before, self._last[e] = (
+                self._last[e],
+                evaluate_probe(self._run, f"When '{e.name}'", e.probe),
+            )
             if _beyond(e, self._last[e]) > 0 >= _beyond(e, before):
                 happened.append(e)
         return happened
 
     def _locate(
-        self, stepping: Stepping, start: float, waiting: list[When], before: dict[When, float], happened: list[When]
+        self,
+        stepping: Stepping,
+        start: float,
+        waiting: list[When],
+        before: dict[When, float],
+        happened: list[When],
     ) -> list[When]:
         """Make the step anew until it ends at its first event, by false position and bisection."""
         run, a, b, turn = self._run, 0.0, self._run.time - start, 0
@@ -168,7 +181,12 @@ class EventMonitor:
         return happened if here == b else self._try(stepping, start, b, waiting, before)
 
     def _try(
-        self, stepping: Stepping, start: float, length: float, waiting: list[When], before: dict[When, float]
+        self,
+        stepping: Stepping,
+        start: float,
+        length: float,
+        waiting: list[When],
+        before: dict[When, float],
     ) -> list[When]:
         """Make the step anew with another length; what happened in it."""
         run = self._run
@@ -182,12 +200,19 @@ class EventMonitor:
         run, then = self._run, event.then
         run.log(words)
         if then is not None:
-            ask(run.comm, f"{type(event).__name__} '{event.name}' at t = {run.time:.6g} s", lambda: then(run))
+            ask(
+                run.comm,
+                f"{type(event).__name__} '{event.name}' at t = {run.time:.6g} s",
+                lambda: then(run),
+            )
 
     def describe(self) -> list[dict[str, Any]]:
         """What tells the events from others, for checkpoints; `key` is the same for those that are alike."""
         items = self._run.scene.items
-        return [{"key": _key(event), "name": event.name, **of_item(event, items)} for event in self._events]
+        return [
+            {"key": _key(event), "name": event.name, **of_item(event, items)}
+            for event in self._events
+        ]
 
     def get_state(self) -> dict[str, Any]:
         keys = [_key(event) for event in self._events]
@@ -210,7 +235,9 @@ class EventMonitor:
             mine = next((pair for pair in known if pair[0] == _key(event)), None)
             if mine is not None:
                 known.remove(mine)
-            now = mine[1] if mine else evaluate_probe(self._run, f"When '{event.name}'", event.probe)
+            now = (
+                mine[1] if mine else evaluate_probe(self._run, f"When '{event.name}'", event.probe)
+            )
             self._last[event] = now
 
     def repeat(self) -> None:

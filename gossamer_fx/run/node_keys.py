@@ -22,13 +22,21 @@ def node_names(body: Body) -> Names:
     if not has_nodal_unknowns(body):
         return hash_rows(np.arange(start, end)[:, None])
     layout, nodes = body.space.dofmap.dof_layout, body.space.dofmap.list
-    words = np.zeros((body.block.index_map.size_local + body.block.index_map.num_ghosts, 3), dtype=np.int64)
-    vertices, topology = cell_vertices(body), basix.topology(basix.CellType[body.space.mesh.topology.cell_name()])
+    words = np.zeros(
+        (body.block.index_map.size_local + body.block.index_map.num_ghosts, 3), dtype=np.int64
+    )
+    vertices, topology = (
+        cell_vertices(body),
+        basix.topology(basix.CellType[body.space.mesh.topology.cell_name()]),
+    )
     for dim, entities in enumerate(topology):
         for i, corners in enumerate(entities):
             here = layout.entity_dofs(dim, i)
             if here:
-                check(len(here) == 1, f"'{body.name}' has {len(here)} nodes on one edge or cell; checkpoints know one.")
+                check(
+                    len(here) == 1,
+                    f"'{body.name}' has {len(here)} nodes on one edge or cell; checkpoints know one.",
+                )
                 of = np.sort(vertices[:, corners], axis=1)
                 words[nodes[:, here[0]]] = np.pad(of, ((0, 0), (0, 3 - len(corners))), mode="edge")
     return hash_rows(words[: end - start])
@@ -55,7 +63,9 @@ def all_names(system: System) -> list[Names]:
     tied = system.constraints.places() if system.constraints else []
     for places, block in zip(tied, system.numbering.blocks[len(names) :], strict=True):
         alone = block.index_map.size_global == 1
-        names.append(hash_rows(np.zeros((len(places), 1))) if alone else _after_nodes(system, names, places))
+        names.append(
+            hash_rows(np.zeros((len(places), 1))) if alone else _after_nodes(system, names, places)
+        )
     return names
 
 
@@ -65,7 +75,10 @@ def _after_nodes(system: System, names: list[Names], places: list[tuple[Attached
     for place in places:
         port = next(p for p in place if isinstance(p, Port))
         k = system.bodies.index(port.body)
-        key = k, int(names[k][port.nodes[0] - port.body.block.index_map.local_range[0]] >> np.uint64(1))
+        key = (
+            k,
+            int(names[k][port.nodes[0] - port.body.block.index_map.local_range[0]] >> np.uint64(1)),
+        )
         seen[key] = seen.get(key, -1) + 1
         words.append((*key, seen[key]))
     return hash_rows(np.array(words, dtype=np.int64).reshape(-1, 3))

@@ -41,7 +41,11 @@ def describe(thing: Any, items: Iterable[Any] = (), depth: int = 0) -> Known:
     if any(thing is item for item in known):
         return f"{type(thing).__name__} '{thing.name}'"
     if isinstance(thing, Port):
-        return {"body": thing.body.name, "vectors": list(thing.vectors), "at": initial(thing).tolist()}
+        return {
+            "body": thing.body.name,
+            "vectors": list(thing.vectors),
+            "at": initial(thing).tolist(),
+        }
     if isinstance(thing, Ground):
         return {"ground": [float(x) for x in thing.vector]}
     if isinstance(thing, np.ndarray) and thing.dtype.kind in "fiub" and thing.size <= 1000:
@@ -73,22 +77,36 @@ def of_item(item: Any, items: Iterable[Any]) -> dict[str, Known]:
 
 def _of_function(function: Callable[..., Any], inner: Callable[[Any], Known]) -> Known:
     if isinstance(function, functools.partial):
-        return {"function": inner(function.func), "with": [inner(function.args), inner(function.keywords)]}
+        return {
+            "function": inner(function.func),
+            "with": [inner(function.args), inner(function.keywords)],
+        }
     if isinstance(function, MethodType):
         return {"function": inner(function.__func__), "of": inner(function.__self__)}
     if not isinstance(function, FunctionType):
         call = vars(type(function)).get("__call__")
         if not isinstance(call, FunctionType):  # of a compiled library
-            return {"function": f"{getattr(function, '__module__', '')}.{getattr(function, '__name__', '')}"}
-        return {"function": inner(call), "of": {str(k): inner(v) for k, v in vars(function).items()}}
+            return {
+                "function": f"{getattr(function, '__module__', '')}.{getattr(function, '__name__', '')}"
+            }
+        return {
+            "function": inner(call),
+            "of": {str(k): inner(v) for k, v in vars(function).items()},
+        }
     code = function.__code__
     cells = zip(code.co_freevars, function.__closure__ or (), strict=True)
     outside = {name: _contents(cell) for name, cell in cells}
-    outside |= {name: function.__globals__[name] for name in _names(code) if name in function.__globals__}
+    outside |= {
+        name: function.__globals__[name] for name in _names(code) if name in function.__globals__
+    }
     return {
         "code": f"Python {sys.version_info[0]}.{sys.version_info[1]} {_hash(code)}",
         "defaults": [inner(function.__defaults__), inner(function.__kwdefaults__)],
-        "outside": {k: _from_outside(v, inner) for k, v in outside.items() if not isinstance(v, ModuleType | type)},
+        "outside": {
+            k: _from_outside(v, inner)
+            for k, v in outside.items()
+            if not isinstance(v, ModuleType | type)
+        },
     }
 
 
@@ -108,14 +126,18 @@ def _from_outside(value: Any, inner: Callable[[Any], Known]) -> Known:
 
 def _names(code: CodeType) -> set[str]:
     """Names that a function and those in it use."""
-    return set(code.co_names).union(*(_names(part) for part in code.co_consts if isinstance(part, CodeType)))
+    return set(code.co_names).union(
+        *(_names(part) for part in code.co_consts if isinstance(part, CodeType))
+    )
 
 
 def _hash(code: CodeType) -> str:
     """Of what a function does, wherever it stands."""
     parts = [code.co_code, repr((code.co_names, code.co_varnames, code.co_freevars)).encode()]
     for constant in code.co_consts:
-        parts.append(_hash(constant).encode() if isinstance(constant, CodeType) else repr(constant).encode())
+        parts.append(
+            _hash(constant).encode() if isinstance(constant, CodeType) else repr(constant).encode()
+        )
     return hashlib.sha256(b"\0".join(parts)).hexdigest()[:16]
 
 
@@ -127,7 +149,9 @@ def difference(there: Known, here: Known, place: str = "") -> tuple[str, Known, 
         for key in there.keys() | here.keys():
             if key not in there or key not in here:
                 return _at(place, key), there.get(key), here.get(key)
-        pairs: list[tuple[str, Known, Known]] = [(_at(place, key), there[key], here[key]) for key in sorted(there)]
+        pairs: list[tuple[str, Known, Known]] = [
+            (_at(place, key), there[key], here[key]) for key in sorted(there)
+        ]
     elif isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
         pairs = [(place, one, other) for one, other in zip(there, here, strict=True)]
     elif _is_number(there) and _is_number(here):
@@ -156,4 +180,6 @@ def unknown(known: Known, place: str = "") -> list[str]:
         if _UNKNOWN in known:
             return [place]
         return [where for key, value in known.items() for where in unknown(value, _at(place, key))]
-    return [where for one in known for where in unknown(one, place)] if isinstance(known, list) else []
+    return (
+        [where for one in known for where in unknown(one, place)] if isinstance(known, list) else []
+    )

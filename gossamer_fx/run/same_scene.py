@@ -30,14 +30,18 @@ def scene_of(run: Run, events: list[Description]) -> Description:
             geometry = body.space.mesh.geometry
             x = geometry.x[: geometry.index_map().size_local]
             meshes[body.name] = mesh_name(body)
-            extents[body.name] = run.comm.allreduce(np.concatenate([x.sum(axis=0), (x**2).sum(axis=0)])).tolist()
+            extents[body.name] = run.comm.allreduce(
+                np.concatenate([x.sum(axis=0), (x**2).sum(axis=0)])
+            ).tolist()
     items = run.scene.items
     return {
         "parts": sorted(f"{type(item).__name__} '{item.name}'" for item in items),
         "unknowns": [block.index_map.size_global * block.size for block in system.numbering.blocks],
         "meshes": meshes,
         "extents": extents,
-        "parameters": {i.name: of_item(i, items) for i in items if not isinstance(i, InitialCondition)},
+        "parameters": {
+            i.name: of_item(i, items) for i in items if not isinstance(i, InitialCondition)
+        },
         "events": events,
         "stepper": type(run.stepper).__name__,
         "vectors": sorted(run.history.vectors),
@@ -54,25 +58,42 @@ def compare(path: Path, there: Description, here: Description, changes: Sequence
     """
     before = f"The checkpoint '{path}' is of another scene: "
     lost = sorted(set(there["parts"]) ^ set(here["parts"]))
-    check(not lost, f"{before}{lost[0] if lost else ''} is only in one of them; restart the scene that wrote it.")
+    check(
+        not lost,
+        f"{before}{lost[0] if lost else ''} is only in one of them; restart the scene that wrote it.",
+    )
     for body in here["meshes"]:
         same = there["meshes"].get(body) == here["meshes"][body] and np.allclose(
-            there["extents"][body], here["extents"][body], rtol=1e-9, atol=1e-9 * max(map(abs, here["extents"][body]))
+            there["extents"][body],
+            here["extents"][body],
+            rtol=1e-9,
+            atol=1e-9 * max(map(abs, here["extents"][body])),
         )
-        check(same, f"{before}the mesh of '{body}' is not the same; read the mesh with which it was written.")
+        check(
+            same,
+            f"{before}the mesh of '{body}' is not the same; read the mesh with which it was written.",
+        )
     counts = there["unknowns"], here["unknowns"]
     check(
         counts[0] == counts[1],
         f"{before}it has {sum(counts[0])} unknowns, this one {sum(counts[1])}; use its order.",
     )
     control = there["stepper"] == here["stepper"] and there["vectors"] == here["vectors"]
-    check(control, f"{before}it was stepped by {there['stepper']}, with another control; take the same stepper.")
+    check(
+        control,
+        f"{before}it was stepped by {there['stepper']}, with another control; take the same stepper.",
+    )
     events = [event["name"] for event in here["events"]]
     names = [*here["parameters"], *events]
     strange = next((name for name in changes if name not in names), None)
-    check(strange is None, f"changes holds '{strange}', but the scene has no such part; it has: {', '.join(names)}.")
+    check(
+        strange is None,
+        f"changes holds '{strange}', but the scene has no such part; it has: {', '.join(names)}.",
+    )
     for name, parameters in here["parameters"].items():
-        _compare_parameters(before, f"of '{name}'", there["parameters"][name], parameters, name in changes)
+        _compare_parameters(
+            before, f"of '{name}'", there["parameters"][name], parameters, name in changes
+        )
     _compare_events(before, there["events"], here["events"], changes)
     return _not_compared(here, changes)
 
@@ -100,10 +121,15 @@ def _compare_events(
     for event in here:
         found = next((e for e in left if e["key"] == event["key"]), None)
         known = found is not None or event["name"] in changes
-        check(known, f"{before}the event {event['key']} is not in it; restart with the same, or name it in changes.")
+        check(
+            known,
+            f"{before}the event {event['key']} is not in it; restart with the same, or name it in changes.",
+        )
         if found is not None:
             left.remove(found)
-            _compare_parameters(before, f"of the event '{event['name']}'", found, event, event["name"] in changes)
+            _compare_parameters(
+                before, f"of the event '{event['name']}'", found, event, event["name"] in changes
+            )
     gone = next((e["key"] for e in left if e["name"] not in changes), None)
     check(gone is None, f"{before}the event {gone} is missing here; restart with the same events.")
 
@@ -116,8 +142,12 @@ def _not_compared(here: Description, changes: Sequence[str]) -> str:
         if name not in changes
         for place in unknown(parameters)
     ]
-    places += [f"{place} of '{event['name']}'" for event in here["events"] for place in unknown(event)]
-    return ", ".join([*dict.fromkeys(places), *(f"'{name}', which is meant to change" for name in changes)])
+    places += [
+        f"{place} of '{event['name']}'" for event in here["events"] for place in unknown(event)
+    ]
+    return ", ".join(
+        [*dict.fromkeys(places), *(f"'{name}', which is meant to change" for name in changes)]
+    )
 
 
 def compare_energies(path: Path, here: Totals, there: Mapping[str, Any]) -> None:

@@ -68,10 +68,18 @@ class Simulation:
         restart: str | Path | None = None,
         changes: Sequence[str] = (),
     ) -> None:
-        self.outputs, events = _several("outputs", outputs, Output), _several("events", events, object)
+        self.outputs, events = (
+            _several("outputs", outputs, Output),
+            _several("events", events, object),
+        )
         self.scene, self.stepper, self.checkpoints = scene, stepper, checkpoints
-        check(control is None or isinstance(control, Control), f"control is {control!r}; give a StepControl, or None.")
-        check(restart is not None or not changes, "There are changes, but no restart; leave them out.")
+        check(
+            control is None or isinstance(control, Control),
+            f"control is {control!r}; give a StepControl, or None.",
+        )
+        check(
+            restart is not None or not changes, "There are changes, but no restart; leave them out."
+        )
         self.comm = scene.comm
         started = time.perf_counter()
         self.system = scene.compile(stepper.rule)
@@ -112,7 +120,9 @@ class Simulation:
         self.history.go_back()
 
     def _claim(self) -> Claims | None:
-        paths = [path for output in self.outputs if isinstance(output, Writing) for path in output.writes]
+        paths = [
+            path for output in self.outputs if isinstance(output, Writing) for path in output.writes
+        ]
         paths += [] if self.checkpoints is None else [self.checkpoints.folder]
         if not paths:
             return None
@@ -138,7 +148,9 @@ class Simulation:
 
         return scene_of(self, self._watch.describe() if self._watch else [])
 
-    def _restart(self, restart: str | Path, changes: Sequence[str]) -> list[tuple[str, dict[str, Any]]]:
+    def _restart(
+        self, restart: str | Path, changes: Sequence[str]
+    ) -> list[tuple[str, dict[str, Any]]]:
         """Take the state of a checkpoint; returns where its outputs stood."""
         from gossamer_fx.run.checkpoint import read
 
@@ -181,7 +193,9 @@ class Simulation:
     @property
     def chambers(self) -> dict[str, ChamberState]:
         """States of the gas chambers and tanks by name; none if the scene has no gas."""
-        return {name: state for border in self.system.borders for name, state in border.states().items()}
+        return {
+            name: state for border in self.system.borders for name, state in border.states().items()
+        }
 
     def chamber(self, name: str) -> ChamberState:
         """Pressure p [Pa], temperature [K], volume V [m³], mass m [kg] and internal energy U [J] of a chamber.
@@ -191,7 +205,10 @@ class Simulation:
         """
         chambers = self.chambers
         known = ", ".join(chambers) or "none"
-        check(name in chambers, f"The scene has no chamber '{name}'; its chambers and tanks are: {known}.")
+        check(
+            name in chambers,
+            f"The scene has no chamber '{name}'; its chambers and tanks are: {known}.",
+        )
         return chambers[name]
 
     # ---- running -----------------------------------------------------------------------------------------------
@@ -210,7 +227,10 @@ class Simulation:
             isinstance(until, Real) and not isinstance(until, bool) and math.isfinite(until),
             f"until is {until!r}; give the end time in seconds.",
         )
-        check(until >= self.time, f"until is {until!r} s, but the run is at t = {self.time:.9g} s; give a later time.")
+        check(
+            until >= self.time,
+            f"until is {until!r} s, but the run is at t = {self.time:.9g} s; give a later time.",
+        )
         self.until = until = float(until)
         if self._claims is not None:
             self._claims.hold()
@@ -233,7 +253,9 @@ class Simulation:
             self._record(last=ended)
         if ended:
             return 0
-        times = [t for o in self.outputs for t in o.times] + (self._watch.times if self._watch else [])
+        times = [t for o in self.outputs for t in o.times] + (
+            self._watch.times if self._watch else []
+        )
         return self._go(sorted({t for t in times if self.time < t < until} | {until}), signals)
 
     def _go(self, milestones: Sequence[float], signals: Listener) -> int:
@@ -298,14 +320,22 @@ class Simulation:
             self.seconds += time.perf_counter() - started
         if abs(milestone - self.time) <= 1e-9 * stepping.wanted:
             self.system.time = milestone
-        PETSc.garbage_cleanup(self.comm)  # on several ranks what Python drops is kept until all ask for this
+        PETSc.garbage_cleanup(
+            self.comm
+        )  # on several ranks what Python drops is kept until all ask for this
         return ended
 
     def _leave(self, number: int) -> None:
         """Say where the run ended, and end the program."""
         left = Interrupted(number)
         where = "" if self.checkpoints is None else f"; restart from '{self.checkpoints.latest}'"
-        LOGGER.warning("stopped by %s at t = %.9g s, after step %d%s", left.signal.name, self.time, self.step, where)
+        LOGGER.warning(
+            "stopped by %s at t = %.9g s, after step %d%s",
+            left.signal.name,
+            self.time,
+            self.step,
+            where,
+        )
         raise left
 
     def log(self, words: str) -> None:
@@ -316,7 +346,10 @@ class Simulation:
 
     def get_state(self) -> dict[str, Any]:
         """What a checkpoint keeps beside the history."""
-        first = {name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in asdict(self.first).items()}
+        first = {
+            name: v.tolist() if isinstance(v, np.ndarray) else v
+            for name, v in asdict(self.first).items()
+        }
         return {
             **{name: getattr(self, name) for name in _COUNTS},
             "first": first,
@@ -329,7 +362,9 @@ class Simulation:
         """Restore what `get_state` returned."""
         for name in _COUNTS:
             setattr(self, name, state[name])
-        first: dict[str, Any] = {n: np.array(v) if isinstance(v, list) else v for n, v in state["first"].items()}
+        first: dict[str, Any] = {
+            n: np.array(v) if isinstance(v, list) else v for n, v in state["first"].items()
+        }
         self.first = Totals(**first)
         self.solver.newton.energy, self._totals = state["largest energy"], self.system.totals()
         self.recorded = state["recorded"]
@@ -344,7 +379,9 @@ def _several[T](what: str, given: Sequence[T], kind: type) -> list[T]:
         InputError: it is one of them, or something else.
     """
     check(
-        isinstance(given, Sequence) and not isinstance(given, str) and all(isinstance(one, kind) for one in given),
+        isinstance(given, Sequence)
+        and not isinstance(given, str)
+        and all(isinstance(one, kind) for one in given),
         f"{what} is {given!r}; give a list, e.g. {what}=[...].",
     )
     return list(given)

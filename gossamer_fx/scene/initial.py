@@ -17,7 +17,9 @@ from gossamer_fx.model.scalar_unknowns import InitialCondition
 from gossamer_fx.model.terms import Array, Assembly, Body, Vector
 
 
-def start_coordinates(bodies: list[Body], conditions: Iterable[InitialCondition], comm: MPI.Intracomm) -> list[Array]:
+def start_coordinates(
+    bodies: list[Body], conditions: Iterable[InitialCondition], comm: MPI.Intracomm
+) -> list[Array]:
     """Owned coordinates of each body where initial conditions place it; nothing if none of them places bodies.
 
     Joints hold what they tie as it is at the start, so they have to know it before the scene is compiled.
@@ -69,7 +71,9 @@ class RigidMotion:
             for k in range(len(system.bodies)):
                 x, moving = vectors_of(system, k, positions), vectors_of(system, k, rates)
                 moving += np.cross(np.asarray(self.spin, dtype=float), x)
-                moving[:, 0] += np.asarray(self.velocity, dtype=float) - np.cross(self.spin, self.centre)
+                moving[:, 0] += np.asarray(self.velocity, dtype=float) - np.cross(
+                    self.spin, self.centre
+                )
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,10 +104,16 @@ class StartFrom:
                 other = self.system.bodies[there[body.name]] if body.name in there else None
                 full = other is not None and other is getattr(body, "full", None)
                 same = other is not None and (full or other.block.size == body.block.size)
-                check(same, f"'{self.name}' has no body '{body.name}' like this scene's; start from the same bodies.")
+                check(
+                    same,
+                    f"'{self.name}' has no body '{body.name}' like this scene's; start from the same bodies.",
+                )
                 taken = source[self.system.numbering.owned(there[body.name])]
                 if full:
                     taken = body.reduced(taken)  # type: ignore[attr-defined]
                 here = values[system.numbering.owned(k)]
-                check(len(taken) == len(here), f"'{body.name}' has other nodes in '{self.name}'; use the same mesh.")
+                check(
+                    len(taken) == len(here),
+                    f"'{body.name}' has other nodes in '{self.name}'; use the same mesh.",
+                )
                 here[:] = taken

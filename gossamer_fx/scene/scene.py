@@ -48,10 +48,16 @@ class Scene:
         check(bool(self.items), "The scene is empty; give it a body or a chamber.")
         names = [item.name for item in self.items]
         twice = sorted({n for n in names if names.count(n) > 1})
-        check(not twice, f"Two parts of the scene are called '{twice[0] if twice else ''}'; give each its own name.")
+        check(
+            not twice,
+            f"Two parts of the scene are called '{twice[0] if twice else ''}'; give each its own name.",
+        )
 
     def _add(self, item: Item) -> None:
-        check(isinstance(item, Item), f"{item!r} is no part of a scene; give bodies, gas parts, loads or interactions.")
+        check(
+            isinstance(item, Item),
+            f"{item!r} is no part of a scene; give bodies, gas parts, loads or interactions.",
+        )
         check(
             any(hasattr(item, what) for what in DOES),
             f"'{item.name}' ({type(item).__name__}) has none of {', '.join(DOES)}, so it would do nothing in a scene; "
@@ -86,7 +92,9 @@ class Scene:
         """
         validate(self.items, self.comm)
         for body in self.bodies:
-            for what, values in zip(("displacement", "velocity"), body.initial_state(), strict=True):
+            for what, values in zip(
+                ("displacement", "velocity"), body.initial_state(), strict=True
+            ):
                 check_on_all(
                     self.comm,
                     bool(np.isfinite(values).all()),
@@ -94,7 +102,9 @@ class Scene:
                 )
         conditions = [item for item in self.items if isinstance(item, InitialCondition)]
         starts = start_coordinates(self.bodies, conditions, self.comm)
-        with starting_from({id(body): values for body, values in zip(self.bodies, starts, strict=False)}):
+        with starting_from(
+            {id(body): values for body, values in zip(self.bodies, starts, strict=False)}
+        ):
             terms = list(self.terms())
         system = System(self.bodies, terms, rule or PathAverage(), self.comm)
         system.starts = starts

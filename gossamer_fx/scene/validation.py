@@ -75,7 +75,9 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
     corners, size = corner_points(domain), extent(domain)
     kind = "triangle" if corners.shape[1] == 3 else "line element"
     quality = shape_quality(corners) if corners.shape[1] == 3 else sizes(corners) / (size or 1.0)
-    flat, slivers = comm.allreduce(np.array([(quality < _FLAT).sum(), (quality < _SLIVER).sum()])).tolist()
+    flat, slivers = comm.allreduce(
+        np.array([(quality < _FLAT).sum(), (quality < _SLIVER).sum()])
+    ).tolist()
     check(
         flat == 0,
         f"'{body.name}' has {flat} {kind}{'s' * (flat > 1)} of no size, the nodes of which are in one place or on a "
@@ -139,7 +141,9 @@ def self_intersections(bodies: list[Body]) -> Iterator[str]:
             continue
         n = body.space.mesh.topology.index_map(2).size_local
         dofs = body.space.dofmap.list[:n, :3].astype(np.int64)
-        nodes = body.space.dofmap.index_map.local_to_global(dofs.ravel().astype(np.int32)).reshape(-1, 3)
+        nodes = body.space.dofmap.index_map.local_to_global(dofs.ravel().astype(np.int32)).reshape(
+            -1, 3
+        )
         pierced = crossings(body.comm, _positions(body)[dofs], nodes.astype(np.int64))
         if pierced:
             yield f"'{body.name}' pierces itself at the start in {pierced} triangles; nothing keeps them apart."

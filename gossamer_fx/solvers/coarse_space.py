@@ -34,7 +34,9 @@ class CoarseSpace:
 
     def __init__(self, system: System) -> None:
         self._P = prolongation(system)
-        self._single: PETSc.Mat | None = None  # A with single numbers: blocks have no product with P
+        self._single: PETSc.Mat | None = (
+            None  # A with single numbers: blocks have no product with P
+        )
         self._coarse: PETSc.Mat | None = None
         self._solver = PETSc.PC().create(system.comm)
         factorisation.choose(self._solver)
@@ -117,7 +119,9 @@ def patches(body: MeshBody, X: Array) -> Indices:
     graph = (touches.T @ touches).tocoo()
     together = box[graph.row] == box[graph.col]
     ends = graph.row[together], graph.col[together]
-    return connected_components(csr_matrix((np.ones(len(ends[0])), ends), shape=(n, n)), directed=False)[1]
+    return connected_components(
+        csr_matrix((np.ones(len(ends[0])), ends), shape=(n, n)), directed=False
+    )[1]
 
 
 def _halves(nodes: Indices, X: Array) -> list[Indices]:

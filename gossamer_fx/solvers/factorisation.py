@@ -11,7 +11,10 @@ from petsc4py import PETSc
 from scipy.linalg.lapack import dgetrf, dgetrs
 
 EPS = float(np.finfo(float).eps)
-MARGIN, LARGEST = 20, 20_000  # % of the estimated workspace: MUMPS's own default, and the last that is tried
+MARGIN, LARGEST = (
+    20,
+    20_000,
+)  # % of the estimated workspace: MUMPS's own default, and the last that is tried
 MINIMUM_FILL = 2  # ICNTL(7)
 TYPES = "lu", "cholesky"
 WORKSPACE = (-8, -9, -11, -14, -15, -17, -20)

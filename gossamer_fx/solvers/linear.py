@@ -26,7 +26,9 @@ from gossamer_fx.system.tangent import Tangent
 
 MANY = 1000  # applications of a preconditioner that no solve makes
 DIRECT_UP_TO = 3000  # unknowns up to which a factorisation is cheapest
-SEARCHING_UP_TO = 900  # the same where what is coupled changes from step to step, and a factorisation fills
+SEARCHING_UP_TO = (
+    900  # the same where what is coupled changes from step to step, and a factorisation fills
+)
 EASY = 10  # applications in a solve up to which a preconditioner needs no couplings beside the matrix that stays
 REASONS = {
     int(getattr(PETSc.KSP.ConvergedReason, name)): words
@@ -78,7 +80,10 @@ class Columns:
     """Owned parts of `count` columns as one array `values` (k, n) of the k that are not None, and their `places`."""
 
     def __init__(self, columns: list[Array | None]) -> None:
-        self.count, self.places = len(columns), [k for k, column in enumerate(columns) if column is not None]
+        self.count, self.places = (
+            len(columns),
+            [k for k, column in enumerate(columns) if column is not None],
+        )
         self.values: Array = np.array([column for column in columns if column is not None])
 
     def products(self, z: Array) -> Array:
@@ -139,7 +144,11 @@ class BorderedPreconditioner:
         else:
             self._sparse.setOperators(operator.A.strong() if self._hard else operator.A.A)
         self._sparse.setUp()
-        if self._sparse.getType() != "python" or step != self._step or self._applications > self._enough + 1:
+        if (
+            self._sparse.getType() != "python"
+            or step != self._step
+            or self._applications > self._enough + 1
+        ):
             self._solve_columns()
             self._step, self._enough = step, MANY
         elif self._enough == MANY:
@@ -168,7 +177,9 @@ class BorderedPreconditioner:
         right = s - operator.rows(self._out.array_r)
         try:
             δy: Array = np.linalg.solve(self._Σ, right)
-        except np.linalg.LinAlgError:  # the iteration has gone astray: PETSc sees it and the step is retried
+        except (
+            np.linalg.LinAlgError
+        ):  # the iteration has gone astray: PETSc sees it and the step is retried
             δy = np.full_like(right, np.nan)
         self._Z.add(self._out, -δy)
         operator.composite.join(self._out, δy, out)

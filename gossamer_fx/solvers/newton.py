@@ -20,16 +20,23 @@ from gossamer_fx.solvers.failures import Inadmissible, NotConverged
 from gossamer_fx.solvers.tolerances import Tolerances
 from gossamer_fx.system.system import System
 
-SEARCHES = 5  # of places that a solved step turns out to need, before what is still missed is refused
+SEARCHES = (
+    5  # of places that a solved step turns out to need, before what is still missed is refused
+)
 LAST = 0.01  # residual that the last linear solve of a step leaves, over that of a solved step
-EXPLODED = 1e12  # residual, over the first two (one may be round-off), from which no iteration returns
+EXPLODED = (
+    1e12  # residual, over the first two (one may be round-off), from which no iteration returns
+)
 # residual over that of a solved step, and over the first, up to which a full matrix is not made and factorised anew
 KEPT, CLOSE = 1e3, 1e-6
 NEAR = 0.01  # residual over the first, from which on tangents are complete
 # residual over the force that would stop all that moves, below which it counts as zero where bodies touch: film that
 # flies free between two contacts has next to no forces, and its state changes with the round-off of its strains
 STILL = 1e-12
-FALLS, STANDS = 0.5, 4.0  # a residual that falls by less than the one is round-off below the other times its floor
+FALLS, STANDS = (
+    0.5,
+    4.0,
+)  # a residual that falls by less than the one is round-off below the other times its floor
 
 
 def _weak[**P, T](method: Callable[P, T]) -> Callable[P, T]:
@@ -111,7 +118,9 @@ class Newton:
             self._preconditioner = ksp.getPC()
         elif self._scalars or system.searching:
             self._bordered = linear.Bordered(self._composite, system.coupled)
-            J = PETSc.Mat().createPython((self._x.getSizes(), self._x.getSizes()), self._bordered, comm)
+            J = PETSc.Mat().createPython(
+                (self._x.getSizes(), self._x.getSizes()), self._bordered, comm
+            )
             J.setUp()
             sparse = PETSc.PC().create(comm)
             sparse.setOptionsPrefix(PREFIX)
@@ -167,7 +176,9 @@ class Newton:
 
     def _iterate(self) -> None:
         """Newton's iteration from the present x."""
-        self._snes.setTolerances(stol=0.0, max_it=self.tolerances.iterations)  # a small step is no solution
+        self._snes.setTolerances(
+            stol=0.0, max_it=self.tolerances.iterations
+        )  # a small step is no solution
         before = sum(self.seconds.values())
         started = time.perf_counter()
         self._x.copy(self._start)
@@ -200,7 +211,9 @@ class Newton:
         """The linear solver, its iterations, and where the time of all solves went."""
         ksp, pc = self.ksp.getType(), linear.name(self._preconditioner)
         whole = sum(self.seconds.values()) or 1.0
-        shares = ", ".join(f"{what} {seconds / whole:.0%}" for what, seconds in self.seconds.items())
+        shares = ", ".join(
+            f"{what} {seconds / whole:.0%}" for what, seconds in self.seconds.items()
+        )
         krylov = self.linear_iterations / max(self.all_iterations, 1)
         return f"{ksp} with {pc}, {krylov:.1f} iterations for one of Newton's; {shares}"
 
@@ -244,13 +257,17 @@ class Newton:
             return
         with self._clock("tangent"):
             far = self._forces > NEAR * self._reference
-            self._take_geometric_stiffness(0.0 if far and snes.getIterationNumber() < self.careful else 1.0)
+            self._take_geometric_stiffness(
+                0.0 if far and snes.getIterationNumber() < self.careful else 1.0
+            )
             A = self._tangent()
             self._take_geometric_stiffness(1.0)
         if self._bordered is not None:
             self._bordered.set(*self.system.coupling())
             J.assemble()
-        if self._floor == 0 or self.system.searching:  # what a predictor passes through may be stiff beyond measure
+        if (
+            self._floor == 0 or self.system.searching
+        ):  # what a predictor passes through may be stiff beyond measure
             A.getDiagonal(self._diagonal)
             floor = self.tolerances.floor * np.finfo(float).eps * self.system.size(self._diagonal)
             self._floor = min(floor, self._floor or math.inf)
@@ -270,12 +287,19 @@ class Newton:
         if self._rtol is None:
             self._rtol = ksp.getTolerances()[0]
         last = 0 < forces * self._rtol < 10 * self._limit
-        ksp.setTolerances(rtol=min(self._rtol, max(LAST * self._limit / forces, 1e-12)) if last else self._rtol)
+        ksp.setTolerances(
+            rtol=min(self._rtol, max(LAST * self._limit / forces, 1e-12)) if last else self._rtol
+        )
 
     @property
     def _limit(self) -> float:
         """The residual [N] at which a step may count as solved."""
-        return max(self.tolerances.relative * self._reference, self.tolerances.absolute, self._floor, self._still)
+        return max(
+            self.tolerances.relative * self._reference,
+            self.tolerances.absolute,
+            self._floor,
+            self._still,
+        )
 
     def _test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
         if not np.isfinite(norms[2]):
@@ -322,9 +346,15 @@ class Newton:
         if not self.energy:
             return True
         system = self.system
-        forces = self._r.array_r[: system.constraints.owned.start] if system.constraints else self._r.array_r
+        forces = (
+            self._r.array_r[: system.constraints.owned.start]
+            if system.constraints
+            else self._r.array_r
+        )
         n = forces.size
-        work = system.comm.allreduce(float(forces @ (system.q1.array_r[:n] - system.q0.array_r[:n])))
+        work = system.comm.allreduce(
+            float(forces @ (system.q1.array_r[:n] - system.q0.array_r[:n]))
+        )
         return abs(work) <= self.tolerances.energy * self.energy
 
     def _complaint(self, reason: int, iterations: int) -> str:

@@ -49,7 +49,9 @@ class Subdomains:
         self._touched = (nodes[:, None] * size + np.arange(size)).ravel()
         self._mass = self._own(mass)
         indices = numbering.indices[0][size * nodes] // size
-        mapping = PETSc.LGMap().create(indices.astype(PETSc.IntType), bsize=size, comm=numbering.comm)
+        mapping = PETSc.LGMap().create(
+            indices.astype(PETSc.IntType), bsize=size, comm=numbering.comm
+        )
         self.matrix = A = PETSc.Mat().create(numbering.comm)
         A.setSizes(((numbering.size_local, numbering.size), (numbering.size_local, numbering.size)))
         A.setType("is")
@@ -85,7 +87,10 @@ class Subdomains:
 
 def configure(ksp: PETSc.KSP, method: str) -> None:
     """Krylov method and preconditioner on the ranks' parts; PETSc's options may override."""
-    check(method in METHODS, f"subdomains: there is no method {method!r}; take one of {', '.join(METHODS)}.")
+    check(
+        method in METHODS,
+        f"subdomains: there is no method {method!r}; take one of {', '.join(METHODS)}.",
+    )
     if method == "fetidp":
         ksp.setType("fetidp")
         # of the multipliers' equations, preconditioned: the forces of a wrinkled film are off by far more

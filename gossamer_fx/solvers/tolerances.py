@@ -33,5 +33,11 @@ class Tolerances:
             check(value >= 0, f"Tolerances: {name} is {value!r}; give zero or a positive number.")
         for name in ("relative", "energy", "border"):
             value = getattr(self, name)
-            check(value < 1, f"Tolerances: {name} is {value!r}, which any state meets; give a number below 1.")
-        check(self.iterations >= 1, f"Tolerances: iterations is {self.iterations!r}; allow at least one.")
+            check(
+                value < 1,
+                f"Tolerances: {name} is {value!r}, which any state meets; give a number below 1.",
+            )
+        check(
+            self.iterations >= 1,
+            f"Tolerances: iterations is {self.iterations!r}; allow at least one.",
+        )

@@ -16,7 +16,9 @@ from gossamer_fx.solvers.tolerances import Tolerances
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import EndPoint
 
-BEGINNING = 1e-3  # of the first step: in it rates are seen well above round-off, and little is moved
+BEGINNING = (
+    1e-3  # of the first step: in it rates are seen well above round-off, and little is moved
+)
 
 
 @dataclass(frozen=True)

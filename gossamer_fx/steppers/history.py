@@ -37,7 +37,9 @@ class History:
             if isinstance(carrier, Carrier):
                 name = type(carrier).__name__
                 self._remembering[name] = carrier
-                self.vectors |= {f"{name} {what}": vector for what, vector in carrier.vectors.items()}
+                self.vectors |= {
+                    f"{name} {what}": vector for what, vector in carrier.vectors.items()
+                }
         for k, border in enumerate(system.borders):
             self._remembering[f"border {k}"] = border
         for compiled in system.compiled:

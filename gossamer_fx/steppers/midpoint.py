@@ -51,7 +51,9 @@ class Midpoint:
 class MidpointSolver:
     """One step at a time on a compiled system."""
 
-    def __init__(self, system: System, tolerances: Tolerances, subdomains: str | None = None) -> None:
+    def __init__(
+        self, system: System, tolerances: Tolerances, subdomains: str | None = None
+    ) -> None:
         self._system = system
         self.newton = Newton(system, tolerances, subdomains=subdomains)
         self._increment, self._v1 = system.numbering.vector(), system.numbering.vector()

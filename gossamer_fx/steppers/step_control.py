@@ -52,15 +52,24 @@ class StepControl:
     largest: float = math.inf
 
     def __post_init__(self) -> None:
-        check(self.iterations >= 1, f"StepControl: iterations is {self.iterations!r}; aim at one or more.")
+        check(
+            self.iterations >= 1,
+            f"StepControl: iterations is {self.iterations!r}; aim at one or more.",
+        )
         for name in ("error", "smallest", "largest"):
             value = getattr(self, name)
-            check(value is None or value > 0, f"StepControl: {name} is {value!r}; give a positive number.")
+            check(
+                value is None or value > 0,
+                f"StepControl: {name} is {value!r}; give a positive number.",
+            )
         check(self.growth >= 1, f"StepControl: growth is {self.growth!r}; give 1 or more.")
         check(0 < self.cut < 1, f"StepControl: cut is {self.cut!r}; give a number between 0 and 1.")
 
     def start(self, system: System, solver: StepSolver, dt: float) -> ControlledSteps:
-        check(dt <= self.largest, f"StepControl: largest is {self.largest!r} s, but the first step is {dt!r} s.")
+        check(
+            dt <= self.largest,
+            f"StepControl: largest is {self.largest!r} s, but the first step is {dt!r} s.",
+        )
         return ControlledSteps(self, system, solver, dt)
 
 
@@ -136,7 +145,9 @@ class LocalError:
 
     def __init__(self, system: System) -> None:
         self._system = system
-        self.acceleration, self._v, self._a, self._e, self._Me = (system.numbering.vector() for _ in range(5))
+        self.acceleration, self._v, self._a, self._e, self._Me = (
+            system.numbering.vector() for _ in range(5)
+        )
         self.before = 0.0  # h₋; 0: there is none
         self._mass = self._total_mass()
         check(
@@ -167,7 +178,12 @@ class LocalError:
             return 0.0
         self._e.waxpy(-1.0, self.acceleration, a)
         system.M.mult(self._e, self._Me)
-        return h**3 / 6 / (h + self.before) * float(np.sqrt(max(self._e.dot(self._Me), 0.0) / self._mass))
+        return (
+            h**3
+            / 6
+            / (h + self.before)
+            * float(np.sqrt(max(self._e.dot(self._Me), 0.0) / self._mass))
+        )
 
     def accept(self) -> None:
         """The step stands."""

@@ -65,7 +65,10 @@ class EqualSteps:
     """Steps of one length; one that does not converge is made of two halves, and so on."""
 
     def __init__(self, system: System, solver: StepSolver, dt: float, halvings: int) -> None:
-        check(halvings >= 0, f"halvings is {halvings!r}; give the number of times that a step may be halved, or zero.")
+        check(
+            halvings >= 0,
+            f"halvings is {halvings!r}; give the number of times that a step may be halved, or zero.",
+        )
         self._system, self._solver, self._halvings = system, solver, halvings
         self.wanted, self.iterations, self.substeps = dt, 0, 0
 
@@ -98,4 +101,6 @@ def even_step(left: float, wanted: float) -> float:
 
 def step_failure(system: System, h: float, reason: object) -> StepFailure:
     """The error of a step of length h that cannot be made smaller."""
-    return StepFailure(f"The step at t = {system.time:.9g} s failed, also in sub-steps of {h:.3g} s: {reason}.")
+    return StepFailure(
+        f"The step at t = {system.time:.9g} s failed, also in sub-steps of {h:.3g} s: {reason}."
+    )

@@ -25,7 +25,13 @@ _DIFFERENCES = np.array(
         [0, 2, 2, 1, 1, 0],
     ]
 )
-_LINEAR = {"L4": (2, 2), "L8": (2, 3), "L16": (2, 4), "L9": (3, 2), "L27": (3, 3)}  # levels, generators
+_LINEAR = {
+    "L4": (2, 2),
+    "L8": (2, 3),
+    "L16": (2, 4),
+    "L9": (3, 2),
+    "L27": (3, 3),
+}  # levels, generators
 
 
 def orthogonal_array(name: str) -> Levels:
@@ -35,7 +41,10 @@ def orthogonal_array(name: str) -> Levels:
         InputError: there is no such array.
     """
     known = [*_LINEAR, "L12", "L18"]
-    check(name in known, f"There is no orthogonal array {name!r}; give one of: {', '.join(sorted(known, key=_runs))}.")
+    check(
+        name in known,
+        f"There is no orthogonal array {name!r}; give one of: {', '.join(sorted(known, key=_runs))}.",
+    )
     if name == "L12":
         return _paley()
     if name == "L18":
@@ -50,7 +59,9 @@ def _runs(name: str) -> int:
 def _linear(levels: int, generators: int) -> Levels:
     """All sums of multiples of the generators, modulo a prime number of levels."""
     rows = np.array(list(product(range(levels), repeat=generators)))
-    sums = [w for w in product(range(levels), repeat=generators) if next((k for k in w if k), 0) == 1]
+    sums = [
+        w for w in product(range(levels), repeat=generators) if next((k for k in w if k), 0) == 1
+    ]
     return np.asarray(rows @ np.array(sums).T % levels)
 
 
@@ -63,5 +74,7 @@ def _paley() -> Levels:
 
 def _from_differences() -> Levels:
     """One column of two levels and seven of three."""
-    rows = [(r // 3, r % 3, *((d + s) % 3 for d in _DIFFERENCES[r])) for r in range(6) for s in range(3)]
+    rows = [
+        (r // 3, r % 3, *((d + s) % 3 for d in _DIFFERENCES[r])) for r in range(6) for s in range(3)
+    ]
     return np.array(rows)

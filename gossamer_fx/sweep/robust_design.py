@@ -64,7 +64,9 @@ class RobustDesign:
     usual: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        check(callable(self.outcome), f"RobustDesign: outcome is {self.outcome!r}; give a function.")
+        check(
+            callable(self.outcome), f"RobustDesign: outcome is {self.outcome!r}; give a function."
+        )
         for name, levels in [*self.control.items(), *self.noise.items()]:
             count = len(set(map(repr, levels)))
             plain = all(isinstance(level, str | int | float) for level in levels)
@@ -74,11 +76,18 @@ class RobustDesign:
             )
         both = sorted({*self.control} & {*self.noise})
         check(not both, f"RobustDesign: {', '.join(both)} is control and noise; give it once.")
-        check(len(self.goals) > 0, "RobustDesign has no goal; name a number of the outcome, and what it should be.")
+        check(
+            len(self.goals) > 0,
+            "RobustDesign has no goal; name a number of the outcome, and what it should be.",
+        )
         for name, goal in self.goals.items():
-            check(goal in GOALS, f"RobustDesign: the goal of {name!r} is {goal!r}; give one of: {', '.join(GOALS)}.")
             check(
-                goal != "nominal" or bool(self.noise), f"RobustDesign: {name!r} cannot vary without noise; give some."
+                goal in GOALS,
+                f"RobustDesign: the goal of {name!r} is {goal!r}; give one of: {', '.join(GOALS)}.",
+            )
+            check(
+                goal != "nominal" or bool(self.noise),
+                f"RobustDesign: {name!r} cannot vary without noise; give some.",
             )
         for name, level in self.usual.items():
             check(
@@ -107,12 +116,18 @@ class RobustDesign:
     # ---- runs --------------------------------------------------------------------------------------------------------
 
     def _with_noise(self, control: Mapping[str, Any]) -> list[dict[str, Any]]:
-        return [{**control, **dict(zip(self.noise, levels, strict=True))} for levels in product(*self.noise.values())]
+        return [
+            {**control, **dict(zip(self.noise, levels, strict=True))}
+            for levels in product(*self.noise.values())
+        ]
 
     def rows(self) -> list[dict[str, Any]]:
         """Values of the control factors in every row of the array."""
         names = list(self.control)
-        return [{n: self.control[n][k] for n, k in zip(names, row, strict=True)} for row in self._columns()]
+        return [
+            {n: self.control[n][k] for n, k in zip(names, row, strict=True)}
+            for row in self._columns()
+        ]
 
     def cases(self) -> list[dict[str, Any]]:
         """Values of all runs of the array."""
@@ -121,7 +136,11 @@ class RobustDesign:
     def confirmations(self, results: Sequence[Result]) -> list[dict[str, Any]]:
         """Values of the runs with the usual levels, and of those with the best ones, once the array is run."""
         goal = next(iter(self.goals))
-        return [case for levels in (self.before(), self.best(results, goal)) for case in self._with_noise(levels)]
+        return [
+            case
+            for levels in (self.before(), self.best(results, goal))
+            for case in self._with_noise(levels)
+        ]
 
     # ---- what they say -----------------------------------------------------------------------------------------------
 
@@ -166,14 +185,17 @@ class RobustDesign:
             all(np.isfinite(effect).any() for effect in effects.values()),
             f"RobustDesign: no run has a finite {goal!r}; see why the runs failed in their results.",
         )
-        return {name: self.control[name][int(np.nanargmax(effect))] for name, effect in effects.items()}
+        return {
+            name: self.control[name][int(np.nanargmax(effect))] for name, effect in effects.items()
+        }
 
     def predicted(self, results: Sequence[Result], goal: str, levels: Mapping[str, Any]) -> float:
         """S/N [dB] at some levels, if the effects of the factors add up."""
         mean = _mean(self.ratios(results, goal))
         effects = self.effects(results, goal)
         return mean + sum(
-            float(effect[list(self.control[name]).index(levels[name])]) - mean for name, effect in effects.items()
+            float(effect[list(self.control[name]).index(levels[name])]) - mean
+            for name, effect in effects.items()
         )
 
 

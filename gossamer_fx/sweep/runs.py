@@ -86,7 +86,9 @@ class SharedRuns:
             except FileNotFoundError:
                 return None
             except (ValueError, TypeError) as error:
-                raise InputError(f"'{path}' is no result of a run; remove it, and the run is made again.") from error
+                raise InputError(
+                    f"'{path}' is no result of a run; remove it, and the run is made again."
+                ) from error
 
         known: Result | None = self._comm.bcast(on_rank_zero(self._comm, read))
         return known

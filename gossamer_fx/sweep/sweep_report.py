@@ -45,7 +45,11 @@ def tables(design: RobustDesign, results: Sequence[Result], confirmed: Sequence[
     ]
     for goal, kind in design.goals.items():
         shares = design.shares(results, goal)
-        lines += ["", f"## {goal}: {kind} is better" if kind != "nominal" else f"## {goal}: alike is better", ""]
+        lines += [
+            "",
+            f"## {goal}: {kind} is better" if kind != "nominal" else f"## {goal}: alike is better",
+            "",
+        ]
         lines += ["| factor | mean S/N [dB] at each level | share |", "|---|---|---|"]
         for name, effect in design.effects(results, goal).items():
             pairs = zip(design.control[name], effect, strict=True)
@@ -63,10 +67,16 @@ def tables(design: RobustDesign, results: Sequence[Result], confirmed: Sequence[
     ]
     half = len(confirmed) // 2
     found = design.ratios(confirmed, goal)
-    for k, (which, levels) in enumerate((("usual", design.before()), ("best", design.best(results, goal)))):
-        numbers = [result.numbers.get(goal, np.nan) for result in confirmed[k * half : (k + 1) * half]]
+    for k, (which, levels) in enumerate(
+        (("usual", design.before()), ("best", design.best(results, goal)))
+    ):
+        numbers = [
+            result.numbers.get(goal, np.nan) for result in confirmed[k * half : (k + 1) * half]
+        ]
         predicted = design.predicted(results, goal, levels)
-        lines.append(f"| {which}: {_words(levels)} | {predicted:.2f} | {found[k]:.2f} | {np.mean(numbers):.4g} |")
+        lines.append(
+            f"| {which}: {_words(levels)} | {predicted:.2f} | {found[k]:.2f} | {np.mean(numbers):.4g} |"
+        )
     return "\n".join(lines) + "\n"
 
 
@@ -88,10 +98,14 @@ def draw(design: RobustDesign, results: Sequence[Result], path: Path) -> None:
     )
     for panels, goal in zip(axes, design.goals, strict=True):
         mean = np.nanmean(design.ratios(results, goal))
-        for panel, (name, effect) in zip(panels, design.effects(results, goal).items(), strict=True):
+        for panel, (name, effect) in zip(
+            panels, design.effects(results, goal).items(), strict=True
+        ):
             panel.axhline(mean, color="#b8bec4", linewidth=1)
             panel.plot(range(len(effect)), effect, "o-", color="#0072B2", markersize=4)
-            panel.set_xticks(range(len(effect)), [_plain(level) for level in design.control[name]], fontsize=8)
+            panel.set_xticks(
+                range(len(effect)), [_plain(level) for level in design.control[name]], fontsize=8
+            )
             panel.set_xlim(-0.4, len(effect) - 0.6)
             panel.set_title(name, fontsize=9)
             panel.tick_params(axis="y", labelsize=8)
@@ -102,12 +116,16 @@ def draw(design: RobustDesign, results: Sequence[Result], path: Path) -> None:
 
 
 def _rows(results: Sequence[Result]) -> str:
-    names = list(dict.fromkeys(name for result in results for name in (*result.values, *result.numbers)))
+    names = list(
+        dict.fromkeys(name for result in results for name in (*result.values, *result.numbers))
+    )
     text = io.StringIO()
     writer = csv.DictWriter(text, [*names, "seconds", "failed"])
     writer.writeheader()
     for result in results:
-        writer.writerow({**result.values, **result.numbers, "seconds": result.seconds, "failed": result.failed})
+        writer.writerow(
+            {**result.values, **result.numbers, "seconds": result.seconds, "failed": result.failed}
+        )
     return text.getvalue()
 
 

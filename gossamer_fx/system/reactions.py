@@ -47,21 +47,32 @@ def support_force(system: System, support: Part, about: Vector) -> tuple[Array, 
     Raises:
         InputError: it is not in the scene, or holds nothing.
     """
-    check(hasattr(support, "terms"), f"{support!r} is no support; give a Fixed, Prescribed or Clamped of the scene.")
+    check(
+        hasattr(support, "terms"),
+        f"{support!r} is no support; give a Fixed, Prescribed or Clamped of the scene.",
+    )
     centre = check_vector(f"The reaction of '{support.name}'", about)
     total = np.zeros((2, 3))
     found = False
     for term in support.terms():
         name = getattr(term, "name", "")
         if isinstance(term, Support):
-            found = any(isinstance(t, Support) and t.name == name and t.body is term.body for t in system.terms)
+            found = any(
+                isinstance(t, Support) and t.name == name and t.body is term.body
+                for t in system.terms
+            )
             if found:
                 total += _held(system, term, centre)
         elif isinstance(term, PointConstraint):
             found = any(isinstance(t, PointConstraint) and t.name == name for t in system.terms)
             if found:
-                total += _tied(system, term.measure, _multipliers(system, name), lambda port: True, centre)
-    check(found, f"'{support.name}' is no support of this scene; add it to the scene, or ask for one that is in it.")
+                total += _tied(
+                    system, term.measure, _multipliers(system, name), lambda port: True, centre
+                )
+    check(
+        found,
+        f"'{support.name}' is no support of this scene; add it to the scene, or ask for one that is in it.",
+    )
     total = system.comm.allreduce(total)
     return total[0], total[1]
 
@@ -74,8 +85,13 @@ def joint_force(system: System, joint: Joint, about: Vector | None = None) -> tu
     Raises:
         InputError: it is not in the scene, or has no multipliers.
     """
-    check(hasattr(joint, "b"), f"'{getattr(joint, 'name', joint)}' is no joint; give a BallJoint, FixedJoint, ...")
-    centre = check_vector(f"The force of '{joint.name}'", (0.0, 0.0, 0.0) if about is None else about)
+    check(
+        hasattr(joint, "b"),
+        f"'{getattr(joint, 'name', joint)}' is no joint; give a BallJoint, FixedJoint, ...",
+    )
+    centre = check_vector(
+        f"The force of '{joint.name}'", (0.0, 0.0, 0.0) if about is None else about
+    )
     terms = [term for term in joint.terms() if isinstance(term, PointConstraint)]
     known = {t.name for t in system.terms if isinstance(t, PointConstraint)}
     check(
@@ -90,7 +106,9 @@ def joint_force(system: System, joint: Joint, about: Vector | None = None) -> tu
 
     total = np.zeros((2, 3))
     for term in terms:
-        total += sign * _tied(system, term.measure, _multipliers(system, term.name), on_side, centre)
+        total += sign * _tied(
+            system, term.measure, _multipliers(system, term.name), on_side, centre
+        )
     total = system.comm.allreduce(total)
     return total[0], total[1]
 
@@ -124,7 +142,9 @@ def _multipliers(system: System, name: str) -> Array:
     return system.q0.array_r[owned].reshape(-1, terms[k].measure.H.shape[0])
 
 
-def _tied(system: System, measure: PointMeasure, λ: Array, counts: Callable[[Port], bool], centre: Array) -> Array:
+def _tied(
+    system: System, measure: PointMeasure, λ: Array, counts: Callable[[Port], bool], centre: Array
+) -> Array:
     """This rank's share of what a constraint exerts on those of its ports that count: -De(q̄)ᵀλ."""
     α = system.rule.alpha
     total = np.zeros((2, 3))

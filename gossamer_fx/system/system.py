@@ -13,7 +13,14 @@ from scipy.linalg import block_diag
 
 from gossamer_fx.algebra.numbering import Numbering
 from gossamer_fx.model.scalar_unknowns import InitialCondition, ScalarUnknowns
-from gossamer_fx.model.terms import Array, Body, CompiledConstraints, CompiledTerms, Term, is_on_mesh
+from gossamer_fx.model.terms import (
+    Array,
+    Body,
+    CompiledConstraints,
+    CompiledTerms,
+    Term,
+    is_on_mesh,
+)
 from gossamer_fx.system.increment import Increment
 from gossamer_fx.system.tangent import Tangent
 from gossamer_fx.system.totals import Totals
@@ -36,33 +43,51 @@ class System:
     the same vector; they have no mass and no rate, and their rows of r are the constraints.
     """
 
-    def __init__(self, bodies: list[Body], terms: Iterable[Term], rule: StressRule, comm: MPI.Intracomm) -> None:
+    def __init__(
+        self, bodies: list[Body], terms: Iterable[Term], rule: StressRule, comm: MPI.Intracomm
+    ) -> None:
         self.comm, self.bodies, self.rule = comm, bodies, rule
         self.borders: list[ScalarUnknowns] = []
-        self.starts: Sequence[Array] = ()  # owned coordinates at the start, if initial conditions place bodies
+        self.starts: Sequence[
+            Array
+        ] = ()  # owned coordinates at the start, if initial conditions place bodies
         self.time, self.h, self.geometric, self.supplied_energy = 0.0, 1.0, 1.0, 0.0
         self.terms = list(terms)
         kinds: dict[type[CompiledTerms], list[Any]] = {}
         for term in self.terms:
             kinds.setdefault(term.compiler, []).append(term)
-        multipliers = [block for kind, alike in kinds.items() for block in kind.multipliers(alike, comm)]
+        multipliers = [
+            block for kind, alike in kinds.items() for block in kind.multipliers(alike, comm)
+        ]
         self.numbering = numbering = Numbering(comm, [b.block for b in bodies] + multipliers)
-        self.q0, self.q1, self.v0, self.past, self._scratch, self._momenta = (numbering.vector() for _ in range(6))
-        vectors = [np.tile(np.eye(1, b.block.size // 3)[0], b.block.index_map.size_local) for b in bodies]
-        self._is_position = np.concatenate([np.zeros(0), *vectors])  # of each vector of this rank's nodes
+        self.q0, self.q1, self.v0, self.past, self._scratch, self._momenta = (
+            numbering.vector() for _ in range(6)
+        )
+        vectors = [
+            np.tile(np.eye(1, b.block.size // 3)[0], b.block.index_map.size_local) for b in bodies
+        ]
+        self._is_position = np.concatenate(
+            [np.zeros(0), *vectors]
+        )  # of each vector of this rank's nodes
         self.fields = {k: b.coordinates(rule.alpha) for k, b in enumerate(bodies) if is_on_mesh(b)}
         self.supports = Supports(kinds.pop(Supports, []), self)
         self.increment = Increment(numbering, self.supports)
         self.compiled = [kind(alike, self) for kind, alike in kinds.items()]
-        self.constraints = next((c for c in self.compiled if isinstance(c, CompiledConstraints)), None)
+        self.constraints = next(
+            (c for c in self.compiled if isinstance(c, CompiledConstraints)), None
+        )
         self.searching = [c for c in self.compiled if c.searches]
         self.losses = {name: 0.0 for c in self.compiled for name in c.losses}
-        self._has_stiffness = any(type(c).add_stiffness is not CompiledTerms.add_stiffness for c in self.compiled)
+        self._has_stiffness = any(
+            type(c).add_stiffness is not CompiledTerms.add_stiffness for c in self.compiled
+        )
 
     def start(self, conditions: Iterable[InitialCondition] = ()) -> None:
         """Take the initial state and set up the matrices; after the borders are attached."""
         for k, body in enumerate(self.bodies):
-            self.q0.array[self.numbering.owned(k)], self.v0.array[self.numbering.owned(k)] = body.initial_state()
+            self.q0.array[self.numbering.owned(k)], self.v0.array[self.numbering.owned(k)] = (
+                body.initial_state()
+            )
         for condition in conditions:
             condition.initialise(self, self.q0, self.v0)
         self.v0.array[self.supports.at_rest] = 0
@@ -94,7 +119,9 @@ class System:
             compiled.add_mass(pattern)
             compiled.add_stiffness(pattern)
         self._add_tangents(pattern)
-        pattern.setDiagonal(self.numbering.vector(), addv=PETSc.InsertMode.ADD_VALUES)  # all that held rows keep
+        pattern.setDiagonal(
+            self.numbering.vector(), addv=PETSc.InsertMode.ADD_VALUES
+        )  # all that held rows keep
         pattern.assemble()
         self.M, self.A = pattern.duplicate(), pattern.duplicate()
         self.K = pattern.duplicate() if self._has_stiffness else None
@@ -133,7 +160,9 @@ class System:
 
     def inadmissible(self) -> str:
         """In words, what cannot be in the solution of a step; else nothing."""
-        found = [border.inadmissible() for border in self.borders] + [c.inadmissible() for c in self.compiled]
+        found = [border.inadmissible() for border in self.borders] + [
+            c.inadmissible() for c in self.compiled
+        ]
         return next(filter(None, found), "")
 
     def limit(self, update: Array) -> None:
@@ -271,15 +300,22 @@ class System:
         """Energies and momenta of the accepted state, and what was supplied and lost since the start."""
         self.M.mult(self.v0, self._momenta)
         P, x = self._momenta.array_r, self.q0.array_r
-        p, q = (z[: 3 * len(self._is_position)].reshape(-1, 3) for z in (P, x))  # without multipliers
+        p, q = (
+            z[: 3 * len(self._is_position)].reshape(-1, 3) for z in (P, x)
+        )  # without multipliers
         qp = q.T @ p
-        stored, momenta = dict[str, float](), np.stack([self._is_position @ p, qp[_NEXT, _LAST] - qp[_LAST, _NEXT]])
+        stored, momenta = (
+            dict[str, float](),
+            np.stack([self._is_position @ p, qp[_NEXT, _LAST] - qp[_LAST, _NEXT]]),
+        )
         for compiled in self.compiled:
             momenta += compiled.momenta()
             for name, energy in compiled.energies().items():
                 stored[name] = stored.get(name, 0.0) + energy
         local = [self.v0.array_r @ P / 2, self.supplied_energy, *momenta.ravel(), *stored.values()]
-        kinetic, supplied, *rest = self.comm.allreduce(np.array([*local, *self.losses.values()])).tolist()
+        kinetic, supplied, *rest = self.comm.allreduce(
+            np.array([*local, *self.losses.values()])
+        ).tolist()
         linear, angular = np.array(rest[:6]).reshape(2, 3)
         stored = dict(zip(stored, rest[6 : 6 + len(stored)], strict=True))
         losses = dict(zip(self.losses, rest[6 + len(stored) :], strict=True))
@@ -287,8 +323,14 @@ class System:
         for border in self.borders:
             b = border.totals()
             stored |= b.stored
-            supplied, mass, mass_supplied = supplied + b.supplied, mass + b.mass, mass_supplied + b.mass_supplied
-        return Totals(self.time, kinetic, stored, supplied, losses, linear, angular, mass, mass_supplied)
+            supplied, mass, mass_supplied = (
+                supplied + b.supplied,
+                mass + b.mass,
+                mass_supplied + b.mass_supplied,
+            )
+        return Totals(
+            self.time, kinetic, stored, supplied, losses, linear, angular, mass, mass_supplied
+        )
 
     def size(self, diagonal: PETSc.Vec) -> float:
         """Norm [N] of the forces of which the last residual is the sum; the diagonal of the tangent is given."""

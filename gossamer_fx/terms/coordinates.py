@@ -37,6 +37,8 @@ class Coordinates:
         """Add an assembled vector b, of owned and ghost nodes, to the forces on this rank's unknowns."""
         forces += b[: len(forces)]
 
-    def assemble(self, forms: Iterable[fem.Form], A: PETSc.Mat, numbering: Numbering, k: int) -> None:
+    def assemble(
+        self, forms: Iterable[fem.Form], A: PETSc.Mat, numbering: Numbering, k: int
+    ) -> None:
         """Add bilinear forms to the block (k, k) of A; k is the body's number."""
         numbering.assemble(A, k, forms)

@@ -76,7 +76,10 @@ class PathAverage(StressRule):
     alpha = 0.5
 
     def __post_init__(self) -> None:
-        check(self.points >= 1, f"PathAverage: points is {self.points!r}; take at least one Gauss point.")
+        check(
+            self.points >= 1,
+            f"PathAverage: points is {self.points!r}; take at least one Gauss point.",
+        )
 
     def stress(self, energy: PathEnergy, e0: Expr, e1: Expr) -> Expr:
         ψ, Δe = energy.density, e1 - e0
@@ -86,7 +89,9 @@ class PathAverage(StressRule):
         # where the pieces meet they have the same stress, so that the places need not be derived
         pieces = energy.pieces(e0, e1.expression()) if energy.pieces else []
         for piece in pieces:
-            S += (piece.end - piece.start) * piece.stress(e0 + piece.start * Δe, e0 + piece.end * Δe)
+            S += (piece.end - piece.start) * piece.stress(
+                e0 + piece.start * Δe, e0 + piece.end * Δe
+            )
         if not pieces:
             for p, w in zip(*np.polynomial.legendre.leggauss(self.points), strict=True):
                 S += float(w) / 2 * gradient(ψ, e0 + float(1 + p) / 2 * Δe)
@@ -102,7 +107,9 @@ class PathAverage(StressRule):
         found = []
         for stress, parts in lengths.items():
             S = stress(e0, e1)
-            found.append((ufl.ge(sum(parts[1:], parts[0]), 1.0), S + defect(energy.density, S, e0, e1)))
+            found.append(
+                (ufl.ge(sum(parts[1:], parts[0]), 1.0), S + defect(energy.density, S, e0, e1))
+            )
         return found
 
 

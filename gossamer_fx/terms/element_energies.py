@@ -48,11 +48,18 @@ class ElementEnergies(CompiledTerms):
     def __init__(self, terms: Sequence[StoredEnergy | Dissipation], system: Assembly) -> None:
         self._system = system
         at = [system.bodies.index(term.body) for term in terms]
-        self.elements = [(k, ElementForces(t, system.fields[k], system.rule)) for k, t in zip(at, terms, strict=True)]
+        self.elements = [
+            (k, ElementForces(t, system.fields[k], system.rule))
+            for k, t in zip(at, terms, strict=True)
+        ]
         dofmaps = {k: system.fields[k].q0.function_space.dofmap for k in at}
-        self._dissipating = [force for _, force in self.elements if isinstance(force.term, Dissipation)]
+        self._dissipating = [
+            force for _, force in self.elements if isinstance(force.term, Dissipation)
+        ]
         self.losses = [force.term.name for force in self._dissipating]
-        self._forces = {k: la.vector(dofmap.index_map, dofmap.index_map_bs) for k, dofmap in dofmaps.items()}
+        self._forces = {
+            k: la.vector(dofmap.index_map, dofmap.index_map_bs) for k, dofmap in dofmaps.items()
+        }
 
     def begin(self, t: float) -> None:
         for k, force in self.elements:
@@ -84,7 +91,9 @@ class ElementEnergies(CompiledTerms):
             force.accept()
 
     def energies(self) -> dict[str, float]:
-        return {f.term.name: f.energy() for _, f in self.elements if isinstance(f.term, StoredEnergy)}
+        return {
+            f.term.name: f.energy() for _, f in self.elements if isinstance(f.term, StoredEnergy)
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +140,9 @@ class ElementForces:
         mesh, metadata = at.q1.function_space.mesh, term.dx.metadata()
         Q = fem.functionspace(mesh, quadrature_element(mesh, metadata, (m,)))
         self._e0, self._e_chosen = fem.Function(Q), fem.Function(Q)
-        self._response = fem.Function(fem.functionspace(mesh, quadrature_element(mesh, metadata, (m + m * m,))))
+        self._response = fem.Function(
+            fem.functionspace(mesh, quadrature_element(mesh, metadata, (m + m * m,)))
+        )
         S = ufl.as_vector([self._response[i] for i in range(m)])
         D = ufl.as_matrix([[self._response[m + i * m + j] for j in range(m)] for i in range(m)])
 
@@ -145,7 +156,9 @@ class ElementForces:
             self._work = compile_form(ufl.dot(S, self._e_chosen - self._e0) * term.dx)
         points = interpolation_points(Q)
         stresses = [S̄, *(S for _, S in cases)]  # the first serves every point
-        self._responses = [compile_expression(with_derivative(S, e_chosen), points) for S in stresses]
+        self._responses = [
+            compile_expression(with_derivative(S, e_chosen), points) for S in stresses
+        ]
         if cases:
             self._case = compile_expression(first_that_holds(cases), points)
         self._strain = compile_expression(e, points)
@@ -156,7 +169,9 @@ class ElementForces:
         self._size = m
         self._switches = isinstance(term, StoredEnergy) and not term.quadratic and rule.alpha == 0.5
         if self._switches:
-            self._expected = fem.Function(fem.functionspace(mesh, quadrature_element(mesh, metadata, (2 * m + 2,))))
+            self._expected = fem.Function(
+                fem.functionspace(mesh, quadrature_element(mesh, metadata, (2 * m + 2,)))
+            )
             change, stiffness = linearised - self._e_chosen, _largest(D[i, i] for i in range(m))
             σ = S + ufl.dot(D, change)
             numbers = [*linearised, *σ, stiffness, ufl.sqrt(ufl.dot(change, change))]
@@ -167,7 +182,9 @@ class ElementForces:
             resistance = SURROUNDINGS * ufl.max_value(stiffness, self._expected[2 * m])
             is_far = ufl.conditional(ufl.gt(misses, FAR * stress), 1.0, 0.0)
             self._resist = compile_expression(ufl.as_vector([is_far * resistance, misses]), points)
-            self._missed = np.full((len(self._cells), len(points)), np.inf)  # error of the stress where it was chosen
+            self._missed = np.full(
+                (len(self._cells), len(points)), np.inf
+            )  # error of the stress where it was chosen
             self._idle = np.zeros(self._missed.shape, dtype=int)  # how often it did not fall
         self._before = self._e0.x.array.copy()
         self._known, self._chooses = 0, self._switches
@@ -179,7 +196,9 @@ class ElementForces:
         held = at.γ * S
         if isinstance(term, StoredEnergy) and term.pulling is not None and rule.alpha == 1.0:
             held += (1 - at.γ) * term.pulling(S)
-        self.tangent = compile_form((ufl.dot(ufl.dot(D, De_dq), De_mid) + at.α * ufl.dot(held, D2e)) * term.dx)
+        self.tangent = compile_form(
+            (ufl.dot(ufl.dot(D, De_dq), De_mid) + at.α * ufl.dot(held, D2e)) * term.dx
+        )
 
     def begin(self) -> None:
         """Start a step: of its stress nothing is known yet."""
@@ -213,7 +232,10 @@ class ElementForces:
         """e_chosen between the linearised strain and the one that has the linearised stress; see the module."""
         m, mesh = self._size, self._e_chosen.function_space.mesh
         self._tabulate(self._expect, self._expected)
-        expected, e = self._expected.x.array.reshape(-1, 2 * m + 2), self._e_chosen.x.array.reshape(-1, m)
+        expected, e = (
+            self._expected.x.array.reshape(-1, 2 * m + 2),
+            self._e_chosen.x.array.reshape(-1, m),
+        )
         e[:] = expected[:, :m]
         self._respond()
         resistance, misses = np.moveaxis(
@@ -242,7 +264,9 @@ class ElementForces:
             cells = cells[case == 0]
         self._tabulate(general, self._response, cells)
 
-    def _tabulate(self, expression: fem.Expression, at_points: fem.Function, cells: Indices | None = None) -> None:
+    def _tabulate(
+        self, expression: fem.Expression, at_points: fem.Function, cells: Indices | None = None
+    ) -> None:
         """The expression at the quadrature points of some cells (or all)."""
         tabulate(expression, at_points, self._cells if cells is None else cells)
 

@@ -25,7 +25,9 @@ class Loads(CompiledTerms):
     def __init__(self, terms: Sequence[Load], system: Assembly) -> None:
         self._system = system
         at = [system.bodies.index(term.body) for term in terms]
-        self._loads = [(k, LoadForces(term, system.fields[k])) for k, term in zip(at, terms, strict=True)]
+        self._loads = [
+            (k, LoadForces(term, system.fields[k])) for k, term in zip(at, terms, strict=True)
+        ]
 
     def begin(self, t: float) -> None:
         for _, load in self._loads:
@@ -36,7 +38,9 @@ class Loads(CompiledTerms):
         with r as values:
             for k, load in self._loads:
                 load.assemble()
-                self._system.fields[k].add_forces(-load.force.array, values[self._system.numbering.owned(k)])
+                self._system.fields[k].add_forces(
+                    -load.force.array, values[self._system.numbering.owned(k)]
+                )
 
     def tangent_forms(self, k: int) -> list[fem.Form]:
         return [load.tangent for j, load in self._loads if j == k and load.tangent]
@@ -56,7 +60,9 @@ class Loads(CompiledTerms):
             owned, α = system.numbering.owned(k), system.rule.alpha
             q = ((1 - α) * system.past.array_r[owned] + α * system.q0.array_r[owned]).reshape(-1, 3)
             f = load.force.array[: owned.stop - owned.start].reshape(-1, 3)
-            total = np.array([f[:: system.bodies[k].block.size // 3].sum(axis=0), np.cross(q, f).sum(axis=0)])
+            total = np.array(
+                [f[:: system.bodies[k].block.size // 3].sum(axis=0), np.cross(q, f).sum(axis=0)]
+            )
             found[load.term.name] = found.get(load.term.name, 0.0) + total
         return found
 

@@ -28,7 +28,11 @@ class Masses(CompiledTerms):
 
     def mass_forms(self, k: int) -> list[fem.Form]:
         at = self._system.fields.get(k)
-        return [compile_form(term.mass(at.dq, at.w)) for j, term in self._terms if j == k and at is not None]
+        return [
+            compile_form(term.mass(at.dq, at.w))
+            for j, term in self._terms
+            if j == k and at is not None
+        ]
 
     def add_mass(self, M: PETSc.Mat) -> None:
         for k in dict.fromkeys(k for k, _ in self._terms):
@@ -38,7 +42,10 @@ class Masses(CompiledTerms):
         for k, term in self._terms:
             at = self._system.fields[k]
             ω = fem.Constant(at.q0.function_space.mesh, tuple(float(c) for c in spin))
-            v = [ufl.cross(ω, ufl.as_vector([at.dq[i + j] for j in range(3)])) for i in range(0, len(at.dq), 3)]
+            v = [
+                ufl.cross(ω, ufl.as_vector([at.dq[i + j] for j in range(3)]))
+                for i in range(0, len(at.dq), 3)
+            ]
             turned = ufl.as_vector([vector[j] for vector in v for j in range(3)])
             self._system.numbering.assemble(G, k, [compile_form(2 * term.mass(turned, at.w))])
 

@@ -18,12 +18,30 @@ from dolfinx.common import IndexMap
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from gossamer_fx.algebra.places import Gather, Places, PointMeasure, add_blocks, nodes_of, own_places
+from gossamer_fx.algebra.places import (
+    Gather,
+    Places,
+    PointMeasure,
+    add_blocks,
+    nodes_of,
+    own_places,
+)
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Array, Assembly, Attached, Block, CompiledConstraints, CompiledTerms
+from gossamer_fx.model.terms import (
+    Array,
+    Assembly,
+    Attached,
+    Block,
+    CompiledConstraints,
+    CompiledTerms,
+)
 
-DISTANCE = 1e-8  # largest violation at the start, in units of the constraint; it stands for "coincides"
-CHECK_UP_TO = 1500  # constraints; above, redundant ones are not looked for (the matrix is then singular)
+DISTANCE = (
+    1e-8  # largest violation at the start, in units of the constraint; it stands for "coincides"
+)
+CHECK_UP_TO = (
+    1500  # constraints; above, redundant ones are not looked for (the matrix is then singular)
+)
 
 
 class PointConstraints(CompiledConstraints):
@@ -35,7 +53,10 @@ class PointConstraints(CompiledConstraints):
     @classmethod
     def multipliers(cls, terms: Sequence[PointConstraint], comm: MPI.Intracomm) -> list[Block]:
         """One multiplier for each measure, on the rank that evaluates it."""
-        return [Block(IndexMap(comm, len(own_places(t.measure.places))), t.measure.H.shape[0]) for t in terms]
+        return [
+            Block(IndexMap(comm, len(own_places(t.measure.places))), t.measure.H.shape[0])
+            for t in terms
+        ]
 
     def __init__(self, terms: Sequence[PointConstraint], system: Assembly) -> None:
         numbering = system.numbering
@@ -68,7 +89,9 @@ class PointConstraints(CompiledConstraints):
         for k, (at, q) in enumerate(zip(self._places, self._gather(self._system.q1), strict=True)):
             force = values[self._local[k]][:, None] @ self._middle_gradient(k, q)
             r.setValues(at.indices.ravel(), force.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
-            r.setValues(self._rows[k].ravel(), at.strain(q).ravel(), addv=PETSc.InsertMode.ADD_VALUES)
+            r.setValues(
+                self._rows[k].ravel(), at.strain(q).ravel(), addv=PETSc.InsertMode.ADD_VALUES
+            )
         r.assemble()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
@@ -76,7 +99,9 @@ class PointConstraints(CompiledConstraints):
         for k, (at, q) in enumerate(zip(self._places, self._gather(self._system.q1), strict=True)):
             λ, rows = values[self._local[k]], self._rows[k]
             if not at.linear:
-                add_blocks(A, at.indices, at.indices, self._system.rule.alpha * at.stiffness(at.bend(λ)))
+                add_blocks(
+                    A, at.indices, at.indices, self._system.rule.alpha * at.stiffness(at.bend(λ))
+                )
             add_blocks(A, at.indices, rows, self._middle_gradient(k, q).transpose(0, 2, 1))
             add_blocks(A, rows, at.indices, at.gradient(q))
             add_blocks(A, rows, rows, np.zeros((at.n, at.m, at.m)))
@@ -94,7 +119,8 @@ class PointConstraints(CompiledConstraints):
     def violation(self, q: PETSc.Vec) -> float:
         """Largest violation of a constraint in a state, in its own units; the same on every rank."""
         worst = [
-            float(np.abs(at.strain(x)).max(initial=0.0)) for at, x in zip(self._places, self._gather(q), strict=True)
+            float(np.abs(at.strain(x)).max(initial=0.0))
+            for at, x in zip(self._places, self._gather(q), strict=True)
         ]
         return float(self._comm.allreduce(max(worst), op=MPI.MAX))
 
@@ -106,7 +132,9 @@ class PointConstraints(CompiledConstraints):
         `free` is 1 at coordinates that may move and 0 at held ones.
         """
         found: list[npt.NDArray[np.int64]] = [np.zeros(0, dtype=np.int64)]
-        for k, (at, q, mask) in enumerate(zip(self._places, self._gather(q0), self._gather(free), strict=True)):
+        for k, (at, q, mask) in enumerate(
+            zip(self._places, self._gather(q0), self._gather(free), strict=True)
+        ):
             nothing = (np.abs(at.gradient(q)) * mask[:, None, :]).max(axis=2, initial=0.0) < 1e-12
             found.append(self._local[k][nothing])
         return np.concatenate(found)
@@ -119,14 +147,20 @@ class PointConstraints(CompiledConstraints):
         """
         worst, speed = np.zeros((2, len(self._terms))), 1.0
         off, rates = worst
-        for of, at, q, v in zip(self._of, self._places, self._gather(q0), self._gather(v0), strict=True):
+        for of, at, q, v in zip(
+            self._of, self._places, self._gather(q0), self._gather(v0), strict=True
+        ):
             De = at.gradient(q)
             np.maximum.at(off, of, np.abs(at.strain(q)).max(axis=1, initial=0.0))
-            np.maximum.at(rates, of, np.abs(np.einsum("nmx,nx->nm", De, v)).max(axis=1, initial=0.0))
+            np.maximum.at(
+                rates, of, np.abs(np.einsum("nmx,nx->nm", De, v)).max(axis=1, initial=0.0)
+            )
             speed = max(speed, np.abs(De).max(initial=1.0) * np.abs(v).max(initial=0.0))
         self._comm.Allreduce(MPI.IN_PLACE, worst, op=MPI.MAX)
         speed = self._comm.allreduce(speed, op=MPI.MAX)
-        for term, distance, rate in zip(self._terms, map(float, off), map(float, rates), strict=True):
+        for term, distance, rate in zip(
+            self._terms, map(float, off), map(float, rates), strict=True
+        ):
             check(
                 distance <= DISTANCE,
                 f"'{term.name}' does not hold at the start: it is off by {distance:.3g}; let the joined points "
@@ -145,7 +179,9 @@ class PointConstraints(CompiledConstraints):
         if n > CHECK_UP_TO:
             return
         mine: list[tuple[int, Array, Array]] = []
-        for k, (at, q, mask) in enumerate(zip(self._places, self._gather(q0), self._gather(free), strict=True)):
+        for k, (at, q, mask) in enumerate(
+            zip(self._places, self._gather(q0), self._gather(free), strict=True)
+        ):
             De = at.gradient(q) * mask[:, None, :]
             mine += [
                 (int(self._of[k][i]), at.indices[i], De[i, j])
@@ -174,7 +210,9 @@ class PointConstraints(CompiledConstraints):
         null = vectors[:, eigenvalues < 1e-12]
         if not null.size:
             return ""
-        involved = {self._terms[rows[i][0]].name for i in np.flatnonzero(np.abs(null).max(axis=1) > 1e-6)}
+        involved = {
+            self._terms[rows[i][0]].name for i in np.flatnonzero(np.abs(null).max(axis=1) > 1e-6)
+        }
         names = ", ".join(f"'{name}'" for name in sorted(involved))
         return (
             f"{null.shape[1]} of the constraints {names} follow from the others; free one of the joints, e.g. by a "

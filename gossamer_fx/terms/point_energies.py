@@ -49,7 +49,9 @@ class Stencil:
     def __init__(self, at: Places, density: Any, dissipates: bool, alpha: float) -> None:
         self.at, self.density, self._dissipates, self._α = at, density, dissipates, alpha
         self.h = 1.0
-        self._known: tuple[Array, Array, Array, tuple[Array, Array]] | None = None  # of the unknowns last asked for
+        self._known: tuple[Array, Array, Array, tuple[Array, Array]] | None = (
+            None  # of the unknowns last asked for
+        )
         self.keep(np.zeros((at.n, at.D)))
 
     def keep(self, q0: Array) -> None:
@@ -81,7 +83,9 @@ class Stencil:
         """Add the same to a matrix."""
         at = self.at
         if at.alike:
-            add_blocks(A, at.indices[:1], at.indices[:1], at.sum_of_stiffness(*self._stiffness(q1))[None])
+            add_blocks(
+                A, at.indices[:1], at.indices[:1], at.sum_of_stiffness(*self._stiffness(q1))[None]
+            )
         else:
             add_blocks(A, at.indices, at.indices, self.tangent(q1))
 
@@ -130,8 +134,13 @@ def _places(on: Any) -> Any:
 class PointEnergies(CompiledTerms):
     """All `PointStoredEnergy` and `PointDissipation` terms of a scene."""
 
-    def __init__(self, terms: Sequence[PointStoredEnergy | PointDissipation], system: Assembly) -> None:
-        self._system, self._names = system, [t.name for t in terms if isinstance(t, PointStoredEnergy)]
+    def __init__(
+        self, terms: Sequence[PointStoredEnergy | PointDissipation], system: Assembly
+    ) -> None:
+        self._system, self._names = (
+            system,
+            [t.name for t in terms if isinstance(t, PointStoredEnergy)],
+        )
         groups: dict[Any, list[PointStoredEnergy | PointDissipation]] = {}
         for term in terms:
             groups.setdefault(_kind(term), []).append(term)
@@ -139,10 +148,14 @@ class PointEnergies(CompiledTerms):
         for alike in groups.values():
             at = Places(system.numbering, system.bodies, [term.measure for term in alike])
             density = _stacked([term.density for term in alike], at.of)
-            stencil = Stencil(at, density, isinstance(alike[0], PointDissipation), system.rule.alpha)
+            stencil = Stencil(
+                at, density, isinstance(alike[0], PointDissipation), system.rule.alpha
+            )
             self._groups.append((alike, stencil))
         self._stencils = [stencil for _, stencil in self._groups]
-        self.losses = [t.name for alike, _ in self._groups for t in alike if isinstance(t, PointDissipation)]
+        self.losses = [
+            t.name for alike, _ in self._groups for t in alike if isinstance(t, PointDissipation)
+        ]
         self._gather = Gather(system.numbering, [stencil.at.indices for stencil in self._stencils])
         self._ends: list[Array] | None = None  # unknowns of the stencils in q1
 
@@ -165,7 +178,11 @@ class PointEnergies(CompiledTerms):
 
     def add_forces(self, r: PETSc.Vec) -> None:
         for stencil, q in zip(self._stencils, self._at_end(), strict=True):
-            r.setValues(stencil.at.indices.ravel(), stencil.force(q).ravel(), addv=PETSc.InsertMode.ADD_VALUES)
+            r.setValues(
+                stencil.at.indices.ravel(),
+                stencil.force(q).ravel(),
+                addv=PETSc.InsertMode.ADD_VALUES,
+            )
         r.assemble()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
@@ -214,7 +231,9 @@ def _kind(term: PointStoredEnergy | PointDissipation) -> Any:
     density, stacks = term.density, getattr(term.density, "stacks", None)
     if stacks is None:
         return id(term)
-    others = tuple((name, value) for name, value in sorted(vars(density).items()) if name not in stacks)
+    others = tuple(
+        (name, value) for name, value in sorted(vars(density).items()) if name not in stacks
+    )
     return type(term), type(density), others, term.measure.H.shape, nodes_of(term.measure)
 
 
@@ -223,4 +242,7 @@ def _stacked(densities: Sequence[Any], of: Array) -> Any:
     first = densities[0]
     if len(densities) == 1:
         return first
-    return replace(first, **{name: np.array([getattr(d, name) for d in densities])[of] for name in first.stacks})
+    return replace(
+        first,
+        **{name: np.array([getattr(d, name) for d in densities])[of] for name in first.stacks},
+    )

@@ -49,12 +49,17 @@ class PointLoads(CompiledTerms):
     def _middle(self) -> list[Array]:
         """The vectors at which forces act."""
         α = self._system.rule.alpha
-        return [(1 - α) * X0 + α * X1 for X0, X1 in zip(self._X0, self._vectors(self._system.q1), strict=True)]
+        return [
+            (1 - α) * X0 + α * X1
+            for X0, X1 in zip(self._X0, self._vectors(self._system.q1), strict=True)
+        ]
 
     def begin(self, t: float) -> None:
         system = self._system
         self._X0 = self._vectors(system.q0)
-        rates = [P @ values for (P, _), values in zip(self._maps, self._gather(system.v0), strict=True)]
+        rates = [
+            P @ values for (P, _), values in zip(self._maps, self._gather(system.v0), strict=True)
+        ]
         for law, X, V in zip(self._laws, self._X0, rates, strict=True):
             law.begin(system.time, system.rule.alpha * system.h, X, V)
 

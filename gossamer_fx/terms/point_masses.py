@@ -32,7 +32,9 @@ class AttachedMasses(CompiledTerms):
             places = [term.places[i] for i in own]
             indices, P, _ = attach_all(self._system.numbering, self._system.bodies, places, 3 * k)
             mass = np.einsum("nij,ab->niajb", term.mass[own], each).reshape(len(own), 3 * k, 3 * k)
-            add_blocks(matrix, indices, indices, np.einsum("nax,nab,nby->nxy", P, mass, P, optimize=True))
+            add_blocks(
+                matrix, indices, indices, np.einsum("nax,nab,nby->nxy", P, mass, P, optimize=True)
+            )
 
 
 @dataclass(frozen=True, eq=False)

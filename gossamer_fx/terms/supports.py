@@ -77,12 +77,16 @@ class Supports(CompiledTerms):
 
     def work(self, Δq: Array) -> float:
         """What the moved supports supply in a step Δq."""
-        return sum(float(Δq[at] @ self.reactions[np.searchsorted(self.held, at)]) for at, _ in self._moved)
+        return sum(
+            float(Δq[at] @ self.reactions[np.searchsorted(self.held, at)]) for at, _ in self._moved
+        )
 
     def clear(self, matrix: PETSc.Mat, diagonal: float) -> None:
         """Replace rows and columns of the held coordinates by `diagonal` times the identity."""
         if self._any:
-            matrix.zeroRowsColumns((self.held + self._numbering.start).astype(PETSc.IntType), diag=diagonal)
+            matrix.zeroRowsColumns(
+                (self.held + self._numbering.start).astype(PETSc.IntType), diag=diagonal
+            )
 
 
 def _restricted(motion: Motion, mine: npt.NDArray[np.bool_]) -> Motion:

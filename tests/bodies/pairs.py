@@ -51,7 +51,9 @@ def beam(motion: Motion, name: str) -> gx.Beam:
 
 def body(motion: Motion, name: str) -> gx.RigidBody:
     centre = np.array([0.1, 0.2, -0.4])
-    return gx.RigidBody(2.0, (0.2, 0.3, 0.4), centre, velocity=motion.at(centre), spin=motion.spin, name=name)
+    return gx.RigidBody(
+        2.0, (0.2, 0.3, 0.4), centre, velocity=motion.at(centre), spin=motion.spin, name=name
+    )
 
 
 def mass(motion: Motion, name: str) -> gx.PointMass:
@@ -65,7 +67,12 @@ BODIES: dict[str, Callable[[Motion, str], Any]] = {
     "body": body,
     "mass": mass,
 }
-JOINTED = [(a, b, "ball") for i, a in enumerate(BODIES) for b in list(BODIES)[i:] if (a, b) != ("mass", "mass")] + [
+JOINTED = [
+    (a, b, "ball")
+    for i, a in enumerate(BODIES)
+    for b in list(BODIES)[i:]
+    if (a, b) != ("mass", "mass")
+] + [
     (a, b, kind)
     for a, b in (("beam", "body"), ("body", "body"), ("beam", "beam"))
     for kind in ("fixed", "revolute", "prismatic", "cylindrical")
@@ -90,7 +97,11 @@ def joint(kind: str, a: Any, b: Any) -> Any:
     full, other = sorted((frame(a), frame(b)), key=lambda f: -len(f.directors))
     if kind == "fixed":
         return gx.FixedJoint(full, other)
-    kinds = {"revolute": gx.RevoluteJoint, "prismatic": gx.PrismaticJoint, "cylindrical": gx.CylindricalJoint}
+    kinds = {
+        "revolute": gx.RevoluteJoint,
+        "prismatic": gx.PrismaticJoint,
+        "cylindrical": gx.CylindricalJoint,
+    }
     return kinds[kind](full, other, AXIS)
 
 

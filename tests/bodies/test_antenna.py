@@ -45,8 +45,13 @@ def test_attitude_follows_the_designed_response() -> None:
 @pytest.mark.mpi
 def test_joints_of_the_antenna_across_ranks() -> None:
     """All ranks together find what each finds alone: tip and film of the swing, controlled angles and torques."""
-    swings = [antenna_pendulum.main(until=0.1, comm=comm) for comm in (MPI.COMM_WORLD, MPI.COMM_SELF)]
-    turns = [antenna_attitude.main(case=2, until=0.4, comm=comm) for comm in (MPI.COMM_WORLD, MPI.COMM_SELF)]
+    swings = [
+        antenna_pendulum.main(until=0.1, comm=comm) for comm in (MPI.COMM_WORLD, MPI.COMM_SELF)
+    ]
+    turns = [
+        antenna_attitude.main(case=2, until=0.4, comm=comm)
+        for comm in (MPI.COMM_WORLD, MPI.COMM_SELF)
+    ]
     for results, names in ((swings, ("tip", "film")), (turns, ("angles", "torque", "point_A"))):
         for name in names:
             together, alone = (result[name] for result in results)

@@ -11,10 +11,14 @@ from gossamer_fx.algebra.places import values_of
 from gossamer_fx.control.rotation import euler_angles, euler_axes, position_gradient, rotation
 
 
-def controlled(inertia: float, kp: float, kd: float, target: float, period: float, dt: float) -> gx.Simulation:
+def controlled(
+    inertia: float, kp: float, kd: float, target: float, period: float, dt: float
+) -> gx.Simulation:
     body = gx.RigidBody(1.0, np.full(3, inertia))
     control = gx.AttitudeControl(body.frame(), (0, 0, target), kp, kd, period=period)
-    return gx.Simulation(gx.Scene(body, control), gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13)))
+    return gx.Simulation(
+        gx.Scene(body, control), gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
+    )
 
 
 def angle_and_rate(run: gx.Simulation) -> tuple[float, float]:
@@ -46,7 +50,11 @@ def test_step_response(gains: tuple[float, float, float], degrees: tuple[float, 
 def test_torque_held_between_samples() -> None:
     """I = 1, K_p = 0.25, K_d = 0.5, θ_c = 1 rad, sampled every 0.1 s."""
     run = controlled(1.0, 0.25, 0.5, target=1.0, period=0.1, dt=0.02)
-    for t, exact in ((1.0, (0.1069307, 0.19332098)), (2.0, (0.34818193, 0.27242071)), (5.0, (1.03769443, 0.13478003))):
+    for t, exact in (
+        (1.0, (0.1069307, 0.19332098)),
+        (2.0, (0.34818193, 0.27242071)),
+        (5.0, (1.03769443, 0.13478003)),
+    ):
         run.run(until=t)
         assert angle_and_rate(run) == pytest.approx(exact, rel=5e-3)
 

@@ -29,7 +29,12 @@ def cantilever(elements: int, slenderness: float, load: float) -> tuple[float, f
     return float(z), float(1 - x), found.iterations
 
 
-ELASTICA = {1: (0.301721, 0.056433), 2: (0.493457, 0.160642), 5: (0.713792, 0.387628), 10: (0.810609, 0.554996)}
+ELASTICA = {
+    1: (0.301721, 0.056433),
+    2: (0.493457, 0.160642),
+    5: (0.713792, 0.387628),
+    10: (0.810609, 0.554996),
+}
 
 
 @pytest.mark.parametrize("load", ELASTICA)
@@ -45,7 +50,9 @@ def test_four_elements_suffice() -> None:
 
 def test_no_locking_and_no_more_iterations_in_slender_beams() -> None:
     """From L/r = 100, where shear and extension are below 0.1 %, to 1e4; at 10 they add 5 %, as the theory says."""
-    tips, iterations = zip(*[(c[:2], c[2]) for c in (cantilever(8, s, 10) for s in (1e1, 1e2, 1e3, 1e4))], strict=True)
+    tips, iterations = zip(
+        *[(c[:2], c[2]) for c in (cantilever(8, s, 10) for s in (1e1, 1e2, 1e3, 1e4))], strict=True
+    )
     assert tips[0][0] > ELASTICA[10][0] * 1.03
     for tip in tips[1:]:
         assert tip == pytest.approx(ELASTICA[10], rel=1e-3)
@@ -58,7 +65,10 @@ def frequencies(supports: str, slenderness: float = 1e3) -> np.ndarray:
     beam = gx.Beam(line(COMM, [(0, 0, 0), (1, 0, 0)], 16), section)
     items: list = [gx.Clamped(beam, "start")] if supports == "clamped-free" else []
     if supports == "pinned-pinned":
-        items = [gx.BallJoint(beam.port(end), gx.Ground((x, 0, 0)), end) for end, x in (("start", 0), ("end", 1))]
+        items = [
+            gx.BallJoint(beam.port(end), gx.Ground((x, 0, 0)), end)
+            for end, x in (("start", 0), ("end", 1))
+        ]
     ω = angular_frequencies(gx.Scene(beam, *items))
     return ω * (section.line_density / section.EI2) ** 0.5
 
@@ -98,7 +108,11 @@ def test_thrown_beam_conserves() -> None:
     section = gx.rectangle(0.02, 0.05, E=1e7, nu=0.3, density=1000.0)
 
     mesh = line(COMM, [(0, 0, 0), (0.5, 0.2, 0), (1, 0.2, 0.3)], 3)
-    beam = gx.Beam(mesh, section, velocity=lambda x: np.cross([3.0, 2.0, 5.0], x.T).T + np.array([[1.0], [0.0], [0.0]]))
+    beam = gx.Beam(
+        mesh,
+        section,
+        velocity=lambda x: np.cross([3.0, 2.0, 5.0], x.T).T + np.array([[1.0], [0.0], [0.0]]),
+    )
     run = gx.Simulation(gx.Scene(beam), gx.Midpoint(dt=5e-3))
     run.run(until=1.0)
     assert abs(run.energy_error) < 1e-11
@@ -119,7 +133,9 @@ def test_thrown_beam_conserves() -> None:
         (lambda: gx.solid_circle(0.0, 1e9, 0.3, 1e3), "radius is 0.0"),
         (
             lambda: gx.Beam(
-                line(COMM, [(0, 0, 0), (1, 0, 0)], 2), gx.solid_circle(0.1, 1e9, 0.3, 1e3), normal=(1, 0, 0)
+                line(COMM, [(0, 0, 0), (1, 0, 0)], 2),
+                gx.solid_circle(0.1, 1e9, 0.3, 1e3),
+                normal=(1, 0, 0),
             ),
             "is along the beam",
         ),

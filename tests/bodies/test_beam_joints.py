@@ -28,7 +28,13 @@ DIRECTIONS = {
 
 def arm(name: str, direction: tuple[float, ...], elements: int = 2, **more) -> gx.Beam:
     """From the origin, of the length of `direction` [m]."""
-    return gx.Beam(line(COMM, [(0, 0, 0), direction], elements), SECTION, normal=(0.1, 0.2, 1.0), name=name, **more)
+    return gx.Beam(
+        line(COMM, [(0, 0, 0), direction], elements),
+        SECTION,
+        normal=(0.1, 0.2, 1.0),
+        name=name,
+        **more,
+    )
 
 
 def triad(run: gx.Simulation, frame: gx.Frame) -> np.ndarray:
@@ -55,12 +61,18 @@ def test_two_arms_in_free_flight_conserve(direction: str) -> None:
 
 @pytest.mark.mpi
 def test_frames_of_joints_are_no_bodies_of_a_description() -> None:
-    joint = gx.FixedJoint(arm("one", (-1.0, 0.0, 0.0)).frame("start"), arm("two", (1.0, 0.0, 0.0)).frame("start"))
+    joint = gx.FixedJoint(
+        arm("one", (-1.0, 0.0, 0.0)).frame("start"), arm("two", (1.0, 0.0, 0.0)).frame("start")
+    )
     about = describe(gx.Simulation(gx.Scene(joint), gx.Midpoint(dt=DT)))
     assert list(about["bodies"]) == ["one", "two"]
-    assert all(body["mass"] == pytest.approx(1000 * 0.03 * 0.05) for body in about["bodies"].values())
+    assert all(
+        body["mass"] == pytest.approx(1000 * 0.03 * 0.05) for body in about["bodies"].values()
+    )
     (frame,) = about["section frames"]
-    assert [line for line in lines(about) if "section frame" in line] == [f"section frames  '{frame}'"]
+    assert [line for line in lines(about) if "section frame" in line] == [
+        f"section frames  '{frame}'"
+    ]
 
 
 def tip(parts: int, load: tuple[float, float, float]) -> np.ndarray:
@@ -75,7 +87,9 @@ def tip(parts: int, load: tuple[float, float, float]) -> np.ndarray:
         for k, (one, two) in enumerate(pairwise(beams))
     ]
     port = beams[-1].port("end")
-    search = gx.Equilibrium(gx.Scene(gx.Clamped(beams[0], "start"), *beams, *joints, gx.Force(port, load)))
+    search = gx.Equilibrium(
+        gx.Scene(gx.Clamped(beams[0], "start"), *beams, *joints, gx.Force(port, load))
+    )
     search.find()
     return values_of(search.system, [port], search.system.q0)[0]
 
@@ -104,7 +118,9 @@ def test_hinges_on_sections_take_any_axis(axis: tuple[float, float, float], seco
         frame = arm("two", (0.2, 1.0, 0.1), velocity=MOTION).frame("start")
     else:
         inertia = (0.02, 0.03, 0.04)
-        frame = gx.RigidBody(0.5, inertia, centre, velocity=MOTION.at(centre), spin=MOTION.spin).frame_at((0, 0, 0))
+        frame = gx.RigidBody(
+            0.5, inertia, centre, velocity=MOTION.at(centre), spin=MOTION.spin
+        ).frame_at((0, 0, 0))
     sides = one.frame("start"), frame
     spiral = gx.TorsionSpring(*sides, axis, stiffness=0.1, rest=0.5)
     scene = gx.Scene(gx.RevoluteJoint(*sides, axis), spiral, pulled(one))
@@ -118,7 +134,10 @@ def test_hinges_on_sections_take_any_axis(axis: tuple[float, float, float], seco
 
 def test_a_beam_slides_along_a_beam() -> None:
     """Along an axis that is oblique to both sections, without turning against it."""
-    one, two = arm("one", (-1.0, 0.0, 0.0), velocity=MOTION), arm("two", (0.2, 1.0, 0.1), velocity=MOTION)
+    one, two = (
+        arm("one", (-1.0, 0.0, 0.0), velocity=MOTION),
+        arm("two", (0.2, 1.0, 0.1), velocity=MOTION),
+    )
     joint = gx.PrismaticJoint(one.frame("start"), two.frame("start"), (0.4, 0.5, -0.3))
     run = conserves(gx.Scene(joint, pulled(one)))
     a, b = values_of(run.system, [one.port("start"), two.port("start")], run.system.q0)
@@ -134,4 +153,9 @@ def test_all_that_meets_at_a_section_shares_its_normal() -> None:
         gx.TorsionSpring(one.frame("start"), two.frame("start"), axis, stiffness=0.1),
         gx.TorsionDamper(one.frame("start"), two.frame("start"), axis, coefficient=0.1),
     )
-    assert sorted(body.name for body in scene.bodies) == ["frame of one/start", "frame of two/start", "one", "two"]
+    assert sorted(body.name for body in scene.bodies) == [
+        "frame of one/start",
+        "frame of two/start",
+        "one",
+        "two",
+    ]

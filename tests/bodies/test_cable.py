@@ -15,7 +15,9 @@ COMM = MPI.COMM_WORLD
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize(("corners", "stretch"), [(8, 1.017887399), (16, 1.019306166), (32, 1.019678284)])
+@pytest.mark.parametrize(
+    ("corners", "stretch"), [(8, 1.017887399), (16, 1.019306166), (32, 1.019678284)]
+)
 def test_spinning_loop_keeps_its_radius(corners: int, stretch: float) -> None:
     """λ² = 1 + (2μΩ²R²/EA)(4 + 2 cos(2π/N))/6 of a polygon of bars with consistent mass."""
     angle = 2 * np.pi * np.arange(corners) / corners
@@ -42,7 +44,10 @@ def test_elastic_catenary() -> None:
         return np.vstack([-x[0] / 11, 0 * s, -4 * 2.2 * s * (1 - s)])
 
     cable = gx.Cable(
-        line(COMM, [(0, 0, 0), (11, 0, 0)], 40), gx.CableLaw(EA=1e4, line_density=0.5), order=2, displacement=sagging
+        line(COMM, [(0, 0, 0), (11, 0, 0)], 40),
+        gx.CableLaw(EA=1e4, line_density=0.5),
+        order=2,
+        displacement=sagging,
     )
     scene = gx.Scene(
         cable,
@@ -70,7 +75,10 @@ def hanging(tip_mass: float, elements: int = 64) -> gx.Scene:
         return np.vstack([0 * depth, 0 * depth, -(depth * (1 + tip_mass) - depth**2 / 2) / EA])
 
     cable = gx.Cable(
-        line(COMM, [(0, 0, 0), (0, 0, -1)], elements), gx.CableLaw(EA, 1.0), order=2, displacement=stretched
+        line(COMM, [(0, 0, 0), (0, 0, -1)], elements),
+        gx.CableLaw(EA, 1.0),
+        order=2,
+        displacement=stretched,
     )
     items: list = [gx.Clamped(cable, "start")]
     if tip_mass:
@@ -92,7 +100,8 @@ def test_hanging_cable_with_tip_mass_frequencies() -> None:
 
 
 @pytest.mark.parametrize(
-    ("hub", "squares"), [(0.0, (1.0, 6.0, 15.0, 28.0)), (0.2, (1.29755588, 7.56342702, 18.83961821))]
+    ("hub", "squares"),
+    [(0.0, (1.0, 6.0, 15.0, 28.0)), (0.2, (1.29755588, 7.56342702, 18.83961821))],
 )
 def test_spinning_cable_frequencies(hub: float, squares: tuple[float, ...]) -> None:
     """(ω/Ω)² out of plane of a cable spinning about a hub of radius 0 or 0.2 L, Ω = 1 rad/s."""
@@ -106,7 +115,10 @@ def test_spinning_cable_frequencies(hub: float, squares: tuple[float, ...]) -> N
         return np.vstack([u, 0 * u, 0 * u])
 
     cable = gx.Cable(
-        line(COMM, [(hub, 0, 0), (hub + L, 0, 0)], 64), gx.CableLaw(EA, 1.0), order=2, displacement=stretched
+        line(COMM, [(hub, 0, 0), (hub + L, 0, 0)], 64),
+        gx.CableLaw(EA, 1.0),
+        order=2,
+        displacement=stretched,
     )
     ω = angular_frequencies(gx.Scene(cable, gx.Clamped(cable, "start")), direction=2)
     assert ω[: len(squares)] ** 2 == pytest.approx(squares, rel=1e-2)

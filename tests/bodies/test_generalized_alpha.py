@@ -18,7 +18,9 @@ STEPS = (4e-3, 2e-3, 1e-3)
 def oscillator(stepper: gx.GeneralizedAlpha) -> float:
     """Error of x at t = 1 s of x'' = -100 x, from x = 1 at rest."""
     mass = gx.PointMass(1.0, (1.0, 0.0, 0.0))
-    run = gx.Simulation(gx.Scene(mass, gx.AxialSpring(mass.port(), 100.0, (1.0, 0.0, 0.0))), stepper)
+    run = gx.Simulation(
+        gx.Scene(mass, gx.AxialSpring(mass.port(), 100.0, (1.0, 0.0, 0.0))), stepper
+    )
     run.run(until=1.0)
     return abs(float(run.system.q0.array_r[0]) - np.cos(10.0))
 
@@ -49,10 +51,16 @@ def blown_piston(stepper: gx.GeneralizedAlpha) -> float:
     gas = gx.IdealGas(gamma=1.4, R=287.0)
     mass = gx.PointMass(0.5, (0.0, 0.0, 0.0))
     bag = gx.Chamber(
-        gx.Piston(mass.port(), 0.01, (1.0, 0.0, 0.0)), gas=gas, pressure=1e3, temperature=300.0, dead_volume=1e-3
+        gx.Piston(mass.port(), 0.01, (1.0, 0.0, 0.0)),
+        gas=gas,
+        pressure=1e3,
+        temperature=300.0,
+        dead_volume=1e-3,
     )
     spring = gx.AxialSpring(mass.port(), 2000.0, (1.0, 0.0, 0.0))
-    run = gx.Simulation(gx.Scene(bag, spring, gx.Orifice(gx.Reservoir(1e5, 300.0), bag, area=2e-5)), stepper)
+    run = gx.Simulation(
+        gx.Scene(bag, spring, gx.Orifice(gx.Reservoir(1e5, 300.0), bag, area=2e-5)), stepper
+    )
     run.run(until=0.1)
     return abs(float(run.system.q0.array_r[0]) - 97.060879e-3)
 

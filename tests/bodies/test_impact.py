@@ -18,7 +18,9 @@ RADIUS, STIFFNESS = 0.1, 1e4
 
 def collision(offset: float, dt: float) -> gx.Simulation:
     """A ball of 1 kg at 2 m/s towards one of 3 kg at rest, with a gap of 1 mm; centres `offset` off the line."""
-    first = gx.RigidBody(1.0, np.full(3, 0.004), (-2 * RADIUS - 1e-3, 0, 0), velocity=(2, 0, 0), name="first")
+    first = gx.RigidBody(
+        1.0, np.full(3, 0.004), (-2 * RADIUS - 1e-3, 0, 0), velocity=(2, 0, 0), name="first"
+    )
     second = gx.RigidBody(3.0, np.full(3, 0.012), (0, offset, 0), spin=(0, 0, 3), name="second")
     stop = gx.Stop(first.port(), second.port(), distance=2 * RADIUS, stiffness=STIFFNESS)
     return gx.Simulation(gx.Scene(stop), gx.Midpoint(dt=dt, tolerances=TIGHT))
@@ -64,7 +66,9 @@ def bar(start: float, speed: float, name: str = "bar") -> gx.Cable:
     """From x = `start` [m] in the direction of x, moving along it with `speed` [m/s]."""
     mesh = line(MPI.COMM_SELF, [(start, 0, 0), (start + L, 0, 0)], N)
     law = gx.CableLaw(E * A, ρ * A)
-    return gx.Cable(mesh, law, velocity=lambda x: np.outer([speed, 0, 0], np.ones(x.shape[1])), name=name)
+    return gx.Cable(
+        mesh, law, velocity=lambda x: np.outer([speed, 0, 0], np.ones(x.shape[1])), name=name
+    )
 
 
 def contact(run: gx.Simulation, overlaps: Callable[[], bool]) -> float:

@@ -20,7 +20,10 @@ def dumbbell() -> tuple[gx.Beam, gx.RigidBody, gx.PointMass, list]:
     beam = gx.Beam(line(COMM, [(-1, 0, 0), (1, 0, 0)], 4), gx.solid_circle(0.01, 1e7, 0.3, 1000.0))
     hub = gx.RigidBody(0.5, (0.01, 0.01, 0.01), (-1, 0, 0), name="hub")
     tip = gx.PointMass(0.5, (1, 0, 0), name="tip")
-    joints = [gx.FixedJoint(hub.frame(), beam.frame("start")), gx.BallJoint(tip.port(), beam.port("end"))]
+    joints = [
+        gx.FixedJoint(hub.frame(), beam.frame("start")),
+        gx.BallJoint(tip.port(), beam.port("end")),
+    ]
     return beam, hub, tip, joints
 
 
@@ -32,7 +35,9 @@ def test_spin_of_a_whole_scene_has_the_momenta_of_a_rigid_body() -> None:
     run = gx.Simulation(gx.Scene(beam, hub, tip, *joints, motion), gx.Midpoint(dt=1e-3))
     mass = 1.0 + beam.section.line_density * 2
     velocity = np.array([1.0, 2.0, 3.0]) + np.cross(SPIN, (0, -1.0, 0))
-    inertia = 2 * 0.5 + 0.01 + beam.section.line_density * 2**3 / 12 + 2 * 2 * beam.section.rotary2 / 2
+    inertia = (
+        2 * 0.5 + 0.01 + beam.section.line_density * 2**3 / 12 + 2 * 2 * beam.section.rotary2 / 2
+    )
     assert run.first.momentum == pytest.approx(mass * velocity, rel=1e-12)
     assert run.first.angular_momentum[2] == pytest.approx(inertia * 5.0, rel=1e-10)
 
@@ -73,5 +78,7 @@ def test_a_function_of_the_start_is_asked_once() -> None:
 
     film = gx.Membrane(sheet(COMM, 4, 4), gx.Linear(1e9, 0.3, 1e3, 1e-4), displacement=rough)
     places = [(x, 0.5, 0.0) for x in (0.25, 0.5, 0.75)]
-    gx.Scene(*(gx.Link(film.port_at(x), gx.Ground((0.0, 0.0, 1.0)), f"link {x}") for x in places)).compile()
+    gx.Scene(
+        *(gx.Link(film.port_at(x), gx.Ground((0.0, 0.0, 1.0)), f"link {x}") for x in places)
+    ).compile()
     assert len(asked) == 1

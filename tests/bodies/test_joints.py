@@ -17,7 +17,9 @@ LAW = gx.Linear(E=1e6, nu=0.3, density=1000.0, thickness=1e-3)
 SECTION = gx.solid_circle(0.02, E=1e8, nu=0.3, density=1000.0)
 
 
-def body(name: str = "body", position: tuple[float, float, float] = (0.0, 0.0, 0.0), **more) -> gx.RigidBody:
+def body(
+    name: str = "body", position: tuple[float, float, float] = (0.0, 0.0, 0.0), **more
+) -> gx.RigidBody:
     return gx.RigidBody(1.0, (1.0, 1.0, 1.0), position, name=name, **more)
 
 
@@ -43,7 +45,10 @@ def scene_of(joint) -> gx.Scene:
 
 
 REFUSED = [
-    (lambda: scene_of(gx.BallJoint(body().port((0, 0, 1)), film().port_at((0, 0, 0)))), "1 m apart"),
+    (
+        lambda: scene_of(gx.BallJoint(body().port((0, 0, 1)), film().port_at((0, 0, 0)))),
+        "1 m apart",
+    ),
     (lambda: film().port_at((0.5, 0.5, 0.1)), "is 0.1 m away from 'film'"),
     (lambda: film().port("nowhere"), "no group 'nowhere'"),
     (lambda: film().port("left"), "has 3 nodes; a port is one point"),
@@ -52,7 +57,10 @@ REFUSED = [
     (lambda: gx.RigidBody(1.0, (0, 1, 1)), "inertia is singular"),
     (lambda: gx.RigidBody(1.0, (1, 1, 3)), "no body has"),
     (lambda: gx.RigidBody(1.0, (1, 1, 1), attitude=2 * np.eye(3)), "no rotation matrix"),
-    (lambda: gx.BallJoint(gx.Ground((0, 0, 0)), gx.Ground((0, 0, 0))), "joins the ground to itself"),
+    (
+        lambda: gx.BallJoint(gx.Ground((0, 0, 0)), gx.Ground((0, 0, 0))),
+        "joins the ground to itself",
+    ),
     (lambda: scene_of(gx.FixedJoint(*(b.frame("end") for b in beams()))), r"1\.41421 m apart"),
     (lambda: gx.FixedJoint(*map(beams()[0].frame, ("start", "end"))), "joins 'one' to itself"),
     (lambda: clamped_twice().compile(), r"6 of the constraints 'again.* follow from the others"),
@@ -63,11 +71,19 @@ REFUSED = [
     ),
     (lambda: scene_of(gx.Link(body("a").port(), body("b").port())), "has no length"),
     (
-        lambda: scene_of(gx.PrismaticJoint(body("a").frame(), body("b", (0, 0, 1)).frame(), (1, 0, 0))),
+        lambda: scene_of(
+            gx.PrismaticJoint(body("a").frame(), body("b", (0, 0, 1)).frame(), (1, 0, 0))
+        ),
         "off the axis",
     ),
-    (lambda: gx.Spring(body().port(), gx.Ground((0, 0, 0)), stiffness=-1.0, length=1.0), "stiffness is -1.0"),
-    (lambda: gx.Stop(body().port(), gx.Ground((0, 0, 0)), distance=0.0, stiffness=1.0), "distance is 0.0"),
+    (
+        lambda: gx.Spring(body().port(), gx.Ground((0, 0, 0)), stiffness=-1.0, length=1.0),
+        "stiffness is -1.0",
+    ),
+    (
+        lambda: gx.Stop(body().port(), gx.Ground((0, 0, 0)), distance=0.0, stiffness=1.0),
+        "distance is 0.0",
+    ),
 ]
 
 
@@ -96,7 +112,9 @@ def four_bars(balls: bool) -> gx.Scene:
         a, b = corners[k], corners[k + 1]
         e = (b - a) / np.linalg.norm(b - a)
         attitude = np.array([e, np.cross([0, 0, 1], e), [0, 0, 1]]).T
-        bars.append(body(f"bar {k}", tuple((a + b) / 2), attitude=attitude, velocity=velocity, spin=spin))
+        bars.append(
+            body(f"bar {k}", tuple((a + b) / 2), attitude=attitude, velocity=velocity, spin=spin)
+        )
     sides = [
         (bars[0].frame_at(corners[0]), gx.ground_frame(corners[0])),
         (bars[0].frame_at(corners[1]), bars[1].frame_at(corners[1])),
@@ -113,7 +131,9 @@ def four_bars(balls: bool) -> gx.Scene:
 
 
 def test_closed_loop_of_hinges_is_refused_by_name() -> None:
-    with pytest.raises(gx.InputError, match=r"3 of the constraints .*'pin 0.*'pin 3.* follow from the others"):
+    with pytest.raises(
+        gx.InputError, match=r"3 of the constraints .*'pin 0.*'pin 3.* follow from the others"
+    ):
         four_bars(balls=False).compile()
 
 
@@ -166,7 +186,9 @@ def test_a_screw_on_its_axis() -> None:
     axis = np.array([1.0, 2.0, 2.0]) / 3
     bolt = gx.RigidBody(2.0, (0.3, 0.3, 0.3), (0.5, 1.0, 1.0), name="bolt")
     push = gx.Force(bolt.port(), tuple(0.8 * axis + 5.0 * np.array([2.0, -1.0, 0.0])), name="push")
-    turn = gx.Torque(bolt.frame(), tuple(0.06 * axis + 2.0 * np.array([2.0, -1.0, 0.0])), name="turn")
+    turn = gx.Torque(
+        bolt.frame(), tuple(0.06 * axis + 2.0 * np.array([2.0, -1.0, 0.0])), name="turn"
+    )
     joint = gx.CylindricalJoint(gx.ground_frame(), bolt.frame(), tuple(axis))
     run = gx.Simulation(gx.Scene(joint, push, turn), gx.Midpoint(dt=1e-3))
     run.run(until=0.5)

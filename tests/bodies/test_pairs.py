@@ -63,7 +63,9 @@ def test_pair_at_a_distance(name: str, kind: str, numbers: tuple[float, ...]) ->
     item = BODIES[name](motion, name)
     place = np.array([0.3, 0.4, 0.2])
     other = gx.PointMass(0.5, tuple(place), motion.at(place), name="other")
-    conserves(gx.Scene(item, DISTANCES[kind](port(item), other.port()), *spring(item, loose_mass())))
+    conserves(
+        gx.Scene(item, DISTANCES[kind](port(item), other.port()), *spring(item, loose_mass()))
+    )
 
 
 @st.composite
@@ -107,7 +109,9 @@ def test_hinge_with_torsional_spring(axis: tuple[float, float, float], angle: fl
     motion = Motion((0.0, 0.0, 0.0, 1.0, 2.0, 0.5))
     a, b = (BODIES["body"](motion, name) for name in ("first", "second"))
     spiral = gx.TorsionSpring(frame(a), frame(b), axis, stiffness=2.0, rest=angle)
-    conserves(gx.Scene(a, b, gx.RevoluteJoint(frame(a), frame(b), axis), spiral, *spring(a, loose_mass())))
+    conserves(
+        gx.Scene(a, b, gx.RevoluteJoint(frame(a), frame(b), axis), spiral, *spring(a, loose_mass()))
+    )
 
 
 def test_dampers_lose_what_is_booked() -> None:

@@ -25,8 +25,13 @@ def test_a_slack_rope_is_free_and_a_plain_damper_is_not():
     free, mass = scene(0.2, 0.5)
     run = gx.Simulation(free, gx.Midpoint(dt=1e-2))
     run.run(until=0.5)
-    assert gx.Velocity(mass.port(), "x")(run) == pytest.approx(0.5, abs=1e-12) and run.totals.dissipated == 0
-    damped, mass = scene(0.2, 0.5, lambda m: gx.Damper(gx.Ground((0.0, 0.0, 0.0)), m.port(), C), damping=0.0)
+    assert (
+        gx.Velocity(mass.port(), "x")(run) == pytest.approx(0.5, abs=1e-12)
+        and run.totals.dissipated == 0
+    )
+    damped, mass = scene(
+        0.2, 0.5, lambda m: gx.Damper(gx.Ground((0.0, 0.0, 0.0)), m.port(), C), damping=0.0
+    )
     run = gx.Simulation(damped, gx.Midpoint(dt=1e-2))
     run.run(until=0.5)
     assert gx.Velocity(mass.port(), "x")(run) < 0.3

@@ -21,7 +21,9 @@ def turned() -> tuple[gx.Cable, gx.StartFrom]:
     def quarter(X: Array) -> Array:
         return np.array([-X[1] - X[0], X[0] - X[1], 0 * X[2]])
 
-    return gx.Cable(mesh, law), gx.StartFrom(gx.Scene(gx.Cable(mesh, law, displacement=quarter)).compile())
+    return gx.Cable(mesh, law), gx.StartFrom(
+        gx.Scene(gx.Cable(mesh, law, displacement=quarter)).compile()
+    )
 
 
 @pytest.mark.mpi
@@ -32,14 +34,18 @@ def test_a_ball_joint_takes_the_points_of_the_start() -> None:
     run.run(until=2e-3)
     assert gx.Position(cable.port("end"), "y")(run) == pytest.approx(1.0, abs=1e-12)
     with pytest.raises(gx.InputError, match=r"its two points are 1\.41421 m apart at the start"):
-        gx.Scene(cable, start, gx.BallJoint(cable.port("end"), gx.Ground((1.0, 0.0, 0.0)))).compile()
+        gx.Scene(
+            cable, start, gx.BallJoint(cable.port("end"), gx.Ground((1.0, 0.0, 0.0)))
+        ).compile()
 
 
 @pytest.mark.mpi
 def test_a_link_keeps_the_distance_of_the_start() -> None:
     cable, start = turned()
     link = gx.Link(cable.port("end"), gx.Ground((0.0, 3.0, 0.0)))
-    run = gx.Simulation(gx.Scene(cable, start, link, gx.Gravity(cable, (9.0, 2.0, 3.0))), gx.Midpoint(dt=1e-2))
+    run = gx.Simulation(
+        gx.Scene(cable, start, link, gx.Gravity(cable, (9.0, 2.0, 3.0))), gx.Midpoint(dt=1e-2)
+    )
     run.run(until=5e-2)
     end = np.array([gx.Position(cable.port("end"), axis)(run) for axis in "xyz"])
     assert abs(end[0]) > 1e-3

@@ -34,8 +34,15 @@ def across(film: gx.Membrane) -> gx.Tape:
 def test_strip_and_tape_share_the_force(tape, order: int) -> None:
     """N = λ (E1 t b + E2 A2)(λ² - 1)/2 of a strip whose sides are free to contract."""
     contraction = np.sqrt(1 - FILM.nu * (STRETCH**2 - 1)) - 1
-    film = strip(order, displacement=lambda x: np.vstack([(STRETCH - 1) * x[0], contraction * x[1], 0 * x[2]]))
-    ends = [gx.Fixed(film, "left", (0, 2)), gx.Fixed(film, "right", (0, 2)), gx.Fixed(film, "bottom left", (1,))]
+    film = strip(
+        order,
+        displacement=lambda x: np.vstack([(STRETCH - 1) * x[0], contraction * x[1], 0 * x[2]]),
+    )
+    ends = [
+        gx.Fixed(film, "left", (0, 2)),
+        gx.Fixed(film, "right", (0, 2)),
+        gx.Fixed(film, "bottom left", (1,)),
+    ]
     statics = Equilibrium(gx.Scene(tape(film), *ends))
     statics.find()
     system = statics.system

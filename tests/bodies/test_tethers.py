@@ -38,7 +38,9 @@ def test_a_brake_stops_a_mass_as_friction_does() -> None:
     assert abs(run.energy_error) < 1e-13
     # what the tether has stored comes back: the mass flies inwards with that energy
     run.run(until=0.6)
-    assert gx.Velocity(mass.port(), "x")(run) == pytest.approx(-math.sqrt(2 * elastic / MASS), rel=0.01)
+    assert gx.Velocity(mass.port(), "x")(run) == pytest.approx(
+        -math.sqrt(2 * elastic / MASS), rel=0.01
+    )
 
 
 @pytest.mark.mpi
@@ -46,9 +48,14 @@ def test_an_empty_reel_holds() -> None:
     run, mass = flying(3.0, length=L, brake=BRAKE, most=1.2)
     run.run(until=0.25)
     assert length_of(run) == pytest.approx(1.2, abs=1e-12)
-    assert run.totals.dissipated == pytest.approx(0.2 * BRAKE, rel=1e-9) and abs(run.energy_error) < 1e-13
+    assert (
+        run.totals.dissipated == pytest.approx(0.2 * BRAKE, rel=1e-9)
+        and abs(run.energy_error) < 1e-13
+    )
     left = MASS * 9 / 2 - 0.2 * BRAKE
-    assert gx.Velocity(mass.port(), "x")(run) == pytest.approx(-math.sqrt(2 * left / MASS), rel=1e-3)
+    assert gx.Velocity(mass.port(), "x")(run) == pytest.approx(
+        -math.sqrt(2 * left / MASS), rel=1e-3
+    )
 
 
 @pytest.mark.mpi
@@ -58,7 +65,9 @@ def test_a_whirling_mass_is_paid_out_and_keeps_its_angular_momentum() -> None:
     tension = MASS * ω**2 * L
     start = L - tension / K
     mass = gx.PointMass(MASS, (L, 0.0, 0.0), velocity=(0.0, ω * L, 0.0))
-    tether = gx.Tether(gx.Ground((0, 0, 0)), mass.port(), lambda t: start + 0.25 * t**2 * (3 - 2 * t), K)
+    tether = gx.Tether(
+        gx.Ground((0, 0, 0)), mass.port(), lambda t: start + 0.25 * t**2 * (3 - 2 * t), K
+    )
     run = gx.Simulation(gx.Scene(mass, tether), gx.Midpoint(dt=2e-2))
     run.run(until=1.0)
     x, y = (gx.Position(mass.port(), axis)(run) for axis in "xy")
@@ -105,12 +114,18 @@ def test_masses_on_a_film_count_in_its_spin_and_weight(comm) -> None:
     corner = film.port("bottom left")
     far = gx.AttachedMass(corner, 0.01)
     hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="hub")
-    scene = gx.Scene(film, far, hub, gx.Gravity(film, (0.0, 0.0, -9.81)), gx.RigidMotion(spin=(0.0, 0.0, 4.0)))
+    scene = gx.Scene(
+        film, far, hub, gx.Gravity(film, (0.0, 0.0, -9.81)), gx.RigidMotion(spin=(0.0, 0.0, 4.0))
+    )
     run = gx.Simulation(scene, gx.Midpoint(dt=1e-3))
     assert gx.MeanSpin(film, "z")(run) == pytest.approx(4.0, rel=1e-12)
     x, y = (gx.Position(corner, axis)(run) for axis in "xy")
-    assert gx.PolarPosition(corner, hub.frame(), "radius")(run) == pytest.approx(math.hypot(x, y), rel=1e-12)
-    assert gx.PolarPosition(corner, hub.frame(), "angle")(run) == pytest.approx(math.atan2(y, x), rel=1e-12)
+    assert gx.PolarPosition(corner, hub.frame(), "radius")(run) == pytest.approx(
+        math.hypot(x, y), rel=1e-12
+    )
+    assert gx.PolarPosition(corner, hub.frame(), "angle")(run) == pytest.approx(
+        math.atan2(y, x), rel=1e-12
+    )
     run.run(until=5e-3)
     weight = 0.01 + law.density * law.thickness * 0.04
     assert run.totals.momentum[2] == pytest.approx(-9.81 * 5e-3 * weight, rel=1e-9)
@@ -127,7 +142,8 @@ def test_slack_film_is_free_of_damping_in_tension_only(comm, tension_only: bool)
         velocity=lambda X: X,
     )
     run = gx.Simulation(
-        gx.Scene(film, gx.Damping(film, stiffness=1e-5, tension_only=tension_only)), gx.Midpoint(dt=1e-3)
+        gx.Scene(film, gx.Damping(film, stiffness=1e-5, tension_only=tension_only)),
+        gx.Midpoint(dt=1e-3),
     )
     run.run(until=0.01)
     # of the kinetic energy three quarters are its flight as a whole, for it reaches from 0 to 0.2 m
@@ -160,13 +176,21 @@ def test_a_bundle_is_its_ropes(comm) -> None:
     motions = []
     for bundled in (False, True):
         film = gx.Membrane(
-            sheet(comm, 2, 2, 0.2, 0.2), KAPTON_HN.law(25e-6), velocity=lambda X: 0 * X + [[0], [0], [1]]
+            sheet(comm, 2, 2, 0.2, 0.2),
+            KAPTON_HN.law(25e-6),
+            velocity=lambda X: 0 * X + [[0], [0], [1]],
         )
-        ends = [(film.port(f"bottom {side}"), gx.Ground((x, 0.0, 0.0))) for side, x in (("left", -0.1), ("right", 0.3))]
+        ends = [
+            (film.port(f"bottom {side}"), gx.Ground((x, 0.0, 0.0)))
+            for side, x in (("left", -0.1), ("right", 0.3))
+        ]
         if bundled:
             ropes = [gx.RopeBundle(ends, [0.1, 0.1], 50.0, 0.01)]
         else:
-            ropes = [gx.Rope(*pair, 0.1, 50.0, name=f"rope {k}", damping=0.01) for k, pair in enumerate(ends)]
+            ropes = [
+                gx.Rope(*pair, 0.1, 50.0, name=f"rope {k}", damping=0.01)
+                for k, pair in enumerate(ends)
+            ]
         run = gx.Simulation(gx.Scene(film, *ropes), gx.Midpoint(dt=1e-3))
         run.run(until=5e-3)
         motions.append((gx.Velocity(ends[0][0], "z")(run), run.totals.dissipated))
@@ -178,4 +202,6 @@ def test_a_weight_hangs_at_the_length_that_is_out() -> None:
     tether = gx.Tether(gx.Ground((0.0, 0.0, 0.0)), mass.port(), lambda t: L + t, K)
     search = gx.Equilibrium(gx.Scene(mass, tether, gx.Gravity(mass, (0.0, 0.0, -9.81))))
     search.find(at=0.5)
-    assert gx.positions(search, mass)[..., 2].ravel()[:1] == pytest.approx(-(L + 0.5 + MASS * 9.81 / K), rel=1e-9)
+    assert gx.positions(search, mass)[..., 2].ravel()[:1] == pytest.approx(
+        -(L + 0.5 + MASS * 9.81 / K), rel=1e-9
+    )

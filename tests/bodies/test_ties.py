@@ -51,13 +51,17 @@ def test_two_halves_move_as_the_whole(comm, order: int) -> None:
             LAW,
             order=order,
             name=name,
-            displacement=lambda X, shift=shift: np.vstack([shift + 0.01 * (X[0] + shift - 0.2), 0 * X[0], 0 * X[0]]),
+            displacement=lambda X, shift=shift: np.vstack(
+                [shift + 0.01 * (X[0] + shift - 0.2), 0 * X[0], 0 * X[0]]
+            ),
         )
         for name, shift in (("left", 0.0), ("right", 0.2))
     ]
     spin = gx.RigidMotion(spin=(0.0, 0.0, 3.0), centre=(0.2, 0.05, 0.0))
     one = gx.Simulation(gx.Scene(whole, spin), gx.Midpoint(dt=1e-3))
-    two = gx.Simulation(gx.Scene(*halves, gx.Tie(halves[0], "right", halves[1], "left"), spin), gx.Midpoint(dt=1e-3))
+    two = gx.Simulation(
+        gx.Scene(*halves, gx.Tie(halves[0], "right", halves[1], "left"), spin), gx.Midpoint(dt=1e-3)
+    )
     for run in (one, two):
         run.run(until=5e-3)
         conserved(run)
@@ -69,9 +73,14 @@ def test_two_halves_move_as_the_whole(comm, order: int) -> None:
 
 @pytest.mark.mpi
 def test_three_films_of_different_meshes_on_a_line(comm) -> None:
-    films = [strip(comm, f"film {k}", n, angle=2 * math.pi * k / 3, stretch=0.01) for k, n in enumerate((2, 3, 4))]
+    films = [
+        strip(comm, f"film {k}", n, angle=2 * math.pi * k / 3, stretch=0.01)
+        for k, n in enumerate((2, 3, 4))
+    ]
     ties = [gx.Tie(film, "left", films[0], "left") for film in films[1:]]
-    run = gx.Simulation(gx.Scene(*films, *ties, gx.RigidMotion(spin=(1.0, 5.0, 2.0))), gx.Midpoint(dt=1e-3))
+    run = gx.Simulation(
+        gx.Scene(*films, *ties, gx.RigidMotion(spin=(1.0, 5.0, 2.0))), gx.Midpoint(dt=1e-3)
+    )
     run.run(until=5e-3)
     conserved(run)
     for corner in ("bottom left", "top left"):
@@ -82,15 +91,23 @@ def test_three_films_of_different_meshes_on_a_line(comm) -> None:
 @pytest.mark.mpi
 def test_a_cable_along_an_edge_and_a_film_on_a_tube(comm) -> None:
     film = strip(comm, "film")
-    cable = gx.Cable(line(comm, [(0, 0, 0), (0, 0.1, 0)], 4), gx.CableLaw(EA=100.0, line_density=0.1), name="cable")
+    cable = gx.Cable(
+        line(comm, [(0, 0, 0), (0, 0.1, 0)], 4),
+        gx.CableLaw(EA=100.0, line_density=0.1),
+        name="cable",
+    )
     run = gx.Simulation(
-        gx.Scene(film, cable, gx.Tie(cable, None, film, "left"), gx.RigidMotion(spin=(0.0, 0.0, 4.0))),
+        gx.Scene(
+            film, cable, gx.Tie(cable, None, film, "left"), gx.RigidMotion(spin=(0.0, 0.0, 4.0))
+        ),
         gx.Midpoint(dt=1e-3),
     )
     run.run(until=3e-3)
     conserved(run)
     end = [gx.Position(cable.port("end"), axis)(run) for axis in "xyz"]
-    assert end == pytest.approx([gx.Position(film.port("top left"), axis)(run) for axis in "xyz"], abs=1e-9)
+    assert end == pytest.approx(
+        [gx.Position(film.port("top left"), axis)(run) for axis in "xyz"], abs=1e-9
+    )
 
     width = math.pi * 0.03 / 2
     tube = gx.Membrane(flat_tube(comm, 0.1, 0.03, 4), LAW, name="tube")

@@ -38,7 +38,11 @@ class Collisions(CompiledTerms):
         """One array for these pairs."""
         like = half_distance_squared(*self._ports[:2])
         places = [(self._ports[i], self._ports[j]) for i, j in sorted(pairs)]
-        at = Places(self._system.numbering, self._system.bodies, [PointMeasure(places, like.H, like.L, like.c)])
+        at = Places(
+            self._system.numbering,
+            self._system.bodies,
+            [PointMeasure(places, like.H, like.L, like.c)],
+        )
         density = LengthSpring(self.spheres.stiffness, 2 * self.spheres.radius, side=-1)
         self.pairs, self._stencil = pairs, Stencil(at, density, False, self._system.rule.alpha)
         self._gather = Gather(self._system.numbering, [at.indices])
@@ -49,12 +53,17 @@ class Collisions(CompiledTerms):
 
     def search(self) -> None:
         v = values_of(self._system, self._ports, self._system.v0)
-        reach = 2 * (self.spheres.radius + self.spheres.foresight * self._system.h * np.linalg.norm(v, axis=1).max())
+        reach = 2 * (
+            self.spheres.radius
+            + self.spheres.foresight * self._system.h * np.linalg.norm(v, axis=1).max()
+        )
         self._take(self._within(values_of(self._system, self._ports, self._system.q0), reach))
         self.found = max(self.found, len(self.pairs))
 
     def widen(self) -> bool:
-        touching = self._within(values_of(self._system, self._ports, self._system.q1), 2 * self.spheres.radius)
+        touching = self._within(
+            values_of(self._system, self._ports, self._system.q1), 2 * self.spheres.radius
+        )
         missed = touching - self.pairs
         if missed:
             self._take(self.pairs | missed)
@@ -62,7 +71,9 @@ class Collisions(CompiledTerms):
         return bool(missed)
 
     def inadmissible(self) -> str:
-        closest = self._within(values_of(self._system, self._ports, self._system.q1), 0.2 * self.spheres.radius)
+        closest = self._within(
+            values_of(self._system, self._ports, self._system.q1), 0.2 * self.spheres.radius
+        )
         return f"{len(closest)} spheres passed through each other" if closest else ""
 
     def keep(self) -> None:

@@ -26,7 +26,11 @@ def body(kind: str, comm: MPI.Comm, velocity: tuple[float, float, float]) -> gx.
         "velocity": lambda X: 0 * X + np.reshape(velocity, (3, 1)),
     }
     mesh = sheet(comm, 2, 2)
-    return gx.Plate(mesh, PLATE, name="film", **given) if kind == "plate" else gx.Membrane(mesh, FILM, **given)
+    return (
+        gx.Plate(mesh, PLATE, name="film", **given)
+        if kind == "plate"
+        else gx.Membrane(mesh, FILM, **given)
+    )
 
 
 def midpoint(dt: float) -> gx.Midpoint:
@@ -42,7 +46,9 @@ EVERY = pytest.mark.parametrize("kind", ["film", "plate"])
 def test_a_film_falls_at_the_speed_at_which_air_carries_it(comm, kind: str) -> None:
     film = body(kind, comm, (0.0, 0.0, 0.0))
     fall = tuple(-g * NORMAL)
-    run = gx.Simulation(gx.Scene(film, gx.AirDrag(film, ρ, C), gx.Gravity(film, fall)), midpoint(4e-3))
+    run = gx.Simulation(
+        gx.Scene(film, gx.AirDrag(film, ρ, C), gx.Gravity(film, fall)), midpoint(4e-3)
+    )
     speed, corner = math.sqrt(2 * σ * g / (ρ * C)), film.port("bottom left")
     run.run(until=0.2)
     v = np.array([gx.Velocity(corner, axis)(run) for axis in "xyz"])
@@ -66,7 +72,9 @@ def test_of_a_film_that_is_thrown_the_inverse_speed_grows_linearly(comm, kind: s
         v = np.array([gx.Velocity(corner, axis)(run) for axis in "xyz"])
         assert 1 / (v @ NORMAL) == pytest.approx(1 / v0 + ρ * C * t / (2 * σ), rel=4e-5)
         assert v - (v @ NORMAL) * NORMAL == pytest.approx(along, abs=1e-9)
-    assert run.totals.losses["air drag"] == pytest.approx(σ * (v0**2 - (v @ NORMAL) ** 2) / 2, rel=1e-10)
+    assert run.totals.losses["air drag"] == pytest.approx(
+        σ * (v0**2 - (v @ NORMAL) ** 2) / 2, rel=1e-10
+    )
     assert run.totals.supplied == 0 and abs(run.energy_error) < 1e-12
 
 
@@ -82,7 +90,11 @@ def test_a_film_that_flutters_loses_what_is_booked(comm, wind) -> None:
         run.run(until=k * 5e-3)
         lost.append(run.totals.losses["air drag"])
     assert (np.diff(lost) > 1e-4 * run.first.energy).all()
-    assert abs(run.totals.supplied) > 0.01 * run.first.energy if any(wind) else run.totals.supplied == 0
+    assert (
+        abs(run.totals.supplied) > 0.01 * run.first.energy
+        if any(wind)
+        else run.totals.supplied == 0
+    )
     assert abs(run.energy_error) < 1e-12
 
 
@@ -91,7 +103,9 @@ def test_a_film_that_spins_in_its_plane_keeps_its_spin(comm) -> None:
     """Air pushes it along its axis: it is slowed, and its angular momentum stays, but for the strain of its spin, 1e-5,
     that lets it bulge."""
     film = gx.Membrane(
-        sheet(comm, 4, 4), STIFF, velocity=lambda X: np.vstack([-8 * (X[1] - 0.5), 8 * (X[0] - 0.5), 0 * X[0] + 2])
+        sheet(comm, 4, 4),
+        STIFF,
+        velocity=lambda X: np.vstack([-8 * (X[1] - 0.5), 8 * (X[0] - 0.5), 0 * X[0] + 2]),
     )
     run = gx.Simulation(gx.Scene(film, gx.AirDrag(film, ρ, C)), midpoint(1e-3))
     run.run(until=0.04)
@@ -112,7 +126,9 @@ def test_at_rest_air_carries_nothing_and_wind_presses(comm) -> None:
         equilibrium = gx.Equilibrium(gx.Scene(film, *held, weight, air))
         equilibrium.find()
         total = sum(equilibrium.reaction(support)[0] for support in held)
-        assert total[2] == pytest.approx(-(σ * 1.0 + lift), rel=2e-3) and abs(total[:2]).max() < 1e-6
+        assert (
+            total[2] == pytest.approx(-(σ * 1.0 + lift), rel=2e-3) and abs(total[:2]).max() < 1e-6
+        )
 
 
 def test_newton_has_the_tangent_of_the_drag() -> None:
@@ -129,7 +145,10 @@ def test_bad_air_is_refused() -> None:
     for given, words in (
         ({"density": -1.0}, "density is -1.0 kg/m³; give a positive number"),
         ({"density": 1.0, "coefficient": 0.0}, "coefficient is 0.0; give a positive number"),
-        ({"density": 1.0, "wind": (1.0, math.nan, 0.0)}, "wind is .* m/s; give three finite numbers"),
+        (
+            {"density": 1.0, "wind": (1.0, math.nan, 0.0)},
+            "wind is .* m/s; give three finite numbers",
+        ),
     ):
         with pytest.raises(gx.InputError, match=words):
             gx.AirDrag(film, **given)
@@ -137,6 +156,8 @@ def test_bad_air_is_refused() -> None:
 
 def test_thin_air_is_usual_and_water_is_not() -> None:
     film = body("film", MPI.COMM_WORLD, (0.0, 0.0, 0.0))
-    assert not [words for words in warnings([film, gx.AirDrag(film, 2.4e-4)]) if "air drag" in words]
+    assert not [
+        words for words in warnings([film, gx.AirDrag(film, 2.4e-4)]) if "air drag" in words
+    ]
     [words] = [words for words in warnings([film, gx.AirDrag(film, 1000.0)]) if "air drag" in words]
     assert "density = 1000 kg/m³ is unusual" in words

@@ -17,7 +17,9 @@ def cloud(foresight: float = 1.0, dt: float = 2e-3, **options) -> gx.Simulation:
     places = np.stack(np.meshgrid(*3 * [np.linspace(-1, 1, 3)]), axis=-1).reshape(-1, 3)
     noise = np.random.default_rng(7).normal(scale=0.05, size=places.shape)
     masses = [
-        gx.PointMass(1.0, tuple(x + δ), velocity=tuple(np.cross((0.0, 0.0, 1.0), x) - 2 * x), name=f"m{k}")
+        gx.PointMass(
+            1.0, tuple(x + δ), velocity=tuple(np.cross((0.0, 0.0, 1.0), x) - 2 * x), name=f"m{k}"
+        )
         for k, (x, δ) in enumerate(zip(places, noise, strict=True))
     ]
     spheres = CollidingSpheres(tuple(m.port() for m in masses), 0.2, 5e4, foresight)
@@ -46,7 +48,9 @@ def test_pairs_that_were_overlooked_are_found_after_the_step() -> None:
     late.run(until=0.4)
     early.run(until=0.4)
     assert collisions(late).widened > 0 and collisions(early).widened == 0
-    x = [values_of(run.system, collisions(run).spheres.ports, run.system.q0) for run in (late, early)]
+    x = [
+        values_of(run.system, collisions(run).spheres.ports, run.system.q0) for run in (late, early)
+    ]
     assert np.abs(x[0] - x[1]).max() < 1e-9
 
 

@@ -22,7 +22,9 @@ def test_a_cylinder_without_caps_holds_the_volume_of_its_polygon(order):
     radius, length, sides = 0.1, 0.5, 16
     film = gx.Membrane(capped_cylinder(MPI.COMM_WORLD, radius, length, sides, 6), FILM, order=order)
     rims = tuple(gx.Ring(film, name) for name in ("first rim", "last rim"))
-    bag = gx.Chamber(film, gas=NITROGEN, pressure=1e3, temperature=300.0, surface=("wall",), rings=rims)
+    bag = gx.Chamber(
+        film, gas=NITROGEN, pressure=1e3, temperature=300.0, surface=("wall",), rings=rims
+    )
     outlet = gx.Orifice(bag, gx.Ambient(), area=rims[1], discharge_coefficient=0.5)
     run = gx.Simulation(gx.Scene(film, bag, outlet), gx.Midpoint(dt=1e-5))
     polygon = sides / 2 * radius**2 * math.sin(2 * math.pi / sides)
@@ -73,10 +75,15 @@ def test_two_compartments_conserve_everything_in_free_flight(order):
     run = compartments(order, cells=6 if order == 1 else 4)
     run.run(until=6e-3 if order == 1 else 3e-3)
     first, now = run.first, run.totals
-    assert run.chamber("compartment 2").m > 10 * 10.0 * 1e-6 / (296.8 * 300.0)  # gas has passed the ring
+    assert run.chamber("compartment 2").m > 10 * 10.0 * 1e-6 / (
+        296.8 * 300.0
+    )  # gas has passed the ring
     assert abs(run.energy_error) < 1e-9 and abs(run.mass_error) < 1e-13
     assert np.abs(now.momentum - first.momentum).max() < 1e-10 * np.abs(first.momentum).max()
-    assert np.abs(now.angular_momentum - first.angular_momentum).max() < 1e-9 * np.abs(first.angular_momentum).max()
+    assert (
+        np.abs(now.angular_momentum - first.angular_momentum).max()
+        < 1e-9 * np.abs(first.angular_momentum).max()
+    )
 
 
 @pytest.mark.mpi
@@ -90,7 +97,9 @@ def test_the_tangent_contains_the_share_of_the_rings(order, monkeypatch):
     start, end = system.q0.getOwnershipRange()
     direction = np.sin(np.arange(start, end) * 1.7)
     y = np.tile(1e4, len(y))  # pressure loads that outweigh the film
-    monkeypatch.setattr(system.borders[0], "_at_iterate", lambda y: y)  # the gas would not have them
+    monkeypatch.setattr(
+        system.borders[0], "_at_iterate", lambda y: y
+    )  # the gas would not have them
 
     def forces(step):
         z, r = system.q0.copy(), system.q0.duplicate()
@@ -121,7 +130,12 @@ def test_a_ring_is_walked_once_for_both_chambers_and_the_orifice(monkeypatch):
 def test_a_ring_inside_of_a_surface_is_refused():
     film = gx.Membrane(flat_tube(MPI.COMM_WORLD, 0.3, 0.06, 4, compartments=2), FILM)
     bag = gx.Chamber(
-        film, gas=NITROGEN, pressure=1.0, temperature=300.0, dead_volume=1e-6, rings=(gx.Ring(film, "ring 1"),)
+        film,
+        gas=NITROGEN,
+        pressure=1.0,
+        temperature=300.0,
+        dead_volume=1e-6,
+        rings=(gx.Ring(film, "ring 1"),),
     )
     with pytest.raises(gx.InputError, match="its ring 'ring 1' is no border of its surface"):
         gx.Simulation(gx.Scene(film, bag), gx.Midpoint(dt=1e-4))
@@ -130,7 +144,12 @@ def test_a_ring_inside_of_a_surface_is_refused():
 def test_an_open_line_is_no_ring():
     film = gx.Membrane(flat_tube(MPI.COMM_WORLD, 0.3, 0.06, 4), FILM)
     bag = gx.Chamber(
-        film, gas=NITROGEN, pressure=1.0, temperature=300.0, dead_volume=1e-6, rings=(gx.Ring(film, "tip"),)
+        film,
+        gas=NITROGEN,
+        pressure=1.0,
+        temperature=300.0,
+        dead_volume=1e-6,
+        rings=(gx.Ring(film, "tip"),),
     )
     with pytest.raises(gx.InputError, match="form no closed line"):
         gx.Simulation(gx.Scene(film, bag), gx.Midpoint(dt=1e-4))

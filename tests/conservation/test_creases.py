@@ -107,7 +107,9 @@ def test_the_field_of_fold_angles(comm: MPI.Comm) -> None:
     (values,) = fields.functions
     n = film.mesh.domain.topology.index_map(2).size_local
     folds = values.x.array[values.function_space.dofmap.list[:n]].mean(axis=1)
-    assert comm.allreduce(int(np.isclose(folds, 1.4).sum())) == 4  # two edges, each with two triangles
+    assert (
+        comm.allreduce(int(np.isclose(folds, 1.4).sum())) == 4
+    )  # two edges, each with two triangles
     assert comm.allreduce(int((folds == 0).sum())) == 32 - 4
     assert gx.FoldAngle(crease)(run) == pytest.approx(1.4)
     assert gx.FoldAngle(crease, "largest")(run) == pytest.approx(1.4)
@@ -123,7 +125,9 @@ def thrown_plate(angle: float = 1.4) -> tuple[gx.Plate, gx.Crease]:
 
 
 @pytest.mark.parametrize("control", [None, gx.StepControl(iterations=6, error=2e-6, largest=1e-4)])
-def test_a_thrown_plate_conserves_energy_and_angular_momentum(control: gx.StepControl | None) -> None:
+def test_a_thrown_plate_conserves_energy_and_angular_momentum(
+    control: gx.StepControl | None,
+) -> None:
     run = gx.Simulation(gx.Scene(*thrown_plate()), gx.Midpoint(dt=5e-5), control=control)
     run.run(until=5e-3)
     assert abs(run.energy_error) < 1e-10
@@ -152,7 +156,9 @@ def test_modes_of_a_creased_plate_are_softer_than_of_a_flat_one() -> None:
     found = []
     for stiffness in (1e-5, 1.0):
         plate = gx.Plate(creased_strip(MPI.COMM_SELF, 4, 1, LENGTH, WIDTH), LAW, hinges=["crease"])
-        search = gx.Equilibrium(gx.Scene(plate, gx.Crease(plate, "crease", stiffness), gx.Fixed(plate, "left")))
+        search = gx.Equilibrium(
+            gx.Scene(plate, gx.Crease(plate, "crease", stiffness), gx.Fixed(plate, "left"))
+        )
         search.find()
         found.append([mode.frequency for mode in gx.modes(search, 3)])
     assert found[0][1] < 0.9 * found[1][1]
@@ -167,13 +173,17 @@ def yielding(comm: MPI.Comm) -> tuple[gx.Membrane, gx.Crease]:
 def test_turns_and_rest_angles_are_in_checkpoints_on_any_number_of_ranks(folder: Path) -> None:
     whole = gx.Simulation(gx.Scene(*yielding(WORLD)), gx.Midpoint(dt=1e-4))
     whole.run(until=4e-4)
-    first = gx.Simulation(gx.Scene(*yielding(WORLD)), gx.Midpoint(dt=1e-4), checkpoints=gx.Checkpoints(folder))
+    first = gx.Simulation(
+        gx.Scene(*yielding(WORLD)), gx.Midpoint(dt=1e-4), checkpoints=gx.Checkpoints(folder)
+    )
     first.run(until=2e-4)
     WORLD.barrier()
     for comm in (WORLD, MPI.COMM_SELF):
         rest = gx.Simulation(gx.Scene(*yielding(comm)), gx.Midpoint(dt=1e-4), restart=folder)
         rest.run(until=4e-4)
-        assert rest.totals.stored["crease"] == pytest.approx(whole.totals.stored["crease"], rel=1e-8)
+        assert rest.totals.stored["crease"] == pytest.approx(
+            whole.totals.stored["crease"], rel=1e-8
+        )
         assert rest.totals.dissipated == pytest.approx(whole.totals.dissipated, rel=1e-8)
         assert rest.totals.kinetic == pytest.approx(whole.totals.kinetic, rel=1e-8)
 
@@ -200,13 +210,31 @@ BAD = {
         lambda film: gx.Crease(gx.Plate(film.mesh, LAW), "crease", 1e-3),
         "transmits bending at 'crease' itself; give it hinges=['crease']",
     ),
-    "rim": (lambda film: gx.Crease(film, "left", 1e-3), "2 of the 2 edges of 'left' lie on the rim"),
-    "surface": (lambda film: gx.Crease(film, "film", 1e-3), "the group 'film' has dimension 2; name curves"),
+    "rim": (
+        lambda film: gx.Crease(film, "left", 1e-3),
+        "2 of the 2 edges of 'left' lie on the rim",
+    ),
+    "surface": (
+        lambda film: gx.Crease(film, "film", 1e-3),
+        "the group 'film' has dimension 2; name curves",
+    ),
     "no group": (lambda film: gx.Crease(film, "fold", 1e-3), "The mesh has no group 'fold'"),
-    "stiffness": (lambda film: gx.Crease(film, "crease", -1e-3), "stiffness is -0.001 N m/m/rad; give a positive"),
-    "rest angle": (lambda film: gx.Crease(film, "crease", 1e-3, 3.2), "rest_angle is 3.2 rad; stay within half a turn"),
-    "yield": (lambda film: gx.Crease(film, "crease", 1e-3, yield_angle=-1.0), "yield_angle is -1.0 rad; give a"),
-    "shut": (lambda film: gx.Crease(film, "crease", 1e-3, shut=0), "shut is 0; give 1 for a valley fold"),
+    "stiffness": (
+        lambda film: gx.Crease(film, "crease", -1e-3),
+        "stiffness is -0.001 N m/m/rad; give a positive",
+    ),
+    "rest angle": (
+        lambda film: gx.Crease(film, "crease", 1e-3, 3.2),
+        "rest_angle is 3.2 rad; stay within half a turn",
+    ),
+    "yield": (
+        lambda film: gx.Crease(film, "crease", 1e-3, yield_angle=-1.0),
+        "yield_angle is -1.0 rad; give a",
+    ),
+    "shut": (
+        lambda film: gx.Crease(film, "crease", 1e-3, shut=0),
+        "shut is 0; give 1 for a valley fold",
+    ),
     "normals": (
         lambda film: gx.Crease(gx.Membrane(gx.gmsh_mesh(two_surfaces, WORLD), LAW), "crease", 1e-3),
         "the normals of 'film' change sides at 'crease'",

@@ -31,7 +31,9 @@ def test_what_one_iteration_leaves_goes_with_the_tolerance(comm):
     lost = []
     for relative in (1e-10, 1e-13):
         body = gx.RigidBody(1.0, (0.6, 1.1, 1.5), spin=(1.5, 0.0, 0.5))
-        run = gx.Simulation(gx.Scene(body), gx.Midpoint(dt=5e-4, tolerances=gx.Tolerances(relative=relative)))
+        run = gx.Simulation(
+            gx.Scene(body), gx.Midpoint(dt=5e-4, tolerances=gx.Tolerances(relative=relative))
+        )
         run.run(until=0.1)
         lost.append(abs(run.energy_error))
     assert lost[0] < 1e-11 and lost[1] < 1e-14
@@ -45,7 +47,11 @@ def test_oscillator_far_from_the_origin(comm, h, spring):
     if spring == "axial":
         spring = gx.AxialSpring(mass.port(), 40.0, (1.0, 0.0, 0.0), (FAR + 1.0, 0.0, 0.0))
     else:
-        other = gx.PointMass(1.0, centre, name="other").port() if spring == "between masses" else gx.Ground(centre)
+        other = (
+            gx.PointMass(1.0, centre, name="other").port()
+            if spring == "between masses"
+            else gx.Ground(centre)
+        )
         spring = gx.Spring(mass.port(), other, 40.0, 1.0)
     run = gx.Simulation(gx.Scene(mass, spring), gx.Midpoint(dt=h))
     run.run(until=200 * h)
@@ -71,6 +77,8 @@ def test_a_step_far_too_long_closes_by_the_work_of_its_residual(comm, energy, le
         gx.Miyazaki(1e9, 0.3, 1400.0, 1e-4),
         velocity=lambda X: np.vstack([0 * X[0], 0 * X[0], 3 * np.sin(3 * X[0]) * np.cos(2 * X[1])]),
     )
-    run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=0.1, tolerances=gx.Tolerances(energy=energy)))
+    run = gx.Simulation(
+        gx.Scene(film), gx.Midpoint(dt=0.1, tolerances=gx.Tolerances(energy=energy))
+    )
     run.run(until=2.0)
     assert least <= abs(run.energy_error) < most

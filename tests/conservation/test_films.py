@@ -29,14 +29,19 @@ def free_sheet(comm, order=1, n=5) -> gx.Membrane:
 
 def run_of(*items, dt=1e-3, steps=20) -> gx.Simulation:
     """Solved to 1e-12, so that what is measured is the rule and not the solver."""
-    run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-12)))
+    run = gx.Simulation(
+        gx.Scene(*items), gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-12))
+    )
     run.run(until=steps * dt)
     return run
 
 
 def changes(run: gx.Simulation) -> tuple[np.ndarray, np.ndarray]:
     """Of linear and angular momentum since the start."""
-    return run.totals.momentum - run.first.momentum, run.totals.angular_momentum - run.first.angular_momentum
+    return (
+        run.totals.momentum - run.first.momentum,
+        run.totals.angular_momentum - run.first.angular_momentum,
+    )
 
 
 @pytest.mark.mpi
@@ -88,11 +93,15 @@ def test_a_guide_leaves_the_momentum_along_it():
 @pytest.mark.mpi
 def test_mass_damping_slows_every_motion_alike(comm):
     """P shrinks by (1 - ch/2)/(1 + ch/2) a step, L but for terms in h²; all that is lost is booked."""
-    film = gx.Membrane(sheet(comm, 5, 5), LAW, velocity=lambda X: thrown(X) + np.array([[1.0], [2.0], [3.0]]))
+    film = gx.Membrane(
+        sheet(comm, 5, 5), LAW, velocity=lambda X: thrown(X) + np.array([[1.0], [2.0], [3.0]])
+    )
     run = run_of(film, gx.Damping(film, mass=20.0))
     shrunk = ((1 - 0.01) / (1 + 0.01)) ** 20
     assert run.totals.momentum == pytest.approx(shrunk * run.first.momentum, rel=1e-10)
-    assert run.totals.angular_momentum == pytest.approx(shrunk * run.first.angular_momentum, rel=1e-5)
+    assert run.totals.angular_momentum == pytest.approx(
+        shrunk * run.first.angular_momentum, rel=1e-5
+    )
     assert run.totals.energy + run.totals.dissipated == pytest.approx(run.first.energy, rel=1e-12)
     assert 0.3 < run.totals.dissipated / run.first.energy < 0.8
 
@@ -109,7 +118,9 @@ def test_stiffness_damping_leaves_rigid_motions_alone(comm):
 
 def test_damping_never_gives_energy():
     film = free_sheet(MPI.COMM_SELF)
-    run = gx.Simulation(gx.Scene(film, gx.Damping(film, mass=5.0, stiffness=1e-5)), gx.Midpoint(dt=1e-3))
+    run = gx.Simulation(
+        gx.Scene(film, gx.Damping(film, mass=5.0, stiffness=1e-5)), gx.Midpoint(dt=1e-3)
+    )
     dissipated = []
     for step in range(1, 31):
         run.run(until=step * 1e-3)
@@ -156,7 +167,10 @@ def test_curved_film_with_gas_spins_freely(comm):
     law = gx.Miyazaki(E=2e6, nu=0.45, density=1100.0, thickness=2e-4)
     spin, drift = np.array([20.0, -10.0, 30.0]), np.array([[1.0], [-2.0], [0.5]])
     film = gx.Membrane(
-        sphere(comm, 0.2, 8, order=2), law, order=2, velocity=lambda X: np.cross(spin, X, axisb=0).T + drift
+        sphere(comm, 0.2, 8, order=2),
+        law,
+        order=2,
+        velocity=lambda X: np.cross(spin, X, axisb=0).T + drift,
     )
     bag = gx.Chamber(film, gas=gas, pressure=300.0, temperature=300.0)
     run = run_of(film, bag, gx.Orifice(bag, gx.Ambient(), area=1e-3), steps=15)
@@ -178,5 +192,7 @@ def test_gas_and_outer_pressure_are_booked(comm):
     run = run_of(film, bag, dt=2e-4, steps=20)
     grown = run.chamber("chamber").V - run.first.stored["chamber"] * 0.4 / 1.005e5
     assert grown > 0
-    assert run.totals.supplied == pytest.approx(-1e5 * grown, rel=1e-3)  # the volume is cubic: not to the last digit
+    assert run.totals.supplied == pytest.approx(
+        -1e5 * grown, rel=1e-3
+    )  # the volume is cubic: not to the last digit
     assert abs(run.energy_error) <= 1e-12

@@ -22,7 +22,9 @@ SHEET = sheet(MPI.COMM_WORLD, 5, 5)
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("order, n, dt, steps", [(1, 8, 1e-3, 60), (2, 4, 1e-3, 40), (1, 8, 4e-3, 30)])
+@pytest.mark.parametrize(
+    "order, n, dt, steps", [(1, 8, 1e-3, 60), (2, 4, 1e-3, 40), (1, 8, 4e-3, 30)]
+)
 def test_free_sheet(order: int, n: int, dt: float, steps: int) -> None:
     drift = spinning_sheet.main(n=n, dt=dt, steps=steps, order=order)
     assert drift["energy_drift"] < 1e-10
@@ -47,7 +49,9 @@ def test_gas_keeps_the_momenta_of_a_free_film(comm) -> None:
     gas = gx.IdealGas(gamma=1.4, R=296.8)
     spin = np.array([3.0, -2.0, 5.0])
     film = gx.Membrane(
-        flat_tube(comm, 0.2, 0.06, 4), LAW, velocity=lambda x: np.cross(spin, x.T).T + np.array([[1.0], [2.0], [3.0]])
+        flat_tube(comm, 0.2, 0.06, 4),
+        LAW,
+        velocity=lambda x: np.cross(spin, x.T).T + np.array([[1.0], [2.0], [3.0]]),
     )
     bag = gx.Chamber(film, gas=gas, pressure=10.0, temperature=293.0, dead_volume=1e-6, name="bag")
     tank = gx.Tank(1e-5, gas=gas, pressure=1e5, temperature=293.0)
@@ -56,7 +60,10 @@ def test_gas_keeps_the_momenta_of_a_free_film(comm) -> None:
     first, last = run.first, run.totals
     assert abs(run.energy_error) < 1e-12
     assert np.abs(last.momentum - first.momentum).max() < 1e-12 * np.abs(first.momentum).max()
-    assert np.abs(last.angular_momentum - first.angular_momentum).max() < 1e-11 * np.abs(first.angular_momentum).max()
+    assert (
+        np.abs(last.angular_momentum - first.angular_momentum).max()
+        < 1e-11 * np.abs(first.angular_momentum).max()
+    )
 
 
 @pytest.mark.mpi
@@ -97,7 +104,9 @@ def test_the_error_is_over_the_largest_energy_also_if_nobody_looked(comm) -> Non
 @settings(max_examples=5)
 @given(st.lists(st.floats(1e-4, 3e-3), min_size=3, max_size=8))
 def test_any_sequence_of_steps(steps: list[float]) -> None:
-    run = gx.Simulation(gx.Scene(gx.Membrane(SHEET, LAW, velocity=spinning_sheet.throw)), gx.Midpoint(dt=1e-3))
+    run = gx.Simulation(
+        gx.Scene(gx.Membrane(SHEET, LAW, velocity=spinning_sheet.throw)), gx.Midpoint(dt=1e-3)
+    )
     for h in steps:
         run._advance(h)
     assert abs(run.energy_error) < 1e-11
@@ -122,7 +131,9 @@ def test_a_step_that_fails_says_where_and_leaves_the_ledger(comm, folder: Path) 
 
 
 def test_a_run_that_goes_on_continues_the_ledger(folder: Path) -> None:
-    run = gx.Simulation(gx.Scene(gx.PointMass(1.0)), gx.Midpoint(dt=0.1), [gx.Ledger(folder / "ledger.csv")])
+    run = gx.Simulation(
+        gx.Scene(gx.PointMass(1.0)), gx.Midpoint(dt=0.1), [gx.Ledger(folder / "ledger.csv")]
+    )
     run.run(until=0.2)
     run.run(until=0.5)
     times = [float(row["time"]) for row in csv.DictReader((folder / "ledger.csv").open())]

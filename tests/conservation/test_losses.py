@@ -20,8 +20,12 @@ CAUSES = ["air", "strain", "rope damping", "reel"]
 def scene(comm: MPI.Comm = COMM) -> gx.Scene:
     """A film that drifts as a whole, a mass that a brake stops, and one that swings on a damped rope."""
     film = gx.Membrane(sheet(comm, 2, 2), LAW, velocity=lambda x: 0 * x + [[1.0], [0.0], [2.0]])
-    at_reel = gx.PointMass(MASS, (1.0, 0.0, 0.0), velocity=(SPEED, 0.0, 0.0), comm=comm, name="at reel")
-    at_rope = gx.PointMass(MASS, (0.0, 1.0, 0.0), velocity=(0.0, 0.1, 0.0), comm=comm, name="at rope")
+    at_reel = gx.PointMass(
+        MASS, (1.0, 0.0, 0.0), velocity=(SPEED, 0.0, 0.0), comm=comm, name="at reel"
+    )
+    at_rope = gx.PointMass(
+        MASS, (0.0, 1.0, 0.0), velocity=(0.0, 0.1, 0.0), comm=comm, name="at rope"
+    )
     ground = gx.Ground((0.0, 0.0, 0.0))
     return gx.Scene(
         film,
@@ -29,7 +33,9 @@ def scene(comm: MPI.Comm = COMM) -> gx.Scene:
         at_rope,
         gx.Damping(film, mass=DRAG, name="air"),
         gx.Damping(film, stiffness=1e-4, name="strain"),
-        gx.Tether(ground, at_reel.port(), length=1.0, stiffness=STIFFNESS, brake=BRAKE, name="reel"),
+        gx.Tether(
+            ground, at_reel.port(), length=1.0, stiffness=STIFFNESS, brake=BRAKE, name="reel"
+        ),
         gx.Rope(ground, at_rope.port(), length=1.0, stiffness=STIFFNESS, damping=4.0, name="rope"),
     )
 
@@ -55,8 +61,12 @@ def test_each_cause_takes_what_its_closed_form_says(folder: Path) -> None:
     elastic = BRAKE**2 / 2 / STIFFNESS
     assert lost["reel"] == pytest.approx(MASS * SPEED**2 / 2 - elastic, rel=1e-3)
     # the other mass flies back when its rope is slack again
-    v = gx.Velocity(next(body for body in run.system.bodies if body.name == "at rope").port(), "y")(run)
-    assert -0.1 < v < 0 and lost["rope damping"] == pytest.approx(MASS * (0.1**2 - v**2) / 2, rel=1e-10)
+    v = gx.Velocity(next(body for body in run.system.bodies if body.name == "at rope").port(), "y")(
+        run
+    )
+    assert -0.1 < v < 0 and lost["rope damping"] == pytest.approx(
+        MASS * (0.1**2 - v**2) / 2, rel=1e-10
+    )
     assert run.totals.dissipated == sum(lost.values()) and abs(run.energy_error) < 1e-12
     COMM.barrier()
     row = list(csv.DictReader((folder / "ledger.csv").open(encoding="utf-8")))[-1]
@@ -72,7 +82,11 @@ def test_one_cause_is_the_sum_and_none_is_nothing(folder: Path) -> None:
         run = run_to(2, gx.Scene(*items), outputs=[gx.Ledger(folder / "ledger.csv")])
         COMM.barrier()
         assert list(run.totals.losses) == lost
-        assert run.totals.dissipated == pytest.approx(0.5 * 2 * DT, rel=0.01) if lost else run.totals.dissipated == 0
+        assert (
+            run.totals.dissipated == pytest.approx(0.5 * 2 * DT, rel=0.01)
+            if lost
+            else run.totals.dissipated == 0
+        )
         head = (folder / "ledger.csv").read_text(encoding="utf-8").splitlines()[0]
         assert head.count("dissipated") == 1
 
@@ -105,7 +119,9 @@ def test_restarts_go_on_with_each_cause(folder: Path) -> None:
 def test_what_a_part_took_before_it_was_changed_stays_booked(folder: Path) -> None:
     def swing(damping: float) -> gx.Scene:
         mass = gx.PointMass(MASS, (0.0, 1.0, 0.0), velocity=(0.0, 0.1, 0.0), comm=COMM)
-        return gx.Scene(mass, gx.Rope(gx.Ground((0.0, 0.0, 0.0)), mass.port(), 1.0, STIFFNESS, damping=damping))
+        return gx.Scene(
+            mass, gx.Rope(gx.Ground((0.0, 0.0, 0.0)), mass.port(), 1.0, STIFFNESS, damping=damping)
+        )
 
     lost = run_to(10, swing(4.0), checkpoints=gx.Checkpoints(folder)).totals.losses
     assert lost["rope damping"] > 0

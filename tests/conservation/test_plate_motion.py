@@ -23,11 +23,19 @@ def thrown(X):
 @pytest.mark.parametrize("hinges", [(), ("middle",)])
 @pytest.mark.parametrize("rest", [None, np.diag([3.0, 0.0, 0.0])])
 def test_a_thrown_plate_keeps_energy_and_both_momenta(comm, rest, hinges):
-    plate = gx.Plate(irregular_sheet(comm, 8, 2, 0.6, 0.15), LAW, rest_curvature=rest, hinges=hinges, velocity=thrown)
+    plate = gx.Plate(
+        irregular_sheet(comm, 8, 2, 0.6, 0.15),
+        LAW,
+        rest_curvature=rest,
+        hinges=hinges,
+        velocity=thrown,
+    )
     tight = gx.Tolerances(relative=1e-12)
     run = gx.Simulation(gx.Scene(plate), gx.Midpoint(dt=2e-4, tolerances=tight))
     assert run.totals.stored["plate bending"] == pytest.approx(
-        0.0 if rest is None else LAW.E * LAW.thickness**3 / 12 / 0.91 * 9 * 0.09 / 2, rel=1e-9, abs=1e-12
+        0.0 if rest is None else LAW.E * LAW.thickness**3 / 12 / 0.91 * 9 * 0.09 / 2,
+        rel=1e-9,
+        abs=1e-12,
     )
     first = run.totals
     run.run(until=0.02)
@@ -46,7 +54,9 @@ def test_a_clamp_that_turns_supplies_the_energy_of_the_plate(comm):
 
     plate = gx.Plate(sheet(comm, 6, 1, 0.3, 0.05), LAW)
     clamp = gx.ClampedEdge(plate, "left", direction=direction)
-    run = gx.Simulation(gx.Scene(plate, clamp), gx.Midpoint(dt=5e-4, tolerances=gx.Tolerances(relative=1e-12)))
+    run = gx.Simulation(
+        gx.Scene(plate, clamp), gx.Midpoint(dt=5e-4, tolerances=gx.Tolerances(relative=1e-12))
+    )
     run.run(until=0.03)
     assert run.totals.supplied > 1e-4 and run.totals.kinetic > 1e-4
     assert abs(run.energy_error) < 1e-9
@@ -81,11 +91,17 @@ def test_a_tape_spring_snaps_and_keeps_its_energy(comm):
     rest = np.diag((0.0, 1 / radius, 0.0))
     mesh = sheet(comm, 12, 4, length, width, crossed=True)
     tape = gx.Plate(mesh, steel, rest_curvature=rest, displacement=curved, velocity=bent)
-    run = gx.Simulation(gx.Scene(tape), gx.Midpoint(dt=1e-5, tolerances=gx.Tolerances(relative=1e-12)))
+    run = gx.Simulation(
+        gx.Scene(tape), gx.Midpoint(dt=1e-5, tolerances=gx.Tolerances(relative=1e-12))
+    )
     first, at_rest = run.totals, 4 * radius**2 * math.sin(angle / 2) ** 2
     run.run(until=5e-4)
     X, y = tape.space.tabulate_dof_coordinates(), run.system.q0.array_r.reshape(-1, 3)
-    corners = [y[k] for k in range(len(y)) if abs(X[k, 0] - length / 2) < 1e-9 and X[k, 1] * (width - X[k, 1]) < 1e-12]
+    corners = [
+        y[k]
+        for k in range(len(y))
+        if abs(X[k, 0] - length / 2) < 1e-9 and X[k, 1] * (width - X[k, 1]) < 1e-12
+    ]
     ends = [p for part in comm.allgather(corners) for p in part]
     across = float(((ends[0] - ends[1]) ** 2).sum())
     assert at_rest < 0.87 * width**2 and across > 0.98 * width**2

@@ -22,7 +22,9 @@ def spinning(comm: MPI.Intracomm) -> gx.Scene:
 
 def filling(comm: MPI.Intracomm) -> gx.Scene:
     film = gx.Membrane(flat_tube(comm, 0.4, 0.06, 6), FILM)
-    tube = gx.Chamber(film, gas=NITROGEN, pressure=1.0, temperature=293.0, dead_volume=1e-6, name="tube")
+    tube = gx.Chamber(
+        film, gas=NITROGEN, pressure=1.0, temperature=293.0, dead_volume=1e-6, name="tube"
+    )
     tank = gx.Tank(20e-6, gas=NITROGEN, pressure=1.5e6, temperature=293.0)
     return gx.Scene(film, tube, gx.Orifice(tank, tube, area=math.pi * 1e-4**2))
 
@@ -32,8 +34,12 @@ def positions_by_node(run: gx.Simulation) -> dict[int, np.ndarray]:
     film = next(body for body in run.system.bodies if isinstance(body, gx.Membrane))
     domain, owned = film.mesh.domain, film.block.index_map.size_local
     number = np.zeros(owned + film.block.index_map.num_ghosts, dtype=np.int64)
-    number[film.space.dofmap.list.ravel()] = domain.geometry.input_global_indices[domain.geometry.dofmap.ravel()]
-    return dict(zip(number[:owned].tolist(), run.system.q0.array_r.reshape(-1, 3)[:owned], strict=True))
+    number[film.space.dofmap.list.ravel()] = domain.geometry.input_global_indices[
+        domain.geometry.dofmap.ravel()
+    ]
+    return dict(
+        zip(number[:owned].tolist(), run.system.q0.array_r.reshape(-1, 3)[:owned], strict=True)
+    )
 
 
 @pytest.mark.mpi
@@ -58,7 +64,9 @@ def test_round_off_grows_but_the_ledger_closes(comm, scene, dt: float) -> None:
         for run in runs:
             run.run(until=step * dt)
         here, alone = (positions_by_node(run) for run in runs)
-        difference = comm.allreduce(max(np.abs(x - alone[node]).max() for node, x in here.items()), op=MPI.MAX)
+        difference = comm.allreduce(
+            max(np.abs(x - alone[node]).max() for node, x in here.items()), op=MPI.MAX
+        )
         if comm.rank == 0:
             print(f"after {step} steps positions differ by {difference:.1e} m")
     assert all(abs(run.energy_error) < 1e-10 for run in runs)

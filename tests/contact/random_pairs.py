@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from gossamer_fx.contact.pairs import EDGE_EDGE, IN_CYLINDER, IN_SPHERE, PLANE, POINT_TRIANGLE, Pairs
+from gossamer_fx.contact.pairs import (
+    EDGE_EDGE,
+    IN_CYLINDER,
+    IN_SPHERE,
+    PLANE,
+    POINT_TRIANGLE,
+    Pairs,
+)
 
 
 def near_pairs(kind: int, n: int, seed: int = 0, d: float = 0.1, rigid: bool = False):
@@ -33,7 +40,9 @@ def near_pairs(kind: int, n: int, seed: int = 0, d: float = 0.1, rigid: bool = F
             x[:, 0] = x[:, 1] + length * x[:, 2]
             if kind == IN_CYLINDER:
                 x[:, 0] += rng.normal(size=(n, 1)) * np.cross(x[:, 2], x[:, 3])
-    y = x + 0.3 * d * rng.normal(size=(n, 4, 3)) * (1.0 if kind <= EDGE_EDGE else np.array([1.0, 1.0, 0, 0])[:, None])
+    y = x + 0.3 * d * rng.normal(size=(n, 4, 3)) * (
+        1.0 if kind <= EDGE_EDGE else np.array([1.0, 1.0, 0, 0])[:, None]
+    )
     nodes = np.arange(4 * n, dtype=np.int32).reshape(n, 4)
     offset, S = {
         PLANE: (0.0, d),

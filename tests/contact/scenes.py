@@ -14,7 +14,17 @@ FILM = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
 SIGMA = 0.14  # kg/m²
 
 
-def film(comm, n=4, size=0.1, height=0.0, velocity=(0.0, 0.0, 0.0), turn=0.0, name="film", order=1, at=(0.0, 0.0)):
+def film(
+    comm,
+    n=4,
+    size=0.1,
+    height=0.0,
+    velocity=(0.0, 0.0, 0.0),
+    turn=0.0,
+    name="film",
+    order=1,
+    at=(0.0, 0.0),
+):
     """A square film about (at, height), turned about z, at a velocity [m/s]."""
     c, s = np.cos(turn), np.sin(turn)
 
@@ -32,15 +42,23 @@ def film(comm, n=4, size=0.1, height=0.0, velocity=(0.0, 0.0, 0.0), turn=0.0, na
     )
 
 
-def solid_of(kind: str, block: gx.RigidBody, **given) -> gx.Plane | gx.Sphere | gx.Cylinder | gx.Box:
+def solid_of(
+    kind: str, block: gx.RigidBody, **given
+) -> gx.Plane | gx.Sphere | gx.Cylinder | gx.Box:
     """A solid that is a part of a block, in the way of a film that falls from z = 0."""
     makes, where = {
         "plane": (gx.Plane, {"point": (0, 0, -0.008), "normal": (0.1, 0, 1)}),
         "ball": (gx.Sphere, {"centre": (0, 0, -0.022), "radius": 0.02}),
-        "cylinder": (gx.Cylinder, {"start": (-0.06, 0, -0.022), "end": (0.03, 0, -0.022), "radius": 0.02}),
+        "cylinder": (
+            gx.Cylinder,
+            {"start": (-0.06, 0, -0.022), "end": (0.03, 0, -0.022), "radius": 0.02},
+        ),
         "box": (gx.Box, {"centre": (0, 0, -0.022), "sizes": (0.04, 0.04, 0.04)}),
         "in ball": (gx.Sphere, {"centre": (0, 0, 0.02), "radius": 0.077, "inside": True}),
-        "in cylinder": (gx.Cylinder, {"start": (0, 0, 0.01), "end": (1, 0, 0.01), "radius": 0.0523, "inside": True}),
+        "in cylinder": (
+            gx.Cylinder,
+            {"start": (0, 0, 0.01), "end": (1, 0, 0.01), "radius": 0.0523, "inside": True},
+        ),
         "in box": (gx.Box, {"centre": (0, 0, 0), "sizes": (0.12, 0.12, 0.006), "inside": True}),
     }[kind]
     return makes(**where, on=block, **given)
@@ -48,14 +66,18 @@ def solid_of(kind: str, block: gx.RigidBody, **given) -> gx.Plane | gx.Sphere | 
 
 def group_of(run) -> Group:
     """The only contact of a run."""
-    (group,) = next(c for c in run.system.compiled if isinstance(c, CompiledContacts)).groups.values()
+    (group,) = next(
+        c for c in run.system.compiled if isinstance(c, CompiledContacts)
+    ).groups.values()
     return group
 
 
 def pierced(run) -> int:
     """Edges that pierce triangles, over all ranks."""
     group, system = group_of(run), run.system
-    found = intersections(group.bodies.surface, group.points.at(system.q0, system.time), group.bodies.own_edges)
+    found = intersections(
+        group.bodies.surface, group.points.at(system.q0, system.time), group.bodies.own_edges
+    )
     return system.comm.allreduce(len(found))
 
 

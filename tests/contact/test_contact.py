@@ -16,7 +16,9 @@ from meshes.sheet import sheet
 @pytest.mark.parametrize("law", ["barrier", "penalty"])
 def test_two_films_collide(comm, law):
     lower = film(comm, name="lower")
-    upper = film(comm, height=2e-3, velocity=(0.2, 0.1, -2.0), turn=0.4, name="upper", at=(0.01, 0.005))
+    upper = film(
+        comm, height=2e-3, velocity=(0.2, 0.1, -2.0), turn=0.4, name="upper", at=(0.01, 0.005)
+    )
     run = simulate([gx.Contact(lower, upper, distance=1e-3, law=law)], 2e-3)
     assert group_of(run).closest < 1e-3
     assert pierced(run) == 0
@@ -42,7 +44,11 @@ def test_a_film_falls_edge_on_edge_and_cables_on_a_film():
     cables = []
     for k, (a, b) in enumerate((((-0.04, 0.0), (0.05, 0.02)), ((-0.03, -0.04), (0.02, 0.06)))):
         mesh = line(comm, [(*a, 0.003), (*b, 0.003)], 3)
-        cables.append(gx.Cable(mesh, gx.CableLaw(EA=1e4, line_density=0.01), velocity=_down, name=f"cable {k}"))
+        cables.append(
+            gx.Cable(
+                mesh, gx.CableLaw(EA=1e4, line_density=0.01), velocity=_down, name=f"cable {k}"
+            )
+        )
     cables[1]._start[0].reshape(-1, 3)[:, 2] += 0.004
     contact = gx.Contact(flat, *cables, distance=5e-4, radius={"cable 0": 5e-4, "cable 1": 5e-4})
     run = simulate([contact], 4e-3)
@@ -57,7 +63,9 @@ def _down(X):
     return np.outer((0.0, 0.0, -1.5), np.ones(X.shape[1]))
 
 
-@pytest.mark.parametrize("kind", ["plane", "ball", "cylinder", "box", "in ball", "in cylinder", "in box"])
+@pytest.mark.parametrize(
+    "kind", ["plane", "ball", "cylinder", "box", "in ball", "in cylinder", "in box"]
+)
 def test_films_hit_solids(kind):
     comm = MPI.COMM_SELF
     thrown = film(comm, height=0.0, velocity=(0.1, 0.0, -2.0), name="thrown")
@@ -120,7 +128,9 @@ def test_ranks_agree(comm, friction):
     ours, alone = run(comm), run(MPI.COMM_SELF)
     assert (ours.totals.dissipated > 0) == (friction > 0)
     for name in ("kinetic", "angular_momentum", "dissipated"):
-        assert np.allclose(getattr(ours.totals, name), getattr(alone.totals, name), rtol=1e-8, atol=1e-12)
+        assert np.allclose(
+            getattr(ours.totals, name), getattr(alone.totals, name), rtol=1e-8, atol=1e-12
+        )
     points = [group_of(r).points.at(r.system.q0, 0.0) for r in (ours, alone)]
     assert np.abs(points[0] - points[1]).max() < 1e-9
 
@@ -145,23 +155,37 @@ def test_bad_input_is_refused():
     with pytest.raises(gx.InputError, match="no surface"):
         gx.Contact(one, gx.PointMass(1.0), distance=1e-3)
     with pytest.raises(gx.InputError, match="radius of 'line'"):
-        gx.Contact(gx.Cable(line(comm, [(0, 0, 0), (1, 0, 0)], 2), gx.CableLaw(1e4, 0.1), name="line"), distance=1e-3)
+        gx.Contact(
+            gx.Cable(line(comm, [(0, 0, 0), (1, 0, 0)], 2), gx.CableLaw(1e4, 0.1), name="line"),
+            distance=1e-3,
+        )
     with pytest.raises(gx.InputError, match="has no length"):
-        gx.Scene(gx.Contact(one, gx.Plane(point=(0, 0, 0), normal=(0, 0, 0)), distance=1e-3)).compile()
+        gx.Scene(
+            gx.Contact(one, gx.Plane(point=(0, 0, 0), normal=(0, 0, 0)), distance=1e-3)
+        ).compile()
     with pytest.raises(gx.InputError, match="'on' and 'motion'"):
-        gx.Sphere(centre=(0, 0, 0), radius=1.0, on=gx.RigidBody(1.0, (1, 1, 1)), motion=lambda t: (0, 0, 0))
+        gx.Sphere(
+            centre=(0, 0, 0),
+            radius=1.0,
+            on=gx.RigidBody(1.0, (1, 1, 1)),
+            motion=lambda t: (0, 0, 0),
+        )
     crossing = gx.Membrane(
         sheet(comm, 4, 4, 0.1, 0.1),
         gx.Miyazaki(**FILM),
         displacement=lambda X: np.vstack([-0.05 + 0 * X[0], -0.05 - X[1], X[1] - 0.05]),
         name="crossing",
     )
-    with pytest.raises(gx.InputError, match=r"start, \d+ edges .* '(one|crossing)' through '(one|crossing)' near"):
+    with pytest.raises(
+        gx.InputError, match=r"start, \d+ edges .* '(one|crossing)' through '(one|crossing)' near"
+    ):
         gx.Scene(gx.Contact(one, crossing, distance=1e-3)).compile()
     with pytest.raises(gx.InputError, match="touch something at the start"):
         gx.Scene(gx.Contact(*_two(comm, height=0.0), distance=1e-3)).compile()
     with pytest.raises(gx.InputError, match="within it"):
-        gx.Scene(gx.Contact(one, gx.Plane(point=(0, 0, 0.01), normal=(0, 0, 1)), distance=1e-3)).compile()
+        gx.Scene(
+            gx.Contact(one, gx.Plane(point=(0, 0, 0.01), normal=(0, 0, 1)), distance=1e-3)
+        ).compile()
 
 
 @pytest.mark.mpi

@@ -17,9 +17,13 @@ from gossamer_fx.steppers import midpoint
 def test_updates_go_no_farther_than_contact_can_follow(comm):
     lower, upper = film(comm, name="lower"), film(comm, height=2e-3, name="upper", order=2)
     alone = film(comm, height=0.5, name="alone")
-    run = gx.Simulation(gx.Scene(gx.Contact(lower, upper, distance=1e-3), alone), gx.Midpoint(dt=1e-4))
+    run = gx.Simulation(
+        gx.Scene(gx.Contact(lower, upper, distance=1e-3), alone), gx.Midpoint(dt=1e-4)
+    )
     system = run.system
-    update = np.random.default_rng(comm.rank).normal(0.0, 5e-3, system.numbering.vector().getLocalSize())
+    update = np.random.default_rng(comm.rank).normal(
+        0.0, 5e-3, system.numbering.vector().getLocalSize()
+    )
     given = update.copy()
     system.limit(update)
     for k, body in enumerate(system.bodies):
@@ -76,7 +80,9 @@ def test_a_predictor_that_passed_through_is_no_measure_of_the_residual():
     system = run.system
     momentum = system.numbering.vector()
     system.M.mult(system.v0, momentum)
-    assert newton._reference < 2.1 / 1e-4 * momentum.norm()  # 2 M v/h; the speeds hardly change in a step
+    assert (
+        newton._reference < 2.1 / 1e-4 * momentum.norm()
+    )  # 2 M v/h; the speeds hardly change in a step
     assert abs(run.energy_error) < 1e-11
     assert pierced(run) == 0
 

@@ -46,7 +46,9 @@ def test_kernel_agrees_with_its_twin(kind: int, law: int) -> None:
     for i in acting:
         twin = Pair(pairs, i, x0, law)
         expected = twin.force(x0, x1)
-        assert np.allclose(done.forces[i].reshape(4, 3), expected, rtol=1e-7, atol=1e-9 * np.abs(expected).max())
+        assert np.allclose(
+            done.forces[i].reshape(4, 3), expected, rtol=1e-7, atol=1e-9 * np.abs(expected).max()
+        )
         one = pairs.some(np.array([i]))
         assert energy(one, x0, law)[0] == pytest.approx(twin.energy(x0), rel=1e-9)
 
@@ -85,7 +87,10 @@ def test_tangent_is_the_derivative(kind: int, law: int, alpha: float) -> None:
     for j in range(12):
         step = np.zeros((4, 3))
         step.flat[j] = δ
-        up, down = (act(pairs, x0, x1 + np.tile(z, (60, 1)), law, alpha, each=True).forces for z in (step, -step))
+        up, down = (
+            act(pairs, x0, x1 + np.tile(z, (60, 1)), law, alpha, each=True).forces
+            for z in (step, -step)
+        )
         numeric[:, :, j] = (up - down) / (2 * δ)
     good = [
         np.allclose(K[i], numeric[i], rtol=1e-4, atol=1e-5 * np.abs(K[i]).max())
@@ -141,7 +146,9 @@ def test_the_barrier_begins_at_its_distance_and_is_infinite_where_edges_cross(u:
     pairs = Pairs(nodes, kind, np.ones(1), S, offset, np.zeros(1, np.int64))
 
     def energy_at(z: float) -> float:
-        return energy(pairs, np.array([[-u, 0, z], [1 - u, 0, z], [0, -u, 0], [0, 1 - u, 0]]), BARRIER)[0]
+        return energy(
+            pairs, np.array([[-u, 0, z], [1 - u, 0, z], [0, -u, 0], [0, 1 - u, 0]]), BARRIER
+        )[0]
 
     assert energy_at(1.001e-3) == 0 < energy_at(0.98e-3)
     assert not energy_at(1e-6) < 1e5  # in the middle it is infinite from 0.16e-3 on
@@ -155,7 +162,9 @@ def test_edges_about_to_cross_are_pushed_back_the_more_the_nearer_they_are() -> 
     heights = np.linspace(0.5e-3, 1e-5, 2000)
     x = [np.array([[-0.5, 0, z], [0.5, 0, z], [0, -0.5, 0], [0, 0.5, 0]]) for z in heights]
     done = [act(pairs, x[0], x1, BARRIER, 0.5, each=True) for x1 in x]
-    stress = np.array([-d.forces[0].reshape(4, 3)[:2, 2].sum() for d in done]) / (heights[0] + heights)
+    stress = np.array([-d.forces[0].reshape(4, 3)[:2, 2].sum() for d in done]) / (
+        heights[0] + heights
+    )
     state = np.array([d.state[0] for d in done])
     assert (np.diff(state) >= 0).all() and set(state) == {TOUCHES, PASSED}
     assert (stress > 0).all() and (np.diff(stress) > 0).all()
@@ -169,8 +178,13 @@ def test_those_and_only_those_that_pass_through_are_pushed_back(kind: int) -> No
     x1 = x0 + 4 * (x1 - x0)
     state = act(pairs, x0, x1, BARRIER, 0.5).state
     t = np.linspace(0, 1, 4001)
-    way = np.array([squared_distances(pairs.nodes, pairs.kind, x0 + τ * (x1 - x0)) for τ in t]).min(0) ** 0.5
+    way = (
+        np.array([squared_distances(pairs.nodes, pairs.kind, x0 + τ * (x1 - x0)) for τ in t]).min(0)
+        ** 0.5
+    )
     assert (state == PASSED).sum() > 40
-    steep = (kind == EDGE_EDGE) & (energy(pairs, x1, BARRIER)[1] < 0.02)  # edges, so near that they are pushed, too
+    steep = (kind == EDGE_EDGE) & (
+        energy(pairs, x1, BARRIER)[1] < 0.02
+    )  # edges, so near that they are pushed, too
     assert way[(state == PASSED) & ~steep].max() < 2e-3
     assert np.mean(way[state != PASSED] < 1e-4) < 0.03  # there and back

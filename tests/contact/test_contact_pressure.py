@@ -13,7 +13,9 @@ from gossamer_fx.fields.fields import FieldFunctions
 
 
 def integral(body, function: fem.Function) -> float:
-    return float(body.comm.allreduce(fem.assemble_scalar(fem.form(function * ufl.dx(body.space.mesh)))))
+    return float(
+        body.comm.allreduce(fem.assemble_scalar(fem.form(function * ufl.dx(body.space.mesh))))
+    )
 
 
 @pytest.mark.mpi
@@ -43,7 +45,9 @@ def test_pressure_integrates_to_the_force(comm, order) -> None:
 @pytest.mark.mpi
 def test_pressure_is_zero_where_nothing_touches(comm) -> None:
     one, other = film(comm, 2, name="one"), film(comm, 2, height=0.01, name="other")
-    run = simulate([gx.Contact(one, gx.Plane(point=(0, 0, -1), normal=(0, 0, 1)), distance=1e-3), other], 1e-4)
+    run = simulate(
+        [gx.Contact(one, gx.Plane(point=(0, 0, -1), normal=(0, 0, 1)), distance=1e-3), other], 1e-4
+    )
     for body in (one, other):
         fields = FieldFunctions(run.system, body, ["contact_pressure"])
         fields.update()

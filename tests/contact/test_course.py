@@ -85,7 +85,10 @@ def test_no_pair_is_missed_while_points_keep_their_course() -> None:
     near_ones = 0
     for time in (0.5, 0.6, 0.7):
         off = rng.normal(size=x.shape)
-        off *= 0.999 * (course.margin * rng.uniform(size=180) ** 0.1 / np.linalg.norm(off, axis=1))[:, None]
+        off *= (
+            0.999
+            * (course.margin * rng.uniform(size=180) ** 0.1 / np.linalg.norm(off, axis=1))[:, None]
+        )
         here = np.ascontiguousarray(x + (time - 0.5) * rates + off)
         there = drifted(TURN, here, time)
         assert course.holds(there, time)

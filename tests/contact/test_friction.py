@@ -70,7 +70,9 @@ def test_a_film_that_slides_is_stopped() -> None:
 @pytest.mark.slow
 def test_below_the_friction_angle_it_creeps_as_slowly_as_stated() -> None:
     body, μ, p, a = patch(0.0), 0.5, 4.0, 8.0
-    contact = gx.Contact(body, gx.Plane(**FLOOR), distance=2e-4, stiffness=1e8, friction=μ, creep=1e-4)
+    contact = gx.Contact(
+        body, gx.Plane(**FLOOR), distance=2e-4, stiffness=1e8, friction=μ, creep=1e-4
+    )
     v, _ = speeds(body, [contact, pressed(body, p), gx.Gravity(body, (a, 0.0, 0.0))], 0.04)
     share = a * SIGMA / (μ * p)
     v = (v[1:] + v[:-1])[-30:] / 2  # of steps: their ends swing about it for a while
@@ -80,7 +82,9 @@ def test_below_the_friction_angle_it_creeps_as_slowly_as_stated() -> None:
 @pytest.mark.mpi
 def test_films_that_rub_keep_momentum_and_angular_momentum(comm) -> None:
     lower = film(comm, name="lower")
-    upper = film(comm, height=1.2e-3, velocity=(1.0, 0.4, -2.0), turn=0.4, name="upper", at=(0.01, 0.005))
+    upper = film(
+        comm, height=1.2e-3, velocity=(1.0, 0.4, -2.0), turn=0.4, name="upper", at=(0.01, 0.005)
+    )
     run = simulate([gx.Contact(lower, upper, distance=1e-3, friction=0.3)], 1.6e-3)
     assert run.totals.dissipated > 1e-5
     assert gx.Velocity(lower.port_at((0.05, 0.05, 0.0)), "x")(run) > 0.02  # taken along
@@ -90,12 +94,16 @@ def test_films_that_rub_keep_momentum_and_angular_momentum(comm) -> None:
 
 def test_friction_costs_nothing_where_there_is_none() -> None:
     one, other = film(MPI.COMM_SELF, name="one"), film(MPI.COMM_SELF, height=1.2e-3, name="other")
-    run = simulate([gx.Contact(one, other, gx.Plane(point=(0, 0, -1), normal=(0, 0, 1)), distance=1e-3)], 1e-4)
+    run = simulate(
+        [gx.Contact(one, other, gx.Plane(point=(0, 0, -1), normal=(0, 0, 1)), distance=1e-3)], 1e-4
+    )
     assert group_of(run).friction is None
     assert (group_of(run).bodies.frames < 0).all()
 
 
-@pytest.mark.parametrize("kind", ["in cylinder", *(pytest.param(kind, marks=pytest.mark.slow) for kind in OTHERS)])
+@pytest.mark.parametrize(
+    "kind", ["in cylinder", *(pytest.param(kind, marks=pytest.mark.slow) for kind in OTHERS)]
+)
 def test_films_rub_on_solids_of_a_free_body(kind) -> None:
     thrown = film(MPI.COMM_SELF, velocity=(0.6, 0.3, -2.0), name="thrown")
     block = gx.RigidBody(0.02, (1e-5, 1e-5, 1e-5), position=(0.0, 0.0, -0.022), comm=MPI.COMM_SELF)
@@ -111,7 +119,11 @@ def test_a_ball_on_a_film_turns_by_friction_alone(comm, μ) -> None:
     m, r = 1e-3, 0.01
     bag = film(comm, name="bag")
     ball = gx.RigidBody(
-        m, (0.4 * m * r * r,) * 3, position=(0.003, 0.002, r + 3e-4), velocity=(0.3, 0, -0.5), comm=comm
+        m,
+        (0.4 * m * r * r,) * 3,
+        position=(0.003, 0.002, r + 3e-4),
+        velocity=(0.3, 0, -0.5),
+        comm=comm,
     )
     solid = gx.Sphere(centre=(0.003, 0.002, r + 3e-4), radius=r, on=ball, friction=μ)
     run = simulate([gx.Contact(bag, solid, distance=2e-4)], 4e-3)
@@ -137,7 +149,9 @@ def _spin(run, ball) -> float:
 def test_a_restart_in_the_middle_of_rubbing(tmp_path) -> None:
     def scene():
         lower = film(MPI.COMM_SELF, 2, name="lower")
-        upper = film(MPI.COMM_SELF, 2, height=1.2e-3, velocity=(1.0, 0.4, -2.0), turn=0.4, name="upper")
+        upper = film(
+            MPI.COMM_SELF, 2, height=1.2e-3, velocity=(1.0, 0.4, -2.0), turn=0.4, name="upper"
+        )
         return [gx.Contact(lower, upper, distance=1e-3, friction=0.3)]
 
     through = simulate(scene(), 8e-4)
@@ -150,7 +164,15 @@ def test_a_restart_in_the_middle_of_rubbing(tmp_path) -> None:
 
 def test_a_film_between_a_rough_floor_and_a_rough_film() -> None:
     lower = film(MPI.COMM_SELF, 3, name="lower")
-    upper = film(MPI.COMM_SELF, 3, height=1.2e-3, velocity=(1.0, 0.4, -2.0), turn=0.4, name="upper", at=(0.01, 0.005))
+    upper = film(
+        MPI.COMM_SELF,
+        3,
+        height=1.2e-3,
+        velocity=(1.0, 0.4, -2.0),
+        turn=0.4,
+        name="upper",
+        at=(0.01, 0.005),
+    )
     floor = gx.Plane(point=(0, 0, -1e-3), normal=(0, 0, 1), friction=0.5)
     run = simulate([gx.Contact(lower, upper, floor, distance=8e-4, friction=0.3)], 1e-3)
     assert run.substeps < 10
@@ -175,7 +197,9 @@ def test_a_pair_that_rubs_has_no_resultant_and_the_derivative_it_says(kind) -> N
     pairs, x0, x1 = near_pairs(kind, n, seed=8)
     uv = nearest_points(pairs.nodes, pairs.kind, x0)
     u, v = uv.T
-    r = np.array([1 + 0 * u, u + v - 1, -u, -v] if kind == POINT_TRIANGLE else [1 - u, u, v - 1, -v]).T
+    r = np.array(
+        [1 + 0 * u, u + v - 1, -u, -v] if kind == POINT_TRIANGLE else [1 - u, u, v - 1, -v]
+    ).T
     t = np.broadcast_to(EDGES[kind], (n, 2, 4))
     gap = np.einsum("nk,nkc->nc", r, x0.reshape(n, 4, 3))
     normal = gap / np.linalg.norm(gap, axis=1)[:, None]
@@ -209,7 +233,10 @@ def test_a_pair_that_rubs_has_no_resultant_and_the_derivative_it_says(kind) -> N
         up, down = (forces(x1 + np.tile(z, (n, 1))) for z in (way, -way))
         numeric[:, :, j] = ((up - down) / (2 * δ)).reshape(n, 12)
     state = act(pairs, x0, x1, BARRIER, 0.5).state
-    good = [np.allclose(K[i], numeric[i], rtol=1e-4, atol=1e-4 * abs(K[i]).max()) for i in np.flatnonzero(acting)]
+    good = [
+        np.allclose(K[i], numeric[i], rtol=1e-4, atol=1e-4 * abs(K[i]).max())
+        for i in np.flatnonzero(acting)
+    ]
     assert np.mean(good) > 0.9, state  # the others have the end of a side within the difference
 
 
@@ -236,14 +263,20 @@ def test_a_ball_rolls_in_a_bag_if_there_is_friction(μ) -> None:
     bag = gx.Membrane(sheet(MPI.COMM_SELF, 8, 8, size, size), law, displacement=sagging, name="bag")
     rim = [gx.Fixed(bag, side) for side in EDGES_OF_SHEET]
     ball = gx.RigidBody(
-        m, (0.4 * m * r * r,) * 3, position=start, velocity=(0, 0.4, 0), comm=MPI.COMM_SELF, name="ball"
+        m,
+        (0.4 * m * r * r,) * 3,
+        position=start,
+        velocity=(0, 0.4, 0),
+        comm=MPI.COMM_SELF,
+        name="ball",
     )
     contact = gx.Contact(bag, gx.Sphere(centre=start, radius=r, on=ball, friction=μ), distance=1e-3)
     run = simulate([contact, *rim, gx.Gravity(bag), gx.Gravity(ball)], 0.25, 1e-3)
     assert abs(run.energy_error) < 1e-9
     assert pierced(run) == 0
     state = (
-        z.array_r[run.system.numbering.owned(run.system.bodies.index(ball))] for z in (run.system.q0, run.system.v0)
+        z.array_r[run.system.numbering.owned(run.system.bodies.index(ball))]
+        for z in (run.system.q0, run.system.v0)
     )
     (_, *d), (v, *rates) = (z.reshape(4, 3) for z in state)
     ω = np.cross(d, rates).sum(axis=0) / 2

@@ -50,7 +50,9 @@ def test_films_face_to_face_meet_as_bodies_on_a_spring() -> None:
     )
     # one triangle that reaches beyond the small film, with its centre below that one's, and as heavy as that
     base = gx.Membrane(
-        _triangle(0.3), gx.Linear(**law | {"density": law["density"] * 0.01 / (0.75 * 3**0.5 * 0.3**2)}), name="base"
+        _triangle(0.3),
+        gx.Linear(**law | {"density": law["density"] * 0.01 / (0.75 * 3**0.5 * 0.3**2)}),
+        name="base",
     )
     # a pair of a point and a triangle stands for half of the point's area
     contact = gx.Contact(small, base, distance=d, stiffness=2 * ε, law="penalty")
@@ -69,7 +71,9 @@ def test_films_face_to_face_meet_as_bodies_on_a_spring() -> None:
 
 def test_oblique_impact_keeps_what_is_along_the_plane() -> None:
     thrown = film(COMM, 2, height=1.5e-3, velocity=(1.5, 0.5, -2.0), name="thrown")
-    run = simulate([gx.Contact(thrown, gx.Plane(point=(0, 0, 0), normal=(0, 0, 1)), distance=1e-3)], 3e-3)
+    run = simulate(
+        [gx.Contact(thrown, gx.Plane(point=(0, 0, 0), normal=(0, 0, 1)), distance=1e-3)], 3e-3
+    )
     P, P0 = run.totals.momentum, run.first.momentum
     assert np.abs(P - P0)[:2].max() < 1e-12 * np.abs(P0).max()
     assert P[2] == pytest.approx(-P0[2], rel=0.01)
@@ -82,7 +86,9 @@ def test_films_fall_edge_on_edge() -> None:
         return gx.Membrane(
             sheet(COMM, 3, 3, 0.1, 0.1),
             gx.Miyazaki(**FILM, residual=1e-6),
-            displacement=lambda X: np.vstack([c * (X[0] - 0.05), s * (X[0] - 0.05), X[1] + height]) - X,
+            displacement=lambda X: (
+                np.vstack([c * (X[0] - 0.05), s * (X[0] - 0.05), X[1] + height]) - X
+            ),
             velocity=down(speed),
             name=name,
         )
@@ -110,7 +116,12 @@ def test_a_film_falls_over_the_corner_of_a_box() -> None:
 def test_a_beam_falls_on_a_cable_and_both_on_a_film() -> None:
     flat = film(COMM, 3, name="flat")
     law = gx.CableLaw(EA=1e4, line_density=0.01)
-    rope = gx.Cable(line(COMM, [(-0.06, -0.01, 3e-3), (0.06, 0.02, 3e-3)], 3), law, velocity=down(1.5), name="rope")
+    rope = gx.Cable(
+        line(COMM, [(-0.06, -0.01, 3e-3), (0.06, 0.02, 3e-3)], 3),
+        law,
+        velocity=down(1.5),
+        name="rope",
+    )
     rod = gx.Beam(
         line(COMM, [(0.01, -0.06, 6e-3), (-0.02, 0.06, 6e-3)], 3),
         gx.solid_circle(5e-4, 70e9, 0.3, 2700.0),

@@ -22,9 +22,18 @@ def soup(n: int, seed: int, size: float = 0.2) -> tuple[Surface, np.ndarray]:
 
 def everything(surface: Surface) -> set[tuple[int, ...]]:
     """All pairs without a common point."""
-    pairs = {(POINT_TRIANGLE, v, t) for v in surface.vertices for t, c in enumerate(surface.triangles) if v not in c}
+    pairs = {
+        (POINT_TRIANGLE, v, t)
+        for v in surface.vertices
+        for t, c in enumerate(surface.triangles)
+        if v not in c
+    }
     for i, a in enumerate(surface.edges):
-        pairs |= {(EDGE_EDGE, i, j) for j in range(i + 1, len(surface.edges)) if not set(a) & set(surface.edges[j])}
+        pairs |= {
+            (EDGE_EDGE, i, j)
+            for j in range(i + 1, len(surface.edges))
+            if not set(a) & set(surface.edges[j])
+        }
     return pairs
 
 
@@ -42,7 +51,9 @@ def test_no_near_pair_is_missed_and_none_is_found_twice() -> None:
     missing = sorted(everything(surface) - set(names))
     rest = np.array(
         [
-            [i, *surface.triangles[j]] if k == POINT_TRIANGLE else [*surface.edges[i], *surface.edges[j]]
+            [i, *surface.triangles[j]]
+            if k == POINT_TRIANGLE
+            else [*surface.edges[i], *surface.edges[j]]
             for k, i, j in missing
         ],
         dtype=np.int32,
@@ -57,14 +68,19 @@ def test_search_in_parts_finds_the_same() -> None:
     whole = found(surface, x, 0.02)[2]
     parts = []
     for rank in range(3):
-        share = [np.arange(rank, n, 3, dtype=np.int32) for n in (len(surface.vertices), len(surface.edges))]
+        share = [
+            np.arange(rank, n, 3, dtype=np.int32)
+            for n in (len(surface.vertices), len(surface.edges))
+        ]
         _, kind, numbers = candidates(surface, x - 0.01, x + 0.01, *share)
         parts.append(np.column_stack([kind, numbers]))
     joined = np.vstack(parts)
     assert len(joined) == len(whole)
 
 
-def stopped(nodes: np.ndarray, kind: np.ndarray, x0: np.ndarray, x1: np.ndarray, radius: np.ndarray) -> set[int]:
+def stopped(
+    nodes: np.ndarray, kind: np.ndarray, x0: np.ndarray, x1: np.ndarray, radius: np.ndarray
+) -> set[int]:
     """Pairs that do not keep a tenth of their distance."""
     gap = np.sqrt(squared_distances(nodes, kind, x0)) - radius
     return set(refused(nodes, kind, x0, x1, radius, gap, 0.1 * gap).tolist())
@@ -79,7 +95,15 @@ def test_motion_check_refuses_what_passes_through() -> None:
         kinds = np.full(n, kind, np.uint8)
         no = stopped(nodes, kinds, x0, x1, np.zeros(n))
         t = np.linspace(0, 1, 400)
-        way = np.array([squared_distances(nodes, kinds, np.ascontiguousarray(x0 + τ * (x1 - x0))) for τ in t]) ** 0.5
+        way = (
+            np.array(
+                [
+                    squared_distances(nodes, kinds, np.ascontiguousarray(x0 + τ * (x1 - x0)))
+                    for τ in t
+                ]
+            )
+            ** 0.5
+        )
         hits = set(np.flatnonzero(way.min(0) < 0.02 * way[0]).tolist())
         passes += len(hits)
         assert hits <= no
@@ -117,12 +141,17 @@ def test_intersections_of_what_touches_are_exact() -> None:
     surface, x = soup(60, 4, 0.5)
     x = np.round(4 * x) / 4
     every = {
-        (i, j) for i, e in enumerate(surface.edges) for j, t in enumerate(surface.triangles) if not set(e) & set(t)
+        (i, j)
+        for i, e in enumerate(surface.edges)
+        for j, t in enumerate(surface.triangles)
+        if not set(e) & set(t)
     }
     a = np.array([[3, -4, 0], [4, 3, 0], [0, 0, 5]]) / 5
     for points in (x, x @ a, 1e3 + x @ a, np.nextafter(x @ a, 1)):
         expected = {
-            (i, j) for i, j in every if _pierces_exactly(points[surface.edges[i]], points[surface.triangles[j]])
+            (i, j)
+            for i, j in every
+            if _pierces_exactly(points[surface.edges[i]], points[surface.triangles[j]])
         }
         assert {tuple(pair) for pair in intersections(surface, points).tolist()} == expected
         assert len(expected) > 10
@@ -165,7 +194,9 @@ def test_pairs_are_those_of_ipctk(ordinary: bool) -> None:
         else:
             distance, collides = ipctk.edge_edge_distance, check.edge_edge_ccd
         theirs = np.array([distance(*x) for x in x0])
-        if kind == EDGE_EDGE and not ordinary:  # of which ipctk 1.6 takes the whole line of the other edge
+        if (
+            kind == EDGE_EDGE and not ordinary
+        ):  # of which ipctk 1.6 takes the whole line of the other edge
             points = slice(n // 3, 2 * n // 3)
             theirs[points] = [ipctk.point_edge_distance(x[2], x[0], x[1]) for x in x0[points]]
         worst = max(worst, float((abs(ours - theirs) / np.maximum(theirs, 1e-3)).max()))

@@ -48,7 +48,10 @@ def test_leaves_clap_together_about_the_line_on_which_they_are_tied(comm, n, ord
 
 @pytest.mark.mpi
 def test_leaves_that_are_nearer_than_the_distance_open_freely(comm):
-    lower, upper = leaf(comm, spin=-20.0, angle=-0.03, name="lower"), leaf(comm, 6, angle=0.03, spin=20.0, name="upper")
+    lower, upper = (
+        leaf(comm, spin=-20.0, angle=-0.03, name="lower"),
+        leaf(comm, 6, angle=0.03, spin=20.0, name="upper"),
+    )
     contact = gx.Contact(lower, upper, distance=2e-3)
     seen = gx.Series({"energy": lambda run: run.totals.stored["contact"]})
     run = simulate([contact, gx.Tie(upper, "left", lower, "left")], 4e-3, outputs=[seen])
@@ -60,11 +63,25 @@ def test_leaves_that_are_nearer_than_the_distance_open_freely(comm):
 @pytest.mark.mpi
 def test_films_and_a_cable_on_one_line_and_a_line_that_is_tied_to_a_tied_one(comm):
     """The third film is tied to the second, and this to the first; the cable is tied to the third."""
-    films = [leaf(comm, n, angle=2 * math.pi * k / 3, name=f"film {k}") for k, n in enumerate((2, 3, 5))]
-    cable = gx.Cable(line(comm, [(0, 0, 0), (0, 0.1, 0)], 4), gx.CableLaw(EA=100.0, line_density=0.1), name="cable")
+    films = [
+        leaf(comm, n, angle=2 * math.pi * k / 3, name=f"film {k}") for k, n in enumerate((2, 3, 5))
+    ]
+    cable = gx.Cable(
+        line(comm, [(0, 0, 0), (0, 0.1, 0)], 4),
+        gx.CableLaw(EA=100.0, line_density=0.1),
+        name="cable",
+    )
     ties = [gx.Tie(b, "left", a, "left") for a, b in ((films[0], films[1]), (films[1], films[2]))]
     contact = gx.Contact(*films, cable, distance=1e-3, radius={"cable": 1e-3})
-    run = simulate([contact, *ties, gx.Tie(cable, None, films[2], "left"), gx.RigidMotion(spin=(1.0, 5.0, 2.0))], 1e-3)
+    run = simulate(
+        [
+            contact,
+            *ties,
+            gx.Tie(cable, None, films[2], "left"),
+            gx.RigidMotion(spin=(1.0, 5.0, 2.0)),
+        ],
+        1e-3,
+    )
     assert run.first.stored["contact"] == 0
     assert group_of(run).memory.distance.min() == 1e-3
     conserved(run, energy=1e-10, momentum=1e-12)

@@ -54,7 +54,11 @@ def inflate(cells: int, until: float, order: int = 1) -> dict[str, float]:
         stresses.append(σ1.x.array[at_M].mean())
 
     u = x.x.array.reshape(-1, 3) - X
-    volume = ufl.dot(x, area_vector(film.deformation(x))) / 3 * film.dx(metadata={"quadrature_degree": 3 * order})
+    volume = (
+        ufl.dot(x, area_vector(film.deformation(x)))
+        / 3
+        * film.dx(metadata={"quadrature_degree": 3 * order})
+    )
     return {
         "w_M": float(u[M, 2]),
         "u_A": math.hypot(*u[A, :2]),

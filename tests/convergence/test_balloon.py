@@ -33,7 +33,10 @@ def balloon(dt: float, times, comm: MPI.Comm, cells: int = 10) -> tuple[np.ndarr
     film = gx.Membrane(sphere(comm, 0.2, cells, order=2), law, order=2)
     gas = gx.IdealGas(gamma=1.4, R=287.0)
     bag = gx.Chamber(film, gas=gas, pressure=50.0, temperature=300.0)
-    run = gx.Simulation(gx.Scene(film, bag, gx.Orifice(gx.Reservoir(1e5, 300.0), bag, area=3e-5)), gx.Midpoint(dt=dt))
+    run = gx.Simulation(
+        gx.Scene(film, bag, gx.Orifice(gx.Reservoir(1e5, 300.0), bag, area=3e-5)),
+        gx.Midpoint(dt=dt),
+    )
     found = []
     for t in times:
         run.run(until=t)
@@ -49,7 +52,9 @@ def test_balloon_follows_its_equation_of_motion():
     found, run = balloon(5e-4, times, MPI.COMM_SELF)
     assert (abs(found / [TABLE[t] for t in times] - 1) <= ACCEPT).all()
     assert abs(run.energy_error) <= 1e-12 and abs(run.mass_error) <= 1e-12
-    assert abs(run.totals.momentum).max() <= 1e-12 and abs(run.totals.angular_momentum).max() <= 1e-12
+    assert (
+        abs(run.totals.momentum).max() <= 1e-12 and abs(run.totals.angular_momentum).max() <= 1e-12
+    )
 
 
 @pytest.mark.slow
@@ -68,4 +73,6 @@ def test_balloon_is_of_second_order():
     *runs, exact = (balloon(dt, [0.03], MPI.COMM_SELF, cells=8)[0][0] for dt in [*steps, 2.5e-5])
     print(np.array(runs) / exact - 1)
     for quantity in (0, 1, 2, 4):
-        assert observed_order(steps, [r[quantity] - exact[quantity] for r in runs]) == pytest.approx(2, abs=0.35)
+        assert observed_order(
+            steps, [r[quantity] - exact[quantity] for r in runs]
+        ) == pytest.approx(2, abs=0.35)

@@ -53,7 +53,13 @@ FILLING = {
         403.8462,
         {5: (48128.715, 360.1376), 10: (76257.430, 380.1222), 20: (132159.301, 396.0273)},
     ),
-    "never choked": (1.5e5, 280.0, 18.0916724, 305.4545, {5: (172539.752, 292.7477), 10: (189166.970, 300.7572)}),
+    "never choked": (
+        1.5e5,
+        280.0,
+        18.0916724,
+        305.4545,
+        {5: (172539.752, 292.7477), 10: (189166.970, 300.7572)},
+    ),
 }
 
 
@@ -66,7 +72,9 @@ def test_filling_of_a_tank(case):
     assert closes(run)
 
 
-@pytest.mark.parametrize("case, before", [("from vacuum", 35.0), ("choked first", 20.0), ("never choked", 10.0)])
+@pytest.mark.parametrize(
+    "case, before", [("from vacuum", 35.0), ("choked first", 20.0), ("never choked", 10.0)]
+)
 def test_filling_is_of_second_order(case, before):
     p, T, *_ = FILLING[case]
     steps = [0.5, 0.25, 0.125]
@@ -147,15 +155,23 @@ def piston(dt: float, times, comm: MPI.Comm = MPI.COMM_SELF) -> tuple[np.ndarray
     mass = gx.PointMass(0.5, comm=comm)
     axis = (1.0, 0.0, 0.0)
     cylinder = gx.Chamber(
-        gx.Piston(mass.port(), 0.01, axis), gas=AIR, pressure=1e3, temperature=300.0, dead_volume=1e-3
+        gx.Piston(mass.port(), 0.01, axis),
+        gas=AIR,
+        pressure=1e3,
+        temperature=300.0,
+        dead_volume=1e-3,
     )
     inlet = gx.Orifice(gx.Reservoir(1e5, 300.0), cylinder, area=2e-5)
-    run = gx.Simulation(gx.Scene(mass, gx.AxialSpring(mass.port(), 2000.0, axis), inlet), gx.Midpoint(dt=dt))
+    run = gx.Simulation(
+        gx.Scene(mass, gx.AxialSpring(mass.port(), 2000.0, axis), inlet), gx.Midpoint(dt=dt)
+    )
     found = []
     for t in times:
         run.run(until=t)
         state = run.chamber("chamber")
-        x, v = (run.comm.allreduce(float(q.array_r[:1].sum())) for q in (run.system.q0, run.system.v0))
+        x, v = (
+            run.comm.allreduce(float(q.array_r[:1].sum())) for q in (run.system.q0, run.system.v0)
+        )
         found.append((x, v, state.p, state.temperature, state.m))
     return np.array(found), run
 
@@ -166,7 +182,9 @@ def test_piston():
     x, v, *gas = range(5)
     assert found[:, [x, *gas]] == pytest.approx(exact[:, [x, *gas]], rel=5e-3)
     assert found[:-1, v] == pytest.approx(exact[:-1, v], rel=0.02)
-    assert found[-1, v] == pytest.approx(exact[-1, v], abs=0.02 * abs(exact[:, v]).max())  # it turns round there
+    assert found[-1, v] == pytest.approx(
+        exact[-1, v], abs=0.02 * abs(exact[:, v]).max()
+    )  # it turns round there
     assert abs(run.energy_error) <= 1e-8 and abs(run.mass_error) <= 1e-12
 
 

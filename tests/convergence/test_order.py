@@ -18,21 +18,29 @@ STRETCH = 0.05
 UNTIL = 1e-3  # s, a quarter of a period of the lowest mode
 
 
-def drum(law: gx.Linear | gx.Miyazaki, dt: float, order: int = 1, n: int = 4) -> tuple[np.ndarray, gx.Simulation]:
+def drum(
+    law: gx.Linear | gx.Miyazaki, dt: float, order: int = 1, n: int = 4
+) -> tuple[np.ndarray, gx.Simulation]:
     """Positions and velocities [m], [m/s] of a stretched square film after a blow, its edges held."""
     film = gx.Membrane(
         sheet(MPI.COMM_SELF, n, n, crossed=True),
         law,
         order=order,
         displacement=lambda X: STRETCH * X,
-        velocity=lambda X: np.vstack([0 * X[0], 0 * X[0], 30 * np.sin(math.pi * X[0]) * np.sin(math.pi * X[1])]),
+        velocity=lambda X: np.vstack(
+            [0 * X[0], 0 * X[0], 30 * np.sin(math.pi * X[0]) * np.sin(math.pi * X[1])]
+        ),
     )
-    run = gx.Simulation(gx.Scene(film, *(gx.Fixed(film, edge) for edge in EDGES)), gx.Midpoint(dt=dt))
+    run = gx.Simulation(
+        gx.Scene(film, *(gx.Fixed(film, edge) for edge in EDGES)), gx.Midpoint(dt=dt)
+    )
     run.run(until=UNTIL)
     return np.array([run.system.q0.array_r, run.system.v0.array_r]), run
 
 
-@pytest.mark.parametrize("law, order", [(LINEAR, 1), (LINEAR, 2), (MIYAZAKI, 1)], ids=["P1", "P2", "P1 Miyazaki"])
+@pytest.mark.parametrize(
+    "law, order", [(LINEAR, 1), (LINEAR, 2), (MIYAZAKI, 1)], ids=["P1", "P2", "P1 Miyazaki"]
+)
 def test_positions_and_velocities_converge_with_order_two(law, order):
     n, steps = 4 // order, [5e-5, 2.5e-5, 1.25e-5, 6.25e-6]
     exact, _ = drum(law, 1.25e-6, order, n)
@@ -49,6 +57,8 @@ def test_positions_and_velocities_converge_with_order_two(law, order):
 
 def test_taut_film_moves_as_one_that_cannot_wrinkle():
     """Path average and correction add nothing, not even noise: the same motion, in as many iterations."""
-    (linear, run_linear), (wrinkling, run_wrinkling) = (drum(law, 5e-5) for law in (LINEAR, MIYAZAKI))
+    (linear, run_linear), (wrinkling, run_wrinkling) = (
+        drum(law, 5e-5) for law in (LINEAR, MIYAZAKI)
+    )
     assert abs(linear - wrinkling).max() <= 1e-10 * abs(linear).max()
     assert run_wrinkling.iterations <= run_linear.iterations + 5 and run_wrinkling.substeps == 0

@@ -27,7 +27,9 @@ def oscillator(h: float, steps: int) -> tuple[np.ndarray, np.ndarray, gx.Simulat
     return x, v, run
 
 
-@pytest.mark.parametrize("h, frequency", [(0.01, 9.991679144), (0.1, 9.272952180), (0.2, 7.853981634)])
+@pytest.mark.parametrize(
+    "h, frequency", [(0.01, 9.991679144), (0.1, 9.272952180), (0.2, 7.853981634)]
+)
 def test_midpoint_keeps_the_amplitude_and_has_its_exact_frequency(h, frequency):
     """x_n = cos(ω_h n h) with ω_h = (2/h) atan(ωh/2); energy is kept to round-off."""
     steps = 200
@@ -48,7 +50,9 @@ def test_phase_is_of_second_order():
 
 def test_free_masses_fly_straight_in_one_iteration_at_most():
     masses = [
-        gx.PointMass(m, position=(m, 0.0, 1.0), velocity=(0.0, m, -1.0), comm=MPI.COMM_SELF, name=f"mass {m}")
+        gx.PointMass(
+            m, position=(m, 0.0, 1.0), velocity=(0.0, m, -1.0), comm=MPI.COMM_SELF, name=f"mass {m}"
+        )
         for m in (1.0, 3.0)
     ]
     run = gx.Simulation(gx.Scene(*masses), gx.Midpoint(dt=0.5))

@@ -31,7 +31,8 @@ def count(films, *probed):
 def test_two_films_that_cross_touch_or_part(comm) -> None:
     flat = film(comm, "flat", lambda X: X)
     crossing, touching, apart = (
-        film(comm, name, upright(height)) for name, height in (("crossing", -0.4), ("touching", 0.0), ("apart", 0.1))
+        film(comm, name, upright(height))
+        for name, height in (("crossing", -0.4), ("touching", 0.0), ("apart", 0.1))
     )
     assert count([flat, crossing]) > 5
     assert count([flat, touching]) == 0
@@ -81,7 +82,10 @@ def test_signs_of_volumes_near_zero() -> None:
     """Points on a plane, and one moved by the last bit; the coordinates are no round numbers."""
     corners = np.array([[0.1, 0.2, 0.3], [1.1, 0.3, 0.7], [0.4, 1.3, 0.9], [0.0, 0.0, 0.0]])
     corners[3] = corners[0] + 0.25 * (corners[1] - corners[0]) + 0.5 * (corners[2] - corners[0])
-    exact = [_exact_sign(np.vstack([corners[:3], corners[3] + [0, 0, bits * 2.0**-53]])) for bits in (-4, 4)]
+    exact = [
+        _exact_sign(np.vstack([corners[:3], corners[3] + [0, 0, bits * 2.0**-53]]))
+        for bits in (-4, 4)
+    ]
     assert exact == [-1, 1] or exact == [1, -1]
     assert _exact_sign(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]])) == 0
 
@@ -105,7 +109,8 @@ def test_the_count_follows_the_exact_sign_near_zero() -> None:
 
 
 @pytest.mark.parametrize(
-    "call, words", [(lambda: gx.Crossings(), "give one or several"), (lambda: gx.Crossings(1), "no film")]
+    "call, words",
+    [(lambda: gx.Crossings(), "give one or several"), (lambda: gx.Crossings(1), "no film")],
 )
 def test_what_has_no_crossings_is_refused(call, words: str) -> None:
     with pytest.raises(gx.InputError, match=words):

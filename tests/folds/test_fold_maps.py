@@ -38,11 +38,15 @@ ROLL = gx.fold.roll(length=0.25, bends=31, radius=0.02, pitch=3e-3, width=WIDTH,
 MIURA = gx.fold.miura(a=0.05, b=0.05, gamma=1.0, theta=0.8)
 STOWED = gx.fold.miura(a=0.1, b=0.1, gamma=1.4, theta=1.4, opening=3e-4, lift=5e-5)
 CROSS = gx.fold.ikaros(n=4, inner=3, outer=8, pitch=0.32, bends=1, gap=1e-3, hub_gap=1e-3)
-HEXAGON = gx.fold.ikaros(n=6, inner=3, outer=6, pitch=0.1, bends=2, gap=1e-3, hub_gap=5e-4, ramp=0.1)
+HEXAGON = gx.fold.ikaros(
+    n=6, inner=3, outer=6, pitch=0.1, bends=2, gap=1e-3, hub_gap=5e-4, ramp=0.1
+)
 STAR = gx.fold.star(n=8, side=0.04, columns=2, reach=12, gap=1e-4)
 SPIRAL = gx.fold.spiral(length=0.5, columns=50, around=30, rows=4, pitch=0.03, gap=2e-4)
 # angle between the panels of Miura's fold at its straight and at its oblique lines
-_STRAIGHT = 2 * math.asin(math.sin(0.8) * math.cos(1.0) / math.sqrt(1 - (math.sin(0.8) * math.sin(1.0)) ** 2))
+_STRAIGHT = 2 * math.asin(
+    math.sin(0.8) * math.cos(1.0) / math.sqrt(1 - (math.sin(0.8) * math.sin(1.0)) ** 2)
+)
 
 
 def oblique_tube(comm: MPI.Intracomm) -> gx.Mesh:
@@ -53,14 +57,18 @@ def oblique_tube(comm: MPI.Intracomm) -> gx.Mesh:
 
 
 SAMPLES = {
-    "zigzag": Sample(ZIGZAG, lambda c: sheet(c, 9, 2, 0.3, 0.1), {"fold 1": -2.8, "fold 2": 2.8}, 1e-18),
+    "zigzag": Sample(
+        ZIGZAG, lambda c: sheet(c, 9, 2, 0.3, 0.1), {"fold 1": -2.8, "fold 2": 2.8}, 1e-18
+    ),
     "tube": Sample(
         TUBE,
         lambda c: flat_tube(c, 0.25, 0.03, 6, 3),
         {"fold 1 top": -2.8, "fold 1 bottom": 2.8, "fold 2 top": 2.8, "fold 2 bottom": -2.8},
         5e-3,
     ),
-    "fold with a radius": Sample(ROUND, lambda c: sheet(c, 32, 2, 0.25, 0.05), {"fold 1": -0.8}, 1e-18),
+    "fold with a radius": Sample(
+        ROUND, lambda c: sheet(c, 32, 2, 0.25, 0.05), {"fold 1": -0.8}, 1e-18
+    ),
     "roll": Sample(ROLL, lambda c: flat_tube(c, 0.25, 0.03, 6), {}, 5e-3),
     "miura": Sample(
         MIURA,
@@ -68,26 +76,46 @@ SAMPLES = {
         {"valley 1": 1.6, "valley 2": _STRAIGHT, "mountain 1": -1.6, "mountain 2": -_STRAIGHT},
         1e-18,
     ),
-    "tube in Miura's fold": Sample(STOWED, oblique_tube, {"mountain top 1": -2.8, "valley bottom 1": 2.8}, 5e-3),
+    "tube in Miura's fold": Sample(
+        STOWED, oblique_tube, {"mountain top 1": -2.8, "valley bottom 1": 2.8}, 5e-3
+    ),
     "cross": Sample(
         CROSS,
         lambda c: trapezoids(c, 4, 3, 8, 0.32),
-        {"valley 1": math.pi, "mountain 1": -math.pi, "valley 2": 3 * math.pi / 8, "mountain 2": -3 * math.pi / 8},
+        {
+            "valley 1": math.pi,
+            "mountain 1": -math.pi,
+            "valley 2": 3 * math.pi / 8,
+            "mountain 2": -3 * math.pi / 8,
+        },
         5e-3,
     ),
     "hexagon": Sample(
-        HEXAGON, lambda c: trapezoids(c, 6, 3, 6, 0.1), {"valley 1": math.pi, "mountain 1": -math.pi}, 5e-3
+        HEXAGON,
+        lambda c: trapezoids(c, 6, 3, 6, 0.1),
+        {"valley 1": math.pi, "mountain 1": -math.pi},
+        5e-3,
     ),
     "star": Sample(
         STAR,
         lambda c: pinwheel(c, 8, 0.04, 2, 12),
-        {"valley 1": math.pi, "mountain 1": -math.pi, "valley 2": math.pi / 8, "mountain 2": -math.pi / 8},
+        {
+            "valley 1": math.pi,
+            "mountain 1": -math.pi,
+            "valley 2": math.pi / 8,
+            "mountain 2": -math.pi / 8,
+        },
         1e-3,
     ),
     "spiral": Sample(
         SPIRAL,
         lambda c: sheet(c, 50, 8, 0.5, 0.12),
-        {"valley 1": math.pi, "mountain 1": -math.pi, "valley 2": math.pi / 15, "mountain 2": -math.pi / 15},
+        {
+            "valley 1": math.pi,
+            "mountain 1": -math.pi,
+            "valley 2": math.pi / 15,
+            "mountain 2": -math.pi / 15,
+        },
         1e-3,
     ),
 }
@@ -95,7 +123,9 @@ SAMPLES = {
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("name", SAMPLES)
-def test_no_strain_where_layers_lie_on_each_other_and_little_where_they_are_apart(comm, name: str) -> None:
+def test_no_strain_where_layers_lie_on_each_other_and_little_where_they_are_apart(
+    comm, name: str
+) -> None:
     sample = SAMPLES[name]
     film = gx.Membrane(sample.mesh(comm), LAW)
     assert sample.folds.pressed().start(film).strain_energy() < 1e-15
@@ -108,12 +138,16 @@ def test_fold_lines_and_their_angles(comm, name: str) -> None:
     sample = SAMPLES[name]
     mesh = sample.folds.mark(sample.mesh(comm))
     found = {line.name: line.angle for line in sample.folds.lines(mesh)}
-    assert {group: found[group] for group in sample.angles} == pytest.approx(sample.angles, abs=2e-5)
+    assert {group: found[group] for group in sample.angles} == pytest.approx(
+        sample.angles, abs=2e-5
+    )
     assert set(found) <= set(mesh.groups)
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("name", [name for name in SAMPLES if name not in ("zigzag", "miura", "fold with a radius")])
+@pytest.mark.parametrize(
+    "name", [name for name in SAMPLES if name not in ("zigzag", "miura", "fold with a radius")]
+)
 def test_layers_are_apart(comm, name: str) -> None:
     """Contact takes the start, nothing pierces anything, and films that hang together nowhere near are not in touch."""
     sample = SAMPLES[name]
@@ -133,7 +167,9 @@ def test_creases_start_at_rest_on_their_branch(comm, name: str) -> None:
     system = gx.Scene(film, sample.folds.pressed().start(film), *creases).compile()
     for crease in creases:
         for which in ("least", "largest"):
-            assert gx.FoldAngle(crease, which).of(system) == pytest.approx(crease.rest_angle, abs=1e-4)
+            assert gx.FoldAngle(crease, which).of(system) == pytest.approx(
+                crease.rest_angle, abs=1e-4
+            )
     half = sample.folds.creases(film, stiffness=1e-3, rest=0.5)
     assert [c.rest_angle for c in half] == pytest.approx([c.rest_angle / 2 for c in creases])
 
@@ -141,9 +177,12 @@ def test_creases_start_at_rest_on_their_branch(comm, name: str) -> None:
 @pytest.mark.mpi
 def test_a_folded_plate_with_creases_stays_as_it_is(comm) -> None:
     mesh = ZIGZAG.mark(sheet(comm, 9, 2, 0.3, 0.1))
-    plate = gx.Plate(mesh, gx.Linear(E=3e9, nu=0.3, density=1400.0, thickness=1e-4), hinges=["fold 1", "fold 2"])
+    plate = gx.Plate(
+        mesh, gx.Linear(E=3e9, nu=0.3, density=1400.0, thickness=1e-4), hinges=["fold 1", "fold 2"]
+    )
     run = gx.Simulation(
-        gx.Scene(plate, ZIGZAG.start(plate), *ZIGZAG.creases(plate, stiffness=1e-2)), gx.Midpoint(dt=1e-3)
+        gx.Scene(plate, ZIGZAG.start(plate), *ZIGZAG.creases(plate, stiffness=1e-2)),
+        gx.Midpoint(dt=1e-3),
     )
     before = gx.positions(run, plate)
     run.run(until=3e-3)
@@ -157,15 +196,22 @@ def test_joints_and_probes_see_the_folded_film(comm) -> None:
     port = film.port("top right")
     place = ZIGZAG.place(np.array([[0.3, 0.1, 0.0]]), np.zeros(1))[0] + [0.0, 0.0, 0.5]
     start = ZIGZAG.start(film, origin=(0.0, 0.0, 0.5))
-    run = gx.Simulation(gx.Scene(film, start, gx.BallJoint(port, gx.Ground(tuple(place)))), gx.Midpoint(dt=1e-4))
+    run = gx.Simulation(
+        gx.Scene(film, start, gx.BallJoint(port, gx.Ground(tuple(place)))), gx.Midpoint(dt=1e-4)
+    )
     assert [gx.Position(port, axis)(run) for axis in "xyz"] == pytest.approx(place, abs=1e-12)
 
 
 @pytest.mark.mpi
 def test_a_turned_start(comm) -> None:
     film = gx.Membrane(sheet(comm, 9, 2, 0.3, 0.1), LAW)
-    straight, turned = ZIGZAG.start(film).positions(), ZIGZAG.start(film, turn=(0.0, 0.0, math.pi / 2)).positions()
-    assert np.allclose(turned, np.column_stack([-straight[:, 1], straight[:, 0], straight[:, 2]]), atol=1e-12)
+    straight, turned = (
+        ZIGZAG.start(film).positions(),
+        ZIGZAG.start(film, turn=(0.0, 0.0, math.pi / 2)).positions(),
+    )
+    assert np.allclose(
+        turned, np.column_stack([-straight[:, 1], straight[:, 0], straight[:, 2]]), atol=1e-12
+    )
 
 
 def test_sizes_of_miuras_fold() -> None:
@@ -195,28 +241,52 @@ def test_a_polygon_along_miuras_lines(comm) -> None:
 @pytest.mark.parametrize(
     "act, words",
     [
-        (lambda c: ZIGZAG.mark(sheet(c, 10, 2, 0.3, 0.1)), "8 triangles lie on both sides of a fold line"),
+        (
+            lambda c: ZIGZAG.mark(sheet(c, 10, 2, 0.3, 0.1)),
+            "8 triangles lie on both sides of a fold line",
+        ),
         (lambda c: ROLL.mark(flat_tube(c, 0.25, 0.03, 4)), "lie on both sides of a fold line"),
         (lambda c: STAR.mark(sheet(c, 2, 2)), "as within its hub"),
-        (lambda c: ZIGZAG.creases(gx.Membrane(sheet(c, 9, 2, 0.3, 0.1), LAW), 1.0), "has no group 'fold 1'"),
         (
-            lambda c: ZIGZAG.creases(gx.Membrane(ZIGZAG.mark(sheet(c, 9, 2, 0.3, 0.1)), LAW), 1.0, rest=2.0),
+            lambda c: ZIGZAG.creases(gx.Membrane(sheet(c, 9, 2, 0.3, 0.1), LAW), 1.0),
+            "has no group 'fold 1'",
+        ),
+        (
+            lambda c: ZIGZAG.creases(
+                gx.Membrane(ZIGZAG.mark(sheet(c, 9, 2, 0.3, 0.1)), LAW), 1.0, rest=2.0
+            ),
             "from 0 .no memory. to 1",
         ),
-        (lambda c: ZIGZAG.start(gx.Membrane(sheet(c, 2, 2), LAW), origin=(0.0, math.nan, 0.0)), "three finite numbers"),
-        (lambda c: gx.fold.zigzag(length=0.3, panels=3, opening=1e-3), "need the width of the film"),
-        (lambda c: gx.fold.zigzag(length=0.3, panels=3, bends=3, spacing=0.06), "take more than a panel"),
+        (
+            lambda c: ZIGZAG.start(gx.Membrane(sheet(c, 2, 2), LAW), origin=(0.0, math.nan, 0.0)),
+            "three finite numbers",
+        ),
+        (
+            lambda c: gx.fold.zigzag(length=0.3, panels=3, opening=1e-3),
+            "need the width of the film",
+        ),
+        (
+            lambda c: gx.fold.zigzag(length=0.3, panels=3, bends=3, spacing=0.06),
+            "take more than a panel",
+        ),
         (lambda c: gx.fold.roll(length=0.3, bends=3, radius=0.02), "do not go round"),
         (lambda c: replace(CROSS, wound=True, out=7), "out is 7"),
         (lambda c: replace(CROSS, out=2), "give wound=True"),
-        (lambda c: gx.fold.star(n=8, side=0.04, columns=2, reach=20, gap=5e-3), "no room for a hub"),
         (
-            lambda c: creased_tube(c, ((0, 0), (0.1, 0), (0.1, 0.02), (0, 0.02)), (), 0.05, lambda X: X[:, 0], ()),
+            lambda c: gx.fold.star(n=8, side=0.04, columns=2, reach=20, gap=5e-3),
+            "no room for a hub",
+        ),
+        (
+            lambda c: creased_tube(
+                c, ((0, 0), (0.1, 0), (0.1, 0.02), (0, 0.02)), (), 0.05, lambda X: X[:, 0], ()
+            ),
             "has all its nodes on the rim; mesh finer",
         ),
     ],
 )
-def test_what_cannot_be_folded_is_refused(comm, act: Callable[[MPI.Intracomm], Any], words: str) -> None:
+def test_what_cannot_be_folded_is_refused(
+    comm, act: Callable[[MPI.Intracomm], Any], words: str
+) -> None:
     with pytest.raises(gx.InputError, match=words) as caught:
         act(comm)
     assert str(caught.value).endswith(".") and "\n" not in str(caught.value)

@@ -46,8 +46,12 @@ def test_the_budget_of_the_spin(hub: float, spins: tuple[float, float, float]) -
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize(("hub", "mass"), [(85.0, 12.0), pytest.param(30.0, 4.0, marks=pytest.mark.slow)])
-def test_the_spin_follows_the_budget_where_masses_are_paid_out_slowly(comm, hub: float, mass: float) -> None:
+@pytest.mark.parametrize(
+    ("hub", "mass"), [(85.0, 12.0), pytest.param(30.0, 4.0, marks=pytest.mark.slow)]
+)
+def test_the_spin_follows_the_budget_where_masses_are_paid_out_slowly(
+    comm, hub: float, mass: float
+) -> None:
     """Four masses on tethers, from 1 m to 3 m in four minutes: ω = L/(I + 4 m r²) within 1e-3 at every step."""
     body = gx.RigidBody(290.0, (hub, hub, hub), name="hub")
     ω, duration, count = 15.0 * RPM, 240.0, 200
@@ -62,12 +66,18 @@ def test_the_spin_follows_the_budget_where_masses_are_paid_out_slowly(comm, hub:
         e = np.array([math.cos(math.pi / 2 * k), math.sin(math.pi / 2 * k), 0.0])
         r = 1.0 / (1 - mass * ω**2 / 1e5)  # where the tether bears it
         masses.append(gx.PointMass(mass, tuple(r * e), name=f"mass {k}"))
-        items.append(gx.Tether(body.port((0.8 * e).tolist()), masses[-1].port(), length, 1e5, name=f"tether {k}"))
+        items.append(
+            gx.Tether(
+                body.port((0.8 * e).tolist()), masses[-1].port(), length, 1e5, name=f"tether {k}"
+            )
+        )
     scene = gx.Scene(body, *masses, *items, gx.RigidMotion(spin=(0.0, 0.0, ω)))
     spin = gx.AngularVelocity(body.frame(), "z")
     radius = gx.PolarPosition(masses[0].port(), body.frame(), "radius")
     run = gx.Simulation(
-        scene, gx.Midpoint(dt=duration / count), [series := gx.Series({"spin": spin, "radius": radius})]
+        scene,
+        gx.Midpoint(dt=duration / count),
+        [series := gx.Series({"spin": spin, "radius": radius})],
     )
     run.run(until=duration / count * steps)
     budget = run.first.angular_momentum[2] / (hub + 4 * mass * series["radius"] ** 2)
@@ -83,7 +93,12 @@ def test_the_lowest_modes_of_the_steady_sail(comm, held: bool) -> None:
     """Swing and tilt as of a sail that is rigid in its plane, with the tensions of the tethers."""
     search, stiffness, inertia = ikaros.steady(comm, held=held)
     ω, hub = 2.5 * RPM, ikaros.HUB_INERTIA[2]
-    found = np.array([2 * math.pi * mode.frequency for mode in gx.modes(search, 8 if held else 14, (0.0, 0.0, ω))])
+    found = np.array(
+        [
+            2 * math.pi * mode.frequency
+            for mode in gx.modes(search, 8 if held else 14, (0.0, 0.0, ω))
+        ]
+    )
     swing = math.sqrt(stiffness * (1 / inertia + (0.0 if held else 1 / hub)))
     tilt = math.sqrt(ω**2 + stiffness / inertia)
     assert np.abs(found / swing - 1).min() < 1e-3
@@ -128,15 +143,25 @@ def test_the_sail_opens_in_stage_2(tmp_path) -> None:
 @pytest.mark.mpi
 def test_the_ring_of_guides_is_braked_against_the_hub(comm) -> None:
     """Turned by a couple, the ring's rate against the hub grows to M/c as exp(-c t (1/I + 1/I'))."""
-    hub, c, moment, mass, radius = gx.RigidBody(10.0, (2.0, 2.0, 2.0), name="hub"), 3.0, 0.5, 2.0, 0.8
+    hub, c, moment, mass, radius = (
+        gx.RigidBody(10.0, (2.0, 2.0, 2.0), name="hub"),
+        3.0,
+        0.5,
+        2.0,
+        0.8,
+    )
     guides = gx.RotationGuides(hub, 4, radius, mass=mass, brake=c)
     pair = [
         gx.Torque(body.frame(), (0, 0, sign * moment), name=f"on {body.name}")
         for body, sign in ((guides.ring, 1), (hub, -1))
     ]
-    run = gx.Simulation(gx.Scene(guides, *pair, gx.RigidMotion(spin=(0.0, 0.0, 1.0))), gx.Midpoint(dt=1e-2))
+    run = gx.Simulation(
+        gx.Scene(guides, *pair, gx.RigidMotion(spin=(0.0, 0.0, 1.0))), gx.Midpoint(dt=1e-2)
+    )
     run.run(until=0.3)
-    rate = gx.AngularVelocity(guides.ring.frame(), "z")(run) - gx.AngularVelocity(hub.frame(), "z")(run)
+    rate = gx.AngularVelocity(guides.ring.frame(), "z")(run) - gx.AngularVelocity(hub.frame(), "z")(
+        run
+    )
     decay = c * (1 / 2.0 + 1 / (mass * radius**2))
     assert rate == pytest.approx(moment / c * (1 - math.exp(-decay * 0.3)), rel=1e-3)
     assert abs(run.energy_error) < 1e-12 and len(guides.rods) == 4
@@ -145,7 +170,14 @@ def test_the_ring_of_guides_is_braked_against_the_hub(comm) -> None:
 
 @pytest.mark.parametrize(
     ("n", "inner", "outer", "bends", "out"),
-    [(4, 2, 6, 1, 0), (4, 5, 8, 2, 0), (6, 3, 5, 1, 0), (4, 2, 6, 1, 3), (4, 5, 8, 2, 1), (6, 3, 5, 1, 2)],
+    [
+        (4, 2, 6, 1, 0),
+        (4, 5, 8, 2, 0),
+        (6, 3, 5, 1, 0),
+        (4, 2, 6, 1, 3),
+        (4, 5, 8, 2, 1),
+        (6, 3, 5, 1, 2),
+    ],
 )
 def test_arms_wound_round_the_hub_are_isometric_and_apart(
     comm, n: int, inner: int, outer: int, bends: int, out: int
@@ -153,9 +185,13 @@ def test_arms_wound_round_the_hub_are_isometric_and_apart(
     """Pressed together without strain; opened by 1 mm nothing pierces, and some 10 mJ are stored."""
     energies = []
     for gap in (0.0, 1e-3):
-        folds = gx.fold.ikaros(n=n, inner=inner, outer=outer, pitch=0.5, bends=bends, hub_gap=gap, wound=True, out=out)
+        folds = gx.fold.ikaros(
+            n=n, inner=inner, outer=outer, pitch=0.5, bends=bends, hub_gap=gap, wound=True, out=out
+        )
         mesh = folds.mark(trapezoids(comm, n, inner, outer, 0.5))
-        film = gx.Membrane(mesh, gx.Miyazaki(**ikaros.FILM, density=1420.0, residual=1e-6), name="sail")
+        film = gx.Membrane(
+            mesh, gx.Miyazaki(**ikaros.FILM, density=1420.0, residual=1e-6), name="sail"
+        )
         start = folds.start(film)
         energies.append(start.strain_energy())
         if gap:
@@ -164,7 +200,9 @@ def test_arms_wound_round_the_hub_are_isometric_and_apart(
             assert gx.Crossings(film)(run) == 0 and gx.ContactGap(contact)(run) > 0
             r = np.linalg.norm(gx.positions(run, film)[:, :2], axis=1)
             roll = folds.column / 2 / math.sin(math.pi / n / bends / 2)
-            assert r.min() >= 0.99 * folds.radius and r.max() == pytest.approx(roll + out * folds.column, rel=0.01)
+            assert r.min() >= 0.99 * folds.radius and r.max() == pytest.approx(
+                roll + out * folds.column, rel=0.01
+            )
     assert energies[0] < 1e-15 and energies[1] < 0.05
 
 

@@ -28,15 +28,21 @@ def test_the_closed_form_begins_as_the_scene_does(comm) -> None:
     corners = ikaros_arms.wound(24)[0]
     tips = np.array([np.linalg.norm(corners[-1])])
     ω = ikaros_arms.START * ikaros_arms.RPM
-    assert ikaros_arms.closed_form(tips, run.totals.angular_momentum[2], 24) == pytest.approx(ω, rel=0.01)
+    assert ikaros_arms.closed_form(tips, run.totals.angular_momentum[2], 24) == pytest.approx(
+        ω, rel=0.01
+    )
 
 
 @pytest.mark.mpi
 def test_a_reel_draws_the_guides_away(comm) -> None:
     """Its work is booked as supplied, what the damper takes as lost; momentum and angular momentum stay."""
     hub = gx.RigidBody(10.0, (2.0, 2.0, 2.0), name="hub", comm=comm)
-    guides = gx.RotationGuides(hub, 4, 0.8, mass=2.0, drawn=lambda t: 0.5 * min(t / 0.4, 1.0), depth=0.7)
-    run = gx.Simulation(gx.Scene(guides, gx.RigidMotion(spin=(0.0, 0.0, 1.0))), gx.Midpoint(dt=1e-3))
+    guides = gx.RotationGuides(
+        hub, 4, 0.8, mass=2.0, drawn=lambda t: 0.5 * min(t / 0.4, 1.0), depth=0.7
+    )
+    run = gx.Simulation(
+        gx.Scene(guides, gx.RigidMotion(spin=(0.0, 0.0, 1.0))), gx.Midpoint(dt=1e-3)
+    )
     run.run(until=0.4)
     height = gx.Position(guides.ring.port(), "z")(run) - gx.Position(hub.port(), "z")(run)
     assert height == pytest.approx(-0.5, abs=0.02)

@@ -13,7 +13,9 @@ from gossamer_fx.presets.gases import NITROGEN
 from meshes.tube import flat_tube
 
 LENGTH, DIAMETER = 0.16, 0.03
-FOLDS = gx.fold.zigzag(length=LENGTH, panels=2, angle=1.4, width=math.pi * DIAMETER / 2, opening=1e-3, lift=1e-4)
+FOLDS = gx.fold.zigzag(
+    length=LENGTH, panels=2, angle=1.4, width=math.pi * DIAMETER / 2, opening=1e-3, lift=1e-4
+)
 FLOOR = gx.Plane(point=(0.0, 0.0, -1.0), normal=(0.0, 0.0, 1.0))
 
 
@@ -68,10 +70,13 @@ def test_caps_keep_the_ends_straight(comm) -> None:
     width, start = math.pi * DIAMETER / 2, [gx.Position(bar.port(), axis)(run) for axis in "xyz"]
     run.run(until=4e-4 if comm.size == 1 else 1e-4)
     ends = [
-        np.array([gx.Position(it.film.port(f"tip {side}"), axis)(run) for axis in "xyz"]) for side in ("left", "right")
+        np.array([gx.Position(it.film.port(f"tip {side}"), axis)(run) for axis in "xyz"])
+        for side in ("left", "right")
     ]
     assert np.linalg.norm(ends[0] - ends[1]) == pytest.approx(width, rel=1e-9)
-    assert np.mean(ends, axis=0) == pytest.approx([gx.Position(bar.port(), axis)(run) for axis in "xyz"], abs=1e-9)
+    assert np.mean(ends, axis=0) == pytest.approx(
+        [gx.Position(bar.port(), axis)(run) for axis in "xyz"], abs=1e-9
+    )
     assert np.linalg.norm(np.mean(ends, axis=0) - start) > 1e-7  # it moves
     assert abs(run.energy_error) < 1e-10 and np.abs(run.totals.momentum).max() < 1e-12
 
@@ -131,8 +136,12 @@ def test_a_deployment_to_its_end_on_any_ranks(comm) -> None:
 
     found = folded_tube.main(comm=comm)
     print({name: float(f"{value:.6g}") for name, value in found.items()})
-    assert found["energy_error"] < 1e-10 and found["mass_error"] < 1e-12 and found["penetrations"] == 0
-    assert found["opening_1_ms"] == pytest.approx(4.5, rel=0.1) and found["opening_2_ms"] == pytest.approx(5.7, rel=0.1)
+    assert (
+        found["energy_error"] < 1e-10 and found["mass_error"] < 1e-12 and found["penetrations"] == 0
+    )
+    assert found["opening_1_ms"] == pytest.approx(4.5, rel=0.1) and found[
+        "opening_2_ms"
+    ] == pytest.approx(5.7, rel=0.1)
     pressures = [found[f"pressure_{k}"] for k in (1, 2, 3)]
     assert pressures == pytest.approx([pressures[0]] * 3, rel=0.02)
     assert found["halved"] < 0.05 * found["steps"]

@@ -20,7 +20,11 @@ class Angle:
     def __init__(self, box: gx.LiddedBox) -> None:
         end = [0.05, 0.0, 0.026]
         self._ends = [
-            (gx.Position(box.lid.port_at(end), a), gx.Position(box.lid.port_at([-0.05, 0, 0.026]), a)) for a in "xz"
+            (
+                gx.Position(box.lid.port_at(end), a),
+                gx.Position(box.lid.port_at([-0.05, 0, 0.026]), a),
+            )
+            for a in "xz"
         ]
 
     def __call__(self, run: gx.Simulation) -> float:
@@ -59,7 +63,11 @@ def test_walls_leave_the_room_free_and_the_lid_covers_it() -> None:
     walls = box.obstacles
     assert len(walls) == 6 and walls[-1].on is box.lid
     for wall in walls:
-        gap = np.abs(np.asarray(wall.centre) - [0, 0, 1]) - np.asarray(wall.sizes) / 2 - np.asarray(SIZES) / 2
+        gap = (
+            np.abs(np.asarray(wall.centre) - [0, 0, 1])
+            - np.asarray(wall.sizes) / 2
+            - np.asarray(SIZES) / 2
+        )
         assert gap.max() == pytest.approx(0.0, abs=1e-12)
 
 

@@ -25,14 +25,23 @@ ACCELERATIONS = {
         (2.926502372, -6.4384943374, 4.1083854151),
     ],
 }
-ZONALS = {2: 1.0826261739e-3, 3: -2.5324105e-6, 4: -1.6198976e-6, 5: -2.2775359e-7, 6: 5.4066658e-7, 8: -2.0399313e-7}
+ZONALS = {
+    2: 1.0826261739e-3,
+    3: -2.5324105e-6,
+    4: -1.6198976e-6,
+    5: -2.2775359e-7,
+    6: 5.4066658e-7,
+    8: -2.0399313e-7,
+}
 
 
 @pytest.mark.parametrize("degree", ACCELERATIONS)
 def test_egm2008_at_three_places(degree: int) -> None:
     field = egm2008(degree, central=True)
     for place, known in zip(PLACES, ACCELERATIONS[degree], strict=True):
-        assert np.allclose(field.gradient(place), known, rtol=0, atol=5.1e-11)  # half of the tables' last digit
+        assert np.allclose(
+            field.gradient(place), known, rtol=0, atol=5.1e-11
+        )  # half of the tables' last digit
 
 
 def test_zonal_coefficients_of_egm2008() -> None:
@@ -61,7 +70,9 @@ def test_oblateness() -> None:
         (7071.2, 120, -60, (10166.3687, -14172.1646, -2102.5571)),
     ],
 )
-def test_igrf_at_three_places(r: float, colatitude: float, longitude: float, known: tuple[float, ...]) -> None:
+def test_igrf_at_three_places(
+    r: float, colatitude: float, longitude: float, known: tuple[float, ...]
+) -> None:
     θ, λ = math.radians(colatitude), math.radians(longitude)
     e_r = np.array([math.sin(θ) * math.cos(λ), math.sin(θ) * math.sin(λ), math.cos(θ)])
     e_θ = np.array([math.cos(θ) * math.cos(λ), math.cos(θ) * math.sin(λ), -math.sin(θ)])
@@ -98,14 +109,18 @@ def spherical(harmonics: SolidHarmonics, r: np.ndarray) -> np.ndarray:
             slope = m * s ** (m - 1) * x * P(x) - s ** (m + 1) * dP(x) if m else -s * dP(x)
             wave = c * np.exp(1j * m * λ)
             factor = (a / distance) ** (n + 1) / distance
-            g += factor * np.array([-(n + 1) * value * wave.real, slope * wave.real, value / s * (1j * m * wave).real])
+            g += factor * np.array(
+                [-(n + 1) * value * wave.real, slope * wave.real, value / s * (1j * m * wave).real]
+            )
     e_r = r / distance
     e_θ = np.array([math.cos(θ) * math.cos(λ), math.cos(θ) * math.sin(λ), -math.sin(θ)])
     e_λ = np.array([-math.sin(λ), math.cos(λ), 0.0])
     return harmonics.scale * (g[0] * e_r + g[1] * e_θ + g[2] * e_λ)
 
 
-@pytest.mark.parametrize("place", [(7e6, 0, 0), (4e6, 3e6, 5e6), (-2.5e6, 5.5e6, -3.5e6), (1e5, 2e5, -6.6e6)])
+@pytest.mark.parametrize(
+    "place", [(7e6, 0, 0), (4e6, 3e6, 5e6), (-2.5e6, 5.5e6, -3.5e6), (1e5, 2e5, -6.6e6)]
+)
 def test_two_routes_agree(place: tuple[float, float, float]) -> None:
     r = np.array(place)
     for harmonics in (egm2008(10, central=True), Igrf(2026.0).harmonics):

@@ -21,7 +21,9 @@ RATE = math.sqrt(MU / A**3)
 PERIOD = 2 * math.pi / RATE
 
 
-def state(run: gx.Simulation, orbit: Orbit, body: gx.RigidBody | gx.PointMass) -> tuple[np.ndarray, np.ndarray]:
+def state(
+    run: gx.Simulation, orbit: Orbit, body: gx.RigidBody | gx.PointMass
+) -> tuple[np.ndarray, np.ndarray]:
     """Position and velocity of a body, seen from the Earth's centre."""
     origin = orbit.flight(run.system).origin
     port = body.port()
@@ -29,11 +31,15 @@ def state(run: gx.Simulation, orbit: Orbit, body: gx.RigidBody | gx.PointMass) -
     return origin.R0 + x, origin.V0 + v
 
 
-def dumbbell(tilt: float, spin: float = RATE, length: float = 20.0) -> tuple[gx.PointMass, gx.PointMass, gx.Spring]:
+def dumbbell(
+    tilt: float, spin: float = RATE, length: float = 20.0
+) -> tuple[gx.PointMass, gx.PointMass, gx.Spring]:
     """Two masses of 10 kg on a spring of 1e5 N/m."""
     arm = length / 2 * np.array([math.cos(tilt), math.sin(tilt), 0.0])
     v = np.cross([0, 0, spin], arm)
-    a, b = (gx.PointMass(10.0, tuple(s * arm), tuple(s * v), name=n) for s, n in ((-1, "a"), (1, "b")))
+    a, b = (
+        gx.PointMass(10.0, tuple(s * arm), tuple(s * v), name=n) for s, n in ((-1, "a"), (1, "b"))
+    )
     return a, b, gx.Spring(a.port(), b.port(), stiffness=1e5, length=length)
 
 
@@ -87,7 +93,10 @@ def test_libration_of_a_dumbbell(tilt: float) -> None:
     m, L = 20.0, 20.0
     c, s = math.cos(tilt), math.sin(tilt)
     bar = gx.RigidBody(
-        m, (1e-3, m * L**2 / 12, m * L**2 / 12), attitude=((c, -s, 0), (s, c, 0), (0, 0, 1)), spin=(0, 0, RATE)
+        m,
+        (1e-3, m * L**2 / 12, m * L**2 / 12),
+        attitude=((c, -s, 0), (s, c, 0), (0, 0, 1)),
+        spin=(0, 0, RATE),
     )
 
     def from_the_vertical(run: gx.Simulation) -> float:
@@ -102,9 +111,13 @@ def test_libration_of_a_dumbbell(tilt: float) -> None:
 
 
 def test_points_have_the_moments_of_a_body() -> None:
-    mass = np.array([[5.0, 1.0, 0.5, 0], [1.0, 3.0, 0.2, 0.1], [0.5, 0.2, 2.0, 0], [0, 0.1, 0, 1.0]])
+    mass = np.array(
+        [[5.0, 1.0, 0.5, 0], [1.0, 3.0, 0.2, 0.1], [0.5, 0.2, 2.0, 0], [0, 0.1, 0, 1.0]]
+    )
     points, weights = equivalent_points(mass, np.array([1.0, 0, 0, 0]))
-    assert np.allclose(np.einsum("p,pi,pj->ij", weights, points, points), mass, rtol=1e-13, atol=1e-14)
+    assert np.allclose(
+        np.einsum("p,pi,pj->ij", weights, points, points), mass, rtol=1e-13, atol=1e-14
+    )
     assert np.allclose(points[:, 0], 1)
     bar = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6
     points, weights = equivalent_points(bar, np.ones(2))
@@ -175,7 +188,9 @@ def test_oblateness_turns_the_node_and_the_perigee() -> None:
 @pytest.mark.mpi
 def test_all_attractions_are_work_supplied() -> None:
     pytest.importorskip("erfa")
-    orbit = Orbit(Elements(A, 0.01, 1.0), gravity=8, epoch="2026-03-01", third_bodies=("sun", "moon"))
+    orbit = Orbit(
+        Elements(A, 0.01, 1.0), gravity=8, epoch="2026-03-01", third_bodies=("sun", "moon")
+    )
     run = gx.Simulation(gx.Scene(*dumbbell(0.5), orbit), gx.Midpoint(dt=30.0))
     run.run(until=300.0)
     assert abs(run.totals.supplied) > 1e3  # J, for 20 kg
@@ -212,7 +227,10 @@ def test_what_cannot_fly_is_refused() -> None:
     with pytest.raises(gx.InputError, match="Midpoint"):
         gx.Simulation(gx.Scene(body, Orbit(Elements(A))), gx.GeneralizedAlpha(dt=1.0))
     with pytest.raises(gx.InputError, match="2 orbits"):
-        gx.Simulation(gx.Scene(body, Orbit(Elements(A)), Orbit(Elements(A), name="other")), gx.Midpoint(dt=1.0))
+        gx.Simulation(
+            gx.Scene(body, Orbit(Elements(A)), Orbit(Elements(A), name="other")),
+            gx.Midpoint(dt=1.0),
+        )
     with pytest.raises(gx.InputError, match="not in the scene"):
         Orbit(Elements(A)).flight(gx.Simulation(gx.Scene(body), gx.Midpoint(dt=1.0)).system)
 
@@ -245,8 +263,14 @@ def test_a_stiffer_body_moves_as_the_rigid_one() -> None:
 
 @pytest.mark.parametrize("hold", ["film", "mass"])
 def test_nothing_is_held_in_flight(hold: str) -> None:
-    film = gx.Membrane(sheet(MPI.COMM_WORLD, 2, 2), gx.Linear(E=1e9, nu=0.3, density=1e3, thickness=1e-5))
+    film = gx.Membrane(
+        sheet(MPI.COMM_WORLD, 2, 2), gx.Linear(E=1e9, nu=0.3, density=1e3, thickness=1e-5)
+    )
     mass = gx.PointMass(1.0)
-    holder = gx.Fixed(film, "left") if hold == "film" else gx.Spring(gx.Ground((1.0, 0.0, 0.0)), mass.port(), 1.0, 1.0)
+    holder = (
+        gx.Fixed(film, "left")
+        if hold == "film"
+        else gx.Spring(gx.Ground((1.0, 0.0, 0.0)), mass.port(), 1.0, 1.0)
+    )
     with pytest.raises(gx.InputError, match="nothing to hold on to"):
         gx.Scene(film, mass, holder, Orbit(Elements(A, 0.0))).compile()

@@ -22,11 +22,17 @@ def test_a_stretched_sail_flies_into_the_light() -> None:
 
 def test_pitched_petals_brake_the_spin_as_in_flight(folder: Path) -> None:
     result = windmill.main(steps=30, output=folder)
-    assert result["torque [N m]"] == pytest.approx(result["formula for a sun angle of 0 [N m]"], rel=0.02)
-    assert result["mean torque of the probe [N m]"] == pytest.approx(result["torque [N m]"], rel=1e-3)
+    assert result["torque [N m]"] == pytest.approx(
+        result["formula for a sun angle of 0 [N m]"], rel=0.02
+    )
+    assert result["mean torque of the probe [N m]"] == pytest.approx(
+        result["torque [N m]"], rel=1e-3
+    )
     assert 0.5 < result["torque over the flight's"] < 2
     assert (folder / "windmill.png").exists()
-    assert abs(windmill.main(steps=30, pitch=0.0)["torque [N m]"]) < 1e-3 * abs(result["torque [N m]"])
+    assert abs(windmill.main(steps=30, pitch=0.0)["torque [N m]"]) < 1e-3 * abs(
+        result["torque [N m]"]
+    )
 
 
 def test_a_deorbit_sail_falls_as_the_formula() -> None:

@@ -32,7 +32,9 @@ def test_probes_tell_orbit_light_attitude_and_what_acts() -> None:
     found = elements_of(r, v, orbit.mu)
     for name in ("a", "e", "i", "node", "perigee", "anomaly"):
         assert gx.OrbitState(orbit, name)(run) == pytest.approx(getattr(found, name), rel=1e-12)
-    assert gx.OrbitState(orbit, "altitude")(run) == pytest.approx(np.linalg.norm(r) - orbit.radius, rel=1e-12)
+    assert gx.OrbitState(orbit, "altitude")(run) == pytest.approx(
+        np.linalg.norm(r) - orbit.radius, rel=1e-12
+    )
     assert gx.OrbitState(orbit, "sunlit")(run) == 1.0
     assert gx.OrbitState(orbit, "depth")(run) < 0
     assert gx.SunAngle(orbit, sail)(run) == pytest.approx(0.4, abs=1e-3)
@@ -43,11 +45,16 @@ def test_probes_tell_orbit_light_attitude_and_what_acts() -> None:
     assert math.hypot(*push) == pytest.approx(2 * 4.563e-6 * math.cos(0.4) ** 2, rel=1e-3)
     # light on the film at its own place turns the whole about the centre of mass of both
     torque = [gx.LoadResultant(orbit, "light", "torque", axis)(run) for axis in "xyz"]
-    arm = np.array([0.5 * math.cos(0.4), 0.5, -0.5 * math.sin(0.4)]) - orbit.flight(run.system).centre
+    arm = (
+        np.array([0.5 * math.cos(0.4), 0.5, -0.5 * math.sin(0.4)]) - orbit.flight(run.system).centre
+    )
     assert np.allclose(torque, np.cross(arm, push), rtol=1e-3, atol=1e-10)
     with pytest.raises(gx.InputError, match="no load"):
         gx.LoadResultant(orbit, "wind", "force", "x")(run)
-    for wrong in (lambda: gx.OrbitState(orbit, "speed"), lambda: gx.Attitude(orbit, normal, "down")):
+    for wrong in (
+        lambda: gx.OrbitState(orbit, "speed"),
+        lambda: gx.Attitude(orbit, normal, "down"),
+    ):
         with pytest.raises(gx.InputError):
             wrong()
 
@@ -56,7 +63,9 @@ def test_gravity_gradient_turns_as_the_formula() -> None:
     """3 n² r̂ × I r̂ on a body whose axes are inclined to the vertical."""
     orbit = gx.Orbit(gx.Elements(A))
     c, s = math.cos(0.6), math.sin(0.6)
-    attitude = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+    attitude = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ np.array(
+        [[1, 0, 0], [0, c, -s], [0, s, c]]
+    )
     inertia = np.diag([3.0, 4.0, 2.0])
     body = gx.RigidBody(5.0, (3.0, 4.0, 2.0), attitude=attitude)
     run = gx.Simulation(gx.Scene(body, orbit), gx.Midpoint(dt=1e-2))
@@ -94,7 +103,9 @@ def test_the_picture_of_a_flight(folder: Path) -> None:
     probes = {"altitude [m]": gx.OrbitState(orbit, "altitude")}
     picture = gx.FlightPicture(folder / "flight.png", orbit, probes, title="a plate")
     run = gx.Simulation(
-        gx.Scene(gx.SolarPressure(body, orbit, surfaces=[surface]), film(0.3)), gx.Midpoint(dt=0.1), [picture]
+        gx.Scene(gx.SolarPressure(body, orbit, surfaces=[surface]), film(0.3)),
+        gx.Midpoint(dt=0.1),
+        [picture],
     )
     run.run(until=0.5)
     assert (folder / "flight.png").read_bytes()[1:4] == b"PNG"

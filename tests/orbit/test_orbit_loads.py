@@ -32,13 +32,17 @@ def film(tilt: float, order: int = 1) -> gx.Membrane:
     def turn(X: np.ndarray) -> np.ndarray:
         return np.array([c * X[0] + s * X[2], X[1], -s * X[0] + c * X[2]]) - X
 
-    return gx.Membrane(sheet(MPI.COMM_WORLD, 2, 2), gx.Miyazaki(**LAW), order=order, displacement=turn)
+    return gx.Membrane(
+        sheet(MPI.COMM_WORLD, 2, 2), gx.Miyazaki(**LAW), order=order, displacement=turn
+    )
 
 
 def plate(tilt: float, optics: Optics = MIRROR) -> tuple[gx.RigidBody, Surface]:
     """The same square as a rigid body."""
     c, s = math.cos(tilt), math.sin(tilt)
-    body = gx.RigidBody(1.05e-2, (1e-3, 1e-3, 2e-3), attitude=((c, 0, s), (0, 1, 0), (-s, 0, c)), name="plate")
+    body = gx.RigidBody(
+        1.05e-2, (1e-3, 1e-3, 2e-3), attitude=((c, 0, s), (0, 1, 0), (-s, 0, c)), name="plate"
+    )
     return body, Surface(1.0, (0, 0, 1), optics=optics, two_sided=True)
 
 
@@ -99,8 +103,12 @@ def test_groups_have_their_own_optics() -> None:
 def test_shadow_takes_the_light() -> None:
     for sun, lit in (((1, 0, 0), 1.0), ((-1, 0, 0), 0.0)):
         body, surface = plate(math.pi / 2)
-        run = one_step(SolarPressure(body, Orbit(sun=sun, shadow="cylinder"), surfaces=[surface], name="light"))
-        assert np.linalg.norm(pushed(run, "light")[0]) == pytest.approx(2 * PRESSURE * lit, rel=2e-4)
+        run = one_step(
+            SolarPressure(body, Orbit(sun=sun, shadow="cylinder"), surfaces=[surface], name="light")
+        )
+        assert np.linalg.norm(pushed(run, "light")[0]) == pytest.approx(
+            2 * PRESSURE * lit, rel=2e-4
+        )
 
 
 @pytest.mark.mpi
@@ -153,7 +161,9 @@ def test_fast_air_is_newtons_stream() -> None:
     mirrored = flow_force(a, U, cold, 0.0, 0.0, 0.0, 1.0, Rows)
     n = a / np.linalg.norm(a)
     assert np.allclose(mirrored, 2 * abs(a @ U) * (n @ U) * n, rtol=1e-9)
-    assert np.allclose(flow_force(a, U, cold, 1.0, 1.0, 0.0, 0.0, Rows), 0, atol=1e-12)  # on the back of a side
+    assert np.allclose(
+        flow_force(a, U, cold, 1.0, 1.0, 0.0, 0.0, Rows), 0, atol=1e-12
+    )  # on the back of a side
 
 
 @pytest.mark.parametrize("what", ["light", "air", "magnet"])
@@ -175,7 +185,9 @@ def test_derivatives_by_complex_steps(what: str) -> None:
     X = np.random.default_rng(1).normal(size=(len(term.ports), 3)).ravel()
     law.begin(0.0, 0.5, 0.9 * X, X)
     K, step = law.tangent(X), 1e-6
-    slopes = np.array([(law.force(X + step * e) - law.force(X - step * e)) / (2 * step) for e in np.eye(X.size)]).T
+    slopes = np.array(
+        [(law.force(X + step * e) - law.force(X - step * e)) / (2 * step) for e in np.eye(X.size)]
+    ).T
     assert np.abs(K - slopes).max() < 1e-6 * np.abs(K).max()
 
 
@@ -198,14 +210,26 @@ def test_magnetic_torque_is_m_cross_B() -> None:
 @pytest.mark.mpi
 def test_work_of_all_loads_closes_the_ledger() -> None:
     pytest.importorskip("erfa")
-    orbit = gx.Orbit(gx.Elements(A, 0.01, 1.0), gravity=4, epoch="2026-06-01", third_bodies=("moon",), shadow="cone")
+    orbit = gx.Orbit(
+        gx.Elements(A, 0.01, 1.0),
+        gravity=4,
+        epoch="2026-06-01",
+        third_bodies=("moon",),
+        shadow="cone",
+    )
     hub = gx.RigidBody(2.0, (0.1, 0.1, 0.15), (0.0, 0.0, 0.4), spin=(0, 0, 0.1), name="hub")
-    box = [Surface(0.04, n, tuple(0.1 * np.array(n)), JPL_SAIL) for n in ((1.0, 0, 0), (-1.0, 0, 0), (0, 0, 1.0))]
+    box = [
+        Surface(0.04, n, tuple(0.1 * np.array(n)), JPL_SAIL)
+        for n in ((1.0, 0, 0), (-1.0, 0, 0), (0, 0, 1.0))
+    ]
     sail = film(0.3)
     corners = ("bottom left", "bottom right", "top left", "top right")
     run = gx.Simulation(
         gx.Scene(
-            *(gx.Spring(hub.port(), sail.port(c), stiffness=5.0, length=0.5, name=c) for c in corners),
+            *(
+                gx.Spring(hub.port(), sail.port(c), stiffness=5.0, length=0.5, name=c)
+                for c in corners
+            ),
             SolarPressure(sail, orbit, JPL_SAIL, shadow_pixels=32),
             SolarPressure(hub, orbit, surfaces=box),
             Drag(sail, orbit, AIR),
@@ -225,14 +249,18 @@ def test_work_of_all_loads_closes_the_ledger() -> None:
 
 def test_a_folded_film_shades_itself() -> None:
     """Of two equal layers the one behind is dark; of steps half as wide, half of it."""
-    layer = np.array([[[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 0, 0], [1, 1, 0], [0, 1, 0]]], dtype=float)
+    layer = np.array(
+        [[[0, 0, 0], [1, 0, 0], [1, 1, 0]], [[0, 0, 0], [1, 1, 0], [0, 1, 0]]], dtype=float
+    )
     u = np.array([0.0, 0.0, -1.0])
     both = np.concatenate([layer, layer - [0, 0, 0.1]])
     assert np.allclose(lit_parts(MPI.COMM_SELF, both, u, 64), [1, 1, 0, 0])
     assert np.allclose(lit_parts(MPI.COMM_SELF, both, -u, 64), [0, 0, 1, 1])
     aside = np.concatenate([layer, layer - [0.5, 0, 0.1]])
     assert np.allclose(lit_parts(MPI.COMM_SELF, aside, u, 256)[2:].mean(), 0.5, atol=0.01)
-    assert np.allclose(lit_parts(MPI.COMM_SELF, layer, np.array([0.9, 0.0, -0.436]), 64), 1)  # no shade of its own
+    assert np.allclose(
+        lit_parts(MPI.COMM_SELF, layer, np.array([0.9, 0.0, -0.436]), 64), 1
+    )  # no shade of its own
 
 
 def test_wrong_loads_are_refused() -> None:

@@ -29,7 +29,9 @@ ORBITS = [
 @pytest.mark.parametrize("orbit", ORBITS)
 def test_elements_of_their_own_state(orbit: Elements) -> None:
     again = elements_of(*orbit.state())
-    assert (again.a, again.e, again.i) == pytest.approx((orbit.a, orbit.e, orbit.i), rel=1e-12, abs=1e-14)
+    assert (again.a, again.e, again.i) == pytest.approx(
+        (orbit.a, orbit.e, orbit.i), rel=1e-12, abs=1e-14
+    )
     for angle in ("node", "perigee", "anomaly"):
         difference = getattr(again, angle) - getattr(orbit, angle)
         assert abs(math.remainder(difference, 2 * math.pi)) < 1e-12
@@ -44,14 +46,21 @@ def test_keplers_motion_obeys_newtons_law(orbit: Elements) -> None:
     def rate(_: float, y: np.ndarray) -> np.ndarray:
         return np.concatenate([y[3:], -MU * y[:3] / np.linalg.norm(y[:3]) ** 3])
 
-    found = integrate.solve_ivp(rate, (0, t), np.concatenate([r, v]), method="DOP853", rtol=1e-13, atol=1e-6).y[:, -1]
+    found = integrate.solve_ivp(
+        rate, (0, t), np.concatenate([r, v]), method="DOP853", rtol=1e-13, atol=1e-6
+    ).y[:, -1]
     r1, v1 = orbit.after(t).state()
     assert np.linalg.norm(found[:3] - r1) < 1e-9 * np.linalg.norm(r1)
     assert np.linalg.norm(found[3:] - v1) < 1e-9 * np.linalg.norm(v1)
 
 
 def test_what_is_no_orbit_is_refused() -> None:
-    for wrong in ({"a": 7e6, "e": 1.0}, {"a": -7e6}, {"a": 7e6, "i": 4.0}, {"a": -7e6, "e": 2.0, "anomaly": 3.0}):
+    for wrong in (
+        {"a": 7e6, "e": 1.0},
+        {"a": -7e6},
+        {"a": 7e6, "i": 4.0},
+        {"a": -7e6, "e": 2.0, "anomaly": 3.0},
+    ):
         with pytest.raises(gx.InputError):
             Elements(**wrong)
     with pytest.raises(gx.InputError, match="straight"):
@@ -59,14 +68,17 @@ def test_what_is_no_orbit_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("a", "degrees", "known"), [(7e6, 0, 0.364814), (7e6, 20, 0.355513), (7e6, 40, 0.319222), (42164e3, 0, 0.048336)]
+    ("a", "degrees", "known"),
+    [(7e6, 0, 0.364814), (7e6, 20, 0.355513), (7e6, 40, 0.319222), (42164e3, 0, 0.048336)],
 )
 def test_part_of_an_orbit_in_the_cylinder(a: float, degrees: float, known: float) -> None:
     β = math.radians(degrees)
     sun = AU * np.array([math.cos(β), 0, math.sin(β)])
     exact = math.acos(math.sqrt(a**2 - RADIUS**2) / (a * math.cos(β))) / math.pi
     assert exact == pytest.approx(known, abs=5.1e-7)
-    angles = math.pi * np.array([1 - exact * (1 - 1e-9), 1 - exact * (1 + 1e-9)])  # just inside, just outside
+    angles = math.pi * np.array(
+        [1 - exact * (1 - 1e-9), 1 - exact * (1 + 1e-9)]
+    )  # just inside, just outside
     lit = [sunlit_in_cylinder(a * np.array([math.cos(x), math.sin(x), 0]), sun) for x in angles]
     assert lit == [0.0, 1.0]
 
@@ -75,18 +87,31 @@ def test_geostationary_orbits_have_seasons_without_shadow() -> None:
     β = math.radians(20)
     sun = AU * np.array([math.cos(β), 0, math.sin(β)])
     angles = np.linspace(0, 2 * math.pi, 721)
-    assert all(sunlit_in_cylinder(42164e3 * np.array([math.cos(x), math.sin(x), 0]), sun) == 1 for x in angles)
+    assert all(
+        sunlit_in_cylinder(42164e3 * np.array([math.cos(x), math.sin(x), 0]), sun) == 1
+        for x in angles
+    )
 
 
 def test_penumbra_is_the_share_of_points_of_the_suns_disc() -> None:
     """Points of the disc that the Earth does not hide, counted."""
     sun, r = AU * np.array([1.0, 0, 0]), 7e6
-    radius, angle = np.meshgrid(np.sqrt((np.arange(200) + 0.5) / 200), 2 * np.pi * (np.arange(200) + 0.5) / 200)
-    disc = SUN_RADIUS * np.stack([0 * radius, radius * np.cos(angle), radius * np.sin(angle)], axis=-1) + sun
+    radius, angle = np.meshgrid(
+        np.sqrt((np.arange(200) + 0.5) / 200), 2 * np.pi * (np.arange(200) + 0.5) / 200
+    )
+    disc = (
+        SUN_RADIUS * np.stack([0 * radius, radius * np.cos(angle), radius * np.sin(angle)], axis=-1)
+        + sun
+    )
     for lateral in np.linspace(RADIUS - 4e4, RADIUS + 4e4, 9):
         place = np.array([-math.sqrt(r**2 - lateral**2), lateral, 0])
         ray = disc - place
-        nearest = place - np.sum(ray * place, axis=-1, keepdims=True) / np.sum(ray**2, axis=-1, keepdims=True) * ray
+        nearest = (
+            place
+            - np.sum(ray * place, axis=-1, keepdims=True)
+            / np.sum(ray**2, axis=-1, keepdims=True)
+            * ray
+        )
         seen = np.mean(np.linalg.norm(nearest, axis=-1) > RADIUS)
         assert sunlit_in_cone(place, sun) == pytest.approx(seen, abs=0.006)
     assert sunlit_in_cone(np.array([7e6, 0, 0]), sun) == 1
@@ -107,7 +132,9 @@ def test_optics_of_mcinnes() -> None:
     ideal = {0: 9.126, 15: 8.514674, 30: 6.8445, 45: 4.563, 60: 2.2815, 75: 0.611326}
     for degrees, pressure in ideal.items():
         c = math.cos(math.radians(degrees))
-        assert 1e6 * PRESSURE * c * (MIRROR.coefficients()[0] * c) == pytest.approx(pressure, abs=5.1e-7)
+        assert 1e6 * PRESSURE * c * (MIRROR.coefficients()[0] * c) == pytest.approx(
+            pressure, abs=5.1e-7
+        )
         assert MIRROR.coefficients()[1:] == (0, 0)
 
 
@@ -120,7 +147,9 @@ def test_lit_from_the_back_the_sides_change_places() -> None:
 
 @pytest.mark.parametrize("angle", [0.0, 0.6, 1.4, 2.0, 3.1])
 @pytest.mark.parametrize("speed", [0.5, 3.0, 9.0])
-def test_free_molecular_flow_is_the_integral_over_maxwells_molecules(angle: float, speed: float) -> None:
+def test_free_molecular_flow_is_the_integral_over_maxwells_molecules(
+    angle: float, speed: float
+) -> None:
     """Momentum that molecules bring and carry away, by quadrature over their velocities."""
     c, s, wall = math.cos(angle), speed, math.sqrt(0.3)
     top = max(s * c, 0) + 8  # Gaussian around s c, in units of the thermal speed
@@ -163,7 +192,9 @@ def test_moon_and_axes_of_the_earth() -> None:
     assert np.allclose(R @ R.T, np.eye(3), atol=1e-14)
     day = sky.earth(86164.0989)  # a sidereal day later
     assert np.linalg.norm(day - R) < 1e-6
-    noon = R @ sky.sun(0.0)  # at the equinox the sun stands over Greenwich at noon, but for the equation of time
+    noon = R @ sky.sun(
+        0.0
+    )  # at the equinox the sun stands over Greenwich at noon, but for the equation of time
     assert abs(math.degrees(math.atan2(noon[1], noon[0]))) < 2.5
     assert abs(math.degrees(math.asin(noon[2] / np.linalg.norm(noon)))) < 0.5
     with pytest.raises(gx.InputError, match="epoch"):
@@ -178,10 +209,14 @@ def test_third_bodies_by_the_plain_formula() -> None:
     exact_r, exact_b = [mpf(x) for x in r], [mpf(x) for x in b]
     d = mp.sqrt(sum((y - x) ** 2 for x, y in zip(exact_r, exact_b, strict=True)))
     D = mp.sqrt(sum(y**2 for y in exact_b))
-    plain = [float(mpf(MU_MOON) * ((y - x) / d**3 - y / D**3)) for x, y in zip(exact_r, exact_b, strict=True)]
+    plain = [
+        float(mpf(MU_MOON) * ((y - x) / d**3 - y / D**3))
+        for x, y in zip(exact_r, exact_b, strict=True)
+    ]
     assert np.allclose(third_body(r, b, MU_MOON), plain, rtol=1e-13, atol=0)
     step = 1e3
     slopes = [
-        (third_body(r + step * e, b, MU_MOON) - third_body(r - step * e, b, MU_MOON)) / 2 / step for e in np.eye(3)
+        (third_body(r + step * e, b, MU_MOON) - third_body(r - step * e, b, MU_MOON)) / 2 / step
+        for e in np.eye(3)
     ]
     assert np.allclose(third_body_gradient(r, b, MU_MOON), slopes, rtol=1e-6, atol=1e-19)

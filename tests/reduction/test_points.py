@@ -36,7 +36,9 @@ def strains(F: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize(("order", "properties"), [(1, None), (2, None), (1, HEAVY)])
 def test_the_kernel_is_what_numpy_says(order, properties) -> None:
-    film = gx.Membrane(sheet(MPI.COMM_SELF, 3, 3, 2.0, 2.0), LAW, order=order, properties=properties)
+    film = gx.Membrane(
+        sheet(MPI.COMM_SELF, 3, 3, 2.0, 2.0), LAW, order=order, properties=properties
+    )
     rng = np.random.default_rng(1)
     shapes = gx.Snapshots(film)
     X = film.space.tabulate_dof_coordinates()
@@ -57,9 +59,13 @@ def test_the_kernel_is_what_numpy_says(order, properties) -> None:
     at, dA = points_and_areas(film)
     dA, G = dA.ravel(), mode_gradients(film, reduced.basis.values, at)
     F0, F1 = G @ c0, G @ c1
-    assert np.allclose(points.start, strains(F0), atol=1e-13) and np.allclose(points.strain, strains(F1), atol=1e-13)
+    assert np.allclose(points.start, strains(F0), atol=1e-13) and np.allclose(
+        points.strain, strains(F1), atol=1e-13
+    )
 
-    Q = fem.functionspace(film.space.mesh, quadrature_element(film.space.mesh, film.dx.metadata(), (3,)))
+    Q = fem.functionspace(
+        film.space.mesh, quadrature_element(film.space.mesh, film.dx.metadata(), (3,))
+    )
     e0, e1 = fem.Function(Q), fem.Function(Q)
     e0.x.array[:], e1.x.array[:] = strains(F0).ravel(), strains(F1).ravel()
     e_chosen = ufl.variable(e1)
@@ -73,8 +79,13 @@ def test_the_kernel_is_what_numpy_says(order, properties) -> None:
     S, D = points.response[:, :3], points.response[:, 3:].reshape(-1, 3, 3)
     s = (S + np.einsum("qij,qj->qi", D, strains(F1) - points.strain)) * dA[:, None]
     mid = (F0 + F1) / 2
-    N = np.stack([s[:, :1] * mid[:, 0] + s[:, 2:] * mid[:, 1], s[:, 1:2] * mid[:, 1] + s[:, 2:] * mid[:, 0]], axis=1)
-    assert np.allclose(points.forces(0.5), np.einsum("qai,qax->ix", G, N), rtol=1e-11, atol=1e-11 * abs(N).max())
+    N = np.stack(
+        [s[:, :1] * mid[:, 0] + s[:, 2:] * mid[:, 1], s[:, 1:2] * mid[:, 1] + s[:, 2:] * mid[:, 0]],
+        axis=1,
+    )
+    assert np.allclose(
+        points.forces(0.5), np.einsum("qai,qax->ix", G, N), rtol=1e-11, atol=1e-11 * abs(N).max()
+    )
 
     B0, B = (strain_operator(np.ascontiguousarray(F.transpose(1, 2, 0))) for F in (mid, F1))
     weighted = np.moveaxis(D, 0, 2) * dA, S.T * dA

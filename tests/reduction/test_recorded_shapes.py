@@ -17,12 +17,16 @@ LAW = gx.Miyazaki(E=2e8, nu=0.3, density=1400.0, thickness=1e-5)
 SIDE, DT = 2.0, 0.05
 
 
-def sail(comm: MPI.Intracomm, cells: int = 4, order: int = 1, name: str = "the sail") -> gx.Membrane:
+def sail(
+    comm: MPI.Intracomm, cells: int = 4, order: int = 1, name: str = "the sail"
+) -> gx.Membrane:
     def velocity(X: np.ndarray) -> np.ndarray:
         x, y = X[0] - SIDE / 2, X[1] - SIDE / 2
         return np.stack([-y, x, 0.05 * x * y])
 
-    return gx.Membrane(sheet(comm, cells, cells, SIDE, SIDE), LAW, order=order, velocity=velocity, name=name)
+    return gx.Membrane(
+        sheet(comm, cells, cells, SIDE, SIDE), LAW, order=order, velocity=velocity, name=name
+    )
 
 
 def flown(comm: MPI.Intracomm, folder: Path, order: int, halves: bool = False) -> gx.Snapshots:
@@ -36,7 +40,9 @@ def flown(comm: MPI.Intracomm, folder: Path, order: int, halves: bool = False) -
     if halves:
         kept = list(shapes.positions)
         again = gx.Recording(folder / "run", every=2), gx.Snapshots(film, every=2)
-        gx.Simulation(gx.Scene(film), gx.Midpoint(dt=DT), again, restart=folder / "points").run(until=8 * DT)
+        gx.Simulation(gx.Scene(film), gx.Midpoint(dt=DT), again, restart=folder / "points").run(
+            until=8 * DT
+        )
         shapes.positions = kept + again[1].positions
     return shapes
 
@@ -71,9 +77,21 @@ def test_what_is_not_there_is_told_in_one_sentence(folder: Path) -> None:
     flown(WORLD, folder, 1)
     for film, where, words in (
         (sail(WORLD), folder / "nowhere", "There is no run in"),
-        (sail(WORLD, name="other"), folder / "run", "no fields of 'other', but of: the sail; give the film the name"),
-        (sail(WORLD, cells=3), folder / "run", "is of another mesh than 'the sail'; give the film that was recorded"),
-        (gx.Membrane(airbag(WORLD, 1.0, 4), LAW, name="the sail"), folder / "run", "lie on each other.*Snapshots"),
+        (
+            sail(WORLD, name="other"),
+            folder / "run",
+            "no fields of 'other', but of: the sail; give the film the name",
+        ),
+        (
+            sail(WORLD, cells=3),
+            folder / "run",
+            "is of another mesh than 'the sail'; give the film that was recorded",
+        ),
+        (
+            gx.Membrane(airbag(WORLD, 1.0, 4), LAW, name="the sail"),
+            folder / "run",
+            "lie on each other.*Snapshots",
+        ),
     ):
         with pytest.raises(gx.InputError, match=words):
             gx.RecordedShapes(film, where)

@@ -40,8 +40,13 @@ def flight(film: gx.Membrane, outputs=(), dt: float = 0.02, **options) -> gx.Sim
         gx.PointMass(0.05, tuple(initial(p)), velocity=tuple(initial_rate(p)), name=f"tip {k}")
         for k, p in enumerate(ports)
     ]
-    joints = [gx.BallJoint(p, t.port(), name=f"joint {k}") for k, (p, t) in enumerate(zip(ports, tips, strict=True))]
-    return gx.Simulation(gx.Scene(film, *tips, *joints), gx.Midpoint(dt=dt), list(outputs), **options)
+    joints = [
+        gx.BallJoint(p, t.port(), name=f"joint {k}")
+        for k, (p, t) in enumerate(zip(ports, tips, strict=True))
+    ]
+    return gx.Simulation(
+        gx.Scene(film, *tips, *joints), gx.Midpoint(dt=dt), list(outputs), **options
+    )
 
 
 @pytest.fixture(scope="module")
@@ -56,9 +61,13 @@ def recorded() -> tuple[gx.Membrane, gx.Snapshots]:
 def test_contact_of_a_reduced_sail_is_refused_and_its_pressure_zero(recorded) -> None:
     film, shapes = recorded
     reduced = gx.reduce(film, [shapes], 6)
-    with pytest.raises(gx.InputError, match="is reduced, without nodes that touch; give the film itself"):
+    with pytest.raises(
+        gx.InputError, match="is reduced, without nodes that touch; give the film itself"
+    ):
         gx.Contact(reduced, distance=1e-3)
-    fields = FieldFunctions(gx.Simulation(gx.Scene(reduced), gx.Midpoint(dt=0.1)).system, reduced, ["contact_pressure"])
+    fields = FieldFunctions(
+        gx.Simulation(gx.Scene(reduced), gx.Midpoint(dt=0.1)).system, reduced, ["contact_pressure"]
+    )
     fields.update()
     assert not np.abs(fields.functions[0].x.array).max(initial=0.0)
 
@@ -81,16 +90,25 @@ def test_more_cells_miss_less_of_the_stiffness(recorded) -> None:
     film, shapes = recorded
     few, more = (gx.reduce(film, [shapes], 8, cells).sample for cells in (10, 25))
     assert len(few.cells) <= 10 and (few.weights > 0).all()
-    assert more.error < few.error < 1 and COMM.allreduce(len(more.cells)) > COMM.allreduce(len(few.cells))
+    assert more.error < few.error < 1 and COMM.allreduce(len(more.cells)) > COMM.allreduce(
+        len(few.cells)
+    )
 
 
 @pytest.mark.mpi
 def test_mass_momentum_and_energy_at_the_start_are_the_films(recorded) -> None:
     film, shapes = recorded
-    full, reduced = (gx.Simulation(gx.Scene(b), gx.Midpoint(dt=0.1)) for b in (film, gx.reduce(film, [shapes], 12)))
-    assert reduced.totals.angular_momentum == pytest.approx(full.totals.angular_momentum, rel=1e-6, abs=1e-9)
+    full, reduced = (
+        gx.Simulation(gx.Scene(b), gx.Midpoint(dt=0.1))
+        for b in (film, gx.reduce(film, [shapes], 12))
+    )
+    assert reduced.totals.angular_momentum == pytest.approx(
+        full.totals.angular_momentum, rel=1e-6, abs=1e-9
+    )
     assert reduced.totals.kinetic == pytest.approx(full.totals.kinetic, rel=1e-3)
-    assert reduced.totals.kinetic <= full.totals.kinetic * (1 + 1e-12)  # the projection leaves out, it adds nothing
+    assert reduced.totals.kinetic <= full.totals.kinetic * (
+        1 + 1e-12
+    )  # the projection leaves out, it adds nothing
 
 
 def test_with_all_modes_it_is_the_film() -> None:
@@ -105,7 +123,9 @@ def test_with_all_modes_it_is_the_film() -> None:
     # the kernel of the points chooses strains as the film's forms do, but for the first ones of a step
     assert reduced.iterations <= full.iterations + 2 * reduced.step
     x = reduced.scene.bodies[0]
-    shape = (x.basis.values @ reduced.system.q0.array_r[reduced.system.numbering.owned(0)].reshape(-1, 3)).ravel()
+    shape = (
+        x.basis.values @ reduced.system.q0.array_r[reduced.system.numbering.owned(0)].reshape(-1, 3)
+    ).ravel()
     assert np.abs(shape - full.system.q0.array_r[full.system.numbering.owned(0)]).max() < 1e-9
 
 
@@ -118,7 +138,11 @@ def test_more_modes_come_closer(recorded) -> None:
         run = flight(reduced)
         run.run(until=0.4)
         c = run.system.q0.array_r[run.system.numbering.owned(0)].reshape(-1, 3)
-        errors.append(np.abs(reduced.basis.values[: len(shapes.positions[0])] @ c - shapes.positions[10])[:, 2].max())
+        errors.append(
+            np.abs(reduced.basis.values[: len(shapes.positions[0])] @ c - shapes.positions[10])[
+                :, 2
+            ].max()
+        )
     assert errors[2] < errors[1] < errors[0]
     assert errors[2] < 0.01 * np.abs(shapes.positions[10][:, 2]).max()
 
@@ -208,19 +232,25 @@ def test_frequencies_of_the_spinning_sail_are_the_films() -> None:
     modes = gx.modes(found, 6, spin=(0.0, 0.0, DEMO_SPIN))
     reduced = gx.reduce(film, [gx.ModeShapes(film, found, modes, 0.1)], 5)
     again = gx.modes(steady(reduced, DEMO_SPIN), 6, spin=(0.0, 0.0, DEMO_SPIN))
-    assert [mode.frequency for mode in again] == pytest.approx([mode.frequency for mode in modes], rel=0.01)
+    assert [mode.frequency for mode in again] == pytest.approx(
+        [mode.frequency for mode in modes], rel=0.01
+    )
 
 
 @pytest.mark.mpi
 def test_it_starts_from_a_shape_of_the_film(recorded) -> None:
     film, shapes = recorded
     reduced = gx.reduce(film, [shapes], modes=8)
-    there = gx.Simulation(gx.Scene(film, gx.RigidMotion(velocity=(0.0, 0.0, 1.0))), gx.Midpoint(dt=0.1))
+    there = gx.Simulation(
+        gx.Scene(film, gx.RigidMotion(velocity=(0.0, 0.0, 1.0))), gx.Midpoint(dt=0.1)
+    )
     there.run(until=0.1)
     run = gx.Simulation(gx.Scene(reduced, gx.StartFrom(there.system)), gx.Midpoint(dt=0.1))
     expected, outside = reduced.basis.project(there.system.q0.array_r.reshape(-1, 3))
     own = run.system.numbering.owned(0)
-    assert run.system.q0.array_r[own] == pytest.approx(expected.ravel()[: own.stop - own.start], abs=1e-12)
+    assert run.system.q0.array_r[own] == pytest.approx(
+        expected.ravel()[: own.stop - own.start], abs=1e-12
+    )
     assert expected[0, 2] == pytest.approx(0.1, rel=1e-3) and outside < 1e-3
 
 

@@ -27,7 +27,9 @@ def test_moments_of_a_beam_whose_end_is_turned(comm, by):
         turned = gx.Clamped(beam, "end", direction=(3 * math.cos(θ), 3 * math.sin(θ), 0.0))
     else:
         turned = gx.Clamped(
-            beam, "end", direction=lambda X, t: np.vstack([1 + 0 * X[0], math.tan(θ) * t + 0 * X[0], 0 * X[0]])
+            beam,
+            "end",
+            direction=lambda X, t: np.vstack([1 + 0 * X[0], math.tan(θ) * t + 0 * X[0], 0 * X[0]]),
         )
     still = gx.Clamped(beam, "start")
     equilibrium = gx.Equilibrium(gx.Scene(still, turned))
@@ -57,10 +59,15 @@ def test_a_root_that_turns_and_moves_books_its_work(comm):
     beam = beam_along_x(comm, 4, velocity=lambda X: np.vstack([-ω * X[1], ω * X[0] + u, 0 * X[0]]))
 
     def turning(X, t):
-        return np.vstack([np.cos(ω * t + t**2) + 0 * X[0], np.sin(ω * t + t**2) + 0 * X[0], 0 * X[0]])
+        return np.vstack(
+            [np.cos(ω * t + t**2) + 0 * X[0], np.sin(ω * t + t**2) + 0 * X[0], 0 * X[0]]
+        )
 
     root = gx.Clamped(
-        beam, "start", direction=turning, motion=lambda X, t: np.vstack([0 * X[0], u * t + 0 * X[0], 0 * X[0]])
+        beam,
+        "start",
+        direction=turning,
+        motion=lambda X, t: np.vstack([0 * X[0], u * t + 0 * X[0], 0 * X[0]]),
     )
     run = gx.Simulation(gx.Scene(root), gx.Midpoint(dt=1e-3))
     run.run(until=0.1)
@@ -82,7 +89,11 @@ def test_lines_slide_in_planes_of_any_direction(comm, kind):
     else:
         body = gx.Cable(line(comm, [(0, 0, 0), (L, 0, 0)], 8), gx.CableLaw(1e3, 0.1))
         weight = 0.1 * L
-    ends = gx.Fixed(body, "start"), gx.Fixed(body, "end", normal=tuple(n)), gx.Fixed(body, "end", (1,))
+    ends = (
+        gx.Fixed(body, "start"),
+        gx.Fixed(body, "end", normal=tuple(n)),
+        gx.Fixed(body, "end", (1,)),
+    )
     spin = [gx.Clamped(body, "start")] if kind == "beam" else []
     scene = gx.Scene(*(spin or ends[:1]), *ends[1:], gx.Gravity(body, (0.0, 0.0, -1.0)))
     equilibrium = gx.Equilibrium(scene)
@@ -98,15 +109,22 @@ def test_lines_slide_in_planes_of_any_direction(comm, kind):
 def test_a_cable_is_moved_as_films_are(comm):
     """Pulled by 1 %: N = EA λ ε."""
     cable = gx.Cable(line(comm, [(0, 0, 0), (L, 0, 0)], 4), gx.CableLaw(1e3, 0.1))
-    pulled = gx.Prescribed(cable, "end", lambda X, t: np.vstack([0.01 * t + 0 * X[0], 0 * X[0], 0 * X[0]]))
+    pulled = gx.Prescribed(
+        cable, "end", lambda X, t: np.vstack([0.01 * t + 0 * X[0], 0 * X[0], 0 * X[0]])
+    )
     held = gx.Fixed(cable, "start")
     equilibrium = gx.Equilibrium(gx.Scene(held, pulled))
     equilibrium.find(at=1.0)
-    assert equilibrium.reaction(pulled)[0][0] == pytest.approx(1e3 * 1.01 * (1.01**2 - 1) / 2, rel=1e-8)
+    assert equilibrium.reaction(pulled)[0][0] == pytest.approx(
+        1e3 * 1.01 * (1.01**2 - 1) / 2, rel=1e-8
+    )
 
 
 def test_what_cannot_be_clamped_is_refused(comm):
-    beam, cable = beam_along_x(comm), gx.Cable(line(comm, [(0, 0, 0), (L, 0, 0)], 2), gx.CableLaw(1e3, 0.1))
+    beam, cable = (
+        beam_along_x(comm),
+        gx.Cable(line(comm, [(0, 0, 0), (L, 0, 0)], 2), gx.CableLaw(1e3, 0.1)),
+    )
 
     def compiled(**options):
         return gx.Simulation(gx.Scene(gx.Clamped(beam, "start", **options)), gx.Midpoint(dt=1e-3))

@@ -45,10 +45,19 @@ def by_quadrature(force: float) -> tuple[float, float, float]:
         p = math.sin(φ1 / 2)
         half = lambda u: math.asin(min(1.0, p * math.cosh(u)))  # noqa: E731
         integrand = lambda u: what(2 * half(u)) / math.cos(half(u)) / math.sqrt(force / B)  # noqa: E731
-        return float(quad(integrand, 0, math.acosh(math.sin(φ0 / 2) / p), epsabs=1e-14, epsrel=1e-12)[0])
+        return float(
+            quad(integrand, 0, math.acosh(math.sin(φ0 / 2) / p), epsabs=1e-14, epsrel=1e-12)[0]
+        )
 
     def end(φ0: float) -> float:
-        return float(brentq(lambda φ1: along(φ1, φ0, lambda φ: 1.0) - LENGTH, 1e-12, φ0 * (1 - 1e-14), xtol=1e-15))
+        return float(
+            brentq(
+                lambda φ1: along(φ1, φ0, lambda φ: 1.0) - LENGTH,
+                1e-12,
+                φ0 * (1 - 1e-14),
+                xtol=1e-15,
+            )
+        )
 
     def imbalance(φ0: float) -> float:
         moment = math.sqrt(2 * force * B * (math.cos(end(φ0)) - math.cos(φ0)))

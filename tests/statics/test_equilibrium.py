@@ -18,7 +18,11 @@ LAWS = [gx.Linear(**FILM), gx.Miyazaki(**FILM, residual=1e-6), gx.TensionField(*
 def quarter(comm, law, cells, order, pressure, rim=(0, 1, 2)):
     """A quarter of a flat disc of radius 1 m under pressure, supported at the rim, in its planes of symmetry."""
     film = gx.Membrane(quarter_disc(comm, cells, 1.0, order), law, order=order)
-    supports = [gx.Fixed(film, "rim", rim), gx.Fixed(film, "x axis", (1,)), gx.Fixed(film, "y axis", (0,))]
+    supports = [
+        gx.Fixed(film, "rim", rim),
+        gx.Fixed(film, "x axis", (1,)),
+        gx.Fixed(film, "y axis", (0,)),
+    ]
     return film, gx.Scene(film, gx.Pressure(film, pressure), *supports)
 
 
@@ -30,8 +34,12 @@ def positions(equilibrium, comm):
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: type(law).__name__)
-@pytest.mark.parametrize(("cells", "order", "tolerance"), [(12, 1, 2.5e-3), (4, 2, 1.5e-4)], ids=["P1", "P2"])
-def test_clamped_disc_under_pressure_rises_as_it_must_by_every_law(comm, law, cells, order, tolerance):
+@pytest.mark.parametrize(
+    ("cells", "order", "tolerance"), [(12, 1, 2.5e-3), (4, 2, 1.5e-4)], ids=["P1", "P2"]
+)
+def test_clamped_disc_under_pressure_rises_as_it_must_by_every_law(
+    comm, law, cells, order, tolerance
+):
     """w0/a and V/a³ of a StVK disc at q = pa/(Et) = 0.1, ν = 0.3, from the axisymmetric equations; nothing wrinkles."""
     p = 0.1 * FILM["E"] * FILM["thickness"]
     _, scene = quarter(comm, law, cells, order, p)
@@ -86,13 +94,17 @@ def test_reaction_work_and_stretch_of_a_pulled_strip(comm):
 def test_increments_follow_a_prescribed_motion(comm):
     """A stretched film of ν = 0: the force on the moved edge at every increment, and its work in small ones."""
     film, _, _ = strip(comm)
-    pulled = gx.Prescribed(film, "right", lambda X, t: np.vstack([t + 0 * X[0], 0 * X[0], 0 * X[0]]))
+    pulled = gx.Prescribed(
+        film, "right", lambda X, t: np.vstack([t + 0 * X[0], 0 * X[0], 0 * X[0]])
+    )
     equilibrium = Equilibrium(gx.Scene(film, gx.Fixed(film, "left"), pulled))
     for t in (0.01, 0.02, 0.04):
         equilibrium.find(at=t)
         λ = 1 + t / 2
         force, _ = equilibrium.reaction(pulled)
-        assert force[0] == pytest.approx(FILM["E"] * FILM["thickness"] * λ * (λ**2 - 1) / 2, rel=1e-7)
+        assert force[0] == pytest.approx(
+            FILM["E"] * FILM["thickness"] * λ * (λ**2 - 1) / 2, rel=1e-7
+        )
 
 
 def test_motions_that_nothing_resists_are_named(comm):
@@ -117,7 +129,9 @@ def test_without_an_equilibrium_the_reason_is_given(comm):
         Equilibrium(scene, Continuation(iterations=5)).find()
 
 
-@pytest.mark.parametrize(("name", "value"), [("residual", 0.0), ("step", float("nan")), ("growth", 1.0), ("cut", 2.0)])
+@pytest.mark.parametrize(
+    ("name", "value"), [("residual", 0.0), ("step", float("nan")), ("growth", 1.0), ("cut", 2.0)]
+)
 def test_a_search_that_cannot_be_is_refused(name, value):
     with pytest.raises(gx.InputError, match=name):
         Continuation(**{name: value})
@@ -161,4 +175,6 @@ def test_square_airbag_comes_to_rest_in_few_iterations(comm, law, cells, iterati
 def test_square_airbag_on_a_mesh_that_others_have_solved_on(comm, cells, exact):
     """The same discrete problem, so the same digits: constant strains, u = 1e-6, cells of four triangles."""
     result = airbag.problem(comm, "Miyazaki 1e-6", "P1", cells)
-    assert [result[name] for name in ("w_M", "u_A", "V", "σ1_M")] == pytest.approx(exact, rel=1.5e-5)
+    assert [result[name] for name in ("w_M", "u_A", "V", "σ1_M")] == pytest.approx(
+        exact, rel=1.5e-5
+    )

@@ -43,8 +43,12 @@ def test_bent_tube_wrinkles_at_the_moment_of_stein_and_hedgepeth(comm, element):
 @pytest.mark.mpi
 @pytest.mark.parametrize(("order", "error"), [(1, 0.03), (2, 1e-3)])
 def test_normals_of_the_cylinder_point_outwards(comm, order, error):
-    film = gx.Membrane(capped_cylinder(comm, 1.0, 2.0, 16, 8, order), inflated_tube.LAW, order=order)
+    film = gx.Membrane(
+        capped_cylinder(comm, 1.0, 2.0, 16, 8, order), inflated_tube.LAW, order=order
+    )
     x = fem.Function(film.space)
     x.interpolate(lambda X: X)
-    volume = fem.assemble_scalar(fem.form(ufl.dot(x, area_vector(film.deformation(x))) / 3 * film.dx))
+    volume = fem.assemble_scalar(
+        fem.form(ufl.dot(x, area_vector(film.deformation(x))) / 3 * film.dx)
+    )
     assert comm.allreduce(volume) == pytest.approx(6.283185, rel=error)

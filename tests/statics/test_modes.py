@@ -21,14 +21,20 @@ def stretched(X):
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize(("order", "cells", "tolerance"), [(1, 16, 0.02), (2, 8, 2e-3)], ids=["P1", "P2"])
+@pytest.mark.parametrize(
+    ("order", "cells", "tolerance"), [(1, 16, 0.02), (2, 8, 2e-3)], ids=["P1", "P2"]
+)
 def test_square_film_under_tension(comm, order, cells, tolerance):
     """f = ½√(N0/ρt) √((m/a)² + (n/a)²) for a = 2.1 m."""
-    film = gx.Membrane(sheet(comm, cells, cells, 2.1, 2.1), TENSIONED, order=order, displacement=stretched)
+    film = gx.Membrane(
+        sheet(comm, cells, cells, 2.1, 2.1), TENSIONED, order=order, displacement=stretched
+    )
     equilibrium = Equilibrium(gx.Scene(film, *(gx.Fixed(film, edge) for edge in EDGES)))
     equilibrium.find()
     found = modes(equilibrium, 4)
-    assert [mode.frequency for mode in found] == pytest.approx([6.363363, 10.06136, 10.06136, 12.726726], rel=tolerance)
+    assert [mode.frequency for mode in found] == pytest.approx(
+        [6.363363, 10.06136, 10.06136, 12.726726], rel=tolerance
+    )
     assert max(mode.growth for mode in found) < 1e-6
     assert len(found[0].shape) == equilibrium.system.numbering.size_local
 
@@ -73,7 +79,9 @@ def test_disc_that_spins_freely(comm):
     x = equilibrium.system.q0.array_r.reshape(-1, 3)
     rim = comm.allreduce(float(np.hypot(x[:, 0], x[:, 1]).max()), max)
     assert rim - 1 == pytest.approx((1 - NU) / 4 * 5e-5, rel=1e-2)  # u(a)
-    squares = [(2 * np.pi * mode.frequency / SPIN) ** 2 for mode in modes(equilibrium, 4, above=0.1)]
+    squares = [
+        (2 * np.pi * mode.frequency / SPIN) ** 2 for mode in modes(equilibrium, 4, above=0.1)
+    ]
     assert squares == pytest.approx([0.0, 2.35, 3.3, 6.1], abs=1e-2)
 
 
@@ -88,7 +96,9 @@ def test_coriolis_force_turns_the_plane_of_a_pendulum(comm):
     ω0 = (k / mass) ** 0.5
     found = modes(equilibrium, 3, (0.0, 0.0, Ω))
     root = (Ω**2 + ω0**2) ** 0.5
-    assert [2 * np.pi * mode.frequency for mode in found] == pytest.approx([root - Ω, ω0, root + Ω], rel=1e-8)
+    assert [2 * np.pi * mode.frequency for mode in found] == pytest.approx(
+        [root - Ω, ω0, root + Ω], rel=1e-8
+    )
 
 
 def test_coriolis_matrix_of_a_film(comm):
@@ -109,13 +119,17 @@ def test_modes_of_a_scene_with_gas_are_refused(comm):
     from meshes.airbag import airbag
 
     film = gx.Membrane(airbag(comm, 1.0, 2), TENSIONED)
-    gas = gx.Chamber(film, gas=gx.IdealGas(1.4, 287.0), pressure=1.0, temperature=300.0, dead_volume=1.0)
+    gas = gx.Chamber(
+        film, gas=gx.IdealGas(1.4, 287.0), pressure=1.0, temperature=300.0, dead_volume=1.0
+    )
     with pytest.raises(gx.InputError, match="gas"):
         modes(Equilibrium(gx.Scene(film, gas)), 1)
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize(("tip", "exact"), [(0.0, (1.20241278, 2.76003906)), (0.5, (1.08666161, 3.41989511))])
+@pytest.mark.parametrize(
+    ("tip", "exact"), [(0.0, (1.20241278, 2.76003906)), (0.5, (1.08666161, 3.41989511))]
+)
 def test_hanging_cable_with_a_mass_on_a_joint(comm, tip, exact):
     """ω√(L/g), twice each, of a cable of 1 m and 1 kg found in equilibrium under its weight."""
     down = (0.0, 0.0, -1.0)
@@ -155,7 +169,10 @@ def test_a_free_hub_with_tethers_in_a_turning_frame(comm, above):
     for i, e in enumerate(np.array([(1.0, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0)])):
         tip = gx.PointMass(m, tuple((R + L) * e), comm=comm, name=f"tip {i}")
         length = L - m * Ω**2 * (R + L) / k
-        items += [gx.Rope(hub.port(tuple(R * e)), tip.port(), length, k, f"tether {i}"), Centrifugal(tip, spin)]
+        items += [
+            gx.Rope(hub.port(tuple(R * e)), tip.port(), length, k, f"tether {i}"),
+            Centrifugal(tip, spin),
+        ]
     equilibrium = Equilibrium(gx.Scene(*items))
     result = equilibrium.find()
     assert result.free == ("translation z", "rotation z")
@@ -175,7 +192,9 @@ def test_modes_near_a_frequency_in_a_turning_frame(comm):
     equilibrium = Equilibrium(gx.Scene(film, gx.Fixed(film, "hub"), Centrifugal(film, spin)))
     equilibrium.find()
     found = modes(equilibrium, 2, spin, above=1.5 * SPIN / (2 * np.pi))
-    assert [(2 * np.pi * mode.frequency / SPIN) ** 2 for mode in found] == pytest.approx([2.276136] * 2, rel=2e-3)
+    assert [(2 * np.pi * mode.frequency / SPIN) ** 2 for mode in found] == pytest.approx(
+        [2.276136] * 2, rel=2e-3
+    )
 
 
 def test_a_film_on_a_free_hub_in_a_turning_frame(comm):
@@ -184,13 +203,23 @@ def test_a_film_on_a_free_hub_in_a_turning_frame(comm):
     mass = 1e4 * 5e-5 * 1e9 / SPIN**2 * 1e-4 * np.pi
     hub = gx.RigidBody(mass, (mass, mass, 2 * mass), comm=comm, name="hub")
     spin = (0.0, 0.0, SPIN)
-    scene = gx.Scene(gx.RigidRegion(film, "hub", hub), Centrifugal(film, spin), Centrifugal(hub, spin))
+    scene = gx.Scene(
+        gx.RigidRegion(film, "hub", hub), Centrifugal(film, spin), Centrifugal(hub, spin)
+    )
     equilibrium = Equilibrium(scene)
     equilibrium.find()
-    lowest, near = modes(equilibrium, 14, spin), modes(equilibrium, 10, spin, above=1.2 * SPIN / (2 * np.pi))
+    lowest, near = (
+        modes(equilibrium, 14, spin),
+        modes(equilibrium, 10, spin, above=1.2 * SPIN / (2 * np.pi)),
+    )
     squares = np.array([(2 * np.pi * mode.frequency / SPIN) ** 2 for mode in lowest])
     for exact in (0.733432, 1.158668):
         assert abs(squares / exact - 1).min() < 1e-3
     squares = np.array([(2 * np.pi * mode.frequency / SPIN) ** 2 for mode in near])
-    for exact in (0.733432, 1.0, 1.158668, 2.276136):  # of Ω the motion of the whole, as it is seen from turning axes
+    for exact in (
+        0.733432,
+        1.0,
+        1.158668,
+        2.276136,
+    ):  # of Ω the motion of the whole, as it is seen from turning axes
         assert abs(squares / exact - 1).min() < 1e-3

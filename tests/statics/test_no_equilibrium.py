@@ -25,7 +25,9 @@ def test_what_nothing_holds_has_no_equilibrium(comm, load):
     scene = {
         "gravity": lambda: gx.Scene(first, gx.Gravity(first)),
         "edge": lambda: gx.Scene(first, gx.EdgeLoad(first, "right", (10.0, 0.0, 0.0))),
-        "one of two": lambda: gx.Scene(gx.Fixed(first, "left"), gx.Gravity(first), gx.Gravity(second)),
+        "one of two": lambda: gx.Scene(
+            gx.Fixed(first, "left"), gx.Gravity(first), gx.Gravity(second)
+        ),
         "corner": lambda: gx.Scene(first, gx.Force(first.port("top right"), (0.0, 1.0, 0.0))),
     }[load]()
     culprit = "other" if load == "one of two" else "film"
@@ -33,7 +35,9 @@ def test_what_nothing_holds_has_no_equilibrium(comm, load):
         Equilibrium(scene).find()
 
 
-@pytest.mark.parametrize("law", [LAW, gx.TensionField(E=1e9, nu=0.3, density=1000.0, thickness=1e-4)])
+@pytest.mark.parametrize(
+    "law", [LAW, gx.TensionField(E=1e9, nu=0.3, density=1000.0, thickness=1e-4)]
+)
 def test_an_unloaded_slack_film_rests_where_it_is(comm, law):
     """Its residual was 5.5, of loads that are nothing but round-off; now it is below the round-off of the film."""
     body = film(comm, law=law, displacement=lambda X: -0.1 * X)
@@ -46,7 +50,9 @@ def test_an_unloaded_slack_film_rests_where_it_is(comm, law):
 def test_the_result_is_the_state_that_was_found_before_the_last_iteration(comm):
     """A pendulum hung at (1, 0, 0), whose turn about the vertical nothing resists: the residual was nan."""
     bob = gx.RigidBody(1.0, (1.0, 1.0, 1.0), (1.0, 0.0, -1.0))
-    scene = gx.Scene(gx.BallJoint(bob.port((0.0, 0.0, 1.0)), gx.Ground((1.0, 0.0, 0.0))), gx.Gravity(bob))
+    scene = gx.Scene(
+        gx.BallJoint(bob.port((0.0, 0.0, 1.0)), gx.Ground((1.0, 0.0, 0.0))), gx.Gravity(bob)
+    )
     found = Equilibrium(scene).find()
     assert found.residual < 1e-8
     assert found.free == ("rotation z about (1, 0, 0)",)
@@ -57,14 +63,20 @@ def test_the_result_is_the_state_that_was_found_before_the_last_iteration(comm):
 def test_parts_are_free_apart(comm):
     first, second = film(comm, **STRETCHED), film(comm, "other", **STRETCHED)
     found = Equilibrium(gx.Scene(gx.Fixed(first, "left"), gx.Fixed(first, "right"), second)).find()
-    motions = [f"{kind} {axis} of 'other'" for kind in ("translation", "rotation") for axis in "xyz"]
-    assert [words.split(" about")[0] for words in found.free] == [m.split(" about")[0] for m in motions]
+    motions = [
+        f"{kind} {axis} of 'other'" for kind in ("translation", "rotation") for axis in "xyz"
+    ]
+    assert [words.split(" about")[0] for words in found.free] == [
+        m.split(" about")[0] for m in motions
+    ]
     assert not found.regular
 
 
 def test_a_mass_on_a_slack_rope_is_not_held(comm):
     mass = gx.PointMass(1.0, (0.5, 0.0, 0.0))
-    found = Equilibrium(gx.Scene(gx.Rope(mass.port(), gx.Ground((0.0, 0.0, 0.0)), length=1.0, stiffness=10.0))).find()
+    found = Equilibrium(
+        gx.Scene(gx.Rope(mass.port(), gx.Ground((0.0, 0.0, 0.0)), length=1.0, stiffness=10.0))
+    ).find()
     assert found.free == ("translation x", "translation y", "translation z")
     assert not found.regular
 
@@ -72,7 +84,10 @@ def test_a_mass_on_a_slack_rope_is_not_held(comm):
 @pytest.mark.parametrize(
     ("joint", "free"),
     [
-        (lambda b, at: gx.RevoluteJoint(b.frame_at(at), gx.ground_frame(at), (0, 1, 0)), "rotation y about (1, 0, 0)"),
+        (
+            lambda b, at: gx.RevoluteJoint(b.frame_at(at), gx.ground_frame(at), (0, 1, 0)),
+            "rotation y about (1, 0, 0)",
+        ),
         (
             lambda b, at: gx.PrismaticJoint(b.frame_at(at), gx.ground_frame(at), (0, 1, 1)),
             "translation (0, 0.707, 0.707)",

@@ -53,7 +53,10 @@ def test_two_halves_of_a_symmetric_plate_are_one():
     for length, right in ((0.4, None), (0.2, (1.0, 0.0, 0.0))):
         plate = gx.Plate(sheet(WORLD, round(40 * length), 2, length, 0.1), LAW)
         end = (0, 1, 2) if right is None else (0,)
-        clamps = gx.ClampedEdge(plate, "left"), gx.ClampedEdge(plate, "right", components=end, direction=right)
+        clamps = (
+            gx.ClampedEdge(plate, "left"),
+            gx.ClampedEdge(plate, "right", components=end, direction=right),
+        )
         equilibrium = gx.Equilibrium(gx.Scene(plate, *clamps, gx.Pressure(plate, 20.0)))
         equilibrium.find()
         rises.append(equilibrium.system.q0.array_r[2::3].max())
@@ -83,7 +86,9 @@ def test_small_strains_in_the_plane_are_those_of_the_film():
     plain = ufl.derivative(green_lagrange(surface_gradient(X, B)), X, u)
     dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2})
     size = fem.assemble_scalar(compile_form(ufl.dot(plain, plain) * dx))
-    assert fem.assemble_scalar(compile_form(ufl.dot(tied - plain, tied - plain) * dx)) < 1e-20 * size
+    assert (
+        fem.assemble_scalar(compile_form(ufl.dot(tied - plain, tied - plain) * dx)) < 1e-20 * size
+    )
 
 
 @pytest.mark.parametrize("nu", [0.0, 0.45])
@@ -131,7 +136,9 @@ def test_a_sheared_plate_comes_to_rest_in_wrinkles(comm):
     plate = gx.Plate(sheet(comm, 14, 7, length, height), FOIL, displacement=rough)
     moved = gx.Prescribed(plate, "top", lambda X, t: np.stack([δ + 0 * X[0], 0 * X[0], 0 * X[0]]))
     scene = gx.Scene(plate, gx.Fixed(plate, "bottom"), moved)
-    search = gx.Continuation(step=1e-4, inner=0.3, fast_iterations=20, max_iterations=40, residual=1e-3)
+    search = gx.Continuation(
+        step=1e-4, inner=0.3, fast_iterations=20, max_iterations=40, residual=1e-3
+    )
     equilibrium = gx.Equilibrium(scene, search)
     plane = equilibrium.totals.stored["plate"]
     found = equilibrium.find()
@@ -163,16 +170,29 @@ def test_properties_vary_by_group_or_by_place():
     mesh = sheet(WORLD, 4, 4)
     heavy = lambda X: np.where(X[0] > 0.5, 1e4, 1e3)  # noqa: E731
     thick = lambda X: np.where(X[0] > 0.5, 2e-3, 1e-3)  # noqa: E731
-    cells = np.flatnonzero(cellwise(mesh, lambda X: X[0] > 0.5, 0.0, (), "")._cpp_object.x.array > 0)
+    cells = np.flatnonzero(
+        cellwise(mesh, lambda X: X[0] > 0.5, 0.0, (), "")._cpp_object.x.array > 0
+    )
     mesh.groups["device"] = 2, cells.astype(np.int32)
     by_place = gx.Membrane(mesh, LAW, properties={"density": heavy, "thickness": thick})
-    by_group = gx.Membrane(mesh, LAW, properties={"density": {"device": 1e4}, "thickness": {"device": 2e-3}})
+    by_group = gx.Membrane(
+        mesh, LAW, properties={"density": {"device": 1e4}, "thickness": {"device": 2e-3}}
+    )
     for film in (by_place, by_group):
-        run = gx.Simulation(gx.Scene(film, gx.RigidMotion(velocity=(1.0, 0.0, 0.0))), gx.Midpoint(dt=1e-3))
+        run = gx.Simulation(
+            gx.Scene(film, gx.RigidMotion(velocity=(1.0, 0.0, 0.0))), gx.Midpoint(dt=1e-3)
+        )
         assert run.totals.momentum == pytest.approx([0.5 * 1.0 + 0.5 * 20.0, 0.0, 0.0], rel=1e-12)
     stretched = [
-        gx.Scene(gx.Membrane(mesh, LAW, displacement=lambda X: 1e-3 * X, **given)).compile().totals().stored["film"]
-        for given in ({}, {"properties": {"thickness": thick}}, {"properties": {"thickness": {"film": 2e-3}}})
+        gx.Scene(gx.Membrane(mesh, LAW, displacement=lambda X: 1e-3 * X, **given))
+        .compile()
+        .totals()
+        .stored["film"]
+        for given in (
+            {},
+            {"properties": {"thickness": thick}},
+            {"properties": {"thickness": {"film": 2e-3}}},
+        )
     ]
     assert stretched[1] == pytest.approx(1.5 * stretched[0], rel=1e-12)
     assert stretched[2] == pytest.approx(2 * stretched[0], rel=1e-12)
@@ -191,13 +211,21 @@ def test_properties_vary_by_group_or_by_place():
         (lambda m: gx.Plate(m, LAW, rest_curvature={"left": np.eye(3)}), "no group of triangles"),
         (lambda m: gx.Membrane(m, LAW, properties={"thickness": {"film": 0.0}}), "not above 0"),
         (lambda m: gx.Membrane(m, LAW, properties={"colour": {"film": 0.0}}), "choose from E, nu"),
-        (lambda m: gx.Membrane(m, LAW, properties={"density": lambda X: X}), r"must return \('n',\)|must return"),
         (
-            lambda m: gx.Membrane(m, gx.Elastica(1e9, 0.3, 1e3, 1e-4, 0.1), properties={"thickness": {"film": 1e-3}}),
+            lambda m: gx.Membrane(m, LAW, properties={"density": lambda X: X}),
+            r"must return \('n',\)|must return",
+        ),
+        (
+            lambda m: gx.Membrane(
+                m, gx.Elastica(1e9, 0.3, 1e3, 1e-4, 0.1), properties={"thickness": {"film": 1e-3}}
+            ),
             "derived",
         ),
         (lambda m: gx.ClampedEdge(gx.Membrane(m, LAW), "left"), "is no Plate"),
-        (lambda m: gx.ClampedEdge(gx.Plate(m, LAW), "left", direction=(0.0, 0.0, 0.0)), "not all zero"),
+        (
+            lambda m: gx.ClampedEdge(gx.Plate(m, LAW), "left", direction=(0.0, 0.0, 0.0)),
+            "not all zero",
+        ),
         (lambda m: gx.EdgeMoment(gx.Plate(m, LAW), "left", math.inf), "finite"),
         (lambda m: gx.Linear(E=1e9, nu=0.3, density=1.0, thickness=0.0), "thickness is 0.0"),
     ],
@@ -218,8 +246,12 @@ def test_curvature_and_moment_of_a_cylinder_are_fields(comm):
 
     D = LAW.E * LAW.thickness**3 / 12 / 0.91
     for rest, moment in ((None, D * κ), (np.diag((κ, 0.0, 0.0)), 0.0)):
-        plate = gx.Plate(sheet(comm, 16, 4, 1.0, 0.25), LAW, displacement=rolled, rest_curvature=rest)
-        fields = FieldFunctions(gx.Scene(plate).compile(), plate, ("curvature1", "curvature2", "moment1", "moment2"))
+        plate = gx.Plate(
+            sheet(comm, 16, 4, 1.0, 0.25), LAW, displacement=rolled, rest_curvature=rest
+        )
+        fields = FieldFunctions(
+            gx.Scene(plate).compile(), plate, ("curvature1", "curvature2", "moment1", "moment2")
+        )
         fields.update()
         curvature1, curvature2, moment1, moment2 = (f.x.array for f in fields.functions)
         assert curvature1 == pytest.approx(κ, rel=1e-2)

@@ -21,7 +21,9 @@ def column(value):
 def test_strains_stresses_and_positions_of_a_pulled_strip(comm):
     """λ = 1.02, ν = 0: E11 = (λ² - 1)/2, S11 = E E11."""
     film = gx.Membrane(sheet(comm, 4, 2, 2.0, 1.0), LAW)
-    pulled = gx.Prescribed(film, "right", lambda X, t: np.vstack([0.04 + 0 * X[0], 0 * X[0], 0 * X[0]]))
+    pulled = gx.Prescribed(
+        film, "right", lambda X, t: np.vstack([0.04 + 0 * X[0], 0 * X[0], 0 * X[0]])
+    )
     equilibrium = gx.Equilibrium(gx.Scene(gx.Fixed(film, "left"), pulled))
     equilibrium.find()
     points, strain = gx.field_values(equilibrium, film, "strain1")
@@ -62,7 +64,9 @@ def test_forces_of_joints_at_rest_and_in_motion(comm):
     upper = gx.RigidBody(2.0, (1.0, 1.0, 1.0), (0.0, 0.0, -1.0), name="upper")
     lower = gx.RigidBody(3.0, (1.0, 1.0, 1.0), (0.5, 0.0, -3.0), name="lower")
     top = gx.FixedJoint(gx.ground_frame(), upper.frame_at((0.0, 0.0, 0.0)), name="top")
-    middle = gx.FixedJoint(upper.frame_at((0.0, 0.0, -2.0)), lower.frame_at((0.0, 0.0, -2.0)), name="middle")
+    middle = gx.FixedJoint(
+        upper.frame_at((0.0, 0.0, -2.0)), lower.frame_at((0.0, 0.0, -2.0)), name="middle"
+    )
     g = (0.0, 0.0, -10.0)
     equilibrium = gx.Equilibrium(gx.Scene(top, middle, gx.Gravity(upper, g), gx.Gravity(lower, g)))
     equilibrium.find()
@@ -74,8 +78,12 @@ def test_forces_of_joints_at_rest_and_in_motion(comm):
     assert moment == pytest.approx([0, -15.0, 0], abs=1e-6)
     assert gx.JointForce(top, "z")(equilibrium) == pytest.approx(50.0)
 
-    stone = gx.RigidBody(2.0, (1.0, 1.0, 1.0), (0.5, 0.0, 0.0), velocity=(0.0, 1.5, 0.0), spin=(0.0, 0.0, 3.0))
-    hinge = gx.RevoluteJoint(gx.ground_frame(), stone.frame_at((0.0, 0.0, 0.0)), (0.0, 0.0, 1.0), name="hinge")
+    stone = gx.RigidBody(
+        2.0, (1.0, 1.0, 1.0), (0.5, 0.0, 0.0), velocity=(0.0, 1.5, 0.0), spin=(0.0, 0.0, 3.0)
+    )
+    hinge = gx.RevoluteJoint(
+        gx.ground_frame(), stone.frame_at((0.0, 0.0, 0.0)), (0.0, 0.0, 1.0), name="hinge"
+    )
     series = gx.Series(
         {
             "x": gx.JointForce(hinge, "x"),

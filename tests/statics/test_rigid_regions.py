@@ -19,7 +19,9 @@ TUBE = gx.tube(0.02, 5e-4, 1e11, 0.3, 1560.0)
 
 
 def strip(comm, nu=0.0, order=2, cells=(8, 4)):
-    film = gx.Membrane(sheet(comm, *cells, 2.0, 1.0), gx.Linear(E, nu, DENSITY, THICKNESS), order=order)
+    film = gx.Membrane(
+        sheet(comm, *cells, 2.0, 1.0), gx.Linear(E, nu, DENSITY, THICKNESS), order=order
+    )
     return film, gx.Fixed(film, "film", (2,))
 
 
@@ -38,8 +40,12 @@ def test_a_strip_is_pulled_by_the_force_on_its_straight_edge(comm, sliding):
     equilibrium = gx.Equilibrium(gx.Scene(flat, edge, pull, *held))
     equilibrium.find()
     assert gx.Position(edge.port(), "x")(equilibrium) == pytest.approx(2 * λ, rel=1e-9)
-    assert gx.Position(edge.port(), "y")(equilibrium) == pytest.approx(math.sqrt(1 - 2 * nu * ε) / 2, rel=1e-9)
-    assert equilibrium.joint_force(edge)[0] == pytest.approx([-E * THICKNESS * λ * ε, 0, 0], rel=1e-7, abs=1e-3)
+    assert gx.Position(edge.port(), "y")(equilibrium) == pytest.approx(
+        math.sqrt(1 - 2 * nu * ε) / 2, rel=1e-9
+    )
+    assert equilibrium.joint_force(edge)[0] == pytest.approx(
+        [-E * THICKNESS * λ * ε, 0, 0], rel=1e-7, abs=1e-3
+    )
 
 
 @pytest.mark.mpi
@@ -51,7 +57,9 @@ def test_a_strip_is_bent_by_the_moment_on_its_straight_edge(comm):
     moment = gx.Torque(edge.line, (0.0, 0.0, θ * E * inertia / 2.0))
     equilibrium = gx.Equilibrium(gx.Scene(flat, gx.Fixed(film, "left"), edge, moment))
     equilibrium.find()
-    corners = [gx.Displacement(film.port(f"{side} right"), "x")(equilibrium) for side in ("bottom", "top")]
+    corners = [
+        gx.Displacement(film.port(f"{side} right"), "x")(equilibrium) for side in ("bottom", "top")
+    ]
     assert corners[0] - corners[1] == pytest.approx(θ, rel=1e-4)
     assert gx.Displacement(edge.port(), "y")(equilibrium) == pytest.approx(θ, rel=1e-4)
 
@@ -60,12 +68,16 @@ def test_a_strip_is_bent_by_the_moment_on_its_straight_edge(comm):
 @pytest.mark.parametrize("piece", ["massless", "rigid body"])
 def test_a_hub_turns_by_the_torque_on_it(comm, piece):
     """φ = T/(4π G t) (1/a² - 1/b²) of a ring in shear."""
-    film = gx.Membrane(ring(comm, 0.3, 1.0, 8, 32, 2), gx.Linear(E, 0.3, DENSITY, THICKNESS), order=2)
+    film = gx.Membrane(
+        ring(comm, 0.3, 1.0, 8, 32, 2), gx.Linear(E, 0.3, DENSITY, THICKNESS), order=2
+    )
     hub = gx.RigidBody(1.0, (0.1, 0.1, 0.2), name="hub") if piece == "rigid body" else None
     region = gx.RigidRegion(film, "hub", hub, held=(2,))
     G, T = E / 2.6, 0.5
     load = gx.Torque(region.frame, (0.0, 0.0, T))
-    equilibrium = gx.Equilibrium(gx.Scene(gx.Fixed(film, "film", (2,)), gx.Fixed(film, "rim"), region, load))
+    equilibrium = gx.Equilibrium(
+        gx.Scene(gx.Fixed(film, "film", (2,)), gx.Fixed(film, "rim"), region, load)
+    )
     equilibrium.find()
     d = [gx.Displacement(region.frame.directors[0], axis)(equilibrium) for axis in "xy"]
     exact = T / (4 * math.pi * G * THICKNESS) * (1 / 0.3**2 - 1)
@@ -83,7 +95,12 @@ def test_a_wrinkled_hub_needs_no_secant(comm):
     loaded, turned, T = film(), film(), 500.0
     region = gx.RigidRegion(loaded, "hub", held=(2,))
     found = gx.Equilibrium(
-        gx.Scene(gx.Fixed(loaded, "film", (2,)), gx.Fixed(loaded, "rim"), region, gx.Torque(region.frame, (0, 0, T)))
+        gx.Scene(
+            gx.Fixed(loaded, "film", (2,)),
+            gx.Fixed(loaded, "rim"),
+            region,
+            gx.Torque(region.frame, (0, 0, T)),
+        )
     )
     found.find()
     p = region.frame.directors[0]
@@ -91,7 +108,10 @@ def test_a_wrinkled_hub_needs_no_secant(comm):
     φ = 2 * math.asin(math.hypot(x, y) / 2)
     c, s = math.cos(φ), math.sin(φ)
     turn = gx.Prescribed(
-        turned, "hub", lambda X, t: np.vstack([(c - 1) * X[0] - s * X[1], s * X[0] + (c - 1) * X[1], 0 * X[0]]), (0, 1)
+        turned,
+        "hub",
+        lambda X, t: np.vstack([(c - 1) * X[0] - s * X[1], s * X[0] + (c - 1) * X[1], 0 * X[0]]),
+        (0, 1),
     )
     check = gx.Equilibrium(gx.Scene(gx.Fixed(turned, "film", (2,)), gx.Fixed(turned, "rim"), turn))
     check.find()
@@ -107,7 +127,10 @@ def test_an_inflated_tube_bends_under_the_moment_on_its_end_plate(comm, ratio):
     film = gx.Membrane(cylinder(comm, tube.RADIUS, tube.LENGTH, 16, 3, 2), tube.LAW, order=2)
     plate = gx.RigidRegion(film, "last rim", sliding=True)
     axial, M = tube.P * math.pi * tube.INFLATED**2, tube.moment(ratio)
-    held = [gx.Fixed(film, "first rim", (0,)), *(gx.Fixed(film, side, (1,)) for side in ("top", "bottom"))]
+    held = [
+        gx.Fixed(film, "first rim", (0,)),
+        *(gx.Fixed(film, side, (1,)) for side in ("top", "bottom")),
+    ]
     held += [gx.Fixed(film, point, (2,)) for point in ("first left", "first right")]
     loads = gx.Force(plate.port(), (axial, 0.0, 0.0)), gx.Torque(plate.frame, (0.0, M, 0.0))
     equilibrium = gx.Equilibrium(gx.Scene(film, gx.Pressure(film, tube.P), plate, *held, *loads))
@@ -146,7 +169,9 @@ def test_momenta_of_a_free_film_grow_by_force_and_torque(comm, kind):
         frame = region.frame
     T = np.array([0.0, 0.0, 0.2])
     motion = gx.RigidMotion(spin=(0.0, 0.0, 3.0), velocity=(1.0, 0.0, 0.0))
-    run = gx.Simulation(gx.Scene(film, region, gx.Torque(frame, tuple(T)), motion), gx.Midpoint(dt=1e-3))
+    run = gx.Simulation(
+        gx.Scene(film, region, gx.Torque(frame, tuple(T)), motion), gx.Midpoint(dt=1e-3)
+    )
     run.run(until=0.05)
     first, last = run.first, run.totals
     assert last.momentum == pytest.approx(first.momentum, abs=1e-10)

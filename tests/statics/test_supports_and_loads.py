@@ -33,7 +33,10 @@ def turned(comm, angle):
 def test_a_strip_slides_in_planes_of_any_direction(comm, angle):
     """Between planes that are not x, y, z: f = E t λ ε, ε = (λ² - 1)/2, and ε across is -ν ε."""
     film = gx.Membrane(turned(comm, angle), gx.Linear(E, 0.3, 1000.0, THICKNESS))
-    e, n = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([-np.sin(angle), np.cos(angle), 0.0])
+    e, n = (
+        np.array([np.cos(angle), np.sin(angle), 0.0]),
+        np.array([-np.sin(angle), np.cos(angle), 0.0]),
+    )
     ends = gx.Fixed(film, "left", normal=tuple(e)), gx.Fixed(film, "bottom", normal=tuple(n))
     flat = [gx.Fixed(film, edge, (2,)) for edge in ("left", "right", "top", "bottom")]
     ε = (1.02**2 - 1) / 2
@@ -44,7 +47,9 @@ def test_a_strip_slides_in_planes_of_any_direction(comm, angle):
     x = gx.positions(equilibrium, film)
     along = comm.allreduce(float((x @ e).max()), max)
     assert along == pytest.approx(2.04, rel=1e-8)
-    assert comm.allreduce(float((x @ n).max()), max) == pytest.approx((1 - 0.6 * ε) ** 0.5, rel=1e-8)
+    assert comm.allreduce(float((x @ n).max()), max) == pytest.approx(
+        (1 - 0.6 * ε) ** 0.5, rel=1e-8
+    )
     force, _ = equilibrium.reaction(ends[0])
     assert force == pytest.approx(-f * e, abs=1e-6 * f)
 
@@ -54,12 +59,16 @@ def test_a_strip_slides_in_planes_of_any_direction(comm, angle):
 def test_a_normal_load_pulls_along_the_film_or_as_the_mesh_was(comm, following):
     """The strip starts turned by a right angle: the load that follows pulls it along, the dead one turns it back."""
     quarter = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    film = gx.Membrane(sheet(comm, 4, 2, 2.0, 1.0), LAW, displacement=lambda X: (X.T @ quarter - X.T).T)
+    film = gx.Membrane(
+        sheet(comm, 4, 2, 2.0, 1.0), LAW, displacement=lambda X: (X.T @ quarter - X.T).T
+    )
     load = gx.EdgeLoad(film, "right", normal=lambda t: 2000.0 * t, following=following)
     run = gx.Simulation(gx.Scene(load), gx.Midpoint(dt=1e-4))
     run.run(until=1e-3)
     impulse = 2000.0 * 1e-3**2 / 2
-    assert run.totals.momentum == pytest.approx([0, impulse, 0] if following else [impulse, 0, 0], abs=1e-5 * impulse)
+    assert run.totals.momentum == pytest.approx(
+        [0, impulse, 0] if following else [impulse, 0, 0], abs=1e-5 * impulse
+    )
     assert abs(run.energy_error) < 1e-9
 
 
@@ -98,17 +107,29 @@ def test_beams_and_cables_are_held_moved_and_damped_as_films_are(comm):
     """A cantilever by three supports of its ends; damping takes what the ledger books."""
     beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 4), TUBE)
     pinned = gx.Fixed(beam, "start")
-    lifted = gx.Prescribed(beam, "end", lambda X, t: np.vstack([0 * X[0], 0 * X[0], 0.1 * t + 0 * X[0]]), (2,))
-    equilibrium = gx.Equilibrium(gx.Scene(pinned, lifted, gx.Fixed(beam, "end", (1,)), gx.Gravity(beam)))
+    lifted = gx.Prescribed(
+        beam, "end", lambda X, t: np.vstack([0 * X[0], 0 * X[0], 0.1 * t + 0 * X[0]]), (2,)
+    )
+    equilibrium = gx.Equilibrium(
+        gx.Scene(pinned, lifted, gx.Fixed(beam, "end", (1,)), gx.Gravity(beam))
+    )
     equilibrium.find(at=1.0)
     assert gx.Position(beam.port("end"), "z")(equilibrium) == pytest.approx(0.1)
     weight = TUBE.line_density * 9.80665
-    assert equilibrium.reaction(pinned)[0] + equilibrium.reaction(lifted)[0] == pytest.approx([0, 0, weight], abs=1e-5)
+    assert equilibrium.reaction(pinned)[0] + equilibrium.reaction(lifted)[0] == pytest.approx(
+        [0, 0, weight], abs=1e-5
+    )
 
     for body in (
-        gx.Cable(line(comm, [(0, 0, 0), (1, 0, 0)], 4), gx.TensionOnly(1e4, 0.1), displacement=lambda X: 0.01 * X),
+        gx.Cable(
+            line(comm, [(0, 0, 0), (1, 0, 0)], 4),
+            gx.TensionOnly(1e4, 0.1),
+            displacement=lambda X: 0.01 * X,
+        ),
         gx.Beam(
-            line(comm, [(0, 0, 0), (1, 0, 0)], 4), TUBE, velocity=lambda X: np.vstack([0 * X[0], X[0] ** 2, 0 * X[0]])
+            line(comm, [(0, 0, 0), (1, 0, 0)], 4),
+            TUBE,
+            velocity=lambda X: np.vstack([0 * X[0], X[0] ** 2, 0 * X[0]]),
         ),
     ):
         for damping in (gx.Damping(body, mass=20.0), gx.Damping(body, stiffness=1e-3)):
@@ -132,13 +153,17 @@ def test_a_tape_has_weight(comm, load):
     if load == "gravity":
         assert total == pytest.approx([0, 0, (mass + 0.5) * 9.80665], rel=1e-6, abs=1e-6)
     else:  # of the film about (½, ½), of the tape about (1, ½); what stretching adds is small
-        assert total == pytest.approx([-4 * (mass / 2 + 0.5), -4 * (mass / 2 + 0.25), 0], rel=1e-4, abs=1e-6)
+        assert total == pytest.approx(
+            [-4 * (mass / 2 + 0.5), -4 * (mass / 2 + 0.25), 0], rel=1e-4, abs=1e-6
+        )
 
 
 def test_contradicting_supports_are_refused(comm):
     film = gx.Membrane(sheet(comm, 2, 2), LAW)
     moved = gx.Prescribed(film, "left", lambda X, t: 0 * X)
-    with pytest.raises(gx.InputError, match=r"'film/left moved .*' moves coordinates that 'film/bottom fixed"):
+    with pytest.raises(
+        gx.InputError, match=r"'film/left moved .*' moves coordinates that 'film/bottom fixed"
+    ):
         gx.Scene(moved, gx.Fixed(film, "bottom")).compile()
 
 

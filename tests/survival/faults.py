@@ -53,15 +53,23 @@ def main() -> None:
     outputs = [
         gx.Ledger(out / "ledger.csv"),
         gx.Probes(out / "probes.csv", {"one": lambda run: 1.0}),
-        *([gx.VTX(out / "film.bp", fields=("displacement", "state"))] if "vtx" in sys.argv[3:] else []),
+        *(
+            [gx.VTX(out / "film.bp", fields=("displacement", "state"))]
+            if "vtx" in sys.argv[3:]
+            else []
+        ),
         Trouble(what, out),
     ]
     saves = gx.Checkpoints(out / "checkpoints", every=2)
     restart = out / "checkpoints" if "restart" in sys.argv[3:] else None
     if "no room" in sys.argv[3:]:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (2048, 2048))  # as on a disk that is full from the start
+        resource.setrlimit(
+            resource.RLIMIT_FSIZE, (2048, 2048)
+        )  # as on a disk that is full from the start
     try:
-        run = gx.Simulation(fluttering_sheet(COMM), gx.Midpoint(dt=DT), outputs, checkpoints=saves, restart=restart)
+        run = gx.Simulation(
+            fluttering_sheet(COMM), gx.Midpoint(dt=DT), outputs, checkpoints=saves, restart=restart
+        )
         run.run(until=(60 if restart else 20) * DT)
     except (gx.InputError, gx.OutputFailure) as failure:
         if COMM.rank == 0:

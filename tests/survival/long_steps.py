@@ -28,7 +28,9 @@ def main() -> None:
     film = next(iter(fluttering_sheet(MPI.COMM_WORLD, 2).items))
     saves = gx.Checkpoints(out / "saves", every=1000)
     scene = gx.Scene(film, gx.Pressure(film, slow))
-    gx.Simulation(scene, gx.Midpoint(dt=DT), [gx.Recording(out / "run", every=1)], checkpoints=saves).run(until=1.0)
+    gx.Simulation(
+        scene, gx.Midpoint(dt=DT), [gx.Recording(out / "run", every=1)], checkpoints=saves
+    ).run(until=1.0)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,9 @@ DT = 1e-3
 
 def flutter(x: np.ndarray) -> np.ndarray:
     """Velocity [m/s] of a spin with an out-of-plane bump."""
-    return np.vstack([-10 * (x[1] - 0.5), 10 * (x[0] - 0.5), np.sin(np.pi * x[0]) * np.sin(np.pi * x[1])])
+    return np.vstack(
+        [-10 * (x[1] - 0.5), 10 * (x[0] - 0.5), np.sin(np.pi * x[0]) * np.sin(np.pi * x[1])]
+    )
 
 
 def fluttering_sheet(comm: MPI.Comm, n: int = 4, order: int = 1, law: Any = LAW) -> gx.Scene:
@@ -40,7 +42,9 @@ def filled_tube(comm: MPI.Comm, cells: int = 4) -> gx.Scene:
 def turning_beam(comm: MPI.Comm) -> gx.Scene:
     """A beam on a ball joint, a hub that is controlled in a sampled way, damped springs: multipliers and memories."""
     section = gx.solid_circle(0.01, E=1e9, nu=0.3, density=1500.0)
-    beam = gx.Beam(line(comm, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], 4), section, normal=(0, 0, 1), name="boom")
+    beam = gx.Beam(
+        line(comm, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], 4), section, normal=(0, 0, 1), name="boom"
+    )
     hub = gx.RigidBody(1.0, (0.02, 0.03, 0.04), spin=(0.0, 0.0, 0.0), comm=comm, name="hub")
     control = gx.AttitudeControl(hub.frame(), (0.0, 0.0, 0.1), 2.0, 0.3, period=2.5 * DT)
     joint = gx.FixedJoint(beam.frame("start"), hub.frame(), name="root")
@@ -52,7 +56,9 @@ def numbers(run: gx.Simulation) -> np.ndarray:
     """What tells two states apart, whatever the numbering: energies, momenta, flows, centre of mass."""
     t = run.totals
     flows = [t.supplied, *t.losses.values()]
-    return np.array([t.time, t.kinetic, *t.stored.values(), *flows, *t.momentum, *t.angular_momentum, t.mass])
+    return np.array(
+        [t.time, t.kinetic, *t.stored.values(), *flows, *t.momentum, *t.angular_momentum, t.mass]
+    )
 
 
 def clamped_plate(comm: MPI.Comm) -> gx.Scene:

@@ -40,7 +40,9 @@ def scene(**changed: Any) -> gx.Scene:
     film = gx.Membrane(sheet(COMM, 2, 2), LAW)
     hub = gx.RigidBody(1.0, (0.02, 0.03, 0.04), comm=COMM, name="hub")
     bottle = gx.Tank(1e-3, gas=GAS, pressure=2e5, temperature=300.0, name="bottle")
-    valve = gx.Orifice(bottle, gx.Ambient(p["outside"], 300.0), p["area"], p["discharge"], name="valve")
+    valve = gx.Orifice(
+        bottle, gx.Ambient(p["outside"], 300.0), p["area"], p["discharge"], name="valve"
+    )
     return gx.Scene(
         film,
         hub,
@@ -64,7 +66,10 @@ def run(steps: int, made: gx.Scene, **options: Any) -> gx.Simulation:
 
 
 OTHER: dict[str, tuple[Any, str]] = {
-    "g": ((0.0, 0.0, -1.62), r"g of 'gravity of film' is \[0.0, 0.0, -9.81\] there and \[0.0, 0.0, -1.62\] here"),
+    "g": (
+        (0.0, 0.0, -1.62),
+        r"g of 'gravity of film' is \[0.0, 0.0, -9.81\] there and \[0.0, 0.0, -1.62\] here",
+    ),
     "pressure": (4.0, "value of 'pressure' is 3 there and 4 here"),
     "damping": (0.2, "mass of '.*' is 0.1 there and 0.2 here"),
     "area": (2e-6, "area of 'valve' is 1e-06 there and 2e-06 here"),
@@ -86,14 +91,18 @@ def test_other_parameters_are_refused(folder: Path) -> None:
     run(2, scene(), checkpoints=gx.Checkpoints(folder))
     assert run(3, scene(), restart=folder).step == 3
     for what, (value, words) in OTHER.items():
-        with pytest.raises(gx.InputError, match=rf"of another scene: {words}.*; .* name it in changes"):
+        with pytest.raises(
+            gx.InputError, match=rf"of another scene: {words}.*; .* name it in changes"
+        ):
             run(3, scene(**{what: value}), restart=folder)
 
 
 @pytest.mark.mpi
 def test_changes_that_are_meant_are_taken(folder: Path) -> None:
     run(2, scene(), checkpoints=gx.Checkpoints(folder))
-    with pytest.raises(gx.InputError, match="changes holds 'vent', but the scene has no such part; it has: film"):
+    with pytest.raises(
+        gx.InputError, match="changes holds 'vent', but the scene has no such part; it has: film"
+    ):
         run(3, scene(), restart=folder, changes=["vent"])
     with pytest.raises(gx.InputError, match="value of 'pull'"):
         run(3, scene(area=2e-6, force=(2.0, 0.0, 0.0)), restart=folder, changes=["valve"])
@@ -126,7 +135,10 @@ def test_a_checkpoint_of_one_number_of_ranks_is_compared_on_another(folder: Path
 def fall(until: float, events: list[Any], **options: Any) -> gx.Simulation:
     mass = gx.PointMass(2.0, position=(0.0, 0.0, 1.0), comm=COMM)
     sim = gx.Simulation(
-        gx.Scene(mass, gx.Gravity(mass, (0.0, 0.0, -9.81))), gx.Midpoint(dt=0.01), events=events, **options
+        gx.Scene(mass, gx.Gravity(mass, (0.0, 0.0, -9.81))),
+        gx.Midpoint(dt=0.01),
+        events=events,
+        **options,
     )
     sim.run(until=until)
     return sim
@@ -154,7 +166,9 @@ def test_events_may_come_in_another_order(folder: Path) -> None:
     fall(0.08, made[::-1], restart=folder)
     assert told == ["A", "B", "C", "D"]
     late = event(gx.When, clock, 0.062, name="E")
-    with pytest.raises(gx.InputError, match=r"the event When 'E' exceeds 0.062 is not in it; .* name it in changes"):
+    with pytest.raises(
+        gx.InputError, match=r"the event When 'E' exceeds 0.062 is not in it; .* name it in changes"
+    ):
         fall(0.08, [*made, late], restart=folder)
     with pytest.raises(gx.InputError, match=r"the event At 0.065 s 'D' is missing here"):
         fall(0.08, made[:3], restart=folder)
@@ -168,7 +182,10 @@ def test_events_may_come_in_another_order(folder: Path) -> None:
 @pytest.mark.mpi
 def test_an_event_at_the_start_happens(folder: Path) -> None:
     told: list[float] = []
-    events = [gx.At(0.0, then=lambda run: told.append(run.time)), gx.At(0.02, then=lambda run: told.append(run.time))]
+    events = [
+        gx.At(0.0, then=lambda run: told.append(run.time)),
+        gx.At(0.02, then=lambda run: told.append(run.time)),
+    ]
     fall(0.03, events, checkpoints=gx.Checkpoints(folder))
     assert told == [0.0, 0.02]
     fall(0.04, events, restart=folder)

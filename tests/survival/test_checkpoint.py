@@ -16,7 +16,14 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.run.checkpoint import _checksum_of
-from tests.survival.scenes import DT, clamped_plate, filled_tube, fluttering_sheet, numbers, turning_beam
+from tests.survival.scenes import (
+    DT,
+    clamped_plate,
+    filled_tube,
+    fluttering_sheet,
+    numbers,
+    turning_beam,
+)
 
 adios2 = pytest.importorskip("adios2", exc_type=ImportError)  # the light install has none
 
@@ -55,7 +62,9 @@ def test_a_restarted_run_is_the_uninterrupted_one(folder: Path, kind: str) -> No
 def test_other_number_of_ranks(folder: Path, kind: str) -> None:
     """All ranks write and each reads for itself, and the other way round: 2 → 1 and 1 → 2 under mpirun -n 2."""
     run_to(4, SCENES[kind](COMM), checkpoints=gx.Checkpoints(folder / "all"))
-    alone = run_to(4, SCENES[kind](MPI.COMM_SELF), checkpoints=gx.Checkpoints(folder / f"own {COMM.rank}"))
+    alone = run_to(
+        4, SCENES[kind](MPI.COMM_SELF), checkpoints=gx.Checkpoints(folder / f"own {COMM.rank}")
+    )
     alone.run(until=6 * DT)
     COMM.barrier()
     apart = run_to(6, SCENES[kind](MPI.COMM_SELF), restart=folder / "all")
@@ -73,7 +82,9 @@ def test_coordinates_find_their_nodes_on_other_ranks(folder: Path) -> None:
         run = run_to(3, fluttering_sheet(comm, 5, order=2), restart=folder)
         film = run.system.bodies[0]
         X = film.space.tabulate_dof_coordinates()[: film.block.index_map.size_local]
-        table = np.hstack([X, run.system.q0.array_r.reshape(-1, 3), run.system.v0.array_r.reshape(-1, 3)])
+        table = np.hstack(
+            [X, run.system.q0.array_r.reshape(-1, 3), run.system.v0.array_r.reshape(-1, 3)]
+        )
         rows = np.concatenate(comm.allgather(table))
         rows = rows[np.lexsort(rows[:, :3].T.round(9))]
         if comm is COMM:
@@ -85,7 +96,9 @@ def test_coordinates_find_their_nodes_on_other_ranks(folder: Path) -> None:
 def test_step_control_goes_on_where_it_was(folder: Path) -> None:
     def go(until: float, **options: object) -> gx.Simulation:
         control = gx.StepControl(iterations=8, error=1e-6)
-        run = gx.Simulation(fluttering_sheet(COMM), gx.Midpoint(dt=DT / 10), control=control, **options)
+        run = gx.Simulation(
+            fluttering_sheet(COMM), gx.Midpoint(dt=DT / 10), control=control, **options
+        )
         run.run(until=until)
         return run
 
@@ -130,7 +143,12 @@ def test_outputs_go_on_without_gap_or_duplicate(folder: Path) -> None:
     """A run that came to step 7, 13 is taken up at step 5, 10: what was written later is cut off and written anew."""
     run_to(15, fluttering_sheet(COMM), outputs=outputs(folder / "whole"))
     broken, saves = folder / "broken", {"every": 5, "keep": 9}
-    run_to(7, fluttering_sheet(COMM), outputs=outputs(broken), checkpoints=gx.Checkpoints(folder / "c", **saves))
+    run_to(
+        7,
+        fluttering_sheet(COMM),
+        outputs=outputs(broken),
+        checkpoints=gx.Checkpoints(folder / "c", **saves),
+    )
     for until, start in ((13, 5), (15, 10)):
         run_to(
             until,
@@ -148,7 +166,9 @@ def test_outputs_go_on_without_gap_or_duplicate(folder: Path) -> None:
         times = []
         for segment in ("film.bp", "film_0001.bp", "film_0002.bp"):
             with adios2.FileReader(str(broken / segment)) as file:
-                times += np.atleast_1d(file.read("step", step_selection=[0, file.num_steps()])).tolist()
+                times += np.atleast_1d(
+                    file.read("step", step_selection=[0, file.num_steps()])
+                ).tolist()
         assert np.array(times) / DT == pytest.approx([0, 2, 4, 6, 8, 10, 12, 14, 15], abs=1e-9)
         assert not (broken / "film_0003.bp").exists()
 
@@ -171,7 +191,10 @@ def test_the_last_ones_are_kept_and_nothing_else(folder: Path) -> None:
     assert run.checkpoints.latest == folder / "step-00000013" == gx.latest(folder)
     COMM.barrier()
     assert sorted(p.name for p in folder.iterdir()) == ["step-00000012", "step-00000013"]
-    with pytest.raises(gx.InputError, match="holds checkpoints of a run up to step 13; go on from them with restart"):
+    with pytest.raises(
+        gx.InputError,
+        match="holds checkpoints of a run up to step 13; go on from them with restart",
+    ):
         run_to(1, fluttering_sheet(COMM), checkpoints=gx.Checkpoints(folder))
     COMM.barrier()
     assert sorted(p.name for p in folder.iterdir()) == ["step-00000012", "step-00000013"]
@@ -184,7 +207,9 @@ def test_the_last_ones_are_kept_and_nothing_else(folder: Path) -> None:
 def test_minutes(folder: Path) -> None:
     """A checkpoint after every step, as each takes longer than a microminute."""
     run = gx.Simulation(
-        fluttering_sheet(COMM), gx.Midpoint(dt=DT), checkpoints=gx.Checkpoints(folder, every=None, minutes=1e-6, keep=9)
+        fluttering_sheet(COMM),
+        gx.Midpoint(dt=DT),
+        checkpoints=gx.Checkpoints(folder, every=None, minutes=1e-6, keep=9),
     )
     run.run(until=3 * DT)
     COMM.barrier()
@@ -202,11 +227,15 @@ def test_minutes(folder: Path) -> None:
         (lambda: fluttering_sheet(COMM, 4, order=2), "unknowns"),
         (lambda: gx.Scene(*fluttering_sheet(COMM).items, gx.PointMass(1.0)), "PointMass"),
         (
-            lambda: fluttering_sheet(COMM, law=gx.Miyazaki(E=2e9, nu=0.3, density=1400.0, thickness=1e-4)),
+            lambda: fluttering_sheet(
+                COMM, law=gx.Miyazaki(E=2e9, nu=0.3, density=1400.0, thickness=1e-4)
+            ),
             "law E of 'film' is 1e.09 there and 2e.09 here",
         ),
         (
-            lambda: fluttering_sheet(COMM, law=gx.Miyazaki(E=1e9, nu=0.3, density=700.0, thickness=1e-4)),
+            lambda: fluttering_sheet(
+                COMM, law=gx.Miyazaki(E=1e9, nu=0.3, density=700.0, thickness=1e-4)
+            ),
             "law density of 'film' is 1400 there and 700 here",
         ),
     ],
@@ -239,12 +268,18 @@ def test_other_versions_damage_and_nothing_are_refused(folder: Path) -> None:
         if COMM.rank == 0:
             file.write_bytes(content)
 
-    for content in (whole[: len(whole) // 2], whole[:500] + bytes([whole[500] ^ 255]) + whole[501:], b""):
+    for content in (
+        whole[: len(whole) // 2],
+        whole[:500] + bytes([whole[500] ^ 255]) + whole[501:],
+        b"",
+    ):
         put(part, content)
         refused("is damaged .*; restart from another one, e.g. '.*step-00000000'")
     put(part, whole)
     state = json.loads(text) | {"version": "0.0.1"}
-    state["checksum"] = _checksum_of({key: value for key, value in state.items() if key != "checksum"})
+    state["checksum"] = _checksum_of(
+        {key: value for key, value in state.items() if key != "checksum"}
+    )
     put(page, json.dumps(state).encode())
     refused("was written by version 0.0.1")
     put(page, text.encode()[:100])
@@ -257,7 +292,9 @@ def test_other_versions_damage_and_nothing_are_refused(folder: Path) -> None:
 @pytest.mark.mpi
 def test_a_table_that_was_changed_is_refused(folder: Path) -> None:
     def go(steps: int, probes: dict, **options: object) -> None:
-        run_to(steps, fluttering_sheet(COMM), outputs=[gx.Probes(folder / "p.csv", probes)], **options)
+        run_to(
+            steps, fluttering_sheet(COMM), outputs=[gx.Probes(folder / "p.csv", probes)], **options
+        )
 
     go(4, {"one": lambda run: 1.0}, checkpoints=gx.Checkpoints(folder / "c"))
     with pytest.raises(gx.InputError, match="has other columns"):
@@ -290,8 +327,15 @@ def test_the_version_is_that_of_the_package() -> None:
 
 @pytest.mark.mpi
 def test_a_restart_from_the_start_records_it_once(folder: Path) -> None:
-    run_to(2, fluttering_sheet(COMM), outputs=outputs(folder), checkpoints=gx.Checkpoints(folder / "c", keep=3))
-    run_to(2, fluttering_sheet(COMM), outputs=outputs(folder), restart=folder / "c" / "step-00000000")
+    run_to(
+        2,
+        fluttering_sheet(COMM),
+        outputs=outputs(folder),
+        checkpoints=gx.Checkpoints(folder / "c", keep=3),
+    )
+    run_to(
+        2, fluttering_sheet(COMM), outputs=outputs(folder), restart=folder / "c" / "step-00000000"
+    )
     COMM.barrier()
     assert table(folder / "ledger.csv")[:, 1].tolist() == [0, 1, 2]
 

@@ -36,7 +36,9 @@ def test_a_word_that_is_true_or_false_is_located_too() -> None:
     """Of a valve that opens at 0.0123 s nothing can be interpolated: bisection finds it."""
     _, scene = falling()
     run = gx.Simulation(
-        scene, gx.Midpoint(dt=0.01), events=[gx.When(lambda run: run.time >= 0.0123, stop=True, tolerance=1e-9)]
+        scene,
+        gx.Midpoint(dt=0.01),
+        events=[gx.When(lambda run: run.time >= 0.0123, stop=True, tolerance=1e-9)],
     )
     run.run(until=1.0)
     assert 0.0123 <= run.time <= 0.0123 + 1e-9
@@ -70,8 +72,15 @@ def test_pressure_opens_a_valve() -> None:
     outside = gx.Ambient(0.0, 300.0)
     filling = gx.Orifice(tank, bottle, area=3e-6, name="filling")
     relief = gx.Orifice(bottle, outside, area=lambda t: 1e-6 if opened else 0.0, name="relief")
-    event = gx.When(gx.GasState(bottle, "pressure"), 1.2e5, then=lambda run: opened.append(run.time), name="relief")
-    run = gx.Simulation(gx.Scene(tank, bottle, filling, relief), gx.Midpoint(dt=5e-3), events=[event])
+    event = gx.When(
+        gx.GasState(bottle, "pressure"),
+        1.2e5,
+        then=lambda run: opened.append(run.time),
+        name="relief",
+    )
+    run = gx.Simulation(
+        gx.Scene(tank, bottle, filling, relief), gx.Midpoint(dt=5e-3), events=[event]
+    )
     run.run(until=0.2)
     assert len(opened) == 1 and 0 < opened[0] < 0.2
     assert run.chamber("bottle").p < 2e5
@@ -115,7 +124,10 @@ def test_after_a_restart_an_event_does_not_happen_again_but_acts(folder: Path) -
         (lambda: gx.At(-1.0), "At 'time': time is -1.0"),
         (lambda: gx.When(3.0), r"When.*3\.0"),
         (lambda: gx.When(len, tolerance=0.0), "tolerance is 0"),
-        (lambda: gx.When(lambda run: float("nan"), name="bad"), "When 'bad' at t = 0 s: it returns nan"),
+        (
+            lambda: gx.When(lambda run: float("nan"), name="bad"),
+            "When 'bad' at t = 0 s: it returns nan",
+        ),
         (lambda: gx.When(lambda run: 1 / 0, name="bad"), "it raises ZeroDivisionError"),
         (lambda: "stop", "is no event"),
     ],

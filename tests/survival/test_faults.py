@@ -20,7 +20,9 @@ COMM = MPI.COMM_WORLD
 ROOT = Path(gx.__file__).parent.parent
 
 
-def meet(folder: Path, what: str, *options: str, ranks: int = 1) -> subprocess.CompletedProcess[str]:
+def meet(
+    folder: Path, what: str, *options: str, ranks: int = 1
+) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [*python(ranks), "-m", "tests.survival.faults", str(folder), what, *options],
         cwd=ROOT,
@@ -43,7 +45,9 @@ def whole_checkpoints(folder: Path) -> list[str]:
     """Those there are; each can be restarted from."""
     names = sorted(p.name for p in folder.iterdir())
     for name in names:
-        run = gx.Simulation(fluttering_sheet(MPI.COMM_SELF), gx.Midpoint(dt=DT), restart=folder / name)
+        run = gx.Simulation(
+            fluttering_sheet(MPI.COMM_SELF), gx.Midpoint(dt=DT), restart=folder / name
+        )
         assert run.step == int(name.removeprefix("step-"))
     return names
 
@@ -99,7 +103,9 @@ def test_a_restart_on_a_disk_that_is_full_is_refused(tmp_path: Path) -> None:
         text=True,
         timeout=300,
     )
-    if (said.returncode in (1, 77) and "unshare" in said.stderr + said.stdout) or said.returncode == 77:
+    if (
+        said.returncode in (1, 77) and "unshare" in said.stderr + said.stdout
+    ) or said.returncode == 77:
         pytest.skip("no file system can be mounted here without privileges")
     assert said.returncode == 0, said.stderr
     assert "Cannot write" in said.stdout and "No space left on device" in said.stdout
@@ -108,7 +114,10 @@ def test_a_restart_on_a_disk_that_is_full_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("ranks", [1, 2])
 @pytest.mark.parametrize(
     ("what", "words"),
-    [("ledger removed", "ledger.csv' (No such file or directory)"), ("folder removed", "(Not a directory)")],
+    [
+        ("ledger removed", "ledger.csv' (No such file or directory)"),
+        ("folder removed", "(Not a directory)"),
+    ],
 )
 def test_a_file_that_is_gone_is_named(tmp_path: Path, what: str, words: str, ranks: int) -> None:
     said = meet(tmp_path, what, ranks=ranks)
@@ -134,22 +143,37 @@ def test_an_error_of_every_rank_is_raised_as_it_is(tmp_path: Path) -> None:
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("what", ["Ledger", "Probes", "VTX", "Checkpoints"])
-def test_folders_that_cannot_be_made_are_refused_before_the_first_step(folder: Path, what: str) -> None:
+def test_folders_that_cannot_be_made_are_refused_before_the_first_step(
+    folder: Path, what: str
+) -> None:
     if COMM.rank == 0:
         (folder / "file").write_text("")
     COMM.barrier()
     at = folder / "file" / "x.bp"
-    outputs = {"Ledger": [gx.Ledger(at)], "Probes": [gx.Probes(at, {"one": lambda run: 1.0})], "VTX": [gx.VTX(at)]}
+    outputs = {
+        "Ledger": [gx.Ledger(at)],
+        "Probes": [gx.Probes(at, {"one": lambda run: 1.0})],
+        "VTX": [gx.VTX(at)],
+    }
     saves = gx.Checkpoints(at) if what == "Checkpoints" else None
     with pytest.raises(gx.InputError, match="Cannot write"):
-        gx.Simulation(fluttering_sheet(COMM, 2), gx.Midpoint(dt=DT), outputs.get(what, []), checkpoints=saves)
+        gx.Simulation(
+            fluttering_sheet(COMM, 2), gx.Midpoint(dt=DT), outputs.get(what, []), checkpoints=saves
+        )
 
 
 @pytest.mark.mpi
-def test_a_valve_that_returns_no_number_is_named_and_the_state_before_is_saved(folder: Path) -> None:
+def test_a_valve_that_returns_no_number_is_named_and_the_state_before_is_saved(
+    folder: Path,
+) -> None:
     items = [item for item in filled_tube(COMM).items if item.name != "valve"]
     by_name = {item.name: item for item in items}
-    bad = gx.Orifice(by_name["tank"], by_name["tube"], area=lambda t: 1e-8 if t < 5e-4 else float("nan"), name="valve")
+    bad = gx.Orifice(
+        by_name["tank"],
+        by_name["tube"],
+        area=lambda t: 1e-8 if t < 5e-4 else float("nan"),
+        name="valve",
+    )
     run = gx.Simulation(gx.Scene(bad), gx.Midpoint(dt=2e-4), checkpoints=gx.Checkpoints(folder))
     with pytest.raises((gx.StepFailure, gx.InputError), match="valve"):
         run.run(until=2e-3)

@@ -50,7 +50,10 @@ def whole(folder: Path) -> Path:
 
 def ranks_of(run: subprocess.Popen[str]) -> list[int]:
     """Process numbers of the Python programs of a run."""
-    found, program = [], [word.encode() for word in run.args[run.args.index("-m") :]]  # with its folder, no other run's
+    found, program = (
+        [],
+        [word.encode() for word in run.args[run.args.index("-m") :]],
+    )  # with its folder, no other run's
     for entry in Path("/proc").glob("[0-9]*"):
         try:
             words = (entry / "cmdline").read_bytes().split(b"\0")
@@ -78,7 +81,9 @@ def agree(broken: Path, unbroken: Path, tolerance: float = 1e-7) -> None:
         for folder in (broken, unbroken):
             with (folder / name).open() as file:
                 tables.append(np.array(list(csv.DictReader(file)), dtype=object))
-        times, steps = ([[float(row[key]) for row in table] for table in tables] for key in ("time", "step"))
+        times, steps = (
+            [[float(row[key]) for row in table] for table in tables] for key in ("time", "step")
+        )
         assert steps[0] == steps[1]
         np.testing.assert_allclose(times[0], times[1], rtol=1e-12)
     np.testing.assert_allclose(vtx_times(broken), vtx_times(unbroken), rtol=1e-12)
@@ -136,8 +141,12 @@ def test_killed_at_random_moments(tmp_path: Path, ranks: int) -> None:
     print(f"{killed} kills in {rounds} runs on {ranks} ranks")
 
 
-@pytest.mark.parametrize(("number", "ranks"), [(signal.SIGTERM, 1), (signal.SIGINT, 1), (signal.SIGTERM, 2)])
-def test_a_signal_ends_the_run_after_its_step(tmp_path: Path, number: signal.Signals, ranks: int) -> None:
+@pytest.mark.parametrize(
+    ("number", "ranks"), [(signal.SIGTERM, 1), (signal.SIGINT, 1), (signal.SIGTERM, 2)]
+)
+def test_a_signal_ends_the_run_after_its_step(
+    tmp_path: Path, number: signal.Signals, ranks: int
+) -> None:
     """To one rank of all; the checkpoint is that of the last step, and the run can go on."""
     out = tmp_path / "run"
     run = start(ranks, out, "--every", "1000", steps=100_000)
@@ -145,7 +154,9 @@ def test_a_signal_ends_the_run_after_its_step(tmp_path: Path, number: signal.Sig
     wait_for(run, lambda: rows(out / "ledger.csv") >= 5)
     os.kill(ranks_of(run)[-1], number)
     _, said = run.communicate(timeout=120)
-    told = re.search(rf"stopped by {number.name} at t = \S+ s, after step (\d+); restart from '(.*)'", said)
+    told = re.search(
+        rf"stopped by {number.name} at t = \S+ s, after step (\d+); restart from '(.*)'", said
+    )
     assert told, said
     assert run.returncode == 128 + number
     with (out / "ledger.csv").open() as file:

@@ -18,7 +18,11 @@ MASS, SPEED = 0.14, 5.0  # of the sheet: kg, m/s
 
 def resident(_: gx.Simulation) -> float:
     """Memory of this process [MB]."""
-    line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmRSS"))
+    line = next(
+        line
+        for line in Path("/proc/self/status").read_text().splitlines()
+        if line.startswith("VmRSS")
+    )
     return int(line.split()[1]) / 1024
 
 
@@ -27,8 +31,12 @@ def test_a_sheet_flutters_for_long(tmp_path: Path) -> None:
     """Equations are solved to round-off; its share grows as the sheet flies away, 0.4 m a second."""
     probes = {
         "energy": lambda run: run.energy_error,
-        "momentum": lambda run: relative_drift(run.totals.momentum, run.first.momentum, scale=MASS * SPEED),
-        "angular momentum": lambda run: relative_drift(run.totals.angular_momentum, run.first.angular_momentum),
+        "momentum": lambda run: relative_drift(
+            run.totals.momentum, run.first.momentum, scale=MASS * SPEED
+        ),
+        "angular momentum": lambda run: relative_drift(
+            run.totals.angular_momentum, run.first.angular_momentum
+        ),
         "memory": resident,
     }
     stepper = gx.Midpoint(dt=DT, tolerances=gx.Tolerances(relative=1e-12))

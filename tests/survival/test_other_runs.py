@@ -24,11 +24,15 @@ ROOT = Path(gx.__file__).parent.parent
 def ball(**options: object) -> gx.Simulation:
     """A mass that falls: the smallest run there is."""
     mass = gx.PointMass(2.0, position=(0.0, 0.0, 1.0), comm=COMM)
-    return gx.Simulation(gx.Scene(mass, gx.Gravity(mass, (0.0, 0.0, -9.81))), gx.Midpoint(dt=DT), **options)
+    return gx.Simulation(
+        gx.Scene(mass, gx.Gravity(mass, (0.0, 0.0, -9.81))), gx.Midpoint(dt=DT), **options
+    )
 
 
 def files(folder: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+    return {
+        str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()
+    }
 
 
 WAITING = """
@@ -68,7 +72,8 @@ def test_a_second_run_is_refused_and_the_first_goes_on(tmp_path: Path, how: str)
     with pytest.raises(gx.InputError) as told:
         ball(outputs=[gx.Recording(tmp_path / "run", every=1)], checkpoints=saves, **options)
     assert re.search(
-        rf"is being written by another run \(.*process {first.pid} on .*, since .*\); .*\.$", str(told.value)
+        rf"is being written by another run \(.*process {first.pid} on .*, since .*\); .*\.$",
+        str(told.value),
     )
     assert files(tmp_path) == before
     said, _ = first.communicate("\n", timeout=120)
@@ -76,7 +81,9 @@ def test_a_second_run_is_refused_and_the_first_goes_on(tmp_path: Path, how: str)
     left = {p.name for p in tmp_path.rglob(".*")}
     assert not left
     assert json.loads((tmp_path / "run" / "run.json").read_text())["status"] == "finished"
-    ball(outputs=[gx.Recording(tmp_path / "run", every=1)], restart=tmp_path / "saves").run(until=5e-3)
+    ball(outputs=[gx.Recording(tmp_path / "run", every=1)], restart=tmp_path / "saves").run(
+        until=5e-3
+    )
 
 
 def test_the_lock_of_a_run_that_was_killed_is_no_obstacle(tmp_path: Path) -> None:
@@ -114,7 +121,9 @@ def test_runs_of_one_program_follow_each_other(folder: Path) -> None:
 
         def record(self, run: gx.Simulation, last: bool) -> None:
             if run.step == 1:
-                with pytest.raises(gx.InputError, match="is being written by another run of this program"):
+                with pytest.raises(
+                    gx.InputError, match="is being written by another run of this program"
+                ):
                     ball(outputs=[gx.Ledger(folder / "a.csv")])
 
     ball(outputs=[gx.Ledger(folder / "a.csv"), Within()]).run(until=DT)
@@ -123,7 +132,10 @@ def test_runs_of_one_program_follow_each_other(folder: Path) -> None:
 @pytest.mark.mpi
 def test_two_outputs_of_one_file_are_refused(folder: Path) -> None:
     def refused(*outputs: object) -> None:
-        with pytest.raises(gx.InputError, match=r"Two outputs of the run write '.*'; give one of them another name\.$"):
+        with pytest.raises(
+            gx.InputError,
+            match=r"Two outputs of the run write '.*'; give one of them another name\.$",
+        ):
             ball(outputs=list(outputs))
 
     here, probes = os.path.relpath(folder), {"one": lambda run: 1.0}
@@ -132,7 +144,9 @@ def test_two_outputs_of_one_file_are_refused(folder: Path) -> None:
     refused(gx.Picture(folder / "a.png"), gx.Picture(folder / "b" / ".." / "a.png"))
     film = fluttering_sheet(COMM, 2)
     with pytest.raises(gx.InputError, match="Two outputs of the run write"):
-        gx.Simulation(film, gx.Midpoint(dt=DT), [gx.VTX(folder / "a.bp"), gx.VTX(folder / "a_0001.bp")])
+        gx.Simulation(
+            film, gx.Midpoint(dt=DT), [gx.VTX(folder / "a.bp"), gx.VTX(folder / "a_0001.bp")]
+        )
     COMM.barrier()
     assert not [p for p in folder.rglob("*") if p.is_file()]
 
@@ -143,7 +157,9 @@ def test_a_forgotten_restart_deletes_nothing(folder: Path) -> None:
     COMM.barrier()
     before = files(folder)
     COMM.barrier()
-    with pytest.raises(gx.InputError, match=r"holds checkpoints of a run up to step 5; go on from them .* replace"):
+    with pytest.raises(
+        gx.InputError, match=r"holds checkpoints of a run up to step 5; go on from them .* replace"
+    ):
         ball(checkpoints=gx.Checkpoints(folder))
     other = folder.parent / f"{folder.name} other"
     ball(checkpoints=gx.Checkpoints(other)).run(until=2 * DT)
@@ -180,9 +196,12 @@ def test_any_changed_byte_and_any_removed_key_of_a_checkpoint_is_told(tmp_path: 
         return found
 
     digits = [i for i, byte in enumerate(text) if chr(byte).isdigit()]
-    changed = [text[:i] + bytes([(text[i] - 47) % 10 + 48]) + text[i + 1 :] for i in rng.choice(digits, 40)]
+    changed = [
+        text[:i] + bytes([(text[i] - 47) % 10 + 48]) + text[i + 1 :] for i in rng.choice(digits, 40)
+    ]
     flipped = [
-        text[:i] + bytes([text[i] ^ 1 << rng.integers(8)]) + text[i + 1 :] for i in rng.integers(0, len(text), 40)
+        text[:i] + bytes([text[i] ^ 1 << rng.integers(8)]) + text[i + 1 :]
+        for i in rng.integers(0, len(text), 40)
     ]
     for content in [*removed(state), *changed, *flipped, text[:-20], b"", b"[]", b"null", b"{}"]:
         page.write_bytes(content)
@@ -199,22 +218,26 @@ def test_a_part_of_another_checkpoint_is_told(tmp_path: Path) -> None:
     ball(checkpoints=gx.Checkpoints(tmp_path, every=1, keep=2)).run(until=3 * DT)
     newest, older = tmp_path / "step-00000003", tmp_path / "step-00000002"
     (newest / "rank-0000.npz").write_bytes((older / "rank-0000.npz").read_bytes())
-    with pytest.raises(gx.InputError, match=r"is damaged \(ValueError: rank-0000\.npz was changed\)"):
+    with pytest.raises(
+        gx.InputError, match=r"is damaged \(ValueError: rank-0000\.npz was changed\)"
+    ):
         ball(restart=tmp_path)
     (newest / "rank-0000.npz").unlink()
     with pytest.raises(gx.InputError, match=r"is damaged \(FileNotFoundError"):
         ball(restart=tmp_path)
 
 
-def test_a_damaged_recording_is_told_in_seconds_when_it_is_read_and_when_a_run_goes_on(tmp_path: Path) -> None:
+def test_a_damaged_recording_is_told_in_seconds_when_it_is_read_and_when_a_run_goes_on(
+    tmp_path: Path,
+) -> None:
     """Every file of the fields and the tables, shortened, emptied, removed, or with a byte changed."""
 
     def go(until: int, **options: object) -> None:
         outputs = [gx.Recording(tmp_path / "run", every=1)]
         saves = gx.Checkpoints(tmp_path / "saves", every=2)
-        gx.Simulation(fluttering_sheet(COMM, 2), gx.Midpoint(dt=DT), outputs, checkpoints=saves, **options).run(
-            until * DT
-        )
+        gx.Simulation(
+            fluttering_sheet(COMM, 2), gx.Midpoint(dt=DT), outputs, checkpoints=saves, **options
+        ).run(until * DT)
 
     def look() -> None:
         run = gx.RunReader(tmp_path / "run")
@@ -226,12 +249,20 @@ def test_a_damaged_recording_is_told_in_seconds_when_it_is_read_and_when_a_run_g
     go(4)
     look()
     kept, rng, silent = files(tmp_path / "run"), np.random.default_rng(1), []
-    fields = [name for name in kept if name.startswith("fields") and not name.endswith(("profiling.json", "jsonl"))]
+    fields = [
+        name
+        for name in kept
+        if name.startswith("fields") and not name.endswith(("profiling.json", "jsonl"))
+    ]
     assert len(fields) == 4
     started = time.monotonic()
     for name in [*fields, "ledger.csv", "states.csv"]:
         path, whole = tmp_path / "run" / name, kept[name]
-        places = [int(i) for i in rng.integers(0, len(whole), 6) if not (name.endswith("md.idx") and i == 39)]
+        places = [
+            int(i)
+            for i in rng.integers(0, len(whole), 6)
+            if not (name.endswith("md.idx") and i == 39)
+        ]
         spoiled: list[bytes | None] = [whole[: len(whole) // 2], b"", None]
         spoiled += [whole[:i] + bytes([whole[i] ^ 255]) + whole[i + 1 :] for i in places]
         for content in spoiled:
@@ -241,9 +272,18 @@ def test_a_damaged_recording_is_told_in_seconds_when_it_is_read_and_when_a_run_g
             for act in (look, lambda: go(5, restart=tmp_path / "saves")):
                 # ADIOS2's data are read, and so compared, when they are looked at; a table has no checksum but in a
                 # checkpoint; one that is missing or ends early is that of a run that was killed
-                if act is not look and "data." in name and content is not None and len(content) == len(whole):
+                if (
+                    act is not look
+                    and "data." in name
+                    and content is not None
+                    and len(content) == len(whole)
+                ):
                     continue
-                if act is look and name.endswith(".csv") and (content is None or len(content) < len(whole)):
+                if (
+                    act is look
+                    and name.endswith(".csv")
+                    and (content is None or len(content) < len(whole))
+                ):
                     continue
                 try:
                     act()

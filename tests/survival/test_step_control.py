@@ -99,7 +99,11 @@ def test_iterations_are_near_their_target() -> None:
 @pytest.mark.parametrize("kind", ["film", "film and gas", "beam, hub and control"])
 def test_nothing_is_lost_for_any_sequence_of_steps(kind: str, seed: int) -> None:
     """Random steps over three decades, also backwards and forwards again."""
-    scene = {"film": fluttering_sheet, "film and gas": filled_tube, "beam, hub and control": turning_beam}[kind](COMM)
+    scene = {
+        "film": fluttering_sheet,
+        "film and gas": filled_tube,
+        "beam, hub and control": turning_beam,
+    }[kind](COMM)
     run = gx.Simulation(scene, gx.Midpoint(dt=1.0))
     rng = np.random.default_rng(seed)
     for h in 10 ** rng.uniform(-5, -2.3, 6):
@@ -117,7 +121,9 @@ def test_nothing_is_lost_for_any_sequence_of_steps(kind: str, seed: int) -> None
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("scene", [fluttering_sheet, filled_tube, turning_beam])
-def test_a_step_that_is_taken_back_leaves_no_trace(scene: Callable[[MPI.Intracomm], gx.Scene]) -> None:
+def test_a_step_that_is_taken_back_leaves_no_trace(
+    scene: Callable[[MPI.Intracomm], gx.Scene],
+) -> None:
     """The same step twice, with another one between that is undone, is the same to the last digit.
 
     On several ranks to round-off: a parallel factorisation adds in the order in which its messages arrive.
@@ -128,11 +134,15 @@ def test_a_step_that_is_taken_back_leaves_no_trace(scene: Callable[[MPI.Intracom
     results = []
     for trial in (1e-3, 2.7e-3, 1e-3):
         run.stepping.advance(trial)
-        results.append((run.system.q0.array_r.copy(), run.system.v0.array_r.copy(), run.system.totals().energy))
+        results.append(
+            (run.system.q0.array_r.copy(), run.system.v0.array_r.copy(), run.system.totals().energy)
+        )
         run.history.go_back()
     for first, again in zip(results[0], results[2], strict=True):
         largest = COMM.allreduce(float(np.max(np.abs(first), initial=0.0)), MPI.MAX)
-        np.testing.assert_allclose(again, first, rtol=0, atol=0 if COMM.size == 1 else 1e-11 * largest)
+        np.testing.assert_allclose(
+            again, first, rtol=0, atol=0 if COMM.size == 1 else 1e-11 * largest
+        )
     assert run.time == pytest.approx(3e-3)
 
 
@@ -149,7 +159,9 @@ def test_milestones_are_met_exactly_and_steps_fit_between_them() -> None:
     seen: list[float] = []
     looks.record = lambda run, last: seen.append(run.time)  # type: ignore[method-assign]
     control = gx.StepControl(iterations=30, growth=2.0)
-    run = gx.Simulation(fluttering_sheet(COMM), gx.Midpoint(dt=1e-4), [noted, looks], control=control)
+    run = gx.Simulation(
+        fluttering_sheet(COMM), gx.Midpoint(dt=1e-4), [noted, looks], control=control
+    )
     run.run(until=6e-3)
     assert set(times) <= set(seen) and seen[-1] == 6e-3
     assert min(noted.lengths) >= 9e-6
@@ -166,7 +178,9 @@ def test_a_step_that_fails_is_cut_and_recovers() -> None:
     assert run.substeps >= 1 and run.step >= 2
     assert abs(run.energy_error) <= 1e-10
     strict = gx.Simulation(fluttering_sheet(COMM), stepper, control=gx.StepControl(smallest=0.049))
-    with pytest.raises(gx.StepFailure, match=r"t = 0 s failed, also in sub-steps of 0.025 s: diverged max it"):
+    with pytest.raises(
+        gx.StepFailure, match=r"t = 0 s failed, also in sub-steps of 0.025 s: diverged max it"
+    ):
         strict.run(until=0.05)
 
 

@@ -30,9 +30,19 @@ WORDS = {
 LAST = dict.fromkeys(WORDS, 3) | {"event": 4, "when": 2, "probe": 3}
 
 
-def run(folder: Path, what: str, ranks: int, rank: int, *options: str) -> subprocess.CompletedProcess[str]:
+def run(
+    folder: Path, what: str, ranks: int, rank: int, *options: str
+) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [*python(ranks), "-m", "tests.survival.user_errors", str(folder), what, str(rank), *options],
+        [
+            *python(ranks),
+            "-m",
+            "tests.survival.user_errors",
+            str(folder),
+            what,
+            str(rank),
+            *options,
+        ],
         cwd=ROOT,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,

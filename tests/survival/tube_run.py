@@ -25,7 +25,11 @@ def main() -> None:
     tube = next(item for item in scene.items if item.name == "tube")
     outputs = [
         gx.Ledger(out / "ledger.csv"),
-        gx.Probes(out / "gas.csv", {"p": gx.GasState(tube, "pressure"), "V": gx.GasState(tube, "volume")}, every=2),
+        gx.Probes(
+            out / "gas.csv",
+            {"p": gx.GasState(tube, "pressure"), "V": gx.GasState(tube, "volume")},
+            every=2,
+        ),
         gx.VTX(out / "tube.bp", every=4),
     ]
     saves = gx.Checkpoints(out / "checkpoints", every=wanted.every)
@@ -38,7 +42,10 @@ def main() -> None:
     moments = run.comm.allreduce(np.concatenate([q.sum(axis=0), (q**2).sum(axis=0)]))
     if run.comm.rank == 0:
         tube_now = run.chamber("tube")
-        np.savetxt(out / "end.txt", [*moments, tube_now.p, tube_now.V, run.totals.kinetic, run.totals.energy])
+        np.savetxt(
+            out / "end.txt",
+            [*moments, tube_now.p, tube_now.V, run.totals.kinetic, run.totals.energy],
+        )
 
 
 if __name__ == "__main__":

@@ -40,7 +40,11 @@ def main() -> None:
         gx.Pressure(film, bad("pressure", 0.0)),
         gx.Pressure(film, bad("nan", 0.0, float("nan")), name="other pressure"),
         gx.Force(film.port("bottom left"), bad("force", (0.0, 0.0, 0.0))),
-        gx.Force(film.port("top left"), bad("differs", (0.0, 0.0, 0.0), (0.0, 0.0, float(COMM.rank))), name="second"),
+        gx.Force(
+            film.port("top left"),
+            bad("differs", (0.0, 0.0, 0.0), (0.0, 0.0, float(COMM.rank))),
+            name="second",
+        ),
         gx.Orifice(bottle, gx.Ambient(), area=bad("valve", 1e-7), name="valve"),
     )
     events = [
@@ -55,7 +59,9 @@ def main() -> None:
     ]
     saves = gx.Checkpoints(folder / "saves", every=1000)
     restart = saves.folder if "--restart" in sys.argv else None
-    gx.Simulation(scene, gx.Midpoint(dt=DT), outputs, events=events, checkpoints=saves, restart=restart).run(6 * DT)
+    gx.Simulation(
+        scene, gx.Midpoint(dt=DT), outputs, events=events, checkpoints=saves, restart=restart
+    ).run(6 * DT)
 
 
 if __name__ == "__main__":

@@ -70,7 +70,9 @@ def test_jobs_share_the_runs(tmp_path, jobs):
         "--jobs",
         str(jobs),
     ]
-    ended = subprocess.run([sys.executable, *words], cwd=ROOT, capture_output=True, text=True, check=True)
+    ended = subprocess.run(
+        [sys.executable, *words], cwd=ROOT, capture_output=True, text=True, check=True
+    )
     assert "written to" in ended.stdout
     words = [line.split() for line in (tmp_path / "told").read_text().splitlines()]
     assert len(words) == 12 and len({line[3] for line in words}) == jobs

@@ -48,9 +48,9 @@ def test_effects_that_add_up_are_found_and_failures_are_told(comm, tmp_path):
     failed = [r for r in results if r.failed]
     assert len(results) == 18 and failed and {r.failed for r in failed} == {"It snapped."}
     gentle = design(control={"a": [1, 2], "b": [1.0, 2.0, 4.0]})
-    results = SharedRuns(comm, folder / "gentle", lambda comm, folder, a, b: decibels(comm, folder, a, b, "x")).results(
-        gentle.cases()
-    )
+    results = SharedRuns(
+        comm, folder / "gentle", lambda comm, folder, a, b: decibels(comm, folder, a, b, "x")
+    ).results(gentle.cases())
     assert np.allclose(gentle.effects(results, "y")["a"], [-4.0, -7.0])
     assert np.allclose(np.diff(gentle.effects(results, "y")["b"]), -1.0)
     shares = gentle.shares(results, "y")
@@ -68,7 +68,12 @@ def test_a_design_is_run_reported_and_not_run_again(comm, tmp_path):
         made.append(values)
         return decibels(comm, folder, **values)
 
-    one = design(outcome=outcome, noise={"n": [-1, 1]}, goals={"spread": "nominal", "y": "smaller"}, usual={"a": 2})
+    one = design(
+        outcome=outcome,
+        noise={"n": [-1, 1]},
+        goals={"spread": "nominal", "y": "smaller"},
+        usual={"a": 2},
+    )
     text = run_design(one, comm, folder)
     # the usual levels, a 2, b 2, c y, are a row of the array; so are those of the best ones, or they are not
     assert 36 <= len(made) <= 40 and "It snapped." in text and "a 2: " not in text

@@ -33,10 +33,43 @@ def raises(*args: Any) -> Any:
 
 # values that none of a kind may have
 BAD: dict[str, list[Any]] = {
-    "positive": [-1.0, 0.0, math.nan, math.inf, -math.inf, "1.0", None, 1j, [], {}, (1.0, 2.0), np.ones(3)],
+    "positive": [
+        -1.0,
+        0.0,
+        math.nan,
+        math.inf,
+        -math.inf,
+        "1.0",
+        None,
+        1j,
+        [],
+        {},
+        (1.0, 2.0),
+        np.ones(3),
+    ],
     "number": [math.nan, math.inf, "1.0", 1j, [], {}, (1.0, 2.0), np.ones(3)],
-    "vector": [(1.0, 2.0), "xyz", (math.nan, 0, 0), (0, math.inf, 0), 5.0, [], {}, np.eye(3), ("a", "b", "c"), 1j],
-    "direction": [(1.0, 2.0), "xyz", (math.nan, 0, 0), (0.0, 0.0, 0.0), 5.0, [], {}, ("a", "b", "c")],
+    "vector": [
+        (1.0, 2.0),
+        "xyz",
+        (math.nan, 0, 0),
+        (0, math.inf, 0),
+        5.0,
+        [],
+        {},
+        np.eye(3),
+        ("a", "b", "c"),
+        1j,
+    ],
+    "direction": [
+        (1.0, 2.0),
+        "xyz",
+        (math.nan, 0, 0),
+        (0.0, 0.0, 0.0),
+        5.0,
+        [],
+        {},
+        ("a", "b", "c"),
+    ],
     "of time": [
         raises,
         lambda t: "much",
@@ -85,8 +118,15 @@ Call = Callable[..., Any]
 def film_scene(n: dict[str, Any]) -> gx.Simulation:
     law = gx.Miyazaki(n["E"], n["nu"], n["density"], n["thickness"], n["residual"])
     film = gx.Membrane(MESHES["sheet"], law, velocity=n["velocity"], displacement=n["displacement"])
-    parts = [gx.Gravity(film, n["g"]), gx.Damping(film, mass=n["damping"]), gx.Pressure(film, n["pressure"])]
-    parts += [gx.Fixed(film, n["group"], n["components"]), gx.Prescribed(film, "right", n["motion"], (2,))]
+    parts = [
+        gx.Gravity(film, n["g"]),
+        gx.Damping(film, mass=n["damping"]),
+        gx.Pressure(film, n["pressure"]),
+    ]
+    parts += [
+        gx.Fixed(film, n["group"], n["components"]),
+        gx.Prescribed(film, "right", n["motion"], (2,)),
+    ]
     parts += [gx.Force(film.port("top left"), n["force"]), gx.EdgeLoad(film, "top", n["load"])]
     return simulated(gx.Scene(*parts), n)
 
@@ -94,7 +134,13 @@ def film_scene(n: dict[str, Any]) -> gx.Simulation:
 def gas_scene(n: dict[str, Any]) -> gx.Simulation:
     film = gx.Membrane(MESHES["tube"], gx.Linear(**LAW))
     gas = gx.IdealGas(n["gamma"], n["R"])
-    bag = gx.Chamber(film, gas=gas, pressure=n["pressure"], temperature=n["temperature"], dead_volume=n["dead_volume"])
+    bag = gx.Chamber(
+        film,
+        gas=gas,
+        pressure=n["pressure"],
+        temperature=n["temperature"],
+        dead_volume=n["dead_volume"],
+    )
     tank = gx.Tank(n["volume"], gas=gas, pressure=1e5, temperature=300.0)
     parts = [
         bag,
@@ -105,20 +151,26 @@ def gas_scene(n: dict[str, Any]) -> gx.Simulation:
 
 
 def plate_scene(n: dict[str, Any]) -> gx.Simulation:
-    plate = gx.Plate(MESHES["sheet"], gx.Linear(**LAW), rest_curvature=n["curvature"], hinges=n["hinges"])
+    plate = gx.Plate(
+        MESHES["sheet"], gx.Linear(**LAW), rest_curvature=n["curvature"], hinges=n["hinges"]
+    )
     clamp = gx.ClampedEdge(plate, n["group"], direction=n["direction"], motion=n["motion"])
     return simulated(gx.Scene(clamp, gx.EdgeMoment(plate, "right", n["moment"])), n)
 
 
 def crease_scene(n: dict[str, Any]) -> gx.Simulation:
     film = gx.Membrane(MESHES["creased"], gx.Linear(**LAW))
-    return simulated(gx.Scene(gx.Crease(film, n["edges"], n["stiffness"], n["rest"], n["yields"])), n)
+    return simulated(
+        gx.Scene(gx.Crease(film, n["edges"], n["stiffness"], n["rest"], n["yields"])), n
+    )
 
 
 def contact_scene(n: dict[str, Any]) -> gx.Simulation:
     film = gx.Membrane(MESHES["sheet"], gx.Linear(**LAW))
     floor = gx.Plane(point=n["point"], normal=n["normal"])
-    touch = gx.Contact(film, floor, distance=n["distance"], stiffness=n["stiffness"], friction=n["friction"])
+    touch = gx.Contact(
+        film, floor, distance=n["distance"], stiffness=n["stiffness"], friction=n["friction"]
+    )
     return simulated(gx.Scene(film, touch), n)
 
 
@@ -130,13 +182,25 @@ def orbit_scene(n: dict[str, Any]) -> gx.Simulation:
 
 
 def boom_scene(n: dict[str, Any]) -> gx.Simulation:
-    boom = gx.Beam(MESHES["line"], gx.tube(n["radius"], n["wall"], 1e11, 0.3, 1560.0), normal=n["normal"])
-    tape = gx.Cable(MESHES["line"], gx.CableLaw(n["EA"], n["mu"]), velocity=n["velocity"], name="tape")
+    boom = gx.Beam(
+        MESHES["line"], gx.tube(n["radius"], n["wall"], 1e11, 0.3, 1560.0), normal=n["normal"]
+    )
+    tape = gx.Cable(
+        MESHES["line"], gx.CableLaw(n["EA"], n["mu"]), velocity=n["velocity"], name="tape"
+    )
     hub = gx.RigidBody(n["mass"], n["inertia"], n["position"], spin=n["spin"], comm=ALONE)
     weight = gx.PointMass(n["weight"], (1.0, 0.0, 0.0), comm=ALONE)
-    parts = [gx.Clamped(boom, n["group"], direction=n["direction"], twist=n["twist"]), gx.Fixed(tape, "start")]
-    parts += [gx.Rope(boom.port("end"), hub.port(), n["length"], n["stiffness"], damping=n["damping"])]
-    parts += [gx.BallJoint(n["port"] or weight.port(), tape.port("end")), gx.Torque(hub.frame(), n["torque"])]
+    parts = [
+        gx.Clamped(boom, n["group"], direction=n["direction"], twist=n["twist"]),
+        gx.Fixed(tape, "start"),
+    ]
+    parts += [
+        gx.Rope(boom.port("end"), hub.port(), n["length"], n["stiffness"], damping=n["damping"])
+    ]
+    parts += [
+        gx.BallJoint(n["port"] or weight.port(), tape.port("end")),
+        gx.Torque(hub.frame(), n["torque"]),
+    ]
     return simulated(gx.Scene(*parts), n)
 
 
@@ -154,7 +218,11 @@ def static_scene(n: dict[str, Any]) -> Any:
 
 def run_scene(n: dict[str, Any]) -> gx.Simulation:
     film = gx.Membrane(MESHES["sheet"], gx.Linear(**LAW))
-    outputs = [gx.Ledger(n["ledger"]), gx.Probes(n["probes"], {"a": n["probe"]}, every=n["every"]), *n["outputs"]]
+    outputs = [
+        gx.Ledger(n["ledger"]),
+        gx.Probes(n["probes"], {"a": n["probe"]}, every=n["every"]),
+        *n["outputs"],
+    ]
     control = gx.StepControl(n["iterations"], n["error"], n["growth"], n["cut"])
     run = gx.Simulation(
         gx.Scene(film, gx.RigidMotion(n["spin"], n["velocity"], n["centre"])),
@@ -192,7 +260,11 @@ def scenes(folder: Path) -> dict[str, tuple[Call, dict[str, tuple[Any, str]]]]:
             | {name: (value, "positive") for name, value in LAW.items() if name != "nu"}
             | {"nu": (0.3, "number"), "residual": (1e-6, "number"), "damping": (0.1, "positive")}
             | {"velocity": (still, "of points"), "displacement": (still, "of points")}
-            | {"g": (z, "vector"), "pressure": (lambda t: 1.0, "of time"), "group": ("left", "group")}
+            | {
+                "g": (z, "vector"),
+                "pressure": (lambda t: 1.0, "of time"),
+                "group": ("left", "group"),
+            }
             | {"components": ((0, 1, 2), "components"), "motion": (still, "of points and time")}
             | {"force": (lambda t: (0.0, 0.0, 0.0), "of time"), "load": (z, "vector")},
         ),
@@ -200,34 +272,62 @@ def scenes(folder: Path) -> dict[str, tuple[Call, dict[str, tuple[Any, str]]]]:
             gas_scene,
             ROUND
             | {name: (value, "positive") for name, value in AIR.items()}
-            | {"pressure": (100.0, "positive"), "temperature": (300.0, "positive"), "dead_volume": (1e-3, "number")}
-            | {"volume": (1e-3, "positive"), "valve": (lambda t: 1e-8, "of time"), "discharge": (0.8, "positive")}
+            | {
+                "pressure": (100.0, "positive"),
+                "temperature": (300.0, "positive"),
+                "dead_volume": (1e-3, "number"),
+            }
+            | {
+                "volume": (1e-3, "positive"),
+                "valve": (lambda t: 1e-8, "of time"),
+                "discharge": (0.8, "positive"),
+            }
             | {"outside": (1e3, "number"), "area": (1e-8, "number"), "conductance": (0.1, "number")}
             | {"wall": (300.0, "positive")},
         ),
         "plate": (
             plate_scene,
             ROUND
-            | {"curvature": (np.diag((1.0, 0.0, 0.0)), "direction"), "hinges": ((), "list"), "group": ("left", "group")}
-            | {"direction": ((-1.0, 0.0, 0.0), "direction"), "motion": (still, "of points and time")}
+            | {
+                "curvature": (np.diag((1.0, 0.0, 0.0)), "direction"),
+                "hinges": ((), "list"),
+                "group": ("left", "group"),
+            }
+            | {
+                "direction": ((-1.0, 0.0, 0.0), "direction"),
+                "motion": (still, "of points and time"),
+            }
             | {"moment": (lambda t: 0.0, "of time")},
         ),
         "crease": (
             crease_scene,
             ROUND
-            | {"edges": ("crease", "group"), "stiffness": (1e-3, "positive"), "rest": (0.1, "number")}
+            | {
+                "edges": ("crease", "group"),
+                "stiffness": (1e-3, "positive"),
+                "rest": (0.1, "number"),
+            }
             | {"yields": (0.5, "number")},
         ),
         "contact": (
             contact_scene,
             ROUND
-            | {"distance": (1e-2, "positive"), "stiffness": (1e3, "number"), "friction": (0.1, "number")}
+            | {
+                "distance": (1e-2, "positive"),
+                "stiffness": (1e3, "number"),
+                "friction": (0.1, "number"),
+            }
             | {"point": ((0.0, 0.0, -1.0), "vector"), "normal": (z, "direction")},
         ),
         "orbit": (
             orbit_scene,
             ROUND
-            | {"a": (7e6, "positive"), "e": (0.01, "number"), "sun": (z, "direction"), "mu": (3.986e14, "positive")}
+            | {
+                "a": (7e6, "positive"),
+                "e": (0.01, "number"),
+                "sun": (z, "direction"),
+                "mu": (3.986e14, "positive"),
+            }
             | {"reflectivity": (0.8, "number"), "specular": (0.9, "number")},
         ),
         "boom": (
@@ -235,27 +335,72 @@ def scenes(folder: Path) -> dict[str, tuple[Call, dict[str, tuple[Any, str]]]]:
             ROUND
             | {"radius": (0.02, "positive"), "wall": (5e-4, "positive"), "normal": (z, "direction")}
             | {"EA": (1e5, "positive"), "mu": (0.1, "positive"), "velocity": (still, "of points")}
-            | {"mass": (1.0, "positive"), "inertia": ((1.0, 1.0, 1.0), "direction"), "position": (z, "vector")}
-            | {"spin": ((0.0, 0.0, 0.0), "vector"), "weight": (1.0, "positive"), "group": ("start", "group")}
+            | {
+                "mass": (1.0, "positive"),
+                "inertia": ((1.0, 1.0, 1.0), "direction"),
+                "position": (z, "vector"),
+            }
+            | {
+                "spin": ((0.0, 0.0, 0.0), "vector"),
+                "weight": (1.0, "positive"),
+                "group": ("start", "group"),
+            }
             | {"direction": ((1.0, 0.0, 0.0), "direction"), "twist": (lambda t: 0.0, "of time")}
-            | {"length": (2.0, "positive"), "stiffness": (1.0, "positive"), "damping": (0.1, "number")}
+            | {
+                "length": (2.0, "positive"),
+                "stiffness": (1.0, "positive"),
+                "damping": (0.1, "number"),
+            }
             | {"port": (None, "number"), "torque": (lambda t: (0.0, 0.0, 0.0), "of time")},
         ),
         "static": (
             static_scene,
             {"group": ("right", "group"), "sliding": (False, "list"), "held": ((2,), "components")}
-            | {"force": ((10.0, 0.0, 0.0), "vector"), "torque": (lambda t: (0.0, 0.0, 0.0), "of time")}
-            | {"residual": (1e-8, "positive"), "step": (2e-3, "positive"), "growth": (1.6, "positive")}
-            | {"cut": (0.5, "positive"), "at": (0.0, "number"), "about": ((0.0, 0.0, 0.0), "vector")},
+            | {
+                "force": ((10.0, 0.0, 0.0), "vector"),
+                "torque": (lambda t: (0.0, 0.0, 0.0), "of time"),
+            }
+            | {
+                "residual": (1e-8, "positive"),
+                "step": (2e-3, "positive"),
+                "growth": (1.6, "positive"),
+            }
+            | {
+                "cut": (0.5, "positive"),
+                "at": (0.0, "number"),
+                "about": ((0.0, 0.0, 0.0), "vector"),
+            },
         ),
         "run": (
             run_scene,
-            {"dt": (1e-4, "positive"), "until": (2e-4, "number"), "halvings": (3, "count"), "keep": (2, "count")}
-            | {"iterations": (15, "positive"), "error": (1e-3, "number"), "growth": (1.5, "positive")}
+            {
+                "dt": (1e-4, "positive"),
+                "until": (2e-4, "number"),
+                "halvings": (3, "count"),
+                "keep": (2, "count"),
+            }
+            | {
+                "iterations": (15, "positive"),
+                "error": (1e-3, "number"),
+                "growth": (1.5, "positive"),
+            }
             | {"cut": (0.5, "positive"), "relative": (1e-10, "number"), "border": (1e-12, "number")}
-            | {"spin": (z, "vector"), "velocity": (z, "vector"), "centre": (z, "vector"), "every": (1, "count")}
-            | {"ledger": ("ledger.csv", "path"), "probes": ("probes.csv", "path"), "saves": ("saves", "path")}
-            | {"probe": (lambda run: 0.0, "of time"), "outputs": ((), "list"), "events": ((), "list")},
+            | {
+                "spin": (z, "vector"),
+                "velocity": (z, "vector"),
+                "centre": (z, "vector"),
+                "every": (1, "count"),
+            }
+            | {
+                "ledger": ("ledger.csv", "path"),
+                "probes": ("probes.csv", "path"),
+                "saves": ("saves", "path"),
+            }
+            | {
+                "probe": (lambda run: 0.0, "of time"),
+                "outputs": ((), "list"),
+                "events": ((), "list"),
+            },
         ),
     }
 
@@ -267,7 +412,10 @@ def generated(folder: Path) -> Iterator[tuple[str, Callable[[], Any]]]:
         for name, (_, kind) in parameters.items():
             for bad in BAD[kind]:
                 if not _fits(scene, name, bad):
-                    yield f"{scene}: {name} = {bad!r}", lambda act=act, n=usual | {name: bad}: act(n)
+                    yield (
+                        f"{scene}: {name} = {bad!r}",
+                        lambda act=act, n=usual | {name: bad}: act(n),
+                    )
 
 
 # bad values that some parameters may have after all
@@ -320,7 +468,11 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
 
     def bag(**options: Any) -> gx.Chamber:
         return gx.Chamber(
-            gx.Membrane(MESHES["tube"], law, name="bag"), gas=air, pressure=1.0, temperature=300.0, **options
+            gx.Membrane(MESHES["tube"], law, name="bag"),
+            gas=air,
+            pressure=1.0,
+            temperature=300.0,
+            **options,
         )
 
     def body(**options: Any) -> gx.RigidBody:
@@ -370,34 +522,77 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
     cases: dict[str, tuple[Callable[[], Any], str]] = {
         # restarts and files
         "restart from a file": (lambda: run(film(), restart=folder / "file"), "file"),
-        "restart from an empty folder": (lambda: run(film(), restart=folder / "folder.d"), "checkpoint"),
+        "restart from an empty folder": (
+            lambda: run(film(), restart=folder / "folder.d"),
+            "checkpoint",
+        ),
         "restart from nowhere": (lambda: run(film(), restart=folder / "nowhere"), "nowhere"),
         "restart that is a number": (lambda: run(film(), restart=7), "restart"),
-        "restart of another film": (lambda: run(film(name="sail"), restart=saved()), "is of another scene"),
+        "restart of another film": (
+            lambda: run(film(name="sail"), restart=saved()),
+            "is of another scene",
+        ),
         "restart of another order": (lambda: run(film(order=2), restart=saved()), "checkpoint"),
-        "restart with a part more": (lambda: run(film(), gx.Pressure(film(), 1.0), restart=saved()), "."),
-        "restart with gravity more": (lambda: (lambda f: run(f, gx.Gravity(f), restart=saved()))(film()), "gravity"),
+        "restart with a part more": (
+            lambda: run(film(), gx.Pressure(film(), 1.0), restart=saved()),
+            ".",
+        ),
+        "restart with gravity more": (
+            lambda: (lambda f: run(f, gx.Gravity(f), restart=saved()))(film()),
+            "gravity",
+        ),
         "restart back in time": (lambda: run(film(), restart=saved(), until=1e-6), "later"),
         "changes without restart": (lambda: run(film(), changes=["film"]), "restart"),
-        "changes of what is not there": (lambda: run(film(), restart=saved(), changes=["wing"]), "wing"),
-        "a checkpoint with an empty file": (lambda: damaged(lambda p: (p / "run.json").write_bytes(b"")), "run.json"),
-        "a checkpoint that is a list": (lambda: damaged(lambda p: (p / "run.json").write_text("[]")), "run.json"),
-        "a checkpoint without values": (lambda: damaged(lambda p: (p / "rank-0000.npz").unlink()), "rank-0000"),
+        "changes of what is not there": (
+            lambda: run(film(), restart=saved(), changes=["wing"]),
+            "wing",
+        ),
+        "a checkpoint with an empty file": (
+            lambda: damaged(lambda p: (p / "run.json").write_bytes(b"")),
+            "run.json",
+        ),
+        "a checkpoint that is a list": (
+            lambda: damaged(lambda p: (p / "run.json").write_text("[]")),
+            "run.json",
+        ),
+        "a checkpoint without values": (
+            lambda: damaged(lambda p: (p / "rank-0000.npz").unlink()),
+            "rank-0000",
+        ),
         "a checkpoint with half its values": (
-            lambda: damaged(lambda p: (p / "rank-0000.npz").write_bytes((p / "rank-0000.npz").read_bytes()[:200])),
+            lambda: damaged(
+                lambda p: (p / "rank-0000.npz").write_bytes(
+                    (p / "rank-0000.npz").read_bytes()[:200]
+                )
+            ),
             "rank-0000",
         ),
         "outputs that are one": (lambda: run(film(), outputs=gx.Ledger(folder / "l.csv")), "list"),
         "a ledger among events": (lambda: run(film(), events=[gx.Ledger(folder / "l.csv")]), "."),
-        "a checkpoint among outputs": (lambda: run(film(), outputs=[gx.Checkpoints(folder / "c")]), "outputs"),
-        "a name longer than files have": (lambda: run(film(), outputs=[gx.Ledger(folder / ("a" * 300))]), "a" * 20),
-        "a folder below a file": (lambda: run(film(), outputs=[gx.Ledger(folder / "file" / "l.csv")]), "l.csv"),
+        "a checkpoint among outputs": (
+            lambda: run(film(), outputs=[gx.Checkpoints(folder / "c")]),
+            "outputs",
+        ),
+        "a name longer than files have": (
+            lambda: run(film(), outputs=[gx.Ledger(folder / ("a" * 300))]),
+            "a" * 20,
+        ),
+        "a folder below a file": (
+            lambda: run(film(), outputs=[gx.Ledger(folder / "file" / "l.csv")]),
+            "l.csv",
+        ),
         "a probe of another film": (
-            lambda: run(film(), outputs=[gx.Series({"x": gx.Position(film(name="b").port("top left"), "x")})]),
+            lambda: run(
+                film(),
+                outputs=[gx.Series({"x": gx.Position(film(name="b").port("top left"), "x")})],
+            ),
             "'b'",
         ),
         "a probe of a fourth axis": (lambda: gx.Position(film().port("top left"), "w"), "w"),
-        "a probe that fails": (lambda: run(film(), outputs=[gx.Series({"x": raises})]), "ZeroDivisionError"),
+        "a probe that fails": (
+            lambda: run(film(), outputs=[gx.Series({"x": raises})]),
+            "ZeroDivisionError",
+        ),
         "a recording of no field": (
             lambda: run(film(), outputs=[gx.Recording(folder / "r", {"film": ["heat"]})]),
             "heat",
@@ -406,26 +601,47 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
             lambda: run(film(), outputs=[gx.Recording(folder / "q", {"wing": ["state"]})]),
             "wing",
         ),
-        "a picture of no time": (lambda: gx.plot_field(recorded(), "state", [], folder / "a.png"), "time"),
-        "a picture of a late time": (lambda: gx.plot_field(recorded(), "state", [9.0], folder / "a.png"), "9"),
-        "a picture of an unknown field": (lambda: gx.plot_strip(recorded(), "heat", folder / "a.png"), "heat"),
+        "a picture of no time": (
+            lambda: gx.plot_field(recorded(), "state", [], folder / "a.png"),
+            "time",
+        ),
+        "a picture of a late time": (
+            lambda: gx.plot_field(recorded(), "state", [9.0], folder / "a.png"),
+            "9",
+        ),
+        "a picture of an unknown field": (
+            lambda: gx.plot_strip(recorded(), "heat", folder / "a.png"),
+            "heat",
+        ),
         "an animation as text": (lambda: gx.animate(recorded(), "state", folder / "a.txt"), ".gif"),
-        "an event that calls nothing": (lambda: run(film(), events=[gx.At(1e-5, then="stop")]), "then"),
+        "an event that calls nothing": (
+            lambda: run(film(), events=[gx.At(1e-5, then="stop")]),
+            "then",
+        ),
         "an event of the past": (lambda: gx.At(-1.0), "time"),
         # statics
         "no body at rest": (lambda: found(tank()), "body"),
         "a time that is a word": (lambda: found(film(), at="1"), "at"),
         "the reaction of a body": (lambda: quiet.reaction(found_film), "support"),
-        "the reaction of another support": (lambda: quiet.reaction(gx.Fixed(film(), "left")), "scene"),
+        "the reaction of another support": (
+            lambda: quiet.reaction(gx.Fixed(film(), "left")),
+            "scene",
+        ),
         "the reaction about a word": (lambda: quiet.reaction(good[0], "xyz"), "three numbers"),
         "the force of no joint": (lambda: quiet.joint_force(good[0]), "joint"),
         "half a mode": (lambda: gx.modes(quiet, 0), "count"),
         "modes below zero": (lambda: gx.modes(quiet, 1, above=-1.0), "above"),
         "modes of more than there are": (lambda: gx.modes(quiet, 10**4), "modes"),
-        "a sheet that falls": (lambda: (lambda f: found(f, gx.Gravity(f)))(film()), "No equilibrium"),
+        "a sheet that falls": (
+            lambda: (lambda f: found(f, gx.Gravity(f)))(film()),
+            "No equilibrium",
+        ),
         "a field that is not": (lambda: gx.field_values(quiet, found_film, "heat"), "heat"),
         "positions of another film": (lambda: gx.positions(quiet, film(name="b")), "b"),
-        "a start from other bodies": (lambda: run(film(name="b"), gx.StartFrom(quiet.system)), "'b'"),
+        "a start from other bodies": (
+            lambda: run(film(name="b"), gx.StartFrom(quiet.system)),
+            "'b'",
+        ),
         "a start from another mesh": (
             lambda: run(gx.Membrane(MESHES["tube"], law), gx.StartFrom(quiet.system)),
             "mesh",
@@ -433,7 +649,10 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
         # gas
         "a tank into itself": (lambda: (lambda t: gx.Orifice(t, t, 1e-6))(tank()), "orifice"),
         "a vent of a film": (lambda: gx.Orifice(film(), gx.Ambient(1.0), 1e-6), "gas"),
-        "a vent between surroundings": (lambda: run(gx.Orifice(gx.Ambient(1.0), gx.Ambient(2.0), 1e-6)), "."),
+        "a vent between surroundings": (
+            lambda: run(gx.Orifice(gx.Ambient(1.0), gx.Ambient(2.0), 1e-6)),
+            ".",
+        ),
         "a valve that closes below nothing": (
             lambda: run(gx.Orifice(tank(), gx.Ambient(1.0), lambda t: -1e-6)),
             "area",
@@ -441,68 +660,116 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
         "a part of the surface that is not": (lambda: run(bag(surface=("wing",))), "wing"),
         "a ring that is not": (lambda: run(bag(rings=(gx.Ring(film(), "wing"),))), "wing"),
         "a ring of a rim": (lambda: run(bag(rings=(gx.Ring(film(), "left"),))), "."),
-        "a chamber and a volume": (lambda: gx.Chamber(gas=air, pressure=1.0, temperature=300.0, volume=-1.0), "volume"),
+        "a chamber and a volume": (
+            lambda: gx.Chamber(gas=air, pressure=1.0, temperature=300.0, volume=-1.0),
+            "volume",
+        ),
         "two chambers in one film": (
             lambda: (
                 lambda f: run(
-                    *(gx.Chamber(f, gas=air, pressure=1.0, temperature=300.0, dead_volume=1e-3, name=n) for n in "ab")
+                    *(
+                        gx.Chamber(
+                            f, gas=air, pressure=1.0, temperature=300.0, dead_volume=1e-3, name=n
+                        )
+                        for n in "ab"
+                    )
                 )
             )(gx.Membrane(MESHES["tube"], law)),
             ".",
         ),
         # plates, creases, contact
         "a plate that wrinkles twice": (lambda: gx.Plate(MESHES["sheet"], law, order=1), "order"),
-        "a plate out of plane curved": (lambda: plate(rest_curvature=np.diag((0.0, 0.0, 1.0))), "symmetric"),
+        "a plate out of plane curved": (
+            lambda: plate(rest_curvature=np.diag((0.0, 0.0, 1.0))),
+            "symmetric",
+        ),
         "a hinge on the rim": (lambda: plate(hinges=("left",)), "left"),
         "a hinge that is not": (lambda: plate(hinges=("middle",)), "middle"),
         "a clamp of a film": (lambda: gx.ClampedEdge(film(), "left"), "no Plate"),
         "a moment on a film": (lambda: run(gx.EdgeMoment(film(), "left", 1.0)), "EdgeMoment"),
         "a crease on the rim": (lambda: run(gx.Crease(film(), "left", 1e-3)), "left"),
-        "a crease that yields at once": (lambda: gx.Crease(folded, "crease", 1e-3, yield_angle=-0.1), "yield"),
+        "a crease that yields at once": (
+            lambda: gx.Crease(folded, "crease", 1e-3, yield_angle=-0.1),
+            "yield",
+        ),
         "contact with nothing": (lambda: gx.Contact(distance=1e-3), "Contact"),
         "contact of a law": (lambda: gx.Contact(law, distance=1e-3), "Contact"),
-        "a law of contact that is not": (lambda: gx.Contact(film(), distance=1e-3, law="glue"), "glue"),
+        "a law of contact that is not": (
+            lambda: gx.Contact(film(), distance=1e-3, law="glue"),
+            "glue",
+        ),
         "a sphere without size": (lambda: gx.Sphere(origin, 0.0), "radius"),
         "a film through the floor": (
             lambda: run(
                 film(),
-                gx.Contact(film(name="b"), gx.Plane(point=(0.5, 0.5, 0.0), normal=(1.0, 0.0, 0.0)), distance=1e-3),
+                gx.Contact(
+                    film(name="b"),
+                    gx.Plane(point=(0.5, 0.5, 0.0), normal=(1.0, 0.0, 0.0)),
+                    distance=1e-3,
+                ),
             ),
             ".",
         ),
         # lines, bodies, joints
         "a joint of a body to itself": (lambda: gx.FixedJoint(A.frame(), A.frame()), "itself"),
-        "a joint apart": (lambda: run(A, B, gx.BallJoint(A.port((1.0, 0.0, 0.0)), B.port())), "apart"),
+        "a joint apart": (
+            lambda: run(A, B, gx.BallJoint(A.port((1.0, 0.0, 0.0)), B.port())),
+            "apart",
+        ),
         "a joint about nothing": (lambda: gx.RevoluteJoint(A.frame(), B.frame(), origin), "axis"),
         "a link of no length": (lambda: run(A, B, gx.Link(A.port(), B.port())), "length"),
-        "a rope of the ground": (lambda: gx.Rope(gx.Ground(z), gx.Ground(origin), 1.0, 1.0), "ground"),
-        "a rope that drives": (lambda: gx.Rope(A.port(), gx.Ground(z), 1.0, 1.0, damping=-1.0), "damping"),
-        "a damper of one place": (lambda: run(A, B, gx.Damper(A.port(), B.port(), 1.0)), "coincide"),
+        "a rope of the ground": (
+            lambda: gx.Rope(gx.Ground(z), gx.Ground(origin), 1.0, 1.0),
+            "ground",
+        ),
+        "a rope that drives": (
+            lambda: gx.Rope(A.port(), gx.Ground(z), 1.0, 1.0, damping=-1.0),
+            "damping",
+        ),
+        "a damper of one place": (
+            lambda: run(A, B, gx.Damper(A.port(), B.port(), 1.0)),
+            "coincide",
+        ),
         "a port far away": (lambda: film().port_at((5.0, 0.0, 0.0)), "away"),
         "a port in the plane": (lambda: film().port_at((0.5, 0.5)), "three"),
         "a port of a curve": (lambda: film().port("left"), "one point"),
         "a frame of two points": (lambda: beam().frame("curve"), "curve"),
         "a turned cable": (lambda: gx.Clamped(cable(), "start", direction=z), "Beam"),
         "a beam along its normal": (lambda: beam(normal=(1.0, 0.0, 0.0)), "normal"),
-        "a body with an inertia that none has": (lambda: gx.RigidBody(1.0, (1.0, 1.0, 3.0)), "inertia"),
+        "a body with an inertia that none has": (
+            lambda: gx.RigidBody(1.0, (1.0, 1.0, 3.0)),
+            "inertia",
+        ),
         "a mirrored body": (lambda: body(attitude=np.diag((1.0, 1.0, -1.0))), "rotation"),
         "a load on three sheets": (
-            lambda: gx.EdgeLoad(gx.Membrane(gx.gmsh_mesh(three_sheets, ALONE), law), "seam", (1.0, 0.0, 0.0)),
+            lambda: gx.EdgeLoad(
+                gx.Membrane(gx.gmsh_mesh(three_sheets, ALONE), law), "seam", (1.0, 0.0, 0.0)
+            ),
             "several sheets meet",
         ),
         "a normal load on three sheets": (
-            lambda: gx.EdgeLoad(gx.Membrane(gx.gmsh_mesh(three_sheets, ALONE), law), "seam", normal=1.0),
+            lambda: gx.EdgeLoad(
+                gx.Membrane(gx.gmsh_mesh(three_sheets, ALONE), law), "seam", normal=1.0
+            ),
             "several sheets meet",
         ),
         # orbit
         "an orbit through the ground": (lambda: gx.Elements(7e6, 1.5), "e"),
         "an orbit without Sun in sunlight": (
-            lambda: (lambda f, o: run(f, o, gx.SolarPressure(f, o)))(film(), gx.Orbit(gx.Elements(7e6))),
+            lambda: (lambda f, o: run(f, o, gx.SolarPressure(f, o)))(
+                film(), gx.Orbit(gx.Elements(7e6))
+            ),
             "Sun",
         ),
-        "two orbits": (lambda: run(film(), orbit, gx.Orbit(gx.Elements(8e6), name="other")), "orbit"),
+        "two orbits": (
+            lambda: run(film(), orbit, gx.Orbit(gx.Elements(8e6), name="other")),
+            "orbit",
+        ),
         "a shadow that is not": (lambda: gx.Orbit(gx.Elements(7e6), sun=z, shadow="soft"), "soft"),
-        "an epoch that is none": (lambda: gx.Orbit(gx.Elements(7e6), epoch="yesterday"), "yesterday"),
+        "an epoch that is none": (
+            lambda: gx.Orbit(gx.Elements(7e6), epoch="yesterday"),
+            "yesterday",
+        ),
         "sunlight on a cable": (lambda: gx.SolarPressure(cable(), orbit), "cable"),
     }
     return cases

@@ -32,7 +32,15 @@ UNCALLED = {
     "NoEquilibrium",
     "OutputFailure",
 }
-UNCALLED |= {"Contact", "Crossings", "IdentifiedCrease", "StepFailure", "StartFrom", "Scene", "Progress"}
+UNCALLED |= {
+    "Contact",
+    "Crossings",
+    "IdentifiedCrease",
+    "StepFailure",
+    "StartFrom",
+    "Scene",
+    "Progress",
+}
 
 
 def valid_calls(folder: Path) -> dict[str, Call]:
@@ -50,7 +58,10 @@ def valid_calls(folder: Path) -> dict[str, Call]:
     touching = gx.Contact(film, distance=1e-3)
     motion = gx.Snapshots(film)
     motion.positions.append(np.sin(film.initial_state()[0].reshape(-1, 3) ** 2))
-    block, other = gx.RigidBody(1.0, (1.0, 1.0, 1.0)), gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="other")
+    block, other = (
+        gx.RigidBody(1.0, (1.0, 1.0, 1.0)),
+        gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="other"),
+    )
     A, B = block.frame(), other.frame()
     P, Q = gx.PointMass(1.0, (1.0, 0.0, 0.0)).port(), gx.Ground((0.0, 0.0, 0.0))
     tank = gx.Tank(1e-3, gas=gas, pressure=1e5, temperature=300.0)
@@ -58,7 +69,9 @@ def valid_calls(folder: Path) -> dict[str, Call]:
     z = (0.0, 0.0, 1.0)
     ends = [(film.port("bottom left"), film.port("bottom right"))]
     hinge = {"a": A, "b": B, "axis": z}
-    edges = dict.fromkeys(("EA", "GA2", "GA3", "EI2", "EI3", "GJ", "line_density", "rotary2", "rotary3"), 1.0)
+    edges = dict.fromkeys(
+        ("EA", "GA2", "GA3", "EI2", "EI3", "GJ", "line_density", "rotary2", "rotary3"), 1.0
+    )
     orbit = gx.Orbit(gx.Elements(7e6), sun=z)
     return {
         "Accommodation": {"normal": 0.9, "tangential": 0.9, "wall_temperature": 300.0},
@@ -70,7 +83,13 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "At": {"time": 0.1},
         "AttachedMass": {"port": film.port("bottom left"), "mass": 1.0},
         "Attitude": {"orbit": orbit, "of": film, "axis": "along"},
-        "AttitudeControl": {"frame": A, "target": z, "stiffness": 1.0, "damping": 1.0, "period": 0.1},
+        "AttitudeControl": {
+            "frame": A,
+            "target": z,
+            "stiffness": 1.0,
+            "damping": 1.0,
+            "period": 0.1,
+        },
         "AxialSpring": {"port": P, "stiffness": 1.0, "direction": z, "origin": z},
         "BallJoint": {"a": P, "b": Q},
         "Beam": {"mesh": curve, "section": section, "normal": z},
@@ -89,14 +108,37 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "Chamber": {"gas": gas, "pressure": 1e5, "temperature": 300.0, "volume": 1.0},
         "Checkpoints": {"folder": folder / "checkpoints", "keep": 2},
         "Clamped": {"body": beam, "group": "start", "direction": (1.0, 0.0, 0.0), "twist": 0.1},
-        "ClampedEdge": {"body": plate, "group": "left", "components": (0, 1, 2), "direction": (1.0, 0.0, 0.0)},
+        "ClampedEdge": {
+            "body": plate,
+            "group": "left",
+            "components": (0, 1, 2),
+            "direction": (1.0, 0.0, 0.0),
+        },
         "ContactForce": {"contact": touching, "body": film, "axis": "x"},
         "ContactGap": {"contact": touching},
-        "Continuation": {"residual": 1e-8, "step": 2e-3, "growth": 1.6, "cut": 0.5, "inner": 0.1, "patience": 25},
-        "Crease": {"film": creased, "edges": "crease", "stiffness": 1e-3, "rest_angle": 1.0, "yield_angle": 0.5},
+        "Continuation": {
+            "residual": 1e-8,
+            "step": 2e-3,
+            "growth": 1.6,
+            "cut": 0.5,
+            "inner": 0.1,
+            "patience": 25,
+        },
+        "Crease": {
+            "film": creased,
+            "edges": "crease",
+            "stiffness": 1e-3,
+            "rest_angle": 1.0,
+            "yield_angle": 0.5,
+        },
         "Cylinder": {"start": z, "end": (1.0, 0.0, 0.0), "radius": 0.1, "inside": True},
         "FoldAngle": {"crease": gx.Crease(creased, "crease", 1e-3), "which": "mean"},
-        "HangingStrip": {"length": 0.05, "width": 0.01, "bending_stiffness": 2.6e-5, "area_density": 0.07},
+        "HangingStrip": {
+            "length": 0.05,
+            "width": 0.01,
+            "bending_stiffness": 2.6e-5,
+            "area_density": 0.07,
+        },
         "identify_crease": {
             "strip": gx.HangingStrip(0.05, 0.01, 2.6e-5),
             "weights": [0.0, 1e-3],
@@ -119,10 +161,16 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "EdgeMoment": {"body": plate, "group": "left", "moment": 1.0},
         "Elastica": {**film_law, "half_wavelength": 0.01},
         "Elements": dict(
-            zip(("a", "e", "i", "node", "perigee", "anomaly"), (7e6, 0.1, 0.5, 1.0, 1.0, 1.0), strict=True)
+            zip(
+                ("a", "e", "i", "node", "perigee", "anomaly"),
+                (7e6, 0.1, 0.5, 1.0, 1.0, 1.0),
+                strict=True,
+            )
         ),
         "Equilibrium": {"scene": scene, "search": gx.Continuation()},
-        "ExponentialAtmosphere": dict.fromkeys(("density", "altitude", "scale_height", "temperature"), 1.0),
+        "ExponentialAtmosphere": dict.fromkeys(
+            ("density", "altitude", "scale_height", "temperature"), 1.0
+        ),
         "Fixed": {"body": film, "group": "left", "components": (0, 1, 2)},
         "FixedJoint": {"a": A, "b": B},
         "FlightPicture": {"path": folder / "a.png", "orbit": orbit, "probes": {}},
@@ -172,7 +220,13 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "Midpoint": {"dt": 1e-3, "rule": gx.PathAverage(), "tolerances": gx.Tolerances()},
         "LoadResultant": {"orbit": orbit, "load": "drag", "action": "force", "axis": "x"},
         "Miyazaki": {**film_law, "residual": 1e-6},
-        "Orifice": {"first": tank, "second": gx.Ambient(), "area": 1e-6, "discharge_coefficient": 0.8, "laminar": 1e-5},
+        "Orifice": {
+            "first": tank,
+            "second": gx.Ambient(),
+            "area": 1e-6,
+            "discharge_coefficient": 0.8,
+            "laminar": 1e-5,
+        },
         "Optics": dict.fromkeys(("reflectivity", "specular", "emissivity", "lambertian"), 0.5),
         "Orbit": {
             "start": gx.Elements(7e6),
@@ -200,16 +254,38 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "PolarPosition": {"port": P, "frame": B, "quantity": "radius"},
         "Port": {"body": film, "nodes": (0,), "weights": (1.0,)},
         "Position": {"port": P, "axis": "x"},
-        "Prescribed": {"body": film, "group": "left", "motion": lambda x, t: x, "components": (0, 1, 2)},
+        "Prescribed": {
+            "body": film,
+            "group": "left",
+            "motion": lambda x, t: x,
+            "components": (0, 1, 2),
+        },
         "Pressure": {"body": film, "value": 1.0},
         "Prestress": {**film_law, "tension": 10.0},
         "PrismaticJoint": hinge,
         "CylindricalJoint": hinge,
-        "Probes": {"path": folder / "a.csv", "probes": {"a": lambda run: 0.0}, "every": 1, "times": (0.1,)},
-        "Recording": {"folder": folder / "run", "fields": {}, "every": 10, "times": (0.1,), "title": ""},
+        "Probes": {
+            "path": folder / "a.csv",
+            "probes": {"a": lambda run: 0.0},
+            "every": 1,
+            "times": (0.1,),
+        },
+        "Recording": {
+            "folder": folder / "run",
+            "fields": {},
+            "every": 10,
+            "times": (0.1,),
+            "title": "",
+        },
         "Reservoir": {"pressure": 1e5, "temperature": 300.0},
         "RevoluteJoint": hinge,
-        "RigidBody": {"mass": 1.0, "inertia": (1.0, 1.0, 1.0), "position": z, "velocity": z, "spin": z},
+        "RigidBody": {
+            "mass": 1.0,
+            "inertia": (1.0, 1.0, 1.0),
+            "position": z,
+            "velocity": z,
+            "spin": z,
+        },
         "RigidRegion": {"body": film, "group": "left", "to": None, "sliding": False},
         "RigidMotion": {"spin": z, "velocity": z, "centre": z},
         "RingArea": {"ring": gx.Ring(film, "left")},
@@ -230,14 +306,31 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         },
         "Section": edges,
         "Series": {"probes": {"a": lambda run: 0.0}},
-        "Simulation": {"scene": scene, "stepper": gx.Midpoint(dt=0.1), "outputs": [], "halvings": 8},
+        "Simulation": {
+            "scene": scene,
+            "stepper": gx.Midpoint(dt=0.1),
+            "outputs": [],
+            "halvings": 8,
+        },
         "SolarPressure": {"body": film, "orbit": orbit, "optics": gx.Optics(), "shadow_pixels": 8},
         "Sphere": {"centre": z, "radius": 0.1, "inside": False},
         "Spring": {"a": P, "b": Q, "stiffness": 1.0, "length": 1.0},
-        "StepControl": {"iterations": 15, "error": 1e-3, "growth": 1.5, "cut": 0.5, "smallest": 1e-9},
+        "StepControl": {
+            "iterations": 15,
+            "error": 1e-3,
+            "growth": 1.5,
+            "cut": 0.5,
+            "smallest": 1e-9,
+        },
         "Stop": {"a": P, "b": Q, "distance": 1.0, "stiffness": 1.0},
         "SunAngle": {"orbit": orbit, "of": film},
-        "Surface": {"area": 1.0, "normal": z, "centre": z, "optics": gx.Optics(), "two_sided": True},
+        "Surface": {
+            "area": 1.0,
+            "normal": z,
+            "centre": z,
+            "optics": gx.Optics(),
+            "two_sided": True,
+        },
         "Tank": {"volume": 1e-3, "gas": gas, "pressure": 1e5, "temperature": 300.0},
         "Tape": {"film": film, "law": gx.CableLaw(**cable_law), "bars": ends, "lengths": [1.0]},
         "Tether": {"a": P, "b": Q, "length": 1.0, "stiffness": 1.0, "brake": 0.1, "most": 2.0},
@@ -274,7 +367,14 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "ramp": 1.0,
             "wound": False,
         },
-        "fold.miura": {"a": 0.1, "b": 0.1, "gamma": 1.0, "theta": 0.5, "opening": 1e-4, "lift": 1e-5},
+        "fold.miura": {
+            "a": 0.1,
+            "b": 0.1,
+            "gamma": 1.0,
+            "theta": 0.5,
+            "opening": 1e-4,
+            "lift": 1e-5,
+        },
         "fold.roll": {
             "length": 1.0,
             "bends": 99,
@@ -284,7 +384,14 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "width": 0.1,
             "opening": 1e-4,
         },
-        "fold.spiral": {"length": 1.0, "columns": 50, "around": 20, "rows": 4, "pitch": 0.02, "gap": 1e-4},
+        "fold.spiral": {
+            "length": 1.0,
+            "columns": 50,
+            "around": 20,
+            "rows": 4,
+            "pitch": 0.02,
+            "gap": 1e-4,
+        },
         "fold.star": {"n": 8, "side": 0.04, "columns": 2, "reach": 20, "gap": 1e-4},
         "fold.zigzag": {
             "length": 1.0,

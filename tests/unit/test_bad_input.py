@@ -82,32 +82,53 @@ def quadrilaterals(model) -> None:
 
 
 def chamber_of(mesh: gx.Mesh) -> gx.Scene:
-    return gx.Scene(gx.Chamber(gx.Membrane(mesh, LAW), gas=AIR, pressure=1.0, temperature=300.0, dead_volume=1e-3))
+    return gx.Scene(
+        gx.Chamber(
+            gx.Membrane(mesh, LAW), gas=AIR, pressure=1.0, temperature=300.0, dead_volume=1e-3
+        )
+    )
 
 
 CASES: dict[str, tuple[Callable[[], object], str]] = {
     "missing file": (lambda: gx.read_mesh("nowhere/pillow.msh", WORLD), "nowhere/pillow.msh"),
     "mesh without the tag": (lambda: gx.Fixed(film(), "rim"), "rim"),
-    "negative thickness": (lambda: gx.Miyazaki(E=1e9, nu=0.3, density=1.0, thickness=-1e-4), "thickness"),
+    "negative thickness": (
+        lambda: gx.Miyazaki(E=1e9, nu=0.3, density=1.0, thickness=-1e-4),
+        "thickness",
+    ),
     "zero modulus": (lambda: gx.Linear(E=0.0, nu=0.3, density=1.0, thickness=1e-4), "E"),
-    "infinite density": (lambda: gx.Linear(E=1e9, nu=0.3, density=np.inf, thickness=1e-4), "density"),
+    "infinite density": (
+        lambda: gx.Linear(E=1e9, nu=0.3, density=np.inf, thickness=1e-4),
+        "density",
+    ),
     "nu = 0.51": (lambda: gx.Miyazaki(E=1e9, nu=0.51, density=1.0, thickness=1e-4), "nu"),
     "nu = -1": (lambda: gx.Linear(E=1e9, nu=-1.0, density=1.0, thickness=1e-4), "nu"),
-    "residual = 2": (lambda: gx.Miyazaki(E=1e9, nu=0.3, density=1.0, thickness=1e-4, residual=2.0), "residual"),
+    "residual = 2": (
+        lambda: gx.Miyazaki(E=1e9, nu=0.3, density=1.0, thickness=1e-4, residual=2.0),
+        "residual",
+    ),
     "residual of a tension field": (
         lambda: gx.TensionField(E=1e9, nu=0.3, density=1.0, thickness=1e-4, residual=1e-3),
         "TensionField",
     ),
     "order 3": (lambda: film(order=3), "order"),
-    "negative pressure": (lambda: gx.Tank(1e-3, gas=AIR, pressure=-1e5, temperature=300.0), "pressure"),
+    "negative pressure": (
+        lambda: gx.Tank(1e-3, gas=AIR, pressure=-1e5, temperature=300.0),
+        "pressure",
+    ),
     "negative temperature": (lambda: gx.Reservoir(1e5, -3.0), "temperature"),
     "negative surroundings": (lambda: gx.Ambient(-1.0), "Ambient"),
     "gamma = 1": (lambda: gx.IdealGas(gamma=1.0, R=287.0), "gamma"),
     "R = 0": (lambda: gx.IdealGas(gamma=1.4, R=0.0), "R"),
-    "chamber without volume": (lambda: gx.Chamber(gas=AIR, pressure=1e5, temperature=300.0), "chamber"),
+    "chamber without volume": (
+        lambda: gx.Chamber(gas=AIR, pressure=1e5, temperature=300.0),
+        "chamber",
+    ),
     "flat chamber": (
         lambda: gx.Scene(
-            gx.Chamber(gx.Membrane(flipped_pillow(True), LAW), gas=AIR, pressure=1.0, temperature=300.0)
+            gx.Chamber(
+                gx.Membrane(flipped_pillow(True), LAW), gas=AIR, pressure=1.0, temperature=300.0
+            )
         ).compile(),
         "dead_volume",
     ),
@@ -122,7 +143,9 @@ CASES: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "negative valve": (
         lambda: (
-            gx.Midpoint(dt=0.1).start(gx.Scene(gx.Orifice(tank(), gx.Ambient(), area=lambda t: -t)).compile()).step(0.1)
+            gx.Midpoint(dt=0.1)
+            .start(gx.Scene(gx.Orifice(tank(), gx.Ambient(), area=lambda t: -t)).compile())
+            .step(0.1)
         ),
         "area",
     ),
@@ -130,7 +153,13 @@ CASES: dict[str, tuple[Callable[[], object], str]] = {
         lambda: gx.Scene(
             gx.Orifice(
                 tank(),
-                gx.Tank(1.0, gas=gx.IdealGas(gamma=1.67, R=2077.0), pressure=1.0, temperature=300.0, name="helium"),
+                gx.Tank(
+                    1.0,
+                    gas=gx.IdealGas(gamma=1.67, R=2077.0),
+                    pressure=1.0,
+                    temperature=300.0,
+                    name="helium",
+                ),
                 area=1e-6,
             )
         ).compile(),
@@ -140,26 +169,49 @@ CASES: dict[str, tuple[Callable[[], object], str]] = {
     "duplicate names": (lambda: gx.Scene(film(), film()), "'film'"),
     "empty scene": (lambda: gx.Scene(), "empty"),
     "no part of a scene": (lambda: gx.Scene(LAW), "Miyazaki"),
-    "part that does nothing": (lambda: gx.Scene(film(), SimpleNamespace(name="idle")), "do nothing"),
-    "NaN displacement": (lambda: gx.Scene(film(displacement=not_a_number)).compile(), "displacement"),
+    "part that does nothing": (
+        lambda: gx.Scene(film(), SimpleNamespace(name="idle")),
+        "do nothing",
+    ),
+    "NaN displacement": (
+        lambda: gx.Scene(film(displacement=not_a_number)).compile(),
+        "displacement",
+    ),
     "NaN velocity": (lambda: gx.Scene(film(velocity=not_a_number)).compile(), "velocity"),
     "dt = 0": (lambda: gx.Midpoint(dt=0.0), "dt"),
     "dt < 0": (lambda: gx.Midpoint(dt=-1e-3), "dt"),
     "dt is no number": (lambda: gx.Midpoint(dt=np.nan), "dt"),
-    "endless run": (lambda: gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3)).run(until=np.nan), "until"),
+    "endless run": (
+        lambda: gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3)).run(until=np.nan),
+        "until",
+    ),
     "every = 0": (lambda: gx.VTX("x.bp", every=0), "every"),
     "unknown field": (
-        lambda: gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3), [gx.VTX("out/x.bp", fields=("stres",))]),
+        lambda: gx.Simulation(
+            gx.Scene(film()), gx.Midpoint(dt=1e-3), [gx.VTX("out/x.bp", fields=("stres",))]
+        ),
         "stres",
     ),
     "no damping": (lambda: gx.Damping(film()), "damping"),
     "fourth component": (lambda: gx.Fixed(film(), "left", components=(3,)), "components"),
     "massless point": (lambda: gx.PointMass(0.0), "mass"),
     "soft spring": (lambda: gx.AxialSpring(gx.PointMass(1.0).port(), -1.0, (1, 0, 0)), "stiffness"),
-    "linear film on curved triangles": (lambda: gx.Membrane(sphere(WORLD, 1.0, 8, order=2), LAW), "order"),
-    "displacement in the plane": (lambda: gx.Scene(film(displacement=lambda x: x[:2])).compile(), "(3, n)"),
-    "velocity of a cable in the plane": (lambda: gx.Scene(cable(velocity=lambda x: x[:2])).compile(), "(3, n)"),
-    "velocity of a beam in the plane": (lambda: gx.Scene(beam(velocity=lambda x: x[:2])).compile(), "(3, n)"),
+    "linear film on curved triangles": (
+        lambda: gx.Membrane(sphere(WORLD, 1.0, 8, order=2), LAW),
+        "order",
+    ),
+    "displacement in the plane": (
+        lambda: gx.Scene(film(displacement=lambda x: x[:2])).compile(),
+        "(3, n)",
+    ),
+    "velocity of a cable in the plane": (
+        lambda: gx.Scene(cable(velocity=lambda x: x[:2])).compile(),
+        "(3, n)",
+    ),
+    "velocity of a beam in the plane": (
+        lambda: gx.Scene(beam(velocity=lambda x: x[:2])).compile(),
+        "(3, n)",
+    ),
     "velocity without points": (lambda: film(velocity=(0.0, 0.0, 1.0)), "velocity"),
     "quadrilaterals": (lambda: gx.gmsh_mesh(quadrilaterals, WORLD), "Quadrilateral"),
     "no elements": (lambda: gx.gmsh_mesh(lambda model: None, WORLD), "no triangles"),
@@ -170,33 +222,56 @@ CASES: dict[str, tuple[Callable[[], object], str]] = {
     "wall of a reservoir": (lambda: gx.WallHeat(gx.Reservoir(1e5, 300.0), 1.0, 300.0), "wall"),
     "surface of curves": (
         lambda: gx.Scene(
-            gx.Chamber(film(), gas=AIR, pressure=1.0, temperature=300.0, dead_volume=1e-3, surface=("left",))
+            gx.Chamber(
+                film(),
+                gas=AIR,
+                pressure=1.0,
+                temperature=300.0,
+                dead_volume=1e-3,
+                surface=("left",),
+            )
         ).compile(),
         "left",
     ),
     "point in the plane": (lambda: gx.PointMass(1.0, (0.0, 0.0)), "position"),
-    "spring along nothing": (lambda: gx.AxialSpring(gx.PointMass(1.0).port(), 1.0, (0, 0, 0)), "direction"),
+    "spring along nothing": (
+        lambda: gx.AxialSpring(gx.PointMass(1.0).port(), 1.0, (0, 0, 0)),
+        "direction",
+    ),
     "no Gauss points": (lambda: gx.PathAverage(points=0), "points"),
     "no iterations": (lambda: gx.Tolerances(iterations=0), "iterations"),
     "tolerance is no number": (lambda: gx.Tolerances(relative=np.nan), "relative"),
-    "halvings = -1": (lambda: gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3), halvings=-1), "halvings"),
-    "back in time": (lambda: gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3)).run(until=-1.0), "until"),
+    "halvings = -1": (
+        lambda: gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3), halvings=-1),
+        "halvings",
+    ),
+    "back in time": (
+        lambda: gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3)).run(until=-1.0),
+        "until",
+    ),
     "axes that are a word": (lambda: attitude(axes="xyz"), "axes"),
     "axes of two columns": (lambda: attitude(axes=((1, 0), (0, 1), (0, 0))), "axes"),
     "left-handed axes": (lambda: attitude(axes=((1, 0, 0), (0, 1, 0), (0, 0, -1))), "right-handed"),
     "a mass that encloses": (
-        lambda: gx.Chamber(gx.PointMass(1.0), gas=AIR, pressure=1.0, temperature=300.0, dead_volume=1e-3),
+        lambda: gx.Chamber(
+            gx.PointMass(1.0), gas=AIR, pressure=1.0, temperature=300.0, dead_volume=1e-3
+        ),
         "PointMass encloses nothing",
     ),
     "start from a scene": (lambda: gx.StartFrom(gx.Scene(film())), "no compiled scene"),
     "port of a missing node": (lambda: gx.Port(gx.PointMass(1.0), (7,)), "its nodes are 0 to 0"),
-    "port of a node below zero": (lambda: gx.Port(gx.PointMass(1.0), (-1,)), "its nodes are 0 to 0"),
+    "port of a node below zero": (
+        lambda: gx.Port(gx.PointMass(1.0), (-1,)),
+        "its nodes are 0 to 0",
+    ),
     "checkpoints that are a word": (
         lambda: gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3), checkpoints="saves"),
         "give a Checkpoints",
     ),
     "checkpoints that are a recording": (
-        lambda: gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3), checkpoints=gx.Recording("saves")),
+        lambda: gx.Simulation(
+            gx.Scene(film()), gx.Midpoint(dt=1e-3), checkpoints=gx.Recording("saves")
+        ),
         "give a Checkpoints",
     ),
     "null character in a checkpoint's name": (
@@ -269,9 +344,13 @@ def test_every_argument_of_another_kind_is_one_sentence(folder: Path) -> None:
 
 
 def test_unknown_and_missing_arguments_are_one_sentence() -> None:
-    with pytest.raises(gx.InputError, match=r"Tank: missing a required .*'volume'.* volume, gas, pressure"):
+    with pytest.raises(
+        gx.InputError, match=r"Tank: missing a required .*'volume'.* volume, gas, pressure"
+    ):
         gx.Tank(gas=AIR, pressure=1e5, temperature=300.0)
-    with pytest.raises(gx.InputError, match=r"Midpoint: .*'step'; its arguments are: dt, rule, tolerances"):
+    with pytest.raises(
+        gx.InputError, match=r"Midpoint: .*'step'; its arguments are: dt, rule, tolerances"
+    ):
         gx.Midpoint(dt=0.1, step=2)
 
 
@@ -297,7 +376,9 @@ def test_a_refused_run_destroys_nothing(folder: Path) -> None:
 
 
 def test_pictures_and_reports_do_not_fall_on_folders(tmp_path: Path) -> None:
-    run = gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3), [gx.Recording(tmp_path / "run", every=1)])
+    run = gx.Simulation(
+        gx.Scene(film()), gx.Midpoint(dt=1e-3), [gx.Recording(tmp_path / "run", every=1)]
+    )
     run.run(until=2e-3)
     recorded = gx.RunReader(tmp_path / "run")
     (tmp_path / "folder.gif").mkdir()
@@ -308,7 +389,9 @@ def test_pictures_and_reports_do_not_fall_on_folders(tmp_path: Path) -> None:
         lambda path: gx.animate(recorded, "state", path),
         lambda path: gx.write_report(recorded, path),
     ):
-        with pytest.raises(gx.InputError, match=r"folder.gif', which is a folder; give the name of a file\."):
+        with pytest.raises(
+            gx.InputError, match=r"folder.gif', which is a folder; give the name of a file\."
+        ):
             draw(tmp_path / "folder.gif")
 
 
@@ -357,7 +440,12 @@ def test_run_of_a_bad_scene_is_one_sentence(case: str, tmp_path: Path, monkeypat
         code = leave.code
     out, err = capsys.readouterr()
     assert code == 2 and not out
-    assert err.startswith("gossamer: ") and err.count("\n") == 1 and err.endswith(".\n") and culprit in err
+    assert (
+        err.startswith("gossamer: ")
+        and err.count("\n") == 1
+        and err.endswith(".\n")
+        and culprit in err
+    )
 
 
 def test_a_signal_in_a_scene_is_no_error_of_its_file(capsys) -> None:
@@ -386,7 +474,9 @@ def test_a_signal_in_a_scene_is_no_error_of_its_file(capsys) -> None:
         (["show", "run"], "show"),
     ],
 )
-def test_looking_at_what_is_not_there_is_one_sentence(words, culprit, tmp_path: Path, monkeypatch, capsys) -> None:
+def test_looking_at_what_is_not_there_is_one_sentence(
+    words, culprit, tmp_path: Path, monkeypatch, capsys
+) -> None:
     monkeypatch.chdir(tmp_path)
     Path("scene.py").write_text(GOOD)
     assert main(["run", "scene.py", "-o", "run", "--quiet"]) == 0
@@ -397,7 +487,12 @@ def test_looking_at_what_is_not_there_is_one_sentence(words, culprit, tmp_path: 
         code = leave.code
     _, err = capsys.readouterr()
     assert code in (1, 2)
-    assert err.startswith("gossamer: ") and err.count("\n") == 1 and err.endswith(".\n") and culprit in err
+    assert (
+        err.startswith("gossamer: ")
+        and err.count("\n") == 1
+        and err.endswith(".\n")
+        and culprit in err
+    )
 
 
 def test_a_run_is_kept_and_can_go_on(tmp_path: Path, monkeypatch, capsys) -> None:

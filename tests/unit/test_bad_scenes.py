@@ -19,7 +19,9 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from tests.unit.bad_scenes import generated, handwritten, scenes
 
-pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="each rank would make the same small scenes")
+pytestmark = pytest.mark.skipif(
+    MPI.COMM_WORLD.size > 1, reason="each rank would make the same small scenes"
+)
 
 TOLD = (gx.InputError, gx.StepFailure, gx.NoEquilibrium, gx.OutputFailure)
 
@@ -30,7 +32,11 @@ def outcome(act: Callable[[], Any]) -> tuple[str, str]:
         act()
     except TOLD as error:
         words = str(error)
-        return ("sentence" if "\n" not in words and words.endswith(".") and len(words) < 700 else "no sentence"), words
+        return (
+            "sentence"
+            if "\n" not in words and words.endswith(".") and len(words) < 700
+            else "no sentence"
+        ), words
     except Exception as error:
         return "traceback", f"{type(error).__name__}: {error}"
     return "silent", ""
@@ -44,7 +50,9 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("scene", ["film", "gas", "plate", "crease", "contact", "orbit", "boom", "static", "run"])
+@pytest.mark.parametrize(
+    "scene", ["film", "gas", "plate", "crease", "contact", "orbit", "boom", "static", "run"]
+)
 def test_the_scenes_run_as_they_are(here: Path, scene: str) -> None:
     act, parameters = scenes(here)[scene]
     act({name: value for name, (value, _) in parameters.items()})

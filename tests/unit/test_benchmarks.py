@@ -14,13 +14,23 @@ import pytest
 BENCHMARKS = Path(__file__).resolve().parents[2] / "demos" / "benchmarks"
 
 pytestmark = pytest.mark.skipif(
-    "OMPI_COMM_WORLD_SIZE" in os.environ or "PMI_SIZE" in os.environ, reason="an mpirun cannot start another"
+    "OMPI_COMM_WORLD_SIZE" in os.environ or "PMI_SIZE" in os.environ,
+    reason="an mpirun cannot start another",
 )
 
 
 def bench(name: str, folder: Path) -> tuple[str, list[dict[str, str]]]:
     """What a benchmark prints, and the rows of its table."""
-    command = [sys.executable, str(BENCHMARKS), name, "--quick", "--runs", "1", "--out", str(folder)]
+    command = [
+        sys.executable,
+        str(BENCHMARKS),
+        name,
+        "--quick",
+        "--runs",
+        "1",
+        "--out",
+        str(folder),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, timeout=900)
     assert done.returncode == 0, done.stderr
     assert "failed" not in done.stdout, done.stdout
@@ -63,7 +73,11 @@ def test_no_newton_iteration_is_faster_than_its_parts(tmp_path):
 
 def test_the_parts_of_a_newton_iteration_are_its_time(tmp_path):
     _, (row,) = bench("profile", tmp_path)
-    parts = [float(number) for key, number in row.items() if key.endswith("[ms]") and key != "iteration [ms]"]
+    parts = [
+        float(number)
+        for key, number in row.items()
+        if key.endswith("[ms]") and key != "iteration [ms]"
+    ]
     assert len(parts) == 7 and min(parts[:-1]) > 0
     assert sum(parts) == pytest.approx(float(row["iteration [ms]"]), rel=1e-6)
 
@@ -75,7 +89,9 @@ def test_subdomains_give_the_direct_solution_in_few_iterations(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name, peer", [("sheet", "kratos"), ("airbag", "kratos"), ("pendulum", "exudyn")])
+@pytest.mark.parametrize(
+    "name, peer", [("sheet", "kratos"), ("airbag", "kratos"), ("pendulum", "exudyn")]
+)
 def test_peers_need_longer(name, peer, tmp_path):
     said, _ = bench(name, tmp_path)
     assert float(re.search(rf"^ratio {peer} (\S+)$", said, re.MULTILINE)[1]) > 1

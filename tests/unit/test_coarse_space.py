@@ -19,8 +19,12 @@ FILM = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
 
 
 def simulation(comm, cells: int, *supports: str, order: int = 1) -> gx.Simulation:
-    film = gx.Membrane(sheet(comm, cells, cells), FILM, order=order, velocity=None if supports else throw)
-    return gx.Simulation(gx.Scene(film, *(gx.Fixed(film, s) for s in supports)), gx.Midpoint(dt=1e-3))
+    film = gx.Membrane(
+        sheet(comm, cells, cells), FILM, order=order, velocity=None if supports else throw
+    )
+    return gx.Simulation(
+        gx.Scene(film, *(gx.Fixed(film, s) for s in supports)), gx.Midpoint(dt=1e-3)
+    )
 
 
 def patches_of(body) -> np.ndarray:
@@ -54,7 +58,9 @@ def test_its_columns_are_orthonormal_and_vanish_where_nodes_are_held(comm):
     product.shift(-1.0)
     assert product.norm() < 1e-12
     i, _, values = P.getValuesCSR()
-    entries = np.bincount(np.repeat(np.arange(len(i) - 1), np.diff(i)), np.abs(values), minlength=len(i) - 1)
+    entries = np.bincount(
+        np.repeat(np.arange(len(i) - 1), np.diff(i)), np.abs(values), minlength=len(i) - 1
+    )
     assert np.all(entries[system.supports.held] == 0)
     free = np.setdiff1d(np.arange(len(entries)), system.supports.held)
     assert np.all(entries[free] > 0)

@@ -11,7 +11,9 @@ from gossamer_fx.algebra.dihedral_angle import Array
 
 def panels(θ: float) -> Array:
     """t, p, m (3, 3) of a fold of angle θ between panels whose normal is z while they are flat."""
-    return np.array([[0.0, 1, 0], [-np.cos(θ / 2), 0, np.sin(θ / 2)], [np.cos(θ / 2), 0, np.sin(θ / 2)]])
+    return np.array(
+        [[0.0, 1, 0], [-np.cos(θ / 2), 0, np.sin(θ / 2)], [np.cos(θ / 2), 0, np.sin(θ / 2)]]
+    )
 
 
 def steps(largest: float, n: int = 300) -> tuple[Array, Array, Array, Array]:
@@ -19,7 +21,12 @@ def steps(largest: float, n: int = 300) -> tuple[Array, Array, Array, Array]:
     random = np.random.default_rng(0)
     X0 = random.normal(size=(n, 3, 3))
     X1 = X0 + largest * random.uniform(size=(n, 1, 1)) * random.normal(size=(n, 3, 3))
-    return X0, X1, dihedral_angle.angle(X0), near(dihedral_angle.angle(X0), dihedral_angle.angle(X1))
+    return (
+        X0,
+        X1,
+        dihedral_angle.angle(X0),
+        near(dihedral_angle.angle(X0), dihedral_angle.angle(X1)),
+    )
 
 
 def near(θ0: Array, θ: Array) -> Array:
@@ -41,7 +48,9 @@ def test_vectors_along_the_fold_do_not_change_its_angle() -> None:
 def test_gradient() -> None:
     X, _, θ, _ = steps(0.0)
     D = np.random.default_rng(1).normal(size=X.shape)
-    change = near(0 * θ, dihedral_angle.angle(X + 1e-6 * D) - dihedral_angle.angle(X - 1e-6 * D)) / 2e-6
+    change = (
+        near(0 * θ, dihedral_angle.angle(X + 1e-6 * D) - dihedral_angle.angle(X - 1e-6 * D)) / 2e-6
+    )
     slope = np.einsum("nij,nij->n", dihedral_angle.gradient(X), D)
     np.testing.assert_allclose(slope, change, rtol=1e-6, atol=1e-6 * np.abs(slope).max())
 
@@ -58,7 +67,10 @@ def test_the_discrete_gradient_gives_the_change_of_angle_and_no_torque(largest: 
 def test_it_is_the_gradient_where_nothing_moves() -> None:
     X, _, θ, _ = steps(0.0)
     np.testing.assert_allclose(
-        dihedral_angle.discrete_gradient(X, X, θ, θ), dihedral_angle.gradient(X), rtol=1e-10, atol=1e-10
+        dihedral_angle.discrete_gradient(X, X, θ, θ),
+        dihedral_angle.gradient(X),
+        rtol=1e-10,
+        atol=1e-10,
     )
 
 
@@ -75,19 +87,27 @@ def test_derivative_of_the_discrete_gradient(largest: float) -> None:
 
     def at(s: float) -> Array:
         X = X1 + s * D
-        return np.asarray(dihedral_angle.discrete_gradient(X0, X, θ0, near(θ1, dihedral_angle.angle(X))))
+        return np.asarray(
+            dihedral_angle.discrete_gradient(X0, X, θ0, near(θ1, dihedral_angle.angle(X)))
+        )
 
     expected = (at(1e-6) - at(-1e-6)) / 2e-6
-    found = np.einsum("nijkl,nkl->nij", dihedral_angle.discrete_gradient_derivative(X0, X1, θ0, θ1), D)
+    found = np.einsum(
+        "nijkl,nkl->nij", dihedral_angle.discrete_gradient_derivative(X0, X1, θ0, θ1), D
+    )
     error = np.abs(found - expected).max(axis=(1, 2)) / np.abs(expected).max(axis=(1, 2))
     assert np.median(error) < 1e-8
-    assert error.max() < 1e-4  # differences are what is not exact where two vectors are nearly parallel
+    assert (
+        error.max() < 1e-4
+    )  # differences are what is not exact where two vectors are nearly parallel
 
 
 def test_second_derivative() -> None:
     X, _, _, _ = steps(0.0)
     D = np.random.default_rng(3).normal(size=X.shape)
-    expected = (dihedral_angle.gradient(X + 1e-6 * D) - dihedral_angle.gradient(X - 1e-6 * D)) / 2e-6
+    expected = (
+        dihedral_angle.gradient(X + 1e-6 * D) - dihedral_angle.gradient(X - 1e-6 * D)
+    ) / 2e-6
     found = np.einsum("nijkl,nkl->nij", dihedral_angle.gradient_derivative(X), D)
     error = np.abs(found - expected).max(axis=(1, 2)) / np.abs(expected).max(axis=(1, 2))
     assert np.median(error) < 1e-8

@@ -42,7 +42,9 @@ def responses(law, rule) -> Samples:
         S = rule.stress(part, e0, e1)
         D = ufl.diff(S, e1)
         Δψ = part.density(e1) - part.density(e0)
-        return ufl.as_vector([*(S[i] for i in range(3)), *(D[i, j] for i in range(3) for j in range(3)), Δψ])
+        return ufl.as_vector(
+            [*(S[i] for i in range(3)), *(D[i, j] for i in range(3) for j in range(3)), Δψ]
+        )
 
     return Samples(expression, arguments=2)
 
@@ -72,7 +74,9 @@ def test_averaged_stress_does_the_work_that_is_stored(law, size):
 
 
 magnitudes = st.sampled_from([0.0, 1e-300, 1e-16, 1e-9, 1e-3, 0.1])
-components = st.builds(lambda sign, size: sign * size, st.sampled_from([-1.0, -0.3, 0.3, 1.0]), magnitudes)
+components = st.builds(
+    lambda sign, size: sign * size, st.sampled_from([-1.0, -0.3, 0.3, 1.0]), magnitudes
+)
 strains = st.tuples(components, components, components)
 
 
@@ -94,7 +98,8 @@ def test_tangent_is_the_derivative_of_the_averaged_stress(law):
     e0, e1, δ = random_strains(CELLS, 0.1, seed=3), random_strains(CELLS, 0.1, seed=4), 1e-9
     _, D, _ = parts(path_average(law)(e0, e1))
     columns = [
-        parts(path_average(law)(e0, e1 + δ * d))[0] - parts(path_average(law)(e0, e1 - δ * d))[0] for d in np.eye(3)
+        parts(path_average(law)(e0, e1 + δ * d))[0] - parts(path_average(law)(e0, e1 - δ * d))[0]
+        for d in np.eye(3)
     ]
     assert abs(np.stack(columns, axis=-1) / (2 * δ) - D).max() <= 1e-6
 
@@ -112,7 +117,13 @@ def test_a_path_in_one_state_has_the_stress_of_all_paths(law, length):
             b = ufl.variable(b)
             holds, S = PathAverage().cases(part, a, b)[k]
             D = ufl.diff(S, b)
-            return ufl.as_vector([ufl.conditional(holds, 1.0, 0.0), *S, *(D[i, j] for i in range(3) for j in range(3))])
+            return ufl.as_vector(
+                [
+                    ufl.conditional(holds, 1.0, 0.0),
+                    *S,
+                    *(D[i, j] for i in range(3) for j in range(3)),
+                ]
+            )
 
         values = Samples(expression, arguments=2)(e0, e1)
         here = values[:, 0] == 1
@@ -160,7 +171,9 @@ def test_average_converges_with_the_number_of_points():
     part = law_part(law, cut=False)
 
     def mean_error(points):
-        return abs(Samples(partial(PathAverage(points).stress, part), arguments=2)(e0, e1) - exact).mean()
+        return abs(
+            Samples(partial(PathAverage(points).stress, part), arguments=2)(e0, e1) - exact
+        ).mean()
 
     coarse, fine = mean_error(4), mean_error(8)
     assert fine <= 2e-3 * abs(exact).mean()

@@ -43,10 +43,16 @@ def test_a_sheet_has_the_edges_that_it_should_have() -> None:
 def test_every_rank_tells_the_same_of_an_edge() -> None:
     """Global ends, number of triangles, and for edges all triangles of which are known those on the left and right."""
     table = airbag(WORLD, 1.0, 6).edges
-    cells = table.domain.topology.index_map(2).local_to_global(table.cells.clip(0).ravel()).reshape(-1, 2)
+    cells = (
+        table.domain.topology.index_map(2)
+        .local_to_global(table.cells.clip(0).ravel())
+        .reshape(-1, 2)
+    )
     cells[table.cells < 0] = -1
     seen: dict[tuple[int, int], tuple[int, list[int]]] = {}
-    rows = list(zip(table.ends.tolist(), table.count.tolist(), cells.tolist(), table.is_known, strict=True))
+    rows = list(
+        zip(table.ends.tolist(), table.count.tolist(), cells.tolist(), table.is_known, strict=True)
+    )
     for part in WORLD.allgather(rows):
         for ends, count, pair, known in part:
             assert ends[0] < ends[1]
@@ -66,7 +72,9 @@ def test_left_is_left_and_the_opposite_vertex_is_opposite() -> None:
         third = x[table.opposite[there, column]]
         side = np.cross(end[there] - start[there], third - start[there])[:, 2]
         assert (sign * side > 1e-6).all()
-        assert (table.sides[there, column] >= 0).all() and (table.opposite[~there, column] == -1).all()
+        assert (table.sides[there, column] >= 0).all() and (
+            table.opposite[~there, column] == -1
+        ).all()
 
 
 @pytest.mark.mpi
@@ -78,7 +86,9 @@ def test_nodes_go_from_end_to_end(order: int) -> None:
     edges = np.flatnonzero((table.cells >= 0).any(axis=1)).astype(np.int32)
     nodes = space.tabulate_dof_coordinates()[table.nodes(space, edges)]
     ends = vertex_points(mesh.domain)[table.vertices[edges]]
-    expected = [ends[:, 0], ends[:, 1]] if order == 1 else [ends[:, 0], ends.mean(axis=1), ends[:, 1]]
+    expected = (
+        [ends[:, 0], ends[:, 1]] if order == 1 else [ends[:, 0], ends.mean(axis=1), ends[:, 1]]
+    )
     assert nodes.transpose(1, 0, 2) == pytest.approx(np.array(expected), abs=1e-14)
 
 
@@ -103,12 +113,16 @@ def test_three_sheets_at_one_edge_and_normals_that_differ() -> None:
     def build(model) -> None:
         surface = model.addDiscreteEntity(2)
         model.mesh.addNodes(2, surface, [], np.ravel(points))
-        model.mesh.addElementsByType(surface, 2, [], np.ravel([(0, 1, 2), (0, 1, 3), (0, 1, 4)]) + 1)
+        model.mesh.addElementsByType(
+            surface, 2, [], np.ravel([(0, 1, 2), (0, 1, 3), (0, 1, 4)]) + 1
+        )
 
     domain = gx.gmsh_mesh(build, MPI.COMM_SELF).domain
     table = edges_of(domain)
     assert sorted(table.count) == [1] * 6 + [3]
     assert not table.is_known[table.count == 3] and table.is_known[table.count == 1].all()
-    assert (table.cells[table.count == 3] >= 0).all()  # the first two of the three, though both pass it alike
+    assert (
+        table.cells[table.count == 3] >= 0
+    ).all()  # the first two of the three, though both pass it alike
     count, directions = table.tally(np.arange(3, dtype=np.int32))
     assert abs(directions[count == 3]) == 3

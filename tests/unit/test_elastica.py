@@ -15,7 +15,9 @@ from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED, constants
 from tests.strain_samples import CELLS, SQUARE, Samples, random_strains, strain
 
 NU = 0.3
-LAW = Elastica(E=1.0, nu=NU, density=1.0, thickness=1.0, half_wavelength=math.pi * 1e2 / math.sqrt(12))  # e_E = 1e-4
+LAW = Elastica(
+    E=1.0, nu=NU, density=1.0, thickness=1.0, half_wavelength=math.pi * 1e2 / math.sqrt(12)
+)  # e_E = 1e-4
 
 
 @cache
@@ -56,7 +58,9 @@ def test_buckled_strip(e_E, α, δ, load):
 def test_thin_strip_is_the_inextensible_elastica():
     """P/P_c = 1 + δ/2 + 9δ²/32 + 21δ³/128 + 795δ⁴/8192 + O(δ⁵)."""
     δ, load = buckled_strip(1e-12, 0.2)
-    assert load == pytest.approx(1 + δ / 2 + 9 * δ**2 / 32 + 21 * δ**3 / 128 + 795 * δ**4 / 8192, abs=2 * δ**5)
+    assert load == pytest.approx(
+        1 + δ / 2 + 9 * δ**2 / 32 + 21 * δ**3 / 128 + 795 * δ**4 / 8192, abs=2 * δ**5
+    )
 
 
 @pytest.mark.parametrize("e_E", [1e-8, 1e-4, 1e-3, 1e-2])
@@ -71,7 +75,11 @@ def test_cubic_fits_the_elastica_up_to_a_shortening_of_0_3(e_E):
 
 @pytest.mark.parametrize(
     ("e_E", "coefficients"),
-    [(1e-5, (0.50056, 0.26941, 0.23160)), (1e-3, (0.50031, 0.26917, 0.23089)), (1e-2, (0.49776, 0.26723, 0.22307))],
+    [
+        (1e-5, (0.50056, 0.26941, 0.23160)),
+        (1e-3, (0.50031, 0.26917, 0.23089)),
+        (1e-2, (0.49776, 0.26723, 0.22307)),
+    ],
 )
 def test_cubic_has_the_coefficients_of_the_reference(e_E, coefficients):
     assert cubic(e_E) == pytest.approx(coefficients, abs=3e-4)
@@ -94,7 +102,9 @@ def test_unbuckled_film_is_linear():
     e = np.abs(random_strains(CELLS, 0.05, seed=1)) * [1, 1, 0]
     unit = {"E": 1.0, "nu": NU, "density": 1.0, "thickness": 1.0}
     linear, c = Linear(**unit), constants(Linear(**unit), SQUARE)
-    assert at_strains("energy")(e) == pytest.approx(Samples(lambda e: linear.energy(e, c))(e), rel=1e-12)
+    assert at_strains("energy")(e) == pytest.approx(
+        Samples(lambda e: linear.energy(e, c))(e), rel=1e-12
+    )
 
 
 @pytest.mark.parametrize("size", [3e-4, 1e-2, 0.4])

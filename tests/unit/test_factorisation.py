@@ -31,7 +31,9 @@ def test_a_pinned_hub_with_many_ropes_makes_its_steps(comm, masses):
     for k in range(masses):
         e = np.array([np.cos(2 * np.pi * k / masses), np.sin(2 * np.pi * k / masses), 0.0])
         mass = gx.PointMass(0.1, tuple(0.5 * e), name=f"mass {k}")
-        rope = gx.Rope(hub.port(tuple(0.1 * e)), mass.port(), length=0.39, stiffness=1e3, name=f"rope {k}")
+        rope = gx.Rope(
+            hub.port(tuple(0.1 * e)), mass.port(), length=0.39, stiffness=1e3, name=f"rope {k}"
+        )
         items.append(rope)
     scene = gx.Scene(*items, gx.RigidMotion(spin=(0, 0, 1.0)))
     run = gx.Simulation(scene, gx.Midpoint(dt=1e-3), halvings=0)

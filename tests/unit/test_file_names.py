@@ -48,7 +48,12 @@ def test_segments_come_in_order_and_others_stay_out(tmp_path: Path) -> None:
     assert [p.name for p in segments(path)] == ["a[1].bp", "a[1]_0002.bp", "a[1]_10000.bp"]
 
 
-PAIRS = [("film", "film_1"), ("film", "film_0001"), ("panel", "panel_0001"), ("wing a/b", "wing a_b")]
+PAIRS = [
+    ("film", "film_1"),
+    ("film", "film_0001"),
+    ("panel", "panel_0001"),
+    ("wing a/b", "wing a_b"),
+]
 
 
 @pytest.mark.mpi

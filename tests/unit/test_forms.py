@@ -40,7 +40,9 @@ def test_kernels_that_were_never_finished_are_made_anew(comm, cache):
     first = values()
     assert first[0] == pytest.approx(1.0)
     comm.barrier()
-    if comm.rank == 0:  # as if the compiler had been killed: the sources are there, the kernels are not
+    if (
+        comm.rank == 0
+    ):  # as if the compiler had been killed: the sources are there, the kernels are not
         sources = sorted(cache.glob("libffcx_*.c"))
         assert len(sources) == 2
         for source in sources:
@@ -67,7 +69,9 @@ def test_kernels_do_not_depend_on_what_was_made_before(cache, monkeypatch):
         monkeypatch.setattr(ufl.Constant, "_counter", itertools.count(others))
         law = gx.Miyazaki(1e9, 0.3, 1e3, 1e-4, residual=1e-6)
         film = gx.Membrane(sheet(MPI.COMM_SELF, 1, 1), law)
-        gx.Scene(film, gx.Gravity(film), gx.Pressure(film, 5.0), gx.Damping(film, 1.0, 1e-3)).compile()
+        gx.Scene(
+            film, gx.Gravity(film), gx.Pressure(film, 5.0), gx.Damping(film, 1.0, 1e-3)
+        ).compile()
         return {path.name for path in cache.glob("libffcx_*.c")}
 
     first = kernels(0)

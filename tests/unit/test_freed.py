@@ -48,7 +48,10 @@ def test_a_run_is_freed(comm, parts):
     items = parts(comm)
     run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=1e-3))
     run.run(until=1e-3)
-    left, ranks = [weakref.ref(one) for one in (run.system, run.solver, items[0].mesh.domain)], run.comm
+    left, ranks = (
+        [weakref.ref(one) for one in (run.system, run.solver, items[0].mesh.domain)],
+        run.comm,
+    )
     del items, run
     for _ in range(3):  # what a preconditioner held is dropped with it
         gc.collect()
@@ -77,7 +80,9 @@ def test_steps_leave_nothing_behind(comm, parts, capfd):
 def test_a_matrix_that_was_factorised_is_freed(comm, capfd):
     """Not at the end of a step, when there are as many as iterations."""
     own = comm.Dup()
-    first, second = (PETSc.Mat().createConstantDiagonal((4, 4), 2.0, comm=own).convert("aij") for _ in range(2))
+    first, second = (
+        PETSc.Mat().createConstantDiagonal((4, 4), 2.0, comm=own).convert("aij") for _ in range(2)
+    )
     pc = PETSc.PC().create(own)
     pc.setOperators(first)
     choose(pc)

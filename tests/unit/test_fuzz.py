@@ -70,7 +70,14 @@ def damaged(draw: st.DrawFn, originals: list[bytes]) -> bytes:
         for _ in range(draw(st.integers(1, 4))):
             i = draw(st.integers(0, len(words) - 1))
             words[i : i + 1] = draw(
-                st.sampled_from([[], [words[i]] * 2, [draw(st.sampled_from(WORDS))], [draw(st.sampled_from(words))]])
+                st.sampled_from(
+                    [
+                        [],
+                        [words[i]] * 2,
+                        [draw(st.sampled_from(WORDS))],
+                        [draw(st.sampled_from(words))],
+                    ]
+                )
             ) or [b""]
         return separator.join(words)
     changed = bytearray(data)
@@ -114,12 +121,17 @@ def test_damaged_mesh_files_are_told(tmp_path: Path) -> None:
     check()
 
 
-def test_a_file_at_which_gmsh_breaks_off_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_at_which_gmsh_breaks_off_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / "a.msh"
     path.write_bytes(files(tmp_path)[0])
     gone = subprocess.CompletedProcess([], -6, b"", b"terminate called")
     monkeypatch.setattr(raw_mesh.subprocess, "run", lambda *args, **kwargs: gone)
-    assert read(path) == f"gmsh broke off when it read '{path}'; the file is damaged, write it again as MSH 4.1."
+    assert (
+        read(path)
+        == f"gmsh broke off when it read '{path}'; the file is damaged, write it again as MSH 4.1."
+    )
 
 
 def in_a_fork(command: list[str], **kwargs: Any) -> subprocess.CompletedProcess:
@@ -145,7 +157,9 @@ def in_a_fork(command: list[str], **kwargs: Any) -> subprocess.CompletedProcess:
 
 
 @pytest.mark.slow
-def test_damaged_mesh_files_for_ten_minutes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_damaged_mesh_files_for_ten_minutes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(raw_mesh.subprocess, "run", in_a_fork)
     originals, path, end = files(tmp_path), tmp_path / "damaged.msh", time.monotonic() + 600
     said: dict[str, int] = {}
@@ -209,10 +223,18 @@ def run_pillow(mesh: gx.Mesh, n: dict[str, Any]) -> str:
         film = gx.Membrane(mesh, law)
         gas = gx.IdealGas(n["gamma"], n["R"])
         bag = gx.Chamber(
-            film, gas=gas, pressure=n["pressure"], temperature=n["temperature"], dead_volume=n["dead_volume"]
+            film,
+            gas=gas,
+            pressure=n["pressure"],
+            temperature=n["temperature"],
+            dead_volume=n["dead_volume"],
         )
         hole = gx.Orifice(gx.Reservoir(1e5, 300.0), bag, n["area"], n["discharge_coefficient"])
-        loads = [gx.Gravity(film, n["g"]), gx.Damping(film, mass=n["damping"]), gx.RigidMotion(n["spin"])]
+        loads = [
+            gx.Gravity(film, n["g"]),
+            gx.Damping(film, mass=n["damping"]),
+            gx.RigidMotion(n["spin"]),
+        ]
         run = gx.Simulation(gx.Scene(film, bag, hole, *loads), gx.Midpoint(dt=n["dt"]), halvings=1)
         steps = n["until"] / n["dt"]
         run.run(until=n["until"] if steps < 10 else 3 * n["dt"])

@@ -30,7 +30,10 @@ def pressures(states):
 def test_choked_flow_has_the_exact_value_whatever_is_downstream():
     """ṁ* = C_dA p_u √(γ/(R T_u)) (2/(γ+1))^((γ+1)/(2(γ-1))) = 4.6671e-4 kg/s for 1e-6 m², 2e5 Pa, 300 K."""
     critical = (2 / 2.4) ** (1.4 / 0.4)
-    flows = [1e-6 * isentropic_flow(AIR, 2e5, 300.0, x * 2e5, LAMINAR) for x in (0.0, 0.2, 0.999 * critical)]
+    flows = [
+        1e-6 * isentropic_flow(AIR, 2e5, 300.0, x * 2e5, LAMINAR)
+        for x in (0.0, 0.2, 0.999 * critical)
+    ]
     assert flows[0] == pytest.approx(4.6671e-4, rel=1e-5)
     assert flows[0] == flows[1] == flows[2]
 
@@ -81,7 +84,9 @@ def test_stiff_filling_does_not_ring(dt, p):
 
 
 def test_equal_pressures_stay_equal():
-    a, b = (gx.Tank(0.01, gas=AIR, pressure=1e5, temperature=T, name=f"{T}") for T in (250.0, 400.0))
+    a, b = (
+        gx.Tank(0.01, gas=AIR, pressure=1e5, temperature=T, name=f"{T}") for T in (250.0, 400.0)
+    )
     run, states = start(gx.Orifice(a, b, area=1e-3), dt=0.1)
     run.run(until=1.0)
     assert pressures(states) == pytest.approx([1e5, 1e5], rel=1e-14)
@@ -104,7 +109,9 @@ def test_flow_reverses_when_the_reservoir_is_the_lower_one():
 
 def test_order_of_the_ends_only_turns_the_sign():
     def final(first, second):
-        a, b = (gx.Tank(0.01, gas=AIR, pressure=p, temperature=300.0, name=f"{p}") for p in (3e5, 1e5))
+        a, b = (
+            gx.Tank(0.01, gas=AIR, pressure=p, temperature=300.0, name=f"{p}") for p in (3e5, 1e5)
+        )
         run, states = start(a, b, gx.Orifice((a, b)[first], (a, b)[second], area=1e-5), dt=0.05)
         run.run(until=1.0)
         return pressures(states)
@@ -160,7 +167,9 @@ def test_graph_of_five_chambers_keeps_mass_and_energy():
         for k, (V, p, T) in enumerate(zip(volumes, start_pressures, temperatures, strict=True))
     ]
     edges = [(0, 1), (1, 2), (2, 3), (3, 4), (4, 0), (1, 3), (4, 2)]
-    openings = [gx.Orifice(tanks[i], tanks[j], area=2e-6 * (1 + i), name=f"{i}-{j}") for i, j in edges]
+    openings = [
+        gx.Orifice(tanks[i], tanks[j], area=2e-6 * (1 + i), name=f"{i}-{j}") for i, j in edges
+    ]
     run, states = start(*openings, dt=0.1)
     mass, energy = run.first.mass, run.first.energy
     run.run(until=60.0)
@@ -177,7 +186,10 @@ def test_chain_through_a_chamber_without_volume_to_speak_of():
     big = gx.Tank(1.0, gas=AIR, pressure=2e5, temperature=300.0, name="big")
     tiny = gx.Tank(1e-9, gas=AIR, pressure=1e5, temperature=300.0, name="tiny")
     other = gx.Tank(1.0, gas=AIR, pressure=1e-3, temperature=300.0, name="other")
-    openings = [gx.Orifice(big, tiny, area=1e-5, name="in"), gx.Orifice(tiny, other, area=2e-5, name="out")]
+    openings = [
+        gx.Orifice(big, tiny, area=1e-5, name="in"),
+        gx.Orifice(tiny, other, area=2e-5, name="out"),
+    ]
     run, states = start(*openings, dt=0.1)
     run.run(until=2.0)
     assert abs(run.mass_error) <= 1e-12 and abs(run.energy_error) <= 1e-12

@@ -50,9 +50,13 @@ def test_a_flat_film_inflates_to_the_side_of_its_normals(seed: int) -> None:
 
 
 def cylinder(pressure: float, temperature: float, x: float = 0.2) -> gx.Chamber:
-    piston = gx.Piston(gx.PointMass(0.1, (x, 0.0, 0.0), name=f"mass at {x}").port(), 0.01, (1, 0, 0))
+    piston = gx.Piston(
+        gx.PointMass(0.1, (x, 0.0, 0.0), name=f"mass at {x}").port(), 0.01, (1, 0, 0)
+    )
     state = {"pressure": pressure, "temperature": temperature}
-    return gx.Chamber(piston, gas=AIR, dead_volume=2e-3, name=f"chamber of {pressure:g} Pa", **state)
+    return gx.Chamber(
+        piston, gas=AIR, dead_volume=2e-3, name=f"chamber of {pressure:g} Pa", **state
+    )
 
 
 def vented_piston() -> gx.Scene:
@@ -107,11 +111,17 @@ def hoop(n: int) -> gx.Mesh:
     angle, side = 2 * np.pi * np.arange(n) / n, 2 * np.pi * 0.1 / n
     points = [(0.1 * np.cos(a), 0.1 * np.sin(a), k * side) for k in range(3) for a in angle]
     at = lambda k, i: k * n + i % n  # noqa: E731
-    squares = [(at(k, i), at(k, i + 1), at(k + 1, i + 1), at(k + 1, i)) for k in (0, 1) for i in range(n)]
+    squares = [
+        (at(k, i), at(k, i + 1), at(k + 1, i + 1), at(k + 1, i)) for k in (0, 1) for i in range(n)
+    ]
     triangles = [t for a, b, c, d in squares for t in ((a, b, c), (a, c, d))]
 
     def build(model) -> None:
-        wall, *rims = model.addDiscreteEntity(2), model.addDiscreteEntity(1), model.addDiscreteEntity(1)
+        wall, *rims = (
+            model.addDiscreteEntity(2),
+            model.addDiscreteEntity(1),
+            model.addDiscreteEntity(1),
+        )
         model.mesh.addNodes(2, wall, [], np.ravel(points))
         model.mesh.addElementsByType(wall, 2, [], np.ravel(triangles) + 1)
         model.addPhysicalGroup(2, [wall], name="wall")
@@ -173,7 +183,10 @@ def test_the_chamber_is_named_whose_gas_is_not_in_balance() -> None:
     z.array[3] -= 0.5
     system.take(z)
     system.residual(y, r)
-    assert re.match(r"the gas of 'chamber of 150000 Pa' is not in balance \(volume -0\.003 m³", border.unsolved())
+    assert re.match(
+        r"the gas of 'chamber of 150000 Pa' is not in balance \(volume -0\.003 m³",
+        border.unsolved(),
+    )
 
 
 @pytest.mark.mpi

@@ -81,14 +81,19 @@ def test_strain_of_a_homogeneous_deformation(comm, surface, order):
 def test_strain_is_quadratic_in_the_positions(comm, surface, order):
     """De(q̄)·(q1 - q0) = e1 - e0 for any two configurations, on which the conservation of energy rests."""
     film = Membrane(SURFACES[surface](comm), LAW, order=order)
-    q0, q1 = moved(film, lambda X: np.sin(3 * X) + X), moved(film, lambda X: 2 * X[[1, 2, 0]] - X**2)
+    q0, q1 = (
+        moved(film, lambda X: np.sin(3 * X) + X),
+        moved(film, lambda X: 2 * X[[1, 2, 0]] - X**2),
+    )
     mid, Δq = fem.Function(film.space), fem.Function(film.space)
     mid.x.array[:], Δq.x.array[:] = (q0.x.array + q1.x.array) / 2, q1.x.array - q0.x.array
     De = ufl.derivative(film.measure(mid), mid, Δq)
     domain = film.mesh.domain
     cells = np.arange(domain.topology.index_map(2).size_local, dtype=np.int32)
     change = evaluate(fem.Expression(De, np.array([[0.2, 0.3]])), domain, cells)
-    difference = evaluate(fem.Expression(film.measure(q1) - film.measure(q0), np.array([[0.2, 0.3]])), domain, cells)
+    difference = evaluate(
+        fem.Expression(film.measure(q1) - film.measure(q0), np.array([[0.2, 0.3]])), domain, cells
+    )
     assert abs(change - difference).max() <= 1e-12 * abs(difference).max()
 
 
@@ -114,7 +119,11 @@ def test_mass_and_initial_state(comm, order):
         return np.vstack([0 * X[0], 0 * X[0], 0.5 + X[0]])
 
     film = Membrane(
-        sheet(comm, 3, 4, 2.0, 1.0), law, order=order, displacement=lift, velocity=lambda X: np.full_like(X, 3.0)
+        sheet(comm, 3, 4, 2.0, 1.0),
+        law,
+        order=order,
+        displacement=lift,
+        velocity=lambda X: np.full_like(X, 3.0),
     )
     x, v = (state.reshape(-1, 3) for state in film.initial_state())
     X = film.space.tabulate_dof_coordinates()[: len(x)]
@@ -132,5 +141,8 @@ def test_tension_is_the_positive_part_of_a_stress():
     for S in [*random.normal(size=(20, 3)), (2.0, 2.0, 0.0), (-1.0, -1.0, 0.0), (0.0, 0.0, 0.0)]:
         values, axes = np.linalg.eigh([[S[0], S[2]], [S[2], S[1]]])
         exact = axes @ np.diag(np.maximum(values, 0)) @ axes.T
-        found = [float(component) for component in tension(ufl.as_vector([ufl.as_ufl(float(s)) for s in S]))]
+        found = [
+            float(component)
+            for component in tension(ufl.as_vector([ufl.as_ufl(float(s)) for s in S]))
+        ]
         assert found == pytest.approx([exact[0, 0], exact[1, 1], exact[0, 1]], abs=1e-12)

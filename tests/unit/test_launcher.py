@@ -31,12 +31,18 @@ COMMANDS = (
 )
 
 pytestmark = pytest.mark.skipif(
-    "OMPI_COMM_WORLD_SIZE" in os.environ or "PMI_SIZE" in os.environ, reason="an mpirun cannot start another"
+    "OMPI_COMM_WORLD_SIZE" in os.environ or "PMI_SIZE" in os.environ,
+    reason="an mpirun cannot start another",
 )
 
 
 def launch(*words, program=GOSSAMER, **options):
-    options = {"capture_output": True, "text": True, "timeout": 120, "stdin": subprocess.DEVNULL} | options
+    options = {
+        "capture_output": True,
+        "text": True,
+        "timeout": 120,
+        "stdin": subprocess.DEVNULL,
+    } | options
     if "input" in options:
         del options["stdin"]
     return subprocess.run([program, *words], **options)
@@ -79,7 +85,9 @@ def test_it_is_plain_sh():
 
 def test_packages_are_listed_once():
     text = (ROOT / "pyproject.toml").read_text()
-    listed = re.search(r"^\[tool\.gossamer\]\ndebian = \[\n(.*?)^\]", text, re.MULTILINE | re.DOTALL)
+    listed = re.search(
+        r"^\[tool\.gossamer\]\ndebian = \[\n(.*?)^\]", text, re.MULTILINE | re.DOTALL
+    )
     packages = re.findall(r'^    "([a-z0-9.+-]+)",$', listed[1], re.MULTILINE)
     assert "python3-dolfinx-real" in packages and len(packages) == listed[1].count("\n")
     for name in ("gossamer", "Containerfile", ".ci/run"):
@@ -106,7 +114,13 @@ def test_current_folder_and_project_are_at_hand(tmp_path):
     folder.mkdir()
     link = tmp_path / "launch"
     link.symlink_to(GOSSAMER)
-    done = launch("python", "-c", "import os, sys; print(os.getcwd(), sys.path)", cwd=folder, program=str(link))
+    done = launch(
+        "python",
+        "-c",
+        "import os, sys; print(os.getcwd(), sys.path)",
+        cwd=folder,
+        program=str(link),
+    )
     assert done.stdout.startswith(str(folder)) and f"'{ROOT}'" in done.stdout
 
 
@@ -114,7 +128,9 @@ def test_current_folder_and_project_are_at_hand(tmp_path):
 def test_threads(given, threads):
     environment = {name: value for name, value in os.environ.items() if name != "OMP_NUM_THREADS"}
     environment |= {"OMP_NUM_THREADS": given} if given else {}
-    done = launch("python", "-c", "import os; print(os.environ['OMP_NUM_THREADS'])", env=environment)
+    done = launch(
+        "python", "-c", "import os; print(os.environ['OMP_NUM_THREADS'])", env=environment
+    )
     assert done.stdout.strip() == threads
 
 
@@ -132,9 +148,13 @@ except KeyboardInterrupt:
 """
 
 
-@pytest.mark.parametrize("number, code", [(signal.SIGTERM, 9), (signal.SIGHUP, 9), (signal.SIGINT, 11)])
+@pytest.mark.parametrize(
+    "number, code", [(signal.SIGTERM, 9), (signal.SIGHUP, 9), (signal.SIGINT, 11)]
+)
 def test_signals_reach_the_program(number, code):
-    with subprocess.Popen([GOSSAMER, "python", "-c", PATIENT], stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        [GOSSAMER, "python", "-c", PATIENT], stdout=subprocess.PIPE, text=True
+    ) as process:
         assert process.stdout.readline() == "up\n"
         process.send_signal(number)
         assert process.wait(timeout=20) == code
@@ -189,7 +209,16 @@ def test_tests_run_on_one_rank_then_on_two(project):
 def test_doctor():
     done = launch("doctor")
     assert done.returncode == 0, done.stdout + done.stderr
-    for name in ("environment", "python", "dolfinx", "petsc4py", "gmsh", "mpi", "compiler", "self-check"):
+    for name in (
+        "environment",
+        "python",
+        "dolfinx",
+        "petsc4py",
+        "gmsh",
+        "mpi",
+        "compiler",
+        "self-check",
+    ):
         assert re.search(rf"^{name} +\S", done.stdout, re.MULTILINE)
     assert "MISSING" not in done.stdout
 

@@ -61,7 +61,9 @@ TABLE = [
 def test_miyazaki_has_the_stress_energy_and_state_of_the_table(row):
     ε11, ε22, ε12, states, *stress, energy = row
     e = np.array([[ε11, ε22, 2 * ε12]])
-    assert at_strains(MIYAZAKI, "stress")(e)[0] == pytest.approx(stress, rel=1e-6, abs=1e-6 * max(map(abs, stress)))
+    assert at_strains(MIYAZAKI, "stress")(e)[0] == pytest.approx(
+        stress, rel=1e-6, abs=1e-6 * max(map(abs, stress))
+    )
     assert at_strains(MIYAZAKI, "energy")(e)[0] == pytest.approx([energy], rel=1e-6)
     assert int(at_strains(MIYAZAKI, "state")(e)[0, 0]) in states
 
@@ -80,9 +82,13 @@ def test_stress_and_energy_are_continuous_where_the_state_switches(law, boundary
     rng = np.random.default_rng(2)
     γ, φ = rng.uniform(1e-3, 0.1, CELLS), rng.uniform(0, np.pi, CELLS)
     γ1, γ2 = (γ, -law.nu * γ) if boundary == "taut to wrinkled" else (law.residual * law.nu * γ, -γ)
-    above, below = (strain(γ1 + η * (boundary != "taut to wrinkled"), γ2 + η, φ) for η in (1e-11, -1e-11))
+    above, below = (
+        strain(γ1 + η * (boundary != "taut to wrinkled"), γ2 + η, φ) for η in (1e-11, -1e-11)
+    )
     states = [set(at_strains(law, "state")(e).ravel()) for e in (above, below)]
-    assert states == ([{TAUT}, {WRINKLED}] if boundary == "taut to wrinkled" else [{WRINKLED}, {SLACK}])
+    assert states == (
+        [{TAUT}, {WRINKLED}] if boundary == "taut to wrinkled" else [{WRINKLED}, {SLACK}]
+    )
     for what in ("stress", "energy"):
         jump = at_strains(law, what)(above) - at_strains(law, what)(below)
         assert abs(jump).max() <= 1e-9
@@ -120,7 +126,10 @@ def test_equal_principal_strains_give_equal_principal_stresses(law, γ):
 def test_film_is_isotropic(law):
     rng = np.random.default_rng(6)
     γ1, γ2 = rng.uniform(-0.1, 0.1, (2, CELLS))
-    W = [at_strains(law, "energy")(strain(γ1, γ2, φ)) for φ in (np.zeros(CELLS), rng.uniform(0, np.pi, CELLS))]
+    W = [
+        at_strains(law, "energy")(strain(γ1, γ2, φ))
+        for φ in (np.zeros(CELLS), rng.uniform(0, np.pi, CELLS))
+    ]
     assert W[0] == pytest.approx(W[1], rel=1e-12, abs=1e-17)
 
 

@@ -27,7 +27,9 @@ def count(mesh: Mesh, name: str) -> int:
 
 def area(mesh: Mesh) -> float:
     film = Membrane(mesh, LAW, order=2)
-    return mesh.comm.allreduce(fem.assemble_scalar(fem.form(fem.Constant(mesh.domain, 1.0) * film.dx)))
+    return mesh.comm.allreduce(
+        fem.assemble_scalar(fem.form(fem.Constant(mesh.domain, 1.0) * film.dx))
+    )
 
 
 @pytest.mark.mpi
@@ -66,7 +68,9 @@ def test_sheets_of_an_airbag_meet_on_the_seam_only(comm):
     mesh = airbag(comm, 1.0, 6)
     assert count(mesh, "top") == count(mesh, "bottom") == 72 and count(mesh, "seam") == 24
     assert mesh.domain.topology.index_map(0).size_global == 2 * 49 - 24
-    assert mesh.domain.topology.index_map(1).size_global == (3 * 144) // 2  # closed: every edge has two triangles
+    assert (
+        mesh.domain.topology.index_map(1).size_global == (3 * 144) // 2
+    )  # closed: every edge has two triangles
     assert area(mesh) == pytest.approx(2.0, rel=1e-13)
 
 
@@ -102,7 +106,11 @@ def test_file_keeps_the_names_of_its_groups(comm, folder):
     comm.barrier()
     mesh = read_mesh(path, comm)
     for m in (built, mesh):
-        assert {name: dim for name, (dim, _) in m.groups.items()} == {"strip": 2, "clamp": 1, "7": 0}
+        assert {name: dim for name, (dim, _) in m.groups.items()} == {
+            "strip": 2,
+            "clamp": 1,
+            "7": 0,
+        }
         assert (count(m, "strip"), count(m, "clamp"), count(m, "7")) == (32, 4, 1)
     assert area(mesh) == pytest.approx(2.0, rel=1e-13)
 
@@ -129,12 +137,16 @@ def test_orientation_of_the_cells_survives(comm):
     for order in (1, 2):
         mesh = sphere(comm, 1.0, 12, order)
         X, n = ufl.SpatialCoordinate(mesh.domain), ufl.CellNormal(mesh.domain)
-        outward = fem.form(ufl.conditional(ufl.gt(ufl.dot(X, n), 0), 1.0, 0.0) * ufl.dx(mesh.domain))
+        outward = fem.form(
+            ufl.conditional(ufl.gt(ufl.dot(X, n), 0), 1.0, 0.0) * ufl.dx(mesh.domain)
+        )
         assert comm.allreduce(fem.assemble_scalar(outward)) == pytest.approx(area(mesh), rel=1e-3)
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("cells, culprit", [([0, 1, 1], "one node twice"), ([0, 1, 2] * 2, "same nodes")])
+@pytest.mark.parametrize(
+    "cells, culprit", [([0, 1, 1], "one node twice"), ([0, 1, 2] * 2, "same nodes")]
+)
 def test_cells_that_cannot_be_are_told(comm, cells, culprit):
     def build(model):
         surface = model.addDiscreteEntity(2)
@@ -160,7 +172,9 @@ def test_ranks_share_the_mesh_that_one_has_alone(comm):
             mesh.domain.topology.create_entities(dim)
         sizes = [mesh.domain.topology.index_map(dim).size_global for mesh in (alone, shared)]
         assert sizes[0] == sizes[1]
-    assert {name: count(alone, name) for name in alone.groups} == {name: count(shared, name) for name in shared.groups}
+    assert {name: count(alone, name) for name in alone.groups} == {
+        name: count(shared, name) for name in shared.groups
+    }
 
 
 SCRIPT = 'SystemCall "touch {}";\nPoint(1) = {{0, 0, 0, 1}};\n'

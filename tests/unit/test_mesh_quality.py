@@ -21,7 +21,9 @@ WORLD = MPI.COMM_WORLD
 LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
 
 
-def triangles(points: list[tuple[float, ...]], cells: list[tuple[int, ...]], order: int = 1) -> gx.Mesh:
+def triangles(
+    points: list[tuple[float, ...]], cells: list[tuple[int, ...]], order: int = 1
+) -> gx.Mesh:
     """A mesh of given nodes (from 0) and triangles."""
 
     def build(model) -> None:
@@ -32,7 +34,9 @@ def triangles(points: list[tuple[float, ...]], cells: list[tuple[int, ...]], ord
     return gx.gmsh_mesh(build, WORLD)
 
 
-def rows_of_squares(n: int, lift: Callable[[int, int], float] = lambda i, j: 0.0) -> tuple[list, list]:
+def rows_of_squares(
+    n: int, lift: Callable[[int, int], float] = lambda i, j: 0.0
+) -> tuple[list, list]:
     """Nodes and triangles of n × n squares."""
     points = [(i / n, j / n, lift(i, j)) for i in range(n + 1) for j in range(n + 1)]
     corner = [(i, j) for i in range(n) for j in range(n)]
@@ -132,15 +136,23 @@ def test_a_film_that_pierces_itself_is_told():
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("numbers, culprit", [({"thickness": 25.0}, "25 m thick"), ({"E": 4.0}, "E = 4 Pa")])
+@pytest.mark.parametrize(
+    "numbers, culprit", [({"thickness": 25.0}, "25 m thick"), ({"E": 4.0}, "E = 4 Pa")]
+)
 def test_numbers_in_other_units_are_told(numbers, culprit):
     law = gx.Miyazaki(**({"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4} | numbers))
     assert any(culprit in words for words in words_of(sheet(WORLD, 2, 2), law))
 
 
 def test_what_is_suspected_is_told_once(caplog):
-    film = gx.Membrane(sheet(MPI.COMM_SELF, 2, 2), gx.Linear(E=1e9, nu=0.3, density=1e-6, thickness=1e-4), name="air")
+    film = gx.Membrane(
+        sheet(MPI.COMM_SELF, 2, 2),
+        gx.Linear(E=1e9, nu=0.3, density=1e-6, thickness=1e-4),
+        name="air",
+    )
     with caplog.at_level(logging.WARNING, logger="gossamer_fx"):
         for _ in range(2):
             validate([film], MPI.COMM_SELF)
-    assert [r.message for r in caplog.records] == ["'air': density = 1e-06 kg/m³ is unusual; numbers are in SI units."]
+    assert [r.message for r in caplog.records] == [
+        "'air': density = 1e-06 kg/m³ is unusual; numbers are in SI units."
+    ]

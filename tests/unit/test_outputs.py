@@ -38,13 +38,19 @@ def falling_film() -> gx.Membrane:
     return gx.Membrane(small_sheet(), LAW, velocity=lambda x: np.outer(V0, np.ones(x.shape[1])))
 
 
-def strained(order: int = 1, n: int = 6, stretch: object = None, comm: MPI.Comm = COMM) -> gx.Membrane:
+def strained(
+    order: int = 1, n: int = 6, stretch: object = None, comm: MPI.Comm = COMM
+) -> gx.Membrane:
     """E22 = -1e-3 everywhere; E11 = 1e-2, 1e-3, -1e-3 on x < 1/6, < 1/2, < 1: taut, wrinkled, slack (ν = 0.3)."""
 
     def displacement(x: np.ndarray) -> np.ndarray:
-        λ = np.sqrt(1 + 2 * np.array([1e-2, 1e-3, -1e-3, -1e-3]))  # stretches of E11 and, last, of E22
+        λ = np.sqrt(
+            1 + 2 * np.array([1e-2, 1e-3, -1e-3, -1e-3])
+        )  # stretches of E11 and, last, of E22
         widths = [np.clip(x[0], a, b) - a for a, b in ((0, 1 / 6), (1 / 6, 1 / 2), (1 / 2, 1))]
-        return np.vstack([sum(w * (s - 1) for w, s in zip(widths, λ, strict=False)), x[1] * (λ[3] - 1), 0 * x[2]])
+        return np.vstack(
+            [sum(w * (s - 1) for w, s in zip(widths, λ, strict=False)), x[1] * (λ[3] - 1), 0 * x[2]]
+        )
 
     return gx.Membrane(sheet(comm, n, n), LAW, order=order, displacement=displacement)
 
@@ -81,12 +87,18 @@ def test_principal_values_of_a_uniform_strain(
     angle, axis = 0.7, np.array([1.0, 2.0, 2.0]) / 3
     K = np.cross(np.eye(3), axis)
     R = np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
-    film = gx.Membrane(sheet(COMM, 2, 3), LAW, order=order, displacement=lambda x: (R @ U - np.eye(3)) @ x)
+    film = gx.Membrane(
+        sheet(COMM, 2, 3), LAW, order=order, displacement=lambda x: (R @ U - np.eye(3)) @ x
+    )
     system = gx.Scene(film).compile()
-    fields = FieldFunctions(system, film, ["strain1", "strain2", "stress1", "stress2", "direction", "state"])
+    fields = FieldFunctions(
+        system, film, ["strain1", "strain2", "stress1", "stress2", "direction", "state"]
+    )
     fields.update()
     values = {f.name: f.x.array for f in fields.functions}
-    assert np.allclose(values["strain1"], E11, atol=1e-12) and np.allclose(values["strain2"], E22, atol=1e-12)
+    assert np.allclose(values["strain1"], E11, atol=1e-12) and np.allclose(
+        values["strain2"], E22, atol=1e-12
+    )
     assert np.allclose(values["stress1"], S11 * E, atol=1e-6 * abs(S11) * E)
     assert np.allclose(values["stress2"], S22 * E, atol=1e-6 * abs(S11) * E)
     assert np.all(values["state"] == state)
@@ -129,18 +141,26 @@ def test_vtx_holds_the_motion_at_every_due_step(folder: Path) -> None:
     COMM.barrier()
     if COMM.rank == 0:
         with adios2.FileReader(str(folder / "motion.bp")) as file:
-            assert {"displacement", "velocity", "geometry", "connectivity"} <= set(file.available_variables())
+            assert {"displacement", "velocity", "geometry", "connectivity"} <= set(
+                file.available_variables()
+            )
             times = file.read("step", step_selection=[0, file.num_steps()])
             assert np.allclose(times, np.array([0, 2, 4, 5]) * DT, atol=1e-15)
             for k, t in enumerate(times):
                 for block in range(COMM.size):
-                    u = file.read("displacement", block_id=block, step_selection=[k, 1]).reshape(-1, 3)
+                    u = file.read("displacement", block_id=block, step_selection=[k, 1]).reshape(
+                        -1, 3
+                    )
                     v = file.read("velocity", block_id=block, step_selection=[k, 1]).reshape(-1, 3)
                     assert np.allclose(u, V0 * t - [0, 0, G * t**2 / 2], atol=1e-10)
                     assert np.allclose(v, V0 - [0, 0, G * t], atol=1e-8)
         with adios2.FileReader(str(folder / "states.bp")) as file:
             assert {"displacement", "state", "stress1"} <= set(file.available_variables())
-            assert np.allclose(file.read("step", step_selection=[0, file.num_steps()]), [0, 3 * DT, 5 * DT], atol=1e-15)
+            assert np.allclose(
+                file.read("step", step_selection=[0, file.num_steps()]),
+                [0, 3 * DT, 5 * DT],
+                atol=1e-15,
+            )
             assert np.all(file.read("state", block_id=0, step_selection=[2, 1]) == TAUT)
 
 
@@ -163,7 +183,9 @@ def test_a_later_refusal_leaves_an_old_file_as_it_was(folder: Path) -> None:
     COMM.barrier()
     before = (folder / "a.bp" / "data.0").stat().st_mtime_ns
     with pytest.raises(gx.InputError):
-        fall(falling_film(), [gx.VTX(folder / "a.bp"), gx.VTX(folder / "b.bp", fields=("nothing",))])
+        fall(
+            falling_film(), [gx.VTX(folder / "a.bp"), gx.VTX(folder / "b.bp", fields=("nothing",))]
+        )
     assert (folder / "a.bp" / "data.0").stat().st_mtime_ns == before
 
 
@@ -282,7 +304,12 @@ def test_probe_that_differs_between_ranks_is_named(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "bad", [lambda p: gx.Position(p, "w"), lambda p: gx.Probes("a.csv", {"time": len}), lambda p: gx.Series({"z": p})]
+    "bad",
+    [
+        lambda p: gx.Position(p, "w"),
+        lambda p: gx.Probes("a.csv", {"time": len}),
+        lambda p: gx.Series({"z": p}),
+    ],
 )
 def test_bad_requests_of_probes(bad: object) -> None:
     with pytest.raises(gx.InputError):
@@ -321,11 +348,19 @@ def test_triangles_leave_no_pixel_out(comm: MPI.Comm) -> None:
     points = np.stack([x, y, 0 * x + 1], axis=2).reshape(-1, 3)
     corner = (np.arange(nx - 1) + nx * np.arange(ny - 1)[:, None]).ravel()
     triangles = np.concatenate(
-        [np.stack([corner, corner + 1, corner + nx], 1), np.stack([corner + nx + 1, corner + 1, corner + nx], 1)]
+        [
+            np.stack([corner, corner + 1, corner + nx], 1),
+            np.stack([corner + nx + 1, corner + 1, corner + nx], 1),
+        ]
     )
     canvas = Canvas(70, 100, 0.0, 2.0)
     palette = np.zeros((1, 256, 3), dtype=np.uint8)
-    canvas.draw(points[triangles], np.ones((len(triangles), 3)), np.zeros(len(triangles), dtype=np.int64), palette)
+    canvas.draw(
+        points[triangles],
+        np.ones((len(triangles), 3)),
+        np.zeros(len(triangles), dtype=np.int64),
+        palette,
+    )
     black = canvas.outlined(np.inf, 0.0)[..., 0] == 0
     u, v = np.arange(100) + 0.5, np.arange(70) + 0.5
     inside = ((u > 7.3) & (u < 90.8)) & ((v > 5.2) & (v < 60.1))[:, None]
@@ -343,7 +378,12 @@ def test_the_nearer_triangle_hides_the_farther_where_they_cross() -> None:
     for order in ((slope, flat), (flat, slope)):
         canvas = Canvas(100, 100, 0.0, 100.0)
         for triangles in order:
-            canvas.draw(triangles, np.ones((2, 3)), np.full(2, int(triangles is flat), dtype=np.int64), palette)
+            canvas.draw(
+                triangles,
+                np.ones((2, 3)),
+                np.full(2, int(triangles is flat), dtype=np.int64),
+                palette,
+            )
         images.append(canvas.outlined(np.inf, 0.0)[..., 0])
     assert np.array_equal(*images)
     assert np.all(images[0][:, :50] == 0) and np.all(images[0][:, 50:] == 1)
@@ -364,7 +404,10 @@ def test_picture_is_the_same_on_any_number_of_ranks(folder: Path, order: int) ->
     a, b = imread(own), imread(together)
     assert a.shape == b.shape
     assert (abs(a - b).max(axis=2) > 0.01).sum() <= 20
-    for colour in ((0.18, 0.49, 0.75), (0.96, 0.65, 0.14)):  # slack and wrinkled film is seen in its colour
+    for colour in (
+        (0.18, 0.49, 0.75),
+        (0.96, 0.65, 0.14),
+    ):  # slack and wrinkled film is seen in its colour
         hue = (a[..., :3] / a[..., :3].max(axis=2, keepdims=True)) - np.array(colour) / max(colour)
         assert (abs(hue).max(axis=2) < 0.1).mean() > 0.01
 
@@ -372,7 +415,8 @@ def test_picture_is_the_same_on_any_number_of_ranks(folder: Path, order: int) ->
 def test_picture_of_gas_alone(folder: Path) -> None:
     gas = gx.IdealGas(gamma=1.4, R=287.0)
     first, second = (
-        gx.Tank(1e-3, gas=gas, pressure=p, temperature=300.0, name=name) for p, name in ((2e5, "full"), (1e3, "empty"))
+        gx.Tank(1e-3, gas=gas, pressure=p, temperature=300.0, name=name)
+        for p, name in ((2e5, "full"), (1e3, "empty"))
     )
     scene = gx.Scene(gx.Orifice(first, second, area=1e-6), gx.PointMass(1.0))
     run = gx.Simulation(scene, gx.Midpoint(dt=DT), [gx.Picture(folder / "gas.png")])
@@ -427,7 +471,10 @@ class Terminal(io.StringIO):
 
 
 def test_a_terminal_shows_a_bar_and_anything_else_lines() -> None:
-    seen = {Terminal(): ("h 0.001 s", "━", "100%", "0:00:00"), io.StringIO(): ("t = 0.005 of 0.005 s",)}
+    seen = {
+        Terminal(): ("h 0.001 s", "━", "100%", "0:00:00"),
+        io.StringIO(): ("t = 0.005 of 0.005 s",),
+    }
     for stream, words in seen.items():
         fall(falling_film(), [gx.Progress(stream, seconds=0.0)])
         said = stream.getvalue()

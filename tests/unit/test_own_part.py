@@ -30,10 +30,13 @@ def swinging(own: ModuleType, hardening: float = 2e3, dt: float = 1e-2) -> gx.Si
     places = ((-1.0, 0.0, 0.0), (0.0, 0.2, 0.0), (1.0, 0.0, 0.1))
     speeds = ((0.0, 1.0, 0.0), (0.3, 0.0, 2.0), (0.0, -1.0, 0.5))
     masses = [
-        gx.PointMass(1.0 + k, x, velocity=v, name=f"m{k}") for k, (x, v) in enumerate(zip(places, speeds, strict=True))
+        gx.PointMass(1.0 + k, x, velocity=v, name=f"m{k}")
+        for k, (x, v) in enumerate(zip(places, speeds, strict=True))
     ]
     a, b, c = (m.port() for m in masses)
-    return gx.Simulation(gx.Scene(own.BendingSpring((a, b, c), 50.0, hardening)), gx.Midpoint(dt=dt))
+    return gx.Simulation(
+        gx.Scene(own.BendingSpring((a, b, c), 50.0, hardening)), gx.Midpoint(dt=dt)
+    )
 
 
 def test_the_part_of_the_page_conserves(own: ModuleType) -> None:
@@ -57,7 +60,9 @@ def test_its_frequency_is_that_of_the_linear_spring(own: ModuleType) -> None:
     ]
     a, b, c = (m.port() for m in masses)
     quarter = np.pi / 2 / np.sqrt(4 * 50.0)
-    run = gx.Simulation(gx.Scene(own.BendingSpring((a, b, c), 50.0, 1.0)), gx.Midpoint(dt=quarter / 200))
+    run = gx.Simulation(
+        gx.Scene(own.BendingSpring((a, b, c), 50.0, 1.0)), gx.Midpoint(dt=quarter / 200)
+    )
     run.run(until=quarter)
     assert run.totals.kinetic < 1e-6 * run.totals.energy
 

@@ -21,7 +21,9 @@ PROJECT = ROOT / "pyproject.toml"
 
 def test_the_version_is_told_everywhere_alike() -> None:
     assert f"version: {gx.__version__}\n" in (ROOT / "CITATION.cff").read_text()
-    done = subprocess.run([sys.executable, "-m", "gossamer_fx", "--version"], capture_output=True, text=True, cwd=ROOT)
+    done = subprocess.run(
+        [sys.executable, "-m", "gossamer_fx", "--version"], capture_output=True, text=True, cwd=ROOT
+    )
     assert done.stdout == f"gossamer_fx {gx.__version__}\n"
     assert f"## {gx.__version__}" in (ROOT / "CHANGELOG.md").read_text()
 
@@ -30,14 +32,27 @@ def test_what_is_missing_is_told_in_one_sentence() -> None:
     code = "import sys; sys.modules['dolfinx'] = None\nimport gossamer_fx\ngossamer_fx.Membrane"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
     last = done.stderr.strip().splitlines()[-1]
-    assert done.returncode == 1 and "ImportError" in last and "needs dolfinx" in last and "[light]" in last
+    assert (
+        done.returncode == 1
+        and "ImportError" in last
+        and "needs dolfinx" in last
+        and "[light]" in last
+    )
 
 
 def test_third_party_imports_are_in_some_extra() -> None:
     project = tomllib.loads(PROJECT.read_text())["project"]
-    words = [*project["dependencies"], *(word for extra in project["optional-dependencies"].values() for word in extra)]
+    words = [
+        *project["dependencies"],
+        *(word for extra in project["optional-dependencies"].values() for word in extra),
+    ]
     named = {re.split(r"[\[=<>~!]", word)[0] for word in words}
-    for module, distribution in (("matplotlib", "matplotlib"), ("rich", "rich"), ("erfa", "pyerfa"), ("gmsh", "gmsh")):
+    for module, distribution in (
+        ("matplotlib", "matplotlib"),
+        ("rich", "rich"),
+        ("erfa", "pyerfa"),
+        ("gmsh", "gmsh"),
+    ):
         assert distribution in named, module
 
 
@@ -51,7 +66,9 @@ def test_wheel_and_source_distribution_install_beside_dolfinx(tmp_path: Path) ->
     env = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PIP_TARGET")}
 
     def run(*words: str | Path, cwd: Path = tmp_path) -> str:
-        done = subprocess.run([str(w) for w in words], cwd=cwd, env=env, capture_output=True, text=True)
+        done = subprocess.run(
+            [str(w) for w in words], cwd=cwd, env=env, capture_output=True, text=True
+        )
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout
 
@@ -74,7 +91,14 @@ def test_wheel_and_source_distribution_install_beside_dolfinx(tmp_path: Path) ->
     with tarfile.open(source) as archive:
         archive.extractall(tmp_path / "source", filter="data")
     [tree] = (tmp_path / "source").iterdir()
-    for name in ("README.md", "CITATION.cff", "gossamer", "docs/conf.py", "tests/conftest.py", "meshes/sheet.py"):
+    for name in (
+        "README.md",
+        "CITATION.cff",
+        "gossamer",
+        "docs/conf.py",
+        "tests/conftest.py",
+        "meshes/sheet.py",
+    ):
         assert (tree / name).is_file(), name
 
     scene = tmp_path / "pillow.py"
@@ -83,7 +107,10 @@ def test_wheel_and_source_distribution_install_beside_dolfinx(tmp_path: Path) ->
     assert "written to" in said and (tmp_path / "out" / "pillow" / "ledger.csv").is_file()
     assert str(home) in run(python, "-c", "import gossamer_fx; print(gossamer_fx.__file__)")
 
-    for name in ("gossamer_fx", "gossamer"):  # the tests find the installed package, as a packager's do
+    for name in (
+        "gossamer_fx",
+        "gossamer",
+    ):  # the tests find the installed package, as a packager's do
         (tree / name).rename(tree / f"{name}.away")
     files = ("tests/unit/test_gas.py", "tests/unit/test_materials.py")
     assert "passed" in run(python, "-m", "pytest", "-p", "no:cacheprovider", *files, cwd=tree)

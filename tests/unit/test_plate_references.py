@@ -32,7 +32,11 @@ def disc_frequency(n: int, s: int, free: bool) -> float:
 
     grid = np.linspace(0.5, 12, 2000)
     values = [edge(λ) * math.exp(-λ) for λ in grid]
-    roots = [brentq(edge, a, b) for a, b, u, v in zip(grid, grid[1:], values, values[1:], strict=False) if u * v < 0]
+    roots = [
+        brentq(edge, a, b)
+        for a, b, u, v in zip(grid, grid[1:], values, values[1:], strict=False)
+        if u * v < 0
+    ]
     return roots[s] ** 2
 
 
@@ -43,14 +47,22 @@ def square_frequencies(clamped: bool, count: int = 6, degree: int = 14) -> np.nd
     for k in range(degree):
         p = legendre.Legendre.basis(k)
         basis.append(p * legendre.Legendre.fromroots([-1, -1, 1, 1]) if clamped else p)
-    f = [np.array([p.deriv(d)(x) * 2**d if d else p(x) for p in basis]) for d in range(3)]  # on a side of length 1
+    f = [
+        np.array([p.deriv(d)(x) * 2**d if d else p(x) for p in basis]) for d in range(3)
+    ]  # on a side of length 1
     G = {(i, j): (f[i] * weight / 2) @ f[j].T for i in range(3) for j in range(3)}
     M = np.kron(G[0, 0], G[0, 0])
-    K = np.kron(G[2, 2], G[0, 0]) + np.kron(G[0, 0], G[2, 2]) + 2 * (1 - NU) * np.kron(G[1, 1], G[1, 1])
+    K = (
+        np.kron(G[2, 2], G[0, 0])
+        + np.kron(G[0, 0], G[2, 2])
+        + 2 * (1 - NU) * np.kron(G[1, 1], G[1, 1])
+    )
     K += NU * (np.kron(G[2, 0], G[0, 2]) + np.kron(G[0, 2], G[2, 0]))
     scale = 1 / np.sqrt(np.diag(M))
     values, vectors = np.linalg.eigh(M * np.outer(scale, scale))
-    keep = vectors[:, values > 1e-10 * values.max()] / np.sqrt(values[values > 1e-10 * values.max()])
+    keep = vectors[:, values > 1e-10 * values.max()] / np.sqrt(
+        values[values > 1e-10 * values.max()]
+    )
     ω2 = np.linalg.eigvalsh(keep.T @ (K * np.outer(scale, scale)) @ keep)
     return np.sqrt(np.maximum(ω2, 0))[0 if clamped else 3 :][:count]
 
@@ -68,7 +80,10 @@ def clamped_disc(load: float, thickness: float, degree: int = 16) -> float:
     bubble = np.polynomial.Polynomial([1, 0, -1])
     radial = [np.polynomial.Polynomial([0, 1]) * bubble * p for p in even]
     lift = [bubble**2 * p for p in even]
-    tables = [[np.array([p.deriv(d)(s) if d else p(s) for p in each]) for d in range(3)] for each in (radial, lift)]
+    tables = [
+        [np.array([p.deriv(d)(s) if d else p(s) for p in each]) for d in range(3)]
+        for each in (radial, lift)
+    ]
     t = thickness
     A, D, p = t / (1 - NU**2), t**3 / 12 / (1 - NU**2), load * t**4
     n = len(even)
@@ -80,10 +95,16 @@ def clamped_disc(load: float, thickness: float, degree: int = 16) -> float:
         E_r, E_t = (dr**2 + dz**2 - 1) / 2, ((r / s) ** 2 - 1) / 2
         norm = np.sqrt(dr**2 + dz**2)
         κ_r, κ_t = (dr * ddz - dz * ddu) / norm**2, dz / norm / s
-        stored = A * (E_r**2 + 2 * NU * E_r * E_t + E_t**2) + D * (κ_r**2 + 2 * NU * κ_r * κ_t + κ_t**2)
-        return float((weight * (np.pi * s * stored - p * 2 * np.pi * r * z * dr)).sum() / (D * t**2))
+        stored = A * (E_r**2 + 2 * NU * E_r * E_t + E_t**2) + D * (
+            κ_r**2 + 2 * NU * κ_r * κ_t + κ_t**2
+        )
+        return float(
+            (weight * (np.pi * s * stored - p * 2 * np.pi * r * z * dr)).sum() / (D * t**2)
+        )
 
-    found = minimize(energy, np.zeros(2 * n), method="BFGS", options={"gtol": 1e-9, "maxiter": 4000})
+    found = minimize(
+        energy, np.zeros(2 * n), method="BFGS", options={"gtol": 1e-9, "maxiter": 4000}
+    )
     return float(found.x[n:] @ [p(0.0) for p in lift])
 
 
@@ -96,7 +117,9 @@ def test_the_frequencies_of_circular_plates_follow_from_bessel_functions() -> No
 
 def test_the_frequencies_of_square_plates_are_those_of_ritz_and_near_to_leissas() -> None:
     for edge, values in SQUARE.items():
-        assert square_frequencies(edge == "clamped")[: len(values)] == pytest.approx(np.array(values), rel=1e-5)
+        assert square_frequencies(edge == "clamped")[: len(values)] == pytest.approx(
+            np.array(values), rel=1e-5
+        )
         assert np.array(values) == pytest.approx(np.array(LEISSA[edge]), rel=1.1e-2)
 
 

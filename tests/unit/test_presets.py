@@ -15,7 +15,11 @@ MATERIALS = [thing for thing in vars(films).values() if isinstance(thing, films.
 @pytest.mark.parametrize("kind", [gx.Miyazaki, gx.TensionField, gx.Linear])
 def test_each_film_makes_each_law(material: films.FilmMaterial, kind: type) -> None:
     law = material.law(7.5e-6, kind)
-    assert type(law) is kind and (law.E, law.nu, law.density) == (material.E, material.nu, material.density)
+    assert type(law) is kind and (law.E, law.nu, law.density) == (
+        material.E,
+        material.nu,
+        material.density,
+    )
     assert len(material.source) > 40
 
 

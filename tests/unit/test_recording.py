@@ -63,13 +63,21 @@ def test_what_was_recorded_is_read_back(recorded: Path) -> None:
     for name, mesh in run.meshes.items():
         for frame, t in enumerate(run.times):
             segment, k = mesh.at(frame)
-            assert segment.positions(k) - segment.X == pytest.approx(np.tile(V0 * t, (len(segment.X), 1)), abs=1e-5)
+            assert segment.positions(k) - segment.X == pytest.approx(
+                np.tile(V0 * t, (len(segment.X), 1)), abs=1e-5
+            )
         cells = run.about["scene"]["bodies"][name]["cells"]
         assert len(mesh.segments[0].pieces) == cells == (64 if name == "the film" else 3)
-    assert len(np.unique(run.meshes["the film"].segments[0].vertices)) == 34  # 2 × 25 nodes, 16 of them on the seam
-    assert run.table("points.csv")["ball z"] == pytest.approx(2.0 + 0.5 * run.table("points.csv")["time"])
+    assert (
+        len(np.unique(run.meshes["the film"].segments[0].vertices)) == 34
+    )  # 2 × 25 nodes, 16 of them on the seam
+    assert run.table("points.csv")["ball z"] == pytest.approx(
+        2.0 + 0.5 * run.table("points.csv")["time"]
+    )
     assert run.table("probes.csv")["x of the ball"][-1] == pytest.approx(0.5 + 10 * DT)
-    assert run.values("pressure", 5)[0] == pytest.approx(run.table("gas.csv")["bag pressure"][-1], rel=1e-12)
+    assert run.values("pressure", 5)[0] == pytest.approx(
+        run.table("gas.csv")["bag pressure"][-1], rel=1e-12
+    )
     assert run.values("displacement", 5)[0] == pytest.approx(np.linalg.norm(V0) * 10 * DT, rel=1e-3)
     assert len(run.table("ledger.csv")["time"]) == 11 and run.table("no.csv") == {}
 
@@ -97,8 +105,12 @@ def test_films_of_either_order_are_seen(tmp_path: Path, order: int) -> None:
     run = gx.RunReader(tmp_path)
     shape = run.shape(1, "state", lambda values: np.rint(values).astype(int))
     edges = shape.corners[:, 1:] - shape.corners[:, :1]
-    assert np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum() / 2 == pytest.approx(2.0, rel=1e-4)
-    assert len(shape.lines) == 3 and shape.dots == pytest.approx(np.array([[0.5, 0.5, 2.0]]) + V0 * 2 * DT)
+    assert np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum() / 2 == pytest.approx(
+        2.0, rel=1e-4
+    )
+    assert len(shape.lines) == 3 and shape.dots == pytest.approx(
+        np.array([[0.5, 0.5, 2.0]]) + V0 * 2 * DT
+    )
 
 
 def test_pictures_and_animation(recorded: Path, tmp_path: Path) -> None:
@@ -131,7 +143,9 @@ def test_pictures_from_a_chosen_place(recorded: Path, tmp_path: Path) -> None:
     none = np.zeros((0, 3, 3))
 
     def square(size: float, x: float) -> Shape:
-        corners = np.array([[x, 0, 0], [x + size, 0, 0], [x + size, size, 0], [x, size, 0]], dtype=float)
+        corners = np.array(
+            [[x, 0, 0], [x + size, 0, 0], [x + size, size, 0], [x, size, 0]], dtype=float
+        )
         return Shape(0.0, none, none, np.zeros(0, np.int64), np.zeros((0, 2, 3)), corners)
 
     shapes = [square(1.0, 0.0), square(0.1, 5.0)]
@@ -139,10 +153,14 @@ def test_pictures_from_a_chosen_place(recorded: Path, tmp_path: Path) -> None:
     assert above.size == pytest.approx((5.1 * 1.02, 0.2 * 5.1 + 0.02 * 5.1))
     assert above.axes == pytest.approx(np.eye(3), abs=1e-12) and above.zooms == [1.0, 1.0]
     each = aim(MPI.COMM_SELF, shapes, gx.View(azimuth=0.0, elevation=math.pi / 2, zoom=True))
-    assert each.size == pytest.approx((1.02, 1.02)) and each.zooms == pytest.approx([1.0, 1.02 / 0.12])
+    assert each.size == pytest.approx((1.02, 1.02)) and each.zooms == pytest.approx(
+        [1.0, 1.02 / 0.12]
+    )
     assert each.centres[1] == pytest.approx((5.05, 0.05))
     gx.plot_strip(run, "state", tmp_path / "strip.png", 3, gx.View(elevation=0.5, zoom=True))
-    gx.animate(run, "state", tmp_path / "run.gif", seconds=0.2, view=gx.View(azimuth=1.0, follow=True))
+    gx.animate(
+        run, "state", tmp_path / "run.gif", seconds=0.2, view=gx.View(azimuth=1.0, follow=True)
+    )
     with Image.open(tmp_path / "run.gif") as image:
         assert image.n_frames >= 2
 
@@ -151,7 +169,9 @@ def test_the_report_needs_nothing_else(recorded: Path, tmp_path: Path) -> None:
     run = gx.RunReader(recorded)
     gx.write_report(run, tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
-    assert not re.search(r'(src|href)="(?!data:)', text) and "http" not in re.sub(r"base64,[^\"]*", "", text)
+    assert not re.search(r'(src|href)="(?!data:)', text) and "http" not in re.sub(
+        r"base64,[^\"]*", "", text
+    )
     assert "A &lt;pillow&gt;" in text and "<h1>A <pillow>" not in text
     assert text.count("data:image/png;base64,") == 2
     data = json.loads(re.search(r'id="run-data">(.*?)</script>', text, re.DOTALL)[1])
@@ -160,8 +180,12 @@ def test_the_report_needs_nothing_else(recorded: Path, tmp_path: Path) -> None:
     assert (part["frames"], part["vertices"]) == (6, 34 + 4)
 
 
-def test_large_films_are_thinned_for_the_view(recorded: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("gossamer_fx.plot.viewer._MOST_VERTICES", 1)  # at least 100 a body are kept in any case
+def test_large_films_are_thinned_for_the_view(
+    recorded: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "gossamer_fx.plot.viewer._MOST_VERTICES", 1
+    )  # at least 100 a body are kept in any case
     assert view_data(gx.RunReader(recorded))["parts"][0]["vertices"] == 38
     from gossamer_fx.plot.viewer import _thinned
 
@@ -201,10 +225,18 @@ def test_what_cannot_be_plotted_is_told(recorded: Path, act, culprit: str) -> No
     "spoil, culprit",
     [
         (lambda folder: (folder / "run.json").write_text("{"), "run.json"),
-        (lambda folder: (folder / "run.json").write_text('{"format": 99, "fields": {}}'), "format 99"),
+        (
+            lambda folder: (folder / "run.json").write_text('{"format": 99, "fields": {}}'),
+            "format 99",
+        ),
         (lambda folder: (folder / "points.csv").write_text("time,step\n0,x\n"), "points.csv"),
         (lambda folder: shutil.rmtree(folder / "fields" / "cable.bp"), "cable.bp"),
-        (lambda folder: [p.write_bytes(b"x" * 9) for p in (folder / "fields" / "cable.bp").iterdir()], "cable.bp"),
+        (
+            lambda folder: [
+                p.write_bytes(b"x" * 9) for p in (folder / "fields" / "cable.bp").iterdir()
+            ],
+            "cable.bp",
+        ),
     ],
 )
 def test_damaged_folders_are_told(recorded: Path, tmp_path: Path, spoil, culprit: str) -> None:
@@ -217,5 +249,8 @@ def test_damaged_folders_are_told(recorded: Path, tmp_path: Path, spoil, culprit
 def test_components_of_a_probe_share_a_panel() -> None:
     t, x, y, other = np.arange(3.0), np.zeros(3), np.ones(3), np.full(3, 2.0)
     panels = grouped({"time": t, "step": t, "tip x [m]": x, "tip y [m]": y, "x of the ball": other})
-    assert {title: list(curves) for title, curves in panels.items()} == {"tip [m]": ["x", "y"], "x of the ball": [""]}
+    assert {title: list(curves) for title, curves in panels.items()} == {
+        "tip [m]": ["x", "y"],
+        "x of the ball": [""],
+    }
     assert panels["tip [m]"]["y"] is y

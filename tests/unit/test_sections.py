@@ -45,7 +45,10 @@ def test_a_closed_line_has_two_layers() -> None:
 def test_a_plane_cuts_films_where_they_are(comm, folder) -> None:
     low = gx.Membrane(sheet(comm, 5, 4), gx.Linear(**LAW), name="low")
     high = gx.Membrane(
-        sheet(comm, 3, 4), gx.Linear(**LAW), displacement=lambda X: [[0], [0], [0.1]] + 0 * X, name="high"
+        sheet(comm, 3, 4),
+        gx.Linear(**LAW),
+        displacement=lambda X: [[0], [0], [0.1]] + 0 * X,
+        name="high",
     )
     picture = gx.Picture(folder / "section.png", section=((0.0, 0.45, 0.0), (0.0, -1.0, 0.0)))
     run = gx.Simulation(gx.Scene(low, high), gx.Midpoint(dt=1e-3), [picture])
@@ -57,7 +60,9 @@ def test_a_plane_cuts_films_where_they_are(comm, folder) -> None:
         for k, height in enumerate((0.0, 0.1)):
             ends = cut.ends[cut.kinds == k]
             assert np.allclose(ends[..., 1], height, atol=1e-9)
-            assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() == pytest.approx(1.0, rel=1e-9)
+            assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() == pytest.approx(
+                1.0, rel=1e-9
+            )
         assert list(section.key([cut])) == ["low", "high"]
 
 

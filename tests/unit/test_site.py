@@ -51,17 +51,22 @@ def test_docstrings_become_markdown(generate: ModuleType) -> None:
 
 
 @pytest.mark.skipif(
-    "OMPI_COMM_WORLD_SIZE" in os.environ or "PMI_SIZE" in os.environ, reason="the pages are of one rank"
+    "OMPI_COMM_WORLD_SIZE" in os.environ or "PMI_SIZE" in os.environ,
+    reason="the pages are of one rank",
 )
 @pytest.mark.parametrize("path", PAGES, ids=NAMES)
 def test_programs_on_pages_run(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    programs = re.findall(r"^```python\n(.*?)^```", path.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+    programs = re.findall(
+        r"^```python\n(.*?)^```", path.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE
+    )
     if path == ROOT / "README.md" or programs:
         assert programs
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     for program in programs:
-        if path.parent.name != "tutorials" or not names:  # the programs of a tutorial follow each other
+        if (
+            path.parent.name != "tutorials" or not names
+        ):  # the programs of a tutorial follow each other
             names = {"__name__": "page"}
         with contextlib.redirect_stdout(io.StringIO()):
             exec(compile(program, str(path), "exec"), names)
@@ -94,10 +99,14 @@ def test_commands_on_pages_are_understood(path: Path) -> None:
         if command == "demo" and rest:
             assert (ROOT / "demos" / f"{rest[0]}.py").is_file(), told
         elif command == "study":
-            assert rest[0] == "all" or (ROOT / "demos" / "studies" / f"{rest[0]}.py").is_file(), told
+            assert rest[0] == "all" or (ROOT / "demos" / "studies" / f"{rest[0]}.py").is_file(), (
+                told
+            )
             assert set(rest[1:]) <= {"--quick", "--fresh"}, told
         elif command == "bench":
-            assert f'"{rest[0]}"' in (ROOT / "demos" / "benchmarks" / "problems.py").read_text(), told
+            assert f'"{rest[0]}"' in (ROOT / "demos" / "benchmarks" / "problems.py").read_text(), (
+                told
+            )
         elif command in {"run", "plot", "report"}:
             parsed = _parser().parse_args(words)
             if command == "run" and parsed.scene.parts[0] == "demos":
@@ -110,7 +119,9 @@ def test_commands_on_pages_are_understood(path: Path) -> None:
 
 @pytest.mark.parametrize("path", PAGES, ids=NAMES)
 def test_links_lead_somewhere(path: Path) -> None:
-    text = re.sub(r"^```.*?^```", "", path.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(
+        r"^```.*?^```", "", path.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE
+    )
     for target in re.findall(r"\]\(([^)\s]+)\)", text):
         if not re.match(r"[a-z]+:|#", target) and "generated/" not in target:
             assert (path.parent / target.split("#")[0]).exists(), target

@@ -53,7 +53,9 @@ def test_rooms_and_planes_are_lines(inside) -> None:
 @pytest.mark.mpi
 def test_pictures_and_recordings_see_solids_move(comm, folder) -> None:
     film = gx.Membrane(sheet(comm, 2, 2, 0.1, 0.1), LAW)
-    block = gx.RigidBody(0.1, (1e-4, 1e-4, 1e-4), position=(0, 0, -0.1), spin=(0, 0, 30.0), comm=comm)
+    block = gx.RigidBody(
+        0.1, (1e-4, 1e-4, 1e-4), position=(0, 0, -0.1), spin=(0, 0, 30.0), comm=comm
+    )
     box = gx.Box(centre=(0.02, 0, -0.1), sizes=(0.04, 0.02, 0.02), on=block, name="box")
     ball = gx.Sphere(centre=(0, 0, 0.1), radius=0.02, motion=lambda t: (t, 0.0, 0.0))
     floor = gx.Plane(point=(0, 0, -0.3), normal=(0, 0, 1))
@@ -74,7 +76,9 @@ def test_pictures_and_recordings_see_solids_move(comm, folder) -> None:
     assert corners[12:, :, 0].mean() == pytest.approx(5e-3, abs=1e-3)
     if comm.rank == 0:
         read = RunReader(folder / "run")
-        again = read.shape(read.frame(5e-3), "state", lambda values: np.zeros(len(values), dtype=np.int64))
+        again = read.shape(
+            read.frame(5e-3), "state", lambda values: np.zeros(len(values), dtype=np.int64)
+        )
         assert np.allclose(again.corners[again.kinds == SOLID], corners, atol=1e-6)
         assert len(again.lines) == 14  # of the floor
         assert view_data(read)["parts"][0]["lines"]

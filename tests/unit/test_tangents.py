@@ -37,7 +37,12 @@ def response(law: FilmLaw) -> Samples:
         S = ufl.diff(W, e)
         D = ufl.diff(S, e)
         return ufl.as_vector(
-            [W, *(S[i] for i in range(3)), *(D[i, j] for i in range(3) for j in range(3)), law.state(e, c)]
+            [
+                W,
+                *(S[i] for i in range(3)),
+                *(D[i, j] for i in range(3) for j in range(3)),
+                law.state(e, c),
+            ]
         )
 
     return Samples(expression)
@@ -73,7 +78,9 @@ def test_stress_and_tangent_are_derivatives(law):
         _, S, D, state = parts(response(law)(e))
         δ = 1e-5 * size
         for j, d in enumerate(np.eye(3)):
-            (W1, S1, _, s1), (W0, S0, _, s0) = (parts(response(law)(e + sign * δ * d)) for sign in (1, -1))
+            (W1, S1, _, s1), (W0, S0, _, s0) = (
+                parts(response(law)(e + sign * δ * d)) for sign in (1, -1)
+            )
             same = (s1 == state) & (s0 == state)
             of_stress = abs((W1 - W0) / (2 * δ) - S[:, j])[same]
             of_tangent = abs((S1 - S0) / (2 * δ) - D[:, :, j]).max(axis=1)[same]

@@ -54,44 +54,71 @@ def table(study: Study, results: list[Result]) -> str:
 
 def summary(studies: list[tuple[Study, list[Result]]]) -> str:
     """Markdown: of every study, measure and element, what the finest cases leave at worst, and orders if expected."""
-    lines = ["| study | measure | element | largest error | order | CPU time [s] |", "|---" * 6 + "|"]
+    lines = [
+        "| study | measure | element | largest error | order | CPU time [s] |",
+        "|---" * 6 + "|",
+    ]
     for study, results in studies:
         groups: dict[str, list[list[Result]]] = {}
         for name, curve in curves(study, results).items():
             done = [result for result in curve if not result.failed]
             if done:
-                groups.setdefault("P2" if "P2" in name else "P1" if "P1" in name else "", []).append(done)
+                groups.setdefault(
+                    "P2" if "P2" in name else "P1" if "P1" in name else "", []
+                ).append(done)
         for measure in study.measures:
             for element, found in groups.items():
                 finest = [curve[-1] for curve in found]
-                smooth = [c for c in found if len(c) > 1 and math.isfinite(measure.rate(c[-1].case))]
+                smooth = [
+                    c for c in found if len(c) > 1 and math.isfinite(measure.rate(c[-1].case))
+                ]
                 orders = [order(study, measure, curve[0], curve[-1]) for curve in smooth]
-                cells = [study.name, measure.name, element, _number(max(_error(measure, r) for r in finest), 2)]
-                cells += [_span(orders, 1, "f"), _span([r.values["seconds"] for r in finest], 2, "g")]
+                cells = [
+                    study.name,
+                    measure.name,
+                    element,
+                    _number(max(_error(measure, r) for r in finest), 2),
+                ]
+                cells += [
+                    _span(orders, 1, "f"),
+                    _span([r.values["seconds"] for r in finest], 2, "g"),
+                ]
                 lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 
 
 def _span(values: list[float], digits: int, kind: str) -> str:
     """Smallest and largest of some numbers."""
-    ends = sorted({f"{v:.{digits}{kind}}" for v in (min(values), max(values))}, key=float) if values else []
+    ends = (
+        sorted({f"{v:.{digits}{kind}}" for v in (min(values), max(values))}, key=float)
+        if values
+        else []
+    )
     return " to ".join(ends)
 
 
 def shortfalls(study: Study, results: list[Result]) -> list[str]:
     """What is not as the study declares: failures, errors beyond the tolerance, orders below the expected rate."""
-    found = [f"{_words(result.case)}: {result.failed}" for result in results if result.failed and not study.may_fail]
+    found = [
+        f"{_words(result.case)}: {result.failed}"
+        for result in results
+        if result.failed and not study.may_fail
+    ]
     for curve in curves(study, results).values():
         done = [result for result in curve if not result.failed]
         for measure in study.measures if done else ():
             error = _error(measure, done[-1])
             if not error <= measure.tolerance:
-                found.append(f"{measure.name}, {_words(done[-1].case)}: error {error:.2g} > {measure.tolerance:.2g}")
+                found.append(
+                    f"{measure.name}, {_words(done[-1].case)}: error {error:.2g} > {measure.tolerance:.2g}"
+                )
             rate = measure.rate(done[-1].case)
             if math.isfinite(rate) and len(done) > 1:
                 overall = order(study, measure, done[0], done[-1])
                 if not overall >= rate - 0.3:
-                    found.append(f"{measure.name}, {_words(done[-1].case)}: order {overall:.2f}, expected {rate:.2g}")
+                    found.append(
+                        f"{measure.name}, {_words(done[-1].case)}: order {overall:.2f}, expected {rate:.2g}"
+                    )
     return found
 
 

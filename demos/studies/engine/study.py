@@ -77,8 +77,13 @@ class Study:
     def cases(self, quick: bool) -> list[dict[str, Any]]:
         axes = {**self.axes, **(self.quick if quick else {})}
         unknown = set(axes) - set(self.axes)
-        check(not unknown, f"Study '{self.name}': quick has an axis {unknown} that the study has not; remove it.")
-        return [dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())]
+        check(
+            not unknown,
+            f"Study '{self.name}': quick has an axis {unknown} that the study has not; remove it.",
+        )
+        return [
+            dict(zip(axes, values, strict=True)) for values in itertools.product(*axes.values())
+        ]
 
 
 @dataclass(frozen=True)
@@ -119,7 +124,10 @@ def _compute(study: Study, case: dict[str, Any], comm: MPI.Intracomm) -> Row:
     row = {name: str(value) for name, value in case.items()} | {"ranks": str(comm.size)}
     try:
         values = study.problem(comm, **case)
-        check("seconds" in values, f"Study '{study.name}': its problem returns no 'seconds'; return the run time.")
+        check(
+            "seconds" in values,
+            f"Study '{study.name}': its problem returns no 'seconds'; return the run time.",
+        )
         row |= {name: repr(float(value)) for name, value in values.items()}
     except (NoEquilibrium, StepFailure) as failure:
         row |= {"seconds": repr(time.perf_counter() - started), "failed": str(failure)}
@@ -137,7 +145,9 @@ def _read(study: Study, path: Path) -> dict[tuple[str, ...], Row]:
         rows = list(csv.DictReader(file))
     for row in rows:
         if not {*study.axes, "ranks"} <= set(row):
-            raise InputError(f"'{path}' is of a study with other axes than '{study.name}'; remove it.")
+            raise InputError(
+                f"'{path}' is of a study with other axes than '{study.name}'; remove it."
+            )
     return {_key({name: row[name] for name in study.axes}, int(row["ranks"])): row for row in rows}
 
 
@@ -153,4 +163,6 @@ def _write(path: Path, rows: list[Row]) -> None:
             writer.writerows(rows)
         new.replace(path)
     except OSError as error:
-        raise InputError(f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable.") from error
+        raise InputError(
+            f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
+        ) from error
