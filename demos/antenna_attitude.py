@@ -28,7 +28,6 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.algebra.places import values_of
 from gossamer_fx.outputs.output import Output, Probe
 from meshes import antenna as meshes
 
@@ -83,7 +82,7 @@ class Attitude:
         self._control, self._axis = control, axis
 
     def __call__(self, run: gx.Simulation) -> float:
-        vectors = values_of(run.system, self._control.frame.directors, run.system.q0)
+        vectors = run.system.state.vectors(self._control.frame.directors)
         angles = self._control.angles_of(vectors.ravel(), self._control.reference())
         return float(np.degrees(angles[self._axis]))
 

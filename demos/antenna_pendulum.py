@@ -26,7 +26,6 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.antenna_attitude import FILM, SIDE, antenna
-from gossamer_fx.algebra.places import values_of
 from gossamer_fx.outputs.output import Output
 from gossamer_fx.steppers.stepping import Stepper
 
@@ -75,10 +74,10 @@ class FilmDeflection:
     def __call__(self, run: gx.Simulation) -> float:
         system = run.system
         owned, distance = (
-            system.numbering.owned(system.bodies.index(self._film)),
+            system.state[self._film].part,
             system.numbering.vector(),
         )
-        corners = values_of(system, self._corners, system.q0)
+        corners = system.state.vectors(self._corners)
         _, B, C, D = corners
         normal = np.cross(D - C, B - C)
         normal /= np.linalg.norm(normal)

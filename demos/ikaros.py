@@ -35,7 +35,6 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import books, by_cause, deploy, keep, losses, say_books
-from gossamer_fx.algebra.places import values_of
 from gossamer_fx.model.terms import Array
 from gossamer_fx.outputs.output import Probe
 from gossamer_fx.system.totals import relative_drift
@@ -231,7 +230,7 @@ def steady(
     search.find()
     system, stiffness = search.system, 0.0
     for pair, length in zip(ropes.ends, ropes.lengths, strict=True):
-        a, b = values_of(system, pair, system.q0)
+        a, b = system.state.vectors(pair)
         l = float(np.linalg.norm(a - b))  # noqa: E741
         stiffness += (
             TETHER * max(l - length, 0.0) * float(np.linalg.norm(a) * np.linalg.norm(b)) / l

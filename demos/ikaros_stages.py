@@ -47,7 +47,6 @@ from demos.ikaros import (
     square_inertia,
     tethers,
 )
-from gossamer_fx.model.ports import initial
 from gossamer_fx.model.terms import Array
 from gossamer_fx.outputs.output import Probe
 from gossamer_fx.system.totals import relative_drift
@@ -176,8 +175,8 @@ def _tethers(
     """
     bundle, found = tethers(film, hub, pitch, radius, height=-pitch / 2), []
     for k, ((edge, rim), whole) in enumerate(zip(bundle.ends, bundle.lengths, strict=True)):
-        wound = folds.place(initial(edge)[None], np.zeros(1))[0]
-        short = float(np.linalg.norm(wound - initial(rim)))
+        wound = folds.place(edge.initial()[None], np.zeros(1))[0]
+        short = float(np.linalg.norm(wound - rim.initial()))
 
         def length(t: float, short: float = short, whole: float = whole) -> float:
             return short + max(whole - short, 0.0) * _smooth((t - release) / IN)

@@ -25,9 +25,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.algebra.places import values_of
 from gossamer_fx.fields.body_shape import BodyShape
-from gossamer_fx.model.ports import initial, initial_rate
 from gossamer_fx.outputs.output import Output
 from gossamer_fx.system.totals import relative_drift
 from meshes.sheet import sheet
@@ -77,8 +75,8 @@ def parts(sail: gx.Membrane) -> list[Any]:
         port = sail.port_at(corner)
         tip = gx.PointMass(
             0.5,
-            tuple(initial(port)),
-            velocity=tuple(initial_rate(port)),
+            tuple(port.initial()),
+            velocity=tuple(port.initial_rate()),
             comm=sail.comm,
             name=f"tip {k}",
         )
@@ -180,7 +178,7 @@ def main(
     long = flight(reduced, spin, dt, outputs, controlled=True)
     long.run(until=until)
     hub = next(body for body in long.system.bodies if body.name == "hub")
-    axis = values_of(long.system, [hub.frame().directors[2]], long.system.q0)[0]
+    axis = long.system.state.vectors([hub.frame().directors[2]])[0]
     return {
         "error": error,
         "sampling_error": reduced.sample.error,
@@ -203,7 +201,7 @@ def main(
 
 def _shape(run: gx.Simulation, sail: Any) -> np.ndarray:
     """Owned positions (n, 3) of the whole film."""
-    shape = BodyShape(run.system, sail)
+    shape = BodyShape(run.system.state, sail)
     shape.update()
     owned = sail.full.space.dofmap.index_map.size_local
     return shape.q.x.array.reshape(-1, 3)[:owned].copy()

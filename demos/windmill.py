@@ -86,11 +86,8 @@ def main(
     frame = body.frame()
 
     def spin(system: object) -> float:
-        from gossamer_fx.algebra.places import values_of
-
-        d, rate = (
-            values_of(run.system, frame.directors[:2], q) for q in (run.system.q0, run.system.v0)
-        )
+        d = run.system.state.vectors(frame.directors[:2])
+        rate = run.system.state.rates(frame.directors[:2])
         return float(rate[0] @ d[1])
 
     before = spin(run.system)

@@ -37,7 +37,7 @@ figures = watch.measure(run, case["until"])
 films = [facets_of(film) for film in (lower, upper)]
 places = []
 for film, facets in zip((lower, upper), films, strict=True):
-    owned = run.system.numbering.owned(run.system.bodies.index(film))
+    owned = run.system.state[film].part
     places.append(run.system.q0.array_r[owned].reshape(-1, 3)[facets.nodes])
 x = np.vstack(places)
 show(

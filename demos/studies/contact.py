@@ -165,7 +165,7 @@ def impact(comm: MPI.Comm, against: str) -> tuple[gx.Simulation, gx.Contact, flo
 def bar_velocity(run: gx.Simulation, body: gx.Membrane) -> float:
     """Mean velocity along x, by mass."""
     owned, P = (
-        run.system.numbering.owned(run.system.bodies.index(body)),
+        run.system.state[body].part,
         run.system.numbering.vector(),
     )
     run.system.M.mult(run.system.v0, P)

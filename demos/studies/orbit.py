@@ -29,7 +29,6 @@ from scipy.special import ellipk
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
-from gossamer_fx.algebra.places import values_of
 from gossamer_fx.orbit.elements import elements_of
 from gossamer_fx.orbit.gravity_field import J2, MU, RADIUS
 
@@ -92,7 +91,7 @@ def libration(comm: MPI.Comm, angle: float, h: float) -> tuple[gx.Simulation, fl
     bar = gx.RigidBody(20.0, (1e-3, 600.0, 600.0), attitude=turned, spin=(0, 0, RATE), comm=comm)
 
     def from_the_vertical(run: gx.Simulation) -> float:
-        d = values_of(run.system, [bar.frame().directors[0]], run.system.q0)[0]
+        d = run.system.state.vectors([bar.frame().directors[0]])[0]
         R = orbit.flight(run.system).origin.R0
         return float(R[0] * d[1] - R[1] * d[0]) / A
 

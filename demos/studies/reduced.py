@@ -100,7 +100,7 @@ def predicted(comm: MPI.Intracomm, modes: int, share: float) -> dict[str, float]
     sail = gx.reduce(known.film, known.recordings, modes, cells)
     trained = time.process_time() - started
     run = flight(sail, FASTER * SPIN, DT)
-    shape, found = BodyShape(run.system, sail), []
+    shape, found = BodyShape(run.system.state, sail), []
     own = known.film.space.dofmap.index_map.size_local
     seconds = 0.0
     for t in TIMES:

@@ -27,7 +27,6 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.studies.engine.study import Result, Study
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.ports import initial
 from meshes.tube import flat_tube
 
 STEPS, H = 30, 1e-4
@@ -88,7 +87,7 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
     film = gx.Membrane(mesh, law)
     weight = law.density * v["thickness"] * np.pi * DIAMETER * LENGTH * v["aspect"]
     tip = film.port("tip left")
-    payload = gx.PointMass(v["mass"] * weight, position=initial(tip), comm=comm, name="payload")
+    payload = gx.PointMass(v["mass"] * weight, position=tip.initial(), comm=comm, name="payload")
     tube = gx.Chamber(
         film,
         gas=gas,

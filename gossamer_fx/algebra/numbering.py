@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -20,6 +21,33 @@ PREFIX = "gx_"  # of PETSc's options
 MANY, SHARE = 36, 1 / 3
 
 GlobalIndices = npt.NDArray[np.int32] | npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class NumberedBlock:
+    """One block in the numbering of all: the only way to its unknowns for those who know the body."""
+
+    numbering: Numbering
+    k: int
+
+    @property
+    def owned(self) -> slice:
+        """Where its owned unknowns stand in the local part of a vector."""
+        return self.numbering.owned(self.k)
+
+    @property
+    def rows(self) -> GlobalIndices:
+        """Global indices of its owned unknowns."""
+        owned = self.owned
+        return (self.numbering.start + np.arange(owned.start, owned.stop)).astype(PETSc.IntType)
+
+    def to_global(self, nodes: npt.NDArray[np.integer]) -> GlobalIndices:
+        """Global indices (n, size) of the unknowns of global nodes (n,)."""
+        return self.numbering.to_global(self.k, np.asarray(nodes, dtype=np.int64))
+
+    def assemble(self, A: PETSc.Mat, forms: Iterable[fem.Form]) -> None:
+        """Add bilinear forms of its space to its diagonal block of A."""
+        self.numbering.assemble(A, self.k, forms)
 
 
 class Numbering:
@@ -79,6 +107,10 @@ class Numbering:
     def owned(self, k: int) -> slice:
         """Where block k's owned unknowns stand in the local part of a vector."""
         return slice(int(self.local_starts[k]), int(self.local_starts[k + 1]))
+
+    def block(self, k: int) -> NumberedBlock:
+        """The k-th block in this numbering."""
+        return NumberedBlock(self, k)
 
     def vector(self) -> PETSc.Vec:
         return PETSc.Vec().createMPI((self.size_local, self.size), comm=self.comm)

@@ -12,7 +12,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.algebra.numbering import GlobalIndices, Numbering
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Array, Assembly, Attached, Body, Ground, Port
+from gossamer_fx.model.terms import Array, Attached, Body, Ground, Port
 
 LARGE = 50  # numbers of a block, for each of them, from which blocks are entered one by one
 
@@ -241,13 +241,6 @@ class Gather:
             values[a:b].reshape(shape)
             for (a, b), shape in zip(self._parts, self._shapes, strict=True)
         ]
-
-
-def values_of(system: Assembly, ports: Sequence[Attached], q: PETSc.Vec) -> Array:
-    """The attached vectors (k, 3) in a state, e.g. `system.q0`, or their rates in `system.v0` if none is `Ground`."""
-    indices, P, offset = attach(system.numbering, system.bodies, tuple(ports))
-    values = Gather(system.numbering, [indices])(q)[0]
-    return (P @ values + offset).reshape(-1, 3)
 
 
 def add_blocks(A: PETSc.Mat, rows: GlobalIndices, columns: GlobalIndices, values: Array) -> None:

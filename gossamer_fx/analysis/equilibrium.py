@@ -224,7 +224,9 @@ class Equilibrium:
     def chambers(self) -> dict[str, Any]:
         """States of the gas chambers and tanks by name."""
         return {
-            name: state for border in self.system.borders for name, state in border.states().items()
+            name: state
+            for border in self.system.scalar_unknowns
+            for name, state in border.states().items()
         }
 
     def chamber(self, name: str) -> Any:
@@ -269,7 +271,7 @@ class Equilibrium:
                 raise NoEquilibrium(
                     f"No equilibrium after {self._spent} Newton iterations in {self._steps} pseudo-steps: the "
                     f"unbalanced force is {residual:.1e} of the load, pseudo-step {h:.1e} s, largest in "
-                    f"{self.system.place(self._r)}; last failure: {why}."
+                    f"{self.system.locate(self._r)}; last failure: {why}."
                 )
 
     def _finish(self, at: float) -> bool:
@@ -288,19 +290,19 @@ class Equilibrium:
         system = self.system
         passing = h if math.isfinite(h) else self.search.step / 1e-6
         system.time = at - passing
-        y = system.begin(passing)
-        system.inertia(1 / h**2)
+        y = system.begin_step(passing)
+        system.set_inertia(1 / h**2)
         self.newton.tolerances = tolerances
         self._steps += 1
         try:
             _, self._y, used = self.newton.solve(self._rest, y)
         except NotConverged:
-            system.take(system.q0)
+            system.set_end(system.q0)
             raise
         finally:
             self._spent += self.newton.iterations
             system.time = at
-        system.accept(self._rest)
+        system.commit(self._rest)
         system.time = at
         return used
 
@@ -310,9 +312,9 @@ class Equilibrium:
         Where these are less than a thousand times the round-off of the inner forces, that stands for them.
         """
         system = self.system
-        system.inertia(0.0)
+        system.set_inertia(0.0)
         system.residual(self._y, self._r)
-        load = max(float(system.outside().norm()), self.newton.round_off / ROUNDED, 1e-300)
+        load = max(float(system.external_forces().norm()), self.newton.round_off / ROUNDED, 1e-300)
         unbalanced, _ = system.imbalance(self._r)
         return unbalanced / load, load
 
@@ -332,16 +334,14 @@ class Equilibrium:
         K = system.tangent()
         free = free_motions(system, K, unbalanced * (load or 1.0))
         return free, not free and finished and (
-            bool(system.borders) or not factorisation.is_singular(K)
+            bool(system.scalar_unknowns) or not factorisation.is_singular(K)
         )
 
     def _stay(self) -> None:
         """See that the scene did not fly off: what nothing holds moves the further the longer the pseudo-step."""
         system = self.system
         Δ = np.abs(system.q0.array_r - self._begun.array_r)
-        far = np.array(
-            [Δ[system.numbering.owned(k)].max(initial=0.0) for k in range(len(system.bodies))]
-        )
+        far = np.array([Δ[system.block(body).owned].max(initial=0.0) for body in system.bodies])
         system.comm.Allreduce(MPI.IN_PLACE, far, op=MPI.MAX)
         k = int(far.argmax())
         if far[k] > FAR * self._size:

@@ -22,8 +22,10 @@ from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import NoEquilibrium, check
 from gossamer_fx.connectors.tape import Tape
 from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.model.ports import combine
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Term
 from gossamer_fx.scene.scene import Scene
 from gossamer_fx.terms.point_energies import PointStoredEnergy
@@ -89,7 +91,7 @@ class EdgeCable:
     def requires(self) -> Iterable[Any]:
         yield self.film
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         bars = Tape.along_edges(self.film, CableLaw(self.force, 1.0), self.group, self.name)
         energies = self.force * bars.lengths
         roots = np.sqrt(energies) / bars.lengths
@@ -138,10 +140,10 @@ def find_form(
 
 def _adopt(film: Membrane, search: Equilibrium) -> float:
     """Give the mesh the positions that were found; returns the largest movement [m]."""
-    q = search.system.fields[search.system.bodies.index(film)].q0.x.array.reshape(-1, 3)
+    q = search.system.state[film].local_positions()
     geometry = film.space.mesh.geometry
     before = geometry.x.copy()
-    geometry.x[geometry.dofmap.ravel()] = q[film.space.dofmap.list.ravel()]
+    geometry.x[geometry.dofmap.ravel()] = q[cell_nodes(film.space).ravel()]
     return float(
         film.comm.allreduce(float(np.abs(geometry.x - before).max(initial=0.0)), op=MPI.MAX)
     )

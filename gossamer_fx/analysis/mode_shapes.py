@@ -37,8 +37,8 @@ class ModeShapes:
             f"ModeShapes: '{film.name}' is not in the equilibrium's scene; give its film.",
         )
         check(height > 0, f"ModeShapes: height is {height!r} m; give a positive number.")
-        owned = system.numbering.owned(system.bodies.index(film))
-        start = system.q0.array_r[owned].reshape(-1, 3)
+        owned = system.block(film).owned
+        start = system.state[film].positions()
         self.positions: list[Array] = []
         for mode in modes:
             for part in (mode.shape.real, mode.shape.imag):

@@ -59,11 +59,11 @@ def modes(
     check(above >= 0, f"modes: above is {above!r} Hz; give zero or a positive frequency.")
     check(count > 0, f"modes: count is {count!r}; ask for one or more.")
     check(
-        not system.borders,
+        not system.scalar_unknowns,
         "modes: the scene has gas chambers, whose stiffness is not known here; give their pressure as Pressure.",
     )
     equilibrium.need("modes")
-    system.inertia(0.0)
+    system.set_inertia(0.0)
     K = system.tangent()
     M = system.M.copy()
     system.supports.clear(M, 0.0)

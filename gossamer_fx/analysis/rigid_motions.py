@@ -52,8 +52,8 @@ def parts(system: System, K: PETSc.Mat) -> tuple[Labels, int]:
     ghosts[own] -= start
     ghosts[~own] = n + place
     targets = [ghosts]
-    for k, body in enumerate(system.bodies):  # the numbers of a node move together
-        owned, size = system.numbering.owned(k), body.block.size
+    for body in system.bodies:  # the numbers of a node move together
+        owned, size = system.block(body).owned, body.block.size
         nodes = np.arange(owned.start, owned.stop).reshape(-1, size)
         for i in range(1, size):
             both = ~held[nodes[:, i - 1]] & ~held[nodes[:, i]]
@@ -109,7 +109,7 @@ def _motions(
     sums, first = np.zeros((count, 4)), np.zeros((len(system.bodies), count), dtype=bool)
     places = []  # of each body: its unknowns (n, s, 3), their values, and the part of each node
     for k, body in enumerate(system.bodies):
-        owned, vectors = numbering.owned(k), body.block.size // 3
+        owned, vectors = system.block(body).owned, body.block.size // 3
         at = np.arange(owned.start, owned.stop).reshape(-1, vectors, 3)
         q = system.q0.array_r[owned].reshape(-1, vectors, 3).copy()
         of = part[at].max(axis=(1, 2), initial=-1)
@@ -135,7 +135,7 @@ def _motions(
     scale = ROUND_OFF * size
     if system.constraints is not None:
         scale[system.constraints.owned] += 1e-10  # of directions and metres, which hold to 1e-12
-    scale[: numbering.owned(len(system.bodies) - 1).stop] += 2 * unbalanced / arm.min(initial=1.0)
+    scale[: system.block(system.bodies[-1]).owned.stop] += 2 * unbalanced / arm.min(initial=1.0)
     scale = np.where(scale > 0, scale, 1.0)
 
     R = np.zeros((6, numbering.size_local))

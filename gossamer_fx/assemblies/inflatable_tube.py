@@ -18,6 +18,7 @@ from gossamer_fx.gas.ring import Ring
 from gossamer_fx.gas.volumes import Ambient, Chamber, Reservoir, Tank
 from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.mesh.mesh import Mesh
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term, Vector
 
 if TYPE_CHECKING:
@@ -221,7 +222,7 @@ class InflatableTube:
             name=f"{self.name} vent",
         )
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         return ()  # its parts have all of them
 
     def requires(self) -> Iterable[Any]:

@@ -15,6 +15,7 @@ from gossamer_fx.connectors.spring import Rope
 from gossamer_fx.connectors.torsion import TorsionDamper, TorsionSpring
 from gossamer_fx.constraints.joint import RevoluteJoint
 from gossamer_fx.loads.force import Torque
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Ground, Term, Vector
 
 if TYPE_CHECKING:
@@ -149,7 +150,7 @@ class LiddedBox:
             Box(centre=tuple(above), sizes=room, on=self.lid, name=f"{self.name} cover"),
         )
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         return ()  # its parts have all of them
 
     def requires(self) -> Iterable[Any]:

@@ -10,6 +10,7 @@ from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.checks.errors import check, require_positive
 from gossamer_fx.connectors.torsion import TorsionDamper
 from gossamer_fx.constraints.joint import CylindricalJoint, RevoluteJoint
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 
 if TYPE_CHECKING:
@@ -129,7 +130,7 @@ class RotationGuides:
             for k, (x, y) in enumerate(self.places)
         )
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         return ()  # its parts have all of them
 
     def requires(self) -> Iterable[Any]:

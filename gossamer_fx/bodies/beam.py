@@ -22,6 +22,7 @@ from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr, beam_strain
 from gossamer_fx.materials.film import constants
 from gossamer_fx.mesh.mesh import Mesh
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Indices, Port, Term, Vector
 from gossamer_fx.terms.element_energies import StoredEnergy
 from gossamer_fx.terms.masses import KineticEnergy
@@ -113,11 +114,11 @@ class Beam(Curve):
         inertia = [c.line_density] * 3 + [c.rotary2] * 3 + [c.rotary3] * 3
         return sum(m * v[i] * w[i] for i, m in enumerate(inertia)) * self.mass_dx
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         yield KineticEnergy(self, self.mass)
         yield StoredEnergy(self.name, self, self.measure, self.density, self.dx, quadratic=True)
-        start, end = self.block.index_map.local_range
-        places = [self._directors(node) for node in range(start, end)]
+        first, end = self.block.index_map.local_range
+        places = [self._directors(node) for node in range(first, end)]
         yield PointConstraint(f"{self.name} directors", PointMeasure(places, *orthonormality(2)))
 
     def _directors(self, node: int) -> tuple[Port, Port]:

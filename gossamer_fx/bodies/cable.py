@@ -17,6 +17,7 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, bar_strain
 from gossamer_fx.materials.film import constants
 from gossamer_fx.mesh.mesh import Mesh
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Term
 from gossamer_fx.terms.element_energies import StoredEnergy
 from gossamer_fx.terms.masses import KineticEnergy
@@ -92,7 +93,7 @@ class Cable(Curve):
         self._displacement = checked(displacement, f"Cable '{name}': its displacement", mesh.comm)
         self._velocity = checked(velocity, f"Cable '{name}': its velocity", mesh.comm)
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         yield KineticEnergy(
             self, lambda v, w: self.constants.line_density * ufl.inner(v, w) * self.mass_dx
         )

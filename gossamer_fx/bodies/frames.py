@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from operator import methodcaller
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,13 @@ from dolfinx.common import IndexMap
 
 from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.ports import combine, initial, initial_rate
+from gossamer_fx.model.ports import combine
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Attached, Block, Ground, Port, Term, Vector
 from gossamer_fx.terms.point_constraints import PointConstraint
+
+# Vectors as bodies have them by themselves, outside of any scene.
+INITIAL: Callable[[Attached], Array] = methodcaller("initial")
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +55,7 @@ def ground_frame(point: Vector = (0.0, 0.0, 0.0)) -> Frame:
     return Frame(Ground((x, y, z)), (Ground((1, 0, 0)), Ground((0, 1, 0)), Ground((0, 0, 1))))
 
 
-def along(direction: Array, frame: Frame, where: Callable[[Attached], Array] = initial) -> Attached:
+def along(direction: Array, frame: Frame, where: Callable[[Attached], Array] = INITIAL) -> Attached:
     """The vector fixed in a frame that is `direction` (3,) at the start, or where a function says the vectors are.
 
     Raises:
@@ -63,13 +68,13 @@ def along(direction: Array, frame: Frame, where: Callable[[Attached], Array] = i
     return combine([float(where(d) @ direction) for d in frame.directors], frame.directors)
 
 
-def lies_in(direction: Array, frame: Frame, where: Callable[[Attached], Array] = initial) -> bool:
+def lies_in(direction: Array, frame: Frame, where: Callable[[Attached], Array] = INITIAL) -> bool:
     """Whether a direction (3,) is a combination of the directors of a frame at the start."""
     directors = np.array([where(d) for d in frame.directors])
     return bool(np.allclose(directors @ direction @ directors, direction, atol=1e-9))
 
 
-def is_normal(axis: Array, side: Frame, where: Callable[[Attached], Array] = initial) -> bool:
+def is_normal(axis: Array, side: Frame, where: Callable[[Attached], Array] = INITIAL) -> bool:
     """Whether an axis is normal to all directors of a frame: the normal of a beam's section."""
     return bool(np.allclose([where(d) @ axis for d in side.directors], 0, atol=1e-9))
 
@@ -101,14 +106,14 @@ class SectionFrame:
         yield self._origin.body
 
     def initial_state(self) -> tuple[Array, Array]:
-        x, s2, s3 = map(initial, self._section)
-        vx, v2, v3 = map(initial_rate, self._section)
+        x, s2, s3 = (port.initial() for port in self._section)
+        vx, v2, v3 = (port.initial_rate() for port in self._section)
         q = np.concatenate([x, np.cross(s2, s3), s2, s3])
         v = np.concatenate([vx, np.cross(v2, s3) + np.cross(s2, v3), v2, v3])
         here = 12 * self.block.index_map.size_local
         return q[:here], v[:here]
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         # of the stacked vectors (x, n, d2, d3, x_s, s2, s3)
         same = np.eye(7)[[0, 2, 3]] - np.eye(7)[[4, 5, 6]]
         products = np.zeros((3, 7, 7))

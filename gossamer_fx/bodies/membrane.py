@@ -15,6 +15,7 @@ from gossamer_fx.forms.kinematics import Expr, frame, green_lagrange, surface_gr
 from gossamer_fx.forms.strain_path import Piece
 from gossamer_fx.materials.film import FilmLaw, constants
 from gossamer_fx.mesh.mesh import Mesh
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Block, Term
 from gossamer_fx.terms.element_energies import StoredEnergy
 from gossamer_fx.terms.masses import KineticEnergy
@@ -102,7 +103,7 @@ class Membrane(Meshed):
         """Mass per unit reference area [kg/m²]."""
         return self.constants.density * self.constants.thickness
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         yield KineticEnergy(self, lambda v, w: self.area_density * ufl.inner(v, w) * self.mass_dx)
         # laws that wrinkle never push, so that only of the others a part pulls
         pulling = tension if self.law.quadratic else None

@@ -15,6 +15,7 @@ from gossamer_fx.bodies.ports import global_node, interpolated, local_nodes
 from gossamer_fx.checks.errors import check
 from gossamer_fx.checks.user_functions import ask_points
 from gossamer_fx.mesh.mesh import Mesh
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Block, Port, Term
 from gossamer_fx.terms.coordinates import Coordinates
 
@@ -40,8 +41,18 @@ class Meshed(ABC):
         return self._start
 
     @abstractmethod
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         """The body's own roles."""
+
+    @property
+    def full(self) -> Meshed:
+        """The body itself: its unknowns are the coordinates of its nodes."""
+        return self
+
+    def reconstruct(self, function: fem.Function, unknowns: Array) -> None:
+        """Set a function on the body's space, ghosts included, from this rank's unknowns."""
+        function.x.array[: len(unknowns)] = unknowns
+        function.x.scatter_forward()
 
     def coordinates(self, alpha: float) -> Coordinates:
         return Coordinates(self.space, alpha)

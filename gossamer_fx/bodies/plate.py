@@ -18,11 +18,13 @@ from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.forms.bending import DEGREE, EDGE_DEGREE, PENALTY, Bending, curvature, moment
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.forms.tied_strain import tied_strain
 from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.mesh.edges import EdgeTable
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.mesh.quality import area_vectors, corner_points
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Indices, Term
 from gossamer_fx.terms.quadratic_energies import QuadraticEnergy
 
@@ -120,8 +122,8 @@ class Plate(Membrane):
             self.constants.nu,
         )
 
-    def terms(self) -> Iterable[Term]:
-        yield from super().terms()
+    def terms(self, start: State) -> Iterable[Term]:
+        yield from super().terms(start)
         b, domain, name = self.bending, self.mesh.domain, f"{self.name} bending"
         dx, dS = (
             ufl.Measure("dx", domain, metadata={"quadrature_degree": DEGREE}),
@@ -192,7 +194,7 @@ class Plate(Membrane):
             given = _Uniform(tensor)
         H = cellwise(self.mesh, given, np.zeros((3, 3)), (3, 3), what)
         n = self.mesh.domain.topology.index_map(2).size_local
-        values = H.x.array.reshape(-1, 3, 3)[H.function_space.dofmap.list[:n].ravel()]
+        values = H.x.array.reshape(-1, 3, 3)[cell_nodes(H.function_space)[:n].ravel()]
         normals = area_vectors(corner_points(self.mesh.domain))
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         size = 1e-6 * np.abs(values).max(initial=0.0)

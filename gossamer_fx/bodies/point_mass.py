@@ -10,6 +10,7 @@ from dolfinx.common import IndexMap
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import check, is_vector
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Block, Port, Term
 from gossamer_fx.terms.masses import NodeKineticEnergy
 
@@ -44,7 +45,7 @@ class PointMass:
         x, v = self._state
         return x[:here].copy(), v[:here].copy()
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         yield NodeKineticEnergy(self, np.full((self.block.index_map.size_local, 1, 1), self.mass))
 
     def port(self) -> Port:

@@ -13,6 +13,7 @@ from dolfinx.mesh import compute_midpoints
 
 from gossamer_fx.bodies.meshed import Property
 from gossamer_fx.checks.errors import InputError, check, check_on_all
+from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.terms import Array, Indices
@@ -93,7 +94,7 @@ def cellwise(mesh: Mesh, given: Any, base: Any, shape: tuple[int, ...], what: st
         bool(np.isfinite(values).all()),
         f"{what} is not finite everywhere; correct its values.",
     )
-    function.x.array.reshape(-1, size)[function.function_space.dofmap.list.ravel()] = values
+    function.x.array.reshape(-1, size)[cell_nodes(function.function_space).ravel()] = values
     return function
 
 

@@ -13,6 +13,7 @@ from mpi4py import MPI
 from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.errors import check
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Block, Port, Term, Vector
 from gossamer_fx.terms.masses import NodeKineticEnergy
 from gossamer_fx.terms.point_constraints import PointConstraint
@@ -110,7 +111,7 @@ class RigidBody:
         here = 12 * self.block.index_map.size_local
         return self._q.ravel()[:here].copy(), self._v.ravel()[:here].copy()
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         mass = np.zeros((self.block.index_map.size_local, 4, 4))
         mass[:, 0, 0] = self.mass
         mass[:, 1:, 1:] = self.euler_tensor

@@ -12,6 +12,7 @@ from mpi4py import MPI
 from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.algebra.rotations import perpendicular_pair
 from gossamer_fx.bodies.rigid_body import orthonormality
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Block, Body, Port, Term
 from gossamer_fx.terms.point_constraints import PointConstraint
 
@@ -49,7 +50,7 @@ class RigidPiece:
         """The point x + Σ along[i] d_i."""
         return Port(self, (0,) * (1 + len(along)), (1.0, *along), tuple(range(1 + len(along))))
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         if self._rigid:
             measures = orthonormality(len(self._q) - 1)
             yield PointConstraint(

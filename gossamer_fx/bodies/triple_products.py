@@ -24,21 +24,22 @@ from petsc4py import PETSc
 
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.model.terms import Assembly, CompiledTerms, MeshBody
+from gossamer_fx.model.roles import Forces, StoredEnergies, TangentForms
+from gossamer_fx.model.terms import Body, MeshBody
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 SMALLEST = 1e-24  # of the sum of squares; vectors are dimensionless
 
 Vectors = tuple[Expr, Expr, Expr]
 
 
-class TripleProductEnergies(CompiledTerms):
+class TripleProductEnergies(Forces, TangentForms, StoredEnergies, CompiledTerms):
     """All `TripleProductEnergy` terms of a scene."""
 
     def __init__(self, terms: Sequence[TripleProductEnergy], system: Assembly) -> None:
         self._system, self._compiled = system, []
         for term in terms:
-            k = system.bodies.index(term.body)
-            at = system.fields[k]
+            at = system.fields[term.body]
             residual, tangent, energy = ufl.Form([]), ufl.Form([]), term.constant
             for scale, vectors, dx in term.products:
                 mid, δ, dq = vectors(at.mid), vectors(at.w), vectors(at.dq)
@@ -51,7 +52,7 @@ class TripleProductEnergies(CompiledTerms):
             force = la.vector(term.body.block.index_map, term.body.block.size)
             self._compiled.append(
                 (
-                    k,
+                    term.body,
                     term.name,
                     compile_form(residual),
                     compile_form(tangent),
@@ -61,16 +62,16 @@ class TripleProductEnergies(CompiledTerms):
             )
 
     def add_forces(self, r: PETSc.Vec) -> None:
-        for k, _, residual, _, _, force in self._compiled:
+        for body, _, residual, _, _, force in self._compiled:
             force.array[:] = 0
             fem.assemble_vector(force.array, residual)
             force.scatter_reverse(la.InsertMode.add)
-            owned = self._system.numbering.owned(k)
+            owned = self._system.block(body).owned
             with r as values:
                 values[owned] += force.array[: owned.stop - owned.start]
 
-    def tangent_forms(self, k: int) -> list[fem.Form]:
-        return [tangent for j, _, _, tangent, _, _ in self._compiled if j == k]
+    def tangent_forms(self, body: Body) -> list[fem.Form]:
+        return [tangent for one, _, _, tangent, _, _ in self._compiled if one is body]
 
     def energies(self) -> dict[str, float]:
         found: dict[str, float] = {}

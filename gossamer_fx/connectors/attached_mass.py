@@ -10,6 +10,7 @@ import numpy as np
 
 from gossamer_fx.algebra.places import is_point
 from gossamer_fx.checks.errors import check, check_positive
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Port, Term
 from gossamer_fx.terms.point_masses import AttachedKineticEnergy
 
@@ -42,5 +43,5 @@ class AttachedMass:
     def requires(self) -> Iterable[Any]:
         yield self.port.body
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         yield AttachedKineticEnergy([(self.port,)], np.full((1, 1, 1), self.mass))

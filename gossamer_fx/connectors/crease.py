@@ -14,7 +14,9 @@ from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.bodies.plate import Plate
 from gossamer_fx.checks.errors import check, check_on_all, check_positive
 from gossamer_fx.connectors.crease_energies import CreaseEnergy
+from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.mesh.edges import EdgeTable
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Indices, Term
 
 VALLEY, MOUNTAIN = 1, -1
@@ -119,7 +121,7 @@ class Crease:
     def requires(self) -> Iterable[Any]:
         yield self.film
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         yield self.energy
 
     @property
@@ -152,7 +154,7 @@ class Crease:
         maps[:, :, 0, :k] = np.einsum("egck,ec->egk", left, t)
         maps[:, :, 1, :k] = np.einsum("egck,ec->egk", left, inwards[0])
         maps[:, :, 2, k:] = np.einsum("egck,ec->egk", right, inwards[1])
-        nodes = self.film.space.dofmap.list[cells].reshape(len(owned), 2 * k)
+        nodes = cell_nodes(self.film.space)[cells].reshape(len(owned), 2 * k)
         nodes, maps = _without_twins(nodes, maps, k)
         numbers = geometry.input_global_indices[vertices]
         swapped = (numbers[:, 0] > numbers[:, 1])[:, None]

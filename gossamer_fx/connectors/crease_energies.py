@@ -17,9 +17,19 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.algebra import dihedral_angle
-from gossamer_fx.algebra.numbering import Numbering
 from gossamer_fx.algebra.places import Gather, add_blocks
-from gossamer_fx.model.terms import Array, Assembly, Body, CompiledTerms, Indices, MeshBody
+from gossamer_fx.model.roles import (
+    CellFields,
+    Dissipation,
+    Forces,
+    History,
+    StateObserver,
+    StepCheck,
+    StoredEnergies,
+    Tangents,
+)
+from gossamer_fx.model.terms import Array, Body, Indices, MeshBody
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 Names = np.ndarray[Any, np.dtype[np.int64]]
 
@@ -27,7 +37,17 @@ SHUT = np.radians(1.0)  # from half a turn: there the positions do not tell the 
 FARTHEST = 0.95 * np.pi  # that a fold may turn in a step: at half a turn its sense is not known
 
 
-class CreaseEnergies(CompiledTerms):
+class CreaseEnergies(
+    StateObserver,
+    Forces,
+    Tangents,
+    StepCheck,
+    StoredEnergies,
+    Dissipation,
+    CellFields,
+    History,
+    CompiledTerms,
+):
     """All `CreaseEnergy` terms of a scene; those with as many nodes a point are one array."""
 
     def __init__(self, terms: Sequence[CreaseEnergy], system: Assembly) -> None:
@@ -40,7 +60,7 @@ class CreaseEnergies(CompiledTerms):
         self._yielding = [i for i, term in enumerate(terms) if np.isfinite(term.slip)]
         self.losses = [terms[i].name for i in self._yielding]
 
-    def keep(self) -> None:
+    def commit(self) -> None:
         for points, q in zip(self._arrays, self._gather(self._system.q0), strict=True):
             points.keep(q)
 
@@ -91,7 +111,7 @@ class CreaseEnergies(CompiledTerms):
         here = points.owner == i
         return points.θ[here], points.rest[here]
 
-    def in_cells(self, field: str, body: Body) -> tuple[Indices, Array] | None:
+    def cell_values(self, field: str, body: Body) -> tuple[Indices, Array] | None:
         mine = [term for term in self.terms if term.body is body]
         if field != "fold_angle" or not mine:
             return None
@@ -153,9 +173,7 @@ class _Points:
             for what in ("slip", "shut", "rest")
         )
         self._places = np.concatenate([terms[i].names for i in of])
-        self.indices = np.concatenate(
-            [_unknowns(system.numbering, system.bodies, terms[i]) for i in of]
-        )
+        self.indices = np.concatenate([_unknowns(system, terms[i]) for i in of])
         self.rest = self._first_rest.copy()
         self._begun = False
 
@@ -281,8 +299,11 @@ class _Points:
         return forces.reshape(len(F), 3 * forces.shape[1])
 
 
-def _unknowns(numbering: Numbering, bodies: Sequence[Any], term: CreaseEnergy) -> Any:
+def _unknowns(system: Assembly, term: CreaseEnergy) -> Any:
     """Global indices (n, D) of the positions of a term's nodes."""
-    k = bodies.index(term.body)
     nodes = term.body.block.index_map.local_to_global(term.nodes.ravel().astype(np.int32))
-    return numbering.to_global(k, nodes)[:, :3].reshape(len(term.nodes), 3 * term.nodes.shape[1])
+    return (
+        system.block(term.body)
+        .to_global(nodes)[:, :3]
+        .reshape(len(term.nodes), 3 * term.nodes.shape[1])
+    )

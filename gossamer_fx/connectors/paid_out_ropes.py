@@ -20,11 +20,32 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.algebra.places import Gather, Places, PointMeasure, add_blocks
-from gossamer_fx.model.terms import Array, Assembly, CompiledTerms
+from gossamer_fx.model.roles import (
+    Dissipation,
+    Forces,
+    History,
+    StateObserver,
+    StepObserver,
+    StoredEnergies,
+    Supply,
+    Tangents,
+)
+from gossamer_fx.model.terms import Array
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 from gossamer_fx.terms.point_energies import Stencil
 
 
-class PaidOutRopes(CompiledTerms):
+class PaidOutRopes(
+    StepObserver,
+    StateObserver,
+    Forces,
+    Tangents,
+    StoredEnergies,
+    Supply,
+    Dissipation,
+    History,
+    CompiledTerms,
+):
     """All `PaidOutRope` terms of a scene, as arrays over those of this rank."""
 
     def __init__(self, terms: Sequence[PaidOutRope], system: Assembly) -> None:
@@ -50,7 +71,7 @@ class PaidOutRopes(CompiledTerms):
 
     # ---- a step -----------------------------------------------------------------------------------------------------
 
-    def begin(self, t: float) -> None:
+    def begin_step(self, t: float) -> None:
         system, lengths = self._system, np.full(len(self._terms), np.nan)
         end = t if system.rule.alpha == 1.0 else system.time + system.h
         for i, history in self._given:
@@ -58,7 +79,7 @@ class PaidOutRopes(CompiledTerms):
         given = lengths[self._at.of]
         self._next = np.where(np.isfinite(given), given, self.length)
 
-    def keep(self) -> None:
+    def commit(self) -> None:
         q = self._gather(self._system.q0)[0]
         length = self._lengths(q)
         if self._begun:

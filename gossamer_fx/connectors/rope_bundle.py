@@ -10,6 +10,7 @@ from typing import Any
 from gossamer_fx.bodies.between import bodies_of
 from gossamer_fx.checks.errors import check, check_positive, require_positive
 from gossamer_fx.connectors.spring import LengthSpring, RopeDamper, half_distance_squared
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Attached, Term
 from gossamer_fx.terms.point_energies import PointDissipation, PointStoredEnergy
 
@@ -61,7 +62,7 @@ class RopeBundle:
         for pair in self.ends:
             yield from bodies_of(*pair)
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         for pair, length in zip(self.ends, self.lengths, strict=True):
             measure = half_distance_squared(*pair)
             yield PointStoredEnergy(

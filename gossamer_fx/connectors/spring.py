@@ -12,7 +12,8 @@ import numpy as np
 from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.bodies.between import Between
 from gossamer_fx.checks.errors import check, check_positive, is_vector
-from gossamer_fx.model.ports import at_start, unit
+from gossamer_fx.model.ports import unit
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Attached, Port, Term
 from gossamer_fx.terms.point_energies import PointDissipation, PointStoredEnergy
 
@@ -145,7 +146,7 @@ class Spring(Between):
             f"Spring '{self.name}': length is {self.length!r} m; give none or a positive one.",
         )
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         density = LengthSpring(self.stiffness, self.length)
         yield PointStoredEnergy(self.name, half_distance_squared(self.a, self.b), density)
 
@@ -177,7 +178,7 @@ class Rope(Between):
             f"Rope '{self.name}': damping is {self.damping!r} N s/m; give none or a positive one.",
         )
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         density, measure = (
             LengthSpring(self.stiffness, self.length, side=1),
             half_distance_squared(self.a, self.b),
@@ -212,7 +213,7 @@ class Stop(Between):
         check_positive(self, "stiffness", "N/m")
         check_positive(self, "distance", "m")
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         density = LengthSpring(self.stiffness, self.distance, side=-1)
         yield PointStoredEnergy(self.name, half_distance_squared(self.a, self.b), density)
 
@@ -237,8 +238,8 @@ class Damper(Between):
         super().__post_init__()
         check_positive(self, "coefficient", "N s/m")
 
-    def terms(self) -> Iterable[Term]:
-        distance = float(np.linalg.norm(at_start(self.a) - at_start(self.b)))
+    def terms(self, start: State) -> Iterable[Term]:
+        distance = float(np.linalg.norm(start.vector(self.a) - start.vector(self.b)))
         check(
             distance > 0,
             f"Damper '{self.name}': its two points coincide, so it has no direction; separate them.",
@@ -279,7 +280,7 @@ class AxialSpring:
     def requires(self) -> Iterable[Any]:
         yield self.port.body
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         n = unit(self.direction)
         rest = -float(n @ np.asarray(self.origin, dtype=float))
         measure = PointMeasure([(self.port,)], np.zeros((1, 3, 3)), n[None], np.array([rest]))

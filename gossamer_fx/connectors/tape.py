@@ -15,6 +15,7 @@ from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
 from gossamer_fx.connectors.spring import Quadratic
 from gossamer_fx.model.ports import combine
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Port, Term
 from gossamer_fx.terms.point_energies import PointStoredEnergy
 from gossamer_fx.terms.point_masses import AttachedKineticEnergy
@@ -105,7 +106,7 @@ class Tape:
     def requires(self) -> Iterable[Any]:
         yield self.film
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         L, law = self.lengths, self.law
         consistent = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6
         yield AttachedKineticEnergy(self.bars, law.line_density * L[:, None, None] * consistent)

@@ -12,6 +12,7 @@ from gossamer_fx.checks.errors import InputError, check, check_positive
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.connectors.paid_out_ropes import PaidOutRope
 from gossamer_fx.connectors.spring import half_distance_squared
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Attached, Port, Term
 
 
@@ -63,7 +64,7 @@ class Tether(Between):
             f"Tether '{self.name}': most is {self.most!r} m; give what the reel has in all, {self.length:g} m or more.",
         )
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         measure, given = half_distance_squared(self.a, self.b), self.length
         if not callable(given):
             assert self.brake is not None

@@ -24,6 +24,7 @@ from gossamer_fx.bodies.between import Between, check_axis
 from gossamer_fx.bodies.frames import Frame, along, is_normal
 from gossamer_fx.checks.errors import check, check_positive
 from gossamer_fx.model.ports import unit
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Term, Vector
 from gossamer_fx.terms.point_energies import PointDissipation, PointStoredEnergy
 
@@ -138,7 +139,7 @@ class TorsionSpring(AboutHinge):
             f"TorsionSpring '{self.name}': rest is {self.rest!r} rad; stay within half a turn.",
         )
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         yield PointStoredEnergy(
             self.name,
             hinge_angle(*self._sides, self.axis, self.rest),
@@ -165,6 +166,6 @@ class TorsionDamper(AboutHinge):
         super().__post_init__()
         check_positive(self, "coefficient", "N m s/rad")
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         measure = hinge_angle(*self._sides, self.axis, 0.0)
         yield PointDissipation(self.name, measure, AngularDamper(self.coefficient))

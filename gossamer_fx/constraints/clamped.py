@@ -15,6 +15,7 @@ from gossamer_fx.bodies.curve import Curve
 from gossamer_fx.checks.errors import check, check_on_all, is_vector
 from gossamer_fx.checks.user_functions import ask_numbers, ask_points
 from gossamer_fx.constraints.fixed import check_support
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Indices, Term, Vector
 from gossamer_fx.terms.supports import Support
 
@@ -69,7 +70,7 @@ class Clamped:
     def requires(self) -> Iterable[Any]:
         yield self.body
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         size, nodes = self.body.block.size, self.body.nodes(self.group)
         dofs = (size * nodes[:, None] + np.arange(size)).ravel().astype(np.int32)
         still = (

@@ -17,6 +17,7 @@ from gossamer_fx.constraints.moving_energies import MovingEnergy
 from gossamer_fx.forms.bending import EDGE_DEGREE
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.model.ports import unit
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Term, Vector
 from gossamer_fx.terms.quadratic_energies import QuadraticEnergy
 
@@ -59,15 +60,15 @@ class ClampedEdge(Fixed):
             )
         super().__post_init__()
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         plate, name = self.body, f"{self.body.name} bending"
         assert isinstance(plate, Plate)
         if self.motion is None:
-            yield from super().terms()
+            yield from super().terms(start)
         else:
-            yield from Prescribed(
-                plate, self.group, self.motion, self.components, self.name
-            ).terms()
+            yield from Prescribed(plate, self.group, self.motion, self.components, self.name).terms(
+                start
+            )
         clamp, ds = plate.bending.clamp, self._edges()
         if callable(self.direction):
             nodes, turned = plate.nodes(self.group), self.direction

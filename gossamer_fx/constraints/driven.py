@@ -12,7 +12,8 @@ from gossamer_fx.algebra.rotations import rotations
 from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.checks.user_functions import ask_numbers
-from gossamer_fx.model.ports import coordinates_at_start, unit
+from gossamer_fx.model.ports import unit
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Term, Vector
 from gossamer_fx.terms.supports import Support
 
@@ -55,16 +56,16 @@ class Driven:
     def requires(self) -> Iterable[Any]:
         yield self.body
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         body, axis = self.body, unit(self.axis)
-        start = coordinates_at_start(body).reshape(-1, 4, 3).copy()
+        first = start[body].coordinates().copy()
 
         def path(t: float) -> Array:
             angle = ask_numbers(
                 body.comm, f"Angle of '{self.name}' at t = {t:.6g} s", lambda: self.angle(t)
             )
-            placed = start.copy()
-            placed[:, 1:] = start[:, 1:] @ rotations(axis, float(angle)).T
+            placed = first.copy()
+            placed[:, 1:] = first[:, 1:] @ rotations(axis, float(angle)).T
             return placed.ravel()
 
-        yield Support(self.name, body, np.arange(start.size, dtype=np.int32), path)
+        yield Support(self.name, body, np.arange(first.size, dtype=np.int32), path)

@@ -12,7 +12,8 @@ from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.bodies.meshed import Meshed
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.checks.user_functions import ask_points
-from gossamer_fx.model.ports import coordinates_at_start, unit
+from gossamer_fx.model.ports import unit
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Indices, Port, Term, Vector
 from gossamer_fx.terms.point_constraints import PointConstraint
 from gossamer_fx.terms.supports import Support
@@ -73,14 +74,14 @@ class Fixed:
     def requires(self) -> Iterable[Any]:
         yield self.body
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         nodes = self.body.nodes(self.group)
         if self.normal is None:
             yield Support(self.name, self.body, dofs_of(self.body, nodes, self.components))
             return
         n, index_map = unit(self.normal), self.body.block.index_map
         own = nodes[nodes < index_map.size_local]
-        x = coordinates_at_start(self.body).reshape(-1, self.body.block.size)[own, :3]
+        x = start[self.body].positions()[own]
         places = [(Port(self.body, (int(node),)),) for node in index_map.local_to_global(own)]
         yield PointConstraint(
             self.name, PointMeasure(places, np.zeros((1, 3, 3)), n[None], -(x @ n).reshape(-1, 1))
@@ -117,7 +118,7 @@ class Prescribed:
     def requires(self) -> Iterable[Any]:
         yield self.body
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         nodes = self.body.nodes(self.group)
         components = list(self.components)
         X = self.body.space.tabulate_dof_coordinates()[nodes].T

@@ -26,15 +26,16 @@ from gossamer_fx.algebra.rotations import perpendicular_pair
 from gossamer_fx.bodies.between import Between, FrameJoint, check_axis
 from gossamer_fx.bodies.frames import Frame, along, is_normal, lies_in
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.ports import at_start, unit
+from gossamer_fx.model.ports import unit
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Attached, Port, Term, Vector
 from gossamer_fx.terms.point_constraints import PointConstraint
 
 COINCIDE = 1e-8  # m
 
 
-def check_coincide(name: str, a: Attached, b: Attached) -> None:
-    distance = float(np.linalg.norm(at_start(a) - at_start(b)))
+def check_coincide(name: str, a: Attached, b: Attached, start: State) -> None:
+    distance = float(np.linalg.norm(start.vector(a) - start.vector(b)))
     check(
         distance <= COINCIDE,
         f"Joint '{name}': its two points are {distance:.6g} m apart at the start; let them coincide.",
@@ -54,31 +55,35 @@ def coincidence(name: str, *places: tuple[Attached, Attached]) -> PointConstrain
     return PointConstraint(name, PointMeasure(places, np.zeros((3, 6, 6)), L, np.zeros(3)))
 
 
-def same_rotation(name: str, a: Frame, b: Frame) -> Iterable[PointConstraint]:
+def same_rotation(name: str, a: Frame, b: Frame, start: State) -> Iterable[PointConstraint]:
     """Three products that keep the relative rotation of two frames, one of which has three directors."""
     full, other = (a, b) if len(a.directors) == 3 else (b, a)
     g2, g3 = other.directors[-2:]
-    e2, e3 = at_start(g2), at_start(g3)
-    p1, p3 = along(np.cross(e2, e3), full, at_start), along(e3, full, at_start)
+    e2, e3 = start.vectors([g2, g3])
+    p1, p3 = along(np.cross(e2, e3), full, start.vector), along(e3, full, start.vector)
     yield product(f"{name} rotation 3", g2, p1)
     yield product(f"{name} rotation 2", g3, p1)
     yield product(f"{name} rotation 1", g2, p3)
 
 
-def same_axis(name: str, n: Array, full: Frame, other: Frame) -> Iterable[PointConstraint]:
+def same_axis(
+    name: str, n: Array, full: Frame, other: Frame, start: State
+) -> Iterable[PointConstraint]:
     """Two products that keep a direction n of both frames alike; the first has three directors."""
-    if is_normal(n, other, at_start):
-        fixed, (p, q) = along(n, full, at_start), other.directors
+    if is_normal(n, other, start.vector):
+        fixed, (p, q) = along(n, full, start.vector), other.directors
     else:
-        fixed = along(n, other, at_start)
-        p, q = (along(e, full, at_start) for e in perpendicular_pair(n))
+        fixed = along(n, other, start.vector)
+        p, q = (along(e, full, start.vector) for e in perpendicular_pair(n))
     yield product(f"{name} tilt 1", fixed, p)
     yield product(f"{name} tilt 2", fixed, q)
 
 
-def on_axis(kind: str, name: str, n: Array, a: Frame, b: Frame) -> Iterable[PointConstraint]:
+def on_axis(
+    kind: str, name: str, n: Array, a: Frame, b: Frame, start: State
+) -> Iterable[PointConstraint]:
     """The point of b stays on the axis n through that of a, which carries it: (x_b - x_a)·p = 0 for two normals p."""
-    gap = at_start(b.origin) - at_start(a.origin)
+    gap = start.vector(b.origin) - start.vector(a.origin)
     check(
         float(np.linalg.norm(np.cross(gap, n))) <= COINCIDE,
         f"{kind} '{name}': its second point is off the axis through the first; place both on it.",
@@ -88,7 +93,7 @@ def on_axis(kind: str, name: str, n: Array, a: Frame, b: Frame) -> Iterable[Poin
     H[0, 2] = H[2, 0] = -1.0
     H[1, 2] = H[2, 1] = 1.0
     for k, e in enumerate(perpendicular_pair(n)):
-        places = [(a.origin, b.origin, along(e, a, at_start))]
+        places = [(a.origin, b.origin, along(e, a, start.vector))]
         measure = PointMeasure(places, np.kron(H, np.eye(3))[None], np.zeros((1, 9)), np.zeros(1))
         yield PointConstraint(f"{name} slide {k + 1}", measure)
 
@@ -101,8 +106,8 @@ class BallJoint(Between):
     b: Attached
     name: str = "ball"
 
-    def terms(self) -> Iterable[Term]:
-        check_coincide(self.name, self.a, self.b)
+    def terms(self, start: State) -> Iterable[Term]:
+        check_coincide(self.name, self.a, self.b, start)
         yield coincidence(self.name, (self.a, self.b))
 
 
@@ -114,8 +119,8 @@ class Link(Between):
     b: Attached
     name: str = "link"
 
-    def terms(self) -> Iterable[Term]:
-        length = float(np.linalg.norm(at_start(self.a) - at_start(self.b)))
+    def terms(self, start: State) -> Iterable[Term]:
+        length = float(np.linalg.norm(start.vector(self.a) - start.vector(self.b)))
         check(
             length > 0,
             f"Link '{self.name}' has no length; use a BallJoint for points that coincide.",
@@ -143,10 +148,10 @@ class FixedJoint(FrameJoint):
         """The frames, one of which has three directors."""
         return self.a if len(self.b.directors) == 3 else self.a.complete, self.b
 
-    def terms(self) -> Iterable[Term]:
-        check_coincide(self.name, self.a.origin, self.b.origin)
+    def terms(self, start: State) -> Iterable[Term]:
+        check_coincide(self.name, self.a.origin, self.b.origin, start)
         yield coincidence(self.name, (self.a.origin, self.b.origin))
-        yield from same_rotation(self.name, *self._sides)
+        yield from same_rotation(self.name, *self._sides, start)
 
 
 class AxisJoint(FrameJoint):
@@ -176,10 +181,10 @@ class RevoluteJoint(AxisJoint):
         oblique = not (lies_in(n, other) or is_normal(n, other))
         return full.complete, other.complete if oblique else other
 
-    def terms(self) -> Iterable[Term]:
-        check_coincide(self.name, self.a.origin, self.b.origin)
+    def terms(self, start: State) -> Iterable[Term]:
+        check_coincide(self.name, self.a.origin, self.b.origin, start)
         yield coincidence(self.name, (self.a.origin, self.b.origin))
-        yield from same_axis(self.name, unit(self.axis), *self._sides)
+        yield from same_axis(self.name, unit(self.axis), *self._sides, start)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,10 +202,10 @@ class PrismaticJoint(AxisJoint):
         enough = len(self.b.directors) == 3 and is_normal(unit(self.axis), self.a)
         return self.a if enough else self.a.complete, self.b
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         a, b = self._sides
-        yield from same_rotation(self.name, a, b)
-        yield from on_axis("PrismaticJoint", self.name, unit(self.axis), a, b)
+        yield from same_rotation(self.name, a, b, start)
+        yield from on_axis("PrismaticJoint", self.name, unit(self.axis), a, b, start)
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +225,7 @@ class CylindricalJoint(AxisJoint):
             n, self.b
         ) else self.b.complete
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         n, (a, b) = unit(self.axis), self._sides
-        yield from same_axis(self.name, n, a, b)
-        yield from on_axis("CylindricalJoint", self.name, n, a, b)
+        yield from same_axis(self.name, n, a, b, start)
+        yield from on_axis("CylindricalJoint", self.name, n, a, b, start)

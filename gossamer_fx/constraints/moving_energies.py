@@ -13,10 +13,12 @@ from petsc4py import PETSc
 
 from gossamer_fx.forms.compilation import compile_form, constant
 from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.model.terms import Array, Assembly, CompiledTerms, Indices, MeshBody
+from gossamer_fx.model.roles import Forces, StepObserver, StoredEnergies, Supply, TangentForms
+from gossamer_fx.model.terms import Array, Body, Indices, MeshBody
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 
-class MovingEnergies(CompiledTerms):
+class MovingEnergies(StepObserver, Forces, TangentForms, StoredEnergies, Supply, CompiledTerms):
     """All `MovingEnergy` terms of a scene.
 
     With the matrices K0, K1 of both ends of a step the force is ½ (K0 + K1) q̄; what changes the form supplies
@@ -26,19 +28,15 @@ class MovingEnergies(CompiledTerms):
     def __init__(self, terms: Sequence[MovingEnergy], system: Assembly) -> None:
         self._system, self._compiled = system, []
         for term in terms:
-            k = system.bodies.index(term.body)
-            at, d0, d1 = (
-                system.fields[k],
-                fem.Function(term.body.space),
-                fem.Function(term.body.space),
-            )
+            at = system.fields[term.body]
+            d0 = fem.Function(term.body.space)
+            d1 = fem.Function(term.body.space)
             # the matrices of both ends count alike; in statics only that of the end does
             share = constant(term.body.space.mesh, 1.0 if system.rule.alpha == 1.0 else 0.5)
             ends = (d1,) if system.rule.alpha == 1.0 else (d0, d1)
             changed = [term.form(q, q, d) for q in (at.q0, at.q1) for d in (d0, d1)]
             self._compiled.append(
                 _Compiled(
-                    k,
                     term,
                     d0,
                     d1,
@@ -50,7 +48,7 @@ class MovingEnergies(CompiledTerms):
                 )
             )
 
-    def begin(self, t: float) -> None:
+    def begin_step(self, t: float) -> None:
         for c in self._compiled:
             _set(c.before, c.term, self._system.time)
             _set(c.after, c.term, self._system.time + self._system.h)
@@ -60,12 +58,12 @@ class MovingEnergies(CompiledTerms):
             c.force.array[:] = 0
             fem.assemble_vector(c.force.array, c.residual)
             c.force.scatter_reverse(la.InsertMode.add)
-            owned = self._system.numbering.owned(c.k)
+            owned = self._system.block(c.term.body).owned
             with r as values:
                 values[owned] += c.force.array[: owned.stop - owned.start]
 
-    def tangent_forms(self, k: int) -> list[fem.Form]:
-        return [c.tangent for c in self._compiled if c.k == k]
+    def tangent_forms(self, body: Body) -> list[fem.Form]:
+        return [c.tangent for c in self._compiled if c.term.body is body]
 
     def supplied(self) -> float:
         return sum(float(fem.assemble_scalar(c.work)) / 4 for c in self._compiled)
@@ -97,7 +95,6 @@ class MovingEnergy:
 
 @dataclass(frozen=True, eq=False)
 class _Compiled:
-    k: int
     term: MovingEnergy
     before: fem.Function
     after: fem.Function

@@ -32,7 +32,7 @@ from gossamer_fx.bodies.rigid_piece import RigidPiece, fitted
 from gossamer_fx.checks.errors import check
 from gossamer_fx.constraints.fixed import check_support
 from gossamer_fx.constraints.joint import coincidence
-from gossamer_fx.model.ports import coordinates_at_start
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Port, Term
 from gossamer_fx.terms.point_constraints import PointConstraint
 from gossamer_fx.terms.supports import Support
@@ -161,13 +161,11 @@ class RigidRegion:
         """Global numbers of this rank's nodes."""
         return [int(node) for node in self.body.block.index_map.local_to_global(self._own)]
 
-    def _places(self) -> list[tuple[Port, Port]]:
+    def _places(self, start: State) -> list[tuple[Port, Port]]:
         if self.to is None:
             targets = [self.piece.port(*map(float, ξ)) for ξ in self._fit[2]]
         else:  # where a fold map or another start has placed them
-            placed = coordinates_at_start(self.body).reshape(-1, self.body.block.size)[
-                self._own, :3
-            ]
+            placed = start[self.body].positions()[self._own]
             targets = [self.to.port_at(list(map(float, place))) for place in placed]
         return [
             (Port(self.body, (node,)), target)
@@ -178,7 +176,7 @@ class RigidRegion:
         yield self.body
         yield self.piece if self.to is None else self.to
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         if self.held:
             piece = self.piece if self.to is None else self.to
             vectors = np.arange(piece.block.index_map.size_local * piece.block.size // 3)
@@ -187,7 +185,7 @@ class RigidRegion:
         if self.sliding and len(self.piece.directors) == 3:
             yield from self._slides()
             return
-        yield coincidence(self.name, *self._places())
+        yield coincidence(self.name, *self._places(start))
 
     def _slides(self) -> Iterable[Term]:
         # (x_k - x̄)·n of the stacked vectors (x_k, x̄, n)

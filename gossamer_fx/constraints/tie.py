@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from dolfinx import fem
 from mpi4py import MPI
 
 from gossamer_fx.bodies.beam import Beam
 from gossamer_fx.bodies.meshed import Meshed
 from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.constraints.joint import COINCIDE, coincidence
-from gossamer_fx.model.ports import coordinates_at_start
+from gossamer_fx.forms.spaces import cell_nodes
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Port, Term, is_on_mesh
 
 NODE = 1e-9  # part of a segment from its end that counts as its end
@@ -78,16 +78,16 @@ class Tie:
         yield self.a
         yield self.b
 
-    def terms(self) -> Iterable[Term]:
-        yield coincidence(self.name, *self._places())
+    def terms(self, start: State) -> Iterable[Term]:
+        yield coincidence(self.name, *self._places(start))
 
-    def _places(self) -> list[tuple[Port, Port]]:
+    def _places(self, start: State) -> list[tuple[Port, Port]]:
         """Of this rank's nodes: each, and where it is on the other line."""
         comm, index_map = self.a.comm, self.a.block.index_map
         nodes = np.arange(index_map.size_local) if self.group is None else self.a.nodes(self.group)
         own = np.asarray(nodes[nodes < index_map.size_local], dtype=np.int32)
-        x = _start(self.a)[own]
-        ends, at = self._segments()
+        x = start[self.a].positions()[own]
+        ends, at = self._segments(start)
         check(
             len(ends) > 0,
             f"'{self.name}': the group '{self.to}' has no edges; name a line of '{self.b.name}'.",
@@ -111,7 +111,7 @@ class Tie:
             for node, i, t in zip(numbers, which, s, strict=True)
         ]
 
-    def _segments(self) -> tuple[npt.NDArray[np.int64], Array]:
+    def _segments(self, start: State) -> tuple[npt.NDArray[np.int64], Array]:
         """The second line, on every rank: global nodes (n, 2) of its straight pieces, and their places (n, 2, 3)."""
         body, space = self.b, self.b.space
         mesh = space.mesh
@@ -121,24 +121,16 @@ class Tie:
         else:
             own = mesh.topology.index_map(1).size_local
             cells = np.arange(own) if self.to is None else body.mesh.curve(self.to, self.name)
-            local = space.dofmap.list[cells[cells < own]]
+            local = cell_nodes(space)[cells[cells < own]]
             local = local if local.shape[1] == 2 else local[:, [0, 2, 1]]
         pieces = np.concatenate([local[:, k : k + 2] for k in range(local.shape[1] - 1)])
         numbers = body.block.index_map.local_to_global(pieces.ravel().astype(np.int32)).reshape(
             -1, 2
         )
-        parts = body.comm.allgather((numbers, _start(body)[pieces].reshape(-1, 2, 3)))
+        parts = body.comm.allgather(
+            (numbers, start[body].local_positions()[pieces].reshape(-1, 2, 3))
+        )
         return np.concatenate([n for n, _ in parts]), np.concatenate([x for _, x in parts])
-
-
-def _start(body: Meshed) -> Array:
-    """Positions (n, 3) [m] of all local nodes where the scene starts."""
-    x = fem.Function(body.space)
-    own = coordinates_at_start(body)
-    x.x.array[: len(own)] = own
-    x.x.scatter_forward()
-    positions: Array = x.x.array.reshape(-1, 3)
-    return positions
 
 
 def _nearest(x: Array, segments: Array) -> tuple[npt.NDArray[np.intp], Array, Array]:

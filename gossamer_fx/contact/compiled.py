@@ -15,13 +15,36 @@ from gossamer_fx.contact.group import Group
 from gossamer_fx.contact.memory import Memory
 from gossamer_fx.contact.obstacles import Obstacle
 from gossamer_fx.drawing.solids import Solid
-from gossamer_fx.model.terms import Array, Assembly, Body, CompiledTerms, MeshBody
+from gossamer_fx.model.roles import (
+    ActiveSet,
+    Dissipation,
+    Drawable,
+    Forces,
+    NodeFields,
+    StateObserver,
+    StepCheck,
+    StoredEnergies,
+    Supply,
+    Tangents,
+)
+from gossamer_fx.model.terms import Array, Body, MeshBody
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 
-class CompiledContacts(CompiledTerms):
+class CompiledContacts(
+    ActiveSet,
+    StateObserver,
+    StepCheck,
+    Forces,
+    Tangents,
+    StoredEnergies,
+    Supply,
+    Dissipation,
+    NodeFields,
+    Drawable,
+    CompiledTerms,
+):
     """All `ContactEnergy` terms of a scene."""
-
-    searches = True
 
     def __init__(self, terms: Sequence[ContactEnergy], system: Assembly) -> None:
         self.groups: dict[Any, Group] = {}  # by the scene's items
@@ -43,17 +66,17 @@ class CompiledContacts(CompiledTerms):
         }
         self.losses = list(self._rubbing)
 
-    def search(self) -> None:
+    def update_active_set(self) -> None:
         for group in self.groups.values():
             group.search()
 
-    def widen(self) -> bool:
+    def extend_active_set(self) -> bool:
         missed = [
             group.widen() for group in self.groups.values()
         ]  # all of them, whatever the first says
         return any(missed)
 
-    def limit(self, update: Array) -> None:
+    def limit_update(self, update: Array) -> None:
         for group in self.groups.values():
             group.limit(update)
 
@@ -68,7 +91,7 @@ class CompiledContacts(CompiledTerms):
         for group in self.groups.values():
             group.add_tangents(A)
 
-    def couplings(self, diagonal: PETSc.Vec | None) -> list[PETSc.Mat]:
+    def coupling_matrices(self, diagonal: PETSc.Vec | None) -> list[PETSc.Mat]:
         found = [group.coupling(diagonal) for group in self.groups.values()]
         return [matrix for matrix in found if matrix is not None]
 
@@ -78,11 +101,11 @@ class CompiledContacts(CompiledTerms):
     def dissipated(self) -> Array:
         return np.array([group.dissipated() for group in self._rubbing.values()])
 
-    def keep(self) -> None:
+    def commit(self) -> None:
         for group in self.groups.values():
             group.keep()
 
-    def at_nodes(self, field: str, body: Body) -> tuple[npt.NDArray[np.int64], Array] | None:
+    def node_values(self, field: str, body: Body) -> tuple[npt.NDArray[np.int64], Array] | None:
         if field != "contact_pressure":
             return None
         from gossamer_fx.contact.pressure import pressures

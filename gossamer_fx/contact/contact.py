@@ -13,6 +13,7 @@ from gossamer_fx.contact.compiled import ContactEnergy
 from gossamer_fx.contact.facets import facets_of
 from gossamer_fx.contact.obstacles import Obstacle, check_friction
 from gossamer_fx.contact.pairs import BARRIER, PENALTY
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import MeshBody, Term, has_nodal_unknowns, is_body, is_on_mesh
 
 LAWS = {"barrier": BARRIER, "penalty": PENALTY}
@@ -124,7 +125,7 @@ class Contact:
         for obstacle in self.obstacles:
             yield from obstacle.requires()
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         law = LAWS[self.law]
         yield ContactEnergy(
             self,

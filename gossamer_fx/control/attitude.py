@@ -14,7 +14,8 @@ from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.errors import check
 from gossamer_fx.control.rotation import euler_angles, euler_axes, position_gradient, rotation
 from gossamer_fx.loads.force import Couple
-from gossamer_fx.model.ports import combine, initial
+from gossamer_fx.model.ports import combine
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Port, Term, Vector
 from gossamer_fx.terms.point_loads import PointLoad
 
@@ -183,13 +184,13 @@ class AttitudeControl:
     def requires(self) -> Iterable[Any]:
         yield from bodies_of(self.frame)
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         law = _Held if self.period > 0 else _Continuous
         yield PointLoad(self.name, self.frame.directors, law(self, self.reference()))
 
     def reference(self) -> Array:
         """The frame's vectors at the start, (k, 3)."""
-        vectors = np.array([initial(d) for d in self.frame.directors])
+        vectors = np.array([d.initial() for d in self.frame.directors])
         check(
             bool(np.linalg.svd(vectors)[1][1] > 1e-9),
             f"'{self.name}': the vectors of its frame are parallel, which leaves a rotation open; give others.",

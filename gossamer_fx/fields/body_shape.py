@@ -1,4 +1,4 @@
-"""The shape of a body on a mesh in the accepted state, also of a reduced one, whose unknowns are not its nodes'."""
+"""The shape of a body on a mesh in the accepted state, also of a reduced one."""
 
 from __future__ import annotations
 
@@ -6,30 +6,32 @@ from typing import Any
 
 from dolfinx import fem
 
-from gossamer_fx.model.terms import MeshBody, has_nodal_unknowns
-from gossamer_fx.system.system import System
+from gossamer_fx.model.state import State
+from gossamer_fx.model.terms import MeshBody
 
 
 class BodyShape:
-    """Coordinates q and velocities v of a body as functions, for expressions of them; `update` takes them.
+    """Coordinates q and velocities v of a body as functions, for expressions of them.
 
-    body   whose mesh, law and measures they belong to: of a reduced film, the film that was reduced
+    The functions are made once; `update` gives them the values of the state.
+
+    Args:
+        state: of a run or an equilibrium.
+        body: a film, plate, cable or beam in it.
+
+    Attributes:
+        body: whose mesh, law and measures the functions belong to: of a reduced film, the film that
+            was reduced.
     """
 
-    def __init__(self, system: System, body: MeshBody) -> None:
-        k = system.bodies.index(body)
-        self._system, self._owned, self._reduced = system, system.numbering.owned(k), None
-        self.body: Any = body
-        if not has_nodal_unknowns(body):
-            self._reduced = self.body
-            self.body = self._reduced.full
-        self.q, self.v = fem.Function(self.body.space), fem.Function(self.body.space)
+    def __init__(self, state: State, body: MeshBody) -> None:
+        self._of = state[body]
+        self._reconstruct = body.reconstruct
+        self.body: Any = body.full
+        self.q = fem.Function(self.body.space)
+        self.v = fem.Function(self.body.space)
 
     def update(self) -> None:
-        for function, vector in ((self.q, self._system.q0), (self.v, self._system.v0)):
-            values = vector.array_r[self._owned]
-            if self._reduced is not None:
-                self._reduced.reconstruct(function, values)
-            else:
-                function.x.array[: len(values)] = values
-                function.x.scatter_forward()
+        """Take the state as it is now.  Collective."""
+        self._reconstruct(self.q, self._of.coordinates().ravel())
+        self._reconstruct(self.v, self._of.rates().ravel())

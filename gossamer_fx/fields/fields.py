@@ -34,7 +34,9 @@ from gossamer_fx.fields.body_shape import BodyShape
 from gossamer_fx.forms.backend import interpolation_points
 from gossamer_fx.forms.compilation import compile_expression, compile_form, constant
 from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
+from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
+from gossamer_fx.model.roles import CellFields, NodeFields, playing
 from gossamer_fx.model.terms import Array, Body, MeshBody, has_nodal_unknowns
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import gradient
@@ -151,7 +153,7 @@ class FieldFunctions:
 
     def __init__(self, system: System, body: MeshBody, names: Sequence[str]) -> None:
         check_fields(body, names)
-        self._shape = shape = BodyShape(system, body)
+        self._shape = shape = BodyShape(system.state, body)
         jumps = any(FIELDS[name].of_films for name in names)
         family, order = (
             "Discontinuous Lagrange" if jumps else "Lagrange",
@@ -192,11 +194,11 @@ def _take_pressure(function: fem.Function, film: MeshBody, system: System) -> No
     """Set a discontinuous function to the pressure of the gas on each cell."""
     values = function.x.array
     values[:] = 0
-    for border in system.borders:
+    for border in system.scalar_unknowns:
         for gas in border.states().values():
             enclosure, outside = gas.chamber.enclosure, gas.chamber.outside
             if getattr(enclosure, "film", None) is film:
-                cells = function.function_space.dofmap.list[enclosure.cells()]
+                cells = cell_nodes(function.function_space)[enclosure.cells()]
                 values[cells] = gas.p - (outside.pressure if outside else 0.0) - values[cells]
 
 
@@ -204,10 +206,10 @@ def _take_mean(function: fem.Function, name: str, body: MeshBody, system: System
     """Set a discontinuous function to the mean of what terms have in each cell, and to zero elsewhere."""
     sums, counts = function.x, fem.Function(function.function_space).x
     sums.array[:] = 0
-    for compiled in system.compiled:
-        found = compiled.in_cells(name, body)
+    for kind in playing(CellFields, system.compiled):
+        found = kind.cell_values(name, body)
         if found is not None:
-            nodes = function.function_space.dofmap.list[found[0]]
+            nodes = cell_nodes(function.function_space)[found[0]]
             np.add.at(sums.array, nodes, found[1][:, None])
             np.add.at(counts.array, nodes, 1.0)
     for vector in (sums, counts):
@@ -220,14 +222,14 @@ def _take_at_nodes(function: fem.Function, name: str, body: MeshBody, system: Sy
     if not has_nodal_unknowns(body):  # of a reduced film there is nothing at nodes
         function.x.array[:] = 0
         return
-    index_map, cells = body.block.index_map, body.space.dofmap.list
+    index_map, cells = body.block.index_map, cell_nodes(body.space)
     at_nodes = np.zeros(index_map.size_local + index_map.num_ghosts)
-    for compiled in system.compiled:
-        found = compiled.at_nodes(name, body)
+    for kind in playing(NodeFields, system.compiled):
+        found = kind.node_values(name, body)
         if found is not None:
             local = index_map.global_to_local(found[0])
             np.add.at(at_nodes, local[local >= 0], found[1][local >= 0])
-    function.x.array[function.function_space.dofmap.list.ravel()] = at_nodes[cells.ravel()]
+    function.x.array[cell_nodes(function.function_space).ravel()] = at_nodes[cells.ravel()]
 
 
 class AreaFractions:
@@ -240,7 +242,7 @@ class AreaFractions:
     def _compile(self, system: System) -> list[tuple[BodyShape, fem.Constant, fem.Form]]:
         found = []
         for film in self._films:
-            shape = BodyShape(system, film)
+            shape = BodyShape(system.state, film)
             which = constant(shape.body.space.mesh, 0.0)
             share = (
                 ufl.conditional(ufl.eq(film_state(shape.body, shape.q), which), 1.0, 0.0)

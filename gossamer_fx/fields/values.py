@@ -25,9 +25,7 @@ def positions(state: State, body: Body) -> Array:
         InputError: the body is not in the scene.
     """
     _check_in(state, body)
-    owned = state.system.numbering.owned(state.system.bodies.index(body))
-    x: Array = state.system.q0.array_r[owned].reshape(-1, body.block.size)[:, :3].copy()
-    return x
+    return state.system.state[body].positions().copy()
 
 
 def field_values(state: State, body: MeshBody, field: str) -> tuple[Array, Array]:

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 from dolfinx import fem
-from petsc4py import PETSc
 
 from gossamer_fx.algebra.rotations import rotations
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check, check_on_all, is_vector
 from gossamer_fx.fold.fold_lines import SHEETS, Map
 from gossamer_fx.forms.compilation import compile_form
-from gossamer_fx.model.terms import Array, Assembly
+from gossamer_fx.model.state import InitialState
+from gossamer_fx.model.terms import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +45,8 @@ class Folded:
     def requires(self) -> Iterable[Any]:
         yield self.film
 
-    def initialise(self, system: Assembly, q: PETSc.Vec, v: PETSc.Vec) -> None:
-        with q as values:
-            values[system.numbering.owned(system.bodies.index(self.film))] = (
-                self.positions().ravel()
-            )
+    def initialise(self, start: InitialState) -> None:
+        start.place(self.film, self.positions())
 
     def positions(self) -> Array:
         """Places (n, 3) [m] of this rank's nodes."""

@@ -15,7 +15,8 @@ from gossamer_fx.gas.geometry import Geometry
 from gossamer_fx.gas.ring import Loop, Ring
 from gossamer_fx.gas.surface import FilmSurface, Side
 from gossamer_fx.model.ports import unit
-from gossamer_fx.model.terms import Array, Assembly, Body, Port
+from gossamer_fx.model.terms import Array, Body, Port
+from gossamer_fx.terms.assembly import Assembly
 
 ROUND_OFF = 1e-12  # of the sum of its terms' sizes: a volume that is smaller has no sign
 
@@ -219,8 +220,7 @@ class Piston:
 class _CompiledPiston:
     def __init__(self, piston: Piston, system: Assembly) -> None:
         self._system = system
-        k = system.bodies.index(piston.port.body)
-        indices = system.numbering.to_global(k, np.array(piston.port.nodes, dtype=np.int64))[:, :3]
+        indices = system.block(piston.port.body).to_global(np.array(piston.port.nodes))[:, :3]
         entries = np.outer(piston.port.weights, piston.area * piston.direction)
         start, end = system.q0.getOwnershipRange()
         self._G = np.zeros(end - start)

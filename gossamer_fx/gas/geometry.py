@@ -7,7 +7,7 @@ from typing import Protocol
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.gas.ring import Loop, Ring
 from gossamer_fx.gas.surface import FilmSurface
-from gossamer_fx.model.terms import Assembly
+from gossamer_fx.terms.assembly import Assembly
 
 
 class Moving(Protocol):

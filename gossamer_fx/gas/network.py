@@ -24,8 +24,9 @@ from gossamer_fx.gas.contract import Opening, Volume, Wall
 from gossamer_fx.gas.enclosure import FilmEnclosure
 from gossamer_fx.gas.geometry import Geometry
 from gossamer_fx.gas.state import ChamberState
-from gossamer_fx.model.scalar_unknowns import ScalarTotals
-from gossamer_fx.model.terms import Array, Assembly, Body
+from gossamer_fx.model.terms import Array, Body
+from gossamer_fx.terms.assembly import Assembly
+from gossamer_fx.terms.scalar_unknowns import ScalarTotals
 
 
 class GasNetwork:
@@ -99,7 +100,7 @@ class GasNetwork:
             s.m = s.U / (self._gas.cv * s.chamber.initial_temperature)
         self._kept_magnitude = self._magnitudes()
 
-    def begin(self, h: float, t: float) -> Array:
+    def begin_step(self, h: float, t: float) -> Array:
         p, m, U, V = (
             np.array([getattr(s, name) for s in self._gases]) for name in ("p", "m", "U", "V")
         )
@@ -167,7 +168,7 @@ class GasNetwork:
             H = [row if by_V[k].any() or by_W[k].any() else None for k, row in enumerate(rows)]
         return G, H, by_y / self._scale[:, None]
 
-    def accept(self) -> None:
+    def commit(self) -> None:
         # mass and energy are summed from the flows, so that they are conserved to round-off whatever the tolerance
         rates, h = self._balance.rates(self._y, self._V), self._balance.h
         for k, s in enumerate(self._gases):

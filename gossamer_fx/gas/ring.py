@@ -15,7 +15,8 @@ from gossamer_fx.algebra.places import Gather, add_blocks
 from gossamer_fx.algebra.rotations import cross_matrices
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Array, Assembly
+from gossamer_fx.model.terms import Array
+from gossamer_fx.terms.assembly import Assembly
 
 Indices = npt.NDArray[np.int64]
 # end vertices, end nodes, the node between them or -1, and where on the mesh the edge starts and ends
@@ -141,7 +142,7 @@ class Loop:
         )
 
         self._system, self._α = system, system.rule.alpha
-        self.indices = system.numbering.to_global(system.bodies.index(ring.film), nodes)
+        self.indices = system.block(ring.film).to_global(nodes)
         self._gather = Gather(system.numbering, [self.indices])
         start, end = system.q0.getOwnershipRange()
         self._mine = (self.indices[:, 0] >= start) & (self.indices[:, 0] < end)

@@ -15,8 +15,10 @@ from mpi4py import MPI
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import area_vector
+from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.gas.ring import Loop
-from gossamer_fx.model.terms import Array, Assembly
+from gossamer_fx.model.terms import Array
+from gossamer_fx.terms.assembly import Assembly
 
 Cells = npt.NDArray[np.int32]
 
@@ -42,12 +44,9 @@ class FilmSurface:
 
     def __init__(self, film: Membrane, system: Assembly) -> None:
         self.film, self._comm, self._sides = film, film.comm, list[Side]()
-        k = system.bodies.index(film)
-        self._at, self._owned, self._n = (
-            system.fields[k],
-            system.numbering.owned(k),
-            system.numbering.size_local,
-        )
+        self._at = system.fields[film]
+        self._owned = system.block(film).owned
+        self._n = system.numbering.size_local
         self._α = system.rule.alpha
         self._form: fem.Form | None = None
 
@@ -89,10 +88,10 @@ class FilmSurface:
 
         nodes, rows, columns, self._starts = [], [], [], [0]
         for side in self._sides:
-            own, places = np.unique(self.film.space.dofmap.list[side.cells], return_inverse=True)
+            own, places = np.unique(cell_nodes(self.film.space)[side.cells], return_inverse=True)
             nodes.append(own)
             rows.append(places.ravel() + self._starts[-1])
-            columns.append(broken.dofmap.list[side.cells].ravel())
+            columns.append(cell_nodes(broken)[side.cells].ravel())
             self._starts.append(self._starts[-1] + len(own))
         self._nodes = np.concatenate(nodes)
         entries = (np.concatenate(rows), np.concatenate(columns))
@@ -186,7 +185,7 @@ class FilmSurface:
         """Derivative of the forces of the last `add_force` of all chambers, but for those of the loops."""
         pressure = self._pressure.x.array
         pressure[:] = 0
-        dofs = self._pressure.function_space.dofmap.list[:, 0]
+        dofs = cell_nodes(self._pressure.function_space)[:, 0]
         for side in self._sides:
             pressure[dofs[side.cells]] += side.pressure
         yield self._tangent

@@ -15,6 +15,7 @@ from gossamer_fx.checks.errors import check, check_positive, is_vector
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, area_vector
 from gossamer_fx.loads.film_drag import Drag
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term, Vector
 
 SMALLEST = 1e-30  # (da/dA)² of a cell that has collapsed, on which nothing acts
@@ -67,7 +68,7 @@ class AirDrag:
     def requires(self) -> Iterable[Any]:
         yield self.body
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         film, mesh = self.body, self.body.space.mesh
         half_ρC = constant(mesh, self.density * self.coefficient / 2)
         u = fem.Constant(mesh, tuple(map(float, self.wind))) if any(self.wind) else None

@@ -11,14 +11,14 @@ from petsc4py import PETSc
 
 from gossamer_fx.algebra.numbering import GlobalIndices
 from gossamer_fx.algebra.places import Gather, add_blocks, attach_all, own_places
-from gossamer_fx.model.terms import Array, Assembly, Body, CompiledTerms, Port
+from gossamer_fx.model.roles import ExternalLoads, Forces, OnMeshes, StepObserver, Supply, Tangents
+from gossamer_fx.model.terms import Array, Body, Port
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 from gossamer_fx.terms.point_masses import AttachedKineticEnergy
 
 
-class AttachedLoads(CompiledTerms):
+class AttachedLoads(OnMeshes, ExternalLoads, StepObserver, Forces, Tangents, Supply, CompiledTerms):
     """All `AttachedLoad` terms of a scene: forces M (a + A (X - c)) on the attached vectors X of masses M."""
-
-    supplies = made_of_forms = True
 
     def __init__(self, terms: Sequence[AttachedLoad], system: Assembly) -> None:
         self._system = system
@@ -76,7 +76,7 @@ class AttachedLoads(CompiledTerms):
             found.append(np.einsum("nab,nb->na", M, a + np.einsum("nab,nb->na", A, X)))
         return found
 
-    def begin(self, t: float) -> None:
+    def begin_step(self, t: float) -> None:
         self._X0 = self._vectors(self._system.q0)
 
     def add_forces(self, r: PETSc.Vec) -> None:

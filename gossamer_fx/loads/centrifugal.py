@@ -13,6 +13,7 @@ from dolfinx import fem
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.loads.attached_loads import AttachedLoad
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Body, Port, Term, Vector
 from gossamer_fx.terms.loads import Load
 from gossamer_fx.terms.masses import KineticEnergy, NodeKineticEnergy
@@ -62,10 +63,10 @@ class Centrifugal:
     def requires(self) -> Iterable[Any]:
         yield self.body
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         Ω, c = np.asarray(self.spin, dtype=float), np.asarray(self.centre, dtype=float)
         A = Ω @ Ω * np.eye(3) - np.outer(Ω, Ω)
-        for part in self.body.terms():
+        for part in self.body.terms(start):
             if isinstance(part, KineticEnergy):
                 yield self._on_mesh(part, A, c)
             elif isinstance(part, NodeKineticEnergy):

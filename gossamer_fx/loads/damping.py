@@ -15,8 +15,9 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, bar_strain
 from gossamer_fx.materials.film import Linear
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
-from gossamer_fx.terms.element_energies import Dissipation
+from gossamer_fx.terms.element_energies import ViscousDissipation
 
 Body = Membrane | Cable | Beam
 
@@ -57,7 +58,7 @@ class Damping:
     def requires(self) -> Iterable[Any]:
         yield self.body
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         body = self.body
         both = self.mass > 0 and self.stiffness > 0
         by_mass, by_stiffness = (
@@ -66,7 +67,7 @@ class Damping:
         if self.mass > 0:
             α = constant(body.space.mesh, self.mass)
             inertia = ufl.as_vector(_inertia(body))
-            yield Dissipation(
+            yield ViscousDissipation(
                 by_mass,
                 body,
                 lambda x: x,
@@ -81,10 +82,10 @@ class Damping:
                 yield (now := PresentStiffness(body, body.measure, body.density, body.dx))
                 C = now.matrix
                 viscous = lambda e_rate: β / 2 * ufl.dot(e_rate, ufl.dot(C, e_rate))  # noqa: E731
-                yield Dissipation(by_stiffness, body, body.measure, viscous, body.dx)
+                yield ViscousDissipation(by_stiffness, body, body.measure, viscous, body.dx)
                 return
             measure, energy = _unwrinkled(body)
-            yield Dissipation(
+            yield ViscousDissipation(
                 by_stiffness, body, measure, lambda e_rate: β * energy(e_rate), body.dx
             )
 

@@ -16,6 +16,7 @@ from gossamer_fx.checks.errors import check, check_on_all, is_vector
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, area_vector
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term, Vector
 from gossamer_fx.terms.loads import Load
 
@@ -64,7 +65,7 @@ class EdgeLoad:
     def requires(self) -> Iterable[Any]:
         yield self.body
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         if self.normal is None:
             yield self._in_space()
         else:

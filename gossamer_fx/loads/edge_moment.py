@@ -15,6 +15,7 @@ from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.loads import Load
 
@@ -52,7 +53,7 @@ class EdgeMoment:
     def requires(self) -> Iterable[Any]:
         yield self.body
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         plate, value = self.body, self.moment
         domain = plate.mesh.domain
         edges = plate.mesh.curve(self.group, "EdgeMoment")

@@ -12,11 +12,13 @@ from dolfinx import fem
 
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.model.terms import Array, Assembly, CompiledTerms, MeshBody
+from gossamer_fx.model.roles import Dissipation
+from gossamer_fx.model.terms import Array, MeshBody
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 from gossamer_fx.terms.loads import Loads, at_rate, rate_of
 
 
-class Drags(Loads):
+class Drags(Dissipation, Loads):
     """All `Drag` terms of a scene.
 
     With the velocity v = (q1 - q0)/h of a step h δW[v] is the work of the force on the way from q0 to q1.  In a wind u
@@ -24,7 +26,7 @@ class Drags(Loads):
     """
 
     def __init__(self, terms: Sequence[Drag], system: Assembly) -> None:
-        at = [system.fields[system.bodies.index(term.body)] for term in terms]
+        at = [system.fields[term.body] for term in terms]
         super().__init__(
             [at_rate(term, place) for term, place in zip(terms, at, strict=True)], system
         )
@@ -37,10 +39,10 @@ class Drags(Loads):
             if u is not None:
                 self._given.append(compile_form(h * term.work(x, v, u)))
 
-    def begin(self, t: float) -> None:
+    def begin_step(self, t: float) -> None:
         for h in self._steps:
             h.value = self._system.h
-        super().begin(t)
+        super().begin_step(t)
 
     def supplied(self) -> float:
         return float(sum(fem.assemble_scalar(form) for form in self._given))

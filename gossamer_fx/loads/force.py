@@ -13,6 +13,7 @@ from gossamer_fx.algebra.rotations import cross_matrices
 from gossamer_fx.bodies.between import bodies_of
 from gossamer_fx.bodies.frames import Frame, Line
 from gossamer_fx.checks.user_functions import ask_numbers
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Attached, Port, Term, Vector
 from gossamer_fx.terms.point_loads import PointForce, PointLoad
 
@@ -134,7 +135,7 @@ class Force:
     def requires(self) -> Iterable[Any]:
         yield self.port.body
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         value, comm = self.value, self.port.body.comm
         law: PointForce = (
             ForceInTime(comm, self.name, value)
@@ -160,7 +161,7 @@ class Torque:
     def requires(self) -> Iterable[Any]:
         yield from bodies_of(self.frame)
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         vectors: tuple[Attached, ...] = self.frame.directors
         value, comm = self.value, next(iter(self.requires())).comm
         law: PointForce = (

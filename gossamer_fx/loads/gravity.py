@@ -14,6 +14,7 @@ from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.loads.attached_loads import AttachedLoad
 from gossamer_fx.loads.force import ConstantForce
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Body, Port, Term
 from gossamer_fx.terms.loads import Load
 from gossamer_fx.terms.masses import KineticEnergy, NodeKineticEnergy
@@ -42,8 +43,8 @@ class Gravity:
     def requires(self) -> Iterable[Any]:
         yield self.body
 
-    def terms(self) -> Iterable[Term]:
-        for part in self.body.terms():
+    def terms(self, start: State) -> Iterable[Term]:
+        for part in self.body.terms(start):
             if isinstance(part, KineticEnergy):
                 yield self._on_mesh(part)
             elif isinstance(part, NodeKineticEnergy):

@@ -15,20 +15,20 @@ from gossamer_fx.forms.backend import interpolation_points, tabulate
 from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.strain_path import gradient
-from gossamer_fx.model.terms import Assembly, CompiledTerms, MeshBody
+from gossamer_fx.model.roles import OnMeshes, StateObserver
+from gossamer_fx.model.terms import MeshBody
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 STRAINS = 3  # E11, E22, 2 E12
 
 
-class PresentStiffnesses(CompiledTerms):
+class PresentStiffnesses(OnMeshes, StateObserver, CompiledTerms):
     """All `PresentStiffness` terms of a scene: evaluated whenever a state is accepted."""
-
-    made_of_forms = True
 
     def __init__(self, terms: Sequence[PresentStiffness], system: Assembly) -> None:
         self._made = []
         for term in terms:
-            e = ufl.variable(term.measure(system.fields[system.bodies.index(term.body)].q0))
+            e = ufl.variable(term.measure(system.fields[term.body].q0))
             S = gradient(term.density, e)
             C = ufl.diff(S, e)
             entries = ufl.as_vector([C[i, j] for i in range(STRAINS) for j in range(STRAINS)])
@@ -37,7 +37,7 @@ class PresentStiffnesses(CompiledTerms):
             every = np.arange(cells.size_local + cells.num_ghosts, dtype=np.int32)
             self._made.append((term, compile_expression(entries, points), every))
 
-    def keep(self) -> None:
+    def commit(self) -> None:
         for term, expression, cells in self._made:
             tabulate(expression, term.values, cells)
 

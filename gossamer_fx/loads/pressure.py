@@ -14,6 +14,7 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import area_vector
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.loads import Load
 
@@ -40,7 +41,7 @@ class Pressure:
     def requires(self) -> Iterable[Any]:
         yield self.body
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         film, value = self.body, self.value
         p = constant(film.space.mesh, 0.0 if callable(value) else value)
         dx = ufl.Measure(

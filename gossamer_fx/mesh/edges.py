@@ -10,6 +10,8 @@ import numpy.typing as npt
 from dolfinx import fem, la
 from dolfinx import mesh as dmesh
 
+from gossamer_fx.forms.spaces import cell_nodes
+
 Indices = npt.NDArray[np.int32]
 Integers = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
@@ -89,7 +91,7 @@ class EdgeTable:
         last = corners[np.where(forwards, _TO[sides], _FROM[sides])]
         middle = [closure[sides, k] for k in range(2, closure.shape[1])]
         places = np.stack([first, *middle, last], axis=1)
-        result: Indices = space.dofmap.list[cells[:, None], places]
+        result = cell_nodes(space)[cells[:, None], places]
         return result
 
     def tally(self, cells: Indices) -> tuple[Floats, Floats]:

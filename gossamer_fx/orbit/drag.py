@@ -16,7 +16,8 @@ from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, area_vector
-from gossamer_fx.model.terms import Array, Assembly, Term
+from gossamer_fx.model.state import State
+from gossamer_fx.model.terms import Array, Term
 from gossamer_fx.orbit.environment import ROTATION
 from gossamer_fx.orbit.flight import Flight
 from gossamer_fx.orbit.flying_loads import FacesForce, FlyingLoad, FlyingPointLoad, axes_of
@@ -24,6 +25,7 @@ from gossamer_fx.orbit.free_molecular import Accommodation, Air
 from gossamer_fx.orbit.orbit import Orbit
 from gossamer_fx.orbit.solar_pressure import check_surfaces, geometry, surface_measure
 from gossamer_fx.orbit.surface_forces import Rows, Surface, Symbolic, flow_force
+from gossamer_fx.terms.assembly import Assembly
 
 Atmosphere = Callable[[float], Air]  # of the altitude [m]
 
@@ -114,7 +116,7 @@ class Drag:
         wind: Array = np.cross([0.0, 0.0, self.rotation], flight.R) - flight.V
         return air, wind
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         if isinstance(self.body, RigidBody):
             yield FlyingPointLoad(self.name, axes_of(self.body), self.orbit, _FlowOnFaces(self))
         else:

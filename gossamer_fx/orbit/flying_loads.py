@@ -10,9 +10,10 @@ import numpy as np
 import ufl
 
 from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.model.terms import Array, Assembly, Attached, CompiledTerms, MeshBody, Port
+from gossamer_fx.model.terms import Array, Attached, MeshBody, Port
 from gossamer_fx.orbit.flight import Flight
 from gossamer_fx.orbit.orbit import Orbit
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 from gossamer_fx.terms.loads import Loads, at_rate
 from gossamer_fx.terms.point_loads import PointLoad, PointLoads
 
@@ -22,19 +23,19 @@ class FlyingLoads(Loads):
 
     def __init__(self, terms: Sequence[FlyingLoad], system: Assembly) -> None:
         self._flying = terms
-        at = [system.fields[system.bodies.index(term.body)] for term in terms]
+        at = [system.fields[term.body] for term in terms]
         super().__init__(
             [at_rate(term, place) for term, place in zip(terms, at, strict=True)], system
         )
 
-    def begin(self, t: float) -> None:
+    def begin_step(self, t: float) -> None:
         system = self._system
         for term in self._flying:
             flight = term.orbit.flight(system)
             flight.prepare(system)
-            system.fields[system.bodies.index(term.body)].h.value = system.h
+            system.fields[term.body].h.value = system.h
             term.prepare(flight, system)
-        super().begin(t)
+        super().begin_step(t)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,12 +101,12 @@ class FlyingPointLoads(PointLoads):
             [PointLoad(t.name, t.ports, _ByComplexSteps(t.law)) for t in terms], system
         )
 
-    def begin(self, t: float) -> None:
+    def begin_step(self, t: float) -> None:
         for term in self._flying:
             flight = term.orbit.flight(self._system)
             flight.prepare(self._system)
             term.law.prepare(flight)
-        super().begin(t)
+        super().begin_step(t)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ import numpy as np
 
 from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.errors import check, is_vector
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Port, Term, Vector
 from gossamer_fx.orbit.flight import Flight
 from gossamer_fx.orbit.flying_loads import FlyingPointLoad
@@ -61,7 +62,7 @@ class MagneticDipole:
         B: Array = turn.T @ self._field.field(turn @ flight.R)
         return B
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         yield FlyingPointLoad(self.name, self.frame.directors, self.orbit, _DipoleTorque(self))
 
 

@@ -6,13 +6,15 @@ from collections.abc import Iterable, Sequence
 from weakref import WeakKeyDictionary
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Assembly, Term, Vector
+from gossamer_fx.model.state import State
+from gossamer_fx.model.terms import Term, Vector
 from gossamer_fx.orbit.elements import Elements
 from gossamer_fx.orbit.environment import Environment, Shadow, SunHistory
 from gossamer_fx.orbit.flight import Flight
 from gossamer_fx.orbit.gravity_field import RADIUS
 from gossamer_fx.orbit.optics import PRESSURE
 from gossamer_fx.orbit.relative_gravity import RelativeGravity
+from gossamer_fx.terms.assembly import Assembly
 
 
 class Orbit(Environment):
@@ -77,7 +79,7 @@ class Orbit(Environment):
         )
         self._flights: WeakKeyDictionary[Assembly, Flight] = WeakKeyDictionary()
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         yield RelativeGravity(self.name, Flight(self), self._flights)
 
     def flight(self, system: Assembly) -> Flight:

@@ -11,7 +11,7 @@ angular momentum of the whole are kept to the tolerance of the solve.
 
 from __future__ import annotations
 
-from collections.abc import MutableMapping, Sequence
+from collections.abc import Iterator, MutableMapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -19,12 +19,25 @@ import ufl
 from dolfinx import fem, la
 from petsc4py import PETSc
 
+from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import compile_form, constant
 from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.model.terms import Array, Assembly, CompiledTerms, Ground
+from gossamer_fx.model.roles import (
+    Forces,
+    FrameMomenta,
+    Resultants,
+    StateObserver,
+    StepObserver,
+    StoredEnergies,
+    Supply,
+    TangentForms,
+    Tangents,
+)
+from gossamer_fx.model.terms import Array, Body, Ground, Term
 from gossamer_fx.orbit.flight import Flight, Moments
 from gossamer_fx.orbit.mass_points import MassPoints
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 from gossamer_fx.terms.masses import KineticEnergy, NodeKineticEnergy
 from gossamer_fx.terms.point_masses import AttachedKineticEnergy
 from gossamer_fx.terms.supports import Support
@@ -43,19 +56,24 @@ def excess(r0: Any, r1: Any, d0: Any, d1: Any) -> Any:
     return p + q + w + p * q + p * w + q * w + p * q * w
 
 
-def _holds(term: Any) -> bool:
-    """Whether a term ties a body to a place of the frame."""
-    places = getattr(getattr(term, "measure", None), "places", ())
-    return isinstance(term, Support) or any(
-        isinstance(port, Ground) for place in places for port in place
-    )
+def _names_of_holders(terms: Sequence[Term]) -> Iterator[str]:
+    """Names of the terms that tie a body to a point of the frame."""
+    for term in terms:
+        if isinstance(term, Support):
+            yield term.name
+        measure = getattr(term, "measure", None)
+        if isinstance(measure, PointMeasure):
+            ports = [port for place in measure.places for port in place]
+            if any(isinstance(port, Ground) for port in ports):
+                yield term.name  # type: ignore[attr-defined]
 
 
 class MeshGravity:
     """Gravity on one body on a mesh; its mass is that of the body's kinetic energy, at the same quadrature points."""
 
-    def __init__(self, term: KineticEnergy, k: int, at: Any) -> None:
-        self.k, self._at = k, at
+    def __init__(self, term: KineticEnergy, at: Any) -> None:
+        self.body = term.body
+        self._at = at
         mesh, size = at.q0.function_space.mesh, len(at.w)
         self.R0, self.R1, self.A = (fem.Constant(mesh, np.zeros(3)) for _ in range(3))
         self.σ, self.μ = constant(mesh, 0.0), constant(mesh, 0.0)
@@ -100,11 +118,19 @@ class MeshGravity:
         return np.repeat(along_x, 3, axis=1).ravel()
 
 
-class CompiledOrbit(CompiledTerms):
+class CompiledOrbit(
+    StepObserver,
+    StateObserver,
+    Forces,
+    TangentForms,
+    Tangents,
+    StoredEnergies,
+    Supply,
+    Resultants,
+    FrameMomenta,
+    CompiledTerms,
+):
     """Gravity on all bodies of a scene that flies, and the energy of their common motion."""
-
-    supplies = False
-    made_of_forms = False
 
     def __init__(self, terms: Sequence[RelativeGravity], system: Assembly) -> None:
         check(len(terms) == 1, f"The scene has {len(terms)} orbits; give it one.")
@@ -115,7 +141,7 @@ class CompiledOrbit(CompiledTerms):
         self._system, self.name, self.flight = system, terms[0].name, terms[0].flight
         self._around = self.flight.around
         terms[0].flights[system] = self.flight
-        held = max(system.comm.allgather(next((t.name for t in system.terms if _holds(t)), "")))
+        held = max(system.comm.allgather(next(_names_of_holders(system.terms), "")))
         check(
             not held,
             f"'{held}' holds a body to a place, but the frame of '{terms[0].name}' falls round the Earth: there is "
@@ -125,10 +151,7 @@ class CompiledOrbit(CompiledTerms):
         points = [
             t for t in system.terms if isinstance(t, NodeKineticEnergy | AttachedKineticEnergy)
         ]
-        at = [system.bodies.index(t.body) for t in kinetic]
-        self._meshes = [
-            MeshGravity(t, k, system.fields[k]) for k, t in zip(at, kinetic, strict=True)
-        ]
+        self._meshes = [MeshGravity(t, system.fields[t.body]) for t in kinetic]
         self._points = MassPoints(points, system) if points else None
         self._size = sum(b.block.index_map.size_local * b.block.size for b in system.bodies)
         self._weights = self._weigh()
@@ -143,8 +166,7 @@ class CompiledOrbit(CompiledTerms):
         W = self._system.numbering.vector()
         with W as values:
             for mesh in self._meshes:
-                owned = self._system.numbering.owned(mesh.k)
-                values[owned] += mesh.weights()
+                values[self._system.block(mesh.body).owned] += mesh.weights()
         if self._points:
             # a row of ones picks the same weight for each of the three components
             self._points.add(np.repeat(self._points.mass[:, None], 3, axis=1), W)
@@ -171,7 +193,7 @@ class CompiledOrbit(CompiledTerms):
 
     # ---- a step -------------------------------------------------------------------------------------------------
 
-    def begin(self, t: float) -> None:
+    def begin_step(self, t: float) -> None:
         flight, origin = self.flight, self.flight.origin
         flight.prepare(self._system)
         R0, R1 = origin.R0, origin.R1
@@ -204,12 +226,12 @@ class CompiledOrbit(CompiledTerms):
     def add_forces(self, r: PETSc.Vec) -> None:
         with r as values:
             for mesh in self._meshes:
-                values[self._system.numbering.owned(mesh.k)] -= mesh.vector(mesh.force)
+                values[self._system.block(mesh.body).owned] -= mesh.vector(mesh.force)
         if self._points:
             self._points.add(-self._on_points(self._points(self._system.q1)), r)
 
-    def tangent_forms(self, k: int) -> list[fem.Form]:
-        return [mesh.tangent for mesh in self._meshes if mesh.k == k]
+    def tangent_forms(self, body: Body) -> list[fem.Form]:
+        return [mesh.tangent for mesh in self._meshes if mesh.body is body]
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         if self._points:
@@ -229,7 +251,7 @@ class CompiledOrbit(CompiledTerms):
         if self._around.is_perturbed:
             with tidal as values:
                 for mesh in self._meshes:
-                    values[system.numbering.owned(mesh.k)] += mesh.vector(mesh.tidal)
+                    values[system.block(mesh.body).owned] += mesh.vector(mesh.tidal)
             if self._points:
                 x = (self._X0 + self._points(system.q1)) / 2
                 self._points.add(self._points.mass[:, None] * (x @ flight.gradient), tidal)
@@ -252,7 +274,7 @@ class CompiledOrbit(CompiledTerms):
     def resultants(self) -> dict[str, Array]:
         return {self.name: self._resultant}
 
-    def keep(self) -> None:
+    def commit(self) -> None:
         self.flight.keep()
 
     def energies(self) -> dict[str, float]:

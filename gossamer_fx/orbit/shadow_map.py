@@ -7,7 +7,9 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.model.terms import Array, Assembly
+from gossamer_fx.forms.spaces import cell_nodes
+from gossamer_fx.model.terms import Array
+from gossamer_fx.terms.assembly import Assembly
 
 _SAMPLES = 6  # least number of points along the edge of a triangle
 
@@ -30,11 +32,11 @@ class ShadowMap:
         self.lit = fem.Function(fem.functionspace(mesh, ("DG", 0)))
         self.lit.x.array[:] = 1.0
         self._owned = mesh.topology.index_map(2).size_local
-        self._corners = film.space.dofmap.list[: self._owned, :3]
+        self._corners = cell_nodes(film.space)[: self._owned, :3]
 
     def update(self, system: Assembly, u: Array) -> None:
         """Find what light along u reaches at the start of the step; called on all ranks together."""
-        x = system.fields[system.bodies.index(self._film)].q0.x.array.reshape(-1, 3)
+        x = system.fields[self._film].q0.x.array.reshape(-1, 3)
         self.lit.x.array[: self._owned] = lit_parts(
             self._film.comm, x[self._corners], u, self._pixels
         )

@@ -15,13 +15,15 @@ from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, area_vector
-from gossamer_fx.model.terms import Array, Assembly, Term
+from gossamer_fx.model.state import State
+from gossamer_fx.model.terms import Array, Term
 from gossamer_fx.orbit.flight import Flight
 from gossamer_fx.orbit.flying_loads import FacesForce, FlyingLoad, FlyingPointLoad, axes_of
 from gossamer_fx.orbit.optics import MIRROR, Optics
 from gossamer_fx.orbit.orbit import Orbit
 from gossamer_fx.orbit.shadow_map import ShadowMap
 from gossamer_fx.orbit.surface_forces import Rows, Surface, Symbolic, light_force
+from gossamer_fx.terms.assembly import Assembly
 
 
 class SolarPressure:
@@ -69,7 +71,7 @@ class SolarPressure:
         yield self.body
         yield self.orbit
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         if isinstance(self.body, RigidBody):
             yield FlyingPointLoad(
                 self.name, axes_of(self.body), self.orbit, _LightOnFaces(self.surfaces)

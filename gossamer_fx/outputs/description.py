@@ -29,21 +29,15 @@ def describe(run: Run) -> Description:
     Masses [kg], areas [m²], lengths [m], boxes [m], pressures [Pa], temperatures [K], volumes [m³], energies [J].
     """
     system, totals = run.system, run.totals
-    roles = Counter(type(part).__name__ for part in run.scene.terms())
+    roles = Counter(type(part).__name__ for part in system.terms)
     others = [item for item in run.scene.items if not is_body(item)]
     massive = {
-        part.body
-        for part in run.scene.terms()
-        if isinstance(part, KineticEnergy | NodeKineticEnergy)
+        part.body for part in system.terms if isinstance(part, KineticEnergy | NodeKineticEnergy)
     }
     return {
-        "unknowns": system.numbering.size + sum(border.size for border in system.borders),
+        "unknowns": system.numbering.size + sum(border.size for border in system.scalar_unknowns),
         "ranks": run.comm.size,
-        "bodies": {
-            body.name: _body(run, k, body)
-            for k, body in enumerate(system.bodies)
-            if body in massive
-        },
+        "bodies": {body.name: _body(run, body) for body in system.bodies if body in massive},
         "section frames": [body.name for body in system.bodies if body not in massive],
         "roles": dict(sorted(roles.items())),
         "items": {item.name: type(item).__name__ for item in others},
@@ -57,7 +51,7 @@ def describe(run: Run) -> Description:
     }
 
 
-def _body(run: Run, k: int, body: Body) -> Description:
+def _body(run: Run, body: Body) -> Description:
     system, comm = run.system, run.comm
     nodes = body.block.index_map.size_global
     found: Description = {
@@ -65,14 +59,15 @@ def _body(run: Run, k: int, body: Body) -> Description:
         "nodes": nodes,
         "unknowns": nodes * body.block.size,
     }
-    owned, first = system.numbering.owned(k), system.numbering.vector()
+    owned = system.block(body).owned
+    first = system.numbering.vector()
     along = np.zeros(owned.stop - owned.start)
     along.reshape(-1, 3)[:: body.block.size // 3, 0] = 1.0
     first.array[owned] = along
     weight = system.M.createVecLeft()
     system.M.mult(first, weight)
     found["mass"] = float(first.dot(weight))
-    x = system.q0.array_r[owned].reshape(-1, body.block.size)[:, :3]
+    x = system.state[body].positions()
     found["box"] = [corner.tolist() for corner in box(comm, x)]
     if is_on_mesh(body):
         domain = body.space.mesh

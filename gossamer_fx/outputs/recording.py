@@ -178,10 +178,10 @@ class Recording:
                 for state in TOLD_STATES
             }
             yield "states.csv", Probes(self.folder / "states.csv", shares, every, times)
-        points = [(k, body) for k, body in enumerate(run.system.bodies) if not is_on_mesh(body)]
+        points = [body for body in run.system.bodies if not is_on_mesh(body)]
         if points:
             places = {
-                f"{body.name} {'xyz'[i]}": _Place(k, i) for k, body in points for i in range(3)
+                f"{body.name} {'xyz'[i]}": _Place(body, i) for body in points for i in range(3)
             }
             yield "points.csv", Probes(self.folder / "points.csv", places)
         moving = [solid for solid in self._solids if moves(solid)]
@@ -218,13 +218,12 @@ class Recording:
 class _Place:
     """A coordinate of the first node of a body, as a probe."""
 
-    def __init__(self, body: int, axis: int) -> None:
+    def __init__(self, body: Body, axis: int) -> None:
         self._body, self._axis = body, axis
 
     def __call__(self, run: Run) -> float:
-        owned = run.system.numbering.owned(self._body)
-        mine = run.system.q0.array_r[owned]
-        return float(run.comm.allreduce(float(mine[self._axis]) if mine.size else -np.inf, MPI.MAX))
+        mine = run.system.state[self._body].positions()
+        return float(run.comm.allreduce(mine[:1, self._axis].max(initial=-np.inf), MPI.MAX))
 
 
 def _usual_fields(body: Body, run: Run) -> tuple[str, ...]:

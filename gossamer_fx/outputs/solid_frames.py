@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.drawing.solids import Solid
+from gossamer_fx.model.roles import Drawable, playing
 from gossamer_fx.model.terms import Array
 from gossamer_fx.probes.run import Run
 from gossamer_fx.system.system import System
@@ -16,14 +17,13 @@ REST = np.vstack([np.zeros(3), np.eye(3)])  # origin and axes of what stays
 
 def solids_of(system: System) -> list[Solid]:
     """What the terms of a scene bring."""
-    return [solid for compiled in system.compiled for solid in compiled.solids()]
+    return [solid for kind in playing(Drawable, system.compiled) for solid in kind.solids()]
 
 
 def frame_of(solid: Solid, system: System) -> Array:
     """Origin [m] and axes (4, 3) of a solid in the accepted state; collective, the same on every rank."""
     if solid.on is not None:
-        owned = system.numbering.owned(system.bodies.index(solid.on))
-        return np.concatenate(system.comm.allgather(system.q0.array_r[owned].copy())).reshape(4, 3)
+        return np.concatenate(system.comm.allgather(system.state[solid.on].coordinates().copy()))[0]
     origin = (
         np.zeros(3) if solid.motion is None else np.asarray(solid.motion(system.time), dtype=float)
     )

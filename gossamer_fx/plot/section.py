@@ -12,6 +12,7 @@ import numpy.typing as npt
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.fields.body_shape import BodyShape
+from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.model.terms import Array, Vector
 from gossamer_fx.plot.groups import COLOURS, groups_of
 from gossamer_fx.plot.page import Grid
@@ -44,8 +45,8 @@ class Section:
         films = [body for body in system.bodies if isinstance(body, Membrane)]
         self._names, parts = groups_of(films)
         for film, of_cells in zip(films, parts, strict=True):
-            shape, pieces = BodyShape(system, film), np.array(TRIANGLES[film.order])
-            cells = shape.body.space.dofmap.list[: len(of_cells)].astype(np.int64)
+            shape, pieces = BodyShape(system.state, film), np.array(TRIANGLES[film.order])
+            cells = cell_nodes(shape.body.space)[: len(of_cells)].astype(np.int64)
             self._films.append(
                 (shape, cells[:, pieces].reshape(-1, 3), np.repeat(of_cells, len(pieces)))
             )

@@ -14,6 +14,7 @@ from gossamer_fx.fields.body_shape import BodyShape
 from gossamer_fx.fields.fields import film_state
 from gossamer_fx.forms.backend import evaluate
 from gossamer_fx.forms.compilation import compile_expression
+from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.mesh.quality import area_vectors
 from gossamer_fx.model.terms import Array, MeshBody, is_on_mesh
 from gossamer_fx.outputs.solid_frames import frame_of, placed, solids_of
@@ -64,16 +65,13 @@ class Renderer:
         if by_group:
             self.groups, parts = groups_of(films)
         self._films = [
-            _Film(BodyShape(system, film), part) for film, part in zip(films, parts, strict=True)
+            _Film(BodyShape(system.state, film), part)
+            for film, part in zip(films, parts, strict=True)
         ]
-        curves = [
-            (k, b)
-            for k, b in enumerate(system.bodies)
-            if is_on_mesh(b) and not isinstance(b, Membrane)
-        ]
-        self._curves = [(system.fields[k].q0, _polylines(b)) for k, b in curves]
+        curves = [b for b in system.bodies if is_on_mesh(b) and not isinstance(b, Membrane)]
+        self._curves = [(system.fields[b].q0, _polylines(b)) for b in curves]
         self._solids = solids_of(system)
-        self._dots = [k for k, b in enumerate(system.bodies) if not is_on_mesh(b)]
+        self._dots = [b for b in system.bodies if not is_on_mesh(b)]
 
     def shape(self) -> Shape:
         """The accepted state; every rank must look at it, to know the normals at its border."""
@@ -82,11 +80,8 @@ class Renderer:
             _positions(q.x.array, q.function_space.dofmap.bs)[ends] for q, ends in self._curves
         ]
         dots = []
-        for k in self._dots:
-            owned = self._system.numbering.owned(k)
-            dots.append(
-                _positions(self._system.q0.array_r[owned], self._system.bodies[k].block.size)
-            )
+        for body in self._dots:
+            dots.append(self._system.state[body].positions())
         for solid in self._solids:
             x = placed(solid.X, frame_of(solid, self._system))
             if self._system.comm.rank == 0:
@@ -113,7 +108,7 @@ class _Film:
         middles = np.array(_NODES[film.order], dtype=float)[pieces].mean(axis=1)
         self._cells = np.arange(film.mesh.domain.topology.index_map(2).size_local, dtype=np.int32)
         self._triangles = (
-            film.space.dofmap.list[self._cells].astype(np.int64)[:, pieces].reshape(-1, 3)
+            cell_nodes(film.space)[self._cells].astype(np.int64)[:, pieces].reshape(-1, 3)
         )
         self._kinds = None if of_cells is None else np.repeat(of_cells, len(pieces))
         self._state = compile_expression(film_state(film, x), middles) if of_cells is None else None

@@ -55,16 +55,8 @@ class Crossings:
         if self._surface is None:
             self._take(system)
         assert self._surface is not None
-        owned = [
-            system.q0.array_r[system.numbering.owned(bodies.index(film))].reshape(-1, 3)
-            for film in self.films
-        ]
-        x = np.concatenate(
-            [
-                np.concatenate(run.comm.allgather(part))[nodes]
-                for part, nodes in zip(owned, self._nodes, strict=True)
-            ]
-        )
+        films = zip(self.films, self._nodes, strict=True)
+        x = np.concatenate([system.state[film].gathered()[nodes] for film, nodes in films])
         mine = np.arange(run.comm.rank, len(self._surface.edges), run.comm.size, dtype=np.int32)
         found = intersections(self._surface, np.ascontiguousarray(x), mine)
         return float(run.comm.allreduce(len(np.unique(found[:, 0]))))

@@ -7,9 +7,10 @@ import math
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.algebra.places import values_of
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
+from gossamer_fx.forms.spaces import cell_nodes
+from gossamer_fx.model.roles import Resultants, playing
 from gossamer_fx.model.terms import Array, Port
 from gossamer_fx.orbit.elements import elements_of
 from gossamer_fx.orbit.environment import local_axes
@@ -106,7 +107,11 @@ class LoadResultant:
 
 def resultant(run: Run, load: str) -> Array:
     """Force and torque about the origin (2, 3) of a load in the last step, over all ranks."""
-    found = [each[load] for each in (c.resultants() for c in run.system.compiled) if load in each]
+    found = [
+        each[load]
+        for each in (kind.resultants() for kind in playing(Resultants, run.system.compiled))
+        if load in each
+    ]
     known = run.comm.allreduce(len(found))
     check(known > 0 or run.step == 0, f"The scene has no load '{load}'.")
     total: Array = run.comm.allreduce(np.sum([np.zeros((2, 3)), *found], axis=0))
@@ -116,11 +121,10 @@ def resultant(run: Run, load: str) -> Array:
 def direction_of(run: Run, of: Membrane | Port) -> Array:
     """The mean normal of a film, Σ of its triangles' area vectors, or the vector of a port; (3,)."""
     if isinstance(of, Port):
-        value: Array = values_of(run.system, [of], run.system.q0)[0]
-        return value
-    x = run.system.fields[run.system.bodies.index(of)].q0.x.array.reshape(-1, 3)
+        return run.system.state.vector(of)
+    x = run.system.fields[of].q0.x.array.reshape(-1, 3)
     owned = of.mesh.domain.topology.index_map(2).size_local
-    a, b, c = np.moveaxis(x[of.space.dofmap.list[:owned, :3]], 1, 0)
+    a, b, c = np.moveaxis(x[cell_nodes(of.space)[:owned, :3]], 1, 0)
     total: Array = run.comm.allreduce(np.cross(b - a, c - a).sum(axis=0), op=MPI.SUM)
     return total
 

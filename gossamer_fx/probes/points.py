@@ -5,17 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from petsc4py import PETSc
 
 from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
 from gossamer_fx.fields.fields import STATES, AreaFractions
-from gossamer_fx.model.ports import combined
-from gossamer_fx.model.terms import Body, Port
+from gossamer_fx.model.terms import Port
 from gossamer_fx.probes.run import Run
 from gossamer_fx.system.reactions import Joint, joint_force
-from gossamer_fx.system.system import System
 
 if TYPE_CHECKING:
     from gossamer_fx.gas.contract import Volume
@@ -29,37 +26,27 @@ class Position:
     """Coordinate [m] of a port, e.g. `Position(film.port("tip"), "z")`."""
 
     def __init__(self, port: Port, axis: str) -> None:
-        _check_axis(axis)
-        self.port, self.axis = port, axis
+        check_axis(axis)
+        self.port = port
+        self.axis = axis
 
     def __call__(self, run: Run) -> float:
-        return _component(run, self.port, self.axis, run.system.q0)
+        return float(run.system.state.vector(self.port)[AXES[self.axis]])
 
 
 class Displacement(Position):
-    """Component [m] of the way of a port from its place in the initial state."""
-
-    def __init__(self, port: Port, axis: str) -> None:
-        super().__init__(port, axis)
-        self._origin: tuple[System, float] | None = None
+    """Component [m] of the displacement of a port from where the scene starts."""
 
     def __call__(self, run: Run) -> float:
-        now, system, body = super().__call__(run), run.system, self.port.body
-        if self._origin is None or self._origin[0] is not system:
-            start = (
-                system.starts[system.bodies.index(body)]
-                if system.starts
-                else body.initial_state()[0]
-            )
-            self._origin = system, float(combined(self.port, start)[AXES[self.axis]])
-        return now - self._origin[1]
+        start = run.system.initial.vector(self.port)
+        return super().__call__(run) - float(start[AXES[self.axis]])
 
 
 class Velocity(Position):
     """Component [m/s] of the velocity of a port."""
 
     def __call__(self, run: Run) -> float:
-        return _component(run, self.port, self.axis, run.system.v0)
+        return float(run.system.state.rate(self.port)[AXES[self.axis]])
 
 
 class GasState:
@@ -96,7 +83,7 @@ class AngularVelocity:
     """Component [rad/s] of the angular velocity of a frame, e.g. `AngularVelocity(hub.frame(), "z")`."""
 
     def __init__(self, frame: Frame, axis: str) -> None:
-        _check_axis(axis)
+        check_axis(axis)
         self.axis, self._directors = axis, [d for d in frame.directors if isinstance(d, Port)]
         check(
             len(self._directors) == len(frame.directors),
@@ -104,12 +91,8 @@ class AngularVelocity:
         )
 
     def __call__(self, run: Run) -> float:
-        d, rates = (
-            np.array(
-                [[_component(run, port, axis, vector) for axis in AXES] for port in self._directors]
-            )
-            for vector in (run.system.q0, run.system.v0)
-        )
+        d = run.system.state.vectors(self._directors)
+        rates = run.system.state.rates(self._directors)
         if len(d) == 2:  # the normal of a beam's section
             normal = np.cross(rates[0], d[1]) + np.cross(d[0], rates[1])
             d, rates = np.vstack([np.cross(*d), d]), np.vstack([normal, rates])
@@ -120,7 +103,7 @@ class JointForce:
     """Component [N] of the force that a joint exerts on its side `b`, in the last step."""
 
     def __init__(self, joint: Joint, axis: str) -> None:
-        _check_axis(axis)
+        check_axis(axis)
         self.joint, self.axis = joint, axis
 
     def __call__(self, run: Run) -> float:
@@ -147,21 +130,7 @@ class RingArea:
         return float(self._loops[id(run.system)].aperture(0.0))
 
 
-def _check_axis(axis: str) -> None:
+def check_axis(axis: str) -> None:
     check(
         axis in AXES, f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}."
     )
-
-
-def _component(run: Run, port: Port, axis: str, vector: PETSc.Vec) -> float:
-    """Component of a port's vector in a state of the run, or of its rate."""
-    return float(combined(port, vector.array_r[owned_by(run, port.body)])[AXES[axis]])
-
-
-def owned_by(run: Run, body: Body) -> slice:
-    """Where this rank's unknowns of a probed body stand."""
-    check(
-        body in run.system.bodies,
-        f"'{body.name}' is not in the scene; add it, or remove its probe.",
-    )
-    return run.system.numbering.owned(run.system.bodies.index(body))

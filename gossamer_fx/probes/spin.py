@@ -8,9 +8,8 @@ import numpy as np
 
 from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.ports import combined, initial
-from gossamer_fx.model.terms import Array, Attached, Body, Ground, Port, is_body
-from gossamer_fx.probes.points import AXES, owned_by
+from gossamer_fx.model.terms import Array, Body, Port, is_body
+from gossamer_fx.probes.points import AXES
 from gossamer_fx.probes.run import Run
 
 POLAR = ("radius", "angle")
@@ -38,7 +37,7 @@ class MeanSpin:
         system, body = run.system, self.body
         k = (AXES[self.axis] + 1) % 3
         plane, size = [k, (k + 1) % 3], body.block.size
-        owned = owned_by(run, body)
+        owned = run.system.state[body].part
 
         def vectors(values: Array) -> Array:
             """Its vectors (n, 2) across the axis."""
@@ -97,15 +96,7 @@ class PolarPosition:
         self.port, self.frame, self.quantity = port, frame, quantity
 
     def __call__(self, run: Run) -> float:
-        x, origin, *axes = (
-            _now(run, port) for port in (self.port, self.frame.origin, *self.frame.directors)
-        )
+        ports = [self.port, self.frame.origin, *self.frame.directors]
+        x, origin, *axes = run.system.state.vectors(ports)
         a, b, _ = (float((x - origin) @ d) for d in axes)
         return math.hypot(a, b) if self.quantity == "radius" else math.atan2(b, a)
-
-
-def _now(run: Run, port: Attached) -> Array:
-    """An attached vector (3,) in the present state."""
-    if isinstance(port, Ground):
-        return initial(port)
-    return combined(port, run.system.q0.array_r[owned_by(run, port.body)])

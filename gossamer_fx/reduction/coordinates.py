@@ -10,7 +10,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
-from gossamer_fx.algebra.numbering import Numbering
+from gossamer_fx.algebra.numbering import NumberedBlock
 from gossamer_fx.model.terms import Array
 from gossamer_fx.terms.coordinates import Coordinates
 
@@ -47,9 +47,7 @@ class ReducedCoordinates(Coordinates):
         if total is not None:
             forces += total.ravel()
 
-    def assemble(
-        self, forms: Iterable[fem.Form], A: PETSc.Mat, numbering: Numbering, k: int
-    ) -> None:
+    def assemble(self, A: PETSc.Mat, forms: Iterable[fem.Form], block: NumberedBlock) -> None:
         n, r = self._Φ.shape
         K: Array = np.zeros((r, 3, r, 3))
         found = False
@@ -71,10 +69,7 @@ class ReducedCoordinates(Coordinates):
         size = 3 * r
         total = self._comm.reduce(K.reshape(size, size))
         if total is not None:
-            at = (numbering.start + numbering.owned(k).start + np.arange(size)).astype(
-                PETSc.IntType
-            )
-            A.setValues(at, at, total, addv=PETSc.InsertMode.ADD_VALUES)
+            A.setValues(block.rows, block.rows, total, addv=PETSc.InsertMode.ADD_VALUES)
 
 
 def coefficients(comm: MPI.Intracomm, unknowns: Array) -> Array:

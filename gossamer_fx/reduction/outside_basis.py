@@ -9,7 +9,6 @@ from dolfinx import fem, la
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.model.terms import Array
-from gossamer_fx.probes.points import owned_by
 from gossamer_fx.probes.run import Run
 from gossamer_fx.reduction.basis import scalar_mass_times
 from gossamer_fx.reduction.reduced_membrane import ReducedMembrane
@@ -45,10 +44,9 @@ class OutsideBasis:
 
     def __call__(self, run: Run) -> float:
         film = self.film
-        owned = owned_by(run, film)
         if self._estimate is None:
             self._estimate = _Estimate(film)
-        c = film.comm.bcast(run.system.q0.array_r[owned].reshape(-1, 3).copy())
+        c = film.comm.bcast(run.system.state[film].coordinates()[0].copy())
         return self._estimate(c)
 
 

@@ -20,10 +20,19 @@ from petsc4py import PETSc
 
 from gossamer_fx.forms.backend import interpolation_points
 from gossamer_fx.forms.compilation import compile_expression
-from gossamer_fx.model.terms import Array, Assembly, CompiledTerms
+from gossamer_fx.model.roles import (
+    Forces,
+    IterateObserver,
+    StateObserver,
+    StepObserver,
+    StoredEnergies,
+    Tangents,
+)
+from gossamer_fx.model.terms import Array
 from gossamer_fx.reduction.coordinates import ReducedCoordinates
 from gossamer_fx.reduction.mode_gradients import mode_gradients, own_cells, points_and_areas
 from gossamer_fx.reduction.points import GIVEN, LINEAR, TRUE, Law, Points
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 from gossamer_fx.terms.discrete_gradient import StressRule
 from gossamer_fx.terms.element_energies import (
     IDLE,
@@ -34,26 +43,27 @@ from gossamer_fx.terms.element_energies import (
 )
 
 
-class ReducedEnergies(CompiledTerms):
+class ReducedEnergies(
+    StepObserver, IterateObserver, StateObserver, Forces, Tangents, StoredEnergies, CompiledTerms
+):
     """All `ReducedEnergy` terms of a scene."""
 
     def __init__(self, terms: Sequence[ReducedEnergy], system: Assembly) -> None:
         self._system = system
-        at = [system.bodies.index(term.body) for term in terms]
         self._forces = [
-            (k, ModeForces(t, system.fields[k], system.rule))
-            for k, t in zip(at, terms, strict=True)
+            (term.body, ModeForces(term, coordinates_of(system, term), system.rule))
+            for term in terms
         ]
 
-    def begin(self, t: float) -> None:
+    def begin_step(self, t: float) -> None:
         for _, force in self._forces:
             force.begin()
 
-    def move(self, linearly: bool) -> None:
+    def update(self, linearly: bool) -> None:
         for _, force in self._forces:
             force.move(linearly)
 
-    def keep(self) -> None:
+    def commit(self) -> None:
         for _, force in self._forces:
             force.points.keep()
 
@@ -62,27 +72,21 @@ class ReducedEnergies(CompiledTerms):
 
     def add_forces(self, r: PETSc.Vec) -> None:
         with r as values:
-            for k, force in self._forces:
-                values[self._system.numbering.owned(k)] += self._on_rank_zero(
-                    force.forces()
-                ).ravel()
+            for body, force in self._forces:
+                owned = self._system.block(body).owned
+                values[owned] += self._on_rank_zero(force.forces()).ravel()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        numbering = self._system.numbering
-        for k, force in self._forces:
-            owned, K = (
-                numbering.owned(k),
-                self._on_rank_zero(force.tangents(self._system.geometric)),
-            )
+        for body, force in self._forces:
+            block = self._system.block(body)
+            owned = block.owned
+            K = self._on_rank_zero(force.tangents(self._system.geometric))
             if (
                 A.getType() == PETSc.Mat.Type.SEQDENSE
             ):  # PETSc's way of entering numbers takes ten times as long
                 A.getDenseArray()[owned, owned] += K
                 continue
-            at = np.arange(owned.start, owned.stop, dtype=PETSc.IntType) + PETSc.IntType(
-                numbering.start
-            )
-            A.setValues(at, at, K, addv=PETSc.InsertMode.ADD_VALUES)
+            A.setValues(block.rows, block.rows, K, addv=PETSc.InsertMode.ADD_VALUES)
 
     def _on_rank_zero(self, values: Array) -> Array:
         """The sum of all ranks' values on rank 0, which owns the coefficients, and nothing on the others."""
@@ -92,6 +96,13 @@ class ReducedEnergies(CompiledTerms):
         total: Array = np.zeros_like(values) if comm.rank == 0 else np.zeros((0, 0))
         comm.Reduce(np.ascontiguousarray(values), total if comm.rank == 0 else None)
         return total
+
+
+def coordinates_of(system: Assembly, term: ReducedEnergy) -> ReducedCoordinates:
+    """The coordinates of a reduced film in a system."""
+    at = system.fields[term.body]
+    assert isinstance(at, ReducedCoordinates)
+    return at
 
 
 @dataclass(frozen=True, eq=False)

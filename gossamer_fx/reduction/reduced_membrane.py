@@ -16,7 +16,9 @@ from gossamer_fx.bodies.ports import global_node, interpolated
 from gossamer_fx.checks.errors import InputError, check
 from gossamer_fx.forms import backend
 from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.mesh.mesh import Mesh
+from gossamer_fx.model.state import InitialState, State
 from gossamer_fx.model.terms import Array, Block, Port, Term
 from gossamer_fx.reduction.basis import Basis
 from gossamer_fx.reduction.coordinates import ReducedCoordinates, coefficients
@@ -65,7 +67,9 @@ class ReducedMembrane(Membrane):
         whole = full.space.mesh
         part, parents = backend.part_of(whole, sample.cells)
         super().__init__(SampledMesh(part), full.law, order=full.order, name=name)
-        self.full, self.basis, self.sample = full, basis, sample
+        self._full = full
+        self.basis = basis
+        self.sample = sample
         self._modes = _at_nodes_of(self.space, basis, parents)
         weight = np.zeros(
             whole.topology.index_map(2).size_local + whole.topology.index_map(2).num_ghosts
@@ -75,7 +79,7 @@ class ReducedMembrane(Membrane):
         weights = _in_cells(part, weight[parents])
         for number, value in vars(full.constants).items():
             if isinstance(value, fem.Function):  # a property that varies from cell to cell
-                there = value.x.array[value.function_space.dofmap.list.ravel()]
+                there = value.x.array[cell_nodes(value.function_space).ravel()]
                 setattr(self.constants, number, _in_cells(part, there[parents]))
         self.dx = WeightedMeasure(self.dx, weights)
         self.mass_dx = WeightedMeasure(self.mass_dx, weights)
@@ -84,6 +88,11 @@ class ReducedMembrane(Membrane):
         self.outside = basis.project(q.reshape(-1, 3))[1]
         self._reduced_start = self.reduced(q), self.reduced(v)
         self.port_nodes: set[int] = set()  # of the full film
+
+    @property
+    def full(self) -> Membrane:
+        """The film that was reduced."""
+        return self._full
 
     def coordinates(self, alpha: float) -> ReducedCoordinates:
         return ReducedCoordinates(self.space, alpha, self._modes)
@@ -96,7 +105,7 @@ class ReducedMembrane(Membrane):
         c, _ = self.basis.project(values.reshape(-1, 3))
         return c.ravel()[: self.block.size * self.block.index_map.size_local].copy()
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         mass = self.basis.mass * np.eye(self.basis.size)
         yield NodeKineticEnergy(
             self, np.repeat(mass[None], self.block.index_map.size_local, axis=0)
@@ -146,14 +155,14 @@ class ReducedMembrane(Membrane):
 def _in_cells(mesh: dmesh.Mesh, values: Array) -> fem.Function:
     """A function that is constant in each cell; those of ghosts are fetched."""
     function = fem.Function(fem.functionspace(mesh, ("Discontinuous Lagrange", 0)))
-    function.x.array[function.function_space.dofmap.list.ravel()] = values
+    function.x.array[cell_nodes(function.function_space).ravel()] = values
     function.x.scatter_forward()
     return function
 
 
 def _at_nodes_of(space: fem.FunctionSpace, basis: Basis, parents: Any) -> Array:
     """Φ at the owned and ghost nodes of a space on some cells of the film; `parents` are the cells there."""
-    there, here = basis.film.space.dofmap.list, space.dofmap.list
+    there, here = cell_nodes(basis.film.space), cell_nodes(space)
     x, X = space.tabulate_dof_coordinates(), basis.film.space.tabulate_dof_coordinates()
     values = np.zeros((len(x), basis.size))
     for cell, parent in enumerate(parents):
@@ -165,8 +174,9 @@ def _at_nodes_of(space: fem.FunctionSpace, basis: Basis, parents: Any) -> Array:
 
 def check_reducible(film: Membrane) -> None:
     """Refuse what the reduced model has no form for."""
+    start = InitialState([film], film.comm)
     check(
         type(film).terms is Membrane.terms
-        and all(isinstance(t, KineticEnergy | StoredEnergy) for t in film.terms()),
+        and all(isinstance(t, KineticEnergy | StoredEnergy) for t in film.terms(start)),
         f"reduce: '{film.name}' has more than strains and mass (bending, creases, contact); those cannot be reduced.",
     )

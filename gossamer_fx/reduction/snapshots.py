@@ -39,8 +39,7 @@ class Snapshots:
 
     def record(self, run: Run, last: bool) -> None:
         if self.schedule.due(run.step, run.time, last):
-            owned = run.system.numbering.owned(run.system.bodies.index(self.film))
-            self.positions.append(run.system.q0.array_r[owned].reshape(-1, 3).copy())
+            self.positions.append(run.system.state[self.film].positions().copy())
 
     def close(self, run: Run) -> None:
         """Nothing is left to do."""

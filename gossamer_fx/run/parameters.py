@@ -18,7 +18,6 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.model.ports import initial
 from gossamer_fx.model.terms import Ground, Port
 
 Known = Any  # numbers, words, lists and dicts of them
@@ -44,7 +43,7 @@ def describe(thing: Any, items: Iterable[Any] = (), depth: int = 0) -> Known:
         return {
             "body": thing.body.name,
             "vectors": list(thing.vectors),
-            "at": initial(thing).tolist(),
+            "at": thing.initial().tolist(),
         }
     if isinstance(thing, Ground):
         return {"ground": [float(x) for x in thing.vector]}

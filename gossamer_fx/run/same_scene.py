@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.scalar_unknowns import InitialCondition
 from gossamer_fx.model.terms import is_on_mesh
 from gossamer_fx.probes.run import Run
 from gossamer_fx.run.node_keys import mesh_name
 from gossamer_fx.run.parameters import difference, of_item, unknown
 from gossamer_fx.system.totals import Totals
+from gossamer_fx.terms.scalar_unknowns import InitialCondition
 
 SAME = 1e-6  # largest relative difference of an energy that is computed anew: round-off, but no other parameter
 _TOLD = 80  # characters of a value in a message

@@ -115,7 +115,7 @@ class Simulation:
         """Begin a step and go back: what is wrong with loads, valves and motions is told before files are made."""
         self.history.keep()
         with suppress(NotConverged):
-            self.system.begin(self.stepping.wanted)
+            self.system.begin_step(self.stepping.wanted)
             self.system.predict(self.system.numbering.vector())
         self.history.go_back()
 
@@ -194,7 +194,9 @@ class Simulation:
     def chambers(self) -> dict[str, ChamberState]:
         """States of the gas chambers and tanks by name; none if the scene has no gas."""
         return {
-            name: state for border in self.system.borders for name, state in border.states().items()
+            name: state
+            for border in self.system.scalar_unknowns
+            for name, state in border.states().items()
         }
 
     def chamber(self, name: str) -> ChamberState:

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Protocol, runtime_checkable
+from typing import Protocol, cast, runtime_checkable
 
 import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import check, check_on_all
-from gossamer_fx.model.ports import starting_from
-from gossamer_fx.model.scalar_unknowns import InitialCondition, ScalarUnknownsMaker
-from gossamer_fx.model.terms import Body, Term, is_body
-from gossamer_fx.scene.initial import start_coordinates
+from gossamer_fx.model.state import InitialState
+from gossamer_fx.model.terms import Body, BringsTerms, RefersToItems, is_body
 from gossamer_fx.scene.validation import validate
 from gossamer_fx.system.system import System
+from gossamer_fx.terms.assembly import Part
 from gossamer_fx.terms.discrete_gradient import PathAverage, StressRule
+from gossamer_fx.terms.scalar_unknowns import InitialCondition, ScalarUnknownsMaker
 
 DOES = ("terms", "block", "initialise", "border")
 
@@ -65,8 +64,9 @@ class Scene:
         )
         if any(item is known for known in self.items):
             return
-        for other in getattr(item, "requires", tuple)():
-            self._add(other)
+        if isinstance(item, RefersToItems):
+            for other in item.requires():
+                self._add(cast(Item, other))
         self.items.append(item)
 
     @property
@@ -78,10 +78,6 @@ class Scene:
     def comm(self) -> MPI.Intracomm:
         """That of the bodies; a scene without bodies is computed on every rank alike."""
         return self.bodies[0].comm if self.bodies else MPI.COMM_WORLD
-
-    def terms(self) -> Iterable[Term]:
-        for item in self.items:
-            yield from getattr(item, "terms", tuple)()
 
     def compile(self, rule: StressRule | None = None) -> System:
         """Number the unknowns, compile the forms, take the initial state.
@@ -100,19 +96,21 @@ class Scene:
                     bool(np.isfinite(values).all()),
                     f"The initial {what} of '{body.name}' is not finite everywhere; check the function that gives it.",
                 )
-        conditions = [item for item in self.items if isinstance(item, InitialCondition)]
-        starts = start_coordinates(self.bodies, conditions, self.comm)
-        with starting_from(
-            {id(body): values for body, values in zip(self.bodies, starts, strict=False)}
-        ):
-            terms = list(self.terms())
-        system = System(self.bodies, terms, rule or PathAverage(), self.comm)
-        system.starts = starts
+        start = InitialState(self.bodies, self.comm)
+        for item in self.items:
+            if isinstance(item, InitialCondition):
+                item.initialise(start)
+        parts = [
+            Part(item, list(item.terms(start)))
+            for item in self.items
+            if isinstance(item, BringsTerms)
+        ]
+        system = System(start, parts, rule or PathAverage())
         makers: dict[ScalarUnknownsMaker, list[Item]] = {}
         for item in self.items:
             if hasattr(item, "border"):
                 makers.setdefault(item.border, []).append(item)
         for maker, group in makers.items():
-            system.borders.append(maker(group, system))
-        system.start(conditions)
+            system.scalar_unknowns.append(maker(group, system))
+        system.initialise()
         return system

@@ -16,6 +16,7 @@ from mpi4py import MPI
 
 from gossamer_fx.bodies.meshed import Meshed
 from gossamer_fx.checks.errors import check
+from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.mesh.edges import edges_of
 from gossamer_fx.mesh.quality import (
     corner_points,
@@ -140,7 +141,7 @@ def self_intersections(bodies: list[Body]) -> Iterator[str]:
         if not is_on_mesh(body) or body.space.mesh.topology.dim != 2:
             continue
         n = body.space.mesh.topology.index_map(2).size_local
-        dofs = body.space.dofmap.list[:n, :3].astype(np.int64)
+        dofs = cell_nodes(body.space)[:n, :3].astype(np.int64)
         nodes = body.space.dofmap.index_map.local_to_global(dofs.ravel().astype(np.int32)).reshape(
             -1, 3
         )

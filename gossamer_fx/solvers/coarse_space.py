@@ -19,6 +19,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
+from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.model.terms import Array, MeshBody, has_nodal_unknowns
 from gossamer_fx.solvers import factorisation
 from gossamer_fx.system.system import System
@@ -62,8 +63,8 @@ def prolongation(system: System) -> PETSc.Mat:
     empty = np.zeros(0, dtype=np.int64)
     entries: list[tuple[Indices, Indices, Array]] = [(empty, empty, np.zeros(0))]
     columns = 0
-    for k, body in enumerate(system.bodies):
-        owned = numbering.owned(k)
+    for body in system.bodies:
+        owned = system.block(body).owned
         if has_nodal_unknowns(body) and owned.stop > owned.start:
             rows, cols, values, new = modes(body, free[owned])
             entries.append((rows + owned.start, cols + columns, values))
@@ -113,7 +114,7 @@ def patches(body: MeshBody, X: Array) -> Indices:
     box = np.empty(n, dtype=np.int64)
     for k, nodes in enumerate(boxes):
         box[nodes] = k
-    dofs = body.space.dofmap.list
+    dofs = cell_nodes(body.space)
     cells = np.repeat(np.arange(len(dofs)), dofs.shape[1])
     touches = csr_matrix((np.ones(dofs.size, dtype=np.int32), (cells, dofs.ravel())))[:, :n]
     graph = (touches.T @ touches).tocoo()

@@ -142,7 +142,9 @@ class BorderedPreconditioner:
         if self._sparse.getType() in factorisation.TYPES:
             factorisation.replace(self._sparse, operator.A.whole())
         else:
-            self._sparse.setOperators(operator.A.strong() if self._hard else operator.A.A)
+            self._sparse.setOperators(
+                operator.A.for_preconditioner() if self._hard else operator.A.A
+            )
         self._sparse.setUp()
         if (
             self._sparse.getType() != "python"
@@ -194,7 +196,7 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
     Nor does it pay to keep a factorisation for the next iteration, even of the last ones of a step: where films switch,
     the Krylov iterations that this costs take longer than another factorisation.
     """
-    few = system.numbering.size <= (SEARCHING_UP_TO if system.searching else DIRECT_UP_TO)
+    few = system.numbering.size <= (SEARCHING_UP_TO if system.active_sets else DIRECT_UP_TO)
     if direct or system.constraints is not None or few:
         ksp.setType("preonly")
         factorisation.choose(pc, system.A)

@@ -75,7 +75,7 @@ class Newton:
     ) -> None:
         self.system, self.tolerances = system, tolerances
         comm = system.comm
-        self._scalars = sum(b.size for b in system.borders)
+        self._scalars = sum(b.size for b in system.scalar_unknowns)
         self._composite = linear.Composite(comm, system.q1, self._scalars)
         self._x, self._F, self._start = (self._composite.vector() for _ in range(3))
         self._r, self._base = system.numbering.vector(), system.numbering.vector()
@@ -107,7 +107,7 @@ class Newton:
         snes.setFunction(_weak(self._function), self._F)
         snes.setMaxLinearSolveFailures(tolerances.iterations)
         ksp = snes.getKSP()
-        self._tangent: Callable[[], PETSc.Mat] = lambda: system.assemble().A
+        self._tangent: Callable[[], PETSc.Mat] = lambda: system.assemble_tangent().A
         self._bordered: linear.Bordered | None = None
         if self._subdomains is not None:
             from gossamer_fx.solvers.subdomains import Subdomains, configure
@@ -116,8 +116,8 @@ class Newton:
             self._tangent, J = parts.tangent, parts.matrix
             configure(ksp, self._subdomains)
             self._preconditioner = ksp.getPC()
-        elif self._scalars or system.searching:
-            self._bordered = linear.Bordered(self._composite, system.coupled)
+        elif self._scalars or system.active_sets:
+            self._bordered = linear.Bordered(self._composite, system.coupled_tangent)
             J = PETSc.Mat().createPython(
                 (self._x.getSizes(), self._x.getSizes()), self._bordered, comm
             )
@@ -139,7 +139,7 @@ class Newton:
         snes.setJacobian(_weak(self._jacobian), J)
         snes.setFromOptions()
         snes.setConvergenceTest(_weak(self._test))
-        if system.searching:
+        if system.active_sets:
             snes.setLineSearchPreCheck(_weak(self._limit_update))
 
     def solve(self, increment: PETSc.Vec, y: Array) -> tuple[PETSc.Vec, Array, int]:
@@ -165,7 +165,7 @@ class Newton:
         self.iterations = 0
         self._iterate()
         for _ in range(SEARCHES):
-            if not self.system.widen():
+            if not self.system.extend_active_set():
                 break
             self._iterate()
         problem = self.system.inadmissible()
@@ -228,13 +228,13 @@ class Newton:
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, F: PETSc.Vec) -> None:
         w, y = self._split(x)
         with self._clock("law"):
-            self.system.move(w, self._base)
+            self.system.set_increment(w, self._base)
         self._evaluate(y, F)
 
     def _limit_update(self, x: PETSc.Vec, update: PETSc.Vec) -> bool:
         """Keep an update within what contact can follow; whether it was changed."""
         with update as values:
-            self.system.limit(values[: self._composite.n])
+            self.system.limit_update(values[: self._composite.n])
         return True
 
     def _split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
@@ -266,10 +266,14 @@ class Newton:
             self._bordered.set(*self.system.coupling())
             J.assemble()
         if (
-            self._floor == 0 or self.system.searching
+            self._floor == 0 or self.system.active_sets
         ):  # what a predictor passes through may be stiff beyond measure
             A.getDiagonal(self._diagonal)
-            floor = self.tolerances.floor * np.finfo(float).eps * self.system.size(self._diagonal)
+            floor = (
+                self.tolerances.floor
+                * np.finfo(float).eps
+                * self.system.force_scale(self._diagonal)
+            )
             self._floor = min(floor, self._floor or math.inf)
         self._composite.split(snes.getSolution())[0].copy(self._base)
         self._aim(snes.getKSP())
@@ -313,7 +317,7 @@ class Newton:
             # convergence is judged on the true strain, and if it is not reached the iteration goes on from there
             w, y = self._split(snes.getSolution())
             with self._clock("law"):
-                self.system.move(w, None)
+                self.system.set_increment(w, None)
             self._evaluate(y, snes.getFunction()[0])
             if self._solved():
                 return int(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_ABS)
@@ -328,7 +332,7 @@ class Newton:
     def _stopping(self) -> float:
         """Force [N] that stops and returns all that moves in a step.  With contact a predictor may have passed through
         things, whose forces then, thousands of times larger, are no measure for a residual; else infinite."""
-        if not self.system.searching:
+        if not self.system.active_sets:
             return math.inf
         self.system.M.mult(self.system.v0, self._diagonal)
         return self.system.c * self.system.h * float(self._diagonal.norm()) or math.inf
@@ -366,10 +370,12 @@ class Newton:
         forces, violation = self._balance
         if violation > self.tolerances.constraint:
             why += f", constraints off by {violation:.1e}"
-        unsolved = next(filter(None, (border.unsolved() for border in self.system.borders)), "")
+        unsolved = next(
+            filter(None, (border.unsolved() for border in self.system.scalar_unknowns)), ""
+        )
         if unsolved:
             why += f", {unsolved},"
         return (
             f"{why} after {iterations} iterations, residual {forces:.1e} N of {self._reference:.1e} N at first, "
-            f"largest in {self.system.place(self._r)}"
+            f"largest in {self.system.locate(self._r)}"
         )

@@ -17,6 +17,7 @@ from scipy.sparse import bsr_matrix, csr_matrix
 
 from gossamer_fx.algebra.numbering import PREFIX
 from gossamer_fx.checks.errors import check
+from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.model.terms import has_nodal_unknowns
 from gossamer_fx.system.system import System
 
@@ -35,17 +36,19 @@ class Subdomains:
     def __init__(self, system: System) -> None:
         bodies = system.bodies
         check(
-            len(bodies) == 1 and has_nodal_unknowns(bodies[0]) and system.made_of_forms,
+            len(bodies) == 1 and has_nodal_unknowns(bodies[0]) and system.is_made_of_forms,
             "subdomains: they divide a single film, cable or beam without joints, springs and gas; leave the option "
             "subdomains out for this scene.",
         )
         self._system = system
-        self._tangents = [(form, fem.create_matrix(form)) for form in system.tangent_forms(0)]
-        mass = [(form, fem.create_matrix(form)) for form in system.mass_forms(0)]
-        space, numbering = system.fields[0].q0.function_space, system.numbering
+        self._tangents = [
+            (form, fem.create_matrix(form)) for form in system.tangent_forms(bodies[0])
+        ]
+        mass = [(form, fem.create_matrix(form)) for form in system.mass_forms(bodies[0])]
+        space, numbering = system.fields[bodies[0]].q0.function_space, system.numbering
         # only what this rank's own cells touch: ghosts beyond them would make its matrix singular
         cells = space.mesh.topology.index_map(space.mesh.topology.dim).size_local
-        nodes, size = np.unique(space.dofmap.list[:cells]), space.dofmap.index_map_bs
+        nodes, size = np.unique(cell_nodes(space)[:cells]), space.dofmap.index_map_bs
         self._touched = (nodes[:, None] * size + np.arange(size)).ravel()
         self._mass = self._own(mass)
         indices = numbering.indices[0][size * nodes] // size

@@ -90,15 +90,15 @@ class GeneralizedAlphaSolver:
         Forces that depend on rates are those of a small part of the first step, of length h, made with v0.
         """
         system, r, A = self._system, self._increment, self._system.M.copy()
-        system.inertia(0.0)
-        y = system.begin(BEGINNING * h)
+        system.set_inertia(0.0)
+        y = system.begin_step(BEGINNING * h)
         system.v0.copy(r)
         r.scale(BEGINNING * h)
         held = system.predict(r)
         r.zeroEntries()
         with r as w:
             w[system.supports.held] = held
-        system.move(r, None)
+        system.set_increment(r, None)
         system.residual(y, r)
         if system.constraints:
             with r as values:
@@ -126,7 +126,7 @@ class GeneralizedAlphaSolver:
         system, αm, αf, β, γ = self._system, self._αm, self._αf, self._β, self._γ
         if not self._started:
             self._first_acceleration(h)
-        y = system.begin(h)
+        y = system.begin_step(h)
         # q1 - q0 = h v0 + h² a0/2 + w, so that a1 = a0 + w/(β h²) and v̇1 = c (w + offset)
         c = (1 - αm) / ((1 - αf) * β * h**2)
         increment, offset = self._increment, self._offset
@@ -136,7 +136,7 @@ class GeneralizedAlphaSolver:
         self._a0.copy(offset)
         offset.scale(β * h**2 + αm / (1 - αf) / c)
         offset.axpy(-αf / (1 - αf) / c, self._v̇0)
-        system.inertia(c, offset)
+        system.set_inertia(c, offset)
         w, _, iterations = self.newton.solve(increment, y)
         self._v̇0.waxpy(1.0, w, offset)
         self._v̇0.scale(c)
@@ -145,6 +145,6 @@ class GeneralizedAlphaSolver:
             self._drop_multipliers(rate)
         self._v1.waxpy(h * (1 - γ), self._a0, system.v0)
         self._v1.axpy(h * γ, self._a1)
-        system.accept(self._v1)
+        system.commit(self._v1)
         self._a1.copy(self._a0)
         return iterations

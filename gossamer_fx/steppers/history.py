@@ -7,12 +7,12 @@ from typing import Any, Protocol, runtime_checkable
 
 from petsc4py import PETSc
 
-from gossamer_fx.model.terms import Stateful
+from gossamer_fx.model.roles import History as HasHistory
 from gossamer_fx.system.system import System
 
 
 @runtime_checkable
-class Carrier(Stateful, Protocol):
+class Carrier(HasHistory, Protocol):
     """A stepper or step control with a past: vectors of the system, and what it remembers."""
 
     vectors: Mapping[str, PETSc.Vec]
@@ -30,9 +30,9 @@ class History:
             "coordinates": system.q0,
             "remainders of coordinates": system.increment.remainder,
             "velocities": system.v0,
-            "coordinates before": system.past,
+            "coordinates before": system.previous,
         }
-        self._remembering: dict[str, Stateful] = {}
+        self._remembering: dict[str, HasHistory] = {}
         for carrier in carriers:
             if isinstance(carrier, Carrier):
                 name = type(carrier).__name__
@@ -40,14 +40,14 @@ class History:
                 self.vectors |= {
                     f"{name} {what}": vector for what, vector in carrier.vectors.items()
                 }
-        for k, border in enumerate(system.borders):
+        for k, border in enumerate(system.scalar_unknowns):
             self._remembering[f"border {k}"] = border
         for compiled in system.compiled:
-            if isinstance(compiled, Stateful):
+            if isinstance(compiled, HasHistory):
                 self._remembering[type(compiled).__name__] = compiled
         for k, term in enumerate(system.terms):
             for what, thing in vars(term).items():
-                if isinstance(thing, Stateful):
+                if isinstance(thing, HasHistory):
                     self._remembering[f"part {k} {what}"] = thing
         self._kept: dict[str, PETSc.Vec] = {}
 
@@ -57,7 +57,7 @@ class History:
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Restore what `get_state` returned; the vectors have been set."""
-        self._system.resume()
+        self._system.restart()
         for name, thing in self._remembering.items():
             thing.set_state(state[name])
 

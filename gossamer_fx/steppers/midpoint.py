@@ -95,11 +95,11 @@ class MidpointSolver:
 
     def _attempt(self, h: float) -> int:
         system = self._system
-        y = system.begin(h)
+        y = system.begin_step(h)
         system.v0.copy(self._increment)
         self._increment.scale(h)
-        system.inertia(2 / h**2)
+        system.set_inertia(2 / h**2)
         w, _, iterations = self.newton.solve(self._increment, y)
         self._v1.waxpy(2 / h, w, system.v0)  # 2 (q1 - q0)/h - v0 with q1 - q0 = h v0 + w
-        system.accept(self._v1)
+        system.commit(self._v1)
         return iterations

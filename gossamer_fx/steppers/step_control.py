@@ -159,8 +159,8 @@ class LocalError:
         """[kg]"""
         system, x = self._system, self._a
         with x as values:
-            for k, body in enumerate(system.bodies):
-                values[system.numbering.owned(k)].reshape(-1, body.block.size)[:, 0] = 1.0
+            for body in system.bodies:
+                values[system.block(body).owned].reshape(-1, body.block.size)[:, 0] = 1.0
         system.M.mult(x, self._Me)
         return float(x.dot(self._Me))
 

@@ -11,40 +11,53 @@ from gossamer_fx.terms.supports import Supports
 
 
 class Increment:
-    """q1 = q0 + p + w: p is predicted by the stepper, w is what is solved for.
+    """The end of a step, q1 = q0 + p + w: p is predicted by the stepper, w is what the solver finds.
 
-    The inertia c M (w + o) is no difference of coordinates: c M would enlarge their round-off by 1/h² and by the
-    distance from the origin.  What q1 loses by rounding, `remainder`, is added to the next p, lest it accumulate.
+    The inertia c M (w + o) is not computed from a difference of coordinates: c M would enlarge their
+    round-off by 1/h² and by the distance from the origin.  What q1 loses by rounding, `remainder`, is
+    added to the next p, so that it does not accumulate.
+
+    Args:
+        numbering: of the system.
+        supports: which coordinates are fixed or prescribed.
+
+    Attributes:
+        remainder: what the last q1 lost by rounding [m]; a history variable of a run.
     """
 
     def __init__(self, numbering: Numbering, supports: Supports) -> None:
-        self._supports, self._comm = supports, numbering.comm
-        self.remainder, self._p, self._w, self._scratch = (numbering.vector() for _ in range(4))
+        self._supports = supports
+        self._comm = numbering.comm
+        self.remainder = numbering.vector()
+        self._p = numbering.vector()
+        self._w = numbering.vector()
+        self._scratch = numbering.vector()
         self._offset: PETSc.Vec | None = None
         self._masses: PETSc.Vec | None = None
         self._c = 0.0
 
-    def inertia(self, c: float, offset: PETSc.Vec | None) -> None:
-        """Choose c and o (none: zero)."""
-        self._c, self._offset = c, offset
+    def set_inertia(self, c: float, offset: PETSc.Vec | None) -> None:
+        """Choose c [1/s²] and o [m] (none: zero)."""
+        self._c = c
+        self._offset = offset
 
     def predict(self, increment: PETSc.Vec, q0: PETSc.Vec, t: float) -> Array:
-        """Choose p; returns the w of the held coordinates, which have their values of time t."""
+        """Choose p [m]; returns the w of the fixed coordinates, which have their values of time t [s]."""
         self._p.waxpy(1.0, self.remainder, increment)
         self._scratch.waxpy(1.0, self._p, q0)
         self._supports.prescribe(self._scratch, t)
-        held = self._supports.held
-        w: Array = self._scratch.array_r[held] - q0.array_r[held] - self._p.array_r[held]
+        fixed = self._supports.held
+        w: Array = self._scratch.array_r[fixed] - q0.array_r[fixed] - self._p.array_r[fixed]
         return w
 
     def end(self, w: PETSc.Vec, q0: PETSc.Vec, q1: PETSc.Vec) -> None:
-        """Set w, and q1 = q0 + p + w."""
+        """Take w, and set q1 = q0 + p + w."""
         w.copy(self._w)
         self._scratch.waxpy(1.0, w, self._p)
         q1.waxpy(1.0, self._scratch, q0)
 
     def add_inertia(self, M: PETSc.Mat, r: PETSc.Vec) -> None:
-        """r = c M (w + o)."""
+        """Set r = c M (w + o) [N]."""
         if self._offset is None:
             M.mult(self._w, r)
         else:
@@ -52,18 +65,28 @@ class Increment:
             M.mult(self._scratch, r)
         r.scale(self._c)
 
-    def size(self, M: PETSc.Mat, diagonal: PETSc.Vec, q1: PETSc.Vec) -> float:
-        """Norm [N] of diag(K) q1 and diag(c M)(w + o), of which a residual is made; diag(K) + diag(c M) is given."""
+    def force_scale(self, M: PETSc.Mat, diagonal: PETSc.Vec, q1: PETSc.Vec) -> float:
+        """Reference force [N] for the round-off of a residual: the norm of what cancels in it.
+
+        That is diag(K) q1 and diag(c M)(w + o); given is diag(K) + diag(c M), of the tangent.
+        """
         if self._masses is None:
             self._masses = M.getDiagonal()
         cM = self._c * self._masses.array_r
         offset = 0.0 if self._offset is None else self._offset.array_r
-        stiff, inert = (diagonal.array_r - cM) * q1.array_r, cM * (self._w.array_r + offset)
-        return float(np.sqrt(self._comm.allreduce(float(stiff @ stiff + inert @ inert))))
+        elastic = (diagonal.array_r - cM) * q1.array_r
+        inertial = cM * (self._w.array_r + offset)
+        square = float(elastic @ elastic + inertial @ inertial)
+        return float(np.sqrt(self._comm.allreduce(square)))
 
-    def accept(self, q0: PETSc.Vec, q1: PETSc.Vec) -> None:
-        """Note what rounding took from q1 = q0 + (p + w), exactly (Knuth's sum of two numbers)."""
-        start, end, increment = q0.array_r, q1.array_r, self._p.array_r + self._w.array_r
+    def commit(self, q0: PETSc.Vec, q1: PETSc.Vec) -> None:
+        """Note what rounding took from q1 = q0 + (p + w), exactly: Knuth's sum of two numbers.
+
+        D. E. Knuth, The Art of Computer Programming, vol. 2, section 4.2.2, theorem B.
+        """
+        start = q0.array_r
+        end = q1.array_r
+        increment = self._p.array_r + self._w.array_r
         taken = end - start
         with self.remainder as lost:
             lost[:] = (start - (end - taken)) + (increment - taken)

@@ -10,6 +10,7 @@ import numpy as np
 from gossamer_fx.algebra.places import Gather, PointMeasure, attach, own_places
 from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.errors import check, is_vector
+from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Attached, Port, Term, Vector
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.point_constraints import PointConstraint
@@ -22,7 +23,7 @@ class Part(Protocol):
     @property
     def name(self) -> str: ...
 
-    def terms(self) -> Iterable[Term]: ...
+    def terms(self, start: State) -> Iterable[Term]: ...
 
 
 class Joint(Part, Protocol):
@@ -54,7 +55,7 @@ def support_force(system: System, support: Part, about: Vector) -> tuple[Array, 
     centre = check_vector(f"The reaction of '{support.name}'", about)
     total = np.zeros((2, 3))
     found = False
-    for term in support.terms():
+    for term in system.terms_of(support):
         name = getattr(term, "name", "")
         if isinstance(term, Support):
             found = any(
@@ -92,10 +93,9 @@ def joint_force(system: System, joint: Joint, about: Vector | None = None) -> tu
     centre = check_vector(
         f"The force of '{joint.name}'", (0.0, 0.0, 0.0) if about is None else about
     )
-    terms = [term for term in joint.terms() if isinstance(term, PointConstraint)]
-    known = {t.name for t in system.terms if isinstance(t, PointConstraint)}
+    terms = [term for term in system.terms_of(joint) if isinstance(term, PointConstraint)]
     check(
-        bool(terms) and {t.name for t in terms} <= known,
+        bool(terms),
         f"'{joint.name}' is no joint of this scene; add it to the scene, or ask for one that is in it.",
     )
     second = list(_bodies(joint.b))
@@ -123,7 +123,7 @@ def _bodies(side: Attached | Frame) -> Iterable[Any]:
 
 def _held(system: System, term: Support, centre: Array) -> Array:
     """This rank's share of force and moment of held coordinates."""
-    owned = system.numbering.owned(system.bodies.index(term.body))
+    owned = system.block(term.body).owned
     vectors = term.body.block.size // 3
     mine = term.dofs[term.dofs < owned.stop - owned.start].astype(np.int64) + owned.start
     all_forces = np.zeros(system.numbering.size_local)
@@ -151,7 +151,7 @@ def _tied(
     own = [measure.places[i] for i in own_places(measure.places)]
     attached = [attach(system.numbering, system.bodies, place) for place in own]
     gather = Gather(system.numbering, [indices for indices, _, _ in attached])
-    ends = zip(own, attached, gather(system.q0), gather(system.past), λ, strict=True)
+    ends = zip(own, attached, gather(system.q0), gather(system.previous), λ, strict=True)
     for place, (_, P, o), now, before, each in ends:
         X = P @ ((1 - α) * before + α * now) + o
         forces = -(each @ (measure.H @ X + measure.L)).reshape(-1, 3)

@@ -1,9 +1,11 @@
-"""A compiled scene: numbering, sparsity, residual and tangent.  It knows roles and rules, no kind of term by name."""
+"""A compiled scene: its unknowns, residual and tangent.
+
+The system knows the roles that terms play (`model.roles`), but no kind of term by name.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from dolfinx import fem
@@ -11,85 +13,158 @@ from mpi4py import MPI
 from petsc4py import PETSc
 from scipy.linalg import block_diag
 
-from gossamer_fx.algebra.numbering import Numbering
-from gossamer_fx.model.scalar_unknowns import InitialCondition, ScalarUnknowns
-from gossamer_fx.model.terms import (
-    Array,
-    Body,
-    CompiledConstraints,
-    CompiledTerms,
-    Term,
-    is_on_mesh,
-)
+from gossamer_fx.algebra.numbering import NumberedBlock, Numbering
+from gossamer_fx.model import roles
+from gossamer_fx.model.state import InitialState, State
+from gossamer_fx.model.terms import Array, Body, Term, is_on_mesh
 from gossamer_fx.system.increment import Increment
 from gossamer_fx.system.tangent import Tangent
 from gossamer_fx.system.totals import Totals
+from gossamer_fx.terms.assembly import CompiledConstraints, CompiledTerms, Part
+from gossamer_fx.terms.coordinates import Coordinates
 from gossamer_fx.terms.discrete_gradient import StressRule
-from gossamer_fx.terms.supports import Supports
+from gossamer_fx.terms.scalar_unknowns import ScalarUnknowns
+from gossamer_fx.terms.supports import Support, Supports
 
-_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
+SAME_PATTERN = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
+
+# Components of a cross product: (a × b)[i] = a[NEXT[i]] b[LAST[i]] - a[LAST[i]] b[NEXT[i]].
+NEXT = [1, 2, 0]
+LAST = [2, 0, 1]
 
 
 class System:
-    """State and equations of a scene for one stress rule.
+    """Unknowns and equations of a scene for one stress rule.
 
-    The unknowns of a step are the end coordinates q1 of all bodies, in one vector, and the border scalars y.  The
-    residual is
+    The unknowns of a step are the end coordinates q1 of all bodies, in one vector, and the scalar
+    unknowns y, such as gas pressures.  The residual is
 
-        r = c M (w + o) + Σ stored and dissipated forces - Σ loads + border forces,    q1 = q0 + p + w
+        r = c M (w + o) + Σ stored and dissipated forces - Σ loads + forces of scalar unknowns
+        q1 = q0 + p + w
 
-    where the stepper predicts the increment p (`predict`) and chooses c and o (`inertia`): the midpoint rule has
-    p = h v0, c = 2/h², o = 0.  What is solved for is w, see `Increment`.  Multipliers stand behind the coordinates in
-    the same vector; they have no mass and no rate, and their rows of r are the constraints.
+    The stepper predicts the increment p (`predict`) and chooses c and o (`set_inertia`): the
+    midpoint rule has p = h v0, c = 2/h², o = 0.  The solver finds w, see `Increment`.  Lagrange
+    multipliers stand behind the coordinates in the same vector; they have no mass and no rate, and
+    their rows of r are the constraints.
+
+    Args:
+        start: the initial state, with initial conditions applied.
+        parts: the items of the scene with their terms.
+        rule: the stress rule.
+
+    Attributes:
+        bodies: the bodies of the scene, in the order of their unknowns.
+        terms: all terms of the scene.
+        compiled: the compiled kinds of terms.
+        scalar_unknowns: gas networks and the like; the scene adds them before `initialise`.
+        state: the accepted state.
+        end: coordinates at the end of the step, as iterated; its velocities are those of the start.
+        fields: coordinates of bodies on meshes, as functions for forms.
+        q0, v0: coordinates and velocities of the accepted state.
+        q1: coordinates at the end of the step, as iterated.
+        previous: coordinates at the start of the last accepted step.
+        time: of the accepted state [s].
+        h: length of the step [s].
+        geometric: share of the geometric stiffness in tangents, 0 or 1.
+        supplied_energy: since the start [J], this rank's share.
+        losses: dissipated energies since the start [J] by name, this rank's share.
     """
 
-    def __init__(
-        self, bodies: list[Body], terms: Iterable[Term], rule: StressRule, comm: MPI.Intracomm
-    ) -> None:
-        self.comm, self.bodies, self.rule = comm, bodies, rule
-        self.borders: list[ScalarUnknowns] = []
-        self.starts: Sequence[
-            Array
-        ] = ()  # owned coordinates at the start, if initial conditions place bodies
-        self.time, self.h, self.geometric, self.supplied_energy = 0.0, 1.0, 1.0, 0.0
-        self.terms = list(terms)
-        kinds: dict[type[CompiledTerms], list[Any]] = {}
+    def __init__(self, start: InitialState, parts: Sequence[Part], rule: StressRule) -> None:
+        self.comm = start.comm
+        self._initial = start
+        self.rule = rule
+        self.bodies: list[Body] = [one.body for one in start]
+        self._parts = parts
+        self.terms: list[Term] = [term for part in parts for term in part.terms]
+        self.scalar_unknowns: list[ScalarUnknowns] = []
+        self.time = 0.0
+        self.h = 1.0
+        self.geometric = 1.0
+        self.supplied_energy = 0.0
+
+        kinds: dict[type[CompiledTerms], list[Term]] = {}
         for term in self.terms:
             kinds.setdefault(term.compiler, []).append(term)
         multipliers = [
-            block for kind, alike in kinds.items() for block in kind.multipliers(alike, comm)
+            block
+            for kind, alike in kinds.items()
+            if issubclass(kind, roles.Multipliers)
+            for block in kind.multipliers(alike, self.comm)
         ]
-        self.numbering = numbering = Numbering(comm, [b.block for b in bodies] + multipliers)
-        self.q0, self.q1, self.v0, self.past, self._scratch, self._momenta = (
-            numbering.vector() for _ in range(6)
-        )
-        vectors = [
-            np.tile(np.eye(1, b.block.size // 3)[0], b.block.index_map.size_local) for b in bodies
-        ]
-        self._is_position = np.concatenate(
-            [np.zeros(0), *vectors]
-        )  # of each vector of this rank's nodes
-        self.fields = {k: b.coordinates(rule.alpha) for k, b in enumerate(bodies) if is_on_mesh(b)}
-        self.supports = Supports(kinds.pop(Supports, []), self)
+        blocks = [body.block for body in self.bodies] + multipliers
+        self.numbering = numbering = Numbering(self.comm, blocks)
+        self._block_of = {body: NumberedBlock(numbering, k) for k, body in enumerate(self.bodies)}
+        self.q0 = numbering.vector()
+        self.q1 = numbering.vector()
+        self.v0 = numbering.vector()
+        self.previous = numbering.vector()
+        self._scratch = numbering.vector()
+        self._momenta = numbering.vector()
+        self.state = State(self.bodies, self.comm, self.q0, self.v0)
+        self.end = State(self.bodies, self.comm, self.q1, self.v0)
+        self.fields: dict[Body, Coordinates] = {
+            body: body.coordinates(rule.alpha) for body in self.bodies if is_on_mesh(body)
+        }
+        self._is_position = self._mark_positions()
+
+        supports = [term for term in kinds.pop(Supports, []) if isinstance(term, Support)]
+        self.supports = Supports(supports, self)
         self.increment = Increment(numbering, self.supports)
         self.compiled = [kind(alike, self) for kind, alike in kinds.items()]
-        self.constraints = next(
-            (c for c in self.compiled if isinstance(c, CompiledConstraints)), None
-        )
-        self.searching = [c for c in self.compiled if c.searches]
-        self.losses = {name: 0.0 for c in self.compiled for name in c.losses}
-        self._has_stiffness = any(
-            type(c).add_stiffness is not CompiledTerms.add_stiffness for c in self.compiled
-        )
+        self._sort_by_role()
+        self.losses = {name: 0.0 for kind in self._dissipating for name in kind.losses}
 
-    def start(self, conditions: Iterable[InitialCondition] = ()) -> None:
-        """Take the initial state and set up the matrices; after the borders are attached."""
-        for k, body in enumerate(self.bodies):
-            self.q0.array[self.numbering.owned(k)], self.v0.array[self.numbering.owned(k)] = (
-                body.initial_state()
-            )
-        for condition in conditions:
-            condition.initialise(self, self.q0, self.v0)
+    def _mark_positions(self) -> Array:
+        """1 for each position and 0 for each director among the vectors of this rank's nodes."""
+        marks = []
+        for body in self.bodies:
+            of_node = np.zeros(body.block.size // 3)
+            of_node[0] = 1.0
+            marks.append(np.tile(of_node, body.block.index_map.size_local))
+        return np.concatenate([np.zeros(0), *marks])
+
+    def _sort_by_role(self) -> None:
+        """Lists of the compiled kinds by role, so that nobody is asked for what it has no part in."""
+        compiled = self.compiled
+        self.constraints = next((c for c in compiled if isinstance(c, CompiledConstraints)), None)
+        self.active_sets = roles.playing(roles.ActiveSet, compiled)
+        self._masses = roles.playing(roles.Mass, compiled)
+        self._mass_forms = roles.playing(roles.MassForms, compiled)
+        self._stiffnesses = roles.playing(roles.ConstantStiffness, compiled)
+        self._forces = roles.playing(roles.Forces, compiled)
+        self._loads = [kind for kind in self._forces if isinstance(kind, roles.ExternalLoads)]
+        self._tangents = roles.playing(roles.Tangents, compiled)
+        self._tangent_forms = roles.playing(roles.TangentForms, compiled)
+        self._step_observers = roles.playing(roles.StepObserver, compiled)
+        self._iterate_observers = roles.playing(roles.IterateObserver, compiled)
+        self._state_observers = roles.playing(roles.StateObserver, compiled)
+        self._checks = roles.playing(roles.StepCheck, compiled)
+        self._storing = roles.playing(roles.StoredEnergies, compiled)
+        self._dissipating = roles.playing(roles.Dissipation, compiled)
+        self._supplying = roles.playing(roles.Supply, compiled)
+        self._frames = roles.playing(roles.FrameMomenta, compiled)
+
+    @property
+    def initial(self) -> State:
+        """The state in which the scene starts."""
+        return self._initial
+
+    # ---- look-ups ------------------------------------------------------------------------------------
+
+    def block(self, body: Body) -> NumberedBlock:
+        """The unknowns of a body in the numbering of the system."""
+        return self._block_of[body]
+
+    def terms_of(self, item: object) -> Sequence[Term]:
+        """The terms that an item of the scene has brought; none if it is not in the scene."""
+        return next((part.terms for part in self._parts if part.item is item), ())
+
+    # ---- the initial state -----------------------------------------------------------------------------
+
+    def initialise(self) -> None:
+        """Take the initial state and set up the matrices, once scalar unknowns are attached."""
+        self._initial.copy_to(self.q0, self.v0)
         self.v0.array[self.supports.at_rest] = 0
         if self.constraints:
             free = self.numbering.vector()
@@ -97,296 +172,335 @@ class System:
             free.array[self.supports.held] = 0
             self.constraints.validate(self.q0, self.v0, free)
             self.supports.hold(self.constraints.idle(free, self.q0))
-        self.q0.copy(self.past)
-        self.resume()
-        for border in self.borders:
-            border.start()
+        self.q0.copy(self.previous)
+        self.restart()
+        for scalars in self.scalar_unknowns:
+            scalars.start()
         self._build_matrices()
 
-    def resume(self) -> None:
-        """Take up what follows from q0, and from `past`, where the step before it began, which were set."""
-        for q in (self.past, self.q0):
-            self.take(q)
-            self._keep()
+    def restart(self) -> None:
+        """Update all derived quantities from `previous` and q0, which the caller has set.
+
+        Both are needed: histories and extrapolations follow from the last step.
+        """
+        for q in (self.previous, self.q0):
+            self.set_end(q)
+            self._commit()
 
     def _build_matrices(self) -> None:
-        """Mass matrix M, constant stiffness K if there is one, and tangent A, with one sparsity pattern.
+        """Mass matrix M, constant stiffness K if there is one, and tangent A, with one pattern.
 
-        They are duplicates: PETSc 3.22 multiplies those by BLAS, in half of the time of its kernel for blocks of three.
+        They are duplicates of one matrix: PETSc 3.22 multiplies those by BLAS, in half of the time
+        of its kernel for blocks of three.
         """
         pattern = self.numbering.matrix()
-        for compiled in self.compiled:
-            compiled.add_mass(pattern)
-            compiled.add_stiffness(pattern)
+        for mass in self._masses:
+            mass.add_mass(pattern)
+        for stiffness in self._stiffnesses:
+            stiffness.add_stiffness(pattern)
         self._add_tangents(pattern)
-        pattern.setDiagonal(
-            self.numbering.vector(), addv=PETSc.InsertMode.ADD_VALUES
-        )  # all that held rows keep
+        # All that rows of fixed coordinates keep is the diagonal.
+        pattern.setDiagonal(self.numbering.vector(), addv=PETSc.InsertMode.ADD_VALUES)
         pattern.assemble()
-        self.M, self.A = pattern.duplicate(), pattern.duplicate()
-        self.K = pattern.duplicate() if self._has_stiffness else None
-        self._base = pattern.duplicate() if self._has_stiffness else None
+        self.M = pattern.duplicate()
+        self.A = pattern.duplicate()
+        has_stiffness = bool(self._stiffnesses)
+        self.K = pattern.duplicate() if has_stiffness else None
+        # c M + α K, which is the same for all tangents of steps of one length.
+        self._base = pattern.duplicate() if has_stiffness else None
+        self._base_inertia = 0.0
         self.A.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         self.A.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, True)
-        for compiled in self.compiled:
-            compiled.add_mass(self.M)
-            if self.K is not None:
-                compiled.add_stiffness(self.K)
+        for mass in self._masses:
+            mass.add_mass(self.M)
         self.M.assemble()
         if self.K is not None:
+            for stiffness in self._stiffnesses:
+                stiffness.add_stiffness(self.K)
             self.K.assemble()
-        self._based_on = 0.0  # the c of the base
-        self.coupled = Tangent(self.A, self.searching)
+        self.coupled_tangent = Tangent(self.A, self.active_sets)
 
-    # ---- a step ------------------------------------------------------------------------------------------------
+    # ---- a step ----------------------------------------------------------------------------------------
 
-    def begin(self, h: float) -> Array:
-        """Start a step of length h from (q0, v0); returns the first guess of the border scalars."""
+    def begin_step(self, h: float) -> Array:
+        """Start a step of length h [s] from (q0, v0); returns the first guess of the scalar unknowns."""
         self.h = h
-        for searching in self.searching:
-            searching.search()
+        for active_set in self.active_sets:
+            active_set.update_active_set()
         t = self.time + self.rule.alpha * h
-        for compiled in self.compiled:
-            compiled.begin(t)
-        return np.concatenate([np.zeros(0), *[b.begin(h, t) for b in self.borders]])
+        for observer in self._step_observers:
+            observer.begin_step(t)
+        guesses = [scalars.begin_step(h, t) for scalars in self.scalar_unknowns]
+        return np.concatenate([np.zeros(0), *guesses])
 
-    def widen(self) -> bool:
-        """After a step was solved: whether places that it needs were missed; it must then be solved again."""
-        if not self.searching:
+    def extend_active_set(self) -> bool:
+        """After a step was solved: whether pairs that it needs were missed; it is then solved again."""
+        if not self.active_sets:
             return False
-        missed = [c.widen() for c in self.searching]
+        missed = [active_set.extend_active_set() for active_set in self.active_sets]
         missed_anywhere: bool = self.comm.allreduce(any(missed))
         return missed_anywhere
 
     def inadmissible(self) -> str:
-        """In words, what cannot be in the solution of a step; else nothing."""
-        found = [border.inadmissible() for border in self.borders] + [
-            c.inadmissible() for c in self.compiled
-        ]
+        """What is wrong with the solution of a step, in words; empty if nothing is."""
+        found = [scalars.inadmissible() for scalars in self.scalar_unknowns]
+        found += [check.inadmissible() for check in self._checks]
         return next(filter(None, found), "")
 
-    def limit(self, update: Array) -> None:
-        """Shorten an update (n,) of the owned coordinates where terms that search cannot follow it."""
-        for searching in self.searching:
-            searching.limit(update)
+    def limit_update(self, update: Array) -> None:
+        """Shorten a Newton update (n,) of the owned coordinates, in place, where contact needs it."""
+        for active_set in self.active_sets:
+            active_set.limit_update(update)
 
-    def inertia(self, c: float, offset: PETSc.Vec | None = None) -> None:
-        """Choose c and o (none: zero) of the residual's c M (w + o)."""
+    def set_inertia(self, c: float, offset: PETSc.Vec | None = None) -> None:
+        """Choose c [1/s²] and o [m] (none: zero) of the inertia c M (w + o)."""
         self.c = c
-        self.increment.inertia(c, offset)
+        self.increment.set_inertia(c, offset)
 
     def predict(self, increment: PETSc.Vec) -> Array:
-        """Choose p, from which w counts; returns the w of the held coordinates."""
+        """Choose p, from which w counts; returns the w of the fixed coordinates."""
         return self.increment.predict(increment, self.q0, self.time + self.h)
 
-    def move(self, w: PETSc.Vec, base: PETSc.Vec | None) -> None:
-        """Set q1 = q0 + p + w.  Strains follow linearly from the w `base`, or are the true ones if it is None."""
+    def set_increment(self, w: PETSc.Vec, base: PETSc.Vec | None) -> None:
+        """Set q1 = q0 + p + w.
+
+        With a `base`, strains follow linearly from those at w = `base`; without, they are the true ones.
+        """
         self.increment.end(w, self.q0, self.q1)
         self._spread(self.q1, "q1")
         if base is not None:
             self._scratch.waxpy(-1.0, base, w)
             self._spread(self._scratch, "δ")
-        for compiled in self.compiled:
-            compiled.move(base is not None)
+        for observer in self._iterate_observers:
+            observer.update(base is not None)
 
-    def take(self, q: PETSc.Vec) -> None:
+    def set_end(self, q: PETSc.Vec) -> None:
         """Set q1 = q, with its true strains."""
         q.copy(self.q1)
         self._spread(self.q1, "q1")
-        for compiled in self.compiled:
-            compiled.move(False)
+        for observer in self._iterate_observers:
+            observer.update(False)
 
     def residual(self, y: Array, r: PETSc.Vec) -> Array:
-        """Field residual into r; returns the border residual s."""
-        s = [b.residual(part) for b, part in self._split(y)]
+        """Residual of the coordinates into r [N]; returns that of the scalar unknowns."""
+        s = [scalars.residual(part) for scalars, part in self._split(y)]
         self.increment.add_inertia(self.M, r)
         if self.K is not None:
             α = self.rule.alpha
             self._scratch.waxpy((1 - α) / α, self.q0, self.q1)
             self._scratch.scale(α)
             self.K.multAdd(self._scratch, r, r)
-        for compiled in self.compiled:
-            compiled.add_forces(r)
+        for kind in self._forces:
+            kind.add_forces(r)
         with r as values:
-            for border in self.borders:
-                border.add_force(values)
+            for scalars in self.scalar_unknowns:
+                scalars.add_force(values)
         self.supports.take(r)
         return np.concatenate([np.zeros(0), *s])
 
-    def outside(self) -> PETSc.Vec:
-        """Forces of loads, borders and supports at the last residual; what is inside balances them."""
+    def external_forces(self) -> PETSc.Vec:
+        """Forces [N] of loads, scalar unknowns and supports at the last residual."""
         out = self.numbering.vector()
-        for compiled in self.compiled:
-            if compiled.supplies:
-                compiled.add_forces(out)
+        for load in self._loads:
+            load.add_forces(out)
         with out as values:
-            for border in self.borders:
-                border.add_force(values)
+            for scalars in self.scalar_unknowns:
+                scalars.add_force(values)
             values *= -1
             values[self.supports.held] = self.supports.reactions
         return out
 
     def gyroscopic(self, spin: tuple[float, float, float]) -> PETSc.Mat:
-        """The matrix of the Coriolis force in a frame that turns with `spin` [rad/s]."""
+        """The matrix [kg/s] of the Coriolis force in a frame that turns with `spin` [rad/s]."""
         G = self.A.duplicate()
         G.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, False)
-        for compiled in self.compiled:
-            compiled.add_gyroscopic(G, spin)
+        for mass in self._masses:
+            mass.add_gyroscopic(G, spin)
         G.assemble()
         return G
 
     def tangent(self) -> PETSc.Mat:
-        """Derivative of the field residual with respect to q1."""
-        return self.assemble().whole()
+        """Derivative of the residual of the coordinates with respect to q1, as one matrix."""
+        return self.assemble_tangent().whole()
 
-    def assemble(self) -> Tangent:
-        """The same, as a sum."""
-        same = PETSc.Mat.Structure.SAME_NONZERO_PATTERN
+    def assemble_tangent(self) -> Tangent:
+        """The same derivative, as the sum of a matrix of fixed pattern and coupling matrices."""
         if self._base is None:
-            self.M.copy(self.A, same)
+            self.M.copy(self.A, SAME_PATTERN)
             self.A.scale(self.c)
         else:
-            if self._based_on != self.c:
-                self.M.copy(self._base, same)
+            if self._base_inertia != self.c:
+                self.M.copy(self._base, SAME_PATTERN)
                 self._base.scale(self.c)
-                self._base.axpy(self.rule.alpha, self.K, same)
-                self._based_on = self.c
-            self._base.copy(self.A, same)
+                self._base.axpy(self.rule.alpha, self.K, SAME_PATTERN)
+                self._base_inertia = self.c
+            self._base.copy(self.A, SAME_PATTERN)
         self._add_tangents(self.A)
         self.A.assemble()
         self.supports.clear(self.A, 1.0)
-        self.coupled.take()
-        return self.coupled
+        self.coupled_tangent.fetch_couplings()
+        return self.coupled_tangent
 
     def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
-        """Columns and rows of all borders, zero at held coordinates, and their corner."""
-        G: list[Array | None] = []
-        H: list[Array | None] = []
+        """Columns and rows of all scalar unknowns, zero at fixed coordinates, and their corner."""
+        columns: list[Array | None] = []
+        rows: list[Array | None] = []
         corner = np.zeros((0, 0))
-        for border in self.borders:
-            columns, rows, C = border.coupling()
-            G, H, corner = G + columns, H + rows, block_diag(corner, C)
-        for vector in G + H:
+        for scalars in self.scalar_unknowns:
+            own_columns, own_rows, own_corner = scalars.coupling()
+            columns += own_columns
+            rows += own_rows
+            corner = block_diag(corner, own_corner)
+        for vector in columns + rows:
             if vector is not None:
                 vector[self.supports.held] = 0
-        return G, H, corner
+        return columns, rows, corner
 
-    def accept(self, v1: PETSc.Vec) -> None:
-        """End the step with the velocities v1; q1 is the state now, and what flowed is booked."""
-        Δq = self.q1.array_r - self.q0.array_r
-        self.supplied_energy += self.supports.work(Δq) + sum(c.supplied() for c in self.compiled)
-        for compiled in self.compiled:
-            for name, loss in zip(compiled.losses, compiled.dissipated(), strict=True):
+    def commit(self, v1: PETSc.Vec) -> None:
+        """Accept the step: q1 and v1 are the state now, and its works and losses are booked."""
+        change = self.q1.array_r - self.q0.array_r
+        self.supplied_energy += self.supports.work(change)
+        self.supplied_energy += sum(kind.supplied() for kind in self._supplying)
+        for kind in self._dissipating:
+            for name, loss in zip(kind.losses, kind.dissipated(), strict=True):
                 self.losses[name] += float(loss)
-        for border in self.borders:
-            border.accept()
-        self.increment.accept(self.q0, self.q1)
-        self.q0.copy(self.past)
+        for scalars in self.scalar_unknowns:
+            scalars.commit()
+        self.increment.commit(self.q0, self.q1)
+        self.q0.copy(self.previous)
         self.q1.copy(self.q0)
         v1.copy(self.v0)
         if self.constraints:
             self.v0.array[self.constraints.owned] = 0
-        self._keep()
+        self._commit()
         self.time += self.h
 
-    def _keep(self) -> None:
+    def _commit(self) -> None:
         """q1 and its strains are the start of the next step."""
         for field in self.fields.values():
             field.q0.x.array[:] = field.q1.x.array
-        for compiled in self.compiled:
-            compiled.keep()
+        for observer in self._state_observers:
+            observer.commit()
+
+    # ---- the energy balance ------------------------------------------------------------------------------
 
     def totals(self) -> Totals:
         """Energies and momenta of the accepted state, and what was supplied and lost since the start."""
         self.M.mult(self.v0, self._momenta)
-        P, x = self._momenta.array_r, self.q0.array_r
-        p, q = (
-            z[: 3 * len(self._is_position)].reshape(-1, 3) for z in (P, x)
-        )  # without multipliers
+        size = 3 * len(self._is_position)  # without multipliers
+        p = self._momenta.array_r[:size].reshape(-1, 3)
+        q = self.q0.array_r[:size].reshape(-1, 3)
         qp = q.T @ p
-        stored, momenta = (
-            dict[str, float](),
-            np.stack([self._is_position @ p, qp[_NEXT, _LAST] - qp[_LAST, _NEXT]]),
-        )
-        for compiled in self.compiled:
-            momenta += compiled.momenta()
-            for name, energy in compiled.energies().items():
+        momenta = np.stack([self._is_position @ p, qp[NEXT, LAST] - qp[LAST, NEXT]])
+        for frame in self._frames:
+            momenta += frame.momenta()
+        stored: dict[str, float] = {}
+        for kind in self._storing:
+            for name, energy in kind.energies().items():
                 stored[name] = stored.get(name, 0.0) + energy
-        local = [self.v0.array_r @ P / 2, self.supplied_energy, *momenta.ravel(), *stored.values()]
-        kinetic, supplied, *rest = self.comm.allreduce(
-            np.array([*local, *self.losses.values()])
-        ).tolist()
-        linear, angular = np.array(rest[:6]).reshape(2, 3)
-        stored = dict(zip(stored, rest[6 : 6 + len(stored)], strict=True))
-        losses = dict(zip(self.losses, rest[6 + len(stored) :], strict=True))
-        mass = mass_supplied = 0.0
-        for border in self.borders:
-            b = border.totals()
-            stored |= b.stored
-            supplied, mass, mass_supplied = (
-                supplied + b.supplied,
-                mass + b.mass,
-                mass_supplied + b.mass_supplied,
-            )
+        kinetic = self.v0.array_r @ self._momenta.array_r / 2
+
+        # One message for all sums over the ranks.
+        local = [kinetic, self.supplied_energy, *momenta.ravel(), *stored.values()]
+        sums = self.comm.allreduce(np.array([*local, *self.losses.values()])).tolist()
+        kinetic, supplied = sums[:2]
+        linear, angular = np.array(sums[2:8]).reshape(2, 3)
+        first_loss = 8 + len(stored)
+        stored = dict(zip(stored, sums[8:first_loss], strict=True))
+        losses = dict(zip(self.losses, sums[first_loss:], strict=True))
+
+        mass = 0.0
+        mass_supplied = 0.0
+        for scalars in self.scalar_unknowns:
+            share = scalars.totals()
+            stored |= share.stored
+            supplied += share.supplied
+            mass += share.mass
+            mass_supplied += share.mass_supplied
         return Totals(
-            self.time, kinetic, stored, supplied, losses, linear, angular, mass, mass_supplied
+            time=self.time,
+            kinetic=kinetic,
+            stored=stored,
+            supplied=supplied,
+            losses=losses,
+            momentum=linear,
+            angular_momentum=angular,
+            mass=mass,
+            mass_supplied=mass_supplied,
         )
 
-    def size(self, diagonal: PETSc.Vec) -> float:
-        """Norm [N] of the forces of which the last residual is the sum; the diagonal of the tangent is given."""
-        return self.increment.size(self.M, diagonal, self.q1)
+    # ---- the residual, for solvers -------------------------------------------------------------------------
+
+    def force_scale(self, diagonal: PETSc.Vec) -> float:
+        """Norm [N] of the forces that cancel in the last residual: the scale of its round-off.
+
+        The diagonal is that of the tangent.
+        """
+        return self.increment.force_scale(self.M, diagonal, self.q1)
 
     def imbalance(self, r: PETSc.Vec) -> tuple[float, float]:
         """Norm of the forces in r [N], and the largest violation of a constraint."""
         if self.constraints is None:
             return float(r.norm()), 0.0
-        values, multipliers = r.array_r, self.constraints.owned
-        squares = float(values[: multipliers.start] @ values[: multipliers.start])
+        values = r.array_r
+        multipliers = self.constraints.owned
+        forces = values[: multipliers.start]
+        squares = float(forces @ forces)
         worst = float(np.abs(values[multipliers]).max(initial=0.0))
         if self.comm.size > 1:
-            squares, worst = self.comm.allreduce(squares), self.comm.allreduce(worst, op=MPI.MAX)
+            squares = self.comm.allreduce(squares)
+            worst = self.comm.allreduce(worst, op=MPI.MAX)
         return squares**0.5, worst
 
-    def place(self, r: PETSc.Vec) -> str:
-        """Where the residual r is largest, in words."""
+    def locate(self, r: PETSc.Vec) -> str:
+        """Where the residual r is largest, in words; the same on every rank."""
         values = abs(r.array_r)
         i = int(values.argmax()) if values.size else -1
-        here = (float(values[i]) if i >= 0 else -1.0, self.comm.rank)
+        largest = float(values[i]) if i >= 0 else -1.0
         words = ""
-        for k, body in enumerate(self.bodies):
-            owned = self.numbering.owned(k)
+        for body in self.bodies:
+            owned = self.block(body).owned
             if owned.start <= i < owned.stop:
                 words = f"'{body.name}' {body.describe((i - owned.start) // body.block.size)}"
-        return str(self.comm.bcast(words, root=max(self.comm.allgather(here))[1]))
+        _, rank = max(self.comm.allgather((largest, self.comm.rank)))
+        return str(self.comm.bcast(words, root=rank))
 
-    def _spread(self, z: PETSc.Vec, name: str) -> None:
-        """Copy a vector to the fields' functions `name`, ghosts included."""
-        values = z.array_r
-        for k, field in self.fields.items():
-            field.take(getattr(field, name), values[self.numbering.owned(k)])
+    # ---- forms ---------------------------------------------------------------------------------------------
 
-    def tangent_forms(self, k: int) -> list[fem.Form]:
-        """The bilinear forms of the tangent of body k."""
-        forms = [form for c in self.compiled for form in c.tangent_forms(k)]
-        return forms + [form for border in self.borders for form in border.tangents(self.bodies[k])]
+    def tangent_forms(self, body: Body) -> list[fem.Form]:
+        """The bilinear forms of the tangent of a body on a mesh."""
+        forms = [form for kind in self._tangent_forms for form in kind.tangent_forms(body)]
+        return forms + [form for s in self.scalar_unknowns for form in s.tangents(body)]
 
-    def mass_forms(self, k: int) -> list[fem.Form]:
-        """The bilinear forms of the mass of body k."""
-        return [form for c in self.compiled for form in c.mass_forms(k)]
+    def mass_forms(self, body: Body) -> list[fem.Form]:
+        """The bilinear forms of the mass of a body on a mesh."""
+        return [form for kind in self._mass_forms for form in kind.mass_forms(body)]
 
     @property
-    def made_of_forms(self) -> bool:
+    def is_made_of_forms(self) -> bool:
         """Whether all of the equations comes from forms on meshes: nothing acts on or between points."""
-        return not self.borders and all(c.made_of_forms for c in self.compiled)
+        on_meshes = all(isinstance(kind, roles.OnMeshes) for kind in self.compiled)
+        return on_meshes and not self.scalar_unknowns
 
     def _add_tangents(self, A: PETSc.Mat) -> None:
-        for k, field in self.fields.items():
-            field.assemble(self.tangent_forms(k), A, self.numbering, k)
-        for compiled in self.compiled:
-            compiled.add_tangents(A)
-        for border in self.borders:
-            border.add_tangents(A)
+        for body, field in self.fields.items():
+            field.assemble(A, self.tangent_forms(body), self.block(body))
+        for kind in self._tangents:
+            kind.add_tangents(A)
+        for scalars in self.scalar_unknowns:
+            scalars.add_tangents(A)
+
+    def _spread(self, z: PETSc.Vec, name: str) -> None:
+        """Copy a vector to the functions of bodies on meshes with this name, ghosts included."""
+        values = z.array_r
+        for body, field in self.fields.items():
+            field.take(getattr(field, name), values[self.block(body).owned])
 
     def _split(self, y: Array) -> list[tuple[ScalarUnknowns, Array]]:
-        ends = np.cumsum([0] + [b.size for b in self.borders])
-        return [(b, y[i:j]) for b, i, j in zip(self.borders, ends[:-1], ends[1:], strict=True)]
+        """The scalar unknowns with their part of y."""
+        found = []
+        start = 0
+        for scalars in self.scalar_unknowns:
+            found.append((scalars, y[start : start + scalars.size]))
+            start += scalars.size
+        return found

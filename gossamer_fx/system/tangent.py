@@ -1,4 +1,4 @@
-"""The tangent as a sum: a matrix whose pattern stays, and what couples places that change from step to step."""
+"""The tangent as a sum: a matrix of fixed pattern, and the couplings of active sets."""
 
 from __future__ import annotations
 
@@ -6,45 +6,55 @@ from collections.abc import Sequence
 
 from petsc4py import PETSc
 
-from gossamer_fx.model.terms import CompiledTerms
+from gossamer_fx.model.roles import ActiveSet
 
-DIFFERENT = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+DIFFERENT_PATTERN = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
 
 
 class Tangent:
-    """A + Σ C, where A is assembled and `take` fetches the couplings C of what searches."""
+    """A + Σ C: A has a fixed sparsity pattern, the couplings C come from terms with active sets.
 
-    def __init__(self, A: PETSc.Mat, searching: Sequence[CompiledTerms]) -> None:
+    Args:
+        A: assembled by the system.
+        active_sets: kinds of terms whose connectivity changes from step to step.
+    """
+
+    def __init__(self, A: PETSc.Mat, active_sets: Sequence[ActiveSet]) -> None:
         self.A = A
-        self._searching, self._couplings = searching, list[PETSc.Mat]()
+        self._active_sets = active_sets
+        self._couplings: list[PETSc.Mat] = []
         self._diagonal: PETSc.Vec | None = None
 
-    def take(self) -> None:
-        """A was assembled anew."""
+    def fetch_couplings(self) -> None:
+        """Replace the couplings by those at the present iterate, once A is assembled.
+
+        The old ones are destroyed at once: on several ranks PETSc keeps what Python drops until all
+        ranks collect garbage together.
+        """
         for C in self._couplings:
             C.destroy()
-        self._couplings = [C for terms in self._searching for C in terms.couplings(None)]
+        self._couplings = [C for kind in self._active_sets for C in kind.coupling_matrices(None)]
 
     def mult(self, z: PETSc.Vec, out: PETSc.Vec) -> None:
-        """Out = (A + Σ C) z."""
+        """Set out = (A + Σ C) z."""
         self.A.mult(z, out)
         for C in self._couplings:
             C.multAdd(z, out, out)
 
     def whole(self) -> PETSc.Mat:
-        """All of it as one matrix: A itself if nothing is coupled."""
+        """The sum as one matrix: A itself if nothing is coupled."""
         return self._sum(self._couplings)
 
-    def strong(self) -> PETSc.Mat:
-        """A and the couplings that a preconditioner needs."""
+    def for_preconditioner(self) -> PETSc.Mat:
+        """A and those couplings that a preconditioner needs: A itself if nothing is coupled."""
         if not self._couplings:
             return self.A
         self._diagonal = self.A.getDiagonal(self._diagonal)
-        strong = [C for terms in self._searching for C in terms.couplings(self._diagonal)]
-        found = self._sum(strong)
+        strong = [C for kind in self._active_sets for C in kind.coupling_matrices(self._diagonal)]
+        total = self._sum(strong)
         for C in strong:
             C.destroy()
-        return found
+        return total
 
     def _sum(self, couplings: Sequence[PETSc.Mat]) -> PETSc.Mat:
         if not couplings:
@@ -52,5 +62,5 @@ class Tangent:
         total = self.A.copy()
         total.setOption(PETSc.Mat.Option.NEW_NONZERO_LOCATION_ERR, False)
         for C in couplings:
-            total.axpy(1.0, C, DIFFERENT)
+            total.axpy(1.0, C, DIFFERENT_PATTERN)
         return total

@@ -8,7 +8,7 @@ import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from gossamer_fx.algebra.numbering import Numbering
+from gossamer_fx.algebra.numbering import NumberedBlock
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.model.terms import Array
 
@@ -37,8 +37,6 @@ class Coordinates:
         """Add an assembled vector b, of owned and ghost nodes, to the forces on this rank's unknowns."""
         forces += b[: len(forces)]
 
-    def assemble(
-        self, forms: Iterable[fem.Form], A: PETSc.Mat, numbering: Numbering, k: int
-    ) -> None:
-        """Add bilinear forms to the block (k, k) of A; k is the body's number."""
-        numbering.assemble(A, k, forms)
+    def assemble(self, A: PETSc.Mat, forms: Iterable[fem.Form], block: NumberedBlock) -> None:
+        """Add bilinear forms to the body's diagonal block of A."""
+        block.assemble(A, forms)

@@ -29,8 +29,20 @@ from petsc4py import PETSc
 from gossamer_fx.forms.backend import evaluate, interpolation_points, tabulate
 from gossamer_fx.forms.compilation import compile_expression, compile_form
 from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.forms.strain_path import Piece, gradient
-from gossamer_fx.model.terms import Array, Assembly, CompiledTerms, Indices, MeshBody
+from gossamer_fx.model.roles import (
+    Dissipation,
+    Forces,
+    IterateObserver,
+    OnMeshes,
+    StateObserver,
+    StepObserver,
+    StoredEnergies,
+    TangentForms,
+)
+from gossamer_fx.model.terms import Array, Body, Indices, MeshBody
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 from gossamer_fx.terms.coordinates import Coordinates
 from gossamer_fx.terms.discrete_gradient import StressRule
 
@@ -40,60 +52,66 @@ from gossamer_fx.terms.discrete_gradient import StressRule
 SURROUNDINGS, FAR, IDLE, FALLS = 0.03, 0.1, 5, 0.9
 
 
-class ElementEnergies(CompiledTerms):
-    """All `StoredEnergy` and `Dissipation` terms of a scene."""
+class ElementEnergies(
+    OnMeshes,
+    StepObserver,
+    IterateObserver,
+    StateObserver,
+    Forces,
+    TangentForms,
+    StoredEnergies,
+    Dissipation,
+    CompiledTerms,
+):
+    """All `StoredEnergy` and `ViscousDissipation` terms of a scene."""
 
-    made_of_forms = True
-
-    def __init__(self, terms: Sequence[StoredEnergy | Dissipation], system: Assembly) -> None:
+    def __init__(
+        self, terms: Sequence[StoredEnergy | ViscousDissipation], system: Assembly
+    ) -> None:
         self._system = system
-        at = [system.bodies.index(term.body) for term in terms]
-        self.elements = [
-            (k, ElementForces(t, system.fields[k], system.rule))
-            for k, t in zip(at, terms, strict=True)
-        ]
-        dofmaps = {k: system.fields[k].q0.function_space.dofmap for k in at}
+        self.elements = [ElementForces(t, system.fields[t.body], system.rule) for t in terms]
         self._dissipating = [
-            force for _, force in self.elements if isinstance(force.term, Dissipation)
+            force for force in self.elements if isinstance(force.term, ViscousDissipation)
         ]
         self.losses = [force.term.name for force in self._dissipating]
-        self._forces = {
-            k: la.vector(dofmap.index_map, dofmap.index_map_bs) for k, dofmap in dofmaps.items()
-        }
+        # One vector for each body, to which all of its terms are assembled.
+        self._forces = {term.body: _vector_of(system.fields[term.body]) for term in terms}
 
-    def begin(self, t: float) -> None:
-        for k, force in self.elements:
-            self._system.fields[k].h.value = self._system.h
+    def begin_step(self, t: float) -> None:
+        for force in self.elements:
+            self._system.fields[force.term.body].h.value = self._system.h
             force.begin()
 
-    def move(self, linearly: bool) -> None:
-        for _, force in self.elements:
-            force.linearise() if linearly else force.evaluate()
+    def update(self, linearly: bool) -> None:
+        for force in self.elements:
+            if linearly:
+                force.linearise()
+            else:
+                force.evaluate()
 
     def add_forces(self, r: PETSc.Vec) -> None:
         for b in self._forces.values():
             b.array[:] = 0
-        for k, force in self.elements:
-            fem.assemble_vector(self._forces[k].array, force.residual)
+        for force in self.elements:
+            fem.assemble_vector(self._forces[force.term.body].array, force.residual)
         with r as values:
-            for k, b in self._forces.items():
+            for body, b in self._forces.items():
                 b.scatter_reverse(la.InsertMode.add)
-                self._system.fields[k].add_forces(b.array, values[self._system.numbering.owned(k)])
+                owned = self._system.block(body).owned
+                self._system.fields[body].add_forces(b.array, values[owned])
 
-    def tangent_forms(self, k: int) -> list[fem.Form]:
-        return [force.tangent for j, force in self.elements if j == k]
+    def tangent_forms(self, body: Body) -> list[fem.Form]:
+        return [force.tangent for force in self.elements if force.term.body is body]
 
     def dissipated(self) -> Array:
         return np.array([force.dissipated() for force in self._dissipating])
 
-    def keep(self) -> None:
-        for _, force in self.elements:
-            force.accept()
+    def commit(self) -> None:
+        for force in self.elements:
+            force.commit()
 
     def energies(self) -> dict[str, float]:
-        return {
-            f.term.name: f.energy() for _, f in self.elements if isinstance(f.term, StoredEnergy)
-        }
+        return {f.term.name: f.energy() for f in self.elements if isinstance(f.term, StoredEnergy)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +134,7 @@ class StoredEnergy:
 
 
 @dataclass(frozen=True, eq=False)
-class Dissipation:
+class ViscousDissipation:
     """Dissipation: stress φ'(ė) against the rate of the measure; φ is quadratic and convex, the loss 2∫∫φ(ė) dx dt."""
 
     name: str
@@ -128,9 +146,11 @@ class Dissipation:
 
 
 class ElementForces:
-    """Forces, tangent and energy of one `StoredEnergy` or `Dissipation`, compiled."""
+    """Forces, tangent and energy of one `StoredEnergy` or `ViscousDissipation`, compiled."""
 
-    def __init__(self, term: StoredEnergy | Dissipation, at: Coordinates, rule: StressRule) -> None:
+    def __init__(
+        self, term: StoredEnergy | ViscousDissipation, at: Coordinates, rule: StressRule
+    ) -> None:
         self.term = term
         q, δ = at.q1, at.δ
         e = term.measure(q)
@@ -206,7 +226,7 @@ class ElementForces:
         if self._switches:
             self._missed[:], self._idle[:] = np.inf, 0
 
-    def accept(self) -> None:
+    def commit(self) -> None:
         """End a step: the strain of its end is that of the next one's start."""
         self._before[:] = self._e0.x.array
         self._e0.x.array[:] = self._e_chosen.x.array
@@ -245,7 +265,7 @@ class ElementForces:
         self._missed[:] = np.where(resistance > 0, misses, np.inf)
         is_far = (resistance > 0) & (self._idle < IDLE)
         self._chooses = self._known <= IDLE or bool(is_far.any())
-        far = self._e_chosen.function_space.dofmap.list[is_far]
+        far = cell_nodes(self._e_chosen.function_space)[is_far]
         S, D = np.split(self._response.x.array.reshape(-1, m + m * m)[far], [m], axis=1)
         K = D.reshape(-1, m, m) + resistance[is_far][:, None, None] * np.eye(m)
         change = np.linalg.solve(K, (expected[far, m : 2 * m] - S)[..., None])[..., 0]
@@ -297,6 +317,12 @@ def with_derivative(S: Expr, e: Expr) -> Expr:
     """S and dS/de, row after row, as one vector."""
     m, D = S.ufl_shape[0], ufl.diff(S, e)
     return ufl.as_vector([S[i] for i in range(m)] + [D[i, j] for i in range(m) for j in range(m)])
+
+
+def _vector_of(at: Coordinates) -> la.Vector:
+    """An assembly vector of the space of a body, owned and ghost nodes."""
+    dofmap = at.q0.function_space.dofmap
+    return la.vector(dofmap.index_map, dofmap.index_map_bs)
 
 
 def _largest(numbers: Iterable[Expr]) -> Expr:

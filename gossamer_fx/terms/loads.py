@@ -13,56 +13,67 @@ from petsc4py import PETSc
 
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.model.terms import Array, Assembly, CompiledTerms, MeshBody
+from gossamer_fx.model.roles import (
+    ExternalLoads,
+    Forces,
+    OnMeshes,
+    Resultants,
+    StepObserver,
+    Supply,
+    TangentForms,
+)
+from gossamer_fx.model.terms import Array, Body, MeshBody
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 from gossamer_fx.terms.coordinates import Coordinates
 
 
-class Loads(CompiledTerms):
+class Loads(
+    OnMeshes, ExternalLoads, StepObserver, Forces, TangentForms, Supply, Resultants, CompiledTerms
+):
     """All `Load` terms of a scene."""
-
-    supplies = made_of_forms = True
 
     def __init__(self, terms: Sequence[Load], system: Assembly) -> None:
         self._system = system
-        at = [system.bodies.index(term.body) for term in terms]
-        self._loads = [
-            (k, LoadForces(term, system.fields[k])) for k, term in zip(at, terms, strict=True)
-        ]
+        self._loads = [LoadForces(term, system.fields[term.body]) for term in terms]
 
-    def begin(self, t: float) -> None:
-        for _, load in self._loads:
+    def begin_step(self, t: float) -> None:
+        for load in self._loads:
             if load.term.at is not None:
                 load.term.at(t)
 
     def add_forces(self, r: PETSc.Vec) -> None:
         with r as values:
-            for k, load in self._loads:
+            for load in self._loads:
                 load.assemble()
-                self._system.fields[k].add_forces(
-                    -load.force.array, values[self._system.numbering.owned(k)]
-                )
+                body = load.term.body
+                owned = self._system.block(body).owned
+                self._system.fields[body].add_forces(-load.force.array, values[owned])
 
-    def tangent_forms(self, k: int) -> list[fem.Form]:
-        return [load.tangent for j, load in self._loads if j == k and load.tangent]
+    def tangent_forms(self, body: Body) -> list[fem.Form]:
+        return [load.tangent for load in self._loads if load.term.body is body and load.tangent]
 
     def supplied(self) -> float:
-        work, Δq = 0.0, self._system.q1.array_r - self._system.q0.array_r
-        for k, load in self._loads:
-            owned = self._system.numbering.owned(k)
+        work = 0.0
+        Δq = self._system.q1.array_r - self._system.q0.array_r
+        for load in self._loads:
+            body = load.term.body
+            owned = self._system.block(body).owned
             forces = np.zeros(owned.stop - owned.start)
-            self._system.fields[k].add_forces(load.path_average(), forces)
+            self._system.fields[body].add_forces(load.path_average(), forces)
             work += float(Δq[owned] @ forces)
         return work
 
     def resultants(self) -> dict[str, Array]:
         system, found = self._system, dict[str, Array]()
-        for k, load in self._loads:
-            owned, α = system.numbering.owned(k), system.rule.alpha
-            q = ((1 - α) * system.past.array_r[owned] + α * system.q0.array_r[owned]).reshape(-1, 3)
-            f = load.force.array[: owned.stop - owned.start].reshape(-1, 3)
-            total = np.array(
-                [f[:: system.bodies[k].block.size // 3].sum(axis=0), np.cross(q, f).sum(axis=0)]
+        α = system.rule.alpha
+        for load in self._loads:
+            body = load.term.body
+            owned = system.block(body).owned
+            q = ((1 - α) * system.previous.array_r[owned] + α * system.q0.array_r[owned]).reshape(
+                -1, 3
             )
+            f = load.force.array[: owned.stop - owned.start].reshape(-1, 3)
+            total = np.array([f[:: body.block.size // 3].sum(axis=0), np.cross(q, f).sum(axis=0)])
             found[load.term.name] = found.get(load.term.name, 0.0) + total
         return found
 

@@ -14,40 +14,40 @@ from petsc4py import PETSc
 from gossamer_fx.algebra.numbering import GlobalIndices
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.model.terms import Array, Assembly, Body, CompiledTerms, MeshBody
+from gossamer_fx.model.roles import Mass, MassForms, OnMeshes
+from gossamer_fx.model.terms import Array, Body, MeshBody
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 
-class Masses(CompiledTerms):
+class Masses(OnMeshes, Mass, MassForms, CompiledTerms):
     """All `KineticEnergy` terms of a scene."""
-
-    made_of_forms = True
 
     def __init__(self, terms: Sequence[KineticEnergy], system: Assembly) -> None:
         self._system = system
-        self._terms = [(system.bodies.index(term.body), term) for term in terms]
+        self._terms = terms
 
-    def mass_forms(self, k: int) -> list[fem.Form]:
-        at = self._system.fields.get(k)
-        return [
-            compile_form(term.mass(at.dq, at.w))
-            for j, term in self._terms
-            if j == k and at is not None
-        ]
+    def mass_forms(self, body: Body) -> list[fem.Form]:
+        found = []
+        for term in self._terms:
+            if term.body is body:
+                at = self._system.fields[term.body]
+                found.append(compile_form(term.mass(at.dq, at.w)))
+        return found
 
     def add_mass(self, M: PETSc.Mat) -> None:
-        for k in dict.fromkeys(k for k, _ in self._terms):
-            self._system.numbering.assemble(M, k, self.mass_forms(k))
+        for body in dict.fromkeys(term.body for term in self._terms):
+            self._system.block(body).assemble(M, self.mass_forms(body))
 
     def add_gyroscopic(self, G: PETSc.Mat, spin: tuple[float, float, float]) -> None:
-        for k, term in self._terms:
-            at = self._system.fields[k]
+        for term in self._terms:
+            at = self._system.fields[term.body]
             ω = fem.Constant(at.q0.function_space.mesh, tuple(float(c) for c in spin))
             v = [
                 ufl.cross(ω, ufl.as_vector([at.dq[i + j] for j in range(3)]))
                 for i in range(0, len(at.dq), 3)
             ]
             turned = ufl.as_vector([vector[j] for vector in v for j in range(3)])
-            self._system.numbering.assemble(G, k, [compile_form(2 * term.mass(turned, at.w))])
+            self._system.block(term.body).assemble(G, [compile_form(2 * term.mass(turned, at.w))])
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +59,12 @@ class KineticEnergy:
     compiler: ClassVar[type[CompiledTerms]] = Masses
 
 
-class NodeMasses(CompiledTerms):
+class NodeMasses(Mass, CompiledTerms):
     """All `NodeKineticEnergy` terms of a scene."""
 
     def __init__(self, terms: Sequence[NodeKineticEnergy], system: Assembly) -> None:
         self._system = system
-        self._terms = [(system.bodies.index(term.body), term) for term in terms]
+        self._terms = terms
 
     def add_mass(self, M: PETSc.Mat) -> None:
         for rows, mass in self._nodes():
@@ -77,12 +77,9 @@ class NodeMasses(CompiledTerms):
 
     def _nodes(self) -> Iterator[tuple[GlobalIndices, Array]]:
         """Global indices and mass (s, s) of every owned node."""
-        numbering = self._system.numbering
-        for k, term in self._terms:
-            size = term.body.block.size
-            for i in range(len(term.mass)):
-                first = numbering.start + numbering.owned(k).start + i * size
-                yield (first + np.arange(size)).astype(PETSc.IntType), term.mass[i]
+        for term in self._terms:
+            rows = self._system.block(term.body).rows.reshape(-1, term.body.block.size)
+            yield from zip(rows, term.mass, strict=True)
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,14 +27,9 @@ from gossamer_fx.algebra.places import (
     own_places,
 )
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import (
-    Array,
-    Assembly,
-    Attached,
-    Block,
-    CompiledConstraints,
-    CompiledTerms,
-)
+from gossamer_fx.model.roles import Forces, Multipliers, StateObserver
+from gossamer_fx.model.terms import Array, Attached, Block
+from gossamer_fx.terms.assembly import Assembly, CompiledConstraints, CompiledTerms
 
 DISTANCE = (
     1e-8  # largest violation at the start, in units of the constraint; it stands for "coincides"
@@ -44,7 +39,7 @@ CHECK_UP_TO = (
 )
 
 
-class PointConstraints(CompiledConstraints):
+class PointConstraints(Multipliers, StateObserver, Forces, CompiledConstraints):
     """All `PointConstraint` terms of a scene; those that are alike are one array.
 
     The multipliers of term k are the k-th block behind those of the bodies.
@@ -80,7 +75,7 @@ class PointConstraints(CompiledConstraints):
     def places(self) -> list[list[tuple[Attached, ...]]]:
         return [[t.measure.places[i] for i in own_places(t.measure.places)] for t in self._terms]
 
-    def keep(self) -> None:
+    def commit(self) -> None:
         self._q0 = self._gather(self._system.q0)
 
     def add_forces(self, r: PETSc.Vec) -> None:

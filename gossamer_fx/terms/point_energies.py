@@ -14,7 +14,17 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.algebra.places import Gather, Places, PointMeasure, add_blocks, nodes_of
-from gossamer_fx.model.terms import Array, Assembly, CompiledTerms
+from gossamer_fx.model.roles import (
+    Dissipation,
+    Forces,
+    IterateObserver,
+    StateObserver,
+    StepObserver,
+    StoredEnergies,
+    Tangents,
+)
+from gossamer_fx.model.terms import Array
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 
 class PointDensity(Protocol):
@@ -131,7 +141,16 @@ def _places(on: Any) -> Any:
     return slice(None) if on.all() else np.flatnonzero(on)
 
 
-class PointEnergies(CompiledTerms):
+class PointEnergies(
+    StepObserver,
+    IterateObserver,
+    StateObserver,
+    Forces,
+    Tangents,
+    StoredEnergies,
+    Dissipation,
+    CompiledTerms,
+):
     """All `PointStoredEnergy` and `PointDissipation` terms of a scene."""
 
     def __init__(
@@ -159,12 +178,12 @@ class PointEnergies(CompiledTerms):
         self._gather = Gather(system.numbering, [stencil.at.indices for stencil in self._stencils])
         self._ends: list[Array] | None = None  # unknowns of the stencils in q1
 
-    def begin(self, t: float) -> None:
+    def begin_step(self, t: float) -> None:
         self._ends = None
         for stencil in self._stencils:
             stencil.h = self._system.h
 
-    def move(self, linearly: bool) -> None:
+    def update(self, linearly: bool) -> None:
         self._ends = None
 
     def _at_end(self) -> list[Array]:
@@ -172,7 +191,7 @@ class PointEnergies(CompiledTerms):
             self._ends = self._gather(self._system.q1)
         return self._ends
 
-    def keep(self) -> None:
+    def commit(self) -> None:
         for stencil, q in zip(self._stencils, self._gather(self._system.q0), strict=True):
             stencil.keep(q)
 

@@ -10,7 +10,16 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.algebra.places import Gather, attach, is_here, is_point
-from gossamer_fx.model.terms import Array, Assembly, Attached, CompiledTerms
+from gossamer_fx.model.roles import (
+    ExternalLoads,
+    Forces,
+    Resultants,
+    StepObserver,
+    Supply,
+    Tangents,
+)
+from gossamer_fx.model.terms import Array, Attached
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 
 class PointForce(Protocol):
@@ -29,10 +38,8 @@ class PointForce(Protocol):
         ...
 
 
-class PointLoads(CompiledTerms):
+class PointLoads(ExternalLoads, StepObserver, Forces, Tangents, Supply, Resultants, CompiledTerms):
     """All `PointLoad` terms of a scene: force f(X̄) on attached vectors X = P q + o, work f·(X1 - X0)."""
-
-    supplies = True
 
     def __init__(self, terms: Sequence[PointLoad], system: Assembly) -> None:
         self._system, self._terms, self._laws = system, terms, [term.law for term in terms]
@@ -54,7 +61,7 @@ class PointLoads(CompiledTerms):
             for X0, X1 in zip(self._X0, self._vectors(self._system.q1), strict=True)
         ]
 
-    def begin(self, t: float) -> None:
+    def begin_step(self, t: float) -> None:
         system = self._system
         self._X0 = self._vectors(system.q0)
         rates = [

@@ -10,10 +10,12 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.algebra.places import add_blocks, attach_all, own_places
-from gossamer_fx.model.terms import Array, Assembly, CompiledTerms, Port
+from gossamer_fx.model.roles import Mass
+from gossamer_fx.model.terms import Array, Port
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 
-class AttachedMasses(CompiledTerms):
+class AttachedMasses(Mass, CompiledTerms):
     """All `AttachedKineticEnergy` terms of a scene."""
 
     def __init__(self, terms: Sequence[AttachedKineticEnergy], system: Assembly) -> None:

@@ -12,24 +12,25 @@ from petsc4py import PETSc
 
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.model.terms import Assembly, CompiledTerms, MeshBody
+from gossamer_fx.model.roles import ConstantStiffness, StoredEnergies
+from gossamer_fx.model.terms import MeshBody
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 
-class QuadraticEnergies(CompiledTerms):
+class QuadraticEnergies(ConstantStiffness, StoredEnergies, CompiledTerms):
     """All `QuadraticEnergy` terms of a scene: a constant matrix, and nothing in an iteration."""
 
     def __init__(self, terms: Sequence[QuadraticEnergy], system: Assembly) -> None:
         self._system = system
         self._stiffness, self._energies = [], []
         for term in terms:
-            k = system.bodies.index(term.body)
-            at = system.fields[k]
-            self._stiffness.append((k, compile_form(term.form(at.dq, at.w))))
+            at = system.fields[term.body]
+            self._stiffness.append((term.body, compile_form(term.form(at.dq, at.w))))
             self._energies.append((term.name, compile_form(term.form(at.q0, at.q0))))
 
     def add_stiffness(self, K: PETSc.Mat) -> None:
-        for k, form in self._stiffness:
-            self._system.numbering.assemble(K, k, [form])
+        for body, form in self._stiffness:
+            self._system.block(body).assemble(K, [form])
 
     def energies(self) -> dict[str, float]:
         found: dict[str, float] = {}

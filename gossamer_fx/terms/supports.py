@@ -11,7 +11,8 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from gossamer_fx.checks.errors import check_on_all
-from gossamer_fx.model.terms import Array, Assembly, Body, CompiledTerms, Indices
+from gossamer_fx.model.terms import Array, Body, Indices
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 Motion = Callable[[float], Array]
 
@@ -27,7 +28,7 @@ class Supports(CompiledTerms):
         found = [np.zeros(0, dtype=np.int64)]
         self._moved: list[tuple[npt.NDArray[np.int64], Motion]] = []
         for term in terms:
-            owned = self._numbering.owned(system.bodies.index(term.body))
+            owned = system.block(term.body).owned
             mine = term.dofs < owned.stop - owned.start
             at = term.dofs[mine].astype(np.int64) + owned.start
             found.append(at)

@@ -7,7 +7,6 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.algebra.places import values_of
 from gossamer_fx.control.rotation import euler_angles, euler_axes, position_gradient, rotation
 
 
@@ -23,7 +22,8 @@ def controlled(
 
 def angle_and_rate(run: gx.Simulation) -> tuple[float, float]:
     frame = run.scene.bodies[0].frame()
-    d, v = (values_of(run.system, frame.directors, q)[0] for q in (run.system.q0, run.system.v0))
+    state = run.system.state
+    d, v = state.vector(frame.directors[0]), state.rate(frame.directors[0])
     return float(np.arctan2(d[1], d[0])), float(np.cross(d, v)[2])
 
 

@@ -9,7 +9,6 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.algebra.places import values_of
 from meshes.line import line
 
 TIGHT = gx.Tolerances(relative=1e-13)
@@ -112,7 +111,7 @@ def test_two_bars_exchange_their_velocities() -> None:
         return [float(p.array_r[run.system.numbering.owned(k)][::3].sum()) for k in (0, 1)]
 
     def overlaps() -> bool:
-        x = values_of(run.system, ends, run.system.q0)[:, 0]
+        x = run.system.state.vectors(ends)[:, 0]
         return bool(x[1] - x[0] < rod)
 
     duration, mass = contact(run, overlaps), ρ * A * L

@@ -10,22 +10,32 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
-from gossamer_fx.algebra.places import Gather, Places, PointMeasure, add_blocks, values_of
+from gossamer_fx.algebra.places import Gather, Places, PointMeasure, add_blocks
 from gossamer_fx.connectors.spring import LengthSpring, half_distance_squared
-from gossamer_fx.model.terms import Array, Assembly, CompiledTerms, Port, Term
+from gossamer_fx.model.roles import (
+    ActiveSet,
+    Forces,
+    History,
+    StateObserver,
+    StepCheck,
+    StoredEnergies,
+)
+from gossamer_fx.model.state import State
+from gossamer_fx.model.terms import Array, Port, Term
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 from gossamer_fx.terms.point_energies import Stencil
 
 Pairs = frozenset[tuple[int, int]]
 
 
-class Collisions(CompiledTerms):
+class Collisions(
+    ActiveSet, StateObserver, StepCheck, Forces, StoredEnergies, History, CompiledTerms
+):
     """Pairs of spheres that may touch in the step, as one stencil.
 
     Before a step they are those within reach at the present speeds; those that its end shows to be missing are added.
     A sphere that another has passed through refuses the step.
     """
-
-    searches = True
 
     def __init__(self, terms: Sequence[CollidingSpheres], system: Assembly) -> None:
         [self.spheres] = terms
@@ -46,37 +56,36 @@ class Collisions(CompiledTerms):
         density = LengthSpring(self.spheres.stiffness, 2 * self.spheres.radius, side=-1)
         self.pairs, self._stencil = pairs, Stencil(at, density, False, self._system.rule.alpha)
         self._gather = Gather(self._system.numbering, [at.indices])
-        self.keep()
+        self.commit()
 
     def _within(self, x: Array, reach: float) -> Pairs:
         return frozenset(cKDTree(x).query_pairs(reach))
 
-    def search(self) -> None:
-        v = values_of(self._system, self._ports, self._system.v0)
+    def update_active_set(self) -> None:
+        v = self._system.state.rates(self._ports)
         reach = 2 * (
             self.spheres.radius
             + self.spheres.foresight * self._system.h * np.linalg.norm(v, axis=1).max()
         )
-        self._take(self._within(values_of(self._system, self._ports, self._system.q0), reach))
+        self._take(self._within(self._system.state.vectors(self._ports), reach))
         self.found = max(self.found, len(self.pairs))
 
-    def widen(self) -> bool:
-        touching = self._within(
-            values_of(self._system, self._ports, self._system.q1), 2 * self.spheres.radius
-        )
+    def extend_active_set(self) -> bool:
+        touching = self._within(self._system.end.vectors(self._ports), 2 * self.spheres.radius)
         missed = touching - self.pairs
         if missed:
             self._take(self.pairs | missed)
             self.widened += 1
         return bool(missed)
 
+    def limit_update(self, update: Array) -> None:
+        """Spheres may go as far as they like in an iteration."""
+
     def inadmissible(self) -> str:
-        closest = self._within(
-            values_of(self._system, self._ports, self._system.q1), 0.2 * self.spheres.radius
-        )
+        closest = self._within(self._system.end.vectors(self._ports), 0.2 * self.spheres.radius)
         return f"{len(closest)} spheres passed through each other" if closest else ""
 
-    def keep(self) -> None:
+    def commit(self) -> None:
         [q] = self._gather(self._system.q0)
         self._stencil.keep(q)
 
@@ -86,7 +95,7 @@ class Collisions(CompiledTerms):
         r.setValues(rows, self._stencil.force(q).ravel(), addv=PETSc.InsertMode.ADD_VALUES)
         r.assemble()
 
-    def couplings(self, diagonal: PETSc.Vec | None) -> list[PETSc.Mat]:
+    def coupling_matrices(self, diagonal: PETSc.Vec | None) -> list[PETSc.Mat]:
         [q] = self._gather(self._system.q1)
         C = self._system.numbering.matrix()
         add_blocks(C, self._stencil.at.indices, self._stencil.at.indices, self._stencil.tangent(q))
@@ -118,5 +127,5 @@ class CollidingSpheres:
         for port in self.ports:
             yield port.body
 
-    def terms(self) -> Iterable[Term]:
+    def terms(self, start: State) -> Iterable[Term]:
         yield self

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.algebra.places import values_of
 from tests.conservation.colliding_spheres import CollidingSpheres, Collisions
 
 
@@ -48,9 +47,7 @@ def test_pairs_that_were_overlooked_are_found_after_the_step() -> None:
     late.run(until=0.4)
     early.run(until=0.4)
     assert collisions(late).widened > 0 and collisions(early).widened == 0
-    x = [
-        values_of(run.system, collisions(run).spheres.ports, run.system.q0) for run in (late, early)
-    ]
+    x = [run.system.state.vectors(collisions(run).spheres.ports) for run in (late, early)]
     assert np.abs(x[0] - x[1]).max() < 1e-9
 
 
@@ -60,7 +57,7 @@ def test_a_step_in_which_spheres_pass_through_each_other_is_refused() -> None:
     spheres = CollidingSpheres((a.port(), b.port()), 0.1, 1e8)
     run = gx.Simulation(gx.Scene(a, b, spheres), gx.Midpoint(dt=1e-2))
     run.run(until=3e-2)
-    x = values_of(run.system, spheres.ports, run.system.q0)
+    x = run.system.state.vectors(spheres.ports)
     assert run.substeps > 0 and x[0, 0] < x[1, 0]
     assert abs(run.energy_error) < 1e-10
 

@@ -92,19 +92,19 @@ def test_the_tangent_contains_the_share_of_the_rings(order, monkeypatch):
     """A δ against a central difference of the forces at held pressures."""
     soft = gx.Linear(E=1e3, nu=0.3, density=1420.0, thickness=25e-6)
     system = compartments(order, cells=4, law=soft).system
-    y = system.begin(1e-4)
-    system.inertia(0.0)
+    y = system.begin_step(1e-4)
+    system.set_inertia(0.0)
     start, end = system.q0.getOwnershipRange()
     direction = np.sin(np.arange(start, end) * 1.7)
     y = np.tile(1e4, len(y))  # pressure loads that outweigh the film
     monkeypatch.setattr(
-        system.borders[0], "_at_iterate", lambda y: y
+        system.scalar_unknowns[0], "_at_iterate", lambda y: y
     )  # the gas would not have them
 
     def forces(step):
         z, r = system.q0.copy(), system.q0.duplicate()
         z.array[:] += step * direction
-        system.take(z)
+        system.set_end(z)
         system.residual(y, r)
         return r
 

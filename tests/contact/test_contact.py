@@ -199,7 +199,7 @@ def test_probes_tell_force_gap_and_penetrations(comm):
     run = simulate([contact], 8e-4, outputs=[seen])
     assert np.allclose(seen["down"], -seen["up"], atol=1e-12)
     impulse = 1e-4 * np.sum(seen["up"])
-    owned = run.system.numbering.owned(run.system.bodies.index(upper))
+    owned = run.system.state[upper].part
     P = run.system.numbering.vector()
     run.system.M.mult(run.system.v0, P)
     momentum = comm.allreduce(P.array_r[owned][2::3].sum())

@@ -48,9 +48,9 @@ def test_the_tangent_is_the_derivative_of_the_residual(comm, body) -> None:
     run = touching(comm, body)
     system = run.system
     numbering = system.numbering
-    contacts = system.searching[0]
+    contacts = system.active_sets[0]
     held = system.supports.held
-    system.begin(1e-4)
+    system.begin_step(1e-4)
     q, z, end = (numbering.vector() for _ in range(3))
     q.waxpy(1e-4, system.v0, system.q0)
     z.array[:] = np.random.default_rng(comm.rank).normal(size=numbering.size_local)
@@ -58,7 +58,7 @@ def test_the_tangent_is_the_derivative_of_the_residual(comm, body) -> None:
 
     def forces(step: float):
         end.waxpy(step, z, q)
-        system.take(end)
+        system.set_end(end)
         r = numbering.vector()
         contacts.add_forces(r)
         r.array[held] = 0

@@ -25,7 +25,7 @@ def test_updates_go_no_farther_than_contact_can_follow(comm):
         0.0, 5e-3, system.numbering.vector().getLocalSize()
     )
     given = update.copy()
-    system.limit(update)
+    system.limit_update(update)
     for k, body in enumerate(system.bodies):
         owned = system.numbering.owned(k)
         before, after = given[owned].reshape(-1, 3), update[owned].reshape(-1, 3)
@@ -37,7 +37,7 @@ def test_updates_go_no_farther_than_contact_can_follow(comm):
 
 def test_a_scene_without_contact_limits_nothing(comm):
     run = gx.Simulation(gx.Scene(film(comm)), gx.Midpoint(dt=1e-4))
-    assert not run.system.searching
+    assert not run.system.active_sets
 
 
 def test_careful_tangents_are_complete_near_the_solution(monkeypatch):
@@ -95,9 +95,9 @@ def test_edges_nearer_than_their_barrier_lets_them_are_refused(comm, gap, words)
     films = [film(comm, n=2, name="lower"), film(comm, n=2, height=1.2 * d, turn=0.4, name="upper")]
     run = simulate([*films, gx.Contact(*films, distance=d)], 1e-6, dt=1e-6)
     system = run.system
-    system.begin(1e-6)
+    system.begin_step(1e-6)
     system.q0.copy(system.q1)
     with system.q1 as values:
         values[system.numbering.owned(1)].reshape(-1, 3)[:, 2] -= (1.2 - gap) * d
-    system.widen()
+    system.extend_active_set()
     assert words in system.inadmissible() and bool(words) == bool(system.inadmissible())

@@ -118,6 +118,6 @@ def test_a_stack_that_spins_has_no_more_candidates(spin: float) -> None:
     contact = gx.Contact(*films, distance=1e-3)
     run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=1e-4))
     run.run(until=1e-3)
-    group = run.system.searching[0].groups[contact]
+    group = run.system.active_sets[0].groups[contact]
     assert group.searches <= 4
     assert len(group.found.names) <= 100

@@ -65,7 +65,7 @@ def test_films_face_to_face_meet_as_bodies_on_a_spring() -> None:
     assert d - min(seen["gap"]) == pytest.approx(depth, rel=0.05)
     P = run.system.numbering.vector()
     run.system.M.mult(run.system.v0, P)
-    owned = run.system.numbering.owned(run.system.bodies.index(base))
+    owned = run.system.state[base].part
     assert P.array_r[owned][2::3].sum() == pytest.approx(run.first.momentum[2], rel=0.03)
 
 

@@ -13,7 +13,6 @@ from demos.reduced_sail import SPIN as DEMO_SPIN
 from demos.reduced_sail import film as demo_film
 from demos.reduced_sail import main, saddle, steady
 from gossamer_fx.fields.fields import AreaFractions, FieldFunctions
-from gossamer_fx.model.ports import initial, initial_rate
 from meshes.sheet import sheet
 
 COMM = MPI.COMM_WORLD
@@ -37,7 +36,7 @@ def flight(film: gx.Membrane, outputs=(), dt: float = 0.02, **options) -> gx.Sim
     """With a mass at each corner, in free flight."""
     ports = [film.port_at(corner) for corner in CORNERS]
     tips = [
-        gx.PointMass(0.05, tuple(initial(p)), velocity=tuple(initial_rate(p)), name=f"tip {k}")
+        gx.PointMass(0.05, tuple(p.initial()), velocity=tuple(p.initial_rate()), name=f"tip {k}")
         for k, p in enumerate(ports)
     ]
     joints = [

@@ -82,15 +82,15 @@ def test_the_gas_follows_the_volume_as_its_coupling_says(scene) -> None:
     """C δy = -Hᵀ δq of the coupling against central differences of the gas at volumes a little larger and smaller."""
     run = gx.Simulation(scene(), gx.Midpoint(dt=5e-3))
     system = run.system
-    border = system.borders[0]
-    y0 = system.begin(5e-3)
-    system.inertia(0.0)
+    border = system.scalar_unknowns[0]
+    y0 = system.begin_step(5e-3)
+    system.set_inertia(0.0)
     δ = np.sin(1.3 * np.arange(system.numbering.size) + 0.4)
 
     def gas(step: float) -> np.ndarray:
         z, r = system.q0.copy(), system.q0.duplicate()
         z.array[:] += step * δ
-        system.take(z)
+        system.set_end(z)
         s = system.residual(y0, r)
         assert abs(s).max() < 1e-12  # it was solved at these volumes
         return border._y.copy()
@@ -174,14 +174,14 @@ def test_rings_of_even_and_odd_numbers_of_edges_close_a_volume(n: int, order: in
 def test_the_chamber_is_named_whose_gas_is_not_in_balance() -> None:
     """The mass of the second chamber's piston is beyond its bottom."""
     system = gx.Simulation(two_pistons(), gx.Midpoint(dt=5e-3)).system
-    y, border = system.begin(5e-3), system.borders[0]
-    system.inertia(0.0)
+    y, border = system.begin_step(5e-3), system.scalar_unknowns[0]
+    system.set_inertia(0.0)
     z, r = system.q0.copy(), system.q0.duplicate()
-    system.take(z)
+    system.set_end(z)
     system.residual(y, r)
     assert border.unsolved() == ""
     z.array[3] -= 0.5
-    system.take(z)
+    system.set_end(z)
     system.residual(y, r)
     assert re.match(
         r"the gas of 'chamber of 150000 Pa' is not in balance \(volume -0\.003 m³",
@@ -192,12 +192,12 @@ def test_the_chamber_is_named_whose_gas_is_not_in_balance() -> None:
 @pytest.mark.mpi
 def test_an_iterate_that_is_no_number_is_forgotten() -> None:
     system = open_cylinder(8).system
-    first = system.begin(1e-6)
-    system.inertia(0.0)
+    first = system.begin_step(1e-6)
+    system.set_inertia(0.0)
     z, r = system.q0.copy(), system.q0.duplicate()
     z.set(np.nan)
-    system.take(z)
+    system.set_end(z)
     assert np.isnan(system.residual(first, r)).any()
-    assert system.begin(1e-6) == pytest.approx(first, rel=1e-14)
-    system.take(system.q0)
+    assert system.begin_step(1e-6) == pytest.approx(first, rel=1e-14)
+    system.set_end(system.q0)
     assert abs(system.residual(first, r)).max() < 1e-12

@@ -21,11 +21,11 @@ system = run.system
 print(json.dumps({
     "modules": sorted(sys.modules),
     "unknowns": system.numbering.size,
-    "borders": len(system.borders),
+    "borders": len(system.scalar_unknowns),
     "compiled": sorted(type(terms).__name__ for terms in system.compiled),
     "stiffness": system.K is not None,
     "constraints": system.constraints is not None,
-    "searching": len(system.searching),
+    "searching": len(system.active_sets),
 }))
 """
 

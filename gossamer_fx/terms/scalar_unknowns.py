@@ -9,7 +9,9 @@ from typing import Any, Protocol, runtime_checkable
 from dolfinx import fem
 from petsc4py import PETSc
 
-from gossamer_fx.model.terms import Array, Assembly, Body
+from gossamer_fx.model.state import InitialState
+from gossamer_fx.model.terms import Array, Body
+from gossamer_fx.terms.assembly import Assembly
 
 
 @dataclass(frozen=True)
@@ -28,8 +30,8 @@ class InitialCondition(Protocol):
 
     name: str
 
-    def initialise(self, system: Assembly, q: PETSc.Vec, v: PETSc.Vec) -> None:
-        """Change coordinates q and velocities v."""
+    def initialise(self, start: InitialState) -> None:
+        """Change coordinates or velocities, by `start.place` and `start.set_in_motion`."""
         ...
 
 
@@ -48,7 +50,7 @@ class ScalarUnknowns(Protocol):
         """Take the initial state."""
         ...
 
-    def begin(self, h: float, t: float) -> Array:
+    def begin_step(self, h: float, t: float) -> Array:
         """Start a step of length h whose rates are taken at time t; returns a first guess of y (size,)."""
         ...
 
@@ -80,7 +82,7 @@ class ScalarUnknowns(Protocol):
         """In words, of what the last residual is far from zero, e.g. the gas of a chamber; else nothing."""
         ...
 
-    def accept(self) -> None:
+    def commit(self) -> None:
         """End the step."""
         ...
 

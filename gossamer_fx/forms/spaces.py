@@ -1,0 +1,16 @@
+"""Nodes of the cells of function spaces."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+
+
+def cell_nodes(space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
+    """Local nodes (cells, k) of all cells of a space, those of ghost cells last.
+
+    The first of them are the corners of the cell; nodes on edges follow in the order of the element.
+    """
+    nodes: npt.NDArray[np.int32] = space.dofmap.list
+    return nodes

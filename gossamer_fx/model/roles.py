@@ -1,0 +1,320 @@
+"""The roles that a compiled kind of terms may play in the equations.
+
+All terms of one kind in a scene are compiled together, by the class that the term names as its
+`compiler`.  That class plays the roles that it needs and names them as its bases:
+
+    class PointEnergies(StepObserver, Forces, Tangents, StoredEnergies, Dissipation): ...
+
+The system sorts compiled kinds by role once, when the scene is compiled; a kind is not asked for
+what it has no part in.  All methods are collective: they are called on all ranks together.
+
+Vectors and matrices are in the numbering of the system.  A step goes from coordinates q0 at time t0
+to q1 at t1 = t0 + h; the forces of a step act on q_mid = (1 - α) q0 + α q1, α = `system.rule.alpha`.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from gossamer_fx.drawing.solids import Solid
+
+if TYPE_CHECKING:
+    from gossamer_fx.model.terms import Array, Block, Body, Indices
+
+# ---- equations -------------------------------------------------------------------------------------
+
+
+@runtime_checkable
+class Mass(Protocol):
+    """Has a constant mass matrix."""
+
+    @abstractmethod
+    def add_mass(self, M: PETSc.Mat) -> None:
+        """Add the mass matrix [kg] to M."""
+        ...
+
+    @abstractmethod
+    def add_gyroscopic(self, G: PETSc.Mat, spin: tuple[float, float, float]) -> None:
+        """Add the matrix of the Coriolis force 2 M (ω×v) in a frame that turns with ω = `spin` [rad/s]."""
+        ...
+
+
+@runtime_checkable
+class MassForms(Protocol):
+    """Has a mass matrix that is assembled from forms on a mesh."""
+
+    @abstractmethod
+    def mass_forms(self, body: Body) -> list[fem.Form]:
+        """Bilinear forms of the mass of a body; an empty list for bodies that it does not concern."""
+        ...
+
+
+@runtime_checkable
+class ConstantStiffness(Protocol):
+    """Has a quadratic energy ½ q·Kq: its force is K q_mid, and its tangent is assembled once."""
+
+    @abstractmethod
+    def add_stiffness(self, K: PETSc.Mat) -> None:
+        """Add the constant stiffness [N/m] to K."""
+        ...
+
+
+@runtime_checkable
+class Forces(Protocol):
+    """Contributes to the residual."""
+
+    @abstractmethod
+    def add_forces(self, r: PETSc.Vec) -> None:
+        """Add internal forces [N] to the residual r; loads with the opposite sign."""
+        ...
+
+
+@runtime_checkable
+class Tangents(Protocol):
+    """Contributes to the tangent, with a sparsity pattern that does not change."""
+
+    @abstractmethod
+    def add_tangents(self, A: PETSc.Mat) -> None:
+        """Add the derivative of its forces with respect to q1; the first call sets the pattern."""
+        ...
+
+
+@runtime_checkable
+class TangentForms(Protocol):
+    """Contributes to the tangent by forms on a mesh."""
+
+    @abstractmethod
+    def tangent_forms(self, body: Body) -> list[fem.Form]:
+        """Bilinear forms of the derivative of its forces on a body with respect to q1."""
+        ...
+
+
+class OnMeshes:
+    """Marks a kind of which everything comes from forms on meshes: nothing acts on or between points.
+
+    Solvers that assemble sub-domains by themselves can take such a scene (`solvers.subdomains`).
+    """
+
+
+class ExternalLoads:
+    """Marks a kind whose forces are loads: reactions of supports balance them."""
+
+
+@runtime_checkable
+class Multipliers(Protocol):
+    """Needs Lagrange multipliers, numbered behind the bodies."""
+
+    @classmethod
+    @abstractmethod
+    def multipliers(cls, terms: Sequence[Any], comm: MPI.Intracomm) -> list[Block]:
+        """Blocks of multipliers for all terms of the kind."""
+        ...
+
+
+# ---- the course of a step --------------------------------------------------------------------------
+
+
+@runtime_checkable
+class StepObserver(Protocol):
+    """Has to know when a step begins."""
+
+    @abstractmethod
+    def begin_step(self, t: float) -> None:
+        """Start a step of length `system.h` [s] whose forces act at time t [s]."""
+        ...
+
+
+@runtime_checkable
+class IterateObserver(Protocol):
+    """Has to know when the Newton iteration changes q1."""
+
+    @abstractmethod
+    def update(self, linearly: bool) -> None:
+        """q1 was set; with `linearly`, strains on meshes may follow linearly from the last iterate."""
+        ...
+
+
+@runtime_checkable
+class StateObserver(Protocol):
+    """Has to know when a state is accepted."""
+
+    @abstractmethod
+    def commit(self) -> None:
+        """The step was accepted: q0 is the start of the next step, whose end q1 it was."""
+        ...
+
+
+@runtime_checkable
+class ActiveSet(Protocol):
+    """Has a connectivity that changes from step to step, as contact has."""
+
+    @abstractmethod
+    def update_active_set(self) -> None:
+        """Rebuild the list of interacting pairs before a step."""
+        ...
+
+    @abstractmethod
+    def extend_active_set(self) -> bool:
+        """After a step was solved: add pairs that its end needs and that were missing.
+
+        Returns True on a rank that added pairs; the step is then solved again from where it ended.
+        """
+        ...
+
+    @abstractmethod
+    def limit_update(self, update: Array) -> None:
+        """Shorten a Newton update (n,) of this rank's coordinates, in place (step-length control)."""
+        ...
+
+    @abstractmethod
+    def coupling_matrices(self, diagonal: PETSc.Vec | None) -> list[PETSc.Mat]:
+        """Its part of the tangent at the last residual, zero at fixed coordinates, as new matrices.
+
+        With a diagonal: only the blocks that a preconditioner needs in addition to a matrix that has
+        this diagonal.  The caller destroys them.
+        """
+        ...
+
+
+@runtime_checkable
+class StepCheck(Protocol):
+    """May find the solution of a step inadmissible, e.g. because films have passed through each other."""
+
+    @abstractmethod
+    def inadmissible(self) -> str:
+        """What is wrong with the solution, in words; empty if nothing is.  The same on every rank."""
+        ...
+
+
+@runtime_checkable
+class History(Protocol):
+    """Has history variables: they are not functions of the coordinates and have to be checkpointed.
+
+    A field of a term may play this role too.
+    """
+
+    @abstractmethod
+    def get_state(self) -> dict[str, Any]:
+        """The history as numbers, strings and lists of them; the same on every rank."""
+        ...
+
+    @abstractmethod
+    def set_state(self, state: dict[str, Any]) -> None:
+        """Restore what `get_state` returned; coordinates and velocities have been restored."""
+        ...
+
+
+# ---- energy balance --------------------------------------------------------------------------------
+
+
+@runtime_checkable
+class StoredEnergies(Protocol):
+    """Stores energy."""
+
+    @abstractmethod
+    def energies(self) -> dict[str, float]:
+        """Stored energies [J] at q0 by name, this rank's share."""
+        ...
+
+
+@runtime_checkable
+class Dissipation(Protocol):
+    """Dissipates energy.
+
+    `losses` are the names of what dissipates, the same on every rank.
+    """
+
+    losses: Sequence[str]
+
+    @abstractmethod
+    def dissipated(self) -> Array:
+        """Loss of the step [J] for each of the `losses`, this rank's share; asked before `commit`."""
+        ...
+
+
+@runtime_checkable
+class Supply(Protocol):
+    """Supplies energy: a load, a motor, a support that moves."""
+
+    @abstractmethod
+    def supplied(self) -> float:
+        """Work of the step [J], this rank's share; asked before `commit`."""
+        ...
+
+
+@runtime_checkable
+class Resultants(Protocol):
+    """Can tell the resultants of its loads."""
+
+    @abstractmethod
+    def resultants(self) -> dict[str, Array]:
+        """Force [N] and torque about the origin [N m], (2, 3), of each load over the last step.
+
+        By name of the load; this rank's share.
+        """
+        ...
+
+
+@runtime_checkable
+class FrameMomenta(Protocol):
+    """Describes the bodies in a moving frame, which has a momentum of its own."""
+
+    @abstractmethod
+    def momenta(self) -> Array:
+        """What the frame adds to momentum [kg m/s] and angular momentum [kg m²/s], (2, 3), at q0.
+
+        This rank's share.
+        """
+        ...
+
+
+# ---- output ----------------------------------------------------------------------------------------
+
+
+@runtime_checkable
+class CellFields(Protocol):
+    """Has output fields with values in cells."""
+
+    @abstractmethod
+    def cell_values(self, field: str, body: Body) -> tuple[Indices, Array] | None:
+        """Local cells (n,) of a body and values (n,) of a field there at q0; None if it has none.
+
+        A cell may occur several times, and on any rank that knows it: the mean counts.
+        """
+        ...
+
+
+@runtime_checkable
+class NodeFields(Protocol):
+    """Has output fields with values at nodes."""
+
+    @abstractmethod
+    def node_values(self, field: str, body: Body) -> tuple[npt.NDArray[np.int64], Array] | None:
+        """Global nodes (n,) of a body and values (n,) of a field there at q0; None if it has none.
+
+        All ranks return all of them; what several kinds have adds up.
+        """
+        ...
+
+
+@runtime_checkable
+class Drawable(Protocol):
+    """Brings solids into pictures."""
+
+    @abstractmethod
+    def solids(self) -> list[Solid]:
+        """Solids to draw, the same on every rank; asked once the initial state is set."""
+        ...
+
+
+def playing[R](role: type[R], compiled: Sequence[object]) -> list[R]:
+    """Those of the compiled kinds that play a role.  Roles are looked up here and nowhere else."""
+    return [kind for kind in compiled if isinstance(kind, role)]

@@ -1,0 +1,103 @@
+"""What compiled terms see of a system, and what the system asks of them."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from gossamer_fx.algebra.numbering import NumberedBlock, Numbering
+from gossamer_fx.model.roles import Tangents
+from gossamer_fx.model.state import State
+from gossamer_fx.model.terms import Attached, Body, Term
+from gossamer_fx.terms.coordinates import Coordinates
+from gossamer_fx.terms.discrete_gradient import StressRule
+
+
+@dataclass(frozen=True)
+class Part:
+    """An item of a scene with the terms that it brings."""
+
+    item: object
+    terms: Sequence[Term]
+
+
+@runtime_checkable
+class Assembly(Protocol):
+    """What compiled terms and scalar unknowns see of the system.
+
+    A step goes from q0 at `time` to q1, `h` seconds later; forces act at
+    q_mid = (1-α) q0 + α q1, α = `rule.alpha`.
+
+    Attributes:
+        fields: coordinates of bodies on meshes, as functions for forms.
+        state: the accepted state, at `time`.
+        end: positions at the end of the step, as iterated.
+        previous: coordinates at the start of the last accepted step.
+        geometric: share of the geometric stiffness that tangents have: 1, or 0 in initial iterations
+            without it.
+    """
+
+    comm: MPI.Intracomm
+    bodies: list[Body]
+    terms: list[Term]
+    numbering: Numbering
+    fields: dict[Body, Coordinates]
+    rule: StressRule
+    state: State
+    end: State
+    previous: PETSc.Vec
+    q0: PETSc.Vec
+    q1: PETSc.Vec
+    v0: PETSc.Vec
+    time: float
+    h: float
+    geometric: float
+
+    @property
+    def initial(self) -> State:
+        """The state in which the scene starts."""
+        ...
+
+    def block(self, body: Body) -> NumberedBlock:
+        """The unknowns of a body in the numbering of the system."""
+        ...
+
+
+class CompiledTerms(Protocol):
+    """All terms of one kind, compiled; the roles that they play are its other bases (`model.roles`)."""
+
+    @abstractmethod
+    def __init__(self, terms: Sequence[Any], system: Assembly) -> None: ...
+
+
+class CompiledConstraints(Tangents, CompiledTerms):
+    """Measures that stay zero, by multipliers that stand at the end of each rank's unknowns."""
+
+    owned: slice  # the multipliers in this rank's part of a vector
+
+    def places(self) -> list[list[tuple[Attached, ...]]]:
+        """What each of this rank's multipliers ties, for each block of them."""
+        raise NotImplementedError
+
+    def violation(self, q: PETSc.Vec) -> float:
+        """Largest violation in a state, in the constraint's own units; the same on every rank."""
+        raise NotImplementedError
+
+    def validate(self, q0: PETSc.Vec, v0: PETSc.Vec, free: PETSc.Vec) -> None:
+        """See that the initial state keeps the constraints, and none follows from others; `free` is 0 where held."""
+        raise NotImplementedError
+
+    def idle(self, free: PETSc.Vec, q0: PETSc.Vec) -> npt.NDArray[np.int64]:
+        """Positions in this rank's part of a vector of multipliers that touch held coordinates only."""
+        raise NotImplementedError
+
+    def add_curvature(self, v: PETSc.Vec, r: PETSc.Vec) -> None:
+        """Add D²e[v, v] in the rows of the multipliers."""
+        raise NotImplementedError
