@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from gossamer_fx.analysis.form_finding import Prestress as Prestress
     from gossamer_fx.analysis.form_finding import find_form as find_form
     from gossamer_fx.analysis.mode_shapes import ModeShapes as ModeShapes
-    from gossamer_fx.analysis.modes import Mode as Mode
-    from gossamer_fx.analysis.modes import modes as modes
+    from gossamer_fx.analysis.natural_modes import Mode as Mode
+    from gossamer_fx.analysis.natural_modes import modes as modes
     from gossamer_fx.assemblies.inflatable_tube import InflatableTube as InflatableTube
     from gossamer_fx.assemblies.lidded_box import LiddedBox as LiddedBox
     from gossamer_fx.assemblies.rotation_guides import RotationGuides as RotationGuides
@@ -39,10 +39,10 @@ if TYPE_CHECKING:
     from gossamer_fx.bodies.plate import Plate as Plate
     from gossamer_fx.bodies.point_mass import PointMass as PointMass
     from gossamer_fx.bodies.rigid_body import RigidBody as RigidBody
-    from gossamer_fx.bodies.sections import Section as Section
-    from gossamer_fx.bodies.sections import rectangle as rectangle
-    from gossamer_fx.bodies.sections import solid_circle as solid_circle
-    from gossamer_fx.bodies.sections import tube as tube
+    from gossamer_fx.sections import Section as Section
+    from gossamer_fx.sections import rectangle as rectangle
+    from gossamer_fx.sections import solid_circle as solid_circle
+    from gossamer_fx.sections import tube as tube
     from gossamer_fx.checks.errors import InputError as InputError
     from gossamer_fx.checks.errors import NoEquilibrium as NoEquilibrium
     from gossamer_fx.checks.errors import OutputFailure as OutputFailure
@@ -156,7 +156,7 @@ if TYPE_CHECKING:
     from gossamer_fx.probes.spin import PolarPosition as PolarPosition
     from gossamer_fx.reduction.outside_basis import OutsideBasis as OutsideBasis
     from gossamer_fx.reduction.recorded_shapes import RecordedShapes as RecordedShapes
-    from gossamer_fx.reduction.reduce import reduce as reduce
+    from gossamer_fx.reduction.model_reduction import reduce as reduce
     from gossamer_fx.reduction.snapshots import Snapshots as Snapshots
     from gossamer_fx.run.checkpoint import Checkpoints as Checkpoints
     from gossamer_fx.run.checkpoint import latest as latest
@@ -183,7 +183,7 @@ _HOME = {
     "bodies.plate": ["Plate"],
     "bodies.point_mass": ["PointMass"],
     "bodies.rigid_body": ["RigidBody"],
-    "bodies.sections": ["Section", "rectangle", "solid_circle", "tube"],
+    "sections": ["Section", "rectangle", "solid_circle", "tube"],
     "assemblies.inflatable_tube": ["InflatableTube"],
     "assemblies.lidded_box": ["LiddedBox"],
     "assemblies.rotation_guides": ["RotationGuides"],
@@ -275,7 +275,7 @@ _HOME = {
     "reduction.outside_basis": ["OutsideBasis"],
     "reduction.recorded_shapes": ["RecordedShapes"],
     "reduction.snapshots": ["Snapshots"],
-    "reduction.reduce": ["reduce"],
+    "reduction.model_reduction": ["reduce"],
     "run.checkpoint": ["Checkpoints", "latest"],
     "sweep.robust_design": ["RobustDesign"],
     "run.events": ["At", "When"],
@@ -287,7 +287,7 @@ _HOME = {
     "analysis.crease_identification": ["HangingStrip", "IdentifiedCrease", "identify_crease"],
     "analysis.equilibrium": ["Continuation", "Equilibrium", "EquilibriumResult", "Found"],
     "analysis.mode_shapes": ["ModeShapes"],
-    "analysis.modes": ["Mode", "modes"],
+    "analysis.natural_modes": ["Mode", "modes"],
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 _ROOMS = ["fold"]  # whose names are asked of them: gx.fold.zigzag

@@ -17,7 +17,7 @@ from gossamer_fx.fields.fields import STATES
 from gossamer_fx.model.terms import Array
 from gossamer_fx.plot.camera import BY_STATE, STATE_COLOURS, Camera, aim, enlarged, render
 from gossamer_fx.plot.colours import NAMES, Scale, scale
-from gossamer_fx.plot.curves import scaled
+from gossamer_fx.plot.curve_panels import scaled
 from gossamer_fx.plot.page import DPI, arrange, write
 from gossamer_fx.plot.run_curves import run_curves
 from gossamer_fx.plot.run_reader import RunReader

@@ -24,6 +24,7 @@ FLOORS = (
     "materials",
     "algebra",
     "terms",
+    "sections",
     "bodies",
     "gas",
     "constraints",
