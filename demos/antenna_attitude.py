@@ -33,7 +33,7 @@ from meshes import antenna as meshes
 
 SIDE = 2.1  # m
 FILM = gx.Miyazaki(E=2.3e9, nu=0.3, density=1400.0, thickness=2e-5, residual=1e-8 / 35)
-BOOM = gx.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
+BOOM = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
 TARGETS = {1: (0.0, 0.0, 8.0), 2: (8.0, 0.0, 0.0)}  # degrees
 RATE, DAMPING = 0.6, 1.0  # of the controlled motion: Ω [rad/s], ζ
 
@@ -44,7 +44,7 @@ class Antenna:
 
     film: gx.Membrane
     booms: list[gx.Beam]
-    ties: list[gx.BallJoint]
+    ties: list[gx.constraints.BallJoint]
     points: np.ndarray  # A, B, C, D at the corners, E, F, G, H around the centre
 
     @property
@@ -61,7 +61,9 @@ def antenna(comm: MPI.Comm, film_cells: int, boom_elements: int, order: int = 1)
     ]
     points = meshes.tie_points(SIDE)
     ties = [
-        gx.BallJoint(film.port_at(point), booms[k % 2].port_at(point), f"tie {'ABCDEFGH'[k]}")
+        gx.constraints.BallJoint(
+            film.port_at(point), booms[k % 2].port_at(point), f"tie {'ABCDEFGH'[k]}"
+        )
         for k, point in enumerate(points)
     ]
     return Antenna(film, booms, ties, points)
@@ -78,7 +80,7 @@ def inertia() -> np.ndarray:
 class Attitude:
     """One of the three controlled angles [deg], a probe."""
 
-    def __init__(self, control: gx.AttitudeControl, axis: int) -> None:
+    def __init__(self, control: gx.control.AttitudeControl, axis: int) -> None:
         self._control, self._axis = control, axis
 
     def __call__(self, run: gx.Simulation) -> float:
@@ -90,7 +92,7 @@ class Attitude:
 class ControlTorque:
     """The torque about the axis of one of the angles [N m], a probe."""
 
-    def __init__(self, control: gx.AttitudeControl, axis: int) -> None:
+    def __init__(self, control: gx.control.AttitudeControl, axis: int) -> None:
         self._control, self._axis = control, axis
 
     def __call__(self, run: gx.Simulation) -> float:
@@ -112,17 +114,19 @@ def build(
     """
     model = antenna(comm, cells, elements, order)
     centre, corner = model.film.port_at((0, 0, 0)), model.film.port_at(model.points[0])
-    ring = gx.patch(centre, [model.film.port_at(point) for point in model.points[4:]])
+    ring = gx.control.patch(centre, [model.film.port_at(point) for point in model.points[4:]])
     I = inertia()  # noqa: E741 (as in the formula)
-    control = gx.AttitudeControl(
+    control = gx.control.AttitudeControl(
         ring, np.radians(TARGETS[case]), I * RATE**2, 2 * DAMPING * I * RATE
     )
-    scene = gx.Scene(*model.items, gx.BallJoint(centre, gx.Ground((0, 0, 0)), "centre"), control)
+    scene = gx.Scene(
+        *model.items, gx.constraints.BallJoint(centre, gx.Ground((0, 0, 0)), "centre"), control
+    )
     probes: dict[str, Probe] = {
         f"angle {axis} [deg]": Attitude(control, k) for k, axis in enumerate("uvw")
     }
     probes |= {f"torque {axis} [N m]": ControlTorque(control, k) for k, axis in enumerate("uvw")}
-    probes |= {f"A {axis} [m]": gx.Displacement(corner, axis) for axis in "xyz"}
+    probes |= {f"A {axis} [m]": gx.probes.Displacement(corner, axis) for axis in "xyz"}
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-12, floor=1.0))
     return gx.Case(
         scene, stepper, until, title=f"The membrane antenna, turned: case {case}", probes=probes
@@ -138,7 +142,7 @@ def main(
     """
     turn = build(comm, case, **given)
     series = gx.Series(turn.probes)
-    outputs: list[Output] = [gx.Progress(), series]
+    outputs: list[Output] = [gx.outputs.Progress(), series]
     if output is not None:
         out, looks = (
             Path(output),
@@ -146,7 +150,7 @@ def main(
         )
         outputs += [
             turn.recording(out),
-            gx.Picture(out / "antenna.png", times=looks, title=turn.title),
+            gx.plot.Picture(out / "antenna.png", times=looks, title=turn.title),
         ]
     run = turn.simulation(outputs)
     run.run(until=turn.until)

@@ -50,7 +50,7 @@ def main(
     With `output`, a folder: the recording.
     """
     case = build(comm, until=steps * dt, dt=dt, **given)
-    outputs: list[Output] = [gx.Progress()] + (
+    outputs: list[Output] = [gx.outputs.Progress()] + (
         [case.recording(output)] if output is not None else []
     )
     run = gx.Simulation(case.scene, stepper or case.stepper, outputs)

@@ -101,10 +101,12 @@ def build(
     """The antenna with cells × cells squares of film and `elements` of each boom, hung at C; it tells tip and film."""
     model = antenna(comm, cells, elements, order)
     corners = [model.film.port_at(point) for point in model.points[:4]]
-    hinge = gx.BallJoint(corners[2], gx.Ground(tuple(model.points[2].tolist())), "hinge")
+    hinge = gx.constraints.BallJoint(
+        corners[2], gx.Ground(tuple(model.points[2].tolist())), "hinge"
+    )
     weights = [gx.Gravity(body, (0, 0, -G)) for body in (model.film, *model.booms)]
     probes = {
-        "tip [m]": gx.Position(corners[0], "z"),
+        "tip [m]": gx.probes.Position(corners[0], "z"),
         "film [m]": FilmDeflection(model.film, corners),
     }
     scene = gx.Scene(*model.items, hinge, *weights)
@@ -129,7 +131,7 @@ def main(
     """
     case = build(comm, **given)
     series = gx.Series(case.probes)
-    outputs: list[Output] = [gx.Progress(), series] + (
+    outputs: list[Output] = [gx.outputs.Progress(), series] + (
         [case.recording(output)] if output is not None else []
     )
     run = gx.Simulation(case.scene, stepper or case.stepper, outputs)

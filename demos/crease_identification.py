@@ -29,7 +29,7 @@ REST, STIFFNESS = math.radians(105.0), 3e-3  # what is to be found
 WEIGHTS = (0.0, 2e-4, 5e-4, 1e-3, 2e-3, 4e-3)  # N
 ANGLE_ERROR, DISTANCE_ERROR = math.radians(0.5), 2e-4
 # a strip whose width is large beside √(radius × thickness) bends as a wide plate does
-STRIP = gx.HangingStrip(
+STRIP = gx.analysis.HangingStrip(
     LENGTH, WIDTH, LAW.E * LAW.thickness**3 / 12 / (1 - LAW.nu**2), LAW.density * LAW.thickness
 )
 
@@ -52,10 +52,10 @@ def hang(weight: float, cells: int = 16) -> Hanging:
         hinges=["crease"],
         displacement=folded(REST),
     )
-    crease = gx.Crease(plate, "crease", STIFFNESS, REST)
+    crease = gx.connectors.Crease(plate, "crease", STIFFNESS, REST)
     items = [plate, crease, gx.Fixed(plate, "left"), gx.Gravity(plate, (GRAVITY, 0.0, 0.0))]
     if weight:
-        items.append(gx.EdgeLoad(plate, "right", (weight / WIDTH, 0.0, 0.0)))
+        items.append(gx.loads.EdgeLoad(plate, "right", (weight / WIDTH, 0.0, 0.0)))
     search = gx.Equilibrium(gx.Scene(*items))
     search.find()
     X, x = plate.space.tabulate_dof_coordinates(), search.system.q0.array_r.reshape(-1, 3)
@@ -64,7 +64,10 @@ def hang(weight: float, cells: int = 16) -> Hanging:
     ends = [x[plate.nodes(side)].mean(axis=0) for side in ("left", "right")]
     distance = float(np.linalg.norm(ends[1] - ends[0]))
     return Hanging(
-        weight, gx.FoldAngle(crease).of(search.system), distance, (x[rim] - ends[0])[:, [2, 0]].T
+        weight,
+        gx.probes.FoldAngle(crease).of(search.system),
+        distance,
+        (x[rim] - ends[0])[:, [2, 0]].T,
     )
 
 
@@ -80,7 +83,11 @@ def experiment(cells: int = 16, seed: int = 0) -> tuple[list[Hanging], Array, Ar
 
 
 def draw(
-    strips: list[Hanging], angles: Array, distances: Array, found: gx.IdentifiedCrease, path: Path
+    strips: list[Hanging],
+    angles: Array,
+    distances: Array,
+    found: gx.analysis.IdentifiedCrease,
+    path: Path,
 ) -> None:
     """Side views of the strip; angle and distance over weight, measured and by the crease that was found."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -145,7 +152,7 @@ def main(output: str | Path | None = None, cells: int = 16, seed: int = 0) -> di
     times as large or small.
     """
     strips, angles, distances = experiment(cells, seed)
-    found = gx.identify_crease(
+    found = gx.analysis.identify_crease(
         STRIP,
         WEIGHTS,
         angles,

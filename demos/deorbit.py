@@ -21,12 +21,12 @@ from gossamer_fx.outputs.output import Output
 
 ALTITUDE, MASS, AREA, SWEEP = 4e5, 10.0, 25.0, math.radians(30)
 RADIUS = 6378137.0 + ALTITUDE
-AIR = gx.ExponentialAtmosphere(
+AIR = gx.orbit.ExponentialAtmosphere(
     density=2.8e-12, altitude=ALTITUDE, scale_height=5.8e4, temperature=1000.0
 )
 
 
-def panels() -> list[gx.Surface]:
+def panels() -> list[gx.orbit.Surface]:
     """Four plates behind the mass, which flies along x; their normals point forward and outward."""
     found = []
     for k in range(4):
@@ -35,11 +35,11 @@ def panels() -> list[gx.Surface]:
         centre = 1.3 * (math.cos(SWEEP) * out - math.sin(SWEEP) * np.array([1.0, 0, 0])) - np.array(
             [0.6, 0, 0]
         )
-        found.append(gx.Surface(AREA / 4, tuple(normal), tuple(centre), two_sided=True))
+        found.append(gx.orbit.Surface(AREA / 4, tuple(normal), tuple(centre), two_sided=True))
     return found
 
 
-def drag_area(air: gx.Air, speed: float) -> float:
+def drag_area(air: gx.orbit.Air, speed: float) -> float:
     """F/(½ρU²) [m²] of the panels in flow along their axis."""
     s = speed / air.thermal_speed
     wall = math.sqrt(300.0 / air.temperature)
@@ -62,8 +62,8 @@ def main(
     Returns:
         fall of the semi-major axis [m], the formula's, largest angle to the wind in the last quarter [rad].
     """
-    start = gx.Elements(RADIUS, 0.0, 0.9)
-    orbit = gx.Orbit(start, sun=(1.0, 0.0, 0.0))
+    start = gx.orbit.Elements(RADIUS, 0.0, 0.9)
+    orbit = gx.orbit.Orbit(start, sun=(1.0, 0.0, 0.0))
     out, along, across = orbit.local_axes.T
     c, s = math.cos(tilt), math.sin(tilt)
     attitude = np.column_stack([c * along + s * across, -out, -s * along + c * across])
@@ -77,19 +77,21 @@ def main(
         comm=comm,
         name="satellite",
     )
-    drag = gx.Drag(body, orbit, AIR, surfaces=panels(), rotation=0.0, name="drag")
+    drag = gx.orbit.Drag(body, orbit, AIR, surfaces=panels(), rotation=0.0, name="drag")
     nose = body.frame().directors[0]
     probes = {
-        "altitude [km]": lambda run: gx.OrbitState(orbit, "altitude")(run) / 1e3,
-        "angle to the motion [rad]": gx.Attitude(orbit, nose, "along"),
-        "a": gx.OrbitState(orbit, "a"),
+        "altitude [km]": lambda run: gx.probes.OrbitState(orbit, "altitude")(run) / 1e3,
+        "angle to the motion [rad]": gx.probes.Attitude(orbit, nose, "along"),
+        "a": gx.probes.OrbitState(orbit, "a"),
     }
     series = gx.Series(probes)
-    outputs: list[Output] = [gx.Progress(), series]
+    outputs: list[Output] = [gx.outputs.Progress(), series]
     if output is not None:
         drawn = {name: probes[name] for name in ("altitude [km]", "angle to the motion [rad]")}
         outputs.append(
-            gx.FlightPicture(Path(output) / "deorbit.png", orbit, drawn, title="A de-orbit sail")
+            gx.plot.FlightPicture(
+                Path(output) / "deorbit.png", orbit, drawn, title="A de-orbit sail"
+            )
         )
     run = gx.Simulation(gx.Scene(drag), gx.Midpoint(dt=dt), outputs)
     run.run(until=3600 * hours)

@@ -38,7 +38,7 @@ from gossamer_fx.presets.gases import AIR, NITROGEN
 from meshes.tube import flat_tube
 
 TITLE = "A folded tube, deployed from a tank"
-VIEW = gx.View(azimuth=math.radians(-30), elevation=math.radians(15), zoom=True)
+VIEW = gx.plot.View(azimuth=math.radians(-30), elevation=math.radians(15), zoom=True)
 OPEN = 0.5  # part of the area of the round tube at which a ring counts as open
 
 
@@ -92,7 +92,7 @@ def build(
     """
     width, half = math.pi * diameter / 2, length / panels
     if start == "zigzag":
-        folds = gx.fold.zigzag(
+        folds = gx.fold.Zigzag(
             length=length,
             panels=panels,
             angle=math.radians(angle),
@@ -102,11 +102,11 @@ def build(
         )
     else:
         bends = rows_of(length, diameter, cells, panels)
-        folds = gx.fold.roll(
+        folds = gx.fold.Roll(
             length=length, bends=bends, radius=0.4 * half, pitch=4e-3, width=width, opening=lift
         )
-    outside = gx.Ambient(air) if air else None
-    tube = gx.InflatableTube(
+    outside = gx.gas.Ambient(air) if air else None
+    tube = gx.assemblies.InflatableTube(
         flat_tube(comm, length, diameter, cells, compartments=panels),
         KAPTON_HN.law(thickness, residual=1e-6),
         gas=NITROGEN,
@@ -124,20 +124,20 @@ def build(
     if gravity:
         items.append(gx.Gravity(tube.film, (0.0, 0.0, -gravity)))
     if air and drag:
-        items.append(gx.AirDrag(tube.film, air / (AIR.R * 293.0), drag))
+        items.append(gx.loads.AirDrag(tube.film, air / (AIR.R * 293.0), drag))
     probes: dict[str, Probe] = {
-        f"p{i + 1} [Pa]": gx.GasState(bag, "pressure") for i, bag in enumerate(tube.chambers)
+        f"p{i + 1} [Pa]": gx.probes.GasState(bag, "pressure") for i, bag in enumerate(tube.chambers)
     }
     probes |= {
-        f"ring{i + 1} [mm2]": square_millimetres(gx.RingArea(ring))
+        f"ring{i + 1} [mm2]": square_millimetres(gx.probes.RingArea(ring))
         for i, ring in enumerate(tube.rings)
     }
     tip = tube.film.port("tip right")
-    probes |= {f"tip {axis} [m]": gx.Position(tip, axis) for axis in "xyz"}
-    probes["tip speed [m/s]"] = _speed([gx.Velocity(tip, axis) for axis in "xyz"])
+    probes |= {f"tip {axis} [m]": gx.probes.Position(tip, axis) for axis in "xyz"}
+    probes["tip speed [m/s]"] = _speed([gx.probes.Velocity(tip, axis) for axis in "xyz"])
     if tube.contact is not None:
-        probes["penetrations"] = gx.Penetrations(tube.contact)
-    probes |= {f"{line.name} [rad]": gx.FoldAngle(line) for line in tube.creases}
+        probes["penetrations"] = gx.probes.Penetrations(tube.contact)
+    probes |= {f"{line.name} [rad]": gx.probes.FoldAngle(line) for line in tube.creases}
     control = gx.StepControl(
         iterations=iterations or (12 if start == "zigzag" else 10), largest=2 * dt
     )
@@ -148,7 +148,7 @@ def build(
     )
 
 
-def _speed(components: list[gx.Velocity]) -> Probe:
+def _speed(components: list[gx.probes.Velocity]) -> Probe:
     return lambda run: math.hypot(*(v(run) for v in components))
 
 

@@ -21,7 +21,7 @@ from gossamer_fx.model.terms import Array
 from meshes.sheet import CORNERS, EDGES, sheet
 
 TENSION, HEIGHT = 10.0, 0.4  # N/m, m
-FILM = gx.Prestress(E=1e9, nu=0.3, density=1000.0, thickness=1e-5, tension=TENSION)
+FILM = gx.analysis.Prestress(E=1e9, nu=0.3, density=1000.0, thickness=1e-5, tension=TENSION)
 
 
 def main(
@@ -38,9 +38,9 @@ def main(
 
     def scene() -> gx.Scene:
         held = [gx.Fixed(film, corner) for corner in CORNERS]
-        return gx.Scene(film, *held, *(gx.EdgeCable(film, edge, force) for edge in EDGES))
+        return gx.Scene(film, *held, *(gx.analysis.EdgeCable(film, edge, force) for edge in EDGES))
 
-    found = gx.find_form(film, scene, change=2e-4)
+    found = gx.analysis.find_form(film, scene, change=2e-4)
     nodes = film.nodes("bottom")
     cable = np.concatenate(comm.allgather(X[nodes[nodes < film.space.dofmap.index_map.size_local]]))
     radius = radius_of_arc(cable[cable[:, 0].argsort()])

@@ -41,7 +41,7 @@ from gossamer_fx.system.totals import relative_drift
 from meshes.sails import trapezoids
 
 TITLE = "IKAROS, stage 2: from the cross to the square"
-VIEW = gx.View(azimuth=0.3, elevation=math.radians(50))
+VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(50))
 RPM = 2 * math.pi / 60
 HALF, INNER = 7.05, 1.6  # m: half of the sides of the sail and of its hole
 PETALS, TIP = 14.0, 0.5  # kg: four trapezoids with their devices; a tip mass
@@ -111,14 +111,16 @@ def build(
         growth: by which a step may be longer than the last one; steps that grow by half are halved more often.
     """
     inner, outer, bends = rows(pitch)
-    folds = gx.fold.ikaros(
+    folds = gx.fold.Ikaros(
         n=4, inner=inner, outer=outer, pitch=pitch, bends=bends, gap=gap, hub_gap=gap, ramp=pitch
     )
     film = sail(comm, pitch, folds.mark, refine=refine)
     hub = gx.RigidBody(HUB_MASS, HUB_INERTIA, name="hub")
     tips = [film.port(f"tip {k}") for k in range(4)]
     items: list[object] = [film, folds.start(film), hub]
-    items += [gx.AttachedMass(port, TIP, name=f"mass {k}") for k, port in enumerate(tips)]
+    items += [
+        gx.connectors.AttachedMass(port, TIP, name=f"mass {k}") for k, port in enumerate(tips)
+    ]
     radius = min(HUB_RADIUS, folds.radius * math.cos(math.pi / 8 / bends) - 2 * contact)
     items.append(tethers(film, hub, pitch, radius, tether_damping))
     items.append(gx.RigidMotion(spin=(0.0, 0.0, rpm * RPM)))
@@ -129,26 +131,26 @@ def build(
     if crease:
         items += folds.creases(film, crease, rest=0.5)
     probes: dict[str, Probe] = {
-        "spin of the hub [rpm]": _rpm(gx.AngularVelocity(hub.frame(), "z")),
-        "spin of the sail [rpm]": _rpm(gx.MeanSpin(film, "z")),
+        "spin of the hub [rpm]": _rpm(gx.probes.AngularVelocity(hub.frame(), "z")),
+        "spin of the sail [rpm]": _rpm(gx.probes.MeanSpin(film, "z")),
         **{
-            f"radius {k} [m]": gx.PolarPosition(port, hub.frame(), "radius")
+            f"radius {k} [m]": gx.probes.PolarPosition(port, hub.frame(), "radius")
             for k, port in enumerate(tips)
         },
-        "twist [rad]": gx.PolarPosition(tips[0], hub.frame(), "angle"),
-        "middle [m]": gx.PolarPosition(
+        "twist [rad]": gx.probes.PolarPosition(tips[0], hub.frame(), "angle"),
+        "middle [m]": gx.probes.PolarPosition(
             film.port_at((0.0, -outer * pitch, 0.0)), hub.frame(), "radius"
         ),
     }
     if contact:
         end = (0.0, 0.0, HUB_HEIGHT / 2)
-        drum = gx.Cylinder(
+        drum = gx.contact.Cylinder(
             start=(0.0, 0.0, -HUB_HEIGHT / 2), end=end, radius=radius, on=hub, name="drum"
         )
         items.append(touching := gx.Contact(film, drum, distance=contact, friction=friction))
-        probes["penetrations"] = gx.Penetrations(touching)
+        probes["penetrations"] = gx.probes.Penetrations(touching)
     else:
-        probes["penetrations"] = gx.Crossings(film)
+        probes["penetrations"] = gx.probes.Crossings(film)
     control = gx.StepControl(iterations=iterations, largest=largest, growth=growth)
     # of the steps that do not end after 25 iterations most never do: they are halved sooner
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13, iterations=25))
@@ -183,7 +185,7 @@ def tethers(
     radius: float,
     damping: float = 0.0,
     height: float = 0.0,
-) -> gx.RopeBundle:
+) -> gx.connectors.RopeBundle:
     """Four from each inner edge to the hub, where it has this radius, at a height: as long as in the open sail."""
     inner = rows(pitch)[0]
     ends, lengths = [], []
@@ -196,7 +198,7 @@ def tethers(
             rim = hub.port((x * radius / far, y * radius / far, height))
             ends.append((film.port_at((x, y, z)), rim))
             lengths.append(far - radius)
-    return gx.RopeBundle(ends, lengths, TETHER, damping, name="tethers")
+    return gx.connectors.RopeBundle(ends, lengths, TETHER, damping, name="tethers")
 
 
 def steady(
@@ -220,13 +222,17 @@ def steady(
         comm, pitch, displacement=(lambda X: np.vstack([0 * X[:2], waves(X)])) if bent else None
     )
     hub = gx.RigidBody(HUB_MASS, HUB_INERTIA, name="hub")
-    items = [gx.AttachedMass(film.port(f"tip {k}"), TIP, name=f"mass {k}") for k in range(4)]
+    items = [
+        gx.connectors.AttachedMass(film.port(f"tip {k}"), TIP, name=f"mass {k}") for k in range(4)
+    ]
     ropes = tethers(film, hub, pitch, HUB_RADIUS)
     if held:
-        support: object = gx.FixedJoint(hub.frame(), gx.ground_frame())
+        support: object = gx.constraints.FixedJoint(hub.frame(), gx.ground_frame())
     else:
-        support = gx.Centrifugal(hub, spin)
-    search = gx.Equilibrium(gx.Scene(film, hub, *items, ropes, gx.Centrifugal(film, spin), support))  # type: ignore[arg-type]
+        support = gx.loads.Centrifugal(hub, spin)
+    search = gx.Equilibrium(
+        gx.Scene(film, hub, *items, ropes, gx.loads.Centrifugal(film, spin), support)
+    )  # type: ignore[arg-type]
     search.find()
     system, stiffness = search.system, 0.0
     for pair, length in zip(ropes.ends, ropes.lengths, strict=True):

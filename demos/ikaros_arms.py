@@ -39,7 +39,7 @@ from gossamer_fx.system.totals import relative_drift
 from meshes.line import line
 
 TITLE = "IKAROS, stage 1: arms are let out by guides"
-VIEW = gx.View(azimuth=0.3, elevation=math.radians(60))
+VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(60))
 START, ARM, HUB_RADIUS = 25.0, 6.4, 0.8  # rpm; length of an arm and radius of the hub [m]
 CORD, TOUCH, ROD = 4e-3, 5e-3, 0.06  # radius of an arm, distance of contact, radius of a rod [m]
 EA = 2e4  # N
@@ -101,7 +101,7 @@ def build(
     step = winding(cells)[0]
     radius = HUB_RADIUS * math.cos(step / 2) - CORD - 1.05 * TOUCH
     half = HUB_HEIGHT / 4
-    drum = gx.Cylinder(
+    drum = gx.contact.Cylinder(
         start=(0.0, 0.0, -half), end=(0.0, 0.0, half), radius=radius, on=hub, name="drum"
     )
     # the axis of a rod is beside the free part of its arm, and outside of its roll
@@ -109,7 +109,7 @@ def build(
     c, s = math.cos(angle), math.sin(angle)
     exit_radius = float(np.linalg.norm(corners[-1 - FREE]))
     place = np.array([c, s]) * (exit_radius + away) + np.array([-s, c]) * away / math.cos(step / 2)
-    guides = gx.RotationGuides(
+    guides = gx.assemblies.RotationGuides(
         hub,
         4,
         float(np.linalg.norm(place)),
@@ -143,8 +143,8 @@ def build(
             displacement=places,
         )
         held = hub.port((float(placed[0, 0]), float(placed[0, 1]), 0.0))
-        items += [arm, gx.BallJoint(arm.port("start"), held, name=f"knot {k}")]
-        items += [gx.AttachedMass(arm.port("end"), TIP, name=f"mass {k}")]
+        items += [arm, gx.constraints.BallJoint(arm.port("start"), held, name=f"knot {k}")]
+        items += [gx.connectors.AttachedMass(arm.port("end"), TIP, name=f"mass {k}")]
         items.append(gx.Damping(arm, stiffness=damping, name=f"damping {k}"))
         arms.append(arm)
     radii = dict.fromkeys((a.name for a in arms), CORD)
@@ -152,17 +152,17 @@ def build(
         *arms, drum, *guides.rods, distance=TOUCH, stiffness=PRESSING, radius=radii
     )
     scene = gx.Scene(*items, contact, gx.RigidMotion(spin=(0.0, 0.0, rpm * RPM)))  # type: ignore[arg-type]
-    spin = gx.AngularVelocity(hub.frame(), "z")
-    ring = gx.AngularVelocity(guides.ring.frame(), "z")
+    spin = gx.probes.AngularVelocity(hub.frame(), "z")
+    ring = gx.probes.AngularVelocity(guides.ring.frame(), "z")
     probes: dict[str, Probe] = {
         "spin of the hub [rpm]": lambda run: spin(run) / RPM,
         "ring against hub [rad/s]": lambda run: ring(run) - spin(run),
         **{
-            f"radius {k} [m]": gx.PolarPosition(a.port("end"), hub.frame(), "radius")
+            f"radius {k} [m]": gx.probes.PolarPosition(a.port("end"), hub.frame(), "radius")
             for k, a in enumerate(arms)
         },
-        "swing [rad]": gx.PolarPosition(arms[0].port("end"), guides.ring.frame(), "angle"),
-        "penetrations": gx.Penetrations(contact),
+        "swing [rad]": gx.probes.PolarPosition(arms[0].port("end"), guides.ring.frame(), "angle"),
+        "penetrations": gx.probes.Penetrations(contact),
     }
     control = gx.StepControl(iterations=iterations, largest=largest, growth=1.1)
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
@@ -185,7 +185,7 @@ def main(
     """
     case = build(comm, cells, until=until, **given)  # type: ignore[arg-type]
     series = gx.Series(case.probes)
-    outputs: list[Output] = [gx.Progress(), series]
+    outputs: list[Output] = [gx.outputs.Progress(), series]
     if output is not None:
         outputs.append(case.recording(Path(output)))
     run = case.simulation(outputs)
@@ -194,7 +194,7 @@ def main(
     for t in np.linspace(0.0, until, 6):
         if t > 0:
             run.run(until=float(t))
-        looks.append((run.time, [gx.positions(run, arm) for arm in arms]))
+        looks.append((run.time, [gx.fields.positions(run, arm) for arm in arms]))
     radius = np.mean([series[name] for name in case.probes if name.startswith("radius")], axis=0)
     first, now = run.first.angular_momentum, run.totals.angular_momentum
     budget = closed_form(radius, float(first[2]), cells) / RPM

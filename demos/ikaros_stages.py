@@ -52,7 +52,7 @@ from gossamer_fx.outputs.output import Probe
 from gossamer_fx.system.totals import relative_drift
 
 TITLE = "IKAROS, from the roll to the square"
-VIEW = gx.View(azimuth=0.3, elevation=math.radians(50), zoom=True)
+VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(50), zoom=True)
 START = 25.0  # rpm before stage 1
 WOUND, HELD = (0.0, START), (5.2, 7.4)  # length of arms out [m] and rpm of the flight
 RING, ROD, HEIGHT = 2.0, 0.03, 0.9  # kg; radius and height of a rod [m]
@@ -61,11 +61,11 @@ OUT, RODS = 1.92, 16  # m of the tips that stand out at the start; number of rod
 GAP = 1.5e-3  # of the layers [m]
 
 
-def folded(pitch: float, gap: float = GAP, out: float = OUT) -> gx.fold.ikaros:
+def folded(pitch: float, gap: float = GAP, out: float = OUT) -> gx.fold.Ikaros:
     """The strips, wound round the hub."""
     inner, outer, bends = rows(pitch)
     free = round(out / pitch)
-    return gx.fold.ikaros(
+    return gx.fold.Ikaros(
         n=4, inner=inner, outer=outer, pitch=pitch, bends=bends, hub_gap=gap, wound=True, out=free
     )
 
@@ -108,7 +108,7 @@ def build(
     guides = _guides(hub, folds, contact, brake, release, rods)
     tips = [film.port(f"tip {k}") for k in range(4)]
     radius = folds.radius * math.cos(math.pi / 8 / bends) - 2 * contact
-    drum = gx.Cylinder(
+    drum = gx.contact.Cylinder(
         start=(0.0, 0.0, -HUB_HEIGHT / 2),
         end=(0.0, 0.0, HUB_HEIGHT / 2),
         radius=radius,
@@ -125,28 +125,30 @@ def build(
         touching,
         *_tethers(film, hub, pitch, radius, folds, release),
     ]
-    items += [gx.AttachedMass(port, TIP, name=f"mass {k}") for k, port in enumerate(tips)]
+    items += [
+        gx.connectors.AttachedMass(port, TIP, name=f"mass {k}") for k, port in enumerate(tips)
+    ]
     items += [
         gx.Damping(film, stiffness=damping, name="film damping"),
         gx.RigidMotion(spin=(0.0, 0.0, rpm * RPM)),
     ]
     spin, turn, mean = (
-        gx.AngularVelocity(hub.frame(), "z"),
-        gx.AngularVelocity(guides.ring.frame(), "z"),
-        gx.MeanSpin(film, "z"),
+        gx.probes.AngularVelocity(hub.frame(), "z"),
+        gx.probes.AngularVelocity(guides.ring.frame(), "z"),
+        gx.probes.MeanSpin(film, "z"),
     )
     probes: dict[str, Probe] = {
         "spin of the hub [rpm]": lambda run: spin(run) / RPM,
         "spin of the sail [rpm]": lambda run: mean(run) / RPM,
         "ring against hub [rad/s]": lambda run: turn(run) - spin(run),
         **{
-            f"radius {k} [m]": gx.PolarPosition(port, hub.frame(), "radius")
+            f"radius {k} [m]": gx.probes.PolarPosition(port, hub.frame(), "radius")
             for k, port in enumerate(tips)
         },
-        "middle [m]": gx.PolarPosition(
+        "middle [m]": gx.probes.PolarPosition(
             film.port_at((0.0, -outer * pitch, 0.0)), hub.frame(), "radius"
         ),
-        "penetrations": gx.Penetrations(touching),
+        "penetrations": gx.probes.Penetrations(touching),
     }
     control = gx.StepControl(iterations=iterations, largest=largest, growth=growth)
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13, iterations=25))
@@ -166,9 +168,9 @@ def _tethers(
     hub: gx.RigidBody,
     pitch: float,
     radius: float,
-    folds: gx.fold.ikaros,
+    folds: gx.fold.Ikaros,
     release: float,
-) -> list[gx.Tether]:
+) -> list[gx.connectors.Tether]:
     """Those of the open sail, short in stage 1, then paid out: inner edges are held on the hub, at their height there.
 
     Held at another height the roll slides along the hub, out of the rods.
@@ -181,25 +183,25 @@ def _tethers(
         def length(t: float, short: float = short, whole: float = whole) -> float:
             return short + max(whole - short, 0.0) * _smooth((t - release) / IN)
 
-        found.append(gx.Tether(edge, rim, length, TETHER, name=f"tether {k}"))
+        found.append(gx.connectors.Tether(edge, rim, length, TETHER, name=f"tether {k}"))
     return found
 
 
 def _guides(
     hub: gx.RigidBody,
-    folds: gx.fold.ikaros,
+    folds: gx.fold.Ikaros,
     contact: float,
     brake: float,
     release: float,
     count: int,
-) -> gx.RotationGuides:
+) -> gx.assemblies.RotationGuides:
     """Rods that touch the roll almost, those of them that let out an arm in the corner where it stands out."""
     away = ROD + 1.2 * contact
     axis = roll_radius(folds.pitch) + away
     arm = math.pi / 4 * ((folds.outer - folds.out) / folds.bends - 2)
     first = arm - (folds.hub_gap * (2 * folds.out + 1) + away + contact) / axis
 
-    return gx.RotationGuides(
+    return gx.assemblies.RotationGuides(
         hub,
         count,
         axis,

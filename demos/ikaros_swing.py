@@ -55,16 +55,17 @@ def main(
     )
     items: list[object] = [film, hub]
     items += [
-        gx.AttachedMass(film.port(f"tip {k}"), ikaros.TIP, name=f"mass {k}") for k in range(4)
+        gx.connectors.AttachedMass(film.port(f"tip {k}"), ikaros.TIP, name=f"mass {k}")
+        for k in range(4)
     ]
     items.append(ikaros.tethers(film, hub, pitch, ikaros.HUB_RADIUS, tether_damping))
     items += [gx.StartFrom(search.system), gx.RigidMotion(spin=(0.0, 0.0, Ω))]
     if damping:
         items.append(gx.Damping(film, stiffness=damping, name="film damping"))
     series = gx.Series(
-        {"hub": gx.AngularVelocity(hub.frame(), "z"), "sail": gx.MeanSpin(film, "z")}
+        {"hub": gx.probes.AngularVelocity(hub.frame(), "z"), "sail": gx.probes.MeanSpin(film, "z")}
     )
-    run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt), [gx.Progress(), series])  # type: ignore[arg-type]
+    run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt), [gx.outputs.Progress(), series])  # type: ignore[arg-type]
     run.run(until=until)
     swing = series["hub"] - series["sail"]
     found = fit(np.asarray(series.time), swing)

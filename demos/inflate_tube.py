@@ -67,7 +67,9 @@ class Table:
 
     def __init__(self, film: gx.Membrane, times: Sequence[float]) -> None:
         self.times = times
-        self._fractions = [gx.AreaFraction(film, state) for state in ("taut", "wrinkled", "slack")]
+        self._fractions = [
+            gx.probes.AreaFraction(film, state) for state in ("taut", "wrinkled", "slack")
+        ]
         self._schedule = Schedule(times=tuple(times))
         self.rows: list[tuple[str, ...]] = []
 
@@ -121,11 +123,17 @@ def main(
     """
     case = build(comm, cells, until, dt)
     film = next(body for body in case.scene.bodies if isinstance(body, gx.Membrane))
-    outputs: list[Output] = [gx.Progress(), Table(film, np.linspace(0, until, 9)[1:].tolist())]
+    outputs: list[Output] = [
+        gx.outputs.Progress(),
+        Table(film, np.linspace(0, until, 9)[1:].tolist()),
+    ]
     if output is not None:
         out = Path(output)
         looks = (np.array([0.04, 0.1, 0.2, 0.4, 0.7, 1.0]) * until).tolist()
-        outputs += [case.recording(out), gx.Picture(out / "tube.png", times=looks, title=TITLE)]
+        outputs += [
+            case.recording(out),
+            gx.plot.Picture(out / "tube.png", times=looks, title=TITLE),
+        ]
     run = case.simulation(outputs)
     run.run(until=until)
 

@@ -28,7 +28,9 @@ STRAIN = STRETCH + STRETCH**2 / 2
 TENSION = (1 + STRETCH) * FILM.E * FILM.thickness / (1 - FILM.nu) * STRAIN
 
 
-def sail(comm: MPI.Comm, cells: int) -> tuple[gx.Membrane, gx.RigidBody, list[gx.Spring]]:
+def sail(
+    comm: MPI.Comm, cells: int
+) -> tuple[gx.Membrane, gx.RigidBody, list[gx.connectors.Spring]]:
     """Film, frame, and the springs between them; the centre is at the origin."""
 
     def stretched(X: np.ndarray) -> np.ndarray:
@@ -55,7 +57,9 @@ def sail(comm: MPI.Comm, cells: int) -> tuple[gx.Membrane, gx.RigidBody, list[gx
             hook = frame.port((place + GAP * force / size).tolist())
             rest = GAP - size / stiffness
             ends = hook, film.port_at(node.tolist())
-            springs.append(gx.Spring(*ends, stiffness=stiffness, length=rest, name=f"tie {i} {j}"))
+            springs.append(
+                gx.connectors.Spring(*ends, stiffness=stiffness, length=rest, name=f"tie {i} {j}")
+            )
     return film, frame, springs
 
 
@@ -72,23 +76,23 @@ def main(
         part of the time in light, mean force of sunlight in it over that on a flat sail towards the Sun, change of the
         sun angle [rad], part of the film that is not taut, error of the ledger, effort.
     """
-    start = gx.Elements(RADIUS, 0.0, math.pi / 2)  # over the poles; the Sun is in its plane
-    orbit = gx.Orbit(start, gravity="J2", sun=(0.0, 0.0, 1.0), shadow="cone")
+    start = gx.orbit.Elements(RADIUS, 0.0, math.pi / 2)  # over the poles; the Sun is in its plane
+    orbit = gx.orbit.Orbit(start, gravity="J2", sun=(0.0, 0.0, 1.0), shadow="cone")
     film, frame, springs = sail(comm, cells)
-    light = gx.SolarPressure(film, orbit, JPL_SAIL, name="sunlight")
+    light = gx.orbit.SolarPressure(film, orbit, JPL_SAIL, name="sunlight")
     spin = gx.RigidMotion(spin=(0.0, 0.0, SPIN))
     scene = gx.Scene(film, frame, *springs, orbit, light, spin)
     probes = {
-        "sunlit": gx.OrbitState(orbit, "sunlit"),
-        "a": gx.OrbitState(orbit, "a"),
-        "sun angle": gx.SunAngle(orbit, frame.frame().directors[2]),
+        "sunlit": gx.probes.OrbitState(orbit, "sunlit"),
+        "a": gx.probes.OrbitState(orbit, "a"),
+        "sun angle": gx.probes.SunAngle(orbit, frame.frame().directors[2]),
         "force": lambda run: math.hypot(
-            *(gx.LoadResultant(orbit, "sunlight", "force", axis)(run) for axis in "xyz")
+            *(gx.probes.LoadResultant(orbit, "sunlight", "force", axis)(run) for axis in "xyz")
         ),
-        "wrinkled or slack": lambda run: 1 - gx.AreaFraction(film, "taut")(run),
+        "wrinkled or slack": lambda run: 1 - gx.probes.AreaFraction(film, "taut")(run),
     }
     series = gx.Series(probes)
-    outputs: list[Output] = [gx.Progress(), series]
+    outputs: list[Output] = [gx.outputs.Progress(), series]
     if output is not None:
         drawn = {
             "semi-major axis [m]": probes["a"],
@@ -96,7 +100,7 @@ def main(
             "sun angle [rad]": probes["sun angle"],
         }
         outputs.append(
-            gx.FlightPicture(
+            gx.plot.FlightPicture(
                 Path(output) / "orbit_sail.png", orbit, drawn, title="A spinning sail in orbit"
             )
         )

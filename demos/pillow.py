@@ -68,10 +68,10 @@ def main(
 ) -> gx.Simulation:
     """Blow it up, with the ledger and pictures in the folder `output`.  Returns the simulation at its end."""
     folder, case = Path(output), build(comm, cells, until)
-    picture = gx.Picture(
+    picture = gx.plot.Picture(
         folder / "pillow.png", times=[0.1 * until, 0.3 * until, until], title=TITLE
     )
-    run = case.simulation([gx.Progress(), gx.Ledger(folder / "ledger.csv"), picture])
+    run = case.simulation([gx.outputs.Progress(), gx.Ledger(folder / "ledger.csv"), picture])
     run.run(until=case.until)
     if comm.rank == 0:
         bag = run.chamber("chamber")

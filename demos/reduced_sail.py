@@ -84,8 +84,8 @@ def parts(sail: gx.Membrane) -> list[Any]:
         held = sail.port_at((*(SIDE / 2 + 0.125 * SIDE * toward), 0.0))
         near = hub.port((*(0.8 / 2**0.5 * toward), 0.0))
         length = 0.25 * SIDE / 2**0.5 - 0.8
-        items += [tip, gx.BallJoint(port, tip.port(), name=f"joint {k}")]
-        items.append(gx.Spring(near, held, 50.0, length, name=f"tether {k}"))
+        items += [tip, gx.constraints.BallJoint(port, tip.port(), name=f"joint {k}")]
+        items.append(gx.connectors.Spring(near, held, 50.0, length, name=f"tether {k}"))
     return items
 
 
@@ -93,10 +93,10 @@ def steady(sail: gx.Membrane, spin: float) -> gx.Equilibrium:
     """The sail and its masses at rest in axes that turn with `spin` [rad/s], the hub held."""
     items = parts(sail)
     hub, turning = items[0], [sail, *(item for item in items if isinstance(item, gx.PointMass))]
-    items += [gx.Centrifugal(body, (0.0, 0.0, spin), CENTRE) for body in turning]
-    hold = gx.FixedJoint(hub.frame_at(CENTRE), gx.ground_frame(CENTRE), name="hold")
+    items += [gx.loads.Centrifugal(body, (0.0, 0.0, spin), CENTRE) for body in turning]
+    hold = gx.constraints.FixedJoint(hub.frame_at(CENTRE), gx.ground_frame(CENTRE), name="hold")
     # of many modes the round-off of the forces is above the usual 1e-8 of the load
-    found = gx.Equilibrium(gx.Scene(sail, *items, hold), gx.Continuation(residual=1e-7))
+    found = gx.Equilibrium(gx.Scene(sail, *items, hold), gx.analysis.Continuation(residual=1e-7))
     found.find()
     return found
 
@@ -111,11 +111,13 @@ def flight(
     """From the steady spin, with the kick that the sail was made with; or disturbed and controlled, too."""
     items = parts(sail)
     if controlled:
-        items.append(gx.Torque(items[0].frame(), disturbance))
+        items.append(gx.loads.Torque(items[0].frame(), disturbance))
         # about the axes across that of the spin: the spin is left alone
         stiffness, damping = (0.5, 0.5, 0.0), (20.0, 20.0, 0.0)
         items.append(
-            gx.AttitudeControl(items[0].frame(), (0.0, 0.0, 0.0), stiffness, damping, period=1.0)
+            gx.control.AttitudeControl(
+                items[0].frame(), (0.0, 0.0, 0.0), stiffness, damping, period=1.0
+            )
         )
     start = gx.StartFrom(steady(sail, spin).system)
     turning = gx.RigidMotion(spin=(0.0, 0.0, spin), centre=CENTRE)
@@ -141,16 +143,16 @@ def main(
     started = time.process_time()
     for kick in (saddle, bowl):
         known = film(comm, cells, kick, 0.02)
-        shapes.append(gx.Snapshots(known, every=4))
+        shapes.append(gx.reduction.Snapshots(known, every=4))
         flight(known, SPIN, dt, outputs=[shapes[-1]]).run(until=training)
     recorded = time.process_time() - started
 
     spin, times = 1.1 * SPIN, np.linspace(0, 2 * training, 41)[1:].tolist()
     other = film(comm, cells, tilted, 0.015)
     started = time.process_time()
-    reduced = gx.reduce(other, shapes, modes, sampled)
+    reduced = gx.reduction.reduce(other, shapes, modes, sampled)
     trained = time.process_time() - started
-    truth = gx.Snapshots(other, times=times)
+    truth = gx.reduction.Snapshots(other, times=times)
     whole, few = flight(other, spin, dt, [truth]), flight(reduced, spin, dt)
     seconds, found = [0.0, 0.0], []
     for t in times:
@@ -169,11 +171,11 @@ def main(
         / height
     )
 
-    outside = gx.OutsideBasis(reduced)
-    outputs: list[Output] = [gx.Progress()]
+    outside = gx.reduction.OutsideBasis(reduced)
+    outputs: list[Output] = [gx.outputs.Progress()]
     if output is not None:
         outputs.append(
-            gx.Picture(Path(output) / "reduced_sail.png", times=[until / 4, until / 2, until])
+            gx.plot.Picture(Path(output) / "reduced_sail.png", times=[until / 4, until / 2, until])
         )
     long = flight(reduced, spin, dt, outputs, controlled=True)
     long.run(until=until)

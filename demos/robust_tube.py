@@ -59,7 +59,7 @@ def outcome(comm: MPI.Comm, folder: Path, **levels: Any) -> dict[str, float]:
     speed [m/s] then, the most edges that pierced the film, and closing errors of the books.
     """
     case, saves = build(comm, **levels), folder / "checkpoints"
-    begun = comm.bcast(gx.latest(saves) is not None)
+    begun = comm.bcast(gx.run.latest_checkpoint(saves) is not None)
     series = gx.Series(case.probes)
     run = case.simulation([series], gx.Checkpoints(saves, every=50), saves if begun else None)
     run.run(until=UNTIL)
@@ -76,7 +76,7 @@ def outcome(comm: MPI.Comm, folder: Path, **levels: Any) -> dict[str, float]:
     }
 
 
-SWEEP = gx.RobustDesign(
+SWEEP = gx.sweep.RobustDesign(
     outcome,
     control={
         "start": ["zigzag", "roll"],

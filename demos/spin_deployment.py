@@ -34,7 +34,7 @@ from gossamer_fx.system.totals import relative_drift
 from meshes.sails import pinwheel
 
 TITLE = "A disc of film, deployed by its spin"
-VIEW = gx.View(azimuth=0.3, elevation=math.radians(35), zoom=True)
+VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(35), zoom=True)
 HUB = 0.1  # its diameter over that of the disc
 CLEAR = 2.0  # distance of the hub from the film on it, over that of contact
 
@@ -97,13 +97,13 @@ def build(
         growth: by which a step may be longer than the last one; steps that grow by half are halved more often.
     """
     side, count = pattern(diameter, n)
-    folds = gx.fold.star(n=n, side=side, columns=cells, reach=count * cells, gap=gap)
+    folds = gx.fold.Star(n=n, side=side, columns=cells, reach=count * cells, gap=gap)
     mesh = folds.mark(pinwheel(comm, n, side, cells, count * cells))
     film = gx.Membrane(mesh, KAPTON_HN.law(thickness, residual=1e-6), name="sail")
     height = count * side * math.tan(math.pi / n)
     hub = gx.RigidBody(0.1, (0.8 * inertia, 0.8 * inertia, inertia), name="hub")
     radius = folds.radius * math.cos(math.pi / n / cells) - CLEAR * contact
-    drum = gx.Cylinder(
+    drum = gx.contact.Cylinder(
         start=(0.0, 0.0, 0.0), end=(0.0, 0.0, -height), radius=radius, on=hub, name="drum"
     )
     touching = gx.Contact(film, drum, distance=contact, friction=friction)
@@ -115,10 +115,12 @@ def build(
         gx.RigidRegion(film, "hub", to=hub),
         touching,
     ]
-    items += [gx.AttachedMass(film.port(f"tip {k}"), tip, name=f"mass {k}") for k in range(n)]
+    items += [
+        gx.connectors.AttachedMass(film.port(f"tip {k}"), tip, name=f"mass {k}") for k in range(n)
+    ]
     items.append(gx.RigidMotion(spin=(0.0, 0.0, spin)))
     if held:
-        items.append(gx.Driven(hub, (0.0, 0.0, 1.0), lambda t: spin * t))
+        items.append(gx.constraints.Driven(hub, (0.0, 0.0, 1.0), lambda t: spin * t))
     if damping:
         items.append(gx.Damping(film, stiffness=damping))
     if crease:
@@ -126,17 +128,17 @@ def build(
     if gravity:
         items.append(gx.Gravity(film, (0.0, 0.0, -gravity)))
     if air:
-        items.append(gx.AirDrag(film, air))
+        items.append(gx.loads.AirDrag(film, air))
     ports = [film.port(f"tip {k}") for k in range(n)]
     probes: dict[str, Probe] = {
-        "spin of the hub [rad/s]": gx.AngularVelocity(hub.frame(), "z"),
-        "spin of the sail [rad/s]": gx.MeanSpin(film, "z"),
+        "spin of the hub [rad/s]": gx.probes.AngularVelocity(hub.frame(), "z"),
+        "spin of the sail [rad/s]": gx.probes.MeanSpin(film, "z"),
         **{
-            f"radius {k} [m]": gx.PolarPosition(p, hub.frame(), "radius")
+            f"radius {k} [m]": gx.probes.PolarPosition(p, hub.frame(), "radius")
             for k, p in enumerate(ports)
         },
-        "twist [rad]": gx.PolarPosition(ports[0], hub.frame(), "angle"),
-        "penetrations": gx.Penetrations(touching),
+        "twist [rad]": gx.probes.PolarPosition(ports[0], hub.frame(), "angle"),
+        "penetrations": gx.probes.Penetrations(touching),
     }
     control = gx.StepControl(iterations=iterations, largest=largest, growth=growth)
     # the first guess of a step may press layers together: its residual is no measure of the forces

@@ -61,10 +61,13 @@ def main(
     With `output`, a folder: the recording of the run, and a picture.
     """
     case = build(comm, n, steps * dt, dt, order=order)
-    outputs: list[Output] = [gx.Progress()]
+    outputs: list[Output] = [gx.outputs.Progress()]
     if output is not None:
         out, looks = Path(output), np.linspace(0, case.until, 5)[1:].tolist()
-        outputs += [case.recording(out), gx.Picture(out / "sheet.png", times=looks, title=TITLE)]
+        outputs += [
+            case.recording(out),
+            gx.plot.Picture(out / "sheet.png", times=looks, title=TITLE),
+        ]
     run = gx.Simulation(case.scene, stepper or case.stepper, outputs)
     run.run(until=case.until)
 

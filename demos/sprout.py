@@ -42,7 +42,7 @@ from gossamer_fx.system.totals import relative_drift
 from meshes.creased import creased_film, creased_tube
 
 TITLE = "Two tubes in V unfold a film from a cube"
-VIEW = gx.View(azimuth=math.radians(-60), elevation=math.radians(35), zoom=True)
+VIEW = gx.plot.View(azimuth=math.radians(-60), elevation=math.radians(35), zoom=True)
 CUBE, MASS = 0.2, 7.0  # m, kg
 INERTIA = MASS * CUBE**2 / 6
 HALF = math.radians(30)  # half of the angle between the tubes
@@ -149,7 +149,7 @@ def build(
         damping: viscosity of the films over their stiffness [s]; 0: none.
         largest, growth: step [s], and its ratio to the one before, at most: steps that grow faster fail more often.
     """
-    folds = gx.fold.miura(
+    folds = gx.fold.Miura(
         a=a,
         b=b,
         gamma=math.radians(gamma),
@@ -177,10 +177,10 @@ def build(
     if crease:
         items += folds.creases(film, crease, rest=0.5)
     walls = range(rows, math.ceil((BELOW + length * math.cos(HALF)) / a - 0.5), rows)
-    tubes: dict[int, gx.InflatableTube] = {}
+    tubes: dict[int, gx.assemblies.InflatableTube] = {}
     for name, side in SIDES.items():
         outline = [*lines, figure.axis(side)]
-        tube = gx.InflatableTube(
+        tube = gx.assemblies.InflatableTube(
             creased_tube(
                 comm, figure.tube(side), outline, cell, lambda X: folds.lattice(X)[1], walls
             ),
@@ -208,7 +208,9 @@ def build(
             for side, inner, outer in legs
         ]
         items.append(
-            gx.RopeBundle(ends, [inset / math.cos(HALF)] * len(ends), stiffness=2e3, name="tethers")
+            gx.connectors.RopeBundle(
+                ends, [inset / math.cos(HALF)] * len(ends), stiffness=2e3, name="tethers"
+            )
         )
         items.append(gx.RigidRegion(film, "side 1", to=cube))
     else:
@@ -221,22 +223,24 @@ def build(
         items += [
             gx.Damping(body, stiffness=damping, name=f"{body.name} damping") for body in films
         ]
-    box = gx.Box(centre=(0.0, 0.0, 0.0), sizes=(CUBE, CUBE, CUBE), on=cube, name="walls")
+    box = gx.contact.Box(centre=(0.0, 0.0, 0.0), sizes=(CUBE, CUBE, CUBE), on=cube, name="walls")
     touching = gx.Contact(*films, box, distance=contact)
     items.append(touching)
 
     probes: dict[str, Probe] = {}
     for name, side in SIDES.items():
         tube = tubes[side]
-        probes |= {f"{bag.name} [Pa]": gx.GasState(bag, "pressure") for bag in tube.chambers}
+        probes |= {f"{bag.name} [Pa]": gx.probes.GasState(bag, "pressure") for bag in tube.chambers}
         probes |= {
-            f"{name} ring {i + 1} [mm2]": square_millimetres(gx.RingArea(r))
+            f"{name} ring {i + 1} [mm2]": square_millimetres(gx.probes.RingArea(r))
             for i, r in enumerate(tube.rings)
         }
         tip = tube.film.port_at((*figure.axis(side)[1], 0.0))
-        probes |= {f"{name} tip {axis} [m]": gx.Position(tip, axis) for axis in "xyz"}
-    probes |= {f"spin {axis} [rad/s]": gx.AngularVelocity(cube.frame(), axis) for axis in "xyz"}
-    probes["penetrations"] = gx.Penetrations(touching)
+        probes |= {f"{name} tip {axis} [m]": gx.probes.Position(tip, axis) for axis in "xyz"}
+    probes |= {
+        f"spin {axis} [rad/s]": gx.probes.AngularVelocity(cube.frame(), axis) for axis in "xyz"
+    }
+    probes["penetrations"] = gx.probes.Penetrations(touching)
     control = gx.StepControl(iterations=iterations, largest=largest, growth=growth)
     # the first guess of a step may press layers together: its residual is no measure of the forces
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))

@@ -23,16 +23,18 @@ from gossamer_fx.outputs.output import Output
 AREA, INERTIA, ARM, MASS, DISTANCE = 173.0, 770.0, 4.7, 300.0, 1.03  # m², kg m², m, kg, au
 RPM = 2 * math.pi / 60
 FLIGHT = -2.7e-5  # N m
-OPTICS = gx.Optics(0.8, 0.9, 0.05, 0.79)
+OPTICS = gx.orbit.Optics(0.8, 0.9, 0.05, 0.79)
 
 
-def petals(pitch: float) -> list[gx.Surface]:
+def petals(pitch: float) -> list[gx.orbit.Surface]:
     """Four petals whose front looks along -z but for a turn of `pitch` [rad] about their radius."""
     found = []
     for k in range(4):
         c, s = math.cos(k * math.pi / 2), math.sin(k * math.pi / 2)
         normal = (-s * math.sin(pitch), c * math.sin(pitch), -math.cos(pitch))
-        found.append(gx.Surface(AREA / 4, normal, (ARM * c, ARM * s, 0.0), OPTICS, two_sided=True))
+        found.append(
+            gx.orbit.Surface(AREA / 4, normal, (ARM * c, ARM * s, 0.0), OPTICS, two_sided=True)
+        )
     return found
 
 
@@ -49,8 +51,8 @@ def main(
     Returns:
         torque about the spin axis [N m], its formula, its ratio to the flight's, days from 1 to 0.4 rpm by it.
     """
-    start = gx.Elements(DISTANCE * AU)
-    orbit = gx.Orbit(start, mu=MU_SUN, sun=(0.0, 0.0, 0.0), shadow="none", radius=6.957e8)
+    start = gx.orbit.Elements(DISTANCE * AU)
+    orbit = gx.orbit.Orbit(start, mu=MU_SUN, sun=(0.0, 0.0, 0.0), shadow="none", radius=6.957e8)
     # light goes along x at the start: the spin axis z' is turned there, and tilted by the sun angle
     c, s = math.cos(sun_angle), math.sin(sun_angle)
     axis = np.array([c, s, 0.0])
@@ -63,24 +65,26 @@ def main(
         comm=comm,
         name="sail",
     )
-    light = gx.SolarPressure(body, orbit, surfaces=petals(pitch), name="sunlight")
+    light = gx.orbit.SolarPressure(body, orbit, surfaces=petals(pitch), name="sunlight")
     probes = {
         "spin": lambda run: float(run.totals.angular_momentum @ axis),
-        "sun angle [rad]": gx.SunAngle(orbit, body.frame().directors[2]),
+        "sun angle [rad]": gx.probes.SunAngle(orbit, body.frame().directors[2]),
         "torque": lambda run: sum(
-            float(a) * gx.LoadResultant(orbit, "sunlight", "torque", x)(run)
+            float(a) * gx.probes.LoadResultant(orbit, "sunlight", "torque", x)(run)
             for a, x in zip(axis, "xyz", strict=True)
         ),
     }
     series = gx.Series({name: probes[name] for name in ("sun angle [rad]", "torque")})
-    outputs: list[Output] = [gx.Progress(), series]
+    outputs: list[Output] = [gx.outputs.Progress(), series]
     if output is not None:
         drawn = {
             "torque about the axis [N m]": probes["torque"],
             "sun angle [rad]": probes["sun angle [rad]"],
         }
         outputs.append(
-            gx.FlightPicture(Path(output) / "windmill.png", orbit, drawn, title="Windmill torque")
+            gx.plot.FlightPicture(
+                Path(output) / "windmill.png", orbit, drawn, title="Windmill torque"
+            )
         )
     run = gx.Simulation(gx.Scene(light), gx.Midpoint(dt=dt), outputs)
     frame = body.frame()

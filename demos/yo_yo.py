@@ -73,7 +73,7 @@ def build(
     R, length, step = wound(cells)
     I = inertia(cells)  # noqa: E741 (as in the formula)
     hub = gx.RigidBody(2 * I / RADIUS**2, (I / 2, I / 2, I), name="hub")
-    drum = gx.Cylinder(
+    drum = gx.contact.Cylinder(
         start=(0.0, 0.0, -0.02), end=(0.0, 0.0, 0.02), radius=RADIUS, on=hub, name="drum"
     )
     cords: list[gx.Cable] = []
@@ -90,8 +90,12 @@ def build(
         end = math.pi * k - cells * step
         tip = gx.PointMass(MASS, (R * math.cos(end), R * math.sin(end), 0.0), name=f"mass {k + 1}")
         held = hub.port((R * math.cos(math.pi * k), R * math.sin(math.pi * k), 0.0))
-        items += [cord, tip, gx.BallJoint(cord.port("start"), held, name=f"knot {k + 1}")]
-        items.append(gx.BallJoint(cord.port("end"), tip.port(), name=f"end {k + 1}"))
+        items += [
+            cord,
+            tip,
+            gx.constraints.BallJoint(cord.port("start"), held, name=f"knot {k + 1}"),
+        ]
+        items.append(gx.constraints.BallJoint(cord.port("end"), tip.port(), name=f"end {k + 1}"))
         items.append(gx.Damping(cord, stiffness=DAMPING, name=f"damping {k + 1}"))
         cords.append(cord)
     contact = gx.Contact(
@@ -103,8 +107,8 @@ def build(
     )
     scene = gx.Scene(*items, contact, gx.RigidMotion(spin=(0.0, 0.0, SPIN)))  # type: ignore[arg-type]
     probes = {
-        "spin of the hub [rad/s]": gx.AngularVelocity(hub.frame(), "z"),
-        "penetrations": gx.Penetrations(contact),
+        "spin of the hub [rad/s]": gx.probes.AngularVelocity(hub.frame(), "z"),
+        "penetrations": gx.probes.Penetrations(contact),
     }
     whole = UNWOUND * math.pi / SPIN if until is None else until
     control = gx.StepControl(iterations=10, largest=largest)
@@ -126,7 +130,7 @@ def main(
     """
     case = build(comm, cells, dt=dt, largest=largest)
     series = gx.Series(case.probes)
-    outputs: list[Output] = [gx.Progress(), series]
+    outputs: list[Output] = [gx.outputs.Progress(), series]
     if output is not None:
         out = Path(output)
         outputs.append(case.recording(out))

@@ -9,12 +9,13 @@ import ast
 import inspect
 import re
 import shutil
-from importlib import import_module
+from operator import attrgetter
 from pathlib import Path
 from types import FunctionType
 from typing import Any
 
 import gossamer_fx
+from gossamer_fx.checks.lazy_names import public_names
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
@@ -61,6 +62,11 @@ ROOMS = {
 
 
 # ---- docstrings ------------------------------------------------------------------------------------------------------
+
+
+# Names as docstrings write them, with or without their namespace, by the name they stand for.
+LINKED = {name.split(".")[-1]: name for name in public_names()}
+LINKED |= {name: name for name in public_names()}
 
 
 def markdown(text: str) -> str:
@@ -117,30 +123,24 @@ def prose(line: str) -> str:
 
 
 def _linked(code: str) -> str:
-    name = code.strip("`").removeprefix("gx.")
-    return f"{{py:obj}}`{name} <gossamer_fx.{name}>`" if name in public_names() else code
+    name = LINKED.get(code.strip("`").removeprefix("gx."))
+    return f"{{py:obj}}`{name} <gossamer_fx.{name}>`" if name else code
 
 
 # ---- reference -------------------------------------------------------------------------------------------------------
 
 
-def public_names() -> list[str]:
-    """Names of the package, and of its rooms that are public, e.g. fold.zigzag."""
-    rooms = gossamer_fx._ROOMS
-    own = [name for name in gossamer_fx.__all__ if name not in rooms]
-    return [
-        *own,
-        *(f"{room}.{name}" for room in rooms for name in getattr(gossamer_fx, room).__all__),
-    ]
-
-
 def thing(name: str) -> Any:
-    """A public name as it is written, without the guard of its arguments."""
-    if "." not in name:
-        return getattr(import_module(f"gossamer_fx.{gossamer_fx._MODULE[name]}"), name)
-    room, name = name.split(".")
-    module, written = getattr(gossamer_fx, room)._HOME[name]
-    return getattr(import_module(f"gossamer_fx.{room}.{module}"), written)
+    """The object of a public name, e.g. "Chamber" or "gas.Ring", without the check of its arguments."""
+    found = attrgetter(name)(gossamer_fx)
+    return inspect.unwrap(found) if inspect.isfunction(found) else found
+
+
+def room_of(name: str) -> str:
+    """The folder of the package in which the object of a public name is defined."""
+    if "." in name:
+        return name.split(".")[0]
+    return thing(name).__module__.split(".")[1]
 
 
 def members(cls: type) -> list[tuple[str, str, Any]]:
@@ -227,7 +227,7 @@ def reference() -> dict[str, str]:
     """One page a room, and their index."""
     rooms: dict[str, list[str]] = {}
     for name in public_names():
-        rooms.setdefault((gossamer_fx._MODULE.get(name) or name).split(".")[0], []).append(name)
+        rooms.setdefault(room_of(name), []).append(name)
     order = [*[r for r in ROOMS if r in rooms], *sorted(set(rooms) - set(ROOMS))]
     pages, rows = {}, []
     for room in order:
@@ -240,8 +240,9 @@ def reference() -> dict[str, str]:
     toc = "\n".join(f"reference_{room}" for room in order)
     pages["reference"] = (
         "# Every public name\n\n"
-        "Names of `import gossamer_fx as gx`. SI units and radians throughout; a group is the name of a physical group "
-        "of the mesh.\n\n"
+        "Names of `import gossamer_fx as gx`: core names, e.g. `gx.Chamber`, and names of "
+        "namespaces, e.g. `gx.gas.Ring`; a namespace has its core names too. SI units and radians "
+        "throughout; a group is the name of a physical group of the mesh.\n\n"
         "| what | names |\n|---|---|\n"
         + "\n".join(rows)
         + f"\n\n```{{toctree}}\n:hidden:\n\n{toc}\n```\n"

@@ -87,7 +87,7 @@ def trapezoids(
 
 
 def pinwheel(comm: MPI.Comm, n: int, side: float, columns: int, reach: int) -> Mesh:
-    """The ring of `gx.fold.star` outside a polygon of n sides [m]: `reach` columns of side/columns from each corner.
+    """The ring of `gx.fold.Star` outside a polygon of n sides [m]: `reach` columns of side/columns from each corner.
 
     Sectors begin at the corners of the polygon and have their columns at right angles to their bounds.  Triangles at
     the rim end at columns, so that it has a step of one side at each corner.  Groups: "film"; the edges "hub" and

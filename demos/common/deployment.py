@@ -17,16 +17,16 @@ BY = "dissipated by "  # before the name of a cause
 
 
 def deploy(
-    case: gx.Case, output: str | Path | None, name: str, parts: Sequence[float], view: gx.View
+    case: gx.Case, output: str | Path | None, name: str, parts: Sequence[float], view: gx.plot.View
 ) -> tuple[gx.Simulation, gx.Series]:
     """Run a case to its end; with `output`, a folder: its recording, and NAME.png at these parts of its time."""
     series = gx.Series(case.probes)
-    outputs: list[Output] = [gx.Progress(), series]
+    outputs: list[Output] = [gx.outputs.Progress(), series]
     if output is not None:
         folder, looks = Path(output), [part * case.until for part in parts]
         outputs += [
             case.recording(folder),
-            gx.Picture(folder / f"{name}.png", looks, case.title, view),
+            gx.plot.Picture(folder / f"{name}.png", looks, case.title, view),
         ]
     run = case.simulation(outputs)
     run.run(until=case.until)

@@ -43,7 +43,7 @@ def exact(K: float) -> tuple[float, float]:
 
 def bent_strip(
     comm: MPI.Comm, law: FilmLaw, order: int, K: float, cells: int
-) -> tuple[gx.Prescribed, gx.Equilibrium]:
+) -> tuple[gx.constraints.Prescribed, gx.Equilibrium]:
     """The film with `cells` edges over its height, and what moves its right end."""
     κ, b = 2 * P * K / (E * THICKNESS * H**2), exact(K)[1] * H
     film = gx.Membrane(sheet(comm, round(1.5 * cells), cells, L, H, crossed=True), law, order=order)
@@ -52,16 +52,16 @@ def bent_strip(
         ε = (κ * (X[1] - b) if K > 1 else TENSION / E + κ * (X[1] - H / 2)) - NU * TENSION / E
         return np.vstack([ε * (X[0] - L / 2), 0 * ε, 0 * ε])
 
-    moved = gx.Prescribed(film, "right", turn, (0,))
+    moved = gx.constraints.Prescribed(film, "right", turn, (0,))
     held = [
-        gx.Prescribed(film, "left", turn, (0,)),
+        gx.constraints.Prescribed(film, "left", turn, (0,)),
         gx.Fixed(film, "bottom left", (1,)),
         gx.Fixed(film, "film", (2,)),
     ]
     pull = TENSION * THICKNESS
     loads = [
-        gx.EdgeLoad(film, "top", (0.0, pull, 0.0)),
-        gx.EdgeLoad(film, "bottom", (0.0, -pull, 0.0)),
+        gx.loads.EdgeLoad(film, "top", (0.0, pull, 0.0)),
+        gx.loads.EdgeLoad(film, "bottom", (0.0, -pull, 0.0)),
     ]
     return moved, gx.Equilibrium(gx.Scene(film, moved, *held, *loads))
 

@@ -65,7 +65,10 @@ def problem(comm: MPI.Comm, element: str, sides: int) -> dict[str, float]:
     film = gx.Membrane(
         cylinder(comm, RADIUS, LENGTH, sides, max(round(sides / 6), 2), order), LAW, order=order
     )
-    middle, end = gx.Fixed(film, "first rim", (0,)), gx.Prescribed(film, "last rim", turn, (0,))
+    middle, end = (
+        gx.Fixed(film, "first rim", (0,)),
+        gx.constraints.Prescribed(film, "last rim", turn, (0,)),
+    )
     held = [gx.Fixed(film, line, (1,)) for line in ("top", "bottom")]
     held += [gx.Fixed(film, point, (2,)) for point in ("first left", "first right")]
     search = gx.Equilibrium(gx.Scene(film, gx.Pressure(film, P), middle, end, *held))

@@ -145,9 +145,9 @@ def impact(comm: MPI.Comm, against: str) -> tuple[gx.Simulation, gx.Contact, flo
     if against == "bars":
         other: Any = bar(comm, 0.0, -SPEED, "right")
     else:
-        other = gx.Plane(point=(0.0, 0.0, 0.0), normal=(-1.0, 0.0, 0.0), name="wall")
+        other = gx.contact.Plane(point=(0.0, 0.0, 0.0), normal=(-1.0, 0.0, 0.0), name="wall")
     contact = gx.Contact(left, other, distance=d)
-    force = gx.Series({"force": gx.ContactForce(contact, left, "x")})
+    force = gx.Series({"force": gx.probes.ContactForce(contact, left, "x")})
     run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=h), [force])
     run.run(until=2.2 * 2 * LENGTH / WAVE)
     values = -np.array(force["force"])
@@ -183,17 +183,20 @@ def block(comm: MPI.Comm) -> tuple[gx.Simulation, gx.Contact, float]:
         3 * mass, (1e-5, 1e-5, 1e-5), position=(0, 0, -0.01), comm=comm, name="block"
     )
     thrown = film(comm, size=size, at=(0, 0, 1.05 * d), velocity=(0, 0, -V))
-    plane = gx.Plane(point=(0, 0, 0), normal=(0, 0, 1), on=face)
+    plane = gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 1), on=face)
     contact = gx.Contact(thrown, plane, distance=d, stiffness=k / size**2, law="penalty")
     h, expected = 2e-6, np.pi * (reduced / k) ** 0.5
     force = gx.Series(
-        {"force": gx.ContactForce(contact, thrown, "z"), "gap": gx.ContactGap(contact)}
+        {
+            "force": gx.probes.ContactForce(contact, thrown, "z"),
+            "gap": gx.probes.ContactGap(contact),
+        }
     )
     run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=h), [force])
     run.run(until=1.3 * expected)
     time = h * np.count_nonzero(np.array(force["force"]) > 1e-9)
     depth = d - min(force["gap"])
-    velocity = gx.Velocity(face.port(), "z")(run)
+    velocity = gx.probes.Velocity(face.port(), "z")(run)
     return (
         run,
         contact,
@@ -219,7 +222,7 @@ def mixed(comm: MPI.Comm, what: str) -> tuple[gx.Simulation, gx.Contact, float]:
             distance=1e-3,
         )
     else:
-        box = gx.Box(centre=(0, 0, -0.0366), sizes=(0.04, 0.04, 0.04), axes=_on_a_corner())
+        box = gx.contact.Box(centre=(0, 0, -0.0366), sizes=(0.04, 0.04, 0.04), axes=_on_a_corner())
         thrown = film(comm, n=6, velocity=(0, 0, -2.0), name="thrown")
         contact = gx.Contact(thrown, box, distance=1e-3)
     run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=1e-4))
@@ -240,7 +243,7 @@ def tube(
 ) -> tuple[gx.Simulation, gx.Contact | None, float]:
     """A folded tube of five compartments, filled through a valve that opens within 15 ms."""
     length, diameter = 0.8, 0.058
-    folds = gx.fold.zigzag(
+    folds = gx.fold.Zigzag(
         length=length,
         panels=5,
         angle=np.radians(80),
@@ -251,7 +254,7 @@ def tube(
     law = KAPTON_HN.law(25e-6, residual=1e-6)
     mesh = flat_tube(comm, length, diameter, 6, compartments=5)
     distance = 5e-4 if touches else 0.0
-    made = gx.InflatableTube(
+    made = gx.assemblies.InflatableTube(
         mesh, law, gas=NITROGEN, pressure=1.0, dead_volume=1e-6, folds=folds, contact=distance
     )
     source = gx.Tank(20e-6, gas=NITROGEN, pressure=1.5e6, temperature=293.0)
@@ -340,7 +343,7 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
         )
         / size
     )
-    pierced = 0.0 if contact is None else gx.Penetrations(contact)(run)
+    pierced = 0.0 if contact is None else gx.probes.Penetrations(contact)(run)
     sound = abs(run.energy_error) < ENERGY and (change < MOMENTUM or not free) and pierced == 0
     check(
         sound,

@@ -122,7 +122,8 @@ def problem(comm: MPI.Comm, law: str, element: str, torque: float, nodes: int) -
         )
         return turned - X
 
-    hub, rim = gx.Prescribed(film, "hub", turn, (0, 1)), gx.Prescribed(film, "rim", turn, (0, 1))
+    hub = gx.constraints.Prescribed(film, "hub", turn, (0, 1))
+    rim = gx.constraints.Prescribed(film, "rim", turn, (0, 1))
     search = gx.Equilibrium(gx.Scene(film, hub, rim, gx.Fixed(film, "film", (2,))))
     found = search.find()
     _, moment = search.reaction(hub)

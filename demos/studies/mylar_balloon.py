@@ -32,7 +32,7 @@ CELLS = {
 
 def inflate(
     comm: MPI.Comm, law: FilmLaw, order: int, cells: int, q: float
-) -> tuple[np.ndarray, gx.EquilibriumResult]:
+) -> tuple[np.ndarray, gx.analysis.EquilibriumResult]:
     """(R/a, thickness/a, V/a³) of a quarter of the upper half, from flat."""
     film = gx.Membrane(quarter_disc(comm, cells, 1.0, order), law, order=order)
     held = [

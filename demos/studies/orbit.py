@@ -67,7 +67,7 @@ def problem(comm: MPI.Comm, scene: str, h: float) -> dict[str, float]:
 
 def keplers_motion(comm: MPI.Comm, scene: str, h: float) -> tuple[gx.Simulation, float]:
     """Ten revolutions of a rigid or a flexible body, and how far it is from where it should be."""
-    orbit = gx.Orbit(gx.Elements(A, 0.1))
+    orbit = gx.orbit.Orbit(gx.orbit.Elements(A, 0.1))
     bodies: list[Any] = [gx.RigidBody(20.0, (1.0, 2.0, 2.5), spin=(0.002, 0.001, 0.003), comm=comm)]
     if scene == "flexible":
         arm, v = np.array([8.0, 6.0, 0.0]), RATE * np.array([-6.0, 8.0, 0.0])
@@ -75,17 +75,17 @@ def keplers_motion(comm: MPI.Comm, scene: str, h: float) -> tuple[gx.Simulation,
             gx.PointMass(10.0, tuple(s * arm), tuple(s * v), comm=comm, name=n)
             for s, n in ((-1, "a"), (1, "b"))
         )
-        bodies = [a, b, gx.Spring(a.port(), b.port(), stiffness=1e5, length=20.0)]
+        bodies = [a, b, gx.connectors.Spring(a.port(), b.port(), stiffness=1e5, length=20.0)]
     run = gx.Simulation(gx.Scene(*bodies, orbit), gx.Midpoint(dt=h))
     run.run(until=10 * REVOLUTION)
     here, _ = orbit.flight(run.system).state()
-    exact, _ = gx.Elements(A, 0.1).after(run.time).state()
+    exact, _ = gx.orbit.Elements(A, 0.1).after(run.time).state()
     return run, 1 + float(np.linalg.norm(here - exact)) / A
 
 
 def libration(comm: MPI.Comm, angle: float, h: float) -> tuple[gx.Simulation, float]:
     """A bar that swings about the vertical, and its quarter of a period over the exact one."""
-    orbit = gx.Orbit(gx.Elements(A, 0.0))
+    orbit = gx.orbit.Orbit(gx.orbit.Elements(A, 0.0))
     c, s = math.cos(angle), math.sin(angle)
     turned = ((c, -s, 0), (s, c, 0), (0, 0, 1))
     bar = gx.RigidBody(20.0, (1e-3, 600.0, 600.0), attitude=turned, spin=(0, 0, RATE), comm=comm)
@@ -106,7 +106,7 @@ def drift(
     comm: MPI.Comm, angle: str, e: float, i: float, h: float, critical: bool
 ) -> tuple[gx.Simulation, float]:
     """A flight over an oblate Earth, and the drift of an angle of its orbit over the exact one."""
-    elements = gx.Elements(A, e, i, 1.0, 1.0)
+    elements = gx.orbit.Elements(A, e, i, 1.0, 1.0)
     times = np.arange(EVERY, 5 * REVOLUTION, EVERY)
     run, rate = _flight(comm, elements, "J2", angle, times, h)
     if angle == "perigee":
@@ -117,18 +117,23 @@ def drift(
 
 
 def _flight(
-    comm: MPI.Comm, elements: gx.Elements, gravity: str, angle: str, times: np.ndarray, h: float
+    comm: MPI.Comm,
+    elements: gx.orbit.Elements,
+    gravity: str,
+    angle: str,
+    times: np.ndarray,
+    h: float,
 ) -> tuple[gx.Simulation, float]:
-    orbit = gx.Orbit(elements, gravity=gravity)
+    orbit = gx.orbit.Orbit(elements, gravity=gravity)
     run = gx.Simulation(gx.Scene(gx.PointMass(20.0, comm=comm), orbit), gx.Midpoint(dt=h))
-    probe, angles = gx.OrbitState(orbit, angle), []
+    probe, angles = gx.probes.OrbitState(orbit, angle), []
     for t in times:
         run.run(until=t)
         angles.append(probe(run))
     return run, _slope(times, angles)
 
 
-def _exact_drift(elements: gx.Elements, angle: str, times: np.ndarray) -> float:
+def _exact_drift(elements: gx.orbit.Elements, angle: str, times: np.ndarray) -> float:
     def rates(t: float, y: np.ndarray) -> np.ndarray:
         r = float(np.linalg.norm(y[:3]))
         bulge = 1.5 * J2 * (RADIUS / r) ** 2

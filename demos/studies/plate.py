@@ -95,8 +95,8 @@ def strip(
 def elastica(comm: MPI.Comm, cells: int, t: float, kind: str = "regular") -> Figures:
     law = gx.Linear(E=1e9, nu=0.0, density=1000.0, thickness=t)
     plate = strip(comm, cells, 1.0, 0.1, law, kind)
-    load = gx.EdgeLoad(plate, "right", (0.0, 0.0, 10 * 1e9 * t**3 / 12))
-    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.ClampedEdge(plate, "left"), load))
+    load = gx.loads.EdgeLoad(plate, "right", (0.0, 0.0, 10 * 1e9 * t**3 / 12))
+    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.constraints.ClampedEdge(plate, "left"), load))
     found = equilibrium.find()
     x = positions(equilibrium, plate, "right")
     error = max(abs(x[2] - 0.810609), abs(1 - x[0] - 0.554996)) / 0.810609
@@ -107,9 +107,10 @@ def sze_a(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
     plate = strip(
         comm, cells, 10.0, 1.0, gx.Linear(E=1.2e6, nu=0.0, density=1.0, thickness=0.1), kind
     )
-    load = gx.EdgeLoad(plate, "right", lambda t: (0.0, 0.0, 4 * t))
+    load = gx.loads.EdgeLoad(plate, "right", lambda t: (0.0, 0.0, 4 * t))
     equilibrium = gx.Equilibrium(
-        gx.Scene(plate, gx.ClampedEdge(plate, "left"), load), gx.Continuation(step=50.0)
+        gx.Scene(plate, gx.constraints.ClampedEdge(plate, "left"), load),
+        gx.analysis.Continuation(step=50.0),
     )
     worst, iterations, seconds = 0.0, 0, 0.0
     for share, (u, w) in SZE_A.items():
@@ -124,9 +125,10 @@ def roll_up(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
     plate = strip(
         comm, cells, 12.0, 1.0, gx.Linear(E=1.2e6, nu=0.0, density=1.0, thickness=0.1), kind
     )
-    moment = gx.EdgeMoment(plate, "right", lambda t: 50 * math.pi / 3 * t)
+    moment = gx.loads.EdgeMoment(plate, "right", lambda t: 50 * math.pi / 3 * t)
     equilibrium = gx.Equilibrium(
-        gx.Scene(plate, gx.ClampedEdge(plate, "left"), moment), gx.Continuation(step=50.0)
+        gx.Scene(plate, gx.constraints.ClampedEdge(plate, "left"), moment),
+        gx.analysis.Continuation(step=50.0),
     )
     worst, iterations, seconds = 0.0, 0, 0.0
     for share in np.linspace(0.125, 1.0, 8):
@@ -148,9 +150,10 @@ def slit(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
         else slit_ring(comm, 5 * cells // 8, 5 * cells, 6.0, 10.0)
     )
     plate = gx.Plate(mesh, gx.Linear(E=21e6, nu=0.0, density=1.0, thickness=0.03))
-    load = gx.EdgeLoad(plate, "start", lambda t: (0.0, 0.0, 0.8 * t))
+    load = gx.loads.EdgeLoad(plate, "start", lambda t: (0.0, 0.0, 0.8 * t))
     equilibrium = gx.Equilibrium(
-        gx.Scene(plate, gx.ClampedEdge(plate, "end"), load), gx.Continuation(step=50.0)
+        gx.Scene(plate, gx.constraints.ClampedEdge(plate, "end"), load),
+        gx.analysis.Continuation(step=50.0),
     )
     worst, iterations, seconds = 0.0, 0, 0.0
     nodes = plate.nodes("start")
@@ -172,7 +175,7 @@ def slit(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
 def curl(comm: MPI.Comm, cells: int, angle: float) -> Figures:
     law = gx.Linear(E=1e9, nu=0.0, density=1000.0, thickness=1e-3)
     plate = strip(comm, cells, 1.0, 0.1, law, "regular", rest_curvature=np.diag((angle, 0.0, 0.0)))
-    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.ClampedEdge(plate, "left")))
+    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.constraints.ClampedEdge(plate, "left")))
     found = equilibrium.find()
     x = positions(equilibrium, plate, "right")
     error = max(abs(x[0] - math.sin(angle) / angle), abs(x[2] - (1 - math.cos(angle)) / angle))
@@ -196,11 +199,11 @@ def buckled(comm: MPI.Comm, cells: int, slope: int, kind: str = "regular") -> Fi
         return np.stack([np.interp(X[0], arc, x) - X[0], 0 * X[0], np.interp(X[0], arc, z)])
 
     plate = strip(comm, cells, half, 0.05, law, kind, displacement=bent)
-    clamp = gx.ClampedEdge(plate, "left", direction=(1.0, 0.0, 0.0))
-    end = gx.Prescribed(
+    clamp = gx.constraints.ClampedEdge(plate, "left", direction=(1.0, 0.0, 0.0))
+    end = gx.constraints.Prescribed(
         plate, "right", lambda X, t: np.array([[-shortening * half], [0], [0]]) + 0 * X, (0,)
     )
-    equilibrium = gx.Equilibrium(gx.Scene(plate, clamp, end), gx.Continuation(step=0.05))
+    equilibrium = gx.Equilibrium(gx.Scene(plate, clamp, end), gx.analysis.Continuation(step=0.05))
     found = equilibrium.find()
     force, _ = equilibrium.reaction(end)
     critical = 1e6 * t * 0.05 * (1 - math.sqrt(1 - 4 * e_E)) / 2
@@ -217,7 +220,9 @@ def pressed(comm: MPI.Comm, cells: int, load: float) -> Figures:
     t = 0.01
     plate = gx.Plate(whole_disc(comm, cells), gx.Linear(E=1e9, nu=NU, density=1000.0, thickness=t))
     pressure = gx.Pressure(plate, load * 1e9 * t**4)
-    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.ClampedEdge(plate, "rim"), pressure))
+    equilibrium = gx.Equilibrium(
+        gx.Scene(plate, gx.constraints.ClampedEdge(plate, "rim"), pressure)
+    )
     found = equilibrium.find()
     value = (
         comm.allreduce(float(equilibrium.system.q0.array_r[2::3].max(initial=0.0)), op=MPI.MAX) / t
@@ -235,9 +240,9 @@ def frequencies(comm: MPI.Comm, cells: int, shape: str, edge: str) -> Figures:
     law = gx.Linear(E=1e9, nu=NU, density=1000.0, thickness=1e-3)
     mesh = whole_disc(comm, cells) if shape == "circle" else sheet(comm, cells, cells, crossed=True)
     plate, rims = gx.Plate(mesh, law), ("rim",) if shape == "circle" else EDGES
-    clamps = [gx.ClampedEdge(plate, rim) for rim in rims] if edge == "clamped" else []
+    clamps = [gx.constraints.ClampedEdge(plate, rim) for rim in rims] if edge == "clamped" else []
     # without a load its round-off decides when the flat plate is at rest
-    equilibrium = gx.Equilibrium(gx.Scene(plate, *clamps), gx.Continuation(residual=1e-4))
+    equilibrium = gx.Equilibrium(gx.Scene(plate, *clamps), gx.analysis.Continuation(residual=1e-4))
     found = equilibrium.find()
     began = time.process_time()
     if shape == "circle":
@@ -250,7 +255,7 @@ def frequencies(comm: MPI.Comm, cells: int, shape: str, edge: str) -> Figures:
     )  # Hz per λ²
     rigid = 6 if edge == "free" else 0
     shift = 0.3 * exact[0] * unit if rigid else 0.0
-    modes = gx.modes(equilibrium, len(exact) + rigid, above=shift)
+    modes = gx.analysis.modes(equilibrium, len(exact) + rigid, above=shift)
     found_modes = np.array([mode.frequency for mode in modes])[rigid:] / unit
     return {
         "error": float(abs(found_modes / exact - 1).max()),

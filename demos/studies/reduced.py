@@ -48,10 +48,10 @@ class Truth:
         self.recordings = []
         for kick in (saddle, bowl):
             known = film(comm, CELLS, kick, 0.02)
-            self.recordings.append(gx.Snapshots(known, every=4))
+            self.recordings.append(gx.reduction.Snapshots(known, every=4))
             flight(known, SPIN, DT, [self.recordings[-1]]).run(until=TURNS)
         self.film = film(comm, CELLS, tilted, 0.015)
-        self.shapes = gx.Snapshots(self.film, times=TIMES)
+        self.shapes = gx.reduction.Snapshots(self.film, times=TIMES)
         run = flight(self.film, FASTER * SPIN, DT, [self.shapes])
         started = time.process_time()
         run.run(until=TURNS)
@@ -69,7 +69,7 @@ def truth() -> Truth:
 def spin(run: gx.Simulation) -> float:
     """Of the hub about z [rad/s]."""
     hub: Any = next(body for body in run.system.bodies if body.name == "hub")
-    return gx.AngularVelocity(hub.frame(), "z")(run)
+    return gx.probes.AngularVelocity(hub.frame(), "z")(run)
 
 
 def stress(run: gx.Simulation, sail: Any) -> Array:
@@ -80,7 +80,7 @@ def stress(run: gx.Simulation, sail: Any) -> Array:
 
 def frequencies(sail: gx.Membrane) -> Array:
     """The lowest of the spinning sail [Hz]."""
-    found = gx.modes(steady(sail, SPIN), LOWEST, spin=(0.0, 0.0, SPIN))
+    found = gx.analysis.modes(steady(sail, SPIN), LOWEST, spin=(0.0, 0.0, SPIN))
     return np.array([mode.frequency for mode in found])
 
 
@@ -97,7 +97,7 @@ def predicted(comm: MPI.Intracomm, modes: int, share: float) -> dict[str, float]
     started = time.process_time()
     all_cells = 2 * CELLS**2 // comm.size
     cells = None if share == 1 else max(round(share * all_cells), 1)
-    sail = gx.reduce(known.film, known.recordings, modes, cells)
+    sail = gx.reduction.reduce(known.film, known.recordings, modes, cells)
     trained = time.process_time() - started
     run = flight(sail, FASTER * SPIN, DT)
     shape, found = BodyShape(run.system.state, sail), []
@@ -120,7 +120,7 @@ def predicted(comm: MPI.Intracomm, modes: int, share: float) -> dict[str, float]
         "frequency": float(np.abs(frequencies(sail) / known.frequencies - 1).max()),
         "energy": abs(run.energy_error),
         "momentum": relative_drift(run.totals.angular_momentum, run.first.angular_momentum),
-        "outside": gx.OutsideBasis(sail)(run),
+        "outside": gx.reduction.OutsideBasis(sail)(run),
         "σ": float(σ[modes] / σ[0]) if modes < len(σ) else 0.0,
         "iterations": run.iterations / run.step,
         "seconds": seconds,
@@ -182,7 +182,10 @@ def problem(comm: MPI.Intracomm, model: str, modes: int) -> dict[str, float]:
     return projected(comm, modes) if model == VECTOR else predicted(comm, modes, SHARES[model])
 
 
-COLUMNS = "unknowns error tilted spin stress frequency energy momentum outside σ iterations seconds full/reduced trained"
+COLUMNS = (
+    "unknowns error tilted spin stress frequency energy momentum outside σ iterations seconds "
+    "full/reduced trained"
+)
 STUDY = Study(
     "reduced",
     "Reduced models of a spinning sail",

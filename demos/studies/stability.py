@@ -96,9 +96,9 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
         dead_volume=v["dead"],
         name="tube",
     )
-    tank = gx.Reservoir(pressure=1e5, temperature=293.0)
+    tank = gx.gas.Reservoir(pressure=1e5, temperature=293.0)
     valve = gx.Orifice(tank, tube, area=1e-6)
-    scene = gx.Scene(film, gx.BallJoint(tip, payload.port()), tube, valve)
+    scene = gx.Scene(film, gx.constraints.BallJoint(tip, payload.port()), tube, valve)
     run = gx.Simulation(scene, gx.Midpoint(dt=v["h"] * H))
     run.run(until=STEPS * v["h"] * H)
     state, errors = run.chamber("tube"), (abs(run.energy_error), abs(run.mass_error))

@@ -45,14 +45,14 @@ class GaussPoints(StressRule):
     alpha = 0.5
 
     def stress(self, part: StoredEnergy, e0: Expr, e1: Expr) -> Expr:
-        return gx.PathAverage(self.points).stress(replace(part, pieces=None), e0, e1)
+        return gx.steppers.PathAverage(self.points).stress(replace(part, pieces=None), e0, e1)
 
 
 RULES: dict[str, StressRule] = {
     "points 6": GaussPoints(6),
     "points 10": GaussPoints(10),
     "points 16": GaussPoints(16),
-    "exact": gx.PathAverage(),
+    "exact": gx.steppers.PathAverage(),
     "Gonzalez": Gonzalez(),
 }
 

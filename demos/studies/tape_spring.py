@@ -28,7 +28,9 @@ D = STEEL.E * STEEL.thickness**3 / 12 / (1 - STEEL.nu**2)
 PLATEAU = (1 + STEEL.nu) * D * ANGLE
 TURNS = np.radians([0, 1, 2, 3, 4, 5, 6, 6.5, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16])
 FLAT = np.radians(13.0)  # the turn from which the moment is that of the fold
-SEARCH = gx.Continuation(step=1e-3, residual=1e-6, inner=0.3, fast_iterations=15, max_iterations=40)
+SEARCH = gx.analysis.Continuation(
+    step=1e-3, residual=1e-6, inner=0.3, fast_iterations=15, max_iterations=40
+)
 LITTLE = 1e-3 * D * ANGLE / RADIUS  # of an axial force [N]
 
 
@@ -85,8 +87,10 @@ def problem(comm: MPI.Comm, cells: int) -> dict[str, float]:
     tape = gx.Plate(
         mesh, STEEL, rest_curvature=np.diag((0.0, 1 / RADIUS, 0.0)), displacement=curved
     )
-    middle = gx.ClampedEdge(tape, "left", components=(0,), direction=(1.0, 0.0, 0.0), name="middle")
-    end = gx.ClampedEdge(tape, "right", direction=direction, motion=turned, name="end")
+    middle = gx.constraints.ClampedEdge(
+        tape, "left", components=(0,), direction=(1.0, 0.0, 0.0), name="middle"
+    )
+    end = gx.constraints.ClampedEdge(tape, "right", direction=direction, motion=turned, name="end")
     equilibrium = gx.Equilibrium(gx.Scene(tape, middle, end), SEARCH)
     energies, iterations, seconds = [], 0, 0.0
     stiffness = STEEL.E * STEEL.thickness * WIDTH / HALF

@@ -39,10 +39,10 @@ def problem(
         displacement=folded(math.radians(80)),
         velocity=lambda X: thrown(speed, X),
     )
-    crease = gx.Crease(plate, "crease", stiffness * STIFFNESS)
+    crease = gx.connectors.Crease(plate, "crease", stiffness * STIFFNESS)
     run = gx.Simulation(gx.Scene(plate, crease), gx.Midpoint(dt=h))
     least, most, began = math.inf, -math.inf, time.process_time()
-    angle = gx.FoldAngle(crease)
+    angle = gx.probes.FoldAngle(crease)
     for end in np.linspace(0, UNTIL, round(UNTIL / (4 * h)) + 1)[1:]:
         run.run(until=float(end))
         θ = math.degrees(angle(run))

@@ -58,13 +58,15 @@ def balloon(comm: MPI.Comm) -> gx.Scene:
     law = gx.Linear(E=2e6, nu=0.45, density=1100.0, thickness=2e-4)
     film = gx.Membrane(sphere(comm, 0.2, 6, order=2), law, order=2)
     bag = gx.Chamber(film, gas=gx.IdealGas(gamma=1.4, R=287.0), pressure=50.0, temperature=300.0)
-    return gx.Scene(film, bag, gx.Orifice(gx.Reservoir(1e5, 300.0), bag, area=3e-5))
+    return gx.Scene(film, bag, gx.Orifice(gx.gas.Reservoir(1e5, 300.0), bag, area=3e-5))
 
 
 def pendulum(comm: MPI.Comm) -> gx.Scene:
     model = antenna(comm, 2, 4, 1)
     corner = model.points[2]
-    hinge = gx.BallJoint(model.film.port_at(corner), gx.Ground(tuple(corner.tolist())), "hinge")
+    hinge = gx.constraints.BallJoint(
+        model.film.port_at(corner), gx.Ground(tuple(corner.tolist())), "hinge"
+    )
     weights = [gx.Gravity(body, (0.0, 0.0, -1.0)) for body in (model.film, *model.booms)]
     return gx.Scene(*model.items, hinge, *weights)
 

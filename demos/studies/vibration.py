@@ -47,13 +47,15 @@ def film_of(comm: MPI.Comm, scene: str, order: int, cells: int) -> gx.Scene:
         return gx.Scene(film, *(gx.Fixed(film, edge) for edge in EDGES))
     if scene == "hub":
         film = gx.Membrane(ring(comm, HUB, 1.0, cells, 6 * cells, order), SPUN, order=order)
-        return gx.Scene(film, gx.Fixed(film, "hub"), gx.Centrifugal(film, (0.0, 0.0, SPIN)))
+        return gx.Scene(film, gx.Fixed(film, "hub"), gx.loads.Centrifugal(film, (0.0, 0.0, SPIN)))
     law, stretch = (TENSIONED, STRETCH) if scene == "circle" else (SPUN, 0.0)
     film = gx.Membrane(
         quarter_disc(comm, cells, 1.0, order), law, order=order, displacement=lambda X: stretch * X
     )
     held = [gx.Fixed(film, "x axis", (1,)), gx.Fixed(film, "y axis", (0,))]
-    last = gx.Fixed(film, "rim") if scene == "circle" else gx.Centrifugal(film, (0.0, 0.0, SPIN))
+    last = (
+        gx.Fixed(film, "rim") if scene == "circle" else gx.loads.Centrifugal(film, (0.0, 0.0, SPIN))
+    )
     return gx.Scene(film, *held, last)
 
 
@@ -64,7 +66,7 @@ def problem(comm: MPI.Comm, scene: str, element: str, nodes: int) -> dict[str, f
     found = equilibrium.find()
     exact, began = np.array(EXACT[scene]), time.process_time()
     heave = scene == "free disc"  # its first motion is no vibration
-    modes = gx.modes(equilibrium, len(exact) + heave, above=0.1 if heave else 0.0)[heave:]
+    modes = gx.analysis.modes(equilibrium, len(exact) + heave, above=0.1 if heave else 0.0)[heave:]
     ratios = np.array([mode.frequency for mode in modes]) / exact
     return {
         "lowest/exact": ratios[0],

@@ -39,7 +39,7 @@ AMPLITUDE = LAMBDA / math.pi * math.sqrt(2 * (1 - FILM["nu"]) * GAMMA)
 FORCE = FILM["E"] * FILM["thickness"] * LENGTH * GAMMA / 4
 CENTRE = (0.3, 0.7)  # of the length, where wrinkles are measured
 # pseudo-steps of wrinkles need not be solved well; what is left unbalanced is in the slack corners
-SEARCH = gx.Continuation(
+SEARCH = gx.analysis.Continuation(
     step=1e-4,
     growth=2.0,
     inner=0.3,
@@ -86,7 +86,7 @@ def problem(comm: MPI.Comm, start: str, cells: int) -> dict[str, float]:
     mesh = leaning_sheet(comm, 38 * cells, 16, LENGTH, HEIGHT, 0.11)
     plate = gx.Plate(mesh, gx.Linear(**FILM), displacement=shape)
     clamps = [
-        gx.ClampedEdge(plate, edge, direction=(0.0, 1.0, 0.0), motion=motion, name=edge)
+        gx.constraints.ClampedEdge(plate, edge, direction=(0.0, 1.0, 0.0), motion=motion, name=edge)
         for edge, motion in (("bottom", None), ("top", moved))
     ]
     equilibrium = gx.Equilibrium(gx.Scene(plate, *clamps), SEARCH)
@@ -96,9 +96,9 @@ def problem(comm: MPI.Comm, start: str, cells: int) -> dict[str, float]:
 
     mesh = sheet(comm, 48, 16, LENGTH, HEIGHT)
     film = gx.Membrane(mesh, gx.TensionField(**FILM), order=2, displacement=sheared)
-    top = gx.Prescribed(film, "top", moved)
+    top = gx.constraints.Prescribed(film, "top", moved)
     other = gx.Equilibrium(
-        gx.Scene(film, gx.Fixed(film, "bottom"), top), gx.Continuation(residual=1e-4)
+        gx.Scene(film, gx.Fixed(film, "bottom"), top), gx.analysis.Continuation(residual=1e-4)
     )
     of_film = other.find()
     film_force = other.reaction(top)[0][0]

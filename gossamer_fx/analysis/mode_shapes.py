@@ -8,7 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.analysis.equilibrium import Equilibrium
-from gossamer_fx.analysis.modes import Mode
+from gossamer_fx.analysis.natural_modes import Mode
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.terms import Array

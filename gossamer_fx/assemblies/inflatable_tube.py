@@ -38,7 +38,7 @@ class InflatableTube:
     `caps` (a `RigidRegion` for each end with a cap), `start`, `creases`, `contact`; what was not asked for is None or
     empty.  In a scene it brings all of them:
 
-        tube = gx.InflatableTube(flat_tube(comm, 0.25, 0.03, 6, compartments=3), law, gas=NITROGEN)
+        tube = gx.assemblies.InflatableTube(flat_tube(comm, 0.25, 0.03, 6, compartments=3), law, gas=NITROGEN)
         tank = gx.Tank(2e-6, gas=NITROGEN, pressure=1.5e6, temperature=293.0)
         scene = gx.Scene(tube, tube.inlet(tank, area=1e-7))
 
@@ -107,7 +107,7 @@ class InflatableTube:
         check(contact >= 0, f"{who}: contact is {contact!r} m; give zero or a positive number.")
         check(
             folds is None or hasattr(folds, "mark"),
-            f"{who}: folds is a {type(folds).__name__}; give a map, e.g. fold.zigzag(...).",
+            f"{who}: folds is a {type(folds).__name__}; give a map, e.g. fold.Zigzag(...).",
         )
         check(
             crease == 0 or folds is not None, f"{who}: creases are at fold lines; give the folds."

@@ -16,7 +16,6 @@ from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.bodies.meshed import PointFunction, checked
 from gossamer_fx.bodies.ports import global_node
 from gossamer_fx.bodies.rigid_body import orthonormality
-from gossamer_fx.bodies.sections import Section
 from gossamer_fx.checks.errors import check_on_all
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr, beam_strain
@@ -24,6 +23,7 @@ from gossamer_fx.materials.film import constants
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Array, Indices, Port, Term, Vector
+from gossamer_fx.sections import Section
 from gossamer_fx.terms.element_energies import StoredEnergy
 from gossamer_fx.terms.masses import KineticEnergy
 from gossamer_fx.terms.point_constraints import PointConstraint

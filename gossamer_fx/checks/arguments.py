@@ -87,7 +87,7 @@ _TESTS: dict[str, Test] = {
 }
 
 
-def guarded(thing: Any, public: Container[str]) -> Any:
+def guarded(thing: Any, public: Container[str] = ()) -> Any:
     """A public class or function that checks its arguments; a class is changed in place.
 
     Args:

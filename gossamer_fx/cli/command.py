@@ -133,7 +133,9 @@ def _parser() -> argparse.ArgumentParser:
     run.set_defaults(command=_run)
 
     sweep = commands.add_parser("sweep", help="make the runs of a design that a folder lacks")
-    sweep.add_argument("design", type=Path, help="Python file with a gx.RobustDesign named SWEEP")
+    sweep.add_argument(
+        "design", type=Path, help="Python file with a gx.sweep.RobustDesign named SWEEP"
+    )
     sweep.add_argument(
         "-o", "--output", type=Path, help="folder of the runs; default out/NAME of the file"
     )
@@ -315,10 +317,13 @@ def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     path: Path = wanted.design
     check(
         path.is_file(),
-        f"There is no file '{path}'; give a Python file with a gx.RobustDesign named SWEEP.",
+        f"There is no file '{path}'; give a Python file with a gx.sweep.RobustDesign named SWEEP.",
     )
     design = getattr(guarded(comm, path, wanted.debug, lambda: load(path)), "SWEEP", None)
-    check(isinstance(design, RobustDesign), f"'{path}' has no SWEEP; let it be a gx.RobustDesign.")
+    check(
+        isinstance(design, RobustDesign),
+        f"'{path}' has no SWEEP; let it be a gx.sweep.RobustDesign.",
+    )
     assert isinstance(design, RobustDesign)
     folder: Path = wanted.output or Path("out") / path.stem
     text = guarded(comm, path, wanted.debug, lambda: run_design(design, comm, folder))
@@ -331,7 +336,7 @@ def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
 
 def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     from gossamer_fx.checks.errors import check
-    from gossamer_fx.plot.plot import animate, default_field, plot_curves, plot_field, plot_strip
+    from gossamer_fx.plot import plot as pictures
     from gossamer_fx.plot.run_reader import RunReader
     from gossamer_fx.plot.viewpoint import View
 
@@ -351,25 +356,25 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     view = View(
         azimuth, elevation, follow=wanted.follow or None, zoom=wanted.zoom, opacity=wanted.opacity
     )
-    field: str = wanted.field or ("" if chosen == ["curves"] else default_field(run))
+    field: str = wanted.field or ("" if chosen == ["curves"] else pictures.default_field(run))
     output: Path | None = wanted.output
     if not chosen or wanted.strip:
         _told(
             output or folder / f"{field}.png",
-            lambda path: plot_strip(run, field, path, wanted.strip or 6, view),
+            lambda path: pictures.strip(run, field, path, wanted.strip or 6, view),
         )
     if wanted.time:
         _told(
             output or folder / f"{field}_at.png",
-            lambda path: plot_field(run, field, wanted.time, path, view),
+            lambda path: pictures.field(run, field, wanted.time, path, view),
         )
     if wanted.animate:
         _told(
             output or folder / f"{field}.{wanted.animate}",
-            lambda path: animate(run, field, path, view=view),
+            lambda path: pictures.animate(run, field, path, view=view),
         )
     if not chosen or wanted.curves:
-        _told(output or folder / "curves.png", lambda path: plot_curves(run, path))
+        _told(output or folder / "curves.png", lambda path: pictures.curves(run, path))
 
 
 def _report(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:

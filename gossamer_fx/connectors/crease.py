@@ -154,7 +154,7 @@ class Crease:
         maps[:, :, 0, :k] = np.einsum("egck,ec->egk", left, t)
         maps[:, :, 1, :k] = np.einsum("egck,ec->egk", left, inwards[0])
         maps[:, :, 2, k:] = np.einsum("egck,ec->egk", right, inwards[1])
-        nodes = cell_nodes(self.film.space)[cells].reshape(len(owned), 2 * k)
+        nodes: Indices = cell_nodes(self.film.space)[cells].reshape(len(owned), 2 * k)
         nodes, maps = _without_twins(nodes, maps, k)
         numbers = geometry.input_global_indices[vertices]
         swapped = (numbers[:, 0] > numbers[:, 1])[:, None]

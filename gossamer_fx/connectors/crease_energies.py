@@ -1,7 +1,8 @@
 """Energies of folds: rotational springs between the cells on both sides of edges, as arrays over points of the edges.
 
-With ψ = ½ k (θ - θr)² at each point the force of a step is m̄ G, G the discrete gradient of `dihedral_angle` and m̄ the mean
-moment along the path from θ0 to θ1, so that m̄ G·ΔX = ∫ m dθ.  A fold that yields holds |θ - θr| ≤ φ: beyond it the rest
+With ψ = ½ k (θ - θr)² at each point the force of a step is m̄ G, G the discrete gradient of
+`dihedral_angle` and m̄ the mean moment along the path from θ0 to θ1, so that m̄ G·ΔX = ∫ m dθ.
+A fold that yields holds |θ - θr| ≤ φ: beyond it the rest
 angle θr slips along, at the constant moment k φ, and what the step dissipates, k φ |Δθr|, closes the balance exactly.
 
 θ counts on from step to step: what is more than half a turn from flat, or pressed shut at ±π, keeps its sign and turns.

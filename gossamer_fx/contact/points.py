@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -59,7 +60,7 @@ class Points:
                     continue
                 constants.append(np.zeros(3))
                 k = system.bodies.index(port.body)
-                of_nodes = numbering.to_global(k, np.array(port.nodes, dtype=np.int64))
+                of_nodes: Any = numbering.to_global(k, np.array(port.nodes, dtype=np.int64))
                 for row, weight, vector in zip(
                     of_nodes, port.weights, port.vectors or (0,) * len(port.nodes), strict=True
                 ):

@@ -1,1 +1,5 @@
 """Fields of a state on the meshes of bodies: strains, stresses, wrinkling states."""
+
+from gossamer_fx.checks.lazy_names import lazy_names
+
+__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

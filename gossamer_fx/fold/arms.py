@@ -17,7 +17,7 @@ AJAR = 1e-2  # thickness of the layers over the radius of the hub at which mount
 
 
 @dataclass(frozen=True)
-class Arms(FoldMap):
+class Ikaros(FoldMap):
     """n trapezoids round a hub, each folded at rows parallel to its edges into a strip that stands on edge.
 
     With s along the rows of a trapezoid, y their distance from the centre and C the strip's line round the hub and out,
@@ -46,7 +46,7 @@ class Arms(FoldMap):
         InputError: numbers out of these ranges.
     """
 
-    called: ClassVar[str] = "fold.ikaros"
+    called: ClassVar[str] = "fold.Ikaros"
     n: int
     inner: int
     outer: int
@@ -93,10 +93,10 @@ class Arms(FoldMap):
         layers = self._height_of_roll if self.wound else self.outer
         return self.column / 2 / math.sin(math.pi / self.n / self.bends / 2) - self.hub_gap * layers
 
-    def pressed(self) -> Arms:
+    def pressed(self) -> Ikaros:
         return replace(self, gap=0.0, hub_gap=0.0)
 
-    def ajar(self) -> Arms:
+    def ajar(self) -> Ikaros:
         return _Tilted(**vars(self.pressed()))
 
     def place(self, X: Array, side: Array) -> Array:
@@ -193,12 +193,12 @@ class Arms(FoldMap):
         return result
 
 
-class _Tilted(Arms):
+class _Tilted(Ikaros):
     """Neighbouring panels are turned apart about their folds, so that none of these is shut."""
 
-    def pressed(self) -> Arms:
+    def pressed(self) -> Ikaros:
         return self
 
     def place(self, X: Array, side: Array) -> Array:
         gap = AJAR * self.radius / (self._height_of_roll if self.wound else self.outer)
-        return replace(Arms(**vars(self)), gap=gap, hub_gap=gap).place(X, side)
+        return replace(Ikaros(**vars(self)), gap=gap, hub_gap=gap).place(X, side)

@@ -29,7 +29,7 @@ class FoldMap(ABC):
 
     A film with folds is made in this order:
 
-        folds = gx.fold.zigzag(length=0.8, panels=5, angle=1.4)
+        folds = gx.fold.Zigzag(length=0.8, panels=5, angle=1.4)
         film = gx.Membrane(folds.mark(mesh), law)
         scene = gx.Scene(film, folds.start(film), *folds.creases(film, stiffness=1e-3))
     """

@@ -42,7 +42,7 @@ class Miura(FoldMap):
     Source: Schenk & Guest, Proc. Natl. Acad. Sci. 110 (2013) 3276, doi:10.1073/pnas.1217998110, equations 1 to 4.
     """
 
-    called: ClassVar[str] = "fold.miura"
+    called: ClassVar[str] = "fold.Miura"
     a: float
     b: float
     gamma: float

@@ -15,7 +15,7 @@ AJAR = 0.01  # thickness of the roll over its radius at which mountain and valle
 
 
 @dataclass(frozen=True)
-class Pinwheel(FoldMap):
+class Star(FoldMap):
     """A ring outside a regular polygon of n sides, folded to a roll round it that stands on edge.
 
     From corner k the sides of the polygon, drawn on, bound a sector of angle 2π/n, which is folded about its bisector:
@@ -42,7 +42,7 @@ class Pinwheel(FoldMap):
     Structural Morphology (1992) 203.
     """
 
-    called: ClassVar[str] = "fold.star"
+    called: ClassVar[str] = "fold.Star"
     n: int
     side: float
     columns: int
@@ -73,10 +73,10 @@ class Pinwheel(FoldMap):
         outermost = self.column / 2 / math.sin(math.pi / self.n / self.columns)
         return outermost - 2 * self.gap * self.reach / self.columns
 
-    def pressed(self) -> Pinwheel:
+    def pressed(self) -> Star:
         return replace(self, gap=0.0)
 
-    def ajar(self) -> Pinwheel:
+    def ajar(self) -> Star:
         return _Open(self.n, self.side, self.columns, self.reach)
 
     def place(self, X: Array, side: Array) -> Array:
@@ -121,15 +121,15 @@ class Pinwheel(FoldMap):
         return result
 
 
-class _Open(Pinwheel):
+class _Open(Star):
     """Layers are so far apart that no fold is shut."""
 
     @property
     def _ajar(self) -> float:
         return AJAR * self.radius * self.columns / self.reach
 
-    def pressed(self) -> Pinwheel:
+    def pressed(self) -> Star:
         return self
 
     def place(self, X: Array, side: Array) -> Array:
-        return Pinwheel(self.n, self.side, self.columns, self.reach, self._ajar).place(X, side)
+        return Star(self.n, self.side, self.columns, self.reach, self._ajar).place(X, side)

@@ -116,7 +116,7 @@ class Zigzag(Strip):
         InputError: numbers out of these ranges, folds that overlap.
     """
 
-    called: ClassVar[str] = "fold.zigzag"
+    called: ClassVar[str] = "fold.Zigzag"
     panels: int = 2
     angle: float = 1.4
     width: float = 0.0
@@ -197,7 +197,7 @@ class Roll(Strip):
         InputError: numbers out of these ranges; rows farther apart than two thirds of the radius.
     """
 
-    called: ClassVar[str] = "fold.roll"
+    called: ClassVar[str] = "fold.Roll"
     bends: int = 10
     radius: float = 0.02
     pitch: float = 2e-3

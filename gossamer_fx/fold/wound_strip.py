@@ -15,7 +15,7 @@ AJAR = 1e-2  # thickness of the roll over its radius at which mountain and valle
 
 
 @dataclass(frozen=True)
-class WoundStrip(FoldMap):
+class Spiral(FoldMap):
     """A strip [0, length] × [0, rows pitch] folded at rows along x to a height `pitch`, and wound round a hub about z.
 
     Rows and columns are edges of the mesh; the strip begins at (radius, 0, 0) and winds in the sense of z, with corners
@@ -35,7 +35,7 @@ class WoundStrip(FoldMap):
         InputError: numbers out of these ranges.
     """
 
-    called: ClassVar[str] = "fold.spiral"
+    called: ClassVar[str] = "fold.Spiral"
     length: float
     columns: int
     around: int
@@ -60,10 +60,10 @@ class WoundStrip(FoldMap):
         layers = self.rows + (self.rows + 1) * self.columns / self.around
         return self.length / self.columns / 2 / math.sin(math.pi / self.around) - self.gap * layers
 
-    def pressed(self) -> WoundStrip:
+    def pressed(self) -> Spiral:
         return replace(self, gap=0.0)
 
-    def ajar(self) -> WoundStrip:
+    def ajar(self) -> Spiral:
         return _Open(**vars(self.pressed()))
 
     def place(self, X: Array, side: Array) -> Array:
@@ -83,12 +83,12 @@ class WoundStrip(FoldMap):
         return corner
 
 
-class _Open(WoundStrip):
+class _Open(Spiral):
     """Layers are so far apart that no fold is shut."""
 
-    def pressed(self) -> WoundStrip:
+    def pressed(self) -> Spiral:
         return self
 
     def place(self, X: Array, side: Array) -> Array:
         layers = self.rows + (self.rows + 1) * self.columns / self.around
-        return replace(WoundStrip(**vars(self)), gap=AJAR * self.radius / layers).place(X, side)
+        return replace(Spiral(**vars(self)), gap=AJAR * self.radius / layers).place(X, side)

@@ -14,7 +14,7 @@ from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check, check_positive, is_vector
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, area_vector
-from gossamer_fx.loads.film_drag import Drag
+from gossamer_fx.loads.film_drag import FilmDrag
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term, Vector
 
@@ -86,4 +86,4 @@ class AirDrag:
                 * dx
             )
 
-        yield Drag(self.name, film, work, u)
+        yield FilmDrag(self.name, film, work, u)

@@ -19,13 +19,13 @@ from gossamer_fx.terms.loads import Loads, at_rate, rate_of
 
 
 class Drags(Dissipation, Loads):
-    """All `Drag` terms of a scene.
+    """All `FilmDrag` terms of a scene.
 
     With the velocity v = (q1 - q0)/h of a step h δW[v] is the work of the force on the way from q0 to q1.  In a wind u
     it is the sum of h δW[v - u], which is lost, and h δW[u], which is supplied.
     """
 
-    def __init__(self, terms: Sequence[Drag], system: Assembly) -> None:
+    def __init__(self, terms: Sequence[FilmDrag], system: Assembly) -> None:
         at = [system.fields[term.body] for term in terms]
         super().__init__(
             [at_rate(term, place) for term, place in zip(terms, at, strict=True)], system
@@ -52,7 +52,7 @@ class Drags(Dissipation, Loads):
 
 
 @dataclass(frozen=True, eq=False)
-class Drag:
+class FilmDrag:
     """A force against the velocity v - u in a medium that moves with the wind u.
 
     work    δW(x, v, w) at the positions x, linear in w; δW(x, v, v - u) is never positive

@@ -1,1 +1,5 @@
 """Meshes: made with gmsh, read, and judged."""
+
+from gossamer_fx.checks.lazy_names import lazy_names
+
+__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from gossamer_fx.model.terms import Array
 from gossamer_fx.plot.colours import Scale
-from gossamer_fx.plot.curves import INK, Panel
+from gossamer_fx.plot.curve_panels import INK, Panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

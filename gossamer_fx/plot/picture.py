@@ -13,7 +13,7 @@ from gossamer_fx.model.terms import Vector
 from gossamer_fx.outputs.output import make_parent
 from gossamer_fx.outputs.schedule import Schedule
 from gossamer_fx.plot.camera import BY_STATE, STATE_COLOURS, aim, enlarged, render
-from gossamer_fx.plot.curves import Snapshot, observe, panels, scaled
+from gossamer_fx.plot.curve_panels import Snapshot, observe, panels, scaled
 from gossamer_fx.plot.groups import COLOURS, colour_table
 from gossamer_fx.plot.page import DPI, arrange, write
 from gossamer_fx.plot.section import Cut, Section, check_section, draw, window

@@ -17,7 +17,7 @@ from gossamer_fx.fields.fields import STATES
 from gossamer_fx.model.terms import Array
 from gossamer_fx.plot.camera import BY_STATE, STATE_COLOURS, Camera, aim, enlarged, render
 from gossamer_fx.plot.colours import NAMES, Scale, scale
-from gossamer_fx.plot.curves import scaled
+from gossamer_fx.plot.curve_panels import scaled
 from gossamer_fx.plot.page import DPI, arrange, write
 from gossamer_fx.plot.run_curves import run_curves
 from gossamer_fx.plot.run_reader import RunReader
@@ -54,7 +54,7 @@ def default_field(run: RunReader) -> str:
     return "state" if "state" in known else known[0]
 
 
-def plot_field(
+def field(
     run: RunReader, field: str, times: Sequence[float], path: str | Path, view: View | None = None
 ) -> None:
     """PNG of a field at some times, at one scale of colours.
@@ -69,6 +69,12 @@ def plot_field(
     Raises:
         InputError: an unknown field, a time outside the run.
     """
+    _write_field(run, field, times, path, view)
+
+
+def _write_field(
+    run: RunReader, field: str, times: Sequence[float], path: str | Path, view: View | None
+) -> None:
     check(
         bool(len(times)),
         "There are no times of which to draw a picture; give one or more in seconds.",
@@ -98,17 +104,17 @@ def plot_field(
     )
 
 
-def plot_strip(
+def strip(
     run: RunReader, field: str, path: str | Path, count: int = 6, view: View | None = None
 ) -> None:
-    """PNG of a field at `count` times, evenly spread over the run; `view` as of `plot_field`."""
+    """PNG of a field at `count` times, evenly spread over the run; `view` as of `field`."""
     check(count >= 1, f"The number of pictures is {count!r}; give one or more.")
     frames = np.unique(np.rint(np.linspace(0, len(run.times) - 1, count)).astype(int))
     run.frame(run.times[0] if len(run.times) else 0.0)
-    plot_field(run, field, run.times[frames].tolist(), path, view)
+    _write_field(run, field, run.times[frames].tolist(), path, view)
 
 
-def plot_curves(run: RunReader, path: str | Path) -> None:
+def curves(run: RunReader, path: str | Path) -> None:
     """PNG of ledger, gas and probes over the time."""
     panels, times, unit = run_curves(run)
     check(
@@ -125,7 +131,7 @@ def animate(
 
     Args:
         run: what was recorded.
-        field: as of `plot_field`.
+        field: as of `field`.
         path: `.gif` or `.mp4`.
         seconds: length of the animation.
         view: from where; `follow` keeps the shape in the middle, `zoom` is not for animations.  Default: a camera that

@@ -13,7 +13,8 @@ import numpy as np
 
 from gossamer_fx.checks.errors import OutputFailure, check
 from gossamer_fx.outputs.description import lines
-from gossamer_fx.plot.plot import default_field, file_to_write, plot_curves, plot_strip
+from gossamer_fx.plot import plot as pictures
+from gossamer_fx.plot.plot import default_field, file_to_write
 from gossamer_fx.plot.run_reader import RunReader
 from gossamer_fx.plot.viewer import view_data
 
@@ -77,10 +78,11 @@ def _page(run: RunReader) -> Iterable[str]:
         yield _VIEW
         yield "<h2>Over the time</h2>"
         field = default_field(run)
-        yield _image(lambda file: plot_strip(run, field, file), f"{field} at six times")
+        yield _image(lambda file: pictures.strip(run, field, file), f"{field} at six times")
     if len(run.table("ledger.csv")["time"]) > 1:
         yield _image(
-            lambda file: plot_curves(run, file), "energies, pressures, states, errors, iterations"
+            lambda file: pictures.curves(run, file),
+            "energies, pressures, states, errors, iterations",
         )
     yield "<h2>Scene</h2><pre>" + escape("\n".join(lines(about["scene"]))) + "</pre>"
     yield "<h2>Ledger</h2>" + _table(("", "start", "end", "largest magnitude"), _ledger(run))

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from gossamer_fx.model.terms import Array
 from gossamer_fx.plot.colours import NAMES, Scale
-from gossamer_fx.plot.curves import scaled
+from gossamer_fx.plot.curve_panels import scaled
 from gossamer_fx.plot.plot import Colouring, colouring, default_field
 from gossamer_fx.plot.run_reader import RunReader, Segment
 from gossamer_fx.plot.view import Integers

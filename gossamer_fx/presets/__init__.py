@@ -1,1 +1,5 @@
 """Figures of real films and gases, each with its source; optics of surfaces are in `gossamer_fx.orbit.optics`."""
+
+from gossamer_fx.checks.lazy_names import lazy_names
+
+__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

@@ -1,1 +1,5 @@
 """Probes: functions of a run that return one number."""
+
+from gossamer_fx.checks.lazy_names import lazy_names
+
+__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

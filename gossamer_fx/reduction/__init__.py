@@ -1,1 +1,5 @@
 """Reduced models: a film whose shape is a combination of a few modes."""
+
+from gossamer_fx.checks.lazy_names import lazy_names
+
+__getattr__, __dir__, __all__ = lazy_names(__name__, __file__)

@@ -109,7 +109,7 @@ class Checkpoints:
 
     def _check_free(self, restart: str | Path | None) -> None:
         """Raise `InputError` if checkpoints would be lost that the run does not go on from."""
-        newest = latest(self.folder)
+        newest = latest_checkpoint(self.folder)
         if newest is None or _step(newest) == 0 or self.overwrite:
             return
         own = restart is not None and self.folder.resolve() in (
@@ -220,7 +220,7 @@ def complete(folder: Path) -> list[Path]:
     return sorted(found, key=_step)
 
 
-def latest(folder: str | Path) -> Path | None:
+def latest_checkpoint(folder: str | Path) -> Path | None:
     """The newest complete checkpoint in a folder, if there is one."""
     return next(reversed(complete(Path(folder))), None)
 
@@ -274,7 +274,7 @@ def read(
 
 
 def _open(path: Path) -> tuple[Path, dict[str, Any]]:
-    chosen = path if (path / "run.json").is_file() else latest(path)
+    chosen = path if (path / "run.json").is_file() else latest_checkpoint(path)
     if chosen is None:
         raise InputError(
             f"There is no checkpoint in '{path}'; give a folder of checkpoints, or start without restart."

@@ -49,7 +49,7 @@ class At:
 class When:
     """The first time at which a probe exceeds a value, located within the step: a step ends there.
 
-    `When(gx.GasState(bag, "pressure"), 1e4, stop=True)` ends a run at 10 kPa;
+    `When(gx.probes.GasState(bag, "pressure"), 1e4, stop=True)` ends a run at 10 kPa;
     `When(lambda run: area(run.time))` is where a valve of that area opens.
 
     Args:

@@ -36,7 +36,7 @@ def signal_to_noise(goal: str, y: Array) -> float:
 class RobustDesign:
     """What `./gossamer sweep FILE` runs, the name SWEEP in its file.
 
-        SWEEP = gx.RobustDesign(
+        SWEEP = gx.sweep.RobustDesign(
             outcome,  # outcome(comm, folder, **values) returns numbers by name
             control={"bore": [0.3e-3, 0.4e-3, 0.5e-3], ...},
             noise={"crease": [0.0, 0.02]},

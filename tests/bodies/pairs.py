@@ -45,7 +45,7 @@ def cable(motion: Motion, name: str) -> gx.Cable:
 
 def beam(motion: Motion, name: str) -> gx.Beam:
     """From the origin along -y."""
-    section = gx.rectangle(0.03, 0.05, E=1e7, nu=0.3, density=1000.0)
+    section = gx.sections.rectangle(0.03, 0.05, E=1e7, nu=0.3, density=1000.0)
     return gx.Beam(line(COMM, [(0, 0, 0), (0, -1, 0.2)], 2), section, velocity=motion, name=name)
 
 
@@ -93,14 +93,14 @@ def frame(item: Any) -> gx.Frame:
 def joint(kind: str, a: Any, b: Any) -> Any:
     """A joint of two bodies that share the origin."""
     if kind == "ball":
-        return gx.BallJoint(port(a), port(b))
+        return gx.constraints.BallJoint(port(a), port(b))
     full, other = sorted((frame(a), frame(b)), key=lambda f: -len(f.directors))
     if kind == "fixed":
-        return gx.FixedJoint(full, other)
+        return gx.constraints.FixedJoint(full, other)
     kinds = {
-        "revolute": gx.RevoluteJoint,
-        "prismatic": gx.PrismaticJoint,
-        "cylindrical": gx.CylindricalJoint,
+        "revolute": gx.constraints.RevoluteJoint,
+        "prismatic": gx.constraints.PrismaticJoint,
+        "cylindrical": gx.constraints.CylindricalJoint,
     }
     return kinds[kind](full, other, AXIS)
 
@@ -113,26 +113,28 @@ def loose_mass() -> gx.PointMass:
 
 
 def spring(item: Any, loose: gx.PointMass) -> list:
-    return [gx.Spring(port(item), loose.port(), stiffness=50.0, length=0.7, name="exciter")]
+    return [
+        gx.connectors.Spring(port(item), loose.port(), stiffness=50.0, length=0.7, name="exciter")
+    ]
 
 
 def damper(item: Any, loose: gx.PointMass) -> list:
-    return [gx.Damper(port(item), loose.port(), coefficient=0.5)]
+    return [gx.connectors.Damper(port(item), loose.port(), coefficient=0.5)]
 
 
 def stop(item: Any, loose: gx.PointMass) -> list:
-    return [gx.Stop(port(item), loose.port(), distance=0.95, stiffness=300.0)]
+    return [gx.connectors.Stop(port(item), loose.port(), distance=0.95, stiffness=300.0)]
 
 
 def rope(item: Any, loose: gx.PointMass) -> list:
-    return [gx.Rope(port(item), loose.port(), length=1.05, stiffness=300.0)]
+    return [gx.connectors.Rope(port(item), loose.port(), length=1.05, stiffness=300.0)]
 
 
 def tape(item: Any, loose: gx.PointMass) -> list:
     if not isinstance(item, gx.Membrane):
         return []
     law = gx.TensionOnly(EA=200.0, line_density=0.1)
-    return [gx.Tape.through(item, law, [(0, 0.3, 0), (1, 0.8, 0)], bars=3)]
+    return [gx.connectors.Tape.through(item, law, [(0, 0.3, 0), (1, 0.8, 0)], bars=3)]
 
 
 def control(item: Any, loose: gx.PointMass) -> list:
@@ -144,10 +146,10 @@ def control(item: Any, loose: gx.PointMass) -> list:
         return []
     if isinstance(item, gx.Membrane):
         corners = [item.port_at(corner) for corner in ((0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0))]
-        axes = gx.patch(item.port_at((0.5, 0.5, 0)), corners)
+        axes = gx.control.patch(item.port_at((0.5, 0.5, 0)), corners)
     else:
         axes = frame(item)
-    return [gx.AttitudeControl(axes, (0.1, 0.0, 0.2), 0.02, 1e-4, period=0.02)]
+    return [gx.control.AttitudeControl(axes, (0.1, 0.0, 0.2), 0.02, 1e-4, period=0.02)]
 
 
 def weight(item: Any, loose: gx.PointMass) -> list:
@@ -155,7 +157,7 @@ def weight(item: Any, loose: gx.PointMass) -> list:
 
 
 def push(item: Any, loose: gx.PointMass) -> list:
-    return [gx.Force(port(item), lambda t: (2.0 * np.sin(20 * t), 1.0, 0.0))]
+    return [gx.loads.Force(port(item), lambda t: (2.0 * np.sin(20 * t), 1.0, 0.0))]
 
 
 INTERNAL = {"spring": spring, "damper": damper, "stop": stop, "rope": rope, "tape": tape}
@@ -165,8 +167,8 @@ EXTERNAL = {"control": control, "weight": weight, "push": push}
 def hinge_parts(a: Any, b: Any) -> list:
     """What turns or brakes a hinge of two rigid bodies."""
     return [
-        gx.TorsionSpring(frame(a), frame(b), AXIS, stiffness=2.0, rest=0.4),
-        gx.TorsionDamper(frame(a), frame(b), AXIS, coefficient=0.2),
+        gx.connectors.TorsionSpring(frame(a), frame(b), AXIS, stiffness=2.0, rest=0.4),
+        gx.connectors.TorsionDamper(frame(a), frame(b), AXIS, coefficient=0.2),
     ]
 
 

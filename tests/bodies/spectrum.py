@@ -20,7 +20,7 @@ def angular_frequencies(scene: gx.Scene, direction: int | None = None) -> np.nda
 
     K - ω²M on the coordinates that the supports leave free, projected on the null space of the constraints.
     """
-    system: System = scene.compile(gx.EndPoint())
+    system: System = scene.compile(gx.steppers.EndPoint())
     system.set_inertia(0.0)
     system.begin_step(1.0)
     K, M = dense(system.tangent()), dense(system.M)

@@ -14,7 +14,7 @@ from gossamer_fx.outputs.description import describe, lines
 from meshes.line import line
 
 COMM = MPI.COMM_WORLD
-SECTION = gx.rectangle(0.03, 0.05, E=1e7, nu=0.3, density=1000.0)
+SECTION = gx.sections.rectangle(0.03, 0.05, E=1e7, nu=0.3, density=1000.0)
 MOTION = Motion((0.3, -0.2, 0.5, 1.0, 2.0, -0.7))
 DIRECTIONS = {
     "onwards": (1.0, 0.0, 0.0),
@@ -49,7 +49,7 @@ def test_two_arms_in_free_flight_conserve(direction: str) -> None:
     one = arm("one", (-1.0, 0.0, 0.0), velocity=MOTION)
     two = arm("two", DIRECTIONS[direction], velocity=MOTION)
     frames = one.frame("start"), two.frame("start")
-    scene = gx.Scene(gx.FixedJoint(*frames))
+    scene = gx.Scene(gx.constraints.FixedJoint(*frames))
     first = [triad(gx.Simulation(scene, gx.Midpoint(dt=DT)), frame) for frame in frames]
     run = conserves(scene)
     assert run.substeps == 0
@@ -60,7 +60,7 @@ def test_two_arms_in_free_flight_conserve(direction: str) -> None:
 
 @pytest.mark.mpi
 def test_frames_of_joints_are_no_bodies_of_a_description() -> None:
-    joint = gx.FixedJoint(
+    joint = gx.constraints.FixedJoint(
         arm("one", (-1.0, 0.0, 0.0)).frame("start"), arm("two", (1.0, 0.0, 0.0)).frame("start")
     )
     about = describe(gx.Simulation(gx.Scene(joint), gx.Midpoint(dt=DT)))
@@ -82,12 +82,14 @@ def tip(parts: int, load: tuple[float, float, float]) -> np.ndarray:
         for k, (a, b) in enumerate(pairwise(ends))
     ]
     joints = [
-        gx.FixedJoint(one.frame("end"), two.frame("start"), f"joint {k}")
+        gx.constraints.FixedJoint(one.frame("end"), two.frame("start"), f"joint {k}")
         for k, (one, two) in enumerate(pairwise(beams))
     ]
     port = beams[-1].port("end")
     search = gx.Equilibrium(
-        gx.Scene(gx.Clamped(beams[0], "start"), *beams, *joints, gx.Force(port, load))
+        gx.Scene(
+            gx.constraints.Clamped(beams[0], "start"), *beams, *joints, gx.loads.Force(port, load)
+        )
     )
     search.find()
     return search.system.state.vectors([port])[0]
@@ -102,10 +104,10 @@ def test_a_cantilever_in_pieces_bends_as_one_in_one_piece() -> None:
     assert tip(4, load) == pytest.approx(whole, abs=1e-7)
 
 
-def pulled(one: gx.Beam) -> gx.Spring:
+def pulled(one: gx.Beam) -> gx.connectors.Spring:
     """What makes the motion other than rigid."""
     mass = gx.PointMass(0.3, (0.0, 1.0, 1.0), name="loose")
-    return gx.Spring(one.port("end"), mass.port(), stiffness=5.0, length=1.0)
+    return gx.connectors.Spring(one.port("end"), mass.port(), stiffness=5.0, length=1.0)
 
 
 @pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.4, 0.5, -0.3)])
@@ -121,8 +123,8 @@ def test_hinges_on_sections_take_any_axis(axis: tuple[float, float, float], seco
             0.5, inertia, centre, velocity=MOTION.at(centre), spin=MOTION.spin
         ).frame_at((0, 0, 0))
     sides = one.frame("start"), frame
-    spiral = gx.TorsionSpring(*sides, axis, stiffness=0.1, rest=0.5)
-    scene = gx.Scene(gx.RevoluteJoint(*sides, axis), spiral, pulled(one))
+    spiral = gx.connectors.TorsionSpring(*sides, axis, stiffness=0.1, rest=0.5)
+    scene = gx.Scene(gx.constraints.RevoluteJoint(*sides, axis), spiral, pulled(one))
     first = [triad(gx.Simulation(scene, gx.Midpoint(dt=DT)), side) for side in sides]
     run = conserves(scene)
     turned = [triad(run, side).T @ before for side, before in zip(sides, first, strict=True)]
@@ -137,7 +139,7 @@ def test_a_beam_slides_along_a_beam() -> None:
         arm("one", (-1.0, 0.0, 0.0), velocity=MOTION),
         arm("two", (0.2, 1.0, 0.1), velocity=MOTION),
     )
-    joint = gx.PrismaticJoint(one.frame("start"), two.frame("start"), (0.4, 0.5, -0.3))
+    joint = gx.constraints.PrismaticJoint(one.frame("start"), two.frame("start"), (0.4, 0.5, -0.3))
     run = conserves(gx.Scene(joint, pulled(one)))
     a, b = run.system.state.vectors([one.port("start"), two.port("start")])
     assert np.linalg.norm(a - b) > 0.01
@@ -148,9 +150,9 @@ def test_all_that_meets_at_a_section_shares_its_normal() -> None:
     """A hinge with spring and damper, about an axis oblique to the sections of both beams: two bodies are added."""
     one, two, axis = arm("one", (-1.0, 0.0, 0.0)), arm("two", (0.2, 1.0, 0.1)), (0.4, 0.5, -0.3)
     scene = gx.Scene(
-        gx.RevoluteJoint(one.frame("start"), two.frame("start"), axis),
-        gx.TorsionSpring(one.frame("start"), two.frame("start"), axis, stiffness=0.1),
-        gx.TorsionDamper(one.frame("start"), two.frame("start"), axis, coefficient=0.1),
+        gx.constraints.RevoluteJoint(one.frame("start"), two.frame("start"), axis),
+        gx.connectors.TorsionSpring(one.frame("start"), two.frame("start"), axis, stiffness=0.1),
+        gx.connectors.TorsionDamper(one.frame("start"), two.frame("start"), axis, coefficient=0.1),
     )
     assert sorted(body.name for body in scene.bodies) == [
         "frame of one/start",

@@ -51,8 +51,8 @@ def test_elastic_catenary() -> None:
     )
     scene = gx.Scene(
         cable,
-        gx.Clamped(cable, "start"),
-        gx.Clamped(cable, "end"),
+        gx.constraints.Clamped(cable, "start"),
+        gx.constraints.Clamped(cable, "end"),
         gx.Gravity(cable, (0, 0, -10.0)),
     )
     found = Equilibrium(scene)
@@ -80,10 +80,10 @@ def hanging(tip_mass: float, elements: int = 64) -> gx.Scene:
         order=2,
         displacement=stretched,
     )
-    items: list = [gx.Clamped(cable, "start")]
+    items: list = [gx.constraints.Clamped(cable, "start")]
     if tip_mass:
         mass = gx.PointMass(tip_mass, (0, 0, -1 - (tip_mass + 0.5) / EA))
-        items.append(gx.BallJoint(cable.port("end"), mass.port()))
+        items.append(gx.constraints.BallJoint(cable.port("end"), mass.port()))
     return gx.Scene(cable, *items)
 
 
@@ -120,7 +120,7 @@ def test_spinning_cable_frequencies(hub: float, squares: tuple[float, ...]) -> N
         order=2,
         displacement=stretched,
     )
-    ω = angular_frequencies(gx.Scene(cable, gx.Clamped(cable, "start")), direction=2)
+    ω = angular_frequencies(gx.Scene(cable, gx.constraints.Clamped(cable, "start")), direction=2)
     assert ω[: len(squares)] ** 2 == pytest.approx(squares, rel=1e-2)
 
 

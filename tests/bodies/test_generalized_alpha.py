@@ -19,7 +19,7 @@ def oscillator(stepper: gx.GeneralizedAlpha) -> float:
     """Error of x at t = 1 s of x'' = -100 x, from x = 1 at rest."""
     mass = gx.PointMass(1.0, (1.0, 0.0, 0.0))
     run = gx.Simulation(
-        gx.Scene(mass, gx.AxialSpring(mass.port(), 100.0, (1.0, 0.0, 0.0))), stepper
+        gx.Scene(mass, gx.connectors.AxialSpring(mass.port(), 100.0, (1.0, 0.0, 0.0))), stepper
     )
     run.run(until=1.0)
     return abs(float(run.system.q0.array_r[0]) - np.cos(10.0))
@@ -37,7 +37,7 @@ def physical_pendulum(stepper: gx.GeneralizedAlpha) -> float:
     e = np.array([np.sin(1.0), -np.cos(1.0), 0.0])
     attitude = np.array([e, np.cross([0, 0, 1], e), [0, 0, 1]]).T
     rod = gx.RigidBody(1.0, np.full(3, 1 / 12), e / 2, attitude=attitude)
-    hinge = gx.RevoluteJoint(rod.frame((-0.5, 0, 0)), gx.ground_frame(), (0, 0, 1))
+    hinge = gx.constraints.RevoluteJoint(rod.frame((-0.5, 0, 0)), gx.ground_frame(), (0, 0, 1))
     run = gx.Simulation(gx.Scene(hinge, gx.Gravity(rod, (0, -9.81, 0))), stepper)
     run.run(until=1.0)
     assert run.system.constraints is not None
@@ -51,15 +51,15 @@ def blown_piston(stepper: gx.GeneralizedAlpha) -> float:
     gas = gx.IdealGas(gamma=1.4, R=287.0)
     mass = gx.PointMass(0.5, (0.0, 0.0, 0.0))
     bag = gx.Chamber(
-        gx.Piston(mass.port(), 0.01, (1.0, 0.0, 0.0)),
+        gx.gas.Piston(mass.port(), 0.01, (1.0, 0.0, 0.0)),
         gas=gas,
         pressure=1e3,
         temperature=300.0,
         dead_volume=1e-3,
     )
-    spring = gx.AxialSpring(mass.port(), 2000.0, (1.0, 0.0, 0.0))
+    spring = gx.connectors.AxialSpring(mass.port(), 2000.0, (1.0, 0.0, 0.0))
     run = gx.Simulation(
-        gx.Scene(bag, spring, gx.Orifice(gx.Reservoir(1e5, 300.0), bag, area=2e-5)), stepper
+        gx.Scene(bag, spring, gx.Orifice(gx.gas.Reservoir(1e5, 300.0), bag, area=2e-5)), stepper
     )
     run.run(until=0.1)
     return abs(float(run.system.q0.array_r[0]) - 97.060879e-3)
@@ -75,7 +75,7 @@ def test_second_order(problem, radius: float) -> None:
 def test_starts_with_the_forces_of_dampers_and_constraints() -> None:
     """v' = -c v/m: one step has the error of the rule, some h², not that of an acceleration that begins at zero."""
     mass = gx.PointMass(2.0, (1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
-    damper = gx.Damper(mass.port(), gx.Ground((0.0, 0.0, 0.0)), 20.0)
+    damper = gx.connectors.Damper(mass.port(), gx.Ground((0.0, 0.0, 0.0)), 20.0)
     run = gx.Simulation(gx.Scene(mass, damper), gx.GeneralizedAlpha(dt=0.01))
     run.run(until=0.01)
     assert run.totals.momentum[0] / 2.0 == pytest.approx(np.exp(-10.0 * 0.01), abs=5e-3)

@@ -17,12 +17,14 @@ SPIN = (0.0, 0.0, 5.0)
 
 def dumbbell() -> tuple[gx.Beam, gx.RigidBody, gx.PointMass, list]:
     """A soft beam between a rigid body and a point mass."""
-    beam = gx.Beam(line(COMM, [(-1, 0, 0), (1, 0, 0)], 4), gx.solid_circle(0.01, 1e7, 0.3, 1000.0))
+    beam = gx.Beam(
+        line(COMM, [(-1, 0, 0), (1, 0, 0)], 4), gx.sections.solid_circle(0.01, 1e7, 0.3, 1000.0)
+    )
     hub = gx.RigidBody(0.5, (0.01, 0.01, 0.01), (-1, 0, 0), name="hub")
     tip = gx.PointMass(0.5, (1, 0, 0), name="tip")
     joints = [
-        gx.FixedJoint(hub.frame(), beam.frame("start")),
-        gx.BallJoint(tip.port(), beam.port("end")),
+        gx.constraints.FixedJoint(hub.frame(), beam.frame("start")),
+        gx.constraints.BallJoint(tip.port(), beam.port("end")),
     ]
     return beam, hub, tip, joints
 
@@ -46,7 +48,9 @@ def test_steady_spin_stays_steady() -> None:
     """Started from its equilibrium under centrifugal force, the length of the spinning dumbbell is constant."""
     beam, hub, tip, joints = dumbbell()
     bodies = (beam, hub, tip)
-    balance = Equilibrium(gx.Scene(*bodies, *joints, *(gx.Centrifugal(b, SPIN) for b in bodies)))
+    balance = Equilibrium(
+        gx.Scene(*bodies, *joints, *(gx.loads.Centrifugal(b, SPIN) for b in bodies))
+    )
     balance.find()
     start = gx.StartFrom(balance.system)
     run = gx.Simulation(
@@ -79,6 +83,9 @@ def test_a_function_of_the_start_is_asked_once() -> None:
     film = gx.Membrane(sheet(COMM, 4, 4), gx.Linear(1e9, 0.3, 1e3, 1e-4), displacement=rough)
     places = [(x, 0.5, 0.0) for x in (0.25, 0.5, 0.75)]
     gx.Scene(
-        *(gx.Link(film.port_at(x), gx.Ground((0.0, 0.0, 1.0)), f"link {x}") for x in places)
+        *(
+            gx.constraints.Link(film.port_at(x), gx.Ground((0.0, 0.0, 1.0)), f"link {x}")
+            for x in places
+        )
     ).compile()
     assert len(asked) == 1

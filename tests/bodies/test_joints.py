@@ -14,7 +14,7 @@ from meshes.sheet import sheet
 
 COMM = MPI.COMM_WORLD
 LAW = gx.Linear(E=1e6, nu=0.3, density=1000.0, thickness=1e-3)
-SECTION = gx.solid_circle(0.02, E=1e8, nu=0.3, density=1000.0)
+SECTION = gx.sections.solid_circle(0.02, E=1e8, nu=0.3, density=1000.0)
 
 
 def body(
@@ -35,7 +35,9 @@ def beams() -> tuple[gx.Beam, gx.Beam]:
 
 def clamped_twice() -> gx.Scene:
     one, two = (beam.frame("start") for beam in beams())
-    return gx.Scene(gx.FixedJoint(one, two, "clamp"), gx.FixedJoint(one, two, "again"))
+    return gx.Scene(
+        gx.constraints.FixedJoint(one, two, "clamp"), gx.constraints.FixedJoint(one, two, "again")
+    )
 
 
 def scene_of(joint) -> gx.Scene:
@@ -46,7 +48,9 @@ def scene_of(joint) -> gx.Scene:
 
 REFUSED = [
     (
-        lambda: scene_of(gx.BallJoint(body().port((0, 0, 1)), film().port_at((0, 0, 0)))),
+        lambda: scene_of(
+            gx.constraints.BallJoint(body().port((0, 0, 1)), film().port_at((0, 0, 0)))
+        ),
         "1 m apart",
     ),
     (lambda: film().port_at((0.5, 0.5, 0.1)), "is 0.1 m away from 'film'"),
@@ -58,30 +62,47 @@ REFUSED = [
     (lambda: gx.RigidBody(1.0, (1, 1, 3)), "no body has"),
     (lambda: gx.RigidBody(1.0, (1, 1, 1), attitude=2 * np.eye(3)), "no rotation matrix"),
     (
-        lambda: gx.BallJoint(gx.Ground((0, 0, 0)), gx.Ground((0, 0, 0))),
+        lambda: gx.constraints.BallJoint(gx.Ground((0, 0, 0)), gx.Ground((0, 0, 0))),
         "joins the ground to itself",
     ),
-    (lambda: scene_of(gx.FixedJoint(*(b.frame("end") for b in beams()))), r"1\.41421 m apart"),
-    (lambda: gx.FixedJoint(*map(beams()[0].frame, ("start", "end"))), "joins 'one' to itself"),
-    (lambda: clamped_twice().compile(), r"6 of the constraints 'again.* follow from the others"),
-    (lambda: gx.RevoluteJoint(body().frame(), gx.ground_frame(), (0, 0, 0)), "axis has no length"),
     (
-        lambda: scene_of(gx.BallJoint(body("a", velocity=(1, 0, 0)).port(), body("b").port())),
-        "separate with 1 per second",
+        lambda: scene_of(gx.constraints.FixedJoint(*(b.frame("end") for b in beams()))),
+        r"1\.41421 m apart",
     ),
-    (lambda: scene_of(gx.Link(body("a").port(), body("b").port())), "has no length"),
+    (
+        lambda: gx.constraints.FixedJoint(*map(beams()[0].frame, ("start", "end"))),
+        "joins 'one' to itself",
+    ),
+    (lambda: clamped_twice().compile(), r"6 of the constraints 'again.* follow from the others"),
+    (
+        lambda: gx.constraints.RevoluteJoint(body().frame(), gx.ground_frame(), (0, 0, 0)),
+        "axis has no length",
+    ),
     (
         lambda: scene_of(
-            gx.PrismaticJoint(body("a").frame(), body("b", (0, 0, 1)).frame(), (1, 0, 0))
+            gx.constraints.BallJoint(body("a", velocity=(1, 0, 0)).port(), body("b").port())
+        ),
+        "separate with 1 per second",
+    ),
+    (lambda: scene_of(gx.constraints.Link(body("a").port(), body("b").port())), "has no length"),
+    (
+        lambda: scene_of(
+            gx.constraints.PrismaticJoint(
+                body("a").frame(), body("b", (0, 0, 1)).frame(), (1, 0, 0)
+            )
         ),
         "off the axis",
     ),
     (
-        lambda: gx.Spring(body().port(), gx.Ground((0, 0, 0)), stiffness=-1.0, length=1.0),
+        lambda: gx.connectors.Spring(
+            body().port(), gx.Ground((0, 0, 0)), stiffness=-1.0, length=1.0
+        ),
         "stiffness is -1.0",
     ),
     (
-        lambda: gx.Stop(body().port(), gx.Ground((0, 0, 0)), distance=0.0, stiffness=1.0),
+        lambda: gx.connectors.Stop(
+            body().port(), gx.Ground((0, 0, 0)), distance=0.0, stiffness=1.0
+        ),
         "distance is 0.0",
     ),
 ]
@@ -95,7 +116,7 @@ def test_bad_input_is_refused(make, words: str) -> None:
 
 def test_force_that_is_no_number_is_refused() -> None:
     a = body()
-    scene = gx.Scene(a, gx.Force(a.port(), lambda t: (np.nan, 0.0, 0.0)))
+    scene = gx.Scene(a, gx.loads.Force(a.port(), lambda t: (np.nan, 0.0, 0.0)))
     with pytest.raises(gx.InputError, match="three finite numbers"):
         gx.Simulation(scene, gx.Midpoint(dt=0.1))
 
@@ -124,9 +145,9 @@ def four_bars(balls: bool) -> gx.Scene:
     joints: list = []
     for k, (one, other) in enumerate(sides):
         if balls and k in (1, 2):
-            joints.append(gx.BallJoint(one.origin, other.origin, f"ball {k}"))
+            joints.append(gx.constraints.BallJoint(one.origin, other.origin, f"ball {k}"))
         else:
-            joints.append(gx.RevoluteJoint(one, other, (0, 0, 1), f"pin {k}"))
+            joints.append(gx.constraints.RevoluteJoint(one, other, (0, 0, 1), f"pin {k}"))
     return gx.Scene(*joints)
 
 
@@ -158,15 +179,17 @@ def joined(comm: MPI.Comm) -> list[float]:
     mass = gx.PointMass(0.5, (1.2, 0, -1.3), comm=comm)
     branch = gx.Beam(line(comm, [(1, 0, 0), (1.5, 0.5, 0)], 2), SECTION, name="branch")
     scene = gx.Scene(
-        gx.BallJoint(film.port_at((0.4, 0.0, 0.0)), beam.port_at((0.4, 0.0, 0.0)), "tie"),
-        gx.BallJoint(film.port("bottom left"), beam.port("start"), "corner"),
-        gx.FixedJoint(hub.frame_at((1, 0, 0)), beam.frame("end"), "clamp"),
-        gx.FixedJoint(beam.frame("end"), branch.frame("start"), "fork"),
-        gx.BallJoint(cable.port("start"), hub.port(), "hook"),
-        gx.Rope(cable.port("end"), mass.port(), length=0.2, stiffness=500.0),
+        gx.constraints.BallJoint(
+            film.port_at((0.4, 0.0, 0.0)), beam.port_at((0.4, 0.0, 0.0)), "tie"
+        ),
+        gx.constraints.BallJoint(film.port("bottom left"), beam.port("start"), "corner"),
+        gx.constraints.FixedJoint(hub.frame_at((1, 0, 0)), beam.frame("end"), "clamp"),
+        gx.constraints.FixedJoint(beam.frame("end"), branch.frame("start"), "fork"),
+        gx.constraints.BallJoint(cable.port("start"), hub.port(), "hook"),
+        gx.connectors.Rope(cable.port("end"), mass.port(), length=0.2, stiffness=500.0),
         gx.Gravity(mass),
         gx.Gravity(hub),
-        gx.Torque(hub.frame(), lambda t: (0.0, 0.1 * np.sin(10 * t), 0.2)),
+        gx.loads.Torque(hub.frame(), lambda t: (0.0, 0.1 * np.sin(10 * t), 0.2)),
     )
     run = gx.Simulation(scene, gx.Midpoint(dt=5e-3))
     run.run(until=0.1)
@@ -185,11 +208,13 @@ def test_a_screw_on_its_axis() -> None:
     """A cylindrical joint lets a body slide along and turn about its axis only: s = F t²/2m, φ = M t²/2I."""
     axis = np.array([1.0, 2.0, 2.0]) / 3
     bolt = gx.RigidBody(2.0, (0.3, 0.3, 0.3), (0.5, 1.0, 1.0), name="bolt")
-    push = gx.Force(bolt.port(), tuple(0.8 * axis + 5.0 * np.array([2.0, -1.0, 0.0])), name="push")
-    turn = gx.Torque(
+    push = gx.loads.Force(
+        bolt.port(), tuple(0.8 * axis + 5.0 * np.array([2.0, -1.0, 0.0])), name="push"
+    )
+    turn = gx.loads.Torque(
         bolt.frame(), tuple(0.06 * axis + 2.0 * np.array([2.0, -1.0, 0.0])), name="turn"
     )
-    joint = gx.CylindricalJoint(gx.ground_frame(), bolt.frame(), tuple(axis))
+    joint = gx.constraints.CylindricalJoint(gx.ground_frame(), bolt.frame(), tuple(axis))
     run = gx.Simulation(gx.Scene(joint, push, turn), gx.Midpoint(dt=1e-3))
     run.run(until=0.5)
     x, *directors = run.system.q0.array_r[:12].reshape(4, 3)

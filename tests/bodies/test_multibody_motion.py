@@ -35,7 +35,7 @@ SPRING_PENDULUM = {
 
 def spring_pendulum(dt: float) -> tuple[float, gx.Simulation]:
     mass = gx.PointMass(1.0, (1.2, 0, -0.3), (0, 0.8, 0))
-    spring = gx.Spring(mass.port(), gx.Ground((0, 0, 0)), stiffness=100.0, length=1.0)
+    spring = gx.connectors.Spring(mass.port(), gx.Ground((0, 0, 0)), stiffness=100.0, length=1.0)
     run = gx.Simulation(gx.Scene(mass, spring, gx.Gravity(mass, (0, 0, -9.81))), midpoint(dt))
     error = 0.0
     for t, exact in SPRING_PENDULUM.items():
@@ -108,8 +108,10 @@ def hinged_rods(dt: float) -> tuple[float, gx.Simulation]:
     upper, lower = np.radians([60.0, 30.0])
     a, b = rod("upper", upper, np.zeros(3)), rod("lower", lower, direction(upper))
     scene = gx.Scene(
-        gx.RevoluteJoint(a.frame((-0.5, 0, 0)), gx.ground_frame(), (0, 0, 1), "root"),
-        gx.RevoluteJoint(a.frame((0.5, 0, 0)), b.frame((-0.5, 0, 0)), (0, 0, 1), "hinge"),
+        gx.constraints.RevoluteJoint(a.frame((-0.5, 0, 0)), gx.ground_frame(), (0, 0, 1), "root"),
+        gx.constraints.RevoluteJoint(
+            a.frame((0.5, 0, 0)), b.frame((-0.5, 0, 0)), (0, 0, 1), "hinge"
+        ),
         gx.Gravity(a, (0, -9.81, 0)),
         gx.Gravity(b, (0, -9.81, 0)),
     )

@@ -47,10 +47,10 @@ def test_pair_with_joint(first: str, second: str, kind: str, numbers: tuple[floa
 
 
 DISTANCES = {
-    "link": lambda p, q: gx.Link(p, q),
-    "spring": lambda p, q: gx.Spring(p, q, stiffness=200.0, length=0.3),
-    "rope": lambda p, q: gx.Rope(p, q, length=0.6, stiffness=500.0),
-    "stop": lambda p, q: gx.Stop(p, q, distance=0.5, stiffness=500.0),
+    "link": lambda p, q: gx.constraints.Link(p, q),
+    "spring": lambda p, q: gx.connectors.Spring(p, q, stiffness=200.0, length=0.3),
+    "rope": lambda p, q: gx.connectors.Rope(p, q, length=0.6, stiffness=500.0),
+    "stop": lambda p, q: gx.connectors.Stop(p, q, distance=0.5, stiffness=500.0),
 }
 
 
@@ -108,9 +108,15 @@ def test_many_random_scenes(case: tuple[gx.Scene, bool, bool]) -> None:
 def test_hinge_with_torsional_spring(axis: tuple[float, float, float], angle: float) -> None:
     motion = Motion((0.0, 0.0, 0.0, 1.0, 2.0, 0.5))
     a, b = (BODIES["body"](motion, name) for name in ("first", "second"))
-    spiral = gx.TorsionSpring(frame(a), frame(b), axis, stiffness=2.0, rest=angle)
+    spiral = gx.connectors.TorsionSpring(frame(a), frame(b), axis, stiffness=2.0, rest=angle)
     conserves(
-        gx.Scene(a, b, gx.RevoluteJoint(frame(a), frame(b), axis), spiral, *spring(a, loose_mass()))
+        gx.Scene(
+            a,
+            b,
+            gx.constraints.RevoluteJoint(frame(a), frame(b), axis),
+            spiral,
+            *spring(a, loose_mass()),
+        )
     )
 
 
@@ -121,9 +127,9 @@ def test_dampers_lose_what_is_booked() -> None:
     scene = gx.Scene(
         a,
         b,
-        gx.RevoluteJoint(frame(a), frame(b), AXIS),
-        gx.TorsionDamper(frame(a), frame(b), AXIS, coefficient=0.5),
-        gx.Damper(port(b), loose.port(), coefficient=0.5),
+        gx.constraints.RevoluteJoint(frame(a), frame(b), AXIS),
+        gx.connectors.TorsionDamper(frame(a), frame(b), AXIS, coefficient=0.5),
+        gx.connectors.Damper(port(b), loose.port(), coefficient=0.5),
         *spring(a, loose),
     )
     run = gx.Simulation(scene, gx.Midpoint(dt=DT, tolerances=gx.Tolerances(relative=1e-12)))

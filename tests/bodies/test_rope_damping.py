@@ -15,7 +15,7 @@ K, C, MASS, L = 400.0, 1.0, 0.5, 1.0
 
 def scene(x, v, *more, damping=C):
     mass = gx.PointMass(MASS, (x, 0.0, 0.0), velocity=(v, 0.0, 0.0))
-    rope = gx.Rope(gx.Ground((0.0, 0.0, 0.0)), mass.port(), L, K, damping=damping)
+    rope = gx.connectors.Rope(gx.Ground((0.0, 0.0, 0.0)), mass.port(), L, K, damping=damping)
     return gx.Scene(mass, rope, *[make(mass) for make in more]), mass
 
 
@@ -26,15 +26,18 @@ def test_a_slack_rope_is_free_and_a_plain_damper_is_not():
     run = gx.Simulation(free, gx.Midpoint(dt=1e-2))
     run.run(until=0.5)
     assert (
-        gx.Velocity(mass.port(), "x")(run) == pytest.approx(0.5, abs=1e-12)
+        gx.probes.Velocity(mass.port(), "x")(run) == pytest.approx(0.5, abs=1e-12)
         and run.totals.dissipated == 0
     )
     damped, mass = scene(
-        0.2, 0.5, lambda m: gx.Damper(gx.Ground((0.0, 0.0, 0.0)), m.port(), C), damping=0.0
+        0.2,
+        0.5,
+        lambda m: gx.connectors.Damper(gx.Ground((0.0, 0.0, 0.0)), m.port(), C),
+        damping=0.0,
     )
     run = gx.Simulation(damped, gx.Midpoint(dt=1e-2))
     run.run(until=0.5)
-    assert gx.Velocity(mass.port(), "x")(run) < 0.3
+    assert gx.probes.Velocity(mass.port(), "x")(run) < 0.3
 
 
 @pytest.mark.mpi
@@ -42,13 +45,15 @@ def test_a_taut_rope_decays_as_a_damped_oscillator():
     """Under a steady pull that keeps it taut: ẍ = -ω² x - 2ζω ẋ about the stretched length."""
     pull, x0 = 40.0, 0.05
     start = L + pull / K + x0
-    made, mass = scene(start, 0.0, lambda m: gx.Force(m.port(), (pull, 0.0, 0.0)))
+    made, mass = scene(start, 0.0, lambda m: gx.loads.Force(m.port(), (pull, 0.0, 0.0)))
     run = gx.Simulation(made, gx.Midpoint(dt=1e-3))
     run.run(until=0.1)
     ω, δ = math.sqrt(K / MASS), C / (2 * MASS)
     ωd = math.sqrt(ω**2 - δ**2)
     exact = x0 * math.exp(-δ * 0.1) * (math.cos(ωd * 0.1) + δ / ωd * math.sin(ωd * 0.1))
-    assert gx.Position(mass.port(), "x")(run) - L - pull / K == pytest.approx(exact, abs=2e-5)
+    assert gx.probes.Position(mass.port(), "x")(run) - L - pull / K == pytest.approx(
+        exact, abs=2e-5
+    )
     assert abs(run.energy_error) < 1e-12
 
 
@@ -61,7 +66,7 @@ def test_a_bounce_on_a_rope_loses_energy_and_nothing_pushes(damping):
     speeds, losses = [], []
     for k in range(1, 100):
         run.run(until=k * 2e-3)
-        speeds.append(gx.Velocity(mass.port(), "x")(run))
+        speeds.append(gx.probes.Velocity(mass.port(), "x")(run))
         losses.append(run.totals.dissipated)
     assert (np.diff(losses) >= 0).all() and 0 < losses[-1] < run.first.energy
     assert (np.diff(speeds) <= 1e-12).all()  # the rope pulls inwards, or not at all

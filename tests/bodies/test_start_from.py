@@ -29,25 +29,25 @@ def turned() -> tuple[gx.Cable, gx.StartFrom]:
 @pytest.mark.mpi
 def test_a_ball_joint_takes_the_points_of_the_start() -> None:
     cable, start = turned()
-    joint = gx.BallJoint(cable.port("end"), gx.Ground(TIP))
+    joint = gx.constraints.BallJoint(cable.port("end"), gx.Ground(TIP))
     run = gx.Simulation(gx.Scene(cable, start, joint), gx.Midpoint(dt=1e-3))
     run.run(until=2e-3)
-    assert gx.Position(cable.port("end"), "y")(run) == pytest.approx(1.0, abs=1e-12)
+    assert gx.probes.Position(cable.port("end"), "y")(run) == pytest.approx(1.0, abs=1e-12)
     with pytest.raises(gx.InputError, match=r"its two points are 1\.41421 m apart at the start"):
         gx.Scene(
-            cable, start, gx.BallJoint(cable.port("end"), gx.Ground((1.0, 0.0, 0.0)))
+            cable, start, gx.constraints.BallJoint(cable.port("end"), gx.Ground((1.0, 0.0, 0.0)))
         ).compile()
 
 
 @pytest.mark.mpi
 def test_a_link_keeps_the_distance_of_the_start() -> None:
     cable, start = turned()
-    link = gx.Link(cable.port("end"), gx.Ground((0.0, 3.0, 0.0)))
+    link = gx.constraints.Link(cable.port("end"), gx.Ground((0.0, 3.0, 0.0)))
     run = gx.Simulation(
         gx.Scene(cable, start, link, gx.Gravity(cable, (9.0, 2.0, 3.0))), gx.Midpoint(dt=1e-2)
     )
     run.run(until=5e-2)
-    end = np.array([gx.Position(cable.port("end"), axis)(run) for axis in "xyz"])
+    end = np.array([gx.probes.Position(cable.port("end"), axis)(run) for axis in "xyz"])
     assert abs(end[0]) > 1e-3
     assert np.linalg.norm(end - (0.0, 3.0, 0.0)) == pytest.approx(2.0, rel=1e-10)
 
@@ -57,7 +57,7 @@ def test_a_displacement_begins_at_zero() -> None:
     cable, start = turned()
     shift = gx.RigidMotion(velocity=(0.0, 0.5, 0.0))
     run = gx.Simulation(gx.Scene(cable, start, shift), gx.Midpoint(dt=1e-2))
-    probe = gx.Displacement(cable.port("end"), "y")
+    probe = gx.probes.Displacement(cable.port("end"), "y")
     assert probe(run) == 0.0
     run.run(until=2e-2)
     assert probe(run) == pytest.approx(0.01, rel=1e-9)

@@ -20,13 +20,13 @@ def strip(order: int, **more) -> gx.Membrane:
     return gx.Membrane(sheet(COMM, 5, 2, LENGTH, WIDTH), FILM, order=order, **more)
 
 
-def on_edge(film: gx.Membrane) -> gx.Tape:
-    return gx.Tape.along_edges(film, TAPE, "bottom")
+def on_edge(film: gx.Membrane) -> gx.connectors.Tape:
+    return gx.connectors.Tape.along_edges(film, TAPE, "bottom")
 
 
-def across(film: gx.Membrane) -> gx.Tape:
+def across(film: gx.Membrane) -> gx.connectors.Tape:
     """Not on the edges of the mesh."""
-    return gx.Tape.through(film, TAPE, [(0, 0.03, 0), (LENGTH, 0.03, 0)], bars=7)
+    return gx.connectors.Tape.through(film, TAPE, [(0, 0.03, 0), (LENGTH, 0.03, 0)], bars=7)
 
 
 @pytest.mark.parametrize("order", [1, 2])

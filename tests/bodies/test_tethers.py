@@ -18,7 +18,7 @@ K, MASS, L, BRAKE = 400.0, 0.5, 1.0, 2.0
 def flying(speed: float, **given) -> tuple[gx.Simulation, gx.PointMass]:
     """A mass at the end of a tether that is just straight."""
     mass = gx.PointMass(MASS, (L, 0.0, 0.0), velocity=(speed, 0.0, 0.0))
-    tether = gx.Tether(gx.Ground((0.0, 0.0, 0.0)), mass.port(), stiffness=K, **given)
+    tether = gx.connectors.Tether(gx.Ground((0.0, 0.0, 0.0)), mass.port(), stiffness=K, **given)
     return gx.Simulation(gx.Scene(mass, tether), gx.Midpoint(dt=5e-3)), mass
 
 
@@ -38,7 +38,7 @@ def test_a_brake_stops_a_mass_as_friction_does() -> None:
     assert abs(run.energy_error) < 1e-13
     # what the tether has stored comes back: the mass flies inwards with that energy
     run.run(until=0.6)
-    assert gx.Velocity(mass.port(), "x")(run) == pytest.approx(
+    assert gx.probes.Velocity(mass.port(), "x")(run) == pytest.approx(
         -math.sqrt(2 * elastic / MASS), rel=0.01
     )
 
@@ -53,7 +53,7 @@ def test_an_empty_reel_holds() -> None:
         and abs(run.energy_error) < 1e-13
     )
     left = MASS * 9 / 2 - 0.2 * BRAKE
-    assert gx.Velocity(mass.port(), "x")(run) == pytest.approx(
+    assert gx.probes.Velocity(mass.port(), "x")(run) == pytest.approx(
         -math.sqrt(2 * left / MASS), rel=1e-3
     )
 
@@ -65,12 +65,12 @@ def test_a_whirling_mass_is_paid_out_and_keeps_its_angular_momentum() -> None:
     tension = MASS * ω**2 * L
     start = L - tension / K
     mass = gx.PointMass(MASS, (L, 0.0, 0.0), velocity=(0.0, ω * L, 0.0))
-    tether = gx.Tether(
+    tether = gx.connectors.Tether(
         gx.Ground((0, 0, 0)), mass.port(), lambda t: start + 0.25 * t**2 * (3 - 2 * t), K
     )
     run = gx.Simulation(gx.Scene(mass, tether), gx.Midpoint(dt=2e-2))
     run.run(until=1.0)
-    x, y = (gx.Position(mass.port(), axis)(run) for axis in "xy")
+    x, y = (gx.probes.Position(mass.port(), axis)(run) for axis in "xy")
     assert run.totals.angular_momentum[2] == pytest.approx(MASS * ω * L**2, rel=1e-12)
     assert abs(run.energy_error) < 1e-13
     assert math.hypot(x, y) == pytest.approx(start + 0.25, abs=0.01)
@@ -95,12 +95,12 @@ def test_a_driven_hub_keeps_its_rate_and_books_the_work_of_its_motor(comm) -> No
     """A mass on a rope comes up to the hub's rate or swings about it; what it gains is supplied."""
     hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="hub")
     mass = gx.PointMass(MASS, (1.0, 0.0, 0.0))
-    rope = gx.Rope(hub.port((0.2, 0.0, 0.0)), mass.port(), 0.8, K)
-    motor = gx.Driven(hub, (0, 0, 1), lambda t: 3.0 * t)
+    rope = gx.connectors.Rope(hub.port((0.2, 0.0, 0.0)), mass.port(), 0.8, K)
+    motor = gx.constraints.Driven(hub, (0, 0, 1), lambda t: 3.0 * t)
     spin = gx.RigidMotion(spin=(0.0, 0.0, 3.0))
     run = gx.Simulation(gx.Scene(hub, mass, rope, motor, spin), gx.Midpoint(dt=5e-3))
     run.run(until=0.2)
-    assert gx.AngularVelocity(hub.frame(), "z")(run) == pytest.approx(3.0, rel=1e-4)
+    assert gx.probes.AngularVelocity(hub.frame(), "z")(run) == pytest.approx(3.0, rel=1e-4)
     first = run.first
     gained = run.totals.energy - first.energy
     assert run.totals.supplied == pytest.approx(gained, abs=1e-9 * first.energy)
@@ -112,18 +112,18 @@ def test_masses_on_a_film_count_in_its_spin_and_weight(comm) -> None:
     law = KAPTON_HN.law(25e-6)
     film = gx.Membrane(sheet(comm, 2, 2, 0.2, 0.2), law)
     corner = film.port("bottom left")
-    far = gx.AttachedMass(corner, 0.01)
+    far = gx.connectors.AttachedMass(corner, 0.01)
     hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="hub")
     scene = gx.Scene(
         film, far, hub, gx.Gravity(film, (0.0, 0.0, -9.81)), gx.RigidMotion(spin=(0.0, 0.0, 4.0))
     )
     run = gx.Simulation(scene, gx.Midpoint(dt=1e-3))
-    assert gx.MeanSpin(film, "z")(run) == pytest.approx(4.0, rel=1e-12)
-    x, y = (gx.Position(corner, axis)(run) for axis in "xy")
-    assert gx.PolarPosition(corner, hub.frame(), "radius")(run) == pytest.approx(
+    assert gx.probes.MeanSpin(film, "z")(run) == pytest.approx(4.0, rel=1e-12)
+    x, y = (gx.probes.Position(corner, axis)(run) for axis in "xy")
+    assert gx.probes.PolarPosition(corner, hub.frame(), "radius")(run) == pytest.approx(
         math.hypot(x, y), rel=1e-12
     )
-    assert gx.PolarPosition(corner, hub.frame(), "angle")(run) == pytest.approx(
+    assert gx.probes.PolarPosition(corner, hub.frame(), "angle")(run) == pytest.approx(
         math.atan2(y, x), rel=1e-12
     )
     run.run(until=5e-3)
@@ -185,23 +185,23 @@ def test_a_bundle_is_its_ropes(comm) -> None:
             for side, x in (("left", -0.1), ("right", 0.3))
         ]
         if bundled:
-            ropes = [gx.RopeBundle(ends, [0.1, 0.1], 50.0, 0.01)]
+            ropes = [gx.connectors.RopeBundle(ends, [0.1, 0.1], 50.0, 0.01)]
         else:
             ropes = [
-                gx.Rope(*pair, 0.1, 50.0, name=f"rope {k}", damping=0.01)
+                gx.connectors.Rope(*pair, 0.1, 50.0, name=f"rope {k}", damping=0.01)
                 for k, pair in enumerate(ends)
             ]
         run = gx.Simulation(gx.Scene(film, *ropes), gx.Midpoint(dt=1e-3))
         run.run(until=5e-3)
-        motions.append((gx.Velocity(ends[0][0], "z")(run), run.totals.dissipated))
+        motions.append((gx.probes.Velocity(ends[0][0], "z")(run), run.totals.dissipated))
     assert motions[0] == pytest.approx(motions[1], rel=1e-9) and motions[0][1] > 0
 
 
 def test_a_weight_hangs_at_the_length_that_is_out() -> None:
     mass = gx.PointMass(MASS, (0.0, 0.0, -L))
-    tether = gx.Tether(gx.Ground((0.0, 0.0, 0.0)), mass.port(), lambda t: L + t, K)
+    tether = gx.connectors.Tether(gx.Ground((0.0, 0.0, 0.0)), mass.port(), lambda t: L + t, K)
     search = gx.Equilibrium(gx.Scene(mass, tether, gx.Gravity(mass, (0.0, 0.0, -9.81))))
     search.find(at=0.5)
-    assert gx.positions(search, mass)[..., 2].ravel()[:1] == pytest.approx(
+    assert gx.fields.positions(search, mass)[..., 2].ravel()[:1] == pytest.approx(
         -(L + 0.5 + MASS * 9.81 / K), rel=1e-9
     )

@@ -67,8 +67,10 @@ def test_two_halves_move_as_the_whole(comm, order: int) -> None:
         conserved(run)
     for group, half in (("top left", halves[0]), ("bottom right", halves[1])):
         for axis in "xyz":
-            there = gx.Position(half.port(group), axis)(two)
-            assert there == pytest.approx(gx.Position(whole.port(group), axis)(one), abs=1e-8)
+            there = gx.probes.Position(half.port(group), axis)(two)
+            assert there == pytest.approx(
+                gx.probes.Position(whole.port(group), axis)(one), abs=1e-8
+            )
 
 
 @pytest.mark.mpi
@@ -84,7 +86,9 @@ def test_three_films_of_different_meshes_on_a_line(comm) -> None:
     run.run(until=5e-3)
     conserved(run)
     for corner in ("bottom left", "top left"):
-        places = [[gx.Position(film.port(corner), axis)(run) for axis in "xyz"] for film in films]
+        places = [
+            [gx.probes.Position(film.port(corner), axis)(run) for axis in "xyz"] for film in films
+        ]
         assert np.allclose(places, places[0], atol=1e-9)
 
 
@@ -104,9 +108,9 @@ def test_a_cable_along_an_edge_and_a_film_on_a_tube(comm) -> None:
     )
     run.run(until=3e-3)
     conserved(run)
-    end = [gx.Position(cable.port("end"), axis)(run) for axis in "xyz"]
+    end = [gx.probes.Position(cable.port("end"), axis)(run) for axis in "xyz"]
     assert end == pytest.approx(
-        [gx.Position(film.port("top left"), axis)(run) for axis in "xyz"], abs=1e-9
+        [gx.probes.Position(film.port("top left"), axis)(run) for axis in "xyz"], abs=1e-9
     )
 
     width = math.pi * 0.03 / 2

@@ -47,14 +47,14 @@ def test_a_film_falls_at_the_speed_at_which_air_carries_it(comm, kind: str) -> N
     film = body(kind, comm, (0.0, 0.0, 0.0))
     fall = tuple(-g * NORMAL)
     run = gx.Simulation(
-        gx.Scene(film, gx.AirDrag(film, ρ, C), gx.Gravity(film, fall)), midpoint(4e-3)
+        gx.Scene(film, gx.loads.AirDrag(film, ρ, C), gx.Gravity(film, fall)), midpoint(4e-3)
     )
     speed, corner = math.sqrt(2 * σ * g / (ρ * C)), film.port("bottom left")
     run.run(until=0.2)
-    v = np.array([gx.Velocity(corner, axis)(run) for axis in "xyz"])
+    v = np.array([gx.probes.Velocity(corner, axis)(run) for axis in "xyz"])
     assert v == pytest.approx(-speed * math.tanh(g * 0.2 / speed) * NORMAL, abs=1e-4 * speed)
     run.run(until=1.2)
-    v = np.array([gx.Velocity(corner, axis)(run) for axis in "xyz"])
+    v = np.array([gx.probes.Velocity(corner, axis)(run) for axis in "xyz"])
     assert v == pytest.approx(-speed * NORMAL, abs=1e-6 * speed)
     assert list(run.totals.losses) == ["air drag"] and abs(run.energy_error) < 1e-12
 
@@ -65,11 +65,11 @@ def test_of_a_film_that_is_thrown_the_inverse_speed_grows_linearly(comm, kind: s
     """Along the film it glides: air takes nothing from that part of its velocity."""
     v0, along = 4.0, np.array([1.0, 0.0, 0.0])
     film = body(kind, comm, tuple(v0 * NORMAL + along))
-    run = gx.Simulation(gx.Scene(film, gx.AirDrag(film, ρ, C)), midpoint(1e-3))
+    run = gx.Simulation(gx.Scene(film, gx.loads.AirDrag(film, ρ, C)), midpoint(1e-3))
     corner = film.port("bottom left")
     for t in (0.05, 0.15):
         run.run(until=t)
-        v = np.array([gx.Velocity(corner, axis)(run) for axis in "xyz"])
+        v = np.array([gx.probes.Velocity(corner, axis)(run) for axis in "xyz"])
         assert 1 / (v @ NORMAL) == pytest.approx(1 / v0 + ρ * C * t / (2 * σ), rel=4e-5)
         assert v - (v @ NORMAL) * NORMAL == pytest.approx(along, abs=1e-9)
     assert run.totals.losses["air drag"] == pytest.approx(
@@ -83,7 +83,7 @@ def test_of_a_film_that_is_thrown_the_inverse_speed_grows_linearly(comm, kind: s
 def test_a_film_that_flutters_loses_what_is_booked(comm, wind) -> None:
     """Wrinkled, slack and turning in space: still air only takes, and a wind gives, too."""
     film = gx.Membrane(sheet(comm, 4, 4), FILM, velocity=flutter)
-    air = gx.AirDrag(film, ρ, C, wind=wind)
+    air = gx.loads.AirDrag(film, ρ, C, wind=wind)
     run = gx.Simulation(gx.Scene(film, air, gx.Damping(film, mass=0.5)), midpoint(1e-3))
     lost = [0.0]
     for k in range(1, 6):
@@ -107,7 +107,7 @@ def test_a_film_that_spins_in_its_plane_keeps_its_spin(comm) -> None:
         STIFF,
         velocity=lambda X: np.vstack([-8 * (X[1] - 0.5), 8 * (X[0] - 0.5), 0 * X[0] + 2]),
     )
-    run = gx.Simulation(gx.Scene(film, gx.AirDrag(film, ρ, C)), midpoint(1e-3))
+    run = gx.Simulation(gx.Scene(film, gx.loads.AirDrag(film, ρ, C)), midpoint(1e-3))
     run.run(until=0.04)
     first, now = run.first, run.totals
     assert now.momentum[2] < 0.8 * first.momentum[2]
@@ -122,7 +122,7 @@ def test_at_rest_air_carries_nothing_and_wind_presses(comm) -> None:
     for wind, lift in (((0.0, 0.0, 0.0), 0.0), ((0.0, 0.0, 0.5), ρ * C * 0.5**2 / 2)):
         film = gx.Membrane(sheet(comm, 4, 4), STIFF)
         held = [gx.Fixed(film, edge) for edge in ("left", "right")]
-        weight, air = gx.Gravity(film, (0.0, 0.0, 1.0)), gx.AirDrag(film, ρ, C, wind=wind)
+        weight, air = gx.Gravity(film, (0.0, 0.0, 1.0)), gx.loads.AirDrag(film, ρ, C, wind=wind)
         equilibrium = gx.Equilibrium(gx.Scene(film, *held, weight, air))
         equilibrium.find()
         total = sum(equilibrium.reaction(support)[0] for support in held)
@@ -134,7 +134,7 @@ def test_at_rest_air_carries_nothing_and_wind_presses(comm) -> None:
 def test_newton_has_the_tangent_of_the_drag() -> None:
     """With it the iteration of a film that air all but stops converges quadratically."""
     film = body("film", MPI.COMM_WORLD, tuple(4.0 * NORMAL))
-    run = gx.Simulation(gx.Scene(film, gx.AirDrag(film, 100 * ρ, C)), gx.Midpoint(dt=5e-3))
+    run = gx.Simulation(gx.Scene(film, gx.loads.AirDrag(film, 100 * ρ, C)), gx.Midpoint(dt=5e-3))
     run.run(until=5e-3)
     assert run.iterations <= 7
     assert run.totals.losses["air drag"] > 0.5 * run.first.energy
@@ -151,13 +151,15 @@ def test_bad_air_is_refused() -> None:
         ),
     ):
         with pytest.raises(gx.InputError, match=words):
-            gx.AirDrag(film, **given)
+            gx.loads.AirDrag(film, **given)
 
 
 def test_thin_air_is_usual_and_water_is_not() -> None:
     film = body("film", MPI.COMM_WORLD, (0.0, 0.0, 0.0))
     assert not [
-        words for words in warnings([film, gx.AirDrag(film, 2.4e-4)]) if "air drag" in words
+        words for words in warnings([film, gx.loads.AirDrag(film, 2.4e-4)]) if "air drag" in words
     ]
-    [words] = [words for words in warnings([film, gx.AirDrag(film, 1000.0)]) if "air drag" in words]
+    [words] = [
+        words for words in warnings([film, gx.loads.AirDrag(film, 1000.0)]) if "air drag" in words
+    ]
     assert "density = 1000 kg/m³ is unusual" in words

@@ -21,15 +21,15 @@ NITROGEN = gx.IdealGas(gamma=1.4, R=296.8)
 def test_a_cylinder_without_caps_holds_the_volume_of_its_polygon(order):
     radius, length, sides = 0.1, 0.5, 16
     film = gx.Membrane(capped_cylinder(MPI.COMM_WORLD, radius, length, sides, 6), FILM, order=order)
-    rims = tuple(gx.Ring(film, name) for name in ("first rim", "last rim"))
+    rims = tuple(gx.gas.Ring(film, name) for name in ("first rim", "last rim"))
     bag = gx.Chamber(
         film, gas=NITROGEN, pressure=1e3, temperature=300.0, surface=("wall",), rings=rims
     )
-    outlet = gx.Orifice(bag, gx.Ambient(), area=rims[1], discharge_coefficient=0.5)
+    outlet = gx.Orifice(bag, gx.gas.Ambient(), area=rims[1], discharge_coefficient=0.5)
     run = gx.Simulation(gx.Scene(film, bag, outlet), gx.Midpoint(dt=1e-5))
     polygon = sides / 2 * radius**2 * math.sin(2 * math.pi / sides)
     assert pytest.approx(polygon * length, rel=1e-12) == run.chamber("chamber").V
-    assert gx.RingArea(rims[1])(run) == pytest.approx(polygon, rel=1e-12)
+    assert gx.probes.RingArea(rims[1])(run) == pytest.approx(polygon, rel=1e-12)
     run.run(until=1e-5)
     choked = polygon / 2 * 1e3 / math.sqrt(296.8 * 300.0) * math.sqrt(1.4) * (2 / 2.4) ** 3
     assert run.totals.mass_supplied == pytest.approx(-choked * 1e-5, rel=0.02)
@@ -49,7 +49,7 @@ def compartments(order: int = 1, cells: int = 6, law=FILM):
         displacement=slightly_open,
         velocity=lambda X: np.vstack([-3 * X[1], 3 * X[0] + 0.5, 0.2 + 5 * X[1]]),
     )
-    ring = gx.Ring(film, "ring 1")
+    ring = gx.gas.Ring(film, "ring 1")
     one, two = (
         gx.Chamber(
             film,
@@ -121,8 +121,8 @@ def test_the_tangent_contains_the_share_of_the_rings(order, monkeypatch):
 
 def test_a_ring_is_walked_once_for_both_chambers_and_the_orifice(monkeypatch):
     walks = []
-    walk = gx.Ring.loop
-    monkeypatch.setattr(gx.Ring, "loop", lambda ring: walks.append(ring) or walk(ring))
+    walk = gx.gas.Ring.loop
+    monkeypatch.setattr(gx.gas.Ring, "loop", lambda ring: walks.append(ring) or walk(ring))
     compartments(cells=4)
     assert len(walks) == 1
 
@@ -135,7 +135,7 @@ def test_a_ring_inside_of_a_surface_is_refused():
         pressure=1.0,
         temperature=300.0,
         dead_volume=1e-6,
-        rings=(gx.Ring(film, "ring 1"),),
+        rings=(gx.gas.Ring(film, "ring 1"),),
     )
     with pytest.raises(gx.InputError, match="its ring 'ring 1' is no border of its surface"):
         gx.Simulation(gx.Scene(film, bag), gx.Midpoint(dt=1e-4))
@@ -149,7 +149,7 @@ def test_an_open_line_is_no_ring():
         pressure=1.0,
         temperature=300.0,
         dead_volume=1e-6,
-        rings=(gx.Ring(film, "tip"),),
+        rings=(gx.gas.Ring(film, "tip"),),
     )
     with pytest.raises(gx.InputError, match="form no closed line"):
         gx.Simulation(gx.Scene(film, bag), gx.Midpoint(dt=1e-4))

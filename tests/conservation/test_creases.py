@@ -33,13 +33,13 @@ def throw(X: np.ndarray) -> np.ndarray:
 
 def strip(
     comm: MPI.Comm, order: int = 2, angle: float = 1.4, velocity: object = None, **options: object
-) -> tuple[gx.Membrane, gx.Crease]:
+) -> tuple[gx.Membrane, gx.connectors.Crease]:
     mesh = creased_strip(comm, 4, 2, LENGTH, WIDTH)
     film = gx.Membrane(mesh, LAW, order=order, displacement=folded(angle), velocity=velocity)
-    return film, gx.Crease(film, "crease", **({"stiffness": STIFFNESS} | options))
+    return film, gx.connectors.Crease(film, "crease", **({"stiffness": STIFFNESS} | options))
 
 
-def angles(run: gx.Simulation, crease: gx.Crease) -> np.ndarray:
+def angles(run: gx.Simulation, crease: gx.connectors.Crease) -> np.ndarray:
     (creases,) = [terms for terms in run.system.compiled if isinstance(terms, CreaseEnergies)]
     return creases.angles(crease.energy)[0]
 
@@ -111,17 +111,17 @@ def test_the_field_of_fold_angles(comm: MPI.Comm) -> None:
         comm.allreduce(int(np.isclose(folds, 1.4).sum())) == 4
     )  # two edges, each with two triangles
     assert comm.allreduce(int((folds == 0).sum())) == 32 - 4
-    assert gx.FoldAngle(crease)(run) == pytest.approx(1.4)
-    assert gx.FoldAngle(crease, "largest")(run) == pytest.approx(1.4)
-    assert gx.FoldAngle(crease, "rest")(run) == 0.0
+    assert gx.probes.FoldAngle(crease)(run) == pytest.approx(1.4)
+    assert gx.probes.FoldAngle(crease, "largest")(run) == pytest.approx(1.4)
+    assert gx.probes.FoldAngle(crease, "rest")(run) == 0.0
     with pytest.raises(gx.InputError, match="'crease' is not in the scene"):
-        gx.FoldAngle(crease).of(gx.Scene(film).compile())
+        gx.probes.FoldAngle(crease).of(gx.Scene(film).compile())
 
 
-def thrown_plate(angle: float = 1.4) -> tuple[gx.Plate, gx.Crease]:
+def thrown_plate(angle: float = 1.4) -> tuple[gx.Plate, gx.connectors.Crease]:
     mesh = creased_strip(MPI.COMM_SELF, 4, 1, LENGTH, WIDTH)
     plate = gx.Plate(mesh, LAW, hinges=["crease"], displacement=folded(angle), velocity=throw)
-    return plate, gx.Crease(plate, "crease", STIFFNESS)
+    return plate, gx.connectors.Crease(plate, "crease", STIFFNESS)
 
 
 @pytest.mark.parametrize("control", [None, gx.StepControl(iterations=6, error=2e-6, largest=1e-4)])
@@ -141,7 +141,7 @@ def test_a_thrown_plate_conserves_for_ten_thousand_steps(control: gx.StepControl
     """Folding to and fro through flat."""
     plate, crease = thrown_plate()
     run = gx.Simulation(gx.Scene(plate, crease), gx.Midpoint(dt=5e-5), control=control)
-    angle, seen = gx.FoldAngle(crease), []
+    angle, seen = gx.probes.FoldAngle(crease), []
     while run.step < 10_000:
         run.run(until=run.time + 2.5e-3)
         seen.append(angle(run))
@@ -157,14 +157,16 @@ def test_modes_of_a_creased_plate_are_softer_than_of_a_flat_one() -> None:
     for stiffness in (1e-5, 1.0):
         plate = gx.Plate(creased_strip(MPI.COMM_SELF, 4, 1, LENGTH, WIDTH), LAW, hinges=["crease"])
         search = gx.Equilibrium(
-            gx.Scene(plate, gx.Crease(plate, "crease", stiffness), gx.Fixed(plate, "left"))
+            gx.Scene(
+                plate, gx.connectors.Crease(plate, "crease", stiffness), gx.Fixed(plate, "left")
+            )
         )
         search.find()
-        found.append([mode.frequency for mode in gx.modes(search, 3)])
+        found.append([mode.frequency for mode in gx.analysis.modes(search, 3)])
     assert found[0][1] < 0.9 * found[1][1]
 
 
-def yielding(comm: MPI.Comm) -> tuple[gx.Membrane, gx.Crease]:
+def yielding(comm: MPI.Comm) -> tuple[gx.Membrane, gx.connectors.Crease]:
     """Shut to the side that its rest angle does not tell, and beyond its limit from the start."""
     return strip(comm, angle=math.pi, velocity=throw, shut=MOUNTAIN, yield_angle=0.5)
 
@@ -207,36 +209,41 @@ def two_surfaces(model: object) -> None:
 
 BAD = {
     "no hinge": (
-        lambda film: gx.Crease(gx.Plate(film.mesh, LAW), "crease", 1e-3),
+        lambda film: gx.connectors.Crease(gx.Plate(film.mesh, LAW), "crease", 1e-3),
         "transmits bending at 'crease' itself; give it hinges=['crease']",
     ),
     "rim": (
-        lambda film: gx.Crease(film, "left", 1e-3),
+        lambda film: gx.connectors.Crease(film, "left", 1e-3),
         "2 of the 2 edges of 'left' lie on the rim",
     ),
     "surface": (
-        lambda film: gx.Crease(film, "film", 1e-3),
+        lambda film: gx.connectors.Crease(film, "film", 1e-3),
         "the group 'film' has dimension 2; name curves",
     ),
-    "no group": (lambda film: gx.Crease(film, "fold", 1e-3), "The mesh has no group 'fold'"),
+    "no group": (
+        lambda film: gx.connectors.Crease(film, "fold", 1e-3),
+        "The mesh has no group 'fold'",
+    ),
     "stiffness": (
-        lambda film: gx.Crease(film, "crease", -1e-3),
+        lambda film: gx.connectors.Crease(film, "crease", -1e-3),
         "stiffness is -0.001 N m/m/rad; give a positive",
     ),
     "rest angle": (
-        lambda film: gx.Crease(film, "crease", 1e-3, 3.2),
+        lambda film: gx.connectors.Crease(film, "crease", 1e-3, 3.2),
         "rest_angle is 3.2 rad; stay within half a turn",
     ),
     "yield": (
-        lambda film: gx.Crease(film, "crease", 1e-3, yield_angle=-1.0),
+        lambda film: gx.connectors.Crease(film, "crease", 1e-3, yield_angle=-1.0),
         "yield_angle is -1.0 rad; give a",
     ),
     "shut": (
-        lambda film: gx.Crease(film, "crease", 1e-3, shut=0),
+        lambda film: gx.connectors.Crease(film, "crease", 1e-3, shut=0),
         "shut is 0; give 1 for a valley fold",
     ),
     "normals": (
-        lambda film: gx.Crease(gx.Membrane(gx.gmsh_mesh(two_surfaces, WORLD), LAW), "crease", 1e-3),
+        lambda film: gx.connectors.Crease(
+            gx.Membrane(gx.gmsh_mesh(two_surfaces, WORLD), LAW), "crease", 1e-3
+        ),
         "the normals of 'film' change sides at 'crease'",
     ),
 }

@@ -45,14 +45,16 @@ def test_oscillator_far_from_the_origin(comm, h, spring):
     """Its amplitude of 0.5 m is known to 2e-9 of itself, its energy to 4e-9 in each step."""
     mass, centre = gx.PointMass(1.0, (FAR + 1.5, 0.0, 0.0)), (FAR, 0.0, 0.0)
     if spring == "axial":
-        spring = gx.AxialSpring(mass.port(), 40.0, (1.0, 0.0, 0.0), (FAR + 1.0, 0.0, 0.0))
+        spring = gx.connectors.AxialSpring(
+            mass.port(), 40.0, (1.0, 0.0, 0.0), (FAR + 1.0, 0.0, 0.0)
+        )
     else:
         other = (
             gx.PointMass(1.0, centre, name="other").port()
             if spring == "between masses"
             else gx.Ground(centre)
         )
-        spring = gx.Spring(mass.port(), other, 40.0, 1.0)
+        spring = gx.connectors.Spring(mass.port(), other, 40.0, 1.0)
     run = gx.Simulation(gx.Scene(mass, spring), gx.Midpoint(dt=h))
     run.run(until=200 * h)
     assert abs(run.energy_error) < 2e-8

@@ -173,7 +173,7 @@ def test_curved_film_with_gas_spins_freely(comm):
         velocity=lambda X: np.cross(spin, X, axisb=0).T + drift,
     )
     bag = gx.Chamber(film, gas=gas, pressure=300.0, temperature=300.0)
-    run = run_of(film, bag, gx.Orifice(bag, gx.Ambient(), area=1e-3), steps=15)
+    run = run_of(film, bag, gx.Orifice(bag, gx.gas.Ambient(), area=1e-3), steps=15)
     assert run.totals.mass < 0.99 * run.first.mass
     assert abs(run.energy_error) <= 1e-12 and abs(run.mass_error) <= 1e-12
     impulse, turning = changes(run)
@@ -187,7 +187,7 @@ def test_gas_and_outer_pressure_are_booked(comm):
     gas = gx.IdealGas(gamma=1.4, R=287.0)
     law = gx.Linear(E=2e6, nu=0.45, density=1100.0, thickness=2e-4)
     film = gx.Membrane(sphere(comm, 0.2, 8), law)
-    outside = gx.Ambient(1e5, 300.0)
+    outside = gx.gas.Ambient(1e5, 300.0)
     bag = gx.Chamber(film, gas=gas, pressure=1.005e5, temperature=300.0, outside=outside)
     run = run_of(film, bag, dt=2e-4, steps=20)
     grown = run.chamber("chamber").V - run.first.stored["chamber"] * 0.4 / 1.005e5

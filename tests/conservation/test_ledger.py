@@ -89,7 +89,9 @@ def test_the_error_is_over_the_largest_energy_also_if_nobody_looked(comm) -> Non
 
     def fall(*outputs: Output) -> gx.Simulation:
         mass = gx.PointMass(2.0, position=(0.0, 0.0, -1.0), comm=comm)
-        spring = gx.Spring(mass.port(), gx.Ground((0, 0, 0)), stiffness=100.0, length=1.0)
+        spring = gx.connectors.Spring(
+            mass.port(), gx.Ground((0, 0, 0)), stiffness=100.0, length=1.0
+        )
         scene = gx.Scene(spring, gx.Gravity(mass, (0.0, 0.0, -9.81)))
         run = gx.Simulation(scene, gx.Midpoint(dt=5e-3), outputs)
         run.run(until=2 * np.pi * (2.0 / 100.0) ** 0.5)

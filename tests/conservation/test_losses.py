@@ -33,10 +33,12 @@ def scene(comm: MPI.Comm = COMM) -> gx.Scene:
         at_rope,
         gx.Damping(film, mass=DRAG, name="air"),
         gx.Damping(film, stiffness=1e-4, name="strain"),
-        gx.Tether(
+        gx.connectors.Tether(
             ground, at_reel.port(), length=1.0, stiffness=STIFFNESS, brake=BRAKE, name="reel"
         ),
-        gx.Rope(ground, at_rope.port(), length=1.0, stiffness=STIFFNESS, damping=4.0, name="rope"),
+        gx.connectors.Rope(
+            ground, at_rope.port(), length=1.0, stiffness=STIFFNESS, damping=4.0, name="rope"
+        ),
     )
 
 
@@ -61,9 +63,9 @@ def test_each_cause_takes_what_its_closed_form_says(folder: Path) -> None:
     elastic = BRAKE**2 / 2 / STIFFNESS
     assert lost["reel"] == pytest.approx(MASS * SPEED**2 / 2 - elastic, rel=1e-3)
     # the other mass flies back when its rope is slack again
-    v = gx.Velocity(next(body for body in run.system.bodies if body.name == "at rope").port(), "y")(
-        run
-    )
+    v = gx.probes.Velocity(
+        next(body for body in run.system.bodies if body.name == "at rope").port(), "y"
+    )(run)
     assert -0.1 < v < 0 and lost["rope damping"] == pytest.approx(
         MASS * (0.1**2 - v**2) / 2, rel=1e-10
     )
@@ -77,7 +79,7 @@ def test_each_cause_takes_what_its_closed_form_says(folder: Path) -> None:
 @pytest.mark.mpi
 def test_one_cause_is_the_sum_and_none_is_nothing(folder: Path) -> None:
     mass = gx.PointMass(1.0, velocity=(1.0, 0.0, 0.0), comm=COMM)
-    damper = gx.Damper(mass.port(), gx.Ground((-1.0, 0.0, 0.0)), 0.5)
+    damper = gx.connectors.Damper(mass.port(), gx.Ground((-1.0, 0.0, 0.0)), 0.5)
     for items, lost in ((mass,), []), ((mass, damper), ["damper"]):
         run = run_to(2, gx.Scene(*items), outputs=[gx.Ledger(folder / "ledger.csv")])
         COMM.barrier()
@@ -120,7 +122,10 @@ def test_what_a_part_took_before_it_was_changed_stays_booked(folder: Path) -> No
     def swing(damping: float) -> gx.Scene:
         mass = gx.PointMass(MASS, (0.0, 1.0, 0.0), velocity=(0.0, 0.1, 0.0), comm=COMM)
         return gx.Scene(
-            mass, gx.Rope(gx.Ground((0.0, 0.0, 0.0)), mass.port(), 1.0, STIFFNESS, damping=damping)
+            mass,
+            gx.connectors.Rope(
+                gx.Ground((0.0, 0.0, 0.0)), mass.port(), 1.0, STIFFNESS, damping=damping
+            ),
         )
 
     lost = run_to(10, swing(4.0), checkpoints=gx.Checkpoints(folder)).totals.losses

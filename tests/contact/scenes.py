@@ -44,22 +44,25 @@ def film(
 
 def solid_of(
     kind: str, block: gx.RigidBody, **given
-) -> gx.Plane | gx.Sphere | gx.Cylinder | gx.Box:
+) -> gx.contact.Plane | gx.contact.Sphere | gx.contact.Cylinder | gx.contact.Box:
     """A solid that is a part of a block, in the way of a film that falls from z = 0."""
     makes, where = {
-        "plane": (gx.Plane, {"point": (0, 0, -0.008), "normal": (0.1, 0, 1)}),
-        "ball": (gx.Sphere, {"centre": (0, 0, -0.022), "radius": 0.02}),
+        "plane": (gx.contact.Plane, {"point": (0, 0, -0.008), "normal": (0.1, 0, 1)}),
+        "ball": (gx.contact.Sphere, {"centre": (0, 0, -0.022), "radius": 0.02}),
         "cylinder": (
-            gx.Cylinder,
+            gx.contact.Cylinder,
             {"start": (-0.06, 0, -0.022), "end": (0.03, 0, -0.022), "radius": 0.02},
         ),
-        "box": (gx.Box, {"centre": (0, 0, -0.022), "sizes": (0.04, 0.04, 0.04)}),
-        "in ball": (gx.Sphere, {"centre": (0, 0, 0.02), "radius": 0.077, "inside": True}),
+        "box": (gx.contact.Box, {"centre": (0, 0, -0.022), "sizes": (0.04, 0.04, 0.04)}),
+        "in ball": (gx.contact.Sphere, {"centre": (0, 0, 0.02), "radius": 0.077, "inside": True}),
         "in cylinder": (
-            gx.Cylinder,
+            gx.contact.Cylinder,
             {"start": (0, 0, 0.01), "end": (1, 0, 0.01), "radius": 0.0523, "inside": True},
         ),
-        "in box": (gx.Box, {"centre": (0, 0, 0), "sizes": (0.12, 0.12, 0.006), "inside": True}),
+        "in box": (
+            gx.contact.Box,
+            {"centre": (0, 0, 0), "sizes": (0.12, 0.12, 0.006), "inside": True},
+        ),
     }[kind]
     return makes(**where, on=block, **given)
 

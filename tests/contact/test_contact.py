@@ -23,7 +23,7 @@ def test_two_films_collide(comm, law):
     assert group_of(run).closest < 1e-3
     assert pierced(run) == 0
     conserved(run)
-    velocity = gx.Velocity(lower.port_at((0.05, 0.05, 0.0)), "z")
+    velocity = gx.probes.Velocity(lower.port_at((0.05, 0.05, 0.0)), "z")
     assert velocity(run) < -0.3  # it was hit
     assert run.substeps == 0
 
@@ -53,7 +53,7 @@ def test_a_film_falls_edge_on_edge_and_cables_on_a_film():
     contact = gx.Contact(flat, *cables, distance=5e-4, radius={"cable 0": 5e-4, "cable 1": 5e-4})
     run = simulate([contact], 4e-3)
     conserved(run)
-    assert gx.Velocity(flat.port_at((0.05, 0.05, 0.0)), "z")(run) < -0.1
+    assert gx.probes.Velocity(flat.port_at((0.05, 0.05, 0.0)), "z")(run) < -0.1
     group = group_of(run)
     assert group.closest < 5e-4
     assert pierced(run) == 0
@@ -76,14 +76,16 @@ def test_films_hit_solids(kind):
     assert group.closest < 1e-3
     assert run.totals.momentum[2] == pytest.approx(run.first.momentum[2], rel=1e-11)
     conserved(run, momentum=1e-10)
-    assert gx.Velocity(block.port(), "z")(run) < -1e-8
+    assert gx.probes.Velocity(block.port(), "z")(run) < -1e-8
     assert pierced(run) == 0
 
 
 def test_a_moved_obstacle_supplies_its_work():
     comm = MPI.COMM_SELF
     rest = film(comm, name="rest")
-    ram = gx.Sphere(centre=(0.0, 0.0, -0.012), radius=0.01, motion=lambda t: (0.0, 0.0, 2.0 * t))
+    ram = gx.contact.Sphere(
+        centre=(0.0, 0.0, -0.012), radius=0.01, motion=lambda t: (0.0, 0.0, 2.0 * t)
+    )
     run = simulate([gx.Contact(rest, ram, distance=1e-3)], 3e-3)
     assert run.totals.supplied > 1e-6
     assert abs(run.energy_error) < 1e-9
@@ -151,7 +153,7 @@ def test_bad_input_is_refused():
     with pytest.raises(gx.InputError, match="distance is 0"):
         gx.Contact(one, distance=0.0)
     with pytest.raises(gx.InputError, match="no film"):
-        gx.Contact(gx.Plane(point=(0, 0, 0), normal=(0, 0, 1)), distance=1e-3)
+        gx.Contact(gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 1)), distance=1e-3)
     with pytest.raises(gx.InputError, match="no surface"):
         gx.Contact(one, gx.PointMass(1.0), distance=1e-3)
     with pytest.raises(gx.InputError, match="radius of 'line'"):
@@ -161,10 +163,10 @@ def test_bad_input_is_refused():
         )
     with pytest.raises(gx.InputError, match="has no length"):
         gx.Scene(
-            gx.Contact(one, gx.Plane(point=(0, 0, 0), normal=(0, 0, 0)), distance=1e-3)
+            gx.Contact(one, gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 0)), distance=1e-3)
         ).compile()
     with pytest.raises(gx.InputError, match="'on' and 'motion'"):
-        gx.Sphere(
+        gx.contact.Sphere(
             centre=(0, 0, 0),
             radius=1.0,
             on=gx.RigidBody(1.0, (1, 1, 1)),
@@ -184,7 +186,7 @@ def test_bad_input_is_refused():
         gx.Scene(gx.Contact(*_two(comm, height=0.0), distance=1e-3)).compile()
     with pytest.raises(gx.InputError, match="within it"):
         gx.Scene(
-            gx.Contact(one, gx.Plane(point=(0, 0, 0.01), normal=(0, 0, 1)), distance=1e-3)
+            gx.Contact(one, gx.contact.Plane(point=(0, 0, 0.01), normal=(0, 0, 1)), distance=1e-3)
         ).compile()
 
 
@@ -194,8 +196,10 @@ def test_probes_tell_force_gap_and_penetrations(comm):
     upper = film(comm, height=1.2e-3, velocity=(0.0, 0.0, -2.0), turn=0.4, name="upper")
     contact = gx.Contact(lower, upper, distance=1e-3)
     names = {"down": (lower, "z"), "up": (upper, "z")}
-    probes = {name: gx.ContactForce(contact, *of) for name, of in names.items()}
-    seen = gx.Series(probes | {"gap": gx.ContactGap(contact), "pierced": gx.Penetrations(contact)})
+    probes = {name: gx.probes.ContactForce(contact, *of) for name, of in names.items()}
+    seen = gx.Series(
+        probes | {"gap": gx.probes.ContactGap(contact), "pierced": gx.probes.Penetrations(contact)}
+    )
     run = simulate([contact], 8e-4, outputs=[seen])
     assert np.allclose(seen["down"], -seen["up"], atol=1e-12)
     impulse = 1e-4 * np.sum(seen["up"])
@@ -207,11 +211,11 @@ def test_probes_tell_force_gap_and_penetrations(comm):
     assert 0 < min(seen["gap"]) < 1e-3
     assert max(seen["pierced"]) == 0
     with pytest.raises(gx.InputError, match="no component"):
-        gx.ContactForce(contact, lower, "w")
+        gx.probes.ContactForce(contact, lower, "w")
     with pytest.raises(gx.InputError, match="which holds: lower, upper"):
-        gx.ContactForce(contact, film(comm, name="other"), "z")
+        gx.probes.ContactForce(contact, film(comm, name="other"), "z")
     with pytest.raises(gx.InputError, match="not in the scene"):
-        gx.ContactGap(gx.Contact(lower, distance=1e-3))(run)
+        gx.probes.ContactGap(gx.Contact(lower, distance=1e-3))(run)
 
 
 def test_films_that_rest_node_over_node_do_not_believe_to_have_passed():

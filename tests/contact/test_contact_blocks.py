@@ -23,9 +23,11 @@ def touching(comm, body: str) -> gx.Simulation:
             0.02, (1e-5, 1e-5, 1e-5), position=(0, 0, -0.0209), attitude=turned, comm=comm
         )
         if body == "ball":
-            solid = gx.Sphere(centre=(0.0, 0.0, -0.0209), radius=0.02, on=block, friction=0.3)
+            solid = gx.contact.Sphere(
+                centre=(0.0, 0.0, -0.0209), radius=0.02, on=block, friction=0.3
+            )
         elif body == "cylinder":
-            solid = gx.Cylinder(
+            solid = gx.contact.Cylinder(
                 start=(-0.03, 0, -0.0209),
                 end=(0.03, 0, -0.0209),
                 radius=0.02,
@@ -33,7 +35,7 @@ def touching(comm, body: str) -> gx.Simulation:
                 friction=0.3,
             )
         else:
-            solid = gx.Plane(
+            solid = gx.contact.Plane(
                 point=(0.0, 0.0, -0.0009), normal=(0.0, 0.0, 1.0), on=block, friction=0.3
             )
         return simulate(

@@ -27,7 +27,7 @@ def test_pressure_integrates_to_the_force(comm, order) -> None:
         y = min(t / 0.01, 1.0)
         return -4.0 * y * y * (3 - 2 * y)
 
-    floor = gx.Plane(point=(0, 0, 0), normal=(0, 0, 1))
+    floor = gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 1))
     contact = gx.Contact(body, floor, distance=2e-4, stiffness=1e8)
     run = simulate([contact, gx.Pressure(body, softly)], 0.014, 5e-4)
     assert run.totals.stored["contact"] > 0
@@ -46,7 +46,11 @@ def test_pressure_integrates_to_the_force(comm, order) -> None:
 def test_pressure_is_zero_where_nothing_touches(comm) -> None:
     one, other = film(comm, 2, name="one"), film(comm, 2, height=0.01, name="other")
     run = simulate(
-        [gx.Contact(one, gx.Plane(point=(0, 0, -1), normal=(0, 0, 1)), distance=1e-3), other], 1e-4
+        [
+            gx.Contact(one, gx.contact.Plane(point=(0, 0, -1), normal=(0, 0, 1)), distance=1e-3),
+            other,
+        ],
+        1e-4,
     )
     for body in (one, other):
         fields = FieldFunctions(run.system, body, ["contact_pressure"])

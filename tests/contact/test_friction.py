@@ -26,7 +26,7 @@ def patch(velocity: float, height: float = 2e-5):
 
 def speeds(body, items, until: float, dt: float = 5e-4):
     """Velocities along x after each step, and the run."""
-    seen = gx.Series({"v": gx.Velocity(body.port_at((0.05, 0.05, 0.0)), "x")})
+    seen = gx.Series({"v": gx.probes.Velocity(body.port_at((0.05, 0.05, 0.0)), "x")})
     run = simulate(items, until, dt, outputs=[seen])
     return np.array(seen["v"]), run
 
@@ -45,7 +45,7 @@ def test_a_film_slides_down_a_slope() -> None:
     slope, μ, g = math.radians(30), 0.3, 9.80665
     body = patch(0.0, 1e-4)
     down = gx.Gravity(body, (g * math.sin(slope), 0.0, -g * math.cos(slope)))
-    floor = gx.Plane(**FLOOR, friction=μ)
+    floor = gx.contact.Plane(**FLOOR, friction=μ)
     v, run = speeds(body, [gx.Contact(body, floor, distance=2e-4, stiffness=1e9), down], 0.03)
     a = g * (math.sin(slope) - μ * math.cos(slope))
     assert v[-1] == pytest.approx(a * 0.03, rel=0.02)  # though it jumps
@@ -57,7 +57,7 @@ def test_a_film_slides_down_a_slope() -> None:
 
 def test_a_film_that_slides_is_stopped() -> None:
     body, μ, p, v0 = patch(0.2), 0.5, 4.0, 0.2
-    contact = gx.Contact(body, gx.Plane(**FLOOR), distance=2e-4, stiffness=1e8, friction=μ)
+    contact = gx.Contact(body, gx.contact.Plane(**FLOOR), distance=2e-4, stiffness=1e8, friction=μ)
     v, run = speeds(body, [contact, pressed(body, p)], 0.03)
     until = 0.005 + v0 / (μ * p / SIGMA)  # the pressure begins in 0.01 s
     t = 5e-4 * np.arange(len(v))
@@ -71,7 +71,7 @@ def test_a_film_that_slides_is_stopped() -> None:
 def test_below_the_friction_angle_it_creeps_as_slowly_as_stated() -> None:
     body, μ, p, a = patch(0.0), 0.5, 4.0, 8.0
     contact = gx.Contact(
-        body, gx.Plane(**FLOOR), distance=2e-4, stiffness=1e8, friction=μ, creep=1e-4
+        body, gx.contact.Plane(**FLOOR), distance=2e-4, stiffness=1e8, friction=μ, creep=1e-4
     )
     v, _ = speeds(body, [contact, pressed(body, p), gx.Gravity(body, (a, 0.0, 0.0))], 0.04)
     share = a * SIGMA / (μ * p)
@@ -87,7 +87,7 @@ def test_films_that_rub_keep_momentum_and_angular_momentum(comm) -> None:
     )
     run = simulate([gx.Contact(lower, upper, distance=1e-3, friction=0.3)], 1.6e-3)
     assert run.totals.dissipated > 1e-5
-    assert gx.Velocity(lower.port_at((0.05, 0.05, 0.0)), "x")(run) > 0.02  # taken along
+    assert gx.probes.Velocity(lower.port_at((0.05, 0.05, 0.0)), "x")(run) > 0.02  # taken along
     assert pierced(run) == 0
     conserved(run)
 
@@ -95,7 +95,12 @@ def test_films_that_rub_keep_momentum_and_angular_momentum(comm) -> None:
 def test_friction_costs_nothing_where_there_is_none() -> None:
     one, other = film(MPI.COMM_SELF, name="one"), film(MPI.COMM_SELF, height=1.2e-3, name="other")
     run = simulate(
-        [gx.Contact(one, other, gx.Plane(point=(0, 0, -1), normal=(0, 0, 1)), distance=1e-3)], 1e-4
+        [
+            gx.Contact(
+                one, other, gx.contact.Plane(point=(0, 0, -1), normal=(0, 0, 1)), distance=1e-3
+            )
+        ],
+        1e-4,
     )
     assert group_of(run).friction is None
     assert (group_of(run).bodies.frames < 0).all()
@@ -125,7 +130,7 @@ def test_a_ball_on_a_film_turns_by_friction_alone(comm, μ) -> None:
         velocity=(0.3, 0, -0.5),
         comm=comm,
     )
-    solid = gx.Sphere(centre=(0.003, 0.002, r + 3e-4), radius=r, on=ball, friction=μ)
+    solid = gx.contact.Sphere(centre=(0.003, 0.002, r + 3e-4), radius=r, on=ball, friction=μ)
     run = simulate([gx.Contact(bag, solid, distance=2e-4)], 4e-3)
     conserved(run, momentum=1e-10)
     spin = _spin(run, ball)
@@ -133,7 +138,7 @@ def test_a_ball_on_a_film_turns_by_friction_alone(comm, μ) -> None:
         assert abs(spin) < 1e-9
         assert run.totals.losses == {}
     else:
-        lost = m * (0.3 - gx.Velocity(ball.port(), "x")(run))
+        lost = m * (0.3 - gx.probes.Velocity(ball.port(), "x")(run))
         assert lost > 1e-6
         assert spin * 0.4 * m * r * r == pytest.approx(lost * r, rel=0.1)
         assert run.totals.dissipated > 0
@@ -173,7 +178,7 @@ def test_a_film_between_a_rough_floor_and_a_rough_film() -> None:
         name="upper",
         at=(0.01, 0.005),
     )
-    floor = gx.Plane(point=(0, 0, -1e-3), normal=(0, 0, 1), friction=0.5)
+    floor = gx.contact.Plane(point=(0, 0, -1e-3), normal=(0, 0, 1), friction=0.5)
     run = simulate([gx.Contact(lower, upper, floor, distance=8e-4, friction=0.3)], 1e-3)
     assert run.substeps < 10
     assert abs(run.energy_error) < 1e-9
@@ -181,7 +186,7 @@ def test_a_film_between_a_rough_floor_and_a_rough_film() -> None:
 
 def test_a_moved_solid_drags_a_film_along_and_pays_for_it() -> None:
     body = patch(0.0)
-    belt = gx.Plane(**FLOOR, motion=lambda t: (0.1 * t, 0.0, 0.0), friction=0.4)
+    belt = gx.contact.Plane(**FLOOR, motion=lambda t: (0.1 * t, 0.0, 0.0), friction=0.4)
     contact = gx.Contact(body, belt, distance=2e-4, stiffness=1e8)
     v, run = speeds(body, [contact, pressed(body, 4.0)], 0.03)
     assert v[-1] == pytest.approx(0.1, abs=1e-4)
@@ -247,7 +252,7 @@ def test_what_is_no_friction_is_refused() -> None:
     with pytest.raises(gx.InputError, match=r"creep is 0.*positive"):
         gx.Contact(body, distance=1e-3, friction=0.1, creep=0.0)
     with pytest.raises(gx.InputError, match=r"Plane 'obstacle': friction is nan"):
-        gx.Plane(**FLOOR, friction=math.nan)
+        gx.contact.Plane(**FLOOR, friction=math.nan)
 
 
 @pytest.mark.slow
@@ -270,7 +275,9 @@ def test_a_ball_rolls_in_a_bag_if_there_is_friction(μ) -> None:
         comm=MPI.COMM_SELF,
         name="ball",
     )
-    contact = gx.Contact(bag, gx.Sphere(centre=start, radius=r, on=ball, friction=μ), distance=1e-3)
+    contact = gx.Contact(
+        bag, gx.contact.Sphere(centre=start, radius=r, on=ball, friction=μ), distance=1e-3
+    )
     run = simulate([contact, *rim, gx.Gravity(bag), gx.Gravity(ball)], 0.25, 1e-3)
     assert abs(run.energy_error) < 1e-9
     assert pierced(run) == 0

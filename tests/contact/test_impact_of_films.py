@@ -56,7 +56,9 @@ def test_films_face_to_face_meet_as_bodies_on_a_spring() -> None:
     )
     # a pair of a point and a triangle stands for half of the point's area
     contact = gx.Contact(small, base, distance=d, stiffness=2 * ε, law="penalty")
-    seen = gx.Series({"force": gx.ContactForce(contact, small, "z"), "gap": gx.ContactGap(contact)})
+    seen = gx.Series(
+        {"force": gx.probes.ContactForce(contact, small, "z"), "gap": gx.probes.ContactGap(contact)}
+    )
     dt, time, depth = 5e-6, math.pi * math.sqrt(m / (2 * ε)), Δv * math.sqrt(m / (2 * ε))
     run = simulate([contact], 3e-4, dt, outputs=[seen])
     conserved(run, energy=1e-8)
@@ -72,7 +74,8 @@ def test_films_face_to_face_meet_as_bodies_on_a_spring() -> None:
 def test_oblique_impact_keeps_what_is_along_the_plane() -> None:
     thrown = film(COMM, 2, height=1.5e-3, velocity=(1.5, 0.5, -2.0), name="thrown")
     run = simulate(
-        [gx.Contact(thrown, gx.Plane(point=(0, 0, 0), normal=(0, 0, 1)), distance=1e-3)], 3e-3
+        [gx.Contact(thrown, gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 1)), distance=1e-3)],
+        3e-3,
     )
     P, P0 = run.totals.momentum, run.first.momentum
     assert np.abs(P - P0)[:2].max() < 1e-12 * np.abs(P0).max()
@@ -98,19 +101,19 @@ def test_films_fall_edge_on_edge() -> None:
     conserved(run)
     assert pierced(run) == 0
     assert group_of(run).closest < 1e-3
-    assert gx.Velocity(lower.port_at((0.05, 0.1, 0.0)), "z")(run) < -1e-3
+    assert gx.probes.Velocity(lower.port_at((0.05, 0.1, 0.0)), "z")(run) < -1e-3
 
 
 def test_a_film_falls_over_the_corner_of_a_box() -> None:
     up, side = np.ones(3) / 3**0.5, np.array([1.0, -1.0, 0.0]) / 2**0.5
     axes = np.vstack([side, np.cross(up, side), up]).T
     body = gx.RigidBody(0.02, (1e-5, 1e-5, 1e-5), position=(0.0, 0.0, -0.0366), comm=COMM)
-    box = gx.Box(centre=(0, 0, -0.0366), sizes=(0.04,) * 3, axes=axes.tolist(), on=body)
+    box = gx.contact.Box(centre=(0, 0, -0.0366), sizes=(0.04,) * 3, axes=axes.tolist(), on=body)
     thrown = film(COMM, 5, velocity=(0.0, 0.0, -2.0), name="thrown")
     run = simulate([gx.Contact(thrown, box, distance=1e-3)], 4e-3)
     conserved(run, momentum=1e-10)
     assert pierced(run) == 0
-    assert gx.Velocity(body.port(), "z")(run) < -1e-4
+    assert gx.probes.Velocity(body.port(), "z")(run) < -1e-4
 
 
 def test_a_beam_falls_on_a_cable_and_both_on_a_film() -> None:
@@ -124,7 +127,7 @@ def test_a_beam_falls_on_a_cable_and_both_on_a_film() -> None:
     )
     rod = gx.Beam(
         line(COMM, [(0.01, -0.06, 6e-3), (-0.02, 0.06, 6e-3)], 3),
-        gx.solid_circle(5e-4, 70e9, 0.3, 2700.0),
+        gx.sections.solid_circle(5e-4, 70e9, 0.3, 2700.0),
         velocity=down(2.0),
         name="rod",
     )
@@ -132,15 +135,15 @@ def test_a_beam_falls_on_a_cable_and_both_on_a_film() -> None:
     run = simulate([contact], 4e-3)
     conserved(run, energy=1e-8, momentum=1e-10)
     assert pierced(run) == 0
-    assert gx.Velocity(flat.port_at((0.05, 0.05, 0.0)), "z")(run) < -0.05
+    assert gx.probes.Velocity(flat.port_at((0.05, 0.05, 0.0)), "z")(run) < -0.05
 
 
 def test_the_ends_of_a_cylinder_are_round() -> None:
     place = film(COMM, 1, size=0.01, at=(0.035, 0.0), height=0.0, name="film")
-    rod = gx.Cylinder(start=(-0.05, 0, 0), end=(0.01, 0, 0), radius=0.0195)
+    rod = gx.contact.Cylinder(start=(-0.05, 0, 0), end=(0.01, 0, 0), radius=0.0195)
     contact = gx.Contact(place, rod, distance=1e-3)
     run = simulate([contact], 1e-4)
-    assert gx.ContactGap(contact)(run) == pytest.approx(5e-4, rel=1e-9)
+    assert gx.probes.ContactGap(contact)(run) == pytest.approx(5e-4, rel=1e-9)
 
 
 def test_a_stiffness_that_is_too_soft_is_told_once(caplog) -> None:

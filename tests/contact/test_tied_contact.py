@@ -34,15 +34,17 @@ def test_leaves_clap_together_about_the_line_on_which_they_are_tied(comm, n, ord
     lower = leaf(comm, order=order, name="lower", n=4 if order == 1 else 2)
     upper = leaf(comm, n, angle=0.03, spin=-20.0, order=order, name="upper")
     contact = gx.Contact(lower, upper, distance=1e-3)
-    seen = gx.Series({"pierced": gx.Penetrations(contact), "crossings": gx.Crossings(lower, upper)})
+    seen = gx.Series(
+        {"pierced": gx.probes.Penetrations(contact), "crossings": gx.probes.Crossings(lower, upper)}
+    )
     run = simulate([contact, gx.Tie(upper, "left", lower, "left")], 4e-3, outputs=[seen])
     assert run.first.stored["contact"] == 0
     assert group_of(run).memory.distance.min() > 1e-4  # no joined cells are taken for near ones
     assert group_of(run).closest < 1e-3
     assert max(seen["pierced"]) == max(seen["crossings"]) == pierced(run) == 0
     conserved(run, energy=1e-10, momentum=1e-12)
-    assert gx.Velocity(lower.port("top right"), "z")(run) < -0.1  # it was hit
-    difference = [gx.Position(b.port("bottom left"), "z")(run) for b in (lower, upper)]
+    assert gx.probes.Velocity(lower.port("top right"), "z")(run) < -0.1  # it was hit
+    difference = [gx.probes.Position(b.port("bottom left"), "z")(run) for b in (lower, upper)]
     assert difference[0] == pytest.approx(difference[1], abs=1e-10)
 
 
@@ -107,7 +109,7 @@ def test_films_joined_at_a_point_hang_together_there():
     )
     contact, joint = (
         gx.Contact(flat, steep, distance=1e-3),
-        gx.BallJoint(flat.port("bottom left"), steep.port("bottom left")),
+        gx.constraints.BallJoint(flat.port("bottom left"), steep.port("bottom left")),
     )
     with pytest.raises(gx.InputError, match="touch something at the start"):
         gx.Scene(contact).compile()

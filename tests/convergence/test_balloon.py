@@ -34,7 +34,7 @@ def balloon(dt: float, times, comm: MPI.Comm, cells: int = 10) -> tuple[np.ndarr
     gas = gx.IdealGas(gamma=1.4, R=287.0)
     bag = gx.Chamber(film, gas=gas, pressure=50.0, temperature=300.0)
     run = gx.Simulation(
-        gx.Scene(film, bag, gx.Orifice(gx.Reservoir(1e5, 300.0), bag, area=3e-5)),
+        gx.Scene(film, bag, gx.Orifice(gx.gas.Reservoir(1e5, 300.0), bag, area=3e-5)),
         gx.Midpoint(dt=dt),
     )
     found = []

@@ -34,7 +34,7 @@ P0, T0 = 2e5, 300.0
 
 def filling(p: float, T: float) -> gx.Scene:
     tank = gx.Chamber(gas=AIR, pressure=p, temperature=T, volume=0.01)
-    return gx.Scene(tank, gx.Orifice(gx.Reservoir(P0, T0), tank, area=1e-6))
+    return gx.Scene(tank, gx.Orifice(gx.gas.Reservoir(P0, T0), tank, area=1e-6))
 
 
 # p, T at the start; time at which it is full, T then; p, T at other times
@@ -99,7 +99,7 @@ BLOW_DOWN = {5: (227693.391, 277.268810), 20: (105678.916, 222.666412)}
 
 def blow_down() -> gx.Scene:
     tank = gx.Tank(0.01, gas=AIR, pressure=3e5, temperature=300.0)
-    return gx.Scene(gx.Orifice(tank, gx.Ambient(), area=2e-6))
+    return gx.Scene(gx.Orifice(tank, gx.gas.Ambient(), area=2e-6))
 
 
 def test_blow_down_into_a_vacuum():
@@ -155,15 +155,16 @@ def piston(dt: float, times, comm: MPI.Comm = MPI.COMM_SELF) -> tuple[np.ndarray
     mass = gx.PointMass(0.5, comm=comm)
     axis = (1.0, 0.0, 0.0)
     cylinder = gx.Chamber(
-        gx.Piston(mass.port(), 0.01, axis),
+        gx.gas.Piston(mass.port(), 0.01, axis),
         gas=AIR,
         pressure=1e3,
         temperature=300.0,
         dead_volume=1e-3,
     )
-    inlet = gx.Orifice(gx.Reservoir(1e5, 300.0), cylinder, area=2e-5)
+    inlet = gx.Orifice(gx.gas.Reservoir(1e5, 300.0), cylinder, area=2e-5)
     run = gx.Simulation(
-        gx.Scene(mass, gx.AxialSpring(mass.port(), 2000.0, axis), inlet), gx.Midpoint(dt=dt)
+        gx.Scene(mass, gx.connectors.AxialSpring(mass.port(), 2000.0, axis), inlet),
+        gx.Midpoint(dt=dt),
     )
     found = []
     for t in times:

@@ -24,7 +24,7 @@ def upright(height):
 
 def count(films, *probed):
     run = gx.Simulation(gx.Scene(*films), gx.Midpoint(dt=1e-3))
-    return gx.Crossings(*(probed or films))(run)
+    return gx.probes.Crossings(*(probed or films))(run)
 
 
 @pytest.mark.mpi
@@ -46,7 +46,7 @@ def test_the_count_is_that_of_all_pairs_in_turn(comm) -> None:
     wavy = film(comm, "wavy", lambda X: np.vstack([X[0], X[1], 0.3 * np.sin(5 * X[0]) + 0.05]))
     flat = film(comm, "flat", lambda X: X, 5)
     run = gx.Simulation(gx.Scene(wavy, flat), gx.Midpoint(dt=1e-3))
-    probe = gx.Crossings(wavy, flat)
+    probe = gx.probes.Crossings(wavy, flat)
     found = probe(run)
     surface = probe._surface
     x = np.concatenate(
@@ -72,10 +72,10 @@ def test_the_count_is_that_of_all_pairs_in_turn(comm) -> None:
 @pytest.mark.mpi
 def test_a_fold_does_not_pierce_itself(comm) -> None:
     """Neighbouring panels touch along their fold, where double precision has no sign."""
-    folds = gx.fold.zigzag(length=0.8, panels=5, angle=1.4)
+    folds = gx.fold.Zigzag(length=0.8, panels=5, angle=1.4)
     sail = gx.Membrane(sheet(comm, 20, 4, 0.8, 0.1), LAW)
     run = gx.Simulation(gx.Scene(sail, folds.start(sail)), gx.Midpoint(dt=1e-3))
-    assert gx.Crossings(sail)(run) == 0
+    assert gx.probes.Crossings(sail)(run) == 0
 
 
 def test_signs_of_volumes_near_zero() -> None:
@@ -110,7 +110,10 @@ def test_the_count_follows_the_exact_sign_near_zero() -> None:
 
 @pytest.mark.parametrize(
     "call, words",
-    [(lambda: gx.Crossings(), "give one or several"), (lambda: gx.Crossings(1), "no film")],
+    [
+        (lambda: gx.probes.Crossings(), "give one or several"),
+        (lambda: gx.probes.Crossings(1), "no film"),
+    ],
 )
 def test_what_has_no_crossings_is_refused(call, words: str) -> None:
     with pytest.raises(gx.InputError, match=words):

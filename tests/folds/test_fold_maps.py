@@ -31,18 +31,18 @@ class Sample:
     energy: float
 
 
-ZIGZAG = gx.fold.zigzag(length=0.3, panels=3, angle=1.4)
-TUBE = gx.fold.zigzag(length=0.25, panels=3, angle=1.4, width=WIDTH, opening=5e-4, lift=1e-4)
-ROUND = gx.fold.zigzag(length=0.25, panels=2, angle=1.2, bends=3, spacing=0.25 / 32)
-ROLL = gx.fold.roll(length=0.25, bends=31, radius=0.02, pitch=3e-3, width=WIDTH, opening=1e-4)
-MIURA = gx.fold.miura(a=0.05, b=0.05, gamma=1.0, theta=0.8)
-STOWED = gx.fold.miura(a=0.1, b=0.1, gamma=1.4, theta=1.4, opening=3e-4, lift=5e-5)
-CROSS = gx.fold.ikaros(n=4, inner=3, outer=8, pitch=0.32, bends=1, gap=1e-3, hub_gap=1e-3)
-HEXAGON = gx.fold.ikaros(
+ZIGZAG = gx.fold.Zigzag(length=0.3, panels=3, angle=1.4)
+TUBE = gx.fold.Zigzag(length=0.25, panels=3, angle=1.4, width=WIDTH, opening=5e-4, lift=1e-4)
+ROUND = gx.fold.Zigzag(length=0.25, panels=2, angle=1.2, bends=3, spacing=0.25 / 32)
+ROLL = gx.fold.Roll(length=0.25, bends=31, radius=0.02, pitch=3e-3, width=WIDTH, opening=1e-4)
+MIURA = gx.fold.Miura(a=0.05, b=0.05, gamma=1.0, theta=0.8)
+STOWED = gx.fold.Miura(a=0.1, b=0.1, gamma=1.4, theta=1.4, opening=3e-4, lift=5e-5)
+CROSS = gx.fold.Ikaros(n=4, inner=3, outer=8, pitch=0.32, bends=1, gap=1e-3, hub_gap=1e-3)
+HEXAGON = gx.fold.Ikaros(
     n=6, inner=3, outer=6, pitch=0.1, bends=2, gap=1e-3, hub_gap=5e-4, ramp=0.1
 )
-STAR = gx.fold.star(n=8, side=0.04, columns=2, reach=12, gap=1e-4)
-SPIRAL = gx.fold.spiral(length=0.5, columns=50, around=30, rows=4, pitch=0.03, gap=2e-4)
+STAR = gx.fold.Star(n=8, side=0.04, columns=2, reach=12, gap=1e-4)
+SPIRAL = gx.fold.Spiral(length=0.5, columns=50, around=30, rows=4, pitch=0.03, gap=2e-4)
 # angle between the panels of Miura's fold at its straight and at its oblique lines
 _STRAIGHT = 2 * math.asin(
     math.sin(0.8) * math.cos(1.0) / math.sqrt(1 - (math.sin(0.8) * math.sin(1.0)) ** 2)
@@ -154,8 +154,8 @@ def test_layers_are_apart(comm, name: str) -> None:
     film = gx.Membrane(sample.mesh(comm), LAW)
     contact = gx.Contact(film, distance=2e-4)
     run = gx.Simulation(gx.Scene(film, sample.folds.start(film), contact), gx.Midpoint(dt=1e-5))
-    assert gx.Penetrations(contact)(run) == 0
-    assert gx.ContactGap(contact)(run) > 1e-6
+    assert gx.probes.Penetrations(contact)(run) == 0
+    assert gx.probes.ContactGap(contact)(run) > 1e-6
 
 
 @pytest.mark.mpi
@@ -167,7 +167,7 @@ def test_creases_start_at_rest_on_their_branch(comm, name: str) -> None:
     system = gx.Scene(film, sample.folds.pressed().start(film), *creases).compile()
     for crease in creases:
         for which in ("least", "largest"):
-            assert gx.FoldAngle(crease, which).of(system) == pytest.approx(
+            assert gx.probes.FoldAngle(crease, which).of(system) == pytest.approx(
                 crease.rest_angle, abs=1e-4
             )
     half = sample.folds.creases(film, stiffness=1e-3, rest=0.5)
@@ -184,9 +184,9 @@ def test_a_folded_plate_with_creases_stays_as_it_is(comm) -> None:
         gx.Scene(plate, ZIGZAG.start(plate), *ZIGZAG.creases(plate, stiffness=1e-2)),
         gx.Midpoint(dt=1e-3),
     )
-    before = gx.positions(run, plate)
+    before = gx.fields.positions(run, plate)
     run.run(until=3e-3)
-    assert np.abs(gx.positions(run, plate) - before).max(initial=0.0) < 1e-9
+    assert np.abs(gx.fields.positions(run, plate) - before).max(initial=0.0) < 1e-9
 
 
 @pytest.mark.mpi
@@ -197,9 +197,12 @@ def test_joints_and_probes_see_the_folded_film(comm) -> None:
     place = ZIGZAG.place(np.array([[0.3, 0.1, 0.0]]), np.zeros(1))[0] + [0.0, 0.0, 0.5]
     start = ZIGZAG.start(film, origin=(0.0, 0.0, 0.5))
     run = gx.Simulation(
-        gx.Scene(film, start, gx.BallJoint(port, gx.Ground(tuple(place)))), gx.Midpoint(dt=1e-4)
+        gx.Scene(film, start, gx.constraints.BallJoint(port, gx.Ground(tuple(place)))),
+        gx.Midpoint(dt=1e-4),
     )
-    assert [gx.Position(port, axis)(run) for axis in "xyz"] == pytest.approx(place, abs=1e-12)
+    assert [gx.probes.Position(port, axis)(run) for axis in "xyz"] == pytest.approx(
+        place, abs=1e-12
+    )
 
 
 @pytest.mark.mpi
@@ -262,18 +265,18 @@ def test_a_polygon_along_miuras_lines(comm) -> None:
             "three finite numbers",
         ),
         (
-            lambda c: gx.fold.zigzag(length=0.3, panels=3, opening=1e-3),
+            lambda c: gx.fold.Zigzag(length=0.3, panels=3, opening=1e-3),
             "need the width of the film",
         ),
         (
-            lambda c: gx.fold.zigzag(length=0.3, panels=3, bends=3, spacing=0.06),
+            lambda c: gx.fold.Zigzag(length=0.3, panels=3, bends=3, spacing=0.06),
             "take more than a panel",
         ),
-        (lambda c: gx.fold.roll(length=0.3, bends=3, radius=0.02), "do not go round"),
+        (lambda c: gx.fold.Roll(length=0.3, bends=3, radius=0.02), "do not go round"),
         (lambda c: replace(CROSS, wound=True, out=7), "out is 7"),
         (lambda c: replace(CROSS, out=2), "give wound=True"),
         (
-            lambda c: gx.fold.star(n=8, side=0.04, columns=2, reach=20, gap=5e-3),
+            lambda c: gx.fold.Star(n=8, side=0.04, columns=2, reach=20, gap=5e-3),
             "no room for a hub",
         ),
         (
@@ -295,7 +298,7 @@ def test_what_cannot_be_folded_is_refused(
 def test_contact_starts_from_layers_that_meet_at_folds() -> None:
     """At a fold line edges lie in the next panel's triangles to round-off, and pierce none."""
     film = gx.Membrane(sheet(MPI.COMM_WORLD, 20, 4, 0.8, 0.1), LAW)
-    fold = gx.fold.zigzag(length=0.8, panels=5, angle=1.4)
+    fold = gx.fold.Zigzag(length=0.8, panels=5, angle=1.4)
     contact = gx.Contact(film, distance=2e-4)
     run = gx.Simulation(gx.Scene(film, contact, fold.start(film)), gx.Midpoint(dt=1e-5))
-    assert gx.Penetrations(contact)(run) == gx.Crossings(film)(run) == 0
+    assert gx.probes.Penetrations(contact)(run) == gx.probes.Crossings(film)(run) == 0

@@ -67,13 +67,13 @@ def test_the_spin_follows_the_budget_where_masses_are_paid_out_slowly(
         r = 1.0 / (1 - mass * ω**2 / 1e5)  # where the tether bears it
         masses.append(gx.PointMass(mass, tuple(r * e), name=f"mass {k}"))
         items.append(
-            gx.Tether(
+            gx.connectors.Tether(
                 body.port((0.8 * e).tolist()), masses[-1].port(), length, 1e5, name=f"tether {k}"
             )
         )
     scene = gx.Scene(body, *masses, *items, gx.RigidMotion(spin=(0.0, 0.0, ω)))
-    spin = gx.AngularVelocity(body.frame(), "z")
-    radius = gx.PolarPosition(masses[0].port(), body.frame(), "radius")
+    spin = gx.probes.AngularVelocity(body.frame(), "z")
+    radius = gx.probes.PolarPosition(masses[0].port(), body.frame(), "radius")
     run = gx.Simulation(
         scene,
         gx.Midpoint(dt=duration / count),
@@ -96,7 +96,7 @@ def test_the_lowest_modes_of_the_steady_sail(comm, held: bool) -> None:
     found = np.array(
         [
             2 * math.pi * mode.frequency
-            for mode in gx.modes(search, 8 if held else 14, (0.0, 0.0, ω))
+            for mode in gx.analysis.modes(search, 8 if held else 14, (0.0, 0.0, ω))
         ]
     )
     swing = math.sqrt(stiffness * (1 / inertia + (0.0 if held else 1 / hub)))
@@ -127,7 +127,10 @@ def test_the_steady_sail_is_found_from_far_out_of_its_plane(comm) -> None:
     flat, bent = (ikaros.steady(comm, bent=out)[0] for out in (0.0, 0.3))
     film = next(body for body in flat.system.bodies if body.name == "sail")
     other = next(body for body in bent.system.bodies if body.name == "sail")
-    assert np.abs(gx.positions(flat, film) - gx.positions(bent, other)).max(initial=0.0) < 1e-9
+    assert (
+        np.abs(gx.fields.positions(flat, film) - gx.fields.positions(bent, other)).max(initial=0.0)
+        < 1e-9
+    )
 
 
 @pytest.mark.slow
@@ -150,18 +153,18 @@ def test_the_ring_of_guides_is_braked_against_the_hub(comm) -> None:
         2.0,
         0.8,
     )
-    guides = gx.RotationGuides(hub, 4, radius, mass=mass, brake=c)
+    guides = gx.assemblies.RotationGuides(hub, 4, radius, mass=mass, brake=c)
     pair = [
-        gx.Torque(body.frame(), (0, 0, sign * moment), name=f"on {body.name}")
+        gx.loads.Torque(body.frame(), (0, 0, sign * moment), name=f"on {body.name}")
         for body, sign in ((guides.ring, 1), (hub, -1))
     ]
     run = gx.Simulation(
         gx.Scene(guides, *pair, gx.RigidMotion(spin=(0.0, 0.0, 1.0))), gx.Midpoint(dt=1e-2)
     )
     run.run(until=0.3)
-    rate = gx.AngularVelocity(guides.ring.frame(), "z")(run) - gx.AngularVelocity(hub.frame(), "z")(
-        run
-    )
+    rate = gx.probes.AngularVelocity(guides.ring.frame(), "z")(run) - gx.probes.AngularVelocity(
+        hub.frame(), "z"
+    )(run)
     decay = c * (1 / 2.0 + 1 / (mass * radius**2))
     assert rate == pytest.approx(moment / c * (1 - math.exp(-decay * 0.3)), rel=1e-3)
     assert abs(run.energy_error) < 1e-12 and len(guides.rods) == 4
@@ -185,7 +188,7 @@ def test_arms_wound_round_the_hub_are_isometric_and_apart(
     """Pressed together without strain; opened by 1 mm nothing pierces, and some 10 mJ are stored."""
     energies = []
     for gap in (0.0, 1e-3):
-        folds = gx.fold.ikaros(
+        folds = gx.fold.Ikaros(
             n=n, inner=inner, outer=outer, pitch=0.5, bends=bends, hub_gap=gap, wound=True, out=out
         )
         mesh = folds.mark(trapezoids(comm, n, inner, outer, 0.5))
@@ -197,8 +200,8 @@ def test_arms_wound_round_the_hub_are_isometric_and_apart(
         if gap:
             contact = gx.Contact(film, distance=5e-4)
             run = gx.Simulation(gx.Scene(film, start, contact), gx.Midpoint(dt=1e-4))
-            assert gx.Crossings(film)(run) == 0 and gx.ContactGap(contact)(run) > 0
-            r = np.linalg.norm(gx.positions(run, film)[:, :2], axis=1)
+            assert gx.probes.Crossings(film)(run) == 0 and gx.probes.ContactGap(contact)(run) > 0
+            r = np.linalg.norm(gx.fields.positions(run, film)[:, :2], axis=1)
             roll = folds.column / 2 / math.sin(math.pi / n / bends / 2)
             assert r.min() >= 0.99 * folds.radius and r.max() == pytest.approx(
                 roll + out * folds.column, rel=0.01
@@ -209,12 +212,12 @@ def test_arms_wound_round_the_hub_are_isometric_and_apart(
 @pytest.mark.mpi
 def test_the_wound_sail_leaves_the_hub(comm) -> None:
     """Released at once, without guides: the tips begin as free particles."""
-    folds = gx.fold.ikaros(n=4, inner=2, outer=5, pitch=0.5, bends=1, hub_gap=2e-3, wound=True)
+    folds = gx.fold.Ikaros(n=4, inner=2, outer=5, pitch=0.5, bends=1, hub_gap=2e-3, wound=True)
     law = gx.Miyazaki(**ikaros.FILM, density=7000.0, residual=1e-6)
     film = gx.Membrane(folds.mark(trapezoids(comm, 4, 2, 5, 0.5)), law, name="sail")
     contact, spin = gx.Contact(film, distance=1e-3), gx.RigidMotion(spin=(0.0, 0.0, 2.6))
     run = gx.Simulation(gx.Scene(film, folds.start(film), contact, spin), gx.Midpoint(dt=1e-3))
     run.run(until=0.02 if comm.size == 1 else 2e-3)
-    assert gx.Penetrations(contact)(run) == 0 and abs(run.energy_error) < 1e-8
+    assert gx.probes.Penetrations(contact)(run) == 0 and abs(run.energy_error) < 1e-8
     first, now = run.first.angular_momentum, run.totals.angular_momentum
     assert np.abs(now - first).max() < 1e-9 * np.abs(first).max()

@@ -37,14 +37,16 @@ def test_the_closed_form_begins_as_the_scene_does(comm) -> None:
 def test_a_reel_draws_the_guides_away(comm) -> None:
     """Its work is booked as supplied, what the damper takes as lost; momentum and angular momentum stay."""
     hub = gx.RigidBody(10.0, (2.0, 2.0, 2.0), name="hub", comm=comm)
-    guides = gx.RotationGuides(
+    guides = gx.assemblies.RotationGuides(
         hub, 4, 0.8, mass=2.0, drawn=lambda t: 0.5 * min(t / 0.4, 1.0), depth=0.7
     )
     run = gx.Simulation(
         gx.Scene(guides, gx.RigidMotion(spin=(0.0, 0.0, 1.0))), gx.Midpoint(dt=1e-3)
     )
     run.run(until=0.4)
-    height = gx.Position(guides.ring.port(), "z")(run) - gx.Position(hub.port(), "z")(run)
+    height = gx.probes.Position(guides.ring.port(), "z")(run) - gx.probes.Position(hub.port(), "z")(
+        run
+    )
     assert height == pytest.approx(-0.5, abs=0.02)
     assert run.totals.supplied > 1.0 and abs(run.energy_error) < 1e-10
     assert np.abs(run.totals.momentum).max() < 1e-12

@@ -13,15 +13,17 @@ from gossamer_fx.presets.gases import NITROGEN
 from meshes.tube import flat_tube
 
 LENGTH, DIAMETER = 0.16, 0.03
-FOLDS = gx.fold.zigzag(
+FOLDS = gx.fold.Zigzag(
     length=LENGTH, panels=2, angle=1.4, width=math.pi * DIAMETER / 2, opening=1e-3, lift=1e-4
 )
-FLOOR = gx.Plane(point=(0.0, 0.0, -1.0), normal=(0.0, 0.0, 1.0))
+FLOOR = gx.contact.Plane(point=(0.0, 0.0, -1.0), normal=(0.0, 0.0, 1.0))
 
 
 def tube(comm, **options):
     mesh = flat_tube(comm, LENGTH, DIAMETER, 4, compartments=2)
-    return gx.InflatableTube(mesh, KAPTON_HN.law(25e-6, residual=1e-6), gas=NITROGEN, **options)
+    return gx.assemblies.InflatableTube(
+        mesh, KAPTON_HN.law(25e-6, residual=1e-6), gas=NITROGEN, **options
+    )
 
 
 def tank():
@@ -31,7 +33,7 @@ def tank():
 @pytest.mark.mpi
 def test_its_parts(comm) -> None:
     it = tube(comm, folds=FOLDS, crease=1e-3, memory=0.5, contact=5e-4)
-    scene = gx.Scene(it, it.inlet(tank(), 1e-8), it.vent(gx.Ambient(), 0.0))
+    scene = gx.Scene(it, it.inlet(tank(), 1e-8), it.vent(gx.gas.Ambient(), 0.0))
     for part in (it.film, *it.chambers, *it.passages, it.clamp, it.start, it.contact, *it.creases):
         assert any(part is item for item in scene.items)
     assert len(it.chambers) == 2 and len(it.passages) == 1 and len(it.creases) == 2
@@ -49,7 +51,9 @@ def test_its_parts(comm) -> None:
 @pytest.mark.mpi
 def test_a_folded_tube_begins_to_deploy(comm) -> None:
     it = tube(comm, folds=FOLDS, crease=1e-3, contact=5e-4)
-    series = gx.Series({"ring": gx.RingArea(it.rings[0]), "pierced": gx.Penetrations(it.contact)})
+    series = gx.Series(
+        {"ring": gx.probes.RingArea(it.rings[0]), "pierced": gx.probes.Penetrations(it.contact)}
+    )
     run = gx.Simulation(gx.Scene(it, it.inlet(tank(), 1e-7)), gx.Midpoint(dt=5e-5), [series])
     run.run(until=4e-4 if comm.size == 1 else 5e-5)
     assert abs(run.energy_error) < 1e-10 and abs(run.mass_error) < 1e-13
@@ -67,15 +71,18 @@ def test_caps_keep_the_ends_straight(comm) -> None:
     bar = next(item for item in gx.Scene(it).items if item.name == "tube tip bar")
     assert [cap.to.name for cap in it.caps] == ["block", "tube tip bar"]
     run = gx.Simulation(gx.Scene(it, it.inlet(tank(), 1e-7)), gx.Midpoint(dt=5e-5))
-    width, start = math.pi * DIAMETER / 2, [gx.Position(bar.port(), axis)(run) for axis in "xyz"]
+    width, start = (
+        math.pi * DIAMETER / 2,
+        [gx.probes.Position(bar.port(), axis)(run) for axis in "xyz"],
+    )
     run.run(until=4e-4 if comm.size == 1 else 1e-4)
     ends = [
-        np.array([gx.Position(it.film.port(f"tip {side}"), axis)(run) for axis in "xyz"])
+        np.array([gx.probes.Position(it.film.port(f"tip {side}"), axis)(run) for axis in "xyz"])
         for side in ("left", "right")
     ]
     assert np.linalg.norm(ends[0] - ends[1]) == pytest.approx(width, rel=1e-9)
     assert np.mean(ends, axis=0) == pytest.approx(
-        [gx.Position(bar.port(), axis)(run) for axis in "xyz"], abs=1e-9
+        [gx.probes.Position(bar.port(), axis)(run) for axis in "xyz"], abs=1e-9
     )
     assert np.linalg.norm(np.mean(ends, axis=0) - start) > 1e-7  # it moves
     assert abs(run.energy_error) < 1e-10 and np.abs(run.totals.momentum).max() < 1e-12
@@ -87,7 +94,7 @@ def test_caps_keep_the_ends_straight(comm) -> None:
     [
         ({"crease": 1e-3}, "creases are at fold lines; give the folds"),
         (
-            {"obstacles": (gx.Plane(point=(0.0, 0.0, -1.0), normal=(0.0, 0.0, 1.0)),)},
+            {"obstacles": (gx.contact.Plane(point=(0.0, 0.0, -1.0), normal=(0.0, 0.0, 1.0)),)},
             "only with contact; give its distance",
         ),
         ({"contact": -1.0}, "give zero or a positive number"),

@@ -17,12 +17,12 @@ INERTIA = 0.1 / 12 * (0.1**2 + 2e-3**2) + 0.1 * 0.05**2  # of the lid about its 
 class Angle:
     """How far the lid has turned [rad]."""
 
-    def __init__(self, box: gx.LiddedBox) -> None:
+    def __init__(self, box: gx.assemblies.LiddedBox) -> None:
         end = [0.05, 0.0, 0.026]
         self._ends = [
             (
-                gx.Position(box.lid.port_at(end), a),
-                gx.Position(box.lid.port_at([-0.05, 0, 0.026]), a),
+                gx.probes.Position(box.lid.port_at(end), a),
+                gx.probes.Position(box.lid.port_at([-0.05, 0, 0.026]), a),
             )
             for a in "xz"
         ]
@@ -34,7 +34,7 @@ class Angle:
 
 @pytest.mark.mpi
 def test_the_spring_opens_the_lid_as_the_closed_form_says(comm) -> None:
-    box = gx.LiddedBox(SIZES, release=0.01, largest=None, rest=2.0, stiffness=0.1)
+    box = gx.assemblies.LiddedBox(SIZES, release=0.01, largest=None, rest=2.0, stiffness=0.1)
     series = gx.Series({"angle": Angle(box)})
     run = gx.Simulation(gx.Scene(box), gx.Midpoint(dt=5e-4), [series])
     run.run(until=0.08 if comm.size == 1 else 0.02)
@@ -48,7 +48,9 @@ def test_the_spring_opens_the_lid_as_the_closed_form_says(comm) -> None:
 
 
 def test_the_stop_turns_the_lid_back_and_the_damper_takes_energy() -> None:
-    box = gx.LiddedBox(SIZES, largest=1.5, rest=2.5, stiffness=0.2, damping=2e-3, cord=1e5)
+    box = gx.assemblies.LiddedBox(
+        SIZES, largest=1.5, rest=2.5, stiffness=0.2, damping=2e-3, cord=1e5
+    )
     series = gx.Series({"angle": Angle(box)})
     run = gx.Simulation(gx.Scene(box), gx.Midpoint(dt=4e-4), [series])
     run.run(until=0.06)
@@ -59,7 +61,7 @@ def test_the_stop_turns_the_lid_back_and_the_damper_takes_energy() -> None:
 
 
 def test_walls_leave_the_room_free_and_the_lid_covers_it() -> None:
-    box = gx.LiddedBox(SIZES, (0.0, 0.0, 1.0))
+    box = gx.assemblies.LiddedBox(SIZES, (0.0, 0.0, 1.0))
     walls = box.obstacles
     assert len(walls) == 6 and walls[-1].on is box.lid
     for wall in walls:
@@ -81,12 +83,12 @@ def test_a_film_in_the_box_touches_it(comm) -> None:
         displacement=lambda X: np.array([[-0.03], [-0.03], [0.022]]) + 0 * X,
         velocity=lambda X: np.array([[0.0], [0.0], [2.0]]) + 0 * X,
     )
-    box = gx.LiddedBox(SIZES, mass=1e-3, stiffness=1e-4, rest=1.0)
+    box = gx.assemblies.LiddedBox(SIZES, mass=1e-3, stiffness=1e-4, rest=1.0)
     contact = gx.Contact(film, *box.obstacles, distance=1e-3)
     angle = Angle(box)
     run = gx.Simulation(gx.Scene(film, box, contact), gx.Midpoint(dt=1e-4))
     run.run(until=3e-3 if comm.size == 1 else 5e-4)
-    assert gx.Penetrations(contact)(run) == 0
+    assert gx.probes.Penetrations(contact)(run) == 0
     assert abs(run.energy_error) < 1e-9
     assert comm.size > 1 or angle(run) > 0.005
 
@@ -102,4 +104,4 @@ def test_a_film_in_the_box_touches_it(comm) -> None:
 )
 def test_what_cannot_be_is_refused(options, words: str) -> None:
     with pytest.raises(gx.InputError, match=words):
-        gx.LiddedBox(**{"sizes": SIZES} | options)
+        gx.assemblies.LiddedBox(**{"sizes": SIZES} | options)

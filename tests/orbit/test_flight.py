@@ -32,14 +32,14 @@ def state(
 
 def dumbbell(
     tilt: float, spin: float = RATE, length: float = 20.0
-) -> tuple[gx.PointMass, gx.PointMass, gx.Spring]:
+) -> tuple[gx.PointMass, gx.PointMass, gx.connectors.Spring]:
     """Two masses of 10 kg on a spring of 1e5 N/m."""
     arm = length / 2 * np.array([math.cos(tilt), math.sin(tilt), 0.0])
     v = np.cross([0, 0, spin], arm)
     a, b = (
         gx.PointMass(10.0, tuple(s * arm), tuple(s * v), name=n) for s, n in ((-1, "a"), (1, "b"))
     )
-    return a, b, gx.Spring(a.port(), b.port(), stiffness=1e5, length=length)
+    return a, b, gx.connectors.Spring(a.port(), b.port(), stiffness=1e5, length=length)
 
 
 @pytest.mark.mpi
@@ -159,7 +159,7 @@ def test_flexible_body_keeps_energy_and_angular_momentum_of_the_whole() -> None:
     hub = gx.RigidBody(1.0, (0.1, 0.1, 0.1), (0.0, 0.0, 0.5), velocity=(0.02, 0, 0))
     sail = film()
     strings = [
-        gx.Rope(hub.port(), sail.port(corner), stiffness=50.0, length=0.5, name=corner)
+        gx.connectors.Rope(hub.port(), sail.port(corner), stiffness=50.0, length=0.5, name=corner)
         for corner in ("bottom left", "top right")
     ]
     stepper = gx.Midpoint(dt=5e-3, tolerances=gx.Tolerances(relative=1e-13))
@@ -254,7 +254,7 @@ def test_a_stiffer_body_moves_as_the_rigid_one() -> None:
     errors = []
     for stiffness in (1.0, 4.0, 16.0):
         a, b, _ = dumbbell(tilt)
-        spring = gx.Spring(a.port(), b.port(), stiffness=stiffness, length=20.0)
+        spring = gx.connectors.Spring(a.port(), b.port(), stiffness=stiffness, length=20.0)
         errors.append(abs(angle(a, b, spring, along=(a.port(), b.port())) - rigid))
     orders = np.log(np.array(errors[:-1]) / errors[1:]) / math.log(4)
     assert np.all(np.abs(orders - 1) < 0.1), (errors, orders)
@@ -269,7 +269,7 @@ def test_nothing_is_held_in_flight(hold: str) -> None:
     holder = (
         gx.Fixed(film, "left")
         if hold == "film"
-        else gx.Spring(gx.Ground((1.0, 0.0, 0.0)), mass.port(), 1.0, 1.0)
+        else gx.connectors.Spring(gx.Ground((1.0, 0.0, 0.0)), mass.port(), 1.0, 1.0)
     )
     with pytest.raises(gx.InputError, match="nothing to hold on to"):
         gx.Scene(film, mass, holder, Orbit(Elements(A, 0.0))).compile()

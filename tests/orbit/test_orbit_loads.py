@@ -85,8 +85,8 @@ def test_sunlight_on_film_and_plate(degrees: float) -> None:
     assert abs(run.energy_error) < 1e-10
 
 
-def Orbit(**options: object) -> gx.Orbit:
-    return gx.Orbit(gx.Elements(A), shadow=options.pop("shadow", "none"), **options)
+def Orbit(**options: object) -> gx.orbit.Orbit:
+    return gx.orbit.Orbit(gx.orbit.Elements(A), shadow=options.pop("shadow", "none"), **options)
 
 
 @pytest.mark.mpi
@@ -114,7 +114,7 @@ def test_shadow_takes_the_light() -> None:
 @pytest.mark.mpi
 def test_eclipse_begins_at_its_time() -> None:
     """A step ends where the shadow begins; the angle of the orbit there is known."""
-    orbit = gx.Orbit(gx.Elements(A, anomaly=1.8), sun=(1, 0, 0))
+    orbit = gx.orbit.Orbit(gx.orbit.Elements(A, anomaly=1.8), sun=(1, 0, 0))
     body = gx.PointMass(10.0)
 
     def depth(run: gx.Simulation) -> float:
@@ -170,7 +170,7 @@ def test_fast_air_is_newtons_stream() -> None:
 def test_derivatives_by_complex_steps(what: str) -> None:
     """Against differences, away from grazing incidence."""
     pytest.importorskip("erfa")
-    orbit = gx.Orbit(gx.Elements(A), epoch="2026-06-01", shadow="none")
+    orbit = gx.orbit.Orbit(gx.orbit.Elements(A), epoch="2026-06-01", shadow="none")
     body, surface = plate(0.5, JPL_SAIL)
     if what == "magnet":
         load = MagneticDipole(body.frame(), orbit, (1.0, 2.0, 3.0))
@@ -194,7 +194,7 @@ def test_derivatives_by_complex_steps(what: str) -> None:
 @pytest.mark.mpi
 def test_magnetic_torque_is_m_cross_B() -> None:
     pytest.importorskip("erfa")
-    orbit = gx.Orbit(gx.Elements(A, 0.0, 1.2), epoch="2026-06-01")
+    orbit = gx.orbit.Orbit(gx.orbit.Elements(A, 0.0, 1.2), epoch="2026-06-01")
     body = gx.RigidBody(5.0, (0.2, 0.3, 0.4), spin=(0.01, 0.0, 0.02))
     magnet = MagneticDipole(body.frame(), orbit, (1.0, -2.0, 0.5))
     run = one_step(magnet)
@@ -210,8 +210,8 @@ def test_magnetic_torque_is_m_cross_B() -> None:
 @pytest.mark.mpi
 def test_work_of_all_loads_closes_the_ledger() -> None:
     pytest.importorskip("erfa")
-    orbit = gx.Orbit(
-        gx.Elements(A, 0.01, 1.0),
+    orbit = gx.orbit.Orbit(
+        gx.orbit.Elements(A, 0.01, 1.0),
         gravity=4,
         epoch="2026-06-01",
         third_bodies=("moon",),
@@ -227,7 +227,7 @@ def test_work_of_all_loads_closes_the_ledger() -> None:
     run = gx.Simulation(
         gx.Scene(
             *(
-                gx.Spring(hub.port(), sail.port(c), stiffness=5.0, length=0.5, name=c)
+                gx.connectors.Spring(hub.port(), sail.port(c), stiffness=5.0, length=0.5, name=c)
                 for c in corners
             ),
             SolarPressure(sail, orbit, JPL_SAIL, shadow_pixels=32),
@@ -235,7 +235,7 @@ def test_work_of_all_loads_closes_the_ledger() -> None:
             Drag(sail, orbit, AIR),
             Drag(hub, orbit, AIR, surfaces=box),
             MagneticDipole(hub.frame(), orbit, (0.1, 0.0, 0.0)),
-            gx.Force(hub.port((0.1, 0, 0)), (0.0, 1e-3, 0.0), name="thruster"),
+            gx.loads.Force(hub.port((0.1, 0, 0)), (0.0, 1e-3, 0.0), name="thruster"),
         ),
         gx.Midpoint(dt=5e-3, tolerances=gx.Tolerances(relative=1e-13)),
     )

@@ -40,10 +40,10 @@ def test_the_kernel_is_what_numpy_says(order, properties) -> None:
         sheet(MPI.COMM_SELF, 3, 3, 2.0, 2.0), LAW, order=order, properties=properties
     )
     rng = np.random.default_rng(1)
-    shapes = gx.Snapshots(film)
+    shapes = gx.reduction.Snapshots(film)
     X = film.space.tabulate_dof_coordinates()
     shapes.positions += [X + 0.05 * rng.standard_normal(X.shape) for _ in range(3)]
-    reduced = gx.reduce(film, [shapes], 4)
+    reduced = gx.reduction.reduce(film, [shapes], 4)
     system = gx.Simulation(gx.Scene(reduced), gx.Midpoint(dt=0.1)).system
     energies = next(c for c in system.compiled if type(c).__name__ == "ReducedEnergies")
     force = energies._forces[0][1]

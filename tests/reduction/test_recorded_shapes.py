@@ -29,17 +29,19 @@ def sail(
     )
 
 
-def flown(comm: MPI.Intracomm, folder: Path, order: int, halves: bool = False) -> gx.Snapshots:
+def flown(
+    comm: MPI.Intracomm, folder: Path, order: int, halves: bool = False
+) -> gx.reduction.Snapshots:
     """A run in a folder, perhaps restarted in the middle; its shapes in memory, too."""
     film = sail(comm, order=order)
-    shapes = gx.Snapshots(film, every=2)
+    shapes = gx.reduction.Snapshots(film, every=2)
     outputs = [gx.Recording(folder / "run", every=2), shapes]
     points = gx.Checkpoints(folder / "points", every=4)
     run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=DT), outputs, checkpoints=points)
     run.run(until=4 * DT if halves else 8 * DT)
     if halves:
         kept = list(shapes.positions)
-        again = gx.Recording(folder / "run", every=2), gx.Snapshots(film, every=2)
+        again = gx.Recording(folder / "run", every=2), gx.reduction.Snapshots(film, every=2)
         gx.Simulation(gx.Scene(film), gx.Midpoint(dt=DT), again, restart=folder / "points").run(
             until=8 * DT
         )
@@ -51,11 +53,14 @@ def flown(comm: MPI.Intracomm, folder: Path, order: int, halves: bool = False) -
 @pytest.mark.parametrize(("order", "halves"), [(1, False), (2, True)])
 def test_shapes_on_the_disk_are_those_in_memory(folder: Path, order: int, halves: bool) -> None:
     shapes = flown(WORLD, folder, order, halves)
-    read = gx.RecordedShapes(shapes.film, folder / "run")
+    read = gx.reduction.RecordedShapes(shapes.film, folder / "run")
     assert read.times == pytest.approx(np.arange(0, 10, 2) * DT) and len(shapes.positions) == 5
     for a, b in zip(read.positions, shapes.positions, strict=True):
         assert a.shape == b.shape and np.abs(a - b).max(initial=0.0) < 1e-14
-    a, b = (gx.reduce(shapes.film, [motion], 2).basis.singular_values for motion in (read, shapes))
+    a, b = (
+        gx.reduction.reduce(shapes.film, [motion], 2).basis.singular_values
+        for motion in (read, shapes)
+    )
     assert a[:2] == pytest.approx(b[:2], rel=1e-9)
 
 
@@ -65,11 +70,11 @@ def test_a_run_on_one_rank_is_read_on_all(folder: Path) -> None:
         flown(MPI.COMM_SELF, folder, 1)
     WORLD.barrier()
     film = sail(WORLD)
-    read = gx.RecordedShapes(film, folder / "run")
+    read = gx.reduction.RecordedShapes(film, folder / "run")
     run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=DT))
     run.run(until=8 * DT)
     assert np.abs(read.positions[-1].ravel() - run.system.q0.array_r).max(initial=0.0) < 1e-8
-    assert gx.reduce(film, [read], 2).basis.size == 5
+    assert gx.reduction.reduce(film, [read], 2).basis.size == 5
 
 
 @pytest.mark.mpi
@@ -94,10 +99,10 @@ def test_what_is_not_there_is_told_in_one_sentence(folder: Path) -> None:
         ),
     ):
         with pytest.raises(gx.InputError, match=words):
-            gx.RecordedShapes(film, where)
+            gx.reduction.RecordedShapes(film, where)
     if WORLD.rank == 0:
         data = next((folder / "run" / "fields" / "the sail.bp").glob("data.*"))
         data.write_bytes(bytes(len(data.read_bytes())))
     WORLD.barrier()
     with pytest.raises(gx.InputError, match=r"was changed since it was written|cannot be read"):
-        gx.RecordedShapes(sail(WORLD), folder / "run")
+        gx.reduction.RecordedShapes(sail(WORLD), folder / "run")

@@ -40,7 +40,7 @@ def flight(film: gx.Membrane, outputs=(), dt: float = 0.02, **options) -> gx.Sim
         for k, p in enumerate(ports)
     ]
     joints = [
-        gx.BallJoint(p, t.port(), name=f"joint {k}")
+        gx.constraints.BallJoint(p, t.port(), name=f"joint {k}")
         for k, (p, t) in enumerate(zip(ports, tips, strict=True))
     ]
     return gx.Simulation(
@@ -49,9 +49,9 @@ def flight(film: gx.Membrane, outputs=(), dt: float = 0.02, **options) -> gx.Sim
 
 
 @pytest.fixture(scope="module")
-def recorded() -> tuple[gx.Membrane, gx.Snapshots]:
+def recorded() -> tuple[gx.Membrane, gx.reduction.Snapshots]:
     film = sail()
-    shapes = gx.Snapshots(film, every=2)
+    shapes = gx.reduction.Snapshots(film, every=2)
     flight(film, [shapes]).run(until=2.0)
     return film, shapes
 
@@ -59,7 +59,7 @@ def recorded() -> tuple[gx.Membrane, gx.Snapshots]:
 @pytest.mark.mpi
 def test_contact_of_a_reduced_sail_is_refused_and_its_pressure_zero(recorded) -> None:
     film, shapes = recorded
-    reduced = gx.reduce(film, [shapes], 6)
+    reduced = gx.reduction.reduce(film, [shapes], 6)
     with pytest.raises(
         gx.InputError, match="is reduced, without nodes that touch; give the film itself"
     ):
@@ -75,7 +75,7 @@ def test_contact_of_a_reduced_sail_is_refused_and_its_pressure_zero(recorded) ->
 @pytest.mark.parametrize("cells", [None, 25])
 def test_a_reduced_sail_conserves_what_the_film_does(recorded, cells) -> None:
     film, shapes = recorded
-    run = flight(gx.reduce(film, [shapes], modes=8, cells=cells))
+    run = flight(gx.reduction.reduce(film, [shapes], modes=8, cells=cells))
     run.run(until=2.0)
     assert run.iterations > 2 * run.step and run.totals.stored["film"] > 0
     assert abs(run.energy_error) < 1e-11
@@ -87,7 +87,7 @@ def test_a_reduced_sail_conserves_what_the_film_does(recorded, cells) -> None:
 @pytest.mark.mpi
 def test_more_cells_miss_less_of_the_stiffness(recorded) -> None:
     film, shapes = recorded
-    few, more = (gx.reduce(film, [shapes], 8, cells).sample for cells in (10, 25))
+    few, more = (gx.reduction.reduce(film, [shapes], 8, cells).sample for cells in (10, 25))
     assert len(few.cells) <= 10 and (few.weights > 0).all()
     assert more.error < few.error < 1 and COMM.allreduce(len(more.cells)) > COMM.allreduce(
         len(few.cells)
@@ -99,7 +99,7 @@ def test_mass_momentum_and_energy_at_the_start_are_the_films(recorded) -> None:
     film, shapes = recorded
     full, reduced = (
         gx.Simulation(gx.Scene(b), gx.Midpoint(dt=0.1))
-        for b in (film, gx.reduce(film, [shapes], 12))
+        for b in (film, gx.reduction.reduce(film, [shapes], 12))
     )
     assert reduced.totals.angular_momentum == pytest.approx(
         full.totals.angular_momentum, rel=1e-6, abs=1e-9
@@ -112,10 +112,10 @@ def test_mass_momentum_and_energy_at_the_start_are_the_films(recorded) -> None:
 
 def test_with_all_modes_it_is_the_film() -> None:
     film = sail(cells=2)
-    noise = gx.Snapshots(film)
+    noise = gx.reduction.Snapshots(film)
     rng = np.random.default_rng(3)
     noise.positions += [rng.standard_normal((9, 3)) for _ in range(4)]
-    full, reduced = flight(film), flight(gx.reduce(film, [noise], modes=6))
+    full, reduced = flight(film), flight(gx.reduction.reduce(film, [noise], modes=6))
     for run in (full, reduced):
         run.run(until=0.4)
     assert reduced.system.numbering.size == full.system.numbering.size
@@ -133,7 +133,7 @@ def test_more_modes_come_closer(recorded) -> None:
     film, shapes = recorded
     errors = []
     for modes in (6, 18, 36):
-        reduced = gx.reduce(film, [shapes], modes)
+        reduced = gx.reduction.reduce(film, [shapes], modes)
         run = flight(reduced)
         run.run(until=0.4)
         c = run.system.q0.array_r[run.system.numbering.owned(0)].reshape(-1, 3)
@@ -149,9 +149,9 @@ def test_more_modes_come_closer(recorded) -> None:
 def test_devices_on_the_film_are_on_the_reduced_one_too() -> None:
     heavy = {"density": lambda X: np.where(X[0] > 1.0, 5000.0, 1400.0)}
     film = sail(properties=heavy)
-    shapes = gx.Snapshots(film)
+    shapes = gx.reduction.Snapshots(film)
     flight(film, [shapes]).run(until=0.4)
-    full, reduced = flight(film), flight(gx.reduce(film, [shapes], modes=24))
+    full, reduced = flight(film), flight(gx.reduction.reduce(film, [shapes], modes=24))
     assert reduced.totals.kinetic == pytest.approx(full.totals.kinetic, rel=1e-4)
     for run in (full, reduced):
         run.run(until=0.2)
@@ -161,7 +161,7 @@ def test_devices_on_the_film_are_on_the_reduced_one_too() -> None:
 @pytest.mark.mpi
 def test_fields_are_those_of_the_whole_film(recorded) -> None:
     film, shapes = recorded
-    reduced = gx.reduce(film, [shapes], modes=10, cells=20)
+    reduced = gx.reduction.reduce(film, [shapes], modes=10, cells=20)
     run = flight(reduced)
     fields = FieldFunctions(run.system, reduced, ("displacement", "stress1"))
     fields.update()
@@ -172,7 +172,7 @@ def test_fields_are_those_of_the_whole_film(recorded) -> None:
 @pytest.mark.mpi
 def test_a_restart_goes_on_as_if_nothing_had_happened(recorded, folder: Path) -> None:
     film, shapes = recorded
-    reduced = gx.reduce(film, [shapes], modes=6, cells=20)
+    reduced = gx.reduction.reduce(film, [shapes], modes=6, cells=20)
     whole = flight(reduced, checkpoints=gx.Checkpoints(folder / "points", every=10))
     whole.run(until=0.2)
     again = flight(reduced, restart=folder / "points")
@@ -184,7 +184,7 @@ def test_a_restart_goes_on_as_if_nothing_had_happened(recorded, folder: Path) ->
 @pytest.mark.mpi
 def test_gravity_and_pressure_act_on_it_as_on_the_film(recorded) -> None:
     film, shapes = recorded
-    reduced = gx.reduce(film, [shapes], modes=6)
+    reduced = gx.reduction.reduce(film, [shapes], modes=6)
     weight, push = gx.Gravity(reduced, (0.0, 0.0, -2.0)), gx.Pressure(reduced, 1e-3)
     run = gx.Simulation(gx.Scene(reduced, weight, push), gx.Midpoint(dt=0.01))
     run.run(until=0.1)
@@ -202,13 +202,13 @@ def test_what_cannot_be_reduced_is_told_in_one_sentence(recorded) -> None:
         ([shapes], 3, 0, "cells is 0"),
     ):
         with pytest.raises(gx.InputError, match=words):
-            gx.reduce(film, motions, modes, cells)
-    other = gx.Snapshots(film)
+            gx.reduction.reduce(film, motions, modes, cells)
+    other = gx.reduction.Snapshots(film)
     other.positions.append(np.zeros((1, 3)))
     with pytest.raises(gx.InputError, match="another mesh"):
-        gx.reduce(film, [other], 1)
+        gx.reduction.reduce(film, [other], 1)
     with pytest.raises(gx.InputError, match=r"has no group 'left'.*port_at"):
-        gx.Scene(gx.Fixed(gx.reduce(film, [shapes], 3), "left")).compile()
+        gx.Scene(gx.Fixed(gx.reduction.reduce(film, [shapes], 3), "left")).compile()
 
 
 @pytest.mark.mpi
@@ -216,21 +216,21 @@ def test_the_energy_outside_of_the_basis_tells_where_it_does_not_hold(recorded) 
     film, shapes = recorded
     shares = []
     for modes in (6, 30):
-        reduced = gx.reduce(film, [shapes], modes)
+        reduced = gx.reduction.reduce(film, [shapes], modes)
         run = flight(reduced)
         run.run(until=0.4)
-        shares.append(gx.OutsideBasis(reduced)(run))
+        shares.append(gx.reduction.OutsideBasis(reduced)(run))
     assert 0 < shares[1] < 0.5 * shares[0]
     with pytest.raises(gx.InputError, match="is no reduced film"):
-        gx.OutsideBasis(film)
+        gx.reduction.OutsideBasis(film)
 
 
 def test_frequencies_of_the_spinning_sail_are_the_films() -> None:
     film = demo_film(COMM, 6, saddle, 0.02)
     found = steady(film, DEMO_SPIN)
-    modes = gx.modes(found, 6, spin=(0.0, 0.0, DEMO_SPIN))
-    reduced = gx.reduce(film, [gx.ModeShapes(film, found, modes, 0.1)], 5)
-    again = gx.modes(steady(reduced, DEMO_SPIN), 6, spin=(0.0, 0.0, DEMO_SPIN))
+    modes = gx.analysis.modes(found, 6, spin=(0.0, 0.0, DEMO_SPIN))
+    reduced = gx.reduction.reduce(film, [gx.analysis.ModeShapes(film, found, modes, 0.1)], 5)
+    again = gx.analysis.modes(steady(reduced, DEMO_SPIN), 6, spin=(0.0, 0.0, DEMO_SPIN))
     assert [mode.frequency for mode in again] == pytest.approx(
         [mode.frequency for mode in modes], rel=0.01
     )
@@ -239,7 +239,7 @@ def test_frequencies_of_the_spinning_sail_are_the_films() -> None:
 @pytest.mark.mpi
 def test_it_starts_from_a_shape_of_the_film(recorded) -> None:
     film, shapes = recorded
-    reduced = gx.reduce(film, [shapes], modes=8)
+    reduced = gx.reduction.reduce(film, [shapes], modes=8)
     there = gx.Simulation(
         gx.Scene(film, gx.RigidMotion(velocity=(0.0, 0.0, 1.0))), gx.Midpoint(dt=0.1)
     )

@@ -10,7 +10,7 @@ import pytest
 import gossamer_fx as gx
 from meshes.line import line
 
-TUBE = gx.tube(0.002, 5e-5, 1e11, 0.3, 1560.0)
+TUBE = gx.sections.tube(0.002, 5e-5, 1e11, 0.3, 1560.0)
 L = 1.0
 
 
@@ -24,14 +24,16 @@ def test_moments_of_a_beam_whose_end_is_turned(comm, by):
     """4 EI θ/L at the end that is turned, 2 EI θ/L at the other, forces 6 EI θ/L²."""
     θ, beam = 1e-4, beam_along_x(comm)
     if by == "vector":
-        turned = gx.Clamped(beam, "end", direction=(3 * math.cos(θ), 3 * math.sin(θ), 0.0))
+        turned = gx.constraints.Clamped(
+            beam, "end", direction=(3 * math.cos(θ), 3 * math.sin(θ), 0.0)
+        )
     else:
-        turned = gx.Clamped(
+        turned = gx.constraints.Clamped(
             beam,
             "end",
             direction=lambda X, t: np.vstack([1 + 0 * X[0], math.tan(θ) * t + 0 * X[0], 0 * X[0]]),
         )
-    still = gx.Clamped(beam, "start")
+    still = gx.constraints.Clamped(beam, "start")
     equilibrium = gx.Equilibrium(gx.Scene(still, turned))
     equilibrium.find(at=1.0)
     moments = [equilibrium.reaction(still)[1], equilibrium.reaction(turned, (L, 0.0, 0.0))[1]]
@@ -45,7 +47,10 @@ def test_moments_of_a_beam_whose_end_is_turned(comm, by):
 def test_torque_of_a_twisted_beam(comm):
     """GJ φ/L, also of a large angle."""
     beam, φ = beam_along_x(comm), 2.0
-    still, twisted = gx.Clamped(beam, "start"), gx.Clamped(beam, "end", twist=lambda t: φ * t)
+    still, twisted = (
+        gx.constraints.Clamped(beam, "start"),
+        gx.constraints.Clamped(beam, "end", twist=lambda t: φ * t),
+    )
     slides = gx.Equilibrium(gx.Scene(still, twisted))
     for t in (0.25, 0.5, 0.75, 1.0):
         slides.find(at=t)
@@ -63,7 +68,7 @@ def test_a_root_that_turns_and_moves_books_its_work(comm):
             [np.cos(ω * t + t**2) + 0 * X[0], np.sin(ω * t + t**2) + 0 * X[0], 0 * X[0]]
         )
 
-    root = gx.Clamped(
+    root = gx.constraints.Clamped(
         beam,
         "start",
         direction=turning,
@@ -74,7 +79,7 @@ def test_a_root_that_turns_and_moves_books_its_work(comm):
     assert abs(run.energy_error) < 1e-9
     assert run.totals.supplied > 0
     # α̇ = 2: the work of the torque I α̇ and of the centripetal force at the root, which moves
-    directions = gx.AngularVelocity(beam.frame("start"), "z")(run)
+    directions = gx.probes.AngularVelocity(beam.frame("start"), "z")(run)
     assert directions == pytest.approx(ω + 2 * 0.1, rel=2e-2)
 
 
@@ -94,14 +99,14 @@ def test_lines_slide_in_planes_of_any_direction(comm, kind):
         gx.Fixed(body, "end", normal=tuple(n)),
         gx.Fixed(body, "end", (1,)),
     )
-    spin = [gx.Clamped(body, "start")] if kind == "beam" else []
+    spin = [gx.constraints.Clamped(body, "start")] if kind == "beam" else []
     scene = gx.Scene(*(spin or ends[:1]), *ends[1:], gx.Gravity(body, (0.0, 0.0, -1.0)))
     equilibrium = gx.Equilibrium(scene)
     equilibrium.find()
     pin, slope = equilibrium.reaction((spin or ends)[0])[0], equilibrium.reaction(ends[1])[0]
     assert pin + slope == pytest.approx([0, 0, weight], abs=1e-6 * weight)
     assert np.cross(slope, n) == pytest.approx([0, 0, 0], abs=1e-9 * weight)
-    x = np.array([gx.Displacement(body.port("end"), axis)(equilibrium) for axis in "xyz"])
+    x = np.array([gx.probes.Displacement(body.port("end"), axis)(equilibrium) for axis in "xyz"])
     assert x @ n == pytest.approx(0, abs=1e-12) and np.linalg.norm(x) > 0
 
 
@@ -109,7 +114,7 @@ def test_lines_slide_in_planes_of_any_direction(comm, kind):
 def test_a_cable_is_moved_as_films_are(comm):
     """Pulled by 1 %: N = EA λ ε."""
     cable = gx.Cable(line(comm, [(0, 0, 0), (L, 0, 0)], 4), gx.CableLaw(1e3, 0.1))
-    pulled = gx.Prescribed(
+    pulled = gx.constraints.Prescribed(
         cable, "end", lambda X, t: np.vstack([0.01 * t + 0 * X[0], 0 * X[0], 0 * X[0]])
     )
     held = gx.Fixed(cable, "start")
@@ -127,12 +132,17 @@ def test_what_cannot_be_clamped_is_refused(comm):
     )
 
     def compiled(**options):
-        return gx.Simulation(gx.Scene(gx.Clamped(beam, "start", **options)), gx.Midpoint(dt=1e-3))
+        return gx.Simulation(
+            gx.Scene(gx.constraints.Clamped(beam, "start", **options)), gx.Midpoint(dt=1e-3)
+        )
 
     for act, words in (
-        (lambda: gx.Clamped(cable, "start", direction=(0.0, 0.0, 1.0)), "no stiffness in bending"),
-        (lambda: gx.Clamped(beam, "start", direction=(0.0, 0.0, 0.0)), "not all zero"),
-        (lambda: gx.Clamped(beam, "start", twist=math.nan), "twist is nan"),
+        (
+            lambda: gx.constraints.Clamped(cable, "start", direction=(0.0, 0.0, 1.0)),
+            "no stiffness in bending",
+        ),
+        (lambda: gx.constraints.Clamped(beam, "start", direction=(0.0, 0.0, 0.0)), "not all zero"),
+        (lambda: gx.constraints.Clamped(beam, "start", twist=math.nan), "twist is nan"),
         (lambda: compiled(direction=(-1.0, 0.0, 0.0)), "opposite"),
         (lambda: compiled(direction=lambda X, t: 0 * X), "is zero"),
         (lambda: compiled(direction=lambda X, t: X[:2]), "Direction of"),

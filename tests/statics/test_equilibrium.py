@@ -7,7 +7,8 @@ import pytest
 
 import gossamer_fx as gx
 from demos.studies import airbag
-from gossamer_fx import Continuation, Equilibrium, NoEquilibrium
+from gossamer_fx import Equilibrium, NoEquilibrium
+from gossamer_fx.analysis import Continuation
 from meshes.disc import quarter_disc
 from meshes.sheet import sheet
 
@@ -80,7 +81,7 @@ def test_reaction_work_and_stretch_of_a_pulled_strip(comm):
     """Dead load f along an edge, ν = 0: f = E t λ(λ²-1)/2, reaction -f H, work f H (λ-1) L."""
     λ, L, H = 1.02, 2.0, 1.0
     f = FILM["E"] * FILM["thickness"] * λ * (λ**2 - 1) / 2
-    _, held, scene = strip(comm, lambda film: gx.EdgeLoad(film, "right", (f, 0.0, 0.0)))
+    _, held, scene = strip(comm, lambda film: gx.loads.EdgeLoad(film, "right", (f, 0.0, 0.0)))
     equilibrium = Equilibrium(scene)
     found = equilibrium.find()
     x = equilibrium.system.q0.array_r.reshape(-1, 3)
@@ -94,7 +95,7 @@ def test_reaction_work_and_stretch_of_a_pulled_strip(comm):
 def test_increments_follow_a_prescribed_motion(comm):
     """A stretched film of ν = 0: the force on the moved edge at every increment, and its work in small ones."""
     film, _, _ = strip(comm)
-    pulled = gx.Prescribed(
+    pulled = gx.constraints.Prescribed(
         film, "right", lambda X, t: np.vstack([t + 0 * X[0], 0 * X[0], 0 * X[0]])
     )
     equilibrium = Equilibrium(gx.Scene(film, gx.Fixed(film, "left"), pulled))
@@ -145,7 +146,9 @@ def test_work_of_a_moved_edge_closes_the_ledger_in_time(comm):
     def shake(X, t):
         return np.vstack([0 * X[0], 0 * X[0], 0.1 * np.sin(50 * t) ** 2 + 0 * X[0]])
 
-    run = gx.Simulation(gx.Scene(film, gx.Prescribed(film, "left", shake)), gx.Midpoint(dt=1e-3))
+    run = gx.Simulation(
+        gx.Scene(film, gx.constraints.Prescribed(film, "left", shake)), gx.Midpoint(dt=1e-3)
+    )
     run.run(until=0.03)
     assert run.totals.supplied > 1e-3
     assert abs(run.energy_error) < 1e-9

@@ -7,7 +7,7 @@ import pytest
 
 import gossamer_fx as gx
 from demos import four_corner_film
-from gossamer_fx import Prestress, find_form
+from gossamer_fx.analysis import Prestress, find_form
 from meshes.sheet import CORNERS, EDGES, sheet
 
 TENSION = Prestress(E=1e9, nu=0.3, density=1000.0, thickness=1e-5, tension=10.0)
@@ -59,7 +59,9 @@ def test_edge_cables_of_a_film_between_four_corners_are_arcs(comm, force):
 
     def scene():
         corners = [gx.Fixed(film, corner) for corner in CORNERS]
-        return gx.Scene(film, *corners, *(gx.EdgeCable(film, edge, force) for edge in EDGES))
+        return gx.Scene(
+            film, *corners, *(gx.analysis.EdgeCable(film, edge, force) for edge in EDGES)
+        )
 
     find_form(film, scene, change=1e-4)
     R = force / TENSION.tension

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx import Centrifugal, Equilibrium, modes
+from gossamer_fx import Equilibrium
+from gossamer_fx.analysis import modes
+from gossamer_fx.loads import Centrifugal
 from meshes.disc import quarter_disc, ring
 from meshes.line import line
 from meshes.sheet import EDGES, sheet
@@ -90,7 +92,9 @@ def test_coriolis_force_turns_the_plane_of_a_pendulum(comm):
     mass, k, Ω = 2.0, 50.0, 3.0
     point = gx.PointMass(mass, (0.0, 0.0, 0.0), comm=comm)
     axes = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
-    springs = [gx.AxialSpring(point.port(), k, axis, name=f"spring {axis}") for axis in axes]
+    springs = [
+        gx.connectors.AxialSpring(point.port(), k, axis, name=f"spring {axis}") for axis in axes
+    ]
     equilibrium = Equilibrium(gx.Scene(point, *springs))
     equilibrium.find()
     ω0 = (k / mass) ** 0.5
@@ -134,10 +138,10 @@ def test_hanging_cable_with_a_mass_on_a_joint(comm, tip, exact):
     """ω√(L/g), twice each, of a cable of 1 m and 1 kg found in equilibrium under its weight."""
     down = (0.0, 0.0, -1.0)
     cable = gx.Cable(line(comm, [(0, 0, 0), down], 32), gx.CableLaw(1e5, 1.0), order=2)
-    items = [gx.Clamped(cable, "start"), gx.Gravity(cable, down)]
+    items = [gx.constraints.Clamped(cable, "start"), gx.Gravity(cable, down)]
     if tip:
         mass = gx.PointMass(tip, down, comm=comm)
-        items += [gx.BallJoint(cable.port("end"), mass.port()), gx.Gravity(mass, down)]
+        items += [gx.constraints.BallJoint(cable.port("end"), mass.port()), gx.Gravity(mass, down)]
     equilibrium = Equilibrium(gx.Scene(cable, *items))
     assert equilibrium.find().regular
     ω = [2 * np.pi * mode.frequency for mode in modes(equilibrium, 4)]
@@ -146,9 +150,9 @@ def test_hanging_cable_with_a_mass_on_a_joint(comm, tip, exact):
 
 def test_cantilever(comm):
     """βL of a beam, whose sections stay rigid by multipliers, in both of its planes."""
-    section = gx.solid_circle(1e-2, E=1e9, nu=0.3, density=1000.0)
+    section = gx.sections.solid_circle(1e-2, E=1e9, nu=0.3, density=1000.0)
     beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 8), section)
-    equilibrium = Equilibrium(gx.Scene(beam, gx.Clamped(beam, "start")))
+    equilibrium = Equilibrium(gx.Scene(beam, gx.constraints.Clamped(beam, "start")))
     equilibrium.find()
     scale = (section.line_density / section.EI2) ** 0.5
     βL = [(2 * np.pi * mode.frequency * scale) ** 0.5 for mode in modes(equilibrium, 4)]
@@ -170,7 +174,7 @@ def test_a_free_hub_with_tethers_in_a_turning_frame(comm, above):
         tip = gx.PointMass(m, tuple((R + L) * e), comm=comm, name=f"tip {i}")
         length = L - m * Ω**2 * (R + L) / k
         items += [
-            gx.Rope(hub.port(tuple(R * e)), tip.port(), length, k, f"tether {i}"),
+            gx.connectors.Rope(hub.port(tuple(R * e)), tip.port(), length, k, f"tether {i}"),
             Centrifugal(tip, spin),
         ]
     equilibrium = Equilibrium(gx.Scene(*items))

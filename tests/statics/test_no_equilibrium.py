@@ -24,11 +24,11 @@ def test_what_nothing_holds_has_no_equilibrium(comm, load):
     first, second = film(comm), film(comm, "other")
     scene = {
         "gravity": lambda: gx.Scene(first, gx.Gravity(first)),
-        "edge": lambda: gx.Scene(first, gx.EdgeLoad(first, "right", (10.0, 0.0, 0.0))),
+        "edge": lambda: gx.Scene(first, gx.loads.EdgeLoad(first, "right", (10.0, 0.0, 0.0))),
         "one of two": lambda: gx.Scene(
             gx.Fixed(first, "left"), gx.Gravity(first), gx.Gravity(second)
         ),
-        "corner": lambda: gx.Scene(first, gx.Force(first.port("top right"), (0.0, 1.0, 0.0))),
+        "corner": lambda: gx.Scene(first, gx.loads.Force(first.port("top right"), (0.0, 1.0, 0.0))),
     }[load]()
     culprit = "other" if load == "one of two" else "film"
     with pytest.raises(NoEquilibrium, match=f"'{culprit}' has moved by .* hold it"):
@@ -51,7 +51,8 @@ def test_the_result_is_the_state_that_was_found_before_the_last_iteration(comm):
     """A pendulum hung at (1, 0, 0), whose turn about the vertical nothing resists: the residual was nan."""
     bob = gx.RigidBody(1.0, (1.0, 1.0, 1.0), (1.0, 0.0, -1.0))
     scene = gx.Scene(
-        gx.BallJoint(bob.port((0.0, 0.0, 1.0)), gx.Ground((1.0, 0.0, 0.0))), gx.Gravity(bob)
+        gx.constraints.BallJoint(bob.port((0.0, 0.0, 1.0)), gx.Ground((1.0, 0.0, 0.0))),
+        gx.Gravity(bob),
     )
     found = Equilibrium(scene).find()
     assert found.residual < 1e-8
@@ -75,7 +76,9 @@ def test_parts_are_free_apart(comm):
 def test_a_mass_on_a_slack_rope_is_not_held(comm):
     mass = gx.PointMass(1.0, (0.5, 0.0, 0.0))
     found = Equilibrium(
-        gx.Scene(gx.Rope(mass.port(), gx.Ground((0.0, 0.0, 0.0)), length=1.0, stiffness=10.0))
+        gx.Scene(
+            gx.connectors.Rope(mass.port(), gx.Ground((0.0, 0.0, 0.0)), length=1.0, stiffness=10.0)
+        )
     ).find()
     assert found.free == ("translation x", "translation y", "translation z")
     assert not found.regular
@@ -85,14 +88,18 @@ def test_a_mass_on_a_slack_rope_is_not_held(comm):
     ("joint", "free"),
     [
         (
-            lambda b, at: gx.RevoluteJoint(b.frame_at(at), gx.ground_frame(at), (0, 1, 0)),
+            lambda b, at: gx.constraints.RevoluteJoint(
+                b.frame_at(at), gx.ground_frame(at), (0, 1, 0)
+            ),
             "rotation y about (1, 0, 0)",
         ),
         (
-            lambda b, at: gx.PrismaticJoint(b.frame_at(at), gx.ground_frame(at), (0, 1, 1)),
+            lambda b, at: gx.constraints.PrismaticJoint(
+                b.frame_at(at), gx.ground_frame(at), (0, 1, 1)
+            ),
             "translation (0, 0.707, 0.707)",
         ),
-        (lambda b, at: gx.FixedJoint(b.frame_at(at), gx.ground_frame(at)), ""),
+        (lambda b, at: gx.constraints.FixedJoint(b.frame_at(at), gx.ground_frame(at)), ""),
     ],
     ids=["hinge", "slide", "fixed"],
 )
@@ -123,7 +130,7 @@ def test_results_before_an_equilibrium_was_found_are_refused(comm, ask):
     held = gx.Fixed(body, "left")
     equilibrium = Equilibrium(gx.Scene(held))
     with pytest.raises(gx.InputError, match="no equilibrium was found yet"):
-        gx.modes(equilibrium, 1) if ask == "modes" else getattr(equilibrium, ask)(held)
+        gx.analysis.modes(equilibrium, 1) if ask == "modes" else getattr(equilibrium, ask)(held)
 
 
 def test_the_reaction_of_what_is_not_in_the_scene_is_refused(comm):

@@ -54,8 +54,8 @@ def test_two_halves_of_a_symmetric_plate_are_one():
         plate = gx.Plate(sheet(WORLD, round(40 * length), 2, length, 0.1), LAW)
         end = (0, 1, 2) if right is None else (0,)
         clamps = (
-            gx.ClampedEdge(plate, "left"),
-            gx.ClampedEdge(plate, "right", components=end, direction=right),
+            gx.constraints.ClampedEdge(plate, "left"),
+            gx.constraints.ClampedEdge(plate, "right", components=end, direction=right),
         )
         equilibrium = gx.Equilibrium(gx.Scene(plate, *clamps, gx.Pressure(plate, 20.0)))
         equilibrium.find()
@@ -66,7 +66,10 @@ def test_two_halves_of_a_symmetric_plate_are_one():
 def test_a_hinge_transmits_no_moment():
     """A strip that hangs over at a hinge: the part beyond it turns freely, and only membrane forces hold it."""
     plate = gx.Plate(irregular_sheet(WORLD, 6, 2, 0.3, 0.1), LAW, hinges=("middle",))
-    clamp, load = gx.ClampedEdge(plate, "left"), gx.EdgeLoad(plate, "right", (0.0, 0.0, 0.05))
+    clamp, load = (
+        gx.constraints.ClampedEdge(plate, "left"),
+        gx.loads.EdgeLoad(plate, "right", (0.0, 0.0, 0.05)),
+    )
     equilibrium = gx.Equilibrium(gx.Scene(plate, clamp, load))
     equilibrium.find()
     x = equilibrium.system.q0.array_r.reshape(-1, 3)
@@ -134,9 +137,11 @@ def test_a_sheared_plate_comes_to_rest_in_wrinkles(comm):
         return np.stack([δ * X[1] / height, 0 * w, w])
 
     plate = gx.Plate(sheet(comm, 14, 7, length, height), FOIL, displacement=rough)
-    moved = gx.Prescribed(plate, "top", lambda X, t: np.stack([δ + 0 * X[0], 0 * X[0], 0 * X[0]]))
+    moved = gx.constraints.Prescribed(
+        plate, "top", lambda X, t: np.stack([δ + 0 * X[0], 0 * X[0], 0 * X[0]])
+    )
     scene = gx.Scene(plate, gx.Fixed(plate, "bottom"), moved)
-    search = gx.Continuation(
+    search = gx.analysis.Continuation(
         step=1e-4, inner=0.3, fast_iterations=20, max_iterations=40, residual=1e-3
     )
     equilibrium = gx.Equilibrium(scene, search)
@@ -221,12 +226,14 @@ def test_properties_vary_by_group_or_by_place():
             ),
             "derived",
         ),
-        (lambda m: gx.ClampedEdge(gx.Membrane(m, LAW), "left"), "is no Plate"),
+        (lambda m: gx.constraints.ClampedEdge(gx.Membrane(m, LAW), "left"), "is no Plate"),
         (
-            lambda m: gx.ClampedEdge(gx.Plate(m, LAW), "left", direction=(0.0, 0.0, 0.0)),
+            lambda m: gx.constraints.ClampedEdge(
+                gx.Plate(m, LAW), "left", direction=(0.0, 0.0, 0.0)
+            ),
             "not all zero",
         ),
-        (lambda m: gx.EdgeMoment(gx.Plate(m, LAW), "left", math.inf), "finite"),
+        (lambda m: gx.loads.EdgeMoment(gx.Plate(m, LAW), "left", math.inf), "finite"),
         (lambda m: gx.Linear(E=1e9, nu=0.3, density=1.0, thickness=0.0), "thickness is 0.0"),
     ],
 )

@@ -21,36 +21,38 @@ def column(value):
 def test_strains_stresses_and_positions_of_a_pulled_strip(comm):
     """λ = 1.02, ν = 0: E11 = (λ² - 1)/2, S11 = E E11."""
     film = gx.Membrane(sheet(comm, 4, 2, 2.0, 1.0), LAW)
-    pulled = gx.Prescribed(
+    pulled = gx.constraints.Prescribed(
         film, "right", lambda X, t: np.vstack([0.04 + 0 * X[0], 0 * X[0], 0 * X[0]])
     )
     equilibrium = gx.Equilibrium(gx.Scene(gx.Fixed(film, "left"), pulled))
     equilibrium.find()
-    points, strain = gx.field_values(equilibrium, film, "strain1")
-    _, stress = gx.field_values(equilibrium, film, "stress1")
+    points, strain = gx.fields.field_values(equilibrium, film, "strain1")
+    _, stress = gx.fields.field_values(equilibrium, film, "stress1")
     assert strain == column((1.02**2 - 1) / 2)
     assert stress == column(E * (1.02**2 - 1) / 2)
     assert points.shape == (len(strain), 3)
-    x = gx.positions(equilibrium, film)
+    x = gx.fields.positions(equilibrium, film)
     assert comm.allreduce(float(x[:, 0].max()), max) == column(2.04)
-    _, u = gx.field_values(equilibrium, film, "displacement")
+    _, u = gx.fields.field_values(equilibrium, film, "displacement")
     assert u.shape[1] == 3
-    assert gx.Position(film.port("top right"), "x")(equilibrium) == column(2.04)
-    assert gx.AreaFraction(film, "taut")(equilibrium) == column(1.0)
+    assert gx.probes.Position(film.port("top right"), "x")(equilibrium) == column(2.04)
+    assert gx.probes.AreaFraction(film, "taut")(equilibrium) == column(1.0)
     other = gx.Membrane(sheet(comm, 1, 1), LAW, name="other")
     with pytest.raises(gx.InputError, match="'other' is not in the scene"):
-        gx.positions(equilibrium, other)
+        gx.fields.positions(equilibrium, other)
 
 
 @pytest.mark.mpi
 def test_reaction_of_a_clamped_beam(comm):
     """Force -F and moment about the clamp: its arm is that of the deflected tip."""
-    beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 8), gx.tube(0.02, 5e-4, 1e11, 0.3, 1560.0))
-    clamp, tip = gx.Clamped(beam, "start"), beam.port("end")
+    beam = gx.Beam(
+        line(comm, [(0, 0, 0), (1, 0, 0)], 8), gx.sections.tube(0.02, 5e-4, 1e11, 0.3, 1560.0)
+    )
+    clamp, tip = gx.constraints.Clamped(beam, "start"), beam.port("end")
     F = (3.0, -2.0, 5.0)
-    equilibrium = gx.Equilibrium(gx.Scene(clamp, gx.Force(tip, F)))
+    equilibrium = gx.Equilibrium(gx.Scene(clamp, gx.loads.Force(tip, F)))
     equilibrium.find()
-    x = [gx.Position(tip, axis)(equilibrium) for axis in "xyz"]
+    x = [gx.probes.Position(tip, axis)(equilibrium) for axis in "xyz"]
     force, moment = equilibrium.reaction(clamp)
     assert force == pytest.approx([-3.0, 2.0, -5.0], abs=1e-6)
     assert moment == pytest.approx(-np.cross(x, F), abs=1e-6)
@@ -63,8 +65,8 @@ def test_forces_of_joints_at_rest_and_in_motion(comm):
     """A body hung on a hinge that hangs on another: weights; a body swung on a joint: m ω² r to second order in h."""
     upper = gx.RigidBody(2.0, (1.0, 1.0, 1.0), (0.0, 0.0, -1.0), name="upper")
     lower = gx.RigidBody(3.0, (1.0, 1.0, 1.0), (0.5, 0.0, -3.0), name="lower")
-    top = gx.FixedJoint(gx.ground_frame(), upper.frame_at((0.0, 0.0, 0.0)), name="top")
-    middle = gx.FixedJoint(
+    top = gx.constraints.FixedJoint(gx.ground_frame(), upper.frame_at((0.0, 0.0, 0.0)), name="top")
+    middle = gx.constraints.FixedJoint(
         upper.frame_at((0.0, 0.0, -2.0)), lower.frame_at((0.0, 0.0, -2.0)), name="middle"
     )
     g = (0.0, 0.0, -10.0)
@@ -76,19 +78,19 @@ def test_forces_of_joints_at_rest_and_in_motion(comm):
     force, moment = equilibrium.joint_force(top)
     assert force == pytest.approx([0, 0, 50.0], abs=1e-6)
     assert moment == pytest.approx([0, -15.0, 0], abs=1e-6)
-    assert gx.JointForce(top, "z")(equilibrium) == pytest.approx(50.0)
+    assert gx.probes.JointForce(top, "z")(equilibrium) == pytest.approx(50.0)
 
     stone = gx.RigidBody(
         2.0, (1.0, 1.0, 1.0), (0.5, 0.0, 0.0), velocity=(0.0, 1.5, 0.0), spin=(0.0, 0.0, 3.0)
     )
-    hinge = gx.RevoluteJoint(
+    hinge = gx.constraints.RevoluteJoint(
         gx.ground_frame(), stone.frame_at((0.0, 0.0, 0.0)), (0.0, 0.0, 1.0), name="hinge"
     )
     series = gx.Series(
         {
-            "x": gx.JointForce(hinge, "x"),
-            "y": gx.JointForce(hinge, "y"),
-            "ω": gx.AngularVelocity(stone.frame(), "z"),
+            "x": gx.probes.JointForce(hinge, "x"),
+            "y": gx.probes.JointForce(hinge, "y"),
+            "ω": gx.probes.AngularVelocity(stone.frame(), "z"),
         }
     )
     gx.Simulation(gx.Scene(hinge), gx.Midpoint(dt=1e-3), [series]).run(until=0.05)
@@ -99,14 +101,14 @@ def test_forces_of_joints_at_rest_and_in_motion(comm):
 def test_angular_velocity_of_a_beam(comm):
     beam = gx.Beam(
         line(comm, [(0, 0, 0), (1, 0, 0)], 2),
-        gx.tube(0.02, 5e-4, 1e11, 0.3, 1560.0),
+        gx.sections.tube(0.02, 5e-4, 1e11, 0.3, 1560.0),
         velocity=lambda X: np.cross((0.3, 0.0, 2.0), X.T).T,
     )
     run = gx.Simulation(gx.Scene(beam), gx.Midpoint(dt=1e-3))
-    assert gx.AngularVelocity(beam.frame("end"), "z")(run) == pytest.approx(2.0)
-    assert gx.AngularVelocity(beam.frame("end"), "x")(run) == pytest.approx(0.3)
+    assert gx.probes.AngularVelocity(beam.frame("end"), "z")(run) == pytest.approx(2.0)
+    assert gx.probes.AngularVelocity(beam.frame("end"), "x")(run) == pytest.approx(0.3)
     with pytest.raises(gx.InputError, match="ground does not turn"):
-        gx.AngularVelocity(gx.ground_frame(), "z")
+        gx.probes.AngularVelocity(gx.ground_frame(), "z")
 
 
 @pytest.mark.mpi

@@ -15,7 +15,7 @@ from meshes.sheet import sheet
 from meshes.tube_section import cylinder
 
 E, THICKNESS, DENSITY = 1e9, 1e-4, 1000.0
-TUBE = gx.tube(0.02, 5e-4, 1e11, 0.3, 1560.0)
+TUBE = gx.sections.tube(0.02, 5e-4, 1e11, 0.3, 1560.0)
 
 
 def strip(comm, nu=0.0, order=2, cells=(8, 4)):
@@ -36,11 +36,11 @@ def test_a_strip_is_pulled_by_the_force_on_its_straight_edge(comm, sliding):
     ε = (λ**2 - 1) / 2
     left = gx.Fixed(film, "left", (0,) if sliding else (0, 1, 2))
     held = [left, gx.Fixed(film, "bottom", (1,))] if sliding else [left]
-    pull = gx.Force(edge.port(), (E * THICKNESS * λ * ε, 0.0, 0.0))
+    pull = gx.loads.Force(edge.port(), (E * THICKNESS * λ * ε, 0.0, 0.0))
     equilibrium = gx.Equilibrium(gx.Scene(flat, edge, pull, *held))
     equilibrium.find()
-    assert gx.Position(edge.port(), "x")(equilibrium) == pytest.approx(2 * λ, rel=1e-9)
-    assert gx.Position(edge.port(), "y")(equilibrium) == pytest.approx(
+    assert gx.probes.Position(edge.port(), "x")(equilibrium) == pytest.approx(2 * λ, rel=1e-9)
+    assert gx.probes.Position(edge.port(), "y")(equilibrium) == pytest.approx(
         math.sqrt(1 - 2 * nu * ε) / 2, rel=1e-9
     )
     assert equilibrium.joint_force(edge)[0] == pytest.approx(
@@ -54,14 +54,15 @@ def test_a_strip_is_bent_by_the_moment_on_its_straight_edge(comm):
     film, flat = strip(comm)
     edge = gx.RigidRegion(film, "right", held=(2,))
     θ, inertia = 1e-5, THICKNESS / 12
-    moment = gx.Torque(edge.line, (0.0, 0.0, θ * E * inertia / 2.0))
+    moment = gx.loads.Torque(edge.line, (0.0, 0.0, θ * E * inertia / 2.0))
     equilibrium = gx.Equilibrium(gx.Scene(flat, gx.Fixed(film, "left"), edge, moment))
     equilibrium.find()
     corners = [
-        gx.Displacement(film.port(f"{side} right"), "x")(equilibrium) for side in ("bottom", "top")
+        gx.probes.Displacement(film.port(f"{side} right"), "x")(equilibrium)
+        for side in ("bottom", "top")
     ]
     assert corners[0] - corners[1] == pytest.approx(θ, rel=1e-4)
-    assert gx.Displacement(edge.port(), "y")(equilibrium) == pytest.approx(θ, rel=1e-4)
+    assert gx.probes.Displacement(edge.port(), "y")(equilibrium) == pytest.approx(θ, rel=1e-4)
 
 
 @pytest.mark.mpi
@@ -74,12 +75,12 @@ def test_a_hub_turns_by_the_torque_on_it(comm, piece):
     hub = gx.RigidBody(1.0, (0.1, 0.1, 0.2), name="hub") if piece == "rigid body" else None
     region = gx.RigidRegion(film, "hub", hub, held=(2,))
     G, T = E / 2.6, 0.5
-    load = gx.Torque(region.frame, (0.0, 0.0, T))
+    load = gx.loads.Torque(region.frame, (0.0, 0.0, T))
     equilibrium = gx.Equilibrium(
         gx.Scene(gx.Fixed(film, "film", (2,)), gx.Fixed(film, "rim"), region, load)
     )
     equilibrium.find()
-    d = [gx.Displacement(region.frame.directors[0], axis)(equilibrium) for axis in "xy"]
+    d = [gx.probes.Displacement(region.frame.directors[0], axis)(equilibrium) for axis in "xy"]
     exact = T / (4 * math.pi * G * THICKNESS) * (1 / 0.3**2 - 1)
     assert math.hypot(*d) == pytest.approx(exact, rel=1e-3)
 
@@ -99,15 +100,15 @@ def test_a_wrinkled_hub_needs_no_secant(comm):
             gx.Fixed(loaded, "film", (2,)),
             gx.Fixed(loaded, "rim"),
             region,
-            gx.Torque(region.frame, (0, 0, T)),
+            gx.loads.Torque(region.frame, (0, 0, T)),
         )
     )
     found.find()
     p = region.frame.directors[0]
-    x, y = (gx.Displacement(p, axis)(found) for axis in "xy")
+    x, y = (gx.probes.Displacement(p, axis)(found) for axis in "xy")
     φ = 2 * math.asin(math.hypot(x, y) / 2)
     c, s = math.cos(φ), math.sin(φ)
-    turn = gx.Prescribed(
+    turn = gx.constraints.Prescribed(
         turned,
         "hub",
         lambda X, t: np.vstack([(c - 1) * X[0] - s * X[1], s * X[0] + (c - 1) * X[1], 0 * X[0]]),
@@ -115,7 +116,7 @@ def test_a_wrinkled_hub_needs_no_secant(comm):
     )
     check = gx.Equilibrium(gx.Scene(gx.Fixed(turned, "film", (2,)), gx.Fixed(turned, "rim"), turn))
     check.find()
-    assert φ > 0.01 and gx.AreaFraction(loaded, "wrinkled")(found) > 0.5
+    assert φ > 0.01 and gx.probes.AreaFraction(loaded, "wrinkled")(found) > 0.5
     assert check.reaction(turn)[1][2] == pytest.approx(T, rel=1e-6)
 
 
@@ -132,10 +133,13 @@ def test_an_inflated_tube_bends_under_the_moment_on_its_end_plate(comm, ratio):
         *(gx.Fixed(film, side, (1,)) for side in ("top", "bottom")),
     ]
     held += [gx.Fixed(film, point, (2,)) for point in ("first left", "first right")]
-    loads = gx.Force(plate.port(), (axial, 0.0, 0.0)), gx.Torque(plate.frame, (0.0, M, 0.0))
+    loads = (
+        gx.loads.Force(plate.port(), (axial, 0.0, 0.0)),
+        gx.loads.Torque(plate.frame, (0.0, M, 0.0)),
+    )
     equilibrium = gx.Equilibrium(gx.Scene(film, gx.Pressure(film, tube.P), plate, *held, *loads))
     equilibrium.find()
-    n = [gx.Displacement(plate.frame.directors[2], axis)(equilibrium) for axis in "xz"]
+    n = [gx.probes.Displacement(plate.frame.directors[2], axis)(equilibrium) for axis in "xz"]
     κ = math.asin(math.hypot(*n) / 2) * 2 / tube.LENGTH
     assert κ == pytest.approx(ratio * tube.FIRST, rel=1e-2)
 
@@ -143,13 +147,13 @@ def test_an_inflated_tube_bends_under_the_moment_on_its_end_plate(comm, ratio):
 @pytest.mark.mpi
 def test_a_beam_is_bent_into_an_arc_by_the_torque_on_its_end(comm):
     """A half circle, M = π EI/L, reached in steps."""
-    thin = gx.tube(0.002, 5e-5, 1e11, 0.3, 1560.0)
+    thin = gx.sections.tube(0.002, 5e-5, 1e11, 0.3, 1560.0)
     beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 16), thin)
-    torque = gx.Torque(beam.frame("end"), lambda t: (0.0, 0.0, t * math.pi * thin.EI2))
-    equilibrium = gx.Equilibrium(gx.Scene(gx.Clamped(beam, "start"), torque))
+    torque = gx.loads.Torque(beam.frame("end"), lambda t: (0.0, 0.0, t * math.pi * thin.EI2))
+    equilibrium = gx.Equilibrium(gx.Scene(gx.constraints.Clamped(beam, "start"), torque))
     for t in (0.25, 0.5, 0.75, 1.0):
         equilibrium.find(at=t)
-    x, y = (gx.Position(beam.port("end"), axis)(equilibrium) for axis in "xy")
+    x, y = (gx.probes.Position(beam.port("end"), axis)(equilibrium) for axis in "xy")
     assert (x, y) == (pytest.approx(0.0, abs=2e-3), pytest.approx(2 / math.pi, rel=2e-3))
 
 
@@ -170,7 +174,7 @@ def test_momenta_of_a_free_film_grow_by_force_and_torque(comm, kind):
     T = np.array([0.0, 0.0, 0.2])
     motion = gx.RigidMotion(spin=(0.0, 0.0, 3.0), velocity=(1.0, 0.0, 0.0))
     run = gx.Simulation(
-        gx.Scene(film, region, gx.Torque(frame, tuple(T)), motion), gx.Midpoint(dt=1e-3)
+        gx.Scene(film, region, gx.loads.Torque(frame, tuple(T)), motion), gx.Midpoint(dt=1e-3)
     )
     run.run(until=0.05)
     first, last = run.first, run.totals
@@ -194,7 +198,7 @@ def test_what_cannot_be_one_piece_is_refused(comm):
         (lambda: gx.RigidRegion(film, "right", body, sliding=True), "leave one of them out"),
         (lambda: straight.frame, "apply torques to its line"),
         (lambda: plane.line, "apply torques to its frame"),
-        (lambda: gx.FixedJoint(straight.line, body.frame()), "give a Frame"),
+        (lambda: gx.constraints.FixedJoint(straight.line, body.frame()), "give a Frame"),
     ):
         with pytest.raises(gx.InputError, match=words):
             act()

@@ -12,7 +12,7 @@ from meshes.sheet import sheet
 
 E, THICKNESS = 1e9, 1e-4
 LAW = gx.Linear(E, 0.0, 1000.0, THICKNESS)
-TUBE = gx.tube(0.02, 5e-4, 1e11, 0.3, 1560.0)
+TUBE = gx.sections.tube(0.02, 5e-4, 1e11, 0.3, 1560.0)
 
 
 def bent(X):
@@ -41,10 +41,10 @@ def test_a_strip_slides_in_planes_of_any_direction(comm, angle):
     flat = [gx.Fixed(film, edge, (2,)) for edge in ("left", "right", "top", "bottom")]
     ε = (1.02**2 - 1) / 2
     f = E * THICKNESS * 1.02 * ε
-    scene = gx.Scene(*ends, *flat, gx.EdgeLoad(film, "right", normal=f))
+    scene = gx.Scene(*ends, *flat, gx.loads.EdgeLoad(film, "right", normal=f))
     equilibrium = gx.Equilibrium(scene)
     equilibrium.find()
-    x = gx.positions(equilibrium, film)
+    x = gx.fields.positions(equilibrium, film)
     along = comm.allreduce(float((x @ e).max()), max)
     assert along == pytest.approx(2.04, rel=1e-8)
     assert comm.allreduce(float((x @ n).max()), max) == pytest.approx(
@@ -62,7 +62,7 @@ def test_a_normal_load_pulls_along_the_film_or_as_the_mesh_was(comm, following):
     film = gx.Membrane(
         sheet(comm, 4, 2, 2.0, 1.0), LAW, displacement=lambda X: (X.T @ quarter - X.T).T
     )
-    load = gx.EdgeLoad(film, "right", normal=lambda t: 2000.0 * t, following=following)
+    load = gx.loads.EdgeLoad(film, "right", normal=lambda t: 2000.0 * t, following=following)
     run = gx.Simulation(gx.Scene(load), gx.Midpoint(dt=1e-4))
     run.run(until=1e-3)
     impulse = 2000.0 * 1e-3**2 / 2
@@ -80,12 +80,14 @@ def test_a_load_on_edges_inside_the_film_counts(comm):
     mesh.groups["middle"] = (1, np.sort(inside).astype(np.int32))
     film = gx.Membrane(mesh, LAW)
     held = [gx.Fixed(film, edge) for edge in ("left", "right")]
-    equilibrium = gx.Equilibrium(gx.Scene(*held, gx.EdgeLoad(film, "middle", (30.0, 0.0, 0.0))))
+    equilibrium = gx.Equilibrium(
+        gx.Scene(*held, gx.loads.EdgeLoad(film, "middle", (30.0, 0.0, 0.0)))
+    )
     equilibrium.find()
     total = sum(equilibrium.reaction(support)[0] for support in held)
     assert total == pytest.approx([-30.0, 0, 0], abs=1e-5)
     with pytest.raises(gx.InputError, match=r"no normal"):
-        gx.EdgeLoad(film, "middle", normal=1.0)
+        gx.loads.EdgeLoad(film, "middle", normal=1.0)
 
 
 @pytest.mark.parametrize(
@@ -99,7 +101,7 @@ def test_a_load_on_edges_inside_the_film_counts(comm):
 def test_edge_loads_that_are_none(comm, bad, words):
     film = gx.Membrane(sheet(comm, 1, 1), LAW)
     with pytest.raises(gx.InputError, match=words):
-        gx.EdgeLoad(film, "right", **bad)
+        gx.loads.EdgeLoad(film, "right", **bad)
 
 
 @pytest.mark.mpi
@@ -107,14 +109,14 @@ def test_beams_and_cables_are_held_moved_and_damped_as_films_are(comm):
     """A cantilever by three supports of its ends; damping takes what the ledger books."""
     beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 4), TUBE)
     pinned = gx.Fixed(beam, "start")
-    lifted = gx.Prescribed(
+    lifted = gx.constraints.Prescribed(
         beam, "end", lambda X, t: np.vstack([0 * X[0], 0 * X[0], 0.1 * t + 0 * X[0]]), (2,)
     )
     equilibrium = gx.Equilibrium(
         gx.Scene(pinned, lifted, gx.Fixed(beam, "end", (1,)), gx.Gravity(beam))
     )
     equilibrium.find(at=1.0)
-    assert gx.Position(beam.port("end"), "z")(equilibrium) == pytest.approx(0.1)
+    assert gx.probes.Position(beam.port("end"), "z")(equilibrium) == pytest.approx(0.1)
     weight = TUBE.line_density * 9.80665
     assert equilibrium.reaction(pinned)[0] + equilibrium.reaction(lifted)[0] == pytest.approx(
         [0, 0, weight], abs=1e-5
@@ -143,9 +145,9 @@ def test_beams_and_cables_are_held_moved_and_damped_as_films_are(comm):
 @pytest.mark.parametrize("load", ["gravity", "centrifugal"])
 def test_a_tape_has_weight(comm, load):
     film = gx.Membrane(sheet(comm, 4, 4), LAW)
-    tape = gx.Tape.along_edges(film, gx.CableLaw(1e4, 0.5), "right")
+    tape = gx.connectors.Tape.along_edges(film, gx.CableLaw(1e4, 0.5), "right")
     held = [gx.Fixed(film, edge) for edge in ("left", "right")]
-    field = gx.Gravity(film) if load == "gravity" else gx.Centrifugal(film, (0.0, 0.0, 2.0))
+    field = gx.Gravity(film) if load == "gravity" else gx.loads.Centrifugal(film, (0.0, 0.0, 2.0))
     equilibrium = gx.Equilibrium(gx.Scene(tape, field, *held))
     equilibrium.find()
     total = sum(equilibrium.reaction(support)[0] for support in held)
@@ -160,7 +162,7 @@ def test_a_tape_has_weight(comm, load):
 
 def test_contradicting_supports_are_refused(comm):
     film = gx.Membrane(sheet(comm, 2, 2), LAW)
-    moved = gx.Prescribed(film, "left", lambda X, t: 0 * X)
+    moved = gx.constraints.Prescribed(film, "left", lambda X, t: 0 * X)
     with pytest.raises(
         gx.InputError, match=r"'film/left moved .*' moves coordinates that 'film/bottom fixed"
     ):
@@ -173,7 +175,7 @@ def test_a_support_of_nothing_is_refused(comm):
     film = gx.Membrane(mesh, LAW)
     for support in (
         lambda: gx.Fixed(film, "nowhere"),
-        lambda: gx.Prescribed(film, "nowhere", lambda X, t: 0 * X),
+        lambda: gx.constraints.Prescribed(film, "nowhere", lambda X, t: 0 * X),
         lambda: gx.Fixed(film, "left", normal=(0.0, 0.0, 0.0)),
     ):
         with pytest.raises(gx.InputError, match=r"no node|not all zero"):

@@ -52,9 +52,9 @@ def main() -> None:
     out, what = Path(sys.argv[1]), sys.argv[2]
     outputs = [
         gx.Ledger(out / "ledger.csv"),
-        gx.Probes(out / "probes.csv", {"one": lambda run: 1.0}),
+        gx.outputs.Probes(out / "probes.csv", {"one": lambda run: 1.0}),
         *(
-            [gx.VTX(out / "film.bp", fields=("displacement", "state"))]
+            [gx.outputs.VTX(out / "film.bp", fields=("displacement", "state"))]
             if "vtx" in sys.argv[3:]
             else []
         ),

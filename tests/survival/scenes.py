@@ -41,14 +41,14 @@ def filled_tube(comm: MPI.Comm, cells: int = 4) -> gx.Scene:
 
 def turning_beam(comm: MPI.Comm) -> gx.Scene:
     """A beam on a ball joint, a hub that is controlled in a sampled way, damped springs: multipliers and memories."""
-    section = gx.solid_circle(0.01, E=1e9, nu=0.3, density=1500.0)
+    section = gx.sections.solid_circle(0.01, E=1e9, nu=0.3, density=1500.0)
     beam = gx.Beam(
         line(comm, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], 4), section, normal=(0, 0, 1), name="boom"
     )
     hub = gx.RigidBody(1.0, (0.02, 0.03, 0.04), spin=(0.0, 0.0, 0.0), comm=comm, name="hub")
-    control = gx.AttitudeControl(hub.frame(), (0.0, 0.0, 0.1), 2.0, 0.3, period=2.5 * DT)
-    joint = gx.FixedJoint(beam.frame("start"), hub.frame(), name="root")
-    damper = gx.Damper(beam.port("end"), gx.Ground((1.0, 0.0, -1.0)), 0.5)
+    control = gx.control.AttitudeControl(hub.frame(), (0.0, 0.0, 0.1), 2.0, 0.3, period=2.5 * DT)
+    joint = gx.constraints.FixedJoint(beam.frame("start"), hub.frame(), name="root")
+    damper = gx.connectors.Damper(beam.port("end"), gx.Ground((1.0, 0.0, -1.0)), 0.5)
     return gx.Scene(beam, hub, control, joint, damper, gx.Gravity(beam, (0, 0, -9.81)))
 
 
@@ -70,4 +70,4 @@ def clamped_plate(comm: MPI.Comm) -> gx.Scene:
     law = gx.Linear(E=1e9, nu=0.3, density=1000.0, thickness=1e-3)
     mesh, rest = irregular_sheet(comm, 6, 2, 0.3, 0.1), np.diag((1.0, 0.0, 0.0))
     plate = gx.Plate(mesh, law, rest_curvature=rest, hinges=("middle",))
-    return gx.Scene(plate, gx.ClampedEdge(plate, "left", direction=direction))
+    return gx.Scene(plate, gx.constraints.ClampedEdge(plate, "left", direction=direction))

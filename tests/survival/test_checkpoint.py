@@ -128,8 +128,10 @@ def test_generalized_alpha_remembers_its_accelerations(folder: Path) -> None:
 def outputs(folder: Path) -> list:
     return [
         gx.Ledger(folder / "ledger.csv"),
-        gx.Probes(folder / "probes.csv", {"kinetic": lambda run: run.totals.kinetic}, every=3),
-        gx.VTX(folder / "film.bp", every=2),
+        gx.outputs.Probes(
+            folder / "probes.csv", {"kinetic": lambda run: run.totals.kinetic}, every=3
+        ),
+        gx.outputs.VTX(folder / "film.bp", every=2),
     ]
 
 
@@ -188,7 +190,7 @@ def test_a_run_that_is_called_again_goes_on_in_its_files(folder: Path) -> None:
 @pytest.mark.mpi
 def test_the_last_ones_are_kept_and_nothing_else(folder: Path) -> None:
     run = run_to(13, fluttering_sheet(COMM), checkpoints=gx.Checkpoints(folder, every=3))
-    assert run.checkpoints.latest == folder / "step-00000013" == gx.latest(folder)
+    assert run.checkpoints.latest == folder / "step-00000013" == gx.run.latest_checkpoint(folder)
     COMM.barrier()
     assert sorted(p.name for p in folder.iterdir()) == ["step-00000012", "step-00000013"]
     with pytest.raises(
@@ -293,7 +295,10 @@ def test_other_versions_damage_and_nothing_are_refused(folder: Path) -> None:
 def test_a_table_that_was_changed_is_refused(folder: Path) -> None:
     def go(steps: int, probes: dict, **options: object) -> None:
         run_to(
-            steps, fluttering_sheet(COMM), outputs=[gx.Probes(folder / "p.csv", probes)], **options
+            steps,
+            fluttering_sheet(COMM),
+            outputs=[gx.outputs.Probes(folder / "p.csv", probes)],
+            **options,
         )
 
     go(4, {"one": lambda run: 1.0}, checkpoints=gx.Checkpoints(folder / "c"))
@@ -364,7 +369,7 @@ def test_a_restart_knows_of_steps_that_failed(folder: Path, end: str) -> None:
         first = run(steps // 2, checkpoints=gx.Checkpoints(folder))
         assert first.substeps > 0
     else:
-        with pytest.raises(gx.Interrupted):
+        with pytest.raises(gx.run.Interrupted):
             run(steps, outputs=[Stop()], checkpoints=gx.Checkpoints(folder))
     rest = run(steps, restart=folder)
     assert rest.iterations == whole.iterations

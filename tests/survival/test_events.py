@@ -24,7 +24,9 @@ def falling() -> tuple[gx.PointMass, gx.Scene]:
 @pytest.mark.parametrize("height", [0.999, 0.5, 0.05])
 def test_a_fall_ends_at_its_height(height: float, control: gx.StepControl | None) -> None:
     mass, scene = falling()
-    event = gx.When(gx.Position(mass.port(), "z"), height, falling=True, stop=True, tolerance=1e-12)
+    event = gx.When(
+        gx.probes.Position(mass.port(), "z"), height, falling=True, stop=True, tolerance=1e-12
+    )
     run = gx.Simulation(scene, gx.Midpoint(dt=0.04), events=[event], control=control)
     run.run(until=10.0)
     assert run.time == pytest.approx(math.sqrt(2 * (1 - height) / 9.81), abs=1e-11)
@@ -69,11 +71,11 @@ def test_pressure_opens_a_valve() -> None:
     opened = []
     tank = gx.Tank(1e-3, gas=GAS, pressure=5e5, temperature=300.0, name="tank")
     bottle = gx.Tank(2e-3, gas=GAS, pressure=1e5, temperature=300.0, name="bottle")
-    outside = gx.Ambient(0.0, 300.0)
+    outside = gx.gas.Ambient(0.0, 300.0)
     filling = gx.Orifice(tank, bottle, area=3e-6, name="filling")
     relief = gx.Orifice(bottle, outside, area=lambda t: 1e-6 if opened else 0.0, name="relief")
     event = gx.When(
-        gx.GasState(bottle, "pressure"),
+        gx.probes.GasState(bottle, "pressure"),
         1.2e5,
         then=lambda run: opened.append(run.time),
         name="relief",
@@ -91,7 +93,9 @@ def test_pressure_opens_a_valve() -> None:
 def test_conservation_through_events_of_film_and_gas() -> None:
     scene = filled_tube(COMM)
     tube = next(item for item in scene.items if item.name == "tube")
-    events = [gx.When(gx.GasState(tube, "pressure"), 5.0 + k, name=f"{5 + k} Pa") for k in range(6)]
+    events = [
+        gx.When(gx.probes.GasState(tube, "pressure"), 5.0 + k, name=f"{5 + k} Pa") for k in range(6)
+    ]
     run = gx.Simulation(scene, gx.Midpoint(dt=5e-4), events=events)
     run.run(until=2e-3)
     plain = gx.Simulation(filled_tube(COMM), gx.Midpoint(dt=5e-4))

@@ -152,8 +152,8 @@ def test_folders_that_cannot_be_made_are_refused_before_the_first_step(
     at = folder / "file" / "x.bp"
     outputs = {
         "Ledger": [gx.Ledger(at)],
-        "Probes": [gx.Probes(at, {"one": lambda run: 1.0})],
-        "VTX": [gx.VTX(at)],
+        "Probes": [gx.outputs.Probes(at, {"one": lambda run: 1.0})],
+        "VTX": [gx.outputs.VTX(at)],
     }
     saves = gx.Checkpoints(at) if what == "Checkpoints" else None
     with pytest.raises(gx.InputError, match="Cannot write"):
@@ -178,5 +178,5 @@ def test_a_valve_that_returns_no_number_is_named_and_the_state_before_is_saved(
     with pytest.raises((gx.StepFailure, gx.InputError), match="valve"):
         run.run(until=2e-3)
     COMM.barrier()
-    assert gx.latest(folder) is not None
+    assert gx.run.latest_checkpoint(folder) is not None
     assert np.isfinite(run.system.q0.array_r).all()

@@ -161,7 +161,9 @@ def test_a_signal_ends_the_run_after_its_step(
     assert run.returncode == 128 + number
     with (out / "ledger.csv").open() as file:
         last = list(csv.DictReader(file))[-1]
-    assert last["step"] == told[1] and Path(told[2]) == gx.latest(out / "checkpoints")
+    assert last["step"] == told[1] and Path(told[2]) == gx.run.latest_checkpoint(
+        out / "checkpoints"
+    )
     assert Path(told[2]).name == f"step-{int(told[1]):08d}"
 
 
@@ -198,7 +200,7 @@ def test_a_signal_to_the_launcher_waits_for_a_long_step(
     assert run.returncode == 128 + number, said
     told = re.search(r"stopped by \w+ at t = \S+ s, after step (\d+); restart from", said)
     assert told, said
-    newest = gx.latest(tmp_path / "saves")
+    newest = gx.run.latest_checkpoint(tmp_path / "saves")
     assert newest is not None and newest.name == f"step-{int(told[1]):08d}" and int(told[1]) >= 3
     assert json.loads((tmp_path / "run" / "run.json").read_text())["status"] == "stopped"
 

@@ -139,13 +139,15 @@ def test_two_outputs_of_one_file_are_refused(folder: Path) -> None:
             ball(outputs=list(outputs))
 
     here, probes = os.path.relpath(folder), {"one": lambda run: 1.0}
-    refused(gx.Ledger(folder / "a.csv"), gx.Probes(f"{here}/./a.csv", probes))
+    refused(gx.Ledger(folder / "a.csv"), gx.outputs.Probes(f"{here}/./a.csv", probes))
     refused(gx.Recording(folder), gx.Ledger(folder / "ledger.csv"))
-    refused(gx.Picture(folder / "a.png"), gx.Picture(folder / "b" / ".." / "a.png"))
+    refused(gx.plot.Picture(folder / "a.png"), gx.plot.Picture(folder / "b" / ".." / "a.png"))
     film = fluttering_sheet(COMM, 2)
     with pytest.raises(gx.InputError, match="Two outputs of the run write"):
         gx.Simulation(
-            film, gx.Midpoint(dt=DT), [gx.VTX(folder / "a.bp"), gx.VTX(folder / "a_0001.bp")]
+            film,
+            gx.Midpoint(dt=DT),
+            [gx.outputs.VTX(folder / "a.bp"), gx.outputs.VTX(folder / "a_0001.bp")],
         )
     COMM.barrier()
     assert not [p for p in folder.rglob("*") if p.is_file()]
@@ -240,7 +242,7 @@ def test_a_damaged_recording_is_told_in_seconds_when_it_is_read_and_when_a_run_g
         ).run(until * DT)
 
     def look() -> None:
-        run = gx.RunReader(tmp_path / "run")
+        run = gx.plot.RunReader(tmp_path / "run")
         for name in ("ledger.csv", "states.csv"):
             run.table(name)
         for frame in range(len(run.times)):

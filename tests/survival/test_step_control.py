@@ -21,7 +21,9 @@ OMEGA = 10.0  # rad/s
 
 def oscillator() -> tuple[gx.Scene, gx.PointMass]:
     mass = gx.PointMass(2.0, position=(1.0, 0.0, 0.0), comm=MPI.COMM_SELF)
-    return gx.Scene(mass, gx.AxialSpring(mass.port(), 2.0 * OMEGA**2, (1.0, 0.0, 0.0))), mass
+    return gx.Scene(
+        mass, gx.connectors.AxialSpring(mass.port(), 2.0 * OMEGA**2, (1.0, 0.0, 0.0))
+    ), mass
 
 
 class Steps:

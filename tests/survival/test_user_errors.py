@@ -62,7 +62,10 @@ def test_the_good_state_before_an_error_is_kept(tmp_path: Path, what: str) -> No
     said = run(tmp_path, what, 1, -1)
     assert said.returncode == 2 and re.search(f"told: {WORDS[what]}", said.stdout), said
     assert "Traceback" not in said.stderr
-    assert gx.latest(tmp_path / "saves") == tmp_path / "saves" / f"step-{LAST[what]:08d}"
+    assert (
+        gx.run.latest_checkpoint(tmp_path / "saves")
+        == tmp_path / "saves" / f"step-{LAST[what]:08d}"
+    )
     assert json.loads((tmp_path / "run" / "run.json").read_text())["status"].startswith("stopped: ")
     mended = run(tmp_path, "nothing", 1, -1, "--restart")
     changed = re.search(r"told: .* of another scene: the function .* is another one", mended.stdout)
@@ -77,7 +80,10 @@ def test_an_error_on_one_rank_is_told_on_all(tmp_path: Path, what: str) -> None:
     said = run(tmp_path, what, 2, 1)
     assert said.returncode == 2, said
     assert len(re.findall(f"told: {WORDS[what]}", said.stdout)) == 2, said.stdout
-    assert gx.latest(tmp_path / "saves") == tmp_path / "saves" / f"step-{LAST[what]:08d}"
+    assert (
+        gx.run.latest_checkpoint(tmp_path / "saves")
+        == tmp_path / "saves" / f"step-{LAST[what]:08d}"
+    )
 
 
 @pytest.mark.parametrize("rank", [0, 1])

@@ -25,15 +25,15 @@ def main() -> None:
     tube = next(item for item in scene.items if item.name == "tube")
     outputs = [
         gx.Ledger(out / "ledger.csv"),
-        gx.Probes(
+        gx.outputs.Probes(
             out / "gas.csv",
-            {"p": gx.GasState(tube, "pressure"), "V": gx.GasState(tube, "volume")},
+            {"p": gx.probes.GasState(tube, "pressure"), "V": gx.probes.GasState(tube, "volume")},
             every=2,
         ),
-        gx.VTX(out / "tube.bp", every=4),
+        gx.outputs.VTX(out / "tube.bp", every=4),
     ]
     saves = gx.Checkpoints(out / "checkpoints", every=wanted.every)
-    restart = gx.latest(saves.folder) if wanted.restart else None
+    restart = gx.run.latest_checkpoint(saves.folder) if wanted.restart else None
     run = gx.Simulation(scene, gx.Midpoint(dt=DT), outputs, checkpoints=saves, restart=restart)
     if run.comm.rank == 0:
         print("ready", flush=True)

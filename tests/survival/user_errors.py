@@ -39,13 +39,13 @@ def main() -> None:
         film,
         gx.Pressure(film, bad("pressure", 0.0)),
         gx.Pressure(film, bad("nan", 0.0, float("nan")), name="other pressure"),
-        gx.Force(film.port("bottom left"), bad("force", (0.0, 0.0, 0.0))),
-        gx.Force(
+        gx.loads.Force(film.port("bottom left"), bad("force", (0.0, 0.0, 0.0))),
+        gx.loads.Force(
             film.port("top left"),
             bad("differs", (0.0, 0.0, 0.0), (0.0, 0.0, float(COMM.rank))),
             name="second",
         ),
-        gx.Orifice(bottle, gx.Ambient(), area=bad("valve", 1e-7), name="valve"),
+        gx.Orifice(bottle, gx.gas.Ambient(), area=bad("valve", 1e-7), name="valve"),
     )
     events = [
         gx.At(2 * DT, then=bad("never", 0.0), name="fine"),
@@ -55,7 +55,7 @@ def main() -> None:
     outputs = [
         gx.Ledger(folder / "ledger.csv"),
         gx.Recording(folder / "run", probes={"a": bad("probe", 1.0)}, every=1),
-        gx.Probes(folder / "last.csv", {"b": lambda run: run.time}),
+        gx.outputs.Probes(folder / "last.csv", {"b": lambda run: run.time}),
     ]
     saves = gx.Checkpoints(folder / "saves", every=1000)
     restart = saves.folder if "--restart" in sys.argv else None

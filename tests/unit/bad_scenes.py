@@ -125,9 +125,12 @@ def film_scene(n: dict[str, Any]) -> gx.Simulation:
     ]
     parts += [
         gx.Fixed(film, n["group"], n["components"]),
-        gx.Prescribed(film, "right", n["motion"], (2,)),
+        gx.constraints.Prescribed(film, "right", n["motion"], (2,)),
     ]
-    parts += [gx.Force(film.port("top left"), n["force"]), gx.EdgeLoad(film, "top", n["load"])]
+    parts += [
+        gx.loads.Force(film.port("top left"), n["force"]),
+        gx.loads.EdgeLoad(film, "top", n["load"]),
+    ]
     return simulated(gx.Scene(*parts), n)
 
 
@@ -145,29 +148,31 @@ def gas_scene(n: dict[str, Any]) -> gx.Simulation:
     parts = [
         bag,
         gx.Orifice(tank, bag, n["valve"], n["discharge"]),
-        gx.Orifice(bag, gx.Ambient(n["outside"]), n["area"], name="vent"),
+        gx.Orifice(bag, gx.gas.Ambient(n["outside"]), n["area"], name="vent"),
     ]
-    return simulated(gx.Scene(*parts, gx.WallHeat(bag, n["conductance"], n["wall"])), n)
+    return simulated(gx.Scene(*parts, gx.gas.WallHeat(bag, n["conductance"], n["wall"])), n)
 
 
 def plate_scene(n: dict[str, Any]) -> gx.Simulation:
     plate = gx.Plate(
         MESHES["sheet"], gx.Linear(**LAW), rest_curvature=n["curvature"], hinges=n["hinges"]
     )
-    clamp = gx.ClampedEdge(plate, n["group"], direction=n["direction"], motion=n["motion"])
-    return simulated(gx.Scene(clamp, gx.EdgeMoment(plate, "right", n["moment"])), n)
+    clamp = gx.constraints.ClampedEdge(
+        plate, n["group"], direction=n["direction"], motion=n["motion"]
+    )
+    return simulated(gx.Scene(clamp, gx.loads.EdgeMoment(plate, "right", n["moment"])), n)
 
 
 def crease_scene(n: dict[str, Any]) -> gx.Simulation:
     film = gx.Membrane(MESHES["creased"], gx.Linear(**LAW))
     return simulated(
-        gx.Scene(gx.Crease(film, n["edges"], n["stiffness"], n["rest"], n["yields"])), n
+        gx.Scene(gx.connectors.Crease(film, n["edges"], n["stiffness"], n["rest"], n["yields"])), n
     )
 
 
 def contact_scene(n: dict[str, Any]) -> gx.Simulation:
     film = gx.Membrane(MESHES["sheet"], gx.Linear(**LAW))
-    floor = gx.Plane(point=n["point"], normal=n["normal"])
+    floor = gx.contact.Plane(point=n["point"], normal=n["normal"])
     touch = gx.Contact(
         film, floor, distance=n["distance"], stiffness=n["stiffness"], friction=n["friction"]
     )
@@ -176,14 +181,16 @@ def contact_scene(n: dict[str, Any]) -> gx.Simulation:
 
 def orbit_scene(n: dict[str, Any]) -> gx.Simulation:
     film = gx.Membrane(MESHES["sheet"], gx.Linear(**LAW))
-    orbit = gx.Orbit(gx.Elements(n["a"], n["e"]), sun=n["sun"], mu=n["mu"])
-    optics = gx.Optics(n["reflectivity"], n["specular"])
-    return simulated(gx.Scene(film, orbit, gx.SolarPressure(film, orbit, optics)), n)
+    orbit = gx.orbit.Orbit(gx.orbit.Elements(n["a"], n["e"]), sun=n["sun"], mu=n["mu"])
+    optics = gx.orbit.Optics(n["reflectivity"], n["specular"])
+    return simulated(gx.Scene(film, orbit, gx.orbit.SolarPressure(film, orbit, optics)), n)
 
 
 def boom_scene(n: dict[str, Any]) -> gx.Simulation:
     boom = gx.Beam(
-        MESHES["line"], gx.tube(n["radius"], n["wall"], 1e11, 0.3, 1560.0), normal=n["normal"]
+        MESHES["line"],
+        gx.sections.tube(n["radius"], n["wall"], 1e11, 0.3, 1560.0),
+        normal=n["normal"],
     )
     tape = gx.Cable(
         MESHES["line"], gx.CableLaw(n["EA"], n["mu"]), velocity=n["velocity"], name="tape"
@@ -191,15 +198,17 @@ def boom_scene(n: dict[str, Any]) -> gx.Simulation:
     hub = gx.RigidBody(n["mass"], n["inertia"], n["position"], spin=n["spin"], comm=ALONE)
     weight = gx.PointMass(n["weight"], (1.0, 0.0, 0.0), comm=ALONE)
     parts = [
-        gx.Clamped(boom, n["group"], direction=n["direction"], twist=n["twist"]),
+        gx.constraints.Clamped(boom, n["group"], direction=n["direction"], twist=n["twist"]),
         gx.Fixed(tape, "start"),
     ]
     parts += [
-        gx.Rope(boom.port("end"), hub.port(), n["length"], n["stiffness"], damping=n["damping"])
+        gx.connectors.Rope(
+            boom.port("end"), hub.port(), n["length"], n["stiffness"], damping=n["damping"]
+        )
     ]
     parts += [
-        gx.BallJoint(n["port"] or weight.port(), tape.port("end")),
-        gx.Torque(hub.frame(), n["torque"]),
+        gx.constraints.BallJoint(n["port"] or weight.port(), tape.port("end")),
+        gx.loads.Torque(hub.frame(), n["torque"]),
     ]
     return simulated(gx.Scene(*parts), n)
 
@@ -207,9 +216,9 @@ def boom_scene(n: dict[str, Any]) -> gx.Simulation:
 def static_scene(n: dict[str, Any]) -> Any:
     film = gx.Membrane(MESHES["sheet"], gx.Linear(**LAW))
     edge = gx.RigidRegion(film, n["group"], sliding=n["sliding"], held=n["held"])
-    pull = gx.Force(edge.port(), n["force"]), gx.Torque(edge.line, n["torque"])
+    pull = gx.loads.Force(edge.port(), n["force"]), gx.loads.Torque(edge.line, n["torque"])
     held = gx.Fixed(film, "film", (2,)), gx.Fixed(film, "left", (0, 1))
-    search = gx.Continuation(n["residual"], n["step"], n["growth"], cut=n["cut"])
+    search = gx.analysis.Continuation(n["residual"], n["step"], n["growth"], cut=n["cut"])
     found = gx.Equilibrium(gx.Scene(edge, *pull, *held), search)
     found.find(at=n["at"])
     found.reaction(held[1], n["about"])
@@ -220,7 +229,7 @@ def run_scene(n: dict[str, Any]) -> gx.Simulation:
     film = gx.Membrane(MESHES["sheet"], gx.Linear(**LAW))
     outputs = [
         gx.Ledger(n["ledger"]),
-        gx.Probes(n["probes"], {"a": n["probe"]}, every=n["every"]),
+        gx.outputs.Probes(n["probes"], {"a": n["probe"]}, every=n["every"]),
         *n["outputs"],
     ]
     control = gx.StepControl(n["iterations"], n["error"], n["growth"], n["cut"])
@@ -458,7 +467,7 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
         return gx.Plate(MESHES["sheet"], law, **options)
 
     def beam(**options: Any) -> gx.Beam:
-        return gx.Beam(MESHES["line"], gx.tube(0.02, 5e-4, 1e11, 0.3, 1560.0), **options)
+        return gx.Beam(MESHES["line"], gx.sections.tube(0.02, 5e-4, 1e11, 0.3, 1560.0), **options)
 
     def cable(**options: Any) -> gx.Cable:
         return gx.Cable(MESHES["line"], gx.CableLaw(1e5, 0.1), **options)
@@ -506,11 +515,11 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
         change(next(iter(sorted(where.glob("step-*"), reverse=True))))
         return run(film(), restart=where)
 
-    def recorded() -> gx.RunReader:
+    def recorded() -> gx.plot.RunReader:
         where = folder / "run"
         if not where.is_dir():
             run(film(), outputs=[gx.Recording(where, every=1)])
-        return gx.RunReader(where)
+        return gx.plot.RunReader(where)
 
     held = found_film = film()
     good = gx.Fixed(held, "left"), gx.Fixed(held, "right")
@@ -518,7 +527,7 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
     quiet.find()
     A, B = body(), body(name="other")
     folded = gx.Membrane(MESHES["creased"], law)
-    orbit = gx.Orbit(gx.Elements(7e6), sun=z)
+    orbit = gx.orbit.Orbit(gx.orbit.Elements(7e6), sun=z)
     cases: dict[str, tuple[Callable[[], Any], str]] = {
         # restarts and files
         "restart from a file": (lambda: run(film(), restart=folder / "file"), "file"),
@@ -584,11 +593,13 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
         "a probe of another film": (
             lambda: run(
                 film(),
-                outputs=[gx.Series({"x": gx.Position(film(name="b").port("top left"), "x")})],
+                outputs=[
+                    gx.Series({"x": gx.probes.Position(film(name="b").port("top left"), "x")})
+                ],
             ),
             "'b'",
         ),
-        "a probe of a fourth axis": (lambda: gx.Position(film().port("top left"), "w"), "w"),
+        "a probe of a fourth axis": (lambda: gx.probes.Position(film().port("top left"), "w"), "w"),
         "a probe that fails": (
             lambda: run(film(), outputs=[gx.Series({"x": raises})]),
             "ZeroDivisionError",
@@ -602,18 +613,21 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
             "wing",
         ),
         "a picture of no time": (
-            lambda: gx.plot_field(recorded(), "state", [], folder / "a.png"),
+            lambda: gx.plot.field(recorded(), "state", [], folder / "a.png"),
             "time",
         ),
         "a picture of a late time": (
-            lambda: gx.plot_field(recorded(), "state", [9.0], folder / "a.png"),
+            lambda: gx.plot.field(recorded(), "state", [9.0], folder / "a.png"),
             "9",
         ),
         "a picture of an unknown field": (
-            lambda: gx.plot_strip(recorded(), "heat", folder / "a.png"),
+            lambda: gx.plot.strip(recorded(), "heat", folder / "a.png"),
             "heat",
         ),
-        "an animation as text": (lambda: gx.animate(recorded(), "state", folder / "a.txt"), ".gif"),
+        "an animation as text": (
+            lambda: gx.plot.animate(recorded(), "state", folder / "a.txt"),
+            ".gif",
+        ),
         "an event that calls nothing": (
             lambda: run(film(), events=[gx.At(1e-5, then="stop")]),
             "then",
@@ -629,15 +643,15 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
         ),
         "the reaction about a word": (lambda: quiet.reaction(good[0], "xyz"), "three numbers"),
         "the force of no joint": (lambda: quiet.joint_force(good[0]), "joint"),
-        "half a mode": (lambda: gx.modes(quiet, 0), "count"),
-        "modes below zero": (lambda: gx.modes(quiet, 1, above=-1.0), "above"),
-        "modes of more than there are": (lambda: gx.modes(quiet, 10**4), "modes"),
+        "half a mode": (lambda: gx.analysis.modes(quiet, 0), "count"),
+        "modes below zero": (lambda: gx.analysis.modes(quiet, 1, above=-1.0), "above"),
+        "modes of more than there are": (lambda: gx.analysis.modes(quiet, 10**4), "modes"),
         "a sheet that falls": (
             lambda: (lambda f: found(f, gx.Gravity(f)))(film()),
             "No equilibrium",
         ),
-        "a field that is not": (lambda: gx.field_values(quiet, found_film, "heat"), "heat"),
-        "positions of another film": (lambda: gx.positions(quiet, film(name="b")), "b"),
+        "a field that is not": (lambda: gx.fields.field_values(quiet, found_film, "heat"), "heat"),
+        "positions of another film": (lambda: gx.fields.positions(quiet, film(name="b")), "b"),
         "a start from other bodies": (
             lambda: run(film(name="b"), gx.StartFrom(quiet.system)),
             "'b'",
@@ -648,18 +662,18 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
         ),
         # gas
         "a tank into itself": (lambda: (lambda t: gx.Orifice(t, t, 1e-6))(tank()), "orifice"),
-        "a vent of a film": (lambda: gx.Orifice(film(), gx.Ambient(1.0), 1e-6), "gas"),
+        "a vent of a film": (lambda: gx.Orifice(film(), gx.gas.Ambient(1.0), 1e-6), "gas"),
         "a vent between surroundings": (
-            lambda: run(gx.Orifice(gx.Ambient(1.0), gx.Ambient(2.0), 1e-6)),
+            lambda: run(gx.Orifice(gx.gas.Ambient(1.0), gx.gas.Ambient(2.0), 1e-6)),
             ".",
         ),
         "a valve that closes below nothing": (
-            lambda: run(gx.Orifice(tank(), gx.Ambient(1.0), lambda t: -1e-6)),
+            lambda: run(gx.Orifice(tank(), gx.gas.Ambient(1.0), lambda t: -1e-6)),
             "area",
         ),
         "a part of the surface that is not": (lambda: run(bag(surface=("wing",))), "wing"),
-        "a ring that is not": (lambda: run(bag(rings=(gx.Ring(film(), "wing"),))), "wing"),
-        "a ring of a rim": (lambda: run(bag(rings=(gx.Ring(film(), "left"),))), "."),
+        "a ring that is not": (lambda: run(bag(rings=(gx.gas.Ring(film(), "wing"),))), "wing"),
+        "a ring of a rim": (lambda: run(bag(rings=(gx.gas.Ring(film(), "left"),))), "."),
         "a chamber and a volume": (
             lambda: gx.Chamber(gas=air, pressure=1.0, temperature=300.0, volume=-1.0),
             "volume",
@@ -685,11 +699,11 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
         ),
         "a hinge on the rim": (lambda: plate(hinges=("left",)), "left"),
         "a hinge that is not": (lambda: plate(hinges=("middle",)), "middle"),
-        "a clamp of a film": (lambda: gx.ClampedEdge(film(), "left"), "no Plate"),
-        "a moment on a film": (lambda: run(gx.EdgeMoment(film(), "left", 1.0)), "EdgeMoment"),
-        "a crease on the rim": (lambda: run(gx.Crease(film(), "left", 1e-3)), "left"),
+        "a clamp of a film": (lambda: gx.constraints.ClampedEdge(film(), "left"), "no Plate"),
+        "a moment on a film": (lambda: run(gx.loads.EdgeMoment(film(), "left", 1.0)), "EdgeMoment"),
+        "a crease on the rim": (lambda: run(gx.connectors.Crease(film(), "left", 1e-3)), "left"),
         "a crease that yields at once": (
-            lambda: gx.Crease(folded, "crease", 1e-3, yield_angle=-0.1),
+            lambda: gx.connectors.Crease(folded, "crease", 1e-3, yield_angle=-0.1),
             "yield",
         ),
         "contact with nothing": (lambda: gx.Contact(distance=1e-3), "Contact"),
@@ -698,43 +712,52 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
             lambda: gx.Contact(film(), distance=1e-3, law="glue"),
             "glue",
         ),
-        "a sphere without size": (lambda: gx.Sphere(origin, 0.0), "radius"),
+        "a sphere without size": (lambda: gx.contact.Sphere(origin, 0.0), "radius"),
         "a film through the floor": (
             lambda: run(
                 film(),
                 gx.Contact(
                     film(name="b"),
-                    gx.Plane(point=(0.5, 0.5, 0.0), normal=(1.0, 0.0, 0.0)),
+                    gx.contact.Plane(point=(0.5, 0.5, 0.0), normal=(1.0, 0.0, 0.0)),
                     distance=1e-3,
                 ),
             ),
             ".",
         ),
         # lines, bodies, joints
-        "a joint of a body to itself": (lambda: gx.FixedJoint(A.frame(), A.frame()), "itself"),
+        "a joint of a body to itself": (
+            lambda: gx.constraints.FixedJoint(A.frame(), A.frame()),
+            "itself",
+        ),
         "a joint apart": (
-            lambda: run(A, B, gx.BallJoint(A.port((1.0, 0.0, 0.0)), B.port())),
+            lambda: run(A, B, gx.constraints.BallJoint(A.port((1.0, 0.0, 0.0)), B.port())),
             "apart",
         ),
-        "a joint about nothing": (lambda: gx.RevoluteJoint(A.frame(), B.frame(), origin), "axis"),
-        "a link of no length": (lambda: run(A, B, gx.Link(A.port(), B.port())), "length"),
+        "a joint about nothing": (
+            lambda: gx.constraints.RevoluteJoint(A.frame(), B.frame(), origin),
+            "axis",
+        ),
+        "a link of no length": (
+            lambda: run(A, B, gx.constraints.Link(A.port(), B.port())),
+            "length",
+        ),
         "a rope of the ground": (
-            lambda: gx.Rope(gx.Ground(z), gx.Ground(origin), 1.0, 1.0),
+            lambda: gx.connectors.Rope(gx.Ground(z), gx.Ground(origin), 1.0, 1.0),
             "ground",
         ),
         "a rope that drives": (
-            lambda: gx.Rope(A.port(), gx.Ground(z), 1.0, 1.0, damping=-1.0),
+            lambda: gx.connectors.Rope(A.port(), gx.Ground(z), 1.0, 1.0, damping=-1.0),
             "damping",
         ),
         "a damper of one place": (
-            lambda: run(A, B, gx.Damper(A.port(), B.port(), 1.0)),
+            lambda: run(A, B, gx.connectors.Damper(A.port(), B.port(), 1.0)),
             "coincide",
         ),
         "a port far away": (lambda: film().port_at((5.0, 0.0, 0.0)), "away"),
         "a port in the plane": (lambda: film().port_at((0.5, 0.5)), "three"),
         "a port of a curve": (lambda: film().port("left"), "one point"),
         "a frame of two points": (lambda: beam().frame("curve"), "curve"),
-        "a turned cable": (lambda: gx.Clamped(cable(), "start", direction=z), "Beam"),
+        "a turned cable": (lambda: gx.constraints.Clamped(cable(), "start", direction=z), "Beam"),
         "a beam along its normal": (lambda: beam(normal=(1.0, 0.0, 0.0)), "normal"),
         "a body with an inertia that none has": (
             lambda: gx.RigidBody(1.0, (1.0, 1.0, 3.0)),
@@ -742,34 +765,37 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
         ),
         "a mirrored body": (lambda: body(attitude=np.diag((1.0, 1.0, -1.0))), "rotation"),
         "a load on three sheets": (
-            lambda: gx.EdgeLoad(
+            lambda: gx.loads.EdgeLoad(
                 gx.Membrane(gx.gmsh_mesh(three_sheets, ALONE), law), "seam", (1.0, 0.0, 0.0)
             ),
             "several sheets meet",
         ),
         "a normal load on three sheets": (
-            lambda: gx.EdgeLoad(
+            lambda: gx.loads.EdgeLoad(
                 gx.Membrane(gx.gmsh_mesh(three_sheets, ALONE), law), "seam", normal=1.0
             ),
             "several sheets meet",
         ),
         # orbit
-        "an orbit through the ground": (lambda: gx.Elements(7e6, 1.5), "e"),
+        "an orbit through the ground": (lambda: gx.orbit.Elements(7e6, 1.5), "e"),
         "an orbit without Sun in sunlight": (
-            lambda: (lambda f, o: run(f, o, gx.SolarPressure(f, o)))(
-                film(), gx.Orbit(gx.Elements(7e6))
+            lambda: (lambda f, o: run(f, o, gx.orbit.SolarPressure(f, o)))(
+                film(), gx.orbit.Orbit(gx.orbit.Elements(7e6))
             ),
             "Sun",
         ),
         "two orbits": (
-            lambda: run(film(), orbit, gx.Orbit(gx.Elements(8e6), name="other")),
+            lambda: run(film(), orbit, gx.orbit.Orbit(gx.orbit.Elements(8e6), name="other")),
             "orbit",
         ),
-        "a shadow that is not": (lambda: gx.Orbit(gx.Elements(7e6), sun=z, shadow="soft"), "soft"),
+        "a shadow that is not": (
+            lambda: gx.orbit.Orbit(gx.orbit.Elements(7e6), sun=z, shadow="soft"),
+            "soft",
+        ),
         "an epoch that is none": (
-            lambda: gx.Orbit(gx.Elements(7e6), epoch="yesterday"),
+            lambda: gx.orbit.Orbit(gx.orbit.Elements(7e6), epoch="yesterday"),
             "yesterday",
         ),
-        "sunlight on a cable": (lambda: gx.SolarPressure(cable(), orbit), "cable"),
+        "sunlight on a cable": (lambda: gx.orbit.SolarPressure(cable(), orbit), "cable"),
     }
     return cases

@@ -21,25 +21,24 @@ Call = dict[str, Any]
 
 # not called by users, or without arguments
 UNCALLED = {
-    "MagneticDipole",  # needs ERFA
-    "EndPoint",
-    "EquilibriumResult",
-    "Found",
+    "orbit.MagneticDipole",  # needs ERFA
+    "steppers.EndPoint",
+    "analysis.EquilibriumResult",
     "InputError",
-    "Interrupted",
+    "run.Interrupted",
     "Mesh",
-    "Mode",
+    "analysis.Mode",
     "NoEquilibrium",
     "OutputFailure",
 }
 UNCALLED |= {
     "Contact",
-    "Crossings",
-    "IdentifiedCrease",
+    "probes.Crossings",
+    "analysis.IdentifiedCrease",
     "StepFailure",
     "StartFrom",
     "Scene",
-    "Progress",
+    "outputs.Progress",
 }
 
 
@@ -48,7 +47,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
     gas = gx.IdealGas(gamma=1.4, R=287.0)
     mesh, curve = sheet(WORLD, 2, 2), line(WORLD, [(0, 0, 0), (1, 0, 0)], 2)
     tube = {"E": 1e11, "nu": 0.3, "density": 1560.0}
-    section = gx.tube(0.02, 5e-4, **tube)
+    section = gx.sections.tube(0.02, 5e-4, **tube)
     film_law = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
     law = gx.Miyazaki(**film_law)
     film, beam = gx.Membrane(mesh, law), gx.Beam(curve, section)
@@ -56,7 +55,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
     creased = gx.Membrane(creased_strip(WORLD, 2, 1, 0.1, 0.1), law)
     scene = gx.Scene(film)
     touching = gx.Contact(film, distance=1e-3)
-    motion = gx.Snapshots(film)
+    motion = gx.reduction.Snapshots(film)
     motion.positions.append(np.sin(film.initial_state()[0].reshape(-1, 3) ** 2))
     block, other = (
         gx.RigidBody(1.0, (1.0, 1.0, 1.0)),
@@ -72,28 +71,28 @@ def valid_calls(folder: Path) -> dict[str, Call]:
     edges = dict.fromkeys(
         ("EA", "GA2", "GA3", "EI2", "EI3", "GJ", "line_density", "rotary2", "rotary3"), 1.0
     )
-    orbit = gx.Orbit(gx.Elements(7e6), sun=z)
+    orbit = gx.orbit.Orbit(gx.orbit.Elements(7e6), sun=z)
     return {
-        "Accommodation": {"normal": 0.9, "tangential": 0.9, "wall_temperature": 300.0},
-        "Air": {"density": 1e-12, "temperature": 1000.0, "molecule": 1e-26},
-        "AirDrag": {"body": film, "density": 0.1, "coefficient": 1.2, "wind": z},
-        "Ambient": {"pressure": 1.0, "temperature": 300.0},
-        "AngularVelocity": {"frame": A, "axis": "x"},
-        "AreaFraction": {"film": film, "state": "taut"},
+        "orbit.Accommodation": {"normal": 0.9, "tangential": 0.9, "wall_temperature": 300.0},
+        "orbit.Air": {"density": 1e-12, "temperature": 1000.0, "molecule": 1e-26},
+        "loads.AirDrag": {"body": film, "density": 0.1, "coefficient": 1.2, "wind": z},
+        "gas.Ambient": {"pressure": 1.0, "temperature": 300.0},
+        "probes.AngularVelocity": {"frame": A, "axis": "x"},
+        "probes.AreaFraction": {"film": film, "state": "taut"},
         "At": {"time": 0.1},
-        "AttachedMass": {"port": film.port("bottom left"), "mass": 1.0},
-        "Attitude": {"orbit": orbit, "of": film, "axis": "along"},
-        "AttitudeControl": {
+        "connectors.AttachedMass": {"port": film.port("bottom left"), "mass": 1.0},
+        "probes.Attitude": {"orbit": orbit, "of": film, "axis": "along"},
+        "control.AttitudeControl": {
             "frame": A,
             "target": z,
             "stiffness": 1.0,
             "damping": 1.0,
             "period": 0.1,
         },
-        "AxialSpring": {"port": P, "stiffness": 1.0, "direction": z, "origin": z},
-        "BallJoint": {"a": P, "b": Q},
+        "connectors.AxialSpring": {"port": P, "stiffness": 1.0, "direction": z, "origin": z},
+        "constraints.BallJoint": {"a": P, "b": Q},
         "Beam": {"mesh": curve, "section": section, "normal": z},
-        "Box": {"centre": z, "sizes": (1.0, 1.0, 1.0), "inside": False, "name": "box"},
+        "contact.Box": {"centre": z, "sizes": (1.0, 1.0, 1.0), "inside": False, "name": "box"},
         "Cable": {"mesh": curve, "law": gx.CableLaw(**cable_law), "order": 1},
         "CableLaw": cable_law,
         "Case": {
@@ -104,19 +103,24 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "frames": 10,
             "halvings": 8,
         },
-        "Centrifugal": {"body": film, "spin": z, "centre": z},
+        "loads.Centrifugal": {"body": film, "spin": z, "centre": z},
         "Chamber": {"gas": gas, "pressure": 1e5, "temperature": 300.0, "volume": 1.0},
         "Checkpoints": {"folder": folder / "checkpoints", "keep": 2},
-        "Clamped": {"body": beam, "group": "start", "direction": (1.0, 0.0, 0.0), "twist": 0.1},
-        "ClampedEdge": {
+        "constraints.Clamped": {
+            "body": beam,
+            "group": "start",
+            "direction": (1.0, 0.0, 0.0),
+            "twist": 0.1,
+        },
+        "constraints.ClampedEdge": {
             "body": plate,
             "group": "left",
             "components": (0, 1, 2),
             "direction": (1.0, 0.0, 0.0),
         },
-        "ContactForce": {"contact": touching, "body": film, "axis": "x"},
-        "ContactGap": {"contact": touching},
-        "Continuation": {
+        "probes.ContactForce": {"contact": touching, "body": film, "axis": "x"},
+        "probes.ContactGap": {"contact": touching},
+        "analysis.Continuation": {
             "residual": 1e-8,
             "step": 2e-3,
             "growth": 1.6,
@@ -124,64 +128,67 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "inner": 0.1,
             "patience": 25,
         },
-        "Crease": {
+        "connectors.Crease": {
             "film": creased,
             "edges": "crease",
             "stiffness": 1e-3,
             "rest_angle": 1.0,
             "yield_angle": 0.5,
         },
-        "Cylinder": {"start": z, "end": (1.0, 0.0, 0.0), "radius": 0.1, "inside": True},
-        "FoldAngle": {"crease": gx.Crease(creased, "crease", 1e-3), "which": "mean"},
-        "HangingStrip": {
+        "contact.Cylinder": {"start": z, "end": (1.0, 0.0, 0.0), "radius": 0.1, "inside": True},
+        "probes.FoldAngle": {
+            "crease": gx.connectors.Crease(creased, "crease", 1e-3),
+            "which": "mean",
+        },
+        "analysis.HangingStrip": {
             "length": 0.05,
             "width": 0.01,
             "bending_stiffness": 2.6e-5,
             "area_density": 0.07,
         },
-        "identify_crease": {
-            "strip": gx.HangingStrip(0.05, 0.01, 2.6e-5),
+        "analysis.identify_crease": {
+            "strip": gx.analysis.HangingStrip(0.05, 0.01, 2.6e-5),
             "weights": [0.0, 1e-3],
             "angles": [2.0, 1.5],
             "distances": [0.06, 0.09],
             "angle_uncertainty": 0.01,
         },
-        "Damper": {"a": P, "b": Q, "coefficient": 1.0},
+        "connectors.Damper": {"a": P, "b": Q, "coefficient": 1.0},
         "Damping": {"body": film, "mass": 1.0, "stiffness": 1.0, "tension_only": True},
-        "Displacement": {"port": P, "axis": "x"},
-        "Drag": {
+        "probes.Displacement": {"port": P, "axis": "x"},
+        "orbit.Drag": {
             "body": film,
             "orbit": orbit,
-            "atmosphere": gx.ExponentialAtmosphere(1e-12, 4e5, 6e4),
+            "atmosphere": gx.orbit.ExponentialAtmosphere(1e-12, 4e5, 6e4),
             "rotation": 1e-5,
         },
-        "Driven": {"body": block, "axis": z, "angle": lambda t: t},
-        "EdgeCable": {"film": film, "group": "left", "force": 1.0},
-        "EdgeLoad": {"body": film, "group": "left", "force": z},
-        "EdgeMoment": {"body": plate, "group": "left", "moment": 1.0},
+        "constraints.Driven": {"body": block, "axis": z, "angle": lambda t: t},
+        "analysis.EdgeCable": {"film": film, "group": "left", "force": 1.0},
+        "loads.EdgeLoad": {"body": film, "group": "left", "force": z},
+        "loads.EdgeMoment": {"body": plate, "group": "left", "moment": 1.0},
         "Elastica": {**film_law, "half_wavelength": 0.01},
-        "Elements": dict(
+        "orbit.Elements": dict(
             zip(
                 ("a", "e", "i", "node", "perigee", "anomaly"),
                 (7e6, 0.1, 0.5, 1.0, 1.0, 1.0),
                 strict=True,
             )
         ),
-        "Equilibrium": {"scene": scene, "search": gx.Continuation()},
-        "ExponentialAtmosphere": dict.fromkeys(
+        "Equilibrium": {"scene": scene, "search": gx.analysis.Continuation()},
+        "orbit.ExponentialAtmosphere": dict.fromkeys(
             ("density", "altitude", "scale_height", "temperature"), 1.0
         ),
         "Fixed": {"body": film, "group": "left", "components": (0, 1, 2)},
-        "FixedJoint": {"a": A, "b": B},
-        "FlightPicture": {"path": folder / "a.png", "orbit": orbit, "probes": {}},
-        "Force": {"port": P, "value": z},
+        "constraints.FixedJoint": {"a": A, "b": B},
+        "plot.FlightPicture": {"path": folder / "a.png", "orbit": orbit, "probes": {}},
+        "loads.Force": {"port": P, "value": z},
         "Frame": {"origin": Q, "directors": (Q, Q, Q), "name": "axes"},
-        "GasState": {"chamber": tank, "quantity": "pressure"},
+        "probes.GasState": {"chamber": tank, "quantity": "pressure"},
         "GeneralizedAlpha": {"dt": 1e-3, "spectral_radius": 0.8},
         "Gravity": {"body": film, "g": z},
         "Ground": {"vector": z},
         "IdealGas": {"gamma": 1.4, "R": 287.0},
-        "InflatableTube": {
+        "assemblies.InflatableTube": {
             "mesh": flat_tube(WORLD, 0.25, 0.03, 4, 2),
             "law": law,
             "gas": gas,
@@ -190,7 +197,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "dead_volume": 1e-6,
             "discharge_coefficient": 0.8,
             "laminar": 1e-3,
-            "folds": gx.fold.zigzag(0.25, 2, width=0.047, lift=1e-4),
+            "folds": gx.fold.Zigzag(0.25, 2, width=0.047, lift=1e-4),
             "origin": (0.0, 0.0, 0.0),
             "turn": (0.0, 0.0, 1.0),
             "caps": {"tip": 1e-3},
@@ -199,9 +206,9 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "memory": 0.5,
             "contact": 5e-4,
         },
-        "JointForce": {"joint": gx.BallJoint(P, Q), "axis": "x"},
+        "probes.JointForce": {"joint": gx.constraints.BallJoint(P, Q), "axis": "x"},
         "Ledger": {"path": folder / "ledger.csv"},
-        "LiddedBox": {
+        "assemblies.LiddedBox": {
             "sizes": (0.1, 0.1, 0.1),
             "centre": z,
             "wall": 2e-3,
@@ -214,22 +221,24 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "cord": 1e4,
         },
         "Linear": film_law,
-        "Link": {"a": P, "b": Q},
-        "MeanSpin": {"body": film, "axis": "z"},
+        "constraints.Link": {"a": P, "b": Q},
+        "probes.MeanSpin": {"body": film, "axis": "z"},
         "Membrane": {"mesh": mesh, "law": law, "order": 1, "name": "film"},
-        "Midpoint": {"dt": 1e-3, "rule": gx.PathAverage(), "tolerances": gx.Tolerances()},
-        "LoadResultant": {"orbit": orbit, "load": "drag", "action": "force", "axis": "x"},
+        "Midpoint": {"dt": 1e-3, "rule": gx.steppers.PathAverage(), "tolerances": gx.Tolerances()},
+        "probes.LoadResultant": {"orbit": orbit, "load": "drag", "action": "force", "axis": "x"},
         "Miyazaki": {**film_law, "residual": 1e-6},
         "Orifice": {
             "first": tank,
-            "second": gx.Ambient(),
+            "second": gx.gas.Ambient(),
             "area": 1e-6,
             "discharge_coefficient": 0.8,
             "laminar": 1e-5,
         },
-        "Optics": dict.fromkeys(("reflectivity", "specular", "emissivity", "lambertian"), 0.5),
-        "Orbit": {
-            "start": gx.Elements(7e6),
+        "orbit.Optics": dict.fromkeys(
+            ("reflectivity", "specular", "emissivity", "lambertian"), 0.5
+        ),
+        "orbit.Orbit": {
+            "start": gx.orbit.Elements(7e6),
             "sun": z,
             "mu": 1e14,
             "radius": 6e6,
@@ -237,34 +246,34 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "ut1_utc": 0.1,
             "following": 100.0,
         },
-        "OrbitState": {"orbit": orbit, "quantity": "a"},
-        "PathAverage": {"points": 10},
-        "Penetrations": {"contact": touching},
-        "Picture": {
+        "probes.OrbitState": {"orbit": orbit, "quantity": "a"},
+        "steppers.PathAverage": {"points": 10},
+        "probes.Penetrations": {"contact": touching},
+        "plot.Picture": {
             "path": folder / "a.png",
             "times": (0.1,),
             "title": "",
             "section": ((0, 0, 0), (0, 0, 1)),
             "colour": "group",
         },
-        "Piston": {"port": P, "area": 1.0, "direction": z},
+        "gas.Piston": {"port": P, "area": 1.0, "direction": z},
         "Plate": {"mesh": mesh, "law": law, "order": 2, "hinges": (), "name": "plate"},
-        "Plane": {"point": z, "normal": z, "friction": 0.1},
+        "contact.Plane": {"point": z, "normal": z, "friction": 0.1},
         "PointMass": {"mass": 1.0, "position": z, "velocity": z},
-        "PolarPosition": {"port": P, "frame": B, "quantity": "radius"},
+        "probes.PolarPosition": {"port": P, "frame": B, "quantity": "radius"},
         "Port": {"body": film, "nodes": (0,), "weights": (1.0,)},
-        "Position": {"port": P, "axis": "x"},
-        "Prescribed": {
+        "probes.Position": {"port": P, "axis": "x"},
+        "constraints.Prescribed": {
             "body": film,
             "group": "left",
             "motion": lambda x, t: x,
             "components": (0, 1, 2),
         },
         "Pressure": {"body": film, "value": 1.0},
-        "Prestress": {**film_law, "tension": 10.0},
-        "PrismaticJoint": hinge,
-        "CylindricalJoint": hinge,
-        "Probes": {
+        "analysis.Prestress": {**film_law, "tension": 10.0},
+        "constraints.PrismaticJoint": hinge,
+        "constraints.CylindricalJoint": hinge,
+        "outputs.Probes": {
             "path": folder / "a.csv",
             "probes": {"a": lambda run: 0.0},
             "every": 1,
@@ -277,8 +286,8 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "times": (0.1,),
             "title": "",
         },
-        "Reservoir": {"pressure": 1e5, "temperature": 300.0},
-        "RevoluteJoint": hinge,
+        "gas.Reservoir": {"pressure": 1e5, "temperature": 300.0},
+        "constraints.RevoluteJoint": hinge,
         "RigidBody": {
             "mass": 1.0,
             "inertia": (1.0, 1.0, 1.0),
@@ -288,11 +297,16 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         },
         "RigidRegion": {"body": film, "group": "left", "to": None, "sliding": False},
         "RigidMotion": {"spin": z, "velocity": z, "centre": z},
-        "RingArea": {"ring": gx.Ring(film, "left")},
-        "Ring": {"film": film, "edges": "left"},
-        "Rope": {"a": P, "b": Q, "length": 1.0, "stiffness": 1.0, "damping": 0.1},
-        "RopeBundle": {"ends": [(P, Q)], "lengths": [1.0], "stiffness": 1.0, "damping": 0.1},
-        "RotationGuides": {
+        "probes.RingArea": {"ring": gx.gas.Ring(film, "left")},
+        "gas.Ring": {"film": film, "edges": "left"},
+        "connectors.Rope": {"a": P, "b": Q, "length": 1.0, "stiffness": 1.0, "damping": 0.1},
+        "connectors.RopeBundle": {
+            "ends": [(P, Q)],
+            "lengths": [1.0],
+            "stiffness": 1.0,
+            "damping": 0.1,
+        },
+        "assemblies.RotationGuides": {
             "hub": block,
             "count": 4,
             "radius": 0.8,
@@ -304,7 +318,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "drawn": lambda t: 0.1 * t,
             "depth": 0.6,
         },
-        "Section": edges,
+        "sections.Section": edges,
         "Series": {"probes": {"a": lambda run: 0.0}},
         "Simulation": {
             "scene": scene,
@@ -312,9 +326,14 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "outputs": [],
             "halvings": 8,
         },
-        "SolarPressure": {"body": film, "orbit": orbit, "optics": gx.Optics(), "shadow_pixels": 8},
-        "Sphere": {"centre": z, "radius": 0.1, "inside": False},
-        "Spring": {"a": P, "b": Q, "stiffness": 1.0, "length": 1.0},
+        "orbit.SolarPressure": {
+            "body": film,
+            "orbit": orbit,
+            "optics": gx.orbit.Optics(),
+            "shadow_pixels": 8,
+        },
+        "contact.Sphere": {"centre": z, "radius": 0.1, "inside": False},
+        "connectors.Spring": {"a": P, "b": Q, "stiffness": 1.0, "length": 1.0},
         "StepControl": {
             "iterations": 15,
             "error": 1e-3,
@@ -322,18 +341,30 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "cut": 0.5,
             "smallest": 1e-9,
         },
-        "Stop": {"a": P, "b": Q, "distance": 1.0, "stiffness": 1.0},
-        "SunAngle": {"orbit": orbit, "of": film},
-        "Surface": {
+        "connectors.Stop": {"a": P, "b": Q, "distance": 1.0, "stiffness": 1.0},
+        "probes.SunAngle": {"orbit": orbit, "of": film},
+        "orbit.Surface": {
             "area": 1.0,
             "normal": z,
             "centre": z,
-            "optics": gx.Optics(),
+            "optics": gx.orbit.Optics(),
             "two_sided": True,
         },
         "Tank": {"volume": 1e-3, "gas": gas, "pressure": 1e5, "temperature": 300.0},
-        "Tape": {"film": film, "law": gx.CableLaw(**cable_law), "bars": ends, "lengths": [1.0]},
-        "Tether": {"a": P, "b": Q, "length": 1.0, "stiffness": 1.0, "brake": 0.1, "most": 2.0},
+        "connectors.Tape": {
+            "film": film,
+            "law": gx.CableLaw(**cable_law),
+            "bars": ends,
+            "lengths": [1.0],
+        },
+        "connectors.Tether": {
+            "a": P,
+            "b": Q,
+            "length": 1.0,
+            "stiffness": 1.0,
+            "brake": 0.1,
+            "most": 2.0,
+        },
         "TensionField": film_law,
         "TensionOnly": cable_law,
         "Tie": {"a": film, "group": "left", "b": plate, "to": "left"},
@@ -345,18 +376,34 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "border": 1e-12,
             "iterations": 40,
         },
-        "Torque": {"frame": A, "value": z},
-        "TorsionDamper": {**hinge, "coefficient": 1.0},
-        "TorsionSpring": {**hinge, "stiffness": 1.0, "rest": 0.0},
-        "VTX": {"path": folder / "a.bp", "fields": ("displacement",), "every": 1, "times": (0.1,)},
-        "View": {"azimuth": 0.5, "elevation": 0.3, "follow": True, "zoom": False, "opacity": 0.5},
-        "Velocity": {"port": P, "axis": "x"},
-        "WallHeat": {"chamber": tank, "conductance": 1.0, "temperature": 300.0},
+        "loads.Torque": {"frame": A, "value": z},
+        "connectors.TorsionDamper": {**hinge, "coefficient": 1.0},
+        "connectors.TorsionSpring": {**hinge, "stiffness": 1.0, "rest": 0.0},
+        "outputs.VTX": {
+            "path": folder / "a.bp",
+            "fields": ("displacement",),
+            "every": 1,
+            "times": (0.1,),
+        },
+        "plot.View": {
+            "azimuth": 0.5,
+            "elevation": 0.3,
+            "follow": True,
+            "zoom": False,
+            "opacity": 0.5,
+        },
+        "probes.Velocity": {"port": P, "axis": "x"},
+        "gas.WallHeat": {"chamber": tank, "conductance": 1.0, "temperature": 300.0},
         "When": {"probe": lambda run: 0.0, "value": 1.0, "tolerance": 1e-9},
-        "field_values": {"state": gx.Equilibrium(scene), "body": film, "field": "stress1"},
-        "positions": {"state": gx.Equilibrium(scene), "body": film},
-        "find_form": {"film": film, "scene": lambda: scene, "change": 1e-6, "updates": 200},
-        "fold.ikaros": {
+        "fields.field_values": {"state": gx.Equilibrium(scene), "body": film, "field": "stress1"},
+        "fields.positions": {"state": gx.Equilibrium(scene), "body": film},
+        "analysis.find_form": {
+            "film": film,
+            "scene": lambda: scene,
+            "change": 1e-6,
+            "updates": 200,
+        },
+        "fold.Ikaros": {
             "n": 4,
             "inner": 5,
             "outer": 9,
@@ -367,7 +414,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "ramp": 1.0,
             "wound": False,
         },
-        "fold.miura": {
+        "fold.Miura": {
             "a": 0.1,
             "b": 0.1,
             "gamma": 1.0,
@@ -375,7 +422,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "opening": 1e-4,
             "lift": 1e-5,
         },
-        "fold.roll": {
+        "fold.Roll": {
             "length": 1.0,
             "bends": 99,
             "radius": 0.03,
@@ -384,7 +431,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "width": 0.1,
             "opening": 1e-4,
         },
-        "fold.spiral": {
+        "fold.Spiral": {
             "length": 1.0,
             "columns": 50,
             "around": 20,
@@ -392,8 +439,8 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "pitch": 0.02,
             "gap": 1e-4,
         },
-        "fold.star": {"n": 8, "side": 0.04, "columns": 2, "reach": 20, "gap": 1e-4},
-        "fold.zigzag": {
+        "fold.Star": {"n": 8, "side": 0.04, "columns": 2, "reach": 20, "gap": 1e-4},
+        "fold.Zigzag": {
             "length": 1.0,
             "panels": 5,
             "angle": 1.4,
@@ -405,17 +452,16 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         },
         "gmsh_mesh": {"build": lambda model: None, "comm": WORLD},
         "ground_frame": {"point": z},
-        "latest": {"folder": folder},
-        "log_to": {"comm": WORLD, "file": folder / "log.txt", "quiet": False},
-        "modes": {"equilibrium": None, "count": 3, "spin": z, "above": 0.0},
-        "patch": {"centre": P, "points": [P, P, P]},
-        "Playback": {"folder": folder / "no run"},
-        "RecordedShapes": {"film": film, "folder": folder / "no run"},
-        "Snapshots": {"film": film, "every": 2},
-        "ModeShapes": {"film": film, "equilibrium": None, "modes": [], "height": 0.1},
-        "OutsideBasis": {"film": gx.reduce(film, [motion], 1)},
-        "reduce": {"film": film, "motions": [motion], "modes": 1},
-        "RobustDesign": {
+        "run.latest_checkpoint": {"folder": folder},
+        "run.log_to": {"comm": WORLD, "file": folder / "log.txt", "quiet": False},
+        "analysis.modes": {"equilibrium": None, "count": 3, "spin": z, "above": 0.0},
+        "control.patch": {"centre": P, "points": [P, P, P]},
+        "reduction.RecordedShapes": {"film": film, "folder": folder / "no run"},
+        "reduction.Snapshots": {"film": film, "every": 2},
+        "analysis.ModeShapes": {"film": film, "equilibrium": None, "modes": [], "height": 0.1},
+        "reduction.OutsideBasis": {"film": gx.reduction.reduce(film, [motion], 1)},
+        "reduction.reduce": {"film": film, "motions": [motion], "modes": 1},
+        "sweep.RobustDesign": {
             "outcome": lambda comm, folder, **values: {"y": 1.0},
             "control": {"a": [1, 2]},
             "goals": {"y": "smaller"},
@@ -423,15 +469,15 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "array": "L18",
             "usual": {"a": 1},
         },
-        "RunReader": {"folder": folder / "no run"},
-        "animate": {"run": None, "field": "state", "path": folder / "a.gif", "seconds": 6.0},
-        "plot_curves": {"run": None, "path": folder / "a.png"},
-        "plot_field": {"run": None, "field": "state", "times": (0.0,), "path": folder / "a.png"},
-        "plot_strip": {"run": None, "field": "state", "path": folder / "a.png", "count": 6},
+        "plot.RunReader": {"folder": folder / "no run"},
+        "plot.animate": {"run": None, "field": "state", "path": folder / "a.gif", "seconds": 6.0},
+        "plot.curves": {"run": None, "path": folder / "a.png"},
+        "plot.field": {"run": None, "field": "state", "times": (0.0,), "path": folder / "a.png"},
+        "plot.strip": {"run": None, "field": "state", "path": folder / "a.png", "count": 6},
         "read_mesh": {"path": folder / "no.msh", "comm": WORLD},
-        "rectangle": {"width2": 0.1, "width3": 0.1, **tube},
-        "solid_circle": {"radius": 0.1, **tube},
-        "tube": {"outer_radius": 0.02, "wall": 5e-4, **tube},
+        "sections.rectangle": {"width2": 0.1, "width3": 0.1, **tube},
+        "sections.solid_circle": {"radius": 0.1, **tube},
+        "sections.tube": {"outer_radius": 0.02, "wall": 5e-4, **tube},
         "write_report": {"run": None, "path": folder / "a.html"},
     }
 

@@ -10,8 +10,9 @@ import pytest
 import ufl
 from hypothesis import given
 
-from gossamer_fx import EndPoint, Linear, Miyazaki, PathAverage, TensionField
+from gossamer_fx import Linear, Miyazaki, TensionField
 from gossamer_fx.materials.film import FilmLaw, constants
+from gossamer_fx.steppers import EndPoint, PathAverage
 from gossamer_fx.terms import discrete_gradient
 from gossamer_fx.terms.element_energies import StoredEnergy
 from tests.strain_samples import CELLS, SQUARE, Samples, random_strains

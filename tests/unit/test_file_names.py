@@ -78,7 +78,7 @@ def test_bodies_whose_names_are_alike_keep_their_fields(folder: Path, one: str, 
     run(4, restart=folder / "saves")
     COMM.barrier()
     if COMM.rank == 0:
-        reader = gx.RunReader(folder / "run")
+        reader = gx.plot.RunReader(folder / "run")
         assert reader.times == pytest.approx([0, DT, 2 * DT, 3 * DT, 4 * DT])
         for name, v in ((one, 1.0), (other, -2.0)):
             part, k = reader.meshes[name].at(4)

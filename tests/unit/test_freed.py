@@ -32,7 +32,10 @@ def gas(comm):
 
 def touching(comm):
     [one] = film(comm)
-    return [one, gx.Contact(one, gx.Plane(point=(0, 0, -1), normal=(0, 0, 1)), distance=1e-3)]
+    return [
+        one,
+        gx.Contact(one, gx.contact.Plane(point=(0, 0, -1), normal=(0, 0, 1)), distance=1e-3),
+    ]
 
 
 def held(comm):

@@ -229,7 +229,7 @@ def run_pillow(mesh: gx.Mesh, n: dict[str, Any]) -> str:
             temperature=n["temperature"],
             dead_volume=n["dead_volume"],
         )
-        hole = gx.Orifice(gx.Reservoir(1e5, 300.0), bag, n["area"], n["discharge_coefficient"])
+        hole = gx.Orifice(gx.gas.Reservoir(1e5, 300.0), bag, n["area"], n["discharge_coefficient"])
         loads = [
             gx.Gravity(film, n["g"]),
             gx.Damping(film, mass=n["damping"]),

@@ -58,7 +58,7 @@ def test_flow_grows_with_the_pressure_difference():
 
 
 def test_vacuum_gives_no_flow():
-    orifice = gx.Orifice(gx.Ambient(), gx.Reservoir(1e5, 300.0), area=1.0)
+    orifice = gx.Orifice(gx.gas.Ambient(), gx.gas.Reservoir(1e5, 300.0), area=1.0)
     assert orifice.flow(AIR, 1.0, (0.0, 0.0), (300.0, 300.0)) == 0
     assert orifice.flow(AIR, 1.0, (0.0, 1e5), (300.0, 300.0)).real < 0
 
@@ -71,7 +71,9 @@ def test_vacuum_gives_no_flow():
 def test_stiff_filling_does_not_ring(dt, p):
     """A wide opening equalises within milliseconds; steps up to a million times longer reach p0 and stay there."""
     vessel = gx.Chamber(gas=AIR, pressure=p, temperature=300.0, volume=1e-3)
-    run, (state,) = start(vessel, gx.Orifice(gx.Reservoir(1e5, 300.0), vessel, area=1e-3), dt=dt)
+    run, (state,) = start(
+        vessel, gx.Orifice(gx.gas.Reservoir(1e5, 300.0), vessel, area=1e-3), dt=dt
+    )
     history = [p]
     for k in range(1, 41):
         run.run(until=k * dt)
@@ -96,7 +98,7 @@ def test_equal_pressures_stay_equal():
 
 def test_flow_reverses_when_the_reservoir_is_the_lower_one():
     vessel = gx.Chamber(gas=AIR, pressure=3e5, temperature=500.0, volume=0.01)
-    run, (state,) = start(gx.Orifice(gx.Reservoir(1e5, 300.0), vessel, area=1e-5), dt=0.02)
+    run, (state,) = start(gx.Orifice(gx.gas.Reservoir(1e5, 300.0), vessel, area=1e-5), dt=0.02)
     m_start = state.m
     run.run(until=10.0)
     assert state.p == pytest.approx(1e5, rel=1e-4) and state.m < m_start
@@ -129,7 +131,7 @@ def test_valve_lets_through_what_its_area_says():
     steps, errors = [0.4, 0.2, 0.1], []
     for dt in steps:
         vessel = gx.Chamber(gas=AIR, pressure=1e-3, temperature=300.0, volume=0.01)
-        run, (state,) = start(gx.Orifice(gx.Reservoir(2e5, 300.0), vessel, area=valve), dt=dt)
+        run, (state,) = start(gx.Orifice(gx.gas.Reservoir(2e5, 300.0), vessel, area=valve), dt=dt)
         m_start = state.m
         run.run(until=2.0)
         errors.append((state.m - m_start) / exact - 1)
@@ -139,7 +141,9 @@ def test_valve_lets_through_what_its_area_says():
 
 def test_closed_valve_lets_nothing_through():
     vessel = gx.Chamber(gas=AIR, pressure=1e4, temperature=300.0, volume=0.01)
-    run, (state,) = start(gx.Orifice(gx.Reservoir(2e5, 300.0), vessel, area=lambda t: 0.0), dt=0.1)
+    run, (state,) = start(
+        gx.Orifice(gx.gas.Reservoir(2e5, 300.0), vessel, area=lambda t: 0.0), dt=0.1
+    )
     m = state.m
     run.run(until=1.0)
     assert state.m == m and state.p == pytest.approx(1e4, rel=1e-14)
@@ -149,7 +153,9 @@ def test_closed_valve_lets_nothing_through():
 def test_wall_warms_the_gas_exponentially(dt):
     """T = T_w + (T_0 - T_w) exp(-k t/(m c_v)) in a rigid closed chamber, for steps of any length."""
     vessel = gx.Chamber(gas=AIR, pressure=1e5, temperature=200.0, volume=0.01)
-    run, (state,) = start(vessel, gx.WallHeat(vessel, conductance=0.5, temperature=350.0), dt=dt)
+    run, (state,) = start(
+        vessel, gx.gas.WallHeat(vessel, conductance=0.5, temperature=350.0), dt=dt
+    )
     rate, U = 0.5 / (state.m * AIR.cv), state.U
     for t in (dt, 3 * dt):
         run.run(until=t)
@@ -199,6 +205,6 @@ def test_chain_through_a_chamber_without_volume_to_speak_of():
 
 def test_scene_of_gas_alone_has_no_field():
     vessel = gx.Chamber(gas=AIR, pressure=1e5, temperature=300.0, volume=0.01)
-    run, _ = start(vessel, gx.Orifice(vessel, gx.Ambient(), area=1e-6), dt=0.1)
+    run, _ = start(vessel, gx.Orifice(vessel, gx.gas.Ambient(), area=1e-6), dt=0.1)
     assert run.system.numbering.size == 0 and run.totals.kinetic == 0
     assert list(run.totals.stored) == ["chamber"]

@@ -50,7 +50,7 @@ def test_a_flat_film_inflates_to_the_side_of_its_normals(seed: int) -> None:
 
 
 def cylinder(pressure: float, temperature: float, x: float = 0.2) -> gx.Chamber:
-    piston = gx.Piston(
+    piston = gx.gas.Piston(
         gx.PointMass(0.1, (x, 0.0, 0.0), name=f"mass at {x}").port(), 0.01, (1, 0, 0)
     )
     state = {"pressure": pressure, "temperature": temperature}
@@ -61,20 +61,20 @@ def cylinder(pressure: float, temperature: float, x: float = 0.2) -> gx.Chamber:
 
 def vented_piston() -> gx.Scene:
     bag = cylinder(3e5, 400.0)
-    return gx.Scene(bag, gx.Orifice(bag, gx.Ambient(1e5, 300.0), area=1e-4))
+    return gx.Scene(bag, gx.Orifice(bag, gx.gas.Ambient(1e5, 300.0), area=1e-4))
 
 
 def heated_piston() -> gx.Scene:
     bag = cylinder(1e5, 300.0)
-    return gx.Scene(bag, gx.WallHeat(bag, 20.0, 600.0))
+    return gx.Scene(bag, gx.gas.WallHeat(bag, 20.0, 600.0))
 
 
 def two_pistons() -> gx.Scene:
     """Connected to each other, to a reservoir and a warm wall."""
     bags = [cylinder(p, 350.0, x) for p, x in ((2e5, 0.2), (1.5e5, 0.4))]
     between = gx.Orifice(*bags, area=2e-4, name="between")
-    inlet = gx.Orifice(gx.Reservoir(4e5, 500.0), bags[0], area=1e-4, name="inlet")
-    return gx.Scene(between, inlet, gx.WallHeat(bags[1], 5.0, 700.0))
+    inlet = gx.Orifice(gx.gas.Reservoir(4e5, 500.0), bags[0], area=1e-4, name="inlet")
+    return gx.Scene(between, inlet, gx.gas.WallHeat(bags[1], 5.0, 700.0))
 
 
 @pytest.mark.parametrize("scene", [vented_piston, heated_piston, two_pistons])
@@ -135,7 +135,7 @@ def hoop(n: int) -> gx.Mesh:
 
 def open_cylinder(n: int, order: int = 1, **options) -> Simulation:
     film = gx.Membrane(hoop(n), FILM, order=order, **options)
-    rims = tuple(gx.Ring(film, name) for name in ("first rim", "last rim"))
+    rims = tuple(gx.gas.Ring(film, name) for name in ("first rim", "last rim"))
     bag = gx.Chamber(film, gas=AIR, pressure=1e3, temperature=300.0, rings=rims)
     return gx.Simulation(gx.Scene(bag), gx.Midpoint(dt=1e-6))
 

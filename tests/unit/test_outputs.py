@@ -134,8 +134,10 @@ def test_a_linear_film_is_taut() -> None:
 def test_vtx_holds_the_motion_at_every_due_step(folder: Path) -> None:
     """A free fall: u = V0 t - ½ g t², which the midpoint rule meets exactly."""
     outputs = [
-        gx.VTX(folder / "motion.bp", fields=("displacement", "velocity"), every=2),
-        gx.VTX(folder / "states.bp", fields=("displacement", "state", "stress1"), times=(3 * DT,)),
+        gx.outputs.VTX(folder / "motion.bp", fields=("displacement", "velocity"), every=2),
+        gx.outputs.VTX(
+            folder / "states.bp", fields=("displacement", "state", "stress1"), times=(3 * DT,)
+        ),
     ]
     fall(falling_film(), outputs)
     COMM.barrier()
@@ -167,24 +169,25 @@ def test_vtx_holds_the_motion_at_every_due_step(folder: Path) -> None:
 @pytest.mark.mpi
 def test_unknown_field_is_refused_before_anything_is_written(folder: Path) -> None:
     with pytest.raises(gx.InputError, match=r"no field 'sress1'.*displacement, velocity, strain1"):
-        fall(falling_film(), [gx.VTX(folder / "a.bp", fields=("sress1",))])
+        fall(falling_film(), [gx.outputs.VTX(folder / "a.bp", fields=("sress1",))])
     with pytest.raises(gx.InputError, match=r"\('state',\)"):
-        gx.VTX(folder / "a.bp", fields="state")
+        gx.outputs.VTX(folder / "a.bp", fields="state")
     with pytest.raises(gx.InputError, match=r"\.bp"):
-        gx.VTX(folder / "a.vtu")
+        gx.outputs.VTX(folder / "a.vtu")
     with pytest.raises(gx.InputError, match="no body of the scene"):
-        fall(falling_film(), [gx.VTX(folder / "a.bp", body=falling_film())])
+        fall(falling_film(), [gx.outputs.VTX(folder / "a.bp", body=falling_film())])
     assert not any(folder.iterdir())
 
 
 @pytest.mark.mpi
 def test_a_later_refusal_leaves_an_old_file_as_it_was(folder: Path) -> None:
-    fall(falling_film(), [gx.VTX(folder / "a.bp")], steps=1)
+    fall(falling_film(), [gx.outputs.VTX(folder / "a.bp")], steps=1)
     COMM.barrier()
     before = (folder / "a.bp" / "data.0").stat().st_mtime_ns
     with pytest.raises(gx.InputError):
         fall(
-            falling_film(), [gx.VTX(folder / "a.bp"), gx.VTX(folder / "b.bp", fields=("nothing",))]
+            falling_film(),
+            [gx.outputs.VTX(folder / "a.bp"), gx.outputs.VTX(folder / "b.bp", fields=("nothing",))],
         )
     assert (folder / "a.bp" / "data.0").stat().st_mtime_ns == before
 
@@ -196,9 +199,9 @@ def test_folder_that_cannot_be_written(folder: Path, kind: str) -> None:
         (folder / "file").write_text("")
     COMM.barrier()
     output = {
-        "VTX": lambda: gx.VTX(folder / "file" / "a.bp"),
-        "Probes": lambda: gx.Probes(folder / "file" / "a.csv", {"one": lambda run: 1.0}),
-        "Picture": lambda: gx.Picture(folder / "file" / "a.png"),
+        "VTX": lambda: gx.outputs.VTX(folder / "file" / "a.bp"),
+        "Probes": lambda: gx.outputs.Probes(folder / "file" / "a.csv", {"one": lambda run: 1.0}),
+        "Picture": lambda: gx.plot.Picture(folder / "file" / "a.png"),
     }[kind]()
     with pytest.raises(gx.InputError, match="Cannot write"):
         fall(falling_film(), [output])
@@ -214,13 +217,13 @@ def test_probes_follow_a_falling_film(folder: Path) -> None:
     fall(
         film,
         [
-            gx.Probes(
+            gx.outputs.Probes(
                 folder / "probes.csv",
                 {
-                    "x": gx.Position(corner, "x"),
-                    "z": gx.Displacement(corner, "z"),
-                    "w": gx.Velocity(corner, "z"),
-                    "taut": gx.AreaFraction(film, "taut"),
+                    "x": gx.probes.Position(corner, "x"),
+                    "z": gx.probes.Displacement(corner, "z"),
+                    "w": gx.probes.Velocity(corner, "z"),
+                    "taut": gx.probes.AreaFraction(film, "taut"),
                     "kinetic": lambda run: run.totals.kinetic,
                 },
                 every=2,
@@ -244,7 +247,7 @@ def test_probes_follow_a_falling_film(folder: Path) -> None:
 @pytest.mark.mpi
 def test_a_series_keeps_the_numbers_of_every_step() -> None:
     film = falling_film()
-    series = gx.Series({"z": gx.Displacement(film.port("top right"), "z")})
+    series = gx.Series({"z": gx.probes.Displacement(film.port("top right"), "z")})
     fall(film, [series])
     assert np.allclose(series.time, DT * np.arange(6), atol=1e-15)
     assert np.allclose(series["z"], V0[2] * series.time - G * series.time**2 / 2, atol=1e-10)
@@ -261,9 +264,12 @@ def test_gas_probes_give_the_state_of_the_chamber(folder: Path) -> None:
         gx.Scene(tank, gx.PointMass(1.0)),
         gx.Midpoint(dt=DT),
         [
-            gx.Probes(
+            gx.outputs.Probes(
                 folder / "gas.csv",
-                {q: gx.GasState(tank, q) for q in ("pressure", "temperature", "volume", "mass")},
+                {
+                    q: gx.probes.GasState(tank, q)
+                    for q in ("pressure", "temperature", "volume", "mass")
+                },
             )
         ],
     )
@@ -284,18 +290,18 @@ def test_gas_probes_give_the_state_of_the_chamber(folder: Path) -> None:
         (lambda run: float("nan"), "returns nan"),
         (lambda run: 1 / 0, "ZeroDivisionError"),
         (lambda run: "much", "it returns 'much'"),
-        (gx.Position(falling_film().port("top right"), "x"), "not in the scene"),
+        (gx.probes.Position(falling_film().port("top right"), "x"), "not in the scene"),
     ],
 )
 def test_bad_probe_is_named_before_the_first_step(folder: Path, probe: object, words: str) -> None:
     with pytest.raises(gx.InputError, match=f"Probe 'tip'.*{words}"):
-        fall(falling_film(), [gx.Probes(folder / "a.csv", {"tip": probe})])
+        fall(falling_film(), [gx.outputs.Probes(folder / "a.csv", {"tip": probe})])
     assert not any(folder.iterdir())
 
 
 @pytest.mark.mpi
 def test_probe_that_differs_between_ranks_is_named(folder: Path) -> None:
-    outputs = [gx.Probes(folder / "a.csv", {"rank": lambda run: 1.0 + run.comm.rank})]
+    outputs = [gx.outputs.Probes(folder / "a.csv", {"rank": lambda run: 1.0 + run.comm.rank})]
     if COMM.size == 1:
         fall(falling_film(), outputs)
         return
@@ -306,8 +312,8 @@ def test_probe_that_differs_between_ranks_is_named(folder: Path) -> None:
 @pytest.mark.parametrize(
     "bad",
     [
-        lambda p: gx.Position(p, "w"),
-        lambda p: gx.Probes("a.csv", {"time": len}),
+        lambda p: gx.probes.Position(p, "w"),
+        lambda p: gx.outputs.Probes("a.csv", {"time": len}),
         lambda p: gx.Series({"z": p}),
     ],
 )
@@ -321,9 +327,11 @@ def test_outputs_are_complete_after_a_failure(folder: Path) -> None:
     """A probe that fails in the fourth step ends the run; what was before it is there."""
     film = falling_film()
     outputs = [
-        gx.VTX(folder / "a.bp"),
-        gx.Picture(folder / "a.png", times=(2 * DT, 5 * DT)),
-        gx.Probes(folder / "a.csv", {"t": lambda run: run.time if run.step < 4 else float("inf")}),
+        gx.outputs.VTX(folder / "a.bp"),
+        gx.plot.Picture(folder / "a.png", times=(2 * DT, 5 * DT)),
+        gx.outputs.Probes(
+            folder / "a.csv", {"t": lambda run: run.time if run.step < 4 else float("inf")}
+        ),
     ]
     with pytest.raises(gx.InputError, match=r"Probe 't' at t = 0.004 s: it returns inf"):
         fall(film, outputs)
@@ -398,7 +406,9 @@ def test_picture_is_the_same_on_any_number_of_ranks(folder: Path, order: int) ->
     own, together = folder / f"own{COMM.rank}.png", folder / "together.png"
     for comm, path in ((MPI.COMM_SELF, own), (COMM, together)):
         film = strained(order, comm=comm)
-        run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=DT), [gx.Picture(path, title="start")])
+        run = gx.Simulation(
+            gx.Scene(film), gx.Midpoint(dt=DT), [gx.plot.Picture(path, title="start")]
+        )
         run.run(until=0.0)
     COMM.barrier()
     a, b = imread(own), imread(together)
@@ -419,16 +429,16 @@ def test_picture_of_gas_alone(folder: Path) -> None:
         for p, name in ((2e5, "full"), (1e3, "empty"))
     )
     scene = gx.Scene(gx.Orifice(first, second, area=1e-6), gx.PointMass(1.0))
-    run = gx.Simulation(scene, gx.Midpoint(dt=DT), [gx.Picture(folder / "gas.png")])
+    run = gx.Simulation(scene, gx.Midpoint(dt=DT), [gx.plot.Picture(folder / "gas.png")])
     run.run(until=5 * DT)
     assert (folder / "gas.png").stat().st_size > 10_000
 
 
 def test_too_many_times_are_refused() -> None:
     with pytest.raises(gx.InputError, match="at most 24"):
-        gx.Picture("a.png", times=np.linspace(0, 1, 100))
+        gx.plot.Picture("a.png", times=np.linspace(0, 1, 100))
     with pytest.raises(gx.InputError, match="times holds nan"):
-        gx.Picture("a.png", times=(0.1, float("nan")))
+        gx.plot.Picture("a.png", times=(0.1, float("nan")))
 
 
 def test_matplotlib_is_loaded_by_pictures_only(folder: Path) -> None:
@@ -440,7 +450,7 @@ from mpi4py import MPI
 from meshes.sheet import sheet
 
 film = gx.Membrane(sheet(MPI.COMM_SELF, 2, 2), gx.Linear(E=1e9, nu=0.3, density=1e3, thickness=1e-4))
-outputs = [gx.VTX({str(folder / "a.bp")!r}), gx.Ledger({str(folder / "a.csv")!r}), gx.Progress()]
+outputs = [gx.outputs.VTX({str(folder / "a.bp")!r}), gx.Ledger({str(folder / "a.csv")!r}), gx.outputs.Progress()]
 gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3), outputs).run(until=1e-3)
 loaded = [name for name in ("matplotlib", "gossamer_fx.gas.network") if name in sys.modules]
 sys.exit(f"loaded: {{loaded}}" if loaded else 0)
@@ -476,7 +486,7 @@ def test_a_terminal_shows_a_bar_and_anything_else_lines() -> None:
         io.StringIO(): ("t = 0.005 of 0.005 s",),
     }
     for stream, words in seen.items():
-        fall(falling_film(), [gx.Progress(stream, seconds=0.0)])
+        fall(falling_film(), [gx.outputs.Progress(stream, seconds=0.0)])
         said = stream.getvalue()
         for word in (*words, "step 5", "ledger", "5 steps in", "energy closes to"):
             assert word in said
@@ -488,7 +498,7 @@ def test_the_log_is_written_by_one_rank_and_kept_from_a_quiet_terminal(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log = logging.getLogger("gossamer_fx")
-    gx.log_to(COMM, folder / "run.log", quiet=True)
+    gx.run.log_to(COMM, folder / "run.log", quiet=True)
     try:
         film = falling_film()
         events = [gx.At(2 * DT, name="half-way"), gx.At(4 * DT, stop=True, name="enough")]

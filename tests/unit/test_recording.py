@@ -41,7 +41,7 @@ def pillow(comm: MPI.Intracomm, order: int = 1) -> gx.Case:
         gx.Midpoint(dt=DT),
         10 * DT,
         title="A <pillow>",
-        probes={"x of the ball": gx.Position(ball.port(), "x")},
+        probes={"x of the ball": gx.probes.Position(ball.port(), "x")},
         frames=5,
     )
 
@@ -56,7 +56,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.mpi
 def test_what_was_recorded_is_read_back(recorded: Path) -> None:
-    run = gx.RunReader(recorded)
+    run = gx.plot.RunReader(recorded)
     assert run.title == "A <pillow>" and run.about["status"] == "finished"
     assert set(run.meshes) == {"the film", "cable"} and run.films == ["the film"]
     assert run.times == pytest.approx(np.arange(0, 12, 2) * DT)
@@ -92,7 +92,7 @@ def test_a_restart_on_other_ranks_is_one_run(folder: Path) -> None:
     case = pillow(WORLD)
     second = case.simulation([case.recording(folder)], restart=folder / "checkpoints")
     second.run(until=10 * DT)
-    run = gx.RunReader(folder)
+    run = gx.plot.RunReader(folder)
     assert run.times == pytest.approx(np.arange(0, 12, 2) * DT)
     assert len(run.meshes["the film"].segments) == 2
     assert sum(part["frames"] for part in view_data(run)["parts"]) == 6
@@ -102,7 +102,7 @@ def test_a_restart_on_other_ranks_is_one_run(folder: Path) -> None:
 def test_films_of_either_order_are_seen(tmp_path: Path, order: int) -> None:
     case = pillow(MPI.COMM_SELF, order)
     case.simulation([case.recording(tmp_path)]).run(until=2 * DT)
-    run = gx.RunReader(tmp_path)
+    run = gx.plot.RunReader(tmp_path)
     shape = run.shape(1, "state", lambda values: np.rint(values).astype(int))
     edges = shape.corners[:, 1:] - shape.corners[:, :1]
     assert np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum() / 2 == pytest.approx(
@@ -116,19 +116,19 @@ def test_films_of_either_order_are_seen(tmp_path: Path, order: int) -> None:
 def test_pictures_and_animation(recorded: Path, tmp_path: Path) -> None:
     from PIL import Image
 
-    run = gx.RunReader(recorded)
-    gx.plot_strip(run, "stress1", tmp_path / "new" / "strip.png", 3)
-    gx.plot_field(run, "displacement", [0.0, 10 * DT], tmp_path / "field.png")
-    gx.plot_curves(run, tmp_path / "curves.png")
+    run = gx.plot.RunReader(recorded)
+    gx.plot.strip(run, "stress1", tmp_path / "new" / "strip.png", 3)
+    gx.plot.field(run, "displacement", [0.0, 10 * DT], tmp_path / "field.png")
+    gx.plot.curves(run, tmp_path / "curves.png")
     for name in ("new/strip.png", "field.png", "curves.png"):
         with Image.open(tmp_path / name) as image:
             pixels = np.asarray(image.convert("RGB"))
         assert pixels.shape[1] == 1800 and 0.01 < (pixels < 250).any(axis=2).mean() < 0.9
-    gx.animate(run, "state", tmp_path / "run.gif", seconds=1.0)
+    gx.plot.animate(run, "state", tmp_path / "run.gif", seconds=1.0)
     with Image.open(tmp_path / "run.gif") as image:
         assert image.n_frames == 6 and image.info["duration"] == pytest.approx(1000 / 6, abs=10)
     if shutil.which("ffmpeg"):
-        gx.animate(run, "state", tmp_path / "run.mp4")
+        gx.plot.animate(run, "state", tmp_path / "run.mp4")
         assert (tmp_path / "run.mp4").stat().st_size > 1000
 
 
@@ -139,7 +139,7 @@ def test_pictures_from_a_chosen_place(recorded: Path, tmp_path: Path) -> None:
     from gossamer_fx.plot.camera import aim
     from gossamer_fx.plot.view import Shape
 
-    run = gx.RunReader(recorded)
+    run = gx.plot.RunReader(recorded)
     none = np.zeros((0, 3, 3))
 
     def square(size: float, x: float) -> Shape:
@@ -149,24 +149,26 @@ def test_pictures_from_a_chosen_place(recorded: Path, tmp_path: Path) -> None:
         return Shape(0.0, none, none, np.zeros(0, np.int64), np.zeros((0, 2, 3)), corners)
 
     shapes = [square(1.0, 0.0), square(0.1, 5.0)]
-    above = aim(MPI.COMM_SELF, shapes, gx.View(azimuth=0.0, elevation=math.pi / 2, follow=False))
+    above = aim(
+        MPI.COMM_SELF, shapes, gx.plot.View(azimuth=0.0, elevation=math.pi / 2, follow=False)
+    )
     assert above.size == pytest.approx((5.1 * 1.02, 0.2 * 5.1 + 0.02 * 5.1))
     assert above.axes == pytest.approx(np.eye(3), abs=1e-12) and above.zooms == [1.0, 1.0]
-    each = aim(MPI.COMM_SELF, shapes, gx.View(azimuth=0.0, elevation=math.pi / 2, zoom=True))
+    each = aim(MPI.COMM_SELF, shapes, gx.plot.View(azimuth=0.0, elevation=math.pi / 2, zoom=True))
     assert each.size == pytest.approx((1.02, 1.02)) and each.zooms == pytest.approx(
         [1.0, 1.02 / 0.12]
     )
     assert each.centres[1] == pytest.approx((5.05, 0.05))
-    gx.plot_strip(run, "state", tmp_path / "strip.png", 3, gx.View(elevation=0.5, zoom=True))
-    gx.animate(
-        run, "state", tmp_path / "run.gif", seconds=0.2, view=gx.View(azimuth=1.0, follow=True)
+    gx.plot.strip(run, "state", tmp_path / "strip.png", 3, gx.plot.View(elevation=0.5, zoom=True))
+    gx.plot.animate(
+        run, "state", tmp_path / "run.gif", seconds=0.2, view=gx.plot.View(azimuth=1.0, follow=True)
     )
     with Image.open(tmp_path / "run.gif") as image:
         assert image.n_frames >= 2
 
 
 def test_the_report_needs_nothing_else(recorded: Path, tmp_path: Path) -> None:
-    run = gx.RunReader(recorded)
+    run = gx.plot.RunReader(recorded)
     gx.write_report(run, tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
     assert not re.search(r'(src|href)="(?!data:)', text) and "http" not in re.sub(
@@ -186,10 +188,10 @@ def test_large_films_are_thinned_for_the_view(
     monkeypatch.setattr(
         "gossamer_fx.plot.viewer._MOST_VERTICES", 1
     )  # at least 100 a body are kept in any case
-    assert view_data(gx.RunReader(recorded))["parts"][0]["vertices"] == 38
+    assert view_data(gx.plot.RunReader(recorded))["parts"][0]["vertices"] == 38
     from gossamer_fx.plot.viewer import _thinned
 
-    segment = gx.RunReader(recorded).meshes["the film"].segments[0]
+    segment = gx.plot.RunReader(recorded).meshes["the film"].segments[0]
     thin = _thinned(segment, 20)
     assert 4 <= len(thin.points) <= 20 and thin.pieces.max() < len(thin.points)
 
@@ -207,17 +209,17 @@ def test_scales_show_what_matters() -> None:
 @pytest.mark.parametrize(
     "act, culprit",
     [
-        (lambda run: gx.plot_strip(run, "stres", "x.png"), "stres"),
-        (lambda run: gx.plot_strip(run, "state", "x.png", 0), "number of pictures"),
-        (lambda run: gx.plot_field(run, "state", [1.0], "x.png"), "t = 1 s"),
-        (lambda run: gx.animate(run, "state", "x.avi"), ".gif"),
-        (lambda run: gx.animate(run, "state", "x.gif", seconds=0.0), "0.0 s"),
-        (lambda run: gx.RunReader("nowhere"), "nowhere"),
+        (lambda run: gx.plot.strip(run, "stres", "x.png"), "stres"),
+        (lambda run: gx.plot.strip(run, "state", "x.png", 0), "number of pictures"),
+        (lambda run: gx.plot.field(run, "state", [1.0], "x.png"), "t = 1 s"),
+        (lambda run: gx.plot.animate(run, "state", "x.avi"), ".gif"),
+        (lambda run: gx.plot.animate(run, "state", "x.gif", seconds=0.0), "0.0 s"),
+        (lambda run: gx.plot.RunReader("nowhere"), "nowhere"),
     ],
 )
 def test_what_cannot_be_plotted_is_told(recorded: Path, act, culprit: str) -> None:
     with pytest.raises(gx.InputError, match=re.escape(culprit)) as caught:
-        act(gx.RunReader(recorded))
+        act(gx.plot.RunReader(recorded))
     assert "\n" not in str(caught.value)
 
 
@@ -243,7 +245,7 @@ def test_damaged_folders_are_told(recorded: Path, tmp_path: Path, spoil, culprit
     shutil.copytree(recorded, tmp_path / "run")
     spoil(tmp_path / "run")
     with pytest.raises(gx.InputError, match=re.escape(culprit)):
-        gx.RunReader(tmp_path / "run")
+        gx.plot.RunReader(tmp_path / "run")
 
 
 def test_components_of_a_probe_share_a_panel() -> None:

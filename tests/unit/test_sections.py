@@ -50,7 +50,7 @@ def test_a_plane_cuts_films_where_they_are(comm, folder) -> None:
         displacement=lambda X: [[0], [0], [0.1]] + 0 * X,
         name="high",
     )
-    picture = gx.Picture(folder / "section.png", section=((0.0, 0.45, 0.0), (0.0, -1.0, 0.0)))
+    picture = gx.plot.Picture(folder / "section.png", section=((0.0, 0.45, 0.0), (0.0, -1.0, 0.0)))
     run = gx.Simulation(gx.Scene(low, high), gx.Midpoint(dt=1e-3), [picture])
     run.run(until=2e-3)
     section = Section(run.system, (0.0, 0.45, 0.0), (0.0, -1.0, 0.0))
@@ -69,4 +69,4 @@ def test_a_plane_cuts_films_where_they_are(comm, folder) -> None:
 def test_what_is_no_section_is_refused(tmp_path) -> None:
     for wrong in (((0, 0, 0), (0, 0, 0)), ((0, 0), (0, 0, 1)), ((0, 0, 0),)):
         with pytest.raises(gx.InputError, match="give a point"):
-            gx.Picture(tmp_path / "a.png", section=wrong)
+            gx.plot.Picture(tmp_path / "a.png", section=wrong)

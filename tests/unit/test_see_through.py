@@ -26,7 +26,7 @@ def middle(comm, films, opacity):
     run = gx.Simulation(gx.Scene(*films), gx.Midpoint(dt=1e-3))
     renderer = Renderer(run.system, by_group=True)
     shapes = [renderer.shape()]
-    camera = aim(comm, shapes, gx.View(**ABOVE, opacity=opacity))
+    camera = aim(comm, shapes, gx.plot.View(**ABOVE, opacity=opacity))
     images = render(comm, camera, shapes, 40.0, colour_table(len(renderer.groups)))
     return images[0][images[0].shape[0] // 2, images[0].shape[1] // 2] if comm.rank == 0 else None
 
@@ -61,9 +61,9 @@ def test_groups_are_those_that_are_seen(comm):
 @pytest.mark.parametrize("opacity", [0.0, 1.5, "half"])
 def test_an_opacity_that_is_none_is_refused(opacity):
     with pytest.raises(gx.InputError, match="opacity"):
-        gx.View(opacity=opacity)
+        gx.plot.View(opacity=opacity)
 
 
 def test_a_colour_that_is_none_is_refused(tmp_path):
     with pytest.raises(gx.InputError, match=r"give .state. or .group."):
-        gx.Picture(tmp_path / "a.png", colour="thickness")
+        gx.plot.Picture(tmp_path / "a.png", colour="thickness")

@@ -23,9 +23,17 @@ SHARE = 0.97  # of the volume of something round that its facets enclose, at lea
 @pytest.mark.parametrize(
     "obstacle, volume",
     [
-        (gx.Sphere(centre=(1, 2, 3), radius=0.5), math.pi / 6),
-        (gx.Cylinder(start=(0, 0, 0), end=(0, 2, 0), radius=0.5), math.pi / 6 + math.pi / 2),
-        (gx.Box(centre=(1, 0, 0), sizes=(1, 2, 3), axes=((0, 1, 0), (0, 0, 1), (1, 0, 0))), 6.0),
+        (gx.contact.Sphere(centre=(1, 2, 3), radius=0.5), math.pi / 6),
+        (
+            gx.contact.Cylinder(start=(0, 0, 0), end=(0, 2, 0), radius=0.5),
+            math.pi / 6 + math.pi / 2,
+        ),
+        (
+            gx.contact.Box(
+                centre=(1, 0, 0), sizes=(1, 2, 3), axes=((0, 1, 0), (0, 0, 1), (1, 0, 0))
+            ),
+            6.0,
+        ),
     ],
 )
 def test_surfaces_are_closed_and_enclose_the_volume(obstacle, volume) -> None:
@@ -36,16 +44,16 @@ def test_surfaces_are_closed_and_enclose_the_volume(obstacle, volume) -> None:
     assert np.abs(np.cross(b - a, c - a).sum(axis=0)).max() < 1e-12  # closed
 
 
-@pytest.mark.parametrize("inside", [gx.Sphere, gx.Cylinder, gx.Box])
+@pytest.mark.parametrize("inside", [gx.contact.Sphere, gx.contact.Cylinder, gx.contact.Box])
 def test_rooms_and_planes_are_lines(inside) -> None:
     given = {
-        gx.Sphere: {"centre": (0, 0, 0), "radius": 1.0},
-        gx.Cylinder: {"start": (0, 0, 0), "end": (0, 0, 1), "radius": 1.0},
-        gx.Box: {"centre": (0, 0, 0), "sizes": (1, 1, 1)},
+        gx.contact.Sphere: {"centre": (0, 0, 0), "radius": 1.0},
+        gx.contact.Cylinder: {"start": (0, 0, 0), "end": (0, 0, 1), "radius": 1.0},
+        gx.contact.Box: {"centre": (0, 0, 0), "sizes": (1, 1, 1)},
     }[inside]
     room = solid_of(inside(**given, inside=True), NEAR)
     assert not len(room.triangles) and len(room.lines)
-    plane = solid_of(gx.Plane(point=(0, 0, -1), normal=(0, 0, 2)), NEAR)
+    plane = solid_of(gx.contact.Plane(point=(0, 0, -1), normal=(0, 0, 2)), NEAR)
     assert np.allclose(plane.X[:, 2], -1) and not len(plane.triangles)
     assert np.ptp(plane.X[:, 0]) == pytest.approx(2.4)  # a little larger than what is before it
 
@@ -56,11 +64,11 @@ def test_pictures_and_recordings_see_solids_move(comm, folder) -> None:
     block = gx.RigidBody(
         0.1, (1e-4, 1e-4, 1e-4), position=(0, 0, -0.1), spin=(0, 0, 30.0), comm=comm
     )
-    box = gx.Box(centre=(0.02, 0, -0.1), sizes=(0.04, 0.02, 0.02), on=block, name="box")
-    ball = gx.Sphere(centre=(0, 0, 0.1), radius=0.02, motion=lambda t: (t, 0.0, 0.0))
-    floor = gx.Plane(point=(0, 0, -0.3), normal=(0, 0, 1))
+    box = gx.contact.Box(centre=(0.02, 0, -0.1), sizes=(0.04, 0.02, 0.02), on=block, name="box")
+    ball = gx.contact.Sphere(centre=(0, 0, 0.1), radius=0.02, motion=lambda t: (t, 0.0, 0.0))
+    floor = gx.contact.Plane(point=(0, 0, -0.3), normal=(0, 0, 1))
     recording = gx.Recording(folder / "run", every=1)
-    picture = gx.Picture(folder / "seen.png")
+    picture = gx.plot.Picture(folder / "seen.png")
     scene = gx.Scene(gx.Contact(film, box, ball, floor, distance=1e-3))
     run = gx.Simulation(scene, gx.Midpoint(dt=1e-3), outputs=[recording, picture])
     seen = Renderer(run.system)

@@ -1,0 +1,12 @@
+from .crease_identification import HangingStrip as HangingStrip
+from .crease_identification import IdentifiedCrease as IdentifiedCrease
+from .crease_identification import identify_crease as identify_crease
+from .equilibrium import Continuation as Continuation
+from .equilibrium import Equilibrium as Equilibrium
+from .equilibrium import EquilibriumResult as EquilibriumResult
+from .form_finding import EdgeCable as EdgeCable
+from .form_finding import Prestress as Prestress
+from .form_finding import find_form as find_form
+from .mode_shapes import ModeShapes as ModeShapes
+from .natural_modes import Mode as Mode
+from .natural_modes import modes as modes

@@ -1,0 +1,10 @@
+from .beam import Beam as Beam
+from .cable import Cable as Cable
+from .cable import CableLaw as CableLaw
+from .cable import TensionOnly as TensionOnly
+from .frames import Frame as Frame
+from .frames import ground_frame as ground_frame
+from .membrane import Membrane as Membrane
+from .plate import Plate as Plate
+from .point_mass import PointMass as PointMass
+from .rigid_body import RigidBody as RigidBody

@@ -1,0 +1,12 @@
+from .attached_mass import AttachedMass as AttachedMass
+from .crease import Crease as Crease
+from .rope_bundle import RopeBundle as RopeBundle
+from .spring import AxialSpring as AxialSpring
+from .spring import Damper as Damper
+from .spring import Rope as Rope
+from .spring import Spring as Spring
+from .spring import Stop as Stop
+from .tape import Tape as Tape
+from .tether import Tether as Tether
+from .torsion import TorsionDamper as TorsionDamper
+from .torsion import TorsionSpring as TorsionSpring

@@ -1,0 +1,13 @@
+from .clamped import Clamped as Clamped
+from .clamped_edge import ClampedEdge as ClampedEdge
+from .driven import Driven as Driven
+from .fixed import Fixed as Fixed
+from .fixed import Prescribed as Prescribed
+from .joint import BallJoint as BallJoint
+from .joint import CylindricalJoint as CylindricalJoint
+from .joint import FixedJoint as FixedJoint
+from .joint import Link as Link
+from .joint import PrismaticJoint as PrismaticJoint
+from .joint import RevoluteJoint as RevoluteJoint
+from .rigid_region import RigidRegion as RigidRegion
+from .tie import Tie as Tie

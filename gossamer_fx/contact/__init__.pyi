@@ -1,0 +1,5 @@
+from .contact import Contact as Contact
+from .obstacles import Box as Box
+from .obstacles import Cylinder as Cylinder
+from .obstacles import Plane as Plane
+from .obstacles import Sphere as Sphere

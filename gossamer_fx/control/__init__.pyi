@@ -1,0 +1,2 @@
+from .attitude import AttitudeControl as AttitudeControl
+from .attitude import patch as patch

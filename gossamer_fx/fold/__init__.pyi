@@ -1,0 +1,6 @@
+from .arms import Ikaros as Ikaros
+from .parallelograms import Miura as Miura
+from .pinwheel import Star as Star
+from .polyline import Roll as Roll
+from .polyline import Zigzag as Zigzag
+from .wound_strip import Spiral as Spiral

@@ -1,0 +1,11 @@
+from . import optics as optics
+from .drag import Drag as Drag
+from .drag import ExponentialAtmosphere as ExponentialAtmosphere
+from .elements import Elements as Elements
+from .free_molecular import Accommodation as Accommodation
+from .free_molecular import Air as Air
+from .magnetic_dipole import MagneticDipole as MagneticDipole
+from .optics import Optics as Optics
+from .orbit import Orbit as Orbit
+from .solar_pressure import SolarPressure as SolarPressure
+from .surface_forces import Surface as Surface

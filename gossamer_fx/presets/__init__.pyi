@@ -1,0 +1,2 @@
+from . import films as films
+from . import gases as gases

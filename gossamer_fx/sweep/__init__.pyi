@@ -1,0 +1,1 @@
+from .robust_design import RobustDesign as RobustDesign
