@@ -20,7 +20,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.studies.crease import folded
 from gossamer_fx.analysis.crease_identification import GRAVITY
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from meshes.creased_strip import creased_strip
 
 LENGTH, WIDTH = 0.05, 0.015  # of a panel [m]

@@ -31,7 +31,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import books, deploy, say_books, square_millimetres
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Probe
 from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import AIR, NITROGEN

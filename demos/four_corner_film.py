@@ -17,7 +17,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from meshes.sheet import CORNERS, EDGES, sheet
 
 TENSION, HEIGHT = 10.0, 0.4  # N/m, m

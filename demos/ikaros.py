@@ -35,7 +35,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import books, by_cause, deploy, keep, losses, say_books
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Probe
 from gossamer_fx.system.totals import relative_drift
 from meshes.sails import trapezoids

@@ -33,7 +33,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import books, by_cause, keep, losses, say_books
 from demos.ikaros import HUB_HEIGHT, HUB_INERTIA, HUB_MASS, PETALS, RPM, TIP
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Output, Probe
 from gossamer_fx.system.totals import relative_drift
 from meshes.line import line

@@ -47,7 +47,7 @@ from demos.ikaros import (
     square_inertia,
     tethers,
 )
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Probe
 from gossamer_fx.system.totals import relative_drift
 

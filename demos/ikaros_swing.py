@@ -27,7 +27,7 @@ import gossamer_fx as gx
 from demos import ikaros
 from demos.common.deployment import by_cause, losses
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 
 
 def main(

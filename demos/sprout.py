@@ -34,7 +34,7 @@ from scipy.spatial.transform import Rotation
 
 import gossamer_fx as gx
 from demos.common.deployment import books, deploy, losses, say_books, square_millimetres
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Probe
 from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import NITROGEN

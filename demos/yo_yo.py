@@ -25,7 +25,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import keep
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Output
 from gossamer_fx.system.totals import relative_drift
 from meshes.line import line

@@ -56,8 +56,8 @@ from .materials.film import TensionField as TensionField
 from .mesh.mesh import Mesh as Mesh
 from .mesh.mesh import gmsh_mesh as gmsh_mesh
 from .mesh.mesh import read_mesh as read_mesh
-from .model.terms import Ground as Ground
-from .model.terms import Port as Port
+from .model.body import Ground as Ground
+from .model.body import Port as Port
 from .outputs.ledger import Ledger as Ledger
 from .outputs.recording import Recording as Recording
 from .outputs.series import Series as Series

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from gossamer_fx.forms.backend import evaluate
 from gossamer_fx.forms.compilation import compile_expression
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 
 CELLS = 2048
 CENTRE = np.array([[1 / 3, 1 / 3]])

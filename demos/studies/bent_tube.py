@@ -21,7 +21,7 @@ from scipy.optimize import brentq
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
 from gossamer_fx.fields.fields import AreaFractions
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from meshes.tube_section import cylinder
 
 RADIUS, LENGTH, E, NU, THICKNESS = 1.0, 1.0, 1e9, 0.3, 1e-3

@@ -18,7 +18,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from meshes.tube_section import capped_cylinder
 
 RADIUS, LENGTH = 1.0, 4.0

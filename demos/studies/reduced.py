@@ -30,7 +30,7 @@ from demos.studies.engine.study import Study
 from gossamer_fx.algebra.rotations import rotations
 from gossamer_fx.fields.body_shape import BodyShape
 from gossamer_fx.fields.fields import FieldFunctions
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.reduction.basis import mass_times
 from gossamer_fx.system.totals import relative_drift
 

@@ -23,7 +23,7 @@ import gossamer_fx as gx
 from demos.antenna_attitude import antenna
 from demos.spinning_sheet import throw
 from demos.studies.engine.study import Measure, Study, Trial
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from meshes.sheet import EDGES, sheet
 from meshes.sphere import sphere
 

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.forms.backend import add_to_matrix
-from gossamer_fx.model.terms import Block
+from gossamer_fx.model.body import Block
 
 PREFIX = "gx_"  # of PETSc's options
 # a node with at least as many numbers, which are a third of all unknowns, makes a matrix full on one rank: it is stored

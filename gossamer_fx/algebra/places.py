@@ -12,7 +12,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.algebra.numbering import GlobalIndices, Numbering
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Array, Attached, Body, Ground, Port
+from gossamer_fx.model.body import Array, Attached, Body, Ground, Port
 
 LARGE = 50  # numbers of a block, for each of them, from which blocks are entered one by one
 

@@ -27,13 +27,13 @@ from mpi4py import MPI
 
 from gossamer_fx.analysis.rigid_motions import free_motions
 from gossamer_fx.checks.errors import NoEquilibrium, check
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.scene.scene import Scene
 from gossamer_fx.solvers import factorisation
 from gossamer_fx.solvers.failures import NotConverged
 from gossamer_fx.solvers.newton import Newton
 from gossamer_fx.solvers.tolerances import Tolerances
-from gossamer_fx.system.reactions import Joint, Part, joint_force, support_force
+from gossamer_fx.system.reactions import Joint, NamedPart, joint_force, support_force
 from gossamer_fx.system.system import System
 from gossamer_fx.system.totals import Totals
 from gossamer_fx.terms.discrete_gradient import EndPoint
@@ -182,7 +182,7 @@ class Equilibrium:
     # ---- the result ---------------------------------------------------------------------------------------------
 
     def reaction(
-        self, support: Part, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
+        self, support: NamedPart, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> tuple[Array, Array]:
         """Force [N] and moment [N m] about a point that a support exerts, (3,) each, in the equilibrium found last.
 

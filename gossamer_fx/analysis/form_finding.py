@@ -24,9 +24,10 @@ from gossamer_fx.connectors.tape import Tape
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.materials.film import FilmLaw
+from gossamer_fx.model.body import Array
 from gossamer_fx.model.ports import combine
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Term
+from gossamer_fx.model.terms import Term
 from gossamer_fx.scene.scene import Scene
 from gossamer_fx.terms.point_energies import PointStoredEnergy
 

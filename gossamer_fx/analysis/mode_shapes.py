@@ -11,7 +11,7 @@ from gossamer_fx.analysis.equilibrium import Equilibrium
 from gossamer_fx.analysis.natural_modes import Mode
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 
 
 class ModeShapes:

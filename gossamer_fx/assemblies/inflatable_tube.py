@@ -18,8 +18,9 @@ from gossamer_fx.gas.ring import Ring
 from gossamer_fx.gas.volumes import Ambient, Chamber, Reservoir, Tank
 from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.mesh.mesh import Mesh
+from gossamer_fx.model.body import Vector
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Term, Vector
+from gossamer_fx.model.terms import Term
 
 if TYPE_CHECKING:
     from gossamer_fx.connectors.crease import Crease

@@ -15,8 +15,9 @@ from gossamer_fx.connectors.spring import Rope
 from gossamer_fx.connectors.torsion import TorsionDamper, TorsionSpring
 from gossamer_fx.constraints.joint import RevoluteJoint
 from gossamer_fx.loads.force import Torque
+from gossamer_fx.model.body import Array, Ground, Vector
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Ground, Term, Vector
+from gossamer_fx.model.terms import Term
 
 if TYPE_CHECKING:
     from gossamer_fx.contact.obstacles import Box

@@ -21,8 +21,9 @@ from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr, beam_strain
 from gossamer_fx.materials.film import constants
 from gossamer_fx.mesh.mesh import Mesh
+from gossamer_fx.model.body import Array, Indices, Port, Vector
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Indices, Port, Term, Vector
+from gossamer_fx.model.terms import Term
 from gossamer_fx.sections import Section
 from gossamer_fx.terms.element_energies import StoredEnergy
 from gossamer_fx.terms.masses import KineticEnergy

@@ -7,7 +7,7 @@ from typing import Any
 
 from gossamer_fx.bodies.frames import Frame, Line
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Attached, Port
+from gossamer_fx.model.body import Attached, Port
 
 
 def bodies_of(*sides: Attached | Frame | Line) -> Iterable[Any]:

@@ -17,8 +17,9 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, bar_strain
 from gossamer_fx.materials.film import constants
 from gossamer_fx.mesh.mesh import Mesh
+from gossamer_fx.model.body import Array
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Term
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.element_energies import StoredEnergy
 from gossamer_fx.terms.masses import KineticEnergy
 

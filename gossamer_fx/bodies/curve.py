@@ -9,7 +9,7 @@ from dolfinx.mesh import Mesh as DolfinxMesh
 from gossamer_fx.bodies.meshed import Meshed
 from gossamer_fx.checks.errors import check
 from gossamer_fx.mesh.mesh import Mesh
-from gossamer_fx.model.terms import Block
+from gossamer_fx.model.body import Block
 
 
 class Curve(Meshed):

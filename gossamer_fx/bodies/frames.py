@@ -13,9 +13,10 @@ from dolfinx.common import IndexMap
 
 from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.checks.errors import check
+from gossamer_fx.model.body import Array, Attached, Block, Ground, Port, Vector
 from gossamer_fx.model.ports import combine
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Attached, Block, Ground, Port, Term, Vector
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_constraints import PointConstraint
 
 # Vectors as bodies have them by themselves, outside of any scene.

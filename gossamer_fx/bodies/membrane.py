@@ -15,8 +15,9 @@ from gossamer_fx.forms.kinematics import Expr, frame, green_lagrange, surface_gr
 from gossamer_fx.forms.strain_path import Piece
 from gossamer_fx.materials.film import FilmLaw, constants
 from gossamer_fx.mesh.mesh import Mesh
+from gossamer_fx.model.body import Array, Block
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Block, Term
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.element_energies import StoredEnergy
 from gossamer_fx.terms.masses import KineticEnergy
 

@@ -15,8 +15,9 @@ from gossamer_fx.bodies.ports import global_node, interpolated, local_nodes
 from gossamer_fx.checks.errors import check
 from gossamer_fx.checks.user_functions import ask_points
 from gossamer_fx.mesh.mesh import Mesh
+from gossamer_fx.model.body import Array, Block, Port
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Block, Port, Term
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.coordinates import Coordinates
 
 PointFunction = Callable[[Array], Array]  # of points (3, n), returns (3, n)

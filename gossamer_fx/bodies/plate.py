@@ -24,8 +24,9 @@ from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.mesh.edges import EdgeTable
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.mesh.quality import area_vectors, corner_points
+from gossamer_fx.model.body import Array, Indices
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Indices, Term
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.quadratic_energies import QuadraticEnergy
 
 FLAT = 1e-6  # sine of the angle between neighbouring cells that counts as none

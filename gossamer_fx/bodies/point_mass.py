@@ -10,8 +10,9 @@ from dolfinx.common import IndexMap
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import check, is_vector
+from gossamer_fx.model.body import Array, Block, Port
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Block, Port, Term
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.masses import NodeKineticEnergy
 
 

@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.mesh.mesh import Mesh
-from gossamer_fx.model.terms import MeshBody, Port
+from gossamer_fx.model.body import MeshBody, Port
 
 
 def local_nodes(space: fem.FunctionSpace, mesh: Mesh, group: str) -> np.ndarray:

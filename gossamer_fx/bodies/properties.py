@@ -16,7 +16,7 @@ from gossamer_fx.checks.errors import InputError, check, check_on_all
 from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.mesh.mesh import Mesh
-from gossamer_fx.model.terms import Array, Indices
+from gossamer_fx.model.body import Array, Indices
 
 LIMITS = {
     "E": (0.0, np.inf),

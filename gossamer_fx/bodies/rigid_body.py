@@ -13,8 +13,9 @@ from mpi4py import MPI
 from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.errors import check
+from gossamer_fx.model.body import Array, Block, Port, Vector
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Block, Port, Term, Vector
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.masses import NodeKineticEnergy
 from gossamer_fx.terms.point_constraints import PointConstraint
 

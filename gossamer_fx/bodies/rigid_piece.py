@@ -12,8 +12,9 @@ from mpi4py import MPI
 from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.algebra.rotations import perpendicular_pair
 from gossamer_fx.bodies.rigid_body import orthonormality
+from gossamer_fx.model.body import Array, Block, Body, Port
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Block, Body, Port, Term
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_constraints import PointConstraint
 
 

@@ -24,8 +24,8 @@ from petsc4py import PETSc
 
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.model.body import Body, MeshBody
 from gossamer_fx.model.roles import Forces, StoredEnergies, TangentForms
-from gossamer_fx.model.terms import Body, MeshBody
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 SMALLEST = 1e-24  # of the sum of squares; vectors are dimensionless

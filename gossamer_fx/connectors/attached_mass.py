@@ -10,8 +10,9 @@ import numpy as np
 
 from gossamer_fx.algebra.places import is_point
 from gossamer_fx.checks.errors import check, check_positive
+from gossamer_fx.model.body import Port
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Port, Term
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_masses import AttachedKineticEnergy
 
 

@@ -16,8 +16,9 @@ from gossamer_fx.checks.errors import check, check_on_all, check_positive
 from gossamer_fx.connectors.crease_energies import CreaseEnergy
 from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.mesh.edges import EdgeTable
+from gossamer_fx.model.body import Array, Indices
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Indices, Term
+from gossamer_fx.model.terms import Term
 
 VALLEY, MOUNTAIN = 1, -1
 _CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])  # of the reference triangle

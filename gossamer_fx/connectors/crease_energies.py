@@ -19,17 +19,17 @@ from petsc4py import PETSc
 
 from gossamer_fx.algebra import dihedral_angle
 from gossamer_fx.algebra.places import Gather, add_blocks
+from gossamer_fx.model.body import Array, Body, Indices, MeshBody
 from gossamer_fx.model.roles import (
     CellFields,
     Dissipation,
     Forces,
-    History,
+    HistoryVariables,
     StateObserver,
     StepCheck,
     StoredEnergies,
     Tangents,
 )
-from gossamer_fx.model.terms import Array, Body, Indices, MeshBody
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 Names = np.ndarray[Any, np.dtype[np.int64]]
@@ -46,7 +46,7 @@ class CreaseEnergies(
     StoredEnergies,
     Dissipation,
     CellFields,
-    History,
+    HistoryVariables,
     CompiledTerms,
 ):
     """All `CreaseEnergy` terms of a scene; those with as many nodes a point are one array."""

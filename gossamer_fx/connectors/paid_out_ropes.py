@@ -20,17 +20,17 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.algebra.places import Gather, Places, PointMeasure, add_blocks
+from gossamer_fx.model.body import Array
 from gossamer_fx.model.roles import (
     Dissipation,
     Forces,
-    History,
+    HistoryVariables,
     StateObserver,
     StepObserver,
     StoredEnergies,
     Supply,
     Tangents,
 )
-from gossamer_fx.model.terms import Array
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 from gossamer_fx.terms.point_energies import Stencil
 
@@ -43,7 +43,7 @@ class PaidOutRopes(
     StoredEnergies,
     Supply,
     Dissipation,
-    History,
+    HistoryVariables,
     CompiledTerms,
 ):
     """All `PaidOutRope` terms of a scene, as arrays over those of this rank."""

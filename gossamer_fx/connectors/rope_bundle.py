@@ -10,8 +10,9 @@ from typing import Any
 from gossamer_fx.bodies.between import bodies_of
 from gossamer_fx.checks.errors import check, check_positive, require_positive
 from gossamer_fx.connectors.spring import LengthSpring, RopeDamper, half_distance_squared
+from gossamer_fx.model.body import Attached
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Attached, Term
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_energies import PointDissipation, PointStoredEnergy
 
 

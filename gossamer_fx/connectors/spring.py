@@ -12,9 +12,10 @@ import numpy as np
 from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.bodies.between import Between
 from gossamer_fx.checks.errors import check, check_positive, is_vector
+from gossamer_fx.model.body import Array, Attached, Port
 from gossamer_fx.model.ports import unit
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Attached, Port, Term
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_energies import PointDissipation, PointStoredEnergy
 
 

@@ -14,9 +14,10 @@ from gossamer_fx.bodies.cable import CableLaw, TensionOnly
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
 from gossamer_fx.connectors.spring import Quadratic
+from gossamer_fx.model.body import Array, Port
 from gossamer_fx.model.ports import combine
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Port, Term
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_energies import PointStoredEnergy
 from gossamer_fx.terms.point_masses import AttachedKineticEnergy
 

@@ -12,8 +12,9 @@ from gossamer_fx.checks.errors import InputError, check, check_positive
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.connectors.paid_out_ropes import PaidOutRope
 from gossamer_fx.connectors.spring import half_distance_squared
+from gossamer_fx.model.body import Attached, Port
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Attached, Port, Term
+from gossamer_fx.model.terms import Term
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,9 +23,10 @@ from gossamer_fx.algebra.rotations import perpendicular_pair
 from gossamer_fx.bodies.between import Between, check_axis
 from gossamer_fx.bodies.frames import Frame, along, is_normal
 from gossamer_fx.checks.errors import check, check_positive
+from gossamer_fx.model.body import Array, Vector
 from gossamer_fx.model.ports import unit
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Term, Vector
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_energies import PointDissipation, PointStoredEnergy
 
 

@@ -15,8 +15,9 @@ from gossamer_fx.bodies.curve import Curve
 from gossamer_fx.checks.errors import check, check_on_all, is_vector
 from gossamer_fx.checks.user_functions import ask_numbers, ask_points
 from gossamer_fx.constraints.fixed import check_support
+from gossamer_fx.model.body import Array, Indices, Vector
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Indices, Term, Vector
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.supports import Support
 
 OPPOSITE = 1e-6  # 1 + cosine of two directions between which no turn is the shortest

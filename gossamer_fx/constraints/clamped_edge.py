@@ -16,9 +16,10 @@ from gossamer_fx.constraints.fixed import Fixed, Prescribed
 from gossamer_fx.constraints.moving_energies import MovingEnergy
 from gossamer_fx.forms.bending import EDGE_DEGREE
 from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.model.body import Array, Vector
 from gossamer_fx.model.ports import unit
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Term, Vector
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.quadratic_energies import QuadraticEnergy
 
 

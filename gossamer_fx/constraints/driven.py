@@ -12,9 +12,10 @@ from gossamer_fx.algebra.rotations import rotations
 from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.checks.user_functions import ask_numbers
+from gossamer_fx.model.body import Array, Vector
 from gossamer_fx.model.ports import unit
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Term, Vector
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.supports import Support
 
 

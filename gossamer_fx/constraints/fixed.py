@@ -12,9 +12,10 @@ from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.bodies.meshed import Meshed
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.checks.user_functions import ask_points
+from gossamer_fx.model.body import Array, Indices, Port, Vector
 from gossamer_fx.model.ports import unit
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Indices, Port, Term, Vector
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_constraints import PointConstraint
 from gossamer_fx.terms.supports import Support
 

@@ -26,9 +26,10 @@ from gossamer_fx.algebra.rotations import perpendicular_pair
 from gossamer_fx.bodies.between import Between, FrameJoint, check_axis
 from gossamer_fx.bodies.frames import Frame, along, is_normal, lies_in
 from gossamer_fx.checks.errors import check
+from gossamer_fx.model.body import Array, Attached, Port, Vector
 from gossamer_fx.model.ports import unit
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Attached, Port, Term, Vector
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_constraints import PointConstraint
 
 COINCIDE = 1e-8  # m

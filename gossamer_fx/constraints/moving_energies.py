@@ -13,8 +13,8 @@ from petsc4py import PETSc
 
 from gossamer_fx.forms.compilation import compile_form, constant
 from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.model.body import Array, Body, Indices, MeshBody
 from gossamer_fx.model.roles import Forces, StepObserver, StoredEnergies, Supply, TangentForms
-from gossamer_fx.model.terms import Array, Body, Indices, MeshBody
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 

@@ -32,8 +32,9 @@ from gossamer_fx.bodies.rigid_piece import RigidPiece, fitted
 from gossamer_fx.checks.errors import check
 from gossamer_fx.constraints.fixed import check_support
 from gossamer_fx.constraints.joint import coincidence
+from gossamer_fx.model.body import Array, Port
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Port, Term
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_constraints import PointConstraint
 from gossamer_fx.terms.supports import Support
 

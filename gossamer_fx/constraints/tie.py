@@ -15,8 +15,9 @@ from gossamer_fx.bodies.meshed import Meshed
 from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.constraints.joint import COINCIDE, coincidence
 from gossamer_fx.forms.spaces import cell_nodes
+from gossamer_fx.model.body import Array, Port, is_on_mesh
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Port, Term, is_on_mesh
+from gossamer_fx.model.terms import Term
 
 NODE = 1e-9  # part of a segment from its end that counts as its end
 

@@ -16,7 +16,7 @@ from gossamer_fx.contact.obstacles import Obstacle, Wall
 from gossamer_fx.contact.pairs import EDGE_EDGE, POINT_TRIANGLE
 from gossamer_fx.contact.points import Points, Support
 from gossamer_fx.contact.search import Surface
-from gossamer_fx.model.terms import MeshBody
+from gossamer_fx.model.body import MeshBody
 from gossamer_fx.terms.assembly import Assembly
 
 WALLS = 2  # number of the first kind of name that belongs to walls

@@ -15,6 +15,7 @@ from gossamer_fx.contact.group import Group
 from gossamer_fx.contact.memory import Memory
 from gossamer_fx.contact.obstacles import Obstacle
 from gossamer_fx.drawing.solids import Solid
+from gossamer_fx.model.body import Array, Body, MeshBody
 from gossamer_fx.model.roles import (
     ActiveSet,
     Dissipation,
@@ -27,7 +28,6 @@ from gossamer_fx.model.roles import (
     Supply,
     Tangents,
 )
-from gossamer_fx.model.terms import Array, Body, MeshBody
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.model.terms import Array, MeshBody
+from gossamer_fx.model.body import Array, MeshBody
 
 # linear pieces of elements of order 1 and 2, by the numbers of dofs in a cell
 PIECES = {

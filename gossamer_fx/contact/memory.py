@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 
 
 @dataclass

@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from gossamer_fx.algebra.places import Gather
-from gossamer_fx.model.terms import Array, Attached, Ground
+from gossamer_fx.model.body import Array, Attached, Ground
 from gossamer_fx.terms.assembly import Assembly
 
 Motion = Callable[[float], Sequence[float]]

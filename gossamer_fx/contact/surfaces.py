@@ -9,8 +9,8 @@ import numpy as np
 from gossamer_fx.algebra.rotations import perpendicular_pair
 from gossamer_fx.contact.obstacles import Box, Cylinder, Obstacle, Plane, Sphere
 from gossamer_fx.drawing.solids import Solid
+from gossamer_fx.model.body import Array, Indices
 from gossamer_fx.model.ports import unit
-from gossamer_fx.model.terms import Array, Indices
 
 AROUND, RINGS = 32, 9  # points of a circle; circles from the middle of a ball to its pole
 FIELDS, SIDE = (

@@ -14,9 +14,10 @@ from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.errors import check
 from gossamer_fx.control.rotation import euler_angles, euler_axes, position_gradient, rotation
 from gossamer_fx.loads.force import Couple
+from gossamer_fx.model.body import Array, Port, Vector
 from gossamer_fx.model.ports import combine
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Port, Term, Vector
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_loads import PointLoad
 
 

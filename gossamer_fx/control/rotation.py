@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from gossamer_fx.model.body import Array
 from gossamer_fx.model.ports import unit
-from gossamer_fx.model.terms import Array
 
 
 def position_gradient(vectors: Array, reference: Array) -> Array:

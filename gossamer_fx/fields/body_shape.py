@@ -6,8 +6,8 @@ from typing import Any
 
 from dolfinx import fem
 
+from gossamer_fx.model.body import MeshBody
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import MeshBody
 
 
 class BodyShape:

@@ -36,8 +36,8 @@ from gossamer_fx.forms.compilation import compile_expression, compile_form, cons
 from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
+from gossamer_fx.model.body import Array, Body, MeshBody, has_nodal_unknowns
 from gossamer_fx.model.roles import CellFields, NodeFields, playing
-from gossamer_fx.model.terms import Array, Body, MeshBody, has_nodal_unknowns
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import gradient
 

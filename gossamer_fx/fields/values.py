@@ -8,17 +8,17 @@ import numpy as np
 
 from gossamer_fx.checks.errors import check
 from gossamer_fx.fields.fields import FieldFunctions
-from gossamer_fx.model.terms import Array, Body, MeshBody, is_on_mesh
+from gossamer_fx.model.body import Array, Body, MeshBody, is_on_mesh
 from gossamer_fx.system.system import System
 
 
-class State(Protocol):
+class HasSystem(Protocol):
     """A run, or an equilibrium."""
 
     system: System
 
 
-def positions(state: State, body: Body) -> Array:
+def positions(state: HasSystem, body: Body) -> Array:
     """Positions (n, 3) [m] of this rank's nodes of a body, in a `Simulation` as it is or an `Equilibrium`.
 
     Raises:
@@ -28,7 +28,7 @@ def positions(state: State, body: Body) -> Array:
     return state.system.state[body].positions().copy()
 
 
-def field_values(state: State, body: MeshBody, field: str) -> tuple[Array, Array]:
+def field_values(state: HasSystem, body: MeshBody, field: str) -> tuple[Array, Array]:
     """Where and what a field is on this rank's cells: points (n, 3) of the stress-free shape [m], and values.
 
     Args:
@@ -58,7 +58,7 @@ def field_values(state: State, body: MeshBody, field: str) -> tuple[Array, Array
     return np.asarray(points), values[:, 0] if size == 1 else values
 
 
-def _check_in(state: State, body: Body) -> None:
+def _check_in(state: HasSystem, body: Body) -> None:
     check(
         any(body is known for known in state.system.bodies),
         f"'{getattr(body, 'name', body)}' is not in the scene; ask for one of its bodies.",

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gossamer_fx.fold.fold_map import FoldMap
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 
 STAGGER = 5.0  # by how much turns are shorter than those around them, over the distance of layers
 AJAR = 1e-2  # thickness of the layers over the radius of the hub at which mountain and valley can be told

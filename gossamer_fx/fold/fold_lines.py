@@ -11,7 +11,7 @@ from dolfinx import la
 from gossamer_fx.algebra import dihedral_angle
 from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.mesh.mesh import Mesh
-from gossamer_fx.model.terms import Array, Indices
+from gossamer_fx.model.body import Array, Indices
 
 ISOMETRIC = 1e-6  # strain of a triangle that is on both sides of a fold, at least
 FOLDED = 1e-4  # rad: the least angle of a fold

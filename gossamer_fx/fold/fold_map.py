@@ -16,7 +16,7 @@ from gossamer_fx.connectors.crease import MOUNTAIN, VALLEY, Crease
 from gossamer_fx.fold.fold_lines import FoldLine, find_lines
 from gossamer_fx.fold.folded import Folded
 from gossamer_fx.mesh.mesh import Mesh
-from gossamer_fx.model.terms import Array, Indices, Vector
+from gossamer_fx.model.body import Array, Indices, Vector
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check, check_on_all, is_vector
 from gossamer_fx.fold.fold_lines import SHEETS, Map
 from gossamer_fx.forms.compilation import compile_form
+from gossamer_fx.model.body import Array
 from gossamer_fx.model.state import InitialState
-from gossamer_fx.model.terms import Array
 
 
 @dataclass(frozen=True, eq=False)

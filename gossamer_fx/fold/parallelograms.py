@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from gossamer_fx.fold.fold_map import FoldMap
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 
 Segment = tuple[tuple[float, float], tuple[float, float]]
 

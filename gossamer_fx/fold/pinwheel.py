@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from gossamer_fx.fold.fold_map import FoldMap
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 
 AJAR = 0.01  # thickness of the roll over its radius at which mountain and valley can be told
 

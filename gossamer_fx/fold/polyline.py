@@ -10,7 +10,7 @@ from typing import ClassVar
 import numpy as np
 
 from gossamer_fx.fold.fold_map import FoldMap
-from gossamer_fx.model.terms import Array, Indices
+from gossamer_fx.model.body import Array, Indices
 
 SAME = 1e-7  # of a length: places that differ by less are one
 AJAR = 0.5  # part of its angles at which an accordion tells mountain from valley

@@ -24,7 +24,7 @@ import numpy as np
 
 from gossamer_fx.gas.contract import Aperture, Opening, Wall
 from gossamer_fx.gas.ideal_gas import IdealGas
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 
 Pair = tuple[complex, complex]
 STEP = 1e-30  # of the complex-step derivative

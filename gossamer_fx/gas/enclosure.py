@@ -14,8 +14,8 @@ from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.gas.geometry import Geometry
 from gossamer_fx.gas.ring import Loop, Ring
 from gossamer_fx.gas.surface import FilmSurface, Side
+from gossamer_fx.model.body import Array, Body, Port
 from gossamer_fx.model.ports import unit
-from gossamer_fx.model.terms import Array, Body, Port
 from gossamer_fx.terms.assembly import Assembly
 
 ROUND_OFF = 1e-12  # of the sum of its terms' sizes: a volume that is smaller has no sign

@@ -24,7 +24,7 @@ from gossamer_fx.gas.contract import Opening, Volume, Wall
 from gossamer_fx.gas.enclosure import FilmEnclosure
 from gossamer_fx.gas.geometry import Geometry
 from gossamer_fx.gas.state import ChamberState
-from gossamer_fx.model.terms import Array, Body
+from gossamer_fx.model.body import Array, Body
 from gossamer_fx.terms.assembly import Assembly
 from gossamer_fx.terms.scalar_unknowns import ScalarTotals
 

@@ -69,12 +69,13 @@ class Orifice:
     discharge_coefficient: float = 1.0
     laminar: float = 1e-5
     name: str = "orifice"
-    border = GasNetwork
+    scalar_unknowns = GasNetwork
 
     def __post_init__(self) -> None:
         for end in (self.first, self.second):
             check(
-                getattr(end, "border", None) is GasNetwork and not isinstance(end, Orifice),
+                getattr(end, "scalar_unknowns", None) is GasNetwork
+                and not isinstance(end, Orifice),
                 f"Orifice '{self.name}': {end!r} holds no gas; connect chambers, tanks, reservoirs or surroundings.",
             )
         check(
@@ -139,7 +140,7 @@ class WallHeat:
     conductance: float
     temperature: float
     name: str = "wall"
-    border = GasNetwork
+    scalar_unknowns = GasNetwork
 
     def __post_init__(self) -> None:
         check(

@@ -15,7 +15,7 @@ from gossamer_fx.algebra.places import Gather, add_blocks
 from gossamer_fx.algebra.rotations import cross_matrices
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.terms.assembly import Assembly
 
 Indices = npt.NDArray[np.int64]

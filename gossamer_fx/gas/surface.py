@@ -17,7 +17,7 @@ from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import area_vector
 from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.gas.ring import Loop
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.terms.assembly import Assembly
 
 Cells = npt.NDArray[np.int32]

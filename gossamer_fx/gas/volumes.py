@@ -22,7 +22,7 @@ class Reservoir:
     pressure: float
     temperature: float
     name: str = "reservoir"
-    border = GasNetwork
+    scalar_unknowns = GasNetwork
 
     def __post_init__(self) -> None:
         _check_state(f"Reservoir '{self.name}'", self.pressure, self.temperature)
@@ -35,7 +35,7 @@ class Ambient:
     pressure: float = 0.0
     temperature: float = 300.0
     name: str = "ambient"
-    border = GasNetwork
+    scalar_unknowns = GasNetwork
 
     def __post_init__(self) -> None:
         check(
@@ -61,7 +61,7 @@ class Chamber:
         outside: what acts on the outer side of the film; default vacuum.
     """
 
-    border = GasNetwork
+    scalar_unknowns = GasNetwork
 
     def __init__(
         self,

@@ -15,8 +15,9 @@ from gossamer_fx.checks.errors import check, check_positive, is_vector
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, area_vector
 from gossamer_fx.loads.film_drag import FilmDrag
+from gossamer_fx.model.body import Vector
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Term, Vector
+from gossamer_fx.model.terms import Term
 
 SMALLEST = 1e-30  # (da/dA)² of a cell that has collapsed, on which nothing acts
 

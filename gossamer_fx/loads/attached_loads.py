@@ -11,8 +11,8 @@ from petsc4py import PETSc
 
 from gossamer_fx.algebra.numbering import GlobalIndices
 from gossamer_fx.algebra.places import Gather, add_blocks, attach_all, own_places
+from gossamer_fx.model.body import Array, Body, Port
 from gossamer_fx.model.roles import ExternalLoads, Forces, OnMeshes, StepObserver, Supply, Tangents
-from gossamer_fx.model.terms import Array, Body, Port
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 from gossamer_fx.terms.point_masses import AttachedKineticEnergy
 

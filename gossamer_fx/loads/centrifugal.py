@@ -13,8 +13,9 @@ from dolfinx import fem
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.loads.attached_loads import AttachedLoad
+from gossamer_fx.model.body import Array, Body, Port, Vector
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Body, Port, Term, Vector
+from gossamer_fx.model.terms import Term, terms_of
 from gossamer_fx.terms.loads import Load
 from gossamer_fx.terms.masses import KineticEnergy, NodeKineticEnergy
 from gossamer_fx.terms.point_loads import PointLoad
@@ -66,7 +67,7 @@ class Centrifugal:
     def terms(self, start: State) -> Iterable[Term]:
         Ω, c = np.asarray(self.spin, dtype=float), np.asarray(self.centre, dtype=float)
         A = Ω @ Ω * np.eye(3) - np.outer(Ω, Ω)
-        for part in self.body.terms(start):
+        for part in terms_of(self.body, start):
             if isinstance(part, KineticEnergy):
                 yield self._on_mesh(part, A, c)
             elif isinstance(part, NodeKineticEnergy):

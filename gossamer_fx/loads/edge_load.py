@@ -16,8 +16,9 @@ from gossamer_fx.checks.errors import check, check_on_all, is_vector
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, area_vector
+from gossamer_fx.model.body import Vector
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Term, Vector
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.loads import Load
 
 

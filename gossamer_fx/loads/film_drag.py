@@ -12,8 +12,8 @@ from dolfinx import fem
 
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.model.body import Array, MeshBody
 from gossamer_fx.model.roles import Dissipation
-from gossamer_fx.model.terms import Array, MeshBody
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 from gossamer_fx.terms.loads import Loads, at_rate, rate_of
 

@@ -13,8 +13,9 @@ from gossamer_fx.algebra.rotations import cross_matrices
 from gossamer_fx.bodies.between import bodies_of
 from gossamer_fx.bodies.frames import Frame, Line
 from gossamer_fx.checks.user_functions import ask_numbers
+from gossamer_fx.model.body import Array, Attached, Port, Vector
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Attached, Port, Term, Vector
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_loads import PointForce, PointLoad
 
 History = Callable[[float], Sequence[float]]

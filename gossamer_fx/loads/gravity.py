@@ -14,8 +14,9 @@ from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.loads.attached_loads import AttachedLoad
 from gossamer_fx.loads.force import ConstantForce
+from gossamer_fx.model.body import Body, Port
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Body, Port, Term
+from gossamer_fx.model.terms import Term, terms_of
 from gossamer_fx.terms.loads import Load
 from gossamer_fx.terms.masses import KineticEnergy, NodeKineticEnergy
 from gossamer_fx.terms.point_loads import PointLoad
@@ -44,7 +45,7 @@ class Gravity:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        for part in self.body.terms(start):
+        for part in terms_of(self.body, start):
             if isinstance(part, KineticEnergy):
                 yield self._on_mesh(part)
             elif isinstance(part, NodeKineticEnergy):

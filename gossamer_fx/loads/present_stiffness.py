@@ -15,8 +15,8 @@ from gossamer_fx.forms.backend import interpolation_points, tabulate
 from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.strain_path import gradient
+from gossamer_fx.model.body import MeshBody
 from gossamer_fx.model.roles import OnMeshes, StateObserver
-from gossamer_fx.model.terms import MeshBody
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 STRAINS = 3  # E11, E22, 2 E12

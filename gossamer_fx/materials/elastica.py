@@ -22,7 +22,7 @@ import ufl
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED, FilmLaw
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 
 FITTED_UP_TO = 0.3  # shortening δ
 STEEPEST = (

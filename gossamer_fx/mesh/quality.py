@@ -14,7 +14,7 @@ from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
 from gossamer_fx.mesh.edges import EdgeTable
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 
 Integers = npt.NDArray[np.int64]
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Array, Attached, Ground, Port, Vector
+from gossamer_fx.model.body import Array, Attached, Ground, Port, Vector
 
 
 def unit(direction: Vector | Array) -> Array:

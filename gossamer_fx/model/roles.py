@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -25,9 +25,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.drawing.solids import Solid
-
-if TYPE_CHECKING:
-    from gossamer_fx.model.terms import Array, Block, Body, Indices
+from gossamer_fx.model.body import Array, Block, Body, Indices
 
 # ---- equations -------------------------------------------------------------------------------------
 
@@ -195,7 +193,7 @@ class StepCheck(Protocol):
 
 
 @runtime_checkable
-class History(Protocol):
+class HistoryVariables(Protocol):
     """Has history variables: they are not functions of the coordinates and have to be checkpointed.
 
     A field of a term may play this role too.

@@ -26,7 +26,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.checks.errors import InputError, check
-from gossamer_fx.model.terms import Array, Attached, Body, Ground, is_on_mesh
+from gossamer_fx.model.body import Array, Attached, Body, Ground, is_on_mesh
 
 
 class BodyState:

@@ -1,168 +1,23 @@
-"""The contract: bodies, and the terms that the parts of a scene add to its equations.
+"""The terms that the items of a scene add to its equations.
 
-A *body* brings coordinates (a `Block`) and an initial state.  A *term* plays one of five roles:
+A *term* plays one of five roles:
 
     kinetic energy   a constant mass matrix
     stored energy    ψ(e(q)) of a measure e that rigid motions leave as it is, and a density ψ
     dissipation      a stress against the rate of a measure
     load             a force whose work is booked as supplied
-    constraint       coordinates that are held, or measures that stay zero
+    constraint       coordinates that are fixed, or measures that stay zero
 
-The kinds of terms are in `terms/`: each names the class that compiles all terms of its kind, a `CompiledTerms`.
-Neither the system, the steppers nor the ledger know a kind by name, so a new one is a new file.  Terms on a mesh speak
-UFL; terms between points speak NumPy and see bodies through `Port`s only.
+The general kinds of terms are in `terms/`; a kind with one user lies beside its user.  Each kind
+names the class that compiles all terms of the kind in a scene, see `terms.assembly`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeGuard, runtime_checkable
+from collections.abc import Iterable
+from typing import ClassVar, Protocol, runtime_checkable
 
-import numpy as np
-import numpy.typing as npt
-from dolfinx import fem
-from dolfinx.common import IndexMap
-from mpi4py import MPI
-
-from gossamer_fx.checks.errors import check
-
-if TYPE_CHECKING:
-    from gossamer_fx.model.state import State
-
-Array = npt.NDArray[np.floating]
-Indices = npt.NDArray[np.int32]
-Vector = Sequence[float]  # of three numbers
-
-
-@dataclass(frozen=True)
-class Block:
-    """Coordinates of one body: `index_map` distributes nodes, each with `size` numbers (a multiple of 3: vectors).
-
-    The vectors of a node are positions (3), or a position and directors (6, 9, 12): linear momentum counts the first.
-    """
-
-    index_map: IndexMap
-    size: int
-
-
-class Body(Protocol):
-    """Something with coordinates."""
-
-    name: str
-    comm: MPI.Intracomm
-    block: Block
-
-    def initial_state(self) -> tuple[Array, Array]:
-        """Owned coordinates [m] and velocities [m/s], flattened, node by node; not to be written to."""
-        ...
-
-    def terms(self, start: State) -> Iterable[Term]:
-        """What it adds to the equations by itself."""
-        ...
-
-    def describe(self, node: int) -> str:
-        """Where an owned node is, in words, for messages."""
-        ...
-
-
-class MeshBody(Body, Protocol):
-    """A body discretised on a mesh: its coordinates are functions of a Lagrange space."""
-
-    space: fem.FunctionSpace
-
-    @property
-    def full(self) -> MeshBody:
-        """The body itself; of a reduced body the one that was reduced, whose nodes have positions."""
-        ...
-
-    def reconstruct(self, function: fem.Function, unknowns: Array) -> None:
-        """Set a function on `full.space`, ghosts included, from this rank's unknowns."""
-        ...
-
-    def coordinates(self, alpha: float) -> Any:
-        """How these functions follow from its unknowns, for a rule with the weight α: a `terms.coordinates`."""
-        ...
-
-
-def is_body(item: object) -> TypeGuard[Body]:
-    """Whether a scene's item has coordinates."""
-    return hasattr(item, "block")
-
-
-def is_on_mesh(body: Body) -> TypeGuard[MeshBody]:
-    """Whether a body is discretised on a mesh."""
-    return hasattr(body, "space")
-
-
-def has_nodal_unknowns(body: Body) -> TypeGuard[MeshBody]:
-    """Whether a body's unknowns are the coordinates of the nodes of its mesh."""
-    return (
-        is_on_mesh(body)
-        and body.block.index_map.size_global == body.space.dofmap.index_map.size_global
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class Port:
-    """A vector attached to a body: Σ_k weights[k] q[nodes[k], vectors[k]], a constant linear map of its coordinates.
-
-    `nodes` are global nodes of the body's block; `vectors` says which of a node's vectors is meant: 0 the position
-    (the default), 1, 2, ... the directors.  With weights of sum 1 on positions it is a point of the body.
-    """
-
-    body: Body
-    nodes: tuple[int, ...]
-    weights: tuple[float, ...] = (1.0,)
-    vectors: tuple[int, ...] = ()
-
-    def __post_init__(self) -> None:
-        count = self.body.block.index_map.size_global
-        check(
-            all(0 <= node < count for node in self.nodes),
-            f"A port of '{self.body.name}' has the nodes {self.nodes}; its nodes are 0 to {count - 1}.",
-        )
-
-    def evaluate(self, unknowns: Array) -> Array:
-        """The vector (3,) for the owned unknowns of its body, flattened.
-
-        Collective; the same on every rank.
-        """
-        block = self.body.block
-        start, end = block.index_map.local_range
-        nodes = np.array(self.nodes)
-        weights = np.array(self.weights)
-        vectors = np.array(self.vectors or (0,) * len(nodes))
-        mine = (nodes >= start) & (nodes < end)
-        per_node = unknowns.reshape(-1, block.size // 3, 3)
-        share = weights[mine] @ per_node[nodes[mine] - start, vectors[mine]]
-        return np.asarray(self.body.comm.allreduce(share))
-
-    def initial(self) -> Array:
-        """The vector (3,) in the initial state that the body has by itself, outside of any scene."""
-        return self.evaluate(self.body.initial_state()[0])
-
-    def initial_rate(self) -> Array:
-        """The rate (3,) of the vector in the initial state that the body has by itself."""
-        return self.evaluate(self.body.initial_state()[1])
-
-
-@dataclass(frozen=True)
-class Ground:
-    """A vector that stays what it is: a point [m] or a direction of inertial space."""
-
-    vector: tuple[float, float, float]
-
-    def initial(self) -> Array:
-        """The vector (3,) itself."""
-        return np.array(self.vector, dtype=float)
-
-    def initial_rate(self) -> Array:
-        """Zero (3,): it does not move."""
-        return np.zeros(3)
-
-
-Attached = Port | Ground
+from gossamer_fx.model.state import State
 
 
 class Term(Protocol):
@@ -187,3 +42,8 @@ class RefersToItems(Protocol):
     def requires(self) -> Iterable[object]:
         """The items that it refers to."""
         ...
+
+
+def terms_of(item: object, start: State) -> Iterable[Term]:
+    """The terms that an item of a scene brings, if any."""
+    return item.terms(start) if isinstance(item, BringsTerms) else ()

@@ -16,8 +16,9 @@ from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, area_vector
+from gossamer_fx.model.body import Array
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Term
+from gossamer_fx.model.terms import Term
 from gossamer_fx.orbit.environment import ROTATION
 from gossamer_fx.orbit.flight import Flight
 from gossamer_fx.orbit.flying_loads import FacesForce, FlyingLoad, FlyingPointLoad, axes_of

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.orbit.environment import Environment
 from gossamer_fx.orbit.origin import Origin
 from gossamer_fx.terms.assembly import Assembly

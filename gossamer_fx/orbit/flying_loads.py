@@ -10,7 +10,7 @@ import numpy as np
 import ufl
 
 from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.model.terms import Array, Attached, MeshBody, Port
+from gossamer_fx.model.body import Array, Attached, MeshBody, Port
 from gossamer_fx.orbit.flight import Flight
 from gossamer_fx.orbit.orbit import Orbit
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms

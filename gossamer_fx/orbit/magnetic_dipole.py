@@ -9,8 +9,9 @@ import numpy as np
 
 from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.errors import check, is_vector
+from gossamer_fx.model.body import Array, Port, Vector
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Port, Term, Vector
+from gossamer_fx.model.terms import Term
 from gossamer_fx.orbit.flight import Flight
 from gossamer_fx.orbit.flying_loads import FlyingPointLoad
 from gossamer_fx.orbit.magnetic_field import Igrf

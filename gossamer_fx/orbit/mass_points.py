@@ -8,7 +8,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.algebra.places import Gather, add_blocks, attach_all, is_point, own_places
-from gossamer_fx.model.terms import Array, Attached, Port
+from gossamer_fx.model.body import Array, Attached, Port
 from gossamer_fx.terms.assembly import Assembly
 from gossamer_fx.terms.masses import NodeKineticEnergy
 from gossamer_fx.terms.point_masses import AttachedKineticEnergy

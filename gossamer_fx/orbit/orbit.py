@@ -6,8 +6,9 @@ from collections.abc import Iterable, Sequence
 from weakref import WeakKeyDictionary
 
 from gossamer_fx.checks.errors import check
+from gossamer_fx.model.body import Vector
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Term, Vector
+from gossamer_fx.model.terms import Term
 from gossamer_fx.orbit.elements import Elements
 from gossamer_fx.orbit.environment import Environment, Shadow, SunHistory
 from gossamer_fx.orbit.flight import Flight

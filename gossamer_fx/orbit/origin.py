@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 
 Exact = list[Decimal]  # a vector
 

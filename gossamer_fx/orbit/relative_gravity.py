@@ -23,6 +23,7 @@ from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import compile_form, constant
 from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.model.body import Array, Body, Ground
 from gossamer_fx.model.roles import (
     Forces,
     FrameMomenta,
@@ -34,7 +35,7 @@ from gossamer_fx.model.roles import (
     TangentForms,
     Tangents,
 )
-from gossamer_fx.model.terms import Array, Body, Ground, Term
+from gossamer_fx.model.terms import Term
 from gossamer_fx.orbit.flight import Flight, Moments
 from gossamer_fx.orbit.mass_points import MassPoints
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.forms.spaces import cell_nodes
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.terms.assembly import Assembly
 
 _SAMPLES = 6  # least number of points along the edge of a triangle

@@ -11,7 +11,7 @@ from scipy import special
 
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.model.terms import Array, Vector
+from gossamer_fx.model.body import Array, Vector
 from gossamer_fx.orbit.free_molecular import coefficients
 from gossamer_fx.orbit.optics import MIRROR, Optics
 

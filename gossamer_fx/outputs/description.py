@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.mesh.quality import box, corner_points, sizes
-from gossamer_fx.model.terms import Body, is_body, is_on_mesh
+from gossamer_fx.model.body import Body, is_body, is_on_mesh
 from gossamer_fx.probes.run import Run
 from gossamer_fx.terms.masses import KineticEnergy, NodeKineticEnergy
 from gossamer_fx.version import VERSION

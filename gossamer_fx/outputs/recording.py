@@ -25,7 +25,7 @@ from mpi4py import MPI
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import InputError, check, on_rank_zero
-from gossamer_fx.model.terms import Body, is_on_mesh
+from gossamer_fx.model.body import Body, is_on_mesh
 from gossamer_fx.outputs.description import describe, versions
 from gossamer_fx.outputs.file_names import file_name
 from gossamer_fx.outputs.ledger import Ledger

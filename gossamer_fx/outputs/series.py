@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Probe, evaluate_probe
 from gossamer_fx.probes.run import Run
 

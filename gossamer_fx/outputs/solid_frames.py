@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.drawing.solids import Solid
+from gossamer_fx.model.body import Array
 from gossamer_fx.model.roles import Drawable, playing
-from gossamer_fx.model.terms import Array
 from gossamer_fx.probes.run import Run
 from gossamer_fx.system.system import System
 

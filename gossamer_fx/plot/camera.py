@@ -10,7 +10,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.plot.rasterise import Canvas, Colours
 from gossamer_fx.plot.view import Integers, Shape, unit
 from gossamer_fx.plot.viewpoint import LARGEST_ZOOM, View

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gossamer_fx.fields.fields import STATES, AreaFractions
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.plot.camera import STATE_COLOURS
 from gossamer_fx.probes.run import Run
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.orbit.environment import local_axes
 from gossamer_fx.orbit.orbit import Orbit
 from gossamer_fx.outputs.output import Probe, evaluate_probe, make_parent

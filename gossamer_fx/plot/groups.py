@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 
 # told apart with any colour vision (Okabe & Ito 2008)
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")

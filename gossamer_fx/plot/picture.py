@@ -9,7 +9,7 @@ from typing import Any
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
 from gossamer_fx.fields.fields import STATES, AreaFractions
-from gossamer_fx.model.terms import Vector
+from gossamer_fx.model.body import Vector
 from gossamer_fx.outputs.output import make_parent
 from gossamer_fx.outputs.schedule import Schedule
 from gossamer_fx.plot.camera import BY_STATE, STATE_COLOURS, aim, enlarged, render

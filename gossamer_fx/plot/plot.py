@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 from gossamer_fx.checks.errors import InputError, OutputFailure, check
 from gossamer_fx.fields.fields import STATES
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.plot.camera import BY_STATE, STATE_COLOURS, Camera, aim, enlarged, render
 from gossamer_fx.plot.colours import NAMES, Scale, scale
 from gossamer_fx.plot.curve_panels import scaled

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 
 Colours = npt.NDArray[np.uint8]
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gossamer_fx.fields.fields import STATES
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.ledger import LOST
 from gossamer_fx.plot.curve_panels import LINES, Panel, Snapshot, label_ends, panels, scaled
 from gossamer_fx.plot.run_reader import RunReader, Tables

@@ -10,7 +10,7 @@ import numpy as np
 
 from gossamer_fx.checks.errors import InputError, check
 from gossamer_fx.mesh.quality import ALIKE, area_vectors
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.adios import adios2_for
 from gossamer_fx.outputs.checksums import Verified
 from gossamer_fx.outputs.file_names import file_name, segments

@@ -13,7 +13,7 @@ from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.fields.body_shape import BodyShape
 from gossamer_fx.forms.spaces import cell_nodes
-from gossamer_fx.model.terms import Array, Vector
+from gossamer_fx.model.body import Array, Vector
 from gossamer_fx.plot.groups import COLOURS, groups_of
 from gossamer_fx.plot.page import Grid
 from gossamer_fx.plot.view import TRIANGLES, Integers, unit

@@ -16,7 +16,7 @@ from gossamer_fx.forms.backend import evaluate
 from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.mesh.quality import area_vectors
-from gossamer_fx.model.terms import Array, MeshBody, is_on_mesh
+from gossamer_fx.model.body import Array, MeshBody, is_on_mesh
 from gossamer_fx.outputs.solid_frames import frame_of, placed, solids_of
 from gossamer_fx.plot.groups import groups_of
 from gossamer_fx.system.system import System

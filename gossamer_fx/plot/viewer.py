@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.plot.colours import NAMES, Scale
 from gossamer_fx.plot.curve_panels import scaled
 from gossamer_fx.plot.plot import Colouring, colouring, default_field

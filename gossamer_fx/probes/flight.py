@@ -10,8 +10,8 @@ from mpi4py import MPI
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.spaces import cell_nodes
+from gossamer_fx.model.body import Array, Port
 from gossamer_fx.model.roles import Resultants, playing
-from gossamer_fx.model.terms import Array, Port
 from gossamer_fx.orbit.elements import elements_of
 from gossamer_fx.orbit.environment import local_axes
 from gossamer_fx.orbit.orbit import Orbit

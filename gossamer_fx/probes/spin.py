@@ -8,7 +8,7 @@ import numpy as np
 
 from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Array, Body, Port, is_body
+from gossamer_fx.model.body import Array, Body, Port, is_body
 from gossamer_fx.probes.points import AXES
 from gossamer_fx.probes.run import Run
 

@@ -22,7 +22,7 @@ from dolfinx import fem, la
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import compile_form
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 
 EXAMPLES = 8  # snapshots whose coefficients are kept
 SMALLEST = 1e-7  # singular values of the Gram matrix below this, over the largest, are round-off

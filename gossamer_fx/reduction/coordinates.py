@@ -11,7 +11,7 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from gossamer_fx.algebra.numbering import NumberedBlock
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.terms.coordinates import Coordinates
 
 

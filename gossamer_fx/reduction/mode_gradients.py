@@ -16,7 +16,7 @@ from dolfinx import fem
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.forms.backend import evaluate
 from gossamer_fx.forms.compilation import compile_expression
-from gossamer_fx.model.terms import Array, Indices
+from gossamer_fx.model.body import Array, Indices
 
 
 def own_cells(film: Membrane) -> Indices:

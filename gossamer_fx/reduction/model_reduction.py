@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.reduction.basis import make_basis
 from gossamer_fx.reduction.reduced_membrane import ReducedMembrane, check_reducible
 from gossamer_fx.reduction.sampling import every_cell, sample_cells

@@ -8,7 +8,7 @@ from dolfinx import fem, la
 
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import compile_form
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.probes.run import Run
 from gossamer_fx.reduction.basis import scalar_mass_times
 from gossamer_fx.reduction.reduced_membrane import ReducedMembrane

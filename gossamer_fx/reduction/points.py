@@ -15,7 +15,7 @@ from dolfinx import fem
 from ufl.algorithms.analysis import extract_coefficients, extract_constants
 
 from gossamer_fx.forms.c_source import pointers
-from gossamer_fx.model.terms import Array, Indices
+from gossamer_fx.model.body import Array, Indices
 from gossamer_fx.reduction.kernel import library
 from gossamer_fx.terms.element_energies import FALLS, FAR, IDLE, SURROUNDINGS
 

@@ -12,7 +12,7 @@ from mpi4py import MPI
 from gossamer_fx.algebra.rendezvous import Names, fetch, hash_rows
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check, check_on_all, on_rank_zero
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.adios import adios2_for
 from gossamer_fx.outputs.checksums import Verified
 from gossamer_fx.outputs.file_names import file_name, segments

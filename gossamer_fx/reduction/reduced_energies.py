@@ -20,6 +20,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.forms.backend import interpolation_points
 from gossamer_fx.forms.compilation import compile_expression
+from gossamer_fx.model.body import Array
 from gossamer_fx.model.roles import (
     Forces,
     IterateObserver,
@@ -28,7 +29,6 @@ from gossamer_fx.model.roles import (
     StoredEnergies,
     Tangents,
 )
-from gossamer_fx.model.terms import Array
 from gossamer_fx.reduction.coordinates import ReducedCoordinates
 from gossamer_fx.reduction.mode_gradients import mode_gradients, own_cells, points_and_areas
 from gossamer_fx.reduction.points import GIVEN, LINEAR, TRUE, Law, Points

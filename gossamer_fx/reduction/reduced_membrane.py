@@ -18,8 +18,9 @@ from gossamer_fx.forms import backend
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.mesh.mesh import Mesh
+from gossamer_fx.model.body import Array, Block, Port
 from gossamer_fx.model.state import InitialState, State
-from gossamer_fx.model.terms import Array, Block, Port, Term
+from gossamer_fx.model.terms import Term
 from gossamer_fx.reduction.basis import Basis
 from gossamer_fx.reduction.coordinates import ReducedCoordinates, coefficients
 from gossamer_fx.reduction.reduced_energies import ReducedEnergy

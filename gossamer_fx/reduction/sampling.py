@@ -23,7 +23,7 @@ from dolfinx import fem
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.forms.backend import evaluate
 from gossamer_fx.forms.compilation import compile_expression
-from gossamer_fx.model.terms import Array, Indices
+from gossamer_fx.model.body import Array, Indices
 from gossamer_fx.reduction.basis import Basis
 from gossamer_fx.reduction.mode_gradients import (
     mode_gradients,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.schedule import Schedule
 from gossamer_fx.probes.run import Run
 

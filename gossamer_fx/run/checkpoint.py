@@ -28,7 +28,7 @@ import numpy as np
 
 from gossamer_fx.algebra.rendezvous import fetch
 from gossamer_fx.checks.errors import InputError, check, on_rank_zero, write_on_all
-from gossamer_fx.model.roles import History
+from gossamer_fx.model.roles import HistoryVariables
 from gossamer_fx.outputs.output import Output, cursors_of, make_parent
 from gossamer_fx.probes.run import Run
 from gossamer_fx.run.node_keys import all_names
@@ -41,7 +41,7 @@ LACKS = "The checkpoint lacks nodes of this scene; restart the scene by which it
 TWICE = "Two nodes of the checkpoint have the same name."
 
 
-class SavedRun(Run, History, Protocol):
+class SavedRun(Run, HistoryVariables, Protocol):
     """A run, and its outputs, whose cursors are saved with it.
 
     `recorded` says whether the outputs have seen the present state; if not, `cursors` are theirs of before.

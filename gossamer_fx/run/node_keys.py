@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from gossamer_fx.algebra.rendezvous import Names, hash_rows
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Attached, Body, MeshBody, Port, has_nodal_unknowns
+from gossamer_fx.model.body import Attached, Body, MeshBody, Port, has_nodal_unknowns
 from gossamer_fx.system.system import System
 
 

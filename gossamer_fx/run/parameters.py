@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.model.terms import Ground, Port
+from gossamer_fx.model.body import Ground, Port
 
 Known = Any  # numbers, words, lists and dicts of them
 

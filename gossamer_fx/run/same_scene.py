@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import is_on_mesh
+from gossamer_fx.model.body import is_on_mesh
 from gossamer_fx.probes.run import Run
 from gossamer_fx.run.node_keys import mesh_name
 from gossamer_fx.run.parameters import difference, of_item, unknown

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gossamer_fx.checks.errors import check, is_vector
+from gossamer_fx.model.body import Array, Vector, is_on_mesh
 from gossamer_fx.model.state import BodyState, InitialState
-from gossamer_fx.model.terms import Array, Vector, is_on_mesh
 from gossamer_fx.terms.assembly import Assembly
 
 

@@ -2,32 +2,45 @@
 
 from __future__ import annotations
 
-from typing import Protocol, cast, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.checks.errors import check, check_on_all
+from gossamer_fx.checks.errors import InputError, check, check_on_all
+from gossamer_fx.model.body import Body, BringsCoordinates, is_body
 from gossamer_fx.model.state import InitialState
-from gossamer_fx.model.terms import Body, BringsTerms, RefersToItems, is_body
+from gossamer_fx.model.terms import BringsTerms, RefersToItems, terms_of
 from gossamer_fx.scene.validation import validate
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.assembly import Part
 from gossamer_fx.terms.discrete_gradient import PathAverage, StressRule
-from gossamer_fx.terms.scalar_unknowns import InitialCondition, ScalarUnknownsMaker
+from gossamer_fx.terms.scalar_unknowns import (
+    BringsScalarUnknowns,
+    InitialCondition,
+    ScalarUnknownsMaker,
+)
 
-DOES = ("terms", "block", "initialise", "border")
+# What an item may bring; one that brings nothing would do nothing in a scene.
+BRINGS = {
+    "terms()": BringsTerms,
+    "coordinates (a body)": BringsCoordinates,
+    "initialise()": InitialCondition,
+    "scalar_unknowns": BringsScalarUnknowns,
+}
 
 
 @runtime_checkable
 class Item(Protocol):
-    """Anything a scene may be made of: it has a name, and may have any of the other attributes.
+    """Anything that a scene may be made of.
 
-    `requires()`   items that it refers to (they join the scene by themselves)
-    `terms()`      its roles
-    `block`        coordinates, if it is a body
-    `initialise()` a change of the initial state of the whole scene
-    `border`       the class that compiles all items of its kind to a `ScalarUnknowns`, if it brings scalar unknowns
+    It has a name, and plays one or more of these parts:
+
+    `BringsTerms`           adds to the equations
+    `Body`                  brings coordinates
+    `InitialCondition`      changes the initial state of the whole scene
+    `BringsScalarUnknowns`  brings scalar unknowns, such as gas pressures
+    `RefersToItems`         needs other items, which join the scene by themselves
     """
 
     name: str
@@ -36,8 +49,16 @@ class Item(Protocol):
 class Scene:
     """The items of a scene and, through them, all that they refer to.
 
+    Args:
+        items: bodies, gas parts, loads, constraints, connectors, contacts, initial conditions.
+
     Raises:
-        InputError: no items, something that is no item, two items of one name.
+        InputError: no items, something that is not an item, two items of one name.
+
+    Example:
+        >>> scene = gx.Scene(film, gx.Gravity(film))
+        >>> [item.name for item in scene.items]
+        ['film', 'gravity of film']
     """
 
     def __init__(self, *items: Item) -> None:
@@ -52,21 +73,23 @@ class Scene:
             f"Two parts of the scene are called '{twice[0] if twice else ''}'; give each its own name.",
         )
 
-    def _add(self, item: Item) -> None:
+    def _add(self, item: object) -> None:
+        """Add an item and all that it refers to, each once."""
+        if not isinstance(item, Item):
+            raise InputError(
+                f"{item!r} is not an item of a scene; give bodies, gas parts, loads, constraints or "
+                "connectors."
+            )
         check(
-            isinstance(item, Item),
-            f"{item!r} is no part of a scene; give bodies, gas parts, loads or interactions.",
-        )
-        check(
-            any(hasattr(item, what) for what in DOES),
-            f"'{item.name}' ({type(item).__name__}) has none of {', '.join(DOES)}, so it would do nothing in a scene; "
-            "give it one of them, or leave it out.",
+            any(isinstance(item, part) for part in BRINGS.values()),
+            f"'{item.name}' ({type(item).__name__}) is not a scene item: it defines none of "
+            f"{', '.join(BRINGS)}; give it one of them, or leave it out.",
         )
         if any(item is known for known in self.items):
             return
         if isinstance(item, RefersToItems):
             for other in item.requires():
-                self._add(cast(Item, other))
+                self._add(other)
         self.items.append(item)
 
     @property
@@ -100,17 +123,13 @@ class Scene:
         for item in self.items:
             if isinstance(item, InitialCondition):
                 item.initialise(start)
-        parts = [
-            Part(item, list(item.terms(start)))
-            for item in self.items
-            if isinstance(item, BringsTerms)
-        ]
+        parts = [Part(item, list(terms_of(item, start))) for item in self.items]
         system = System(start, parts, rule or PathAverage())
-        makers: dict[ScalarUnknownsMaker, list[Item]] = {}
+        makers: dict[ScalarUnknownsMaker, list[object]] = {}
         for item in self.items:
-            if hasattr(item, "border"):
-                makers.setdefault(item.border, []).append(item)
-        for maker, group in makers.items():
-            system.scalar_unknowns.append(maker(group, system))
+            if isinstance(item, BringsScalarUnknowns):
+                makers.setdefault(item.scalar_unknowns, []).append(item)
+        for maker, alike in makers.items():
+            system.scalar_unknowns.append(maker(alike, system))
         system.initialise()
         return system

@@ -28,7 +28,7 @@ from gossamer_fx.mesh.quality import (
     sizes,
     turned_inside,
 )
-from gossamer_fx.model.terms import Array, Body, MeshBody, is_body, is_on_mesh
+from gossamer_fx.model.body import Array, Body, MeshBody, is_body, is_on_mesh
 
 LOG = logging.getLogger("gossamer_fx")
 

@@ -20,7 +20,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from gossamer_fx.forms.spaces import cell_nodes
-from gossamer_fx.model.terms import Array, MeshBody, has_nodal_unknowns
+from gossamer_fx.model.body import Array, MeshBody, has_nodal_unknowns
 from gossamer_fx.solvers import factorisation
 from gossamer_fx.system.system import System
 

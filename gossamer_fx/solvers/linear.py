@@ -20,7 +20,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import gossamer_fx.solvers.factorisation as factorisation
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.system.system import System
 from gossamer_fx.system.tangent import Tangent
 

@@ -18,7 +18,7 @@ from scipy.sparse import bsr_matrix, csr_matrix
 from gossamer_fx.algebra.numbering import PREFIX
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.spaces import cell_nodes
-from gossamer_fx.model.terms import has_nodal_unknowns
+from gossamer_fx.model.body import has_nodal_unknowns
 from gossamer_fx.system.system import System
 
 METHODS = ("bddc", "fetidp")

@@ -7,12 +7,12 @@ from typing import Any, Protocol, runtime_checkable
 
 from petsc4py import PETSc
 
-from gossamer_fx.model.roles import History as HasHistory
+from gossamer_fx.model.roles import HistoryVariables
 from gossamer_fx.system.system import System
 
 
 @runtime_checkable
-class Carrier(HasHistory, Protocol):
+class Carrier(HistoryVariables, Protocol):
     """A stepper or step control with a past: vectors of the system, and what it remembers."""
 
     vectors: Mapping[str, PETSc.Vec]
@@ -32,7 +32,7 @@ class History:
             "velocities": system.v0,
             "coordinates before": system.previous,
         }
-        self._remembering: dict[str, HasHistory] = {}
+        self._remembering: dict[str, HistoryVariables] = {}
         for carrier in carriers:
             if isinstance(carrier, Carrier):
                 name = type(carrier).__name__
@@ -43,11 +43,11 @@ class History:
         for k, border in enumerate(system.scalar_unknowns):
             self._remembering[f"border {k}"] = border
         for compiled in system.compiled:
-            if isinstance(compiled, HasHistory):
+            if isinstance(compiled, HistoryVariables):
                 self._remembering[type(compiled).__name__] = compiled
         for k, term in enumerate(system.terms):
             for what, thing in vars(term).items():
-                if isinstance(thing, HasHistory):
+                if isinstance(thing, HistoryVariables):
                     self._remembering[f"part {k} {what}"] = thing
         self._kept: dict[str, PETSc.Vec] = {}
 

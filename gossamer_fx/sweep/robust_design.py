@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.sweep.orthogonal_arrays import Levels, orthogonal_array
 from gossamer_fx.sweep.runs import Outcome, Result
 

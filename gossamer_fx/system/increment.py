@@ -6,7 +6,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.algebra.numbering import Numbering
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.terms.supports import Supports
 
 

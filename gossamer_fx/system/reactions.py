@@ -10,14 +10,15 @@ import numpy as np
 from gossamer_fx.algebra.places import Gather, PointMeasure, attach, own_places
 from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.errors import check, is_vector
+from gossamer_fx.model.body import Array, Attached, Port, Vector
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Attached, Port, Term, Vector
+from gossamer_fx.model.terms import Term
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.point_constraints import PointConstraint
 from gossamer_fx.terms.supports import Support
 
 
-class Part(Protocol):
+class NamedPart(Protocol):
     """A support or joint of a scene."""
 
     @property
@@ -26,7 +27,7 @@ class Part(Protocol):
     def terms(self, start: State) -> Iterable[Term]: ...
 
 
-class Joint(Part, Protocol):
+class Joint(NamedPart, Protocol):
     """A joint of two sides, each a port or a frame."""
 
     @property
@@ -42,7 +43,7 @@ def check_vector(what: str, about: Vector) -> Array:
     return np.asarray(about, dtype=float)
 
 
-def support_force(system: System, support: Part, about: Vector) -> tuple[Array, Array]:
+def support_force(system: System, support: NamedPart, about: Vector) -> tuple[Array, Array]:
     """Force [N] and moment about a point [N m], (3,) each, that a support exerts in the last solution.
 
     Raises:

@@ -15,8 +15,9 @@ from scipy.linalg import block_diag
 
 from gossamer_fx.algebra.numbering import NumberedBlock, Numbering
 from gossamer_fx.model import roles
+from gossamer_fx.model.body import Array, Body, is_on_mesh
 from gossamer_fx.model.state import InitialState, State
-from gossamer_fx.model.terms import Array, Body, Term, is_on_mesh
+from gossamer_fx.model.terms import Term
 from gossamer_fx.system.increment import Increment
 from gossamer_fx.system.tangent import Tangent
 from gossamer_fx.system.totals import Totals

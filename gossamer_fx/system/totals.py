@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,10 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.algebra.numbering import NumberedBlock, Numbering
+from gossamer_fx.model.body import Attached, Body
 from gossamer_fx.model.roles import Tangents
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Attached, Body, Term
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.coordinates import Coordinates
 from gossamer_fx.terms.discrete_gradient import StressRule
 

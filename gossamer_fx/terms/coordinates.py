@@ -10,7 +10,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.algebra.numbering import NumberedBlock
 from gossamer_fx.forms.compilation import constant
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 
 
 class Coordinates:

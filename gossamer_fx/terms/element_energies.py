@@ -31,6 +31,7 @@ from gossamer_fx.forms.compilation import compile_expression, compile_form
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.forms.strain_path import Piece, gradient
+from gossamer_fx.model.body import Array, Body, Indices, MeshBody
 from gossamer_fx.model.roles import (
     Dissipation,
     Forces,
@@ -41,7 +42,6 @@ from gossamer_fx.model.roles import (
     StoredEnergies,
     TangentForms,
 )
-from gossamer_fx.model.terms import Array, Body, Indices, MeshBody
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 from gossamer_fx.terms.coordinates import Coordinates
 from gossamer_fx.terms.discrete_gradient import StressRule

@@ -13,6 +13,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.model.body import Array, Body, MeshBody
 from gossamer_fx.model.roles import (
     ExternalLoads,
     Forces,
@@ -22,7 +23,6 @@ from gossamer_fx.model.roles import (
     Supply,
     TangentForms,
 )
-from gossamer_fx.model.terms import Array, Body, MeshBody
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 from gossamer_fx.terms.coordinates import Coordinates
 

@@ -14,8 +14,8 @@ from petsc4py import PETSc
 from gossamer_fx.algebra.numbering import GlobalIndices
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.model.body import Array, Body, MeshBody
 from gossamer_fx.model.roles import Mass, MassForms, OnMeshes
-from gossamer_fx.model.terms import Array, Body, MeshBody
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 

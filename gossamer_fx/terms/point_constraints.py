@@ -27,8 +27,8 @@ from gossamer_fx.algebra.places import (
     own_places,
 )
 from gossamer_fx.checks.errors import check
+from gossamer_fx.model.body import Array, Attached, Block
 from gossamer_fx.model.roles import Forces, Multipliers, StateObserver
-from gossamer_fx.model.terms import Array, Attached, Block
 from gossamer_fx.terms.assembly import Assembly, CompiledConstraints, CompiledTerms
 
 DISTANCE = (

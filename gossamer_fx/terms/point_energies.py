@@ -14,6 +14,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.algebra.places import Gather, Places, PointMeasure, add_blocks, nodes_of
+from gossamer_fx.model.body import Array
 from gossamer_fx.model.roles import (
     Dissipation,
     Forces,
@@ -23,7 +24,6 @@ from gossamer_fx.model.roles import (
     StoredEnergies,
     Tangents,
 )
-from gossamer_fx.model.terms import Array
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 

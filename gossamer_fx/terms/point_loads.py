@@ -10,6 +10,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.algebra.places import Gather, attach, is_here, is_point
+from gossamer_fx.model.body import Array, Attached
 from gossamer_fx.model.roles import (
     ExternalLoads,
     Forces,
@@ -18,7 +19,6 @@ from gossamer_fx.model.roles import (
     Supply,
     Tangents,
 )
-from gossamer_fx.model.terms import Array, Attached
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 

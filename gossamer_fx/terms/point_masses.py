@@ -10,8 +10,8 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.algebra.places import add_blocks, attach_all, own_places
+from gossamer_fx.model.body import Array, Port
 from gossamer_fx.model.roles import Mass
-from gossamer_fx.model.terms import Array, Port
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 

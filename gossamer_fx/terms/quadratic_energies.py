@@ -12,8 +12,8 @@ from petsc4py import PETSc
 
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.model.body import MeshBody
 from gossamer_fx.model.roles import ConstantStiffness, StoredEnergies
-from gossamer_fx.model.terms import MeshBody
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 

@@ -9,8 +9,8 @@ from typing import Any, Protocol, runtime_checkable
 from dolfinx import fem
 from petsc4py import PETSc
 
+from gossamer_fx.model.body import Array, Body
 from gossamer_fx.model.state import InitialState
-from gossamer_fx.model.terms import Array, Body
 from gossamer_fx.terms.assembly import Assembly
 
 
@@ -107,3 +107,13 @@ class ScalarUnknownsMaker(Protocol):
     """Compiles all items of one kind to one border of a system."""
 
     def __call__(self, items: list[Any], system: Assembly) -> ScalarUnknowns: ...
+
+
+@runtime_checkable
+class BringsScalarUnknowns(Protocol):
+    """An item of a scene that brings scalar unknowns.
+
+    `scalar_unknowns` compiles all items of its kind; items that name the same maker share unknowns.
+    """
+
+    scalar_unknowns: ScalarUnknownsMaker

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from gossamer_fx.checks.errors import check_on_all
-from gossamer_fx.model.terms import Array, Body, Indices
+from gossamer_fx.model.body import Array, Body, Indices
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 Motion = Callable[[float], Array]

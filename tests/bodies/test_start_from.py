@@ -7,7 +7,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from meshes.line import line
 
 COMM = MPI.COMM_WORLD

@@ -12,16 +12,17 @@ from scipy.spatial import cKDTree
 
 from gossamer_fx.algebra.places import Gather, Places, PointMeasure, add_blocks
 from gossamer_fx.connectors.spring import LengthSpring, half_distance_squared
+from gossamer_fx.model.body import Array, Port
 from gossamer_fx.model.roles import (
     ActiveSet,
     Forces,
-    History,
+    HistoryVariables,
     StateObserver,
     StepCheck,
     StoredEnergies,
 )
 from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Array, Port, Term
+from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 from gossamer_fx.terms.point_energies import Stencil
 
@@ -29,7 +30,7 @@ Pairs = frozenset[tuple[int, int]]
 
 
 class Collisions(
-    ActiveSet, StateObserver, StepCheck, Forces, StoredEnergies, History, CompiledTerms
+    ActiveSet, StateObserver, StepCheck, Forces, StoredEnergies, HistoryVariables, CompiledTerms
 ):
     """Pairs of spheres that may touch in the step, as one stencil.
 
