@@ -26,23 +26,25 @@ _MAX_PROPOSALS = 5
 
 
 def lazy_names(
-    package: str, init_file: str
+    package: str, init_file: str, module: str = ""
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """Make `__getattr__`, `__dir__` and `__all__` of a package from its stub.
 
     Args:
         package: name of the package, `__name__` in its `__init__.py`.
         init_file: path of its `__init__.py`; the stub `__init__.pyi` lies beside it.
+        module: name of the module that has the names, if that is not the package itself.
 
     Raises, when a name is used:
         AttributeError: a name that is not in the stub; similar names are proposed.
         ImportError: dolfinx or another library of the system is missing.
     """
+    module = module or package
     load, list_names, names = lazy_loader.attach_stub(package, init_file)
 
     def __getattr__(name: str) -> Any:
         if name not in names:
-            raise AttributeError(_unknown(package, name, names))
+            raise AttributeError(_unknown(module, name, names))
         try:
             found = load(name)
         except ModuleNotFoundError as error:
@@ -57,7 +59,7 @@ def lazy_names(
         if not inspect.ismodule(found):
             found = _guarded(found)
         # The next use finds the attribute without this function.
-        setattr(sys.modules[package], name, found)
+        setattr(sys.modules[module], name, found)
         return found
 
     return __getattr__, list_names, names
@@ -98,7 +100,7 @@ def _namespaces(package: str, names: list[str]) -> dict[str, list[str]]:
 
 def _is_module(package: str, name: str) -> bool:
     """Whether a name of a package is one of its modules rather than a class or function."""
-    is_package = hasattr(import_module(package), "__path__")
+    is_package = "__path__" in vars(import_module(package))
     return is_package and find_spec(f"{package}.{name}") is not None
 
 

@@ -18,7 +18,7 @@ from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 from gossamer_fx.terms.loads import Loads, at_rate, rate_of
 
 
-class Drags(Dissipation, Loads):
+class Drags(Loads, Dissipation):
     """All `FilmDrag` terms of a scene.
 
     With the velocity v = (q1 - q0)/h of a step h δW[v] is the work of the force on the way from q0 to q1.  In a wind u

@@ -11,14 +11,8 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.bodies.rigid_body import RigidBody
-from gossamer_fx.checks.errors import check
-from gossamer_fx.forms.compilation import constant
-from gossamer_fx.forms.kinematics import Expr, area_vector
-from gossamer_fx.model.body import Array
-from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Term
+from gossamer_fx.bodies import Membrane, RigidBody
+from gossamer_fx.extend import Array, Assembly, Expr, State, Term, area_vector, check, constant
 from gossamer_fx.orbit.environment import ROTATION
 from gossamer_fx.orbit.flight import Flight
 from gossamer_fx.orbit.flying_loads import FacesForce, FlyingLoad, FlyingPointLoad, axes_of
@@ -26,7 +20,6 @@ from gossamer_fx.orbit.free_molecular import Accommodation, Air
 from gossamer_fx.orbit.orbit import Orbit
 from gossamer_fx.orbit.solar_pressure import check_surfaces, geometry, surface_measure
 from gossamer_fx.orbit.surface_forces import Rows, Surface, Symbolic, flow_force
-from gossamer_fx.terms.assembly import Assembly
 
 Atmosphere = Callable[[float], Air]  # of the altitude [m]
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from gossamer_fx.model.body import Array
+from gossamer_fx.extend import Array
 from gossamer_fx.orbit.gravity_field import RADIUS
 
 AU, SUN_RADIUS = 149597870700.0, 6.957e8  # m

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gossamer_fx.checks.errors import check
-from gossamer_fx.model.body import Array
+from gossamer_fx.extend import Array, check
 from gossamer_fx.orbit.gravity_field import MU
 
 _SMALL = 1e-11  # eccentricity and sine of the inclination below which an angle has no meaning

@@ -9,8 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from gossamer_fx.checks.errors import check, is_vector
-from gossamer_fx.model.body import Array, Vector
+from gossamer_fx.extend import Array, Vector, check, is_vector
 from gossamer_fx.orbit.eclipse import AU, shadow_depth, sunlit_in_cone, sunlit_in_cylinder
 from gossamer_fx.orbit.elements import Elements
 from gossamer_fx.orbit.gravity_field import EGM_MU, MU, RADIUS, egm2008, oblateness

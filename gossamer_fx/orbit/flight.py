@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.model.body import Array
+from gossamer_fx.extend import Array, Assembly
 from gossamer_fx.orbit.environment import Environment
 from gossamer_fx.orbit.origin import Origin
-from gossamer_fx.terms.assembly import Assembly
 
 
 @dataclass(frozen=True)

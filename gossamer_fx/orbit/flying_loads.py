@@ -9,13 +9,21 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 import ufl
 
-from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.model.body import Array, Attached, MeshBody, Port
+from gossamer_fx.extend import (
+    Array,
+    Assembly,
+    Attached,
+    CompiledTerms,
+    Expr,
+    Loads,
+    MeshBody,
+    PointLoad,
+    PointLoads,
+    Port,
+    at_rate,
+)
 from gossamer_fx.orbit.flight import Flight
 from gossamer_fx.orbit.orbit import Orbit
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
-from gossamer_fx.terms.loads import Loads, at_rate
-from gossamer_fx.terms.point_loads import PointLoad, PointLoads
 
 
 class FlyingLoads(Loads):

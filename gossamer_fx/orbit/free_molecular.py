@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.checks.errors import check
+from gossamer_fx.extend import check
 
 BOLTZMANN, ATOM = 1.380649e-23, 16 * 1.66053906660e-27  # J/K; kg, of atomic oxygen
 

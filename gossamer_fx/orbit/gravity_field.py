@@ -7,7 +7,7 @@ from importlib.resources import files
 
 import numpy as np
 
-from gossamer_fx.checks.errors import check
+from gossamer_fx.extend import check
 from gossamer_fx.orbit.harmonics import Coefficients, SolidHarmonics, unnormalise
 
 MU, RADIUS, J2 = 3.986004418e14, 6378137.0, 1.08262668e-3  # m³/s², m, of WGS 84 and EGM96

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.model.body import Array
+from gossamer_fx.extend import Array
 
 Coefficients = npt.NDArray[np.complex128]  # c_nm at [n, m], m ≤ n
 

@@ -7,11 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.bodies.frames import Frame
-from gossamer_fx.checks.errors import check, is_vector
-from gossamer_fx.model.body import Array, Port, Vector
-from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Term
+from gossamer_fx.bodies import Frame
+from gossamer_fx.extend import Array, Port, State, Term, Vector, check, is_vector
 from gossamer_fx.orbit.flight import Flight
 from gossamer_fx.orbit.flying_loads import FlyingPointLoad
 from gossamer_fx.orbit.magnetic_field import Igrf

@@ -7,8 +7,7 @@ from importlib.resources import files
 
 import numpy as np
 
-from gossamer_fx.checks.errors import check
-from gossamer_fx.model.body import Array
+from gossamer_fx.extend import Array, check
 from gossamer_fx.orbit.harmonics import Coefficients, SolidHarmonics, unnormalise
 
 REFERENCE_RADIUS = 6371.2e3  # m

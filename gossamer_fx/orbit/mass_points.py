@@ -7,11 +7,19 @@ from collections.abc import Sequence
 import numpy as np
 from petsc4py import PETSc
 
-from gossamer_fx.algebra.places import Gather, add_blocks, attach_all, is_point, own_places
-from gossamer_fx.model.body import Array, Attached, Port
-from gossamer_fx.terms.assembly import Assembly
-from gossamer_fx.terms.masses import NodeKineticEnergy
-from gossamer_fx.terms.point_masses import AttachedKineticEnergy
+from gossamer_fx.extend import (
+    Array,
+    Assembly,
+    Attached,
+    AttachedKineticEnergy,
+    Gather,
+    NodeKineticEnergy,
+    Port,
+    add_blocks,
+    attach_all,
+    is_point,
+    own_places,
+)
 
 Kinetic = NodeKineticEnergy | AttachedKineticEnergy
 

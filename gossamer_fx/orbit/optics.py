@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from gossamer_fx.checks.errors import check
+from gossamer_fx.extend import check
 
 PRESSURE = 4.563e-6  # N/m² at 1 AU (1368 W/m²; McInnes 1999)
 

@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from weakref import WeakKeyDictionary
 
-from gossamer_fx.checks.errors import check
-from gossamer_fx.model.body import Vector
-from gossamer_fx.model.state import State
-from gossamer_fx.model.terms import Term
+from gossamer_fx.extend import Assembly, State, Term, Vector, check
 from gossamer_fx.orbit.elements import Elements
 from gossamer_fx.orbit.environment import Environment, Shadow, SunHistory
 from gossamer_fx.orbit.flight import Flight
 from gossamer_fx.orbit.gravity_field import RADIUS
 from gossamer_fx.orbit.optics import PRESSURE
 from gossamer_fx.orbit.relative_gravity import RelativeGravity
-from gossamer_fx.terms.assembly import Assembly
 
 
 class Orbit(Environment):

@@ -19,8 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.checks.errors import check
-from gossamer_fx.model.body import Array
+from gossamer_fx.extend import Array, check
 
 Exact = list[Decimal]  # a vector
 

@@ -19,29 +19,34 @@ import ufl
 from dolfinx import fem, la
 from petsc4py import PETSc
 
-from gossamer_fx.algebra.places import PointMeasure
-from gossamer_fx.checks.errors import check
-from gossamer_fx.forms.compilation import compile_form, constant
-from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.model.body import Array, Body, Ground
-from gossamer_fx.model.roles import (
+from gossamer_fx.extend import (
+    Array,
+    Assembly,
+    AttachedKineticEnergy,
+    Body,
+    CompiledTerms,
+    Expr,
     Forces,
     FrameMomenta,
+    Ground,
+    KineticEnergy,
+    NodeKineticEnergy,
+    PointMeasure,
     Resultants,
     StateObserver,
     StepObserver,
     StoredEnergies,
     Supply,
+    Support,
     TangentForms,
     Tangents,
+    Term,
+    check,
+    compile_form,
+    constant,
 )
-from gossamer_fx.model.terms import Term
 from gossamer_fx.orbit.flight import Flight, Moments
 from gossamer_fx.orbit.mass_points import MassPoints
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
-from gossamer_fx.terms.masses import KineticEnergy, NodeKineticEnergy
-from gossamer_fx.terms.point_masses import AttachedKineticEnergy
-from gossamer_fx.terms.supports import Support
 
 
 def growth(R: Any, x: Any, dot: Any, root: Any) -> tuple[Any, Any]:

@@ -6,10 +6,8 @@ import numpy as np
 from dolfinx import fem
 from mpi4py import MPI
 
-from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.forms.spaces import cell_nodes
-from gossamer_fx.model.body import Array
-from gossamer_fx.terms.assembly import Assembly
+from gossamer_fx.bodies import Membrane
+from gossamer_fx.extend import Array, Assembly, cell_nodes
 
 _SAMPLES = 6  # least number of points along the edge of a triangle
 

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.checks.errors import InputError, check
-from gossamer_fx.model.body import Array
+from gossamer_fx.extend import Array, InputError, check
 from gossamer_fx.orbit.eclipse import AU
 
 MU_SUN, MU_MOON = 1.32712440018e20, 4.902800066e12  # m³/s²

@@ -9,9 +9,7 @@ import numpy as np
 import ufl
 from scipy import special
 
-from gossamer_fx.checks.errors import check, is_vector
-from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.model.body import Array, Vector
+from gossamer_fx.extend import Array, Expr, Vector, check, is_vector
 from gossamer_fx.orbit.free_molecular import coefficients
 from gossamer_fx.orbit.optics import MIRROR, Optics
 

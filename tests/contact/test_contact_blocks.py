@@ -77,11 +77,11 @@ def test_the_tangent_is_the_derivative_of_the_residual(comm, body) -> None:
     A.assemble()
     system.supports.clear(A, 0.0)
     tangent = Tangent(A, [contacts])
-    tangent.take()
+    tangent.fetch_couplings()
     of_sum, of_whole, of_strong = (numbering.vector() for _ in range(3))
     tangent.mult(z, of_sum)
     tangent.whole().mult(z, of_whole)
-    tangent.strong().mult(z, of_strong)
+    tangent.for_preconditioner().mult(z, of_strong)
     size = exact.norm()
     for found in (of_sum, of_whole):
         found.axpy(-1.0, exact)

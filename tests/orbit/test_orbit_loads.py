@@ -9,6 +9,8 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.extend import InitialState, Resultants
+from gossamer_fx.model.roles import playing
 from gossamer_fx.orbit.drag import Drag, ExponentialAtmosphere
 from gossamer_fx.orbit.flying_loads import _ByComplexSteps, axes_of
 from gossamer_fx.orbit.free_molecular import Accommodation, Air
@@ -48,7 +50,10 @@ def plate(tilt: float, optics: Optics = MIRROR) -> tuple[gx.RigidBody, Surface]:
 
 def pushed(run: gx.Simulation, name: str) -> np.ndarray:
     """Force and torque about the origin (2, 3) of a load in the last step."""
-    found = [c.resultants().get(name, np.zeros((2, 3))) for c in run.system.compiled]
+    found = [
+        kind.resultants().get(name, np.zeros((2, 3)))
+        for kind in playing(Resultants, run.system.compiled)
+    ]
     return np.asarray(run.comm.allreduce(sum(found)))
 
 
@@ -178,7 +183,7 @@ def test_derivatives_by_complex_steps(what: str) -> None:
         load = Drag(body, orbit, AIR, surfaces=[surface])
     else:
         load = SolarPressure(body, orbit, surfaces=[surface])
-    term = next(iter(load.terms()))
+    term = next(iter(load.terms(InitialState([], MPI.COMM_WORLD))))
     run = one_step(body, load)
     law = _ByComplexSteps(term.law)
     term.law.prepare(orbit.flight(run.system))

@@ -9,6 +9,7 @@ from dolfinx import fem
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.extend import InitialState
 from gossamer_fx.forms.backend import evaluate, interpolation_points
 from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.reduction.mode_gradients import (
@@ -69,7 +70,9 @@ def test_the_kernel_is_what_numpy_says(order, properties) -> None:
     e0, e1 = fem.Function(Q), fem.Function(Q)
     e0.x.array[:], e1.x.array[:] = strains(F0).ravel(), strains(F1).ravel()
     e_chosen = ufl.variable(e1)
-    stress = PathAverage().stress(list(film.terms())[1], e0, e_chosen)
+    stress = PathAverage().stress(
+        list(film.terms(InitialState([film], film.comm)))[1], e0, e_chosen
+    )
     expression = compile_expression(with_derivative(stress, e_chosen), interpolation_points(Q))
     response = evaluate(expression, film.space.mesh, own_cells(film)).reshape(-1, 12)
     assert np.allclose(points.response, response, rtol=1e-9, atol=1e-9 * abs(response).max())

@@ -265,7 +265,7 @@ CASES: dict[str, tuple[Callable[[], object], str]] = {
         ),
         "PointMass encloses nothing",
     ),
-    "start from a scene": (lambda: gx.StartFrom(gx.Scene(film())), "no compiled scene"),
+    "start from a scene": (lambda: gx.StartFrom(gx.Scene(film())), "not a compiled scene"),
     "port of a missing node": (lambda: gx.Port(gx.PointMass(1.0), (7,)), "its nodes are 0 to 0"),
     "port of a node below zero": (
         lambda: gx.Port(gx.PointMass(1.0), (-1,)),

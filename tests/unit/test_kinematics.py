@@ -10,6 +10,7 @@ import ufl
 from dolfinx import fem
 
 from gossamer_fx import Linear, Membrane
+from gossamer_fx.extend import InitialState
 from gossamer_fx.forms.backend import evaluate
 from gossamer_fx.forms.kinematics import area_vector, tension
 from meshes.airbag import airbag
@@ -130,7 +131,7 @@ def test_mass_and_initial_state(comm, order):
     assert abs(x - X - lift(X.T).T).max() <= 1e-14
     assert abs(v - 3.0).max() == 0
     function = moved(film, lambda X: np.full_like(X, 3.0))
-    kinetic, *_ = film.terms()
+    kinetic, *_ = film.terms(InitialState([film], film.comm))
     energy = comm.allreduce(fem.assemble_scalar(fem.form(0.5 * kinetic.mass(function, function))))
     assert energy == pytest.approx(0.5 * 1400.0 * 1e-3 * 2.0 * 27.0, rel=1e-12)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 from importlib import import_module
 from pathlib import Path
@@ -24,6 +25,16 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> ModuleType:
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(file.parent)
         return import_module("bending_spring")
+
+
+def test_the_page_imports_the_public_interface_only() -> None:
+    [code] = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    modules = {
+        node.module
+        for node in ast.walk(ast.parse(code))
+        if isinstance(node, ast.ImportFrom) and str(node.module).startswith("gossamer_fx")
+    }
+    assert modules == {"gossamer_fx.extend"}
 
 
 def swinging(own: ModuleType, hardening: float = 2e3, dt: float = 1e-2) -> gx.Simulation:

@@ -1,0 +1,27 @@
+"""What an own part, load, law, probe, output or chamber is made of: the promised interface for extensions.
+
+Names of this module keep their meaning from one minor version to the next; everything else below
+the rooms of the package may move.  The orbit room is written against this module and other public
+names only, as the proof that it suffices.
+
+Parts of a scene
+    `BringsTerms`, `RefersToItems`, `InitialCondition`, `BringsScalarUnknowns`   what an item may do
+    `State`, `InitialState`, `BodyState`                   where bodies are
+    `Body`, `MeshBody`, `Block`, `Port`, `Ground`          bodies, and what is attached to them
+General kinds of terms
+    on meshes, in UFL: `KineticEnergy`, `StoredEnergy`, `QuadraticEnergy`, `ViscousDissipation`, `Load`
+    between points, in NumPy: `PointMeasure` with `PointStoredEnergy`, `PointDissipation` or
+    `PointConstraint`; `PointLoad`, `AttachedKineticEnergy`, `NodeKineticEnergy`; `Support`
+Own kinds of terms
+    `Assembly`, `CompiledTerms` and the roles that it may play: `Forces`, `Tangents`, ...
+Gas
+    `Volume`, `Opening`, `Wall`, `Enclosure`, `CompiledEnclosure`
+Runs
+    `Run`, `Output`, `Probe`
+Checks
+    `check`, `check_on_all`, `check_positive`, `is_vector`, `ask_numbers`, `InputError`
+"""
+
+from gossamer_fx.checks.lazy_names import lazy_names
+
+__getattr__, __dir__, __all__ = lazy_names("gossamer_fx", __file__, module=__name__)
