@@ -197,7 +197,7 @@ def _take_pressure(function: fem.Function, film: MeshBody, system: System) -> No
     for border in system.scalar_unknowns:
         for gas in border.states().values():
             enclosure, outside = gas.chamber.enclosure, gas.chamber.outside
-            if getattr(enclosure, "film", None) is film:
+            if enclosure is not None and enclosure.film is film:
                 cells = cell_nodes(function.function_space)[enclosure.cells()]
                 values[cells] = gas.p - (outside.pressure if outside else 0.0) - values[cells]
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from dolfinx import fem
 from petsc4py import PETSc
 
 from gossamer_fx.bodies.membrane import Membrane
@@ -14,7 +13,7 @@ from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.gas.geometry import Geometry
 from gossamer_fx.gas.ring import Loop, Ring
 from gossamer_fx.gas.surface import FilmSurface, Side
-from gossamer_fx.model.body import Array, Body, Port
+from gossamer_fx.model.body import Array, Port
 from gossamer_fx.model.ports import unit
 from gossamer_fx.terms.assembly import Assembly
 
@@ -46,25 +45,40 @@ class CompiledEnclosure(Protocol):
         """Take q1 as the first state."""
         ...
 
-    def add_force(self, values: Array, pressure: float) -> None:
-        """values -= pressure G(q̄)."""
+    def set_pressure(self, pressure: float) -> None:
+        """Choose the pressure [Pa] that acts on it in the iterate; forces and tangents are those at it."""
+        ...
+
+    def add_force(self, values: Array) -> None:
+        """Subtract pressure · G(q_mid) [N] from the owned part of a system vector."""
         ...
 
     def gradients(self) -> tuple[Array, Array, Array]:
         """G(q̄), ∂V/∂q1, ∂W/∂q1; not to be written to."""
         ...
 
-    def tangents(self, body: Body) -> Iterable[fem.Form]:
-        """Derivative of the force of the last `add_force`, as far as it is made of forms."""
-        ...
-
     def add_tangents(self, A: PETSc.Mat) -> None:
-        """Add the rest of that derivative."""
+        """Add the derivative of the force, except what forms of surfaces give (`Geometry.tangents`)."""
         ...
 
 
+@runtime_checkable
 class Enclosure(Protocol):
     """What bounds a chamber."""
+
+    @property
+    def film(self) -> Membrane | None:
+        """The film that bounds it, if one does: outputs show the pressure on it."""
+        ...
+
+    @property
+    def is_whole_film(self) -> bool:
+        """Whether all of its film bounds the chamber, so that no other chamber may have a part of it."""
+        ...
+
+    def cells(self) -> np.ndarray:
+        """Local cells (owned and ghost) of its film that bound the chamber."""
+        ...
 
     def requires(self) -> Iterable[Any]: ...
 
@@ -83,12 +97,25 @@ class FilmEnclosure:
     def __init__(
         self, film: Membrane, surface: tuple[str, ...], rings: tuple[Ring, ...], chamber: str
     ) -> None:
-        self.film, self.surface, self.rings, self.chamber = film, surface, rings, chamber
+        self._film = film
+        self.surface = surface
+        self.rings = rings
+        self.chamber = chamber
         odd = next((r.edges for r in rings if r.film is not film), None)
         check(
             odd is None,
             f"Chamber '{chamber}': its ring '{odd}' is on another film than '{film.name}'.",
         )
+
+    @property
+    def film(self) -> Membrane:
+        """The film that bounds the chamber."""
+        return self._film
+
+    @property
+    def is_whole_film(self) -> bool:
+        """Whether all of the film bounds the chamber."""
+        return not self.surface
 
     def requires(self) -> Iterable[Any]:
         yield self.film
@@ -175,20 +202,20 @@ class _CompiledFilm:
             -1.0 if self._surface.volume[self._place] < -ROUND_OFF * self.magnitude else 1.0
         )
 
-    def add_force(self, values: Array, pressure: float) -> None:
-        self._surface.add_force(self._place, self._sign * pressure, values)
+    def set_pressure(self, pressure: float) -> None:
+        self._surface.pressures[self._place] = self._sign * pressure
+
+    def add_force(self, values: Array) -> None:
+        self._surface.add_force(self._place, values)
 
     def gradients(self) -> tuple[Array, Array, Array]:
         mid, end, work = self._surface.gradients(self._place)
         return self._sign * mid, self._sign * end, self._sign * work
 
-    def tangents(self, body: Body) -> Iterable[fem.Form]:
-        if body is self._surface.film and self._place == 0:  # the first chamber's are those of all
-            yield from self._surface.tangents()
-
     def add_tangents(self, A: PETSc.Mat) -> None:
+        pressure = self._surface.pressures[self._place]
         for loop, sign in zip(self._side.loops, self._side.signs, strict=True):
-            loop.add_tangent(A, -sign * self._side.pressure)
+            loop.add_tangent(A, -sign * pressure)
 
 
 class Piston:
@@ -205,7 +232,23 @@ class Piston:
         check(
             any(direction), "Piston: direction has no length; give the axis along which it moves."
         )
-        self.port, self.area, self.direction = port, area, unit(direction)
+        self.port = port
+        self.area = area
+        self.direction = unit(direction)
+
+    @property
+    def film(self) -> None:
+        """A piston is not a film."""
+        return None
+
+    @property
+    def is_whole_film(self) -> bool:
+        """A piston is not a film."""
+        return False
+
+    def cells(self) -> np.ndarray:
+        """No cells: a piston is not a film."""
+        return np.zeros(0, dtype=np.int32)
 
     def requires(self) -> Iterable[Any]:
         yield self.port.body
@@ -227,6 +270,7 @@ class _CompiledPiston:
         mine = (indices >= start) & (indices < end)
         np.add.at(self._G, indices[mine] - start, entries[mine])
         self._origin = 0.0
+        self._pressure = 0.0
 
     def start(self) -> None:
         self._origin = self._along(self._system.q1.array_r)
@@ -243,14 +287,14 @@ class _CompiledPiston:
             end - start,
         )
 
-    def add_force(self, values: Array, pressure: float) -> None:
-        values -= pressure * self._G
+    def set_pressure(self, pressure: float) -> None:
+        self._pressure = pressure
+
+    def add_force(self, values: Array) -> None:
+        values -= self._pressure * self._G
 
     def gradients(self) -> tuple[Array, Array, Array]:
         return self._G, self._G, self._G
-
-    def tangents(self, body: Body) -> Iterable[fem.Form]:
-        return ()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         pass

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Protocol
+
+from dolfinx import fem
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.gas.ring import Loop, Ring
 from gossamer_fx.gas.surface import FilmSurface
+from gossamer_fx.model.body import Body
 from gossamer_fx.terms.assembly import Assembly
 
 
@@ -57,6 +61,12 @@ class Geometry:
         """The end of this step is the start of the next."""
         for moving in self._all():
             moving.accept()
+
+    def tangents(self, body: Body) -> Iterable[fem.Form]:
+        """Derivative of the pressure forces of all chambers on a film, as far as forms give it."""
+        for film, surface in self._surfaces.items():
+            if film is body:
+                yield from surface.tangents()
 
     def _all(self) -> list[Moving]:
         return [*self._loops.values(), *self._surfaces.values(), *self._others]

@@ -21,7 +21,6 @@ from petsc4py import PETSc
 from gossamer_fx.checks.errors import check
 from gossamer_fx.gas.balance import ALMOST, Balance, Passage
 from gossamer_fx.gas.contract import Opening, Volume, Wall
-from gossamer_fx.gas.enclosure import FilmEnclosure
 from gossamer_fx.gas.geometry import Geometry
 from gossamer_fx.gas.state import ChamberState
 from gossamer_fx.model.body import Array, Body
@@ -44,13 +43,8 @@ class GasNetwork:
             not odd,
             f"The chambers '{first.name}' and '{odd}' hold different gases; a scene has one.",
         )
-        whole = [
-            c.enclosure
-            for c in chambers
-            if isinstance(c.enclosure, FilmEnclosure) and not c.enclosure.surface
-        ]
-        films = [enclosure.film for enclosure in whole]
-        twice = next((film.name for k, film in enumerate(films) if film in films[:k]), "")
+        films = [c.enclosure.film for c in chambers if c.enclosure and c.enclosure.is_whole_film]
+        twice = next((f.name for k, f in enumerate(films) if f is not None and f in films[:k]), "")
         check(
             not twice,
             f"Two chambers enclose the whole of '{twice}'; give each its surface, or leave one out.",
@@ -120,6 +114,9 @@ class GasNetwork:
         self._y, self._given = self._at_iterate(y), y
         self._scale = self._balance.scales(self._y, self._V, self._magnitude)
         self._s = self._balance.residual(self._y, self._V, self._W) / self._scale
+        for s, p1 in zip(self._gases, self._y, strict=False):
+            if s.enclosure is not None:
+                s.enclosure.set_pressure(self._acting(s.p, float(p1)) - self._outside(s))
         return self._s
 
     def _at_iterate(self, y: Array) -> Array:
@@ -134,14 +131,12 @@ class GasNetwork:
         return y if settled is None else settled
 
     def add_force(self, values: Array) -> None:
-        for s, p1 in zip(self._gases, self._y, strict=False):
-            if s.enclosure is not None:
-                s.enclosure.add_force(values, self._acting(s.p, float(p1)) - self._outside(s))
-
-    def tangents(self, body: Body) -> Iterable[fem.Form]:
         for s in self._gases:
             if s.enclosure is not None:
-                yield from s.enclosure.tangents(body)
+                s.enclosure.add_force(values)
+
+    def tangents(self, body: Body) -> Iterable[fem.Form]:
+        yield from self._geometry.tangents(body)
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         for s in self._gases:

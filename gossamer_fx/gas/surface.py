@@ -30,7 +30,6 @@ class Side:
     cells: Cells
     loops: list[Loop]
     signs: list[float]
-    pressure: float = 0.0  # on the cells, along their normals [Pa]
     first: Array = field(default_factory=lambda: np.zeros(0))  # G at q0, owned part
 
 
@@ -40,6 +39,9 @@ class FilmSurface:
     A linear form with discontinuous test functions gives them triangle by triangle; sums over the triangles and loops
     of a chamber c give its G_c.  V = ⅓∫x·n dA is homogeneous of degree three, so V_c = ⅓ G_c(q)·q, and G_c quadratic.
     However many chambers there are, an iteration assembles this form twice and one tangent.
+
+    Attributes:
+        pressures: (chambers,) on the cells of each chamber, along their normals [Pa].
     """
 
     def __init__(self, film: Membrane, system: Assembly) -> None:
@@ -53,6 +55,7 @@ class FilmSurface:
     def add(self, side: Side) -> int:
         """Register what bounds a chamber; returns its place in the results.  Before the first `follow`."""
         self._sides.append(side)
+        self.pressures = np.zeros(len(self._sides))
         return len(self._sides) - 1
 
     def _compile(self) -> None:
@@ -140,11 +143,9 @@ class FilmSurface:
 
     # ---- one chamber -------------------------------------------------------------------------------------------------
 
-    def add_force(self, c: int, pressure: float, values: Array) -> None:
-        """values -= pressure G_c(q̄), the owned part of a system vector."""
-        side = self._sides[c]
-        side.pressure = pressure
-        values[self._owned] -= pressure * self._at_middle(c)
+    def add_force(self, c: int, values: Array) -> None:
+        """Subtract the force of chamber c, pressure · G_c(q_mid) [N], from the owned part of a system vector."""
+        values[self._owned] -= self.pressures[c] * self._at_middle(c)
 
     def gradients(self, c: int) -> tuple[Array, Array, Array]:
         """G_c(q̄), ∂V_c/∂q1, ∂W_c/∂q1, owned parts of system vectors.
@@ -182,10 +183,10 @@ class FilmSurface:
         return total
 
     def tangents(self) -> Iterable[fem.Form]:
-        """Derivative of the forces of the last `add_force` of all chambers, but for those of the loops."""
+        """Derivative of the forces of all chambers at their `pressures`, except those of the loops."""
         pressure = self._pressure.x.array
         pressure[:] = 0
         dofs = cell_nodes(self._pressure.function_space)[:, 0]
-        for side in self._sides:
-            pressure[dofs[side.cells]] += side.pressure
+        for side, acting in zip(self._sides, self.pressures, strict=True):
+            pressure[dofs[side.cells]] += acting
         yield self._tangent

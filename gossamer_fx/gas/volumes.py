@@ -96,7 +96,7 @@ class Chamber:
             f"Chamber '{name}': surface and rings belong to a film; give one as enclosure, or leave them out.",
         )
         check(
-            rigid or isinstance(enclosure, Membrane) or hasattr(enclosure, "compile"),
+            rigid or isinstance(enclosure, Membrane) or isinstance(enclosure, Enclosure),
             f"Chamber '{name}': {type(enclosure).__name__} encloses nothing; give a film, or a Piston.",
         )
         self.enclosure = (

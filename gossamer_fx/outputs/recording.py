@@ -229,7 +229,10 @@ class _Place:
 def _usual_fields(body: Body, run: Run) -> tuple[str, ...]:
     if not isinstance(body, Membrane):
         return ("displacement",)
-    bounds = any(getattr(s.chamber.enclosure, "film", None) is body for s in run.chambers.values())
+    bounds = any(
+        s.chamber.enclosure is not None and s.chamber.enclosure.film is body
+        for s in run.chambers.values()
+    )
     return (*FILM_FIELDS, "pressure") if bounds else FILM_FIELDS
 
 
