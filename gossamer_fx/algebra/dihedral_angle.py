@@ -58,12 +58,12 @@ def gradient(X: Numbers) -> Numbers:
 
 
 def discrete_gradient(X0: Array, X1: Numbers, θ0: Array, θ1: Numbers) -> Numbers:
-    """G (..., 3, 3) of a step: G·(X1 - X0) = θ1 - θ0 and Σ X̄×G = 0; at X1 = X0 the gradient.
+    """G (..., 3, 3) of a step: G·(X1 - X0) = θ1 - θ0 and Σ X_mid×G = 0; at X1 = X0 the gradient.
 
     θ0 and θ1 are angles of X0 and X1, on any branch, less than a turn apart.
     """
-    X̄, Δ = (X0 + X1) / 2, X1 - X0
-    t, p, m = _rows(X̄)
+    X_mid, Δ = (X0 + X1) / 2, X1 - X0
+    t, p, m = _rows(X_mid)
     ends = [(*_products(X), *_cosine_and_sine(X)) for X in (X0, X1)]
     σ, a, b, d, J, length = (
         (before + after) / 2 for before, after in zip(*(e[:6] for e in ends), strict=True)
@@ -72,14 +72,14 @@ def discrete_gradient(X0: Array, X1: Numbers, θ0: Array, θ1: Numbers) -> Numbe
         [_v(a) * m + _v(b) * p - 2 * _v(d) * t, _v(b) * t - _v(σ) * m, _v(a) * t - _v(σ) * p],
         axis=-2,
     )
-    P = _without_rotation(X̄, Δ)
+    P = _without_rotation(X_mid, Δ)
     R = Δ - P
     rest = (
         _cross_pairs(R, R) / 4
         + (_cross_pairs(R, P) + _cross_pairs(P, R)) / 8
         + _cross_pairs(P, P) / 12
     )
-    gS = _v(_v(length)) * (_cross_pairs(X̄, X̄) + _without_rotation(X̄, rest))
+    gS = _v(_v(length)) * (_cross_pairs(X_mid, X_mid) + _without_rotation(X_mid, rest))
     gS[..., 0, :] += _v(J / length) * t
     (C0, S0), (C1, S1) = (e[6:] for e in ends)
     half, θm = (θ1 - θ0) / 2, (θ0 + θ1) / 2

@@ -27,6 +27,7 @@ from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.model.body import Body, MeshBody
 from gossamer_fx.model.roles import Forces, StoredEnergies, TangentForms
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.discrete_gradient import gonzalez_correction
 
 SMALLEST = 1e-24  # of the sum of squares; vectors are dimensionless
 
@@ -125,7 +126,7 @@ def _invariants(X: Vectors, δ: Vectors) -> list[Expr]:
 
 def _defect(mid: Vectors, Δ: Vectors, δ: Vectors) -> Expr:
     """What the gradient misses of the energy, along the change of the invariants."""
-    changes, directions = _invariants(mid, Δ), _invariants(mid, δ)
-    squares = sum(g * g for g in changes)
-    missing = _triple(*Δ) / 4 / ufl.max_value(squares, SMALLEST)
-    return missing * sum(g * d for g, d in zip(changes, directions, strict=True))
+    missing = _triple(*Δ) / 4
+    coefficients = gonzalez_correction(missing, _invariants(mid, Δ), SMALLEST)
+    along = _invariants(mid, δ)
+    return sum(c * direction for c, direction in zip(coefficients, along, strict=True))

@@ -16,6 +16,7 @@ from gossamer_fx.model.body import Array, Attached, Port
 from gossamer_fx.model.ports import unit
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
+from gossamer_fx.terms.one_sided import one_sided_average, one_sided_energy
 from gossamer_fx.terms.point_energies import PointDissipation, PointStoredEnergy
 
 
@@ -49,28 +50,25 @@ class LengthSpring:
     side: int = 0
     stacks: ClassVar[tuple[str, ...]] = ("k", "L")
 
-    def _stretch(self, length: Array) -> Array:
-        stretch: Array = length - self.L
-        return np.where(stretch * self.side >= 0, stretch, 0.0)
-
     def energy(self, e: Array) -> Array:
-        return self.k * self._stretch(np.sqrt(2 * e[:, 0])) ** 2 / 2
+        stretch = np.sqrt(2 * e[:, 0]) - self.L
+        if self.side:
+            return self.k * one_sided_energy(self.side * stretch)
+        return self.k * stretch**2 / 2
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        l0, l1 = (np.sqrt(2 * np.maximum(e[:, 0], 1e-300)) for e in (e0, e1))
-        s0, s1 = self._stretch(l0), self._stretch(l1)
-        both = l0 + l1
-        S = self.k * (1 - 2 * self.L / both)
-        D = 2 * self.k * self.L / both**2 / l1
+        l0 = _length(e0)
+        l1 = _length(e1)
+        mean_length = (l0 + l1) / 2
         if self.side:
-            Δe = (l1 - l0) * both / 2
-            passing = (s0 == 0) != (s1 == 0)
-            safe = np.where(np.abs(Δe) > 0, Δe, 1.0)
-            quotient = self.k * (s1**2 - s0**2) / 2 / safe
-            slope = (self.k * s1 / l1 - quotient) / safe
-            loose = (s0 == 0) & (s1 == 0)
-            S = np.where(passing, quotient, np.where(loose, 0.0, S))
-            D = np.where(passing, slope, np.where(loose, 0.0, D))
+            pull, slope = one_sided_average(self.side * (l0 - self.L), self.side * (l1 - self.L))
+            pull = self.side * pull
+        else:
+            pull = mean_length - self.L
+            slope = np.full(pull.shape, 0.5)
+        # Δe = mean_length Δl, so that the stress is the mean force over the mean length; d/de1 = d/dl1 / l1.
+        S = self.k * pull / mean_length
+        D = self.k * (slope - pull / mean_length / 2) / mean_length / l1
         return S[:, None], D[:, None, None]
 
 
@@ -82,7 +80,8 @@ class LengthDamper:
     stacks: ClassVar[tuple[str, ...]] = ("c",)
 
     def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
-        l0, l1 = (np.sqrt(2 * np.maximum(e[:, 0], 1e-300)) for e in (e0, e1))
+        l0 = _length(e0)
+        l1 = _length(e1)
         S = 2 * self.c / h * (l1 - l0) / (l0 + l1)
         D = 4 * self.c / h * l0 / (l0 + l1) ** 2 / l1
         return S[:, None], D[:, None, None]
@@ -100,21 +99,24 @@ class RopeDamper:
     stacks: ClassVar[tuple[str, ...]] = ("c", "k", "L")
 
     def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
-        l0, l1 = (np.sqrt(2 * np.maximum(e[:, 0], 1e-300)) for e in (e0, e1))
-        s0, s1 = (np.maximum(length - self.L, 0.0) for length in (l0, l1))
-        both, Δ = l0 + l1, l1 - l0
-        passing, safe = (s0 > 0) != (s1 > 0), np.where(Δ == 0, 1.0, Δ)
-        tension = np.where(
-            passing, self.k * (s1 + s0) * (s1 - s0) / 2 / safe, self.k * (s0 + s1) / 2
-        )
-        stiffness = np.where(
-            passing, (self.k * s1 - tension) / safe, np.where(s1 > 0, self.k / 2, 0.0)
-        )
+        l0 = _length(e0)
+        l1 = _length(e1)
+        both = l0 + l1
+        s0 = np.maximum(l0 - self.L, 0.0)
+        s1 = np.maximum(l1 - self.L, 0.0)
+        pull, slope = one_sided_average(l0 - self.L, l1 - self.L)
+        tension = self.k * pull
+        stiffness = self.k * slope
         viscous = self.c * (s1 - s0) / h
         pulls = viscous > -tension
         f = np.where(pulls, viscous, -tension)
         df = np.where(pulls, np.where(s1 > 0, self.c / h, 0.0), -stiffness)
         return (2 * f / both)[:, None], (2 * (df - f / both) / both / l1)[:, None, None]
+
+
+def _length(e: Array) -> Array:
+    """Lengths (n,) of the measures e = ½ l² (n, 1); the floor keeps a length of zero from dividing by zero."""
+    return np.sqrt(2 * np.maximum(e[:, 0], 1e-300))
 
 
 def half_distance_squared(a: Attached, b: Attached) -> PointMeasure:

@@ -18,6 +18,7 @@ from gossamer_fx.model.body import Array, Port
 from gossamer_fx.model.ports import combine
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
+from gossamer_fx.terms.one_sided import one_sided_average, one_sided_energy
 from gossamer_fx.terms.point_energies import PointStoredEnergy
 from gossamer_fx.terms.point_masses import AttachedKineticEnergy
 
@@ -27,16 +28,11 @@ class OneSided:
     """ψ(e) = ½ ⟨e⟩², ⟨e⟩ the positive part; in a step that passes zero, S̄ = Δψ/Δe."""
 
     def energy(self, e: Array) -> Array:
-        return np.maximum(e[:, 0], 0.0) ** 2 / 2
+        return one_sided_energy(e[:, 0])
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        a, b = np.maximum(e0, 0.0), np.maximum(e1, 0.0)
-        passing = (e0 > 0) != (e1 > 0)
-        Δe = np.where(passing, e1 - e0, 1.0)
-        quotient = (b**2 - a**2) / (2 * Δe)
-        S = np.where(passing, quotient, (a + b) / 2)
-        D = np.where(passing, (b - quotient) / Δe, np.where(e1 > 0, 0.5, 0.0))
-        return S, D[:, :, None]
+        mean, slope = one_sided_average(e0, e1)
+        return mean, slope[:, :, None]
 
 
 @dataclass(frozen=True, eq=False)

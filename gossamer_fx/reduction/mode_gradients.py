@@ -61,9 +61,9 @@ def strain_operator(F: Array) -> Array:
     return B.reshape(3, 6, -1)
 
 
-def stress_derivatives(B̄: Array, D: Array, B: Array, S: Array) -> Array:
+def stress_derivatives(B_mean: Array, D: Array, B: Array, S: Array) -> Array:
     """T (q, 2, 3, 2, 3) of strain operators (3, 6, q), D (3, 3, q) and S (3, q), of which both hold dA."""
-    T = np.einsum("kiq,kjq->qij", B̄, np.einsum("klq,ljq->kjq", D, B)).reshape(-1, 2, 3, 2, 3)
+    T = np.einsum("kiq,kjq->qij", B_mean, np.einsum("klq,ljq->kjq", D, B)).reshape(-1, 2, 3, 2, 3)
     for i in range(3):
         for a, c, k in ((0, 0, 0), (1, 1, 1), (0, 1, 2), (1, 0, 2)):
             T[:, a, i, c, i] += S[k]

@@ -73,9 +73,11 @@ class GeneralizedAlphaSolver:
         self._αm, self._αf = (2 * ρ - 1) / (ρ + 1), ρ / (ρ + 1)
         self._γ, self._β = 0.5 - self._αm + self._αf, (1 - self._αm + self._αf) ** 2 / 4
         self.newton = Newton(system, tolerances)
-        self._a0, self._a1, self._v̇0, self._v1 = (system.numbering.vector() for _ in range(4))
+        self._a0, self._a1, self._acceleration, self._v1 = (
+            system.numbering.vector() for _ in range(4)
+        )
         self._increment, self._offset = system.numbering.vector(), system.numbering.vector()
-        self.vectors = {"acceleration": self._a0, "rate": self._v̇0}
+        self.vectors = {"acceleration": self._a0, "rate": self._acceleration}
         self._started = False
 
     def get_state(self) -> dict[str, Any]:
@@ -108,11 +110,11 @@ class GeneralizedAlphaSolver:
             A.assemble()
         system.supports.clear(A, 1.0)
         r.scale(-1.0)
-        problem = factorisation.solve(A, r, self._v̇0)
+        problem = factorisation.solve(A, r, self._acceleration)
         if problem:
             raise NotConverged(f"no acceleration to start with, {problem}")
-        self._drop_multipliers(self._v̇0)
-        self._v̇0.copy(self._a0)
+        self._drop_multipliers(self._acceleration)
+        self._acceleration.copy(self._a0)
         self._started = True
 
     def _drop_multipliers(self, a: PETSc.Vec) -> None:
@@ -135,13 +137,13 @@ class GeneralizedAlphaSolver:
         increment.axpy(h, system.v0)
         self._a0.copy(offset)
         offset.scale(β * h**2 + αm / (1 - αf) / c)
-        offset.axpy(-αf / (1 - αf) / c, self._v̇0)
+        offset.axpy(-αf / (1 - αf) / c, self._acceleration)
         system.set_inertia(c, offset)
         w, _, iterations = self.newton.solve(increment, y)
-        self._v̇0.waxpy(1.0, w, offset)
-        self._v̇0.scale(c)
+        self._acceleration.waxpy(1.0, w, offset)
+        self._acceleration.scale(c)
         self._a1.waxpy(1 / (β * h**2), w, self._a0)
-        for rate in (self._v̇0, self._a1):
+        for rate in (self._acceleration, self._a1):
             self._drop_multipliers(rate)
         self._v1.waxpy(h * (1 - γ), self._a0, system.v0)
         self._v1.axpy(h * γ, self._a1)

@@ -20,7 +20,7 @@ Measured on the free sheet of `demos/spinning_sheet.py` by `demos/studies/stress
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -123,16 +123,39 @@ class EndPoint(StressRule):
         return gradient(energy.density, e1)
 
 
-def defect(ψ: Any, S: Expr, e0: Expr, e1: Expr) -> Expr:
-    """What S lacks of conserving energy exactly, along Δe.
+def gonzalez_correction(
+    missing: Expr, changes: Sequence[Expr], smallest: float | Expr
+) -> list[Expr]:
+    """Coefficients c_i along measures g_i that give back the energy which an approximate force misses.
 
-    There is no correction within the round-off of the energies, or for |Δe| < 1e-5 |e|: it would only amplify noise,
-    and keep a film that is taut all the way (where nothing is missing) from converging.
+        c_i = missing Δg_i / Σ_j Δg_j²,    so that Σ_i c_i Δg_i = missing
+
+    (O. Gonzalez, J. Nonlinear Sci. 6 (1996) 449, doi:10.1007/BF02440162.)  If the measures g_i do not
+    change in rigid motions, the correction keeps both momenta.
+
+    Args:
+        missing: change of the energy, less the work of the approximate force.
+        changes: Δg_i, the changes of the measures in the step.
+        smallest: below this sum of squares the step is too small for a correction to mean anything.
+    """
+    squares = ufl.max_value(sum(change * change for change in changes), smallest)
+    return [missing / squares * change for change in changes]
+
+
+def defect(ψ: Any, S: Expr, e0: Expr, e1: Expr) -> Expr:
+    """Gonzalez correction of the stress S along Δe: ((Δψ - S·Δe)/|Δe|²) Δe.
+
+    There is no correction within the round-off of the energies, or for |Δe| < 1e-5 |e|: it would only
+    amplify noise, and keep a film that is taut all the way (where nothing is missing) from converging.
     """
     Δe = e1 - e0
-    Δe2 = ufl.dot(Δe, Δe)
     smallest = ufl.max_value(1e-10 * (ufl.dot(e0, e0) + ufl.dot(e1, e1)), 1e-40)
-    ψ0, ψ1 = ψ(e0), ψ(e1)
-    missing, noise = ψ1 - ψ0 - ufl.dot(S, Δe), ROUND_OFF * (ψ0 + ψ1)
+    ψ0 = ψ(e0)
+    ψ1 = ψ(e1)
+    missing = ψ1 - ψ0 - ufl.dot(S, Δe)
+    noise = ROUND_OFF * (ψ0 + ψ1)
     missing -= ufl.max_value(ufl.min_value(missing, noise), -noise)
-    return ufl.conditional(ufl.gt(Δe2, smallest), missing / ufl.max_value(Δe2, smallest), 0.0) * Δe
+    components = [Δe[i] for i in range(Δe.ufl_shape[0])]
+    correction = ufl.as_vector(gonzalez_correction(missing, components, smallest))
+    is_large_enough = ufl.gt(ufl.dot(Δe, Δe), smallest)
+    return ufl.conditional(is_large_enough, 1.0, 0.0) * correction

@@ -168,14 +168,14 @@ class ElementForces:
 
         e_chosen = ufl.variable(self._e_chosen)
         if isinstance(term, StoredEnergy):
-            S̄ = rule.stress(term, self._e0, e_chosen)
+            S_mean = rule.stress(term, self._e0, e_chosen)
             cases = rule.cases(term, self._e0, e_chosen)
             self._energy = compile_form(term.density(self._e0) * term.dx)
         else:
-            S̄, cases = gradient(term.density, (e_chosen - self._e0) / at.h), []
+            S_mean, cases = gradient(term.density, (e_chosen - self._e0) / at.h), []
             self._work = compile_form(ufl.dot(S, self._e_chosen - self._e0) * term.dx)
         points = interpolation_points(Q)
-        stresses = [S̄, *(S for _, S in cases)]  # the first serves every point
+        stresses = [S_mean, *(S for _, S in cases)]  # the first serves every point
         self._responses = [
             compile_expression(with_derivative(S, e_chosen), points) for S in stresses
         ]
