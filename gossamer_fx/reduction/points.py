@@ -17,7 +17,12 @@ from ufl.algorithms.analysis import extract_coefficients, extract_constants
 from gossamer_fx.forms.c_source import pointers
 from gossamer_fx.model.body import Array, Indices
 from gossamer_fx.reduction.kernel import library
-from gossamer_fx.terms.element_energies import FALLS, FAR, IDLE, SURROUNDINGS
+from gossamer_fx.terms.element_energies import (
+    FRUITFUL_ERROR_RATIO,
+    MAX_FRUITLESS_CHOICES,
+    STRAIN_CHOICE_STIFFNESS,
+    STRAIN_CHOICE_TRIGGER,
+)
 
 TRUE, LINEAR, GIVEN = 0, 1, 2  # ways to set strains
 RESPONSE = 12  # numbers of a stress and its derivative
@@ -155,7 +160,14 @@ class Points:
         """Strains between the linear ones and those with linear stresses; whether these were far from each other."""
         pointers = self._pointers(self._F, self._G @ change)
         return bool(
-            self._c.lib.choose_strains(self._film, *pointers, SURROUNDINGS, FAR, FALLS, IDLE)
+            self._c.lib.choose_strains(
+                self._film,
+                *pointers,
+                STRAIN_CHOICE_STIFFNESS,
+                STRAIN_CHOICE_TRIGGER,
+                FRUITFUL_ERROR_RATIO,
+                MAX_FRUITLESS_CHOICES,
+            )
         )
 
     def energy(self) -> float:

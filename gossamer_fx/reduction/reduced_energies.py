@@ -35,7 +35,7 @@ from gossamer_fx.reduction.points import GIVEN, LINEAR, TRUE, Law, Points
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 from gossamer_fx.terms.discrete_gradient import StressRule
 from gossamer_fx.terms.element_energies import (
-    IDLE,
+    MAX_FRUITLESS_CHOICES,
     StoredEnergy,
     first_that_holds,
     quadrature_element,
@@ -169,7 +169,7 @@ class ModeForces:
             points.set_strains(GIVEN)
         else:
             far = points.choose_strains(self._at.change)
-            self._chooses = self._known <= IDLE or far
+            self._chooses = self._known <= MAX_FRUITLESS_CHOICES or far
         self._known += 1
 
     def forces(self) -> Array:
