@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.hanging import HANG_TIMEOUT
+
 ROOT = Path(__file__).resolve().parents[2]
 GOSSAMER = str(ROOT / "gossamer")
 COMMANDS = (
@@ -40,7 +42,7 @@ def launch(*words, program=GOSSAMER, **options):
     options = {
         "capture_output": True,
         "text": True,
-        "timeout": 120,
+        "timeout": HANG_TIMEOUT,
         "stdin": subprocess.DEVNULL,
     } | options
     if "input" in options:
@@ -157,7 +159,7 @@ def test_signals_reach_the_program(number, code):
     ) as process:
         assert process.stdout.readline() == "up\n"
         process.send_signal(number)
-        assert process.wait(timeout=20) == code
+        assert process.wait(timeout=HANG_TIMEOUT) == code
 
 
 def test_mpi():

@@ -184,7 +184,11 @@ def test_the_source_distribution_passes_its_tests_with_the_wheel(
 
 def test_bare_pytest_finds_package_meshes_demos_and_helpers() -> None:
     """Without `python -m`, which would put the current folder on the path by itself."""
-    files = ("tests/survival/test_other_runs.py", "tests/unit/test_study.py", "tests/unit/test_mesh.py")
+    files = (
+        "tests/survival/test_other_runs.py",
+        "tests/unit/test_study.py",
+        "tests/unit/test_mesh.py",
+    )
     # as the command pytest does it: the option -P leaves the current folder out
     words = [sys.executable, "-P", "-c", "import pytest; raise SystemExit(pytest.console_main())"]
     said = execute(*words, "--collect-only", "-p", "no:cacheprovider", *files, folder=ROOT)
