@@ -248,11 +248,23 @@ def enter_as_user(tree: str, command: Sequence[str]) -> int:
         signal.signal(signal.SIGINT, lambda number, frame: None)
     else:
         signal.signal(signal.SIGINT, hand_on)
-    child = subprocess.Popen([*bwrap, *read_only, "sh", *command], pass_fds=(file,))
+    # bwrap would die of the Ctrl-C of a terminal, and with it the command, which may want to live
+    usual = ["/usr/bin/env", "--default-signal=INT,QUIT", "sh"]
+    child = subprocess.Popen(
+        [*bwrap, *read_only, *usual, *command],
+        pass_fds=(file,),
+        preexec_fn=ignore_the_terminal,
+    )
     code = child.wait()
     if code < 0:
         return 128 - code
     return code
+
+
+def ignore_the_terminal() -> None:
+    """Ignore Ctrl-C and Ctrl-\\ in this process and in those that it starts."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGQUIT, signal.SIG_IGN)
 
 
 def inner_process(bwrap: int) -> int:

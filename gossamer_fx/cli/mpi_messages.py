@@ -17,7 +17,9 @@ REPETITIONS = (
     b"MPI_ABORT was invoked on rank",
     b'prterun has exited due to process rank N with PID N on node N calling "abort"',
 )
-# A message of which this much has come is one of the above or is not.
+# By its first letters a message is one of the above or is certainly not; by this much of it, it is
+# or is not.
+FIRST = 12
 DECIDED = 400
 
 
@@ -38,6 +40,7 @@ class MessageFilter:
         self._waiting = b""
         self._removed = b""
         self._anything_passed = False
+        self._after_message = False
 
     def feed(self, data: bytes) -> None:
         """Take more output; what cannot be part of a message is passed on at once."""
@@ -55,6 +58,11 @@ class MessageFilter:
 
     def _advance(self) -> bool:
         """Pass on or remove a piece; returns False if more output is needed to decide."""
+        if self._after_message and self._waiting:
+            # the line ends with the message
+            if self._waiting.startswith(b"\n"):
+                self._remove(1)
+            self._after_message = False
         begin = self._waiting.find(RULE)
         if begin < 0:
             unfinished = len(self._waiting) - len(self._waiting.rstrip(b"-"))
@@ -62,22 +70,23 @@ class MessageFilter:
             return False
         self._take(begin)
         body = self._waiting[len(RULE) :]
-        if len(body) >= DECIDED and not _repeats(body):
-            self._take(len(RULE))
-            return True
         end = body.find(RULE)
         if end < 0:
-            return False
-        length = end + 2 * len(RULE)
+            other = not _may_repeat(body) or (len(body) >= DECIDED and not _repeats(body))
+            if other:
+                self._take(len(RULE))
+            return other
         if _repeats(body[:end]):
-            # the line ends with the message
-            if self._waiting[length : length + 1] == b"\n":
-                length += 1
-            self._removed += self._waiting[:length]
-            self._waiting = self._waiting[length:]
+            self._remove(end + 2 * len(RULE))
+            self._after_message = True
         else:
-            self._take(length)
+            # the second line of dashes may begin another message
+            self._take(end + len(RULE))
         return True
+
+    def _remove(self, length: int) -> None:
+        self._removed += self._waiting[:length]
+        self._waiting = self._waiting[length:]
 
     def _take(self, length: int) -> None:
         self._pass_on(self._waiting[:length])
@@ -87,6 +96,11 @@ class MessageFilter:
         if data:
             self._write(data)
         self._anything_passed |= bool(data.strip())
+
+
+def _may_repeat(body: bytes) -> bool:
+    first = b" ".join(body.split())[:FIRST]
+    return any(begin.startswith(first) for begin in REPETITIONS)
 
 
 def _repeats(body: bytes) -> bool:

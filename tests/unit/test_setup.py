@@ -337,9 +337,7 @@ def test_root_gets_missing_tools(root_machine: Machine) -> None:
     root_machine.remove("mmdebstrap")
     target = root_machine.home / "programs" / "mmdebstrap"
     (root_machine.home / "mmdebstrap program").write_text(f"#!/bin/sh\n{PROGRAMS['mmdebstrap']}")
-    root_machine.does(
-        "apt-get", f'cp "$HERE/mmdebstrap program" "{target}"; chmod +x "{target}"'
-    )
+    root_machine.does("apt-get", f'cp "$HERE/mmdebstrap program" "{target}"; chmod +x "{target}"')
     code, said = root_machine.set_up()
     assert code == 0, said
     [install, made] = root_machine.calls()
