@@ -11,7 +11,7 @@ from gossamer_fx import Mesh, gmsh_mesh
 CORNERS = ("corner", "right corner", "far corner", "left corner")
 
 
-def airbag(comm: MPI.Comm, edge: float, cells: int) -> Mesh:
+def airbag(comm: MPI.Intracomm, edge: float, cells: int) -> Mesh:
     """Two squares [-edge/2, edge/2]² in z = 0 joined along their edges, with an even number of `cells` on each.
 
     Nodes inside the sheets coincide in space and differ in topology; normals point outwards.  The triangles alternate,

@@ -12,13 +12,14 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
-from meshes.line import line
+
+from .line import line
 
 DIAGONALS = ((1.0, 1.0), (-1.0, 1.0))
 CORNERS = ((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0))
 
 
-def film(comm: MPI.Comm, cells: int, side: float) -> Mesh:
+def film(comm: MPI.Intracomm, cells: int, side: float) -> Mesh:
     """`cells` × `cells` squares on [-side/2, side/2]² in z = 0, each of four triangles around its centre.
 
     So the mesh has the film's symmetries, and its edges lie along both diagonals, where it folds.  From 3 cells on it
@@ -55,7 +56,7 @@ def _thirds(outer: float) -> tuple[list[float], list[float]]:
     return [0, outer, 1 - outer, 1], [0, 1 / 3, 2 / 3, 1]
 
 
-def boom(comm: MPI.Comm, elements: int, side: float, diagonal: tuple[float, float]) -> Mesh:
+def boom(comm: MPI.Intracomm, elements: int, side: float, diagonal: tuple[float, float]) -> Mesh:
     """A straight boom of `elements` from corner to corner of the film; groups: those of `meshes.line`."""
     x, y = (side / 2 * c for c in diagonal)
     return line(comm, [(-x, -y, 0), (x, y, 0)], elements)

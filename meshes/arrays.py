@@ -16,7 +16,9 @@ Numbers = npt.NDArray[np.int64]
 Groups = Mapping[str, Numbers]  # nodes of points (1,), or of the edges of curves (n, 2)
 
 
-def mesh_of_arrays(comm: MPI.Comm, arrays: Callable[[], tuple[Points, Numbers, Groups]]) -> Mesh:
+def mesh_of_arrays(
+    comm: MPI.Intracomm, arrays: Callable[[], tuple[Points, Numbers, Groups]]
+) -> Mesh:
     """A mesh of points (n, 3) [m] and triangles (m, 3) between them, which `arrays` makes on rank 0.
 
     Groups: "film", and those that it names.

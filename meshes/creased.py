@@ -9,14 +9,17 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
-from meshes.arrays import Numbers, Points, rim
+
+from .arrays import Numbers, Points, rim
 
 Corners = Sequence[tuple[float, float]]
 Segments = Sequence[tuple[tuple[float, float], tuple[float, float]]]
 ON = 1e-7  # m: nodes that are nearer to a line are on it
 
 
-def creased_film(comm: MPI.Comm, corners: Corners, lines: Segments, size: Sequence[float]) -> Mesh:
+def creased_film(
+    comm: MPI.Intracomm, corners: Corners, lines: Segments, size: Sequence[float]
+) -> Mesh:
     """A convex polygon in z = 0 with edges of triangles along `lines`, as of `Miura.segments`.
 
     Args:
@@ -39,7 +42,7 @@ def creased_film(comm: MPI.Comm, corners: Corners, lines: Segments, size: Sequen
 
 
 def creased_tube(
-    comm: MPI.Comm,
+    comm: MPI.Intracomm,
     corners: Corners,
     lines: Segments,
     size: float,

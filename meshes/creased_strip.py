@@ -10,7 +10,7 @@ from mpi4py import MPI
 from gossamer_fx import Mesh, gmsh_mesh
 
 
-def creased_strip(comm: MPI.Comm, nx: int, ny: int, length: float, width: float) -> Mesh:
+def creased_strip(comm: MPI.Intracomm, nx: int, ny: int, length: float, width: float) -> Mesh:
     """Two panels [-length, 0] and [0, length] by [0, width], each of nx × ny cells of two triangles.
 
     Groups: "film"; the edges "left", "right"; "crease", at x = 0.

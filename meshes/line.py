@@ -11,7 +11,7 @@ from gossamer_fx import Mesh, gmsh_mesh
 
 
 def line(
-    comm: MPI.Comm,
+    comm: MPI.Intracomm,
     points: Sequence[Sequence[float]],
     elements: int | Sequence[int],
     closed: bool = False,

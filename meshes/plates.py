@@ -10,14 +10,15 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from gossamer_fx import Mesh, gmsh_mesh
-from meshes.arrays import mesh_of_arrays
+
+from .arrays import mesh_of_arrays
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
 
 def irregular_sheet(
-    comm: MPI.Comm, nx: int, ny: int, width: float, height: float, seed: int = 1
+    comm: MPI.Intracomm, nx: int, ny: int, width: float, height: float, seed: int = 1
 ) -> Mesh:
     """[0, width] × [0, height] in about nx × ny cells of two triangles, with displaced nodes and random diagonals.
 
@@ -36,7 +37,7 @@ def irregular_sheet(
 
 
 def leaning_sheet(
-    comm: MPI.Comm, nx: int, ny: int, width: float, height: float, ramp: float
+    comm: MPI.Intracomm, nx: int, ny: int, width: float, height: float, ramp: float
 ) -> Mesh:
     """[0, width] × [0, height] in nx × ny cells whose long sides lie at 45°, along the wrinkles of a sheared film.
 
@@ -54,7 +55,7 @@ def leaning_sheet(
     )
 
 
-def slit_ring(comm: MPI.Comm, radial: int, around: int, inner: float, outer: float) -> Mesh:
+def slit_ring(comm: MPI.Intracomm, radial: int, around: int, inner: float, outer: float) -> Mesh:
     """A flat ring about the origin, cut along the positive x axis, in radial × around cells of two triangles.
 
     Groups: "film"; "start" and "end", the two sides of the slit, at 0 and 2π.
@@ -69,7 +70,7 @@ def slit_ring(comm: MPI.Comm, radial: int, around: int, inner: float, outer: flo
     )
 
 
-def free_slit_ring(comm: MPI.Comm, size: float, inner: float, outer: float) -> Mesh:
+def free_slit_ring(comm: MPI.Intracomm, size: float, inner: float, outer: float) -> Mesh:
     """The same ring in triangles of edges about `size` [m] that follow no direction."""
 
     def build(model: Any) -> None:
@@ -96,7 +97,7 @@ def free_slit_ring(comm: MPI.Comm, size: float, inner: float, outer: float) -> M
     return gmsh_mesh(build, comm)
 
 
-def whole_disc(comm: MPI.Comm, cells: int, radius: float = 1.0) -> Mesh:
+def whole_disc(comm: MPI.Intracomm, cells: int, radius: float = 1.0) -> Mesh:
     """A disc about the origin: `cells` rings of triangles, the k-th with 6k nodes.
 
     Groups: "film", "rim".
@@ -146,6 +147,8 @@ def _triangles(ids: Integers, other: npt.NDArray[np.bool_]) -> Integers:
     return np.concatenate(found)
 
 
-def _mesh(comm: MPI.Comm, points: Floats, triangles: Integers, lines: dict[str, Integers]) -> Mesh:
+def _mesh(
+    comm: MPI.Intracomm, points: Floats, triangles: Integers, lines: dict[str, Integers]
+) -> Mesh:
     edges = {name: np.column_stack([nodes[:-1], nodes[1:]]) - 1 for name, nodes in lines.items()}
     return mesh_of_arrays(comm, lambda: (points, triangles - 1, edges))

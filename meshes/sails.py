@@ -8,11 +8,12 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx import Mesh
-from meshes.arrays import Groups, Numbers, Points, joined, mesh_of_arrays, rim
+
+from .arrays import Groups, Numbers, Points, joined, mesh_of_arrays, rim
 
 
 def parallelograms(
-    comm: MPI.Comm, a: float, b: float, gamma: float, columns: int, rows: int, cells: int
+    comm: MPI.Intracomm, a: float, b: float, gamma: float, columns: int, rows: int, cells: int
 ) -> Mesh:
     """The flat sheet of Miura's fold: columns × rows parallelograms with sides a and b [m], each of cells × cells.
 
@@ -48,7 +49,7 @@ def parallelograms(
 
 
 def trapezoids(
-    comm: MPI.Comm, n: int, inner: int, outer: int, pitch: float, refine: int = 1
+    comm: MPI.Intracomm, n: int, inner: int, outer: int, pitch: float, refine: int = 1
 ) -> Mesh:
     """n trapezoids between rows `inner` and `outer`, `pitch` [m] apart, joined along their seams; n = 4: a square.
 
@@ -80,13 +81,13 @@ def trapezoids(
             * pitch
             / math.cos(math.pi / n)
         )
-        named = {f"tip {k}": _nearest(points, tip) for k, tip in enumerate(tips)}
+        named = {f"tip {k}": _nearest(points, tips[k]) for k in range(n)}
         return points, triangles, {"inner": edges[~far], "outer": edges[far]} | named
 
     return mesh_of_arrays(comm, arrays)
 
 
-def pinwheel(comm: MPI.Comm, n: int, side: float, columns: int, reach: int) -> Mesh:
+def pinwheel(comm: MPI.Intracomm, n: int, side: float, columns: int, reach: int) -> Mesh:
     """The ring of `gx.fold.Star` outside a polygon of n sides [m]: `reach` columns of side/columns from each corner.
 
     Sectors begin at the corners of the polygon and have their columns at right angles to their bounds.  Triangles at

@@ -14,7 +14,7 @@ CORNERS = ("bottom left", "bottom right", "top right", "top left")
 
 
 def sheet(
-    comm: MPI.Comm,
+    comm: MPI.Intracomm,
     nx: int,
     ny: int,
     width: float = 1.0,
@@ -50,7 +50,7 @@ def sheet(
 
 
 def crossed_sheet(
-    comm: MPI.Comm, nx: int, ny: int, width: float = 1.0, height: float = 1.0
+    comm: MPI.Intracomm, nx: int, ny: int, width: float = 1.0, height: float = 1.0
 ) -> Mesh:
     """nx × ny cells, each of the four triangles between its corners and its centre; domain and groups as of `sheet`.
 

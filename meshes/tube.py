@@ -12,7 +12,7 @@ from gossamer_fx import Mesh, gmsh_mesh
 
 
 def flat_tube(
-    comm: MPI.Comm, length: float, diameter: float, cells: int, compartments: int = 1
+    comm: MPI.Intracomm, length: float, diameter: float, cells: int, compartments: int = 1
 ) -> Mesh:
     """A closed tube of `length` and `diameter` [m], pressed flat into z = 0, with `cells` edges of triangles across.
 
@@ -61,8 +61,8 @@ def flat_tube(
         for strip in strips[0] + strips[1]:
             geo.mesh.setTransfiniteSurface(strip, "AlternateLeft")
         geo.synchronize()
-        for name, strip in zip(("top", "bottom"), strips, strict=True):
-            model.addPhysicalGroup(2, strip, name=name)
+        for name, surfaces in zip(("top", "bottom"), strips, strict=True):
+            model.addPhysicalGroup(2, surfaces, name=name)
         if compartments > 1:
             for i, pair in enumerate(zip(*strips, strict=True)):
                 model.addPhysicalGroup(2, list(pair), name=f"compartment {i + 1}")

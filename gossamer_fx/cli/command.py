@@ -1,4 +1,4 @@
-"""The commands run, sweep, plot and report.
+"""The commands run, sweep, plot, report, demo and doctor.
 
 What is wrong is told in one sentence, with code 2 for input and 1 for the rest.
 
@@ -34,7 +34,15 @@ class _Parser(argparse.ArgumentParser):
 
 def main(words: Sequence[str]) -> int:
     """Run one command; returns the exit code."""
+    if words[:1] == ["demo"]:  # its options are its own
+        from gossamer_fx.cli.demo import main as run_demo
+
+        return run_demo(words[1:])
     wanted = _parser().parse_args(_with_values(words))
+    if wanted.name == "doctor":  # it tells of missing packages, and imports none of them here
+        from gossamer_fx.cli.doctor import main as examine
+
+        return examine()
     if not any(name in os.environ for name in _LAUNCHED):
         if getattr(wanted, "jobs", 1) > 1:
             from gossamer_fx.cli.launch import launch_alike
@@ -44,13 +52,23 @@ def main(words: Sequence[str]) -> int:
             from gossamer_fx.cli.launch import launch
 
             return launch(wanted.ranks, ["-m", "gossamer_fx", *words])
-    from mpi4py import MPI
+    try:
+        from mpi4py import MPI
+    except ImportError as error:
+        print(
+            f"gossamer: mpi4py cannot be imported ({error}); use a Python with dolfinx, petsc4py, "
+            "mpi4py and gmsh. gossamer doctor shows what this one has.",
+            file=sys.stderr,
+        )
+        return 1
 
     from gossamer_fx.checks.errors import InputError, NoEquilibrium, OutputFailure, StepFailure
     from gossamer_fx.checks.lone_errors import abort_on_lone_error
     from gossamer_fx.cli.user_files import end_program
 
     comm = MPI.COMM_WORLD
+    if _ranks_are_alone(comm):
+        return 1
     try:
         with abort_on_lone_error(comm):
             wanted.command(wanted, comm)
@@ -68,6 +86,25 @@ def main(words: Sequence[str]) -> int:
             f"{type(error).__name__}: {error}; look for memory and disk space, or for the file that it names.",
         )
     return 0
+
+
+def _ranks_are_alone(comm: MPI.Intracomm) -> bool:
+    """Whether mpirun has started several ranks of which each sees only itself; tells why."""
+    from mpi4py import MPI
+
+    started = int(os.environ.get("OMPI_COMM_WORLD_SIZE") or os.environ.get("PMI_SIZE") or 1)
+    if started == 1 or comm.size > 1:
+        return False
+    rank = os.environ.get("OMPI_COMM_WORLD_RANK") or os.environ.get("PMI_RANK")
+    if rank == "0":
+        library = MPI.Get_library_version().split(",")[0].strip()
+        print(
+            f"gossamer: mpirun has started {started} ranks that do not see each other: it belongs "
+            f"to another MPI than mpi4py, which has {library}; start them with the mpirun of that.",
+            file=sys.stderr,
+            flush=True,
+        )
+    return True
 
 
 def script() -> int:
@@ -93,7 +130,10 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="gossamer", description="Run a scene, and look at what it did.")
     parser.add_argument("--version", action="version", version=f"gossamer_fx {VERSION}")
     commands = parser.add_subparsers(
-        required=True, metavar="run|sweep|plot|report", parser_class=_Parser
+        required=True,
+        dest="name",
+        metavar="run|sweep|plot|report|demo|doctor",
+        parser_class=_Parser,
     )
 
     run = commands.add_parser("run", help="run a scene file")
@@ -187,6 +227,11 @@ def _parser() -> argparse.ArgumentParser:
     report.set_defaults(command=_report)
     for command in (run, sweep, plot, report):
         command.add_argument("--debug", action="store_true", help="show where an error comes from")
+
+    demo = commands.add_parser("demo", help="run demos/NAME.py of a clone, folded_tube by default")
+    demo.add_argument("demo", nargs="?", metavar="NAME", help="file in demos, without .py")
+    demo.add_argument("arguments", nargs="*", help="what that demo takes")
+    commands.add_parser("doctor", help="show the versions of everything, and check that it works")
     return parser
 
 

@@ -1,55 +1,111 @@
 """Start a program on several MPI ranks: python3 -m gossamer_fx.cli.launch RANKS PROGRAM ...
 
-Open MPI's mpirun kills the ranks 0.2 s after a SIGTERM or SIGINT, which is too short for a step.  So it does not get
-them: the first one is handed on as SIGUSR1, which mpirun passes to all ranks and at which a run ends with its step and
-a checkpoint; a second one has its usual effect.
+Open MPI's mpirun kills the ranks 0.2 s after a SIGTERM or SIGINT, which is too short for a step.
+So it does not get them: the first one is handed on as SIGUSR1, which mpirun passes to all ranks and
+at which a run ends with its step and a checkpoint; a second one has its usual effect.
 """
 
 from __future__ import annotations
 
 import ctypes
 import os
+import shutil
 import signal
 import subprocess
 import sys
 from collections.abc import Sequence
+from pathlib import Path
+from threading import Thread
 from types import FrameType
+from typing import BinaryIO, cast
+
+from gossamer_fx.cli.mpi_messages import copy_without_repetitions
 
 _SIGNALS = (signal.SIGTERM, signal.SIGINT)
-_DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG
+_DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
+_SYSTEM_PREFIXES = ("/usr", "/usr/local")
+# s that the last words of the ranks may take after mpirun has ended: one that it could not end may
+# hold the pipe open for ever
+_LAST_WORDS = 10.0
+
+
+def find_mpirun() -> str | None:
+    """The mpirun that belongs to this Python, or None.
+
+    That of the virtual or conda environment of this Python, if it has one: the environment need not
+    be activated.  Else the first one on PATH.
+    """
+    beside = Path(sys.executable).with_name("mpirun")
+    if sys.prefix not in _SYSTEM_PREFIXES and os.access(beside, os.X_OK):
+        return str(beside)
+    return shutil.which("mpirun")
 
 
 def launch(ranks: int, program: Sequence[str]) -> int:
-    """Run a Python program on some ranks; returns its exit code, 128 + signal if one ended it."""
+    """Run a Python program on several MPI ranks.
+
+    Args:
+        ranks: how many.
+        program: what follows `python3` on a command line.
+
+    Returns:
+        Its exit code; 128 + signal if a signal ended it; 1 if there is no mpirun.
+    """
+    mpirun = find_mpirun()
+    if mpirun is None:
+        print(
+            f"gossamer: there is no mpirun beside {sys.executable} or on PATH, which {ranks} ranks "
+            "need; install the MPI of mpi4py, or activate its environment.",
+            file=sys.stderr,
+        )
+        return 1
+    # A terminal sends Ctrl-C to all processes of the group: mpirun has one of its own, which cannot
+    # read from the terminal.
+    stdin = None
+    if os.isatty(0):
+        stdin = subprocess.DEVNULL
+    run = subprocess.Popen(
+        [mpirun, "-n", str(ranks), sys.executable, *program],
+        stdin=stdin,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        preexec_fn=_die_with_parent,
+    )
     heard: list[int] = []
 
     def hand_on(number: int, frame: FrameType | None) -> None:
         heard.append(number)
-        run.send_signal(signal.SIGUSR1 if len(heard) == 1 else number)
+        if len(heard) == 1:
+            run.send_signal(signal.SIGUSR1)
+        else:
+            run.send_signal(number)
 
-    # Ctrl-C of a terminal reaches all processes of the group: mpirun has one of its own, which a terminal does not read
-    run = subprocess.Popen(
-        ["mpirun", "-n", str(ranks), sys.executable, *program],
-        stdin=subprocess.DEVNULL if os.isatty(0) else None,
-        start_new_session=True,
-        preexec_fn=_die_with_parent,
-    )
     for number in _SIGNALS:
         signal.signal(number, hand_on)
+    streams = (cast(BinaryIO, run.stderr), sys.stderr.buffer)
+    words = Thread(target=copy_without_repetitions, args=streams, daemon=True)
+    words.start()
     code = run.wait()
-    return 128 + heard[0] if heard and code else code if code >= 0 else 128 - code
+    words.join(_LAST_WORDS)
+    if code < 0:
+        return 128 - code
+    if heard and code:
+        return 128 + heard[0]
+    return code
 
 
 def launch_alike(jobs: int, program: Sequence[str]) -> int:
-    """Run a Python program in several processes that share its work; returns zero if one of them came to the end.
+    """Run a Python program in several processes that share its work.
 
-    The first one alone speaks.  Any of them may die: those that are left go on.
+    The first one alone writes to the terminal.  Any of them may die: the others go on.
+
+    Returns:
+        Zero if one of them came to the end.
     """
     command = [sys.executable, *program]
-    runs = [
-        subprocess.Popen(command, stdout=None if k == 0 else subprocess.DEVNULL)
-        for k in range(jobs)
-    ]
+    runs = [subprocess.Popen(command)]
+    for _ in range(1, jobs):
+        runs.append(subprocess.Popen(command, stdout=subprocess.DEVNULL))
     try:
         return min(abs(run.wait()) for run in runs)
     except KeyboardInterrupt:
@@ -63,5 +119,18 @@ def _die_with_parent() -> None:
         ctypes.CDLL(None).prctl(_DIE_WITH_PARENT, signal.SIGTERM)
 
 
+def main(words: Sequence[str]) -> int:
+    """Start what a command line says; returns the exit code."""
+    ranks = words[0] if words else ""
+    if len(words) < 2 or not ranks.isdecimal() or int(ranks) < 1:
+        print(
+            "gossamer: mpi needs a number of ranks, then a script: ./gossamer mpi 2 script.py; "
+            f"got '{' '.join(words)}'.",
+            file=sys.stderr,
+        )
+        return 2
+    return launch(int(ranks), words[1:])
+
+
 if __name__ == "__main__":
-    sys.exit(launch(int(sys.argv[1]), sys.argv[2:]))
+    sys.exit(main(sys.argv[1:]))

@@ -13,6 +13,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from tests.hanging import HANG_TIMEOUT
 from tests.survival.on_ranks import python
 from tests.survival.scenes import DT, filled_tube, fluttering_sheet
 
@@ -29,7 +30,7 @@ def meet(
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=HANG_TIMEOUT,
     )
 
 
@@ -101,7 +102,7 @@ def test_a_restart_on_a_disk_that_is_full_is_refused(tmp_path: Path) -> None:
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=HANG_TIMEOUT,
     )
     if (
         said.returncode in (1, 77) and "unshare" in said.stderr + said.stdout

@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
+from tests.hanging import HANG_TIMEOUT
 from tests.survival.on_ranks import python
 
 adios2 = pytest.importorskip("adios2", exc_type=ImportError)  # the light install has none
@@ -43,7 +44,7 @@ def start(ranks: int, folder: Path, *options: str, steps: int = STEPS) -> subpro
 def whole(folder: Path) -> Path:
     """The run that nobody interrupts."""
     out = folder / "whole"
-    words = start(1, out).communicate(timeout=300)
+    words = start(1, out).communicate(timeout=HANG_TIMEOUT)
     assert (out / "end.txt").is_file(), words
     return out
 
@@ -69,7 +70,7 @@ def kill(run: subprocess.Popen[str]) -> None:
     for number in [*ranks_of(run), run.pid]:
         with contextlib.suppress(ProcessLookupError):
             os.kill(number, signal.SIGKILL)
-    run.communicate(timeout=60)
+    run.communicate(timeout=HANG_TIMEOUT)
 
 
 def agree(broken: Path, unbroken: Path, tolerance: float = 1e-7) -> None:
@@ -102,7 +103,7 @@ def vtx_times(folder: Path) -> list[float]:
 
 def wait_for(run: subprocess.Popen[str], happened: Callable[[], bool]) -> None:
     """As long as the run lives."""
-    deadline = time.monotonic() + 120
+    deadline = time.monotonic() + HANG_TIMEOUT
     while not happened():
         assert run.poll() is None and time.monotonic() < deadline, (run.kill(), run.communicate())
         time.sleep(0.05)
@@ -153,7 +154,7 @@ def test_a_signal_ends_the_run_after_its_step(
     wait_until_ready(run)
     wait_for(run, lambda: rows(out / "ledger.csv") >= 5)
     os.kill(ranks_of(run)[-1], number)
-    _, said = run.communicate(timeout=120)
+    _, said = run.communicate(timeout=HANG_TIMEOUT)
     told = re.search(
         rf"stopped by {number.name} at t = \S+ s, after step (\d+); restart from '(.*)'", said
     )
@@ -196,7 +197,7 @@ def test_a_signal_to_the_launcher_waits_for_a_long_step(
     assert run.stdout is not None and "step" in run.stdout.readline()
     time.sleep(0.3)
     run.send_signal(number)
-    _, said = run.communicate(timeout=120)
+    _, said = run.communicate(timeout=HANG_TIMEOUT)
     assert run.returncode == 128 + number, said
     told = re.search(r"stopped by \w+ at t = \S+ s, after step (\d+); restart from", said)
     assert told, said
@@ -211,10 +212,10 @@ def test_a_rank_that_dies_ends_the_run_and_nothing_is_lost(tmp_path: Path) -> No
     wait_until_ready(run)
     wait_for(run, lambda: rows(out / "ledger.csv") >= 10)
     os.kill(ranks_of(run)[-1], signal.SIGKILL)
-    said = "".join(run.communicate(timeout=120))
+    said = "".join(run.communicate(timeout=HANG_TIMEOUT))
     assert run.returncode != 0
     assert re.search(r"signal:? 9", " ".join(said.split()), re.IGNORECASE)
     again = start(1, out, "--restart")
-    words = again.communicate(timeout=300)
+    words = again.communicate(timeout=HANG_TIMEOUT)
     assert again.returncode == 0, words
     agree(out, reference)

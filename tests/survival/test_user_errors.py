@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 import gossamer_fx as gx
+from tests.hanging import HANG_TIMEOUT
 from tests.survival.on_ranks import python
 
 ROOT = Path(gx.__file__).parent.parent
@@ -47,7 +48,7 @@ def run(
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=HANG_TIMEOUT,
     )
 
 
@@ -108,7 +109,7 @@ gx.Simulation(gx.Scene(film), tight).run(until=1.0)
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=HANG_TIMEOUT,
     )
     assert re.search(r"StepFailure: The step at t = \S+ s failed", said.stderr)
     assert said.stderr.count("Traceback (most recent call last)") == 1

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.hanging import HANG_TIMEOUT
+
 ROOT = Path(__file__).parents[2]
 DESIGN = """
 import os, time
@@ -46,7 +48,7 @@ def test_any_process_may_be_killed(tmp_path):
         os.kill(victim.pid, signal.SIGKILL)
         victim.wait()
         runs.append(start(tmp_path))
-    assert min(run.wait(timeout=120) for run in runs) == 0
+    assert min(run.wait(timeout=HANG_TIMEOUT) for run in runs) == 0
     words = [line.split() for line in told.read_text().splitlines()]
     ended = [tuple(line[1:3]) for line in words if line[0] == "end"]
     assert {("1", "1"), ("2", "3")} <= set(ended) and len(set(ended)) == 6
@@ -57,9 +59,17 @@ def test_any_process_may_be_killed(tmp_path):
     assert len(begun) <= 6 + 4 and len(ended) <= 6 + 2
 
 
+# Each run waits until another process has begun one: both processes must take part, however late
+# the machine starts the second.
+TOGETHER = DESIGN.replace(
+    "time.sleep(0.15)",
+    "while len({line.split()[3] for line in told.read_text().splitlines()}) < 2: time.sleep(0.05)",
+)
+
+
 @pytest.mark.parametrize("jobs", [2])
 def test_jobs_share_the_runs(tmp_path, jobs):
-    (tmp_path / "design.py").write_text(DESIGN)
+    (tmp_path / "design.py").write_text(TOGETHER)
     words = [
         "-m",
         "gossamer_fx",
@@ -71,7 +81,12 @@ def test_jobs_share_the_runs(tmp_path, jobs):
         str(jobs),
     ]
     ended = subprocess.run(
-        [sys.executable, *words], cwd=ROOT, capture_output=True, text=True, check=True
+        [sys.executable, *words],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=HANG_TIMEOUT,
     )
     assert "written to" in ended.stdout
     words = [line.split() for line in (tmp_path / "told").read_text().splitlines()]

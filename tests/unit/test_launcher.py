@@ -1,6 +1,7 @@
 """The launcher, from inside an environment: it passes everything through and misuse is told in one sentence."""
 
 import os
+import pty
 import re
 import shutil
 import signal
@@ -9,6 +10,8 @@ import sys
 from pathlib import Path
 
 import pytest
+
+from tests.hanging import HANG_TIMEOUT
 
 ROOT = Path(__file__).resolve().parents[2]
 GOSSAMER = str(ROOT / "gossamer")
@@ -40,7 +43,7 @@ def launch(*words, program=GOSSAMER, **options):
     options = {
         "capture_output": True,
         "text": True,
-        "timeout": 120,
+        "timeout": HANG_TIMEOUT,
         "stdin": subprocess.DEVNULL,
     } | options
     if "input" in options:
@@ -81,6 +84,8 @@ def test_misuse_is_one_sentence(words, culprit):
 def test_it_is_plain_sh():
     for shell in filter(None, map(shutil.which, ("sh", "dash", "bash"))):
         assert subprocess.run([shell, "-n", GOSSAMER]).returncode == 0
+    if shutil.which("shellcheck"):
+        assert subprocess.run(["shellcheck", "-s", "sh", GOSSAMER]).returncode == 0
 
 
 def test_packages_are_listed_once():
@@ -107,6 +112,17 @@ def test_standard_input_and_exit_code():
     assert (done.stdout, done.stderr, done.returncode) == ("given\n", "", 7)
     done = launch("shell", input="echo $((6 * 7)); exit 3\n")
     assert (done.stdout, done.returncode) == ("42\n", 3)
+
+
+def test_the_shell_has_the_python_of_the_environment(tmp_path):
+    """Also where another `python` is first on PATH and Debian has only `python3`."""
+    other = tmp_path / "python"
+    other.write_text("#!/bin/sh\necho another python\n")
+    other.chmod(0o755)
+    environment = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    words = "python -c 'import dolfinx, sys; print(sys.argv[1:])' 'a b'\n"
+    done = launch("shell", input=words, env=environment)
+    assert (done.stdout, done.returncode) == ("['a b']\n", 0)
 
 
 def test_current_folder_and_project_are_at_hand(tmp_path):
@@ -157,7 +173,21 @@ def test_signals_reach_the_program(number, code):
     ) as process:
         assert process.stdout.readline() == "up\n"
         process.send_signal(number)
-        assert process.wait(timeout=20) == code
+        assert process.wait(timeout=HANG_TIMEOUT) == code
+
+
+@pytest.mark.filterwarnings("ignore:.*forkpty:DeprecationWarning")
+def test_ctrl_c_of_a_terminal_reaches_the_program_once():
+    program = PATIENT.replace("sys.exit(11)", "time.sleep(0.5); sys.exit(11)")
+    process, terminal = pty.fork()
+    if process == 0:
+        os.execv(GOSSAMER, [GOSSAMER, "python", "-c", program])
+    said = b""
+    while b"up" not in said:
+        said += os.read(terminal, 1000)
+    os.write(terminal, b"\x03")
+    assert os.waitstatus_to_exitcode(os.waitpid(process, 0)[1]) == 11
+    os.close(terminal)
 
 
 def test_mpi():
@@ -169,11 +199,36 @@ def test_mpi():
     assert "to rank 0" in done.stdout
 
 
+ERROR_ON_TWO_RANKS = """
+import sys
+from mpi4py import MPI
+MPI.COMM_WORLD.barrier()
+if MPI.COMM_WORLD.rank == 0:
+    print("gossamer: a sentence.", file=sys.stderr, flush=True)
+    {ends}
+MPI.COMM_WORLD.recv() if "Abort" in {ends!r} else sys.exit(2)
+"""
+
+
+@pytest.mark.parametrize("ends", ["sys.exit(2)", "MPI.COMM_WORLD.Abort(2)"])
+def test_an_error_on_two_ranks_ends_with_its_sentence(ends):
+    """Open MPI would write after it that a rank has ended with a code that is not zero."""
+    done = launch("mpi", "2", "-c", ERROR_ON_TWO_RANKS.format(ends=ends))
+    assert (done.stderr.strip(), done.returncode) == ("gossamer: a sentence.", 2)
+
+
+def test_a_scene_that_is_refused_on_two_ranks_is_told_in_one_sentence(tmp_path):
+    done = launch("run", "--ranks", "2", "--quiet", str(tmp_path))
+    assert done.returncode == 2 and done.stderr.startswith("gossamer: There is no scene file")
+    assert done.stderr.count("\n") == 1
+
+
 @pytest.fixture
 def project(tmp_path):
     """A project of one small test file, beside a copy of the launcher."""
     for name in ("gossamer", "pyproject.toml"):
         shutil.copy(ROOT / name, tmp_path)
+    shutil.copytree(ROOT / "tools", tmp_path / "tools")
     (tmp_path / "tests").mkdir()
 
     def write(text):
@@ -210,6 +265,7 @@ def test_doctor():
     done = launch("doctor")
     assert done.returncode == 0, done.stdout + done.stderr
     for name in (
+        "gossamer_fx",
         "environment",
         "python",
         "dolfinx",

@@ -20,6 +20,7 @@ from gossamer_fx.fields.fields import AreaFractions, FieldFunctions
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
 from gossamer_fx.plot.rasterise import Canvas
 from meshes.sheet import sheet
+from tests.hanging import HANG_TIMEOUT
 
 adios2 = pytest.importorskip("adios2", exc_type=ImportError)  # the light install has none
 
@@ -455,7 +456,7 @@ gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3), outputs).run(until=1e-3)
 loaded = [name for name in ("matplotlib", "gossamer_fx.gas.network") if name in sys.modules]
 sys.exit(f"loaded: {{loaded}}" if loaded else 0)
 """
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=120)
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=HANG_TIMEOUT)
 
 
 @pytest.mark.mpi

@@ -9,6 +9,7 @@ import sys
 import tarfile
 import tomllib
 import zipfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ import pytest
 import gossamer_fx as gx
 
 ROOT = Path(gx.__file__).parent.parent
+QUIET = ("--quiet", "--disable-pip-version-check", "--root-user-action=ignore")
 PROJECT = ROOT / "pyproject.toml"
 
 
@@ -56,61 +58,139 @@ def test_third_party_imports_are_in_some_extra() -> None:
         assert distribution in named, module
 
 
+@dataclass(frozen=True)
+class Archives:
+    """A wheel and a source distribution of this project, and the hatchling that made them."""
+
+    wheel: Path
+    source: Path
+    hatchling: Path
+
+
+def execute(*words: str | Path, folder: Path, extra_modules: Path | None = None) -> str:
+    """Standard output of a command that sees nothing of the clone; both streams if it fails."""
+    environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PIP_TARGET")}
+    if extra_modules is not None:
+        environment["PYTHONPATH"] = str(extra_modules)
+    done = subprocess.run(
+        [str(word) for word in words],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def archives(tmp_path_factory: pytest.TempPathFactory) -> Archives:
+    if not (ROOT / ".gitignore").exists():
+        pytest.skip("this is not a clone and not a source distribution")
+    folder = tmp_path_factory.mktemp("archives")
+    hatchling = folder / "hatchling"
+    install = [sys.executable, "-m", "pip", "install", *QUIET]
+    execute(*install, "--target", hatchling, "hatchling>=1.27", folder=folder)
+    build = [sys.executable, "-m", "hatchling", "build", "-d", folder / "dist"]
+    execute(*build, folder=ROOT, extra_modules=hatchling)
+    [wheel] = (folder / "dist").glob("*.whl")
+    [source] = (folder / "dist").glob("*.tar.gz")
+    return Archives(wheel, source, hatchling)
+
+
+def unpacked(source: Path, folder: Path) -> Path:
+    """The folder of a source distribution."""
+    with tarfile.open(source) as archive:
+        archive.extractall(folder, filter="data")
+    [tree] = folder.iterdir()
+    return tree
+
+
+def environment_with(package: Path, archives: Archives, folder: Path) -> Path:
+    """Folder `bin` of a fresh virtual environment that has the package and the system's dolfinx."""
+    home = folder / "venv"
+    make = [sys.executable, "-m", "venv", "--system-site-packages", "--without-pip", home]
+    execute(*make, folder=folder)
+    pip = [sys.executable, "-m", "pip", "--python", home / "bin" / "python3", "install", *QUIET]
+    without_network = ["--no-deps", "--no-build-isolation"]
+    execute(*pip, *without_network, package, folder=folder, extra_modules=archives.hatchling)
+    return home / "bin"
+
+
 @pytest.mark.slow
-def test_wheel_and_source_distribution_install_beside_dolfinx(tmp_path: Path) -> None:
-    """Both are built; the wheel goes into a fresh venv that sees the system's dolfinx and blows a pillow up; what is in
-    the source distribution passes tests of its own with that wheel."""
-    if (ROOT / ".git").exists() is False and not (ROOT / ".gitignore").exists():
-        pytest.skip("this is a source distribution itself")
-    quiet = ["--quiet", "--disable-pip-version-check"]
-    env = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "PIP_TARGET")}
-
-    def run(*words: str | Path, cwd: Path = tmp_path) -> str:
-        done = subprocess.run(
-            [str(w) for w in words], cwd=cwd, env=env, capture_output=True, text=True
-        )
-        assert done.returncode == 0, done.stdout + done.stderr
-        return done.stdout
-
-    hatch = tmp_path / "hatch"
-    run(sys.executable, "-m", "pip", "install", *quiet, "--target", hatch, "hatchling>=1.27")
-    env["PYTHONPATH"] = str(hatch)
-    run(sys.executable, "-m", "hatchling", "build", "-d", tmp_path / "dist", cwd=ROOT)
-    del env["PYTHONPATH"]
-    [wheel], [source] = (tmp_path / "dist").glob("*.whl"), (tmp_path / "dist").glob("*.tar.gz")
-    inside = set(zipfile.ZipFile(wheel).namelist())
+def test_the_wheel_has_the_package_with_its_meshes_and_nothing_else(archives: Archives) -> None:
+    inside = set(zipfile.ZipFile(archives.wheel).namelist())
     for path in (ROOT / "gossamer_fx").rglob("*"):
         if path.is_file() and "__pycache__" not in path.parts:
             assert str(path.relative_to(ROOT)) in inside
-    assert not any(name.startswith(("tests/", "demos/", "meshes/")) for name in inside)
+    for path in (ROOT / "meshes").glob("*.py"):
+        assert f"gossamer_fx/meshes/{path.name}" in inside
+    assert {name.split("/")[0].split("-")[0] for name in inside} == {"gossamer_fx"}
 
-    home = tmp_path / "venv"
-    run(sys.executable, "-m", "venv", "--system-site-packages", "--without-pip", home)
-    python = home / "bin" / "python3"
-    run(sys.executable, "-m", "pip", "--python", python, "install", *quiet, "--no-deps", wheel)
-    with tarfile.open(source) as archive:
-        archive.extractall(tmp_path / "source", filter="data")
-    [tree] = (tmp_path / "source").iterdir()
-    for name in (
-        "README.md",
-        "CITATION.cff",
-        "gossamer",
-        "docs/conf.py",
-        "tests/conftest.py",
-        "meshes/sheet.py",
-    ):
+
+@pytest.mark.slow
+def test_the_source_distribution_makes_the_same_wheel(archives: Archives, tmp_path: Path) -> None:
+    tree = unpacked(archives.source, tmp_path / "source")
+    files = ("README.md", "CITATION.cff", "gossamer", "docs/conf.py", "tests/conftest.py")
+    for name in (*files, "meshes/sheet.py", "gossamer_fx/meshes/sheet.py"):
         assert (tree / name).is_file(), name
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", tmp_path / "dist"]
+    execute(*build, folder=tree, extra_modules=archives.hatchling)
+    [again] = (tmp_path / "dist").glob("*.whl")
+    names = [set(zipfile.ZipFile(wheel).namelist()) for wheel in (archives.wheel, again)]
+    assert names[0] == names[1]
 
-    scene = tmp_path / "pillow.py"
-    scene.write_text((tree / "demos" / "pillow.py").read_text())
-    said = run(home / "bin" / "gossamer", "run", scene, "cells=4", "until=2e-3")
-    assert "written to" in said and (tmp_path / "out" / "pillow" / "ledger.csv").is_file()
-    assert str(home) in run(python, "-c", "import gossamer_fx; print(gossamer_fx.__file__)")
 
-    for name in (
-        "gossamer_fx",
-        "gossamer",
-    ):  # the tests find the installed package, as a packager's do
+@pytest.mark.slow
+@pytest.mark.parametrize("package", ["wheel", "source distribution", "clone"])
+def test_the_scene_of_the_readme_runs_outside_the_clone(
+    archives: Archives, tmp_path: Path, package: str
+) -> None:
+    """With what `pip install` makes of the wheel, the source distribution and the clone itself."""
+    packages = {"wheel": archives.wheel, "source distribution": archives.source, "clone": ROOT}
+    programs = environment_with(packages[package], archives, tmp_path)
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    [scene] = re.findall(r"^```python\n(.*?)^```", readme, re.DOTALL | re.MULTILINE)
+    (tmp_path / "scene.py").write_text(scene)
+    said = execute(programs / "python3", "scene.py", folder=tmp_path)
+    assert re.fullmatch(r"\d+ Pa; energy closes to \S+, gas to \S+\n", said)
+    where = "import gossamer_fx.meshes; print(gossamer_fx.meshes.__file__)"
+    home = execute(programs / "python3", "-c", where, folder=tmp_path)
+    assert home.startswith(str(programs.parent))
+
+
+@pytest.mark.slow
+def test_the_installed_command_runs_a_scene_file(archives: Archives, tmp_path: Path) -> None:
+    programs = environment_with(archives.wheel, archives, tmp_path)
+    (tmp_path / "pillow.py").write_text((ROOT / "demos" / "pillow.py").read_text())
+    run = [programs / "gossamer", "run", "pillow.py", "cells=4", "until=2e-3"]
+    assert "written to" in execute(*run, folder=tmp_path)
+    assert (tmp_path / "out" / "pillow" / "ledger.csv").is_file()
+
+
+@pytest.mark.slow
+def test_the_source_distribution_passes_its_tests_with_the_wheel(
+    archives: Archives, tmp_path: Path
+) -> None:
+    """The tests find the installed package, as a packager's do."""
+    programs = environment_with(archives.wheel, archives, tmp_path)
+    tree = unpacked(archives.source, tmp_path / "source")
+    for name in ("gossamer_fx", "gossamer"):
         (tree / name).rename(tree / f"{name}.away")
     files = ("tests/unit/test_gas.py", "tests/unit/test_materials.py")
-    assert "passed" in run(python, "-m", "pytest", "-p", "no:cacheprovider", *files, cwd=tree)
+    pytest_words = [programs / "python3", "-m", "pytest", "-p", "no:cacheprovider", *files]
+    assert "passed" in execute(*pytest_words, folder=tree)
+
+
+def test_bare_pytest_finds_package_meshes_demos_and_helpers() -> None:
+    """Without `python -m`, which would put the current folder on the path by itself."""
+    files = (
+        "tests/survival/test_other_runs.py",
+        "tests/unit/test_study.py",
+        "tests/unit/test_mesh.py",
+    )
+    # as the command pytest does it: the option -P leaves the current folder out
+    words = [sys.executable, "-P", "-c", "import pytest; raise SystemExit(pytest.console_main())"]
+    said = execute(*words, "--collect-only", "-p", "no:cacheprovider", *files, folder=ROOT)
+    for name in files:
+        assert f"{name}::" in said

@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from tests.hanging import HANG_TIMEOUT
+
 FILM_ALONE = """
 import json, sys
 from mpi4py import MPI
@@ -65,7 +67,7 @@ def run_alone(cache: Path) -> dict:
         text=True,
         env=os.environ | {"XDG_CACHE_HOME": str(cache)},
         check=True,
-        timeout=120,
+        timeout=HANG_TIMEOUT,
     )
     return dict(json.loads(result.stdout.splitlines()[-1]))
 

@@ -1,0 +1,224 @@
+"""The installed command: ranks, demos, missing packages, and what mpirun writes."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from gossamer_fx.cli import demo, doctor, launch
+from gossamer_fx.cli.mpi_messages import RULE, MessageFilter
+
+ROOT = Path(__file__).resolve().parents[2]
+
+# what prterun of Open MPI 5.0.7 writes
+EXIT_CODE = (
+    RULE
+    + b"""
+prterun detected that one or more processes exited with non-zero status,
+thus causing the job to be terminated. The first process to do so was:
+
+   Process name: [prterun-vm-20596@1,1]
+   Exit code:    2
+"""
+    + RULE
+    + b"\n"
+)
+ABORTED = (
+    RULE
+    + b"""
+MPI_ABORT was invoked on rank 0 in communicator MPI_COMM_WORLD
+  Proc: [[42520,1],0]
+  Errorcode: 2
+
+NOTE: invoking MPI_ABORT causes Open MPI to kill all MPI processes.
+"""
+    + RULE
+    + b"\n"
+    + RULE
+    + b"""
+prterun has exited due to process rank 0 with PID 0 on node vm calling
+"abort". This may have caused other processes in the application to be
+terminated by signals sent by prterun (as reported here).
+"""
+    + RULE
+    + b"\n\0"
+)
+KILLED = (
+    RULE
+    + b"""
+prterun noticed that process rank 1 with PID 21461 on node vm exited on
+signal 9 (Killed).
+"""
+    + RULE
+    + b"\n"
+)
+
+
+def filtered(data: bytes, size: int) -> bytes:
+    """What passes of data that come in pieces of a size."""
+    passed: list[bytes] = []
+    messages = MessageFilter(passed.append)
+    for begin in range(0, len(data), size):
+        messages.feed(data[begin : begin + size])
+    messages.close()
+    return b"".join(passed)
+
+
+@pytest.mark.parametrize("size", [1, 2, 7, 73, 74, 75, 76, 400, 10**6])
+@pytest.mark.parametrize(
+    "repetition", [EXIT_CODE, ABORTED, EXIT_CODE + ABORTED], ids=["code", "abort", "both"]
+)
+def test_what_open_mpi_repeats_is_removed(size: int, repetition: bytes) -> None:
+    sentence = b"gossamer: The mesh is damaged.\n"
+    assert filtered(sentence + repetition, size) == sentence
+    assert filtered(repetition + sentence, size) == sentence
+    middle = b"10 %\r" + repetition + b"20 %\r---- a -- b\n" + RULE + b"\n" + sentence
+    assert filtered(middle, size) == middle.replace(repetition, b"")
+
+
+@pytest.mark.parametrize("size", [1, 76, 10**6])
+def test_other_messages_pass(size: int) -> None:
+    for data in (KILLED, b"words\n" + KILLED, RULE, RULE + b"\n" + RULE, RULE + b"x" * 1000):
+        assert filtered(data, size) == data
+    words = b"gossamer: Lost.\n"
+    assert filtered(words + KILLED + EXIT_CODE, size) == words + KILLED
+
+
+@pytest.mark.parametrize("size", [1, 76, 10**6])
+def test_a_failure_without_words_keeps_the_message(size: int) -> None:
+    assert filtered(EXIT_CODE, size) == EXIT_CODE
+
+
+def test_progress_passes_at_once() -> None:
+    passed: list[bytes] = []
+    messages = MessageFilter(passed.append)
+    messages.feed(b"10 %\r")
+    messages.feed(b"20 %\r-")
+    assert passed == [b"10 %\r", b"20 %\r"]
+    messages.feed(b"-" * 73 + b"\nA table\n")
+    assert b"".join(passed) == b"10 %\r20 %\r" + RULE + b"\nA table\n"
+
+
+def test_mpirun_beside_the_python_of_an_environment_comes_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The environment need not be activated."""
+    for name in ("venv", "path"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "mpirun").touch(mode=0o755)
+    monkeypatch.setenv("PATH", str(tmp_path / "path"))
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "venv" / "python3"))
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / "venv"))
+    assert launch.find_mpirun() == str(tmp_path / "venv" / "mpirun")
+    monkeypatch.setattr(sys, "prefix", "/usr")
+    assert launch.find_mpirun() == str(tmp_path / "path" / "mpirun")
+
+
+def test_a_missing_mpirun_is_told_in_one_sentence(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(launch, "find_mpirun", lambda: None)
+    assert launch.launch(2, ["-c", "1"]) == 1
+    said = capsys.readouterr().err
+    assert said.startswith("gossamer: there is no mpirun") and "2 ranks" in said
+    assert said.count("\n") == 1
+
+
+@pytest.mark.parametrize("words", [[], ["2"], ["two", "a.py"], ["0", "a.py"], ["-1", "a.py"]])
+def test_a_number_of_ranks_must_be_one(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert launch.main(words) == 2
+    assert re.fullmatch(r"gossamer: mpi needs a number of ranks.*\n", capsys.readouterr().err)
+
+
+def command(*words: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    """Run `gossamer` as it is installed."""
+    return subprocess.run(
+        [sys.executable, "-m", "gossamer_fx", *words],
+        cwd=ROOT,
+        env=os.environ | variables,
+        capture_output=True,
+        text=True,
+    )
+
+
+@pytest.mark.skipif(
+    "OMPI_COMM_WORLD_SIZE" in os.environ or "PMI_SIZE" in os.environ, reason="one rank is enough"
+)
+class TestInstalledCommand:
+    def test_ranks_of_another_mpi_are_told(self, tmp_path: Path) -> None:
+        """That mpirun has started two ranks, each of which is alone."""
+        for rank, lines in ((0, 1), (1, 0)):
+            # variables that this MPI does not read, as it has been started without PMI
+            done = command("report", str(tmp_path), PMI_SIZE="2", PMI_RANK=str(rank))
+            assert done.returncode == 1 and done.stderr.count("\n") == lines, done
+            assert "2 ranks that do not see each other" in done.stderr or rank == 1
+
+    def test_a_python_without_mpi4py_is_told_in_one_sentence(self, tmp_path: Path) -> None:
+        hidden = tmp_path / "mpi4py"
+        hidden.mkdir()
+        (hidden / "__init__.py").write_text("raise ImportError('no MPI here')")
+        paths = f"{tmp_path}:{os.environ.get('PYTHONPATH', '')}"
+        done = command("report", str(tmp_path), PYTHONPATH=paths)
+        assert done.returncode == 1 and "mpi4py cannot be imported (no MPI here)" in done.stderr
+        assert done.stderr.count("\n") == 1
+
+    def test_an_unknown_demo_is_told_with_the_known_ones(self) -> None:
+        done = command("demo", "no_such_demo")
+        assert done.returncode == 2 and done.stderr.count("\n") == 1
+        assert "no demo 'no_such_demo'" in done.stderr and "folded_tube" in done.stderr
+
+    def test_help_lists_demo_and_doctor(self) -> None:
+        said = command("--help").stdout
+        assert re.search(r"^ +demo ", said, re.MULTILINE)
+        assert re.search(r"^ +doctor ", said, re.MULTILINE)
+
+
+def test_demos_are_those_of_the_clone_or_of_the_current_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert demo.find_demos() == ROOT / "demos"
+    # as it is installed by a wheel
+    monkeypatch.setattr(demo, "__file__", str(tmp_path / "gossamer_fx" / "cli" / "demo.py"))
+    monkeypatch.chdir(tmp_path)
+    assert demo.main(["pillow"]) == 2
+    assert "start gossamer demo in a clone" in capsys.readouterr().err
+    monkeypatch.chdir(ROOT)
+    assert demo.find_demos() == ROOT / "demos"
+
+
+def test_the_words_of_a_demo_are_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[list[str]] = []
+    monkeypatch.setattr(os, "execv", lambda program, words: started.append(words))
+    monkeypatch.setenv("PYTHONPATH", "")
+    demo.main([])
+    demo.main(["--ranks", "2"])
+    demo.main(["pillow.py", "--help"])
+    programs = [(Path(words[1]).name, words[2:]) for words in started]
+    assert programs == [
+        ("folded_tube.py", []),
+        ("folded_tube.py", ["--ranks", "2"]),
+        ("pillow.py", ["--help"]),
+    ]
+
+
+def test_doctor_tells_what_is_missing(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(doctor, "NEEDED", (*doctor.NEEDED, "no_such_package"))
+    monkeypatch.setattr(doctor, "rank_failures", lambda: ["two MPI ranks do not work together"])
+    assert doctor.main() == 1
+    said = capsys.readouterr().out
+    assert re.search(r"^no_such_package +MISSING$", said, re.MULTILINE)
+    assert re.search(r"^FAILED +the Python package no_such_package is MISSING$", said, re.MULTILINE)
+    assert re.search(r"^FAILED +two MPI ranks", said, re.MULTILINE)
+
+
+def test_doctor_solves_exactly() -> None:
+    assert doctor.solution_error() < doctor.SOLVER_TOLERANCE
