@@ -16,7 +16,7 @@ from stopwatch import show
 
 import gossamer_fx as gx
 from gossamer_fx.contact.compiled import CompiledContacts
-from gossamer_fx.contact.group import Group
+from gossamer_fx.contact.contact_set import Group
 from meshes.sheet import sheet
 
 CELL, DISTANCE, STEP, LAYERS = 5e-3, 1e-3, 1e-4, 5  # m, m, s

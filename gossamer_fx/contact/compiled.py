@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from gossamer_fx.contact.body_set import BodySet
-from gossamer_fx.contact.group import Group
-from gossamer_fx.contact.memory import Memory
+from gossamer_fx.contact.contact_set import Group
+from gossamer_fx.contact.geometry.collision_mesh import BodySet
+from gossamer_fx.contact.history import Memory
 from gossamer_fx.contact.obstacles import Obstacle
 from gossamer_fx.drawing.solids import Solid
 from gossamer_fx.model.body import Array, Body, MeshBody
@@ -57,7 +57,7 @@ class CompiledContacts(
             )
             group = Group(bodies, term.law, term.distance, term.stiffness, term.memory, system)
             if (term.friction > 0 or any(of_solids)) and system.rule.alpha < 1:
-                from gossamer_fx.contact.friction import Friction
+                from gossamer_fx.contact.friction.friction import Friction
 
                 group.friction = Friction(bodies, term.friction, of_solids, term.creep, system)
             self.groups[term.item] = group
@@ -108,7 +108,7 @@ class CompiledContacts(
     def node_values(self, field: str, body: Body) -> tuple[npt.NDArray[np.int64], Array] | None:
         if field != "contact_pressure":
             return None
-        from gossamer_fx.contact.pressure import pressures
+        from gossamer_fx.contact.contact_pressure import pressures
 
         nodes: list[npt.NDArray[np.int64]] = [np.zeros(0, dtype=np.int64)]
         values: list[Array] = [np.zeros(0)]
@@ -122,7 +122,7 @@ class CompiledContacts(
         return np.concatenate(nodes), np.concatenate(values)
 
     def solids(self) -> list[Solid]:
-        from gossamer_fx.contact.surfaces import solid_of
+        from gossamer_fx.contact.obstacle_drawing import solid_of
 
         found = [
             solid_of(obstacle, group.x0[: group.points.n])

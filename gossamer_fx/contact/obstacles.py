@@ -14,7 +14,7 @@ from gossamer_fx.algebra.rotations import perpendicular_pair
 from gossamer_fx.bodies.frames import along, ground_frame
 from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.checks.errors import check, is_vector
-from gossamer_fx.contact.pairs import IN_CYLINDER, IN_SPHERE, PLANE
+from gossamer_fx.contact.potential import IN_CYLINDER, IN_SPHERE, PLANE
 from gossamer_fx.model.body import Array, Attached, Ground, Port, Vector
 
 Motion = Callable[[float], Sequence[float]]

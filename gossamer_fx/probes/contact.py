@@ -10,8 +10,8 @@ from mpi4py import MPI
 from gossamer_fx.checks.errors import check
 from gossamer_fx.contact.compiled import CompiledContacts
 from gossamer_fx.contact.contact import Contact
-from gossamer_fx.contact.group import Group
-from gossamer_fx.contact.piercing import intersections
+from gossamer_fx.contact.contact_set import Group
+from gossamer_fx.contact.narrow_phase.intersections import intersections
 
 AXES = {"x": 0, "y": 1, "z": 2}
 

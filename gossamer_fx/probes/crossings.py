@@ -8,11 +8,11 @@ import numpy as np
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
-from gossamer_fx.contact.facets import facets_of
-from gossamer_fx.contact.joined import places_of
-from gossamer_fx.contact.kernel import library
-from gossamer_fx.contact.piercing import intersections
-from gossamer_fx.contact.search import Surface
+from gossamer_fx.contact.broad_phase.box_tree import Surface
+from gossamer_fx.contact.geometry.collision_filter import places_of
+from gossamer_fx.contact.geometry.facets import facets_of
+from gossamer_fx.contact.kernels.library import library
+from gossamer_fx.contact.narrow_phase.intersections import intersections
 from gossamer_fx.probes.run import Run
 from gossamer_fx.system.system import System
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gossamer_fx.contact.pairs import (
+from gossamer_fx.contact.potential import (
     EDGE_EDGE,
     IN_CYLINDER,
     IN_SPHERE,

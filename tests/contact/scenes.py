@@ -6,8 +6,8 @@ import numpy as np
 
 import gossamer_fx as gx
 from gossamer_fx.contact.compiled import CompiledContacts
-from gossamer_fx.contact.group import Group
-from gossamer_fx.contact.piercing import intersections
+from gossamer_fx.contact.contact_set import Group
+from gossamer_fx.contact.narrow_phase.intersections import intersections
 from meshes.sheet import sheet
 
 FILM = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}

@@ -8,13 +8,13 @@ import math
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import FILM, SIGMA, conserved, film, group_of, pierced, simulate
 
 import gossamer_fx as gx
 from demos.studies.contact import problem
-from gossamer_fx.contact.softness import Softness
+from gossamer_fx.contact.stiffness_warning import Softness
 from meshes.line import line
 from meshes.sheet import sheet
+from tests.contact.scenes import FILM, SIGMA, conserved, film, group_of, pierced, simulate
 
 COMM = MPI.COMM_SELF
 

@@ -9,10 +9,10 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.contact.candidates import Candidates
-from gossamer_fx.contact.course import Course, Drift
-from gossamer_fx.contact.pairs import EDGE_EDGE, POINT_TRIANGLE, squared_distances
-from gossamer_fx.contact.search import Surface
+from gossamer_fx.contact.broad_phase.box_tree import Surface
+from gossamer_fx.contact.broad_phase.candidates import Candidates
+from gossamer_fx.contact.broad_phase.trajectory_bounds import Course, Drift
+from gossamer_fx.contact.potential import EDGE_EDGE, POINT_TRIANGLE, squared_distances
 from meshes.sheet import sheet
 
 TURN = Drift(0.5, np.array([0.3, 0.1, -0.2]), np.array([2.0, -1.0, 0.5]), np.array([0.0, 3.0, 4.0]))

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gossamer_fx.contact.pairs import EDGE_EDGE, POINT_TRIANGLE, squared_distances
-from gossamer_fx.contact.piercing import _pierces_exactly, intersections
-from gossamer_fx.contact.search import Surface, candidates, refused
+from gossamer_fx.contact.broad_phase.box_tree import Surface, candidates, refused
+from gossamer_fx.contact.narrow_phase.intersections import _pierces_exactly, intersections
+from gossamer_fx.contact.potential import EDGE_EDGE, POINT_TRIANGLE, squared_distances
 
 
 def soup(n: int, seed: int, size: float = 0.2) -> tuple[Surface, np.ndarray]:

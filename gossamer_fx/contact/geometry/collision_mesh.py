@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.contact.facets import Facets, facets_of
-from gossamer_fx.contact.joined import places_of
-from gossamer_fx.contact.kernel import Array, Bytes, Integers
+from gossamer_fx.contact.broad_phase.box_tree import Surface
+from gossamer_fx.contact.geometry.collision_filter import places_of
+from gossamer_fx.contact.geometry.contact_points import Points, Support
+from gossamer_fx.contact.geometry.facets import Facets, facets_of
+from gossamer_fx.contact.kernels.library import Array, Bytes, Integers
 from gossamer_fx.contact.obstacles import Obstacle, Wall
-from gossamer_fx.contact.pairs import EDGE_EDGE, POINT_TRIANGLE
-from gossamer_fx.contact.points import Points, Support
-from gossamer_fx.contact.search import Surface
+from gossamer_fx.contact.potential import EDGE_EDGE, POINT_TRIANGLE
 from gossamer_fx.model.body import MeshBody
 from gossamer_fx.terms.assembly import Assembly
 

@@ -28,7 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gossamer_fx.contact.kernel import Array, Bytes, Integers, library, pointers
+from gossamer_fx.contact.kernels.library import Array, Bytes, Integers, library, pointers
 
 BARRIER, PENALTY = 0, 1
 POINT_TRIANGLE, EDGE_EDGE, PLANE, IN_SPHERE, IN_CYLINDER = range(5)

@@ -9,8 +9,8 @@ from fractions import Fraction
 
 import numpy as np
 
-from gossamer_fx.contact.kernel import Array, Bytes, Integers, library, pointers
-from gossamer_fx.contact.search import Surface, Tree, boxes_of
+from gossamer_fx.contact.broad_phase.box_tree import Surface, Tree, boxes_of
+from gossamer_fx.contact.kernels.library import Array, Bytes, Integers, library, pointers
 
 YES, UNSURE = 1, 2  # of piercing.c
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.contact.piercing import _exact_sign, intersections
-from gossamer_fx.contact.search import Surface
+from gossamer_fx.contact.broad_phase.box_tree import Surface
+from gossamer_fx.contact.narrow_phase.intersections import _exact_sign, intersections
 from meshes.sheet import sheet
 
 LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)

@@ -10,13 +10,14 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from gossamer_fx.contact.blocks import Blocks
-from gossamer_fx.contact.body_set import WALLS, BodySet
-from gossamer_fx.contact.candidates import Candidates
-from gossamer_fx.contact.course import Course, Drift
-from gossamer_fx.contact.kernel import Array, Bytes, library
-from gossamer_fx.contact.memory import Memory
-from gossamer_fx.contact.pairs import (
+from gossamer_fx.contact.assembly import Blocks
+from gossamer_fx.contact.broad_phase.candidates import Candidates
+from gossamer_fx.contact.broad_phase.trajectory_bounds import Course, Drift
+from gossamer_fx.contact.geometry.collision_mesh import WALLS, BodySet
+from gossamer_fx.contact.history import Memory
+from gossamer_fx.contact.kernels.library import Array, Bytes, library
+from gossamer_fx.contact.narrow_phase.initial_check import refuse_coincident, refuse_intersections
+from gossamer_fx.contact.potential import (
     IN_SPHERE,
     PASSED,
     PLANE,
@@ -26,8 +27,7 @@ from gossamer_fx.contact.pairs import (
     squared_distances,
     starts,
 )
-from gossamer_fx.contact.softness import Softness
-from gossamer_fx.contact.start import refuse_coincident, refuse_intersections
+from gossamer_fx.contact.stiffness_warning import Softness
 
 START = (
     0.9  # distance of a point at which contact begins, over that of the nearest to it at the start

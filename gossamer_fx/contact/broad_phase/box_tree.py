@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gossamer_fx.contact.kernel import Array, Bytes, Integers, library, pointers
-from gossamer_fx.contact.pairs import EDGE_EDGE, POINT_TRIANGLE
+from gossamer_fx.contact.kernels.library import Array, Bytes, Integers, library, pointers
+from gossamer_fx.contact.potential import EDGE_EDGE, POINT_TRIANGLE
 
 CHECKS = 1000  # positions on its way at which a distance is computed at most: a turn is a long way for a near pair
 

@@ -25,9 +25,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.contact.body_set import BodySet
-from gossamer_fx.contact.kernel import Array, Integers
-from gossamer_fx.contact.pairs import (
+from gossamer_fx.contact.geometry.collision_mesh import BodySet
+from gossamer_fx.contact.kernels.library import Array, Integers
+from gossamer_fx.contact.potential import (
     EDGE_EDGE,
     IN_CYLINDER,
     IN_SPHERE,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.contact.group import Group
-from gossamer_fx.contact.kernel import Array
-from gossamer_fx.contact.pairs import act
+from gossamer_fx.contact.contact_set import Group
+from gossamer_fx.contact.kernels.library import Array
+from gossamer_fx.contact.potential import act
 
 
 def pressures(group: Group) -> Array:

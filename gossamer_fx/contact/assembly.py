@@ -13,8 +13,8 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from gossamer_fx.contact.kernel import Array, Integers, library, pointers
-from gossamer_fx.contact.points import Points
+from gossamer_fx.contact.geometry.contact_points import Points
+from gossamer_fx.contact.kernels.library import Array, Integers, library, pointers
 
 STRONG = 0.1  # norm of a block over the mean of the two on its diagonal, from which a preconditioner needs it
 

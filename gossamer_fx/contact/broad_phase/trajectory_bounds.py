@@ -11,8 +11,8 @@ from functools import cached_property
 import numpy as np
 
 from gossamer_fx.algebra.rotations import rotations
-from gossamer_fx.contact.kernel import Array, Bytes, Integers
-from gossamer_fx.contact.pairs import approaches
+from gossamer_fx.contact.kernels.library import Array, Bytes, Integers
+from gossamer_fx.contact.potential import approaches
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from gossamer_fx.contact.body_set import WALLS, BodySet
-from gossamer_fx.contact.course import Course
-from gossamer_fx.contact.kernel import Array, Bytes, Integers
-from gossamer_fx.contact.pairs import (
+from gossamer_fx.contact.broad_phase.box_tree import candidates, refused
+from gossamer_fx.contact.broad_phase.trajectory_bounds import Course
+from gossamer_fx.contact.geometry.collision_mesh import WALLS, BodySet
+from gossamer_fx.contact.kernels.library import Array, Bytes, Integers
+from gossamer_fx.contact.potential import (
     BARRIER,
     EDGE_EDGE,
     IN_SPHERE,
@@ -22,7 +23,6 @@ from gossamer_fx.contact.pairs import (
     infinite_at_crossings,
     squared_distances,
 )
-from gossamer_fx.contact.search import candidates, refused
 
 KEPT = 0.1  # part of its distance, or of that at which contact begins, that a pair keeps on the way of a step
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from mpi4py import MPI
 
-from gossamer_fx.contact.kernel import Array, Integers
+from gossamer_fx.contact.kernels.library import Array, Integers
 
 LOG = logging.getLogger("gossamer_fx")
 

@@ -6,9 +6,9 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import InputError
-from gossamer_fx.contact.body_set import BodySet
-from gossamer_fx.contact.kernel import Array
-from gossamer_fx.contact.piercing import intersections
+from gossamer_fx.contact.geometry.collision_mesh import BodySet
+from gossamer_fx.contact.kernels.library import Array
+from gossamer_fx.contact.narrow_phase.intersections import intersections
 
 COINCIDENT = 1e-6  # distance over that of contact, below which layers cannot be told apart
 

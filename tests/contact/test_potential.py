@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pairs_twin import Pair
-from random_pairs import near_pairs
 
-from gossamer_fx.contact.pairs import (
+from gossamer_fx.contact.potential import (
     BARRIER,
     EDGE_EDGE,
     IN_CYLINDER,
@@ -23,6 +21,8 @@ from gossamer_fx.contact.pairs import (
     infinite_at_crossings,
     squared_distances,
 )
+from tests.contact.pairs_twin import Pair
+from tests.contact.random_pairs import near_pairs
 
 KINDS = {
     "point-triangle": POINT_TRIANGLE,
