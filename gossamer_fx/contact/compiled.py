@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from gossamer_fx.contact.contact_set import Group
-from gossamer_fx.contact.geometry.collision_mesh import BodySet
-from gossamer_fx.contact.history import Memory
+from gossamer_fx.contact.contact_set import ContactSet
+from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
+from gossamer_fx.contact.history import ContactHistory
 from gossamer_fx.contact.obstacles import Obstacle
 from gossamer_fx.drawing.solids import Solid
 from gossamer_fx.model.body import Array, Body, MeshBody
@@ -47,15 +47,15 @@ class CompiledContacts(
     """All `ContactEnergy` terms of a scene."""
 
     def __init__(self, terms: Sequence[ContactEnergy], system: Assembly) -> None:
-        self.groups: dict[Any, Group] = {}  # by the scene's items
+        self.groups: dict[Any, ContactSet] = {}  # by the scene's items
         for term in terms:
             of_solids = [
                 term.friction if o.friction is None else o.friction for o in term.obstacles
             ]
-            bodies = BodySet(
+            bodies = CollisionMesh(
                 term.bodies, term.obstacles, term.radii, system, [μ > 0 for μ in of_solids]
             )
-            group = Group(bodies, term.law, term.distance, term.stiffness, term.memory, system)
+            group = ContactSet(bodies, term.law, term.distance, term.stiffness, term.memory, system)
             if (term.friction > 0 or any(of_solids)) and system.rule.alpha < 1:
                 from gossamer_fx.contact.friction.friction import Friction
 
@@ -148,5 +148,5 @@ class ContactEnergy:
     stiffness: float | None
     friction: float = 0.0
     creep: float = 1e-3
-    memory: Memory = field(default_factory=Memory)
+    memory: ContactHistory = field(default_factory=ContactHistory)
     compiler: ClassVar[type[CompiledTerms]] = CompiledContacts

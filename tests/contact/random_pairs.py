@@ -10,7 +10,7 @@ from gossamer_fx.contact.potential import (
     IN_SPHERE,
     PLANE,
     POINT_TRIANGLE,
-    Pairs,
+    ContactPairs,
 )
 
 
@@ -49,7 +49,7 @@ def near_pairs(kind: int, n: int, seed: int = 0, d: float = 0.1, rigid: bool = F
         IN_SPHERE: (-1.0, 1 - (1 - d) ** 2),
         IN_CYLINDER: (-1.0, 1 - (1 - d) ** 2),
     }.get(kind, (0.0, d * d))
-    pairs = Pairs(
+    pairs = ContactPairs(
         nodes,
         np.full(n, kind, np.uint8),
         rng.uniform(0.5, 2.0, n),

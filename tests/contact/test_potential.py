@@ -15,7 +15,7 @@ from gossamer_fx.contact.potential import (
     PLANE,
     POINT_TRIANGLE,
     TOUCHES,
-    Pairs,
+    ContactPairs,
     act,
     energy,
     infinite_at_crossings,
@@ -143,7 +143,7 @@ def test_distance_of_degenerate_pairs() -> None:
 def test_the_barrier_begins_at_its_distance_and_is_infinite_where_edges_cross(u: float) -> None:
     nodes, kind = np.arange(4, dtype=np.int32)[None], np.array([EDGE_EDGE], np.uint8)
     S, offset = infinite_at_crossings(kind, np.full(1, 1e-6), np.zeros(1))
-    pairs = Pairs(nodes, kind, np.ones(1), S, offset, np.zeros(1, np.int64))
+    pairs = ContactPairs(nodes, kind, np.ones(1), S, offset, np.zeros(1, np.int64))
 
     def energy_at(z: float) -> float:
         return energy(
@@ -158,7 +158,7 @@ def test_edges_about_to_cross_are_pushed_back_the_more_the_nearer_they_are() -> 
     """Where s is below its offset a barrier has no energy, but their forces go on; no step ends there."""
     nodes, kind = np.arange(4, dtype=np.int32)[None], np.array([EDGE_EDGE], np.uint8)
     S, offset = infinite_at_crossings(kind, np.full(1, 1e-6), np.zeros(1))
-    pairs = Pairs(nodes, kind, np.ones(1), S, offset, np.zeros(1, np.int64))
+    pairs = ContactPairs(nodes, kind, np.ones(1), S, offset, np.zeros(1, np.int64))
     heights = np.linspace(0.5e-3, 1e-5, 2000)
     x = [np.array([[-0.5, 0, z], [0.5, 0, z], [0, -0.5, 0], [0, 0.5, 0]]) for z in heights]
     done = [act(pairs, x[0], x1, BARRIER, 0.5, each=True) for x1 in x]

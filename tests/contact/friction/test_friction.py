@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.contact.friction.friction import EDGES, Sliding
+from gossamer_fx.contact.friction.friction import EDGES, FrictionPairs
 from gossamer_fx.contact.potential import BARRIER, EDGE_EDGE, POINT_TRIANGLE, act, nearest_points
 from meshes.sheet import EDGES as EDGES_OF_SHEET
 from meshes.sheet import sheet
@@ -211,7 +211,7 @@ def test_a_pair_that_rubs_has_no_resultant_and_the_derivative_it_says(kind) -> N
     side = np.broadcast_to([1.0, 0, 0, 0] if kind == POINT_TRIANGLE else [1.0, 1, 0, 0], (n, 4))
     keys = np.arange(16 * n).reshape(n, 4, 4)
     own = np.broadcast_to(np.eye(4), (n, 4, 4))
-    rub = Sliding(pairs, BARRIER, side, normal, pairs.nodes, r, t, own, np.full(n, μ), keys)
+    rub = FrictionPairs(pairs, BARRIER, side, normal, pairs.nodes, r, t, own, np.full(n, μ), keys)
     rub.slots = keys.reshape(n, 16)
 
     def forces(x):
