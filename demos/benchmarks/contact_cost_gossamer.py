@@ -16,7 +16,7 @@ from stopwatch import show
 
 import gossamer_fx as gx
 from gossamer_fx.contact.compiled import CompiledContacts
-from gossamer_fx.contact.group import Group
+from gossamer_fx.contact.contact_set import ContactSet
 from meshes.sheet import sheet
 
 CELL, DISTANCE, STEP, LAYERS = 5e-3, 1e-3, 1e-4, 5  # m, m, s
@@ -84,7 +84,7 @@ class Timed:
         return call
 
 
-def group_of(run: gx.Simulation) -> Group:
+def group_of(run: gx.Simulation) -> ContactSet:
     compiled = next(c for c in run.system.compiled if isinstance(c, CompiledContacts))
     (group,) = compiled.groups.values()
     return group

@@ -9,7 +9,7 @@ from mpi4py import MPI
 from stopwatch import Stopwatch, show
 
 import gossamer_fx as gx
-from gossamer_fx.contact.facets import facets_of
+from gossamer_fx.contact.geometry.facets import facets_of
 from gossamer_fx.system.totals import relative_drift
 from meshes.arrays import mesh_of_arrays
 

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from gossamer_fx.contact.body_set import BodySet
-from gossamer_fx.contact.group import Group
-from gossamer_fx.contact.memory import Memory
+from gossamer_fx.contact.contact_set import ContactSet
+from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
+from gossamer_fx.contact.history import ContactHistory
 from gossamer_fx.contact.obstacles import Obstacle
 from gossamer_fx.drawing.solids import Solid
 from gossamer_fx.model.body import Array, Body, MeshBody
@@ -47,17 +47,17 @@ class CompiledContacts(
     """All `ContactEnergy` terms of a scene."""
 
     def __init__(self, terms: Sequence[ContactEnergy], system: Assembly) -> None:
-        self.groups: dict[Any, Group] = {}  # by the scene's items
+        self.groups: dict[Any, ContactSet] = {}  # by the scene's items
         for term in terms:
             of_solids = [
                 term.friction if o.friction is None else o.friction for o in term.obstacles
             ]
-            bodies = BodySet(
+            bodies = CollisionMesh(
                 term.bodies, term.obstacles, term.radii, system, [μ > 0 for μ in of_solids]
             )
-            group = Group(bodies, term.law, term.distance, term.stiffness, term.memory, system)
+            group = ContactSet(bodies, term.law, term.distance, term.stiffness, term.memory, system)
             if (term.friction > 0 or any(of_solids)) and system.rule.alpha < 1:
-                from gossamer_fx.contact.friction import Friction
+                from gossamer_fx.contact.friction.friction import Friction
 
                 group.friction = Friction(bodies, term.friction, of_solids, term.creep, system)
             self.groups[term.item] = group
@@ -108,7 +108,7 @@ class CompiledContacts(
     def node_values(self, field: str, body: Body) -> tuple[npt.NDArray[np.int64], Array] | None:
         if field != "contact_pressure":
             return None
-        from gossamer_fx.contact.pressure import pressures
+        from gossamer_fx.contact.contact_pressure import pressures
 
         nodes: list[npt.NDArray[np.int64]] = [np.zeros(0, dtype=np.int64)]
         values: list[Array] = [np.zeros(0)]
@@ -122,7 +122,7 @@ class CompiledContacts(
         return np.concatenate(nodes), np.concatenate(values)
 
     def solids(self) -> list[Solid]:
-        from gossamer_fx.contact.surfaces import solid_of
+        from gossamer_fx.contact.obstacle_drawing import solid_of
 
         found = [
             solid_of(obstacle, group.x0[: group.points.n])
@@ -148,5 +148,5 @@ class ContactEnergy:
     stiffness: float | None
     friction: float = 0.0
     creep: float = 1e-3
-    memory: Memory = field(default_factory=Memory)
+    memory: ContactHistory = field(default_factory=ContactHistory)
     compiler: ClassVar[type[CompiledTerms]] = CompiledContacts

@@ -10,9 +10,9 @@ import numpy as np
 
 from gossamer_fx.checks.errors import check
 from gossamer_fx.contact.compiled import ContactEnergy
-from gossamer_fx.contact.facets import facets_of
+from gossamer_fx.contact.geometry.facets import facets_of
 from gossamer_fx.contact.obstacles import Obstacle, check_friction
-from gossamer_fx.contact.pairs import BARRIER, PENALTY
+from gossamer_fx.contact.potential import BARRIER, PENALTY
 from gossamer_fx.model.body import MeshBody, has_nodal_unknowns, is_body, is_on_mesh
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term

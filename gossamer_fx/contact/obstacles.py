@@ -14,14 +14,14 @@ from gossamer_fx.algebra.rotations import perpendicular_pair
 from gossamer_fx.bodies.frames import along, ground_frame
 from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.checks.errors import check, is_vector
-from gossamer_fx.contact.pairs import IN_CYLINDER, IN_SPHERE, PLANE
+from gossamer_fx.contact.potential import IN_CYLINDER, IN_SPHERE, PLANE
 from gossamer_fx.model.body import Array, Attached, Ground, Port, Vector
 
-Motion = Callable[[float], Sequence[float]]
+PrescribedMotion = Callable[[float], Sequence[float]]
 
 
 @dataclass(frozen=True)
-class Wall:
+class ObstacleWall:
     """A wall that points of films are kept off: `kind` of its pairs, what stands behind the point in them, and size.
 
     behind: three vectors: origin, and normal or two directions across the axis.  radius [m] of balls and cylinders.
@@ -33,7 +33,7 @@ class Wall:
 
 
 @dataclass(frozen=True)
-class Solid:
+class ObstacleSolid:
     """Corners, edges (e, 2) and triangles (t, 3) between them, with a radius [m] around all of them."""
 
     corners: tuple[Attached, ...]
@@ -52,7 +52,7 @@ class Obstacle:
     """
 
     on: RigidBody | None = None
-    motion: Motion | None = None
+    motion: PrescribedMotion | None = None
     friction: float | None = None
     name: str = "obstacle"
 
@@ -77,7 +77,7 @@ class Obstacle:
             f"{type(self).__name__} '{self.name}': radius is {radius!r} m; give a positive number.",
         )
 
-    def parts(self) -> tuple[list[Wall], list[Solid]]:
+    def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
         """Walls and solids that make it up."""
         raise NotImplementedError
 
@@ -135,10 +135,10 @@ class Plane(Obstacle):
     point: Vector
     normal: Vector
 
-    def parts(self) -> tuple[list[Wall], list[Solid]]:
+    def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
         n = _unit(self.normal, f"Plane '{self.name}': its normal")
         origin = self._at(self.point)
-        return [Wall(PLANE, (origin, self._along(n), origin))], []
+        return [ObstacleWall(PLANE, (origin, self._along(n), origin))], []
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -155,12 +155,12 @@ class Sphere(Obstacle):
     radius: float
     inside: bool = False
 
-    def parts(self) -> tuple[list[Wall], list[Solid]]:
+    def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
         c = self._at(self.centre)
         return (
-            ([Wall(IN_SPHERE, (c, c, c), self.radius)], [])
+            ([ObstacleWall(IN_SPHERE, (c, c, c), self.radius)], [])
             if self.inside
-            else ([], [Solid((c,), radius=self.radius)])
+            else ([], [ObstacleSolid((c,), radius=self.radius)])
         )
 
 
@@ -179,13 +179,13 @@ class Cylinder(Obstacle):
     radius: float
     inside: bool = False
 
-    def parts(self) -> tuple[list[Wall], list[Solid]]:
+    def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
         axis = _unit(np.subtract(self.end, self.start), f"Cylinder '{self.name}': its axis")
         a, b = self._at(self.start), self._at(self.end)
         if not self.inside:
-            return [], [Solid((a, b), ((0, 1),), radius=self.radius)]
+            return [], [ObstacleSolid((a, b), ((0, 1),), radius=self.radius)]
         u, v = perpendicular_pair(axis)
-        return [Wall(IN_CYLINDER, (a, self._along(u), self._along(v)), self.radius)], []
+        return [ObstacleWall(IN_CYLINDER, (a, self._along(u), self._along(v)), self.radius)], []
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -216,7 +216,7 @@ class Box(Obstacle):
             f"Box '{self.name}': its axes are no three orthonormal directions; give them as rows.",
         )
 
-    def parts(self) -> tuple[list[Wall], list[Solid]]:
+    def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
         A, c, half = (
             np.asarray(self.axes, float),
             np.asarray(self.centre, float),
@@ -227,7 +227,7 @@ class Box(Obstacle):
             for axis, h in zip(A, half, strict=True):
                 for sign in (-1, 1):
                     origin = self._at(c + sign * h * axis)
-                    walls.append(Wall(PLANE, (origin, self._along(-sign * axis), origin)))
+                    walls.append(ObstacleWall(PLANE, (origin, self._along(-sign * axis), origin)))
             return walls, []
         corners = [
             c + (np.array(s) * half) @ A for s in product((-1, 1), repeat=3)
@@ -238,4 +238,6 @@ class Box(Obstacle):
             a, b = (other for other in (1, 2, 4) if other != bit)
             for base in (0, bit):
                 triangles += [(base, base | a, base | a | b), (base, base | b, base | a | b)]
-        return [], [Solid(tuple(self._at(p) for p in corners), tuple(edges), tuple(triangles))]
+        return [], [
+            ObstacleSolid(tuple(self._at(p) for p in corners), tuple(edges), tuple(triangles))
+        ]

@@ -10,13 +10,13 @@ from mpi4py import MPI
 from gossamer_fx.checks.errors import check
 from gossamer_fx.contact.compiled import CompiledContacts
 from gossamer_fx.contact.contact import Contact
-from gossamer_fx.contact.group import Group
-from gossamer_fx.contact.piercing import intersections
+from gossamer_fx.contact.contact_set import ContactSet
+from gossamer_fx.contact.narrow_phase.intersections import intersections
 
 AXES = {"x": 0, "y": 1, "z": 2}
 
 
-def group_of(contact: Contact, run: Any) -> Group:
+def group_of(contact: Contact, run: Any) -> ContactSet:
     """The pairs of a contact in a run.
 
     Raises:

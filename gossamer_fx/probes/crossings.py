@@ -8,11 +8,11 @@ import numpy as np
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
-from gossamer_fx.contact.facets import facets_of
-from gossamer_fx.contact.joined import places_of
-from gossamer_fx.contact.kernel import library
-from gossamer_fx.contact.piercing import intersections
-from gossamer_fx.contact.search import Surface
+from gossamer_fx.contact.broad_phase.box_tree import CollisionPrimitives
+from gossamer_fx.contact.geometry.collision_filter import places_of
+from gossamer_fx.contact.geometry.facets import facets_of
+from gossamer_fx.contact.kernels.library import library
+from gossamer_fx.contact.narrow_phase.intersections import intersections
 from gossamer_fx.probes.run import Run
 from gossamer_fx.system.system import System
 
@@ -42,7 +42,7 @@ class Crossings:
                 f"Crossings: '{film.name}' is given twice.",
             )
         self.films = films
-        self._surface: Surface | None = None
+        self._surface: CollisionPrimitives | None = None
 
     def __call__(self, run: Run) -> float:
         bodies, system = run.system.bodies, run.system
@@ -73,6 +73,6 @@ class Crossings:
         edges, triangles = (np.ascontiguousarray(part, dtype=np.int32) for part in (sides, T))
         n = int(starts[-1])
         places = places_of(system, self.films, self._nodes, n)
-        self._surface = Surface(
+        self._surface = CollisionPrimitives(
             np.arange(n, dtype=np.int32), edges, triangles, np.zeros(n, dtype=np.uint8), places
         )

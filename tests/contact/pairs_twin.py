@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gossamer_fx.contact.pairs import (
+from gossamer_fx.contact.potential import (
     BARRIER,
     EDGE_EDGE,
     IN_CYLINDER,
@@ -12,7 +12,7 @@ from gossamer_fx.contact.pairs import (
     PLANE,
     POINT_TRIANGLE,
     ROUNDING,
-    Pairs,
+    ContactPairs,
 )
 
 FIRST, SECOND = [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]
@@ -56,7 +56,7 @@ def nearest(e, edges):
 class Pair:
     """One pair in one step: its distance as a function of e, with r moved to the nearest points of the start."""
 
-    def __init__(self, pairs: Pairs, i: int, x0: np.ndarray, law: int) -> None:
+    def __init__(self, pairs: ContactPairs, i: int, x0: np.ndarray, law: int) -> None:
         self.kind, self.law, self.nodes = int(pairs.kind[i]), law, pairs.nodes[i]
         self.k, self.S, self.offset = pairs.k[i], pairs.S[i], pairs.offset[i]
         self.edges = self.kind == EDGE_EDGE

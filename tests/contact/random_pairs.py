@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from gossamer_fx.contact.pairs import (
+from gossamer_fx.contact.potential import (
     EDGE_EDGE,
     IN_CYLINDER,
     IN_SPHERE,
     PLANE,
     POINT_TRIANGLE,
-    Pairs,
+    ContactPairs,
 )
 
 
@@ -49,7 +49,7 @@ def near_pairs(kind: int, n: int, seed: int = 0, d: float = 0.1, rigid: bool = F
         IN_SPHERE: (-1.0, 1 - (1 - d) ** 2),
         IN_CYLINDER: (-1.0, 1 - (1 - d) ** 2),
     }.get(kind, (0.0, d * d))
-    pairs = Pairs(
+    pairs = ContactPairs(
         nodes,
         np.full(n, kind, np.uint8),
         rng.uniform(0.5, 2.0, n),

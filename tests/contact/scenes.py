@@ -6,8 +6,8 @@ import numpy as np
 
 import gossamer_fx as gx
 from gossamer_fx.contact.compiled import CompiledContacts
-from gossamer_fx.contact.group import Group
-from gossamer_fx.contact.piercing import intersections
+from gossamer_fx.contact.contact_set import ContactSet
+from gossamer_fx.contact.narrow_phase.intersections import intersections
 from meshes.sheet import sheet
 
 FILM = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
@@ -67,7 +67,7 @@ def solid_of(
     return makes(**where, on=block, **given)
 
 
-def group_of(run) -> Group:
+def group_of(run) -> ContactSet:
     """The only contact of a run."""
     (group,) = next(
         c for c in run.system.compiled if isinstance(c, CompiledContacts)

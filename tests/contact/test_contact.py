@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import FILM, conserved, film, group_of, pierced, simulate, solid_of
 
 import gossamer_fx as gx
 from meshes.line import line
 from meshes.sheet import sheet
+from tests.contact.scenes import FILM, conserved, film, group_of, pierced, simulate, solid_of
 
 
 @pytest.mark.mpi

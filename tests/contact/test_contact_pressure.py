@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from scenes import film, simulate
 
 import gossamer_fx as gx
 from gossamer_fx.fields.fields import FieldFunctions
+from tests.contact.scenes import film, simulate
 
 
 def integral(body, function: fem.Function) -> float:

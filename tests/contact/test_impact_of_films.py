@@ -8,13 +8,13 @@ import math
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import FILM, SIGMA, conserved, film, group_of, pierced, simulate
 
 import gossamer_fx as gx
 from demos.studies.contact import problem
-from gossamer_fx.contact.softness import Softness
+from gossamer_fx.contact.stiffness_warning import StiffnessWarning
 from meshes.line import line
 from meshes.sheet import sheet
+from tests.contact.scenes import FILM, SIGMA, conserved, film, group_of, pierced, simulate
 
 COMM = MPI.COMM_SELF
 
@@ -163,7 +163,7 @@ def test_a_stiffness_that_is_too_soft_is_told_once(caplog) -> None:
 
 
 def test_the_softest_of_all_ranks_is_told() -> None:
-    told = Softness(1.0, 1.0, ["a", "b"], COMM)
+    told = StiffnessWarning(1.0, 1.0, ["a", "b"], COMM)
     told.look(np.zeros((0, 2), np.int32), np.zeros(0), np.zeros(0))
     assert not told._told
     told.look(np.array([[0, 1]], np.int32), np.array([1.0]), np.array([1.0]))

@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.contact.surfaces import solid_of
+from gossamer_fx.contact.obstacle_drawing import solid_of
 from gossamer_fx.plot.run_reader import RunReader
 from gossamer_fx.plot.view import SOLID, Renderer
 from gossamer_fx.plot.viewer import view_data

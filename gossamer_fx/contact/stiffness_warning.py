@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 from mpi4py import MPI
 
-from gossamer_fx.contact.kernel import Array, Integers
+from gossamer_fx.contact.kernels.library import Array, Integers
 
 LOG = logging.getLogger("gossamer_fx")
 
 
-class Softness:
+class StiffnessWarning:
     """Whether K d̂² < 4 σ v² of a pair with area density σ of the lighter side and closing speed v: its films may then
     come so near that no step is short enough.
 

@@ -9,16 +9,18 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.contact.candidates import Candidates
-from gossamer_fx.contact.course import Course, Drift
-from gossamer_fx.contact.pairs import EDGE_EDGE, POINT_TRIANGLE, squared_distances
-from gossamer_fx.contact.search import Surface
+from gossamer_fx.contact.broad_phase.box_tree import CollisionPrimitives
+from gossamer_fx.contact.broad_phase.candidates import Candidates
+from gossamer_fx.contact.broad_phase.trajectory_bounds import RigidDrift, TrajectoryBounds
+from gossamer_fx.contact.potential import EDGE_EDGE, POINT_TRIANGLE, squared_distances
 from meshes.sheet import sheet
 
-TURN = Drift(0.5, np.array([0.3, 0.1, -0.2]), np.array([2.0, -1.0, 0.5]), np.array([0.0, 3.0, 4.0]))
+TURN = RigidDrift(
+    0.5, np.array([0.3, 0.1, -0.2]), np.array([2.0, -1.0, 0.5]), np.array([0.0, 3.0, 4.0])
+)
 
 
-def drifted(drift: Drift, x: np.ndarray, time: float) -> np.ndarray:
+def drifted(drift: RigidDrift, x: np.ndarray, time: float) -> np.ndarray:
     """Exactly, by many short turns."""
     n, r = 20000, x - drift.centre
     τ = (time - drift.time) / n
@@ -36,11 +38,11 @@ def test_a_drift_is_undone() -> None:
 
 def test_the_drift_of_points_is_their_rigid_motion() -> None:
     x = np.random.default_rng(1).uniform(size=(20, 3))
-    found = Drift.of(x, TURN.rates(x), 0.5)
+    found = RigidDrift.of(x, TURN.rates(x), 0.5)
     assert found.spin == pytest.approx(TURN.spin)
     assert found.rates(x) == pytest.approx(TURN.rates(x))
     line = x[:1] + np.linspace(0, 1, 4)[:, None]  # its turn about itself is not seen
-    assert Drift.of(line, TURN.rates(line), 0.5).rates(line) == pytest.approx(TURN.rates(line))
+    assert RigidDrift.of(line, TURN.rates(line), 0.5).rates(line) == pytest.approx(TURN.rates(line))
 
 
 def test_no_pair_is_missed_while_points_keep_their_course() -> None:
@@ -49,7 +51,9 @@ def test_no_pair_is_missed_while_points_keep_their_course() -> None:
     x = (middle + rng.normal(scale=0.05, size=(60, 3, 3))).reshape(-1, 3)
     triangles = np.arange(180, dtype=np.int32).reshape(60, 3)
     edges = np.ascontiguousarray(triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2))
-    surface = Surface(np.arange(180, dtype=np.int32), edges, triangles, np.zeros(180, np.uint8))
+    surface = CollisionPrimitives(
+        np.arange(180, dtype=np.int32), edges, triangles, np.zeros(180, np.uint8)
+    )
     none = np.zeros((0, 4), np.int32), np.zeros(0, np.uint8), np.zeros(0, np.int64)
     bodies = SimpleNamespace(
         surface=surface,
@@ -63,7 +67,7 @@ def test_no_pair_is_missed_while_points_keep_their_course() -> None:
         name=lambda kind, numbers: numbers[:, 0] * 1000 + numbers[:, 1] + 10**6 * kind.astype(int),
     )
     rates = np.repeat(rng.normal(scale=0.3, size=(60, 3)), 3, axis=0)
-    course = Course(TURN, x, rates, rng.uniform(0.01, 0.03, 180), duration=0.2)
+    course = TrajectoryBounds(TURN, x, rates, rng.uniform(0.01, 0.03, 180), duration=0.2)
     distance = 0.02
     known = set(Candidates.find(bodies, course, distance).names.tolist())  # type: ignore[arg-type]
 

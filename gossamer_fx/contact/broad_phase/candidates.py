@@ -9,20 +9,20 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from gossamer_fx.contact.body_set import WALLS, BodySet
-from gossamer_fx.contact.course import Course
-from gossamer_fx.contact.kernel import Array, Bytes, Integers
-from gossamer_fx.contact.pairs import (
+from gossamer_fx.contact.broad_phase.box_tree import candidates, refused
+from gossamer_fx.contact.broad_phase.trajectory_bounds import TrajectoryBounds
+from gossamer_fx.contact.geometry.collision_mesh import WALLS, CollisionMesh
+from gossamer_fx.contact.kernels.library import Array, Bytes, Integers
+from gossamer_fx.contact.potential import (
     BARRIER,
     EDGE_EDGE,
     IN_SPHERE,
     PLANE,
-    Pairs,
+    ContactPairs,
     approaches,
     infinite_at_crossings,
     squared_distances,
 )
-from gossamer_fx.contact.search import candidates, refused
 
 KEPT = 0.1  # part of its distance, or of that at which contact begins, that a pair keeps on the way of a step
 
@@ -35,7 +35,7 @@ class Candidates:
     of both sides together and `wall` (n,) of a ball or cylinder that holds the point [m].
     """
 
-    course: Course
+    course: TrajectoryBounds
     nodes: Integers
     kind: Bytes
     names: npt.NDArray[np.int64]
@@ -45,7 +45,7 @@ class Candidates:
     wall: Array
 
     @classmethod
-    def find(cls, bodies: BodySet, course: Course, distance: float) -> Candidates:
+    def find(cls, bodies: CollisionMesh, course: TrajectoryBounds, distance: float) -> Candidates:
         """All pairs that can be within a distance [m] while points keep their course."""
         reach, (lo, hi) = (distance / 2 + bodies.radius)[:, None], course.boxes()
         nodes, kind, numbers = candidates(
@@ -98,7 +98,7 @@ class Candidates:
         d: Array = np.where(self.kind >= WALLS, of_pair[0], of_pair.min(axis=0))
         return d
 
-    def pairs(self, which: npt.NDArray[np.bool_], begins: Array, law: int) -> Pairs:
+    def pairs(self, which: npt.NDArray[np.bool_], begins: Array, law: int) -> ContactPairs:
         """Some of them, of which contact begins at the distances (n,), with S and offset, and without stiffness."""
         R, kind, d = self.radius[which], self.kind[which], begins[which]
         S: Array = (R + d) ** 2 - R**2
@@ -110,7 +110,7 @@ class Candidates:
         room = self.wall[which][ball] - R[ball]
         S[ball], offset[ball] = room**2 - (room - d[ball]) ** 2, -(room**2)
         nodes = np.ascontiguousarray(self.nodes[which])
-        return Pairs(nodes, kind, np.zeros(len(kind)), S, offset, self.names[which])
+        return ContactPairs(nodes, kind, np.zeros(len(kind)), S, offset, self.names[which])
 
     def refused(
         self, x0: Array, x1: Array, gaps: Array, begins: Array, way: Array, among: Any = True

@@ -9,13 +9,15 @@ from fractions import Fraction
 
 import numpy as np
 
-from gossamer_fx.contact.kernel import Array, Bytes, Integers, library, pointers
-from gossamer_fx.contact.search import Surface, Tree, boxes_of
+from gossamer_fx.contact.broad_phase.box_tree import BoxTree, CollisionPrimitives, boxes_of
+from gossamer_fx.contact.kernels.library import Array, Bytes, Integers, library, pointers
 
 YES, UNSURE = 1, 2  # of piercing.c
 
 
-def intersections(surface: Surface, x: Array, edges: Integers | None = None) -> Integers:
+def intersections(
+    surface: CollisionPrimitives, x: Array, edges: Integers | None = None
+) -> Integers:
     """Pairs (k, 2) of edges and triangles of which one pierces the other, without a common place.
 
     An edge that only touches a triangle does not pierce it.
@@ -28,7 +30,7 @@ def intersections(surface: Surface, x: Array, edges: Integers | None = None) -> 
     query = np.arange(len(lines), dtype=np.int32) if edges is None else edges
     if not (len(query) and len(triangles)):
         return np.zeros((0, 2), dtype=np.int32)
-    tree, boxes = Tree(boxes_of(x, x, triangles)), np.ascontiguousarray(boxes_of(x, x, lines))
+    tree, boxes = BoxTree(boxes_of(x, x, triangles)), np.ascontiguousarray(boxes_of(x, x, lines))
     fixed = surface.all_fixed(lines), surface.all_fixed(triangles)
     near = tree.overlapping(query, boxes, surface.where(lines), surface.where(triangles), fixed)
     found: Bytes = np.empty(len(near), dtype=np.uint8)

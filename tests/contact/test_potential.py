@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pairs_twin import Pair
-from random_pairs import near_pairs
 
-from gossamer_fx.contact.pairs import (
+from gossamer_fx.contact.potential import (
     BARRIER,
     EDGE_EDGE,
     IN_CYLINDER,
@@ -17,12 +15,14 @@ from gossamer_fx.contact.pairs import (
     PLANE,
     POINT_TRIANGLE,
     TOUCHES,
-    Pairs,
+    ContactPairs,
     act,
     energy,
     infinite_at_crossings,
     squared_distances,
 )
+from tests.contact.pairs_twin import Pair
+from tests.contact.random_pairs import near_pairs
 
 KINDS = {
     "point-triangle": POINT_TRIANGLE,
@@ -143,7 +143,7 @@ def test_distance_of_degenerate_pairs() -> None:
 def test_the_barrier_begins_at_its_distance_and_is_infinite_where_edges_cross(u: float) -> None:
     nodes, kind = np.arange(4, dtype=np.int32)[None], np.array([EDGE_EDGE], np.uint8)
     S, offset = infinite_at_crossings(kind, np.full(1, 1e-6), np.zeros(1))
-    pairs = Pairs(nodes, kind, np.ones(1), S, offset, np.zeros(1, np.int64))
+    pairs = ContactPairs(nodes, kind, np.ones(1), S, offset, np.zeros(1, np.int64))
 
     def energy_at(z: float) -> float:
         return energy(
@@ -158,7 +158,7 @@ def test_edges_about_to_cross_are_pushed_back_the_more_the_nearer_they_are() -> 
     """Where s is below its offset a barrier has no energy, but their forces go on; no step ends there."""
     nodes, kind = np.arange(4, dtype=np.int32)[None], np.array([EDGE_EDGE], np.uint8)
     S, offset = infinite_at_crossings(kind, np.full(1, 1e-6), np.zeros(1))
-    pairs = Pairs(nodes, kind, np.ones(1), S, offset, np.zeros(1, np.int64))
+    pairs = ContactPairs(nodes, kind, np.ones(1), S, offset, np.zeros(1, np.int64))
     heights = np.linspace(0.5e-3, 1e-5, 2000)
     x = [np.array([[-0.5, 0, z], [0.5, 0, z], [0, -0.5, 0], [0, 0.5, 0]]) for z in heights]
     done = [act(pairs, x[0], x1, BARRIER, 0.5, each=True) for x1 in x]

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gossamer_fx.contact.kernel import Array, Bytes, Integers, library, pointers
-from gossamer_fx.contact.pairs import EDGE_EDGE, POINT_TRIANGLE
+from gossamer_fx.contact.kernels.library import Array, Bytes, Integers, library, pointers
+from gossamer_fx.contact.potential import EDGE_EDGE, POINT_TRIANGLE
 
 CHECKS = 1000  # positions on its way at which a distance is computed at most: a turn is a long way for a near pair
 
 
 @dataclass(frozen=True)
-class Surface:
+class CollisionPrimitives:
     """Primitives between points: `vertices` (p,) and `edges` (e, 2), `triangles` (t, 3), as indices of points.
 
     fixed (m,): points that are not moved by contact; primitives of such points alone are no pair.
@@ -50,7 +50,7 @@ def boxes_of(lo: Array, hi: Array, primitives: Integers) -> Array:
     return np.hstack([lo[primitives].min(axis=1), hi[primitives].max(axis=1)])
 
 
-class Tree:
+class BoxTree:
     """A binary tree of boxes (n, 6)."""
 
     def __init__(self, boxes: Array) -> None:
@@ -79,7 +79,7 @@ class Tree:
 
         Args:
             query: which of `boxes` are asked for.
-            of_queries, of_tree: the places of the primitives, see `Surface.where`.
+            of_queries, of_tree: the places of the primitives, see `CollisionPrimitives.where`.
             same: whether both are one set, of which i < j are taken.
         """
         room = 8 * len(query) + 64
@@ -124,7 +124,7 @@ def morton(boxes: Array) -> Integers:
 
 
 def candidates(
-    surface: Surface, lo: Array, hi: Array, vertices: Integers, edges: Integers
+    surface: CollisionPrimitives, lo: Array, hi: Array, vertices: Integers, edges: Integers
 ) -> tuple[Integers, Bytes, np.ndarray]:
     """Pairs of primitives whose boxes overlap: points (n, 4), kind (n,), and numbers (n, 2) of the primitives.
 
@@ -136,7 +136,7 @@ def candidates(
     points = surface.vertices[:, None]
     near: Integers = np.zeros((0, 2), dtype=np.int32)
     if len(triangles):
-        tree = Tree(boxes_of(lo, hi, triangles))
+        tree = BoxTree(boxes_of(lo, hi, triangles))
         boxes = np.ascontiguousarray(boxes_of(lo, hi, points))
         fixed = surface.all_fixed(points), surface.all_fixed(triangles)
         at = surface.where(np.ascontiguousarray(points)), surface.where(triangles)
@@ -144,7 +144,7 @@ def candidates(
     boxes = np.ascontiguousarray(boxes_of(lo, hi, lines)) if len(lines) else np.zeros((0, 6))
     fixed = surface.all_fixed(lines), surface.all_fixed(lines)
     of_lines = surface.where(lines)
-    across = Tree(boxes).overlapping(edges, boxes, of_lines, of_lines, fixed, same=True)
+    across = BoxTree(boxes).overlapping(edges, boxes, of_lines, of_lines, fixed, same=True)
     nodes = np.vstack(
         [
             np.hstack([points[near[:, 0]], triangles[near[:, 1]]]).reshape(-1, 4),

@@ -36,7 +36,7 @@ int motion(int n, const int32_t *pairs, const uint8_t *kind, const double *x0, c
            const double *gap, const double *least, int most, uint8_t *free);
 """
 
-SOURCES = "pairs.c", "search.c", "piercing.c", "blocks.c"
+SOURCES = "pair_forces.c", "broad_phase.c", "intersections.c", "block_pattern.c"
 
 Integers = npt.NDArray[np.int32]
 Bytes = npt.NDArray[np.uint8]

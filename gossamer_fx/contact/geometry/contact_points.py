@@ -15,19 +15,19 @@ from gossamer_fx.algebra.places import Gather
 from gossamer_fx.model.body import Array, Attached, Ground
 from gossamer_fx.terms.assembly import Assembly
 
-Motion = Callable[[float], Sequence[float]]
+PrescribedMotion = Callable[[float], Sequence[float]]
 
 
 @dataclass(frozen=True)
-class Support:
+class ObstaclePoints:
     """Points or directions (k,) of an obstacle; points take part in its prescribed motion."""
 
     at: Sequence[Attached]
     moves: Sequence[bool]
-    motion: Motion | None
+    motion: PrescribedMotion | None
 
 
-class Points:
+class ContactPoints:
     """Points x = P q + c(t) of n nodes of bodies, and after them those of obstacles, m in all.
 
     `unknowns` (v,) are the first of each vector's three unknowns, the nodes' first.  Point i is a combination of the
@@ -37,7 +37,7 @@ class Points:
     def __init__(
         self,
         nodes: list[tuple[int, npt.NDArray[np.int64]]],
-        supports: list[Support],
+        supports: list[ObstaclePoints],
         system: Assembly,
     ) -> None:
         numbering, self._numbering = system.numbering, system.numbering
@@ -47,7 +47,7 @@ class Points:
         unknowns: list[int] = []
         entries: list[tuple[int, int, float]] = []
         constants: list[Array] = []
-        self._moved: list[tuple[npt.NDArray[np.int64], Motion]] = []
+        self._moved: list[tuple[npt.NDArray[np.int64], PrescribedMotion]] = []
         known: dict[int, int] = {}
         for support in supports:
             moved = []

@@ -5,22 +5,24 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from gossamer_fx.contact.pairs import EDGE_EDGE, POINT_TRIANGLE, squared_distances
-from gossamer_fx.contact.piercing import _pierces_exactly, intersections
-from gossamer_fx.contact.search import Surface, candidates, refused
+from gossamer_fx.contact.broad_phase.box_tree import CollisionPrimitives, candidates, refused
+from gossamer_fx.contact.narrow_phase.intersections import _pierces_exactly, intersections
+from gossamer_fx.contact.potential import EDGE_EDGE, POINT_TRIANGLE, squared_distances
 
 
-def soup(n: int, seed: int, size: float = 0.2) -> tuple[Surface, np.ndarray]:
+def soup(n: int, seed: int, size: float = 0.2) -> tuple[CollisionPrimitives, np.ndarray]:
     """n triangles anywhere in the unit cube, of sizes that differ by a factor of 100."""
     rng = np.random.default_rng(seed)
     middle, extent = rng.uniform(size=(n, 1, 3)), size * 10 ** rng.uniform(-2, 0, (n, 1, 1))
     x = (middle + extent * rng.normal(size=(n, 3, 3))).reshape(-1, 3)
     triangles = np.arange(3 * n, dtype=np.int32).reshape(n, 3)
     edges = np.ascontiguousarray(triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2))
-    return Surface(np.arange(3 * n, dtype=np.int32), edges, triangles, np.zeros(3 * n, np.uint8)), x
+    return CollisionPrimitives(
+        np.arange(3 * n, dtype=np.int32), edges, triangles, np.zeros(3 * n, np.uint8)
+    ), x
 
 
-def everything(surface: Surface) -> set[tuple[int, ...]]:
+def everything(surface: CollisionPrimitives) -> set[tuple[int, ...]]:
     """All pairs without a common point."""
     pairs = {
         (POINT_TRIANGLE, v, t)
@@ -37,7 +39,7 @@ def everything(surface: Surface) -> set[tuple[int, ...]]:
     return pairs
 
 
-def found(surface: Surface, x: np.ndarray, reach: float):
+def found(surface: CollisionPrimitives, x: np.ndarray, reach: float):
     nv, ne = len(surface.vertices), len(surface.edges)
     whole = np.arange(nv, dtype=np.int32), np.arange(ne, dtype=np.int32)
     return candidates(surface, x - reach / 2, x + reach / 2, *whole)

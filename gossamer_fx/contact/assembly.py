@@ -13,19 +13,19 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from gossamer_fx.contact.kernel import Array, Integers, library, pointers
-from gossamer_fx.contact.points import Points
+from gossamer_fx.contact.geometry.contact_points import ContactPoints
+from gossamer_fx.contact.kernels.library import Array, Integers, library, pointers
 
 STRONG = 0.1  # norm of a block over the mean of the two on its diagonal, from which a preconditioner needs it
 
 
-class Blocks:
+class BlockAssembly:
     """The blocks between the vectors of a contact's points, in one step.
 
     `values` (e, 9) are those of this rank's pairs; a block belongs to the rank that has its row.
     """
 
-    def __init__(self, points: Points, system: Any) -> None:
+    def __init__(self, points: ContactPoints, system: Any) -> None:
         self._points, self._system, self._comm = points, system, system.comm
         self._numbering = numbering = system.numbering
         unknowns = points.unknowns

@@ -25,16 +25,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.contact.body_set import BodySet
-from gossamer_fx.contact.kernel import Array, Integers
-from gossamer_fx.contact.pairs import (
+from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
+from gossamer_fx.contact.kernels.library import Array, Integers
+from gossamer_fx.contact.potential import (
     EDGE_EDGE,
     IN_CYLINDER,
     IN_SPHERE,
     PLANE,
     POINT_TRIANGLE,
     TOUCHES,
-    Pairs,
+    ContactPairs,
     act,
     nearest_points,
 )
@@ -46,7 +46,7 @@ EDGES = np.array([[[0, 1, -1, 0], [0, 1, 0, -1]], [[-1, 1, 0, 0], [0, 0, 1, -1]]
 
 
 @dataclass
-class Sliding:
+class FrictionPairs:
     """n pairs that may rub, and the points between which they do.
 
     `nodes` (n, k), and as weights of these r (n, k) and t (n, 2, k); μ (n,).  N (n,) is the part along `normal` (n, 3)
@@ -55,7 +55,7 @@ class Sliding:
     couple.
     """
 
-    pairs: Pairs
+    pairs: ContactPairs
     law: int
     side: Array
     normal: Array
@@ -179,7 +179,12 @@ class Friction:
     """
 
     def __init__(
-        self, bodies: BodySet, own: float, of_solids: Sequence[float], creep: float, system: Any
+        self,
+        bodies: CollisionMesh,
+        own: float,
+        of_solids: Sequence[float],
+        creep: float,
+        system: Any,
     ) -> None:
         self._bodies, self._points, self._system, self._creep = bodies, bodies.points, system, creep
         self._μ = np.array([own] * len(bodies.indices) + list(of_solids))
@@ -192,13 +197,13 @@ class Friction:
         for i in (frames[:, None] + np.arange(4)).ravel():
             self._vector[i] = [*P.indices[P.indptr[i] : P.indptr[i + 1]], -1][0]
         self._moves = (self._vector >= 0).astype(float)
-        self._rubbing: list[Sliding] = []
+        self._rubbing: list[FrictionPairs] = []
 
     @property
     def _least(self) -> float:
         return self._creep * float(self._system.h)
 
-    def take(self, pairs: Pairs, x0: Array, law: int) -> list[npt.NDArray[np.int64]]:
+    def take(self, pairs: ContactPairs, x0: Array, law: int) -> list[npt.NDArray[np.int64]]:
         """Let those of a step's pairs rub; the vectors (n, k) that each group of them couples."""
         pairs = pairs.some(self._μ[self._partner(pairs.nodes)] > 0)
         solid: npt.NDArray[np.bool_] = np.asarray((pairs.nodes >= self._points.n).any(axis=1))
@@ -251,7 +256,7 @@ class Friction:
         film = points[np.arange(len(points)), films.argmax(axis=1)]
         return np.where(vectors >= 0, vectors, film[:, None])
 
-    def _on_film(self, pairs: Pairs, x0: Array, law: int) -> Sliding:
+    def _on_film(self, pairs: ContactPairs, x0: Array, law: int) -> FrictionPairs:
         """Pairs between films: the directions are edges, of which what is along the normal is taken away."""
         nodes, r = pairs.nodes, _weights(pairs, x0)
         t = EDGES[np.minimum(pairs.kind, EDGE_EDGE)]
@@ -269,9 +274,9 @@ class Friction:
         side = np.where((pairs.kind == EDGE_EDGE)[:, None], [1.0, 1, 0, 0], [1.0, 0, 0, 0])
         own = np.broadcast_to(np.eye(4), (len(nodes), 4, 4))
         μ = self._μ[self._partner(nodes)]
-        return Sliding(pairs, law, side, normal, nodes, r, t, own, μ, self._behind(nodes))
+        return FrictionPairs(pairs, law, side, normal, nodes, r, t, own, μ, self._behind(nodes))
 
-    def _on_solid(self, pairs: Pairs, x0: Array, law: int) -> Sliding:
+    def _on_solid(self, pairs: ContactPairs, x0: Array, law: int) -> FrictionPairs:
         """Pairs with an obstacle: a point of the film, the point of the obstacle that is there, and two of its axes."""
         films = pairs.nodes < self._points.n
         weights = _weights(pairs, x0)
@@ -293,7 +298,9 @@ class Friction:
         )
         μ = self._μ[self._partner(pairs.nodes)]
         side, of_frame = films.astype(float), self._by_frame(points)
-        return Sliding(pairs, law, side, normal, points, r, t, of_frame, μ, self._behind(points))
+        return FrictionPairs(
+            pairs, law, side, normal, points, r, t, of_frame, μ, self._behind(points)
+        )
 
     def _by_frame(self, points: Integers) -> Array:
         """Weights (n, 4, 8) by which the first four of points (n, 8) follow the film and the obstacle's frame."""
@@ -310,7 +317,7 @@ class Friction:
         return weights
 
     @staticmethod
-    def _towards(pairs: Pairs, weights: Array, x0: Array) -> Array:
+    def _towards(pairs: ContactPairs, weights: Array, x0: Array) -> Array:
         """A vector (n, 3) from each pair's obstacle towards its film."""
         x = x0[pairs.nodes]
         from_wall = x[:, 1] - x[:, 0]
@@ -326,7 +333,7 @@ def _unit(vectors: Array) -> Array:
     return unit
 
 
-def _weights(pairs: Pairs, x0: Array) -> Array:
+def _weights(pairs: ContactPairs, x0: Array) -> Array:
     """Those (n, 4) of a pair's points in what leads from its second side to its first; of walls their point's alone."""
     kind, uv = pairs.kind, nearest_points(pairs.nodes, pairs.kind, x0)
     u, v, one = uv[:, 0], uv[:, 1], np.ones(len(uv))

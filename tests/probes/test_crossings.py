@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.contact.piercing import _exact_sign, intersections
-from gossamer_fx.contact.search import Surface
+from gossamer_fx.contact.broad_phase.box_tree import CollisionPrimitives
+from gossamer_fx.contact.narrow_phase.intersections import _exact_sign, intersections
 from meshes.sheet import sheet
 
 LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
@@ -94,7 +94,9 @@ def test_the_count_follows_the_exact_sign_near_zero() -> None:
     """An edge from above ends at a triangle, to the last bits: it pierces where its end is below or not at all."""
     rng, seen = np.random.default_rng(5), set()
     nodes = np.arange(5, dtype=np.int32)
-    surface = Surface(nodes, nodes[None, 3:], nodes[None, :3], np.zeros(5, dtype=np.uint8))
+    surface = CollisionPrimitives(
+        nodes, nodes[None, 3:], nodes[None, :3], np.zeros(5, dtype=np.uint8)
+    )
     for _ in range(50):
         corners = rng.integers(1, 2**20, (3, 3)) / 2**20
         end = np.array([0.25, 0.25, 0.5]) @ corners  # without round-off

@@ -10,24 +10,24 @@ import numpy.typing as npt
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from gossamer_fx.contact.blocks import Blocks
-from gossamer_fx.contact.body_set import WALLS, BodySet
-from gossamer_fx.contact.candidates import Candidates
-from gossamer_fx.contact.course import Course, Drift
-from gossamer_fx.contact.kernel import Array, Bytes, library
-from gossamer_fx.contact.memory import Memory
-from gossamer_fx.contact.pairs import (
+from gossamer_fx.contact.assembly import BlockAssembly
+from gossamer_fx.contact.broad_phase.candidates import Candidates
+from gossamer_fx.contact.broad_phase.trajectory_bounds import RigidDrift, TrajectoryBounds
+from gossamer_fx.contact.geometry.collision_mesh import WALLS, CollisionMesh
+from gossamer_fx.contact.history import ContactHistory
+from gossamer_fx.contact.kernels.library import Array, Bytes, library
+from gossamer_fx.contact.narrow_phase.initial_check import refuse_coincident, refuse_intersections
+from gossamer_fx.contact.potential import (
     IN_SPHERE,
     PASSED,
     PLANE,
-    Pairs,
+    ContactPairs,
     act,
     energy,
     squared_distances,
     starts,
 )
-from gossamer_fx.contact.softness import Softness
-from gossamer_fx.contact.start import refuse_coincident, refuse_intersections
+from gossamer_fx.contact.stiffness_warning import StiffnessWarning
 
 START = (
     0.9  # distance of a point at which contact begins, over that of the nearest to it at the start
@@ -39,7 +39,7 @@ HORIZON = 32  # steps for which one search may serve, at most
 REACH = 4.0  # way of a node in one of Newton's updates, over d̂, at most
 
 
-class Group:
+class ContactSet:
     """The pairs of one contact on this rank.
 
     `law` BARRIER or PENALTY; `distance` d̂ [m]; `stiffness` K [N/m³] or None: c = 4 σ v² by pairs, v the closing speed
@@ -48,25 +48,25 @@ class Group:
 
     def __init__(
         self,
-        bodies: BodySet,
+        bodies: CollisionMesh,
         law: int,
         distance: float,
         stiffness: float | None,
-        memory: Memory,
+        memory: ContactHistory,
         system: Any,
     ) -> None:
         self.bodies, self.points, self.memory = bodies, bodies.points, memory
         self.law, self._d, self._K, self._system = law, distance, stiffness, system
         self._comm: MPI.Intracomm = system.comm
-        self._softness = Softness(stiffness or 0.0, distance, bodies.names, system.comm)
+        self._softness = StiffnessWarning(stiffness or 0.0, distance, bodies.names, system.comm)
         memory.comm = self._comm
         library(self._comm)
-        self.blocks = Blocks(self.points, system)
+        self.blocks = BlockAssembly(self.points, system)
         self._alpha = system.rule.alpha
         self._horizon, self._age, self._t1 = 4, 0, 0.0
         self._density: Array | None = None
         self._seen = memory.restored
-        self.near: Pairs | None = None
+        self.near: ContactPairs | None = None
         self.searches = 0
         self.friction: Any = None  # a `Friction`, if there is any
         self.force: Array = np.zeros(
@@ -86,14 +86,14 @@ class Group:
             )
         at, h, start = self.bodies.surface.vertices, self._system.h, self._system.time
         v, duration = (np.zeros_like(x0), 0.0) if v is None else (v, (self._horizon + 1e-6) * h)
-        drift = Drift.of(x0[at], v[at], start)
+        drift = RigidDrift.of(x0[at], v[at], start)
         rates, margin = v - drift.rates(x0), np.full(len(x0), np.inf)  # walls have no place
         margin[at] = self._d / 2 + MARGIN * duration * np.linalg.norm(rates[at], axis=1)
         if x1 is not None:
             missed = drift.undone(x1, self._t1) - (x0 + (self._t1 - start) * rates)
             margin += np.linalg.norm(missed, axis=1)
         self.found = Candidates.find(
-            self.bodies, Course(drift, x0, rates, margin, duration), self._d
+            self.bodies, TrajectoryBounds(drift, x0, rates, margin, duration), self._d
         )
         self._age = 0
         self.searches += 1
@@ -144,7 +144,7 @@ class Group:
     ) -> npt.NDArray[np.bool_]:
         return self.points.owned(nodes[:, 0])
 
-    def touching(self) -> Pairs:
+    def touching(self) -> ContactPairs:
         """This rank's pairs that have energy in the accepted state; after `energy_now`."""
         return self._select(np.isin(self.found.names, self.memory.names))
 
@@ -206,7 +206,7 @@ class Group:
         near[self.found.refused(self.x0, x1, self._gap0, d, way, ~near)] = True
         return near
 
-    def _select(self, near: npt.NDArray[np.bool_], v: Array | None = None) -> Pairs:
+    def _select(self, near: npt.NDArray[np.bool_], v: Array | None = None) -> ContactPairs:
         """The pairs of some candidates; stiffness follows their closing speed unless they have energy."""
         pairs = self.found.pairs(near, self._begins(), self.law)
         known, k = self.memory.stiffness_of(pairs.names)

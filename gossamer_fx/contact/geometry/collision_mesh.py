@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.contact.facets import Facets, facets_of
-from gossamer_fx.contact.joined import places_of
-from gossamer_fx.contact.kernel import Array, Bytes, Integers
-from gossamer_fx.contact.obstacles import Obstacle, Wall
-from gossamer_fx.contact.pairs import EDGE_EDGE, POINT_TRIANGLE
-from gossamer_fx.contact.points import Points, Support
-from gossamer_fx.contact.search import Surface
+from gossamer_fx.contact.broad_phase.box_tree import CollisionPrimitives
+from gossamer_fx.contact.geometry.collision_filter import places_of
+from gossamer_fx.contact.geometry.contact_points import ContactPoints, ObstaclePoints
+from gossamer_fx.contact.geometry.facets import Facets, facets_of
+from gossamer_fx.contact.kernels.library import Array, Bytes, Integers
+from gossamer_fx.contact.obstacles import Obstacle, ObstacleWall
+from gossamer_fx.contact.potential import EDGE_EDGE, POINT_TRIANGLE
 from gossamer_fx.model.body import MeshBody
 from gossamer_fx.terms.assembly import Assembly
 
@@ -26,12 +26,12 @@ WALLS = 2  # number of the first kind of name that belongs to walls
 class PlacedWall:
     """A wall by the numbers of the three points behind the film's point in its pairs."""
 
-    wall: Wall
+    wall: ObstacleWall
     behind: tuple[int, int, int]
     of: int  # number of its obstacle
 
 
-class BodySet:
+class CollisionMesh:
     """Bodies and obstacles of one contact.
 
     Of points (m,): `area` [m²] that they stand for, `radius` [m], `body` (number of what they are of), and
@@ -61,10 +61,10 @@ class BodySet:
             moves += [True] * sum(len(s.corners) for s in solids)
             if has_frame:
                 at, moves = [*at, *obstacle.frame()], [*moves, True, False, False, False]
-            supports.append(Support(at, moves, obstacle.motion))
+            supports.append(ObstaclePoints(at, moves, obstacle.motion))
             shapes.append((walls, solids))
         nodes = [(k, f.nodes) for k, f in zip(self.indices, facets, strict=True)]
-        self.points = points = Points(nodes, supports, system)
+        self.points = points = ContactPoints(nodes, supports, system)
         self.of, self.nodes = list(bodies), np.concatenate([f.nodes for f in facets])
         m = points.m
         self.X = np.vstack([f.X for f in facets])
@@ -106,7 +106,7 @@ class BodySet:
         self.edge_area = np.concatenate(areas)
         fixed: Bytes = (np.arange(m) >= points.n).astype(np.uint8)
         places = places_of(system, bodies, [f.nodes for f in facets], m)
-        self.surface = Surface(
+        self.surface = CollisionPrimitives(
             np.concatenate(vertices), _stack(edges, 2), _stack(triangles, 3), fixed, places
         )
         vertex_points = self.surface.vertices

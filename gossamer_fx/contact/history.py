@@ -12,7 +12,7 @@ from gossamer_fx.model.body import Array
 
 
 @dataclass
-class Memory:
+class ContactHistory:
     """distance (m,) [m] of each point, infinite before the first search; names (k,) and stiffness (k,) [J] of pairs
     that have energy, of this rank at least; `speed` [m/s], the least for which stiffness is chosen, zero until known.
 

@@ -7,14 +7,14 @@ import math
 import numpy as np
 import pytest
 from mpi4py import MPI
-from random_pairs import near_pairs
-from scenes import FILM, SIGMA, conserved, film, group_of, pierced, simulate, solid_of
 
 import gossamer_fx as gx
-from gossamer_fx.contact.friction import EDGES, Sliding
-from gossamer_fx.contact.pairs import BARRIER, EDGE_EDGE, POINT_TRIANGLE, act, nearest_points
+from gossamer_fx.contact.friction.friction import EDGES, FrictionPairs
+from gossamer_fx.contact.potential import BARRIER, EDGE_EDGE, POINT_TRIANGLE, act, nearest_points
 from meshes.sheet import EDGES as EDGES_OF_SHEET
 from meshes.sheet import sheet
+from tests.contact.random_pairs import near_pairs
+from tests.contact.scenes import FILM, SIGMA, conserved, film, group_of, pierced, simulate, solid_of
 
 OTHERS = ("plane", "ball", "cylinder", "box", "in ball", "in box")
 FLOOR = {"point": (0.0, 0.0, 0.0), "normal": (0.0, 0.0, 1.0)}
@@ -211,7 +211,7 @@ def test_a_pair_that_rubs_has_no_resultant_and_the_derivative_it_says(kind) -> N
     side = np.broadcast_to([1.0, 0, 0, 0] if kind == POINT_TRIANGLE else [1.0, 1, 0, 0], (n, 4))
     keys = np.arange(16 * n).reshape(n, 4, 4)
     own = np.broadcast_to(np.eye(4), (n, 4, 4))
-    rub = Sliding(pairs, BARRIER, side, normal, pairs.nodes, r, t, own, np.full(n, μ), keys)
+    rub = FrictionPairs(pairs, BARRIER, side, normal, pairs.nodes, r, t, own, np.full(n, μ), keys)
     rub.slots = keys.reshape(n, 16)
 
     def forces(x):

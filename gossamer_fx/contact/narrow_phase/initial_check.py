@@ -6,14 +6,14 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import InputError
-from gossamer_fx.contact.body_set import BodySet
-from gossamer_fx.contact.kernel import Array
-from gossamer_fx.contact.piercing import intersections
+from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
+from gossamer_fx.contact.kernels.library import Array
+from gossamer_fx.contact.narrow_phase.intersections import intersections
 
 COINCIDENT = 1e-6  # distance over that of contact, below which layers cannot be told apart
 
 
-def refuse_intersections(bodies: BodySet, x: Array, comm: MPI.Intracomm) -> None:
+def refuse_intersections(bodies: CollisionMesh, x: Array, comm: MPI.Intracomm) -> None:
     """Raise `InputError` where edges pierce triangles at points x (m, 3); collective."""
     surface = bodies.surface
     found = intersections(surface, x, bodies.own_edges)
@@ -35,7 +35,7 @@ def refuse_intersections(bodies: BodySet, x: Array, comm: MPI.Intracomm) -> None
         )
 
 
-def refuse_coincident(bodies: BodySet, x: Array, least: Array, distance: float) -> None:
+def refuse_coincident(bodies: CollisionMesh, x: Array, least: Array, distance: float) -> None:
     """Raise `InputError` where points x (m, 3) with the distances `least` (m,) touch something; all ranks know them."""
     film = np.arange(bodies.points.m) < bodies.points.n
     close = np.flatnonzero(film & (least < COINCIDENT * distance))

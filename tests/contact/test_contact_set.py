@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import film, group_of, pierced, simulate
 
 import gossamer_fx as gx
-from gossamer_fx.contact.group import REACH
+from gossamer_fx.contact.contact_set import REACH
 from gossamer_fx.solvers.newton import NEAR
 from gossamer_fx.steppers import midpoint
+from tests.contact.scenes import film, group_of, pierced, simulate
 
 
 @pytest.mark.mpi

@@ -18,12 +18,12 @@ FIELDS, SIDE = (
     1.2,
 )  # of the grid that stands for a plane, along each side; its side over the size of what it is for
 NONE: Indices = np.zeros((0, 3), dtype=np.int32)
-Surface = tuple[Array, Indices, Indices]  # points, triangles, lines
+DrawnSurface = tuple[Array, Indices, Indices]  # points, triangles, lines
 
 
 def solid_of(obstacle: Obstacle, near: Array) -> Solid | None:
     """An obstacle as a solid; none of a kind that is not known.  A plane is drawn where the points near (n, 3) are."""
-    found: Surface
+    found: DrawnSurface
     if isinstance(obstacle, Plane):
         found = _grid(np.asarray(obstacle.point, dtype=float), unit(obstacle.normal), near)
     elif isinstance(obstacle, Box):
@@ -42,7 +42,7 @@ def solid_of(obstacle: Obstacle, near: Array) -> Solid | None:
     return Solid(obstacle.name, X, triangles, lines, obstacle.on, obstacle.motion)
 
 
-def _grid(point: Array, normal: Array, near: Array) -> Surface:
+def _grid(point: Array, normal: Array, near: Array) -> DrawnSurface:
     """Lines on a plane, beside the points near."""
     middle = (near.max(axis=0) + near.min(axis=0)) / 2
     middle = middle - (middle - point) @ normal * normal
@@ -56,7 +56,7 @@ def _grid(point: Array, normal: Array, near: Array) -> Surface:
     return X, NONE, np.arange(len(X), dtype=np.int32).reshape(len(ends), 2)
 
 
-def _box(box: Box) -> Surface:
+def _box(box: Box) -> DrawnSurface:
     axes, half = np.asarray(box.axes, dtype=float), np.asarray(box.sizes, dtype=float) / 2
     X = (
         np.asarray(box.centre, dtype=float)
@@ -72,7 +72,7 @@ def _box(box: Box) -> Surface:
     )
 
 
-def _round(start: Array, end: Array, axis: Array, radius: float, inside: bool) -> Surface:
+def _round(start: Array, end: Array, axis: Array, radius: float, inside: bool) -> DrawnSurface:
     """A ball, or a cylinder with half a ball at each end; circles around both ends and lines along."""
     angles = np.linspace(0, 2 * np.pi, AROUND, endpoint=False)
     u, v = perpendicular_pair(axis)

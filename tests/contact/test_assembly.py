@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scenes import film, group_of, simulate
 
 import gossamer_fx as gx
 from gossamer_fx.system.tangent import Tangent
+from tests.contact.scenes import film, group_of, simulate
 
 
 def touching(comm, body: str) -> gx.Simulation:

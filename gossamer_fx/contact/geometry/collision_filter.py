@@ -10,7 +10,7 @@ from scipy.sparse import csr_matrix, identity
 from scipy.sparse.csgraph import connected_components
 
 from gossamer_fx.algebra.places import PointMeasure, own_places
-from gossamer_fx.contact.kernel import Integers
+from gossamer_fx.contact.kernels.library import Integers
 from gossamer_fx.model.body import Attached, Body, Port
 from gossamer_fx.terms.assembly import Assembly
 from gossamer_fx.terms.point_constraints import PointConstraint

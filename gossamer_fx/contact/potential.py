@@ -28,7 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gossamer_fx.contact.kernel import Array, Bytes, Integers, library, pointers
+from gossamer_fx.contact.kernels.library import Array, Bytes, Integers, library, pointers
 
 BARRIER, PENALTY = 0, 1
 POINT_TRIANGLE, EDGE_EDGE, PLANE, IN_SPHERE, IN_CYLINDER = range(5)
@@ -40,7 +40,7 @@ NONE, TOUCHES, PASSED = range(3)  # what a pair does in a step
 
 
 @dataclass
-class Pairs:
+class ContactPairs:
     """n pairs: nodes (n, 4), kind (n,), stiffness k [J], threshold S and offset of s; names (n,) tell them apart.
 
     S and offset are squared lengths; of planes they are lengths.
@@ -56,15 +56,15 @@ class Pairs:
     def __len__(self) -> int:
         return len(self.kind)
 
-    def some(self, which: np.ndarray) -> Pairs:
+    def some(self, which: np.ndarray) -> ContactPairs:
         """Those of the given indices, or where a mask is true."""
-        return Pairs(
+        return ContactPairs(
             *(getattr(self, name)[which] for name in ("nodes", "kind", "k", "S", "offset", "names"))
         )
 
 
 @dataclass
-class Action:
+class PairResponse:
     """What pairs do: state (n,) NONE, TOUCHES or PASSED; forces (n, 12) [N]; tangents (n, 144) [N/m] if asked for."""
 
     state: Bytes
@@ -97,7 +97,7 @@ def nearest_points(nodes: Integers, kind: Bytes, x: Array) -> Array:
     return uv
 
 
-def starts(pairs: Pairs, x0: Array) -> Array:
+def starts(pairs: ContactPairs, x0: Array) -> Array:
     """What `act` needs to know of pairs at x0: (u, v) of the nearest points, distance [m] and s [m²] (n, 4)."""
     start = np.empty((len(pairs), 4))
     library().lib.starts(
@@ -118,7 +118,7 @@ def approaches(
     return way
 
 
-def energy(pairs: Pairs, x: Array, law: int) -> tuple[float, Array]:
+def energy(pairs: ContactPairs, x: Array, law: int) -> tuple[float, Array]:
     """Energy [J] of pairs in a state, and x (n,) of each, below one where they touch."""
     X = np.empty(len(pairs))
     total = library().lib.energy(
@@ -132,7 +132,7 @@ def energy(pairs: Pairs, x: Array, law: int) -> tuple[float, Array]:
 
 
 def act(
-    pairs: Pairs,
+    pairs: ContactPairs,
     x0: Array,
     x1: Array,
     law: int,
@@ -146,7 +146,7 @@ def act(
     tangents: bool = False,
     start: Array | None = None,
     state: Bytes | None = None,
-) -> Action:
+) -> PairResponse:
     """Forces and tangents of a step from points x0 to x1 (m, 3), or in the state x1 if α = 1.
 
     Args:
@@ -172,4 +172,4 @@ def act(
         again,
         *pointers(state, force, slots, values, forces, stiffness),
     )
-    return Action(state, forces, stiffness)
+    return PairResponse(state, forces, stiffness)

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import FILM, conserved, group_of, pierced, simulate
 
 import gossamer_fx as gx
 from meshes.line import line
 from meshes.sheet import sheet
+from tests.contact.scenes import FILM, conserved, group_of, pierced, simulate
 
 
 def leaf(comm, n=4, *, angle=0.0, spin=0.0, order=1, name="leaf", shift=0.0):

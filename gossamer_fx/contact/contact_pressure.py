@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.contact.group import Group
-from gossamer_fx.contact.kernel import Array
-from gossamer_fx.contact.pairs import act
+from gossamer_fx.contact.contact_set import ContactSet
+from gossamer_fx.contact.kernels.library import Array
+from gossamer_fx.contact.potential import act
 
 
-def pressures(group: Group) -> Array:
+def pressures(group: ContactSet) -> Array:
     """p (m,) [N/m²] of points in the accepted state: forces of pairs, the two sides of a film added, per area.
 
     The area is that of the stress-free shape for which a point stands; of cables and beams that of their shadow.

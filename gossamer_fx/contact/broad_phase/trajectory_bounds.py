@@ -11,12 +11,12 @@ from functools import cached_property
 import numpy as np
 
 from gossamer_fx.algebra.rotations import rotations
-from gossamer_fx.contact.kernel import Array, Bytes, Integers
-from gossamer_fx.contact.pairs import approaches
+from gossamer_fx.contact.kernels.library import Array, Bytes, Integers
+from gossamer_fx.contact.potential import approaches
 
 
 @dataclass(frozen=True)
-class Drift:
+class RigidDrift:
     """A rigid motion from `time` [s] on: with `velocity` [m/s], and turning about `centre` with `spin` [rad/s]."""
 
     time: float
@@ -25,7 +25,7 @@ class Drift:
     spin: Array
 
     @classmethod
-    def of(cls, x: Array, v: Array, time: float) -> Drift:
+    def of(cls, x: Array, v: Array, time: float) -> RigidDrift:
         """The one nearest, by least squares, to the velocities v (n, 3) of points x (n, 3)."""
         centre, velocity = x.mean(axis=0), v.mean(axis=0)
         r = x - centre
@@ -47,10 +47,10 @@ class Drift:
 
 
 @dataclass(frozen=True)
-class Course:
+class TrajectoryBounds:
     """Points are expected at x + τ `rates` (m, 3), drifted, within `margin` (m,) [m], up to τ = `duration` [s]."""
 
-    drift: Drift
+    drift: RigidDrift
     x: Array
     rates: Array
     margin: Array

@@ -1,0 +1,1 @@
+"""Coulomb friction of contact pairs."""

@@ -1,0 +1,1 @@
+"""The C functions of contact, and how they are compiled and called."""

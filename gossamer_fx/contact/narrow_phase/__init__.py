@@ -1,0 +1,1 @@
+"""Exact geometry of candidate pairs: closest points, collisions during a step, intersections."""
