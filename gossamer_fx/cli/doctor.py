@@ -128,8 +128,9 @@ def compiled_form_failures() -> list[str]:
         error = solution_error()
         if PETSc.ScalarType is not np.float64:
             return ["PETSc does not compute in real double precision"]
-    except Exception as error:
-        return [f"a form could not be compiled and solved: {type(error).__name__}: {error}"]
+    except Exception as failure:
+        kind = type(failure).__name__
+        return [f"a form could not be compiled and solved: {kind}: {failure}"]
     if not error < SOLVER_TOLERANCE:
         return [f"a compiled form solved with PETSc LU is wrong by {error:.1e}"]
     return []
