@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.algebra.places import PointMeasure
+from gossamer_fx.algebra.point_measures import PointMeasure
 from gossamer_fx.analysis.equilibrium import Equilibrium, EquilibriumResult
 from gossamer_fx.bodies.cable import CableLaw
 from gossamer_fx.bodies.membrane import Membrane

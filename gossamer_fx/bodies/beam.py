@@ -10,7 +10,7 @@ import ufl
 from dolfinx import fem, la
 from dolfinx.mesh import Mesh as DolfinxMesh
 
-from gossamer_fx.algebra.places import PointMeasure
+from gossamer_fx.algebra.point_measures import PointMeasure
 from gossamer_fx.bodies.curve import Curve
 from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.bodies.meshed import PointFunction, checked

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from dolfinx.common import IndexMap
 
-from gossamer_fx.algebra.places import PointMeasure
+from gossamer_fx.algebra.point_measures import PointMeasure
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array, Attached, Block, Ground, Port, Vector
 from gossamer_fx.model.ports import combine

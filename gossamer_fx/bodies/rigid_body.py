@@ -10,7 +10,7 @@ import numpy.typing as npt
 from dolfinx.common import IndexMap
 from mpi4py import MPI
 
-from gossamer_fx.algebra.places import PointMeasure
+from gossamer_fx.algebra.point_measures import PointMeasure
 from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array, Block, Port, Vector

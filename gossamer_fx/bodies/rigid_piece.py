@@ -9,7 +9,7 @@ import numpy as np
 from dolfinx.common import IndexMap
 from mpi4py import MPI
 
-from gossamer_fx.algebra.places import PointMeasure
+from gossamer_fx.algebra.point_measures import PointMeasure
 from gossamer_fx.algebra.rotations import perpendicular_pair
 from gossamer_fx.bodies.rigid_body import orthonormality
 from gossamer_fx.model.body import Array, Block, Body, Port

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.algebra.places import is_point
+from gossamer_fx.algebra.point_measures import translation_weight
 from gossamer_fx.checks.errors import check, check_positive
 from gossamer_fx.model.body import Port
 from gossamer_fx.model.state import State
@@ -36,7 +36,7 @@ class AttachedMass:
 
     def __post_init__(self) -> None:
         check(
-            isinstance(self.port, Port) and bool(np.isclose(is_point(self.port), 1.0)),
+            isinstance(self.port, Port) and bool(np.isclose(translation_weight(self.port), 1.0)),
             f"AttachedMass '{self.name}': its port is no point of a body; give one, as film.port('tip').",
         )
         check_positive(self, "mass", "kg")

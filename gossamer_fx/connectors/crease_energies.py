@@ -18,7 +18,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.algebra import dihedral_angle
-from gossamer_fx.algebra.places import Gather, add_blocks
+from gossamer_fx.algebra.point_measures import Gather, add_blocks
 from gossamer_fx.model.body import Array, Body, Indices, MeshBody
 from gossamer_fx.model.roles import (
     CellFields,

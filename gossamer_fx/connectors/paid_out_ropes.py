@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 import numpy as np
 from petsc4py import PETSc
 
-from gossamer_fx.algebra.places import Gather, Places, PointMeasure, add_blocks
+from gossamer_fx.algebra.point_measures import Gather, PointMeasure, PointMeasures, add_blocks
 from gossamer_fx.model.body import Array
 from gossamer_fx.model.roles import (
     Dissipation,
@@ -50,9 +50,9 @@ class PaidOutRopes(
 
     def __init__(self, terms: Sequence[PaidOutRope], system: Assembly) -> None:
         self._system, self._terms = system, terms
-        self._at = Places(system.numbering, system.bodies, [term.measure for term in terms])
+        self._at = PointMeasures(system.numbering, system.bodies, [term.measure for term in terms])
         self._gather = Gather(system.numbering, [self._at.indices])
-        mine = [terms[i] for i in self._at.of]
+        mine = [terms[i] for i in self._at.owner]
         self._k, self._brake, self._most, self.length = (
             np.array([getattr(term, what) for term in mine], dtype=float)
             for what in ("stiffness", "brake", "most", "length")
@@ -76,7 +76,7 @@ class PaidOutRopes(
         end = t if system.rule.alpha == 1.0 else system.time + system.h
         for i, history in self._given:
             lengths[i] = history(end)
-        given = lengths[self._at.of]
+        given = lengths[self._at.owner]
         self._next = np.where(np.isfinite(given), given, self.length)
 
     def commit(self) -> None:
@@ -120,12 +120,12 @@ class PaidOutRopes(
             return np.zeros(0)
         slip = self._slip(self._lengths(self._gather(self._system.q1)[0]))
         loss = np.where(self._brakes, self._brake, 0.0) * slip
-        return np.bincount(self._at.of, loss, len(self._terms)).astype(float)[self._braked]
+        return np.bincount(self._at.owner, loss, len(self._terms)).astype(float)[self._braked]
 
     def energies(self) -> dict[str, float]:
         found = dict.fromkeys((term.name for term in self._terms), 0.0)
         for i, energy in zip(
-            self._at.of, self._k * np.maximum(self._l - self.length, 0.0) ** 2 / 2, strict=True
+            self._at.owner, self._k * np.maximum(self._l - self.length, 0.0) ** 2 / 2, strict=True
         ):
             found[self._terms[i].name] += float(energy)
         return found
@@ -135,20 +135,20 @@ class PaidOutRopes(
     def lengths(self) -> Array:
         """L [m] of all terms, the same on every rank."""
         found = np.zeros(len(self._terms))
-        found[self._at.of] = self.length
+        found[self._at.owner] = self.length
         return np.asarray(self._system.comm.allreduce(found))
 
     def tensions(self) -> Array:
         """T [N] of all terms in the accepted state, the same on every rank."""
         found = np.zeros(len(self._terms))
-        found[self._at.of] = self._k * np.maximum(self._l - self.length, 0.0)
+        found[self._at.owner] = self._k * np.maximum(self._l - self.length, 0.0)
         return np.asarray(self._system.comm.allreduce(found))
 
     def get_state(self) -> dict[str, Any]:
         return {"lengths": self.lengths().tolist()}
 
     def set_state(self, state: dict[str, Any]) -> None:
-        self.length = np.array(state["lengths"])[self._at.of]
+        self.length = np.array(state["lengths"])[self._at.owner]
         self._next = self.length
 
     # ---- the law ----------------------------------------------------------------------------------------------------

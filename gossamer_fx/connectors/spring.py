@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from gossamer_fx.algebra.places import PointMeasure
+from gossamer_fx.algebra.point_measures import PointMeasure
 from gossamer_fx.bodies.between import Between
 from gossamer_fx.checks.errors import check, check_positive, is_vector
 from gossamer_fx.model.body import Array, Attached, Port

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.algebra.places import PointMeasure
+from gossamer_fx.algebra.point_measures import PointMeasure
 from gossamer_fx.bodies.cable import CableLaw, TensionOnly
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.algebra.places import PointMeasure
+from gossamer_fx.algebra.point_measures import PointMeasure
 from gossamer_fx.bodies.beam import Beam
 from gossamer_fx.bodies.frames import Frame, Line
 from gossamer_fx.bodies.meshed import Meshed

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from gossamer_fx.algebra.places import Gather, add_blocks
+from gossamer_fx.algebra.point_measures import Gather, add_blocks
 from gossamer_fx.algebra.rotations import cross_matrices
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check

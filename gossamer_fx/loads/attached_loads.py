@@ -10,7 +10,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.algebra.numbering import GlobalIndices
-from gossamer_fx.algebra.places import Gather, add_blocks, attach_all, own_places
+from gossamer_fx.algebra.point_measures import Gather, add_blocks, attach_all, evaluated_here
 from gossamer_fx.model.body import Array, Body, Port
 from gossamer_fx.model.roles import ExternalLoads, Forces, OnMeshes, StepObserver, Supply, Tangents
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms
@@ -22,7 +22,7 @@ class AttachedLoads(OnMeshes, ExternalLoads, StepObserver, Forces, Tangents, Sup
 
     def __init__(self, terms: Sequence[AttachedLoad], system: Assembly) -> None:
         self._system = system
-        self._places: list[
+        self._masses: list[
             tuple[Array, Array, Array, Array]
         ] = []  # P, offsets, M and A of one kinetic energy
         self._indices: list[GlobalIndices] = []
@@ -35,19 +35,19 @@ class AttachedLoads(OnMeshes, ExternalLoads, StepObserver, Forces, Tangents, Sup
         self._gather = Gather(system.numbering, self._indices) if self._indices else None
 
     def _add(self, term: AttachedLoad, masses: AttachedKineticEnergy, system: Assembly) -> None:
-        if not any(port.body is term.body for place in masses.places for port in place):
+        if not any(port.body is term.body for place in masses.ports for port in place):
             return
-        own = own_places(masses.places)
+        own = evaluated_here(masses.ports)
         k = masses.mass.shape[1]
         indices, P, o = attach_all(
-            system.numbering, system.bodies, [masses.places[i] for i in own], 3 * k
+            system.numbering, system.bodies, [masses.ports[i] for i in own], 3 * k
         )
         # of each port, what it has of the body's positions, and whether it is on the body at all
         points = np.array(
-            [[_of_points(port, term.body) for port in masses.places[i]] for i in own]
+            [[_of_points(port, term.body) for port in masses.ports[i]] for i in own]
         ).reshape(-1, k)
         here = np.array(
-            [[port.body is term.body for port in masses.places[i]] for i in own]
+            [[port.body is term.body for port in masses.ports[i]] for i in own]
         ).reshape(-1, k)
         M = np.einsum("nij,ab->niajb", masses.mass[own], np.eye(3)).reshape(len(own), 3 * k, 3 * k)
         A = np.einsum("nj,ij,ab->niajb", here * 1.0, np.eye(k), term.gradient).reshape(
@@ -56,21 +56,21 @@ class AttachedLoads(OnMeshes, ExternalLoads, StepObserver, Forces, Tangents, Sup
         a = (points[:, :, None] * (term.acceleration - term.gradient @ term.centre)).reshape(
             len(own), 3 * k
         )
-        self._places.append((P, o, M, A))
+        self._masses.append((P, o, M, A))
         self._indices.append(indices)
         self._constant.append(a)
 
     def _vectors(self, q: PETSc.Vec) -> list[Array]:
         if self._gather is None:
             return []
-        pairs = zip(self._places, self._gather(q), strict=True)
+        pairs = zip(self._masses, self._gather(q), strict=True)
         return [np.einsum("nax,nx->na", P, values) + o for (P, o, _, _), values in pairs]
 
     def _forces(self) -> list[Array]:
         α = self._system.rule.alpha
         found = []
         for (_, _, M, A), a, X0, X1 in zip(
-            self._places, self._constant, self._X0, self._vectors(self._system.q1), strict=True
+            self._masses, self._constant, self._X0, self._vectors(self._system.q1), strict=True
         ):
             X = (1 - α) * X0 + α * X1
             found.append(np.einsum("nab,nb->na", M, a + np.einsum("nab,nb->na", A, X)))
@@ -81,16 +81,16 @@ class AttachedLoads(OnMeshes, ExternalLoads, StepObserver, Forces, Tangents, Sup
 
     def add_forces(self, r: PETSc.Vec) -> None:
         for (P, _, _, _), indices, F in zip(
-            self._places, self._indices, self._forces(), strict=True
+            self._masses, self._indices, self._forces(), strict=True
         ):
             force = -np.einsum("nax,na->nx", P, F)
             r.setValues(indices.ravel(), force.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
-        if self._places:
+        if self._masses:
             r.assemble()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         α = self._system.rule.alpha
-        for (P, _, M, gradient), indices in zip(self._places, self._indices, strict=True):
+        for (P, _, M, gradient), indices in zip(self._masses, self._indices, strict=True):
             if gradient.any():
                 K = -α * np.einsum("nax,nab,nbc,ncy->nxy", P, M, gradient, P, optimize=True)
                 add_blocks(A, indices, indices, K)

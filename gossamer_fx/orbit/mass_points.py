@@ -17,8 +17,8 @@ from gossamer_fx.extend import (
     Port,
     add_blocks,
     attach_all,
-    is_point,
-    own_places,
+    evaluated_here,
+    translation_weight,
 )
 
 Kinetic = NodeKineticEnergy | AttachedKineticEnergy
@@ -34,7 +34,7 @@ class MassPoints:
         indices, B, o, m = [], [], [], []
         for term in terms:
             places, masses = _places(term)
-            own = own_places(places)
+            own = evaluated_here(places)
             if not own:
                 continue
             k = masses.shape[1]
@@ -43,7 +43,7 @@ class MassPoints:
             )
             for row, j in enumerate(own):
                 points, weights = equivalent_points(
-                    masses[j, :, :], np.array([is_point(port) for port in places[j]])
+                    masses[j, :, :], np.array([translation_weight(port) for port in places[j]])
                 )
                 spread = np.kron(points, np.eye(3)).reshape(len(points), 3, 3 * k)
                 indices += [i[row]] * len(points)
@@ -81,17 +81,17 @@ class MassPoints:
         )
 
 
-def equivalent_points(mass: Array, is_point: Array) -> tuple[Array, Array]:
+def equivalent_points(mass: Array, translation_weight: Array) -> tuple[Array, Array]:
     """Points c (p, k) and masses (p,) with Σ m c cᵀ = mass (k, k), each an affine combination of k vectors.
 
     One at the centre of mass, if that is all there is; else a pair on each principal axis, at equal distances to both
     sides, which gives mass, centre and second moments, and no third ones.
 
     Args:
-        is_point: (k,) 1 for positions, 0 for directors.
+        translation_weight: (k,) 1 for positions, 0 for directors.
     """
-    towards = mass @ is_point
-    total = float(is_point @ towards)
+    towards = mass @ translation_weight
+    total = float(translation_weight @ towards)
     centre = towards / total
     moments, axes = np.linalg.eigh(mass - total * np.outer(centre, centre))
     kept = moments > 1e-13 * max(total, float(np.abs(mass).max()))
@@ -106,7 +106,7 @@ def equivalent_points(mass: Array, is_point: Array) -> tuple[Array, Array]:
 def _places(term: Kinetic) -> tuple[Sequence[tuple[Attached, ...]], Array]:
     """The vectors of each mass (k, k), and those masses, as far as this rank knows them."""
     if isinstance(term, AttachedKineticEnergy):
-        return term.places, term.mass
+        return term.ports, term.mass
     start, body = term.body.block.index_map.local_range[0], term.body
     k = body.block.size // 3
     return [

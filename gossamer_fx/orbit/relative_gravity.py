@@ -69,7 +69,7 @@ def _names_of_holders(terms: Sequence[Term]) -> Iterator[str]:
             yield term.name
         measure = getattr(term, "measure", None)
         if isinstance(measure, PointMeasure):
-            ports = [port for place in measure.places for port in place]
+            ports = [port for place in measure.ports for port in place]
             if any(isinstance(port, Ground) for port in ports):
                 yield term.name  # type: ignore[attr-defined]
 

@@ -60,7 +60,7 @@ def mesh_name(body: MeshBody) -> int:
 def all_names(system: System) -> list[Names]:
     """Names of this rank's own nodes of every block of a system: bodies, then the multipliers of each constraint."""
     names = [node_names(body) for body in system.bodies]
-    tied = system.constraints.places() if system.constraints else []
+    tied = system.constraints.tied_ports() if system.constraints else []
     for places, block in zip(tied, system.numbering.blocks[len(names) :], strict=True):
         alone = block.index_map.size_global == 1
         names.append(

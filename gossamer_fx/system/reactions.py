@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from gossamer_fx.algebra.places import Gather, PointMeasure, attach, own_places
+from gossamer_fx.algebra.point_measures import Gather, PointMeasure, attach, evaluated_here
 from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.model.body import Array, Attached, Port, Vector
@@ -149,7 +149,7 @@ def _tied(
     """This rank's share of what a constraint exerts on those of its ports that count: -De(q̄)ᵀλ."""
     α = system.rule.alpha
     total = np.zeros((2, 3))
-    own = [measure.places[i] for i in own_places(measure.places)]
+    own = [measure.ports[i] for i in evaluated_here(measure.ports)]
     attached = [attach(system.numbering, system.bodies, place) for place in own]
     gather = Gather(system.numbering, [indices for indices, _, _ in attached])
     ends = zip(own, attached, gather(system.q0), gather(system.previous), λ, strict=True)

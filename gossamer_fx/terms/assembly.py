@@ -83,8 +83,8 @@ class CompiledConstraints(Tangents, CompiledTerms):
 
     owned: slice  # the multipliers in this rank's part of a vector
 
-    def places(self) -> list[list[tuple[Attached, ...]]]:
-        """What each of this rank's multipliers ties, for each block of them."""
+    def tied_ports(self) -> list[list[tuple[Attached, ...]]]:
+        """The ports that each of this rank's multipliers ties, for each block of them."""
         raise NotImplementedError
 
     def violation(self, q: PETSc.Vec) -> float:

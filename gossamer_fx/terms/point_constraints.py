@@ -18,25 +18,32 @@ from dolfinx.common import IndexMap
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from gossamer_fx.algebra.places import (
+from gossamer_fx.algebra.point_measures import (
     Gather,
-    Places,
     PointMeasure,
+    PointMeasures,
     add_blocks,
+    evaluated_here,
     nodes_of,
-    own_places,
 )
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array, Attached, Block
 from gossamer_fx.model.roles import Forces, Multipliers, StateObserver
 from gossamer_fx.terms.assembly import Assembly, CompiledConstraints, CompiledTerms
 
-DISTANCE = (
-    1e-8  # largest violation at the start, in units of the constraint; it stands for "coincides"
-)
-CHECK_UP_TO = (
-    1500  # constraints; above, redundant ones are not looked for (the matrix is then singular)
-)
+# Largest violation at the start, in units of the constraint: the bound for "these points coincide".
+MAX_INITIAL_VIOLATION = 1e-8
+# Largest rate of violation at the start, as a fraction of the rates of the measures involved.
+MAX_INITIAL_RATE = 1e-8
+# Constraints up to which redundant ones are looked for: the eigenvalue problem is dense, on rank 0.  With more of
+# them a redundant constraint shows as a singular matrix.
+MAX_CHECKED_CONSTRAINTS = 1500
+# Of a row of the gradient of all constraints: what counts as nothing, when no free coordinate is touched.
+NO_GRADIENT = 1e-12
+# Eigenvalues of the normalised Gram matrix of the constraints below which one of them follows from others.
+NULL_EIGENVALUE = 1e-12
+# Components of a null vector from which a constraint takes part in it.
+TAKES_PART = 1e-6
 
 
 class PointConstraints(Multipliers, StateObserver, Forces, CompiledConstraints):
@@ -49,7 +56,7 @@ class PointConstraints(Multipliers, StateObserver, Forces, CompiledConstraints):
     def multipliers(cls, terms: Sequence[PointConstraint], comm: MPI.Intracomm) -> list[Block]:
         """One multiplier for each measure, on the rank that evaluates it."""
         return [
-            Block(IndexMap(comm, len(own_places(t.measure.places))), t.measure.H.shape[0])
+            Block(IndexMap(comm, len(evaluated_here(t.measure.ports))), t.measure.H.shape[0])
             for t in terms
         ]
 
@@ -59,21 +66,23 @@ class PointConstraints(Multipliers, StateObserver, Forces, CompiledConstraints):
         groups: dict[tuple[int, ...], list[int]] = {}
         for k, term in enumerate(terms):
             groups.setdefault((*term.measure.H.shape, nodes_of(term.measure)), []).append(k)
-        self._places, self._of, self._local = [], [], []
+        self._measures: list[PointMeasures] = []
+        self._term_of: list[npt.NDArray[np.int64]] = []
+        self._local: list[npt.NDArray[np.int64]] = []
         for alike in groups.values():
-            at = Places(numbering, system.bodies, [terms[k].measure for k in alike])
-            self._places.append(at)
-            self._of.append(np.array(alike)[at.of])
+            at = PointMeasures(numbering, system.bodies, [terms[k].measure for k in alike])
+            self._measures.append(at)
+            self._term_of.append(np.array(alike)[at.owner])
             owned = [numbering.owned(len(system.bodies) + k) for k in alike]
             local = np.concatenate([np.arange(o.start, o.stop) for o in owned]).reshape(at.n, at.m)
             self._local.append(local)
         self._rows = [(local + numbering.start).astype(PETSc.IntType) for local in self._local]
-        self._q0: list[Array] = [np.zeros((at.n, at.D)) for at in self._places]
-        self._gather = Gather(numbering, [at.indices for at in self._places])
+        self._q0: list[Array] = [np.zeros((at.n, at.D)) for at in self._measures]
+        self._gather = Gather(numbering, [at.indices for at in self._measures])
         self.owned = slice(numbering.owned(len(system.bodies)).start, numbering.size_local)
 
-    def places(self) -> list[list[tuple[Attached, ...]]]:
-        return [[t.measure.places[i] for i in own_places(t.measure.places)] for t in self._terms]
+    def tied_ports(self) -> list[list[tuple[Attached, ...]]]:
+        return [[t.measure.ports[i] for i in evaluated_here(t.measure.ports)] for t in self._terms]
 
     def commit(self) -> None:
         self._q0 = self._gather(self._system.q0)
@@ -81,7 +90,9 @@ class PointConstraints(Multipliers, StateObserver, Forces, CompiledConstraints):
     def add_forces(self, r: PETSc.Vec) -> None:
         """r += De(q̄)ᵀλ, and e(q1) in the rows of the multipliers."""
         values = self._system.q1.array_r.copy()
-        for k, (at, q) in enumerate(zip(self._places, self._gather(self._system.q1), strict=True)):
+        for k, (at, q) in enumerate(
+            zip(self._measures, self._gather(self._system.q1), strict=True)
+        ):
             force = values[self._local[k]][:, None] @ self._middle_gradient(k, q)
             r.setValues(at.indices.ravel(), force.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
             r.setValues(
@@ -91,23 +102,31 @@ class PointConstraints(Multipliers, StateObserver, Forces, CompiledConstraints):
 
     def add_tangents(self, A: PETSc.Mat) -> None:
         values = self._system.q1.array_r.copy()
-        for k, (at, q) in enumerate(zip(self._places, self._gather(self._system.q1), strict=True)):
+        for k, (at, q) in enumerate(
+            zip(self._measures, self._gather(self._system.q1), strict=True)
+        ):
             λ, rows = values[self._local[k]], self._rows[k]
-            if not at.linear:
+            if not at.is_linear:
                 add_blocks(
-                    A, at.indices, at.indices, self._system.rule.alpha * at.stiffness(at.bend(λ))
+                    A,
+                    at.indices,
+                    at.indices,
+                    self._system.rule.alpha * at.stiffness(at.geometric(λ)),
                 )
             add_blocks(A, at.indices, rows, self._middle_gradient(k, q).transpose(0, 2, 1))
             add_blocks(A, rows, at.indices, at.gradient(q))
             add_blocks(A, rows, rows, np.zeros((at.n, at.m, at.m)))
 
     def _middle_gradient(self, k: int, q: Array) -> Array:
-        α, at = self._system.rule.alpha, self._places[k]
-        return at.gradient(q if at.linear else (1 - α) * self._q0[k] + α * q)
+        at = self._measures[k]
+        if at.is_linear:
+            return at.gradient(q)
+        α = self._system.rule.alpha
+        return at.gradient((1 - α) * self._q0[k] + α * q)
 
     def add_curvature(self, v: PETSc.Vec, r: PETSc.Vec) -> None:
         """D²e[v, v] in the rows of the multipliers."""
-        for rows, at, rates in zip(self._rows, self._places, self._gather(v), strict=True):
+        for rows, at, rates in zip(self._rows, self._measures, self._gather(v), strict=True):
             r.setValues(rows.ravel(), at.second(rates).ravel(), addv=PETSc.InsertMode.ADD_VALUES)
         r.assemble()
 
@@ -115,54 +134,55 @@ class PointConstraints(Multipliers, StateObserver, Forces, CompiledConstraints):
         """Largest violation of a constraint in a state, in its own units; the same on every rank."""
         worst = [
             float(np.abs(at.strain(x)).max(initial=0.0))
-            for at, x in zip(self._places, self._gather(q), strict=True)
+            for at, x in zip(self._measures, self._gather(q), strict=True)
         ]
         return float(self._comm.allreduce(max(worst), op=MPI.MAX))
 
     # ---- before the first step ---------------------------------------------------------------------------------
 
     def idle(self, free: PETSc.Vec, q0: PETSc.Vec) -> npt.NDArray[np.int64]:
-        """Positions in this rank's part of a vector of the multipliers that touch held coordinates only.
+        """Positions in this rank's part of a vector of the multipliers that touch fixed coordinates only.
 
-        `free` is 1 at coordinates that may move and 0 at held ones.
+        `free` is 1 at coordinates that may move and 0 at fixed ones.
         """
         found: list[npt.NDArray[np.int64]] = [np.zeros(0, dtype=np.int64)]
         for k, (at, q, mask) in enumerate(
-            zip(self._places, self._gather(q0), self._gather(free), strict=True)
+            zip(self._measures, self._gather(q0), self._gather(free), strict=True)
         ):
-            nothing = (np.abs(at.gradient(q)) * mask[:, None, :]).max(axis=2, initial=0.0) < 1e-12
+            nothing = (np.abs(at.gradient(q)) * mask[:, None, :]).max(
+                axis=2, initial=0.0
+            ) < NO_GRADIENT
             found.append(self._local[k][nothing])
         return np.concatenate(found)
 
     def validate(self, q0: PETSc.Vec, v0: PETSc.Vec, free: PETSc.Vec) -> None:
-        """See that the initial state keeps all constraints, and that none follows from the others.
+        """Check that the initial state satisfies all constraints, and that none follows from the others.
 
         Raises:
             InputError: a constraint is violated or redundant, by name.
         """
-        worst, speed = np.zeros((2, len(self._terms))), 1.0
-        off, rates = worst
-        for of, at, q, v in zip(
-            self._of, self._places, self._gather(q0), self._gather(v0), strict=True
-        ):
+        violations = np.zeros(len(self._terms))
+        rates = np.zeros(len(self._terms))
+        speed = 1.0  # scale of the rates; 1 per second where everything is at rest
+        groups = zip(self._term_of, self._measures, self._gather(q0), self._gather(v0), strict=True)
+        for term_of, at, q, v in groups:
             De = at.gradient(q)
-            np.maximum.at(off, of, np.abs(at.strain(q)).max(axis=1, initial=0.0))
-            np.maximum.at(
-                rates, of, np.abs(np.einsum("nmx,nx->nm", De, v)).max(axis=1, initial=0.0)
-            )
+            violation = np.abs(at.strain(q)).max(axis=1, initial=0.0)
+            rate = np.abs(np.einsum("nmx,nx->nm", De, v)).max(axis=1, initial=0.0)
+            np.maximum.at(violations, term_of, violation)
+            np.maximum.at(rates, term_of, rate)
             speed = max(speed, np.abs(De).max(initial=1.0) * np.abs(v).max(initial=0.0))
-        self._comm.Allreduce(MPI.IN_PLACE, worst, op=MPI.MAX)
-        speed = self._comm.allreduce(speed, op=MPI.MAX)
-        for term, distance, rate in zip(
-            self._terms, map(float, off), map(float, rates), strict=True
-        ):
+        self._comm.Allreduce(MPI.IN_PLACE, violations, op=MPI.MAX)
+        self._comm.Allreduce(MPI.IN_PLACE, rates, op=MPI.MAX)
+        speed = float(self._comm.allreduce(speed, op=MPI.MAX))
+        for term, violation, rate in zip(self._terms, violations, rates, strict=True):
             check(
-                distance <= DISTANCE,
-                f"'{term.name}' does not hold at the start: it is off by {distance:.3g}; let the joined points "
+                violation <= MAX_INITIAL_VIOLATION,
+                f"'{term.name}' does not hold at the start: it is off by {violation:.3g}; let the joined points "
                 "coincide.",
             )
             check(
-                rate <= 1e-8 * float(speed),
+                rate <= MAX_INITIAL_RATE * speed,
                 f"'{term.name}' does not hold in rate at the start: the joined points separate with {rate:.3g} per "
                 "second; give both bodies the same velocity there.",
             )
@@ -170,16 +190,16 @@ class PointConstraints(Multipliers, StateObserver, Forces, CompiledConstraints):
 
     def _refuse_redundant(self, q0: PETSc.Vec, free: PETSc.Vec) -> None:
         """Look for left null vectors of the gradient of all constraints, its rows gathered on rank 0."""
-        n = self._comm.allreduce(sum(at.n * at.m for at in self._places))
-        if n > CHECK_UP_TO:
+        n = self._comm.allreduce(sum(at.n * at.m for at in self._measures))
+        if n > MAX_CHECKED_CONSTRAINTS:
             return
         mine: list[tuple[int, Array, Array]] = []
         for k, (at, q, mask) in enumerate(
-            zip(self._places, self._gather(q0), self._gather(free), strict=True)
+            zip(self._measures, self._gather(q0), self._gather(free), strict=True)
         ):
             De = at.gradient(q) * mask[:, None, :]
             mine += [
-                (int(self._of[k][i]), at.indices[i], De[i, j])
+                (int(self._term_of[k][i]), at.indices[i], De[i, j])
                 for i in range(at.n)
                 for j in range(at.m)
                 if np.any(De[i, j])
@@ -202,11 +222,12 @@ class PointConstraints(Multipliers, StateObserver, Forces, CompiledConstraints):
         length = np.linalg.norm(G, axis=1)
         G /= np.where(length > 0, length, 1.0)[:, None]
         eigenvalues, vectors = np.linalg.eigh(G @ G.T)
-        null = vectors[:, eigenvalues < 1e-12]
+        null = vectors[:, eigenvalues < NULL_EIGENVALUE]
         if not null.size:
             return ""
         involved = {
-            self._terms[rows[i][0]].name for i in np.flatnonzero(np.abs(null).max(axis=1) > 1e-6)
+            self._terms[rows[i][0]].name
+            for i in np.flatnonzero(np.abs(null).max(axis=1) > TAKES_PART)
         }
         names = ", ".join(f"'{name}'" for name in sorted(involved))
         return (
@@ -217,9 +238,10 @@ class PointConstraints(Multipliers, StateObserver, Forces, CompiledConstraints):
 
 @dataclass(frozen=True, eq=False)
 class PointConstraint:
-    """Measures that stay zero, by multipliers λ: e(q1) = 0 at the end of a step, force De(q̄)ᵀλ in it.
+    """Measures that stay zero, by multipliers λ: e(q1) = 0 at the end of a step, force De(q_mid)ᵀλ in it.
 
-    De(q̄)(q1 - q0) = e(q1) - e(q0) = 0: the force does no work, and conserves what e is invariant to.
+    The force does no work: De(q_mid)(q1 - q0) = e(q1) - e(q0) = 0.  It conserves momentum and angular
+    momentum if e is invariant to translations and rotations.
     """
 
     name: str

@@ -1,7 +1,7 @@
 """Energies and dissipation of measures between points, as arrays: all terms of one kind are evaluated at once.
 
 The rule is that of `discrete_gradient`: force S̄·De(q̄) with S̄·(e1 - e0) = ψ(e1) - ψ(e0), or the loss of the step.
-With α = 1 the forces are those of the end of the step, S̄ = ψ'(e1).  A place is evaluated where its first port lives.
+With α = 1 the forces are those of the end of the step, S̄ = ψ'(e1).  Measures are evaluated on the rank of their first port.
 """
 
 from __future__ import annotations
@@ -13,7 +13,13 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from petsc4py import PETSc
 
-from gossamer_fx.algebra.places import Gather, Places, PointMeasure, add_blocks, nodes_of
+from gossamer_fx.algebra.point_measures import (
+    Gather,
+    PointMeasure,
+    PointMeasures,
+    add_blocks,
+    nodes_of,
+)
 from gossamer_fx.model.body import Array
 from gossamer_fx.model.roles import (
     Dissipation,
@@ -28,7 +34,7 @@ from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 
 class PointDensity(Protocol):
-    """Energy of the m strains e of a point measure; all arguments and results are arrays over n places.
+    """Energy of the m strains e of a point measure; all arguments and results are arrays over n tuples of ports.
 
     A density whose numbers named in `stacks` may also be arrays (n,) shares one evaluation with others of its class.
     """
@@ -51,12 +57,12 @@ class PointDamping(Protocol):
 
 
 class Stencil:
-    """Places of one kind with one density: their forces, tangents and energies.
+    """Measures of one kind with one density: their forces, tangents and energies.
 
-    With places that change from step to step, a new one is made for each list of them.
+    With pairs that change from step to step, a new one is made for each list of them.
     """
 
-    def __init__(self, at: Places, density: Any, dissipates: bool, alpha: float) -> None:
+    def __init__(self, at: PointMeasures, density: Any, dissipates: bool, alpha: float) -> None:
         self.at, self.density, self._dissipates, self._α = at, density, dissipates, alpha
         self.h = 1.0
         self._known: tuple[Array, Array, Array, tuple[Array, Array]] | None = (
@@ -72,7 +78,7 @@ class Stencil:
     def force(self, q1: Array) -> Array:
         """S̄·De(q̄) (n, D), computed where there is stress: slack ropes and open stops cost little."""
         Y, _, (S, _) = self._end(q1)
-        on = _places(S.any(axis=1))
+        on = _all_or_some(S.any(axis=1))
         forces = self.at.forces(S[on][:, None] @ self.at.slope(self._middle(Y, on), on), on)[:, 0]
         if isinstance(on, slice):
             return forces
@@ -92,7 +98,7 @@ class Stencil:
     def add_tangent(self, A: PETSc.Mat, q1: Array) -> None:
         """Add the same to a matrix."""
         at = self.at
-        if at.alike:
+        if at.share_unknowns:
             add_blocks(
                 A, at.indices[:1], at.indices[:1], at.sum_of_stiffness(*self._stiffness(q1))[None]
             )
@@ -102,9 +108,9 @@ class Stencil:
     def _stiffness(self, q1: Array) -> tuple[Array, Any]:
         """The same of the vectors that are measured (k, 3k, 3k), and of which places it is."""
         Y, _, (S, D) = self._end(q1)
-        on = _places(S.any(axis=1) | D.any(axis=(1, 2)))
+        on = _all_or_some(S.any(axis=1) | D.any(axis=(1, 2)))
         B, B1 = self.at.slope(self._middle(Y, on), on), self.at.slope(Y[on], on)
-        return B.transpose(0, 2, 1) @ (D[on] @ B1) + self._α * self.at.bend(S[on], on), on
+        return B.transpose(0, 2, 1) @ (D[on] @ B1) + self._α * self.at.geometric(S[on], on), on
 
     def _middle(self, Y: Array, on: Any) -> Array:
         """The vectors of the configuration in which forces act, of the places `on`."""
@@ -136,8 +142,8 @@ class Stencil:
         return np.einsum("nm,nm->n", S, e1 - self.e0)
 
 
-def _places(on: Any) -> Any:
-    """Where it is true (n,); all of them without a copy."""
+def _all_or_some(on: Any) -> Any:
+    """Indices where it is true (n,); a slice, which copies nothing, where it is true everywhere."""
     return slice(None) if on.all() else np.flatnonzero(on)
 
 
@@ -165,8 +171,8 @@ class PointEnergies(
             groups.setdefault(_kind(term), []).append(term)
         self._groups = []
         for alike in groups.values():
-            at = Places(system.numbering, system.bodies, [term.measure for term in alike])
-            density = _stacked([term.density for term in alike], at.of)
+            at = PointMeasures(system.numbering, system.bodies, [term.measure for term in alike])
+            density = _stacked([term.density for term in alike], at.owner)
             stencil = Stencil(
                 at, density, isinstance(alike[0], PointDissipation), system.rule.alpha
             )
@@ -212,7 +218,7 @@ class PointEnergies(
         found = dict.fromkeys(self._names, 0.0)
         for terms, stencil in self._groups:
             if isinstance(terms[0], PointStoredEnergy):
-                shares = np.bincount(stencil.at.of, stencil.energy(), len(terms))
+                shares = np.bincount(stencil.at.owner, stencil.energy(), len(terms))
                 for term, share in zip(terms, shares, strict=True):
                     found[term.name] += float(share)
         return found
@@ -221,7 +227,7 @@ class PointEnergies(
         found: list[float] = []
         for (terms, stencil), q in zip(self._groups, self._at_end(), strict=True):
             if isinstance(terms[0], PointDissipation):
-                found.extend(np.bincount(stencil.at.of, stencil.loss(q), len(terms)))
+                found.extend(np.bincount(stencil.at.owner, stencil.loss(q), len(terms)))
         return np.array(found)
 
 

@@ -9,7 +9,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 from petsc4py import PETSc
 
-from gossamer_fx.algebra.places import Gather, attach, is_here, is_point
+from gossamer_fx.algebra.point_measures import Gather, attach, is_evaluated_here, translation_weight
 from gossamer_fx.model.body import Array, Attached
 from gossamer_fx.model.roles import (
     ExternalLoads,
@@ -46,7 +46,7 @@ class PointLoads(ExternalLoads, StepObserver, Forces, Tangents, Supply, Resultan
         attached = [attach(system.numbering, system.bodies, term.ports) for term in terms]
         self._indices = [indices for indices, _, _ in attached]
         self._maps = [(P, o) for _, P, o in attached]
-        self._mine = [is_here(term.ports) for term in terms]
+        self._mine = [is_evaluated_here(term.ports) for term in terms]
         self._X0 = [o for _, o in self._maps]
         self._gather = Gather(system.numbering, self._indices)
 
@@ -99,7 +99,7 @@ class PointLoads(ExternalLoads, StepObserver, Forces, Tangents, Supply, Resultan
             if self._mine[k]:
                 term, r = self._terms[k], X.reshape(-1, 3)
                 f = self._laws[k].force(X).reshape(-1, 3)
-                pushed = np.array([is_point(port) for port in term.ports])
+                pushed = np.array([translation_weight(port) for port in term.ports])
                 total = np.array([pushed @ f, np.cross(r, f).sum(axis=0)])
                 found[term.name] = found.get(term.name, 0.0) + total
         return found

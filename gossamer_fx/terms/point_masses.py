@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from petsc4py import PETSc
 
-from gossamer_fx.algebra.places import add_blocks, attach_all, own_places
+from gossamer_fx.algebra.point_measures import add_blocks, attach_all, evaluated_here
 from gossamer_fx.model.body import Array, Port
 from gossamer_fx.model.roles import Mass
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms
@@ -30,22 +30,24 @@ class AttachedMasses(Mass, CompiledTerms):
     def _add(self, matrix: PETSc.Mat, each: Array) -> None:
         """Add Σ_ij mass[i, j] w_i·(each v_j)."""
         for term in self._terms:
-            own, k = own_places(term.places), term.mass.shape[1]
-            places = [term.places[i] for i in own]
-            indices, P, _ = attach_all(self._system.numbering, self._system.bodies, places, 3 * k)
+            own = evaluated_here(term.ports)
+            k = term.mass.shape[1]
+            tuples = [term.ports[i] for i in own]
+            indices, P, _ = attach_all(self._system.numbering, self._system.bodies, tuples, 3 * k)
             mass = np.einsum("nij,ab->niajb", term.mass[own], each).reshape(len(own), 3 * k, 3 * k)
-            add_blocks(
-                matrix, indices, indices, np.einsum("nax,nab,nby->nxy", P, mass, P, optimize=True)
-            )
+            of_unknowns = np.einsum("nax,nab,nby->nxy", P, mass, P, optimize=True)
+            add_blocks(matrix, indices, indices, of_unknowns)
 
 
 @dataclass(frozen=True, eq=False)
 class AttachedKineticEnergy:
-    """Kinetic energy ½ Σ_ij mass[i, j] v_i·v_j of the rates v of attached vectors, at n places.
+    """Kinetic energy ½ Σ_ij mass[i, j] v_i·v_j of the rates v of attached vectors.
 
-    places: n tuples of k ports, as those of a `PointMeasure`; mass (n, k, k) [kg].
+    Args:
+        ports: n tuples of k ports, as those of a `PointMeasure`.
+        mass: (n, k, k) [kg] for points; kg m and kg m² where directors take part.
     """
 
-    places: Sequence[tuple[Port, ...]]
+    ports: Sequence[tuple[Port, ...]]
     mass: Array
     compiler: ClassVar[type[CompiledTerms]] = AttachedMasses

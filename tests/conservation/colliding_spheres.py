@@ -10,7 +10,7 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.spatial import cKDTree
 
-from gossamer_fx.algebra.places import Gather, Places, PointMeasure, add_blocks
+from gossamer_fx.algebra.point_measures import Gather, PointMeasure, PointMeasures, add_blocks
 from gossamer_fx.connectors.spring import LengthSpring, half_distance_squared
 from gossamer_fx.model.body import Array, Port
 from gossamer_fx.model.roles import (
@@ -49,7 +49,7 @@ class Collisions(
         """One array for these pairs."""
         like = half_distance_squared(*self._ports[:2])
         places = [(self._ports[i], self._ports[j]) for i, j in sorted(pairs)]
-        at = Places(
+        at = PointMeasures(
             self._system.numbering,
             self._system.bodies,
             [PointMeasure(places, like.H, like.L, like.c)],

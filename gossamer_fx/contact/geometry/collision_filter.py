@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.sparse import csr_matrix, identity
 from scipy.sparse.csgraph import connected_components
 
-from gossamer_fx.algebra.places import PointMeasure, own_places
+from gossamer_fx.algebra.point_measures import PointMeasure, evaluated_here
 from gossamer_fx.contact.kernels.library import Integers
 from gossamer_fx.model.body import Attached, Body, Port
 from gossamer_fx.terms.assembly import Assembly
@@ -55,7 +55,7 @@ def places_of(
         ]
         return [] if None in of_nodes else [p for p in of_nodes if p is not None]
 
-    own = [measure.places[i] for measure in ties for i in own_places(measure.places)]
+    own = [measure.ports[i] for measure in ties for i in evaluated_here(measure.ports)]
     mine = [(points(a), points(b)) for a, b in own]
     pairs = [
         sorted(pair, key=len) for part in system.comm.allgather(mine) for pair in part if all(pair)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
-from gossamer_fx.algebra.places import Gather
+from gossamer_fx.algebra.point_measures import Gather
 from gossamer_fx.model.body import Array, Attached, Ground
 from gossamer_fx.terms.assembly import Assembly
 

@@ -1,0 +1,325 @@
+"""Measures of vectors attached to bodies: how they follow from the unknowns, as arrays over many of them.
+
+A port is a constant linear map of the unknowns of one body (`model.body.Port`).  A measure is a quadratic
+function of a few ports, such as half the squared distance of two points.  Springs, joints, ropes and ties
+are made of such measures; a kind of terms evaluates all of its measures at once.
+
+Sizes in this file:
+
+    k   ports of one measure, so that its stacked vectors X have 3k components
+    m   measures of the same ports, e.g. the three products of two directors
+    n   tuples of ports at which the measures are evaluated on this rank
+    D   unknowns on which one tuple depends
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+
+from gossamer_fx.algebra.numbering import GlobalIndices, Numbering
+from gossamer_fx.checks.errors import check
+from gossamer_fx.model.body import Array, Attached, Body, Ground, Port
+
+# Entries of a dense block, per block, from which PETSc takes blocks one by one faster than all in one call:
+# the call with all of them first sorts the rows.
+LARGE_BLOCK = 50
+
+Ports = tuple[Attached, ...]
+
+
+def is_evaluated_here(ports: Ports) -> bool:
+    """Whether this rank evaluates a tuple of ports: it owns the first node of the first port of a body."""
+    first = next(port for port in ports if isinstance(port, Port))
+    start, end = first.body.block.index_map.local_range
+    return bool(start <= first.nodes[0] < end)
+
+
+def evaluated_here(tuples: Sequence[Ports]) -> list[int]:
+    """Which of the tuples of ports this rank evaluates, by index."""
+    return [i for i, ports in enumerate(tuples) if is_evaluated_here(ports)]
+
+
+def translation_weight(port: Attached) -> float:
+    """How far a port moves when all bodies move by one: 1 for a point, 0 for a director or a difference."""
+    if isinstance(port, Ground):
+        return 1.0
+    vectors = port.vectors or (0,) * len(port.nodes)
+    return sum(w for w, vector in zip(port.weights, vectors, strict=True) if vector == 0)
+
+
+def attach(
+    numbering: Numbering, bodies: list[Body], ports: Ports
+) -> tuple[GlobalIndices, Array, Array]:
+    """How the stacked vectors of a tuple of ports follow from the unknowns: X = P q + offset.
+
+    Returns:
+        Global indices (D,) of the unknowns, P (3k, D), and the offset (3k,) [m] that ports of the ground have.
+
+    Raises:
+        InputError: a port whose nodes, weights and vectors do not belong together.
+    """
+    indices = []
+    offset = np.zeros(3 * len(ports))
+    columns: list[tuple[int, float]] = []  # port and weight behind three columns of P each
+    for j, port in enumerate(ports):
+        if isinstance(port, Ground):
+            offset[3 * j : 3 * j + 3] = port.vector
+            continue
+        vectors = np.array(port.vectors or (0,) * len(port.nodes))
+        same_length = len(port.nodes) == len(port.weights) == len(vectors)
+        check(
+            same_length and bool((vectors * 3 < port.body.block.size).all()),
+            f"A port of '{port.body.name}' has {len(port.nodes)} nodes, {len(port.weights)} weights and vectors "
+            f"{port.vectors}; give one weight and one existing vector for each node.",
+        )
+        nodes = np.array(port.nodes, dtype=np.int64)
+        unknowns = numbering.to_global(bodies.index(port.body), nodes)
+        rows = np.arange(len(vectors))[:, None]
+        indices.append(unknowns[rows, 3 * vectors[:, None] + np.arange(3)].ravel())
+        columns += [(j, weight) for weight in port.weights]
+    P = np.zeros((3 * len(ports), 3 * len(columns)))
+    for k, (j, weight) in enumerate(columns):
+        P[3 * j : 3 * j + 3, 3 * k : 3 * k + 3] = weight * np.eye(3)
+    return np.concatenate(indices), P, offset
+
+
+def attach_all(
+    numbering: Numbering, bodies: list[Body], tuples: Sequence[Ports], rows: int
+) -> tuple[GlobalIndices, Array, Array]:
+    """The same for n tuples of ports, as arrays.
+
+    Tuples with fewer unknowns than others take their first one several times, with weight zero.
+
+    Args:
+        rows: 3k, needed where a rank has no tuple.
+
+    Returns:
+        Global indices (n, D), maps P (n, rows, D) and offsets (n, rows).
+    """
+    attached = [attach(numbering, bodies, ports) for ports in tuples]
+    n = len(attached)
+    D = max((len(indices) for indices, _, _ in attached), default=0)
+    padded = [np.pad(i, (0, D - len(i)), constant_values=i[0]) for i, _, _ in attached]
+    indices = np.array(padded, dtype=PETSc.IntType)
+    P = np.array([np.pad(p, ((0, 0), (0, D - p.shape[1]))) for _, p, _ in attached])
+    offsets = np.array([offset for _, _, offset in attached])
+    return indices.reshape(n, D), P.reshape(n, rows, D), offsets.reshape(n, rows)
+
+
+@dataclass(frozen=True, eq=False)
+class PointMeasure:
+    """Quadratic measures e_i = ½ X·H_i X + L_i·X + c_i of the stacked vectors X (3k,) of k ports.
+
+    Args:
+        ports: n tuples of k ports, not all of them `Ground`.  A tuple is evaluated on the rank of its first
+            port; each rank may list all tuples, or its own only.
+        H: (m, 3k, 3k), symmetric.
+        L: (m, 3k).
+        c: (m,), or (n, m) where the tuples differ.
+
+    Example: half the squared distance of two points, e = ½ |x_a - x_b|²:
+
+        >>> difference = np.hstack([np.eye(3), -np.eye(3)])
+        >>> H = (difference.T @ difference)[None]
+        >>> measure = PointMeasure([(a, b)], H, np.zeros((1, 6)), np.zeros(1))
+    """
+
+    ports: Sequence[Ports]
+    H: Array
+    L: Array
+    c: Array
+
+
+def nodes_of(measure: PointMeasure) -> int:
+    """The largest number of nodes that one tuple of ports of a measure depends on."""
+    counts = []
+    for ports in measure.ports:
+        counts.append(sum(len(port.nodes) for port in ports if isinstance(port, Port)))
+    return max(counts, default=0)
+
+
+class PointMeasures:
+    """Point measures that this rank evaluates, as arrays: e_i = ½ Y·H_i Y + L_i·Y + c_i, Y = P (q - z).
+
+    Measures of one kind become one array if they have as many measures m and unknowns D.
+
+    z (n, D) is where the measures are stationary, if there is ground: ½|x - g|² of a point g far from the
+    origin would otherwise be a small difference of large numbers.
+
+    P is kept only where it has fewer rows than columns.  Else H and L are those of q - z: products with P
+    would cost more than they save.  Vectors that depend on many unknowns, as the points of a reduced film
+    do, would have large matrices, and keep P.
+
+    Args:
+        numbering, bodies: of the system.
+        measures: of one kind.
+
+    Attributes:
+        owner: (n,) index of the measure to which each tuple of ports belongs.
+        n, m, D: see the module.
+        indices: (n, D) global indices of the unknowns.
+        c: (n, m).
+        share_unknowns: whether all tuples depend on the same unknowns, as those of a reduced film do.
+        is_linear: whether no measure is quadratic.
+    """
+
+    def __init__(
+        self, numbering: Numbering, bodies: list[Body], measures: Sequence[PointMeasure]
+    ) -> None:
+        own = [evaluated_here(measure.ports) for measure in measures]
+        self.owner = np.repeat(np.arange(len(measures)), [len(here) for here in own])
+        self.m = measures[0].H.shape[0]
+        tuples = [m.ports[i] for m, here in zip(measures, own, strict=True) for i in here]
+        rows = measures[0].H.shape[1]
+        self.indices, P, offset = attach_all(numbering, bodies, tuples, rows)
+        self.n, self.D = self.indices.shape
+        H = np.array([measure.H for measure in measures])[self.owner]
+        L = np.array([measure.L for measure in measures])[self.owner]
+        constants = [
+            np.broadcast_to(measure.c, (len(measure.ports), self.m))[here]
+            for measure, here in zip(measures, own, strict=True)
+        ]
+        self._z = self._stationary(P, H, L, offset)
+        # The measures of X = P (q - z) + X_z, with X_z the vectors at q = z.
+        X_z = np.einsum("nax,nx->na", P, self._z) + offset
+        HX_z = np.einsum("nmab,nb->nma", H, X_z)
+        self.c = np.concatenate(constants) + np.einsum("na,nma->nm", X_z, HX_z / 2 + L)
+        L = HX_z + L
+        self._P: Array | None
+        self._H: Array
+        self._L: Array
+        if rows < self.D:
+            self._P = P
+            self._H = H
+            self._L = L
+        else:
+            self._P = None
+            self._H = np.einsum("nax,nmab,nby->nmxy", P, H, P, optimize=True)
+            self._L = np.einsum("nax,nma->nmx", P, L)
+        many = self._P is not None and self.n > 1
+        self.share_unknowns = many and bool((self.indices == self.indices[:1]).all())
+        self.is_linear = not any(measure.H.any() for measure in measures)
+        self._constant_slope = self.forces(self._L) if self.is_linear else None
+
+    def _stationary(self, P: Array, H: Array, L: Array, offset: Array) -> Array:
+        """z (n, D): zero without ground; with it, the least-squares stationary point of the measures."""
+        z = np.zeros((self.n, self.D))
+        slope = np.einsum("nax,nma->nmx", P, np.einsum("nmab,nb->nma", H, offset) + L)
+        for k in np.flatnonzero(offset.any(axis=1)):
+            stiffness = (P[k].T @ H[k] @ P[k]).reshape(-1, self.D)
+            z[k] = np.linalg.lstsq(stiffness, -slope[k].ravel(), rcond=1e-12)[0]
+        return z
+
+    def vectors(self, q: Array) -> Array:
+        """Y (n, 3k) at the unknowns q (n, D)."""
+        u = q - self._z
+        if self._P is None:
+            return u
+        return (self._P @ u[..., None])[..., 0]
+
+    def measure(self, Y: Array) -> Array:
+        """e (n, m) of Y (n, 3k)."""
+        found: Array = ((self._times(Y) / 2 + self._L) @ Y[..., None])[..., 0] + self.c
+        return found
+
+    def strain(self, q: Array) -> Array:
+        """e (n, m) at the unknowns q (n, D)."""
+        if self._constant_slope is None:
+            return self.measure(self.vectors(q))
+        found: Array = (self._constant_slope @ (q - self._z)[..., None])[..., 0] + self.c
+        return found
+
+    def gradient(self, q: Array) -> Array:
+        """∂e/∂q (n, m, D)."""
+        if self._constant_slope is not None:
+            return self._constant_slope
+        return self.forces(self.slope(self.vectors(q)))
+
+    def slope(self, Y: Array, on: Any = slice(None)) -> Array:
+        """∂e/∂Y (n, m, 3k); with `on`, of the tuples that it picks, to which Y then belongs."""
+        return self._times(Y, on) + self._L[on]
+
+    def geometric(self, S: Array, on: Any = slice(None)) -> Array:
+        """Σ_i S_i ∂²e_i/∂Y² (n, 3k, 3k) of stresses S (n, m)."""
+        return np.einsum("nm,nmab->nab", S, self._H[on])
+
+    def forces(self, f: Array, on: Any = slice(None)) -> Array:
+        """Forces (n, j, D) on the unknowns of forces f (n, j, 3k) on Y."""
+        if self._P is None:
+            return f
+        return f @ self._P[on]
+
+    def stiffness(self, K: Array, on: Any = slice(None)) -> Array:
+        """Stiffness (n, D, D) of the unknowns of stiffness K (n, 3k, 3k) of Y."""
+        if self._P is None:
+            return K
+        return self._P[on].transpose(0, 2, 1) @ (K @ self._P[on])
+
+    def sum_of_stiffness(self, K: Array, on: Any = slice(None)) -> Array:
+        """The sum (D, D) of the stiffness of tuples that share their unknowns."""
+        whole: Any = self._P
+        P = whole[on]
+        rows = P.shape[0] * P.shape[1]
+        total: Array = P.reshape(rows, self.D).T @ (K @ P).reshape(rows, self.D)
+        return total
+
+    def second(self, v: Array) -> Array:
+        """Second derivative D²e[v, v] (n, m) along rates v (n, D)."""
+        Y = v if self._P is None else (self._P @ v[..., None])[..., 0]
+        return np.einsum("na,nmab,nb->nm", Y, self._H, Y, optimize=True)
+
+    def _times(self, Y: Array, on: Any = slice(None)) -> Array:
+        """H Y (n, m, 3k).  Matrix products take less time here than np.einsum."""
+        found: Array = (self._H[on] @ Y[:, None, :, None])[..., 0]
+        return found
+
+
+class Gather:
+    """Fetch unknowns from all ranks, in one scatter.
+
+    Args:
+        numbering: of the system.
+        indices: arrays of global indices, of any shape.
+    """
+
+    def __init__(self, numbering: Numbering, indices: Sequence[GlobalIndices]) -> None:
+        self._shapes = [i.shape for i in indices]
+        needed = np.concatenate([np.zeros(0, dtype=PETSc.IntType), *[i.ravel() for i in indices]])
+        ends = itertools.accumulate((i.size for i in indices), initial=0)
+        self._parts = list(itertools.pairwise(ends))
+        self._values = PETSc.Vec().createSeq(len(needed))
+        source = PETSc.IS().createGeneral(needed.astype(PETSc.IntType))
+        self._scatter = PETSc.Scatter().create(numbering.vector(), source, self._values, None)
+
+    def __call__(self, q: PETSc.Vec) -> list[Array]:
+        """The values of a vector at the indices, in arrays of their shapes.  Collective."""
+        self._scatter.scatter(q, self._values)
+        values = self._values.array_r.copy()
+        return [
+            values[a:b].reshape(shape)
+            for (a, b), shape in zip(self._parts, self._shapes, strict=True)
+        ]
+
+
+def add_blocks(A: PETSc.Mat, rows: GlobalIndices, columns: GlobalIndices, values: Array) -> None:
+    """Add dense blocks values (n, r, c) at global rows (n, r) and columns (n, c) of A."""
+    n, r, c = values.shape
+    if n == 0:  # nothing on this rank
+        return
+    if r * c >= LARGE_BLOCK * n:
+        for row, column, block in zip(rows, columns, values, strict=True):
+            A.setValues(row, column, np.ascontiguousarray(block), addv=PETSc.InsertMode.ADD_VALUES)
+        return
+    A.setValuesIJV(
+        np.arange(0, n * r * c + 1, c, dtype=PETSc.IntType),
+        np.repeat(columns, r, axis=0).ravel().astype(PETSc.IntType),
+        values.ravel(),
+        addv=PETSc.InsertMode.ADD_VALUES,
+        rowmap=rows.ravel().astype(PETSc.IntType),
+    )
