@@ -24,7 +24,7 @@ STUDY = Study(
     problem,
     {"pitch": [0.64, 0.32], "h": [2e-2, 1e-2, 5e-3]},
     lambda case: case["h"],
-    quick={"pitch": [1.2], "h": [2e-2]},
+    quick={"pitch": [0.8], "h": [2e-2]},
     columns=("opened", "largest_radius", "radius", "spin_of_hub", "spin_of_sail", *BOOKS),
     may_fail=True,
 )
