@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 
-from gossamer_fx.checks.arguments import guarded
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 
 __all__ = ["Section", "rectangle", "solid_circle", "tube"]
 
 
-@guarded
+@check_arguments
 @dataclass(frozen=True)
 class Section:
     """Stiffness and mass of a beam's section with principal axes along the directors d2, d3.
@@ -62,7 +62,7 @@ def _of_shape(
     )
 
 
-@guarded
+@check_arguments
 def solid_circle(radius: float, E: float, nu: float, density: float) -> Section:
     """Circle of `radius` [m]; shear coefficient 6(1+ν)/(7+6ν) (Cowper, J. Appl. Mech. 33 (1966) 335)."""
     _positive("solid_circle", radius=radius, E=E, density=density)
@@ -71,7 +71,7 @@ def solid_circle(radius: float, E: float, nu: float, density: float) -> Section:
     return _of_shape(E, nu, density, math.pi * radius**2, second, second, 2 * second, k)
 
 
-@guarded
+@check_arguments
 def tube(outer_radius: float, wall: float, E: float, nu: float, density: float) -> Section:
     """Tube of outer radius and wall thickness [m].
 
@@ -91,7 +91,7 @@ def tube(outer_radius: float, wall: float, E: float, nu: float, density: float) 
     return _of_shape(E, nu, density, area, second, second, 2 * second, k)
 
 
-@guarded
+@check_arguments
 def rectangle(width2: float, width3: float, E: float, nu: float, density: float) -> Section:
     """Rectangle of widths along d2 and d3 [m]; shear coefficient 10(1+ν)/(12+11ν) (Cowper 1966).
 

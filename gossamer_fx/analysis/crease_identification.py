@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import NoEquilibrium, check, check_positive
 
 Array = npt.NDArray[np.float64]
@@ -28,6 +29,7 @@ Array = npt.NDArray[np.float64]
 GRAVITY = 9.80665  # m/s²
 
 
+@check_arguments
 @dataclass(frozen=True)
 class HangingStrip:
     """A strip of two equal panels that hangs by one end.
@@ -106,6 +108,7 @@ class HangingStrip:
         return θ, float(length * np.hypot(found.y[4, -1], found.y[5, -1]))
 
 
+@check_arguments
 @dataclass(frozen=True)
 class IdentifiedCrease:
     """What a hanging strip tells about its crease.
@@ -127,6 +130,7 @@ class IdentifiedCrease:
     misfit: float
 
 
+@check_arguments
 def identify_crease(
     strip: HangingStrip,
     weights: Sequence[float],

@@ -26,6 +26,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.analysis.rigid_motions import free_motions
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import NoEquilibrium, check
 from gossamer_fx.model.terms import Array
 from gossamer_fx.scene.scene import Scene
@@ -45,6 +46,7 @@ CAREFUL = 10**6  # tangents of a careful step without geometric stiffness but th
 PATIENCE = 16  # pseudo-steps, at most, for which care is taken, or not tried
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Continuation:
     """How an equilibrium is approached.
@@ -93,6 +95,7 @@ class Continuation:
         )
 
 
+@check_arguments
 @dataclass(frozen=True)
 class EquilibriumResult:
     """An equilibrium.
@@ -119,6 +122,7 @@ class EquilibriumResult:
     free: tuple[str, ...]
 
 
+@check_arguments
 class Equilibrium:
     """Finds the static equilibrium of a scene; its state is then in `system` (`q0`), for `fields` and `modes`.
 

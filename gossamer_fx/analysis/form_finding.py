@@ -19,6 +19,7 @@ from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.analysis.equilibrium import Equilibrium, EquilibriumResult
 from gossamer_fx.bodies.cable import CableLaw
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import NoEquilibrium, check
 from gossamer_fx.connectors.tape import Tape
 from gossamer_fx.forms.kinematics import Expr
@@ -29,6 +30,7 @@ from gossamer_fx.scene.scene import Scene
 from gossamer_fx.terms.point_energies import PointStoredEnergy
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Prestress(FilmLaw):
     """Film whose stress is `tension` [N/m] in all directions whatever its strain: W = n0 tr E.
@@ -62,6 +64,7 @@ class GivenForce:
         return np.ones_like(e1), np.zeros((*e1.shape, 1))
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class EdgeCable:
     """Cable along edges of a film whose force is `force` [N] whatever its strain: W = N Σ L ½(λ² - 1).
@@ -104,6 +107,7 @@ class EdgeCable:
         )
 
 
+@check_arguments
 def find_form(
     film: Membrane, scene: Callable[[], Scene], change: float = 1e-6, updates: int = 200
 ) -> EquilibriumResult:

@@ -10,10 +10,12 @@ from mpi4py import MPI
 from gossamer_fx.analysis.equilibrium import Equilibrium
 from gossamer_fx.analysis.natural_modes import Mode
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.terms import Array
 
 
+@check_arguments
 class ModeShapes:
     """Shapes x0 ± h φ of a film in modes φ about an equilibrium x0, for `reduce`; of complex modes both parts.
 

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from gossamer_fx.analysis.equilibrium import Equilibrium
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import NoEquilibrium, check
 from gossamer_fx.solvers import factorisation
 
@@ -27,6 +28,7 @@ AT_REST = (0.0, 0.0, 0.0)
 ASIDE = 1e-12  # of |K|/|M|, the square of the largest frequency or more
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Mode:
     """A vibration: `shape` is this rank's part of φ, complex in a turning frame.
@@ -39,6 +41,7 @@ class Mode:
     shape: npt.NDArray[np.complex128]
 
 
+@check_arguments
 def modes(
     equilibrium: Equilibrium,
     count: int,

@@ -10,6 +10,7 @@ import numpy as np
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.bodies.rigid_body import RigidBody
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.constraints.fixed import Fixed
 from gossamer_fx.gas.ideal_gas import IdealGas
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from gossamer_fx.fold.folded import Folded
 
 
+@check_arguments
 class InflatableTube:
     """A closed tube of film with gas in compartments: film, chambers, passages, clamp, caps, folds, creases, contact.
 

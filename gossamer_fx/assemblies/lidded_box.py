@@ -10,6 +10,7 @@ import numpy as np
 
 from gossamer_fx.bodies.frames import ground_frame
 from gossamer_fx.bodies.rigid_body import RigidBody
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.connectors.spring import Rope
 from gossamer_fx.connectors.torsion import TorsionDamper, TorsionSpring
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from gossamer_fx.contact.obstacles import Box
 
 
+@check_arguments
 class LiddedBox:
     """A box that is open at the top, +z, and a lid on a hinge that a latch holds shut until it lets go.
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 from gossamer_fx.bodies.rigid_body import RigidBody
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, require_positive
 from gossamer_fx.connectors.torsion import TorsionDamper
 from gossamer_fx.constraints.joint import CylindricalJoint, RevoluteJoint
@@ -22,6 +23,7 @@ REEL = 1e4  # N/m
 SLOWS = 0.1  # s in which the damper takes the ring's speed along the axis
 
 
+@check_arguments
 class RotationGuides:
     """Upright rods on a ring that turns about the z axis of a hub against a brake.
 

@@ -16,6 +16,7 @@ from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.bodies.meshed import PointFunction, checked
 from gossamer_fx.bodies.ports import global_node
 from gossamer_fx.bodies.rigid_body import orthonormality
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check_on_all
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr, beam_strain
@@ -28,6 +29,7 @@ from gossamer_fx.terms.masses import KineticEnergy
 from gossamer_fx.terms.point_constraints import PointConstraint
 
 
+@check_arguments
 class Beam(Curve):
     """A shear-deformable beam in the coordinates (x, d2, d3): 9 numbers a node, quadratic elements.
 

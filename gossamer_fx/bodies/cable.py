@@ -13,6 +13,7 @@ from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.bodies.curve import Curve
 from gossamer_fx.bodies.meshed import PointFunction, checked, positions
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, bar_strain
 from gossamer_fx.materials.film import constants
@@ -22,6 +23,7 @@ from gossamer_fx.terms.element_energies import StoredEnergy
 from gossamer_fx.terms.masses import KineticEnergy
 
 
+@check_arguments
 @dataclass(frozen=True)
 class CableLaw:
     """St. Venant-Kirchhoff bar: W = ½ EA ε² per unit reference length, ε = ½(λ² - 1); tension N = EA ε λ.
@@ -50,6 +52,7 @@ class CableLaw:
         return c.EA / 2 * e[0] ** 2
 
 
+@check_arguments
 @dataclass(frozen=True)
 class TensionOnly(CableLaw):
     """As `CableLaw` in tension; slack, it stores nothing."""
@@ -60,6 +63,7 @@ class TensionOnly(CableLaw):
         return c.EA / 2 * ufl.max_value(e[0], 0.0) ** 2
 
 
+@check_arguments
 class Cable(Curve):
     """A cable whose stress-free shape is the mesh.
 

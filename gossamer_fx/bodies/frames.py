@@ -11,12 +11,14 @@ import numpy as np
 from dolfinx.common import IndexMap
 
 from gossamer_fx.algebra.places import PointMeasure
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.ports import combine, initial, initial_rate
 from gossamer_fx.model.terms import Array, Attached, Block, Ground, Port, Term, Vector
 from gossamer_fx.terms.point_constraints import PointConstraint
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Frame:
     """An oriented point of a body: `origin`, and two or three directors that stay orthonormal.
@@ -44,6 +46,7 @@ class Line:
     directors: tuple[Attached, ...]
 
 
+@check_arguments
 def ground_frame(point: Vector = (0.0, 0.0, 0.0)) -> Frame:
     """The axes of inertial space at a point [m]."""
     x, y, z = point

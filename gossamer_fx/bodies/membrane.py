@@ -10,6 +10,7 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.bodies.meshed import Meshed, PointFunction, Property, checked, positions
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, frame, green_lagrange, surface_gradient, tension
 from gossamer_fx.forms.strain_path import Piece
@@ -20,6 +21,7 @@ from gossamer_fx.terms.element_energies import StoredEnergy
 from gossamer_fx.terms.masses import KineticEnergy
 
 
+@check_arguments
 class Membrane(Meshed):
     """A film whose stress-free shape is the mesh.
 

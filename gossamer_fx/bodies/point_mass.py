@@ -9,11 +9,13 @@ import numpy as np
 from dolfinx.common import IndexMap
 from mpi4py import MPI
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.model.terms import Array, Block, Port, Term
 from gossamer_fx.terms.masses import NodeKineticEnergy
 
 
+@check_arguments
 class PointMass:
     """A point of `mass` [kg] with `position` [m] and `velocity` [m/s] at the start; it lives on rank 0."""
 

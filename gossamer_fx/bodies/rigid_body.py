@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.bodies.frames import Frame
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.terms import Array, Block, Port, Term, Vector
 from gossamer_fx.terms.masses import NodeKineticEnergy
@@ -32,6 +33,7 @@ def orthonormality(count: int) -> tuple[Array, Array, Array]:
     return H, np.zeros((len(pairs), 3 * count)), c
 
 
+@check_arguments
 class RigidBody:
     """A rigid body: position x of its centre of mass and three directors, its axes d1, d2, d3.
 
@@ -54,7 +56,7 @@ class RigidBody:
     def __init__(
         self,
         mass: float,
-        inertia: Sequence[float] | npt.NDArray[np.float64],
+        inertia: npt.ArrayLike,
         position: Vector = (0.0, 0.0, 0.0),
         *,
         attitude: npt.ArrayLike = ((1, 0, 0), (0, 1, 0), (0, 0, 1)),

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.outputs.output import Output, Probe
 from gossamer_fx.outputs.recording import Recording
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from gossamer_fx.steppers.step_control import StepControl
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Case:
     """What the function `build(comm)` of a scene file returns, for `./gossamer run`.

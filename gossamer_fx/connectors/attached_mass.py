@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.algebra.places import is_point
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_positive
 from gossamer_fx.model.terms import Port, Term
 from gossamer_fx.terms.point_masses import AttachedKineticEnergy
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class AttachedMass:
     """A mass at a point of a body, e.g. at the tip of a sail: kinetic energy ½ m |v|² of the point, no unknowns.

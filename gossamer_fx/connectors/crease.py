@@ -12,6 +12,7 @@ import numpy as np
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.bodies.plate import Plate
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_on_all, check_positive
 from gossamer_fx.connectors.crease_energies import CreaseEnergy
 from gossamer_fx.mesh.edges import EdgeTable
@@ -24,6 +25,7 @@ _ENDS = np.array([[1, 2], [2, 0], [0, 1]])  # vertices from and to which a trian
 _GAUSS = {1: ([0.5], [1.0]), 2: ([0.5 - 12**-0.5, 0.5 + 12**-0.5], [0.5, 0.5])}
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Crease:
     """A fold along edges of a film: the moment m = k (θ - θr) per length about the fold.

@@ -8,12 +8,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from gossamer_fx.bodies.between import bodies_of
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_positive, require_positive
 from gossamer_fx.connectors.spring import LengthSpring, RopeDamper, half_distance_squared
 from gossamer_fx.model.terms import Attached, Term
 from gossamer_fx.terms.point_energies import PointDissipation, PointStoredEnergy
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class RopeBundle:
     """Ropes without mass, each as a `Rope`, that are evaluated at once and have one line in the ledger.

@@ -11,6 +11,7 @@ import numpy as np
 
 from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.bodies.between import Between
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_positive, is_vector
 from gossamer_fx.model.ports import at_start, unit
 from gossamer_fx.model.terms import Array, Attached, Port, Term
@@ -121,6 +122,7 @@ def half_distance_squared(a: Attached, b: Attached) -> PointMeasure:
     return PointMeasure([(a, b)], (difference.T @ difference)[None], np.zeros((1, 6)), np.zeros(1))
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Spring(Between):
     """Linear spring between two points: ψ = ½ k (|x_a - x_b| - L)².
@@ -150,6 +152,7 @@ class Spring(Between):
         yield PointStoredEnergy(self.name, half_distance_squared(self.a, self.b), density)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Rope(Between):
     """A rope without mass: it holds two points within its length, with tension k (l - L) beyond it and none below.
@@ -188,6 +191,7 @@ class Rope(Between):
             yield PointDissipation(f"{self.name} damping", measure, loss)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Stop(Between):
     """Keeps two points from coming nearer than a distance, with the force k (L - l) below it and none beyond: contact.
@@ -217,6 +221,7 @@ class Stop(Between):
         yield PointStoredEnergy(self.name, half_distance_squared(self.a, self.b), density)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Damper(Between):
     """Linear damper between two points: force c d|x_a - x_b|/dt along their connection; its loss is booked.
@@ -248,6 +253,7 @@ class Damper(Between):
         )
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class AxialSpring:
     """A spring to ground along one direction: ψ = ½ k (n·(x - x0))².

@@ -12,6 +12,7 @@ import numpy as np
 from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.bodies.cable import CableLaw, TensionOnly
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.connectors.spring import Quadratic
 from gossamer_fx.model.ports import combine
@@ -37,6 +38,7 @@ class OneSided:
         return S, D[:, :, None]
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Tape:
     """Bars along a line of a film, each between two points of it that move with the film.

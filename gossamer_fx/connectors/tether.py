@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from numbers import Real
 
 from gossamer_fx.bodies.between import Between
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, check, check_positive
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.connectors.paid_out_ropes import PaidOutRope
@@ -15,6 +16,7 @@ from gossamer_fx.connectors.spring import half_distance_squared
 from gossamer_fx.model.terms import Attached, Port, Term
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Tether(Between):
     """A rope without mass from a reel at one of two points: tension k (l - L) beyond its length L, none below.

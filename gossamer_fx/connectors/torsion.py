@@ -22,6 +22,7 @@ from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.algebra.rotations import perpendicular_pair
 from gossamer_fx.bodies.between import Between, check_axis
 from gossamer_fx.bodies.frames import Frame, along, is_normal
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_positive
 from gossamer_fx.model.ports import unit
 from gossamer_fx.model.terms import Array, Term, Vector
@@ -112,6 +113,7 @@ class AboutHinge(Between):
         return across(self.axis, self.a), across(self.axis, self.b)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class TorsionSpring(AboutHinge):
     """Moment -k φ about the axis of a hinge, φ the angle of b against a from the rest angle, within half a turn.
@@ -146,6 +148,7 @@ class TorsionSpring(AboutHinge):
         )
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class TorsionDamper(AboutHinge):
     """Moment -c dφ/dt about the axis of a hinge; its loss is booked.

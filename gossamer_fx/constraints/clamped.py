@@ -12,6 +12,7 @@ import numpy as np
 from gossamer_fx.algebra.rotations import cross_matrices, rotations
 from gossamer_fx.bodies.beam import Beam
 from gossamer_fx.bodies.curve import Curve
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_on_all, is_vector
 from gossamer_fx.checks.user_functions import ask_numbers, ask_points
 from gossamer_fx.constraints.fixed import check_support
@@ -21,6 +22,7 @@ from gossamer_fx.terms.supports import Support
 OPPOSITE = 1e-6  # 1 + cosine of two directions between which no turn is the shortest
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Clamped:
     """The nodes of a named group keep their initial position and directors, or move and turn as prescribed.

@@ -11,6 +11,7 @@ from dolfinx import fem
 from dolfinx.mesh import meshtags
 
 from gossamer_fx.bodies.plate import Plate
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_on_all, is_vector
 from gossamer_fx.constraints.fixed import Fixed, Prescribed
 from gossamer_fx.constraints.moving_energies import MovingEnergy
@@ -21,6 +22,7 @@ from gossamer_fx.model.terms import Array, Term, Vector
 from gossamer_fx.terms.quadratic_energies import QuadraticEnergy
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class ClampedEdge(Fixed):
     """An edge of a plate that keeps its initial position and direction, or moves and turns as prescribed.

@@ -10,6 +10,7 @@ import numpy as np
 
 from gossamer_fx.algebra.rotations import rotations
 from gossamer_fx.bodies.rigid_body import RigidBody
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.model.ports import coordinates_at_start, unit
@@ -17,6 +18,7 @@ from gossamer_fx.model.terms import Array, Term, Vector
 from gossamer_fx.terms.supports import Support
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Driven:
     """A rigid body that keeps its place and turns about an axis as prescribed, as a hub on a motor.

@@ -10,6 +10,7 @@ import numpy as np
 
 from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.bodies.meshed import Meshed
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.checks.user_functions import ask_points
 from gossamer_fx.model.ports import coordinates_at_start, unit
@@ -41,6 +42,7 @@ def dofs_of(body: Meshed, nodes: Indices, components: tuple[int, ...]) -> Indice
     return dofs
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Fixed:
     """The nodes of a named group keep their initial position, or do not move along one direction.
@@ -87,6 +89,7 @@ class Fixed:
         )
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Prescribed:
     """The nodes of a named group move as prescribed; the work of what moves them is booked as supplied.

@@ -25,6 +25,7 @@ from gossamer_fx.algebra.places import PointMeasure
 from gossamer_fx.algebra.rotations import perpendicular_pair
 from gossamer_fx.bodies.between import Between, FrameJoint, check_axis
 from gossamer_fx.bodies.frames import Frame, along, is_normal, lies_in
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.ports import at_start, unit
 from gossamer_fx.model.terms import Array, Attached, Port, Term, Vector
@@ -93,6 +94,7 @@ def on_axis(kind: str, name: str, n: Array, a: Frame, b: Frame) -> Iterable[Poin
         yield PointConstraint(f"{name} slide {k + 1}", measure)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class BallJoint(Between):
     """Two points coincide; `a`, `b` are ports, or one is `Ground`."""
@@ -106,6 +108,7 @@ class BallJoint(Between):
         yield coincidence(self.name, (self.a, self.b))
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Link(Between):
     """Two points keep the distance that they have at the start: a massless rigid rod."""
@@ -130,6 +133,7 @@ class Link(Between):
         )
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class FixedJoint(FrameJoint):
     """Two frames keep their relative position and rotation."""
@@ -159,6 +163,7 @@ class AxisJoint(FrameJoint):
         check_axis(self)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class RevoluteJoint(AxisJoint):
     """Two frames that share a point and an `axis` (a direction in space at the start)."""
@@ -182,6 +187,7 @@ class RevoluteJoint(AxisJoint):
         yield from same_axis(self.name, unit(self.axis), *self._sides)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class PrismaticJoint(AxisJoint):
     """Two frames slide along an `axis` (a direction in space at the start), which `a` carries; no rotation."""
@@ -203,6 +209,7 @@ class PrismaticJoint(AxisJoint):
         yield from on_axis("PrismaticJoint", self.name, unit(self.axis), a, b)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class CylindricalJoint(AxisJoint):
     """Two frames slide along and turn about an `axis` (a direction in space at the start), which `a` carries."""

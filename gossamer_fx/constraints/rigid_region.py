@@ -29,6 +29,7 @@ from gossamer_fx.bodies.frames import Frame, Line
 from gossamer_fx.bodies.meshed import Meshed
 from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.bodies.rigid_piece import RigidPiece, fitted
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.constraints.fixed import check_support
 from gossamer_fx.constraints.joint import coincidence
@@ -38,6 +39,7 @@ from gossamer_fx.terms.point_constraints import PointConstraint
 from gossamer_fx.terms.supports import Support
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class RigidRegion:
     """The nodes of a named group move as one piece.

@@ -13,6 +13,7 @@ from mpi4py import MPI
 
 from gossamer_fx.bodies.beam import Beam
 from gossamer_fx.bodies.meshed import Meshed
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.constraints.joint import COINCIDE, coincidence
 from gossamer_fx.model.ports import coordinates_at_start
@@ -21,6 +22,7 @@ from gossamer_fx.model.terms import Array, Port, Term, is_on_mesh
 NODE = 1e-9  # part of a segment from its end that counts as its end
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Tie:
     """The nodes of a line of one film or cable stay where they are at the start on a line of another.

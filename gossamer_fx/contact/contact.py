@@ -8,16 +8,18 @@ from typing import Any
 
 import numpy as np
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.contact.compiled import ContactEnergy
 from gossamer_fx.contact.facets import facets_of
 from gossamer_fx.contact.obstacles import Obstacle, check_friction
 from gossamer_fx.contact.pairs import BARRIER, PENALTY
-from gossamer_fx.model.terms import MeshBody, Term, has_nodal_unknowns, is_body, is_on_mesh
+from gossamer_fx.model.terms import Body, MeshBody, Term, has_nodal_unknowns, is_body, is_on_mesh
 
 LAWS = {"barrier": BARRIER, "penalty": PENALTY}
 
 
+@check_arguments
 class Contact:
     """Keeps films, cables and beams apart: each from itself, from the others and from solids.
 
@@ -54,7 +56,7 @@ class Contact:
 
     def __init__(
         self,
-        *bodies: Any,
+        *bodies: Body | Obstacle,
         distance: float,
         stiffness: float | None = None,
         law: str = "barrier",

@@ -13,6 +13,7 @@ import numpy as np
 from gossamer_fx.algebra.rotations import perpendicular_pair
 from gossamer_fx.bodies.frames import along, ground_frame
 from gossamer_fx.bodies.rigid_body import RigidBody
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.contact.pairs import IN_CYLINDER, IN_SPHERE, PLANE
 from gossamer_fx.model.terms import Array, Attached, Ground, Port, Vector
@@ -123,6 +124,7 @@ def _unit(vector: Vector | Array, what: str) -> Array:
     return unit
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Plane(Obstacle):
     """The half-space behind a plane.
@@ -141,6 +143,7 @@ class Plane(Obstacle):
         return [Wall(PLANE, (origin, self._along(n), origin))], []
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Sphere(Obstacle):
     """A ball, or the room within it.
@@ -164,6 +167,7 @@ class Sphere(Obstacle):
         )
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Cylinder(Obstacle):
     """A cylinder with half a ball at each end, or the room within an endless one.
@@ -188,6 +192,7 @@ class Cylinder(Obstacle):
         return [Wall(IN_CYLINDER, (a, self._along(u), self._along(v)), self.radius)], []
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Box(Obstacle):
     """A box, or the room within it.

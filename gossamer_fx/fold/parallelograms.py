@@ -9,12 +9,14 @@ from typing import ClassVar
 
 import numpy as np
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.fold.fold_map import FoldMap
 from gossamer_fx.model.terms import Array
 
 Segment = tuple[tuple[float, float], tuple[float, float]]
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Miura(FoldMap):
     """Miura's fold of a sheet into parallelograms with sides a and b and an angle γ between them.

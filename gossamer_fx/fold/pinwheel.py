@@ -8,12 +8,14 @@ from typing import ClassVar
 
 import numpy as np
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.fold.fold_map import FoldMap
 from gossamer_fx.model.terms import Array
 
 AJAR = 0.01  # thickness of the roll over its radius at which mountain and valley can be told
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Star(FoldMap):
     """A ring outside a regular polygon of n sides, folded to a roll round it that stands on edge.

@@ -9,6 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.fold.fold_map import FoldMap
 from gossamer_fx.model.terms import Array, Indices
 
@@ -91,6 +92,7 @@ class Strip(FoldMap):
         return result
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Zigzag(Strip):
     """Accordion of equal panels in a strip, a sheet or a flat tube along x, folded at rows of edges across.
@@ -175,6 +177,7 @@ class Zigzag(Strip):
         return np.asarray((super().label(X) - 1) // self.bends + 1, dtype=np.int32)
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Roll(Strip):
     """A strip or flat tube along x rolled up about y, its end x = length inside; bent at equally spaced rows of edges.

@@ -8,12 +8,14 @@ from typing import ClassVar
 
 import numpy as np
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.fold.fold_map import FoldMap
 from gossamer_fx.model.terms import Array
 
 AJAR = 1e-2  # thickness of the roll over its radius at which mountain and valley can be told
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Spiral(FoldMap):
     """A strip [0, length] × [0, rows pitch] folded at rows along x to a height `pitch`, and wound round a hub about z.

@@ -14,6 +14,7 @@ Aperture = Callable[
 ]  # C_d A [m²] of a step of length h whose middle is at time t
 
 
+@runtime_checkable
 class Holder(Protocol):
     """Something that gas comes from or goes to, at a pressure [Pa] and a temperature [K]."""
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from dolfinx import fem
 from petsc4py import PETSc
 
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.gas.geometry import Geometry
 from gossamer_fx.gas.ring import Loop, Ring
@@ -62,6 +63,7 @@ class CompiledEnclosure(Protocol):
         ...
 
 
+@runtime_checkable
 class Enclosure(Protocol):
     """What bounds a chamber."""
 
@@ -190,6 +192,7 @@ class _CompiledFilm:
             loop.add_tangent(A, -sign * self._side.pressure)
 
 
+@check_arguments
 class Piston:
     """The volume A n·(x - x0) that a port sweeps from its initial position x0.
 

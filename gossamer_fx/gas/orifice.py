@@ -9,9 +9,10 @@ from typing import Any
 
 from mpi4py import MPI
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.checks.user_functions import ask_numbers
-from gossamer_fx.gas.contract import Aperture
+from gossamer_fx.gas.contract import Aperture, Holder, Volume
 from gossamer_fx.gas.geometry import Geometry
 from gossamer_fx.gas.ideal_gas import IdealGas
 from gossamer_fx.gas.network import GasNetwork
@@ -52,6 +53,7 @@ def isentropic_flow(
     return scale * Ψ * ((1 - cubic) * ξ + cubic * ξ**3)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Orifice:
     """An opening between two volumes; gas flows either way, choked or not, by `isentropic_flow`.
@@ -63,8 +65,8 @@ class Orifice:
         laminar: pressure difference, as a fraction of the upstream pressure, below which the law is linear.
     """
 
-    first: Any
-    second: Any
+    first: Volume | Holder
+    second: Volume | Holder
     area: float | Callable[[float], float] | Ring
     discharge_coefficient: float = 1.0
     laminar: float = 1e-5
@@ -125,6 +127,7 @@ class Orifice:
         return -area * isentropic_flow(gas, p[1], T[1], p[0], self.laminar)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class WallHeat:
     """Heat from a wall into a chamber: conductance (T_wall - T), booked as supplied.
@@ -135,7 +138,7 @@ class WallHeat:
         temperature: of the wall [K].
     """
 
-    chamber: Any
+    chamber: Chamber
     conductance: float
     temperature: float
     name: str = "wall"
@@ -146,11 +149,6 @@ class WallHeat:
             0 <= self.conductance < math.inf and 0 < self.temperature < math.inf,
             f"WallHeat '{self.name}': conductance {self.conductance!r} W/K and temperature {self.temperature!r} K must "
             "be positive.",
-        )
-
-        check(
-            isinstance(self.chamber, Chamber),
-            f"WallHeat '{self.name}': {type(self.chamber).__name__} is no chamber; give one, or a tank.",
         )
 
     def requires(self) -> Iterable[Any]:

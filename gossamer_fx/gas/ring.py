@@ -14,6 +14,7 @@ from petsc4py import PETSc
 from gossamer_fx.algebra.places import Gather, add_blocks
 from gossamer_fx.algebra.rotations import cross_matrices
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.terms import Array, Assembly
 
@@ -24,6 +25,7 @@ Edge = tuple[int, int, int, int, int, tuple[float, ...], tuple[float, ...]]
 ALIKE = 1e-9  # of a ring's extent: coordinates that differ by less count as equal
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Ring:
     """A closed line of film edges: the named group of curves `edges`.

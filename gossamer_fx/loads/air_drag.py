@@ -11,6 +11,7 @@ import ufl
 from dolfinx import fem
 
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_positive, is_vector
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, area_vector
@@ -20,6 +21,7 @@ from gossamer_fx.model.terms import Term, Vector
 SMALLEST = 1e-30  # (da/dA)² of a cell that has collapsed, on which nothing acts
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class AirDrag:
     """Drag of thin air on a film or plate: a pressure along the deformed normal n against the normal velocity.

@@ -10,6 +10,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.loads.attached_loads import AttachedLoad
@@ -37,6 +38,7 @@ class _OnVectors:
         return self._K
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Centrifugal:
     """Centrifugal force of a body in axes that turn with `spin` Ω [rad/s] about a point `centre` [m].

@@ -11,6 +11,7 @@ import ufl
 from gossamer_fx.bodies.beam import Beam
 from gossamer_fx.bodies.cable import Cable
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, bar_strain
@@ -21,6 +22,7 @@ from gossamer_fx.terms.element_energies import Dissipation
 Body = Membrane | Cable | Beam
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Damping:
     """Mass- and stiffness-proportional damping of a film, cable or beam.

@@ -12,6 +12,7 @@ from dolfinx import fem
 from dolfinx.mesh import meshtags
 
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_on_all, is_vector
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.forms.compilation import constant
@@ -20,6 +21,7 @@ from gossamer_fx.model.terms import Term, Vector
 from gossamer_fx.terms.loads import Load
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class EdgeLoad:
     """Force per reference length along a named group of edges; δW = ∫f·w ds.

@@ -11,6 +11,7 @@ import ufl
 from dolfinx.mesh import meshtags
 
 from gossamer_fx.bodies.plate import Plate
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.forms.compilation import constant
@@ -19,6 +20,7 @@ from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.loads import Load
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class EdgeMoment:
     """Moment per reference length about the deformed edge: δW = ∫ m n·w,n ds, n the normal of the plate.

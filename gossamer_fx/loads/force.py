@@ -12,6 +12,7 @@ from mpi4py import MPI
 from gossamer_fx.algebra.rotations import cross_matrices
 from gossamer_fx.bodies.between import bodies_of
 from gossamer_fx.bodies.frames import Frame, Line
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.model.terms import Array, Attached, Port, Term, Vector
 from gossamer_fx.terms.point_loads import PointForce, PointLoad
@@ -118,6 +119,7 @@ class TorqueInTime(Couple):
         self.torque = at_time(self._comm, self._name, self._value, t + lag)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Force:
     """A force on a point of a body.
@@ -144,6 +146,7 @@ class Force:
         yield PointLoad(self.name, (self.port,), law)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Torque:
     """A torque on a rigid body, a beam's section or a `RigidRegion`.

@@ -10,6 +10,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.loads.attached_loads import AttachedLoad
@@ -20,6 +21,7 @@ from gossamer_fx.terms.masses import KineticEnergy, NodeKineticEnergy
 from gossamer_fx.terms.point_loads import PointLoad
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Gravity:
     """Acceleration `g` [m/s²] of a body: its mass matrix times that acceleration, e.g. δW = ∫ρt g·w dA of a film.

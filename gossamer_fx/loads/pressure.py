@@ -10,6 +10,7 @@ from typing import Any
 import ufl
 
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.forms.compilation import constant
@@ -18,6 +19,7 @@ from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.loads import Load
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Pressure:
     """Follower pressure along the deformed normal of the film: δW = p ∫n·w dA.

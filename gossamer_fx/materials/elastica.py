@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import ufl
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED, FilmLaw
@@ -62,6 +63,7 @@ def cubic(e_E: float) -> tuple[float, float, float]:
     return float(c[0]), float(c[1]), float(c[2])
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Elastica(FilmLaw):
     """Film whose wrinkles resist as buckled strips of half wavelength L = `half_wavelength` [m] and its thickness do.

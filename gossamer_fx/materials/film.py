@@ -18,6 +18,7 @@ from typing import Any
 import ufl
 from dolfinx.mesh import Mesh
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
@@ -71,6 +72,7 @@ class FilmLaw:
         return ufl.as_ufl(TAUT)
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Linear(FilmLaw):
     """St. Venant-Kirchhoff film that never wrinkles: W = E t/(2(1-ν²)) [tr² - 2(1-ν) det]."""
@@ -82,6 +84,7 @@ class Linear(FilmLaw):
         return c.E * c.thickness / (2 * (1 - c.nu**2)) * (tr**2 - 2 * (1 - c.nu) * det)
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Miyazaki(FilmLaw):
     """Film with reduced compressive stiffness (Miyazaki, IJNME 66 (2006) 1179, doi:10.1002/nme.1580, eqs. 13-20).
@@ -174,6 +177,7 @@ class Miyazaki(FilmLaw):
         )
 
 
+@check_arguments
 @dataclass(frozen=True)
 class TensionField(Miyazaki):
     """Tension field: the limit u → 0 of `Miyazaki`, Pipkin's relaxed energy (IMA J. Appl. Math. 36 (1986) 85).

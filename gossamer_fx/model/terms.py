@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, TypeGuard, runtime_checkable
+from typing import Annotated, Any, ClassVar, Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -26,12 +26,13 @@ from dolfinx.common import IndexMap
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from gossamer_fx.checks.arguments import Count, check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.drawing.solids import Solid
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int32]
-Vector = Sequence[float]  # of three numbers
+Vector = Annotated[Sequence[float], Count(3)]
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,7 @@ class Block:
     size: int
 
 
+@runtime_checkable
 class Body(Protocol):
     """Something with coordinates."""
 
@@ -65,6 +67,7 @@ class Body(Protocol):
         ...
 
 
+@runtime_checkable
 class MeshBody(Body, Protocol):
     """A body discretised on a mesh: its coordinates are functions of a Lagrange space."""
 
@@ -106,6 +109,7 @@ class Stateful(Protocol):
         ...
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Port:
     """A vector attached to a body: Σ_k weights[k] q[nodes[k], vectors[k]], a constant linear map of its coordinates.
@@ -127,6 +131,7 @@ class Port:
         )
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Ground:
     """A vector that stays what it is: a point [m] or a direction of inertial space."""
@@ -143,6 +148,7 @@ class Term(Protocol):
     compiler: ClassVar[type[CompiledTerms]]
 
 
+@runtime_checkable
 class Assembly(Protocol):
     """What compiled terms and borders see of the system: bodies, their numbering, and the coordinates of the step.
 

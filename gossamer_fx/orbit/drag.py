@@ -13,6 +13,7 @@ from dolfinx import fem
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.bodies.rigid_body import RigidBody
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, area_vector
@@ -28,6 +29,7 @@ from gossamer_fx.orbit.surface_forces import Rows, Surface, Symbolic, flow_force
 Atmosphere = Callable[[float], Air]  # of the altitude [m]
 
 
+@check_arguments
 @dataclass(frozen=True)
 class ExponentialAtmosphere:
     """Density that falls by e over a scale height.
@@ -57,6 +59,7 @@ class ExponentialAtmosphere:
         )
 
 
+@check_arguments
 class Drag:
     """Free-molecular flow on the deformed faces of a film, or on the surfaces of a rigid body; nothing shades.
 

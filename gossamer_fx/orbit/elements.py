@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.terms import Array
 from gossamer_fx.orbit.gravity_field import MU
@@ -14,6 +15,7 @@ from gossamer_fx.orbit.gravity_field import MU
 _SMALL = 1e-11  # eccentricity and sine of the inclination below which an angle has no meaning
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Elements:
     """Osculating elements of an ellipse (e < 1, a > 0) or a hyperbola (e > 1, a < 0).

@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 
 BOLTZMANN, ATOM = 1.380649e-23, 16 * 1.66053906660e-27  # J/K; kg, of atomic oxygen
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Air:
     """State of the atmosphere.
@@ -43,6 +45,7 @@ class Air:
         return float(np.sqrt(2 * BOLTZMANN * self.temperature / self.molecule))
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Accommodation:
     """How molecules leave a surface: σ_n and σ_t are the parts of normal and tangential momentum that are taken up.

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.bodies.frames import Frame
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.model.terms import Array, Port, Term, Vector
 from gossamer_fx.orbit.flight import Flight
@@ -18,6 +19,7 @@ from gossamer_fx.orbit.orbit import Orbit
 MomentHistory = Callable[[float], Sequence[float]]
 
 
+@check_arguments
 class MagneticDipole:
     """Torque m × B on a dipole m that is fixed in a frame with three directors; B by IGRF-14 at the frame's flight.
 

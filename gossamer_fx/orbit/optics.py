@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 
 PRESSURE = 4.563e-6  # N/m² at 1 AU (1368 W/m²; McInnes 1999)
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Optics:
     """A surface under light of pressure P that comes along u at an angle α to the normal n of the side away from it:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from weakref import WeakKeyDictionary
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.terms import Assembly, Term, Vector
 from gossamer_fx.orbit.elements import Elements
@@ -15,6 +16,7 @@ from gossamer_fx.orbit.optics import PRESSURE
 from gossamer_fx.orbit.relative_gravity import RelativeGravity
 
 
+@check_arguments
 class Orbit(Environment):
     """The scene flies: coordinates are relative to an origin in orbit, in axes that do not turn.
 

@@ -12,6 +12,7 @@ from dolfinx import fem
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.bodies.rigid_body import RigidBody
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, area_vector
@@ -24,6 +25,7 @@ from gossamer_fx.orbit.shadow_map import ShadowMap
 from gossamer_fx.orbit.surface_forces import Rows, Surface, Symbolic, light_force
 
 
+@check_arguments
 class SolarPressure:
     """Sunlight on the deformed faces of a film, or on the surfaces of a rigid body; both sides, see `Optics`.
 

@@ -9,6 +9,7 @@ import numpy as np
 import ufl
 from scipy import special
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.model.terms import Array, Vector
@@ -71,6 +72,7 @@ def flow_force(
     return speed / 2 * (normal * speed * a + shear * area * U)
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Surface:
     """A flat face of a rigid body.

@@ -24,6 +24,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, check, on_rank_zero
 from gossamer_fx.model.terms import Body, is_on_mesh
 from gossamer_fx.outputs.description import describe, versions
@@ -51,6 +52,7 @@ FILES = (
 FILM_FIELDS = ("displacement", "state", "stress1", "strain2")
 
 
+@check_arguments
 class Recording:
     """Writes the folder of a run.
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.terms import Array
 from gossamer_fx.orbit.environment import local_axes
@@ -29,6 +30,7 @@ _DAY, _NIGHT, _EARTH, _SUN = (
 _PIXELS = 900.0
 
 
+@check_arguments
 class FlightPicture:
     """PNG of a flight, made at the end of a run: its orbit, the scene as it is then, and probes over time.
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, OutputFailure, check
 from gossamer_fx.fields.fields import STATES
 from gossamer_fx.model.terms import Array
@@ -54,6 +55,7 @@ def default_field(run: RunReader) -> str:
     return "state" if "state" in known else known[0]
 
 
+@check_arguments
 def field(
     run: RunReader, field: str, times: Sequence[float], path: str | Path, view: View | None = None
 ) -> None:
@@ -104,6 +106,7 @@ def _write_field(
     )
 
 
+@check_arguments
 def strip(
     run: RunReader, field: str, path: str | Path, count: int = 6, view: View | None = None
 ) -> None:
@@ -114,6 +117,7 @@ def strip(
     _write_field(run, field, run.times[frames].tolist(), path, view)
 
 
+@check_arguments
 def curves(run: RunReader, path: str | Path) -> None:
     """PNG of ledger, gas and probes over the time."""
     panels, times, unit = run_curves(run)
@@ -124,6 +128,7 @@ def curves(run: RunReader, path: str | Path) -> None:
     write(file_to_write(path), run.title, [], arrange(1, 1.0), 1.0, {}, panels, (*times, unit))
 
 
+@check_arguments
 def animate(
     run: RunReader, field: str, path: str | Path, seconds: float = 6.0, view: View | None = None
 ) -> None:

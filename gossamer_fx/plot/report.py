@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import OutputFailure, check
 from gossamer_fx.outputs.description import lines
 from gossamer_fx.plot import plot as pictures
@@ -41,6 +42,7 @@ _VIEW = """
 """.strip()
 
 
+@check_arguments
 def write_report(run: RunReader, path: str | Path) -> None:
     """Write the page.
 

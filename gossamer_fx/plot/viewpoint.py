@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 
 LARGEST_ZOOM = 20.0
 
 
+@check_arguments
 @dataclass(frozen=True)
 class View:
     """From where pictures and animations of a run are taken; what is None is chosen from the shapes.

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.contact.facets import facets_of
 from gossamer_fx.contact.joined import places_of
@@ -17,6 +18,7 @@ from gossamer_fx.probes.run import Run
 from gossamer_fx.system.system import System
 
 
+@check_arguments
 class Crossings:
     """Number of edges of films that pierce a triangle of the same or another one, with which they do not hang together.
 

@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 from gossamer_fx.algebra.places import values_of
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.terms import Array, Port
 from gossamer_fx.orbit.elements import elements_of
@@ -22,6 +23,7 @@ ORBITAL = (*ELEMENTS, "altitude", "depth", "sunlit")
 ACTIONS = ("force", "torque")
 
 
+@check_arguments
 class OrbitState:
     """Of the orbit of the centre of mass, a quantity:
 
@@ -48,6 +50,7 @@ class OrbitState:
         return self.orbit.sunlit(r, self.orbit.sun(run.time))
 
 
+@check_arguments
 class SunAngle:
     """Angle [rad] between the direction to the Sun and a film's mean normal, or a director such as that of a frame."""
 
@@ -63,6 +66,7 @@ class SunAngle:
         return _angle(self.orbit.sun(run.time) - r, direction_of(run, self.of))
 
 
+@check_arguments
 class Attitude:
     """Angle [rad] between a director or a film's mean normal and an axis of the orbit: "outward", "along", "across"."""
 
@@ -84,6 +88,7 @@ class Attitude:
         return _angle(axes[:, self.NAMES.index(self.axis)], direction_of(run, self.of))
 
 
+@check_arguments
 class LoadResultant:
     """Component of the "force" [N] or of the "torque" about the centre of mass [N m] of a load in the last step.
 

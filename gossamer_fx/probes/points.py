@@ -9,6 +9,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.fields.fields import STATES, AreaFractions
 from gossamer_fx.model.ports import combined
@@ -25,6 +26,7 @@ AXES = {"x": 0, "y": 1, "z": 2}
 GAS = ("pressure", "temperature", "volume", "mass")
 
 
+@check_arguments
 class Position:
     """Coordinate [m] of a port, e.g. `Position(film.port("tip"), "z")`."""
 
@@ -36,6 +38,7 @@ class Position:
         return _component(run, self.port, self.axis, run.system.q0)
 
 
+@check_arguments
 class Displacement(Position):
     """Component [m] of the way of a port from its place in the initial state."""
 
@@ -62,6 +65,7 @@ class Velocity(Position):
         return _component(run, self.port, self.axis, run.system.v0)
 
 
+@check_arguments
 class GasState:
     """Pressure [Pa], temperature [K], volume [m³] or mass [kg] of a chamber, e.g. `GasState(bag, "pressure")`."""
 
@@ -79,6 +83,7 @@ class GasState:
         ]
 
 
+@check_arguments
 class AreaFraction:
     """Fraction of a film's reference area that is "slack", "wrinkled" or "taut"."""
 
@@ -92,6 +97,7 @@ class AreaFraction:
         return float(self._fractions(run.system)[STATES[self.state]])
 
 
+@check_arguments
 class AngularVelocity:
     """Component [rad/s] of the angular velocity of a frame, e.g. `AngularVelocity(hub.frame(), "z")`."""
 
@@ -116,6 +122,7 @@ class AngularVelocity:
         return float(np.cross(d, rates).sum(axis=0)[AXES[self.axis]] / 2)
 
 
+@check_arguments
 class JointForce:
     """Component [N] of the force that a joint exerts on its side `b`, in the last step."""
 
@@ -127,6 +134,7 @@ class JointForce:
         return float(joint_force(run.system, self.joint)[0][AXES[self.axis]])
 
 
+@check_arguments
 class RingArea:
     """Deformed area [m²] of a `Ring`, the opening through which gas may pass."""
 

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from gossamer_fx.bodies.frames import Frame
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.ports import combined, initial
 from gossamer_fx.model.terms import Array, Attached, Body, Ground, Port, is_body
@@ -16,6 +17,7 @@ from gossamer_fx.probes.run import Run
 POLAR = ("radius", "angle")
 
 
+@check_arguments
 class MeanSpin:
     """Mean spin [rad/s] of a body about an axis through its centre of mass: ω = L/I.
 
@@ -74,6 +76,7 @@ class MeanSpin:
         return float(momentum / inertia) if inertia > 0 else 0.0
 
 
+@check_arguments
 class PolarPosition:
     """Where a point is about the third axis of a frame: its "radius" [m], or "angle" [rad] from the first axis.
 

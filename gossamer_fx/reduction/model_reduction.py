@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.terms import Array
 from gossamer_fx.reduction.basis import make_basis
@@ -20,6 +21,7 @@ class Motion(Protocol):
     positions: Sequence[Array]
 
 
+@check_arguments
 def reduce(
     film: Membrane, motions: Sequence[Motion], modes: int, cells: int | None = None
 ) -> ReducedMembrane:

@@ -6,6 +6,7 @@ import numpy as np
 import ufl
 from dolfinx import fem, la
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.model.terms import Array
@@ -18,6 +19,7 @@ SOFTEST = 1e-3  # least stiffness of a node, over the mean: slack film has none
 SLACK = 1e-9  # least stiffness across, over the one in the film: one without tension has none
 
 
+@check_arguments
 class OutsideBasis:
     """Probe: energy that a reduced film's basis keeps the whole film from releasing, over the stored energy.
 

@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 from gossamer_fx.algebra.rendezvous import Names, fetch, hash_rows
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_on_all, on_rank_zero
 from gossamer_fx.model.terms import Array
 from gossamer_fx.outputs.adios import adios2_for
@@ -23,6 +24,7 @@ from gossamer_fx.outputs.recording import about_run
 ALIKE, CORNER = 1e-6, 0.2718
 
 
+@check_arguments
 class RecordedShapes:
     """Positions of a film's nodes at the times at which a `Recording` wrote its fields, for `reduce`.
 

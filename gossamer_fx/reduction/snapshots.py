@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.terms import Array
 from gossamer_fx.outputs.schedule import Schedule
 from gossamer_fx.probes.run import Run
 
 
+@check_arguments
 class Snapshots:
     """Positions of a film's nodes in the course of a run, kept in memory; each rank has those of its own nodes.
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, check
 from gossamer_fx.checks.user_functions import ask
 from gossamer_fx.outputs.output import Probe, evaluate_probe
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 Action = Callable[["Run"], object]
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class At:
     """A time [s] that is met exactly, e.g. to open a valve.
@@ -45,6 +47,7 @@ class At:
         _check_action(self)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class When:
     """The first time at which a probe exceeds a value, located within the step: a step ends there.

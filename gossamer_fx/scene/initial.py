@@ -12,6 +12,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.algebra.numbering import Numbering
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.scalar_unknowns import InitialCondition
 from gossamer_fx.model.terms import Array, Assembly, Body, Vector
@@ -42,6 +43,7 @@ def vectors_of(system: Assembly, k: int, values: Array) -> Array:
     return values[system.numbering.owned(k)].reshape(-1, system.bodies[k].block.size // 3, 3)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class RigidMotion:
     """Adds v + Ω × (x - c) to the initial velocities of all bodies, and Ω × d to those of their directors.
@@ -76,6 +78,7 @@ class RigidMotion:
                 )
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class StartFrom:
     """Takes the initial positions and directors from another compiled scene of the same bodies, e.g. an equilibrium.
@@ -88,13 +91,6 @@ class StartFrom:
 
     system: Assembly
     name: str = "start"
-
-    def __post_init__(self) -> None:
-        check(
-            hasattr(self.system, "q0") and hasattr(self.system, "numbering"),
-            f"StartFrom '{self.name}': {type(self.system).__name__} is no compiled scene; give the system of an "
-            "Equilibrium or a Simulation, or scene.compile().",
-        )
 
     def initialise(self, system: Assembly, q: PETSc.Vec, v: PETSc.Vec) -> None:
         there = {body.name: k for k, body in enumerate(self.system.bodies)}

@@ -8,6 +8,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.model.ports import starting_from
 from gossamer_fx.model.scalar_unknowns import InitialCondition, ScalarUnknownsMaker
@@ -34,6 +35,7 @@ class Item(Protocol):
     name: str
 
 
+@check_arguments
 class Scene:
     """The items of a scene and, through them, all that they refer to.
 

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Tolerances:
     """When a step counts as solved.

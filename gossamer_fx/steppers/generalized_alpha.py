@@ -8,6 +8,7 @@ from typing import Any
 
 from petsc4py import PETSc
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.solvers import factorisation
 from gossamer_fx.solvers.failures import NotConverged
@@ -21,6 +22,7 @@ BEGINNING = (
 )
 
 
+@check_arguments
 @dataclass(frozen=True)
 class GeneralizedAlpha:
     """Generalised-α method (Chung & Hulbert, J. Appl. Mech. 60 (1993) 371, doi:10.1115/1.2900803), second order.

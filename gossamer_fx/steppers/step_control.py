@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from petsc4py import PETSc
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.solvers.failures import NotConverged
 from gossamer_fx.steppers.history import History
@@ -18,6 +19,7 @@ from gossamer_fx.system.system import System
 SAFETY = 0.9
 
 
+@check_arguments
 @dataclass(frozen=True)
 class StepControl:
     """Lets steps grow and shrink; the stepper's `dt` is the first.

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.terms import Array
 from gossamer_fx.sweep.orthogonal_arrays import Levels, orthogonal_array
@@ -32,6 +33,7 @@ def signal_to_noise(goal: str, y: Array) -> float:
     return 10 * math.log10(float(y.mean() ** 2 / y.var(ddof=1)))
 
 
+@check_arguments
 @dataclass(frozen=True)
 class RobustDesign:
     """What `./gossamer sweep FILE` runs, the name SWEEP in its file.

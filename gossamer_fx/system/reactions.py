@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -25,6 +25,7 @@ class Part(Protocol):
     def terms(self) -> Iterable[Term]: ...
 
 
+@runtime_checkable
 class Joint(Part, Protocol):
     """A joint of two sides, each a port or a frame."""
 

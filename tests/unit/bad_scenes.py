@@ -662,7 +662,7 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
         ),
         # gas
         "a tank into itself": (lambda: (lambda t: gx.Orifice(t, t, 1e-6))(tank()), "orifice"),
-        "a vent of a film": (lambda: gx.Orifice(film(), gx.gas.Ambient(1.0), 1e-6), "gas"),
+        "a vent of a film": (lambda: gx.Orifice(film(), gx.gas.Ambient(1.0), 1e-6), "chamber"),
         "a vent between surroundings": (
             lambda: run(gx.Orifice(gx.gas.Ambient(1.0), gx.gas.Ambient(2.0), 1e-6)),
             ".",
@@ -796,6 +796,6 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
             lambda: gx.orbit.Orbit(gx.orbit.Elements(7e6), epoch="yesterday"),
             "yesterday",
         ),
-        "sunlight on a cable": (lambda: gx.orbit.SolarPressure(cable(), orbit), "cable"),
+        "sunlight on a cable": (lambda: gx.orbit.SolarPressure(cable(), orbit), "Cable"),
     }
     return cases
