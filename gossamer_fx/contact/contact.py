@@ -14,7 +14,7 @@ from gossamer_fx.contact.compiled import ContactEnergy
 from gossamer_fx.contact.facets import facets_of
 from gossamer_fx.contact.obstacles import Obstacle, check_friction
 from gossamer_fx.contact.pairs import BARRIER, PENALTY
-from gossamer_fx.model.terms import Body, MeshBody, Term, has_nodal_unknowns, is_body, is_on_mesh
+from gossamer_fx.model.terms import MeshBody, Term, has_nodal_unknowns, is_body, is_on_mesh
 
 LAWS = {"barrier": BARRIER, "penalty": PENALTY}
 
@@ -56,7 +56,7 @@ class Contact:
 
     def __init__(
         self,
-        *bodies: Body | Obstacle,
+        *bodies: MeshBody | Obstacle,
         distance: float,
         stiffness: float | None = None,
         law: str = "barrier",

@@ -154,7 +154,7 @@ class AttitudeControl:
         name: str = "attitude control",
     ) -> None:
         check(
-            isinstance(frame, Frame) and len(frame.directors) >= 2,
+            len(frame.directors) >= 2,
             f"'{name}' acts on something without position gradient; give the frame of a rigid body or beam, or a patch "
             "of a film.",
         )

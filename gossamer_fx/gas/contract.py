@@ -18,9 +18,14 @@ Aperture = Callable[
 class Holder(Protocol):
     """Something that gas comes from or goes to, at a pressure [Pa] and a temperature [K]."""
 
-    name: str
-    pressure: float
-    temperature: float
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def pressure(self) -> float: ...
+
+    @property
+    def temperature(self) -> float: ...
 
 
 @runtime_checkable
@@ -33,7 +38,9 @@ class Volume(Protocol):
     gas: IdealGas
     fixed_volume: float
     enclosure: Enclosure | None
-    outside: Holder | None
+
+    @property
+    def outside(self) -> Holder | None: ...
 
 
 @runtime_checkable

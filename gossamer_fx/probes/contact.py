@@ -14,7 +14,7 @@ from gossamer_fx.contact.contact import Contact
 from gossamer_fx.contact.group import Group
 from gossamer_fx.contact.obstacles import Obstacle
 from gossamer_fx.contact.piercing import intersections
-from gossamer_fx.model.terms import Body
+from gossamer_fx.model.terms import MeshBody
 
 AXES = {"x": 0, "y": 1, "z": 2}
 
@@ -52,8 +52,8 @@ class ContactGap:
 class ContactForce:
     """Component [N] of the force that a contact exerts on one of its bodies or obstacles: the mean of the last step."""
 
-    def __init__(self, contact: Contact, body: Body | Obstacle, axis: str) -> None:
-        known = [*contact.bodies, *contact.obstacles]
+    def __init__(self, contact: Contact, body: MeshBody | Obstacle, axis: str) -> None:
+        known: list[MeshBody | Obstacle] = [*contact.bodies, *contact.obstacles]
         names = ", ".join(one.name for one in known)
         check(
             axis in AXES,

@@ -115,5 +115,5 @@ def test_the_error_of_an_angle_is_the_short_way_round() -> None:
 
 def test_a_point_has_no_attitude() -> None:
     mass = gx.PointMass(1.0, comm=MPI.COMM_WORLD)
-    with pytest.raises(gx.InputError, match="without position gradient"):
+    with pytest.raises(gx.InputError, match="frame is of the kind Port; give a Frame"):
         gx.control.AttitudeControl(mass.port(), (0, 0, 0.1), 1.0, 1.0)
