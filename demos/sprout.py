@@ -167,7 +167,7 @@ def build(
     )  # of the first parallelogram, which stays as it is
     x, y, z = Rotation.from_matrix(folds.axes.T).as_rotvec()
     turn = (float(x), float(y), float(z))
-    law = KAPTON_HN.law(thickness, residual=1e-4)
+    law = KAPTON_HN.law(thickness, residual_stiffness=1e-4)
     cube = gx.RigidBody(MASS, [INERTIA] * 3, name="cube", comm=comm)
     source = gx.Tank(tank, gas=NITROGEN, pressure=pressure, temperature=293.0)
 
@@ -192,8 +192,8 @@ def build(
             folds=folds,
             origin=origin,
             turn=turn,
-            crease=crease,
-            memory=0.5,
+            crease_stiffness=crease,
+            set_angle_ratio=0.5,
             name=name,
         )
         valve = tube.inlet(
@@ -209,21 +209,22 @@ def build(
         ]
         items.append(
             gx.connectors.RopeBundle(
-                ends, [inset / math.cos(HALF)] * len(ends), stiffness=2e3, name="tethers"
+                ends, lengths=[inset / math.cos(HALF)] * len(ends), stiffness=2e3, name="tethers"
             )
         )
-        items.append(gx.RigidRegion(film, "side 1", to=cube))
+        items.append(gx.RigidRegion(film, "side 1", rigid_body=cube))
     else:
         items += [
-            gx.Tie(tubes[1].film, "side 4", film, "side 2"),
-            gx.Tie(tubes[-1].film, "side 2", film, "side 4"),
+            gx.Tie(tubes[1].film, group_a="side 4", b=film, group_b="side 2"),
+            gx.Tie(tubes[-1].film, group_a="side 2", b=film, group_b="side 4"),
         ]
     films = [film, *(tube.film for tube in tubes.values())]
     if damping:
         items += [
-            gx.Damping(body, stiffness=damping, name=f"{body.name} damping") for body in films
+            gx.Damping(body, stiffness_factor=damping, name=f"{body.name} damping")
+            for body in films
         ]
-    box = gx.contact.Box(centre=(0.0, 0.0, 0.0), sizes=(CUBE, CUBE, CUBE), on=cube, name="walls")
+    box = gx.contact.Box(centre=(0.0, 0.0, 0.0), sizes=(CUBE, CUBE, CUBE), body=cube, name="walls")
     touching = gx.Contact(*films, box, distance=contact)
     items.append(touching)
 
@@ -241,11 +242,13 @@ def build(
         f"spin {axis} [rad/s]": gx.probes.AngularVelocity(cube.frame(), axis) for axis in "xyz"
     }
     probes["penetrations"] = gx.probes.Penetrations(touching)
-    control = gx.StepControl(iterations=iterations, largest=largest, growth=growth)
+    control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
     # the first guess of a step may press layers together: its residual is no measure of the forces
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
     scene = gx.Scene(*items)  # type: ignore[arg-type]
-    return gx.Case(scene, stepper, until, TITLE, probes=probes, control=control, frames=80)
+    return gx.Case(
+        scene, stepper, until=until, title=TITLE, probes=probes, control=control, frames=80
+    )
 
 
 def tips(series: gx.Series) -> dict[str, Array]:

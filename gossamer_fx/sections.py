@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import KW_ONLY, dataclass, fields
 
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
@@ -25,6 +25,7 @@ class Section:
         rotary2, rotary3: ρ∫X2² dA and ρ∫X3² dA [kg m].
     """
 
+    _: KW_ONLY
     EA: float
     GA2: float
     GA3: float
@@ -58,12 +59,20 @@ def _of_shape(
     check(-1 < nu <= 0.5, f"Section: nu is {nu!r}; Poisson's ratio lies in (-1, 0.5].")
     G = E / (2 * (1 + nu))
     return Section(
-        E * A, k * G * A, k * G * A, E * I2, E * I3, G * J, density * A, density * I2, density * I3
+        EA=E * A,
+        GA2=k * G * A,
+        GA3=k * G * A,
+        EI2=E * I2,
+        EI3=E * I3,
+        GJ=G * J,
+        line_density=density * A,
+        rotary2=density * I2,
+        rotary3=density * I3,
     )
 
 
 @check_arguments
-def solid_circle(radius: float, E: float, nu: float, density: float) -> Section:
+def solid_circle(radius: float, *, E: float, nu: float, density: float) -> Section:
     """Circle of `radius` [m]; shear coefficient 6(1+ν)/(7+6ν) (Cowper, J. Appl. Mech. 33 (1966) 335)."""
     _positive("solid_circle", radius=radius, E=E, density=density)
     second = math.pi * radius**4 / 4
@@ -72,18 +81,22 @@ def solid_circle(radius: float, E: float, nu: float, density: float) -> Section:
 
 
 @check_arguments
-def tube(outer_radius: float, wall: float, E: float, nu: float, density: float) -> Section:
+def tube(
+    outer_radius: float, wall_thickness: float, *, E: float, nu: float, density: float
+) -> Section:
     """Tube of outer radius and wall thickness [m].
 
     With m the ratio of the radii, the shear coefficient is 6(1+ν)(1+m²)²/((7+6ν)(1+m²)² + (20+12ν)m²) (Cowper 1966).
     """
-    _positive("tube", outer_radius=outer_radius, wall=wall, E=E, density=density)
+    _positive(
+        "tube", outer_radius=outer_radius, wall_thickness=wall_thickness, E=E, density=density
+    )
     check(
-        wall < outer_radius,
-        f"tube: the wall of {wall!r} m is not thinner than the outer radius of {outer_radius!r} m; for a solid section "
+        wall_thickness < outer_radius,
+        f"tube: the wall of {wall_thickness!r} m is not thinner than the outer radius of {outer_radius!r} m; for a solid section "
         "use solid_circle.",
     )
-    inner = outer_radius - wall
+    inner = outer_radius - wall_thickness
     area = math.pi * (outer_radius**2 - inner**2)
     second = math.pi * (outer_radius**4 - inner**4) / 4
     m2 = (inner / outer_radius) ** 2
@@ -92,7 +105,7 @@ def tube(outer_radius: float, wall: float, E: float, nu: float, density: float) 
 
 
 @check_arguments
-def rectangle(width2: float, width3: float, E: float, nu: float, density: float) -> Section:
+def rectangle(width2: float, width3: float, *, E: float, nu: float, density: float) -> Section:
     """Rectangle of widths along d2 and d3 [m]; shear coefficient 10(1+ν)/(12+11ν) (Cowper 1966).
 
     Torsion constant J = a b³ (1/3 - 64 b/(π⁵ a) Σ tanh(nπa/(2b))/n⁵), odd n, a ≥ b (Saint-Venant's series; Timoshenko

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -43,6 +43,7 @@ class HangingStrip:
 
     length: float
     width: float
+    _: KW_ONLY
     bending_stiffness: float
     area_density: float = 0.0
     name: str = "strip"
@@ -134,9 +135,9 @@ class IdentifiedCrease:
 def identify_crease(
     strip: HangingStrip,
     weights: Sequence[float],
+    *,
     angles: Sequence[float],
     distances: Sequence[float],
-    *,
     angle_uncertainty: float = math.radians(1.0),
     distance_uncertainty: float = 5e-4,
 ) -> IdentifiedCrease:
@@ -197,8 +198,8 @@ def identify_crease(
     return IdentifiedCrease(
         float(fit.x[0]),
         k,
-        float(errors[0]),
-        float(k * errors[1]),
-        float(covariance[0, 1] / errors[0] / errors[1]),
-        misfit,
+        rest_angle_error=float(errors[0]),
+        stiffness_error=float(k * errors[1]),
+        correlation=float(covariance[0, 1] / errors[0] / errors[1]),
+        misfit=misfit,
     )

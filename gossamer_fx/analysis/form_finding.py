@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -38,6 +38,7 @@ class Prestress(FilmLaw):
     E and nu are not used, density and thickness give the mass.
     """
 
+    _: KW_ONLY
     tension: float
 
     quadratic = True
@@ -72,12 +73,13 @@ class EdgeCable:
     A film of tension n0 pulls it into an arc of radius N/n0.
 
     Args:
-        film: what it borders.
-        group: name of curves of the film's mesh.
+        body: what it borders.
+        edges: name of curves of the film's mesh.
     """
 
-    film: Membrane
-    group: str
+    body: Membrane
+    edges: str
+    _: KW_ONLY
     force: float
     name: str = ""
 
@@ -87,15 +89,18 @@ class EdgeCable:
             f"EdgeCable: force is {self.force!r} N; give a positive number.",
         )
         if not self.name:
-            object.__setattr__(self, "name", f"{self.film.name}/{self.group} cable")
+            object.__setattr__(self, "name", f"{self.body.name}/{self.edges} cable")
 
     def requires(self) -> Iterable[Any]:
-        yield self.film
+        yield self.body
 
     def terms(self) -> Iterable[Term]:
-        bars = Tape.along_edges(self.film, CableLaw(self.force, 1.0), self.group, self.name)
-        energies = self.force * bars.lengths
-        roots = np.sqrt(energies) / bars.lengths
+        bars = Tape.along_edges(
+            self.body, CableLaw(self.force, 1.0), edges=self.edges, name=self.name
+        )
+        lengths = np.asarray(bars.lengths)
+        energies = self.force * lengths
+        roots = np.sqrt(energies) / lengths
         vectors = [
             (combine((float(r), -float(r)), (b, a)),)
             for (a, b), r in zip(bars.bars, roots, strict=True)
@@ -109,12 +114,12 @@ class EdgeCable:
 
 @check_arguments
 def find_form(
-    film: Membrane, scene: Callable[[], Scene], change: float = 1e-6, updates: int = 200
+    body: Membrane, scene: Callable[[], Scene], *, change: float = 1e-6, updates: int = 200
 ) -> EquilibriumResult:
     """Move the mesh of a film of order 1 to the shape of its prescribed stress.
 
     Args:
-        film: its law is a `Prestress`; its mesh is the first guess and is overwritten.
+        body: its law is a `Prestress`; its mesh is the first guess and is overwritten.
         scene: makes the scene anew, as supports take their positions from the mesh.
         change: largest movement of a node in an update [m] at which the shape counts as found.
         updates: of the reference shape before the search is given up.
@@ -124,19 +129,19 @@ def find_form(
         NoEquilibrium: the shape still moves, as that of a film does that pinches off.
     """
     check(
-        isinstance(film.law, Prestress),
-        f"find_form: the law of '{film.name}' is no Prestress; give its tension.",
+        isinstance(body.law, Prestress),
+        f"find_form: the law of '{body.name}' is no Prestress; give its tension.",
     )
-    check(film.order == 1, f"find_form: '{film.name}' is of order {film.order}; use 1.")
+    check(body.order == 1, f"find_form: '{body.name}' is of order {body.order}; use 1.")
     moved = math.inf
     for _ in range(updates):
         search = Equilibrium(scene())
         found = search.find()
-        moved = _adopt(film, search)
+        moved = _adopt(body, search)
         if moved <= change:
             return found
     raise NoEquilibrium(
-        f"After {updates} updates '{film.name}' still moves by {moved:.1e} m; it may pinch off."
+        f"After {updates} updates '{body.name}' still moves by {moved:.1e} m; it may pinch off."
     )
 
 

@@ -23,7 +23,7 @@ class ModeShapes:
     height: how a film gives way in its plane to a wave of some height is in recordings only, so give both.
 
     Args:
-        film: in the scene of the equilibrium.
+        body: in the scene of the equilibrium.
         equilibrium, modes: about which `modes` found them.
         height: h [m], the largest way of a node in any of the shapes.
 
@@ -31,22 +31,22 @@ class ModeShapes:
     """
 
     def __init__(
-        self, film: Membrane, equilibrium: Equilibrium, modes: Sequence[Mode], height: float
+        self, body: Membrane, equilibrium: Equilibrium, *, modes: Sequence[Mode], height: float
     ) -> None:
         system = equilibrium.system
         check(
-            film in system.bodies,
-            f"ModeShapes: '{film.name}' is not in the equilibrium's scene; give its film.",
+            body in system.bodies,
+            f"ModeShapes: '{body.name}' is not in the equilibrium's scene; give its film.",
         )
         check(height > 0, f"ModeShapes: height is {height!r} m; give a positive number.")
-        owned = system.numbering.owned(system.bodies.index(film))
+        owned = system.numbering.owned(system.bodies.index(body))
         start = system.q0.array_r[owned].reshape(-1, 3)
         self.positions: list[Array] = []
         for mode in modes:
             for part in (mode.shape.real, mode.shape.imag):
                 φ = part[owned].reshape(-1, 3)
-                largest = film.comm.allreduce(float(np.abs(φ).max(initial=0.0)), MPI.MAX)
-                if largest > 1e-6 * film.comm.allreduce(
+                largest = body.comm.allreduce(float(np.abs(φ).max(initial=0.0)), MPI.MAX)
+                if largest > 1e-6 * body.comm.allreduce(
                     float(np.abs(mode.shape).max(initial=0.0)), MPI.MAX
                 ):
                     self.positions += [start + sign * height / largest * φ for sign in (1.0, -1.0)]

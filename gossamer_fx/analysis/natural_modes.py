@@ -45,6 +45,7 @@ class Mode:
 def modes(
     equilibrium: Equilibrium,
     count: int,
+    *,
     spin: tuple[float, float, float] = AT_REST,
     above: float = 0.0,
 ) -> list[Mode]:
@@ -117,7 +118,7 @@ def _at_rest(K: PETSc.Mat, M: PETSc.Mat, count: int, shift: float) -> list[Mode]
     operator = PETSc.Mat().createPython((K.getSizes()), _Inverse(K, M, shift), K.comm)
     operator.setUp()
     found = [(cmath.sqrt(-shift - 1 / θ), shape) for θ, shape in _largest(operator, count) if θ]
-    return [Mode(abs(λ.imag) / (2 * math.pi), abs(λ.real), shape) for λ, shape in found]
+    return [Mode(abs(λ.imag) / (2 * math.pi), abs(λ.real), shape=shape) for λ, shape in found]
 
 
 def _largest(
@@ -149,4 +150,4 @@ def _turning(
     near = Inverse(K, G, M, **place)
     _check_inverted(near.problem)
     pairs = [near.pair(z) for _, z in _largest(near.operator(), 2 * count + 2)]
-    return [Mode(λ.imag / (2 * math.pi), λ.real, shape) for λ, shape in pairs if λ.imag >= 0]
+    return [Mode(λ.imag / (2 * math.pi), λ.real, shape=shape) for λ, shape in pairs if λ.imag >= 0]

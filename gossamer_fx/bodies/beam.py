@@ -123,13 +123,15 @@ class Beam(Curve):
         yield PointConstraint(f"{self.name} directors", PointMeasure(places, *orthonormality(2)))
 
     def _directors(self, node: int) -> tuple[Port, Port]:
-        return Port(self, (node,), (1.0,), (1,)), Port(self, (node,), (1.0,), (2,))
+        return Port(self, (node,), weights=(1.0,), vectors=(1,)), Port(
+            self, (node,), weights=(1.0,), vectors=(2,)
+        )
 
     def frame(self, group: str) -> Frame:
         """Position and directors (d2, d3) at a named point of the mesh."""
         node = global_node(self, self.mesh, group)
         return self._frames.setdefault(
-            node, Frame(Port(self, (node,)), self._directors(node), f"{self.name}/{group}")
+            node, Frame(Port(self, (node,)), self._directors(node), name=f"{self.name}/{group}")
         )
 
     @cached_property

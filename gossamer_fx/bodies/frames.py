@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import Any
 
@@ -28,6 +28,7 @@ class Frame:
 
     origin: Attached
     directors: tuple[Attached, ...]
+    _: KW_ONLY
     name: str = ""
 
     @cached_property
@@ -98,7 +99,7 @@ class SectionFrame:
         return Frame(x, tuple(directors))
 
     def _vectors(self) -> tuple[Port, ...]:
-        return tuple(Port(self, (0,), (1.0,), (k,)) for k in range(4))
+        return tuple(Port(self, (0,), weights=(1.0,), vectors=(k,)) for k in range(4))
 
     def requires(self) -> Iterable[Any]:
         yield self._origin.body

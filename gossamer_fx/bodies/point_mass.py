@@ -23,8 +23,8 @@ class PointMass:
         self,
         mass: float,
         position: tuple[float, float, float] = (0.0, 0.0, 0.0),
-        velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
         *,
+        velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
         comm: MPI.Intracomm = MPI.COMM_WORLD,
         name: str = "mass",
     ) -> None:

@@ -57,8 +57,8 @@ class RigidBody:
         self,
         mass: float,
         inertia: npt.ArrayLike,
-        position: Vector = (0.0, 0.0, 0.0),
         *,
+        position: Vector = (0.0, 0.0, 0.0),
         attitude: npt.ArrayLike = ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
         velocity: Vector = (0.0, 0.0, 0.0),
         spin: Vector = (0.0, 0.0, 0.0),
@@ -123,7 +123,9 @@ class RigidBody:
 
     def port(self, point: Sequence[float] = (0.0, 0.0, 0.0)) -> Port:
         """The material point with body coordinates `point` [m], from the centre of mass."""
-        return Port(self, (0, 0, 0, 0), (1.0, *(float(c) for c in point)), (0, 1, 2, 3))
+        return Port(
+            self, (0, 0, 0, 0), weights=(1.0, *(float(c) for c in point)), vectors=(0, 1, 2, 3)
+        )
 
     def port_at(self, place: Sequence[float]) -> Port:
         """The material point that is at `place` [m] in space at the start."""
@@ -131,7 +133,7 @@ class RigidBody:
 
     def frame(self, point: Sequence[float] = (0.0, 0.0, 0.0)) -> Frame:
         """The body's axes at the material point with body coordinates `point` [m]."""
-        d1, d2, d3 = (Port(self, (0,), (1.0,), (k,)) for k in (1, 2, 3))
+        d1, d2, d3 = (Port(self, (0,), weights=(1.0,), vectors=(k,)) for k in (1, 2, 3))
         return Frame(self.port(point), (d1, d2, d3))
 
     def frame_at(self, place: Sequence[float]) -> Frame:

@@ -57,6 +57,7 @@ _DESCRIPTIONS = {
     "Enclosure": "a Piston",
 }
 _COUNTS = {2: "two", 3: "three", 4: "four"}
+_CALLABLE: Any = Callable  # compared with the origin of an annotation
 _MAX_SHOWN = 40  # characters of a value in a message
 
 
@@ -94,7 +95,7 @@ def check_arguments[T: Callable[..., Any]](thing: T) -> T:
     """
     if isinstance(thing, type):
         thing.__init__ = _checking(thing.__init__)  # type: ignore[misc]
-        return thing
+        return typing.cast(T, thing)
     return typing.cast(T, _checking(thing))
 
 
@@ -292,7 +293,7 @@ def _tuple(kinds: list[Kind | None], hints: Iterable[Any]) -> Kind:
 
 def _generic(origin: type, arguments: tuple[Any, ...]) -> Kind | None:
     """A class with arguments, e.g. Sequence[float]."""
-    if origin is Callable:
+    if origin is _CALLABLE:
         return Kind(callable, "a function")
     if issubclass(origin, np.ndarray):
         return Kind(lambda value: isinstance(value, np.ndarray), "an array")

@@ -219,7 +219,7 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     if wanted.dry_run:
         _show(case, comm)
         return
-    log_to(comm, wanted.log, wanted.quiet)
+    log_to(comm, wanted.log, quiet=wanted.quiet)
     outputs: list[Output] = [case.recording(folder)] + ([] if wanted.quiet else [Progress()])
     saves = folder / "checkpoints"
     checkpoints = Checkpoints(saves, every=wanted.checkpoint, overwrite=wanted.overwrite)
@@ -361,17 +361,17 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     if not chosen or wanted.strip:
         _told(
             output or folder / f"{field}.png",
-            lambda path: pictures.strip(run, field, path, wanted.strip or 6, view),
+            lambda path: pictures.strip(run, field, path=path, count=wanted.strip or 6, view=view),
         )
     if wanted.time:
         _told(
             output or folder / f"{field}_at.png",
-            lambda path: pictures.field(run, field, wanted.time, path, view),
+            lambda path: pictures.field(run, field, times=wanted.time, path=path, view=view),
         )
     if wanted.animate:
         _told(
             output or folder / f"{field}.{wanted.animate}",
-            lambda path: pictures.animate(run, field, path, view=view),
+            lambda path: pictures.animate(run, field, path=path, view=view),
         )
     if not chosen or wanted.curves:
         _told(output or folder / "curves.png", lambda path: pictures.curves(run, path))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,7 @@ class AttachedMass:
 
     port: Port
     mass: float
+    _: KW_ONLY
     name: str = "attached mass"
 
     def __post_init__(self) -> None:

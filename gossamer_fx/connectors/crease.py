@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import Any
 
@@ -40,12 +40,12 @@ class Crease:
     On a `Plate` the group is also one of its `hinges`: then the crease alone carries the moment.
 
     Args:
-        film: what is folded.
+        body: what is folded.
         edges: a named group of edges of its mesh, each between two triangles.
         stiffness: k [N m/m/rad], moment per length and angle.
         rest_angle: θr [rad], in [-π, π], at which the crease is at rest.
         yield_angle: φ [rad], the largest |θ - θr|; none: elastic.
-        shut: VALLEY (1) or MOUNTAIN (-1), the sign of a fold that starts pressed shut, where the positions do not tell
+        initial_fold: VALLEY (1) or MOUNTAIN (-1), the sign of a fold that starts pressed shut, where the positions do not tell
             it; default that of the rest angle, and VALLEY for a rest angle of zero.
 
     Raises:
@@ -56,12 +56,13 @@ class Crease:
     doi:10.1103/PhysRevLett.112.244301.
     """
 
-    film: Membrane
+    body: Membrane
     edges: str
+    _: KW_ONLY
     stiffness: float
     rest_angle: float = 0.0
     yield_angle: float | None = None
-    shut: int | None = None
+    initial_fold: int | None = None
     name: str = "crease"
 
     def __post_init__(self) -> None:
@@ -77,24 +78,24 @@ class Crease:
             f"{who}: yield_angle is {φ!r} rad; give a positive number, or None for a crease that does not yield.",
         )
         check(
-            self.shut in (None, VALLEY, MOUNTAIN),
-            f"{who}: shut is {self.shut!r}; give 1 for a valley fold, -1 for a mountain fold, or None.",
+            self.initial_fold in (None, VALLEY, MOUNTAIN),
+            f"{who}: initial_fold is {self.initial_fold!r}; give 1 for a valley fold, -1 for a mountain fold, or None.",
         )
         check(
-            self.film.space.mesh.geometry.cmap.degree == 1,
-            f"{who}: the triangles of '{self.film.name}' are curved; mesh it with plane triangles (order 1).",
+            self.body.space.mesh.geometry.cmap.degree == 1,
+            f"{who}: the triangles of '{self.body.name}' are curved; mesh it with plane triangles (order 1).",
         )
         self._check_edges(who)
         check(
-            not isinstance(self.film, Plate) or self.edges in self.film.hinges,
-            f"{who}: the plate '{self.film.name}' transmits bending at '{self.edges}' itself; give it "
+            not isinstance(self.body, Plate) or self.edges in self.body.hinges,
+            f"{who}: the plate '{self.body.name}' transmits bending at '{self.edges}' itself; give it "
             f"hinges=['{self.edges}'].",
         )
 
     def _check_edges(self, who: str) -> None:
-        table, lines = self.film.mesh.edges, self.film.mesh.curve(self.edges, who)
+        table, lines = self.body.mesh.edges, self.body.mesh.curve(self.edges, who)
         owned = lines[lines < table.owned]
-        n, rim, unknown = self.film.comm.allreduce(
+        n, rim, unknown = self.body.comm.allreduce(
             np.array([len(owned), (~table.is_inside[owned]).sum(), (~table.is_known[owned]).sum()])
         ).tolist()
         check(
@@ -103,40 +104,40 @@ class Crease:
         )
         check(
             rim == 0,
-            f"{who}: {rim} of the {n} edges of '{self.edges}' lie on the rim of '{self.film.name}' or where more than "
+            f"{who}: {rim} of the {n} edges of '{self.edges}' lie on the rim of '{self.body.name}' or where more than "
             "two triangles meet; a crease has one triangle on each side.",
         )
         check(
             unknown == 0,
-            f"{who}: the mesh of '{self.film.name}' was distributed without neighbours; read it with read_mesh or "
+            f"{who}: the mesh of '{self.body.name}' was distributed without neighbours; read it with read_mesh or "
             "gmsh_mesh.",
         )
         check_on_all(
-            self.film.comm,
+            self.body.comm,
             bool(_passed_both_ways(table, owned).all()),
-            f"{who}: the normals of '{self.film.name}' change sides at '{self.edges}', so that the sign of the fold is "
+            f"{who}: the normals of '{self.body.name}' change sides at '{self.edges}', so that the sign of the fold is "
             "not defined; turn the triangles of one side (gmsh: model.mesh.reverse).",
         )
 
     def requires(self) -> Iterable[Any]:
-        yield self.film
+        yield self.body
 
     def terms(self) -> Iterable[Term]:
         yield self.energy
 
     @property
     def _owned(self) -> Indices:
-        table = self.film.mesh.edges
-        lines = self.film.mesh.curve(self.edges, self.name)
+        table = self.body.mesh.edges
+        lines = self.body.mesh.curve(self.edges, self.name)
         return lines[lines < table.owned]
 
     @cached_property
     def energy(self) -> CreaseEnergy:
         """The crease as a term of the equations."""
-        table, owned = self.film.mesh.edges, self._owned
-        points, weights = (np.array(a) for a in _GAUSS[self.film.order])
+        table, owned = self.body.mesh.edges, self._owned
+        points, weights = (np.array(a) for a in _GAUSS[self.body.order])
         cells, sides = table.cells[owned], table.sides[owned]
-        geometry = self.film.mesh.domain.geometry
+        geometry = self.body.mesh.domain.geometry
         vertices = geometry.dofmap[:, :3][
             cells[:, 0, None], _ENDS[sides[:, 0]]
         ]  # of the left panel: start and end
@@ -154,7 +155,7 @@ class Crease:
         maps[:, :, 0, :k] = np.einsum("egck,ec->egk", left, t)
         maps[:, :, 1, :k] = np.einsum("egck,ec->egk", left, inwards[0])
         maps[:, :, 2, k:] = np.einsum("egck,ec->egk", right, inwards[1])
-        nodes = self.film.space.dofmap.list[cells].reshape(len(owned), 2 * k)
+        nodes = self.body.space.dofmap.list[cells].reshape(len(owned), 2 * k)
         nodes, maps = _without_twins(nodes, maps, k)
         numbers = geometry.input_global_indices[vertices]
         swapped = (numbers[:, 0] > numbers[:, 1])[:, None]
@@ -164,20 +165,20 @@ class Crease:
         )
         return CreaseEnergy(
             self.name,
-            self.film,
+            self.body,
             np.repeat(nodes, len(points), axis=0),
             np.repeat(cells, len(points), axis=0),
             maps.reshape(-1, *maps.shape[2:]),
             (self.stiffness * length[:, None] * weights).ravel(),
             self.rest_angle,
             math.inf if self.yield_angle is None else self.yield_angle,
-            self.shut or (MOUNTAIN if self.rest_angle < 0 else VALLEY),
+            self.initial_fold or (MOUNTAIN if self.rest_angle < 0 else VALLEY),
             names.astype(np.int64),
         )
 
     def _derivatives(self, cells: Indices, sides: Indices, points: Array, backwards: bool) -> Array:
         """Gradients (n, g, 3, k) on the mesh of the k shape functions of triangles, at points along their edges."""
-        domain, element = self.film.mesh.domain, self.film.space.element.basix_element
+        domain, element = self.body.mesh.domain, self.body.space.element.basix_element
         s = 1 - points if backwards else points
         a, b = _CORNERS[_ENDS[:, 0]], _CORNERS[_ENDS[:, 1]]
         reference = a[:, None] + s[None, :, None] * (b - a)[:, None]

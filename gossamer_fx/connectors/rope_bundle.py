@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 from gossamer_fx.bodies.between import bodies_of
@@ -31,8 +31,9 @@ class RopeBundle:
     """
 
     ends: Sequence[tuple[Attached, Attached]]
-    lengths: Sequence[float]
+    _: KW_ONLY
     stiffness: float
+    lengths: Sequence[float]
     damping: float = 0.0
     name: str = "ropes"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -135,6 +135,7 @@ class Spring(Between):
 
     a: Attached
     b: Attached
+    _: KW_ONLY
     stiffness: float
     length: float
     name: str = "spring"
@@ -166,10 +167,11 @@ class Rope(Between):
 
     a: Attached
     b: Attached
-    length: float
+    _: KW_ONLY
     stiffness: float
-    name: str = "rope"
+    length: float
     damping: float = 0.0
+    name: str = "rope"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -201,23 +203,24 @@ class Stop(Between):
 
     Args:
         a, b: ports, or one `Ground`.
-        distance: L [m].
+        length: L [m].
         stiffness: k [N/m].
     """
 
     a: Attached
     b: Attached
-    distance: float
+    _: KW_ONLY
     stiffness: float
+    length: float
     name: str = "stop"
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_positive(self, "stiffness", "N/m")
-        check_positive(self, "distance", "m")
+        check_positive(self, "length", "m")
 
     def terms(self) -> Iterable[Term]:
-        density = LengthSpring(self.stiffness, self.distance, side=-1)
+        density = LengthSpring(self.stiffness, self.length, side=-1)
         yield PointStoredEnergy(self.name, half_distance_squared(self.a, self.b), density)
 
 
@@ -230,17 +233,18 @@ class Damper(Between):
 
     Args:
         a, b: ports, or one `Ground`; they must not coincide.
-        coefficient: c [N s/m].
+        damping: c [N s/m].
     """
 
     a: Attached
     b: Attached
-    coefficient: float
+    _: KW_ONLY
+    damping: float
     name: str = "damper"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_positive(self, "coefficient", "N s/m")
+        check_positive(self, "damping", "N s/m")
 
     def terms(self) -> Iterable[Term]:
         distance = float(np.linalg.norm(at_start(self.a) - at_start(self.b)))
@@ -249,7 +253,7 @@ class Damper(Between):
             f"Damper '{self.name}': its two points coincide, so it has no direction; separate them.",
         )
         yield PointDissipation(
-            self.name, half_distance_squared(self.a, self.b), LengthDamper(self.coefficient)
+            self.name, half_distance_squared(self.a, self.b), LengthDamper(self.damping)
         )
 
 
@@ -267,6 +271,7 @@ class AxialSpring:
 
     port: Port
     stiffness: float
+    _: KW_ONLY
     direction: tuple[float, float, float]
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     name: str = "spring"

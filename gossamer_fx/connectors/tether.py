@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from numbers import Real
 
 from gossamer_fx.bodies.between import Between
@@ -28,10 +28,10 @@ class Tether(Between):
 
     Args:
         a, b: ports, or one `Ground`.
-        length: L [m], a number with a `brake`, else a function of time [s].
+        length: L [m], a number with a `brake_force`, else a function of time [s].
         stiffness: k [N/m], at every length.
-        brake: B [N].
-        most: length [m] that a braked reel has in all; default: without end.
+        brake_force: B [N].
+        total_length: length [m] that a braked reel has in all; default: without end.
 
     Raises:
         InputError: a length that is not positive, a brake beside a function, a length without either.
@@ -39,10 +39,11 @@ class Tether(Between):
 
     a: Attached
     b: Attached
-    length: float | Callable[[float], float]
+    _: KW_ONLY
     stiffness: float
-    brake: float | None = None
-    most: float = math.inf
+    length: float | Callable[[float], float]
+    brake_force: float | None = None
+    total_length: float = math.inf
     name: str = "tether"
 
     def __post_init__(self) -> None:
@@ -50,27 +51,27 @@ class Tether(Between):
         check_positive(self, "stiffness", "N/m")
         if callable(self.length):
             check(
-                self.brake is None,
+                self.brake_force is None,
                 f"Tether '{self.name}': its length is given as a function; leave the brake out.",
             )
             return
         check_positive(self, "length", "m")
         check(
-            self.brake is not None,
+            self.brake_force is not None,
             f"Tether '{self.name}': its length is a number; give a brake, or a function of time, or take a Rope.",
         )
-        check_positive(self, "brake", "N")
+        check_positive(self, "brake_force", "N")
         check(
-            isinstance(self.most, Real) and self.most >= self.length,
-            f"Tether '{self.name}': most is {self.most!r} m; give what the reel has in all, {self.length:g} m or more.",
+            isinstance(self.total_length, Real) and self.total_length >= self.length,
+            f"Tether '{self.name}': total_length is {self.total_length!r} m; give what the reel has in all, {self.length:g} m or more.",
         )
 
     def terms(self) -> Iterable[Term]:
         measure, given = half_distance_squared(self.a, self.b), self.length
         if not callable(given):
-            assert self.brake is not None
+            assert self.brake_force is not None
             yield PaidOutRope(
-                self.name, measure, self.stiffness, given, None, self.brake, self.most
+                self.name, measure, self.stiffness, given, None, self.brake_force, self.total_length
             )
             return
         comm = next(port.body.comm for port in (self.a, self.b) if isinstance(port, Port))

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import ClassVar
 
@@ -122,28 +122,29 @@ class TorsionSpring(AboutHinge):
         a, b: frames, also `ground_frame()`, joined by a `RevoluteJoint` of this axis.
         axis: direction in space at the start; angles count in its right-handed sense.
         stiffness: k [N m/rad].
-        rest: angle of b against a, from the start, at which the spring is at rest [rad].
+        rest_angle: angle of b against a, from the start, at which the spring is at rest [rad].
     """
 
     a: Frame
     b: Frame
+    _: KW_ONLY
     axis: Vector
     stiffness: float
-    rest: float = 0.0
+    rest_angle: float = 0.0
     name: str = "torsion spring"
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_positive(self, "stiffness", "N m/rad")
         check(
-            abs(self.rest) < math.pi,
-            f"TorsionSpring '{self.name}': rest is {self.rest!r} rad; stay within half a turn.",
+            abs(self.rest_angle) < math.pi,
+            f"TorsionSpring '{self.name}': rest_angle is {self.rest_angle!r} rad; stay within half a turn.",
         )
 
     def terms(self) -> Iterable[Term]:
         yield PointStoredEnergy(
             self.name,
-            hinge_angle(*self._sides, self.axis, self.rest),
+            hinge_angle(*self._sides, self.axis, self.rest_angle),
             AngularSpring(self.stiffness),
         )
 
@@ -155,19 +156,20 @@ class TorsionDamper(AboutHinge):
 
     Args:
         a, b, axis: as of a `TorsionSpring`.
-        coefficient: c [N m s/rad].
+        damping: c [N m s/rad].
     """
 
     a: Frame
     b: Frame
+    _: KW_ONLY
     axis: Vector
-    coefficient: float
+    damping: float
     name: str = "torsion damper"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_positive(self, "coefficient", "N m s/rad")
+        check_positive(self, "damping", "N m s/rad")
 
     def terms(self) -> Iterable[Term]:
         measure = hinge_angle(*self._sides, self.axis, 0.0)
-        yield PointDissipation(self.name, measure, AngularDamper(self.coefficient))
+        yield PointDissipation(self.name, measure, AngularDamper(self.damping))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from numbers import Real
 from typing import Any
 
@@ -42,10 +42,11 @@ class Clamped:
 
     body: Curve
     group: str
-    name: str = ""
+    _: KW_ONLY
     direction: Vector | Callable[[Array, float], Array] | None = None
     twist: float | Callable[[float], float] = 0.0
     motion: Callable[[Array, float], Array] | None = None
+    name: str = ""
 
     def __post_init__(self) -> None:
         check_support("Clamped", self.body, self.group, (0, 1, 2))

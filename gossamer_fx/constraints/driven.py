@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,7 @@ class Driven:
 
     body: RigidBody
     axis: Vector
+    _: KW_ONLY
     angle: Callable[[float], float]
     name: str = "motor"
 

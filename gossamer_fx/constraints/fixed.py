@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -57,12 +57,13 @@ class Fixed:
 
     body: Meshed
     group: str
+    _: KW_ONLY
     components: tuple[int, ...] = (0, 1, 2)
-    name: str = ""
     normal: Vector | None = None
+    name: str = ""
 
     def __post_init__(self) -> None:
-        check_support(type(self).__name__, self.body, self.group, self.components)
+        check_support("Fixed", self.body, self.group, self.components)
         if self.normal is not None:
             check(
                 is_vector(self.normal) and any(self.normal),
@@ -106,6 +107,7 @@ class Prescribed:
 
     body: Meshed
     group: str
+    _: KW_ONLY
     motion: Callable[[Array, float], Array]
     components: tuple[int, ...] = (0, 1, 2)
     name: str = ""

@@ -16,7 +16,7 @@ A beam's section has two directors; where a joint needs its normal too, it is br
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 
 import numpy as np
@@ -101,6 +101,7 @@ class BallJoint(Between):
 
     a: Attached
     b: Attached
+    _: KW_ONLY
     name: str = "ball"
 
     def terms(self) -> Iterable[Term]:
@@ -115,6 +116,7 @@ class Link(Between):
 
     a: Attached
     b: Attached
+    _: KW_ONLY
     name: str = "link"
 
     def terms(self) -> Iterable[Term]:
@@ -140,6 +142,7 @@ class FixedJoint(FrameJoint):
 
     a: Frame
     b: Frame
+    _: KW_ONLY
     name: str = "fixed"
 
     @cached_property
@@ -170,6 +173,7 @@ class RevoluteJoint(AxisJoint):
 
     a: Frame
     b: Frame
+    _: KW_ONLY
     axis: Vector
     name: str = "revolute"
 
@@ -194,6 +198,7 @@ class PrismaticJoint(AxisJoint):
 
     a: Frame
     b: Frame
+    _: KW_ONLY
     axis: Vector
     name: str = "prismatic"
 
@@ -216,6 +221,7 @@ class CylindricalJoint(AxisJoint):
 
     a: Frame
     b: Frame
+    _: KW_ONLY
     axis: Vector
     name: str = "cylindrical"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -35,9 +35,9 @@ class Tie:
 
     Args:
         a: a film or cable, whose nodes are tied.
-        group: name of a curve (of a cable also of points) of its mesh; None: all of a cable.
+        group_a: name of a curve (of a cable also of points) of its mesh; None: all of a cable.
         b: a film or cable, or the same one.
-        to: name of a curve of its mesh; None: all of a cable.
+        group_b: name of a curve of its mesh; None: all of a cable.
 
     Raises:
         InputError: beams (join their ends by joints), a film without a group, a line tied to itself; when the scene is
@@ -45,13 +45,14 @@ class Tie:
     """
 
     a: Meshed
-    group: str | None
     b: Meshed
-    to: str | None
+    _: KW_ONLY
+    group_a: str | None
+    group_b: str | None
     name: str = ""
 
     def __post_init__(self) -> None:
-        for body, group in ((self.a, self.group), (self.b, self.to)):
+        for body, group in ((self.a, self.group_a), (self.b, self.group_b)):
             known = isinstance(body, Meshed) and not isinstance(body, Beam) and is_on_mesh(body)
             check(
                 known,
@@ -62,19 +63,19 @@ class Tie:
                 f"Tie: of the film '{body.name}' one line is tied; name a curve of its mesh.",
             )
         check(
-            self.a is not self.b or self.group != self.to,
-            f"Tie: '{self.group}' of '{self.a.name}' is tied to itself; name another line.",
+            self.a is not self.b or self.group_a != self.group_b,
+            f"Tie: '{self.group_a}' of '{self.a.name}' is tied to itself; name another line.",
         )
         if not self.name:
             words = [
                 f"{body.name}/{group or 'all'}"
-                for body, group in ((self.a, self.group), (self.b, self.to))
+                for body, group in ((self.a, self.group_a), (self.b, self.group_b))
             ]
             object.__setattr__(self, "name", " tied to ".join(words))
-        if self.group is not None:
-            self.a.mesh.group(self.group)
-        if self.to is not None:
-            self.b.mesh.curve(self.to, f"'{self.name}'")
+        if self.group_a is not None:
+            self.a.mesh.group(self.group_a)
+        if self.group_b is not None:
+            self.b.mesh.curve(self.group_b, f"'{self.name}'")
 
     def requires(self) -> Iterable[Any]:
         yield self.a
@@ -86,18 +87,20 @@ class Tie:
     def _places(self) -> list[tuple[Port, Port]]:
         """Of this rank's nodes: each, and where it is on the other line."""
         comm, index_map = self.a.comm, self.a.block.index_map
-        nodes = np.arange(index_map.size_local) if self.group is None else self.a.nodes(self.group)
+        nodes = (
+            np.arange(index_map.size_local) if self.group_a is None else self.a.nodes(self.group_a)
+        )
         own = np.asarray(nodes[nodes < index_map.size_local], dtype=np.int32)
         x = _start(self.a)[own]
         ends, at = self._segments()
         check(
             len(ends) > 0,
-            f"'{self.name}': the group '{self.to}' has no edges; name a line of '{self.b.name}'.",
+            f"'{self.name}': the group '{self.group_b}' has no edges; name a line of '{self.b.name}'.",
         )
         count = comm.allreduce(len(own))
         check(
             count > 0,
-            f"'{self.name}': the group '{self.group}' has no nodes; name a line of '{self.a.name}'.",
+            f"'{self.name}': the group '{self.group_a}' has no nodes; name a line of '{self.a.name}'.",
         )
         which, s, distance = _nearest(x, at)
         far = comm.allreduce(float(distance.max(initial=0.0)), op=MPI.MAX)
@@ -118,11 +121,13 @@ class Tie:
         body, space = self.b, self.b.space
         mesh = space.mesh
         if mesh.topology.dim == 2:
-            edges = body.mesh.curve(str(self.to), self.name)
+            edges = body.mesh.curve(str(self.group_b), self.name)
             local = body.mesh.edges.nodes(space, edges[edges < body.mesh.edges.owned])
         else:
             own = mesh.topology.index_map(1).size_local
-            cells = np.arange(own) if self.to is None else body.mesh.curve(self.to, self.name)
+            cells = (
+                np.arange(own) if self.group_b is None else body.mesh.curve(self.group_b, self.name)
+            )
             local = space.dofmap.list[cells[cells < own]]
             local = local if local.shape[1] == 2 else local[:, [0, 2, 1]]
         pieces = np.concatenate([local[:, k : k + 2] for k in range(local.shape[1] - 1)])
@@ -160,4 +165,4 @@ def _between(body: Meshed, ends: npt.NDArray[np.int64], s: float) -> Port:
     """The point at s between two nodes; a node, if it is one."""
     if s < NODE or s > 1 - NODE:
         return Port(body, (int(ends[0] if s < NODE else ends[1]),))
-    return Port(body, (int(ends[0]), int(ends[1])), (1 - s, s))
+    return Port(body, (int(ends[0]), int(ends[1])), weights=(1 - s, s))

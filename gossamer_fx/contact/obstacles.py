@@ -47,12 +47,12 @@ class Solid:
 class Obstacle:
     """Something solid.  Points and directions are those of the start, in space.
 
-    on: the rigid body of which it is a part; none: it stays, or moves as prescribed.
+    body: the rigid body of which it is a part; none: it stays, or moves as prescribed.
     motion: displacement [m] of the obstacle as a function of time [s]; its work is booked as supplied.
     friction: coefficient of Coulomb friction with it; none: that of the contact.
     """
 
-    on: RigidBody | None = None
+    body: RigidBody | None = None
     motion: Motion | None = None
     friction: float | None = None
     name: str = "obstacle"
@@ -62,7 +62,7 @@ class Obstacle:
             f"{type(self).__name__} '{self.name}'", 0.0 if self.friction is None else self.friction
         )
         check(
-            self.on is None or self.motion is None,
+            self.body is None or self.motion is None,
             f"{type(self).__name__} '{self.name}': a part of a rigid body has no motion of its own; leave out one of "
             "'on' and 'motion'.",
         )
@@ -83,29 +83,29 @@ class Obstacle:
         raise NotImplementedError
 
     def requires(self) -> Iterable[Any]:
-        return () if self.on is None else (self.on,)
+        return () if self.body is None else (self.body,)
 
     def frame(self) -> tuple[Attached, ...]:
         """An origin and three axes that move with it."""
-        if self.on is None:
+        if self.body is None:
             frame = ground_frame()
             return frame.origin, *frame.directors
-        return Port(self.on, (0,)), *self.on.frame().directors
+        return Port(self.body, (0,)), *self.body.frame().directors
 
     def _at(self, place: Array | Vector) -> Attached:
         x, y, z = np.asarray(place, dtype=float)
         return (
             Ground((float(x), float(y), float(z)))
-            if self.on is None
-            else self.on.port_at((x, y, z))
+            if self.body is None
+            else self.body.port_at((x, y, z))
         )
 
     def _along(self, direction: Array) -> Attached:
         """A direction that turns with the obstacle."""
-        if self.on is None:
+        if self.body is None:
             x, y, z = direction
             return Ground((float(x), float(y), float(z)))
-        return along(direction, self.on.frame())
+        return along(direction, self.body.frame())
 
 
 def check_friction(owner: str, friction: float) -> None:

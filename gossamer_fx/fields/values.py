@@ -34,7 +34,7 @@ def positions(state: State, body: Body) -> Array:
 
 
 @check_arguments
-def field_values(state: State, body: MeshBody, field: str) -> tuple[Array, Array]:
+def field_values(state: State, body: MeshBody, *, field: str) -> tuple[Array, Array]:
     """Where and what a field is on this rank's cells: points (n, 3) of the stress-free shape [m], and values.
 
     Args:

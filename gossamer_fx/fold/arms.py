@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -51,6 +51,7 @@ class Ikaros(FoldMap):
     called: ClassVar[str] = "fold.Ikaros"
     n: int
     inner: int
+    _: KW_ONLY
     outer: int
     pitch: float
     bends: int = 2

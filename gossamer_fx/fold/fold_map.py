@@ -113,10 +113,10 @@ class FoldMap(ABC):
             Crease(
                 film,
                 line.name,
-                stiffness,
-                rest * line.angle,
-                yield_angle,
-                VALLEY if line.angle > 0 else MOUNTAIN,
+                stiffness=stiffness,
+                rest_angle=rest * line.angle,
+                yield_angle=yield_angle,
+                initial_fold=VALLEY if line.angle > 0 else MOUNTAIN,
                 name=f"{film.name} {line.name}",
             )
             for line in lines

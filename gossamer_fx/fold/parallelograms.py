@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -47,6 +47,7 @@ class Miura(FoldMap):
     called: ClassVar[str] = "fold.Miura"
     a: float
     b: float
+    _: KW_ONLY
     gamma: float
     theta: float
     opening: float = 0.0

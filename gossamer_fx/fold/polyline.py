@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -120,6 +120,7 @@ class Zigzag(Strip):
 
     called: ClassVar[str] = "fold.Zigzag"
     panels: int = 2
+    _: KW_ONLY
     angle: float = 1.4
     width: float = 0.0
     opening: float = 0.0
@@ -202,6 +203,7 @@ class Roll(Strip):
 
     called: ClassVar[str] = "fold.Roll"
     bends: int = 10
+    _: KW_ONLY
     radius: float = 0.02
     pitch: float = 2e-3
     flat: float | None = None

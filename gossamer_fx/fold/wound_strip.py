@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -40,6 +40,7 @@ class Spiral(FoldMap):
     called: ClassVar[str] = "fold.Spiral"
     length: float
     columns: int
+    _: KW_ONLY
     around: int
     rows: int
     pitch: float

@@ -85,7 +85,7 @@ class FilmEnclosure:
         self, film: Membrane, surface: tuple[str, ...], rings: tuple[Ring, ...], chamber: str
     ) -> None:
         self.film, self.surface, self.rings, self.chamber = film, surface, rings, chamber
-        odd = next((r.edges for r in rings if r.film is not film), None)
+        odd = next((r.edges for r in rings if r.body is not film), None)
         check(
             odd is None,
             f"Chamber '{chamber}': its ring '{odd}' is on another film than '{film.name}'.",
@@ -202,7 +202,7 @@ class Piston:
         direction: n, the direction in which the volume grows.
     """
 
-    def __init__(self, port: Port, area: float, direction: tuple[float, float, float]) -> None:
+    def __init__(self, port: Port, area: float, *, direction: tuple[float, float, float]) -> None:
         check(area > 0, f"Piston: area is {area!r} m²; give a positive number.")
         check(
             any(direction), "Piston: direction has no length; give the axis along which it moves."

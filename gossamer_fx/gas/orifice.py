@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 from mpi4py import MPI
@@ -59,14 +59,15 @@ class Orifice:
     """An opening between two volumes; gas flows either way, choked or not, by `isentropic_flow`.
 
     Args:
-        first, second: chambers, tanks, reservoirs or surroundings; flow from first to second is positive.
+        a, b: chambers, tanks, reservoirs or surroundings; flow from first to second is positive.
         area: opening [m²], a number, a function of time [s] (a valve), or the `Ring` between two chambers.
         discharge_coefficient: C_d, effective over geometric area.
         laminar: pressure difference, as a fraction of the upstream pressure, below which the law is linear.
     """
 
-    first: Volume | Holder
-    second: Volume | Holder
+    a: Volume | Holder
+    b: Volume | Holder
+    _: KW_ONLY
     area: float | Callable[[float], float] | Ring
     discharge_coefficient: float = 1.0
     laminar: float = 1e-5
@@ -74,14 +75,14 @@ class Orifice:
     border = GasNetwork
 
     def __post_init__(self) -> None:
-        for end in (self.first, self.second):
+        for end in (self.a, self.b):
             check(
                 getattr(end, "border", None) is GasNetwork and not isinstance(end, Orifice),
                 f"Orifice '{self.name}': {end!r} holds no gas; connect chambers, tanks, reservoirs or surroundings.",
             )
         check(
-            self.first is not self.second,
-            f"Orifice '{self.name}' leads from '{self.first.name}' back into it.",
+            self.a is not self.b,
+            f"Orifice '{self.name}' leads from '{self.a.name}' back into it.",
         )
         check(
             isinstance(self.area, Ring) or callable(self.area) or 0 <= self.area < math.inf,
@@ -97,8 +98,8 @@ class Orifice:
         )
 
     def requires(self) -> Iterable[Any]:
-        yield self.first
-        yield self.second
+        yield self.a
+        yield self.b
         if isinstance(self.area, Ring):
             yield from self.area.requires()
 
@@ -140,6 +141,7 @@ class WallHeat:
 
     chamber: Chamber
     conductance: float
+    _: KW_ONLY
     temperature: float
     name: str = "wall"
     border = GasNetwork

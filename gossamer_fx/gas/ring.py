@@ -35,11 +35,11 @@ class Ring:
     edges, which close the chamber; the pressure on the strips is borne by the nodes at their ends.
     """
 
-    film: Membrane
+    body: Membrane
     edges: str
 
     def requires(self) -> Iterable[Any]:
-        yield self.film
+        yield self.body
 
     def loop(self) -> Indices:
         """The edges in the order of a walk around the ring, on every rank.
@@ -51,8 +51,8 @@ class Ring:
         Raises:
             InputError: the edges do not form one closed line.
         """
-        edges = sorted(e for part in self.film.comm.allgather(self._own_edges()) for e in part)
-        one_loop = f"Ring: the edges '{self.edges}' of '{self.film.name}' form no closed line; name a group that does."
+        edges = sorted(e for part in self.body.comm.allgather(self._own_edges()) for e in part)
+        one_loop = f"Ring: the edges '{self.edges}' of '{self.body.name}' form no closed line; name a group that does."
         at: dict[int, list[int]] = {}
         for i, (a, b, *_) in enumerate(edges):
             at.setdefault(a, []).append(i)
@@ -77,7 +77,7 @@ class Ring:
 
     def _own_edges(self) -> list[Edge]:
         """This rank's edges."""
-        film = self.film
+        film = self.body
         table = film.mesh.edges
         edges = film.mesh.curve(self.edges, f"Ring on '{film.name}'")
         own = edges[edges < table.owned]
@@ -114,7 +114,7 @@ class Loop:
     def __init__(self, ring: Ring, system: Assembly) -> None:
         walk = ring.loop()
         self.vertices = walk[:, :2]
-        order, n = ring.film.order, len(walk)
+        order, n = ring.body.order, len(walk)
         nodes = walk[:, 2] if order == 1 else np.concatenate([walk[:, 2], walk[:, 4]])
         self._strips = _strips(n, order)
         s, ws = (
@@ -143,7 +143,7 @@ class Loop:
         )
 
         self._system, self._α = system, system.rule.alpha
-        self.indices = system.numbering.to_global(system.bodies.index(ring.film), nodes)
+        self.indices = system.numbering.to_global(system.bodies.index(ring.body), nodes)
         self._gather = Gather(system.numbering, [self.indices])
         start, end = system.q0.getOwnershipRange()
         self._mine = (self.indices[:, 0] >= start) & (self.indices[:, 0] < end)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 from gossamer_fx.bodies.membrane import Membrane
@@ -23,6 +23,7 @@ class Reservoir:
 
     pressure: float
     temperature: float
+    _: KW_ONLY
     name: str = "reservoir"
     border = GasNetwork
 
@@ -37,6 +38,7 @@ class Ambient:
 
     pressure: float = 0.0
     temperature: float = 300.0
+    _: KW_ONLY
     name: str = "ambient"
     border = GasNetwork
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar
 
 import ufl
@@ -38,7 +38,7 @@ class AirDrag:
     Args:
         body: the film.
         density: ρ [kg/m³]; of air with the pressure p and the temperature T it is p/(287 T).
-        coefficient: C of a piece across the flow, for both faces; 1.2 is about that of a square or round plate at
+        drag_coefficient: C of a piece across the flow, for both faces; 1.2 is about that of a square or round plate at
             Reynolds numbers from 1000 on (S. F. Hoerner, Fluid-Dynamic Drag, 1965, chapter 3).  Where the mean free
             path, 7 mm at 1 Pa, is not short beside the film, air takes more, in proportion to vₙ.
         wind: velocity u of the air [m/s].
@@ -51,15 +51,16 @@ class AirDrag:
 
     body: Membrane
     density: float
-    coefficient: float = 1.2
+    _: KW_ONLY
+    drag_coefficient: float = 1.2
     wind: Vector = (0.0, 0.0, 0.0)
     name: str = "air drag"
 
     def __post_init__(self) -> None:
         check_positive(self, "density", "kg/m³")
         check(
-            math.isfinite(self.coefficient) and self.coefficient > 0,
-            f"AirDrag '{self.name}': coefficient is {self.coefficient!r}; give a positive number.",
+            math.isfinite(self.drag_coefficient) and self.drag_coefficient > 0,
+            f"AirDrag '{self.name}': drag_coefficient is {self.drag_coefficient!r}; give a positive number.",
         )
         check(
             is_vector(self.wind),
@@ -71,7 +72,7 @@ class AirDrag:
 
     def terms(self) -> Iterable[Term]:
         film, mesh = self.body, self.body.space.mesh
-        half_ρC = constant(mesh, self.density * self.coefficient / 2)
+        half_ρC = constant(mesh, self.density * self.drag_coefficient / 2)
         u = fem.Constant(mesh, tuple(map(float, self.wind))) if any(self.wind) else None
         dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": 3 * film.order})
 

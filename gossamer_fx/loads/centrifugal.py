@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -50,6 +50,7 @@ class Centrifugal:
 
     body: Body
     spin: Vector
+    _: KW_ONLY
     centre: Vector = (0.0, 0.0, 0.0)
     name: str = ""
 
@@ -73,7 +74,10 @@ class Centrifugal:
             elif isinstance(part, NodeKineticEnergy):
                 masses = np.concatenate(part.body.comm.allgather(part.mass))
                 for node, mass in enumerate(masses):
-                    ports = tuple(Port(part.body, (node,), (1.0,), (k,)) for k in range(len(mass)))
+                    ports = tuple(
+                        Port(part.body, (node,), weights=(1.0,), vectors=(k,))
+                        for k in range(len(mass))
+                    )
                     yield PointLoad(self.name, ports, _OnVectors(mass, A, c))
         yield AttachedLoad(f"{self.name} (attached)", self.body, np.zeros(3), A, c)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import ufl
@@ -28,7 +28,7 @@ class Damping:
     """Mass- and stiffness-proportional damping of a film, cable or beam.
 
     mass [1/s]: force -mass ρt v per area, or -mass μ v per length; it slows every motion, rigid ones too.
-    stiffness [s]: stress `stiffness`·C Ė with the elastic matrix C of the taut film, cable or beam (Kelvin-Voigt);
+    stiffness [s]: stress `stiffness_factor`·C Ė with the elastic matrix C of the taut film, cable or beam (Kelvin-Voigt);
         rigid motions are free.
     A mode of angular frequency ω loses the fraction ζ = mass/(2ω) + stiffness ω/2 of critical damping.
     tension_only: C is the stiffness ψ''(e) that the film has at the start of each step: in full where it is taut, along
@@ -36,10 +36,11 @@ class Damping:
     """
 
     body: Body
-    mass: float = 0.0
-    stiffness: float = 0.0
-    name: str = "damping"
+    _: KW_ONLY
+    mass_factor: float = 0.0
+    stiffness_factor: float = 0.0
     tension_only: bool = False
+    name: str = "damping"
 
     def __post_init__(self) -> None:
         check(
@@ -47,12 +48,15 @@ class Damping:
             f"Damping '{self.name}': {getattr(self.body, 'name', self.body)!r} is no film, cable or beam.",
         )
         check(
-            self.mass >= 0 and self.stiffness >= 0 and self.mass + self.stiffness > 0,
-            f"Damping '{self.name}': mass {self.mass!r} 1/s and stiffness {self.stiffness!r} s; one must be positive, "
+            self.mass_factor >= 0
+            and self.stiffness_factor >= 0
+            and self.mass_factor + self.stiffness_factor > 0,
+            f"Damping '{self.name}': mass {self.mass_factor!r} 1/s and stiffness {self.stiffness_factor!r} s; one must be positive, "
             "none negative.",
         )
         check(
-            not self.tension_only or (isinstance(self.body, Membrane) and self.stiffness > 0),
+            not self.tension_only
+            or (isinstance(self.body, Membrane) and self.stiffness_factor > 0),
             f"Damping '{self.name}': tension_only is for the stiffness damping of films; leave it out, or give both.",
         )
 
@@ -61,12 +65,12 @@ class Damping:
 
     def terms(self) -> Iterable[Term]:
         body = self.body
-        both = self.mass > 0 and self.stiffness > 0
+        both = self.mass_factor > 0 and self.stiffness_factor > 0
         by_mass, by_stiffness = (
             self.name + (f" ({part})" if both else "") for part in ("mass", "stiffness")
         )
-        if self.mass > 0:
-            α = constant(body.space.mesh, self.mass)
+        if self.mass_factor > 0:
+            α = constant(body.space.mesh, self.mass_factor)
             inertia = ufl.as_vector(_inertia(body))
             yield Dissipation(
                 by_mass,
@@ -75,8 +79,8 @@ class Damping:
                 lambda v: α / 2 * sum(inertia[i] * v[i] ** 2 for i in range(len(inertia))),
                 body.mass_dx,
             )
-        if self.stiffness > 0:
-            β = constant(body.space.mesh, self.stiffness)
+        if self.stiffness_factor > 0:
+            β = constant(body.space.mesh, self.stiffness_factor)
             if self.tension_only and isinstance(body, Membrane):
                 from gossamer_fx.loads.present_stiffness import PresentStiffness
 
@@ -105,7 +109,7 @@ def _unwrinkled(body: Body) -> tuple[Callable[[Expr], Expr], Callable[[Expr], Ex
     """The measure of a body, and the density of its stored energy as it is in tension."""
     if isinstance(body, Membrane):
         law = body.law
-        linear = Linear(law.E, law.nu, law.density, law.thickness)
+        linear = Linear(law.E, law.nu, density=law.density, thickness=law.thickness)
         return body.measure, lambda e: linear.energy(e, body.constants)
     if isinstance(body, Cable):
         return bar_strain, lambda e: body.constants.EA / 2 * e[0] ** 2

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import ufl
@@ -27,25 +27,26 @@ class EdgeMoment:
 
     Args:
         body: a plate.
-        group: name of curves on its rim.
+        edges: name of curves on its rim.
         moment: m [N], a number or a function of time [s]; positive where it lifts the plate's rim towards the normal of
             its mesh, as positive curvature does.
     """
 
     body: Plate
-    group: str
+    edges: str
+    _: KW_ONLY
     moment: float | Callable[[float], float]
     name: str = ""
 
     def __post_init__(self) -> None:
-        edges = self.body.mesh.curve(self.group, "EdgeMoment")
+        edges = self.body.mesh.curve(self.edges, "EdgeMoment")
         check_on_all(
             self.body.comm,
             bool(self.body.mesh.edges.is_boundary[edges].all()),
-            f"EdgeMoment: the group '{self.group}' has edges inside '{self.body.name}'; name a part of its rim.",
+            f"EdgeMoment: the group '{self.edges}' has edges inside '{self.body.name}'; name a part of its rim.",
         )
         if not self.name:
-            object.__setattr__(self, "name", f"{self.body.name}/{self.group} moment")
+            object.__setattr__(self, "name", f"{self.body.name}/{self.edges} moment")
         check(
             callable(self.moment) or math.isfinite(self.moment),
             f"EdgeMoment '{self.name}': moment is {self.moment!r} N; give a finite number or a function of time.",
@@ -57,7 +58,7 @@ class EdgeMoment:
     def terms(self) -> Iterable[Term]:
         plate, value = self.body, self.moment
         domain = plate.mesh.domain
-        edges = plate.mesh.curve(self.group, "EdgeMoment")
+        edges = plate.mesh.curve(self.edges, "EdgeMoment")
         tags = meshtags(domain, 1, edges, edges * 0 + 1)
         ds = ufl.Measure("ds", domain, subdomain_data=tags, metadata={"quadrature_degree": 3})(1)
         m = constant(domain, 0.0 if callable(value) else value)

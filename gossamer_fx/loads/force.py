@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -126,18 +126,19 @@ class Force:
 
     Args:
         port: the point.
-        value: force in space axes [N], three numbers or a function of time [s] that returns them.
+        force: force in space axes [N], three numbers or a function of time [s] that returns them.
     """
 
     port: Port
-    value: Vector | History
+    force: Vector | History
+    _: KW_ONLY
     name: str = "force"
 
     def requires(self) -> Iterable[Any]:
         yield self.port.body
 
     def terms(self) -> Iterable[Term]:
-        value, comm = self.value, self.port.body.comm
+        value, comm = self.force, self.port.body.comm
         law: PointForce = (
             ForceInTime(comm, self.name, value)
             if callable(value)
@@ -153,11 +154,12 @@ class Torque:
 
     Args:
         frame: what it turns, e.g. `body.frame()`, or the line of a straight region, on which the torque across it acts.
-        value: torque in space axes [N m], three numbers or a function of time [s] that returns them.
+        torque: torque in space axes [N m], three numbers or a function of time [s] that returns them.
     """
 
     frame: Frame | Line
-    value: Vector | History
+    torque: Vector | History
+    _: KW_ONLY
     name: str = "torque"
 
     def requires(self) -> Iterable[Any]:
@@ -165,7 +167,7 @@ class Torque:
 
     def terms(self) -> Iterable[Term]:
         vectors: tuple[Attached, ...] = self.frame.directors
-        value, comm = self.value, next(iter(self.requires())).comm
+        value, comm = self.torque, next(iter(self.requires())).comm
         law: PointForce = (
             TorqueInTime(comm, self.name, value)
             if callable(value)

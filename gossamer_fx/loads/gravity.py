@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,7 @@ class Gravity:
 
     body: Body
     g: tuple[float, float, float] = (0.0, 0.0, -9.80665)
+    _: KW_ONLY
     name: str = ""
 
     def __post_init__(self) -> None:
@@ -65,5 +66,7 @@ class Gravity:
     def _on_points(self, part: NodeKineticEnergy) -> Iterable[Term]:
         masses = np.concatenate(part.body.comm.allgather(part.mass))
         for node, mass in enumerate(masses):
-            ports = tuple(Port(part.body, (node,), (1.0,), (k,)) for k in range(len(mass)))
+            ports = tuple(
+                Port(part.body, (node,), weights=(1.0,), vectors=(k,)) for k in range(len(mass))
+            )
             yield PointLoad(self.name, ports, ConstantForce(np.outer(mass[:, 0], self.g).ravel()))

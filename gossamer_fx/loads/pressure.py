@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import ufl
@@ -26,24 +26,25 @@ class Pressure:
 
     Args:
         body: the film.
-        value: p [Pa], positive along the normal of the mesh; a number or a function of time [s].
+        pressure: p [Pa], positive along the normal of the mesh; a number or a function of time [s].
     """
 
     body: Membrane
-    value: float | Callable[[float], float]
+    pressure: float | Callable[[float], float]
+    _: KW_ONLY
     name: str = "pressure"
 
     def __post_init__(self) -> None:
         check(
-            callable(self.value) or math.isfinite(self.value),
-            f"Pressure '{self.name}': value is {self.value!r} Pa; give a finite number or a function of time.",
+            callable(self.pressure) or math.isfinite(self.pressure),
+            f"Pressure '{self.name}': pressure is {self.pressure!r} Pa; give a finite number or a function of time.",
         )
 
     def requires(self) -> Iterable[Any]:
         yield self.body
 
     def terms(self) -> Iterable[Term]:
-        film, value = self.body, self.value
+        film, value = self.body, self.pressure
         p = constant(film.space.mesh, 0.0 if callable(value) else value)
         dx = ufl.Measure(
             "dx", film.space.mesh, metadata={"quadrature_degree": 2 * (film.order - 1) + film.order}

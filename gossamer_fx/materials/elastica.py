@@ -13,7 +13,7 @@ and is straight up to p = e_c, p (1 - p) = e_E.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -85,6 +85,7 @@ class Elastica(FilmLaw):
     comes to rest with edges of 27 mm, while with 13 mm cells beside the seam fold up and no equilibrium is found.
     """
 
+    _: KW_ONLY
     half_wavelength: float
     onset: float = field(init=False)
     c1: float = field(init=False)

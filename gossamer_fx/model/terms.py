@@ -16,7 +16,7 @@ UFL; terms between points speak NumPy and see bodies through `Port`s only.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Annotated, Any, ClassVar, Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
@@ -120,6 +120,7 @@ class Port:
 
     body: Body
     nodes: tuple[int, ...]
+    _: KW_ONLY
     weights: tuple[float, ...] = (1.0,)
     vectors: tuple[int, ...] = ()
 

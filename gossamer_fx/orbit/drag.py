@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -43,6 +43,7 @@ class ExponentialAtmosphere:
 
     density: float
     altitude: float
+    _: KW_ONLY
     scale_height: float
     temperature: float = 1000.0
 
@@ -82,9 +83,9 @@ class Drag:
         self,
         body: Membrane | RigidBody,
         orbit: Orbit,
+        *,
         atmosphere: Atmosphere,
         accommodation: Accommodation | None = None,
-        *,
         surfaces: Sequence[Surface] = (),
         rotation: float = ROTATION,
         name: str = "",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
 
@@ -31,6 +31,7 @@ class Elements:
 
     a: float
     e: float = 0.0
+    _: KW_ONLY
     i: float = 0.0
     node: float = 0.0
     perigee: float = 0.0

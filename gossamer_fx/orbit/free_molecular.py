@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,7 @@ class Air:
 
     density: float
     temperature: float = 1000.0
+    _: KW_ONLY
     molecule: float = ATOM
 
     def __post_init__(self) -> None:
@@ -58,6 +59,7 @@ class Accommodation:
 
     normal: float = 1.0
     tangential: float = 1.0
+    _: KW_ONLY
     wall_temperature: float = 300.0
 
     def __post_init__(self) -> None:

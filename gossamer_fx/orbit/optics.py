@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
@@ -31,6 +31,7 @@ class Optics:
 
     reflectivity: float = 1.0
     specular: float = 1.0
+    _: KW_ONLY
     emissivity: float = 0.05
     lambertian: float = 2 / 3
     other_side: Optics | None = None
@@ -66,4 +67,10 @@ class Optics:
 
 
 MIRROR = Optics()
-JPL_SAIL = Optics(0.88, 0.94, 0.05, 0.79, other_side=Optics(0.88, 0.94, 0.55, 0.55))
+JPL_SAIL = Optics(
+    0.88,
+    0.94,
+    emissivity=0.05,
+    lambertian=0.79,
+    other_side=Optics(0.88, 0.94, emissivity=0.55, lambertian=0.55),
+)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -87,6 +87,7 @@ class Surface:
 
     area: float
     normal: Vector
+    _: KW_ONLY
     centre: Vector = (0.0, 0.0, 0.0)
     optics: Optics = MIRROR
     two_sided: bool = False

@@ -72,6 +72,7 @@ class Recording:
         self,
         folder: str | Path,
         fields: Mapping[str, Sequence[str]] | None = None,
+        *,
         probes: Mapping[str, Probe] | None = None,
         every: int = 10,
         times: Sequence[float] = (),
@@ -160,9 +161,9 @@ class Recording:
                     VTX(
                         self.folder / "fields" / f"{file_name(body.name)}.bp",
                         body,
-                        chosen,
-                        every,
-                        times,
+                        fields=chosen,
+                        every=every,
+                        times=times,
                     ),
                 )
         if self.probes:
@@ -179,7 +180,7 @@ class Recording:
                 for film in films
                 for state in TOLD_STATES
             }
-            yield "states.csv", Probes(self.folder / "states.csv", shares, every, times)
+            yield "states.csv", Probes(self.folder / "states.csv", shares, every=every, times=times)
         points = [(k, body) for k, body in enumerate(run.system.bodies) if not is_on_mesh(body)]
         if points:
             places = {

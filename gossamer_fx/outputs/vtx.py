@@ -44,6 +44,7 @@ class VTX:
         self,
         path: str | Path,
         body: MeshBody | None = None,
+        *,
         fields: Sequence[str] = ("displacement",),
         every: int = 1,
         times: Sequence[float] = (),
@@ -174,6 +175,7 @@ class Probes:
         self,
         path: str | Path,
         probes: Mapping[str, Probe],
+        *,
         every: int = 1,
         times: Sequence[float] = (),
     ) -> None:

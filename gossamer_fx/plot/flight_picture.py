@@ -47,7 +47,7 @@ class FlightPicture:
     times: Sequence[float] = ()
 
     def __init__(
-        self, path: str | Path, orbit: Orbit, probes: Mapping[str, Probe], title: str = ""
+        self, path: str | Path, orbit: Orbit, *, probes: Mapping[str, Probe], title: str = ""
     ) -> None:
         self.path, self.orbit, self.probes, self.title = Path(path), orbit, dict(probes), title
         check(

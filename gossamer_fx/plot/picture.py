@@ -49,6 +49,7 @@ class Picture:
         self,
         path: str | Path,
         times: Sequence[float] = (),
+        *,
         title: str = "",
         view: View | None = None,
         section: tuple[Vector, Vector] | None = None,

@@ -57,7 +57,12 @@ def default_field(run: RunReader) -> str:
 
 @check_arguments
 def field(
-    run: RunReader, field: str, times: Sequence[float], path: str | Path, view: View | None = None
+    run: RunReader,
+    field: str,
+    *,
+    times: Sequence[float],
+    path: str | Path,
+    view: View | None = None,
 ) -> None:
     """PNG of a field at some times, at one scale of colours.
 
@@ -108,7 +113,7 @@ def _write_field(
 
 @check_arguments
 def strip(
-    run: RunReader, field: str, path: str | Path, count: int = 6, view: View | None = None
+    run: RunReader, field: str, *, path: str | Path, count: int = 6, view: View | None = None
 ) -> None:
     """PNG of a field at `count` times, evenly spread over the run; `view` as of `field`."""
     check(count >= 1, f"The number of pictures is {count!r}; give one or more.")
@@ -130,7 +135,7 @@ def curves(run: RunReader, path: str | Path) -> None:
 
 @check_arguments
 def animate(
-    run: RunReader, field: str, path: str | Path, seconds: float = 6.0, view: View | None = None
+    run: RunReader, field: str, *, path: str | Path, seconds: float = 6.0, view: View | None = None
 ) -> None:
     """GIF, or MP4 if `ffmpeg` is at hand, of a field over the run.
 

@@ -80,7 +80,7 @@ def _page(run: RunReader) -> Iterable[str]:
         yield _VIEW
         yield "<h2>Over the time</h2>"
         field = default_field(run)
-        yield _image(lambda file: pictures.strip(run, field, file), f"{field} at six times")
+        yield _image(lambda file: pictures.strip(run, field, path=file), f"{field} at six times")
     if len(run.table("ledger.csv")["time"]) > 1:
         yield _image(
             lambda file: pictures.curves(run, file),

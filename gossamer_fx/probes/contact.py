@@ -52,7 +52,7 @@ class ContactGap:
 class ContactForce:
     """Component [N] of the force that a contact exerts on one of its bodies or obstacles: the mean of the last step."""
 
-    def __init__(self, contact: Contact, body: MeshBody | Obstacle, axis: str) -> None:
+    def __init__(self, contact: Contact, body: MeshBody | Obstacle, *, axis: str) -> None:
         known: list[MeshBody | Obstacle] = [*contact.bodies, *contact.obstacles]
         names = ", ".join(one.name for one in known)
         check(

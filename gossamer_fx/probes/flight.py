@@ -72,7 +72,7 @@ class Attitude:
 
     NAMES = ("outward", "along", "across")
 
-    def __init__(self, orbit: Orbit, of: Membrane | Port, axis: str) -> None:
+    def __init__(self, orbit: Orbit, of: Membrane | Port, *, axis: str) -> None:
         check(
             isinstance(of, Membrane | Port),
             f"Attitude of {of!r}; give a film, or a director such as body.frame().directors[2].",
@@ -95,7 +95,7 @@ class LoadResultant:
     `load` is the name of a load; that of the orbit is gravity, less the acceleration of the frame.
     """
 
-    def __init__(self, orbit: Orbit, load: str, action: str, axis: str) -> None:
+    def __init__(self, orbit: Orbit, load: str, *, action: str, axis: str) -> None:
         check(action in ACTIONS, f"A load has no {action!r}; it has: {', '.join(ACTIONS)}.")
         check(
             axis in AXES,

@@ -87,11 +87,11 @@ class GasState:
 class AreaFraction:
     """Fraction of a film's reference area that is "slack", "wrinkled" or "taut"."""
 
-    def __init__(self, film: Membrane, state: str) -> None:
+    def __init__(self, body: Membrane, state: str) -> None:
         check(
             state in STATES, f"A film has no state {state!r}; its states are: {', '.join(STATES)}."
         )
-        self.state, self._fractions = state, AreaFractions([film])
+        self.state, self._fractions = state, AreaFractions([body])
 
     def __call__(self, run: Run) -> float:
         return float(self._fractions(run.system)[STATES[self.state]])
@@ -145,10 +145,10 @@ class RingArea:
     def __call__(self, run: Run) -> float:
         from gossamer_fx.gas.ring import Loop
 
-        known = self.ring.film in run.system.bodies
+        known = self.ring.body in run.system.bodies
         check(
             known,
-            f"'{self.ring.film.name}' is not in the scene; add it, or remove the probe of its ring.",
+            f"'{self.ring.body.name}' is not in the scene; add it, or remove the probe of its ring.",
         )
         if id(run.system) not in self._loops:
             self._loops = {id(run.system): Loop(self.ring, run.system)}

@@ -88,7 +88,7 @@ class PolarPosition:
         quantity: "radius" or "angle".
     """
 
-    def __init__(self, port: Port, frame: Frame, quantity: str = "radius") -> None:
+    def __init__(self, port: Port, frame: Frame, *, quantity: str = "radius") -> None:
         check(
             quantity in POLAR,
             f"PolarPosition: there is no {quantity!r}; choose from {', '.join(POLAR)}.",

@@ -34,19 +34,19 @@ class OutsideBasis:
     evaluation takes as long as a residual of the whole film; ask for it every hundred steps, or so.
 
     Args:
-        film: made by `reduce`, in the scene of the run.
+        body: made by `reduce`, in the scene of the run.
     """
 
-    def __init__(self, film: ReducedMembrane) -> None:
+    def __init__(self, body: ReducedMembrane) -> None:
         check(
-            isinstance(film, ReducedMembrane),
-            f"OutsideBasis: '{getattr(film, 'name', film)}' is no reduced film; give one that `reduce` has made.",
+            isinstance(body, ReducedMembrane),
+            f"OutsideBasis: '{getattr(body, 'name', body)}' is no reduced film; give one that `reduce` has made.",
         )
-        self.film = film
+        self.body = body
         self._estimate: _Estimate | None = None
 
     def __call__(self, run: Run) -> float:
-        film = self.film
+        film = self.body
         owned = owned_by(run, film)
         if self._estimate is None:
             self._estimate = _Estimate(film)

@@ -17,15 +17,15 @@ class Snapshots:
     """Positions of a film's nodes in the course of a run, kept in memory; each rank has those of its own nodes.
 
     Args:
-        film: whose shapes are kept.
+        body: whose shapes are kept.
         every: steps between two of them.
         times: or the times [s] of them.
 
     `positions` is a list of arrays (n, 3) [m].
     """
 
-    def __init__(self, film: Membrane, every: int = 1, times: Sequence[float] = ()) -> None:
-        self.film, self.schedule = film, Schedule(every, tuple(times))
+    def __init__(self, body: Membrane, every: int = 1, *, times: Sequence[float] = ()) -> None:
+        self.body, self.schedule = body, Schedule(every, tuple(times))
         self.positions: list[Array] = []
 
     @property
@@ -34,14 +34,14 @@ class Snapshots:
 
     def open(self, run: Run) -> None:
         check(
-            self.film in run.system.bodies,
-            f"Snapshots: '{self.film.name}' is not in the scene; give one of its films.",
+            self.body in run.system.bodies,
+            f"Snapshots: '{self.body.name}' is not in the scene; give one of its films.",
         )
         self.positions.clear()
 
     def record(self, run: Run, last: bool) -> None:
         if self.schedule.due(run.step, run.time, last):
-            owned = run.system.numbering.owned(run.system.bodies.index(self.film))
+            owned = run.system.numbering.owned(run.system.bodies.index(self.body))
             self.positions.append(run.system.q0.array_r[owned].reshape(-1, 3).copy())
 
     def close(self, run: Run) -> None:

@@ -72,6 +72,7 @@ class Checkpoints:
         self,
         folder: str | Path,
         every: int | None = 100,
+        *,
         minutes: float | None = None,
         keep: int = 2,
         overwrite: bool = False,

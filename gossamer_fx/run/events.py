@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +36,7 @@ class At:
 
     time: float
     then: Action | None = None
+    _: KW_ONLY
     stop: bool = False
     name: str = "time"
 
@@ -65,11 +66,12 @@ class When:
 
     probe: Probe
     value: float = 0.0
+    _: KW_ONLY
     falling: bool = False
     then: Action | None = None
     stop: bool = False
-    name: str = "event"
     tolerance: float | None = None
+    name: str = "event"
 
     def __post_init__(self) -> None:
         check(

@@ -29,7 +29,7 @@ LOGGER.addFilter(FirstRank(MPI.COMM_WORLD.rank))
 
 
 @check_arguments
-def log_to(comm: MPI.Intracomm, file: str | Path | None = None, quiet: bool = False) -> None:
+def log_to(comm: MPI.Intracomm, file: str | Path | None = None, *, quiet: bool = False) -> None:
     """Show what runs say on the terminal, and write all of it to a file.
 
     Args:

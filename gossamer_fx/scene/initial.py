@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -56,6 +56,7 @@ class RigidMotion:
 
     spin: Vector = (0.0, 0.0, 0.0)
     velocity: Vector = (0.0, 0.0, 0.0)
+    _: KW_ONLY
     centre: Vector = (0.0, 0.0, 0.0)
     name: str = "rigid motion"
 
@@ -90,6 +91,7 @@ class StartFrom:
     """
 
     system: Assembly
+    _: KW_ONLY
     name: str = "start"
 
     def initialise(self, system: Assembly, q: PETSc.Vec, v: PETSc.Vec) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
 from petsc4py import PETSc
@@ -46,6 +46,7 @@ class GeneralizedAlpha:
 
     dt: float
     spectral_radius: float = 0.8
+    _: KW_ONLY
     tolerances: Tolerances = field(default_factory=Tolerances)
 
     def __post_init__(self) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
 from petsc4py import PETSc
@@ -37,6 +37,7 @@ class Midpoint:
 
     dt: float
     rule: StressRule = field(default_factory=PathAverage)
+    _: KW_ONLY
     tolerances: Tolerances = field(default_factory=Tolerances)
     subdomains: str | None = None
 

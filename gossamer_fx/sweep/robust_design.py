@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from itertools import product
 from typing import Any
 
@@ -60,6 +60,7 @@ class RobustDesign:
 
     outcome: Outcome
     control: Mapping[str, Sequence[Any]]
+    _: KW_ONLY
     goals: Mapping[str, str]
     noise: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     array: str = "L18"

@@ -23,7 +23,7 @@ def cantilever(elements: int, slenderness: float, load: float) -> tuple[float, f
     scene = gx.Scene(
         beam, gx.constraints.Clamped(beam, "start"), gx.loads.Force(beam.port("end"), (0, 0, P))
     )
-    search = Continuation(step=(section.line_density / P) ** 0.5, inner=1e-6)
+    search = Continuation(first_step=(section.line_density / P) ** 0.5, inner_tolerance=1e-6)
     statics = Equilibrium(scene, search)
     found = statics.find()
     node = global_node(beam, beam.mesh, "end")
@@ -68,7 +68,7 @@ def frequencies(supports: str, slenderness: float = 1e3) -> np.ndarray:
     items: list = [gx.constraints.Clamped(beam, "start")] if supports == "clamped-free" else []
     if supports == "pinned-pinned":
         items = [
-            gx.constraints.BallJoint(beam.port(end), gx.Ground((x, 0, 0)), end)
+            gx.constraints.BallJoint(beam.port(end), gx.Ground((x, 0, 0)), name=end)
             for end, x in (("start", 0), ("end", 1))
         ]
     ω = angular_frequencies(gx.Scene(beam, *items))
@@ -131,12 +131,15 @@ def test_thrown_beam_conserves() -> None:
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: gx.sections.tube(0.01, 0.02, 1e9, 0.3, 1e3), "not thinner than the outer radius"),
-        (lambda: gx.sections.solid_circle(0.0, 1e9, 0.3, 1e3), "radius is 0.0"),
+        (
+            lambda: gx.sections.tube(0.01, 0.02, E=1e9, nu=0.3, density=1e3),
+            "not thinner than the outer radius",
+        ),
+        (lambda: gx.sections.solid_circle(0.0, E=1e9, nu=0.3, density=1e3), "radius is 0.0"),
         (
             lambda: gx.Beam(
                 line(COMM, [(0, 0, 0), (1, 0, 0)], 2),
-                gx.sections.solid_circle(0.1, 1e9, 0.3, 1e3),
+                gx.sections.solid_circle(0.1, E=1e9, nu=0.3, density=1e3),
                 normal=(1, 0, 0),
             ),
             "is along the beam",

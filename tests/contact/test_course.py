@@ -49,7 +49,9 @@ def test_no_pair_is_missed_while_points_keep_their_course() -> None:
     x = (middle + rng.normal(scale=0.05, size=(60, 3, 3))).reshape(-1, 3)
     triangles = np.arange(180, dtype=np.int32).reshape(60, 3)
     edges = np.ascontiguousarray(triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2))
-    surface = Surface(np.arange(180, dtype=np.int32), edges, triangles, np.zeros(180, np.uint8))
+    surface = Surface(
+        np.arange(180, dtype=np.int32), edges, centre=triangles, optics=np.zeros(180, np.uint8)
+    )
     none = np.zeros((0, 4), np.int32), np.zeros(0, np.uint8), np.zeros(0, np.int64)
     bodies = SimpleNamespace(
         surface=surface,
@@ -108,7 +110,7 @@ def test_a_stack_that_spins_has_no_more_candidates(spin: float) -> None:
     films = [
         gx.Membrane(
             sheet(MPI.COMM_SELF, 6, 6, 0.3, 0.3),
-            gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual=1e-6),
+            gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual_stiffness=1e-6),
             name=f"film {k}",
             displacement=lambda X, k=k: np.vstack([0 * X[0], 0 * X[0], 0 * X[0] + 3e-3 * k]),
             velocity=lambda X: spin * np.vstack([-(X[1] - 0.15), X[0] - 0.15, 0 * X[0]]),

@@ -137,7 +137,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         },
         "contact.Cylinder": {"start": z, "end": (1.0, 0.0, 0.0), "radius": 0.1, "inside": True},
         "probes.FoldAngle": {
-            "crease": gx.connectors.Crease(creased, "crease", 1e-3),
+            "crease": gx.connectors.Crease(creased, "crease", stiffness=1e-3),
             "which": "mean",
         },
         "analysis.HangingStrip": {
@@ -147,7 +147,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "area_density": 0.07,
         },
         "analysis.identify_crease": {
-            "strip": gx.analysis.HangingStrip(0.05, 0.01, 2.6e-5),
+            "strip": gx.analysis.HangingStrip(0.05, 0.01, bending_stiffness=2.6e-5),
             "weights": [0.0, 1e-3],
             "angles": [2.0, 1.5],
             "distances": [0.06, 0.09],
@@ -159,7 +159,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "orbit.Drag": {
             "body": film,
             "orbit": orbit,
-            "atmosphere": gx.orbit.ExponentialAtmosphere(1e-12, 4e5, 6e4),
+            "atmosphere": gx.orbit.ExponentialAtmosphere(1e-12, 4e5, scale_height=6e4),
             "rotation": 1e-5,
         },
         "constraints.Driven": {"body": block, "axis": z, "angle": lambda t: t},
@@ -459,7 +459,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "reduction.RecordedShapes": {"film": film, "folder": folder / "no run"},
         "reduction.Snapshots": {"film": film, "every": 2},
         "analysis.ModeShapes": {"film": film, "equilibrium": None, "modes": [], "height": 0.1},
-        "reduction.OutsideBasis": {"film": gx.reduction.reduce(film, [motion], 1)},
+        "reduction.OutsideBasis": {"film": gx.reduction.reduce(film, [motion], modes=1)},
         "reduction.reduce": {"film": film, "motions": [motion], "modes": 1},
         "sweep.RobustDesign": {
             "outcome": lambda comm, folder, **values: {"y": 1.0},

@@ -41,7 +41,9 @@ def beam(**options) -> gx.Beam:
 
 def attitude(**options) -> gx.control.AttitudeControl:
     body = gx.RigidBody(1.0, (1.0, 1.0, 1.0))
-    return gx.control.AttitudeControl(body.frame(), (0.0, 0.0, 0.0), 1.0, 1.0, **options)
+    return gx.control.AttitudeControl(
+        body.frame(), (0.0, 0.0, 0.0), stiffness=1.0, damping=1.0, **options
+    )
 
 
 def tank(**options) -> gx.Tank:
@@ -105,11 +107,13 @@ CASES: dict[str, tuple[Callable[[], object], str]] = {
     "nu = 0.51": (lambda: gx.Miyazaki(E=1e9, nu=0.51, density=1.0, thickness=1e-4), "nu"),
     "nu = -1": (lambda: gx.Linear(E=1e9, nu=-1.0, density=1.0, thickness=1e-4), "nu"),
     "residual = 2": (
-        lambda: gx.Miyazaki(E=1e9, nu=0.3, density=1.0, thickness=1e-4, residual=2.0),
+        lambda: gx.Miyazaki(E=1e9, nu=0.3, density=1.0, thickness=1e-4, residual_stiffness=2.0),
         "residual",
     ),
     "residual of a tension field": (
-        lambda: gx.TensionField(E=1e9, nu=0.3, density=1.0, thickness=1e-4, residual=1e-3),
+        lambda: gx.TensionField(
+            E=1e9, nu=0.3, density=1.0, thickness=1e-4, residual_stiffness=1e-3
+        ),
         "TensionField",
     ),
     "order 3": (lambda: film(order=3), "order"),
@@ -192,7 +196,9 @@ CASES: dict[str, tuple[Callable[[], object], str]] = {
     "every = 0": (lambda: gx.outputs.VTX("x.bp", every=0), "every"),
     "unknown field": (
         lambda: gx.Simulation(
-            gx.Scene(film()), gx.Midpoint(dt=1e-3), [gx.outputs.VTX("out/x.bp", fields=("stres",))]
+            gx.Scene(film()),
+            gx.Midpoint(dt=1e-3),
+            outputs=[gx.outputs.VTX("out/x.bp", fields=("stres",))],
         ),
         "stres",
     ),
@@ -200,7 +206,7 @@ CASES: dict[str, tuple[Callable[[], object], str]] = {
     "fourth component": (lambda: gx.Fixed(film(), "left", components=(3,)), "components"),
     "massless point": (lambda: gx.PointMass(0.0), "mass"),
     "soft spring": (
-        lambda: gx.connectors.AxialSpring(gx.PointMass(1.0).port(), -1.0, (1, 0, 0)),
+        lambda: gx.connectors.AxialSpring(gx.PointMass(1.0).port(), -1.0, direction=(1, 0, 0)),
         "stiffness",
     ),
     "linear film on curved triangles": (
@@ -227,7 +233,7 @@ CASES: dict[str, tuple[Callable[[], object], str]] = {
     "endless orifice": (lambda: gx.Orifice(tank(), gx.gas.Ambient(), area=np.inf), "area"),
     "cold surroundings": (lambda: gx.gas.Ambient(1.0, -3.0), "temperature"),
     "wall of a reservoir": (
-        lambda: gx.gas.WallHeat(gx.gas.Reservoir(1e5, 300.0), 1.0, 300.0),
+        lambda: gx.gas.WallHeat(gx.gas.Reservoir(1e5, 300.0), 1.0, temperature=300.0),
         "WallHeat: chamber is of the kind Reservoir",
     ),
     "surface of curves": (
@@ -245,11 +251,11 @@ CASES: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "point in the plane": (lambda: gx.PointMass(1.0, (0.0, 0.0)), "position"),
     "spring along nothing": (
-        lambda: gx.connectors.AxialSpring(gx.PointMass(1.0).port(), 1.0, (0, 0, 0)),
+        lambda: gx.connectors.AxialSpring(gx.PointMass(1.0).port(), 1.0, direction=(0, 0, 0)),
         "direction",
     ),
     "no Gauss points": (lambda: gx.steppers.PathAverage(points=0), "points"),
-    "no iterations": (lambda: gx.Tolerances(iterations=0), "iterations"),
+    "no iterations": (lambda: gx.Tolerances(max_iterations=0), "iterations"),
     "tolerance is no number": (lambda: gx.Tolerances(relative=np.nan), "relative"),
     "halvings = -1": (
         lambda: gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3), halvings=-1),
@@ -294,11 +300,14 @@ CASES: dict[str, tuple[Callable[[], object], str]] = {
     "a file's name that has no bytes": (lambda: gx.Ledger("\ud800.csv"), "Ledger: path is"),
     "line break in a group's name": (lambda: gx.Fixed(film(), "left\nright"), "left\\nright"),
     "tolerance that any state meets": (lambda: gx.Tolerances(relative=3.7), "below 1"),
-    "border that any state meets": (lambda: gx.Tolerances(border=1.0), "below 1"),
-    "residual that any state meets": (lambda: gx.analysis.Continuation(residual=3.7), "below 1"),
-    "inner residual that any state meets": (lambda: gx.analysis.Continuation(inner=1.0), "below 1"),
+    "border that any state meets": (lambda: gx.Tolerances(scalars=1.0), "below 1"),
+    "residual that any state meets": (lambda: gx.analysis.Continuation(tolerance=3.7), "below 1"),
+    "inner residual that any state meets": (
+        lambda: gx.analysis.Continuation(inner_tolerance=1.0),
+        "below 1",
+    ),
     "piston without area": (
-        lambda: gx.gas.Piston(gx.PointMass(1.0).port(), 0.0, (1, 0, 0)),
+        lambda: gx.gas.Piston(gx.PointMass(1.0).port(), 0.0, direction=(1, 0, 0)),
         "area",
     ),
 }
@@ -322,7 +331,9 @@ def test_unwritable_folder(folder: Path) -> None:
         blocked.write_text("")
     WORLD.barrier()
     with pytest.raises(gx.InputError, match="a file"):
-        gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3), [gx.Ledger(blocked / "ledger.csv")])
+        gx.Simulation(
+            gx.Scene(film()), gx.Midpoint(dt=1e-3), outputs=[gx.Ledger(blocked / "ledger.csv")]
+        )
 
 
 # ---- generated: every public name ------------------------------------------------------------------------------------
@@ -383,22 +394,22 @@ def test_a_refused_run_destroys_nothing(folder: Path) -> None:
         gx.outputs.VTX(folder / "a.bp", fields=("stres",)),
     ]
     with pytest.raises(gx.InputError, match="stres"):
-        gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3), outputs)
+        gx.Simulation(gx.Scene(film()), gx.Midpoint(dt=1e-3), outputs=outputs)
     assert [(folder / name).read_text() for name in names] == ["precious"] * 2
 
 
 def test_pictures_and_reports_do_not_fall_on_folders(tmp_path: Path) -> None:
     run = gx.Simulation(
-        gx.Scene(film()), gx.Midpoint(dt=1e-3), [gx.Recording(tmp_path / "run", every=1)]
+        gx.Scene(film()), gx.Midpoint(dt=1e-3), outputs=[gx.Recording(tmp_path / "run", every=1)]
     )
     run.run(until=2e-3)
     recorded = gx.plot.RunReader(tmp_path / "run")
     (tmp_path / "folder.gif").mkdir()
     for draw in (
         lambda path: gx.plot.curves(recorded, path),
-        lambda path: gx.plot.field(recorded, "state", [0.0], path),
-        lambda path: gx.plot.strip(recorded, "state", path),
-        lambda path: gx.plot.animate(recorded, "state", path),
+        lambda path: gx.plot.field(recorded, "state", times=[0.0], path=path),
+        lambda path: gx.plot.strip(recorded, "state", path=path),
+        lambda path: gx.plot.animate(recorded, "state", path=path),
         lambda path: gx.write_report(recorded, path),
     ):
         with pytest.raises(

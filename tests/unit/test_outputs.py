@@ -25,7 +25,7 @@ adios2 = pytest.importorskip("adios2", exc_type=ImportError)  # the light instal
 
 COMM = MPI.COMM_WORLD
 E, NU = 1e9, 0.3
-LAW = gx.Miyazaki(E=E, nu=NU, density=1400.0, thickness=1e-4, residual=1e-4)
+LAW = gx.Miyazaki(E=E, nu=NU, density=1400.0, thickness=1e-4, residual_stiffness=1e-4)
 G, V0, DT = 9.81, np.array([0.5, -0.25, 1.0]), 1e-3
 
 
@@ -56,7 +56,9 @@ def strained(
 
 
 def fall(film: gx.Membrane, outputs: list, steps: int = 5) -> gx.Simulation:
-    run = gx.Simulation(gx.Scene(film, gx.Gravity(film, (0, 0, -G))), gx.Midpoint(dt=DT), outputs)
+    run = gx.Simulation(
+        gx.Scene(film, gx.Gravity(film, (0, 0, -G))), gx.Midpoint(dt=DT), outputs=outputs
+    )
     run.run(until=steps * DT)
     return run
 
@@ -263,7 +265,7 @@ def test_gas_probes_give_the_state_of_the_chamber(folder: Path) -> None:
     run = gx.Simulation(
         gx.Scene(tank, gx.PointMass(1.0)),
         gx.Midpoint(dt=DT),
-        [
+        outputs=[
             gx.outputs.Probes(
                 folder / "gas.csv",
                 {
@@ -407,7 +409,7 @@ def test_picture_is_the_same_on_any_number_of_ranks(folder: Path, order: int) ->
     for comm, path in ((MPI.COMM_SELF, own), (COMM, together)):
         film = strained(order, comm=comm)
         run = gx.Simulation(
-            gx.Scene(film), gx.Midpoint(dt=DT), [gx.plot.Picture(path, title="start")]
+            gx.Scene(film), gx.Midpoint(dt=DT), outputs=[gx.plot.Picture(path, title="start")]
         )
         run.run(until=0.0)
     COMM.barrier()
@@ -429,7 +431,7 @@ def test_picture_of_gas_alone(folder: Path) -> None:
         for p, name in ((2e5, "full"), (1e3, "empty"))
     )
     scene = gx.Scene(gx.Orifice(first, second, area=1e-6), gx.PointMass(1.0))
-    run = gx.Simulation(scene, gx.Midpoint(dt=DT), [gx.plot.Picture(folder / "gas.png")])
+    run = gx.Simulation(scene, gx.Midpoint(dt=DT), outputs=[gx.plot.Picture(folder / "gas.png")])
     run.run(until=5 * DT)
     assert (folder / "gas.png").stat().st_size > 10_000
 
