@@ -48,8 +48,11 @@ class Opening(Protocol):
     """A way for gas between two holders."""
 
     name: str
-    first: Holder | Volume
-    second: Holder | Volume
+    @property
+    def a(self) -> Holder | Volume: ...
+
+    @property
+    def b(self) -> Holder | Volume: ...
 
     def aperture(self, geometry: Geometry) -> Aperture:
         """Its effective area in a running scene."""
@@ -58,7 +61,7 @@ class Opening(Protocol):
     def flow(
         self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]
     ) -> complex:
-        """Mass flow [kg/s] from first to second at pressures p and temperatures T of the two ends."""
+        """Mass flow [kg/s] from a to b at pressures p and temperatures T of the two ends."""
         ...
 
 

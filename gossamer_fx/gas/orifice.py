@@ -59,7 +59,7 @@ class Orifice:
     """An opening between two volumes; gas flows either way, choked or not, by `isentropic_flow`.
 
     Args:
-        a, b: chambers, tanks, reservoirs or surroundings; flow from first to second is positive.
+        a, b: chambers, tanks, reservoirs or surroundings; flow from a to b is positive.
         area: opening [m²], a number, a function of time [s] (a valve), or the `Ring` between two chambers.
         discharge_coefficient: C_d, effective over geometric area.
         laminar: pressure difference, as a fraction of the upstream pressure, below which the law is linear.
@@ -122,7 +122,7 @@ class Orifice:
     def flow(
         self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]
     ) -> complex:
-        """Mass flow [kg/s] from first to second at pressures p and temperatures T of the two ends."""
+        """Mass flow [kg/s] from a to b at pressures p and temperatures T of the two ends."""
         if p[0].real >= p[1].real:
             return area * isentropic_flow(gas, p[0], T[0], p[1], self.laminar)
         return -area * isentropic_flow(gas, p[1], T[1], p[0], self.laminar)

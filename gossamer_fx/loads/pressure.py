@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import ufl
 
@@ -28,6 +28,9 @@ class Pressure:
         body: the film.
         pressure: p [Pa], positive along the normal of the mesh; a number or a function of time [s].
     """
+
+    # suction is a negative pressure
+    USUAL: ClassVar = {"pressure": (-1e9, 1e9, "Pa")}
 
     body: Membrane
     pressure: float | Callable[[float], float]

@@ -193,7 +193,9 @@ def test_a_bundle_is_its_ropes(comm) -> None:
             ]
         else:
             ropes = [
-                gx.connectors.Rope(*pair, length=0.1, stiffness=50.0, name=f"rope {k}", damping=0.01)
+                gx.connectors.Rope(
+                    *pair, length=0.1, stiffness=50.0, name=f"rope {k}", damping=0.01
+                )
                 for k, pair in enumerate(ends)
             ]
         run = gx.Simulation(gx.Scene(film, *ropes), gx.Midpoint(dt=1e-3))

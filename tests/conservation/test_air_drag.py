@@ -154,7 +154,10 @@ def test_bad_air_is_refused() -> None:
     film = body("film", MPI.COMM_WORLD, (0.0, 0.0, 0.0))
     for given, words in (
         ({"density": -1.0}, "density is -1.0 kg/m³; give a positive number"),
-        ({"density": 1.0, "drag_coefficient": 0.0}, "drag_coefficient is 0.0; give a positive number"),
+        (
+            {"density": 1.0, "drag_coefficient": 0.0},
+            "drag_coefficient is 0.0; give a positive number",
+        ),
         (
             {"density": 1.0, "wind": (1.0, math.nan, 0.0)},
             "wind is .* m/s; give three finite numbers",

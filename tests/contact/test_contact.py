@@ -196,8 +196,10 @@ def test_probes_tell_force_gap_and_penetrations(comm):
     upper = film(comm, height=1.2e-3, velocity=(0.0, 0.0, -2.0), turn=0.4, name="upper")
     contact = gx.Contact(lower, upper, distance=1e-3)
     names = {"down": (lower, "z"), "up": (upper, "z")}
-    probes = {name: gx.probes.ContactForce(contact, body, axis=axis)
-        for name, (body, axis) in names.items()}
+    probes = {
+        name: gx.probes.ContactForce(contact, body, axis=axis)
+        for name, (body, axis) in names.items()
+    }
     seen = gx.Series(
         probes | {"gap": gx.probes.ContactGap(contact), "pierced": gx.probes.Penetrations(contact)}
     )

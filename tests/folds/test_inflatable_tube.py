@@ -69,7 +69,9 @@ def test_a_folded_tube_begins_to_deploy(comm) -> None:
 def test_caps_keep_the_ends_straight(comm) -> None:
     """A free tube, one end of which is on a heavy block, the other on a bar that lies where the folded tube ends."""
     block = gx.RigidBody(1.0, (1e-3, 1e-3, 1e-3), name="block", comm=comm)
-    it = tube(comm, folds=FOLDS, contact_distance=5e-4, clamp=None, caps={"inlet": block, "tip": 2e-3})
+    it = tube(
+        comm, folds=FOLDS, contact_distance=5e-4, clamp=None, caps={"inlet": block, "tip": 2e-3}
+    )
     bar = next(item for item in gx.Scene(it).items if item.name == "tube tip bar")
     assert [cap.to.name for cap in it.caps] == ["block", "tube tip bar"]
     run = gx.Simulation(gx.Scene(it, it.inlet(tank(), 1e-7)), gx.Midpoint(dt=5e-5))

@@ -131,7 +131,8 @@ def test_without_an_equilibrium_the_reason_is_given(comm):
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("tolerance", 0.0), ("first_step", float("nan")), ("growth_factor", 1.0), ("cut_factor", 2.0)]
+    ("name", "value"),
+    [("tolerance", 0.0), ("first_step", float("nan")), ("growth_factor", 1.0), ("cut_factor", 2.0)],
 )
 def test_a_search_that_cannot_be_is_refused(name, value):
     with pytest.raises(gx.InputError, match=f"{name} is"):

@@ -453,7 +453,7 @@ from meshes.sheet import sheet
 
 film = gx.Membrane(sheet(MPI.COMM_SELF, 2, 2), gx.Linear(E=1e9, nu=0.3, density=1e3, thickness=1e-4))
 outputs = [gx.outputs.VTX({str(folder / "a.bp")!r}), gx.Ledger({str(folder / "a.csv")!r}), gx.outputs.Progress()]
-gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3), outputs).run(until=1e-3)
+gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3), outputs=outputs).run(until=1e-3)
 loaded = [name for name in ("matplotlib", "gossamer_fx.gas.network") if name in sys.modules]
 sys.exit(f"loaded: {{loaded}}" if loaded else 0)
 """
