@@ -56,7 +56,7 @@ def build(
     cells: int = 4,
     panels: int = 3,
     start: str = "zigzag",
-    angle: float = 80.0,
+    angle_degrees: float = 80.0,
     lift: float = 1e-4,
     thickness: float = 25e-6,
     tank: float = 1e-6,
@@ -76,7 +76,7 @@ def build(
     """The tube of `panels` compartments with `cells` cells across, folded, its tank and the valve.
 
     Args:
-        start: "zigzag", with panels that rise by `angle` [degrees], or "roll".
+        start: "zigzag", with panels that rise by `angle_degrees`, or "roll".
         lift: half of the distance of the layers at the folds [m].
         thickness: of the film [m].
         tank, pressure: its volume [m³], and the pressure in it at the start [Pa].
@@ -95,7 +95,7 @@ def build(
         folds = gx.fold.Zigzag(
             length=length,
             panels=panels,
-            angle=math.radians(angle),
+            angle=math.radians(angle_degrees),
             width=width,
             opening=1e-3,
             lift=lift,

@@ -132,7 +132,7 @@ def build(
             )
         )
     if crease:
-        items += folds.creases(film, crease, rest=0.5)
+        items += folds.creases(film, stiffness=crease, set_angle_ratio=0.5)
     probes: dict[str, Probe] = {
         "spin of the hub [rpm]": _rpm(gx.probes.AngularVelocity(hub.frame(), "z")),
         "spin of the sail [rpm]": _rpm(gx.probes.MeanSpin(film, "z")),

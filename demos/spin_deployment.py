@@ -124,7 +124,7 @@ def build(
     if damping:
         items.append(gx.Damping(film, stiffness_factor=damping))
     if crease:
-        items += folds.creases(film, crease, rest=0.5)
+        items += folds.creases(film, stiffness=crease, set_angle_ratio=0.5)
     if gravity:
         items.append(gx.Gravity(film, (0.0, 0.0, -gravity)))
     if air:

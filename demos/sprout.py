@@ -106,8 +106,8 @@ def build(
     diameter: float = 0.03,
     a: float = 0.32,
     b: float = 0.37,
-    gamma: float = 82.0,
-    theta: float = 88.5,
+    gamma_degrees: float = 82.0,
+    theta_degrees: float = 88.5,
     cell: float = 0.06,
     fine: float = 0.2,
     coarse: float = 0.3,
@@ -134,7 +134,7 @@ def build(
 
     Args:
         length, diameter: of the tubes [m].
-        a, b, gamma, theta: of Miura's fold [m], [degrees].
+        a, b, gamma_degrees, theta_degrees: of Miura's fold [m], [degrees].
         cell: of the tubes [m]; fine, coarse: of the film at its narrow and its wide end [m].
         rows: of parallelograms in a compartment.
         lift: half of the distance of a tube's sheets at the folds, along the stack [m].
@@ -152,8 +152,8 @@ def build(
     folds = gx.fold.Miura(
         a=a,
         b=b,
-        gamma=math.radians(gamma),
-        theta=math.radians(theta),
+        gamma=math.radians(gamma_degrees),
+        theta=math.radians(theta_degrees),
         opening=3e-4 if lift else 0.0,
         lift=lift,
     )
@@ -175,7 +175,7 @@ def build(
     film = gx.Membrane(folds.mark(mesh) if crease else mesh, law, name="film")
     items: list[object] = [cube, film, folds.start(film, origin, turn)]
     if crease:
-        items += folds.creases(film, crease, rest=0.5)
+        items += folds.creases(film, stiffness=crease, set_angle_ratio=0.5)
     walls = range(rows, math.ceil((BELOW + length * math.cos(HALF)) / a - 0.5), rows)
     tubes: dict[int, gx.assemblies.InflatableTube] = {}
     for name, side in SIDES.items():

@@ -159,7 +159,11 @@ class InflatableTube:
         )
         self.caps = [self._cap(end, what, rod_width) for end, what in (caps or {}).items()]
         self.creases: list[Crease] = (
-            list(folds.creases(self.film, crease_stiffness, set_angle_ratio))
+            list(
+                folds.creases(
+                    self.film, stiffness=crease_stiffness, set_angle_ratio=set_angle_ratio
+                )
+            )
             if folds and crease_stiffness
             else []
         )

@@ -159,10 +159,10 @@ def _parser() -> argparse.ArgumentParser:
         "-c", "--curves", action="store_true", help="ledger, gas and probes over the time"
     )
     plot.add_argument(
-        "--azimuth", type=float, metavar="DEGREES", help="of the camera; 0 looks along y"
+        "--azimuth-degrees", type=float, metavar="ANGLE", help="of the camera; 0 looks along y"
     )
     plot.add_argument(
-        "--elevation", type=float, metavar="DEGREES", help="of the camera above the horizon"
+        "--elevation-degrees", type=float, metavar="ANGLE", help="of the camera above the horizon"
     )
     plot.add_argument("--follow", action="store_true", help="the camera moves with the shapes")
     plot.add_argument(
@@ -351,7 +351,8 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         "--output names one file; say which picture with --strip, --time, ...",
     )
     azimuth, elevation = (
-        None if a is None else math.radians(a) for a in (wanted.azimuth, wanted.elevation)
+        None if a is None else math.radians(a)
+        for a in (wanted.azimuth_degrees, wanted.elevation_degrees)
     )
     view = View(
         azimuth, elevation, follow=wanted.follow or None, zoom=wanted.zoom, opacity=wanted.opacity

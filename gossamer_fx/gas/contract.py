@@ -48,6 +48,7 @@ class Opening(Protocol):
     """A way for gas between two holders."""
 
     name: str
+
     @property
     def a(self) -> Holder | Volume: ...
 

@@ -107,7 +107,7 @@ def joint(kind: str, a: Any, b: Any) -> Any:
         "prismatic": gx.constraints.PrismaticJoint,
         "cylindrical": gx.constraints.CylindricalJoint,
     }
-    return kinds[kind](full, other, AXIS)
+    return kinds[kind](full, other, axis=AXIS)
 
 
 # ---- what may act on a body; `loose` is a mass at rest nearby, so that the motion is no rigid one ----------------

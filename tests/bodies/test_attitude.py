@@ -1,4 +1,9 @@
-"""Attitude control against the closed form of a rigid body (REFERENCES D15), and the angles that it measures."""
+"""Attitude control against the closed form of a rigid body, and the angles that it measures.
+
+The closed form is the step response of the linear equation I θ'' + K_d θ' + K_p (θ - θ_c) = 0 of second order, e.g.
+K. Ogata, Modern Control Engineering, 5th ed. (2010), § 5-3; of a sampled torque it is the exact solution under a
+constant torque from sample to sample.
+"""
 
 from __future__ import annotations
 

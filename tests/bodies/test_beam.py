@@ -1,4 +1,15 @@
-"""Beams against the elastica, the frequencies of Euler and Bernoulli, and their sections (REFERENCES D12)."""
+"""Beams against the elastica, the frequencies of Euler and Bernoulli, and their sections.
+
+Sources:
+    cantilever under a dead tip force    K. E. Bisshopp & D. C. Drucker, Large deflection of cantilever beams, Quarterly
+        of Applied Mathematics 3 (1945) 272, doi:10.1090/qam/13360; figures as in K. Mattiasson, Numerical results from
+        large deflection beam and frame problems analysed by means of elliptic integrals, IJNME 17 (1981) 145,
+        doi:10.1002/nme.1620170113
+    frequencies    roots βL of cos βL cosh βL = 1 (free at both ends) and = -1 (clamped and free): R. D. Blevins,
+        Formulas for Natural Frequency and Mode Shape (1979), table 8-1
+    sections    moments of inertia of tubes; torsion constant of a square, S. P. Timoshenko & J. N. Goodier, Theory of
+        Elasticity, 3rd ed. (1970), § 109
+"""
 
 from __future__ import annotations
 

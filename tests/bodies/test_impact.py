@@ -1,4 +1,10 @@
-"""Impacts on stops: penalty contact of rigid bodies, and a bar on a wall (REFERENCES D13)."""
+"""Impacts on stops: penalty contact of rigid bodies, and bars on a wall and on each other.
+
+Sources:
+    rigid bodies on a linear spring    half an oscillation of the reduced mass: π √(m/k), V √(m/k)
+    elastic bars    Saint-Venant's waves of the speed c = √(E/ρ): W. Goldsmith, Impact (1960), chapter 3; K. L. Johnson,
+        Contact Mechanics (1985), § 11.1, doi:10.1017/CBO9781139171731
+"""
 
 from __future__ import annotations
 

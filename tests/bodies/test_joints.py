@@ -102,7 +102,7 @@ REFUSED = [
     ),
     (
         lambda: gx.connectors.Stop(body().port(), gx.Ground((0, 0, 0)), length=0.0, stiffness=1.0),
-        "distance is 0.0",
+        "length is 0.0",
     ),
 ]
 

@@ -1,4 +1,11 @@
-"""Point masses, rigid bodies and joints against exact motions (REFERENCES D09 a, c, d) and their invariants."""
+"""Point masses, rigid bodies and joints against exact motions and their invariants.
+
+Sources of the exact motions:
+    spring pendulum    m r'' = -k (|r| - l0) r/|r| + m g, integrated to 1e-10
+    free rigid body    L. D. Landau & E. M. Lifshitz, Mechanics, 3rd ed. (1976), § 37, in elliptic functions
+    hinged rods        Lagrange's equations of two uniform rods in a plane, integrated to 1e-10; as of the double
+                       pendulum in Landau & Lifshitz, § 5, problem 1, with the rods' moments of inertia m l²/12
+"""
 
 from __future__ import annotations
 

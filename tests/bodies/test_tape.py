@@ -1,4 +1,8 @@
-"""Tapes on films (REFERENCES D17 b), and their mass and conservation."""
+"""Tapes on films against a closed form, and their mass and conservation.
+
+A strip of film with a tape of the same strain, free to contract, has one stress in each, so that the force is that of
+two bars of St. Venant-Kirchhoff's law side by side: N = λ (E1 t b + E2 A2)(λ² - 1)/2.
+"""
 
 from __future__ import annotations
 

@@ -174,7 +174,7 @@ def test_modes_of_a_creased_plate_are_softer_than_of_a_flat_one() -> None:
 
 def yielding(comm: MPI.Comm) -> tuple[gx.Membrane, gx.connectors.Crease]:
     """Shut to the side that its rest angle does not tell, and beyond its limit from the start."""
-    return strip(comm, angle=math.pi, velocity=throw, shut=MOUNTAIN, yield_angle=0.5)
+    return strip(comm, angle=math.pi, velocity=throw, initial_fold=MOUNTAIN, yield_angle=0.5)
 
 
 @pytest.mark.mpi

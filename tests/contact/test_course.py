@@ -49,9 +49,7 @@ def test_no_pair_is_missed_while_points_keep_their_course() -> None:
     x = (middle + rng.normal(scale=0.05, size=(60, 3, 3))).reshape(-1, 3)
     triangles = np.arange(180, dtype=np.int32).reshape(60, 3)
     edges = np.ascontiguousarray(triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2))
-    surface = Surface(
-        np.arange(180, dtype=np.int32), edges, centre=triangles, optics=np.zeros(180, np.uint8)
-    )
+    surface = Surface(np.arange(180, dtype=np.int32), edges, triangles, np.zeros(180, np.uint8))
     none = np.zeros((0, 4), np.int32), np.zeros(0, np.uint8), np.zeros(0, np.int64)
     bodies = SimpleNamespace(
         surface=surface,

@@ -17,9 +17,7 @@ def soup(n: int, seed: int, size: float = 0.2) -> tuple[Surface, np.ndarray]:
     x = (middle + extent * rng.normal(size=(n, 3, 3))).reshape(-1, 3)
     triangles = np.arange(3 * n, dtype=np.int32).reshape(n, 3)
     edges = np.ascontiguousarray(triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2))
-    return Surface(
-        np.arange(3 * n, dtype=np.int32), edges, centre=triangles, optics=np.zeros(3 * n, np.uint8)
-    ), x
+    return Surface(np.arange(3 * n, dtype=np.int32), edges, triangles, np.zeros(3 * n, np.uint8)), x
 
 
 def everything(surface: Surface) -> set[tuple[int, ...]]:

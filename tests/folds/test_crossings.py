@@ -94,9 +94,7 @@ def test_the_count_follows_the_exact_sign_near_zero() -> None:
     """An edge from above ends at a triangle, to the last bits: it pierces where its end is below or not at all."""
     rng, seen = np.random.default_rng(5), set()
     nodes = np.arange(5, dtype=np.int32)
-    surface = Surface(
-        nodes, nodes[None, 3:], centre=nodes[None, :3], optics=np.zeros(5, dtype=np.uint8)
-    )
+    surface = Surface(nodes, nodes[None, 3:], nodes[None, :3], np.zeros(5, dtype=np.uint8))
     for _ in range(50):
         corners = rng.integers(1, 2**20, (3, 3)) / 2**20
         end = np.array([0.25, 0.25, 0.5]) @ corners  # without round-off

@@ -170,7 +170,7 @@ def test_creases_start_at_rest_on_their_branch(comm, name: str) -> None:
             assert gx.probes.FoldAngle(crease, which).of(system) == pytest.approx(
                 crease.rest_angle, abs=1e-4
             )
-    half = sample.folds.creases(film, stiffness=1e-3, rest=0.5)
+    half = sample.folds.creases(film, stiffness=1e-3, set_angle_ratio=0.5)
     assert [c.rest_angle for c in half] == pytest.approx([c.rest_angle / 2 for c in creases])
 
 
@@ -251,12 +251,14 @@ def test_a_polygon_along_miuras_lines(comm) -> None:
         (lambda c: ROLL.mark(flat_tube(c, 0.25, 0.03, 4)), "lie on both sides of a fold line"),
         (lambda c: STAR.mark(sheet(c, 2, 2)), "as within its hub"),
         (
-            lambda c: ZIGZAG.creases(gx.Membrane(sheet(c, 9, 2, 0.3, 0.1), LAW), 1.0),
+            lambda c: ZIGZAG.creases(gx.Membrane(sheet(c, 9, 2, 0.3, 0.1), LAW), stiffness=1.0),
             "has no group 'fold 1'",
         ),
         (
             lambda c: ZIGZAG.creases(
-                gx.Membrane(ZIGZAG.mark(sheet(c, 9, 2, 0.3, 0.1)), LAW), 1.0, rest=2.0
+                gx.Membrane(ZIGZAG.mark(sheet(c, 9, 2, 0.3, 0.1)), LAW),
+                stiffness=1.0,
+                set_angle_ratio=2.0,
             ),
             "from 0 .no memory. to 1",
         ),

@@ -735,7 +735,7 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
         ),
         "a hinge on the rim": (lambda: plate(hinges=("left",)), "left"),
         "a hinge that is not": (lambda: plate(hinges=("middle",)), "middle"),
-        "a clamp of a film": (lambda: gx.constraints.ClampedEdge(film(), "left"), "no Plate"),
+        "a clamp of a film": (lambda: gx.constraints.ClampedEdge(film(), "left"), "a Plate"),
         "a moment on a film": (
             lambda: run(gx.loads.EdgeMoment(film(), "left", moment=1.0)),
             "EdgeMoment",
