@@ -93,8 +93,8 @@ def tube(
     )
     check(
         wall_thickness < outer_radius,
-        f"tube: the wall of {wall_thickness!r} m is not thinner than the outer radius of {outer_radius!r} m; for a solid section "
-        "use solid_circle.",
+        f"tube: wall_thickness is {wall_thickness!r} m, not less than the outer radius of "
+        f"{outer_radius!r} m; use solid_circle for a solid section.",
     )
     inner = outer_radius - wall_thickness
     area = math.pi * (outer_radius**2 - inner**2)

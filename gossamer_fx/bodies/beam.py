@@ -49,6 +49,12 @@ class Beam(Curve):
         velocity: initial velocity [m/s], a function of the points (3, n) that returns (3, n); directors move with
             the difference that it makes over their length, which is exact for rigid motions.  Default: at rest.
         name: name in messages and output.
+
+    Example:
+        >>> section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
+        >>> beam = gx.Beam(curve, section, normal=(0.0, 1.0, 0.0), name="boom")
+        >>> beam.block.size
+        9
     """
 
     def __init__(

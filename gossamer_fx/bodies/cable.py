@@ -26,11 +26,18 @@ from gossamer_fx.terms.masses import KineticEnergy
 @check_arguments
 @dataclass(frozen=True)
 class CableLaw:
-    """St. Venant-Kirchhoff bar: W = ½ EA ε² per unit reference length, ε = ½(λ² - 1); tension N = EA ε λ.
+    """St. Venant-Kirchhoff bar: W = ½ EA ε² per reference length, ε = ½(λ² - 1); its tension is N = EA ε λ.
 
     Args:
-        EA: axial stiffness [N].
-        line_density: mass per unit reference length [kg/m].
+        EA: axial stiffness [N], positive.
+        line_density: mass per reference length [kg/m], positive.
+
+    Raises:
+        InputError: a number that is not positive.
+
+    Example:
+        >>> gx.CableLaw(1e4, 0.01).EA
+        10000.0
     """
 
     EA: float
@@ -55,7 +62,19 @@ class CableLaw:
 @check_arguments
 @dataclass(frozen=True)
 class TensionOnly(CableLaw):
-    """As `CableLaw` in tension; slack, it stores nothing."""
+    """A bar as of `CableLaw` in tension, which stores nothing where it is slack.
+
+    Args:
+        EA: axial stiffness [N], positive.
+        line_density: mass per reference length [kg/m], positive.
+
+    Raises:
+        InputError: a number that is not positive.
+
+    Example:
+        >>> gx.Cable(curve, gx.TensionOnly(1e4, 0.01)).name
+        'cable'
+    """
 
     quadratic = False
 
@@ -77,6 +96,12 @@ class Cable(Curve):
         displacement: initial displacement [m], a function of the points (3, n) that returns (3, n); default none.
         velocity: initial velocity [m/s], likewise.
         name: name in messages and output.
+
+    Example:
+        >>> law = gx.CableLaw(1e4, 0.01)
+        >>> cable = gx.Cable(curve, law, velocity=lambda X: np.array([[0.0], [0.0], [1.0]]) * X[0])
+        >>> cable.port("end").nodes
+        (4,)
     """
 
     def __init__(

@@ -21,9 +21,19 @@ from gossamer_fx.terms.point_constraints import PointConstraint
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """An oriented point of a body: `origin`, and two or three directors that stay orthonormal.
+    """An oriented point of a body: an origin, and two or three directors that stay orthonormal.
 
     Rigid bodies and the ground have three (d1, d2, d3); a beam has the two of its section (d2, d3).
+    Frames are made by bodies, e.g. `hub.frame()` and `beam.frame("end")`, and by `ground_frame`.
+
+    Args:
+        origin: a port, or a `Ground`.
+        directors: ports or grounds that stand for directions, orthonormal.
+        name: name in messages.
+
+    Example:
+        >>> len(hub.frame().directors), len(beam.frame("end").directors)
+        (3, 2)
     """
 
     origin: Attached
@@ -49,7 +59,18 @@ class Line:
 
 @check_arguments
 def ground_frame(point: Vector = (0.0, 0.0, 0.0)) -> Frame:
-    """The axes of inertial space at a point [m]."""
+    """The axes of inertial space at a point.
+
+    Args:
+        point: [m].
+
+    Returns:
+        The frame, with the directors x, y, z.
+
+    Example:
+        >>> gx.ground_frame((0.0, 0.0, 1.0)).origin
+        Ground(vector=(0.0, 0.0, 1.0))
+    """
     x, y, z = point
     return Frame(Ground((x, y, z)), (Ground((1, 0, 0)), Ground((0, 1, 0)), Ground((0, 0, 1))))
 

@@ -38,6 +38,12 @@ class Membrane(Meshed):
         displacement: initial displacement [m], a function of the points (3, n) that returns (3, n); default none.
         velocity: initial velocity [m/s], likewise.
         name: name in messages and output.
+
+    Example:
+        >>> law = gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6)
+        >>> film = gx.Membrane(mesh, law, order=1, displacement=lambda X: 1e-3 * X, name="sail")
+        >>> film.name, film.block.size
+        ('sail', 3)
     """
 
     bends = False  # whether it has bending stiffness

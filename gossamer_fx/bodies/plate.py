@@ -57,6 +57,12 @@ class Plate(Membrane):
 
     Raises:
         InputError: a mesh that is curved, a group that is no line of interior edges, a rest curvature out of the plane.
+
+    Example:
+        >>> law = gx.Linear(70e9, 0.3, density=2700.0, thickness=1e-3)
+        >>> plate = gx.Plate(mesh, law, rest_curvature=np.diag((0.5, 0.0, 0.0)))
+        >>> plate.order
+        2
     """
 
     bends = True

@@ -17,7 +17,25 @@ from gossamer_fx.terms.masses import NodeKineticEnergy
 
 @check_arguments
 class PointMass:
-    """A point of `mass` [kg] with `position` [m] and `velocity` [m/s] at the start; it lives on rank 0."""
+    """A point with mass.  It lives on rank 0.
+
+    Args:
+        mass: [kg], positive.
+        position: [m] at the start.
+        velocity: [m/s] at the start.
+        comm: of the scene it is in.
+        name: name in messages and output.
+
+    Raises:
+        InputError: a mass that is not positive.
+
+    Example:
+        >>> ball = gx.PointMass(1.0, (0.0, 0.0, 2.0), comm=comm)
+        >>> run = gx.Simulation(gx.Scene(ball, gx.Gravity(ball)), gx.Midpoint(0.01))
+        >>> run.run(until=0.1)
+        >>> round(float(gx.probes.Position(ball.port(), "z")(run)), 4)
+        1.951
+    """
 
     def __init__(
         self,

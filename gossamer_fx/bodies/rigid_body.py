@@ -51,6 +51,12 @@ class RigidBody:
     Raises:
         InputError: mass or inertia not positive definite, an inertia that no body has, or an attitude that is no
             rotation.  (A plate without thickness has a director without mass, which the constraints determine.)
+
+    Example:
+        >>> top = gx.RigidBody(2.0, (0.1, 0.1, 0.2), spin=(0.0, 0.0, 3.0), comm=comm)
+        >>> run = gx.Simulation(gx.Scene(top), gx.Midpoint(0.01))
+        >>> run.totals.angular_momentum.round(12)
+        array([0. , 0. , 0.6])
     """
 
     def __init__(

@@ -18,16 +18,21 @@ from gossamer_fx.terms.point_masses import AttachedKineticEnergy
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class AttachedMass:
-    """A mass at a point of a body, e.g. at the tip of a sail: kinetic energy ½ m |v|² of the point, no unknowns.
+    """A mass at a point of a body, e.g. at the tip of a sail: kinetic energy ½ m |v|² of the point.
 
-    `Gravity` and `Centrifugal` of the body act on it, too.
+    It has no unknowns of its own.  `Gravity` and `Centrifugal` of the body act on it, too.
 
     Args:
         port: a point of a film, plate, cable, beam or rigid body.
-        mass: m [kg].
+        mass: m [kg], positive.
+        name: name in messages and output.
 
     Raises:
         InputError: a port that is a direction, a mass that is not positive.
+
+    Example:
+        >>> gx.connectors.AttachedMass(film.port("top right"), 0.5).mass
+        0.5
     """
 
     port: Port
@@ -37,7 +42,7 @@ class AttachedMass:
 
     def __post_init__(self) -> None:
         check(
-            isinstance(self.port, Port) and bool(np.isclose(is_point(self.port), 1.0)),
+            bool(np.isclose(is_point(self.port), 1.0)),
             f"AttachedMass '{self.name}': its port is no point of a body; give one, as film.port('tip').",
         )
         check_positive(self, "mass", "kg")

@@ -30,30 +30,37 @@ _GAUSS = {1: ([0.5], [1.0]), 2: ([0.5 - 12**-0.5, 0.5 + 12**-0.5], [0.5, 0.5])}
 class Crease:
     """A fold along edges of a film: the moment m = k (θ - θr) per length about the fold.
 
-    θ is the angle between the panels, zero where they continue each other and measured at each edge (order 1) or at
-    its two Gauss points (order 2) of the film as it moves; ±π is pressed shut.  It is positive for a valley fold: the
-    panels have turned towards the normal of the film (the side from which its triangles run counterclockwise); negative
-    for a mountain fold.  Energy and angular momentum are conserved exactly; see `connectors.dihedral_angle`.
+    θ is the angle between the panels, zero where they continue each other, and measured at each edge
+    (order 1) or at its two Gauss points (order 2) of the film as it moves; ±π is pressed shut.  It is
+    positive for a valley fold: the panels have turned towards the normal of the film (the side from
+    which its triangles run counterclockwise); negative for a mountain fold.  Energy and angular momentum
+    are conserved exactly; see `algebra.dihedral_angle`.
 
-    With a yield angle φ the rest angle follows as soon as |θ - θr| > φ, at the moment k φ; the loss is booked.
-
-    On a `Plate` the group is also one of its `hinges`: then the crease alone carries the moment.
+    With a yield angle φ the rest angle follows as soon as |θ - θr| > φ, at the moment k φ; the loss is
+    booked as dissipated.  On a `Plate` the edges are also one of its `hinges`: then the crease alone
+    carries the moment.
 
     Args:
-        body: what is folded.
+        body: a film or plate, with plane triangles.
         edges: a named group of edges of its mesh, each between two triangles.
-        stiffness: k [N m/m/rad], moment per length and angle.
+        stiffness: k [N m/m/rad], moment per length and angle, positive.
         rest_angle: θr [rad], in [-π, π], at which the crease is at rest.
-        yield_angle: φ [rad], the largest |θ - θr|; none: elastic.
-        initial_fold: VALLEY (1) or MOUNTAIN (-1), the sign of a fold that starts pressed shut, where the positions do not tell
-            it; default that of the rest angle, and VALLEY for a rest angle of zero.
+        yield_angle: φ [rad], the largest |θ - θr|, positive; None: elastic.
+        initial_fold: VALLEY (1) or MOUNTAIN (-1), the sign of a fold that starts pressed shut, where the
+            positions do not tell it; None: that of the rest angle, and VALLEY for a rest angle of zero.
+        name: name in messages and output.
 
     Raises:
-        InputError: a group that is no line of interior edges, triangles whose normals change sides at it, a stiffness
-            or yield angle that is not positive, a rest angle beyond half a turn, curved triangles.
+        InputError: a group that is not a line of interior edges, triangles whose normals change sides
+            at it, a stiffness or yield angle that is not positive, a rest angle beyond half a turn,
+            curved triangles.
 
     Source: of the model, Lechenault, Thiria & Adda-Bedia, Phys. Rev. Lett. 112 (2014) 244301,
     doi:10.1103/PhysRevLett.112.244301.
+
+    Example:
+        >>> gx.connectors.Crease(creased, "crease", stiffness=1e-3, rest_angle=np.radians(90)).name
+        'crease'
     """
 
     body: Membrane

@@ -22,12 +22,21 @@ class RopeBundle:
 
     Args:
         ends: pairs of ports, or of a port and a `Ground`.
-        lengths: L of each [m].
-        stiffness: k of each [N/m].
-        damping: c of each [N s/m], none while it is slack.
+        stiffness: k of each [N/m], positive.
+        lengths: L of each [m], positive; as many as pairs.
+        damping: c of each [N s/m], which acts where the rope is stretched; zero or positive.
+        name: name in messages and output.
 
     Raises:
-        InputError: no rope, not as many lengths as pairs, a number that is not positive, a pair without a body.
+        InputError: no rope, not as many lengths as pairs, a number that is not positive, a pair without a
+            body.
+
+    Example:
+        >>> corners = [film.port("top left"), film.port("top right")]
+        >>> ends = [(corner, gx.Ground((0.5, 2.0, 0.0))) for corner in corners]
+        >>> ropes = gx.connectors.RopeBundle(ends, stiffness=1e3, lengths=[1.2, 1.2])
+        >>> len(list(ropes.terms()))
+        2
     """
 
     ends: Sequence[tuple[Attached, Attached]]
@@ -44,14 +53,9 @@ class RopeBundle:
             "both, and at least one.",
         )
         for k, (pair, length) in enumerate(zip(self.ends, self.lengths, strict=True)):
-            joins = (
-                isinstance(pair, tuple)
-                and len(pair) == 2
-                and all(isinstance(end, Attached) for end in pair)
-            )
             check(
-                joins and bool(list(bodies_of(*pair))),
-                f"RopeBundle '{self.name}': rope {k} is no pair of ports, of which one may be a Ground; give two.",
+                bool(list(bodies_of(*pair))),
+                f"RopeBundle '{self.name}': rope {k} joins the ground to itself; give a port of a body.",
             )
             require_positive(f"RopeBundle '{self.name}': length {k}", length, "m")
         check_positive(self, "stiffness", "N/m")

@@ -43,14 +43,23 @@ class OneSided:
 class Tape:
     """Bars along a line of a film, each between two points of it that move with the film.
 
-    Stored energy Σ L W(ε) with ε = ½(λ² - 1) of each bar, and its consistent mass.  `along_edges` takes the edges of
-    the film's mesh, `through` any line across it, between nodes too.
+    Stored energy Σ L W(ε) with ε = ½(λ² - 1) of each bar, and its consistent mass.  `along_edges` takes the
+    edges of the film's mesh, `through` any line across it, also between nodes.
 
     Args:
-        body: what it is bonded to.
+        body: the film or plate that it is bonded to.
         law: `CableLaw` or `TensionOnly`.
-        bars: pairs of points of the film, their distance at the stress-free shape being the natural length.
-        lengths: natural lengths [m].
+        bars: pairs of points of the film.
+        lengths: natural length of each bar [m], positive, shape (n,) for n bars.
+        name: name in messages and output.
+
+    Raises:
+        InputError: no bars, not as many lengths as bars, a length that is not positive.
+
+    Example:
+        >>> tape = gx.connectors.Tape.along_edges(film, gx.CableLaw(6e3, 0.01), edges="left")
+        >>> len(tape.bars), round(float(sum(tape.lengths)), 12)
+        (4, 1.0)
     """
 
     body: Membrane

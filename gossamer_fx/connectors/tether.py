@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import KW_ONLY, dataclass
-from numbers import Real
 
 from gossamer_fx.bodies.between import Between
 from gossamer_fx.checks.arguments import check_arguments
@@ -19,22 +18,32 @@ from gossamer_fx.model.terms import Attached, Port, Term
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Tether(Between):
-    """A rope without mass from a reel at one of two points: tension k (l - L) beyond its length L, none below.
+    """A rope without mass from a reel at one of two points: tension k (l - L) beyond its length L, else none.
 
-    Either L is a function of time, and the work of the reel is booked as supplied (negative while it pays out under
-    tension), or a brake holds the reel and slips where the tension would exceed B: the loss B ΔL is booked as
-    dissipated.  A brake torque M on a reel of radius r is B = M/r.  Energy closes exactly, momentum and angular
-    momentum are kept.
+    Either L is a function of time, and the work of the reel is booked as supplied (negative while it pays
+    out under tension), or a brake holds the reel and slips where the tension would exceed B: the loss
+    B ΔL is booked as dissipated.  A brake torque M on a reel of radius r is B = M/r.  Energy closes
+    exactly; momentum and angular momentum are kept.
 
     Args:
-        a, b: ports, or one `Ground`.
-        length: L [m], a number with a `brake_force`, else a function of time [s].
-        stiffness: k [N/m], at every length.
-        brake_force: B [N].
-        total_length: length [m] that a braked reel has in all; default: without end.
+        a, b: ports of bodies; one of them may be a `Ground`.
+        stiffness: k [N/m] at every length, positive.
+        length: L [m], a positive number with a `brake_force`, else a function of time [s].
+        brake_force: B [N], positive; None: no brake.
+        total_length: [m] that a braked reel has in all; default: without end.
+        name: name in messages and output.
 
     Raises:
-        InputError: a length that is not positive, a brake beside a function, a length without either.
+        InputError: a length that is not positive, a brake beside a function, a number without a brake.
+
+    Example:
+        >>> reel = hub.port((0.0, 0.0, 0.1))
+        >>> braked = gx.connectors.Tether(
+        ...     reel, mass.port(), stiffness=1e3, length=1.1, brake_force=2.0, total_length=5.0
+        ... )
+        >>> driven = gx.connectors.Tether(
+        ...     reel, mass.port(), stiffness=1e3, length=lambda t: 1.1 + 0.2 * t, name="winch"
+        ... )
     """
 
     a: Attached
@@ -62,8 +71,9 @@ class Tether(Between):
         )
         check_positive(self, "brake_force", "N")
         check(
-            isinstance(self.total_length, Real) and self.total_length >= self.length,
-            f"Tether '{self.name}': total_length is {self.total_length!r} m; give what the reel has in all, {self.length:g} m or more.",
+            self.total_length >= self.length,
+            f"Tether '{self.name}': total_length is {self.total_length!r} m; give "
+            f"{self.length:g} m or more.",
         )
 
     def terms(self) -> Iterable[Term]:

@@ -116,13 +116,29 @@ class AboutHinge(Between):
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class TorsionSpring(AboutHinge):
-    """Moment -k φ about the axis of a hinge, φ the angle of b against a from the rest angle, within half a turn.
+    """A torsional spring about the axis of a hinge: the moment is -k φ.
+
+    φ is the angle of b against a from the rest angle, within half a turn.
 
     Args:
         a, b: frames, also `ground_frame()`, joined by a `RevoluteJoint` of this axis.
-        axis: direction in space at the start; angles count in its right-handed sense.
-        stiffness: k [N m/rad].
-        rest_angle: angle of b against a, from the start, at which the spring is at rest [rad].
+        axis: direction in space at the start, of any length; angles count in its right-handed sense.
+        stiffness: k [N m/rad], positive.
+        rest_angle: angle of b against a [rad], from the start, at which the spring is at rest; between -π
+            and π.
+        name: name in messages and output.
+
+    Raises:
+        InputError: two frames of the ground, an axis of length zero, a number out of its range.
+
+    Example:
+        >>> y = (0.0, 1.0, 0.0)
+        >>> hinge = gx.constraints.RevoluteJoint(gx.ground_frame(), hub.frame(), axis=y)
+        >>> spring = gx.connectors.TorsionSpring(
+        ...     gx.ground_frame(), hub.frame(), axis=y, stiffness=2.0, rest_angle=0.5
+        ... )
+        >>> gx.Simulation(gx.Scene(hinge, spring), gx.Midpoint(0.01)).totals.stored
+        {'torsion spring': 0.25}
     """
 
     a: Frame
@@ -152,11 +168,22 @@ class TorsionSpring(AboutHinge):
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class TorsionDamper(AboutHinge):
-    """Moment -c dφ/dt about the axis of a hinge; its loss is booked.
+    """A torsional damper about the axis of a hinge: the moment is -c dφ/dt; its loss is booked.
 
     Args:
-        a, b, axis: as of a `TorsionSpring`.
-        damping: c [N m s/rad].
+        a, b: frames, also `ground_frame()`, joined by a `RevoluteJoint` of this axis.
+        axis: direction in space at the start, of any length.
+        damping: c [N m s/rad], positive.
+        name: name in messages and output.
+
+    Raises:
+        InputError: two frames of the ground, an axis of length zero, a damping that is not positive.
+
+    Example:
+        >>> gx.connectors.TorsionDamper(
+        ...     gx.ground_frame(), hub.frame(), axis=(0.0, 1.0, 0.0), damping=0.1
+        ... ).damping
+        0.1
     """
 
     a: Frame

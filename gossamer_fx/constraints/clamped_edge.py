@@ -13,7 +13,7 @@ from dolfinx.mesh import meshtags
 
 from gossamer_fx.bodies.plate import Plate
 from gossamer_fx.checks.arguments import check_arguments
-from gossamer_fx.checks.errors import check, check_on_all, is_vector
+from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.constraints.fixed import Fixed, Prescribed, check_support
 from gossamer_fx.constraints.moving_energies import MovingEnergy
 from gossamer_fx.forms.bending import EDGE_DEGREE
@@ -26,20 +26,30 @@ from gossamer_fx.terms.quadratic_energies import QuadraticEnergy
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class ClampedEdge:
-    """An edge of a plate that keeps its initial position and direction, or moves and turns as prescribed.
+    """A clamped edge of a plate: it keeps its position and direction, or moves and turns as prescribed.
 
-    The direction is held by Nitsche's method (`forms.bending`), and the energy of that is part of the plate's bending
-    energy; the work of what moves or turns the edge is booked as supplied.
+    The direction is held by Nitsche's method (`forms.bending`), and the energy of that is part of the
+    plate's bending energy; the work of what moves or turns the edge is booked as supplied.
 
     Args:
         body: a plate.
         edges: name of curves on its rim.
-        components: which of x, y, z (0, 1, 2) of its positions are held: (0,) with direction (1, 0, 0) is a plane of
-            symmetry x = 0.
+        components: which of x, y, z (0, 1, 2) of its positions are held: (0,) with the direction
+            (1, 0, 0) is a plane of symmetry x = 0.
         normal: instead of components, the one direction along which the nodes do not move, as of `Fixed`.
-        direction: vector to which the plate is tangent at the edge, across it; or a function of the points (3, n) of
-            the stress-free shape and the time [s] that returns (3, n).  Default: as it starts.
-        motion: displacement [m] of the edge, as of `Prescribed`.  Default: none.
+        direction: vector to which the plate is tangent at the edge, across it; or a function of the
+            points (3, n) of the stress-free shape and the time [s] that returns (3, n).  None: as it
+            starts.
+        motion: displacement [m] of the edge, as of `Prescribed`.  None: no displacement.
+        name: name in messages and output.
+
+    Raises:
+        InputError: edges inside the plate, components that are not coordinates, a direction of length
+            zero; during a run: a direction or motion that is not finite.
+
+    Example:
+        >>> gx.constraints.ClampedEdge(plate, "left").name
+        'plate/left fixed (0, 1, 2)'
     """
 
     body: Plate
@@ -60,7 +70,7 @@ class ClampedEdge:
         )
         if self.direction is not None and not callable(self.direction):
             check(
-                is_vector(self.direction) and bool(np.any(self.direction)),
+                any(self.direction),
                 f"ClampedEdge: direction is {self.direction!r}; give three finite numbers, not all zero.",
             )
         check_support("ClampedEdge", self.body, self.edges, self.components)

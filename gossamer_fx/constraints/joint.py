@@ -97,7 +97,20 @@ def on_axis(kind: str, name: str, n: Array, a: Frame, b: Frame) -> Iterable[Poin
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class BallJoint(Between):
-    """Two points coincide; `a`, `b` are ports, or one is `Ground`."""
+    """Two points coincide; the bodies turn freely about them.
+
+    Args:
+        a, b: ports of two bodies that are in one place at the start; one of them may be a `Ground`.
+        name: name in messages and output.
+
+    Raises:
+        InputError: two points of the ground; when the scene is compiled: points that are apart.
+
+    Example:
+        >>> pivot = hub.port((0.0, 0.0, -1.0))
+        >>> gx.constraints.BallJoint(pivot, mass.port()).name
+        'ball'
+    """
 
     a: Attached
     b: Attached
@@ -112,7 +125,25 @@ class BallJoint(Between):
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Link(Between):
-    """Two points keep the distance that they have at the start: a massless rigid rod."""
+    """A rigid rod without mass: two points keep the distance that they have at the start.
+
+    Args:
+        a, b: ports of bodies; one of them may be a `Ground`.
+        name: name in messages and output.
+
+    Raises:
+        InputError: two points of the ground; when the scene is compiled: points that coincide.
+
+    Example:
+        A pendulum of 1 m has the period 2π √(L/g) = 2.006 s for small swings.
+
+        >>> bob = gx.PointMass(1.0, (0.01, 0.0, -0.99995), comm=comm)
+        >>> rod = gx.constraints.Link(bob.port(), gx.Ground((0.0, 0.0, 0.0)))
+        >>> run = gx.Simulation(gx.Scene(rod, gx.Gravity(bob)), gx.Midpoint(0.01))
+        >>> run.run(until=2.0061 / 2)
+        >>> round(float(gx.probes.Position(bob.port(), "x")(run)), 4)
+        -0.01
+    """
 
     a: Attached
     b: Attached
@@ -138,7 +169,20 @@ class Link(Between):
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class FixedJoint(FrameJoint):
-    """Two frames keep their relative position and rotation."""
+    """Two frames keep their relative position and rotation: a weld.
+
+    Args:
+        a, b: frames of two bodies that have one origin at the start; one may be `ground_frame()`.  One of
+            them has three directors (a rigid body or the ground), or is completed to three.
+        name: name in messages and output.
+
+    Raises:
+        InputError: frames of one body; when the scene is compiled: origins that are apart.
+
+    Example:
+        >>> gx.constraints.FixedJoint(beam.frame("start"), hub.frame()).name
+        'fixed'
+    """
 
     a: Frame
     b: Frame
@@ -169,7 +213,21 @@ class AxisJoint(FrameJoint):
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class RevoluteJoint(AxisJoint):
-    """Two frames that share a point and an `axis` (a direction in space at the start)."""
+    """Two frames share a point and an axis: a hinge.
+
+    Args:
+        a, b: frames of two bodies that have one origin at the start; one may be `ground_frame()`.
+        axis: direction in space at the start, of any length.
+        name: name in messages and output.
+
+    Raises:
+        InputError: frames of one body, an axis of length zero; when the scene is compiled: origins that are apart.
+
+    Example:
+        >>> ground = gx.ground_frame()
+        >>> gx.constraints.RevoluteJoint(ground, hub.frame(), axis=(0.0, 0.0, 1.0)).name
+        'revolute'
+    """
 
     a: Frame
     b: Frame
@@ -194,7 +252,22 @@ class RevoluteJoint(AxisJoint):
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class PrismaticJoint(AxisJoint):
-    """Two frames slide along an `axis` (a direction in space at the start), which `a` carries; no rotation."""
+    """Two frames slide along an axis, which `a` carries, without relative rotation: a rail.
+
+    Args:
+        a, b: frames of two bodies; one may be `ground_frame()`.
+        axis: direction in space at the start, of any length.
+        name: name in messages and output.
+
+    Raises:
+        InputError: frames of one body, an axis of length zero; when the scene is compiled: a
+            second origin that is not on the axis through the first.
+
+    Example:
+        >>> ground = gx.ground_frame()
+        >>> gx.constraints.PrismaticJoint(ground, hub.frame(), axis=(0.0, 0.0, 1.0)).name
+        'prismatic'
+    """
 
     a: Frame
     b: Frame
@@ -217,7 +290,22 @@ class PrismaticJoint(AxisJoint):
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class CylindricalJoint(AxisJoint):
-    """Two frames slide along and turn about an `axis` (a direction in space at the start), which `a` carries."""
+    """Two frames slide along an axis, which `a` carries, and turn about it.
+
+    Args:
+        a, b: frames of two bodies; one may be `ground_frame()`.
+        axis: direction in space at the start, of any length.
+        name: name in messages and output.
+
+    Raises:
+        InputError: frames of one body, an axis of length zero; when the scene is compiled: a
+            second origin that is not on the axis through the first.
+
+    Example:
+        >>> ground = gx.ground_frame()
+        >>> gx.constraints.CylindricalJoint(ground, hub.frame(), axis=(0.0, 0.0, 1.0)).name
+        'cylindrical'
+    """
 
     a: Frame
     b: Frame

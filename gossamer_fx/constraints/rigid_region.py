@@ -42,19 +42,29 @@ from gossamer_fx.terms.supports import Support
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class RigidRegion:
-    """The nodes of a named group move as one piece.
+    """A rigid region: the nodes of a named group move as one piece.
 
     Args:
         body: a film, plate or cable; the slope of a plate is free there.
         group: name of points, curves or surfaces of its mesh, with two nodes at least.
-        rigid_body: a rigid body that the nodes are fixed to, e.g. a hub with its mass; default: a piece without mass.
-        sliding: the nodes stay in the plane that the piece carries, but slide in it, as on an end plate without
-            friction; those on a straight line stay on it and spread evenly.  Default: they keep their distances.
-        fixed_components: which of x, y, z (0, 1, 2) the piece does not move along, nor its axes: (2,) where all of the body is held
-            in the plane z = const.
+        rigid_body: a rigid body that the nodes are fixed to, e.g. a hub with its mass; None: a piece
+            without mass.
+        sliding: whether the nodes slide in the plane that the piece carries, as on an end plate without
+            friction; those on a straight line stay on it and spread evenly.  Else they keep their
+            distances.
+        fixed_components: which of x, y, z (0, 1, 2) the piece does not move along, nor its axes: (2,)
+            where all of the body is held in the plane z = const.
+        name: name in messages and output.
 
     Raises:
-        InputError: a beam, a group of one point, one that slides but fills space, or slides on a rigid body.
+        InputError: a beam, a group of one point, one that slides but fills space, or slides on a rigid
+            body.
+
+    Example:
+        >>> edge = gx.RigidRegion(film, "right")
+        >>> pull = gx.loads.Force(edge.port(), (1.0, 0.0, 0.0))
+        >>> edge.name
+        'film/right rigid'
     """
 
     body: Meshed
@@ -67,17 +77,17 @@ class RigidRegion:
 
     def __post_init__(self) -> None:
         check(
-            isinstance(self.body, Meshed) and not isinstance(self.body, Beam),
-            f"RigidRegion: {getattr(self.body, 'name', self.body)!r} is no film, plate or cable; a section of a beam "
-            "is rigid by itself, see its frame.",
+            not isinstance(self.body, Beam),
+            f"RigidRegion: '{self.body.name}' is a beam, whose sections are rigid by themselves; use "
+            "their frame.",
         )
         check_support("RigidRegion", self.body, self.group, self.fixed_components or (0,))
         if not self.name:
             object.__setattr__(self, "name", f"{self.body.name}/{self.group} rigid")
         check(
             not (self.sliding and self.rigid_body is not None),
-            f"'{self.name}' slides, and is fixed to '{getattr(self.rigid_body, 'name', '')}'; leave one of them out, and join "
-            "the frame of what slides to the rigid body.",
+            f"'{self.name}' slides, and is fixed to '{getattr(self.rigid_body, 'name', '')}'; "
+            "leave one of them out, and join the frame of what slides to the rigid body.",
         )
         count = self._fit[0].shape[0] - 1
         check(count > 0, f"'{self.name}' is one point; apply forces to its port.")

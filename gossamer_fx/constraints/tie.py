@@ -25,38 +25,44 @@ NODE = 1e-9  # part of a segment from its end that counts as its end
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Tie:
-    """The nodes of a line of one film or cable stay where they are at the start on a line of another.
+    """A tie: the nodes of a line of one film or cable stay where they are at the start on a line of another.
 
         x_k - (1 - s) x_i - s x_j = 0   for every node k of the first, between nodes i and j of the second
 
-    Meshes may differ: tie the finer line to the coarser one.  Three films on a line: tie two of them to the third.
-    Multipliers do no work and keep both momenta.  Matching lines are found where the scene starts, so of a folded film
-    too, as long as no other part of the second line is in the same place.  Contact lets what is tied hang together.
+    Meshes may differ: tie the finer line to the coarser one.  Three films on a line: tie two of them to
+    the third.  Multipliers do no work and keep both momenta.  Matching lines are found where the scene
+    starts, also of a folded film, as long as no other part of the second line is in the same place.
+    `Contact` takes what is tied as connected.
 
     Args:
         a: a film or cable, whose nodes are tied.
-        group_a: name of a curve (of a cable also of points) of its mesh; None: all of a cable.
         b: a film or cable, or the same one.
-        group_b: name of a curve of its mesh; None: all of a cable.
+        group_a: name of a curve (of a cable also of points) of the mesh of `a`; None: all of a cable.
+        group_b: name of a curve of the mesh of `b`; None: all of a cable.
+        name: name in messages and output.
 
     Raises:
-        InputError: beams (join their ends by joints), a film without a group, a line tied to itself; when the scene is
-            compiled: nodes that are not on the other line.
+        InputError: beams (join their ends by joints), a film without a group, a line tied to itself;
+            when the scene is compiled: nodes that are not on the other line.
+
+    Example:
+        >>> hem = gx.Cable(curve, gx.CableLaw(1e4, 0.01), name="hem")
+        >>> gx.Tie(hem, film, group_b="bottom").name
+        'hem/all tied to film/bottom'
     """
 
     a: Meshed
     b: Meshed
     _: KW_ONLY
-    group_a: str | None
-    group_b: str | None
+    group_a: str | None = None
+    group_b: str | None = None
     name: str = ""
 
     def __post_init__(self) -> None:
         for body, group in ((self.a, self.group_a), (self.b, self.group_b)):
-            known = isinstance(body, Meshed) and not isinstance(body, Beam) and is_on_mesh(body)
             check(
-                known,
-                f"Tie: {getattr(body, 'name', body)!r} is no film or cable; join others by joints.",
+                not isinstance(body, Beam) and is_on_mesh(body),
+                f"Tie: '{body.name}' is not a film or cable; join others by joints.",
             )
             check(
                 group is not None or body.space.mesh.topology.dim == 1,

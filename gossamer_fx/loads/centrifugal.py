@@ -41,11 +41,25 @@ class _OnVectors:
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Centrifugal:
-    """Centrifugal force of a body in axes that turn with `spin` Ω [rad/s] about a point `centre` [m].
+    """Centrifugal force of a body in axes that turn with a constant angular velocity Ω about a point c.
 
-    δW = M-weighted (|Ω|² 1 - Ω Ωᵀ)(q - c)·w over positions and directors.  With it an equilibrium is the steady spin
-    as seen from these axes: find it, then start with `StartFrom` and `RigidMotion` of the same spin; `modes` about it
-    add the Coriolis force.
+        δW = M-weighted (|Ω|² 1 - Ω Ωᵀ)(q - c)·w   over positions and directors
+
+    With it an equilibrium is the steady spin as seen from these axes: find it, then start with
+    `StartFrom` and `RigidMotion` of the same spin; `analysis.modes` about it add the Coriolis force.
+
+    Args:
+        body: any body.
+        spin: Ω [rad/s], not zero.
+        centre: c [m].
+        name: name in messages and output.
+
+    Raises:
+        InputError: a spin of zero.
+
+    Example:
+        >>> gx.loads.Centrifugal(film, (0.0, 0.0, 10.0), centre=(0.5, 0.5, 0.0)).name
+        'centrifugal force on film'
     """
 
     body: Body

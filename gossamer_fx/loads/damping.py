@@ -25,14 +25,27 @@ Body = Membrane | Cable | Beam
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Damping:
-    """Mass- and stiffness-proportional damping of a film, cable or beam.
+    """Mass- and stiffness-proportional damping of a film, plate, cable or beam; its loss is booked.
 
-    mass [1/s]: force -mass ρt v per area, or -mass μ v per length; it slows every motion, rigid ones too.
-    stiffness [s]: stress `stiffness_factor`·C Ė with the elastic matrix C of the taut film, cable or beam (Kelvin-Voigt);
-        rigid motions are free.
-    A mode of angular frequency ω loses the fraction ζ = mass/(2ω) + stiffness ω/2 of critical damping.
-    tension_only: C is the stiffness ψ''(e) that the film has at the start of each step: in full where it is taut, along
-        the folds where it is wrinkled, all but none where it is slack.
+    A mode of angular frequency ω loses the fraction ζ = α/(2ω) + β ω/2 of critical damping.
+
+    Args:
+        body: a film, plate, cable or beam.
+        mass_factor: α [1/s]; force -α ρt v per area, or -α μ v per length.  It slows every motion, rigid
+            ones, too.
+        stiffness_factor: β [s]; stress β C Ė with the elastic matrix C of the taut film, cable or beam
+            (Kelvin-Voigt).  Rigid motions are free.
+        tension_only: whether C is the stiffness ψ''(e) that a film has at the start of each step: in full
+            where it is taut, along the folds where it is wrinkled, nearly zero where it is slack.
+        name: name in messages and output.
+
+    Raises:
+        InputError: factors that are negative or both zero, `tension_only` of another body than a film or
+            without a stiffness factor.
+
+    Example:
+        >>> gx.Damping(film, stiffness_factor=1e-4, tension_only=True).name
+        'damping'
     """
 
     body: Body
@@ -44,15 +57,11 @@ class Damping:
 
     def __post_init__(self) -> None:
         check(
-            isinstance(self.body, Membrane | Cable | Beam),
-            f"Damping '{self.name}': {getattr(self.body, 'name', self.body)!r} is no film, cable or beam.",
-        )
-        check(
             self.mass_factor >= 0
             and self.stiffness_factor >= 0
             and self.mass_factor + self.stiffness_factor > 0,
-            f"Damping '{self.name}': mass {self.mass_factor!r} 1/s and stiffness {self.stiffness_factor!r} s; one must be positive, "
-            "none negative.",
+            f"Damping '{self.name}': mass_factor is {self.mass_factor!r} 1/s and stiffness_factor "
+            f"{self.stiffness_factor!r} s; give one that is positive, and none that is negative.",
         )
         check(
             not self.tension_only

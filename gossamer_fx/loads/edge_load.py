@@ -13,7 +13,7 @@ from dolfinx.mesh import meshtags
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.arguments import check_arguments
-from gossamer_fx.checks.errors import check, check_on_all, is_vector
+from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, area_vector
@@ -24,15 +24,27 @@ from gossamer_fx.terms.loads import Load
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class EdgeLoad:
-    """Force per reference length along a named group of edges; δW = ∫f·w ds.
+    """A force per reference length along a named group of edges of a film: δW = ∫f·w ds.
 
     Args:
-        body: the film.
+        body: a film or plate.
         edges: name of curves of its mesh, on its rim or inside it.
-        force: f [N/m], three numbers or a function of time [s] that returns them: its direction in space stays.
-        normal_force: instead of a force, f = normal·ν [N/m] along the normal ν of a rim, in the film's plane and outwards; a
-            number or a function of time.
-        following: whether ν turns with the deformed film (δW = ∫f ν·w ds, |ν| = 1), or stays that of the mesh.
+        force: f [N/m], three numbers or a function of time [s] that returns them: its direction in space
+            stays.
+        normal_force: instead of a force, p [N/m] of f = p ν along the normal ν of a rim, in the film's
+            plane and outwards; a number or a function of time [s].
+        following: whether ν turns with the deformed film (δW = ∫p ν·w ds, |ν| = 1), or stays that of the
+            mesh.
+        name: name in messages and output.
+
+    Raises:
+        InputError: neither or both of the forces; a normal force on edges that are not on the rim.
+
+    Example:
+        >>> gx.loads.EdgeLoad(film, "right", force=(10.0, 0.0, 0.0)).name
+        'film/right load'
+        >>> gx.loads.EdgeLoad(film, "top", normal_force=lambda t: 10.0 * t).edges
+        'top'
     """
 
     body: Membrane
@@ -49,10 +61,6 @@ class EdgeLoad:
         check(
             (self.force is None) != (self.normal_force is None),
             f"EdgeLoad on '{self.edges}': give either a force or a normal one.",
-        )
-        check(
-            self.force is None or callable(self.force) or is_vector(self.force),
-            f"EdgeLoad on '{self.edges}': force is {self.force!r} N/m; give three numbers or a function of time.",
         )
         sheets = film.mesh.edges.count[edges]
         check_on_all(

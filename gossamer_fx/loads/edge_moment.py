@@ -23,13 +23,23 @@ from gossamer_fx.terms.loads import Load
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class EdgeMoment:
-    """Moment per reference length about the deformed edge: δW = ∫ m n·w,n ds, n the normal of the plate.
+    """A moment per reference length about the deformed edge of a plate: δW = ∫ m n·w,n ds.
+
+    n is the normal of the plate, and w,n the derivative of the test function across the edge.
 
     Args:
         body: a plate.
         edges: name of curves on its rim.
-        moment: m [N], a number or a function of time [s]; positive where it lifts the plate's rim towards the normal of
-            its mesh, as positive curvature does.
+        moment: m [N], a number or a function of time [s]; positive where it lifts the plate's rim
+            towards the normal of its mesh, as positive curvature does.
+        name: name in messages and output.
+
+    Raises:
+        InputError: edges inside the plate.
+
+    Example:
+        >>> gx.loads.EdgeMoment(plate, "right", moment=0.1).name
+        'plate/right moment'
     """
 
     body: Plate

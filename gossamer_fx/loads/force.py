@@ -122,11 +122,20 @@ class TorqueInTime(Couple):
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Force:
-    """A force on a point of a body.
+    """A force on a point of a body; its work is booked as supplied.
 
     Args:
-        port: the point.
-        force: force in space axes [N], three numbers or a function of time [s] that returns them.
+        port: the point, e.g. `film.port("tip")`.
+        force: [N] in space axes, three numbers or a function of time [s] that returns them.
+        name: name in messages and output.
+
+    Raises:
+        InputError: a port that is a direction; during a run: a force that is not finite.
+
+    Example:
+        >>> push = gx.loads.Force(mass.port(), lambda t: (np.sin(t), 0.0, 0.0))
+        >>> push.name
+        'force'
     """
 
     port: Port
@@ -150,11 +159,20 @@ class Force:
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Torque:
-    """A torque on a rigid body, a beam's section or a `RigidRegion`.
+    """A torque on a rigid body, a beam's section or a `RigidRegion`; its work is booked as supplied.
 
     Args:
-        frame: what it turns, e.g. `body.frame()`, or the line of a straight region, on which the torque across it acts.
-        torque: torque in space axes [N m], three numbers or a function of time [s] that returns them.
+        frame: what it turns, e.g. `body.frame()`, or the line of a straight region, on which the torque
+            across it acts.
+        torque: [N m] in space axes, three numbers or a function of time [s] that returns them.
+        name: name in messages and output.
+
+    Raises:
+        InputError: during a run: a torque that is not finite.
+
+    Example:
+        >>> gx.loads.Torque(hub.frame(), (0.0, 0.0, 0.5)).torque
+        (0.0, 0.0, 0.5)
     """
 
     frame: Frame | Line

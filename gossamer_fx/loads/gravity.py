@@ -24,9 +24,18 @@ from gossamer_fx.terms.point_loads import PointLoad
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Gravity:
-    """Acceleration `g` [m/s²] of a body: its mass matrix times that acceleration, e.g. δW = ∫ρt g·w dA of a film.
+    """The weight of a body: its mass matrix times an acceleration, e.g. δW = ∫ρt g·w dA of a film.
 
-    What is bonded to the body, a `Tape`, is accelerated with it.
+    What is bonded to the body, e.g. a `Tape` or an `AttachedMass`, is accelerated with it.
+
+    Args:
+        body: any body.
+        g: acceleration [m/s²].
+        name: name in messages and output.
+
+    Example:
+        >>> gx.Gravity(film, (0.0, 0.0, -1.62)).name
+        'gravity of film'
     """
 
     body: Body

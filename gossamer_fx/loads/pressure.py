@@ -22,11 +22,19 @@ from gossamer_fx.terms.loads import Load
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Pressure:
-    """Follower pressure along the deformed normal of the film: δW = p ∫n·w dA.
+    """A pressure along the deformed normal of a film: δW = p ∫n·w da.
 
     Args:
-        body: the film.
+        body: a film or plate.
         pressure: p [Pa], positive along the normal of the mesh; a number or a function of time [s].
+        name: name in messages and output.
+
+    Raises:
+        InputError: a number that is not finite.
+
+    Example:
+        >>> gx.Pressure(film, lambda t: 100.0 * min(t, 1.0)).name
+        'pressure'
     """
 
     # suction is a negative pressure

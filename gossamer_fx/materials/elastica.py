@@ -83,6 +83,21 @@ class Elastica(FilmLaw):
     A film has no bending stiffness: under this compressive stress its cells buckle in turn, the more so the smaller
     they are.  Take cells of not much less than half_wavelength/4: on the airbag of `demos/studies/airbag.py` 0.1 m
     comes to rest with edges of 27 mm, while with 13 mm cells beside the seam fold up and no equilibrium is found.
+
+    Args:
+        E: Young's modulus [Pa], positive.
+        nu: Poisson's ratio, above -1 and at most 0.5.
+        density: mass density ρ [kg/m³], positive.
+        thickness: t [m], positive.
+        half_wavelength: L [m], above 10 π t.
+
+    Raises:
+        InputError: a number out of its range.
+
+    Example:
+        >>> law = gx.Elastica(2.5e9, 0.34, density=1420.0, thickness=25e-6, half_wavelength=0.05)
+        >>> f"{law.onset:.3e}"
+        '2.056e-07'
     """
 
     _: KW_ONLY

@@ -76,7 +76,23 @@ class FilmLaw:
 @check_arguments
 @dataclass(frozen=True)
 class Linear(FilmLaw):
-    """St. Venant-Kirchhoff film that never wrinkles: W = E t/(2(1-ν²)) [tr² - 2(1-ν) det]."""
+    """St. Venant-Kirchhoff film that never wrinkles.
+
+        W = E t/(2(1-ν²)) [tr² - 2(1-ν) det]   with the Green-Lagrange strain of the surface
+
+    Args:
+        E: Young's modulus [Pa], positive.
+        nu: Poisson's ratio, above -1 and at most 0.5.
+        density: mass density ρ [kg/m³], positive.
+        thickness: t [m], positive.
+
+    Raises:
+        InputError: a number out of its range.
+
+    Example:
+        >>> gx.Linear(70e9, 0.3, density=2700.0, thickness=1e-3).thickness
+        0.001
+    """
 
     quadratic = True
 
@@ -88,17 +104,36 @@ class Linear(FilmLaw):
 @check_arguments
 @dataclass(frozen=True)
 class Miyazaki(FilmLaw):
-    """Film with reduced compressive stiffness (Miyazaki, IJNME 66 (2006) 1179, doi:10.1002/nme.1580, eqs. 13-20).
+    """Film with reduced compressive stiffness, which stands for wrinkles that are not resolved.
 
-    With f1 = γ2 + ν γ1, f2 = γ1 + u ν γ2 and the stiffness ratio u = `residual_stiffness` in (0, 1]:
+    With f1 = γ2 + ν γ1, f2 = γ1 + u ν γ2 and the stiffness ratio u = `residual_stiffness` in [0, 1]:
 
         taut      f1 ≥ 0        W = E t/(2(1-ν²))    [tr² - 2(1-ν) det]
         wrinkled  f1 < 0 < f2   W = E t/(2(1-uν²))   [γ1² + 2uν γ1γ2 + u γ2²]
         slack     f2 ≤ 0        W = E t u/(2(1-u²ν²)) [tr² - 2(1-uν) det]
 
-    which is the elastic matrix Γ(k1, k2) with (1, 1), (1, u), (u, u): a C1, convex potential.  The pair (u, 1) that is
-    printed for the wrinkled state elsewhere softens the *tension* direction and makes the stress jump at f1 = 0; two
-    different ratios for wrinkled and slack would break either continuity or isotropy, so there is one.
+    which is the elastic matrix Γ(k1, k2) with (1, 1), (1, u), (u, u): a C1, convex potential.  The pair
+    (u, 1) that is printed for the wrinkled state elsewhere softens the *tension* direction and makes the
+    stress jump at f1 = 0; two different ratios for wrinkled and slack would break either continuity or
+    isotropy, so there is one.
+
+    Args:
+        E: Young's modulus [Pa], positive.
+        nu: Poisson's ratio, above -1 and at most 0.5.
+        density: mass density ρ [kg/m³], positive.
+        thickness: t [m], positive.
+        residual_stiffness: u, compressive over tensile stiffness, between 0 and 1.
+
+    Raises:
+        InputError: a number out of its range.
+
+    Example:
+        >>> law = gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6, residual_stiffness=1e-4)
+        >>> gx.Membrane(mesh, law).law.residual_stiffness
+        0.0001
+
+    Source: Y. Miyazaki, Wrinkle/slack model and finite element dynamics of membrane, IJNME 66 (2006) 1179,
+    doi:10.1002/nme.1580, eqs. 13-20.
     """
 
     _: KW_ONLY
@@ -108,8 +143,8 @@ class Miyazaki(FilmLaw):
         super().__post_init__()
         check(
             0 <= self.residual_stiffness <= 1,
-            f"{type(self).__name__}: residual_stiffness is {self.residual_stiffness!r}; the ratio of compressive to tensile stiffness "
-            "lies between 0 and 1.",
+            f"{type(self).__name__}: residual_stiffness is {self.residual_stiffness!r}; the ratio of "
+            "compressive to tensile stiffness lies between 0 and 1.",
         )
 
     def energy(self, e: Expr, c: Any) -> Expr:
@@ -187,9 +222,27 @@ class Miyazaki(FilmLaw):
 @check_arguments
 @dataclass(frozen=True)
 class TensionField(Miyazaki):
-    """Tension field: the limit u → 0 of `Miyazaki`, Pipkin's relaxed energy (IMA J. Appl. Math. 36 (1986) 85).
+    """Tension field: the limit u → 0 of `Miyazaki`, film that resists no compression.
 
-    Slack film has no stiffness at all, so a static problem may be singular; in dynamics the inertia carries it.
+    Slack film has no stiffness at all, so a static problem may be singular; in dynamics the inertia
+    carries it.
+
+    Args:
+        E: Young's modulus [Pa], positive.
+        nu: Poisson's ratio, above -1 and at most 0.5.
+        density: mass density ρ [kg/m³], positive.
+        thickness: t [m], positive.
+        residual_stiffness: zero; another value is refused.
+
+    Raises:
+        InputError: a number out of its range.
+
+    Example:
+        >>> gx.TensionField(2.5e9, 0.34, density=1420.0, thickness=25e-6).residual_stiffness
+        0.0
+
+    Source: A. C. Pipkin, The relaxed energy density for isotropic elastic membranes, IMA J. Appl. Math. 36
+    (1986) 85, doi:10.1093/imamat/36.1.85.
     """
 
     _: KW_ONLY

@@ -51,6 +51,8 @@ def test_docstrings_become_markdown(generate: ModuleType) -> None:
     made = generate.markdown(text)
     assert "One \\* two\\_three." in made and "```text\na = b*c\n```" in made
     assert "`x`\n:   first\n    line." in made and "`*y`" in made
+    example = generate.markdown("First.\n\nExample:\n    >>> 1 + 1\n    2")
+    assert "**Example**" in example and "```pycon\n>>> 1 + 1\n2\n```" in example
 
 
 @pytest.mark.skipif(
