@@ -32,7 +32,7 @@ from gossamer_fx.outputs.output import Output, Probe
 from meshes import antenna as meshes
 
 SIDE = 2.1  # m
-FILM = gx.Miyazaki(E=2.3e9, nu=0.3, density=1400.0, thickness=2e-5, residual=1e-8 / 35)
+FILM = gx.Miyazaki(E=2.3e9, nu=0.3, density=1400.0, thickness=2e-5, residual_stiffness=1e-8 / 35)
 BOOM = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
 TARGETS = {1: (0.0, 0.0, 8.0), 2: (8.0, 0.0, 0.0)}  # degrees
 RATE, DAMPING = 0.6, 1.0  # of the controlled motion: Ω [rad/s], ζ
@@ -62,7 +62,7 @@ def antenna(comm: MPI.Comm, film_cells: int, boom_elements: int, order: int = 1)
     points = meshes.tie_points(SIDE)
     ties = [
         gx.constraints.BallJoint(
-            film.port_at(point), booms[k % 2].port_at(point), f"tie {'ABCDEFGH'[k]}"
+            film.port_at(point), booms[k % 2].port_at(point), name=f"tie {'ABCDEFGH'[k]}"
         )
         for k, point in enumerate(points)
     ]
@@ -117,10 +117,10 @@ def build(
     ring = gx.control.patch(centre, [model.film.port_at(point) for point in model.points[4:]])
     I = inertia()  # noqa: E741 (as in the formula)
     control = gx.control.AttitudeControl(
-        ring, np.radians(TARGETS[case]), I * RATE**2, 2 * DAMPING * I * RATE
+        ring, np.radians(TARGETS[case]), stiffness=I * RATE**2, damping=2 * DAMPING * I * RATE
     )
     scene = gx.Scene(
-        *model.items, gx.constraints.BallJoint(centre, gx.Ground((0, 0, 0)), "centre"), control
+        *model.items, gx.constraints.BallJoint(centre, gx.Ground((0, 0, 0)), name="centre"), control
     )
     probes: dict[str, Probe] = {
         f"angle {axis} [deg]": Attitude(control, k) for k, axis in enumerate("uvw")
@@ -129,7 +129,11 @@ def build(
     probes |= {f"A {axis} [m]": gx.probes.Displacement(corner, axis) for axis in "xyz"}
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-12, floor=1.0))
     return gx.Case(
-        scene, stepper, until, title=f"The membrane antenna, turned: case {case}", probes=probes
+        scene,
+        stepper,
+        until=until,
+        title=f"The membrane antenna, turned: case {case}",
+        probes=probes,
     )
 
 

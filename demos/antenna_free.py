@@ -34,7 +34,9 @@ def build(
     """The antenna with cells × cells squares of film, booms of `elements`, until a time [s] in steps of `dt` [s]."""
     motion = gx.RigidMotion(spin=SPIN, velocity=DRIFT)
     scene = gx.Scene(*antenna(comm, cells, elements, order).items, motion)
-    return gx.Case(scene, gx.Midpoint(dt=dt), until, title="The membrane antenna, free in space")
+    return gx.Case(
+        scene, gx.Midpoint(dt=dt), until=until, title="The membrane antenna, free in space"
+    )
 
 
 def main(
@@ -53,7 +55,7 @@ def main(
     outputs: list[Output] = [gx.outputs.Progress()] + (
         [case.recording(output)] if output is not None else []
     )
-    run = gx.Simulation(case.scene, stepper or case.stepper, outputs)
+    run = gx.Simulation(case.scene, stepper or case.stepper, outputs=outputs)
     run.run(until=case.until)
     first, last = run.first, run.totals
     assert run.system.constraints is not None

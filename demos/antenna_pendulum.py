@@ -102,7 +102,7 @@ def build(
     model = antenna(comm, cells, elements, order)
     corners = [model.film.port_at(point) for point in model.points[:4]]
     hinge = gx.constraints.BallJoint(
-        corners[2], gx.Ground(tuple(model.points[2].tolist())), "hinge"
+        corners[2], gx.Ground(tuple(model.points[2].tolist())), name="hinge"
     )
     weights = [gx.Gravity(body, (0, 0, -G)) for body in (model.film, *model.booms)]
     probes = {
@@ -113,7 +113,7 @@ def build(
     return gx.Case(
         scene,
         gx.Midpoint(dt=dt),
-        until,
+        until=until,
         title="The membrane antenna, hung at a corner",
         probes=probes,
     )
@@ -134,7 +134,7 @@ def main(
     outputs: list[Output] = [gx.outputs.Progress(), series] + (
         [case.recording(output)] if output is not None else []
     )
-    run = gx.Simulation(case.scene, stepper or case.stepper, outputs)
+    run = gx.Simulation(case.scene, stepper or case.stepper, outputs=outputs)
     run.run(until=case.until)
 
     time, tip, film = series.time, series["tip [m]"], series["film [m]"]

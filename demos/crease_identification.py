@@ -30,7 +30,10 @@ WEIGHTS = (0.0, 2e-4, 5e-4, 1e-3, 2e-3, 4e-3)  # N
 ANGLE_ERROR, DISTANCE_ERROR = math.radians(0.5), 2e-4
 # a strip whose width is large beside √(radius × thickness) bends as a wide plate does
 STRIP = gx.analysis.HangingStrip(
-    LENGTH, WIDTH, LAW.E * LAW.thickness**3 / 12 / (1 - LAW.nu**2), LAW.density * LAW.thickness
+    LENGTH,
+    WIDTH,
+    bending_stiffness=LAW.E * LAW.thickness**3 / 12 / (1 - LAW.nu**2),
+    area_density=LAW.density * LAW.thickness,
 )
 
 
@@ -52,10 +55,10 @@ def hang(weight: float, cells: int = 16) -> Hanging:
         hinges=["crease"],
         displacement=folded(REST),
     )
-    crease = gx.connectors.Crease(plate, "crease", STIFFNESS, REST)
+    crease = gx.connectors.Crease(plate, "crease", stiffness=STIFFNESS, rest_angle=REST)
     items = [plate, crease, gx.Fixed(plate, "left"), gx.Gravity(plate, (GRAVITY, 0.0, 0.0))]
     if weight:
-        items.append(gx.loads.EdgeLoad(plate, "right", (weight / WIDTH, 0.0, 0.0)))
+        items.append(gx.loads.EdgeLoad(plate, "right", force=(weight / WIDTH, 0.0, 0.0)))
     search = gx.Equilibrium(gx.Scene(*items))
     search.find()
     X, x = plate.space.tabulate_dof_coordinates(), search.system.q0.array_r.reshape(-1, 3)
@@ -155,8 +158,8 @@ def main(output: str | Path | None = None, cells: int = 16, seed: int = 0) -> di
     found = gx.analysis.identify_crease(
         STRIP,
         WEIGHTS,
-        angles,
-        distances,
+        angles=angles,
+        distances=distances,
         angle_uncertainty=ANGLE_ERROR,
         distance_uncertainty=DISTANCE_ERROR,
     )

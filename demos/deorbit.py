@@ -35,7 +35,9 @@ def panels() -> list[gx.orbit.Surface]:
         centre = 1.3 * (math.cos(SWEEP) * out - math.sin(SWEEP) * np.array([1.0, 0, 0])) - np.array(
             [0.6, 0, 0]
         )
-        found.append(gx.orbit.Surface(AREA / 4, tuple(normal), tuple(centre), two_sided=True))
+        found.append(
+            gx.orbit.Surface(AREA / 4, tuple(normal), centre=tuple(centre), two_sided=True)
+        )
     return found
 
 
@@ -62,7 +64,7 @@ def main(
     Returns:
         fall of the semi-major axis [m], the formula's, largest angle to the wind in the last quarter [rad].
     """
-    start = gx.orbit.Elements(RADIUS, 0.0, 0.9)
+    start = gx.orbit.Elements(RADIUS, 0.0, i=0.9)
     orbit = gx.orbit.Orbit(start, sun=(1.0, 0.0, 0.0))
     out, along, across = orbit.local_axes.T
     c, s = math.cos(tilt), math.sin(tilt)
@@ -77,11 +79,11 @@ def main(
         comm=comm,
         name="satellite",
     )
-    drag = gx.orbit.Drag(body, orbit, AIR, surfaces=panels(), rotation=0.0, name="drag")
+    drag = gx.orbit.Drag(body, orbit, atmosphere=AIR, surfaces=panels(), rotation=0.0, name="drag")
     nose = body.frame().directors[0]
     probes = {
         "altitude [km]": lambda run: gx.probes.OrbitState(orbit, "altitude")(run) / 1e3,
-        "angle to the motion [rad]": gx.probes.Attitude(orbit, nose, "along"),
+        "angle to the motion [rad]": gx.probes.Attitude(orbit, nose, axis="along"),
         "a": gx.probes.OrbitState(orbit, "a"),
     }
     series = gx.Series(probes)
@@ -90,10 +92,10 @@ def main(
         drawn = {name: probes[name] for name in ("altitude [km]", "angle to the motion [rad]")}
         outputs.append(
             gx.plot.FlightPicture(
-                Path(output) / "deorbit.png", orbit, drawn, title="A de-orbit sail"
+                Path(output) / "deorbit.png", orbit, probes=drawn, title="A de-orbit sail"
             )
         )
-    run = gx.Simulation(gx.Scene(drag), gx.Midpoint(dt=dt), outputs)
+    run = gx.Simulation(gx.Scene(drag), gx.Midpoint(dt=dt), outputs=outputs)
     run.run(until=3600 * hours)
     # the circle's fall by the formula, a few minutes at a time
     a, step = RADIUS, 60.0

@@ -56,7 +56,7 @@ def build(
     cells: int = 4,
     panels: int = 3,
     start: str = "zigzag",
-    angle: float = 80.0,
+    angle_degrees: float = 80.0,
     lift: float = 1e-4,
     thickness: float = 25e-6,
     tank: float = 1e-6,
@@ -76,7 +76,7 @@ def build(
     """The tube of `panels` compartments with `cells` cells across, folded, its tank and the valve.
 
     Args:
-        start: "zigzag", with panels that rise by `angle` [degrees], or "roll".
+        start: "zigzag", with panels that rise by `angle_degrees`, or "roll".
         lift: half of the distance of the layers at the folds [m].
         thickness: of the film [m].
         tank, pressure: its volume [m³], and the pressure in it at the start [Pa].
@@ -95,7 +95,7 @@ def build(
         folds = gx.fold.Zigzag(
             length=length,
             panels=panels,
-            angle=math.radians(angle),
+            angle=math.radians(angle_degrees),
             width=width,
             opening=1e-3,
             lift=lift,
@@ -108,15 +108,15 @@ def build(
     outside = gx.gas.Ambient(air) if air else None
     tube = gx.assemblies.InflatableTube(
         flat_tube(comm, length, diameter, cells, compartments=panels),
-        KAPTON_HN.law(thickness, residual=1e-6),
+        KAPTON_HN.law(thickness, residual_stiffness=1e-6),
         gas=NITROGEN,
         pressure=residual + air,
         dead_volume=dead_volume,
         outside=outside,
         folds=folds,
-        crease=crease,
-        memory=0.5,
-        contact=contact,
+        crease_stiffness=crease,
+        set_angle_ratio=0.5,
+        contact_distance=contact,
     )
     source = gx.Tank(tank, gas=NITROGEN, pressure=pressure, temperature=293.0)
     valve = tube.inlet(source, lambda t: math.pi / 4 * bore**2 * min(0.1 + t / 5e-3, 1.0) ** 2)
@@ -124,7 +124,7 @@ def build(
     if gravity:
         items.append(gx.Gravity(tube.film, (0.0, 0.0, -gravity)))
     if air and drag:
-        items.append(gx.loads.AirDrag(tube.film, air / (AIR.R * 293.0), drag))
+        items.append(gx.loads.AirDrag(tube.film, air / (AIR.R * 293.0), drag_coefficient=drag))
     probes: dict[str, Probe] = {
         f"p{i + 1} [Pa]": gx.probes.GasState(bag, "pressure") for i, bag in enumerate(tube.chambers)
     }
@@ -139,12 +139,18 @@ def build(
         probes["penetrations"] = gx.probes.Penetrations(tube.contact)
     probes |= {f"{line.name} [rad]": gx.probes.FoldAngle(line) for line in tube.creases}
     control = gx.StepControl(
-        iterations=iterations or (12 if start == "zigzag" else 10), largest=2 * dt
+        target_iterations=iterations or (12 if start == "zigzag" else 10), max_step=2 * dt
     )
     # the first guess of a step may press layers together: its residual is no measure of the forces
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
     return gx.Case(
-        gx.Scene(*items), stepper, until, TITLE, probes=probes, control=control, frames=80
+        gx.Scene(*items),
+        stepper,
+        until=until,
+        title=TITLE,
+        probes=probes,
+        control=control,
+        frames=80,
     )
 
 

@@ -38,7 +38,9 @@ def main(
 
     def scene() -> gx.Scene:
         held = [gx.Fixed(film, corner) for corner in CORNERS]
-        return gx.Scene(film, *held, *(gx.analysis.EdgeCable(film, edge, force) for edge in EDGES))
+        return gx.Scene(
+            film, *held, *(gx.analysis.EdgeCable(film, edge, force=force) for edge in EDGES)
+        )
 
     found = gx.analysis.find_form(film, scene, change=2e-4)
     nodes = film.nodes("bottom")

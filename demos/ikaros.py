@@ -126,36 +126,44 @@ def build(
     items.append(gx.RigidMotion(spin=(0.0, 0.0, rpm * RPM)))
     if damping:
         items.append(
-            gx.Damping(film, stiffness=damping, tension_only=tension_only, name="film damping")
+            gx.Damping(
+                film, stiffness_factor=damping, tension_only=tension_only, name="film damping"
+            )
         )
     if crease:
-        items += folds.creases(film, crease, rest=0.5)
+        items += folds.creases(film, stiffness=crease, set_angle_ratio=0.5)
     probes: dict[str, Probe] = {
         "spin of the hub [rpm]": _rpm(gx.probes.AngularVelocity(hub.frame(), "z")),
         "spin of the sail [rpm]": _rpm(gx.probes.MeanSpin(film, "z")),
         **{
-            f"radius {k} [m]": gx.probes.PolarPosition(port, hub.frame(), "radius")
+            f"radius {k} [m]": gx.probes.PolarPosition(port, hub.frame(), quantity="radius")
             for k, port in enumerate(tips)
         },
-        "twist [rad]": gx.probes.PolarPosition(tips[0], hub.frame(), "angle"),
+        "twist [rad]": gx.probes.PolarPosition(tips[0], hub.frame(), quantity="angle"),
         "middle [m]": gx.probes.PolarPosition(
-            film.port_at((0.0, -outer * pitch, 0.0)), hub.frame(), "radius"
+            film.port_at((0.0, -outer * pitch, 0.0)), hub.frame(), quantity="radius"
         ),
     }
     if contact:
         end = (0.0, 0.0, HUB_HEIGHT / 2)
         drum = gx.contact.Cylinder(
-            start=(0.0, 0.0, -HUB_HEIGHT / 2), end=end, radius=radius, on=hub, name="drum"
+            start=(0.0, 0.0, -HUB_HEIGHT / 2), end=end, radius=radius, body=hub, name="drum"
         )
         items.append(touching := gx.Contact(film, drum, distance=contact, friction=friction))
         probes["penetrations"] = gx.probes.Penetrations(touching)
     else:
         probes["penetrations"] = gx.probes.Crossings(film)
-    control = gx.StepControl(iterations=iterations, largest=largest, growth=growth)
+    control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
     # of the steps that do not end after 25 iterations most never do: they are halved sooner
-    stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13, iterations=25))
+    stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13, max_iterations=25))
     return gx.Case(
-        gx.Scene(*items), stepper, until, TITLE, probes=probes, control=control, frames=80
+        gx.Scene(*items),
+        stepper,
+        until=until,
+        title=TITLE,
+        probes=probes,
+        control=control,
+        frames=80,
     )  # type: ignore[arg-type]
 
 
@@ -173,7 +181,7 @@ def sail(
     """The four trapezoids with the mass of their devices."""
     inner, outer, _ = rows(pitch)
     density = PETALS / (4 * (outer**2 - inner**2) * pitch**2) / FILM["thickness"]
-    law = gx.Miyazaki(**FILM, density=density, residual=1e-6)
+    law = gx.Miyazaki(**FILM, density=density, residual_stiffness=1e-6)
     mesh = mark(trapezoids(comm, 4, inner, outer, pitch, refine))
     return gx.Membrane(mesh, law, name="sail", displacement=displacement)
 
@@ -198,7 +206,9 @@ def tethers(
             rim = hub.port((x * radius / far, y * radius / far, height))
             ends.append((film.port_at((x, y, z)), rim))
             lengths.append(far - radius)
-    return gx.connectors.RopeBundle(ends, lengths, TETHER, damping, name="tethers")
+    return gx.connectors.RopeBundle(
+        ends, lengths=lengths, stiffness=TETHER, damping=damping, name="tethers"
+    )
 
 
 def steady(

@@ -102,7 +102,7 @@ def build(
     radius = HUB_RADIUS * math.cos(step / 2) - CORD - 1.05 * TOUCH
     half = HUB_HEIGHT / 4
     drum = gx.contact.Cylinder(
-        start=(0.0, 0.0, -half), end=(0.0, 0.0, half), radius=radius, on=hub, name="drum"
+        start=(0.0, 0.0, -half), end=(0.0, 0.0, half), radius=radius, body=hub, name="drum"
     )
     # the axis of a rod is beside the free part of its arm, and outside of its roll
     away = ROD + CORD + 1.1 * TOUCH
@@ -112,12 +112,12 @@ def build(
     guides = gx.assemblies.RotationGuides(
         hub,
         4,
-        float(np.linalg.norm(place)),
-        rod=ROD,
+        radius=float(np.linalg.norm(place)),
+        rod_radius=ROD,
         height=2 * half,
         mass=RING,
-        brake=brake,
-        first=math.atan2(place[1], place[0]),
+        brake_damping=brake,
+        first_angle=math.atan2(place[1], place[0]),
     )
     items: list[object] = [hub, guides]
     arms: list[gx.Cable] = []
@@ -145,7 +145,7 @@ def build(
         held = hub.port((float(placed[0, 0]), float(placed[0, 1]), 0.0))
         items += [arm, gx.constraints.BallJoint(arm.port("start"), held, name=f"knot {k}")]
         items += [gx.connectors.AttachedMass(arm.port("end"), TIP, name=f"mass {k}")]
-        items.append(gx.Damping(arm, stiffness=damping, name=f"damping {k}"))
+        items.append(gx.Damping(arm, stiffness_factor=damping, name=f"damping {k}"))
         arms.append(arm)
     radii = dict.fromkeys((a.name for a in arms), CORD)
     contact = gx.Contact(
@@ -158,15 +158,21 @@ def build(
         "spin of the hub [rpm]": lambda run: spin(run) / RPM,
         "ring against hub [rad/s]": lambda run: ring(run) - spin(run),
         **{
-            f"radius {k} [m]": gx.probes.PolarPosition(a.port("end"), hub.frame(), "radius")
+            f"radius {k} [m]": gx.probes.PolarPosition(
+                a.port("end"), hub.frame(), quantity="radius"
+            )
             for k, a in enumerate(arms)
         },
-        "swing [rad]": gx.probes.PolarPosition(arms[0].port("end"), guides.ring.frame(), "angle"),
+        "swing [rad]": gx.probes.PolarPosition(
+            arms[0].port("end"), guides.ring.frame(), quantity="angle"
+        ),
         "penetrations": gx.probes.Penetrations(contact),
     }
-    control = gx.StepControl(iterations=iterations, largest=largest, growth=1.1)
+    control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=1.1)
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
-    return gx.Case(scene, stepper, until, TITLE, probes=probes, control=control, frames=60)
+    return gx.Case(
+        scene, stepper, until=until, title=TITLE, probes=probes, control=control, frames=60
+    )
 
 
 def main(

@@ -112,7 +112,7 @@ def build(
         start=(0.0, 0.0, -HUB_HEIGHT / 2),
         end=(0.0, 0.0, HUB_HEIGHT / 2),
         radius=radius,
-        on=hub,
+        body=hub,
         name="drum",
     )
     touching = gx.Contact(film, drum, *guides.rods, distance=contact)
@@ -129,7 +129,7 @@ def build(
         gx.connectors.AttachedMass(port, TIP, name=f"mass {k}") for k, port in enumerate(tips)
     ]
     items += [
-        gx.Damping(film, stiffness=damping, name="film damping"),
+        gx.Damping(film, stiffness_factor=damping, name="film damping"),
         gx.RigidMotion(spin=(0.0, 0.0, rpm * RPM)),
     ]
     spin, turn, mean = (
@@ -142,18 +142,24 @@ def build(
         "spin of the sail [rpm]": lambda run: mean(run) / RPM,
         "ring against hub [rad/s]": lambda run: turn(run) - spin(run),
         **{
-            f"radius {k} [m]": gx.probes.PolarPosition(port, hub.frame(), "radius")
+            f"radius {k} [m]": gx.probes.PolarPosition(port, hub.frame(), quantity="radius")
             for k, port in enumerate(tips)
         },
         "middle [m]": gx.probes.PolarPosition(
-            film.port_at((0.0, -outer * pitch, 0.0)), hub.frame(), "radius"
+            film.port_at((0.0, -outer * pitch, 0.0)), hub.frame(), quantity="radius"
         ),
         "penetrations": gx.probes.Penetrations(touching),
     }
-    control = gx.StepControl(iterations=iterations, largest=largest, growth=growth)
-    stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13, iterations=25))
+    control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
+    stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13, max_iterations=25))
     return gx.Case(
-        gx.Scene(*items), stepper, until, TITLE, probes=probes, control=control, frames=120
+        gx.Scene(*items),
+        stepper,
+        until=until,
+        title=TITLE,
+        probes=probes,
+        control=control,
+        frames=120,
     )  # type: ignore[arg-type]
 
 
@@ -183,7 +189,9 @@ def _tethers(
         def length(t: float, short: float = short, whole: float = whole) -> float:
             return short + max(whole - short, 0.0) * _smooth((t - release) / IN)
 
-        found.append(gx.connectors.Tether(edge, rim, length, TETHER, name=f"tether {k}"))
+        found.append(
+            gx.connectors.Tether(edge, rim, length=length, stiffness=TETHER, name=f"tether {k}")
+        )
     return found
 
 
@@ -204,14 +212,14 @@ def _guides(
     return gx.assemblies.RotationGuides(
         hub,
         count,
-        axis,
-        rod=ROD,
+        radius=axis,
+        rod_radius=ROD,
         height=HEIGHT,
         mass=RING,
-        brake=brake,
-        first=first,
+        brake_damping=brake,
+        first_angle=first,
         drawn=lambda t: DRAWN * _smooth((t - release) / IN),
-        depth=1.2 * DRAWN,
+        reel_depth=1.2 * DRAWN,
     )
 
 

@@ -61,11 +61,13 @@ def main(
     items.append(ikaros.tethers(film, hub, pitch, ikaros.HUB_RADIUS, tether_damping))
     items += [gx.StartFrom(search.system), gx.RigidMotion(spin=(0.0, 0.0, Ω))]
     if damping:
-        items.append(gx.Damping(film, stiffness=damping, name="film damping"))
+        items.append(gx.Damping(film, stiffness_factor=damping, name="film damping"))
     series = gx.Series(
         {"hub": gx.probes.AngularVelocity(hub.frame(), "z"), "sail": gx.probes.MeanSpin(film, "z")}
     )
-    run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt), [gx.outputs.Progress(), series])  # type: ignore[arg-type]
+    run = gx.Simulation(
+        gx.Scene(*items), gx.Midpoint(dt=dt), outputs=[gx.outputs.Progress(), series]
+    )  # type: ignore[arg-type]
     run.run(until=until)
     swing = series["hub"] - series["sail"]
     found = fit(np.asarray(series.time), swing)

@@ -37,7 +37,7 @@ from meshes.tube import flat_tube
 
 TITLE = "A tube pressed flat, deployed from a tank"
 LENGTH, DIAMETER = 0.8, 0.058  # m
-FILM = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual=1e-6)
+FILM = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual_stiffness=1e-6)
 NITROGEN = gx.IdealGas(gamma=1.4, R=296.8)
 BLEED, BORE, SOFT = 0.2e-3, 1e-3, (0.02, 0.03)  # m, m, s
 
@@ -107,7 +107,7 @@ def build(comm: MPI.Comm, cells: int = 14, until: float = 0.05, dt: float = 1e-4
     )
     tank = gx.Tank(20e-6, gas=NITROGEN, pressure=1.5e6, temperature=293.0)
     valve = gx.Orifice(tank, tube, area=valve_area, discharge_coefficient=0.8, name="valve")
-    return gx.Case(gx.Scene(film, tube, valve), gx.Midpoint(dt=dt), until, title=TITLE)
+    return gx.Case(gx.Scene(film, tube, valve), gx.Midpoint(dt=dt), until=until, title=TITLE)
 
 
 def main(

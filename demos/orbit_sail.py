@@ -76,10 +76,10 @@ def main(
         part of the time in light, mean force of sunlight in it over that on a flat sail towards the Sun, change of the
         sun angle [rad], part of the film that is not taut, error of the ledger, effort.
     """
-    start = gx.orbit.Elements(RADIUS, 0.0, math.pi / 2)  # over the poles; the Sun is in its plane
+    start = gx.orbit.Elements(RADIUS, 0.0, i=math.pi / 2)  # over the poles; the Sun is in its plane
     orbit = gx.orbit.Orbit(start, gravity="J2", sun=(0.0, 0.0, 1.0), shadow="cone")
     film, frame, springs = sail(comm, cells)
-    light = gx.orbit.SolarPressure(film, orbit, JPL_SAIL, name="sunlight")
+    light = gx.orbit.SolarPressure(film, orbit, optics=JPL_SAIL, name="sunlight")
     spin = gx.RigidMotion(spin=(0.0, 0.0, SPIN))
     scene = gx.Scene(film, frame, *springs, orbit, light, spin)
     probes = {
@@ -87,7 +87,10 @@ def main(
         "a": gx.probes.OrbitState(orbit, "a"),
         "sun angle": gx.probes.SunAngle(orbit, frame.frame().directors[2]),
         "force": lambda run: math.hypot(
-            *(gx.probes.LoadResultant(orbit, "sunlight", "force", axis)(run) for axis in "xyz")
+            *(
+                gx.probes.LoadResultant(orbit, "sunlight", action="force", axis=axis)(run)
+                for axis in "xyz"
+            )
         ),
         "wrinkled or slack": lambda run: 1 - gx.probes.AreaFraction(film, "taut")(run),
     }
@@ -101,10 +104,13 @@ def main(
         }
         outputs.append(
             gx.plot.FlightPicture(
-                Path(output) / "orbit_sail.png", orbit, drawn, title="A spinning sail in orbit"
+                Path(output) / "orbit_sail.png",
+                orbit,
+                probes=drawn,
+                title="A spinning sail in orbit",
             )
         )
-    run = gx.Simulation(scene, gx.Midpoint(dt=dt), outputs)
+    run = gx.Simulation(scene, gx.Midpoint(dt=dt), outputs=outputs)
     run.run(until=until or start.period(orbit.mu))
     flat = orbit.pressure * SIDE**2 * sum(JPL_SAIL.coefficients())
     lit = series["sunlit"][1:] == 1.0

@@ -57,7 +57,7 @@ def build(comm: MPI.Intracomm, cells: int = 8, until: float = 0.1, dt: float = 5
     bag = gx.Chamber(film, gas=NITROGEN, pressure=10.0, temperature=293.0, dead_volume=1e-6)
     tank = gx.Tank(volume=4e-6, gas=NITROGEN, pressure=1e6, temperature=293.0)
     valve = gx.Orifice(tank, bag, area=5e-7, discharge_coefficient=0.8)
-    rubbing = gx.Damping(film, mass=100.0, stiffness=1e-5)
+    rubbing = gx.Damping(film, mass_factor=100.0, stiffness_factor=1e-5)
     return gx.Case(
         gx.Scene(film, bag, valve, rubbing), gx.Midpoint(dt=dt), until=until, title=TITLE
     )

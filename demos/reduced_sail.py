@@ -69,7 +69,7 @@ def film(comm: MPI.Comm, cells: int, kick: Kick, speed: float) -> gx.Membrane:
 
 def parts(sail: gx.Membrane) -> list[Any]:
     """The hub, the masses at the tips, and what ties them to the sail."""
-    hub = gx.RigidBody(200.0, (50.0, 50.0, 85.0), CENTRE, comm=sail.comm, name="hub")
+    hub = gx.RigidBody(200.0, (50.0, 50.0, 85.0), position=CENTRE, comm=sail.comm, name="hub")
     items: list[Any] = [hub]
     for k, corner in enumerate(CORNERS):
         port = sail.port_at(corner)
@@ -85,7 +85,9 @@ def parts(sail: gx.Membrane) -> list[Any]:
         near = hub.port((*(0.8 / 2**0.5 * toward), 0.0))
         length = 0.25 * SIDE / 2**0.5 - 0.8
         items += [tip, gx.constraints.BallJoint(port, tip.port(), name=f"joint {k}")]
-        items.append(gx.connectors.Spring(near, held, 50.0, length, name=f"tether {k}"))
+        items.append(
+            gx.connectors.Spring(near, held, stiffness=50.0, length=length, name=f"tether {k}")
+        )
     return items
 
 
@@ -93,10 +95,10 @@ def steady(sail: gx.Membrane, spin: float) -> gx.Equilibrium:
     """The sail and its masses at rest in axes that turn with `spin` [rad/s], the hub held."""
     items = parts(sail)
     hub, turning = items[0], [sail, *(item for item in items if isinstance(item, gx.PointMass))]
-    items += [gx.loads.Centrifugal(body, (0.0, 0.0, spin), CENTRE) for body in turning]
+    items += [gx.loads.Centrifugal(body, (0.0, 0.0, spin), centre=CENTRE) for body in turning]
     hold = gx.constraints.FixedJoint(hub.frame_at(CENTRE), gx.ground_frame(CENTRE), name="hold")
     # of many modes the round-off of the forces is above the usual 1e-8 of the load
-    found = gx.Equilibrium(gx.Scene(sail, *items, hold), gx.analysis.Continuation(residual=1e-7))
+    found = gx.Equilibrium(gx.Scene(sail, *items, hold), gx.analysis.Continuation(tolerance=1e-7))
     found.find()
     return found
 
@@ -116,12 +118,14 @@ def flight(
         stiffness, damping = (0.5, 0.5, 0.0), (20.0, 20.0, 0.0)
         items.append(
             gx.control.AttitudeControl(
-                items[0].frame(), (0.0, 0.0, 0.0), stiffness, damping, period=1.0
+                items[0].frame(), (0.0, 0.0, 0.0), stiffness=stiffness, damping=damping, period=1.0
             )
         )
     start = gx.StartFrom(steady(sail, spin).system)
     turning = gx.RigidMotion(spin=(0.0, 0.0, spin), centre=CENTRE)
-    return gx.Simulation(gx.Scene(sail, *items, start, turning), gx.Midpoint(dt=dt), outputs)
+    return gx.Simulation(
+        gx.Scene(sail, *items, start, turning), gx.Midpoint(dt=dt), outputs=outputs
+    )
 
 
 def main(
@@ -150,7 +154,7 @@ def main(
     spin, times = 1.1 * SPIN, np.linspace(0, 2 * training, 41)[1:].tolist()
     other = film(comm, cells, tilted, 0.015)
     started = time.process_time()
-    reduced = gx.reduction.reduce(other, shapes, modes, sampled)
+    reduced = gx.reduction.reduce(other, shapes, modes=modes, cells=sampled)
     trained = time.process_time() - started
     truth = gx.reduction.Snapshots(other, times=times)
     whole, few = flight(other, spin, dt, [truth]), flight(reduced, spin, dt)

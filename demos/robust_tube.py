@@ -38,8 +38,8 @@ def build(comm: MPI.Comm, state: str = "fresh", length: float = LENGTH, **levels
     return gx.Case(
         case.scene,
         case.stepper,
-        UNTIL,
-        case.title,
+        until=UNTIL,
+        title=case.title,
         probes=probes,
         frames=40,
         control=case.control,

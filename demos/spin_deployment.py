@@ -99,12 +99,12 @@ def build(
     side, count = pattern(diameter, n)
     folds = gx.fold.Star(n=n, side=side, columns=cells, reach=count * cells, gap=gap)
     mesh = folds.mark(pinwheel(comm, n, side, cells, count * cells))
-    film = gx.Membrane(mesh, KAPTON_HN.law(thickness, residual=1e-6), name="sail")
+    film = gx.Membrane(mesh, KAPTON_HN.law(thickness, residual_stiffness=1e-6), name="sail")
     height = count * side * math.tan(math.pi / n)
     hub = gx.RigidBody(0.1, (0.8 * inertia, 0.8 * inertia, inertia), name="hub")
     radius = folds.radius * math.cos(math.pi / n / cells) - CLEAR * contact
     drum = gx.contact.Cylinder(
-        start=(0.0, 0.0, 0.0), end=(0.0, 0.0, -height), radius=radius, on=hub, name="drum"
+        start=(0.0, 0.0, 0.0), end=(0.0, 0.0, -height), radius=radius, body=hub, name="drum"
     )
     touching = gx.Contact(film, drum, distance=contact, friction=friction)
     spin = sense * 2 * math.pi * rev
@@ -112,7 +112,7 @@ def build(
         film,
         folds.start(film),
         hub,
-        gx.RigidRegion(film, "hub", to=hub),
+        gx.RigidRegion(film, "hub", rigid_body=hub),
         touching,
     ]
     items += [
@@ -120,11 +120,11 @@ def build(
     ]
     items.append(gx.RigidMotion(spin=(0.0, 0.0, spin)))
     if held:
-        items.append(gx.constraints.Driven(hub, (0.0, 0.0, 1.0), lambda t: spin * t))
+        items.append(gx.constraints.Driven(hub, (0.0, 0.0, 1.0), angle=lambda t: spin * t))
     if damping:
-        items.append(gx.Damping(film, stiffness=damping))
+        items.append(gx.Damping(film, stiffness_factor=damping))
     if crease:
-        items += folds.creases(film, crease, rest=0.5)
+        items += folds.creases(film, stiffness=crease, set_angle_ratio=0.5)
     if gravity:
         items.append(gx.Gravity(film, (0.0, 0.0, -gravity)))
     if air:
@@ -134,17 +134,19 @@ def build(
         "spin of the hub [rad/s]": gx.probes.AngularVelocity(hub.frame(), "z"),
         "spin of the sail [rad/s]": gx.probes.MeanSpin(film, "z"),
         **{
-            f"radius {k} [m]": gx.probes.PolarPosition(p, hub.frame(), "radius")
+            f"radius {k} [m]": gx.probes.PolarPosition(p, hub.frame(), quantity="radius")
             for k, p in enumerate(ports)
         },
-        "twist [rad]": gx.probes.PolarPosition(ports[0], hub.frame(), "angle"),
+        "twist [rad]": gx.probes.PolarPosition(ports[0], hub.frame(), quantity="angle"),
         "penetrations": gx.probes.Penetrations(touching),
     }
-    control = gx.StepControl(iterations=iterations, largest=largest, growth=growth)
+    control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
     # the first guess of a step may press layers together: its residual is no measure of the forces
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
     scene = gx.Scene(*items)  # type: ignore[arg-type]
-    return gx.Case(scene, stepper, until, TITLE, probes=probes, control=control, frames=80)
+    return gx.Case(
+        scene, stepper, until=until, title=TITLE, probes=probes, control=control, frames=80
+    )
 
 
 def main(

@@ -42,9 +42,9 @@ def build(
     order: int = 1,
 ) -> gx.Case:
     """The film of n × n × 2 triangles, until the time `until` [s] in steps of `dt` [s]."""
-    law = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual=residual)
+    law = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual_stiffness=residual)
     film = gx.Membrane(sheet(comm, n, n), law, order=order, velocity=throw)
-    return gx.Case(gx.Scene(film), gx.Midpoint(dt=dt), until, title=TITLE)
+    return gx.Case(gx.Scene(film), gx.Midpoint(dt=dt), until=until, title=TITLE)
 
 
 def main(
@@ -68,7 +68,7 @@ def main(
             case.recording(out),
             gx.plot.Picture(out / "sheet.png", times=looks, title=TITLE),
         ]
-    run = gx.Simulation(case.scene, stepper or case.stepper, outputs)
+    run = gx.Simulation(case.scene, stepper or case.stepper, outputs=outputs)
     run.run(until=case.until)
 
     first, last = run.first, run.totals

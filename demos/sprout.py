@@ -106,8 +106,8 @@ def build(
     diameter: float = 0.03,
     a: float = 0.32,
     b: float = 0.37,
-    gamma: float = 82.0,
-    theta: float = 88.5,
+    gamma_degrees: float = 82.0,
+    theta_degrees: float = 88.5,
     cell: float = 0.06,
     fine: float = 0.2,
     coarse: float = 0.3,
@@ -134,7 +134,7 @@ def build(
 
     Args:
         length, diameter: of the tubes [m].
-        a, b, gamma, theta: of Miura's fold [m], [degrees].
+        a, b, gamma_degrees, theta_degrees: of Miura's fold [m], [degrees].
         cell: of the tubes [m]; fine, coarse: of the film at its narrow and its wide end [m].
         rows: of parallelograms in a compartment.
         lift: half of the distance of a tube's sheets at the folds, along the stack [m].
@@ -152,8 +152,8 @@ def build(
     folds = gx.fold.Miura(
         a=a,
         b=b,
-        gamma=math.radians(gamma),
-        theta=math.radians(theta),
+        gamma=math.radians(gamma_degrees),
+        theta=math.radians(theta_degrees),
         opening=3e-4 if lift else 0.0,
         lift=lift,
     )
@@ -167,7 +167,7 @@ def build(
     )  # of the first parallelogram, which stays as it is
     x, y, z = Rotation.from_matrix(folds.axes.T).as_rotvec()
     turn = (float(x), float(y), float(z))
-    law = KAPTON_HN.law(thickness, residual=1e-4)
+    law = KAPTON_HN.law(thickness, residual_stiffness=1e-4)
     cube = gx.RigidBody(MASS, [INERTIA] * 3, name="cube", comm=comm)
     source = gx.Tank(tank, gas=NITROGEN, pressure=pressure, temperature=293.0)
 
@@ -175,7 +175,7 @@ def build(
     film = gx.Membrane(folds.mark(mesh) if crease else mesh, law, name="film")
     items: list[object] = [cube, film, folds.start(film, origin, turn)]
     if crease:
-        items += folds.creases(film, crease, rest=0.5)
+        items += folds.creases(film, stiffness=crease, set_angle_ratio=0.5)
     walls = range(rows, math.ceil((BELOW + length * math.cos(HALF)) / a - 0.5), rows)
     tubes: dict[int, gx.assemblies.InflatableTube] = {}
     for name, side in SIDES.items():
@@ -192,8 +192,8 @@ def build(
             folds=folds,
             origin=origin,
             turn=turn,
-            crease=crease,
-            memory=0.5,
+            crease_stiffness=crease,
+            set_angle_ratio=0.5,
             name=name,
         )
         valve = tube.inlet(
@@ -209,21 +209,22 @@ def build(
         ]
         items.append(
             gx.connectors.RopeBundle(
-                ends, [inset / math.cos(HALF)] * len(ends), stiffness=2e3, name="tethers"
+                ends, lengths=[inset / math.cos(HALF)] * len(ends), stiffness=2e3, name="tethers"
             )
         )
-        items.append(gx.RigidRegion(film, "side 1", to=cube))
+        items.append(gx.RigidRegion(film, "side 1", rigid_body=cube))
     else:
         items += [
-            gx.Tie(tubes[1].film, "side 4", film, "side 2"),
-            gx.Tie(tubes[-1].film, "side 2", film, "side 4"),
+            gx.Tie(tubes[1].film, group_a="side 4", b=film, group_b="side 2"),
+            gx.Tie(tubes[-1].film, group_a="side 2", b=film, group_b="side 4"),
         ]
     films = [film, *(tube.film for tube in tubes.values())]
     if damping:
         items += [
-            gx.Damping(body, stiffness=damping, name=f"{body.name} damping") for body in films
+            gx.Damping(body, stiffness_factor=damping, name=f"{body.name} damping")
+            for body in films
         ]
-    box = gx.contact.Box(centre=(0.0, 0.0, 0.0), sizes=(CUBE, CUBE, CUBE), on=cube, name="walls")
+    box = gx.contact.Box(centre=(0.0, 0.0, 0.0), sizes=(CUBE, CUBE, CUBE), body=cube, name="walls")
     touching = gx.Contact(*films, box, distance=contact)
     items.append(touching)
 
@@ -241,11 +242,13 @@ def build(
         f"spin {axis} [rad/s]": gx.probes.AngularVelocity(cube.frame(), axis) for axis in "xyz"
     }
     probes["penetrations"] = gx.probes.Penetrations(touching)
-    control = gx.StepControl(iterations=iterations, largest=largest, growth=growth)
+    control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
     # the first guess of a step may press layers together: its residual is no measure of the forces
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
     scene = gx.Scene(*items)  # type: ignore[arg-type]
-    return gx.Case(scene, stepper, until, TITLE, probes=probes, control=control, frames=80)
+    return gx.Case(
+        scene, stepper, until=until, title=TITLE, probes=probes, control=control, frames=80
+    )
 
 
 def tips(series: gx.Series) -> dict[str, Array]:

@@ -23,7 +23,7 @@ from gossamer_fx.outputs.output import Output
 AREA, INERTIA, ARM, MASS, DISTANCE = 173.0, 770.0, 4.7, 300.0, 1.03  # m², kg m², m, kg, au
 RPM = 2 * math.pi / 60
 FLIGHT = -2.7e-5  # N m
-OPTICS = gx.orbit.Optics(0.8, 0.9, 0.05, 0.79)
+OPTICS = gx.orbit.Optics(0.8, 0.9, emissivity=0.05, lambertian=0.79)
 
 
 def petals(pitch: float) -> list[gx.orbit.Surface]:
@@ -33,7 +33,9 @@ def petals(pitch: float) -> list[gx.orbit.Surface]:
         c, s = math.cos(k * math.pi / 2), math.sin(k * math.pi / 2)
         normal = (-s * math.sin(pitch), c * math.sin(pitch), -math.cos(pitch))
         found.append(
-            gx.orbit.Surface(AREA / 4, normal, (ARM * c, ARM * s, 0.0), OPTICS, two_sided=True)
+            gx.orbit.Surface(
+                AREA / 4, normal, centre=(ARM * c, ARM * s, 0.0), optics=OPTICS, two_sided=True
+            )
         )
     return found
 
@@ -70,7 +72,7 @@ def main(
         "spin": lambda run: float(run.totals.angular_momentum @ axis),
         "sun angle [rad]": gx.probes.SunAngle(orbit, body.frame().directors[2]),
         "torque": lambda run: sum(
-            float(a) * gx.probes.LoadResultant(orbit, "sunlight", "torque", x)(run)
+            float(a) * gx.probes.LoadResultant(orbit, "sunlight", action="torque", axis=x)(run)
             for a, x in zip(axis, "xyz", strict=True)
         ),
     }
@@ -83,10 +85,10 @@ def main(
         }
         outputs.append(
             gx.plot.FlightPicture(
-                Path(output) / "windmill.png", orbit, drawn, title="Windmill torque"
+                Path(output) / "windmill.png", orbit, probes=drawn, title="Windmill torque"
             )
         )
-    run = gx.Simulation(gx.Scene(light), gx.Midpoint(dt=dt), outputs)
+    run = gx.Simulation(gx.Scene(light), gx.Midpoint(dt=dt), outputs=outputs)
     frame = body.frame()
 
     def spin(system: object) -> float:

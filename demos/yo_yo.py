@@ -74,7 +74,7 @@ def build(
     I = inertia(cells)  # noqa: E741 (as in the formula)
     hub = gx.RigidBody(2 * I / RADIUS**2, (I / 2, I / 2, I), name="hub")
     drum = gx.contact.Cylinder(
-        start=(0.0, 0.0, -0.02), end=(0.0, 0.0, 0.02), radius=RADIUS, on=hub, name="drum"
+        start=(0.0, 0.0, -0.02), end=(0.0, 0.0, 0.02), radius=RADIUS, body=hub, name="drum"
     )
     cords: list[gx.Cable] = []
     items: list[object] = [hub]
@@ -96,7 +96,7 @@ def build(
             gx.constraints.BallJoint(cord.port("start"), held, name=f"knot {k + 1}"),
         ]
         items.append(gx.constraints.BallJoint(cord.port("end"), tip.port(), name=f"end {k + 1}"))
-        items.append(gx.Damping(cord, stiffness=DAMPING, name=f"damping {k + 1}"))
+        items.append(gx.Damping(cord, stiffness_factor=DAMPING, name=f"damping {k + 1}"))
         cords.append(cord)
     contact = gx.Contact(
         *cords,
@@ -111,9 +111,15 @@ def build(
         "penetrations": gx.probes.Penetrations(contact),
     }
     whole = UNWOUND * math.pi / SPIN if until is None else until
-    control = gx.StepControl(iterations=10, largest=largest)
+    control = gx.StepControl(target_iterations=10, max_step=largest)
     return gx.Case(
-        scene, gx.Midpoint(dt=dt), whole, TITLE, probes=probes, control=control, frames=60
+        scene,
+        gx.Midpoint(dt=dt),
+        until=whole,
+        title=TITLE,
+        probes=probes,
+        control=control,
+        frames=60,
     )
 
 

@@ -79,6 +79,9 @@ def markdown(text: str) -> str:
         if heading and heading[1] in SECTIONS and not line.startswith(" "):
             i, entries = _entries(lines, i + 1)
             out += ["", f"**{SECTIONS[heading[1]]}**", "", *entries, ""]
+        elif line == "Example:":
+            out += ["", "**Example**", ""]
+            i += 1
         elif line.startswith("    "):
             block = []
             while i < len(lines) and (lines[i].startswith("    ") or not lines[i].strip()):
@@ -86,9 +89,10 @@ def markdown(text: str) -> str:
                 i += 1
             while not block[-1].strip():
                 block.pop()
+            language = "pycon" if ">>>" in block[0] else "text"
             out += [
                 "",
-                "```text",
+                f"```{language}",
                 *inspect.cleandoc("\n".join(["", *block])).splitlines(),
                 "```",
                 "",

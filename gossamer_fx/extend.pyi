@@ -6,6 +6,8 @@ from .algebra.point_measures import add_blocks as add_blocks
 from .algebra.point_measures import attach_all as attach_all
 from .algebra.point_measures import evaluated_here as evaluated_here
 from .algebra.point_measures import translation_weight as translation_weight
+from .checks.arguments import Count as Count
+from .checks.arguments import check_arguments as check_arguments
 from .checks.errors import InputError as InputError
 from .checks.errors import check as check
 from .checks.errors import check_on_all as check_on_all

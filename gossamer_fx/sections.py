@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import KW_ONLY, dataclass, fields
 
-from gossamer_fx.checks.arguments import guarded
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 
 __all__ = ["Section", "rectangle", "solid_circle", "tube"]
 
 
-@guarded
+@check_arguments
 @dataclass(frozen=True)
 class Section:
     """Stiffness and mass of a beam's section with principal axes along the directors d2, d3.
@@ -25,6 +25,7 @@ class Section:
         rotary2, rotary3: ρ∫X2² dA and ρ∫X3² dA [kg m].
     """
 
+    _: KW_ONLY
     EA: float
     GA2: float
     GA3: float
@@ -58,12 +59,20 @@ def _of_shape(
     check(-1 < nu <= 0.5, f"Section: nu is {nu!r}; Poisson's ratio lies in (-1, 0.5].")
     G = E / (2 * (1 + nu))
     return Section(
-        E * A, k * G * A, k * G * A, E * I2, E * I3, G * J, density * A, density * I2, density * I3
+        EA=E * A,
+        GA2=k * G * A,
+        GA3=k * G * A,
+        EI2=E * I2,
+        EI3=E * I3,
+        GJ=G * J,
+        line_density=density * A,
+        rotary2=density * I2,
+        rotary3=density * I3,
     )
 
 
-@guarded
-def solid_circle(radius: float, E: float, nu: float, density: float) -> Section:
+@check_arguments
+def solid_circle(radius: float, *, E: float, nu: float, density: float) -> Section:
     """Circle of `radius` [m]; shear coefficient 6(1+ν)/(7+6ν) (Cowper, J. Appl. Mech. 33 (1966) 335)."""
     _positive("solid_circle", radius=radius, E=E, density=density)
     second = math.pi * radius**4 / 4
@@ -71,19 +80,23 @@ def solid_circle(radius: float, E: float, nu: float, density: float) -> Section:
     return _of_shape(E, nu, density, math.pi * radius**2, second, second, 2 * second, k)
 
 
-@guarded
-def tube(outer_radius: float, wall: float, E: float, nu: float, density: float) -> Section:
+@check_arguments
+def tube(
+    outer_radius: float, wall_thickness: float, *, E: float, nu: float, density: float
+) -> Section:
     """Tube of outer radius and wall thickness [m].
 
     With m the ratio of the radii, the shear coefficient is 6(1+ν)(1+m²)²/((7+6ν)(1+m²)² + (20+12ν)m²) (Cowper 1966).
     """
-    _positive("tube", outer_radius=outer_radius, wall=wall, E=E, density=density)
-    check(
-        wall < outer_radius,
-        f"tube: the wall of {wall!r} m is not thinner than the outer radius of {outer_radius!r} m; for a solid section "
-        "use solid_circle.",
+    _positive(
+        "tube", outer_radius=outer_radius, wall_thickness=wall_thickness, E=E, density=density
     )
-    inner = outer_radius - wall
+    check(
+        wall_thickness < outer_radius,
+        f"tube: wall_thickness is {wall_thickness!r} m, not less than the outer radius of "
+        f"{outer_radius!r} m; use solid_circle for a solid section.",
+    )
+    inner = outer_radius - wall_thickness
     area = math.pi * (outer_radius**2 - inner**2)
     second = math.pi * (outer_radius**4 - inner**4) / 4
     m2 = (inner / outer_radius) ** 2
@@ -91,8 +104,8 @@ def tube(outer_radius: float, wall: float, E: float, nu: float, density: float) 
     return _of_shape(E, nu, density, area, second, second, 2 * second, k)
 
 
-@guarded
-def rectangle(width2: float, width3: float, E: float, nu: float, density: float) -> Section:
+@check_arguments
+def rectangle(width2: float, width3: float, *, E: float, nu: float, density: float) -> Section:
     """Rectangle of widths along d2 and d3 [m]; shear coefficient 10(1+ν)/(12+11ν) (Cowper 1966).
 
     Torsion constant J = a b³ (1/3 - 64 b/(π⁵ a) Σ tanh(nπa/(2b))/n⁵), odd n, a ≥ b (Saint-Venant's series; Timoshenko

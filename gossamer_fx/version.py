@@ -1,3 +1,3 @@
 """Which gossamer_fx this is."""
 
-VERSION = "0.1.0"
+VERSION = "1.0.0.dev0"

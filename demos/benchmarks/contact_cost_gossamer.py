@@ -47,7 +47,7 @@ def stack(comm: MPI.Comm, vertices: int, part: float) -> list[gx.Membrane]:
         films.append(
             gx.Membrane(
                 sheet(comm, n, n, size, size),
-                gx.Miyazaki(**LAW, residual=1e-6),
+                gx.Miyazaki(**LAW, residual_stiffness=1e-6),
                 name=f"film {k}",
                 displacement=lambda X, placed=placed: placed(X) - X,
                 velocity=lambda X, level=level: thrown(X, -level * SPEED),

@@ -22,10 +22,10 @@ if case["shape"] == "strip":
 else:
     plate = gx.Plate(slit_ring(MPI.COMM_WORLD, n // 2, 4 * n, 6.0, 10.0), law)
     held, loaded = "end", "start"
-load = gx.loads.EdgeLoad(plate, loaded, (0.0, 0.0, shape.load))
+load = gx.loads.EdgeLoad(plate, loaded, force=(0.0, 0.0, shape.load))
 search = gx.Equilibrium(
     gx.Scene(plate, gx.constraints.ClampedEdge(plate, held), load),
-    gx.analysis.Continuation(step=case["step"]),
+    gx.analysis.Continuation(first_step=case["step"]),
 )
 cpu, wall = time.process_time(), time.perf_counter()
 found = search.find()

@@ -14,7 +14,11 @@ from meshes.sheet import sheet
 case = words({"n": 40, "steps": 5, "dt": 1e-3, "wrinkling": 1, "subdomains": "", "relative": 1e-10})
 watch = Stopwatch()
 constants = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
-law = gx.Miyazaki(**constants, residual=1e-6) if case["wrinkling"] else gx.Linear(**constants)
+law = (
+    gx.Miyazaki(**constants, residual_stiffness=1e-6)
+    if case["wrinkling"]
+    else gx.Linear(**constants)
+)
 n = case["n"]
 film = gx.Membrane(sheet(MPI.COMM_WORLD, n, n), law, velocity=throw)
 tolerances = gx.Tolerances(relative=case["relative"])

@@ -26,7 +26,7 @@ def deploy(
         folder, looks = Path(output), [part * case.until for part in parts]
         outputs += [
             case.recording(folder),
-            gx.plot.Picture(folder / f"{name}.png", looks, case.title, view),
+            gx.plot.Picture(folder / f"{name}.png", looks, title=case.title, view=view),
         ]
     run = case.simulation(outputs)
     run.run(until=case.until)

@@ -23,8 +23,8 @@ PRESSURE = 5000.0
 HALF_EDGE = 0.6 / math.sqrt(2)
 FILM = {"E": 588e6, "nu": 0.4, "density": 1000.0, "thickness": 6e-4}
 LAWS: dict[str, FilmLaw] = {
-    "Miyazaki 1e-6": gx.Miyazaki(**FILM, residual=1e-6),
-    "Miyazaki 1e-8": gx.Miyazaki(**FILM, residual=1e-8),
+    "Miyazaki 1e-6": gx.Miyazaki(**FILM, residual_stiffness=1e-6),
+    "Miyazaki 1e-8": gx.Miyazaki(**FILM, residual_stiffness=1e-8),
     "Elastica 0.4 m": gx.Elastica(**FILM, half_wavelength=0.4),
     "TensionField": gx.TensionField(**FILM),
 }
@@ -36,8 +36,8 @@ def airbag(
 ) -> tuple[gx.Membrane, gx.Equilibrium]:
     """A quarter of one sheet with `cells` along half an edge, each of four triangles, in its planes of symmetry."""
     film = gx.Membrane(crossed_sheet(comm, cells, cells, HALF_EDGE, HALF_EDGE), law, order=order)
-    seam = [gx.Fixed(film, edge, (2,)) for edge in ("top", "right")]
-    symmetry = [gx.Fixed(film, "bottom", (1,)), gx.Fixed(film, "left", (0,))]
+    seam = [gx.Fixed(film, edge, components=(2,)) for edge in ("top", "right")]
+    symmetry = [gx.Fixed(film, "bottom", components=(1,)), gx.Fixed(film, "left", components=(0,))]
     return film, gx.Equilibrium(gx.Scene(film, gx.Pressure(film, PRESSURE), *seam, *symmetry))
 
 

@@ -29,8 +29,8 @@ H, L, THICKNESS, E, NU, TENSION = 1.0, 1.5, 2e-5, 2.3e9, 0.3, 0.23e6
 P = TENSION * H * THICKNESS
 FILM = {"E": E, "nu": NU, "density": 1400.0, "thickness": THICKNESS}
 LAWS: dict[str, FilmLaw] = {
-    "Miyazaki 1e-6": gx.Miyazaki(**FILM, residual=1e-6),
-    "Miyazaki 1e-4": gx.Miyazaki(**FILM, residual=1e-4),
+    "Miyazaki 1e-6": gx.Miyazaki(**FILM, residual_stiffness=1e-6),
+    "Miyazaki 1e-4": gx.Miyazaki(**FILM, residual_stiffness=1e-4),
     "Elastica 0.05 m": gx.Elastica(**FILM, half_wavelength=0.05),
     "TensionField": gx.TensionField(**FILM),
 }
@@ -52,16 +52,16 @@ def bent_strip(
         ε = (κ * (X[1] - b) if K > 1 else TENSION / E + κ * (X[1] - H / 2)) - NU * TENSION / E
         return np.vstack([ε * (X[0] - L / 2), 0 * ε, 0 * ε])
 
-    moved = gx.constraints.Prescribed(film, "right", turn, (0,))
+    moved = gx.constraints.Prescribed(film, "right", motion=turn, components=(0,))
     held = [
-        gx.constraints.Prescribed(film, "left", turn, (0,)),
-        gx.Fixed(film, "bottom left", (1,)),
-        gx.Fixed(film, "film", (2,)),
+        gx.constraints.Prescribed(film, "left", motion=turn, components=(0,)),
+        gx.Fixed(film, "bottom left", components=(1,)),
+        gx.Fixed(film, "film", components=(2,)),
     ]
     pull = TENSION * THICKNESS
     loads = [
-        gx.loads.EdgeLoad(film, "top", (0.0, pull, 0.0)),
-        gx.loads.EdgeLoad(film, "bottom", (0.0, -pull, 0.0)),
+        gx.loads.EdgeLoad(film, "top", force=(0.0, pull, 0.0)),
+        gx.loads.EdgeLoad(film, "bottom", force=(0.0, -pull, 0.0)),
     ]
     return moved, gx.Equilibrium(gx.Scene(film, moved, *held, *loads))
 

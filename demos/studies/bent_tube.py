@@ -25,7 +25,7 @@ from gossamer_fx.model.body import Array
 from meshes.tube_section import cylinder
 
 RADIUS, LENGTH, E, NU, THICKNESS = 1.0, 1.0, 1e9, 0.3, 1e-3
-LAW = gx.Miyazaki(E=E, nu=NU, density=1000.0, thickness=THICKNESS, residual=1e-6)
+LAW = gx.Miyazaki(E=E, nu=NU, density=1000.0, thickness=THICKNESS, residual_stiffness=1e-6)
 P = 2e-4 * E * THICKNESS / RADIUS
 INFLATED = RADIUS * (1 + (1 - NU / 2) * P * RADIUS / (E * THICKNESS))
 FIRST = P / (2 * E * THICKNESS)  # κ_w
@@ -66,11 +66,11 @@ def problem(comm: MPI.Comm, element: str, sides: int) -> dict[str, float]:
         cylinder(comm, RADIUS, LENGTH, sides, max(round(sides / 6), 2), order), LAW, order=order
     )
     middle, end = (
-        gx.Fixed(film, "first rim", (0,)),
-        gx.constraints.Prescribed(film, "last rim", turn, (0,)),
+        gx.Fixed(film, "first rim", components=(0,)),
+        gx.constraints.Prescribed(film, "last rim", motion=turn, components=(0,)),
     )
-    held = [gx.Fixed(film, line, (1,)) for line in ("top", "bottom")]
-    held += [gx.Fixed(film, point, (2,)) for point in ("first left", "first right")]
+    held = [gx.Fixed(film, line, components=(1,)) for line in ("top", "bottom")]
+    held += [gx.Fixed(film, point, components=(2,)) for point in ("first left", "first right")]
     search = gx.Equilibrium(gx.Scene(film, gx.Pressure(film, P), middle, end, *held))
     fractions = AreaFractions([film])
     iterations, seconds, residual = 0, 0.0, 0.0

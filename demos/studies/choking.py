@@ -35,7 +35,7 @@ TIMES = (2e-3, 3e-3, 5e-3)
 CASES: dict[str, dict[str, Any]] = {
     "sharp": {},
     "lift 0.3": {"lift": 3e-4},
-    "open 60": {"angle": 60.0},
+    "open 60": {"angle_degrees": 60.0},
     "roll": {"start": "roll"},
     "film 12.5": {"thickness": 12.5e-6},
     "film 50": {"thickness": 50e-6},

@@ -19,7 +19,7 @@ from meshes.disc import quarter_disc
 FILM = {"E": 1e9, "nu": 0.3, "density": 1000.0, "thickness": 1e-4}
 LAWS: dict[str, FilmLaw] = {
     "Linear": gx.Linear(**FILM),
-    "Miyazaki": gx.Miyazaki(**FILM, residual=1e-6),
+    "Miyazaki": gx.Miyazaki(**FILM, residual_stiffness=1e-6),
     "Elastica": gx.Elastica(**FILM, half_wavelength=0.05),
 }
 EXACT = {
@@ -34,8 +34,8 @@ def problem(comm: MPI.Comm, law: str, element: str, q: float, nodes: int) -> dic
     film = gx.Membrane(quarter_disc(comm, nodes // order, 1.0, order), LAWS[law], order=order)
     supports = [
         gx.Fixed(film, "rim"),
-        gx.Fixed(film, "x axis", (1,)),
-        gx.Fixed(film, "y axis", (0,)),
+        gx.Fixed(film, "x axis", components=(1,)),
+        gx.Fixed(film, "y axis", components=(0,)),
     ]
     p = q * FILM["E"] * FILM["thickness"]
     equilibrium = gx.Equilibrium(gx.Scene(film, gx.Pressure(film, p), *supports))

@@ -68,7 +68,7 @@ def film(
         "velocity": (0.0, 0.0, 0.0),
         "spin": 0.0,
     } | given
-    law = motion.pop("law", None) or gx.Miyazaki(**LAW, residual=1e-6)
+    law = motion.pop("law", None) or gx.Miyazaki(**LAW, residual_stiffness=1e-6)
     c, s, C, S = (f(motion[a]) for a in ("turn", "tilt") for f in (np.cos, np.sin))
 
     def placed(X: np.ndarray) -> np.ndarray:
@@ -120,7 +120,11 @@ def zigzag(
 
     mesh = gx.gmsh_mesh(build, comm)
     return gx.Membrane(
-        mesh, gx.Miyazaki(**LAW, residual=1e-6), displacement=folded, velocity=thrown, name="strip"
+        mesh,
+        gx.Miyazaki(**LAW, residual_stiffness=1e-6),
+        displacement=folded,
+        velocity=thrown,
+        name="strip",
     )
 
 
@@ -147,8 +151,8 @@ def impact(comm: MPI.Comm, against: str) -> tuple[gx.Simulation, gx.Contact, flo
     else:
         other = gx.contact.Plane(point=(0.0, 0.0, 0.0), normal=(-1.0, 0.0, 0.0), name="wall")
     contact = gx.Contact(left, other, distance=d)
-    force = gx.Series({"force": gx.probes.ContactForce(contact, left, "x")})
-    run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=h), [force])
+    force = gx.Series({"force": gx.probes.ContactForce(contact, left, axis="x")})
+    run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=h), outputs=[force])
     run.run(until=2.2 * 2 * LENGTH / WAVE)
     values = -np.array(force["force"])
     time = h * np.count_nonzero(values > 1e-6 * values.max())
@@ -183,16 +187,16 @@ def block(comm: MPI.Comm) -> tuple[gx.Simulation, gx.Contact, float]:
         3 * mass, (1e-5, 1e-5, 1e-5), position=(0, 0, -0.01), comm=comm, name="block"
     )
     thrown = film(comm, size=size, at=(0, 0, 1.05 * d), velocity=(0, 0, -V))
-    plane = gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 1), on=face)
+    plane = gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 1), body=face)
     contact = gx.Contact(thrown, plane, distance=d, stiffness=k / size**2, law="penalty")
     h, expected = 2e-6, np.pi * (reduced / k) ** 0.5
     force = gx.Series(
         {
-            "force": gx.probes.ContactForce(contact, thrown, "z"),
+            "force": gx.probes.ContactForce(contact, thrown, axis="z"),
             "gap": gx.probes.ContactGap(contact),
         }
     )
-    run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=h), [force])
+    run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=h), outputs=[force])
     run.run(until=1.3 * expected)
     time = h * np.count_nonzero(np.array(force["force"]) > 1e-9)
     depth = d - min(force["gap"])
@@ -251,11 +255,17 @@ def tube(
         opening=1e-3,
         lift=3e-4,
     )
-    law = KAPTON_HN.law(25e-6, residual=1e-6)
+    law = KAPTON_HN.law(25e-6, residual_stiffness=1e-6)
     mesh = flat_tube(comm, length, diameter, 6, compartments=5)
     distance = 5e-4 if touches else 0.0
     made = gx.assemblies.InflatableTube(
-        mesh, law, gas=NITROGEN, pressure=1.0, dead_volume=1e-6, folds=folds, contact=distance
+        mesh,
+        law,
+        gas=NITROGEN,
+        pressure=1.0,
+        dead_volume=1e-6,
+        folds=folds,
+        contact_distance=distance,
     )
     source = gx.Tank(20e-6, gas=NITROGEN, pressure=1.5e6, temperature=293.0)
 
@@ -263,7 +273,7 @@ def tube(
         s = min(max((t - 5e-3) / 1e-2, 0.0), 1.0)
         return np.pi / 4 * (0.2e-3 + 0.8e-3 * s * s * (3 - 2 * s)) ** 2
 
-    control = gx.StepControl(iterations=9, largest=5e-5) if controlled else None
+    control = gx.StepControl(target_iterations=9, max_step=5e-5) if controlled else None
     run = gx.Simulation(
         gx.Scene(made, made.inlet(source, area)), gx.Midpoint(dt=2.5e-5), control=control
     )
@@ -275,9 +285,9 @@ def extreme(comm: MPI.Comm, words: list[str]) -> tuple[gx.Simulation, gx.Contact
     """One cell of the map."""
     v = ORDINARY | {axis: float(value) for axis, value in (word.split("=") for word in words)}
     law = LAW | {"thickness": v["thickness"]}
-    soft = gx.Miyazaki(**law | {"E": LAW["E"] * v["stiffness"]}, residual=1e-6)
+    soft = gx.Miyazaki(**law | {"E": LAW["E"] * v["stiffness"]}, residual_stiffness=1e-6)
     size = v["size"]
-    lower = film(comm, size=size, law=gx.Miyazaki(**law, residual=1e-6), name="lower")
+    lower = film(comm, size=size, law=gx.Miyazaki(**law, residual_stiffness=1e-6), name="lower")
     at, velocity = (
         (0.1 * size, 0.05 * size, 1.5 * v["distance"]),
         (0.1 * v["speed"], 0.0, -v["speed"]),

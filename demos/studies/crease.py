@@ -21,7 +21,7 @@ from meshes.creased_strip import creased_strip
 LENGTH, WIDTH, THICKNESS, E = 0.05, 0.01, 50e-6, 2.5e9
 STIFFNESS, REST = 2e-3, math.radians(120.0)
 LAW = gx.Linear(E=E, nu=0.0, density=1400.0, thickness=THICKNESS)
-STRIP = gx.analysis.HangingStrip(LENGTH, WIDTH, E * THICKNESS**3 / 12)
+STRIP = gx.analysis.HangingStrip(LENGTH, WIDTH, bending_stiffness=E * THICKNESS**3 / 12)
 FORCES = [0.003, 0.01, 0.03, 0.05, 0.1, 0.3]  # N/m
 
 
@@ -35,9 +35,9 @@ def problem(comm: MPI.Comm, force: float, cells: int) -> dict[str, float]:
     """`cells` along each panel."""
     mesh = creased_strip(comm, cells, 1, LENGTH, WIDTH)
     plate = gx.Plate(mesh, LAW, hinges=["crease"], displacement=folded(REST))
-    crease = gx.connectors.Crease(plate, "crease", STIFFNESS, REST)
+    crease = gx.connectors.Crease(plate, "crease", stiffness=STIFFNESS, rest_angle=REST)
     pulls = [
-        gx.loads.EdgeLoad(plate, side, (sign * force, 0.0, 0.0), name=f"pull {side}")
+        gx.loads.EdgeLoad(plate, side, force=(sign * force, 0.0, 0.0), name=f"pull {side}")
         for side, sign in (("left", -1), ("right", 1))
     ]
     search = gx.Equilibrium(gx.Scene(plate, crease, gx.Fixed(plate, "crease"), *pulls))

@@ -25,7 +25,7 @@ UNTIL = 12e-3
 def problem(comm: MPI.Comm, start: str, cells: int, h: float) -> dict[str, float]:
     case = build(comm, cells=cells, dt=h, until=UNTIL, pressure=nudged(1.5e6, start))
     series = gx.Series(case.probes)
-    run = gx.Simulation(case.scene, case.stepper, [series])
+    run = gx.Simulation(case.scene, case.stepper, outputs=[series])
     run.run(until=UNTIL)
     t = series.time
     opened = opening_times(t, [series["ring1 [mm2]"], series["ring2 [mm2]"]], 0.03)

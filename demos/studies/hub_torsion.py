@@ -34,7 +34,7 @@ TENSION = 1e-5 * E
 STRAIN = (1 - NU) * TENSION / E
 FILM = {"E": E, "nu": NU, "density": 1400.0, "thickness": THICKNESS}
 LAWS: dict[str, FilmLaw] = {
-    "Miyazaki 1e-6": gx.Miyazaki(**FILM, residual=1e-6),
+    "Miyazaki 1e-6": gx.Miyazaki(**FILM, residual_stiffness=1e-6),
     "TensionField": gx.TensionField(**FILM),
 }
 PROBE = 1.25 * HUB  # radius at which stresses are compared
@@ -122,9 +122,9 @@ def problem(comm: MPI.Comm, law: str, element: str, torque: float, nodes: int) -
         )
         return turned - X
 
-    hub = gx.constraints.Prescribed(film, "hub", turn, (0, 1))
-    rim = gx.constraints.Prescribed(film, "rim", turn, (0, 1))
-    search = gx.Equilibrium(gx.Scene(film, hub, rim, gx.Fixed(film, "film", (2,))))
+    hub = gx.constraints.Prescribed(film, "hub", motion=turn, components=(0, 1))
+    rim = gx.constraints.Prescribed(film, "rim", motion=turn, components=(0, 1))
+    search = gx.Equilibrium(gx.Scene(film, hub, rim, gx.Fixed(film, "film", components=(2,))))
     found = search.find()
     _, moment = search.reaction(hub)
     measured = abs(moment[2]) / (2 * math.pi * THICKNESS)

@@ -23,7 +23,7 @@ from meshes.tube_section import capped_cylinder
 
 RADIUS, LENGTH = 1.0, 4.0
 FILM = {"E": 1e9, "nu": 0.3, "density": 1000.0, "thickness": 1e-3}
-LAW = gx.Miyazaki(**FILM, residual=1e-6)
+LAW = gx.Miyazaki(**FILM, residual_stiffness=1e-6)
 
 
 @cache

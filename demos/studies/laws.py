@@ -25,10 +25,10 @@ K, STRIP_CELLS, AIRBAG_CELLS = 2.0, 24, 16
 def laws(film: dict[str, float], half_wavelength: float) -> dict[str, FilmLaw]:
     return {
         "Linear": gx.Linear(**film),
-        "Miyazaki 1e-2": gx.Miyazaki(**film, residual=1e-2),
-        "Miyazaki 1e-4": gx.Miyazaki(**film, residual=1e-4),
-        "Miyazaki 1e-6": gx.Miyazaki(**film, residual=1e-6),
-        "Miyazaki 1e-8": gx.Miyazaki(**film, residual=1e-8),
+        "Miyazaki 1e-2": gx.Miyazaki(**film, residual_stiffness=1e-2),
+        "Miyazaki 1e-4": gx.Miyazaki(**film, residual_stiffness=1e-4),
+        "Miyazaki 1e-6": gx.Miyazaki(**film, residual_stiffness=1e-6),
+        "Miyazaki 1e-8": gx.Miyazaki(**film, residual_stiffness=1e-8),
         "TensionField": gx.TensionField(**film),
         "Elastica": gx.Elastica(**film, half_wavelength=half_wavelength),
     }

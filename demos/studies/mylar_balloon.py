@@ -19,7 +19,7 @@ from meshes.disc import quarter_disc
 
 FILM = {"E": 1e9, "nu": 0.3, "density": 1000.0, "thickness": 1e-4}
 LAWS: dict[str, FilmLaw] = {
-    "Miyazaki 1e-6": gx.Miyazaki(**FILM, residual=1e-6),
+    "Miyazaki 1e-6": gx.Miyazaki(**FILM, residual_stiffness=1e-6),
     "TensionField": gx.TensionField(**FILM),
 }
 Q = 1e-3
@@ -36,9 +36,9 @@ def inflate(
     """(R/a, thickness/a, V/a³) of a quarter of the upper half, from flat."""
     film = gx.Membrane(quarter_disc(comm, cells, 1.0, order), law, order=order)
     held = [
-        gx.Fixed(film, "rim", (2,)),
-        gx.Fixed(film, "x axis", (1,)),
-        gx.Fixed(film, "y axis", (0,)),
+        gx.Fixed(film, "rim", components=(2,)),
+        gx.Fixed(film, "x axis", components=(1,)),
+        gx.Fixed(film, "y axis", components=(0,)),
     ]
     p = q * FILM["E"] * FILM["thickness"]
     search = gx.Equilibrium(gx.Scene(film, gx.Pressure(film, p), *held))

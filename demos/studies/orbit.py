@@ -72,7 +72,7 @@ def keplers_motion(comm: MPI.Comm, scene: str, h: float) -> tuple[gx.Simulation,
     if scene == "flexible":
         arm, v = np.array([8.0, 6.0, 0.0]), RATE * np.array([-6.0, 8.0, 0.0])
         a, b = (
-            gx.PointMass(10.0, tuple(s * arm), tuple(s * v), comm=comm, name=n)
+            gx.PointMass(10.0, tuple(s * arm), velocity=tuple(s * v), comm=comm, name=n)
             for s, n in ((-1, "a"), (1, "b"))
         )
         bodies = [a, b, gx.connectors.Spring(a.port(), b.port(), stiffness=1e5, length=20.0)]
@@ -106,7 +106,7 @@ def drift(
     comm: MPI.Comm, angle: str, e: float, i: float, h: float, critical: bool
 ) -> tuple[gx.Simulation, float]:
     """A flight over an oblate Earth, and the drift of an angle of its orbit over the exact one."""
-    elements = gx.orbit.Elements(A, e, i, 1.0, 1.0)
+    elements = gx.orbit.Elements(A, e, i=i, node=1.0, perigee=1.0)
     times = np.arange(EVERY, 5 * REVOLUTION, EVERY)
     run, rate = _flight(comm, elements, "J2", angle, times, h)
     if angle == "perigee":

@@ -95,7 +95,7 @@ def strip(
 def elastica(comm: MPI.Comm, cells: int, t: float, kind: str = "regular") -> Figures:
     law = gx.Linear(E=1e9, nu=0.0, density=1000.0, thickness=t)
     plate = strip(comm, cells, 1.0, 0.1, law, kind)
-    load = gx.loads.EdgeLoad(plate, "right", (0.0, 0.0, 10 * 1e9 * t**3 / 12))
+    load = gx.loads.EdgeLoad(plate, "right", force=(0.0, 0.0, 10 * 1e9 * t**3 / 12))
     equilibrium = gx.Equilibrium(gx.Scene(plate, gx.constraints.ClampedEdge(plate, "left"), load))
     found = equilibrium.find()
     x = positions(equilibrium, plate, "right")
@@ -107,10 +107,10 @@ def sze_a(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
     plate = strip(
         comm, cells, 10.0, 1.0, gx.Linear(E=1.2e6, nu=0.0, density=1.0, thickness=0.1), kind
     )
-    load = gx.loads.EdgeLoad(plate, "right", lambda t: (0.0, 0.0, 4 * t))
+    load = gx.loads.EdgeLoad(plate, "right", force=lambda t: (0.0, 0.0, 4 * t))
     equilibrium = gx.Equilibrium(
         gx.Scene(plate, gx.constraints.ClampedEdge(plate, "left"), load),
-        gx.analysis.Continuation(step=50.0),
+        gx.analysis.Continuation(first_step=50.0),
     )
     worst, iterations, seconds = 0.0, 0, 0.0
     for share, (u, w) in SZE_A.items():
@@ -125,10 +125,10 @@ def roll_up(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
     plate = strip(
         comm, cells, 12.0, 1.0, gx.Linear(E=1.2e6, nu=0.0, density=1.0, thickness=0.1), kind
     )
-    moment = gx.loads.EdgeMoment(plate, "right", lambda t: 50 * math.pi / 3 * t)
+    moment = gx.loads.EdgeMoment(plate, "right", moment=lambda t: 50 * math.pi / 3 * t)
     equilibrium = gx.Equilibrium(
         gx.Scene(plate, gx.constraints.ClampedEdge(plate, "left"), moment),
-        gx.analysis.Continuation(step=50.0),
+        gx.analysis.Continuation(first_step=50.0),
     )
     worst, iterations, seconds = 0.0, 0, 0.0
     for share in np.linspace(0.125, 1.0, 8):
@@ -150,10 +150,10 @@ def slit(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
         else slit_ring(comm, 5 * cells // 8, 5 * cells, 6.0, 10.0)
     )
     plate = gx.Plate(mesh, gx.Linear(E=21e6, nu=0.0, density=1.0, thickness=0.03))
-    load = gx.loads.EdgeLoad(plate, "start", lambda t: (0.0, 0.0, 0.8 * t))
+    load = gx.loads.EdgeLoad(plate, "start", force=lambda t: (0.0, 0.0, 0.8 * t))
     equilibrium = gx.Equilibrium(
         gx.Scene(plate, gx.constraints.ClampedEdge(plate, "end"), load),
-        gx.analysis.Continuation(step=50.0),
+        gx.analysis.Continuation(first_step=50.0),
     )
     worst, iterations, seconds = 0.0, 0, 0.0
     nodes = plate.nodes("start")
@@ -201,9 +201,14 @@ def buckled(comm: MPI.Comm, cells: int, slope: int, kind: str = "regular") -> Fi
     plate = strip(comm, cells, half, 0.05, law, kind, displacement=bent)
     clamp = gx.constraints.ClampedEdge(plate, "left", direction=(1.0, 0.0, 0.0))
     end = gx.constraints.Prescribed(
-        plate, "right", lambda X, t: np.array([[-shortening * half], [0], [0]]) + 0 * X, (0,)
+        plate,
+        "right",
+        motion=lambda X, t: np.array([[-shortening * half], [0], [0]]) + 0 * X,
+        components=(0,),
     )
-    equilibrium = gx.Equilibrium(gx.Scene(plate, clamp, end), gx.analysis.Continuation(step=0.05))
+    equilibrium = gx.Equilibrium(
+        gx.Scene(plate, clamp, end), gx.analysis.Continuation(first_step=0.05)
+    )
     found = equilibrium.find()
     force, _ = equilibrium.reaction(end)
     critical = 1e6 * t * 0.05 * (1 - math.sqrt(1 - 4 * e_E)) / 2
@@ -242,7 +247,7 @@ def frequencies(comm: MPI.Comm, cells: int, shape: str, edge: str) -> Figures:
     plate, rims = gx.Plate(mesh, law), ("rim",) if shape == "circle" else EDGES
     clamps = [gx.constraints.ClampedEdge(plate, rim) for rim in rims] if edge == "clamped" else []
     # without a load its round-off decides when the flat plate is at rest
-    equilibrium = gx.Equilibrium(gx.Scene(plate, *clamps), gx.analysis.Continuation(residual=1e-4))
+    equilibrium = gx.Equilibrium(gx.Scene(plate, *clamps), gx.analysis.Continuation(tolerance=1e-4))
     found = equilibrium.find()
     began = time.process_time()
     if shape == "circle":

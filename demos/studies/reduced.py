@@ -97,7 +97,7 @@ def predicted(comm: MPI.Intracomm, modes: int, share: float) -> dict[str, float]
     started = time.process_time()
     all_cells = 2 * CELLS**2 // comm.size
     cells = None if share == 1 else max(round(share * all_cells), 1)
-    sail = gx.reduction.reduce(known.film, known.recordings, modes, cells)
+    sail = gx.reduction.reduce(known.film, known.recordings, modes=modes, cells=cells)
     trained = time.process_time() - started
     run = flight(sail, FASTER * SPIN, DT)
     shape, found = BodyShape(run.system.state, sail), []

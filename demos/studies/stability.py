@@ -81,7 +81,9 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
     """
     v = values_of(case)
     gas = gx.IdealGas(gamma=1.4, R=296.8)
-    law = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=v["thickness"], residual=v["u"])
+    law = gx.Miyazaki(
+        E=2.5e9, nu=0.34, density=1420.0, thickness=v["thickness"], residual_stiffness=v["u"]
+    )
     mesh = flat_tube(comm, LENGTH, DIAMETER, CELLS)
     mesh.domain.geometry.x[:, 0] *= v["aspect"]
     film = gx.Membrane(mesh, law)

@@ -29,7 +29,7 @@ PLATEAU = (1 + STEEL.nu) * D * ANGLE
 TURNS = np.radians([0, 1, 2, 3, 4, 5, 6, 6.5, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16])
 FLAT = np.radians(13.0)  # the turn from which the moment is that of the fold
 SEARCH = gx.analysis.Continuation(
-    step=1e-3, residual=1e-6, inner=0.3, fast_iterations=15, max_iterations=40
+    first_step=1e-3, tolerance=1e-6, inner_tolerance=0.3, fast_iterations=15, max_iterations=40
 )
 LITTLE = 1e-3 * D * ANGLE / RADIUS  # of an axial force [N]
 

@@ -39,7 +39,7 @@ def problem(
         displacement=folded(math.radians(80)),
         velocity=lambda X: thrown(speed, X),
     )
-    crease = gx.connectors.Crease(plate, "crease", stiffness * STIFFNESS)
+    crease = gx.connectors.Crease(plate, "crease", stiffness=stiffness * STIFFNESS)
     run = gx.Simulation(gx.Scene(plate, crease), gx.Midpoint(dt=h))
     least, most, began = math.inf, -math.inf, time.process_time()
     angle = gx.probes.FoldAngle(crease)

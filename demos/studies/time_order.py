@@ -50,7 +50,7 @@ def taut_sheet(comm: MPI.Comm) -> gx.Scene:
 
 
 def flutter(comm: MPI.Comm) -> gx.Scene:
-    law = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual=1e-6)
+    law = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual_stiffness=1e-6)
     return gx.Scene(gx.Membrane(sheet(comm, 8, 8), law, velocity=throw))
 
 
@@ -65,7 +65,7 @@ def pendulum(comm: MPI.Comm) -> gx.Scene:
     model = antenna(comm, 2, 4, 1)
     corner = model.points[2]
     hinge = gx.constraints.BallJoint(
-        model.film.port_at(corner), gx.Ground(tuple(corner.tolist())), "hinge"
+        model.film.port_at(corner), gx.Ground(tuple(corner.tolist())), name="hinge"
     )
     weights = [gx.Gravity(body, (0.0, 0.0, -1.0)) for body in (model.film, *model.booms)]
     return gx.Scene(*model.items, hinge, *weights)

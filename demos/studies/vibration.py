@@ -22,10 +22,10 @@ from meshes.disc import quarter_disc, ring
 from meshes.sheet import EDGES, sheet
 
 N0, THICKNESS, E, NU = 10.0, 2e-5, 2.3e9, 0.3
-TENSIONED = gx.Miyazaki(E, NU, 0.028 / THICKNESS, THICKNESS)
+TENSIONED = gx.Miyazaki(E, NU, density=0.028 / THICKNESS, thickness=THICKNESS)
 STRETCH = N0 * (1 - NU) / (E * THICKNESS)
 SPIN, HUB = 10.0, 0.2
-SPUN = gx.Miyazaki(1e9, NU, 5e-5 * 1e9 / SPIN**2, 1e-4)
+SPUN = gx.Miyazaki(1e9, NU, density=5e-5 * 1e9 / SPIN**2, thickness=1e-4)
 EXACT = {  # Hz
     "square": (6.363363, 10.06136, 10.06136, 12.726726),
     "circle": (7.233104, 15.446646, 16.602991),
@@ -52,7 +52,7 @@ def film_of(comm: MPI.Comm, scene: str, order: int, cells: int) -> gx.Scene:
     film = gx.Membrane(
         quarter_disc(comm, cells, 1.0, order), law, order=order, displacement=lambda X: stretch * X
     )
-    held = [gx.Fixed(film, "x axis", (1,)), gx.Fixed(film, "y axis", (0,))]
+    held = [gx.Fixed(film, "x axis", components=(1,)), gx.Fixed(film, "y axis", components=(0,))]
     last = (
         gx.Fixed(film, "rim") if scene == "circle" else gx.loads.Centrifugal(film, (0.0, 0.0, SPIN))
     )

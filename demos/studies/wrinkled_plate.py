@@ -40,13 +40,13 @@ FORCE = FILM["E"] * FILM["thickness"] * LENGTH * GAMMA / 4
 CENTRE = (0.3, 0.7)  # of the length, where wrinkles are measured
 # pseudo-steps of wrinkles need not be solved well; what is left unbalanced is in the slack corners
 SEARCH = gx.analysis.Continuation(
-    step=1e-4,
-    growth=2.0,
-    inner=0.3,
-    residual=1e-3,
+    first_step=1e-4,
+    growth_factor=2.0,
+    inner_tolerance=0.3,
+    tolerance=1e-3,
     fast_iterations=20,
     max_iterations=40,
-    iterations=2000,
+    total_iterations=2000,
 )
 STARTS = {"noise": None, "theory": 1.0, "long": 1.3}
 
@@ -96,9 +96,9 @@ def problem(comm: MPI.Comm, start: str, cells: int) -> dict[str, float]:
 
     mesh = sheet(comm, 48, 16, LENGTH, HEIGHT)
     film = gx.Membrane(mesh, gx.TensionField(**FILM), order=2, displacement=sheared)
-    top = gx.constraints.Prescribed(film, "top", moved)
+    top = gx.constraints.Prescribed(film, "top", motion=moved)
     other = gx.Equilibrium(
-        gx.Scene(film, gx.Fixed(film, "bottom"), top), gx.analysis.Continuation(residual=1e-4)
+        gx.Scene(film, gx.Fixed(film, "bottom"), top), gx.analysis.Continuation(tolerance=1e-4)
     )
     of_film = other.find()
     film_force = other.reaction(top)[0][0]

@@ -16,11 +16,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import NoEquilibrium, check, check_positive
 
 Array = npt.NDArray[np.float64]
@@ -28,6 +29,7 @@ Array = npt.NDArray[np.float64]
 GRAVITY = 9.80665  # m/s²
 
 
+@check_arguments
 @dataclass(frozen=True)
 class HangingStrip:
     """A strip of two equal panels that hangs by one end.
@@ -41,6 +43,7 @@ class HangingStrip:
 
     length: float
     width: float
+    _: KW_ONLY
     bending_stiffness: float
     area_density: float = 0.0
     name: str = "strip"
@@ -106,6 +109,7 @@ class HangingStrip:
         return θ, float(length * np.hypot(found.y[4, -1], found.y[5, -1]))
 
 
+@check_arguments
 @dataclass(frozen=True)
 class IdentifiedCrease:
     """What a hanging strip tells about its crease.
@@ -127,12 +131,13 @@ class IdentifiedCrease:
     misfit: float
 
 
+@check_arguments
 def identify_crease(
     strip: HangingStrip,
     weights: Sequence[float],
+    *,
     angles: Sequence[float],
     distances: Sequence[float],
-    *,
     angle_uncertainty: float = math.radians(1.0),
     distance_uncertainty: float = 5e-4,
 ) -> IdentifiedCrease:
@@ -193,8 +198,8 @@ def identify_crease(
     return IdentifiedCrease(
         float(fit.x[0]),
         k,
-        float(errors[0]),
-        float(k * errors[1]),
-        float(covariance[0, 1] / errors[0] / errors[1]),
-        misfit,
+        rest_angle_error=float(errors[0]),
+        stiffness_error=float(k * errors[1]),
+        correlation=float(covariance[0, 1] / errors[0] / errors[1]),
+        misfit=misfit,
     )

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from numbers import Real
 from typing import Any
 
@@ -26,6 +26,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.analysis.rigid_motions import free_motions
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import NoEquilibrium, check
 from gossamer_fx.model.body import Array
 from gossamer_fx.scene.scene import Scene
@@ -45,6 +46,7 @@ CAREFUL = 10**6  # tangents of a careful step without geometric stiffness but th
 PATIENCE = 16  # pseudo-steps, at most, for which care is taken, or not tried
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Continuation:
     """How an equilibrium is approached.
@@ -61,38 +63,41 @@ class Continuation:
     iterations  Newton iterations in all after which the search is given up
     """
 
-    residual: float = 1e-8
-    step: float = 2e-3
-    growth: float = 1.6
+    _: KW_ONLY
+    tolerance: float = 1e-8
+    first_step: float = 2e-3
+    growth_factor: float = 1.6
     fast_iterations: int = 12
-    cut: float = 0.5
+    cut_factor: float = 0.5
     cap_growth: float = 1.1
-    inner: float = 0.1
+    inner_tolerance: float = 0.1
     max_iterations: int = 25
-    iterations: int = 1000
+    total_iterations: int = 1000
 
     def __post_init__(self) -> None:
-        for name in ("residual", "step", "inner"):
+        for name in ("tolerance", "first_step", "inner_tolerance"):
             value = getattr(self, name)
             check(
                 math.isfinite(value) and value > 0,
                 f"Continuation: {name} is {value!r}; give a positive number.",
             )
-        for name in ("residual", "inner"):
+        for name in ("tolerance", "inner_tolerance"):
             value = getattr(self, name)
             check(
                 value < 1,
                 f"Continuation: {name} is {value!r}, which any state meets; give a number below 1.",
             )
         check(
-            self.growth > 1,
-            f"Continuation: growth is {self.growth!r}; the step can only grow by a factor above 1.",
+            self.growth_factor > 1,
+            f"Continuation: growth_factor is {self.growth_factor!r}; the step can only grow by a factor above 1.",
         )
         check(
-            0 < self.cut < 1, f"Continuation: cut is {self.cut!r}; give a factor between 0 and 1."
+            0 < self.cut_factor < 1,
+            f"Continuation: cut_factor is {self.cut_factor!r}; give a factor between 0 and 1.",
         )
 
 
+@check_arguments
 @dataclass(frozen=True)
 class EquilibriumResult:
     """An equilibrium.
@@ -119,6 +124,7 @@ class EquilibriumResult:
     free: tuple[str, ...]
 
 
+@check_arguments
 class Equilibrium:
     """Finds the static equilibrium of a scene; its state is then in `system` (`q0`), for `fields` and `modes`.
 
@@ -170,12 +176,12 @@ class Equilibrium:
         self.result = EquilibriumResult(
             residual,
             self._spent,
-            self._steps,
-            self._cuts,
-            seconds,
-            self.system.totals(),
-            regular,
-            free,
+            steps=self._steps,
+            cuts=self._cuts,
+            seconds=seconds,
+            totals=self.system.totals(),
+            regular=regular,
+            free=free,
         )
         return self.result
 
@@ -243,13 +249,16 @@ class Equilibrium:
 
     def _continue(self, at: float) -> None:
         """Pseudo-steps until the residual is small without inertia."""
-        search, h = self.search, self.search.step
+        search, h = self.search, self.search.first_step
         inner = Tolerances(
-            search.inner, border=1e-8, constraint=1e-8, iterations=search.max_iterations
+            search.inner_tolerance,
+            scalars=1e-8,
+            constraint=1e-8,
+            max_iterations=search.max_iterations,
         )
         residual, round_off, ceiling, why = math.inf, 0.0, math.inf, "no step succeeded"
         care = _Care(self._pushes)
-        while residual > max(search.residual, min(round_off, ROUNDED)):
+        while residual > max(search.tolerance, min(round_off, ROUNDED)):
             self.newton.careful = CAREFUL if care.taken else 0
             try:
                 used = self._step(h, at, inner)
@@ -257,17 +266,20 @@ class Equilibrium:
                 self._cuts += 1
                 why = str(failure)
                 if not care.fail():
-                    ceiling, h = h * math.sqrt(search.cut), h * search.cut
+                    ceiling, h = h * math.sqrt(search.cut_factor), h * search.cut_factor
             else:
                 care.succeed()
                 self._stay()
                 residual, load = self._unbalanced()
                 round_off = self.newton.round_off / load
-                inner = replace(inner, absolute=search.residual * load / 2)
+                inner = replace(inner, absolute=search.tolerance * load / 2)
                 ceiling *= search.cap_growth ** (3 if used <= search.fast_iterations // 3 else 1)
                 if used <= search.fast_iterations:
-                    h = min(h * search.growth, ceiling, 1e9 * search.step)
-            if max(self._spent, self._steps) > search.iterations or h < 1e-6 * search.step:
+                    h = min(h * search.growth_factor, ceiling, 1e9 * search.first_step)
+            if (
+                max(self._spent, self._steps) > search.total_iterations
+                or h < 1e-6 * search.first_step
+            ):
                 raise NoEquilibrium(
                     f"No equilibrium after {self._spent} Newton iterations in {self._steps} pseudo-steps: the "
                     f"unbalanced force is {residual:.1e} of the load, pseudo-step {h:.1e} s, largest in "
@@ -278,9 +290,9 @@ class Equilibrium:
         """Newton's iteration without inertia; whether it converges to a residual a hundred times smaller."""
         self.newton.careful = 0
         residual, load = self._unbalanced()
-        target = 1e-2 * min(residual, self.search.residual) * load
+        target = 1e-2 * min(residual, self.search.tolerance) * load
         try:
-            self._step(math.inf, at, Tolerances(0.0, target, border=1e-10, iterations=10))
+            self._step(math.inf, at, Tolerances(0.0, target, scalars=1e-10, max_iterations=10))
         except NotConverged:
             return False
         return True
@@ -288,7 +300,7 @@ class Equilibrium:
     def _step(self, h: float, at: float, tolerances: Tolerances) -> int:
         """One pseudo-step under the loads of time `at`; returns the iterations."""
         system = self.system
-        passing = h if math.isfinite(h) else self.search.step / 1e-6
+        passing = h if math.isfinite(h) else self.search.first_step / 1e-6
         system.time = at - passing
         y = system.begin_step(passing)
         system.set_inertia(1 / h**2)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from gossamer_fx.algebra.point_measures import PointMeasure
 from gossamer_fx.analysis.equilibrium import Equilibrium, EquilibriumResult
 from gossamer_fx.bodies.cable import CableLaw
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import NoEquilibrium, check
 from gossamer_fx.connectors.tape import Tape
 from gossamer_fx.forms.kinematics import Expr
@@ -32,6 +33,7 @@ from gossamer_fx.scene.scene import Scene
 from gossamer_fx.terms.point_energies import PointStoredEnergy
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Prestress(FilmLaw):
     """Film whose stress is `tension` [N/m] in all directions whatever its strain: W = n0 tr E.
@@ -39,6 +41,7 @@ class Prestress(FilmLaw):
     E and nu are not used, density and thickness give the mass.
     """
 
+    _: KW_ONLY
     tension: float
 
     quadratic = True
@@ -65,6 +68,7 @@ class GivenForce:
         return np.ones_like(e1), np.zeros((*e1.shape, 1))
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class EdgeCable:
     """Cable along edges of a film whose force is `force` [N] whatever its strain: W = N Σ L ½(λ² - 1).
@@ -72,12 +76,13 @@ class EdgeCable:
     A film of tension n0 pulls it into an arc of radius N/n0.
 
     Args:
-        film: what it borders.
-        group: name of curves of the film's mesh.
+        body: what it borders.
+        edges: name of curves of the film's mesh.
     """
 
-    film: Membrane
-    group: str
+    body: Membrane
+    edges: str
+    _: KW_ONLY
     force: float
     name: str = ""
 
@@ -87,15 +92,18 @@ class EdgeCable:
             f"EdgeCable: force is {self.force!r} N; give a positive number.",
         )
         if not self.name:
-            object.__setattr__(self, "name", f"{self.film.name}/{self.group} cable")
+            object.__setattr__(self, "name", f"{self.body.name}/{self.edges} cable")
 
     def requires(self) -> Iterable[Any]:
-        yield self.film
+        yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        bars = Tape.along_edges(self.film, CableLaw(self.force, 1.0), self.group, self.name)
-        energies = self.force * bars.lengths
-        roots = np.sqrt(energies) / bars.lengths
+        bars = Tape.along_edges(
+            self.body, CableLaw(self.force, 1.0), edges=self.edges, name=self.name
+        )
+        lengths = np.asarray(bars.lengths)
+        energies = self.force * lengths
+        roots = np.sqrt(energies) / lengths
         vectors = [
             (combine((float(r), -float(r)), (b, a)),)
             for (a, b), r in zip(bars.bars, roots, strict=True)
@@ -107,13 +115,14 @@ class EdgeCable:
         )
 
 
+@check_arguments
 def find_form(
-    film: Membrane, scene: Callable[[], Scene], change: float = 1e-6, updates: int = 200
+    body: Membrane, scene: Callable[[], Scene], *, change: float = 1e-6, updates: int = 200
 ) -> EquilibriumResult:
     """Move the mesh of a film of order 1 to the shape of its prescribed stress.
 
     Args:
-        film: its law is a `Prestress`; its mesh is the first guess and is overwritten.
+        body: its law is a `Prestress`; its mesh is the first guess and is overwritten.
         scene: makes the scene anew, as supports take their positions from the mesh.
         change: largest movement of a node in an update [m] at which the shape counts as found.
         updates: of the reference shape before the search is given up.
@@ -123,19 +132,19 @@ def find_form(
         NoEquilibrium: the shape still moves, as that of a film does that pinches off.
     """
     check(
-        isinstance(film.law, Prestress),
-        f"find_form: the law of '{film.name}' is no Prestress; give its tension.",
+        isinstance(body.law, Prestress),
+        f"find_form: the law of '{body.name}' is no Prestress; give its tension.",
     )
-    check(film.order == 1, f"find_form: '{film.name}' is of order {film.order}; use 1.")
+    check(body.order == 1, f"find_form: '{body.name}' is of order {body.order}; use 1.")
     moved = math.inf
     for _ in range(updates):
         search = Equilibrium(scene())
         found = search.find()
-        moved = _adopt(film, search)
+        moved = _adopt(body, search)
         if moved <= change:
             return found
     raise NoEquilibrium(
-        f"After {updates} updates '{film.name}' still moves by {moved:.1e} m; it may pinch off."
+        f"After {updates} updates '{body.name}' still moves by {moved:.1e} m; it may pinch off."
     )
 
 

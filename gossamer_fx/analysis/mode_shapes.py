@@ -10,10 +10,12 @@ from mpi4py import MPI
 from gossamer_fx.analysis.equilibrium import Equilibrium
 from gossamer_fx.analysis.natural_modes import Mode
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array
 
 
+@check_arguments
 class ModeShapes:
     """Shapes x0 ± h φ of a film in modes φ about an equilibrium x0, for `reduce`; of complex modes both parts.
 
@@ -21,7 +23,7 @@ class ModeShapes:
     height: how a film gives way in its plane to a wave of some height is in recordings only, so give both.
 
     Args:
-        film: in the scene of the equilibrium.
+        body: in the scene of the equilibrium.
         equilibrium, modes: about which `modes` found them.
         height: h [m], the largest way of a node in any of the shapes.
 
@@ -29,22 +31,22 @@ class ModeShapes:
     """
 
     def __init__(
-        self, film: Membrane, equilibrium: Equilibrium, modes: Sequence[Mode], height: float
+        self, body: Membrane, equilibrium: Equilibrium, *, modes: Sequence[Mode], height: float
     ) -> None:
         system = equilibrium.system
         check(
-            film in system.bodies,
-            f"ModeShapes: '{film.name}' is not in the equilibrium's scene; give its film.",
+            body in system.bodies,
+            f"ModeShapes: '{body.name}' is not in the equilibrium's scene; give its film.",
         )
         check(height > 0, f"ModeShapes: height is {height!r} m; give a positive number.")
-        owned = system.block(film).owned
-        start = system.state[film].positions()
+        owned = system.block(body).owned
+        start = system.state[body].positions()
         self.positions: list[Array] = []
         for mode in modes:
             for part in (mode.shape.real, mode.shape.imag):
                 φ = part[owned].reshape(-1, 3)
-                largest = film.comm.allreduce(float(np.abs(φ).max(initial=0.0)), MPI.MAX)
-                if largest > 1e-6 * film.comm.allreduce(
+                largest = body.comm.allreduce(float(np.abs(φ).max(initial=0.0)), MPI.MAX)
+                if largest > 1e-6 * body.comm.allreduce(
                     float(np.abs(mode.shape).max(initial=0.0)), MPI.MAX
                 ):
                     self.positions += [start + sign * height / largest * φ for sign in (1.0, -1.0)]

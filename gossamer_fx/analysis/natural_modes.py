@@ -20,6 +20,7 @@ import numpy.typing as npt
 from petsc4py import PETSc
 
 from gossamer_fx.analysis.equilibrium import Equilibrium
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import NoEquilibrium, check
 from gossamer_fx.solvers import factorisation
 
@@ -27,6 +28,7 @@ AT_REST = (0.0, 0.0, 0.0)
 ASIDE = 1e-12  # of |K|/|M|, the square of the largest frequency or more
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Mode:
     """A vibration: `shape` is this rank's part of φ, complex in a turning frame.
@@ -39,9 +41,11 @@ class Mode:
     shape: npt.NDArray[np.complex128]
 
 
+@check_arguments
 def modes(
     equilibrium: Equilibrium,
     count: int,
+    *,
     spin: tuple[float, float, float] = AT_REST,
     above: float = 0.0,
 ) -> list[Mode]:
@@ -114,7 +118,7 @@ def _at_rest(K: PETSc.Mat, M: PETSc.Mat, count: int, shift: float) -> list[Mode]
     operator = PETSc.Mat().createPython((K.getSizes()), _Inverse(K, M, shift), K.comm)
     operator.setUp()
     found = [(cmath.sqrt(-shift - 1 / θ), shape) for θ, shape in _largest(operator, count) if θ]
-    return [Mode(abs(λ.imag) / (2 * math.pi), abs(λ.real), shape) for λ, shape in found]
+    return [Mode(abs(λ.imag) / (2 * math.pi), abs(λ.real), shape=shape) for λ, shape in found]
 
 
 def _largest(
@@ -146,4 +150,4 @@ def _turning(
     near = Inverse(K, G, M, **place)
     _check_inverted(near.problem)
     pairs = [near.pair(z) for _, z in _largest(near.operator(), 2 * count + 2)]
-    return [Mode(λ.imag / (2 * math.pi), λ.real, shape) for λ, shape in pairs if λ.imag >= 0]
+    return [Mode(λ.imag / (2 * math.pi), λ.real, shape=shape) for λ, shape in pairs if λ.imag >= 0]

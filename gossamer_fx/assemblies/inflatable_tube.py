@@ -10,6 +10,7 @@ import numpy as np
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.bodies.rigid_body import RigidBody
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.constraints.fixed import Fixed
 from gossamer_fx.gas.ideal_gas import IdealGas
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from gossamer_fx.fold.folded import Folded
 
 
+@check_arguments
 class InflatableTube:
     """A closed tube of film with gas in compartments: film, chambers, passages, clamp, caps, folds, creases, contact.
 
@@ -55,12 +57,12 @@ class InflatableTube:
         clamp: group of the mesh that is held; None: the tube is free.
         caps: what ends of the tube are fixed to, by the group of the end: a rigid body, e.g. a satellite; or the mass
             [kg] of a bar along the flat end, which is made, and lies where the tube starts.
-        bar: side of the square section of such bars [m].
+        rod_width: side of the square section of such bars [m].
         folds: map with which the tube starts folded; default flat.
         origin, turn: where the folded shape comes to lie [m], and its rotation vector [rad], as of `FoldMap.start`.
-        crease: stiffness of the creases at its fold lines [N m/m/rad]; zero: none.
-        memory: rest angle of creases over the angle of their folds, 0 to 1.
-        contact: distance at which contact of the film with itself begins [m]; zero: no contact.
+        crease_stiffness: stiffness of the creases at its fold lines [N m/m/rad]; zero: none.
+        set_angle_ratio: rest angle of creases over the angle of their folds, 0 to 1.
+        contact_distance: distance at which contact of the film with itself begins [m]; zero: no contact.
         obstacles: solids that the film touches too.
         name: name in messages and output; parts have names that begin with it.
 
@@ -83,13 +85,13 @@ class InflatableTube:
         outside: Ambient | None = None,
         clamp: str | None = "inlet",
         caps: Mapping[str, float | RigidBody] | None = None,
-        bar: float = 2e-3,
+        rod_width: float = 2e-3,
         folds: FoldMap | None = None,
         origin: Vector = (0.0, 0.0, 0.0),
         turn: Vector = (0.0, 0.0, 0.0),
-        crease: float = 0.0,
-        memory: float = 1.0,
-        contact: float = 0.0,
+        crease_stiffness: float = 0.0,
+        set_angle_ratio: float = 1.0,
+        contact_distance: float = 0.0,
         obstacles: tuple[Obstacle, ...] = (),
         name: str = "tube",
     ) -> None:
@@ -99,22 +101,27 @@ class InflatableTube:
             f"{who}: the mesh is {mesh!r}; give that of `meshes.tube.flat_tube`.",
         )
         check(
-            contact > 0 or not obstacles,
+            contact_distance > 0 or not obstacles,
             f"{who}: it touches obstacles only with contact; give its distance.",
         )
         check(
-            crease >= 0, f"{who}: crease is {crease!r} N m/m/rad; give zero or a positive number."
+            crease_stiffness >= 0,
+            f"{who}: crease_stiffness is {crease_stiffness!r} N m/m/rad; give zero or a positive number.",
         )
-        check(contact >= 0, f"{who}: contact is {contact!r} m; give zero or a positive number.")
+        check(
+            contact_distance >= 0,
+            f"{who}: contact_distance is {contact_distance!r} m; give zero or a positive number.",
+        )
         check(
             folds is None or hasattr(folds, "mark"),
             f"{who}: folds is a {type(folds).__name__}; give a map, e.g. fold.Zigzag(...).",
         )
         check(
-            crease == 0 or folds is not None, f"{who}: creases are at fold lines; give the folds."
+            crease_stiffness == 0 or folds is not None,
+            f"{who}: creases are at fold lines; give the folds.",
         )
         self.name, self._discharge, self._gas = name, discharge_coefficient, gas
-        if folds is not None and crease:
+        if folds is not None and crease_stiffness:
             mesh = folds.mark(mesh)
         self.film = Membrane(mesh, law, name=f"{name} film")
         count = sum(1 for group in mesh.groups if group.startswith("compartment ")) or 1
@@ -152,11 +159,17 @@ class InflatableTube:
             caps is None or isinstance(caps, Mapping),
             f"{who}: caps is {caps!r}; give a dictionary by groups of ends.",
         )
-        self.caps = [self._cap(end, what, bar) for end, what in (caps or {}).items()]
+        self.caps = [self._cap(end, what, rod_width) for end, what in (caps or {}).items()]
         self.creases: list[Crease] = (
-            list(folds.creases(self.film, crease, memory)) if folds and crease else []
+            list(
+                folds.creases(
+                    self.film, stiffness=crease_stiffness, set_angle_ratio=set_angle_ratio
+                )
+            )
+            if folds and crease_stiffness
+            else []
         )
-        self.contact = self._contact(contact, obstacles) if contact else None
+        self.contact = self._contact(contact_distance, obstacles) if contact_distance else None
 
     def _cap(self, end: str, what: float | RigidBody, bar: float) -> RigidRegion:
         from gossamer_fx.constraints.rigid_region import RigidRegion
@@ -169,9 +182,12 @@ class InflatableTube:
             known,
             f"{who}: the cap of '{end}' is {what!r}; give a rigid body, or a positive mass in kg.",
         )
-        check(math.isfinite(bar) and bar > 0, f"{who}: bar is {bar!r} m; give a positive number.")
+        check(
+            math.isfinite(bar) and bar > 0,
+            f"{who}: rod_width is {bar!r} m; give a positive number.",
+        )
         body = what if isinstance(what, RigidBody) else self._bar(end, float(what), bar)
-        return RigidRegion(self.film, end, to=body, name=f"{self.name} {end} cap")
+        return RigidRegion(self.film, end, rigid_body=body, name=f"{self.name} {end} cap")
 
     def _bar(self, end: str, mass: float, side: float) -> RigidBody:
         """A bar along the nodes of an end, where the tube starts."""
@@ -192,7 +208,7 @@ class InflatableTube:
         return RigidBody(
             mass,
             (axis, across, across),
-            tuple(middle),
+            position=tuple(middle),
             attitude=attitude,
             comm=comm,
             name=f"{self.name} {end} bar",

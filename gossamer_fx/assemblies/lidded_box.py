@@ -10,6 +10,7 @@ import numpy as np
 
 from gossamer_fx.bodies.frames import ground_frame
 from gossamer_fx.bodies.rigid_body import RigidBody
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.connectors.spring import Rope
 from gossamer_fx.connectors.torsion import TorsionDamper, TorsionSpring
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from gossamer_fx.contact.obstacles import Box
 
 
+@check_arguments
 class LiddedBox:
     """A box that is open at the top, +z, and a lid on a hinge that a latch holds shut until it lets go.
 
@@ -35,14 +37,14 @@ class LiddedBox:
     Args:
         sizes: lengths of the room within along x, y, z [m].
         centre: of the room [m].
-        wall: thickness of walls and lid [m].
+        wall_thickness: thickness of walls and lid [m].
         mass: of the lid [kg], spread evenly.
         stiffness: k of the spring [N m/rad].
-        rest: φr, angle of the lid at which the spring is at rest [rad].
-        release: when the latch lets go [s].
+        rest_angle: φr, angle of the lid at which the spring is at rest [rad].
+        release_time: when the latch lets go [s].
         damping: of the hinge [N m s/rad].
-        largest: angle at the stop [rad]; None: no stop.
-        cord: stiffness of the stop's cord [N/m].
+        max_angle: angle at the stop [rad]; None: no stop.
+        stop_stiffness: stiffness of the stop's cord [N/m].
         name: name in messages and output; parts have names that begin with it.
 
     Raises:
@@ -54,17 +56,17 @@ class LiddedBox:
         sizes: Vector,
         centre: Vector = (0.0, 0.0, 0.0),
         *,
-        wall: float = 2e-3,
+        wall_thickness: float = 2e-3,
         mass: float = 0.1,
         stiffness: float = 0.1,
-        rest: float = 2.5,
-        release: float = 0.0,
+        rest_angle: float = 2.5,
+        release_time: float = 0.0,
         damping: float = 0.0,
-        largest: float | None = 2.0,
-        cord: float = 1e4,
+        max_angle: float | None = 2.0,
+        stop_stiffness: float = 1e4,
         name: str = "box",
     ) -> None:
-        self.name, self._wall = name, wall
+        self.name, self._wall = name, wall_thickness
         self._half: Array = np.asarray(sizes, dtype=float) / 2
         self._centre: Array = np.asarray(centre, dtype=float)
         good = self._half.shape == (3,) and bool(
@@ -74,7 +76,7 @@ class LiddedBox:
         good = self._centre.shape == (3,) and bool(np.isfinite(self._centre).all())
         check(good, f"LiddedBox '{name}': centre is {centre!r} m; give three finite numbers.")
         for what, value, unit in (
-            ("wall", wall, "m"),
+            ("wall_thickness", wall_thickness, "m"),
             ("mass", mass, "kg"),
             ("stiffness", stiffness, "N m/rad"),
         ):
@@ -82,44 +84,55 @@ class LiddedBox:
                 math.isfinite(value) and value > 0,
                 f"LiddedBox '{name}': {what} is {value!r} {unit}; give a positive number.",
             )
-        for what, angle in (("rest", rest), ("largest", rest if largest is None else largest)):
+        for what, angle in (
+            ("rest_angle", rest_angle),
+            ("max_angle", rest_angle if max_angle is None else max_angle),
+        ):
             check(
                 0 < angle < math.pi,
                 f"LiddedBox '{name}': {what} is {angle!r} rad; give an angle between 0 and π.",
             )
         check(
-            math.isfinite(release) and release >= 0,
-            f"LiddedBox '{name}': release is {release!r} s; give zero or a later time.",
+            math.isfinite(release_time) and release_time >= 0,
+            f"LiddedBox '{name}': release_time is {release_time!r} s; give zero or a later time.",
         )
         check(
             math.isfinite(damping) and damping >= 0,
             f"LiddedBox '{name}': damping is {damping!r} N m s/rad; give zero or a positive number.",
         )
         x, y, _ = 2 * self._half
-        top = self._centre + np.array([0.0, 0.0, self._half[2] + wall / 2])
-        inertia = mass / 12 * np.array([y**2 + wall**2, x**2 + wall**2, x**2 + y**2])
+        top = self._centre + np.array([0.0, 0.0, self._half[2] + wall_thickness / 2])
+        inertia = (
+            mass / 12 * np.array([y**2 + wall_thickness**2, x**2 + wall_thickness**2, x**2 + y**2])
+        )
         self.lid = RigidBody(
             mass,
             (float(inertia[0]), float(inertia[1]), float(inertia[2])),
-            (float(top[0]), float(top[1]), float(top[2])),
+            position=(float(top[0]), float(top[1]), float(top[2])),
             name=f"{name} lid",
         )
         edge = (float(top[0] - self._half[0]), float(top[1]), float(top[2]))
         sides = ground_frame(edge), self.lid.frame_at(edge)
         axis = (0.0, -1.0, 0.0)
         self.hinge = RevoluteJoint(*sides, axis=axis, name=f"{name} hinge")
-        self.spring = TorsionSpring(*sides, axis, stiffness, rest, name=f"{name} spring")
-        self.damper = (
-            TorsionDamper(*sides, axis, damping, name=f"{name} damper") if damping else None
+        self.spring = TorsionSpring(
+            *sides, axis=axis, stiffness=stiffness, rest_angle=rest_angle, name=f"{name} spring"
         )
-        moment = stiffness * rest
+        self.damper = (
+            TorsionDamper(*sides, axis=axis, damping=damping, name=f"{name} damper")
+            if damping
+            else None
+        )
+        moment = stiffness * rest_angle
         self.latch = Torque(
             self.lid.frame(),
-            lambda t: (0.0, moment if t < release else 0.0, 0.0),
+            lambda t: (0.0, moment if t < release_time else 0.0, 0.0),
             name=f"{name} latch",
         )
         self.stop = (
-            self._cord(top, 2 * x * math.sin(largest / 2), cord) if largest is not None else None
+            self._cord(top, 2 * x * math.sin(max_angle / 2), stop_stiffness)
+            if max_angle is not None
+            else None
         )
 
     def _cord(self, top: Array, length: float, stiffness: float) -> Rope:
@@ -127,7 +140,11 @@ class LiddedBox:
         end = top + np.array([self._half[0], 0.0, 0.0])
         rim = Ground((float(end[0]), float(end[1]), float(end[2])))
         return Rope(
-            self.lid.port_at(end.tolist()), rim, length, stiffness, name=f"{self.name} stop"
+            self.lid.port_at(end.tolist()),
+            rim,
+            length=length,
+            stiffness=stiffness,
+            name=f"{self.name} stop",
         )
 
     @property
@@ -148,7 +165,7 @@ class LiddedBox:
         room = (2 * half[0], 2 * half[1], t)
         return (
             *slabs,
-            Box(centre=tuple(above), sizes=room, on=self.lid, name=f"{self.name} cover"),
+            Box(centre=tuple(above), sizes=room, body=self.lid, name=f"{self.name} cover"),
         )
 
     def terms(self, start: State) -> Iterable[Term]:

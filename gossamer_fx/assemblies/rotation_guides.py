@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any
 
 from gossamer_fx.bodies.rigid_body import RigidBody
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, require_positive
 from gossamer_fx.connectors.torsion import TorsionDamper
 from gossamer_fx.constraints.joint import CylindricalJoint, RevoluteJoint
@@ -23,6 +24,7 @@ REEL = 1e4  # N/m
 SLOWS = 0.1  # s in which the damper takes the ring's speed along the axis
 
 
+@check_arguments
 class RotationGuides:
     """Upright rods on a ring that turns about the z axis of a hub against a brake.
 
@@ -38,14 +40,14 @@ class RotationGuides:
         hub: a rigid body whose axes are those of space at the start.
         count: number of rods, evenly spaced.
         radius: of the circle on which their axes are [m].
-        rod: radius of a rod [m].
+        rod_radius: radius of a rod [m].
         height: of the rods [m].
         mass: of the ring and its rods [kg], on that circle.
-        brake: c [N m s/rad].
-        first: angle of the first rod against the x axis [rad].
+        brake_damping: c [N m s/rad].
+        first_angle: angle of the first rod against the x axis [rad].
         drawn: how far the reel has drawn the ring down [m], a function of time [s] that is zero at the start; none: the
             ring keeps its height.
-        depth: of the reel below the ring [m]; `drawn` stays below it.
+        reel_depth: of the reel below the ring [m]; `drawn` stays below it.
         name: name in messages and output; parts have names that begin with it.
 
     Raises:
@@ -56,41 +58,43 @@ class RotationGuides:
         self,
         hub: RigidBody,
         count: int,
-        radius: float,
         *,
-        rod: float = 0.02,
+        radius: float,
+        rod_radius: float = 0.02,
         height: float = 0.5,
         mass: float = 1.0,
-        brake: float = 1.0,
-        first: float = 0.0,
+        brake_damping: float = 1.0,
+        first_angle: float = 0.0,
         drawn: Callable[[float], float] | None = None,
-        depth: float = 1.2,
+        reel_depth: float = 1.2,
         name: str = "guides",
     ) -> None:
         self.name = name
         check(count >= 1, f"RotationGuides '{name}': count is {count!r}; give at least 1 rod.")
         values = {
             "radius": (radius, "m"),
-            "rod": (rod, "m"),
+            "rod_radius": (rod_radius, "m"),
             "height": (height, "m"),
             "mass": (mass, "kg"),
         }
-        for what, (value, unit) in (values | {"brake": (brake, "N m s/rad")}).items():
+        for what, (value, unit) in (
+            values | {"brake_damping": (brake_damping, "N m s/rad")}
+        ).items():
             require_positive(f"RotationGuides '{name}': {what}", value, unit)
         check(
-            rod < radius,
-            f"RotationGuides '{name}': rods of {rod:g} m are too thick for a circle of {radius:g} m; give less.",
+            rod_radius < radius,
+            f"RotationGuides '{name}': rods of {rod_radius:g} m are too thick for a circle of {radius:g} m; give less.",
         )
         check(
             drawn is None or callable(drawn),
             f"RotationGuides '{name}': drawn is {drawn!r}; give a function of time, as lambda t: 0.1 * t, or None.",
         )
-        self.hub, self._height, self._rod = hub, height, rod
+        self.hub, self._height, self._rod = hub, height, rod_radius
         polar = mass * radius**2
         self.ring = RigidBody(
             mass, (polar / 2, polar / 2, polar), comm=hub.comm, name=f"{name} ring"
         )
-        angles = [first + 2 * math.pi * k / count for k in range(count)]
+        angles = [first_angle + 2 * math.pi * k / count for k in range(count)]
         self.places = [(radius * math.cos(angle), radius * math.sin(angle)) for angle in angles]
         axis = (0.0, 0.0, 1.0)
         self.reel: tuple[Tether, Damper] | tuple[()] = ()
@@ -102,15 +106,17 @@ class RotationGuides:
             from gossamer_fx.connectors.spring import Damper
             from gossamer_fx.connectors.tether import Tether
 
-            require_positive(f"RotationGuides '{name}': depth", depth, "m")
+            require_positive(f"RotationGuides '{name}': reel_depth", reel_depth, "m")
             self.joint = CylindricalJoint(
                 hub.frame(), self.ring.frame(), axis=axis, name=f"{name} joint"
             )
-            ends = hub.port((0.0, 0.0, -depth)), self.ring.port()
-            reel = Tether(*ends, lambda t: depth - drawn(t), REEL, name=f"{name} reel")
-            self.reel = reel, Damper(*ends, mass / SLOWS, name=f"{name} slide")
+            ends = hub.port((0.0, 0.0, -reel_depth)), self.ring.port()
+            reel = Tether(
+                *ends, stiffness=REEL, length=lambda t: reel_depth - drawn(t), name=f"{name} reel"
+            )
+            self.reel = reel, Damper(*ends, damping=mass / SLOWS, name=f"{name} slide")
         self.brake = TorsionDamper(
-            hub.frame(), self.ring.frame(), axis, brake, name=f"{name} brake"
+            hub.frame(), self.ring.frame(), axis=axis, damping=brake_damping, name=f"{name} brake"
         )
 
     @property
@@ -124,7 +130,7 @@ class RotationGuides:
                 start=(x, y, -half),
                 end=(x, y, half),
                 radius=self._rod,
-                on=self.ring,
+                body=self.ring,
                 name=f"{self.name} rod {k}",
             )
             for k, (x, y) in enumerate(self.places)

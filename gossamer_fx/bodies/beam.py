@@ -16,6 +16,7 @@ from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.bodies.meshed import PointFunction, checked
 from gossamer_fx.bodies.ports import global_node
 from gossamer_fx.bodies.rigid_body import orthonormality
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check_on_all
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr, beam_strain
@@ -30,6 +31,7 @@ from gossamer_fx.terms.masses import KineticEnergy
 from gossamer_fx.terms.point_constraints import PointConstraint
 
 
+@check_arguments
 class Beam(Curve):
     """A shear-deformable beam in the coordinates (x, d2, d3): 9 numbers a node, quadratic elements.
 
@@ -49,6 +51,12 @@ class Beam(Curve):
         velocity: initial velocity [m/s], a function of the points (3, n) that returns (3, n); directors move with
             the difference that it makes over their length, which is exact for rigid motions.  Default: at rest.
         name: name in messages and output.
+
+    Example:
+        >>> section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
+        >>> beam = gx.Beam(curve, section, normal=(0.0, 1.0, 0.0), name="boom")
+        >>> beam.block.size
+        9
     """
 
     def __init__(
@@ -123,13 +131,15 @@ class Beam(Curve):
         yield PointConstraint(f"{self.name} directors", PointMeasure(places, *orthonormality(2)))
 
     def _directors(self, node: int) -> tuple[Port, Port]:
-        return Port(self, (node,), (1.0,), (1,)), Port(self, (node,), (1.0,), (2,))
+        return Port(self, (node,), weights=(1.0,), vectors=(1,)), Port(
+            self, (node,), weights=(1.0,), vectors=(2,)
+        )
 
     def frame(self, group: str) -> Frame:
         """Position and directors (d2, d3) at a named point of the mesh."""
         node = global_node(self, self.mesh, group)
         return self._frames.setdefault(
-            node, Frame(Port(self, (node,)), self._directors(node), f"{self.name}/{group}")
+            node, Frame(Port(self, (node,)), self._directors(node), name=f"{self.name}/{group}")
         )
 
     @cached_property

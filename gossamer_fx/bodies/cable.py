@@ -13,6 +13,7 @@ from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.bodies.curve import Curve
 from gossamer_fx.bodies.meshed import PointFunction, checked, positions
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, bar_strain
 from gossamer_fx.materials.film import constants
@@ -24,13 +25,21 @@ from gossamer_fx.terms.element_energies import StoredEnergy
 from gossamer_fx.terms.masses import KineticEnergy
 
 
+@check_arguments
 @dataclass(frozen=True)
 class CableLaw:
-    """St. Venant-Kirchhoff bar: W = ½ EA ε² per unit reference length, ε = ½(λ² - 1); tension N = EA ε λ.
+    """St. Venant-Kirchhoff bar: W = ½ EA ε² per reference length, ε = ½(λ² - 1); its tension is N = EA ε λ.
 
     Args:
-        EA: axial stiffness [N].
-        line_density: mass per unit reference length [kg/m].
+        EA: axial stiffness [N], positive.
+        line_density: mass per reference length [kg/m], positive.
+
+    Raises:
+        InputError: a number that is not positive.
+
+    Example:
+        >>> gx.CableLaw(1e4, 0.01).EA
+        10000.0
     """
 
     EA: float
@@ -52,9 +61,22 @@ class CableLaw:
         return c.EA / 2 * e[0] ** 2
 
 
+@check_arguments
 @dataclass(frozen=True)
 class TensionOnly(CableLaw):
-    """As `CableLaw` in tension; slack, it stores nothing."""
+    """A bar as of `CableLaw` in tension, which stores nothing where it is slack.
+
+    Args:
+        EA: axial stiffness [N], positive.
+        line_density: mass per reference length [kg/m], positive.
+
+    Raises:
+        InputError: a number that is not positive.
+
+    Example:
+        >>> gx.Cable(curve, gx.TensionOnly(1e4, 0.01)).name
+        'cable'
+    """
 
     quadratic = False
 
@@ -62,6 +84,7 @@ class TensionOnly(CableLaw):
         return c.EA / 2 * ufl.max_value(e[0], 0.0) ** 2
 
 
+@check_arguments
 class Cable(Curve):
     """A cable whose stress-free shape is the mesh.
 
@@ -75,6 +98,12 @@ class Cable(Curve):
         displacement: initial displacement [m], a function of the points (3, n) that returns (3, n); default none.
         velocity: initial velocity [m/s], likewise.
         name: name in messages and output.
+
+    Example:
+        >>> law = gx.CableLaw(1e4, 0.01)
+        >>> cable = gx.Cable(curve, law, velocity=lambda X: np.array([[0.0], [0.0], [1.0]]) * X[0])
+        >>> cable.port("end").nodes
+        (4,)
     """
 
     def __init__(

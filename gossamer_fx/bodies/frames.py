@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from operator import methodcaller
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 from dolfinx.common import IndexMap
 
 from gossamer_fx.algebra.point_measures import PointMeasure
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array, Attached, Block, Ground, Port, Vector
 from gossamer_fx.model.ports import combine
@@ -23,15 +24,27 @@ from gossamer_fx.terms.point_constraints import PointConstraint
 INITIAL: Callable[[Attached], Array] = methodcaller("initial")
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """An oriented point of a body: `origin`, and two or three directors that stay orthonormal.
+    """An oriented point of a body: an origin, and two or three directors that stay orthonormal.
 
     Rigid bodies and the ground have three (d1, d2, d3); a beam has the two of its section (d2, d3).
+    Frames are made by bodies, e.g. `hub.frame()` and `beam.frame("end")`, and by `ground_frame`.
+
+    Args:
+        origin: a port, or a `Ground`.
+        directors: ports or grounds that stand for directions, orthonormal.
+        name: name in messages.
+
+    Example:
+        >>> len(hub.frame().directors), len(beam.frame("end").directors)
+        (3, 2)
     """
 
     origin: Attached
     directors: tuple[Attached, ...]
+    _: KW_ONLY
     name: str = ""
 
     @cached_property
@@ -50,8 +63,20 @@ class Line:
     directors: tuple[Attached, ...]
 
 
+@check_arguments
 def ground_frame(point: Vector = (0.0, 0.0, 0.0)) -> Frame:
-    """The axes of inertial space at a point [m]."""
+    """The axes of inertial space at a point.
+
+    Args:
+        point: [m].
+
+    Returns:
+        The frame, with the directors x, y, z.
+
+    Example:
+        >>> gx.ground_frame((0.0, 0.0, 1.0)).origin
+        Ground(vector=(0.0, 0.0, 1.0))
+    """
     x, y, z = point
     return Frame(Ground((x, y, z)), (Ground((1, 0, 0)), Ground((0, 1, 0)), Ground((0, 0, 1))))
 
@@ -101,7 +126,7 @@ class SectionFrame:
         return Frame(x, tuple(directors))
 
     def _vectors(self) -> tuple[Port, ...]:
-        return tuple(Port(self, (0,), (1.0,), (k,)) for k in range(4))
+        return tuple(Port(self, (0,), weights=(1.0,), vectors=(k,)) for k in range(4))
 
     def requires(self) -> Iterable[Any]:
         yield self._origin.body

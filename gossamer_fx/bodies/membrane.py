@@ -10,6 +10,7 @@ from dolfinx import fem
 from dolfinx.mesh import Mesh as DolfinxMesh
 
 from gossamer_fx.bodies.meshed import Meshed, PointFunction, Property, checked, positions
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, frame, green_lagrange, surface_gradient, tension
 from gossamer_fx.forms.strain_path import Piece
@@ -22,6 +23,7 @@ from gossamer_fx.terms.element_energies import StoredEnergy
 from gossamer_fx.terms.masses import KineticEnergy
 
 
+@check_arguments
 class Membrane(Meshed):
     """A film whose stress-free shape is the mesh.
 
@@ -38,6 +40,12 @@ class Membrane(Meshed):
         displacement: initial displacement [m], a function of the points (3, n) that returns (3, n); default none.
         velocity: initial velocity [m/s], likewise.
         name: name in messages and output.
+
+    Example:
+        >>> law = gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6)
+        >>> film = gx.Membrane(mesh, law, order=1, displacement=lambda X: 1e-3 * X, name="sail")
+        >>> film.name, film.block.size
+        ('sail', 3)
     """
 
     bends = False  # whether it has bending stiffness

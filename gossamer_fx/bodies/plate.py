@@ -14,6 +14,7 @@ from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.bodies.meshed import PointFunction, Property
 from gossamer_fx.bodies.properties import cellwise
 from gossamer_fx.bodies.triple_products import TripleProductEnergy
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.forms.bending import DEGREE, EDGE_DEGREE, PENALTY, Bending, curvature, moment
 from gossamer_fx.forms.compilation import constant
@@ -34,6 +35,7 @@ FLAT = 1e-6  # sine of the angle between neighbouring cells that counts as none
 Tensor = Sequence[Sequence[float]]  # 3x3
 
 
+@check_arguments
 class Plate(Membrane):
     """A film with bending stiffness D = E t³/(12 (1-ν²)) [N m]; strains are small, motions of any size.
 
@@ -58,6 +60,12 @@ class Plate(Membrane):
 
     Raises:
         InputError: a mesh that is curved, a group that is no line of interior edges, a rest curvature out of the plane.
+
+    Example:
+        >>> law = gx.Linear(70e9, 0.3, density=2700.0, thickness=1e-3)
+        >>> plate = gx.Plate(mesh, law, rest_curvature=np.diag((0.5, 0.0, 0.0)))
+        >>> plate.order
+        2
     """
 
     bends = True

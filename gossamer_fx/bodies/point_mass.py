@@ -9,6 +9,7 @@ import numpy as np
 from dolfinx.common import IndexMap
 from mpi4py import MPI
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.model.body import Array, Block, Port
 from gossamer_fx.model.state import State
@@ -16,15 +17,34 @@ from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.masses import NodeKineticEnergy
 
 
+@check_arguments
 class PointMass:
-    """A point of `mass` [kg] with `position` [m] and `velocity` [m/s] at the start; it lives on rank 0."""
+    """A point with mass.  It lives on rank 0.
+
+    Args:
+        mass: [kg], positive.
+        position: [m] at the start.
+        velocity: [m/s] at the start.
+        comm: of the scene it is in.
+        name: name in messages and output.
+
+    Raises:
+        InputError: a mass that is not positive.
+
+    Example:
+        >>> ball = gx.PointMass(1.0, (0.0, 0.0, 2.0), comm=comm)
+        >>> run = gx.Simulation(gx.Scene(ball, gx.Gravity(ball)), gx.Midpoint(0.01))
+        >>> run.run(until=0.1)
+        >>> round(float(gx.probes.Position(ball.port(), "z")(run)), 4)
+        1.951
+    """
 
     def __init__(
         self,
         mass: float,
         position: tuple[float, float, float] = (0.0, 0.0, 0.0),
-        velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
         *,
+        velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
         comm: MPI.Intracomm = MPI.COMM_WORLD,
         name: str = "mass",
     ) -> None:

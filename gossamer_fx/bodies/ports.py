@@ -65,7 +65,7 @@ def interpolated(body: MeshBody, point: Sequence[float], tolerance: float = 1e-6
     nodes, weights = body.comm.bcast(
         _weights(body, cell, x) if body.comm.rank == rank else None, root=rank
     )
-    return Port(body, nodes, weights)
+    return Port(body, nodes, weights=weights)
 
 
 def _weights(body: MeshBody, cell: int, x: np.ndarray) -> tuple[tuple[int, ...], tuple[float, ...]]:

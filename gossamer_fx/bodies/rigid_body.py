@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 from gossamer_fx.algebra.point_measures import PointMeasure
 from gossamer_fx.bodies.frames import Frame
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array, Block, Port, Vector
 from gossamer_fx.model.state import State
@@ -34,6 +35,7 @@ def orthonormality(count: int) -> tuple[Array, Array, Array]:
     return H, np.zeros((len(pairs), 3 * count)), c
 
 
+@check_arguments
 class RigidBody:
     """A rigid body: position x of its centre of mass and three directors, its axes d1, d2, d3.
 
@@ -51,14 +53,20 @@ class RigidBody:
     Raises:
         InputError: mass or inertia not positive definite, an inertia that no body has, or an attitude that is no
             rotation.  (A plate without thickness has a director without mass, which the constraints determine.)
+
+    Example:
+        >>> top = gx.RigidBody(2.0, (0.1, 0.1, 0.2), spin=(0.0, 0.0, 3.0), comm=comm)
+        >>> run = gx.Simulation(gx.Scene(top), gx.Midpoint(0.01))
+        >>> run.totals.angular_momentum.round(12)
+        array([0. , 0. , 0.6])
     """
 
     def __init__(
         self,
         mass: float,
-        inertia: Sequence[float] | npt.NDArray[np.float64],
-        position: Vector = (0.0, 0.0, 0.0),
+        inertia: npt.ArrayLike,
         *,
+        position: Vector = (0.0, 0.0, 0.0),
         attitude: npt.ArrayLike = ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
         velocity: Vector = (0.0, 0.0, 0.0),
         spin: Vector = (0.0, 0.0, 0.0),
@@ -123,7 +131,9 @@ class RigidBody:
 
     def port(self, point: Sequence[float] = (0.0, 0.0, 0.0)) -> Port:
         """The material point with body coordinates `point` [m], from the centre of mass."""
-        return Port(self, (0, 0, 0, 0), (1.0, *(float(c) for c in point)), (0, 1, 2, 3))
+        return Port(
+            self, (0, 0, 0, 0), weights=(1.0, *(float(c) for c in point)), vectors=(0, 1, 2, 3)
+        )
 
     def port_at(self, place: Sequence[float]) -> Port:
         """The material point that is at `place` [m] in space at the start."""
@@ -131,7 +141,7 @@ class RigidBody:
 
     def frame(self, point: Sequence[float] = (0.0, 0.0, 0.0)) -> Frame:
         """The body's axes at the material point with body coordinates `point` [m]."""
-        d1, d2, d3 = (Port(self, (0,), (1.0,), (k,)) for k in (1, 2, 3))
+        d1, d2, d3 = (Port(self, (0,), weights=(1.0,), vectors=(k,)) for k in (1, 2, 3))
         return Frame(self.port(point), (d1, d2, d3))
 
     def frame_at(self, place: Sequence[float]) -> Frame:

@@ -45,11 +45,16 @@ class RigidPiece:
 
     @property
     def directors(self) -> tuple[Port, ...]:
-        return tuple(Port(self, (0,), (1.0,), (k,)) for k in range(1, len(self._q)))
+        return tuple(Port(self, (0,), weights=(1.0,), vectors=(k,)) for k in range(1, len(self._q)))
 
     def port(self, *along: float) -> Port:
         """The point x + Σ along[i] d_i."""
-        return Port(self, (0,) * (1 + len(along)), (1.0, *along), tuple(range(1 + len(along))))
+        return Port(
+            self,
+            (0,) * (1 + len(along)),
+            weights=(1.0, *along),
+            vectors=tuple(range(1 + len(along))),
+        )
 
     def terms(self, start: State) -> Iterable[Term]:
         if self._rigid:

@@ -6,13 +6,10 @@ A scene therefore imports only the modules of what it contains, and each public 
 from __future__ import annotations
 
 import difflib
-import functools
-import inspect
 import sys
 from collections.abc import Callable
 from importlib import import_module
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import lazy_loader
@@ -56,8 +53,6 @@ def lazy_names(
                 "Python with dolfinx, petsc4py, mpi4py and gmsh, or pip install "
                 "'gossamer_fx[light]'."
             ) from error
-        if not inspect.ismodule(found):
-            found = _guarded(found)
         # The next use finds the attribute without this function.
         setattr(sys.modules[module], name, found)
         return found
@@ -102,19 +97,3 @@ def _is_module(package: str, name: str) -> bool:
     """Whether a name of a package is one of its modules rather than a class or function."""
     is_package = "__path__" in vars(import_module(package))
     return is_package and find_spec(f"{package}.{name}") is not None
-
-
-@functools.cache
-def _guarded(thing: Any) -> Any:
-    """The same checked object for every namespace that names it."""
-    from gossamer_fx.checks.arguments import guarded
-
-    return guarded(thing, _names_in_stubs())
-
-
-@functools.cache
-def _names_in_stubs() -> frozenset[str]:
-    """Names of all namespaces, read without importing them."""
-    stubs = Path(__file__).parents[1].rglob("__init__.pyi")
-    lines = (line for stub in stubs for line in stub.read_text(encoding="utf-8").splitlines())
-    return frozenset(line.split()[-1] for line in lines if line.startswith("from ."))

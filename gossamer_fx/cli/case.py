@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.outputs.output import Output, Probe
 from gossamer_fx.outputs.recording import Recording
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from gossamer_fx.steppers.step_control import StepControl
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Case:
     """What the function `build(comm)` of a scene file returns, for `./gossamer run`.
@@ -42,6 +44,7 @@ class Case:
 
     scene: Scene
     stepper: Stepper
+    _: KW_ONLY
     until: float
     title: str = ""
     fields: Mapping[str, Sequence[str]] = field(default_factory=dict)
@@ -70,7 +73,7 @@ class Case:
     def recording(self, folder: str | Path) -> Recording:
         """The output that writes the folder of the run."""
         every = max(math.floor(self.until / self.stepper.dt / self.frames + 1e-9), 1)
-        return Recording(folder, self.fields, self.probes, every, title=self.title)
+        return Recording(folder, self.fields, probes=self.probes, every=every, title=self.title)
 
     def simulation(
         self,
@@ -87,8 +90,8 @@ class Case:
         return Simulation(
             self.scene,
             self.stepper,
-            [*outputs, *self.outputs],
-            self.halvings,
+            outputs=[*outputs, *self.outputs],
+            halvings=self.halvings,
             control=self.control,
             events=self.events,
             checkpoints=checkpoints,

@@ -199,10 +199,10 @@ def _parser() -> argparse.ArgumentParser:
         "-c", "--curves", action="store_true", help="ledger, gas and probes over the time"
     )
     plot.add_argument(
-        "--azimuth", type=float, metavar="DEGREES", help="of the camera; 0 looks along y"
+        "--azimuth-degrees", type=float, metavar="ANGLE", help="of the camera; 0 looks along y"
     )
     plot.add_argument(
-        "--elevation", type=float, metavar="DEGREES", help="of the camera above the horizon"
+        "--elevation-degrees", type=float, metavar="ANGLE", help="of the camera above the horizon"
     )
     plot.add_argument("--follow", action="store_true", help="the camera moves with the shapes")
     plot.add_argument(
@@ -264,7 +264,7 @@ def _run(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     if wanted.dry_run:
         _show(case, comm)
         return
-    log_to(comm, wanted.log, wanted.quiet)
+    log_to(comm, wanted.log, quiet=wanted.quiet)
     outputs: list[Output] = [case.recording(folder)] + ([] if wanted.quiet else [Progress()])
     saves = folder / "checkpoints"
     checkpoints = Checkpoints(saves, every=wanted.checkpoint, overwrite=wanted.overwrite)
@@ -396,7 +396,8 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
         "--output names one file; say which picture with --strip, --time, ...",
     )
     azimuth, elevation = (
-        None if a is None else math.radians(a) for a in (wanted.azimuth, wanted.elevation)
+        None if a is None else math.radians(a)
+        for a in (wanted.azimuth_degrees, wanted.elevation_degrees)
     )
     view = View(
         azimuth, elevation, follow=wanted.follow or None, zoom=wanted.zoom, opacity=wanted.opacity
@@ -406,17 +407,17 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     if not chosen or wanted.strip:
         _told(
             output or folder / f"{field}.png",
-            lambda path: pictures.strip(run, field, path, wanted.strip or 6, view),
+            lambda path: pictures.strip(run, field, path=path, count=wanted.strip or 6, view=view),
         )
     if wanted.time:
         _told(
             output or folder / f"{field}_at.png",
-            lambda path: pictures.field(run, field, wanted.time, path, view),
+            lambda path: pictures.field(run, field, times=wanted.time, path=path, view=view),
         )
     if wanted.animate:
         _told(
             output or folder / f"{field}.{wanted.animate}",
-            lambda path: pictures.animate(run, field, path, view=view),
+            lambda path: pictures.animate(run, field, path=path, view=view),
         )
     if not chosen or wanted.curves:
         _told(output or folder / "curves.png", lambda path: pictures.curves(run, path))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
 
 from gossamer_fx.algebra.point_measures import translation_weight
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_positive
 from gossamer_fx.model.body import Port
 from gossamer_fx.model.state import State
@@ -16,27 +17,34 @@ from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_masses import AttachedKineticEnergy
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class AttachedMass:
-    """A mass at a point of a body, e.g. at the tip of a sail: kinetic energy ½ m |v|² of the point, no unknowns.
+    """A mass at a point of a body, e.g. at the tip of a sail: kinetic energy ½ m |v|² of the point.
 
-    `Gravity` and `Centrifugal` of the body act on it, too.
+    It has no unknowns of its own.  `Gravity` and `Centrifugal` of the body act on it, too.
 
     Args:
         port: a point of a film, plate, cable, beam or rigid body.
-        mass: m [kg].
+        mass: m [kg], positive.
+        name: name in messages and output.
 
     Raises:
         InputError: a port that is a direction, a mass that is not positive.
+
+    Example:
+        >>> gx.connectors.AttachedMass(film.port("top right"), 0.5).mass
+        0.5
     """
 
     port: Port
     mass: float
+    _: KW_ONLY
     name: str = "attached mass"
 
     def __post_init__(self) -> None:
         check(
-            isinstance(self.port, Port) and bool(np.isclose(translation_weight(self.port), 1.0)),
+            bool(np.isclose(translation_weight(self.port), 1.0)),
             f"AttachedMass '{self.name}': its port is no point of a body; give one, as film.port('tip').",
         )
         check_positive(self, "mass", "kg")

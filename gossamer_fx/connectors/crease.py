@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.bodies.plate import Plate
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_on_all, check_positive
 from gossamer_fx.connectors.crease_energies import CreaseEnergy
 from gossamer_fx.forms.spaces import cell_nodes
@@ -27,42 +28,51 @@ _ENDS = np.array([[1, 2], [2, 0], [0, 1]])  # vertices from and to which a trian
 _GAUSS = {1: ([0.5], [1.0]), 2: ([0.5 - 12**-0.5, 0.5 + 12**-0.5], [0.5, 0.5])}
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Crease:
     """A fold along edges of a film: the moment m = k (θ - θr) per length about the fold.
 
-    θ is the angle between the panels, zero where they continue each other and measured at each edge (order 1) or at
-    its two Gauss points (order 2) of the film as it moves; ±π is pressed shut.  It is positive for a valley fold: the
-    panels have turned towards the normal of the film (the side from which its triangles run counterclockwise); negative
-    for a mountain fold.  Energy and angular momentum are conserved exactly; see `connectors.dihedral_angle`.
+    θ is the angle between the panels, zero where they continue each other, and measured at each edge
+    (order 1) or at its two Gauss points (order 2) of the film as it moves; ±π is pressed shut.  It is
+    positive for a valley fold: the panels have turned towards the normal of the film (the side from
+    which its triangles run counterclockwise); negative for a mountain fold.  Energy and angular momentum
+    are conserved exactly; see `algebra.dihedral_angle`.
 
-    With a yield angle φ the rest angle follows as soon as |θ - θr| > φ, at the moment k φ; the loss is booked.
-
-    On a `Plate` the group is also one of its `hinges`: then the crease alone carries the moment.
+    With a yield angle φ the rest angle follows as soon as |θ - θr| > φ, at the moment k φ; the loss is
+    booked as dissipated.  On a `Plate` the edges are also one of its `hinges`: then the crease alone
+    carries the moment.
 
     Args:
-        film: what is folded.
+        body: a film or plate, with plane triangles.
         edges: a named group of edges of its mesh, each between two triangles.
-        stiffness: k [N m/m/rad], moment per length and angle.
+        stiffness: k [N m/m/rad], moment per length and angle, positive.
         rest_angle: θr [rad], in [-π, π], at which the crease is at rest.
-        yield_angle: φ [rad], the largest |θ - θr|; none: elastic.
-        shut: VALLEY (1) or MOUNTAIN (-1), the sign of a fold that starts pressed shut, where the positions do not tell
-            it; default that of the rest angle, and VALLEY for a rest angle of zero.
+        yield_angle: φ [rad], the largest |θ - θr|, positive; None: elastic.
+        initial_fold: VALLEY (1) or MOUNTAIN (-1), the sign of a fold that starts pressed shut, where the
+            positions do not tell it; None: that of the rest angle, and VALLEY for a rest angle of zero.
+        name: name in messages and output.
 
     Raises:
-        InputError: a group that is no line of interior edges, triangles whose normals change sides at it, a stiffness
-            or yield angle that is not positive, a rest angle beyond half a turn, curved triangles.
+        InputError: a group that is not a line of interior edges, triangles whose normals change sides
+            at it, a stiffness or yield angle that is not positive, a rest angle beyond half a turn,
+            curved triangles.
 
     Source: of the model, Lechenault, Thiria & Adda-Bedia, Phys. Rev. Lett. 112 (2014) 244301,
     doi:10.1103/PhysRevLett.112.244301.
+
+    Example:
+        >>> gx.connectors.Crease(creased, "crease", stiffness=1e-3, rest_angle=np.radians(90)).name
+        'crease'
     """
 
-    film: Membrane
+    body: Membrane
     edges: str
+    _: KW_ONLY
     stiffness: float
     rest_angle: float = 0.0
     yield_angle: float | None = None
-    shut: int | None = None
+    initial_fold: int | None = None
     name: str = "crease"
 
     def __post_init__(self) -> None:
@@ -78,24 +88,24 @@ class Crease:
             f"{who}: yield_angle is {φ!r} rad; give a positive number, or None for a crease that does not yield.",
         )
         check(
-            self.shut in (None, VALLEY, MOUNTAIN),
-            f"{who}: shut is {self.shut!r}; give 1 for a valley fold, -1 for a mountain fold, or None.",
+            self.initial_fold in (None, VALLEY, MOUNTAIN),
+            f"{who}: initial_fold is {self.initial_fold!r}; give 1 for a valley fold, -1 for a mountain fold, or None.",
         )
         check(
-            self.film.space.mesh.geometry.cmap.degree == 1,
-            f"{who}: the triangles of '{self.film.name}' are curved; mesh it with plane triangles (order 1).",
+            self.body.space.mesh.geometry.cmap.degree == 1,
+            f"{who}: the triangles of '{self.body.name}' are curved; mesh it with plane triangles (order 1).",
         )
         self._check_edges(who)
         check(
-            not isinstance(self.film, Plate) or self.edges in self.film.hinges,
-            f"{who}: the plate '{self.film.name}' transmits bending at '{self.edges}' itself; give it "
+            not isinstance(self.body, Plate) or self.edges in self.body.hinges,
+            f"{who}: the plate '{self.body.name}' transmits bending at '{self.edges}' itself; give it "
             f"hinges=['{self.edges}'].",
         )
 
     def _check_edges(self, who: str) -> None:
-        table, lines = self.film.mesh.edges, self.film.mesh.curve(self.edges, who)
+        table, lines = self.body.mesh.edges, self.body.mesh.curve(self.edges, who)
         owned = lines[lines < table.owned]
-        n, rim, unknown = self.film.comm.allreduce(
+        n, rim, unknown = self.body.comm.allreduce(
             np.array([len(owned), (~table.is_inside[owned]).sum(), (~table.is_known[owned]).sum()])
         ).tolist()
         check(
@@ -104,40 +114,40 @@ class Crease:
         )
         check(
             rim == 0,
-            f"{who}: {rim} of the {n} edges of '{self.edges}' lie on the rim of '{self.film.name}' or where more than "
+            f"{who}: {rim} of the {n} edges of '{self.edges}' lie on the rim of '{self.body.name}' or where more than "
             "two triangles meet; a crease has one triangle on each side.",
         )
         check(
             unknown == 0,
-            f"{who}: the mesh of '{self.film.name}' was distributed without neighbours; read it with read_mesh or "
+            f"{who}: the mesh of '{self.body.name}' was distributed without neighbours; read it with read_mesh or "
             "gmsh_mesh.",
         )
         check_on_all(
-            self.film.comm,
+            self.body.comm,
             bool(_passed_both_ways(table, owned).all()),
-            f"{who}: the normals of '{self.film.name}' change sides at '{self.edges}', so that the sign of the fold is "
+            f"{who}: the normals of '{self.body.name}' change sides at '{self.edges}', so that the sign of the fold is "
             "not defined; turn the triangles of one side (gmsh: model.mesh.reverse).",
         )
 
     def requires(self) -> Iterable[Any]:
-        yield self.film
+        yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
         yield self.energy
 
     @property
     def _owned(self) -> Indices:
-        table = self.film.mesh.edges
-        lines = self.film.mesh.curve(self.edges, self.name)
+        table = self.body.mesh.edges
+        lines = self.body.mesh.curve(self.edges, self.name)
         return lines[lines < table.owned]
 
     @cached_property
     def energy(self) -> CreaseEnergy:
         """The crease as a term of the equations."""
-        table, owned = self.film.mesh.edges, self._owned
-        points, weights = (np.array(a) for a in _GAUSS[self.film.order])
+        table, owned = self.body.mesh.edges, self._owned
+        points, weights = (np.array(a) for a in _GAUSS[self.body.order])
         cells, sides = table.cells[owned], table.sides[owned]
-        geometry = self.film.mesh.domain.geometry
+        geometry = self.body.mesh.domain.geometry
         vertices = geometry.dofmap[:, :3][
             cells[:, 0, None], _ENDS[sides[:, 0]]
         ]  # of the left panel: start and end
@@ -155,7 +165,7 @@ class Crease:
         maps[:, :, 0, :k] = np.einsum("egck,ec->egk", left, t)
         maps[:, :, 1, :k] = np.einsum("egck,ec->egk", left, inwards[0])
         maps[:, :, 2, k:] = np.einsum("egck,ec->egk", right, inwards[1])
-        nodes: Indices = cell_nodes(self.film.space)[cells].reshape(len(owned), 2 * k)
+        nodes: Indices = cell_nodes(self.body.space)[cells].reshape(len(owned), 2 * k)
         nodes, maps = _without_twins(nodes, maps, k)
         numbers = geometry.input_global_indices[vertices]
         swapped = (numbers[:, 0] > numbers[:, 1])[:, None]
@@ -165,20 +175,20 @@ class Crease:
         )
         return CreaseEnergy(
             self.name,
-            self.film,
+            self.body,
             np.repeat(nodes, len(points), axis=0),
             np.repeat(cells, len(points), axis=0),
             maps.reshape(-1, *maps.shape[2:]),
             (self.stiffness * length[:, None] * weights).ravel(),
             self.rest_angle,
             math.inf if self.yield_angle is None else self.yield_angle,
-            self.shut or (MOUNTAIN if self.rest_angle < 0 else VALLEY),
+            self.initial_fold or (MOUNTAIN if self.rest_angle < 0 else VALLEY),
             names.astype(np.int64),
         )
 
     def _derivatives(self, cells: Indices, sides: Indices, points: Array, backwards: bool) -> Array:
         """Gradients (n, g, 3, k) on the mesh of the k shape functions of triangles, at points along their edges."""
-        domain, element = self.film.mesh.domain, self.film.space.element.basix_element
+        domain, element = self.body.mesh.domain, self.body.space.element.basix_element
         s = 1 - points if backwards else points
         a, b = _CORNERS[_ENDS[:, 0]], _CORNERS[_ENDS[:, 1]]
         reference = a[:, None] + s[None, :, None] * (b - a)[:, None]

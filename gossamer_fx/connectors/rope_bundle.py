@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 from gossamer_fx.bodies.between import bodies_of
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_positive, require_positive
 from gossamer_fx.connectors.spring import LengthSpring, RopeDamper, half_distance_squared
 from gossamer_fx.model.body import Attached
@@ -16,23 +17,34 @@ from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_energies import PointDissipation, PointStoredEnergy
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class RopeBundle:
     """Ropes without mass, each as a `Rope`, that are evaluated at once and have one line in the ledger.
 
     Args:
         ends: pairs of ports, or of a port and a `Ground`.
-        lengths: L of each [m].
-        stiffness: k of each [N/m].
-        damping: c of each [N s/m], none while it is slack.
+        stiffness: k of each [N/m], positive.
+        lengths: L of each [m], positive; as many as pairs.
+        damping: c of each [N s/m], which acts where the rope is stretched; zero or positive.
+        name: name in messages and output.
 
     Raises:
-        InputError: no rope, not as many lengths as pairs, a number that is not positive, a pair without a body.
+        InputError: no rope, not as many lengths as pairs, a number that is not positive, a pair without a
+            body.
+
+    Example:
+        >>> corners = [film.port("top left"), film.port("top right")]
+        >>> ends = [(corner, gx.Ground((0.5, 2.0, 0.0))) for corner in corners]
+        >>> ropes = gx.connectors.RopeBundle(ends, stiffness=1e3, lengths=[1.2, 1.2])
+        >>> len(list(ropes.terms()))
+        2
     """
 
     ends: Sequence[tuple[Attached, Attached]]
-    lengths: Sequence[float]
+    _: KW_ONLY
     stiffness: float
+    lengths: Sequence[float]
     damping: float = 0.0
     name: str = "ropes"
 
@@ -43,14 +55,9 @@ class RopeBundle:
             "both, and at least one.",
         )
         for k, (pair, length) in enumerate(zip(self.ends, self.lengths, strict=True)):
-            joins = (
-                isinstance(pair, tuple)
-                and len(pair) == 2
-                and all(isinstance(end, Attached) for end in pair)
-            )
             check(
-                joins and bool(list(bodies_of(*pair))),
-                f"RopeBundle '{self.name}': rope {k} is no pair of ports, of which one may be a Ground; give two.",
+                bool(list(bodies_of(*pair))),
+                f"RopeBundle '{self.name}': rope {k} joins the ground to itself; give a port of a body.",
             )
             require_positive(f"RopeBundle '{self.name}': length {k}", length, "m")
         check_positive(self, "stiffness", "N/m")

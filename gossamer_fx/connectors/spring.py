@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from gossamer_fx.algebra.point_measures import PointMeasure
 from gossamer_fx.bodies.between import Between
-from gossamer_fx.checks.errors import check, check_positive, is_vector
+from gossamer_fx.checks.arguments import check_arguments
+from gossamer_fx.checks.errors import check, check_positive
 from gossamer_fx.model.body import Array, Attached, Port
 from gossamer_fx.model.ports import unit
 from gossamer_fx.model.state import State
@@ -125,18 +126,33 @@ def half_distance_squared(a: Attached, b: Attached) -> PointMeasure:
     return PointMeasure([(a, b)], (difference.T @ difference)[None], np.zeros((1, 6)), np.zeros(1))
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Spring(Between):
-    """Linear spring between two points: ψ = ½ k (|x_a - x_b| - L)².
+    """A linear spring between two points: ψ = ½ k (|x_a - x_b| - L)².
 
     Args:
-        a, b: ports, or one `Ground`.
-        stiffness: k [N/m].
-        length: L [m], at which it is at rest.
+        a, b: ports of bodies; one of them may be a `Ground`.
+        stiffness: k [N/m], positive.
+        length: L [m], at which the spring is at rest; zero or positive.
+        name: name in messages and output.
+
+    Raises:
+        InputError: two points of the ground, a number out of its range.
+
+    Example:
+        >>> weight = gx.Gravity(mass, (0.0, 0.0, -10.0))
+        >>> top = gx.Ground((0.0, 0.0, 0.0))
+        >>> spring = gx.connectors.Spring(mass.port(), top, stiffness=100.0, length=1.0)
+        >>> statics = gx.Equilibrium(gx.Scene(weight, spring))
+        >>> result = statics.find()
+        >>> gx.fields.positions(statics, mass).round(6)
+        array([[ 0. ,  0. , -1.1]])
     """
 
     a: Attached
     b: Attached
+    _: KW_ONLY
     stiffness: float
     length: float
     name: str = "spring"
@@ -154,23 +170,37 @@ class Spring(Between):
         yield PointStoredEnergy(self.name, half_distance_squared(self.a, self.b), density)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Rope(Between):
-    """A rope without mass: it holds two points within its length, with tension k (l - L) beyond it and none below.
+    """A rope without mass: it holds two points within its length.
+
+    Its tension is k (l - L) where its ends are l > L apart, and zero where they are nearer.
 
     Args:
-        a, b: ports, or one `Ground`.
-        length: L [m].
-        stiffness: k = EA/L [N/m].
-        damping: c [N s/m], by which its tension is k (l - L) + c dl/dt, but never negative; none while it is slack.
+        a, b: ports of bodies; one of them may be a `Ground`.
+        stiffness: k = EA/L [N/m], positive.
+        length: L [m], positive.
+        damping: c [N s/m], zero or positive.  The tension of a stretched rope is k (l - L) + c dl/dt,
+            but never negative.
+        name: name in messages and output.
+
+    Raises:
+        InputError: two points of the ground, a number out of its range.
+
+    Example:
+        >>> top = gx.Ground((0.0, 0.0, 0.0))
+        >>> gx.connectors.Rope(mass.port(), top, stiffness=1e4, length=1.0, damping=0.1).length
+        1.0
     """
 
     a: Attached
     b: Attached
-    length: float
+    _: KW_ONLY
     stiffness: float
-    name: str = "rope"
+    length: float
     damping: float = 0.0
+    name: str = "rope"
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -192,54 +222,77 @@ class Rope(Between):
             yield PointDissipation(f"{self.name} damping", measure, loss)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Stop(Between):
-    """Keeps two points from coming nearer than a distance, with the force k (L - l) below it and none beyond: contact.
+    """Keeps two points from coming nearer than a length: the force is k (L - l) below it, else zero.
 
-    Two spheres touch at the sum of their radii.  An impact takes as long as half an oscillation on the spring, and
-    returns all of its energy (π √(m/k), m = m_a m_b/(m_a + m_b), for two free bodies); steps must resolve that.
+    Two spheres touch at the sum of their radii.  An impact takes as long as half an oscillation on the
+    spring and returns all of its energy (π √(m/k), m = m_a m_b/(m_a + m_b), for two free bodies); time
+    steps must resolve that.
 
     Args:
-        a, b: ports, or one `Ground`.
-        distance: L [m].
-        stiffness: k [N/m].
+        a, b: ports of bodies; one of them may be a `Ground`.
+        stiffness: k [N/m], positive.
+        length: L [m] below which the stop pushes, positive.
+        name: name in messages and output.
+
+    Raises:
+        InputError: two points of the ground, a number out of its range.
+
+    Example:
+        >>> floor = gx.Ground((0.0, 0.0, -2.0))
+        >>> gx.connectors.Stop(mass.port(), floor, stiffness=1e5, length=0.1).name
+        'stop'
     """
 
     a: Attached
     b: Attached
-    distance: float
+    _: KW_ONLY
     stiffness: float
+    length: float
     name: str = "stop"
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_positive(self, "stiffness", "N/m")
-        check_positive(self, "distance", "m")
+        check_positive(self, "length", "m")
 
     def terms(self, start: State) -> Iterable[Term]:
-        density = LengthSpring(self.stiffness, self.distance, side=-1)
+        density = LengthSpring(self.stiffness, self.length, side=-1)
         yield PointStoredEnergy(self.name, half_distance_squared(self.a, self.b), density)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Damper(Between):
-    """Linear damper between two points: force c d|x_a - x_b|/dt along their connection; its loss is booked.
+    """An axial damper between two points: a force c dl/dt along the line between them, l their distance.
 
-    It pulls and pushes at any distance, also beside a rope that is slack: give a rope its own `damping` instead.
+    Its loss is booked as dissipated.
 
     Args:
-        a, b: ports, or one `Ground`; they must not coincide.
-        coefficient: c [N s/m].
+        a, b: ports of bodies; one of them may be a `Ground`.
+        damping: c [N s/m], positive.
+        name: name in messages and output.
+
+    Raises:
+        InputError: two points of the ground, a damping that is not positive.
+
+    Example:
+        >>> damper = gx.connectors.Damper(mass.port(), gx.Ground((0.0, 0.0, 0.0)), damping=0.5)
+        >>> damper.damping
+        0.5
     """
 
     a: Attached
     b: Attached
-    coefficient: float
+    _: KW_ONLY
+    damping: float
     name: str = "damper"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_positive(self, "coefficient", "N s/m")
+        check_positive(self, "damping", "N s/m")
 
     def terms(self, start: State) -> Iterable[Term]:
         distance = float(np.linalg.norm(start.vector(self.a) - start.vector(self.b)))
@@ -248,10 +301,11 @@ class Damper(Between):
             f"Damper '{self.name}': its two points coincide, so it has no direction; separate them.",
         )
         yield PointDissipation(
-            self.name, half_distance_squared(self.a, self.b), LengthDamper(self.coefficient)
+            self.name, half_distance_squared(self.a, self.b), LengthDamper(self.damping)
         )
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class AxialSpring:
     """A spring to ground along one direction: ψ = ½ k (n·(x - x0))².
@@ -261,10 +315,15 @@ class AxialSpring:
         stiffness: k [N/m].
         direction: n; only its direction counts.
         origin: x0 [m], where the spring is at rest.
+
+    Example:
+        >>> gx.connectors.AxialSpring(mass.port(), 100.0, direction=(0.0, 0.0, 1.0)).stiffness
+        100.0
     """
 
     port: Port
     stiffness: float
+    _: KW_ONLY
     direction: tuple[float, float, float]
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     name: str = "spring"
@@ -272,12 +331,8 @@ class AxialSpring:
     def __post_init__(self) -> None:
         check_positive(self, "stiffness", "N/m")
         check(
-            is_vector(self.direction) and any(self.direction),
+            any(self.direction),
             f"AxialSpring '{self.name}': direction is {self.direction!r}; give its axis, of any length but zero.",
-        )
-        check(
-            is_vector(self.origin),
-            f"AxialSpring '{self.name}': origin is {self.origin!r} m; give three numbers.",
         )
 
     def requires(self) -> Iterable[Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from gossamer_fx.algebra.point_measures import PointMeasure
 from gossamer_fx.bodies.cable import CableLaw, TensionOnly
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.connectors.spring import Quadratic
 from gossamer_fx.model.body import Array, Port
@@ -35,76 +36,96 @@ class OneSided:
         return mean, slope[:, :, None]
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Tape:
     """Bars along a line of a film, each between two points of it that move with the film.
 
-    Stored energy Σ L W(ε) with ε = ½(λ² - 1) of each bar, and its consistent mass.  `along_edges` takes the edges of
-    the film's mesh, `through` any line across it, between nodes too.
+    Stored energy Σ L W(ε) with ε = ½(λ² - 1) of each bar, and its consistent mass.  `along_edges` takes the
+    edges of the film's mesh, `through` any line across it, also between nodes.
 
     Args:
-        film: what it is bonded to.
+        body: the film or plate that it is bonded to.
         law: `CableLaw` or `TensionOnly`.
-        bars: pairs of points of the film, their distance at the stress-free shape being the natural length.
-        lengths: natural lengths [m].
+        bars: pairs of points of the film.
+        lengths: natural length of each bar [m], positive, shape (n,) for n bars.
+        name: name in messages and output.
+
+    Raises:
+        InputError: no bars, not as many lengths as bars, a length that is not positive.
+
+    Example:
+        >>> tape = gx.connectors.Tape.along_edges(film, gx.CableLaw(6e3, 0.01), edges="left")
+        >>> len(tape.bars), round(float(sum(tape.lengths)), 12)
+        (4, 1.0)
     """
 
-    film: Membrane
+    body: Membrane
     law: CableLaw
+    _: KW_ONLY
     bars: Sequence[tuple[Port, Port]]
-    lengths: Array
+    lengths: Sequence[float] | Array
     name: str = "tape"
 
     @staticmethod
-    def along_edges(film: Membrane, law: CableLaw, group: str, name: str = "tape") -> Tape:
+    def along_edges(body: Membrane, law: CableLaw, *, edges: str, name: str = "tape") -> Tape:
         """Along the edges of the mesh in a named group of curves."""
-        table, space = film.mesh.edges, film.space
-        edges = film.mesh.curve(group, f"Tape '{name}' on '{film.name}'")
-        chains = table.nodes(space, edges[edges < table.owned])
+        table, space = body.mesh.edges, body.space
+        lines = body.mesh.curve(edges, f"Tape '{name}' on '{body.name}'")
+        chains = table.nodes(space, lines[lines < table.owned])
         x = space.tabulate_dof_coordinates()
         ends = np.concatenate([chains[:, [k, k + 1]] for k in range(chains.shape[1] - 1)])
         own = np.linalg.norm(x[ends[:, 1]] - x[ends[:, 0]], axis=1)
         names = space.dofmap.index_map.local_to_global(ends.ravel()).reshape(-1, 2)
-        rows = film.comm.allgather(
+        rows = body.comm.allgather(
             list(zip(names[:, 0].tolist(), names[:, 1].tolist(), own.tolist(), strict=True))
         )
         bars = [row for part in rows for row in part]
-        pairs = [(Port(film, (a,)), Port(film, (b,))) for a, b, _ in bars]
-        return Tape(film, law, pairs, np.array([length for _, _, length in bars]), name)
+        pairs = [(Port(body, (a,)), Port(body, (b,))) for a, b, _ in bars]
+        lengths = [length for _, _, length in bars]
+        return Tape(body, law, bars=pairs, lengths=lengths, name=name)
 
     @staticmethod
     def through(
-        film: Membrane,
+        body: Membrane,
         law: CableLaw,
+        *,
         points: Sequence[Sequence[float]],
-        bars: int,
+        bars_per_segment: int,
         name: str = "tape",
     ) -> Tape:
-        """Through `points` [m] of the film's mesh, `bars` of equal length from each to the next."""
+        """Through `points` [m] of the film's mesh, `bars_per_segment` bars of equal length from each to the next."""
         check(
-            len(points) >= 2 and bars >= 1,
+            len(points) >= 2 and bars_per_segment >= 1,
             f"Tape '{name}' needs two points and one bar at least; give more.",
         )
         corners = np.asarray(points, dtype=float)
-        steps = np.arange(bars * (len(corners) - 1) + 1) / bars
+        steps = np.arange(bars_per_segment * (len(corners) - 1) + 1) / bars_per_segment
         places = np.array(
             [np.interp(steps, np.arange(len(corners)), corner) for corner in corners.T]
         ).T
-        ports = [film.port_at(place) for place in places]
+        ports = [body.port_at(place) for place in places]
         lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
-        return Tape(film, law, list(pairwise(ports)), lengths, name)
+        return Tape(body, law, bars=list(pairwise(ports)), lengths=lengths, name=name)
 
     def __post_init__(self) -> None:
+        lengths = np.asarray(self.lengths, dtype=float)
+        object.__setattr__(self, "lengths", lengths)
         check(
-            len(self.bars) > 0 and bool((self.lengths > 0).all()),
+            len(self.bars) > 0 and bool((lengths > 0).all()),
             f"Tape '{self.name}' has no bars, or one without length; give a line of different points.",
+        )
+        check(
+            lengths.shape == (len(self.bars),),
+            f"Tape '{self.name}' has {len(self.bars)} bars and lengths of shape {lengths.shape}; give one each.",
         )
 
     def requires(self) -> Iterable[Any]:
-        yield self.film
+        yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        L, law = self.lengths, self.law
+        law = self.law
+        L = np.asarray(self.lengths)
         consistent = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6
         yield AttachedKineticEnergy(self.bars, law.line_density * L[:, None, None] * consistent)
         # e = √(EA L) ε, so that the energy of every bar is ½ e²

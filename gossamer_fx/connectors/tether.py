@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from numbers import Real
+from dataclasses import KW_ONLY, dataclass
 
 from gossamer_fx.bodies.between import Between
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, check, check_positive
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.connectors.paid_out_ropes import PaidOutRope
@@ -17,32 +17,44 @@ from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Tether(Between):
-    """A rope without mass from a reel at one of two points: tension k (l - L) beyond its length L, none below.
+    """A rope without mass from a reel at one of two points: tension k (l - L) beyond its length L, else none.
 
-    Either L is a function of time, and the work of the reel is booked as supplied (negative while it pays out under
-    tension), or a brake holds the reel and slips where the tension would exceed B: the loss B ΔL is booked as
-    dissipated.  A brake torque M on a reel of radius r is B = M/r.  Energy closes exactly, momentum and angular
-    momentum are kept.
+    Either L is a function of time, and the work of the reel is booked as supplied (negative while it pays
+    out under tension), or a brake holds the reel and slips where the tension would exceed B: the loss
+    B ΔL is booked as dissipated.  A brake torque M on a reel of radius r is B = M/r.  Energy closes
+    exactly; momentum and angular momentum are kept.
 
     Args:
-        a, b: ports, or one `Ground`.
-        length: L [m], a number with a `brake`, else a function of time [s].
-        stiffness: k [N/m], at every length.
-        brake: B [N].
-        most: length [m] that a braked reel has in all; default: without end.
+        a, b: ports of bodies; one of them may be a `Ground`.
+        stiffness: k [N/m] at every length, positive.
+        length: L [m], a positive number with a `brake_force`, else a function of time [s].
+        brake_force: B [N], positive; None: no brake.
+        total_length: [m] that a braked reel has in all; default: without end.
+        name: name in messages and output.
 
     Raises:
-        InputError: a length that is not positive, a brake beside a function, a length without either.
+        InputError: a length that is not positive, a brake beside a function, a number without a brake.
+
+    Example:
+        >>> reel = hub.port((0.0, 0.0, 0.1))
+        >>> braked = gx.connectors.Tether(
+        ...     reel, mass.port(), stiffness=1e3, length=1.1, brake_force=2.0, total_length=5.0
+        ... )
+        >>> driven = gx.connectors.Tether(
+        ...     reel, mass.port(), stiffness=1e3, length=lambda t: 1.1 + 0.2 * t, name="winch"
+        ... )
     """
 
     a: Attached
     b: Attached
-    length: float | Callable[[float], float]
+    _: KW_ONLY
     stiffness: float
-    brake: float | None = None
-    most: float = math.inf
+    length: float | Callable[[float], float]
+    brake_force: float | None = None
+    total_length: float = math.inf
     name: str = "tether"
 
     def __post_init__(self) -> None:
@@ -50,27 +62,28 @@ class Tether(Between):
         check_positive(self, "stiffness", "N/m")
         if callable(self.length):
             check(
-                self.brake is None,
+                self.brake_force is None,
                 f"Tether '{self.name}': its length is given as a function; leave the brake out.",
             )
             return
         check_positive(self, "length", "m")
         check(
-            self.brake is not None,
+            self.brake_force is not None,
             f"Tether '{self.name}': its length is a number; give a brake, or a function of time, or take a Rope.",
         )
-        check_positive(self, "brake", "N")
+        check_positive(self, "brake_force", "N")
         check(
-            isinstance(self.most, Real) and self.most >= self.length,
-            f"Tether '{self.name}': most is {self.most!r} m; give what the reel has in all, {self.length:g} m or more.",
+            self.total_length >= self.length,
+            f"Tether '{self.name}': total_length is {self.total_length!r} m; give "
+            f"{self.length:g} m or more.",
         )
 
     def terms(self, start: State) -> Iterable[Term]:
         measure, given = half_distance_squared(self.a, self.b), self.length
         if not callable(given):
-            assert self.brake is not None
+            assert self.brake_force is not None
             yield PaidOutRope(
-                self.name, measure, self.stiffness, given, None, self.brake, self.most
+                self.name, measure, self.stiffness, given, None, self.brake_force, self.total_length
             )
             return
         comm = next(port.body.comm for port in (self.a, self.b) if isinstance(port, Port))

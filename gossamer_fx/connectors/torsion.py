@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import ClassVar
 
@@ -22,6 +22,7 @@ from gossamer_fx.algebra.point_measures import PointMeasure
 from gossamer_fx.algebra.rotations import perpendicular_pair
 from gossamer_fx.bodies.between import Between, check_axis
 from gossamer_fx.bodies.frames import Frame, along, is_normal
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_positive
 from gossamer_fx.model.body import Array, Vector
 from gossamer_fx.model.ports import unit
@@ -114,59 +115,90 @@ class AboutHinge(Between):
         return across(self.axis, self.a), across(self.axis, self.b)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class TorsionSpring(AboutHinge):
-    """Moment -k φ about the axis of a hinge, φ the angle of b against a from the rest angle, within half a turn.
+    """A torsional spring about the axis of a hinge: the moment is -k φ.
+
+    φ is the angle of b against a from the rest angle, within half a turn.
 
     Args:
         a, b: frames, also `ground_frame()`, joined by a `RevoluteJoint` of this axis.
-        axis: direction in space at the start; angles count in its right-handed sense.
-        stiffness: k [N m/rad].
-        rest: angle of b against a, from the start, at which the spring is at rest [rad].
+        axis: direction in space at the start, of any length; angles count in its right-handed sense.
+        stiffness: k [N m/rad], positive.
+        rest_angle: angle of b against a [rad], from the start, at which the spring is at rest; between -π
+            and π.
+        name: name in messages and output.
+
+    Raises:
+        InputError: two frames of the ground, an axis of length zero, a number out of its range.
+
+    Example:
+        >>> y = (0.0, 1.0, 0.0)
+        >>> hinge = gx.constraints.RevoluteJoint(gx.ground_frame(), hub.frame(), axis=y)
+        >>> spring = gx.connectors.TorsionSpring(
+        ...     gx.ground_frame(), hub.frame(), axis=y, stiffness=2.0, rest_angle=0.5
+        ... )
+        >>> gx.Simulation(gx.Scene(hinge, spring), gx.Midpoint(0.01)).totals.stored
+        {'torsion spring': 0.25}
     """
 
     a: Frame
     b: Frame
+    _: KW_ONLY
     axis: Vector
     stiffness: float
-    rest: float = 0.0
+    rest_angle: float = 0.0
     name: str = "torsion spring"
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_positive(self, "stiffness", "N m/rad")
         check(
-            abs(self.rest) < math.pi,
-            f"TorsionSpring '{self.name}': rest is {self.rest!r} rad; stay within half a turn.",
+            abs(self.rest_angle) < math.pi,
+            f"TorsionSpring '{self.name}': rest_angle is {self.rest_angle!r} rad; stay within half a turn.",
         )
 
     def terms(self, start: State) -> Iterable[Term]:
         yield PointStoredEnergy(
             self.name,
-            hinge_angle(*self._sides, self.axis, self.rest),
+            hinge_angle(*self._sides, self.axis, self.rest_angle),
             AngularSpring(self.stiffness),
         )
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class TorsionDamper(AboutHinge):
-    """Moment -c dφ/dt about the axis of a hinge; its loss is booked.
+    """A torsional damper about the axis of a hinge: the moment is -c dφ/dt; its loss is booked.
 
     Args:
-        a, b, axis: as of a `TorsionSpring`.
-        coefficient: c [N m s/rad].
+        a, b: frames, also `ground_frame()`, joined by a `RevoluteJoint` of this axis.
+        axis: direction in space at the start, of any length.
+        damping: c [N m s/rad], positive.
+        name: name in messages and output.
+
+    Raises:
+        InputError: two frames of the ground, an axis of length zero, a damping that is not positive.
+
+    Example:
+        >>> gx.connectors.TorsionDamper(
+        ...     gx.ground_frame(), hub.frame(), axis=(0.0, 1.0, 0.0), damping=0.1
+        ... ).damping
+        0.1
     """
 
     a: Frame
     b: Frame
+    _: KW_ONLY
     axis: Vector
-    coefficient: float
+    damping: float
     name: str = "torsion damper"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_positive(self, "coefficient", "N m s/rad")
+        check_positive(self, "damping", "N m s/rad")
 
     def terms(self, start: State) -> Iterable[Term]:
         measure = hinge_angle(*self._sides, self.axis, 0.0)
-        yield PointDissipation(self.name, measure, AngularDamper(self.coefficient))
+        yield PointDissipation(self.name, measure, AngularDamper(self.damping))

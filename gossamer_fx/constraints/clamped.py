@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from numbers import Real
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,8 @@ import numpy as np
 from gossamer_fx.algebra.rotations import cross_matrices, rotations
 from gossamer_fx.bodies.beam import Beam
 from gossamer_fx.bodies.curve import Curve
-from gossamer_fx.checks.errors import check, check_on_all, is_vector
+from gossamer_fx.checks.arguments import check_arguments
+from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.checks.user_functions import ask_numbers, ask_points
 from gossamer_fx.constraints.fixed import check_support
 from gossamer_fx.model.body import Array, Indices, Vector
@@ -23,29 +23,40 @@ from gossamer_fx.terms.supports import Support
 OPPOSITE = 1e-6  # 1 + cosine of two directions between which no turn is the shortest
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Clamped:
-    """The nodes of a named group keep their initial position and directors, or move and turn as prescribed.
+    """A clamp: the nodes of a beam keep their position and directors, or move and turn as prescribed.
 
-    A section with the normal n is turned by the shortest rotation from n to `direction`, then about it by `twist`; the
-    work of what turns and moves it is booked as supplied.  In time a function should begin at the initial direction:
-    where it does not, the section jumps in the first step.
+    A section with the normal n is turned by the shortest rotation from n to `direction`, then about it by
+    `twist`; the work of what turns and moves it is booked as supplied.  A function of time should begin
+    at the initial direction: where it does not, the section jumps in the first step.
 
     Args:
         body: a beam (or a cable, which has positions only).
         group: name of points or curves of its mesh.
-        direction: normal of the sections, a vector or a function of the points (3, n) of the stress-free shape and the
-            time [s] that returns (3, n); of any length.  Default: as it starts.
-        twist: angle [rad] about the direction, or a function of time.
-        motion: displacement [m] of the points, as of `Prescribed`.  Default: none.
+        direction: normal of the sections, a vector or a function of the points (3, n) of the stress-free
+            shape and the time [s] that returns (3, n); of any length.  None: as it starts.
+        twist: angle [rad] about the direction, or a function of time [s].
+        motion: displacement [m] of the points, as of `Prescribed`.  None: no displacement.
+        name: name in messages and output.
+
+    Raises:
+        InputError: a group that is not of the mesh, a direction or twist of a cable, a direction of
+            length zero, or opposite to the section's.
+
+    Example:
+        >>> gx.constraints.Clamped(beam, "start", twist=lambda t: 0.1 * t).name
+        'beam/start clamped'
     """
 
     body: Curve
     group: str
-    name: str = ""
+    _: KW_ONLY
     direction: Vector | Callable[[Array, float], Array] | None = None
     twist: float | Callable[[float], float] = 0.0
     motion: Callable[[Array, float], Array] | None = None
+    name: str = ""
 
     def __post_init__(self) -> None:
         check_support("Clamped", self.body, self.group, (0, 1, 2))
@@ -57,14 +68,9 @@ class Clamped:
             f"'{self.name}': a cable has no stiffness in bending, so no direction of it can be held; use a Beam, or "
             "leave direction and twist out.",
         )
-        check(
-            callable(self.twist)
-            or (isinstance(self.twist, Real) and bool(np.isfinite(self.twist))),
-            f"'{self.name}': twist is {self.twist!r} rad; give an angle, or a function of time.",
-        )
         if self.direction is not None and not callable(self.direction):
             check(
-                is_vector(self.direction) and bool(np.any(self.direction)),
+                any(self.direction),
                 f"'{self.name}': direction is {self.direction!r}; give three numbers, not all zero.",
             )
 

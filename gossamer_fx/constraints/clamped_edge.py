@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
+from typing import Any
 
 import numpy as np
 import ufl
@@ -11,8 +12,9 @@ from dolfinx import fem
 from dolfinx.mesh import meshtags
 
 from gossamer_fx.bodies.plate import Plate
-from gossamer_fx.checks.errors import check, check_on_all, is_vector
-from gossamer_fx.constraints.fixed import Fixed, Prescribed
+from gossamer_fx.checks.arguments import check_arguments
+from gossamer_fx.checks.errors import check, check_on_all
+from gossamer_fx.constraints.fixed import Fixed, Prescribed, check_support
 from gossamer_fx.constraints.moving_energies import MovingEnergy
 from gossamer_fx.forms.bending import EDGE_DEGREE
 from gossamer_fx.forms.kinematics import Expr
@@ -23,56 +25,92 @@ from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.quadratic_energies import QuadraticEnergy
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
-class ClampedEdge(Fixed):
-    """An edge of a plate that keeps its initial position and direction, or moves and turns as prescribed.
+class ClampedEdge:
+    """A clamped edge of a plate: it keeps its position and direction, or moves and turns as prescribed.
 
-    The direction is held by Nitsche's method (`forms.bending`), and the energy of that is part of the plate's bending
-    energy; the work of what moves or turns the edge is booked as supplied.
+    The direction is held by Nitsche's method (`forms.bending`), and the energy of that is part of the
+    plate's bending energy; the work of what moves or turns the edge is booked as supplied.
 
     Args:
         body: a plate.
-        group: name of curves on its rim.
-        components: which of x, y, z (0, 1, 2) of its positions are held: (0,) with direction (1, 0, 0) is a plane of
-            symmetry x = 0.
-        direction: vector to which the plate is tangent at the edge, across it; or a function of the points (3, n) of
-            the stress-free shape and the time [s] that returns (3, n).  Default: as it starts.
-        motion: displacement [m] of the edge, as of `Prescribed`.  Default: none.
+        edges: name of curves on its rim.
+        components: which of x, y, z (0, 1, 2) of its positions are held: (0,) with the direction
+            (1, 0, 0) is a plane of symmetry x = 0.
+        normal: instead of components, the one direction along which the nodes do not move, as of `Fixed`.
+        direction: vector to which the plate is tangent at the edge, across it; or a function of the
+            points (3, n) of the stress-free shape and the time [s] that returns (3, n).  None: as it
+            starts.
+        motion: displacement [m] of the edge, as of `Prescribed`.  None: no displacement.
+        name: name in messages and output.
+
+    Raises:
+        InputError: edges inside the plate, components that are not coordinates, a direction of length
+            zero; during a run: a direction or motion that is not finite.
+
+    Example:
+        >>> gx.constraints.ClampedEdge(plate, "left").name
+        'plate/left fixed (0, 1, 2)'
     """
 
+    body: Plate
+    edges: str
+    _: KW_ONLY
+    components: tuple[int, ...] = (0, 1, 2)
+    normal: Vector | None = None
     direction: Vector | Callable[[Array, float], Array] | None = None
     motion: Callable[[Array, float], Array] | None = None
+    name: str = ""
 
     def __post_init__(self) -> None:
-        check(
-            isinstance(self.body, Plate),
-            f"ClampedEdge: {getattr(self.body, 'name', self.body)!r} is no Plate: it has no slope to hold; use Fixed.",
-        )
-        edges = self.body.mesh.curve(self.group, "ClampedEdge")
+        edges = self.body.mesh.curve(self.edges, "ClampedEdge")
         check_on_all(
             self.body.comm,
             bool(self.body.mesh.edges.is_boundary[edges].all()),
-            f"ClampedEdge: the group '{self.group}' has edges inside '{self.body.name}'; name a part of its rim.",
+            f"ClampedEdge: the group '{self.edges}' has edges inside '{self.body.name}'; name a part of its rim.",
         )
         if self.direction is not None and not callable(self.direction):
             check(
-                is_vector(self.direction) and bool(np.any(self.direction)),
+                any(self.direction),
                 f"ClampedEdge: direction is {self.direction!r}; give three finite numbers, not all zero.",
             )
-        super().__post_init__()
+        check_support("ClampedEdge", self.body, self.edges, self.components)
+        if not self.name:
+            object.__setattr__(self, "name", self._held.name)
+
+    @property
+    def _held(self) -> Fixed:
+        """The positions of the edge, where they are held and not moved."""
+        return Fixed(
+            self.body,
+            self.edges,
+            components=self.components,
+            normal=self.normal,
+            name=self.name,
+        )
+
+    def requires(self) -> Iterable[Any]:
+        yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        plate, name = self.body, f"{self.body.name} bending"
-        assert isinstance(plate, Plate)
+        plate = self.body
+        name = f"{plate.name} bending"
         if self.motion is None:
-            yield from super().terms(start)
+            yield from self._held.terms(start)
         else:
-            yield from Prescribed(plate, self.group, self.motion, self.components, self.name).terms(
-                start
+            moved = Prescribed(
+                plate,
+                self.edges,
+                motion=self.motion,
+                components=self.components,
+                name=self.name,
             )
-        clamp, ds = plate.bending.clamp, self._edges()
+            yield from moved.terms(start)
+        clamp = plate.bending.clamp
+        ds = self._edges()
         if callable(self.direction):
-            nodes, turned = plate.nodes(self.group), self.direction
+            nodes, turned = plate.nodes(self.edges), self.direction
             X = plate.space.tabulate_dof_coordinates()[nodes].T
 
             def values(t: float) -> Array:
@@ -101,7 +139,7 @@ class ClampedEdge(Fixed):
     def _edges(self) -> ufl.Measure:
         domain = self.body.mesh.domain
         domain.topology.create_connectivity(1, 2)
-        edges = self.body.mesh.curve(self.group, "ClampedEdge")
+        edges = self.body.mesh.curve(self.edges, "ClampedEdge")
         tags = meshtags(domain, 1, edges, np.ones(len(edges), dtype=np.int32))
         return ufl.Measure(
             "ds", domain, subdomain_data=tags, metadata={"quadrature_degree": EDGE_DEGREE}

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
 
 from gossamer_fx.algebra.rotations import rotations
 from gossamer_fx.bodies.rigid_body import RigidBody
-from gossamer_fx.checks.errors import check, is_vector
+from gossamer_fx.checks.arguments import check_arguments
+from gossamer_fx.checks.errors import check
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.model.body import Array, Vector
 from gossamer_fx.model.ports import unit
@@ -19,39 +20,39 @@ from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.supports import Support
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Driven:
     """A rigid body that keeps its place and turns about an axis as prescribed, as a hub on a motor.
 
-    The directors are d(t) = R(axis, angle(t)) d(0); the work of the motor is booked as supplied.  The scene gives the
-    body the rate at which the angle begins, e.g. by `RigidMotion`: a difference stays, as of `Prescribed`.
+    The directors are d(t) = R(axis, angle(t)) d(0); the work of the motor is booked as supplied.  The
+    scene gives the body the rate at which the angle begins, e.g. by `RigidMotion`: a difference stays, as
+    of `Prescribed`.
 
     Args:
         body: what turns.
         axis: direction in space through its centre of mass, of any length.
         angle: [rad] as a function of time [s], zero at the start.
+        name: name in messages and output.
 
     Raises:
-        InputError: an axis without length, an angle that is no function of time.
+        InputError: an axis of length zero; during a run: an angle that is not finite.
+
+    Example:
+        >>> gx.constraints.Driven(hub, (0.0, 0.0, 1.0), angle=lambda t: 5.0 * t).name
+        'motor'
     """
 
     body: RigidBody
     axis: Vector
+    _: KW_ONLY
     angle: Callable[[float], float]
     name: str = "motor"
 
     def __post_init__(self) -> None:
         check(
-            isinstance(self.body, RigidBody),
-            f"Driven '{self.name}': {getattr(self.body, 'name', self.body)!r} is no rigid body; give a RigidBody.",
-        )
-        check(
-            is_vector(self.axis) and bool(np.any(self.axis)),
+            any(self.axis),
             f"Driven '{self.name}': axis is {self.axis!r}; give three numbers, not all zero.",
-        )
-        check(
-            callable(self.angle),
-            f"Driven '{self.name}': angle is {self.angle!r}; give a function of time, as lambda t: 5.0 * t.",
         )
 
     def requires(self) -> Iterable[Any]:

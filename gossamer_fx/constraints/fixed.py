@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
 
 from gossamer_fx.algebra.point_measures import PointMeasure
 from gossamer_fx.bodies.meshed import Meshed
-from gossamer_fx.checks.errors import check, is_vector
+from gossamer_fx.checks.arguments import check_arguments
+from gossamer_fx.checks.errors import check
 from gossamer_fx.checks.user_functions import ask_points
 from gossamer_fx.model.body import Array, Indices, Port, Vector
 from gossamer_fx.model.ports import unit
@@ -43,29 +44,43 @@ def dofs_of(body: Meshed, nodes: Indices, components: tuple[int, ...]) -> Indice
     return dofs
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Fixed:
-    """The nodes of a named group keep their initial position, or do not move along one direction.
+    """A support: the nodes of a named group keep their initial position, or do not move along one direction.
 
     Args:
-        body: a film, cable or beam; the sections of a beam may turn, see `Clamped`.
+        body: a film, plate, cable or beam; the sections of a beam may turn, see `Clamped`.
         group: name of points, curves or surfaces of its mesh.
         components: which of x, y, z (0, 1, 2) are held.
-        normal: instead of components, the one direction along which the nodes do not move: they slide in the plane
-            with this normal, e.g. one of symmetry.  Multipliers hold them, so that the matrix is factorised.
+        normal: instead of components, the one direction along which the nodes do not move: they slide in
+            the plane with this normal, e.g. a plane of symmetry.  Multipliers hold them, so that the
+            matrix is factorised.
+        name: name in messages and output.
+
+    Raises:
+        InputError: a group that the mesh does not have or that is empty, components that are not
+            coordinates, a normal of length zero.
+
+    Example:
+        >>> gx.Fixed(film, "left").name
+        'film/left fixed (0, 1, 2)'
+        >>> gx.Fixed(film, "bottom", normal=(0.0, 1.0, 0.0)).group
+        'bottom'
     """
 
     body: Meshed
     group: str
+    _: KW_ONLY
     components: tuple[int, ...] = (0, 1, 2)
-    name: str = ""
     normal: Vector | None = None
+    name: str = ""
 
     def __post_init__(self) -> None:
-        check_support(type(self).__name__, self.body, self.group, self.components)
+        check_support("Fixed", self.body, self.group, self.components)
         if self.normal is not None:
             check(
-                is_vector(self.normal) and any(self.normal),
+                any(self.normal),
                 f"Fixed: normal is {self.normal!r}; give three numbers, not all zero.",
             )
         if not self.name:
@@ -89,22 +104,36 @@ class Fixed:
         )
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Prescribed:
-    """The nodes of a named group move as prescribed; the work of what moves them is booked as supplied.
+    """A prescribed motion of the nodes of a named group; the work of what moves them is booked as supplied.
+
+    The initial velocity of the nodes is that of the body.  Where it differs from the rate of the motion,
+    the midpoint rule carries the difference on as an oscillation of the velocity from step to step.
 
     Args:
-        body: a film, cable or beam.
+        body: a film, plate, cable or beam.
         group: name of points, curves or surfaces of its mesh.
-        motion: displacement [m] of the points (3, n) of the stress-free shape at a time [s], shape (3, n).
+        motion: displacement [m] of the points (3, n) of the stress-free shape at a time [s], of shape
+            (3, n).
         components: which of x, y, z (0, 1, 2) are prescribed; the others are free.
+        name: name in messages and output.
 
-    The initial velocity of the nodes is that of the film; where it differs from the rate of the motion, the midpoint
-    rule carries the difference on as an oscillation of the velocity from step to step.
+    Raises:
+        InputError: a group that the mesh does not have or that is empty, components that are not
+            coordinates; during a run: a motion that is not finite or of another shape.
+
+    Example:
+        >>> def stretch(X, t):
+        ...     return 1e-3 * t * X
+        >>> gx.constraints.Prescribed(film, "right", motion=stretch, components=(0,)).components
+        (0,)
     """
 
     body: Meshed
     group: str
+    _: KW_ONLY
     motion: Callable[[Array, float], Array]
     components: tuple[int, ...] = (0, 1, 2)
     name: str = ""

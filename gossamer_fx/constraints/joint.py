@@ -16,7 +16,7 @@ A beam's section has two directors; where a joint needs its normal too, it is br
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 
 import numpy as np
@@ -25,6 +25,7 @@ from gossamer_fx.algebra.point_measures import PointMeasure
 from gossamer_fx.algebra.rotations import perpendicular_pair
 from gossamer_fx.bodies.between import Between, FrameJoint, check_axis
 from gossamer_fx.bodies.frames import Frame, along, is_normal, lies_in
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array, Attached, Port, Vector
 from gossamer_fx.model.ports import unit
@@ -99,12 +100,27 @@ def on_axis(
         yield PointConstraint(f"{name} slide {k + 1}", measure)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class BallJoint(Between):
-    """Two points coincide; `a`, `b` are ports, or one is `Ground`."""
+    """Two points coincide; the bodies turn freely about them.
+
+    Args:
+        a, b: ports of two bodies that are in one place at the start; one of them may be a `Ground`.
+        name: name in messages and output.
+
+    Raises:
+        InputError: two points of the ground; when the scene is compiled: points that are apart.
+
+    Example:
+        >>> pivot = hub.port((0.0, 0.0, -1.0))
+        >>> gx.constraints.BallJoint(pivot, mass.port()).name
+        'ball'
+    """
 
     a: Attached
     b: Attached
+    _: KW_ONLY
     name: str = "ball"
 
     def terms(self, start: State) -> Iterable[Term]:
@@ -112,12 +128,32 @@ class BallJoint(Between):
         yield coincidence(self.name, (self.a, self.b))
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Link(Between):
-    """Two points keep the distance that they have at the start: a massless rigid rod."""
+    """A rigid rod without mass: two points keep the distance that they have at the start.
+
+    Args:
+        a, b: ports of bodies; one of them may be a `Ground`.
+        name: name in messages and output.
+
+    Raises:
+        InputError: two points of the ground; when the scene is compiled: points that coincide.
+
+    Example:
+        A pendulum of 1 m has the period 2π √(L/g) = 2.006 s for small swings.
+
+        >>> bob = gx.PointMass(1.0, (0.01, 0.0, -0.99995), comm=comm)
+        >>> rod = gx.constraints.Link(bob.port(), gx.Ground((0.0, 0.0, 0.0)))
+        >>> run = gx.Simulation(gx.Scene(rod, gx.Gravity(bob)), gx.Midpoint(0.01))
+        >>> run.run(until=2.0061 / 2)
+        >>> round(float(gx.probes.Position(bob.port(), "x")(run)), 4)
+        -0.01
+    """
 
     a: Attached
     b: Attached
+    _: KW_ONLY
     name: str = "link"
 
     def terms(self, start: State) -> Iterable[Term]:
@@ -136,12 +172,27 @@ class Link(Between):
         )
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class FixedJoint(FrameJoint):
-    """Two frames keep their relative position and rotation."""
+    """Two frames keep their relative position and rotation: a weld.
+
+    Args:
+        a, b: frames of two bodies that have one origin at the start; one may be `ground_frame()`.  One of
+            them has three directors (a rigid body or the ground), or is completed to three.
+        name: name in messages and output.
+
+    Raises:
+        InputError: frames of one body; when the scene is compiled: origins that are apart.
+
+    Example:
+        >>> gx.constraints.FixedJoint(beam.frame("start"), hub.frame()).name
+        'fixed'
+    """
 
     a: Frame
     b: Frame
+    _: KW_ONLY
     name: str = "fixed"
 
     @cached_property
@@ -165,12 +216,28 @@ class AxisJoint(FrameJoint):
         check_axis(self)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class RevoluteJoint(AxisJoint):
-    """Two frames that share a point and an `axis` (a direction in space at the start)."""
+    """Two frames share a point and an axis: a hinge.
+
+    Args:
+        a, b: frames of two bodies that have one origin at the start; one may be `ground_frame()`.
+        axis: direction in space at the start, of any length.
+        name: name in messages and output.
+
+    Raises:
+        InputError: frames of one body, an axis of length zero; when the scene is compiled: origins that are apart.
+
+    Example:
+        >>> ground = gx.ground_frame()
+        >>> gx.constraints.RevoluteJoint(ground, hub.frame(), axis=(0.0, 0.0, 1.0)).name
+        'revolute'
+    """
 
     a: Frame
     b: Frame
+    _: KW_ONLY
     axis: Vector
     name: str = "revolute"
 
@@ -188,12 +255,29 @@ class RevoluteJoint(AxisJoint):
         yield from same_axis(self.name, unit(self.axis), *self._sides, start)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class PrismaticJoint(AxisJoint):
-    """Two frames slide along an `axis` (a direction in space at the start), which `a` carries; no rotation."""
+    """Two frames slide along an axis, which `a` carries, without relative rotation: a rail.
+
+    Args:
+        a, b: frames of two bodies; one may be `ground_frame()`.
+        axis: direction in space at the start, of any length.
+        name: name in messages and output.
+
+    Raises:
+        InputError: frames of one body, an axis of length zero; when the scene is compiled: a
+            second origin that is not on the axis through the first.
+
+    Example:
+        >>> ground = gx.ground_frame()
+        >>> gx.constraints.PrismaticJoint(ground, hub.frame(), axis=(0.0, 0.0, 1.0)).name
+        'prismatic'
+    """
 
     a: Frame
     b: Frame
+    _: KW_ONLY
     axis: Vector
     name: str = "prismatic"
 
@@ -209,12 +293,29 @@ class PrismaticJoint(AxisJoint):
         yield from on_axis("PrismaticJoint", self.name, unit(self.axis), a, b, start)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class CylindricalJoint(AxisJoint):
-    """Two frames slide along and turn about an `axis` (a direction in space at the start), which `a` carries."""
+    """Two frames slide along an axis, which `a` carries, and turn about it.
+
+    Args:
+        a, b: frames of two bodies; one may be `ground_frame()`.
+        axis: direction in space at the start, of any length.
+        name: name in messages and output.
+
+    Raises:
+        InputError: frames of one body, an axis of length zero; when the scene is compiled: a
+            second origin that is not on the axis through the first.
+
+    Example:
+        >>> ground = gx.ground_frame()
+        >>> gx.constraints.CylindricalJoint(ground, hub.frame(), axis=(0.0, 0.0, 1.0)).name
+        'cylindrical'
+    """
 
     a: Frame
     b: Frame
+    _: KW_ONLY
     axis: Vector
     name: str = "cylindrical"
 

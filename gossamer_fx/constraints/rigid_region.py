@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from functools import cached_property
 from typing import Any
 
@@ -29,6 +29,7 @@ from gossamer_fx.bodies.frames import Frame, Line
 from gossamer_fx.bodies.meshed import Meshed
 from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.bodies.rigid_piece import RigidPiece, fitted
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.constraints.fixed import check_support
 from gossamer_fx.constraints.joint import coincidence
@@ -39,43 +40,55 @@ from gossamer_fx.terms.point_constraints import PointConstraint
 from gossamer_fx.terms.supports import Support
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class RigidRegion:
-    """The nodes of a named group move as one piece.
+    """A rigid region: the nodes of a named group move as one piece.
 
     Args:
         body: a film, plate or cable; the slope of a plate is free there.
         group: name of points, curves or surfaces of its mesh, with two nodes at least.
-        to: a rigid body that the nodes are fixed to, e.g. a hub with its mass; default: a piece without mass.
-        sliding: the nodes stay in the plane that the piece carries, but slide in it, as on an end plate without
-            friction; those on a straight line stay on it and spread evenly.  Default: they keep their distances.
-        held: which of x, y, z (0, 1, 2) the piece does not move along, nor its axes: (2,) where all of the body is held
-            in the plane z = const.
+        rigid_body: a rigid body that the nodes are fixed to, e.g. a hub with its mass; None: a piece
+            without mass.
+        sliding: whether the nodes slide in the plane that the piece carries, as on an end plate without
+            friction; those on a straight line stay on it and spread evenly.  Else they keep their
+            distances.
+        fixed_components: which of x, y, z (0, 1, 2) the piece does not move along, nor its axes: (2,)
+            where all of the body is held in the plane z = const.
+        name: name in messages and output.
 
     Raises:
-        InputError: a beam, a group of one point, one that slides but fills space, or slides on a rigid body.
+        InputError: a beam, a group of one point, one that slides but fills space, or slides on a rigid
+            body.
+
+    Example:
+        >>> edge = gx.RigidRegion(film, "right")
+        >>> pull = gx.loads.Force(edge.port(), (1.0, 0.0, 0.0))
+        >>> edge.name
+        'film/right rigid'
     """
 
     body: Meshed
     group: str
-    to: RigidBody | None = None
+    _: KW_ONLY
+    rigid_body: RigidBody | None = None
     sliding: bool = False
-    held: tuple[int, ...] = ()
+    fixed_components: tuple[int, ...] = ()
     name: str = ""
 
     def __post_init__(self) -> None:
         check(
-            isinstance(self.body, Meshed) and not isinstance(self.body, Beam),
-            f"RigidRegion: {getattr(self.body, 'name', self.body)!r} is no film, plate or cable; a section of a beam "
-            "is rigid by itself, see its frame.",
+            not isinstance(self.body, Beam),
+            f"RigidRegion: '{self.body.name}' is a beam, whose sections are rigid by themselves; use "
+            "their frame.",
         )
-        check_support("RigidRegion", self.body, self.group, self.held or (0,))
+        check_support("RigidRegion", self.body, self.group, self.fixed_components or (0,))
         if not self.name:
             object.__setattr__(self, "name", f"{self.body.name}/{self.group} rigid")
         check(
-            not (self.sliding and self.to is not None),
-            f"'{self.name}' slides, and is fixed to '{getattr(self.to, 'name', '')}'; leave one of them out, and join "
-            "the frame of what slides to the rigid body.",
+            not (self.sliding and self.rigid_body is not None),
+            f"'{self.name}' slides, and is fixed to '{getattr(self.rigid_body, 'name', '')}'; "
+            "leave one of them out, and join the frame of what slides to the rigid body.",
         )
         count = self._fit[0].shape[0] - 1
         check(count > 0, f"'{self.name}' is one point; apply forces to its port.")
@@ -88,7 +101,11 @@ class RigidRegion:
 
     def port(self) -> Port:
         """The centre of its nodes."""
-        return self.piece.port() if self.to is None else self.to.port_at(self._fit[0][0].tolist())
+        return (
+            self.piece.port()
+            if self.rigid_body is None
+            else self.rigid_body.port_at(self._fit[0][0].tolist())
+        )
 
     @cached_property
     def frame(self) -> Frame:
@@ -97,14 +114,14 @@ class RigidRegion:
         Raises:
             InputError: its nodes are on one line, about which it has no rotation: see `line`.
         """
-        if self.to is not None:
-            return self.to.frame_at(self._fit[0][0].tolist())
+        if self.rigid_body is not None:
+            return self.rigid_body.frame_at(self._fit[0][0].tolist())
         directors = self.piece.directors
         check(
             len(directors) > 1,
             f"The nodes of '{self.name}' are on one line, about which it has no rotation; apply torques to its line.",
         )
-        return Frame(self.piece.port(), directors, self.name)
+        return Frame(self.piece.port(), directors, name=self.name)
 
     @cached_property
     def line(self) -> Line:
@@ -114,7 +131,7 @@ class RigidRegion:
             InputError: its nodes are not on one line.
         """
         check(
-            self.to is None and len(self.piece.directors) == 1,
+            self.rigid_body is None and len(self.piece.directors) == 1,
             f"The nodes of '{self.name}' are not on one line, or fixed to a rigid body; apply torques to its frame.",
         )
         return Line(self.piece.port(), self.piece.directors)
@@ -163,11 +180,11 @@ class RigidRegion:
         return [int(node) for node in self.body.block.index_map.local_to_global(self._own)]
 
     def _places(self, start: State) -> list[tuple[Port, Port]]:
-        if self.to is None:
+        if self.rigid_body is None:
             targets = [self.piece.port(*map(float, ξ)) for ξ in self._fit[2]]
         else:  # where a fold map or another start has placed them
             placed = start[self.body].positions()[self._own]
-            targets = [self.to.port_at(list(map(float, place))) for place in placed]
+            targets = [self.rigid_body.port_at(list(map(float, place))) for place in placed]
         return [
             (Port(self.body, (node,)), target)
             for node, target in zip(self._nodes(), targets, strict=True)
@@ -175,13 +192,13 @@ class RigidRegion:
 
     def requires(self) -> Iterable[Any]:
         yield self.body
-        yield self.piece if self.to is None else self.to
+        yield self.piece if self.rigid_body is None else self.rigid_body
 
     def terms(self, start: State) -> Iterable[Term]:
-        if self.held:
-            piece = self.piece if self.to is None else self.to
+        if self.fixed_components:
+            piece = self.piece if self.rigid_body is None else self.rigid_body
             vectors = np.arange(piece.block.index_map.size_local * piece.block.size // 3)
-            dofs = (3 * vectors[:, None] + np.array(self.held)).ravel().astype(np.int32)
+            dofs = (3 * vectors[:, None] + np.array(self.fixed_components)).ravel().astype(np.int32)
             yield Support(f"{self.name} held", piece, dofs)
         if self.sliding and len(self.piece.directors) == 3:
             yield from self._slides()
@@ -202,13 +219,15 @@ class RigidRegion:
             for values in (self._nodes(), self._fit[2].tolist())
         )
         ξ = np.array(along) / np.linalg.norm(along)
-        mean = Port(self.body, tuple(nodes), (1.0 / len(nodes),) * len(nodes))
+        mean = Port(self.body, tuple(nodes), weights=(1.0 / len(nodes),) * len(nodes))
         for k, d in enumerate((p, q)):
             yield PointConstraint(
                 f"{self.name} centre {k + 1}", PointMeasure([(mean, self.piece.port(), d)], *plane)
             )
         # (Σ ξ_q x_k)·p - (Σ ξ_p x_k)·q, two products in one measure
-        of_p, of_q = (Port(self.body, tuple(nodes), tuple(map(float, column))) for column in ξ.T)
+        of_p, of_q = (
+            Port(self.body, tuple(nodes), weights=tuple(map(float, column))) for column in ξ.T
+        )
         turned = np.zeros((4, 4))
         turned[0, 2] = turned[2, 0] = 1.0
         turned[1, 3] = turned[3, 1] = -1.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 from gossamer_fx.bodies.beam import Beam
 from gossamer_fx.bodies.meshed import Meshed
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.constraints.joint import COINCIDE, coincidence
 from gossamer_fx.forms.spaces import cell_nodes
@@ -22,58 +23,66 @@ from gossamer_fx.model.terms import Term
 NODE = 1e-9  # part of a segment from its end that counts as its end
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Tie:
-    """The nodes of a line of one film or cable stay where they are at the start on a line of another.
+    """A tie: the nodes of a line of one film or cable stay where they are at the start on a line of another.
 
         x_k - (1 - s) x_i - s x_j = 0   for every node k of the first, between nodes i and j of the second
 
-    Meshes may differ: tie the finer line to the coarser one.  Three films on a line: tie two of them to the third.
-    Multipliers do no work and keep both momenta.  Matching lines are found where the scene starts, so of a folded film
-    too, as long as no other part of the second line is in the same place.  Contact lets what is tied hang together.
+    Meshes may differ: tie the finer line to the coarser one.  Three films on a line: tie two of them to
+    the third.  Multipliers do no work and keep both momenta.  Matching lines are found where the scene
+    starts, also of a folded film, as long as no other part of the second line is in the same place.
+    `Contact` takes what is tied as connected.
 
     Args:
         a: a film or cable, whose nodes are tied.
-        group: name of a curve (of a cable also of points) of its mesh; None: all of a cable.
         b: a film or cable, or the same one.
-        to: name of a curve of its mesh; None: all of a cable.
+        group_a: name of a curve (of a cable also of points) of the mesh of `a`; None: all of a cable.
+        group_b: name of a curve of the mesh of `b`; None: all of a cable.
+        name: name in messages and output.
 
     Raises:
-        InputError: beams (join their ends by joints), a film without a group, a line tied to itself; when the scene is
-            compiled: nodes that are not on the other line.
+        InputError: beams (join their ends by joints), a film without a group, a line tied to itself;
+            when the scene is compiled: nodes that are not on the other line.
+
+    Example:
+        >>> hem = gx.Cable(curve, gx.CableLaw(1e4, 0.01), name="hem")
+        >>> gx.Tie(hem, film, group_b="bottom").name
+        'hem/all tied to film/bottom'
     """
 
     a: Meshed
-    group: str | None
     b: Meshed
-    to: str | None
+    _: KW_ONLY
+    group_a: str | None = None
+    group_b: str | None = None
     name: str = ""
 
     def __post_init__(self) -> None:
-        for body, group in ((self.a, self.group), (self.b, self.to)):
-            known = isinstance(body, Meshed) and not isinstance(body, Beam) and is_on_mesh(body)
+        for body, group in ((self.a, self.group_a), (self.b, self.group_b)):
             check(
-                known,
-                f"Tie: {getattr(body, 'name', body)!r} is no film or cable; join others by joints.",
+                not isinstance(body, Beam) and is_on_mesh(body),
+                f"Tie: '{body.name}' is not a film or cable; join others by joints.",
             )
             check(
                 group is not None or body.space.mesh.topology.dim == 1,
                 f"Tie: of the film '{body.name}' one line is tied; name a curve of its mesh.",
             )
         check(
-            self.a is not self.b or self.group != self.to,
-            f"Tie: '{self.group}' of '{self.a.name}' is tied to itself; name another line.",
+            self.a is not self.b or self.group_a != self.group_b,
+            f"Tie: '{self.group_a}' of '{self.a.name}' is tied to itself; name another line.",
         )
         if not self.name:
             words = [
                 f"{body.name}/{group or 'all'}"
-                for body, group in ((self.a, self.group), (self.b, self.to))
+                for body, group in ((self.a, self.group_a), (self.b, self.group_b))
             ]
             object.__setattr__(self, "name", " tied to ".join(words))
-        if self.group is not None:
-            self.a.mesh.group(self.group)
-        if self.to is not None:
-            self.b.mesh.curve(self.to, f"'{self.name}'")
+        if self.group_a is not None:
+            self.a.mesh.group(self.group_a)
+        if self.group_b is not None:
+            self.b.mesh.curve(self.group_b, f"'{self.name}'")
 
     def requires(self) -> Iterable[Any]:
         yield self.a
@@ -85,18 +94,20 @@ class Tie:
     def _places(self, start: State) -> list[tuple[Port, Port]]:
         """Of this rank's nodes: each, and where it is on the other line."""
         comm, index_map = self.a.comm, self.a.block.index_map
-        nodes = np.arange(index_map.size_local) if self.group is None else self.a.nodes(self.group)
+        nodes = (
+            np.arange(index_map.size_local) if self.group_a is None else self.a.nodes(self.group_a)
+        )
         own = np.asarray(nodes[nodes < index_map.size_local], dtype=np.int32)
         x = start[self.a].positions()[own]
         ends, at = self._segments(start)
         check(
             len(ends) > 0,
-            f"'{self.name}': the group '{self.to}' has no edges; name a line of '{self.b.name}'.",
+            f"'{self.name}': the group '{self.group_b}' has no edges; name a line of '{self.b.name}'.",
         )
         count = comm.allreduce(len(own))
         check(
             count > 0,
-            f"'{self.name}': the group '{self.group}' has no nodes; name a line of '{self.a.name}'.",
+            f"'{self.name}': the group '{self.group_a}' has no nodes; name a line of '{self.a.name}'.",
         )
         which, s, distance = _nearest(x, at)
         far = comm.allreduce(float(distance.max(initial=0.0)), op=MPI.MAX)
@@ -117,11 +128,13 @@ class Tie:
         body, space = self.b, self.b.space
         mesh = space.mesh
         if mesh.topology.dim == 2:
-            edges = body.mesh.curve(str(self.to), self.name)
+            edges = body.mesh.curve(str(self.group_b), self.name)
             local = body.mesh.edges.nodes(space, edges[edges < body.mesh.edges.owned])
         else:
             own = mesh.topology.index_map(1).size_local
-            cells = np.arange(own) if self.to is None else body.mesh.curve(self.to, self.name)
+            cells = (
+                np.arange(own) if self.group_b is None else body.mesh.curve(self.group_b, self.name)
+            )
             local = cell_nodes(space)[cells[cells < own]]
             local = local if local.shape[1] == 2 else local[:, [0, 2, 1]]
         pieces = np.concatenate([local[:, k : k + 2] for k in range(local.shape[1] - 1)])
@@ -151,4 +164,4 @@ def _between(body: Meshed, ends: npt.NDArray[np.int64], s: float) -> Port:
     """The point at s between two nodes; a node, if it is one."""
     if s < NODE or s > 1 - NODE:
         return Port(body, (int(ends[0] if s < NODE else ends[1]),))
-    return Port(body, (int(ends[0]), int(ends[1])), (1 - s, s))
+    return Port(body, (int(ends[0]), int(ends[1])), weights=(1 - s, s))

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.contact.compiled import ContactEnergy
 from gossamer_fx.contact.geometry.facets import facets_of
@@ -20,6 +21,7 @@ from gossamer_fx.model.terms import Term
 LAWS = {"barrier": BARRIER, "penalty": PENALTY}
 
 
+@check_arguments
 class Contact:
     """Keeps films, cables and beams apart: each from itself, from the others and from solids.
 
@@ -44,7 +46,7 @@ class Contact:
             force N and slide by w in a step resist with μ N φ(|w|/(h v_s)) along w, φ(y) = 2y - y² up to y = 1,
             then 1; the work is booked as dissipated, and momentum and angular momentum are kept.  An equilibrium
             has none.
-        creep: v_s [m/s], below which parts that stick may slide.
+        slip_velocity: v_s [m/s], below which parts that stick may slide.
         radius: of the cables and beams, by name [m].
         name: name in messages and output.
 
@@ -56,12 +58,12 @@ class Contact:
 
     def __init__(
         self,
-        *bodies: Any,
+        *bodies: MeshBody | Obstacle,
         distance: float,
         stiffness: float | None = None,
         law: str = "barrier",
         friction: float = 0.0,
-        creep: float = 1e-3,
+        slip_velocity: float = 1e-3,
         radius: Mapping[str, float] | None = None,
         name: str = "contact",
     ) -> None:
@@ -73,8 +75,11 @@ class Contact:
         )
         check(law in LAWS, f"Contact '{name}': law is {law!r}; use 'barrier' or 'penalty'.")
         check_friction(f"Contact '{name}'", friction)
-        check(math.isfinite(creep) and creep > 0, _says(name, "creep", creep, "m/s"))
-        self.law, self.friction, self.creep = law, friction, creep
+        check(
+            math.isfinite(slip_velocity) and slip_velocity > 0,
+            _says(name, "slip_velocity", slip_velocity, "m/s"),
+        )
+        self.law, self.friction, self.slip_velocity = law, friction, slip_velocity
         for k, body in enumerate(bodies):
             known = isinstance(body, Obstacle) or (is_body(body) and is_on_mesh(body))
             check(
@@ -137,7 +142,7 @@ class Contact:
             self.distance,
             self.stiffness,
             self.friction,
-            self.creep,
+            self.slip_velocity,
         )
 
 

@@ -37,9 +37,9 @@ def solid_of(obstacle: Obstacle, near: Array) -> Solid | None:
     else:
         return None
     X, triangles, lines = found
-    if obstacle.on is not None:
-        X = np.array([obstacle.on.port_at(x).weights[1:] for x in X])
-    return Solid(obstacle.name, X, triangles, lines, obstacle.on, obstacle.motion)
+    if obstacle.body is not None:
+        X = np.array([obstacle.body.port_at(x).weights[1:] for x in X])
+    return Solid(obstacle.name, X, triangles, lines, obstacle.body, obstacle.motion)
 
 
 def _grid(point: Array, normal: Array, near: Array) -> DrawnSurface:

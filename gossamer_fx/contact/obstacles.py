@@ -13,6 +13,7 @@ import numpy as np
 from gossamer_fx.algebra.rotations import perpendicular_pair
 from gossamer_fx.bodies.frames import along, ground_frame
 from gossamer_fx.bodies.rigid_body import RigidBody
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.contact.potential import IN_CYLINDER, IN_SPHERE, PLANE
 from gossamer_fx.model.body import Array, Attached, Ground, Port, Vector
@@ -46,12 +47,12 @@ class ObstacleSolid:
 class Obstacle:
     """Something solid.  Points and directions are those of the start, in space.
 
-    on: the rigid body of which it is a part; none: it stays, or moves as prescribed.
+    body: the rigid body of which it is a part; none: it stays, or moves as prescribed.
     motion: displacement [m] of the obstacle as a function of time [s]; its work is booked as supplied.
     friction: coefficient of Coulomb friction with it; none: that of the contact.
     """
 
-    on: RigidBody | None = None
+    body: RigidBody | None = None
     motion: PrescribedMotion | None = None
     friction: float | None = None
     name: str = "obstacle"
@@ -61,7 +62,7 @@ class Obstacle:
             f"{type(self).__name__} '{self.name}'", 0.0 if self.friction is None else self.friction
         )
         check(
-            self.on is None or self.motion is None,
+            self.body is None or self.motion is None,
             f"{type(self).__name__} '{self.name}': a part of a rigid body has no motion of its own; leave out one of "
             "'on' and 'motion'.",
         )
@@ -82,29 +83,29 @@ class Obstacle:
         raise NotImplementedError
 
     def requires(self) -> Iterable[Any]:
-        return () if self.on is None else (self.on,)
+        return () if self.body is None else (self.body,)
 
     def frame(self) -> tuple[Attached, ...]:
         """An origin and three axes that move with it."""
-        if self.on is None:
+        if self.body is None:
             frame = ground_frame()
             return frame.origin, *frame.directors
-        return Port(self.on, (0,)), *self.on.frame().directors
+        return Port(self.body, (0,)), *self.body.frame().directors
 
     def _at(self, place: Array | Vector) -> Attached:
         x, y, z = np.asarray(place, dtype=float)
         return (
             Ground((float(x), float(y), float(z)))
-            if self.on is None
-            else self.on.port_at((x, y, z))
+            if self.body is None
+            else self.body.port_at((x, y, z))
         )
 
     def _along(self, direction: Array) -> Attached:
         """A direction that turns with the obstacle."""
-        if self.on is None:
+        if self.body is None:
             x, y, z = direction
             return Ground((float(x), float(y), float(z)))
-        return along(direction, self.on.frame())
+        return along(direction, self.body.frame())
 
 
 def check_friction(owner: str, friction: float) -> None:
@@ -123,6 +124,7 @@ def _unit(vector: Vector | Array, what: str) -> Array:
     return unit
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Plane(Obstacle):
     """The half-space behind a plane.
@@ -141,6 +143,7 @@ class Plane(Obstacle):
         return [ObstacleWall(PLANE, (origin, self._along(n), origin))], []
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Sphere(Obstacle):
     """A ball, or the room within it.
@@ -164,6 +167,7 @@ class Sphere(Obstacle):
         )
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Cylinder(Obstacle):
     """A cylinder with half a ball at each end, or the room within an endless one.
@@ -188,6 +192,7 @@ class Cylinder(Obstacle):
         return [ObstacleWall(IN_CYLINDER, (a, self._along(u), self._along(v)), self.radius)], []
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Box(Obstacle):
     """A box, or the room within it.

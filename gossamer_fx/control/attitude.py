@@ -11,6 +11,7 @@ import numpy as np
 from gossamer_fx.algebra.rotations import cross_matrices
 from gossamer_fx.bodies.between import bodies_of
 from gossamer_fx.bodies.frames import Frame
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.control.rotation import euler_angles, euler_axes, position_gradient, rotation
 from gossamer_fx.loads.force import Couple
@@ -21,6 +22,7 @@ from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_loads import PointLoad
 
 
+@check_arguments
 def patch(centre: Port, points: Sequence[Port]) -> Frame:
     """The arms from a centre to points around it: a position gradient averaged over that piece of a flexible body.
 
@@ -113,6 +115,7 @@ def _three_by_three(axes: object) -> Array:
     return matrix if matrix.shape == (3, 3) else np.zeros((3, 3))
 
 
+@check_arguments
 class AttitudeControl:
     """Proportional-derivative torque on a body whose attitude is that of its position gradient.
 
@@ -145,15 +148,15 @@ class AttitudeControl:
         self,
         frame: Frame,
         target: Vector,
+        *,
         stiffness: float | Vector,
         damping: float | Vector,
-        *,
         axes: Sequence[Sequence[float]] = ((1, 0, 0), (0, 1, 0), (0, 0, 1)),
         period: float = 0.0,
         name: str = "attitude control",
     ) -> None:
         check(
-            isinstance(frame, Frame) and len(frame.directors) >= 2,
+            len(frame.directors) >= 2,
             f"'{name}' acts on something without position gradient; give the frame of a rigid body or beam, or a patch "
             "of a film.",
         )

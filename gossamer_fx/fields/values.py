@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.fields.fields import FieldFunctions
 from gossamer_fx.model.body import Array, Body, MeshBody, is_on_mesh
 from gossamer_fx.system.system import System
 
 
+@runtime_checkable
 class HasSystem(Protocol):
     """A run, or an equilibrium."""
 
     system: System
 
 
+@check_arguments
 def positions(state: HasSystem, body: Body) -> Array:
     """Positions (n, 3) [m] of this rank's nodes of a body, in a `Simulation` as it is or an `Equilibrium`.
 
@@ -28,7 +31,8 @@ def positions(state: HasSystem, body: Body) -> Array:
     return state.system.state[body].positions().copy()
 
 
-def field_values(state: HasSystem, body: MeshBody, field: str) -> tuple[Array, Array]:
+@check_arguments
+def field_values(state: HasSystem, body: MeshBody, *, field: str) -> tuple[Array, Array]:
     """Where and what a field is on this rank's cells: points (n, 3) of the stress-free shape [m], and values.
 
     Args:

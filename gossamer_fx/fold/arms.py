@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.fold.fold_map import FoldMap
 from gossamer_fx.model.body import Array
 
@@ -16,6 +17,7 @@ STAGGER = 5.0  # by how much turns are shorter than those around them, over the 
 AJAR = 1e-2  # thickness of the layers over the radius of the hub at which mountain and valley can be told
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Ikaros(FoldMap):
     """n trapezoids round a hub, each folded at rows parallel to its edges into a strip that stands on edge.
@@ -49,6 +51,7 @@ class Ikaros(FoldMap):
     called: ClassVar[str] = "fold.Ikaros"
     n: int
     inner: int
+    _: KW_ONLY
     outer: int
     pitch: float
     bends: int = 2

@@ -86,22 +86,27 @@ class FoldMap(ABC):
         return Folded(film, self, tuple(origin), tuple(turn), f"{film.name} folded")
 
     def creases(
-        self, film: Membrane, stiffness: float, rest: float = 1.0, yield_angle: float | None = None
+        self,
+        film: Membrane,
+        *,
+        stiffness: float,
+        set_angle_ratio: float = 1.0,
+        yield_angle: float | None = None,
     ) -> Sequence[Crease]:
         """A `Crease` for every group of `mark`, with branch and rest angle of this map.
 
         Args:
             film: on a mesh that was marked; of a `Plate` the groups are also its hinges.
             stiffness: k [N m/m/rad], moment per length and angle.
-            rest: rest angle over the angle of the fold, 0 to 1: 0 is a fold without memory.
+            set_angle_ratio: rest angle over the angle of the fold, 0 to 1: 0 is flat at rest.
             yield_angle: [rad], as of `Crease`.
 
         Raises:
             InputError: a mesh without the groups, a share that is not between 0 and 1, and what `Crease` raises.
         """
         check(
-            0 <= rest <= 1,
-            f"{self.called}: rest is {rest!r}; give a number from 0 (no memory) to 1.",
+            0 <= set_angle_ratio <= 1,
+            f"{self.called}: set_angle_ratio is {set_angle_ratio!r}; give a number from 0 (flat at rest) to 1.",
         )
         lines = self.lines(film.mesh)
         for line in lines:
@@ -113,10 +118,10 @@ class FoldMap(ABC):
             Crease(
                 film,
                 line.name,
-                stiffness,
-                rest * line.angle,
-                yield_angle,
-                VALLEY if line.angle > 0 else MOUNTAIN,
+                stiffness=stiffness,
+                rest_angle=set_angle_ratio * line.angle,
+                yield_angle=yield_angle,
+                initial_fold=VALLEY if line.angle > 0 else MOUNTAIN,
                 name=f"{film.name} {line.name}",
             )
             for line in lines

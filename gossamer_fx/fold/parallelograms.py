@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.fold.fold_map import FoldMap
 from gossamer_fx.model.body import Array
 
 Segment = tuple[tuple[float, float], tuple[float, float]]
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Miura(FoldMap):
     """Miura's fold of a sheet into parallelograms with sides a and b and an angle γ between them.
@@ -45,6 +47,7 @@ class Miura(FoldMap):
     called: ClassVar[str] = "fold.Miura"
     a: float
     b: float
+    _: KW_ONLY
     gamma: float
     theta: float
     opening: float = 0.0

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.fold.fold_map import FoldMap
 from gossamer_fx.model.body import Array
 
 AJAR = 0.01  # thickness of the roll over its radius at which mountain and valley can be told
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Star(FoldMap):
     """A ring outside a regular polygon of n sides, folded to a roll round it that stands on edge.
@@ -45,6 +47,7 @@ class Star(FoldMap):
     called: ClassVar[str] = "fold.Star"
     n: int
     side: float
+    _: KW_ONLY
     columns: int
     reach: int
     gap: float = 0.0
@@ -77,7 +80,7 @@ class Star(FoldMap):
         return replace(self, gap=0.0)
 
     def ajar(self) -> Star:
-        return _Open(self.n, self.side, self.columns, self.reach)
+        return _Open(self.n, self.side, columns=self.columns, reach=self.reach)
 
     def place(self, X: Array, side: Array) -> Array:
         k, s, down, second = self._unrolled(X)
@@ -132,4 +135,6 @@ class _Open(Star):
         return self
 
     def place(self, X: Array, side: Array) -> Array:
-        return Star(self.n, self.side, self.columns, self.reach, self._ajar).place(X, side)
+        return Star(
+            self.n, self.side, columns=self.columns, reach=self.reach, gap=self._ajar
+        ).place(X, side)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.fold.fold_map import FoldMap
 from gossamer_fx.model.body import Array, Indices
 
@@ -91,6 +92,7 @@ class Strip(FoldMap):
         return result
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Zigzag(Strip):
     """Accordion of equal panels in a strip, a sheet or a flat tube along x, folded at rows of edges across.
@@ -118,6 +120,7 @@ class Zigzag(Strip):
 
     called: ClassVar[str] = "fold.Zigzag"
     panels: int = 2
+    _: KW_ONLY
     angle: float = 1.4
     width: float = 0.0
     opening: float = 0.0
@@ -175,6 +178,7 @@ class Zigzag(Strip):
         return np.asarray((super().label(X) - 1) // self.bends + 1, dtype=np.int32)
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Roll(Strip):
     """A strip or flat tube along x rolled up about y, its end x = length inside; bent at equally spaced rows of edges.
@@ -199,6 +203,7 @@ class Roll(Strip):
 
     called: ClassVar[str] = "fold.Roll"
     bends: int = 10
+    _: KW_ONLY
     radius: float = 0.02
     pitch: float = 2e-3
     flat: float | None = None

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.fold.fold_map import FoldMap
 from gossamer_fx.model.body import Array
 
 AJAR = 1e-2  # thickness of the roll over its radius at which mountain and valley can be told
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Spiral(FoldMap):
     """A strip [0, length] × [0, rows pitch] folded at rows along x to a height `pitch`, and wound round a hub about z.
@@ -38,6 +40,7 @@ class Spiral(FoldMap):
     called: ClassVar[str] = "fold.Spiral"
     length: float
     columns: int
+    _: KW_ONLY
     around: int
     rows: int
     pitch: float

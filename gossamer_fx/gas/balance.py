@@ -197,9 +197,7 @@ class Balance:
 
     def _at_ends(self, passage: Passage, p: Array, T: Array) -> tuple[Pair, Pair]:
         """Pressures and temperatures at the ends of an opening."""
-        ends = tuple(
-            zip(passage.ends, (passage.opening.first, passage.opening.second), strict=True)
-        )
+        ends = tuple(zip(passage.ends, (passage.opening.a, passage.opening.b), strict=True))
         (pa, pb), (Ta, Tb) = (
             [
                 complex(getattr(holder, name)) if k is None else complex(values[k])

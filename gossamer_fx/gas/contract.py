@@ -14,12 +14,18 @@ Aperture = Callable[
 ]  # C_d A [m²] of a step of length h whose middle is at time t
 
 
+@runtime_checkable
 class Holder(Protocol):
     """Something that gas comes from or goes to, at a pressure [Pa] and a temperature [K]."""
 
-    name: str
-    pressure: float
-    temperature: float
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def pressure(self) -> float: ...
+
+    @property
+    def temperature(self) -> float: ...
 
 
 @runtime_checkable
@@ -32,7 +38,9 @@ class Volume(Protocol):
     gas: IdealGas
     fixed_volume: float
     enclosure: Enclosure | None
-    outside: Holder | None
+
+    @property
+    def outside(self) -> Holder | None: ...
 
 
 @runtime_checkable
@@ -40,8 +48,12 @@ class Opening(Protocol):
     """A way for gas between two holders."""
 
     name: str
-    first: Holder | Volume
-    second: Holder | Volume
+
+    @property
+    def a(self) -> Holder | Volume: ...
+
+    @property
+    def b(self) -> Holder | Volume: ...
 
     def aperture(self, geometry: Geometry) -> Aperture:
         """Its effective area in a running scene."""
@@ -50,7 +62,7 @@ class Opening(Protocol):
     def flow(
         self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]
     ) -> complex:
-        """Mass flow [kg/s] from first to second at pressures p and temperatures T of the two ends."""
+        """Mass flow [kg/s] from a to b at pressures p and temperatures T of the two ends."""
         ...
 
 

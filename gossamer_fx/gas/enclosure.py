@@ -9,6 +9,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.gas.geometry import Geometry
 from gossamer_fx.gas.ring import Loop, Ring
@@ -101,7 +102,7 @@ class FilmEnclosure:
         self.surface = surface
         self.rings = rings
         self.chamber = chamber
-        odd = next((r.edges for r in rings if r.film is not film), None)
+        odd = next((r.edges for r in rings if r.body is not film), None)
         check(
             odd is None,
             f"Chamber '{chamber}': its ring '{odd}' is on another film than '{film.name}'.",
@@ -218,6 +219,7 @@ class _CompiledFilm:
             loop.add_tangent(A, -sign * pressure)
 
 
+@check_arguments
 class Piston:
     """The volume A n·(x - x0) that a port sweeps from its initial position x0.
 
@@ -227,7 +229,7 @@ class Piston:
         direction: n, the direction in which the volume grows.
     """
 
-    def __init__(self, port: Port, area: float, direction: tuple[float, float, float]) -> None:
+    def __init__(self, port: Port, area: float, *, direction: tuple[float, float, float]) -> None:
         check(area > 0, f"Piston: area is {area!r} m²; give a positive number.")
         check(
             any(direction), "Piston: direction has no length; give the axis along which it moves."

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 
 
+@check_arguments
 @dataclass(frozen=True)
 class IdealGas:
     """p V = m R T with the ratio of specific heats `gamma` and the specific gas constant `R` [J/(kg K)]."""

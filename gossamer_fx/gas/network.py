@@ -57,7 +57,7 @@ class GasNetwork:
         ]
         index = {id(c): k for k, c in enumerate(chambers)}
         passages = [
-            Passage(o, (index.get(id(o.first)), index.get(id(o.second))), o.aperture(geometry))
+            Passage(o, (index.get(id(o.a)), index.get(id(o.b))), o.aperture(geometry))
             for o in items
             if isinstance(o, Opening)
         ]

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 from mpi4py import MPI
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.checks.user_functions import ask_numbers
-from gossamer_fx.gas.contract import Aperture
+from gossamer_fx.gas.contract import Aperture, Holder, Volume
 from gossamer_fx.gas.geometry import Geometry
 from gossamer_fx.gas.ideal_gas import IdealGas
 from gossamer_fx.gas.network import GasNetwork
@@ -52,19 +53,21 @@ def isentropic_flow(
     return scale * Ψ * ((1 - cubic) * ξ + cubic * ξ**3)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Orifice:
     """An opening between two volumes; gas flows either way, choked or not, by `isentropic_flow`.
 
     Args:
-        first, second: chambers, tanks, reservoirs or surroundings; flow from first to second is positive.
+        a, b: chambers, tanks, reservoirs or surroundings; flow from a to b is positive.
         area: opening [m²], a number, a function of time [s] (a valve), or the `Ring` between two chambers.
         discharge_coefficient: C_d, effective over geometric area.
         laminar: pressure difference, as a fraction of the upstream pressure, below which the law is linear.
     """
 
-    first: Any
-    second: Any
+    a: Volume | Holder
+    b: Volume | Holder
+    _: KW_ONLY
     area: float | Callable[[float], float] | Ring
     discharge_coefficient: float = 1.0
     laminar: float = 1e-5
@@ -72,15 +75,15 @@ class Orifice:
     scalar_unknowns = GasNetwork
 
     def __post_init__(self) -> None:
-        for end in (self.first, self.second):
+        for end in (self.a, self.b):
             check(
                 getattr(end, "scalar_unknowns", None) is GasNetwork
                 and not isinstance(end, Orifice),
                 f"Orifice '{self.name}': {end!r} holds no gas; connect chambers, tanks, reservoirs or surroundings.",
             )
         check(
-            self.first is not self.second,
-            f"Orifice '{self.name}' leads from '{self.first.name}' back into it.",
+            self.a is not self.b,
+            f"Orifice '{self.name}' leads from '{self.a.name}' back into it.",
         )
         check(
             isinstance(self.area, Ring) or callable(self.area) or 0 <= self.area < math.inf,
@@ -96,8 +99,8 @@ class Orifice:
         )
 
     def requires(self) -> Iterable[Any]:
-        yield self.first
-        yield self.second
+        yield self.a
+        yield self.b
         if isinstance(self.area, Ring):
             yield from self.area.requires()
 
@@ -120,12 +123,13 @@ class Orifice:
     def flow(
         self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]
     ) -> complex:
-        """Mass flow [kg/s] from first to second at pressures p and temperatures T of the two ends."""
+        """Mass flow [kg/s] from a to b at pressures p and temperatures T of the two ends."""
         if p[0].real >= p[1].real:
             return area * isentropic_flow(gas, p[0], T[0], p[1], self.laminar)
         return -area * isentropic_flow(gas, p[1], T[1], p[0], self.laminar)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class WallHeat:
     """Heat from a wall into a chamber: conductance (T_wall - T), booked as supplied.
@@ -136,8 +140,9 @@ class WallHeat:
         temperature: of the wall [K].
     """
 
-    chamber: Any
+    chamber: Chamber
     conductance: float
+    _: KW_ONLY
     temperature: float
     name: str = "wall"
     scalar_unknowns = GasNetwork
@@ -147,11 +152,6 @@ class WallHeat:
             0 <= self.conductance < math.inf and 0 < self.temperature < math.inf,
             f"WallHeat '{self.name}': conductance {self.conductance!r} W/K and temperature {self.temperature!r} K must "
             "be positive.",
-        )
-
-        check(
-            isinstance(self.chamber, Chamber),
-            f"WallHeat '{self.name}': {type(self.chamber).__name__} is no chamber; give one, or a tank.",
         )
 
     def requires(self) -> Iterable[Any]:

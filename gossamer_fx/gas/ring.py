@@ -14,6 +14,7 @@ from petsc4py import PETSc
 from gossamer_fx.algebra.point_measures import Gather, add_blocks
 from gossamer_fx.algebra.rotations import cross_matrices
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array
 from gossamer_fx.terms.assembly import Assembly
@@ -25,6 +26,7 @@ Edge = tuple[int, int, int, int, int, tuple[float, ...], tuple[float, ...]]
 ALIKE = 1e-9  # of a ring's extent: coordinates that differ by less count as equal
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Ring:
     """A closed line of film edges: the named group of curves `edges`.
@@ -34,11 +36,11 @@ class Ring:
     edges, which close the chamber; the pressure on the strips is borne by the nodes at their ends.
     """
 
-    film: Membrane
+    body: Membrane
     edges: str
 
     def requires(self) -> Iterable[Any]:
-        yield self.film
+        yield self.body
 
     def loop(self) -> Indices:
         """The edges in the order of a walk around the ring, on every rank.
@@ -50,8 +52,8 @@ class Ring:
         Raises:
             InputError: the edges do not form one closed line.
         """
-        edges = sorted(e for part in self.film.comm.allgather(self._own_edges()) for e in part)
-        one_loop = f"Ring: the edges '{self.edges}' of '{self.film.name}' form no closed line; name a group that does."
+        edges = sorted(e for part in self.body.comm.allgather(self._own_edges()) for e in part)
+        one_loop = f"Ring: the edges '{self.edges}' of '{self.body.name}' form no closed line; name a group that does."
         at: dict[int, list[int]] = {}
         for i, (a, b, *_) in enumerate(edges):
             at.setdefault(a, []).append(i)
@@ -76,7 +78,7 @@ class Ring:
 
     def _own_edges(self) -> list[Edge]:
         """This rank's edges."""
-        film = self.film
+        film = self.body
         table = film.mesh.edges
         edges = film.mesh.curve(self.edges, f"Ring on '{film.name}'")
         own = edges[edges < table.owned]
@@ -113,7 +115,7 @@ class Loop:
     def __init__(self, ring: Ring, system: Assembly) -> None:
         walk = ring.loop()
         self.vertices = walk[:, :2]
-        order, n = ring.film.order, len(walk)
+        order, n = ring.body.order, len(walk)
         nodes = walk[:, 2] if order == 1 else np.concatenate([walk[:, 2], walk[:, 4]])
         self._strips = _strips(n, order)
         s, ws = (
@@ -142,7 +144,7 @@ class Loop:
         )
 
         self._system, self._α = system, system.rule.alpha
-        self.indices = system.block(ring.film).to_global(nodes)
+        self.indices = system.block(ring.body).to_global(nodes)
         self._gather = Gather(system.numbering, [self.indices])
         start, end = system.q0.getOwnershipRange()
         self._mine = (self.indices[:, 0] >= start) & (self.indices[:, 0] < end)

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any, ClassVar
 
 import ufl
 from dolfinx import fem
 
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.checks.errors import check, check_positive, is_vector
+from gossamer_fx.checks.arguments import check_arguments
+from gossamer_fx.checks.errors import check, check_positive
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, area_vector
 from gossamer_fx.loads.film_drag import FilmDrag
@@ -22,6 +23,7 @@ from gossamer_fx.model.terms import Term
 SMALLEST = 1e-30  # (da/dA)² of a cell that has collapsed, on which nothing acts
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class AirDrag:
     """Drag of thin air on a film or plate: a pressure along the deformed normal n against the normal velocity.
@@ -38,32 +40,33 @@ class AirDrag:
     Args:
         body: the film.
         density: ρ [kg/m³]; of air with the pressure p and the temperature T it is p/(287 T).
-        coefficient: C of a piece across the flow, for both faces; 1.2 is about that of a square or round plate at
+        drag_coefficient: C of a piece across the flow, for both faces; 1.2 is about that of a square or round plate at
             Reynolds numbers from 1000 on (S. F. Hoerner, Fluid-Dynamic Drag, 1965, chapter 3).  Where the mean free
             path, 7 mm at 1 Pa, is not short beside the film, air takes more, in proportion to vₙ.
         wind: velocity u of the air [m/s].
 
     Exact solution: a flat film of areal mass σ that is thrown along its normal has 1/v = 1/v0 + ρ C t/(2 σ); one that
     falls comes to v = √(2 σ g/(ρ C)).
+
+    Example:
+        >>> gx.loads.AirDrag(film, 1.2, wind=(0.0, 0.0, 3.0)).drag_coefficient
+        1.2
     """
 
     USUAL: ClassVar = {"density": (1e-12, 10.0, "kg/m³")}  # of gases
 
     body: Membrane
     density: float
-    coefficient: float = 1.2
+    _: KW_ONLY
+    drag_coefficient: float = 1.2
     wind: Vector = (0.0, 0.0, 0.0)
     name: str = "air drag"
 
     def __post_init__(self) -> None:
         check_positive(self, "density", "kg/m³")
         check(
-            math.isfinite(self.coefficient) and self.coefficient > 0,
-            f"AirDrag '{self.name}': coefficient is {self.coefficient!r}; give a positive number.",
-        )
-        check(
-            is_vector(self.wind),
-            f"AirDrag '{self.name}': wind is {self.wind!r} m/s; give three finite numbers.",
+            math.isfinite(self.drag_coefficient) and self.drag_coefficient > 0,
+            f"AirDrag '{self.name}': drag_coefficient is {self.drag_coefficient!r}; give a positive number.",
         )
 
     def requires(self) -> Iterable[Any]:
@@ -71,7 +74,7 @@ class AirDrag:
 
     def terms(self, start: State) -> Iterable[Term]:
         film, mesh = self.body, self.body.space.mesh
-        half_ρC = constant(mesh, self.density * self.coefficient / 2)
+        half_ρC = constant(mesh, self.density * self.drag_coefficient / 2)
         u = fem.Constant(mesh, tuple(map(float, self.wind))) if any(self.wind) else None
         dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": 3 * film.order})
 

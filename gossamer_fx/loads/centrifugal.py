@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
 import ufl
 from dolfinx import fem
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.loads.attached_loads import AttachedLoad
@@ -39,17 +40,33 @@ class _OnVectors:
         return self._K
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Centrifugal:
-    """Centrifugal force of a body in axes that turn with `spin` Ω [rad/s] about a point `centre` [m].
+    """Centrifugal force of a body in axes that turn with a constant angular velocity Ω about a point c.
 
-    δW = M-weighted (|Ω|² 1 - Ω Ωᵀ)(q - c)·w over positions and directors.  With it an equilibrium is the steady spin
-    as seen from these axes: find it, then start with `StartFrom` and `RigidMotion` of the same spin; `modes` about it
-    add the Coriolis force.
+        δW = M-weighted (|Ω|² 1 - Ω Ωᵀ)(q - c)·w   over positions and directors
+
+    With it an equilibrium is the steady spin as seen from these axes: find it, then start with
+    `StartFrom` and `RigidMotion` of the same spin; `analysis.modes` about it add the Coriolis force.
+
+    Args:
+        body: any body.
+        spin: Ω [rad/s], not zero.
+        centre: c [m].
+        name: name in messages and output.
+
+    Raises:
+        InputError: a spin of zero.
+
+    Example:
+        >>> gx.loads.Centrifugal(film, (0.0, 0.0, 10.0), centre=(0.5, 0.5, 0.0)).name
+        'centrifugal force on film'
     """
 
     body: Body
     spin: Vector
+    _: KW_ONLY
     centre: Vector = (0.0, 0.0, 0.0)
     name: str = ""
 
@@ -73,7 +90,10 @@ class Centrifugal:
             elif isinstance(part, NodeKineticEnergy):
                 masses = np.concatenate(part.body.comm.allgather(part.mass))
                 for node, mass in enumerate(masses):
-                    ports = tuple(Port(part.body, (node,), (1.0,), (k,)) for k in range(len(mass)))
+                    ports = tuple(
+                        Port(part.body, (node,), weights=(1.0,), vectors=(k,))
+                        for k in range(len(mass))
+                    )
                     yield PointLoad(self.name, ports, _OnVectors(mass, A, c))
         yield AttachedLoad(f"{self.name} (attached)", self.body, np.zeros(3), A, c)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import ufl
@@ -11,6 +11,7 @@ import ufl
 from gossamer_fx.bodies.beam import Beam
 from gossamer_fx.bodies.cable import Cable
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, bar_strain
@@ -22,36 +23,50 @@ from gossamer_fx.terms.element_energies import ViscousDissipation
 Body = Membrane | Cable | Beam
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Damping:
-    """Mass- and stiffness-proportional damping of a film, cable or beam.
+    """Mass- and stiffness-proportional damping of a film, plate, cable or beam; its loss is booked.
 
-    mass [1/s]: force -mass ρt v per area, or -mass μ v per length; it slows every motion, rigid ones too.
-    stiffness [s]: stress `stiffness`·C Ė with the elastic matrix C of the taut film, cable or beam (Kelvin-Voigt);
-        rigid motions are free.
-    A mode of angular frequency ω loses the fraction ζ = mass/(2ω) + stiffness ω/2 of critical damping.
-    tension_only: C is the stiffness ψ''(e) that the film has at the start of each step: in full where it is taut, along
-        the folds where it is wrinkled, all but none where it is slack.
+    A mode of angular frequency ω loses the fraction ζ = α/(2ω) + β ω/2 of critical damping.
+
+    Args:
+        body: a film, plate, cable or beam.
+        mass_factor: α [1/s]; force -α ρt v per area, or -α μ v per length.  It slows every motion, rigid
+            ones, too.
+        stiffness_factor: β [s]; stress β C Ė with the elastic matrix C of the taut film, cable or beam
+            (Kelvin-Voigt).  Rigid motions are free.
+        tension_only: whether C is the stiffness ψ''(e) that a film has at the start of each step: in full
+            where it is taut, along the folds where it is wrinkled, nearly zero where it is slack.
+        name: name in messages and output.
+
+    Raises:
+        InputError: factors that are negative or both zero, `tension_only` of another body than a film or
+            without a stiffness factor.
+
+    Example:
+        >>> gx.Damping(film, stiffness_factor=1e-4, tension_only=True).name
+        'damping'
     """
 
     body: Body
-    mass: float = 0.0
-    stiffness: float = 0.0
-    name: str = "damping"
+    _: KW_ONLY
+    mass_factor: float = 0.0
+    stiffness_factor: float = 0.0
     tension_only: bool = False
+    name: str = "damping"
 
     def __post_init__(self) -> None:
         check(
-            isinstance(self.body, Membrane | Cable | Beam),
-            f"Damping '{self.name}': {getattr(self.body, 'name', self.body)!r} is no film, cable or beam.",
+            self.mass_factor >= 0
+            and self.stiffness_factor >= 0
+            and self.mass_factor + self.stiffness_factor > 0,
+            f"Damping '{self.name}': mass_factor is {self.mass_factor!r} 1/s and stiffness_factor "
+            f"{self.stiffness_factor!r} s; give one that is positive, and none that is negative.",
         )
         check(
-            self.mass >= 0 and self.stiffness >= 0 and self.mass + self.stiffness > 0,
-            f"Damping '{self.name}': mass {self.mass!r} 1/s and stiffness {self.stiffness!r} s; one must be positive, "
-            "none negative.",
-        )
-        check(
-            not self.tension_only or (isinstance(self.body, Membrane) and self.stiffness > 0),
+            not self.tension_only
+            or (isinstance(self.body, Membrane) and self.stiffness_factor > 0),
             f"Damping '{self.name}': tension_only is for the stiffness damping of films; leave it out, or give both.",
         )
 
@@ -60,12 +75,12 @@ class Damping:
 
     def terms(self, start: State) -> Iterable[Term]:
         body = self.body
-        both = self.mass > 0 and self.stiffness > 0
+        both = self.mass_factor > 0 and self.stiffness_factor > 0
         by_mass, by_stiffness = (
             self.name + (f" ({part})" if both else "") for part in ("mass", "stiffness")
         )
-        if self.mass > 0:
-            α = constant(body.space.mesh, self.mass)
+        if self.mass_factor > 0:
+            α = constant(body.space.mesh, self.mass_factor)
             inertia = ufl.as_vector(_inertia(body))
             yield ViscousDissipation(
                 by_mass,
@@ -74,8 +89,8 @@ class Damping:
                 lambda v: α / 2 * sum(inertia[i] * v[i] ** 2 for i in range(len(inertia))),
                 body.mass_dx,
             )
-        if self.stiffness > 0:
-            β = constant(body.space.mesh, self.stiffness)
+        if self.stiffness_factor > 0:
+            β = constant(body.space.mesh, self.stiffness_factor)
             if self.tension_only and isinstance(body, Membrane):
                 from gossamer_fx.loads.present_stiffness import PresentStiffness
 
@@ -104,7 +119,7 @@ def _unwrinkled(body: Body) -> tuple[Callable[[Expr], Expr], Callable[[Expr], Ex
     """The measure of a body, and the density of its stored energy as it is in tension."""
     if isinstance(body, Membrane):
         law = body.law
-        linear = Linear(law.E, law.nu, law.density, law.thickness)
+        linear = Linear(law.E, law.nu, density=law.density, thickness=law.thickness)
         return body.measure, lambda e: linear.energy(e, body.constants)
     if isinstance(body, Cable):
         return bar_strain, lambda e: body.constants.EA / 2 * e[0] ** 2

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,8 @@ from dolfinx import fem
 from dolfinx.mesh import meshtags
 
 from gossamer_fx.bodies.membrane import Membrane
-from gossamer_fx.checks.errors import check, check_on_all, is_vector
+from gossamer_fx.checks.arguments import check_arguments
+from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, area_vector
@@ -22,52 +23,62 @@ from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.loads import Load
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class EdgeLoad:
-    """Force per reference length along a named group of edges; δW = ∫f·w ds.
+    """A force per reference length along a named group of edges of a film: δW = ∫f·w ds.
 
     Args:
-        body: the film.
-        group: name of curves of its mesh, on its rim or inside it.
-        force: f [N/m], three numbers or a function of time [s] that returns them: its direction in space stays.
-        normal: instead of a force, f = normal·ν [N/m] along the normal ν of a rim, in the film's plane and outwards; a
-            number or a function of time.
-        following: whether ν turns with the deformed film (δW = ∫f ν·w ds, |ν| = 1), or stays that of the mesh.
+        body: a film or plate.
+        edges: name of curves of its mesh, on its rim or inside it.
+        force: f [N/m], three numbers or a function of time [s] that returns them: its direction in space
+            stays.
+        normal_force: instead of a force, p [N/m] of f = p ν along the normal ν of a rim, in the film's
+            plane and outwards; a number or a function of time [s].
+        following: whether ν turns with the deformed film (δW = ∫p ν·w ds, |ν| = 1), or stays that of the
+            mesh.
+        name: name in messages and output.
+
+    Raises:
+        InputError: neither or both of the forces; a normal force on edges that are not on the rim.
+
+    Example:
+        >>> gx.loads.EdgeLoad(film, "right", force=(10.0, 0.0, 0.0)).name
+        'film/right load'
+        >>> gx.loads.EdgeLoad(film, "top", normal_force=lambda t: 10.0 * t).edges
+        'top'
     """
 
     body: Membrane
-    group: str
+    edges: str
+    _: KW_ONLY
     force: Vector | Callable[[float], Vector] | None = None
-    name: str = ""
-    normal: float | Callable[[float], float] | None = None
+    normal_force: float | Callable[[float], float] | None = None
     following: bool = False
+    name: str = ""
 
     def __post_init__(self) -> None:
         film = self.body
-        edges = film.mesh.curve(self.group, f"EdgeLoad on '{film.name}'")
+        edges = film.mesh.curve(self.edges, f"EdgeLoad on '{film.name}'")
         check(
-            (self.force is None) != (self.normal is None),
-            f"EdgeLoad on '{self.group}': give either a force or a normal one.",
-        )
-        check(
-            self.force is None or callable(self.force) or is_vector(self.force),
-            f"EdgeLoad on '{self.group}': force is {self.force!r} N/m; give three numbers or a function of time.",
+            (self.force is None) != (self.normal_force is None),
+            f"EdgeLoad on '{self.edges}': give either a force or a normal one.",
         )
         sheets = film.mesh.edges.count[edges]
         check_on_all(
             film.comm,
-            bool((sheets <= (2 if self.normal is None else 1)).all()),
-            f"EdgeLoad: the group '{self.group}' of '{film.name}' has edges where several sheets meet, or inside the "
+            bool((sheets <= (2 if self.normal_force is None else 1)).all()),
+            f"EdgeLoad: the group '{self.edges}' of '{film.name}' has edges where several sheets meet, or inside the "
             "film where a load has no normal; name edges of the rim, or give a force in space.",
         )
         if not self.name:
-            object.__setattr__(self, "name", f"{film.name}/{self.group} load")
+            object.__setattr__(self, "name", f"{film.name}/{self.edges} load")
 
     def requires(self) -> Iterable[Any]:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        if self.normal is None:
+        if self.normal_force is None:
             yield self._in_space()
         else:
             yield self._across()
@@ -76,7 +87,7 @@ class EdgeLoad:
         """Of the edges on the rim, and of those inside; none if there are none."""
         film, domain = self.body, self.body.mesh.domain
         domain.topology.create_connectivity(1, 2)
-        edges = film.mesh.curve(self.group, "EdgeLoad")
+        edges = film.mesh.curve(self.edges, "EdgeLoad")
         rim = film.mesh.edges.is_boundary[edges]
         found: list[ufl.Measure | None] = []
         for kind, own in (("ds", edges[rim]), ("dS", edges[~rim])):
@@ -108,7 +119,7 @@ class EdgeLoad:
         return Load(name, self.body, work, at=at if callable(force) else None)
 
     def _across(self) -> Term:
-        film, value, (ds, _) = self.body, self.normal, self._measures()
+        film, value, (ds, _) = self.body, self.normal_force, self._measures()
         f = constant(film.mesh.domain, 0.0 if callable(value) else float(value or 0.0))
         ν = ufl.FacetNormal(film.mesh.domain)
 

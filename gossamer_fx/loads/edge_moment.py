@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import ufl
 from dolfinx.mesh import meshtags
 
 from gossamer_fx.bodies.plate import Plate
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.forms.compilation import constant
@@ -20,31 +21,43 @@ from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.loads import Load
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class EdgeMoment:
-    """Moment per reference length about the deformed edge: δW = ∫ m n·w,n ds, n the normal of the plate.
+    """A moment per reference length about the deformed edge of a plate: δW = ∫ m n·w,n ds.
+
+    n is the normal of the plate, and w,n the derivative of the test function across the edge.
 
     Args:
         body: a plate.
-        group: name of curves on its rim.
-        moment: m [N], a number or a function of time [s]; positive where it lifts the plate's rim towards the normal of
-            its mesh, as positive curvature does.
+        edges: name of curves on its rim.
+        moment: m [N], a number or a function of time [s]; positive where it lifts the plate's rim
+            towards the normal of its mesh, as positive curvature does.
+        name: name in messages and output.
+
+    Raises:
+        InputError: edges inside the plate.
+
+    Example:
+        >>> gx.loads.EdgeMoment(plate, "right", moment=0.1).name
+        'plate/right moment'
     """
 
     body: Plate
-    group: str
+    edges: str
+    _: KW_ONLY
     moment: float | Callable[[float], float]
     name: str = ""
 
     def __post_init__(self) -> None:
-        edges = self.body.mesh.curve(self.group, "EdgeMoment")
+        edges = self.body.mesh.curve(self.edges, "EdgeMoment")
         check_on_all(
             self.body.comm,
             bool(self.body.mesh.edges.is_boundary[edges].all()),
-            f"EdgeMoment: the group '{self.group}' has edges inside '{self.body.name}'; name a part of its rim.",
+            f"EdgeMoment: the group '{self.edges}' has edges inside '{self.body.name}'; name a part of its rim.",
         )
         if not self.name:
-            object.__setattr__(self, "name", f"{self.body.name}/{self.group} moment")
+            object.__setattr__(self, "name", f"{self.body.name}/{self.edges} moment")
         check(
             callable(self.moment) or math.isfinite(self.moment),
             f"EdgeMoment '{self.name}': moment is {self.moment!r} N; give a finite number or a function of time.",
@@ -56,7 +69,7 @@ class EdgeMoment:
     def terms(self, start: State) -> Iterable[Term]:
         plate, value = self.body, self.moment
         domain = plate.mesh.domain
-        edges = plate.mesh.curve(self.group, "EdgeMoment")
+        edges = plate.mesh.curve(self.edges, "EdgeMoment")
         tags = meshtags(domain, 1, edges, edges * 0 + 1)
         ds = ufl.Measure("ds", domain, subdomain_data=tags, metadata={"quadrature_degree": 3})(1)
         m = constant(domain, 0.0 if callable(value) else value)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from mpi4py import MPI
 from gossamer_fx.algebra.rotations import cross_matrices
 from gossamer_fx.bodies.between import bodies_of
 from gossamer_fx.bodies.frames import Frame, Line
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.model.body import Array, Attached, Port, Vector
 from gossamer_fx.model.state import State
@@ -120,24 +121,35 @@ class TorqueInTime(Couple):
         self.torque = at_time(self._comm, self._name, self._value, t + lag)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Force:
-    """A force on a point of a body.
+    """A force on a point of a body; its work is booked as supplied.
 
     Args:
-        port: the point.
-        value: force in space axes [N], three numbers or a function of time [s] that returns them.
+        port: the point, e.g. `film.port("tip")`.
+        force: [N] in space axes, three numbers or a function of time [s] that returns them.
+        name: name in messages and output.
+
+    Raises:
+        InputError: a port that is a direction; during a run: a force that is not finite.
+
+    Example:
+        >>> push = gx.loads.Force(mass.port(), lambda t: (np.sin(t), 0.0, 0.0))
+        >>> push.name
+        'force'
     """
 
     port: Port
-    value: Vector | History
+    force: Vector | History
+    _: KW_ONLY
     name: str = "force"
 
     def requires(self) -> Iterable[Any]:
         yield self.port.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        value, comm = self.value, self.port.body.comm
+        value, comm = self.force, self.port.body.comm
         law: PointForce = (
             ForceInTime(comm, self.name, value)
             if callable(value)
@@ -146,17 +158,28 @@ class Force:
         yield PointLoad(self.name, (self.port,), law)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Torque:
-    """A torque on a rigid body, a beam's section or a `RigidRegion`.
+    """A torque on a rigid body, a beam's section or a `RigidRegion`; its work is booked as supplied.
 
     Args:
-        frame: what it turns, e.g. `body.frame()`, or the line of a straight region, on which the torque across it acts.
-        value: torque in space axes [N m], three numbers or a function of time [s] that returns them.
+        frame: what it turns, e.g. `body.frame()`, or the line of a straight region, on which the torque
+            across it acts.
+        torque: [N m] in space axes, three numbers or a function of time [s] that returns them.
+        name: name in messages and output.
+
+    Raises:
+        InputError: during a run: a torque that is not finite.
+
+    Example:
+        >>> gx.loads.Torque(hub.frame(), (0.0, 0.0, 0.5)).torque
+        (0.0, 0.0, 0.5)
     """
 
     frame: Frame | Line
-    value: Vector | History
+    torque: Vector | History
+    _: KW_ONLY
     name: str = "torque"
 
     def requires(self) -> Iterable[Any]:
@@ -164,7 +187,7 @@ class Torque:
 
     def terms(self, start: State) -> Iterable[Term]:
         vectors: tuple[Attached, ...] = self.frame.directors
-        value, comm = self.value, next(iter(self.requires())).comm
+        value, comm = self.torque, next(iter(self.requires())).comm
         law: PointForce = (
             TorqueInTime(comm, self.name, value)
             if callable(value)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
 import ufl
 from dolfinx import fem
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.loads.attached_loads import AttachedLoad
@@ -22,15 +23,26 @@ from gossamer_fx.terms.masses import KineticEnergy, NodeKineticEnergy
 from gossamer_fx.terms.point_loads import PointLoad
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Gravity:
-    """Acceleration `g` [m/s²] of a body: its mass matrix times that acceleration, e.g. δW = ∫ρt g·w dA of a film.
+    """The weight of a body: its mass matrix times an acceleration, e.g. δW = ∫ρt g·w dA of a film.
 
-    What is bonded to the body, a `Tape`, is accelerated with it.
+    What is bonded to the body, e.g. a `Tape` or an `AttachedMass`, is accelerated with it.
+
+    Args:
+        body: any body.
+        g: acceleration [m/s²].
+        name: name in messages and output.
+
+    Example:
+        >>> gx.Gravity(film, (0.0, 0.0, -1.62)).name
+        'gravity of film'
     """
 
     body: Body
     g: tuple[float, float, float] = (0.0, 0.0, -9.80665)
+    _: KW_ONLY
     name: str = ""
 
     def __post_init__(self) -> None:
@@ -65,5 +77,7 @@ class Gravity:
     def _on_points(self, part: NodeKineticEnergy) -> Iterable[Term]:
         masses = np.concatenate(part.body.comm.allgather(part.mass))
         for node, mass in enumerate(masses):
-            ports = tuple(Port(part.body, (node,), (1.0,), (k,)) for k in range(len(mass)))
+            ports = tuple(
+                Port(part.body, (node,), weights=(1.0,), vectors=(k,)) for k in range(len(mass))
+            )
             yield PointLoad(self.name, ports, ConstantForce(np.outer(mass[:, 0], self.g).ravel()))

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import KW_ONLY, dataclass
+from typing import Any, ClassVar
 
 import ufl
 
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.forms.compilation import constant
@@ -19,30 +20,43 @@ from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.loads import Load
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Pressure:
-    """Follower pressure along the deformed normal of the film: δW = p ∫n·w dA.
+    """A pressure along the deformed normal of a film: δW = p ∫n·w da.
 
     Args:
-        body: the film.
-        value: p [Pa], positive along the normal of the mesh; a number or a function of time [s].
+        body: a film or plate.
+        pressure: p [Pa], positive along the normal of the mesh; a number or a function of time [s].
+        name: name in messages and output.
+
+    Raises:
+        InputError: a number that is not finite.
+
+    Example:
+        >>> gx.Pressure(film, lambda t: 100.0 * min(t, 1.0)).name
+        'pressure'
     """
 
+    # suction is a negative pressure
+    USUAL: ClassVar = {"pressure": (-1e9, 1e9, "Pa")}
+
     body: Membrane
-    value: float | Callable[[float], float]
+    pressure: float | Callable[[float], float]
+    _: KW_ONLY
     name: str = "pressure"
 
     def __post_init__(self) -> None:
         check(
-            callable(self.value) or math.isfinite(self.value),
-            f"Pressure '{self.name}': value is {self.value!r} Pa; give a finite number or a function of time.",
+            callable(self.pressure) or math.isfinite(self.pressure),
+            f"Pressure '{self.name}': pressure is {self.pressure!r} Pa; give a finite number or a function of time.",
         )
 
     def requires(self) -> Iterable[Any]:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
-        film, value = self.body, self.value
+        film, value = self.body, self.pressure
         p = constant(film.space.mesh, 0.0 if callable(value) else value)
         dx = ufl.Measure(
             "dx", film.space.mesh, metadata={"quadrature_degree": 2 * (film.order - 1) + film.order}

@@ -13,12 +13,13 @@ and is straight up to p = e_c, p (1 - p) = e_E.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
 import numpy as np
 import ufl
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED, FilmLaw
@@ -62,6 +63,7 @@ def cubic(e_E: float) -> tuple[float, float, float]:
     return float(c[0]), float(c[1]), float(c[2])
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Elastica(FilmLaw):
     """Film whose wrinkles resist as buckled strips of half wavelength L = `half_wavelength` [m] and its thickness do.
@@ -81,8 +83,24 @@ class Elastica(FilmLaw):
     A film has no bending stiffness: under this compressive stress its cells buckle in turn, the more so the smaller
     they are.  Take cells of not much less than half_wavelength/4: on the airbag of `demos/studies/airbag.py` 0.1 m
     comes to rest with edges of 27 mm, while with 13 mm cells beside the seam fold up and no equilibrium is found.
+
+    Args:
+        E: Young's modulus [Pa], positive.
+        nu: Poisson's ratio, above -1 and at most 0.5.
+        density: mass density ρ [kg/m³], positive.
+        thickness: t [m], positive.
+        half_wavelength: L [m], above 10 π t.
+
+    Raises:
+        InputError: a number out of its range.
+
+    Example:
+        >>> law = gx.Elastica(2.5e9, 0.34, density=1420.0, thickness=25e-6, half_wavelength=0.05)
+        >>> f"{law.onset:.3e}"
+        '2.056e-07'
     """
 
+    _: KW_ONLY
     half_wavelength: float
     onset: float = field(init=False)
     c1: float = field(init=False)

@@ -11,13 +11,14 @@ where they coincide, so the root in r appears in the wrinkled branch only.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import KW_ONLY, dataclass, fields
 from types import SimpleNamespace
 from typing import Any
 
 import ufl
 from dolfinx.mesh import Mesh
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
@@ -41,6 +42,7 @@ class FilmLaw:
 
     E: float
     nu: float
+    _: KW_ONLY
     density: float
     thickness: float
 
@@ -71,9 +73,26 @@ class FilmLaw:
         return ufl.as_ufl(TAUT)
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Linear(FilmLaw):
-    """St. Venant-Kirchhoff film that never wrinkles: W = E t/(2(1-ν²)) [tr² - 2(1-ν) det]."""
+    """St. Venant-Kirchhoff film that never wrinkles.
+
+        W = E t/(2(1-ν²)) [tr² - 2(1-ν) det]   with the Green-Lagrange strain of the surface
+
+    Args:
+        E: Young's modulus [Pa], positive.
+        nu: Poisson's ratio, above -1 and at most 0.5.
+        density: mass density ρ [kg/m³], positive.
+        thickness: t [m], positive.
+
+    Raises:
+        InputError: a number out of its range.
+
+    Example:
+        >>> gx.Linear(70e9, 0.3, density=2700.0, thickness=1e-3).thickness
+        0.001
+    """
 
     quadratic = True
 
@@ -82,29 +101,50 @@ class Linear(FilmLaw):
         return c.E * c.thickness / (2 * (1 - c.nu**2)) * (tr**2 - 2 * (1 - c.nu) * det)
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Miyazaki(FilmLaw):
-    """Film with reduced compressive stiffness (Miyazaki, IJNME 66 (2006) 1179, doi:10.1002/nme.1580, eqs. 13-20).
+    """Film with reduced compressive stiffness, which stands for wrinkles that are not resolved.
 
-    With f1 = γ2 + ν γ1, f2 = γ1 + u ν γ2 and the stiffness ratio u = `residual` in (0, 1]:
+    With f1 = γ2 + ν γ1, f2 = γ1 + u ν γ2 and the stiffness ratio u = `residual_stiffness` in [0, 1]:
 
         taut      f1 ≥ 0        W = E t/(2(1-ν²))    [tr² - 2(1-ν) det]
         wrinkled  f1 < 0 < f2   W = E t/(2(1-uν²))   [γ1² + 2uν γ1γ2 + u γ2²]
         slack     f2 ≤ 0        W = E t u/(2(1-u²ν²)) [tr² - 2(1-uν) det]
 
-    which is the elastic matrix Γ(k1, k2) with (1, 1), (1, u), (u, u): a C1, convex potential.  The pair (u, 1) that is
-    printed for the wrinkled state elsewhere softens the *tension* direction and makes the stress jump at f1 = 0; two
-    different ratios for wrinkled and slack would break either continuity or isotropy, so there is one.
+    which is the elastic matrix Γ(k1, k2) with (1, 1), (1, u), (u, u): a C1, convex potential.  The pair
+    (u, 1) that is printed for the wrinkled state elsewhere softens the *tension* direction and makes the
+    stress jump at f1 = 0; two different ratios for wrinkled and slack would break either continuity or
+    isotropy, so there is one.
+
+    Args:
+        E: Young's modulus [Pa], positive.
+        nu: Poisson's ratio, above -1 and at most 0.5.
+        density: mass density ρ [kg/m³], positive.
+        thickness: t [m], positive.
+        residual_stiffness: u, compressive over tensile stiffness, between 0 and 1.
+
+    Raises:
+        InputError: a number out of its range.
+
+    Example:
+        >>> law = gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6, residual_stiffness=1e-4)
+        >>> gx.Membrane(mesh, law).law.residual_stiffness
+        0.0001
+
+    Source: Y. Miyazaki, Wrinkle/slack model and finite element dynamics of membrane, IJNME 66 (2006) 1179,
+    doi:10.1002/nme.1580, eqs. 13-20.
     """
 
-    residual: float = 1e-6
+    _: KW_ONLY
+    residual_stiffness: float = 1e-6
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check(
-            0 <= self.residual <= 1,
-            f"{type(self).__name__}: residual is {self.residual!r}; the ratio of compressive to tensile stiffness "
-            "lies between 0 and 1.",
+            0 <= self.residual_stiffness <= 1,
+            f"{type(self).__name__}: residual_stiffness is {self.residual_stiffness!r}; the ratio of "
+            "compressive to tensile stiffness lies between 0 and 1.",
         )
 
     def energy(self, e: Expr, c: Any) -> Expr:
@@ -112,7 +152,7 @@ class Miyazaki(FilmLaw):
 
     def pieces(self, e0: Expr, e1: Expr, c: Any) -> list[Piece]:
         """Taut and slack strains are cones, f1 ≥ 0: h ≥ (1-ν)/(1+ν) r and f2 ≤ 0: -h ≥ (1-uν)/(1+uν) r."""
-        ν, uν = c.nu, c.residual * c.nu
+        ν, uν = c.nu, c.residual_stiffness * c.nu
         taut = within_cone(e0, e1, (1 - ν) / (1 + ν), ROUND_OFF / (1 + ν))
         slack = within_cone(-e0, -e1, (1 - uν) / (1 + uν), 0.0)
         (first_in, last_in), (first_out, last_out) = (
@@ -135,7 +175,7 @@ class Miyazaki(FilmLaw):
 
     def _wrinkled_stress(self, ea: Expr, eb: Expr, c: Any) -> Expr:
         """Average along the path from ea to eb: with γ1 = h + r the energy is quadratic but for a multiple of h r."""
-        ν, u = c.nu, c.residual
+        ν, u = c.nu, c.residual_stiffness
         factor = c.E * c.thickness / (1 - u * ν**2)
 
         def quadratic(e: Expr) -> Expr:
@@ -149,7 +189,12 @@ class Miyazaki(FilmLaw):
         return c.E * c.thickness / (2 * (1 - c.nu**2)) * (tr**2 - 2 * (1 - c.nu) * det)
 
     def _wrinkled(self, e: Expr, c: Any) -> Expr:
-        (h, r), (tr, det), ν, u = half_trace_and_radius(e), _invariants(e), c.nu, c.residual
+        (h, r), (tr, det), ν, u = (
+            half_trace_and_radius(e),
+            _invariants(e),
+            c.nu,
+            c.residual_stiffness,
+        )
         return (
             c.E
             * c.thickness
@@ -158,7 +203,7 @@ class Miyazaki(FilmLaw):
         )
 
     def _slack(self, e: Expr, c: Any) -> Expr:
-        (tr, det), ν, u = _invariants(e), c.nu, c.residual
+        (tr, det), ν, u = _invariants(e), c.nu, c.residual_stiffness
         return c.E * c.thickness * u / (2 * (1 - (u * ν) ** 2)) * (tr**2 - 2 * (1 - u * ν) * det)
 
     def state(self, e: Expr, c: Any) -> Expr:
@@ -168,24 +213,47 @@ class Miyazaki(FilmLaw):
         h, r = half_trace_and_radius(e)
         γ1, γ2 = h + r, h - r
         f1 = γ2 + c.nu * γ1
-        f2 = γ1 + c.residual * c.nu * γ2
+        f2 = γ1 + c.residual_stiffness * c.nu * γ2
         return ufl.conditional(
             ufl.ge(f1, -ROUND_OFF), taut, ufl.conditional(ufl.gt(f2, 0), wrinkled, slack)
         )
 
 
+@check_arguments
 @dataclass(frozen=True)
 class TensionField(Miyazaki):
-    """Tension field: the limit u → 0 of `Miyazaki`, Pipkin's relaxed energy (IMA J. Appl. Math. 36 (1986) 85).
+    """Tension field: the limit u → 0 of `Miyazaki`, film that resists no compression.
 
-    Slack film has no stiffness at all, so a static problem may be singular; in dynamics the inertia carries it.
+    Slack film has no stiffness at all, so a static problem may be singular; in dynamics the inertia
+    carries it.
+
+    Args:
+        E: Young's modulus [Pa], positive.
+        nu: Poisson's ratio, above -1 and at most 0.5.
+        density: mass density ρ [kg/m³], positive.
+        thickness: t [m], positive.
+        residual_stiffness: zero; another value is refused.
+
+    Raises:
+        InputError: a number out of its range.
+
+    Example:
+        >>> gx.TensionField(2.5e9, 0.34, density=1420.0, thickness=25e-6).residual_stiffness
+        0.0
+
+    Source: A. C. Pipkin, The relaxed energy density for isotropic elastic membranes, IMA J. Appl. Math. 36
+    (1986) 85, doi:10.1093/imamat/36.1.85.
     """
 
-    residual: float = 0.0
+    _: KW_ONLY
+    residual_stiffness: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check(self.residual == 0, "TensionField has no residual stiffness; use Miyazaki for one.")
+        check(
+            self.residual_stiffness == 0,
+            "TensionField has no residual stiffness; use Miyazaki for one.",
+        )
 
 
 def _invariants(e: Expr) -> tuple[Expr, Expr]:

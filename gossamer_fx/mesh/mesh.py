@@ -15,12 +15,14 @@ from dolfinx.graph import adjacencylist
 from dolfinx.io import distribute_entity_data
 from mpi4py import MPI
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, check, on_rank_zero
 from gossamer_fx.forms.backend import SHEETS_MAY_MEET, VERSION, distribute, gmsh_order
 from gossamer_fx.mesh.edges import EdgeTable, edges_of
 from gossamer_fx.mesh.gmsh_reader import BadMesh, RawMesh, extract, read_file
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Mesh:
     """A mesh in space with named groups.
@@ -58,6 +60,7 @@ class Mesh:
         return edges
 
 
+@check_arguments
 def read_mesh(path: str | Path, comm: MPI.Intracomm) -> Mesh:
     """Read a gmsh file (.msh); physical groups keep their names, unnamed ones are called by their number.
 
@@ -78,6 +81,7 @@ def read_mesh(path: str | Path, comm: MPI.Intracomm) -> Mesh:
     return _distribute_mesh(comm, on_rank_zero(comm, read))
 
 
+@check_arguments
 def gmsh_mesh(build: Callable[[Any], None], comm: MPI.Intracomm) -> Mesh:
     """Mesh what `build(gmsh.model)` makes on rank 0 and distribute it.
 

@@ -7,8 +7,8 @@ in UFL; terms between points are written in NumPy and see bodies through `Port`s
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol, TypeGuard, runtime_checkable
+from dataclasses import KW_ONLY, dataclass
+from typing import Annotated, Any, Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -16,11 +16,13 @@ from dolfinx import fem
 from dolfinx.common import IndexMap
 from mpi4py import MPI
 
+from gossamer_fx.checks.arguments import Count, check_arguments
 from gossamer_fx.checks.errors import check
 
 Array = npt.NDArray[np.floating]
 Indices = npt.NDArray[np.int32]
-Vector = Sequence[float]  # of three numbers
+# Three numbers, as a tuple, a list or an array.
+Vector = Annotated[Sequence[float], Count(3)]
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,7 @@ class Block:
     size: int
 
 
+@runtime_checkable
 class Body(Protocol):
     """Something with coordinates."""
 
@@ -50,6 +53,7 @@ class Body(Protocol):
         ...
 
 
+@runtime_checkable
 class MeshBody(Body, Protocol):
     """A body discretised on a mesh: its coordinates are functions of a Lagrange space."""
 
@@ -101,6 +105,7 @@ def has_nodal_unknowns(body: Body) -> TypeGuard[MeshBody]:
     )
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Port:
     """A vector attached to a body: Σ_k weights[k] q[nodes[k], vectors[k]], a constant linear map of its coordinates.
@@ -111,6 +116,7 @@ class Port:
 
     body: Body
     nodes: tuple[int, ...]
+    _: KW_ONLY
     weights: tuple[float, ...] = (1.0,)
     vectors: tuple[int, ...] = ()
 
@@ -145,6 +151,7 @@ class Port:
         return self.evaluate(self.body.initial_state()[1])
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Ground:
     """A vector that stays what it is: a point [m] or a direction of inertial space."""

@@ -30,6 +30,6 @@ def combine(weights: Sequence[float], ports: Sequence[Attached]) -> Attached:
     return Port(
         body,
         tuple(n for _, p in parts for n in p.nodes),
-        tuple(w * each for w, p in parts for each in p.weights),
-        tuple(v for _, p in parts for v in p.vectors or (0,) * len(p.nodes)),
+        weights=tuple(w * each for w, p in parts for each in p.weights),
+        vectors=tuple(v for _, p in parts for v in p.vectors or (0,) * len(p.nodes)),
     )

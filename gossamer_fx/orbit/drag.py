@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,17 @@ import ufl
 from dolfinx import fem
 
 from gossamer_fx.bodies import Membrane, RigidBody
-from gossamer_fx.extend import Array, Assembly, Expr, State, Term, area_vector, check, constant
+from gossamer_fx.extend import (
+    Array,
+    Assembly,
+    Expr,
+    State,
+    Term,
+    area_vector,
+    check,
+    check_arguments,
+    constant,
+)
 from gossamer_fx.orbit.environment import ROTATION
 from gossamer_fx.orbit.flight import Flight
 from gossamer_fx.orbit.flying_loads import FacesForce, FlyingLoad, FlyingPointLoad, axes_of
@@ -24,6 +34,7 @@ from gossamer_fx.orbit.surface_forces import Rows, Surface, Symbolic, flow_force
 Atmosphere = Callable[[float], Air]  # of the altitude [m]
 
 
+@check_arguments
 @dataclass(frozen=True)
 class ExponentialAtmosphere:
     """Density that falls by e over a scale height.
@@ -37,6 +48,7 @@ class ExponentialAtmosphere:
 
     density: float
     altitude: float
+    _: KW_ONLY
     scale_height: float
     temperature: float = 1000.0
 
@@ -53,6 +65,7 @@ class ExponentialAtmosphere:
         )
 
 
+@check_arguments
 class Drag:
     """Free-molecular flow on the deformed faces of a film, or on the surfaces of a rigid body; nothing shades.
 
@@ -75,9 +88,9 @@ class Drag:
         self,
         body: Membrane | RigidBody,
         orbit: Orbit,
+        *,
         atmosphere: Atmosphere,
         accommodation: Accommodation | None = None,
-        *,
         surfaces: Sequence[Surface] = (),
         rotation: float = ROTATION,
         name: str = "",

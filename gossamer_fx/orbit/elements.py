@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
 
-from gossamer_fx.extend import Array, check
+from gossamer_fx.extend import Array, check, check_arguments
 from gossamer_fx.orbit.gravity_field import MU
 
 _SMALL = 1e-11  # eccentricity and sine of the inclination below which an angle has no meaning
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Elements:
     """Osculating elements of an ellipse (e < 1, a > 0) or a hyperbola (e > 1, a < 0).
@@ -28,6 +29,7 @@ class Elements:
 
     a: float
     e: float = 0.0
+    _: KW_ONLY
     i: float = 0.0
     node: float = 0.0
     perigee: float = 0.0

@@ -130,7 +130,7 @@ class FlyingPointLoad:
 
 def axes_of(body: Any) -> tuple[Port, ...]:
     """Position and directors of a rigid body."""
-    return tuple(Port(body, (0,), (1.0,), (k,)) for k in range(4))
+    return tuple(Port(body, (0,), weights=(1.0,), vectors=(k,)) for k in range(4))
 
 
 class FacesForce:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
 
-from gossamer_fx.extend import check
+from gossamer_fx.extend import check, check_arguments
 
 BOLTZMANN, ATOM = 1.380649e-23, 16 * 1.66053906660e-27  # J/K; kg, of atomic oxygen
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Air:
     """State of the atmosphere.
@@ -24,6 +25,7 @@ class Air:
 
     density: float
     temperature: float = 1000.0
+    _: KW_ONLY
     molecule: float = ATOM
 
     def __post_init__(self) -> None:
@@ -43,6 +45,7 @@ class Air:
         return float(np.sqrt(2 * BOLTZMANN * self.temperature / self.molecule))
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Accommodation:
     """How molecules leave a surface: σ_n and σ_t are the parts of normal and tangential momentum that are taken up.
@@ -55,6 +58,7 @@ class Accommodation:
 
     normal: float = 1.0
     tangential: float = 1.0
+    _: KW_ONLY
     wall_temperature: float = 300.0
 
     def __post_init__(self) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.bodies import Frame
-from gossamer_fx.extend import Array, Port, State, Term, Vector, check, is_vector
+from gossamer_fx.extend import Array, Port, State, Term, Vector, check, check_arguments, is_vector
 from gossamer_fx.orbit.flight import Flight
 from gossamer_fx.orbit.flying_loads import FlyingPointLoad
 from gossamer_fx.orbit.magnetic_field import Igrf
@@ -17,6 +17,7 @@ from gossamer_fx.orbit.orbit import Orbit
 MomentHistory = Callable[[float], Sequence[float]]
 
 
+@check_arguments
 class MagneticDipole:
     """Torque m × B on a dipole m that is fixed in a frame with three directors; B by IGRF-14 at the frame's flight.
 
@@ -32,7 +33,7 @@ class MagneticDipole:
     """
 
     def __init__(
-        self, frame: Frame, orbit: Orbit, moment: Vector | MomentHistory, *, name: str = "magnet"
+        self, frame: Frame, orbit: Orbit, *, moment: Vector | MomentHistory, name: str = "magnet"
     ) -> None:
         self.frame, self.orbit, self.moment, self.name = frame, orbit, moment, name
         check(

@@ -110,6 +110,6 @@ def _places(term: Kinetic) -> tuple[Sequence[tuple[Attached, ...]], Array]:
     start, body = term.body.block.index_map.local_range[0], term.body
     k = body.block.size // 3
     return [
-        tuple(Port(body, (start + i,), (1.0,), (j,)) for j in range(k))
+        tuple(Port(body, (start + i,), weights=(1.0,), vectors=(j,)) for j in range(k))
         for i in range(len(term.mass))
     ], term.mass.reshape(-1, k, k)

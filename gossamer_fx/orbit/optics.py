@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
-from gossamer_fx.extend import check
+from gossamer_fx.extend import check, check_arguments
 
 PRESSURE = 4.563e-6  # N/m² at 1 AU (1368 W/m²; McInnes 1999)
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Optics:
     """A surface under light of pressure P that comes along u at an angle α to the normal n of the side away from it:
@@ -29,6 +30,7 @@ class Optics:
 
     reflectivity: float = 1.0
     specular: float = 1.0
+    _: KW_ONLY
     emissivity: float = 0.05
     lambertian: float = 2 / 3
     other_side: Optics | None = None
@@ -64,4 +66,10 @@ class Optics:
 
 
 MIRROR = Optics()
-JPL_SAIL = Optics(0.88, 0.94, 0.05, 0.79, other_side=Optics(0.88, 0.94, 0.55, 0.55))
+JPL_SAIL = Optics(
+    0.88,
+    0.94,
+    emissivity=0.05,
+    lambertian=0.79,
+    other_side=Optics(0.88, 0.94, emissivity=0.55, lambertian=0.55),
+)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from weakref import WeakKeyDictionary
 
-from gossamer_fx.extend import Assembly, State, Term, Vector, check
+from gossamer_fx.extend import Assembly, State, Term, Vector, check, check_arguments
 from gossamer_fx.orbit.elements import Elements
 from gossamer_fx.orbit.environment import Environment, Shadow, SunHistory
 from gossamer_fx.orbit.flight import Flight
@@ -14,6 +14,7 @@ from gossamer_fx.orbit.optics import PRESSURE
 from gossamer_fx.orbit.relative_gravity import RelativeGravity
 
 
+@check_arguments
 class Orbit(Environment):
     """The scene flies: coordinates are relative to an origin in orbit, in axes that do not turn.
 

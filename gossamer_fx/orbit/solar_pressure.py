@@ -11,7 +11,17 @@ import ufl
 from dolfinx import fem
 
 from gossamer_fx.bodies import Membrane, RigidBody
-from gossamer_fx.extend import Array, Assembly, Expr, State, Term, area_vector, check, constant
+from gossamer_fx.extend import (
+    Array,
+    Assembly,
+    Expr,
+    State,
+    Term,
+    area_vector,
+    check,
+    check_arguments,
+    constant,
+)
 from gossamer_fx.orbit.flight import Flight
 from gossamer_fx.orbit.flying_loads import FacesForce, FlyingLoad, FlyingPointLoad, axes_of
 from gossamer_fx.orbit.optics import MIRROR, Optics
@@ -20,6 +30,7 @@ from gossamer_fx.orbit.shadow_map import ShadowMap
 from gossamer_fx.orbit.surface_forces import Rows, Surface, Symbolic, light_force
 
 
+@check_arguments
 class SolarPressure:
     """Sunlight on the deformed faces of a film, or on the surfaces of a rigid body; both sides, see `Optics`.
 
@@ -41,8 +52,8 @@ class SolarPressure:
         self,
         body: Membrane | RigidBody,
         orbit: Orbit,
-        optics: Optics = MIRROR,
         *,
+        optics: Optics = MIRROR,
         groups: Mapping[str, Optics] | None = None,
         surfaces: Sequence[Surface] = (),
         shadow_pixels: int = 0,

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
 import ufl
 from scipy import special
 
-from gossamer_fx.extend import Array, Expr, Vector, check, is_vector
+from gossamer_fx.extend import Array, Expr, Vector, check, check_arguments, is_vector
 from gossamer_fx.orbit.free_molecular import coefficients
 from gossamer_fx.orbit.optics import MIRROR, Optics
 
@@ -69,6 +69,7 @@ def flow_force(
     return speed / 2 * (normal * speed * a + shear * area * U)
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Surface:
     """A flat face of a rigid body.
@@ -83,6 +84,7 @@ class Surface:
 
     area: float
     normal: Vector
+    _: KW_ONLY
     centre: Vector = (0.0, 0.0, 0.0)
     optics: Optics = MIRROR
     two_sided: bool = False

@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.outputs.output import Table
 from gossamer_fx.probes.run import Run
 
 LOST = "dissipated "  # before the name of a cause
 
 
+@check_arguments
 class Ledger:
     """CSV with a row for every step: energies [J], momenta, gas masses [kg], the closing errors, iterations.
 

@@ -7,12 +7,14 @@ import time
 from collections.abc import Sequence
 from typing import IO, TYPE_CHECKING
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.probes.run import Run
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
 
+@check_arguments
 class Progress:
     """Time, step, iterations and ledger error on the terminal of rank 0; a summary at the end.
 

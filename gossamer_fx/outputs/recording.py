@@ -24,6 +24,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, check, on_rank_zero
 from gossamer_fx.model.body import Body, is_on_mesh
 from gossamer_fx.outputs.description import describe, versions
@@ -51,6 +52,7 @@ FILES = (
 FILM_FIELDS = ("displacement", "state", "stress1", "strain2")
 
 
+@check_arguments
 class Recording:
     """Writes the folder of a run.
 
@@ -70,6 +72,7 @@ class Recording:
         self,
         folder: str | Path,
         fields: Mapping[str, Sequence[str]] | None = None,
+        *,
         probes: Mapping[str, Probe] | None = None,
         every: int = 10,
         times: Sequence[float] = (),
@@ -158,9 +161,9 @@ class Recording:
                     VTX(
                         self.folder / "fields" / f"{file_name(body.name)}.bp",
                         body,
-                        chosen,
-                        every,
-                        times,
+                        fields=chosen,
+                        every=every,
+                        times=times,
                     ),
                 )
         if self.probes:
@@ -177,7 +180,7 @@ class Recording:
                 for film in films
                 for state in TOLD_STATES
             }
-            yield "states.csv", Probes(self.folder / "states.csv", shares, every, times)
+            yield "states.csv", Probes(self.folder / "states.csv", shares, every=every, times=times)
         points = [body for body in run.system.bodies if not is_on_mesh(body)]
         if points:
             places = {

@@ -6,12 +6,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Probe, evaluate_probe
 from gossamer_fx.probes.run import Run
 
 
+@check_arguments
 class Series:
     """Values of probes at the start and after every step, for scripts that compute or draw with them.
 

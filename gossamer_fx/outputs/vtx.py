@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, on_rank_zero, write_on_all
 from gossamer_fx.fields.fields import FieldFunctions, check_fields
 from gossamer_fx.model.body import MeshBody, is_on_mesh
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from dolfinx.io import VTXWriter
 
 
+@check_arguments
 class VTX:
     """Fields of one body as an ADIOS2 file that ParaView shows over time; "Warp By Vector" deforms the mesh.
 
@@ -42,6 +44,7 @@ class VTX:
         self,
         path: str | Path,
         body: MeshBody | None = None,
+        *,
         fields: Sequence[str] = ("displacement",),
         every: int = 1,
         times: Sequence[float] = (),
@@ -154,6 +157,7 @@ class VTX:
                 shutil.rmtree(other)
 
 
+@check_arguments
 class Probes:
     """CSV of named numbers: columns time [s], step, and a probe each.
 
@@ -171,6 +175,7 @@ class Probes:
         self,
         path: str | Path,
         probes: Mapping[str, Probe],
+        *,
         every: int = 1,
         times: Sequence[float] = (),
     ) -> None:

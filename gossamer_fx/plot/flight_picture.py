@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array
 from gossamer_fx.orbit.environment import local_axes
@@ -29,6 +30,7 @@ _DAY, _NIGHT, _EARTH, _SUN = (
 _PIXELS = 900.0
 
 
+@check_arguments
 class FlightPicture:
     """PNG of a flight, made at the end of a run: its orbit, the scene as it is then, and probes over time.
 
@@ -45,7 +47,7 @@ class FlightPicture:
     times: Sequence[float] = ()
 
     def __init__(
-        self, path: str | Path, orbit: Orbit, probes: Mapping[str, Probe], title: str = ""
+        self, path: str | Path, orbit: Orbit, *, probes: Mapping[str, Probe], title: str = ""
     ) -> None:
         self.path, self.orbit, self.probes, self.title = Path(path), orbit, dict(probes), title
         check(

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.fields.fields import STATES, AreaFractions
 from gossamer_fx.model.body import Vector
@@ -24,6 +25,7 @@ from gossamer_fx.probes.run import Run
 MOST_SHAPES = 24
 
 
+@check_arguments
 class Picture:
     """PNG of a run, made at its end or failure: deformed films at given times, energies, gas, states, ledger errors.
 
@@ -47,6 +49,7 @@ class Picture:
         self,
         path: str | Path,
         times: Sequence[float] = (),
+        *,
         title: str = "",
         view: View | None = None,
         section: tuple[Vector, Vector] | None = None,

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, OutputFailure, check
 from gossamer_fx.fields.fields import STATES
 from gossamer_fx.model.body import Array
@@ -54,8 +55,14 @@ def default_field(run: RunReader) -> str:
     return "state" if "state" in known else known[0]
 
 
+@check_arguments
 def field(
-    run: RunReader, field: str, times: Sequence[float], path: str | Path, view: View | None = None
+    run: RunReader,
+    field: str,
+    *,
+    times: Sequence[float],
+    path: str | Path,
+    view: View | None = None,
 ) -> None:
     """PNG of a field at some times, at one scale of colours.
 
@@ -104,8 +111,9 @@ def _write_field(
     )
 
 
+@check_arguments
 def strip(
-    run: RunReader, field: str, path: str | Path, count: int = 6, view: View | None = None
+    run: RunReader, field: str, *, path: str | Path, count: int = 6, view: View | None = None
 ) -> None:
     """PNG of a field at `count` times, evenly spread over the run; `view` as of `field`."""
     check(count >= 1, f"The number of pictures is {count!r}; give one or more.")
@@ -114,6 +122,7 @@ def strip(
     _write_field(run, field, run.times[frames].tolist(), path, view)
 
 
+@check_arguments
 def curves(run: RunReader, path: str | Path) -> None:
     """PNG of ledger, gas and probes over the time."""
     panels, times, unit = run_curves(run)
@@ -124,8 +133,9 @@ def curves(run: RunReader, path: str | Path) -> None:
     write(file_to_write(path), run.title, [], arrange(1, 1.0), 1.0, {}, panels, (*times, unit))
 
 
+@check_arguments
 def animate(
-    run: RunReader, field: str, path: str | Path, seconds: float = 6.0, view: View | None = None
+    run: RunReader, field: str, *, path: str | Path, seconds: float = 6.0, view: View | None = None
 ) -> None:
     """GIF, or MP4 if `ffmpeg` is at hand, of a field over the run.
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import OutputFailure, check
 from gossamer_fx.outputs.description import lines
 from gossamer_fx.plot import plot as pictures
@@ -41,6 +42,7 @@ _VIEW = """
 """.strip()
 
 
+@check_arguments
 def write_report(run: RunReader, path: str | Path) -> None:
     """Write the page.
 
@@ -78,7 +80,7 @@ def _page(run: RunReader) -> Iterable[str]:
         yield _VIEW
         yield "<h2>Over the time</h2>"
         field = default_field(run)
-        yield _image(lambda file: pictures.strip(run, field, file), f"{field} at six times")
+        yield _image(lambda file: pictures.strip(run, field, path=file), f"{field} at six times")
     if len(run.table("ledger.csv")["time"]) > 1:
         yield _image(
             lambda file: pictures.curves(run, file),

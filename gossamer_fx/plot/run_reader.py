@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, check
 from gossamer_fx.mesh.quality import ALIKE, area_vectors
 from gossamer_fx.model.body import Array
@@ -26,6 +27,7 @@ _LINES = {2: [[0, 1]], 3: [[0, 2], [2, 1]]}
 _FINE = 4000  # triangles from which on a picture is not made finer
 
 
+@check_arguments
 class RunReader:
     """Reads the folder of a run that a `Recording` wrote, also of one that is still going on or was killed.
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 
 LARGEST_ZOOM = 20.0
 
 
+@check_arguments
 @dataclass(frozen=True)
 class View:
     """From where pictures and animations of a run are taken; what is None is chosen from the shapes.
@@ -29,6 +31,7 @@ class View:
 
     azimuth: float | None = None
     elevation: float | None = None
+    _: KW_ONLY
     follow: bool | None = None
     zoom: bool = False
     opacity: float = 1.0

@@ -7,11 +7,14 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.contact.compiled import CompiledContacts
 from gossamer_fx.contact.contact import Contact
 from gossamer_fx.contact.contact_set import ContactSet
 from gossamer_fx.contact.narrow_phase.intersections import intersections
+from gossamer_fx.contact.obstacles import Obstacle
+from gossamer_fx.model.body import MeshBody
 
 AXES = {"x": 0, "y": 1, "z": 2}
 
@@ -29,6 +32,7 @@ def group_of(contact: Contact, run: Any) -> ContactSet:
     raise AssertionError
 
 
+@check_arguments
 class ContactGap:
     """Least distance [m] between parts of a contact that do not hang together, less their radii.
 
@@ -44,11 +48,12 @@ class ContactGap:
         return float(run.comm.allreduce(float(gaps.min(initial=np.inf)), op=MPI.MIN))
 
 
+@check_arguments
 class ContactForce:
     """Component [N] of the force that a contact exerts on one of its bodies or obstacles: the mean of the last step."""
 
-    def __init__(self, contact: Contact, body: Any, axis: str) -> None:
-        known = [*contact.bodies, *contact.obstacles]
+    def __init__(self, contact: Contact, body: MeshBody | Obstacle, *, axis: str) -> None:
+        known: list[MeshBody | Obstacle] = [*contact.bodies, *contact.obstacles]
         names = ", ".join(one.name for one in known)
         check(
             axis in AXES,
@@ -68,6 +73,7 @@ class ContactForce:
         return float(run.comm.allreduce(-float(group.force[here, AXES[self.axis]].sum())))
 
 
+@check_arguments
 class Penetrations:
     """Number of edges and triangles that pierce each other: zero, unless a contact failed to do its duty."""
 

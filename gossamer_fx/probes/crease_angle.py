@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.connectors.crease import Crease
 from gossamer_fx.connectors.crease_energies import CreaseEnergies
@@ -14,6 +15,7 @@ from gossamer_fx.system.system import System
 KINDS = ("mean", "least", "largest", "rest")
 
 
+@check_arguments
 class FoldAngle:
     """Angle [rad] of a crease, positive for a valley fold, zero where it is flat.
 

@@ -8,6 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.model.body import Array, Port
@@ -23,6 +24,7 @@ ORBITAL = (*ELEMENTS, "altitude", "depth", "sunlit")
 ACTIONS = ("force", "torque")
 
 
+@check_arguments
 class OrbitState:
     """Of the orbit of the centre of mass, a quantity:
 
@@ -49,6 +51,7 @@ class OrbitState:
         return self.orbit.sunlit(r, self.orbit.sun(run.time))
 
 
+@check_arguments
 class SunAngle:
     """Angle [rad] between the direction to the Sun and a film's mean normal, or a director such as that of a frame."""
 
@@ -64,12 +67,13 @@ class SunAngle:
         return _angle(self.orbit.sun(run.time) - r, direction_of(run, self.of))
 
 
+@check_arguments
 class Attitude:
     """Angle [rad] between a director or a film's mean normal and an axis of the orbit: "outward", "along", "across"."""
 
     NAMES = ("outward", "along", "across")
 
-    def __init__(self, orbit: Orbit, of: Membrane | Port, axis: str) -> None:
+    def __init__(self, orbit: Orbit, of: Membrane | Port, *, axis: str) -> None:
         check(
             isinstance(of, Membrane | Port),
             f"Attitude of {of!r}; give a film, or a director such as body.frame().directors[2].",
@@ -85,13 +89,14 @@ class Attitude:
         return _angle(axes[:, self.NAMES.index(self.axis)], direction_of(run, self.of))
 
 
+@check_arguments
 class LoadResultant:
     """Component of the "force" [N] or of the "torque" about the centre of mass [N m] of a load in the last step.
 
     `load` is the name of a load; that of the orbit is gravity, less the acceleration of the frame.
     """
 
-    def __init__(self, orbit: Orbit, load: str, action: str, axis: str) -> None:
+    def __init__(self, orbit: Orbit, load: str, *, action: str, axis: str) -> None:
         check(action in ACTIONS, f"A load has no {action!r}; it has: {', '.join(ACTIONS)}.")
         check(
             axis in AXES,

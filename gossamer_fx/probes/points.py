@@ -8,6 +8,7 @@ import numpy as np
 
 from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.fields.fields import STATES, AreaFractions
 from gossamer_fx.model.body import Port
@@ -22,6 +23,7 @@ AXES = {"x": 0, "y": 1, "z": 2}
 GAS = ("pressure", "temperature", "volume", "mass")
 
 
+@check_arguments
 class Position:
     """Coordinate [m] of a port, e.g. `Position(film.port("tip"), "z")`."""
 
@@ -34,6 +36,7 @@ class Position:
         return float(run.system.state.vector(self.port)[AXES[self.axis]])
 
 
+@check_arguments
 class Displacement(Position):
     """Component [m] of the displacement of a port from where the scene starts."""
 
@@ -49,6 +52,7 @@ class Velocity(Position):
         return float(run.system.state.rate(self.port)[AXES[self.axis]])
 
 
+@check_arguments
 class GasState:
     """Pressure [Pa], temperature [K], volume [m³] or mass [kg] of a chamber, e.g. `GasState(bag, "pressure")`."""
 
@@ -66,19 +70,21 @@ class GasState:
         ]
 
 
+@check_arguments
 class AreaFraction:
     """Fraction of a film's reference area that is "slack", "wrinkled" or "taut"."""
 
-    def __init__(self, film: Membrane, state: str) -> None:
+    def __init__(self, body: Membrane, state: str) -> None:
         check(
             state in STATES, f"A film has no state {state!r}; its states are: {', '.join(STATES)}."
         )
-        self.state, self._fractions = state, AreaFractions([film])
+        self.state, self._fractions = state, AreaFractions([body])
 
     def __call__(self, run: Run) -> float:
         return float(self._fractions(run.system)[STATES[self.state]])
 
 
+@check_arguments
 class AngularVelocity:
     """Component [rad/s] of the angular velocity of a frame, e.g. `AngularVelocity(hub.frame(), "z")`."""
 
@@ -99,6 +105,7 @@ class AngularVelocity:
         return float(np.cross(d, rates).sum(axis=0)[AXES[self.axis]] / 2)
 
 
+@check_arguments
 class JointForce:
     """Component [N] of the force that a joint exerts on its side `b`, in the last step."""
 
@@ -110,6 +117,7 @@ class JointForce:
         return float(joint_force(run.system, self.joint)[0][AXES[self.axis]])
 
 
+@check_arguments
 class RingArea:
     """Deformed area [m²] of a `Ring`, the opening through which gas may pass."""
 
@@ -120,10 +128,10 @@ class RingArea:
     def __call__(self, run: Run) -> float:
         from gossamer_fx.gas.ring import Loop
 
-        known = self.ring.film in run.system.bodies
+        known = self.ring.body in run.system.bodies
         check(
             known,
-            f"'{self.ring.film.name}' is not in the scene; add it, or remove the probe of its ring.",
+            f"'{self.ring.body.name}' is not in the scene; add it, or remove the probe of its ring.",
         )
         if id(run.system) not in self._loops:
             self._loops = {id(run.system): Loop(self.ring, run.system)}

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from gossamer_fx.bodies.frames import Frame
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array, Body, Port, is_body
 from gossamer_fx.probes.points import AXES
@@ -15,6 +16,7 @@ from gossamer_fx.probes.run import Run
 POLAR = ("radius", "angle")
 
 
+@check_arguments
 class MeanSpin:
     """Mean spin [rad/s] of a body about an axis through its centre of mass: ω = L/I.
 
@@ -73,6 +75,7 @@ class MeanSpin:
         return float(momentum / inertia) if inertia > 0 else 0.0
 
 
+@check_arguments
 class PolarPosition:
     """Where a point is about the third axis of a frame: its "radius" [m], or "angle" [rad] from the first axis.
 
@@ -84,7 +87,7 @@ class PolarPosition:
         quantity: "radius" or "angle".
     """
 
-    def __init__(self, port: Port, frame: Frame, quantity: str = "radius") -> None:
+    def __init__(self, port: Port, frame: Frame, *, quantity: str = "radius") -> None:
         check(
             quantity in POLAR,
             f"PolarPosition: there is no {quantity!r}; choose from {', '.join(POLAR)}.",

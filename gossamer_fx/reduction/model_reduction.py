@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array
 from gossamer_fx.reduction.basis import make_basis
@@ -20,8 +21,9 @@ class Motion(Protocol):
     positions: Sequence[Array]
 
 
+@check_arguments
 def reduce(
-    film: Membrane, motions: Sequence[Motion], modes: int, cells: int | None = None
+    body: Membrane, motions: Sequence[Motion], *, modes: int, cells: int | None = None
 ) -> ReducedMembrane:
     """A film with 3·(modes + 3) unknowns (12 instead of 9 if it is not plane) that moves as it did in `motions`.
 
@@ -29,7 +31,7 @@ def reduce(
     see `reduction.basis`.  It has the film's initial state, law and name, and takes its place in a new scene.
 
     Args:
-        film: what is reduced; its `bending`, creases and contact cannot be.
+        body: what is reduced; its `bending`, creases and contact cannot be.
         motions: `Snapshots` of runs in which it took part, `RecordedShapes` of their folders, or `ModeShapes`.
         modes: how many singular vectors are taken, beside those that make all homogeneous motions exact.
         cells: most cells of each rank over which strains are integrated, see `reduction.sampling`; None: all.
@@ -37,16 +39,16 @@ def reduce(
     Raises:
         InputError: no shapes, of another mesh, fewer modes in them than asked for, or a film with more than strains.
     """
-    check_reducible(film)
+    check_reducible(body)
     check(
         isinstance(motions, Sequence) and all(isinstance(motion, Motion) for motion in motions),
         f"reduce: motions is {motions!r}; give a list of `Snapshots` or `RecordedShapes`.",
     )
     shapes = [x for motion in motions for x in motion.positions]
-    basis = make_basis(film, shapes, modes)
+    basis = make_basis(body, shapes, modes)
     check(
         cells is None or cells >= 1,
         f"reduce: cells is {cells!r}; take one or more, or None for all.",
     )
-    sample = every_cell(film) if cells is None else sample_cells(basis, cells)
-    return ReducedMembrane(basis, sample, film.name)
+    sample = every_cell(body) if cells is None else sample_cells(basis, cells)
+    return ReducedMembrane(basis, sample, body.name)

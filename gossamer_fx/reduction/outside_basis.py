@@ -6,6 +6,7 @@ import numpy as np
 import ufl
 from dolfinx import fem, la
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.model.body import Array
@@ -17,6 +18,7 @@ SOFTEST = 1e-3  # least stiffness of a node, over the mean: slack film has none
 SLACK = 1e-9  # least stiffness across, over the one in the film: one without tension has none
 
 
+@check_arguments
 class OutsideBasis:
     """Probe: energy that a reduced film's basis keeps the whole film from releasing, over the stored energy.
 
@@ -31,19 +33,19 @@ class OutsideBasis:
     evaluation takes as long as a residual of the whole film; ask for it every hundred steps, or so.
 
     Args:
-        film: made by `reduce`, in the scene of the run.
+        body: made by `reduce`, in the scene of the run.
     """
 
-    def __init__(self, film: ReducedMembrane) -> None:
+    def __init__(self, body: ReducedMembrane) -> None:
         check(
-            isinstance(film, ReducedMembrane),
-            f"OutsideBasis: '{getattr(film, 'name', film)}' is no reduced film; give one that `reduce` has made.",
+            isinstance(body, ReducedMembrane),
+            f"OutsideBasis: '{getattr(body, 'name', body)}' is no reduced film; give one that `reduce` has made.",
         )
-        self.film = film
+        self.body = body
         self._estimate: _Estimate | None = None
 
     def __call__(self, run: Run) -> float:
-        film = self.film
+        film = self.body
         if self._estimate is None:
             self._estimate = _Estimate(film)
         c = film.comm.bcast(run.system.state[film].coordinates()[0].copy())

@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 from gossamer_fx.algebra.rendezvous import Names, fetch, hash_rows
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_on_all, on_rank_zero
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.adios import adios2_for
@@ -23,6 +24,7 @@ from gossamer_fx.outputs.recording import about_run
 ALIKE, CORNER = 1e-6, 0.2718
 
 
+@check_arguments
 class RecordedShapes:
     """Positions of a film's nodes at the times at which a `Recording` wrote its fields, for `reduce`.
 
@@ -30,7 +32,7 @@ class RecordedShapes:
     and ends with the positions of its own nodes.  Nodes are known by their places in the mesh: no two may coincide.
 
     Args:
-        film: with the mesh and the name of the one in the run.
+        body: with the mesh and the name of the one in the run.
         folder: of the run.
 
     Attributes:
@@ -41,19 +43,19 @@ class RecordedShapes:
         InputError: no such folder or film, a mesh with other nodes, damaged files.
     """
 
-    def __init__(self, film: Membrane, folder: str | Path) -> None:
-        self.film, self.folder = film, Path(folder)
-        comm = film.comm
-        path = self.folder / "fields" / f"{file_name(film.name)}.bp"
+    def __init__(self, body: Membrane, folder: str | Path) -> None:
+        self.body, self.folder = body, Path(folder)
+        comm = body.comm
+        path = self.folder / "fields" / f"{file_name(body.name)}.bp"
         recorded, paths = comm.bcast(
             on_rank_zero(comm, lambda: (list(about_run(self.folder)["fields"]), segments(path)))
         )
         check(
-            film.name in recorded and bool(paths),
-            f"RecordedShapes: the run in '{folder}' has no fields of '{film.name}', but of: "
+            body.name in recorded and bool(paths),
+            f"RecordedShapes: the run in '{folder}' has no fields of '{body.name}', but of: "
             f"{', '.join(recorded) or 'none'}; give the film the name that it had there.",
         )
-        X = film.space.tabulate_dof_coordinates()[: film.space.dofmap.index_map.size_local]
+        X = body.space.tabulate_dof_coordinates()[: body.space.dofmap.index_map.size_local]
         self._pitch = ALIKE * (comm.allreduce(float(np.abs(X).max(initial=0.0)), MPI.MAX) or 1.0)
         names = self._names(X)
         self._check_apart(names)
@@ -61,7 +63,7 @@ class RecordedShapes:
         self.positions: list[Array] = []
         for one in paths:
             part = _Part(comm, one)
-            lacks = f"RecordedShapes: '{one}' is of another mesh than '{film.name}'; give the film that was recorded."
+            lacks = f"RecordedShapes: '{one}' is of another mesh than '{body.name}'; give the film that was recorded."
             moved = fetch(comm, self._names(part.X), part.displacements, names, lacks)
             self.times += part.times
             self.positions += list(X + moved.reshape(len(X), len(part.times), 3).transpose(1, 0, 2))
@@ -72,11 +74,11 @@ class RecordedShapes:
     def _check_apart(self, names: Names) -> None:
         """See that no two nodes have the same place."""
         twice = (
-            f"RecordedShapes: nodes of '{self.film.name}' lie on each other, so that they cannot be told apart in "
+            f"RecordedShapes: nodes of '{self.body.name}' lie on each other, so that they cannot be told apart in "
             "files; keep its shapes in memory by `Snapshots`."
         )
         fetch(
-            self.film.comm, names, np.zeros((len(names), 0)), names[:0], "", twice
+            self.body.comm, names, np.zeros((len(names), 0)), names[:0], "", twice
         )  # where names meet
 
 

@@ -146,7 +146,12 @@ class ReducedMembrane(Membrane):
             (weight * self.basis.values[node] for node, weight in own), np.zeros(self.basis.size)
         )
         values = self.comm.allreduce(values)
-        return Port(self, (0,) * len(values), tuple(values.tolist()), tuple(range(len(values))))
+        return Port(
+            self,
+            (0,) * len(values),
+            weights=tuple(values.tolist()),
+            vectors=tuple(range(len(values))),
+        )
 
     def reconstruct(self, function: fem.Function, unknowns: Array) -> None:
         """Set a function on the full film's space from the unknowns, which rank 0 has."""

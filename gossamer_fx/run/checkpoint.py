@@ -27,6 +27,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from gossamer_fx.algebra.rendezvous import fetch
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, check, on_rank_zero, write_on_all
 from gossamer_fx.model.roles import HistoryVariables
 from gossamer_fx.outputs.output import Output, cursors_of, make_parent
@@ -52,6 +53,7 @@ class SavedRun(Run, HistoryVariables, Protocol):
     cursors: list[tuple[str, dict[str, Any]]]
 
 
+@check_arguments
 class Checkpoints:
     """Where a run writes its checkpoints, and when: at the start, at the end, and in between.
 
@@ -70,6 +72,7 @@ class Checkpoints:
         self,
         folder: str | Path,
         every: int | None = 100,
+        *,
         minutes: float | None = None,
         keep: int = 2,
         overwrite: bool = False,
@@ -220,6 +223,7 @@ def complete(folder: Path) -> list[Path]:
     return sorted(found, key=_step)
 
 
+@check_arguments
 def latest_checkpoint(folder: str | Path) -> Path | None:
     """The newest complete checkpoint in a folder, if there is one."""
     return next(reversed(complete(Path(folder))), None)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, check
 from gossamer_fx.checks.user_functions import ask
 from gossamer_fx.outputs.output import Probe, evaluate_probe
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 Action = Callable[["Run"], object]
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class At:
     """A time [s] that is met exactly, e.g. to open a valve.
@@ -34,6 +36,7 @@ class At:
 
     time: float
     then: Action | None = None
+    _: KW_ONLY
     stop: bool = False
     name: str = "time"
 
@@ -45,6 +48,7 @@ class At:
         _check_action(self)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class When:
     """The first time at which a probe exceeds a value, located within the step: a step ends there.
@@ -62,11 +66,12 @@ class When:
 
     probe: Probe
     value: float = 0.0
+    _: KW_ONLY
     falling: bool = False
     then: Action | None = None
     stop: bool = False
-    name: str = "event"
     tolerance: float | None = None
+    name: str = "event"
 
     def __post_init__(self) -> None:
         check(

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.outputs.output import make_parent
 
 LOGGER = logging.getLogger("gossamer_fx")
@@ -27,7 +28,8 @@ class FirstRank(logging.Filter):
 LOGGER.addFilter(FirstRank(MPI.COMM_WORLD.rank))
 
 
-def log_to(comm: MPI.Intracomm, file: str | Path | None = None, quiet: bool = False) -> None:
+@check_arguments
+def log_to(comm: MPI.Intracomm, file: str | Path | None = None, *, quiet: bool = False) -> None:
     """Show what runs say on the terminal, and write all of it to a file.
 
     Args:

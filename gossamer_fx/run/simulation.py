@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from petsc4py import PETSc
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, OutputFailure, check
 from gossamer_fx.checks.lone_errors import abort_on_lone_error, agree_on_error
 from gossamer_fx.outputs.output import Output, Writing, begin, cursors_of
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 _COUNTS = ("step", "iterations", "substeps", "last_iterations", "seconds")
 
 
+@check_arguments
 class Simulation:
     """A scene in time.
 
@@ -59,9 +61,9 @@ class Simulation:
         self,
         scene: Scene,
         stepper: Stepper,
+        *,
         outputs: Sequence[Output] = (),
         halvings: int = 8,
-        *,
         control: StepControl | None = None,
         events: Sequence[Event] = (),
         checkpoints: Checkpoints | None = None,

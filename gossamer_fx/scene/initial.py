@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, is_vector
 from gossamer_fx.model.body import Array, Vector, is_on_mesh
 from gossamer_fx.model.state import BodyState, InitialState
 from gossamer_fx.terms.assembly import Assembly
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class RigidMotion:
     """Adds a rigid motion to the initial velocities of all bodies: v + Ω × (x - c), and Ω × d for directors.
@@ -27,6 +29,7 @@ class RigidMotion:
 
     spin: Vector = (0.0, 0.0, 0.0)
     velocity: Vector = (0.0, 0.0, 0.0)
+    _: KW_ONLY
     centre: Vector = (0.0, 0.0, 0.0)
     name: str = "rigid motion"
 
@@ -48,6 +51,7 @@ class RigidMotion:
             start.set_in_motion(body.body, rates)
 
 
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class StartFrom:
     """Takes the initial positions and directors from another compiled scene of the same bodies.
@@ -64,14 +68,8 @@ class StartFrom:
     """
 
     system: Assembly
+    _: KW_ONLY
     name: str = "start"
-
-    def __post_init__(self) -> None:
-        check(
-            isinstance(self.system, Assembly),
-            f"StartFrom '{self.name}': {type(self.system).__name__} is not a compiled scene; give "
-            "the system of an Equilibrium or a Simulation, or scene.compile().",
-        )
 
     def initialise(self, start: InitialState) -> None:
         """Place all bodies as they are in the other scene."""

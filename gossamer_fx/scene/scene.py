@@ -7,6 +7,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, check, check_on_all
 from gossamer_fx.model.body import Body, BringsCoordinates, is_body
 from gossamer_fx.model.state import InitialState
@@ -46,6 +47,7 @@ class Item(Protocol):
     name: str
 
 
+@check_arguments
 class Scene:
     """The items of a scene and, through them, all that they refer to.
 

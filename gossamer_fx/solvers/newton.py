@@ -105,7 +105,7 @@ class Newton:
         )
         options["snes_linesearch_type"] = "basic"
         snes.setFunction(_weak(self._function), self._F)
-        snes.setMaxLinearSolveFailures(tolerances.iterations)
+        snes.setMaxLinearSolveFailures(tolerances.max_iterations)
         ksp = snes.getKSP()
         self._tangent: Callable[[], PETSc.Mat] = lambda: system.assemble_tangent().A
         self._bordered: linear.Bordered | None = None
@@ -177,7 +177,7 @@ class Newton:
     def _iterate(self) -> None:
         """Newton's iteration from the present x."""
         self._snes.setTolerances(
-            stol=0.0, max_it=self.tolerances.iterations
+            stol=0.0, max_it=self.tolerances.max_iterations
         )  # a small step is no solution
         before = sum(self.seconds.values())
         started = time.perf_counter()
@@ -325,7 +325,7 @@ class Newton:
             self._early = self._forces if iteration == 0 else max(self._early, self._forces)
         if self._forces > EXPLODED * max(self._early, self._limit):
             return int(PETSc.SNES.ConvergedReason.DIVERGED_DTOL)
-        if iteration >= self.tolerances.iterations:
+        if iteration >= self.tolerances.max_iterations:
             return int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT)
         return 0
 
@@ -343,7 +343,7 @@ class Newton:
         enough = forces <= self._limit and (stands or forces <= self._floor or self._works_little())
         balanced = enough or (stands and forces <= self.round_off)
         held = violation <= self.tolerances.constraint
-        return balanced and held and bool((abs(self._s) <= self.tolerances.border).all())
+        return balanced and held and bool((abs(self._s) <= self.tolerances.scalars).all())
 
     def _works_little(self) -> bool:
         """Whether the work of the residual in the step, by which its energy is off, is small."""

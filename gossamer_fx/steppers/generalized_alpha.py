@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
 from petsc4py import PETSc
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.solvers import factorisation
 from gossamer_fx.solvers.failures import NotConverged
@@ -21,6 +22,7 @@ BEGINNING = (
 )
 
 
+@check_arguments
 @dataclass(frozen=True)
 class GeneralizedAlpha:
     """Generalised-α method (Chung & Hulbert, J. Appl. Mech. 60 (1993) 371, doi:10.1115/1.2900803), second order.
@@ -44,6 +46,7 @@ class GeneralizedAlpha:
 
     dt: float
     spectral_radius: float = 0.8
+    _: KW_ONLY
     tolerances: Tolerances = field(default_factory=Tolerances)
 
     def __post_init__(self) -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
 from petsc4py import PETSc
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.solvers.failures import Inadmissible, NotConverged
 from gossamer_fx.solvers.newton import Newton
@@ -20,6 +21,7 @@ from gossamer_fx.terms.discrete_gradient import PathAverage, StressRule
 CAREFUL, PATIENCE = (0, 3, 8, 20), 20
 
 
+@check_arguments
 @dataclass(frozen=True)
 class Midpoint:
     """Implicit midpoint rule with path-averaged stress: second order in `dt` [s].
@@ -35,6 +37,7 @@ class Midpoint:
 
     dt: float
     rule: StressRule = field(default_factory=PathAverage)
+    _: KW_ONLY
     tolerances: Tolerances = field(default_factory=Tolerances)
     subdomains: str | None = None
 

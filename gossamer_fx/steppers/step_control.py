@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.solvers.failures import NotConverged
 from gossamer_fx.steppers.history import History
@@ -18,6 +19,7 @@ from gossamer_fx.system.system import System
 SAFETY = 0.9
 
 
+@check_arguments
 @dataclass(frozen=True)
 class StepControl:
     """Lets steps grow and shrink; the stepper's `dt` is the first.
@@ -32,43 +34,49 @@ class StepControl:
     momenta and masses are conserved for every sequence of steps.
 
     Args:
-        iterations: target of Newton iterations a step.
+        target_iterations: target of Newton iterations a step.
         error: largest local error of a step [m]; none: errors are not looked at.
-        growth: largest ratio of a step to the one before; of film that strikes itself or snaps straight fewer
+        max_factor: largest ratio of a step to the one before; of film that strikes itself or snaps straight fewer
             steps fail with 1.1.
-        cut: smallest ratio, and that after a failure.
-        smallest: step [s] below which the run fails; default 1e-6 dt.
-        largest: [s]; default without limit.
+        min_factor: smallest ratio, and that after a failure.
+        min_step: step [s] below which the run fails; default 1e-6 dt.
+        max_step: [s]; default without limit.
 
     Source: the error constant is that of the trapezoidal rule, Hairer, Nørsett & Wanner, Solving Ordinary Differential
     Equations I (1993) §II.4, which has the choice of the step, too.
     """
 
-    iterations: int = 15
+    _: KW_ONLY
+    target_iterations: int = 15
     error: float | None = None
-    growth: float = 1.5
-    cut: float = 0.5
-    smallest: float | None = None
-    largest: float = math.inf
+    max_factor: float = 1.5
+    min_factor: float = 0.5
+    min_step: float | None = None
+    max_step: float = math.inf
 
     def __post_init__(self) -> None:
         check(
-            self.iterations >= 1,
-            f"StepControl: iterations is {self.iterations!r}; aim at one or more.",
+            self.target_iterations >= 1,
+            f"StepControl: target_iterations is {self.target_iterations!r}; aim at one or more.",
         )
-        for name in ("error", "smallest", "largest"):
+        for name in ("error", "min_step", "max_step"):
             value = getattr(self, name)
             check(
                 value is None or value > 0,
                 f"StepControl: {name} is {value!r}; give a positive number.",
             )
-        check(self.growth >= 1, f"StepControl: growth is {self.growth!r}; give 1 or more.")
-        check(0 < self.cut < 1, f"StepControl: cut is {self.cut!r}; give a number between 0 and 1.")
+        check(
+            self.max_factor >= 1, f"StepControl: max_factor is {self.max_factor!r}; give 1 or more."
+        )
+        check(
+            0 < self.min_factor < 1,
+            f"StepControl: min_factor is {self.min_factor!r}; give a number between 0 and 1.",
+        )
 
     def start(self, system: System, solver: StepSolver, dt: float) -> ControlledSteps:
         check(
-            dt <= self.largest,
-            f"StepControl: largest is {self.largest!r} s, but the first step is {dt!r} s.",
+            dt <= self.max_step,
+            f"StepControl: max_step is {self.max_step!r} s, but the first step is {dt!r} s.",
         )
         return ControlledSteps(self, system, solver, dt)
 
@@ -78,7 +86,7 @@ class ControlledSteps:
 
     def __init__(self, control: StepControl, system: System, solver: StepSolver, dt: float) -> None:
         self._control, self._system, self._solver = control, system, solver
-        self._smallest = control.smallest or 1e-6 * dt
+        self._smallest = control.min_step or 1e-6 * dt
         self.wanted, self.iterations, self.substeps = dt, 0, 0
         self.vectors: dict[str, PETSc.Vec] = {}
         self._estimate: LocalError | None = None
@@ -96,12 +104,12 @@ class ControlledSteps:
         if self._estimate:
             self._history.keep()
             self._estimate.begin()
-        growth = self._control.growth
+        growth = self._control.max_factor
         while True:
             try:
                 iterations = self._solver.step(h)
             except NotConverged as failure:
-                factor, reason = self._control.cut, str(failure)
+                factor, reason = self._control.min_factor, str(failure)
             else:
                 self.iterations += iterations
                 factor = self._factor(iterations, h)
@@ -116,20 +124,20 @@ class ControlledSteps:
             self._estimate.accept()
         proposed = h * min(factor, growth)
         if factor < 1 or proposed > self.wanted:
-            self.wanted = min(proposed, self._control.largest)
+            self.wanted = min(proposed, self._control.max_step)
 
     def _factor(self, iterations: int, h: float) -> float:
         """Of the next step over this one of length h; negative if this one must be made anew, and has been undone."""
         control = self._control
-        factor = control.iterations / max(iterations, 1)
+        factor = control.target_iterations / max(iterations, 1)
         if self._estimate and control.error is not None:
             error = self._estimate(h)
             by_error = SAFETY * (control.error / error) ** (1 / 3) if error > 0 else math.inf
             if error > control.error:
                 self._history.go_back()
-                return -max(by_error, control.cut)
+                return -max(by_error, control.min_factor)
             factor = min(factor, by_error)
-        return max(factor, control.cut)
+        return max(factor, control.min_factor)
 
     def get_state(self) -> dict[str, Any]:
         return {"wanted": self.wanted, "before": self._estimate.before if self._estimate else 0.0}

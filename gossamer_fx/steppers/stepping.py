@@ -24,6 +24,7 @@ class StepSolver(Protocol):
         ...
 
 
+@runtime_checkable
 class Stepper(Protocol):
     """A time stepper: its step, and the rule by which it takes stresses."""
 

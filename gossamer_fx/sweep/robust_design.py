@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from itertools import product
 from typing import Any
 
 import numpy as np
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array
 from gossamer_fx.sweep.orthogonal_arrays import Levels, orthogonal_array
@@ -32,6 +33,7 @@ def signal_to_noise(goal: str, y: Array) -> float:
     return 10 * math.log10(float(y.mean() ** 2 / y.var(ddof=1)))
 
 
+@check_arguments
 @dataclass(frozen=True)
 class RobustDesign:
     """What `./gossamer sweep FILE` runs, the name SWEEP in its file.
@@ -58,6 +60,7 @@ class RobustDesign:
 
     outcome: Outcome
     control: Mapping[str, Sequence[Any]]
+    _: KW_ONLY
     goals: Mapping[str, str]
     noise: Mapping[str, Sequence[Any]] = field(default_factory=dict)
     array: str = "L18"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -27,6 +27,7 @@ class NamedPart(Protocol):
     def terms(self, start: State) -> Iterable[Term]: ...
 
 
+@runtime_checkable
 class Joint(NamedPart, Protocol):
     """A joint of two sides, each a port or a frame."""
 

@@ -22,11 +22,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import ufl
 
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.strain_path import Piece
@@ -48,6 +49,7 @@ class PathEnergy(Protocol):
     def pieces(self) -> Callable[[Expr, Expr], list[Piece]] | None: ...
 
 
+@runtime_checkable
 class StressRule(Protocol):
     """How the stress of a step follows from the strains at its ends."""
 
@@ -65,6 +67,7 @@ class StressRule(Protocol):
         return []
 
 
+@check_arguments
 @dataclass(frozen=True)
 class PathAverage(StressRule):
     """Stress averaged along the straight path in strain space; see the module.
@@ -113,6 +116,7 @@ class PathAverage(StressRule):
         return found
 
 
+@check_arguments
 @dataclass(frozen=True)
 class EndPoint(StressRule):
     """Stress at the end of the step."""

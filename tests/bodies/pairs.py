@@ -33,7 +33,7 @@ class Motion:
 
 def film(motion: Motion, name: str) -> gx.Membrane:
     """Of 1 m, its corner at the origin."""
-    law = gx.Miyazaki(E=1e6, nu=0.3, density=1000.0, thickness=1e-3, residual=1e-3)
+    law = gx.Miyazaki(E=1e6, nu=0.3, density=1000.0, thickness=1e-3, residual_stiffness=1e-3)
     return gx.Membrane(sheet(COMM, 2, 2), law, velocity=motion, name=name)
 
 
@@ -52,12 +52,17 @@ def beam(motion: Motion, name: str) -> gx.Beam:
 def body(motion: Motion, name: str) -> gx.RigidBody:
     centre = np.array([0.1, 0.2, -0.4])
     return gx.RigidBody(
-        2.0, (0.2, 0.3, 0.4), centre, velocity=motion.at(centre), spin=motion.spin, name=name
+        2.0,
+        (0.2, 0.3, 0.4),
+        position=centre,
+        velocity=motion.at(centre),
+        spin=motion.spin,
+        name=name,
     )
 
 
 def mass(motion: Motion, name: str) -> gx.PointMass:
-    return gx.PointMass(0.7, (0.0, 0.0, 0.0), tuple(motion.velocity), name=name)
+    return gx.PointMass(0.7, (0.0, 0.0, 0.0), velocity=tuple(motion.velocity), name=name)
 
 
 BODIES: dict[str, Callable[[Motion, str], Any]] = {
@@ -102,7 +107,7 @@ def joint(kind: str, a: Any, b: Any) -> Any:
         "prismatic": gx.constraints.PrismaticJoint,
         "cylindrical": gx.constraints.CylindricalJoint,
     }
-    return kinds[kind](full, other, AXIS)
+    return kinds[kind](full, other, axis=AXIS)
 
 
 # ---- what may act on a body; `loose` is a mass at rest nearby, so that the motion is no rigid one ----------------
@@ -119,11 +124,11 @@ def spring(item: Any, loose: gx.PointMass) -> list:
 
 
 def damper(item: Any, loose: gx.PointMass) -> list:
-    return [gx.connectors.Damper(port(item), loose.port(), coefficient=0.5)]
+    return [gx.connectors.Damper(port(item), loose.port(), damping=0.5)]
 
 
 def stop(item: Any, loose: gx.PointMass) -> list:
-    return [gx.connectors.Stop(port(item), loose.port(), distance=0.95, stiffness=300.0)]
+    return [gx.connectors.Stop(port(item), loose.port(), length=0.95, stiffness=300.0)]
 
 
 def rope(item: Any, loose: gx.PointMass) -> list:
@@ -134,7 +139,9 @@ def tape(item: Any, loose: gx.PointMass) -> list:
     if not isinstance(item, gx.Membrane):
         return []
     law = gx.TensionOnly(EA=200.0, line_density=0.1)
-    return [gx.connectors.Tape.through(item, law, [(0, 0.3, 0), (1, 0.8, 0)], bars=3)]
+    return [
+        gx.connectors.Tape.through(item, law, points=[(0, 0.3, 0), (1, 0.8, 0)], bars_per_segment=3)
+    ]
 
 
 def control(item: Any, loose: gx.PointMass) -> list:
@@ -149,7 +156,9 @@ def control(item: Any, loose: gx.PointMass) -> list:
         axes = gx.control.patch(item.port_at((0.5, 0.5, 0)), corners)
     else:
         axes = frame(item)
-    return [gx.control.AttitudeControl(axes, (0.1, 0.0, 0.2), 0.02, 1e-4, period=0.02)]
+    return [
+        gx.control.AttitudeControl(axes, (0.1, 0.0, 0.2), stiffness=0.02, damping=1e-4, period=0.02)
+    ]
 
 
 def weight(item: Any, loose: gx.PointMass) -> list:
@@ -167,8 +176,8 @@ EXTERNAL = {"control": control, "weight": weight, "push": push}
 def hinge_parts(a: Any, b: Any) -> list:
     """What turns or brakes a hinge of two rigid bodies."""
     return [
-        gx.connectors.TorsionSpring(frame(a), frame(b), AXIS, stiffness=2.0, rest=0.4),
-        gx.connectors.TorsionDamper(frame(a), frame(b), AXIS, coefficient=0.2),
+        gx.connectors.TorsionSpring(frame(a), frame(b), axis=AXIS, stiffness=2.0, rest_angle=0.4),
+        gx.connectors.TorsionDamper(frame(a), frame(b), axis=AXIS, damping=0.2),
     ]
 
 

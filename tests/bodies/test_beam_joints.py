@@ -82,7 +82,7 @@ def tip(parts: int, load: tuple[float, float, float]) -> np.ndarray:
         for k, (a, b) in enumerate(pairwise(ends))
     ]
     joints = [
-        gx.constraints.FixedJoint(one.frame("end"), two.frame("start"), f"joint {k}")
+        gx.constraints.FixedJoint(one.frame("end"), two.frame("start"), name=f"joint {k}")
         for k, (one, two) in enumerate(pairwise(beams))
     ]
     port = beams[-1].port("end")
@@ -120,11 +120,11 @@ def test_hinges_on_sections_take_any_axis(axis: tuple[float, float, float], seco
     else:
         inertia = (0.02, 0.03, 0.04)
         frame = gx.RigidBody(
-            0.5, inertia, centre, velocity=MOTION.at(centre), spin=MOTION.spin
+            0.5, inertia, position=centre, velocity=MOTION.at(centre), spin=MOTION.spin
         ).frame_at((0, 0, 0))
     sides = one.frame("start"), frame
-    spiral = gx.connectors.TorsionSpring(*sides, axis, stiffness=0.1, rest=0.5)
-    scene = gx.Scene(gx.constraints.RevoluteJoint(*sides, axis), spiral, pulled(one))
+    spiral = gx.connectors.TorsionSpring(*sides, axis=axis, stiffness=0.1, rest_angle=0.5)
+    scene = gx.Scene(gx.constraints.RevoluteJoint(*sides, axis=axis), spiral, pulled(one))
     first = [triad(gx.Simulation(scene, gx.Midpoint(dt=DT)), side) for side in sides]
     run = conserves(scene)
     turned = [triad(run, side).T @ before for side, before in zip(sides, first, strict=True)]
@@ -139,7 +139,9 @@ def test_a_beam_slides_along_a_beam() -> None:
         arm("one", (-1.0, 0.0, 0.0), velocity=MOTION),
         arm("two", (0.2, 1.0, 0.1), velocity=MOTION),
     )
-    joint = gx.constraints.PrismaticJoint(one.frame("start"), two.frame("start"), (0.4, 0.5, -0.3))
+    joint = gx.constraints.PrismaticJoint(
+        one.frame("start"), two.frame("start"), axis=(0.4, 0.5, -0.3)
+    )
     run = conserves(gx.Scene(joint, pulled(one)))
     a, b = run.system.state.vectors([one.port("start"), two.port("start")])
     assert np.linalg.norm(a - b) > 0.01
@@ -150,9 +152,11 @@ def test_all_that_meets_at_a_section_shares_its_normal() -> None:
     """A hinge with spring and damper, about an axis oblique to the sections of both beams: two bodies are added."""
     one, two, axis = arm("one", (-1.0, 0.0, 0.0)), arm("two", (0.2, 1.0, 0.1)), (0.4, 0.5, -0.3)
     scene = gx.Scene(
-        gx.constraints.RevoluteJoint(one.frame("start"), two.frame("start"), axis),
-        gx.connectors.TorsionSpring(one.frame("start"), two.frame("start"), axis, stiffness=0.1),
-        gx.connectors.TorsionDamper(one.frame("start"), two.frame("start"), axis, coefficient=0.1),
+        gx.constraints.RevoluteJoint(one.frame("start"), two.frame("start"), axis=axis),
+        gx.connectors.TorsionSpring(
+            one.frame("start"), two.frame("start"), axis=axis, stiffness=0.1
+        ),
+        gx.connectors.TorsionDamper(one.frame("start"), two.frame("start"), axis=axis, damping=0.1),
     )
     assert sorted(body.name for body in scene.bodies) == [
         "frame of one/start",

@@ -1,4 +1,14 @@
-"""Cables against closed forms (REFERENCES D09 b, D12 c and d, D17 a)."""
+"""Cables against closed forms.
+
+Sources:
+    spinning loop     balance of a polygon of bars with consistent mass; λ² = 1 + 2 μ Ω² R²/EA of the circle
+    elastic catenary  H. M. Irvine, Cable Structures (1981), chapter 2, with N = EA λ (λ² - 1)/2 for EA (λ - 1)
+    hanging cable     ω √(L/g) = half the zeros of J0 (D. Bernoulli): G. N. Watson, A Treatise on the Theory of Bessel
+                      Functions, 2nd ed. (1944), chapter 1; with a tip mass the zeros of the corresponding combination
+                      of J0, J1, Y0 and Y1
+    spinning cable    (T(x) w')' + μ ω² w = 0 with the tension T = μ Ω² (R² - x²)/2: Legendre's equation, whose
+                      eigenvalues are (ω/Ω)² = n (2 n - 1) for a hub of radius zero; for a hub of 0.2 L by quadrature
+"""
 
 from __future__ import annotations
 

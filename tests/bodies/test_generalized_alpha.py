@@ -19,7 +19,8 @@ def oscillator(stepper: gx.GeneralizedAlpha) -> float:
     """Error of x at t = 1 s of x'' = -100 x, from x = 1 at rest."""
     mass = gx.PointMass(1.0, (1.0, 0.0, 0.0))
     run = gx.Simulation(
-        gx.Scene(mass, gx.connectors.AxialSpring(mass.port(), 100.0, (1.0, 0.0, 0.0))), stepper
+        gx.Scene(mass, gx.connectors.AxialSpring(mass.port(), 100.0, direction=(1.0, 0.0, 0.0))),
+        stepper,
     )
     run.run(until=1.0)
     return abs(float(run.system.q0.array_r[0]) - np.cos(10.0))
@@ -36,8 +37,8 @@ def physical_pendulum(stepper: gx.GeneralizedAlpha) -> float:
     exact = 2 * np.arcsin(k * ellipj(ellipk(k**2) - ω, k**2)[0])
     e = np.array([np.sin(1.0), -np.cos(1.0), 0.0])
     attitude = np.array([e, np.cross([0, 0, 1], e), [0, 0, 1]]).T
-    rod = gx.RigidBody(1.0, np.full(3, 1 / 12), e / 2, attitude=attitude)
-    hinge = gx.constraints.RevoluteJoint(rod.frame((-0.5, 0, 0)), gx.ground_frame(), (0, 0, 1))
+    rod = gx.RigidBody(1.0, np.full(3, 1 / 12), position=e / 2, attitude=attitude)
+    hinge = gx.constraints.RevoluteJoint(rod.frame((-0.5, 0, 0)), gx.ground_frame(), axis=(0, 0, 1))
     run = gx.Simulation(gx.Scene(hinge, gx.Gravity(rod, (0, -9.81, 0))), stepper)
     run.run(until=1.0)
     assert run.system.constraints is not None
@@ -51,13 +52,13 @@ def blown_piston(stepper: gx.GeneralizedAlpha) -> float:
     gas = gx.IdealGas(gamma=1.4, R=287.0)
     mass = gx.PointMass(0.5, (0.0, 0.0, 0.0))
     bag = gx.Chamber(
-        gx.gas.Piston(mass.port(), 0.01, (1.0, 0.0, 0.0)),
+        gx.gas.Piston(mass.port(), 0.01, direction=(1.0, 0.0, 0.0)),
         gas=gas,
         pressure=1e3,
         temperature=300.0,
         dead_volume=1e-3,
     )
-    spring = gx.connectors.AxialSpring(mass.port(), 2000.0, (1.0, 0.0, 0.0))
+    spring = gx.connectors.AxialSpring(mass.port(), 2000.0, direction=(1.0, 0.0, 0.0))
     run = gx.Simulation(
         gx.Scene(bag, spring, gx.Orifice(gx.gas.Reservoir(1e5, 300.0), bag, area=2e-5)), stepper
     )
@@ -74,8 +75,8 @@ def test_second_order(problem, radius: float) -> None:
 
 def test_starts_with_the_forces_of_dampers_and_constraints() -> None:
     """v' = -c v/m: one step has the error of the rule, some h², not that of an acceleration that begins at zero."""
-    mass = gx.PointMass(2.0, (1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
-    damper = gx.connectors.Damper(mass.port(), gx.Ground((0.0, 0.0, 0.0)), 20.0)
+    mass = gx.PointMass(2.0, (1.0, 0.0, 0.0), velocity=(1.0, 0.0, 0.0))
+    damper = gx.connectors.Damper(mass.port(), gx.Ground((0.0, 0.0, 0.0)), damping=20.0)
     run = gx.Simulation(gx.Scene(mass, damper), gx.GeneralizedAlpha(dt=0.01))
     run.run(until=0.01)
     assert run.totals.momentum[0] / 2.0 == pytest.approx(np.exp(-10.0 * 0.01), abs=5e-3)
@@ -83,7 +84,7 @@ def test_starts_with_the_forces_of_dampers_and_constraints() -> None:
 
 def fluttering(stepper) -> float:
     """Closing error of the ledger of a spinning, fluttering film after 0.1 s."""
-    law = gx.Miyazaki(E=1e7, nu=0.3, density=1400.0, thickness=1e-4, residual=1e-3)
+    law = gx.Miyazaki(E=1e7, nu=0.3, density=1400.0, thickness=1e-4, residual_stiffness=1e-3)
     film = gx.Membrane(
         sheet(COMM, 4, 4),
         law,

@@ -1,4 +1,10 @@
-"""Impacts on stops: penalty contact of rigid bodies, and a bar on a wall (REFERENCES D13)."""
+"""Impacts on stops: penalty contact of rigid bodies, and bars on a wall and on each other.
+
+Sources:
+    rigid bodies on a linear spring    half an oscillation of the reduced mass: π √(m/k), V √(m/k)
+    elastic bars    Saint-Venant's waves of the speed c = √(E/ρ): W. Goldsmith, Impact (1960), chapter 3; K. L. Johnson,
+        Contact Mechanics (1985), § 11.1, doi:10.1017/CBO9781139171731
+"""
 
 from __future__ import annotations
 
@@ -18,10 +24,16 @@ RADIUS, STIFFNESS = 0.1, 1e4
 def collision(offset: float, dt: float) -> gx.Simulation:
     """A ball of 1 kg at 2 m/s towards one of 3 kg at rest, with a gap of 1 mm; centres `offset` off the line."""
     first = gx.RigidBody(
-        1.0, np.full(3, 0.004), (-2 * RADIUS - 1e-3, 0, 0), velocity=(2, 0, 0), name="first"
+        1.0,
+        np.full(3, 0.004),
+        position=(-2 * RADIUS - 1e-3, 0, 0),
+        velocity=(2, 0, 0),
+        name="first",
     )
-    second = gx.RigidBody(3.0, np.full(3, 0.012), (0, offset, 0), spin=(0, 0, 3), name="second")
-    stop = gx.connectors.Stop(first.port(), second.port(), distance=2 * RADIUS, stiffness=STIFFNESS)
+    second = gx.RigidBody(
+        3.0, np.full(3, 0.012), position=(0, offset, 0), spin=(0, 0, 3), name="second"
+    )
+    stop = gx.connectors.Stop(first.port(), second.port(), length=2 * RADIUS, stiffness=STIFFNESS)
     return gx.Simulation(gx.Scene(stop), gx.Midpoint(dt=dt, tolerances=TIGHT))
 
 
@@ -85,7 +97,7 @@ def test_bar_on_a_wall() -> None:
     """2L/c in contact at the mean stress ρcV, then rebound with -V; V = 1 m/s."""
     hit = bar(0.0, -1.0)
     wall = gx.connectors.Stop(
-        hit.port("start"), gx.Ground((-1 - GAP, 0, 0)), distance=1.0, stiffness=ELEMENT
+        hit.port("start"), gx.Ground((-1 - GAP, 0, 0)), length=1.0, stiffness=ELEMENT
     )
     run = gx.Simulation(gx.Scene(wall), gx.Midpoint(dt=L / C / N / 2))
     duration = contact(run, lambda: run.system.q0.array_r[0] < -GAP)
@@ -104,7 +116,7 @@ def test_two_bars_exchange_their_velocities() -> None:
     """
     rod = 0.1
     one, two = bar(-L - rod / 2, 2.0, "one"), bar(rod / 2 + GAP, 0.0, "two")
-    stop = gx.connectors.Stop(one.port("end"), two.port("start"), distance=rod, stiffness=ELEMENT)
+    stop = gx.connectors.Stop(one.port("end"), two.port("start"), length=rod, stiffness=ELEMENT)
     run = gx.Simulation(gx.Scene(stop), gx.Midpoint(dt=L / C / N / 2, tolerances=TIGHT))
     ends = one.port("end"), two.port("start")
 

@@ -18,9 +18,10 @@ SPIN = (0.0, 0.0, 5.0)
 def dumbbell() -> tuple[gx.Beam, gx.RigidBody, gx.PointMass, list]:
     """A soft beam between a rigid body and a point mass."""
     beam = gx.Beam(
-        line(COMM, [(-1, 0, 0), (1, 0, 0)], 4), gx.sections.solid_circle(0.01, 1e7, 0.3, 1000.0)
+        line(COMM, [(-1, 0, 0), (1, 0, 0)], 4),
+        gx.sections.solid_circle(0.01, E=1e7, nu=0.3, density=1000.0),
     )
-    hub = gx.RigidBody(0.5, (0.01, 0.01, 0.01), (-1, 0, 0), name="hub")
+    hub = gx.RigidBody(0.5, (0.01, 0.01, 0.01), position=(-1, 0, 0), name="hub")
     tip = gx.PointMass(0.5, (1, 0, 0), name="tip")
     joints = [
         gx.constraints.FixedJoint(hub.frame(), beam.frame("start")),
@@ -80,11 +81,13 @@ def test_a_function_of_the_start_is_asked_once() -> None:
         asked.append(len(x))
         return 1e-3 * random.standard_normal(x.shape)
 
-    film = gx.Membrane(sheet(COMM, 4, 4), gx.Linear(1e9, 0.3, 1e3, 1e-4), displacement=rough)
+    film = gx.Membrane(
+        sheet(COMM, 4, 4), gx.Linear(1e9, 0.3, density=1e3, thickness=1e-4), displacement=rough
+    )
     places = [(x, 0.5, 0.0) for x in (0.25, 0.5, 0.75)]
     gx.Scene(
         *(
-            gx.constraints.Link(film.port_at(x), gx.Ground((0.0, 0.0, 1.0)), f"link {x}")
+            gx.constraints.Link(film.port_at(x), gx.Ground((0.0, 0.0, 1.0)), name=f"link {x}")
             for x in places
         )
     ).compile()

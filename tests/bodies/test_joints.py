@@ -20,7 +20,7 @@ SECTION = gx.sections.solid_circle(0.02, E=1e8, nu=0.3, density=1000.0)
 def body(
     name: str = "body", position: tuple[float, float, float] = (0.0, 0.0, 0.0), **more
 ) -> gx.RigidBody:
-    return gx.RigidBody(1.0, (1.0, 1.0, 1.0), position, name=name, **more)
+    return gx.RigidBody(1.0, (1.0, 1.0, 1.0), position=position, name=name, **more)
 
 
 def film() -> gx.Membrane:
@@ -36,7 +36,8 @@ def beams() -> tuple[gx.Beam, gx.Beam]:
 def clamped_twice() -> gx.Scene:
     one, two = (beam.frame("start") for beam in beams())
     return gx.Scene(
-        gx.constraints.FixedJoint(one, two, "clamp"), gx.constraints.FixedJoint(one, two, "again")
+        gx.constraints.FixedJoint(one, two, name="clamp"),
+        gx.constraints.FixedJoint(one, two, name="again"),
     )
 
 
@@ -75,7 +76,7 @@ REFUSED = [
     ),
     (lambda: clamped_twice().compile(), r"6 of the constraints 'again.* follow from the others"),
     (
-        lambda: gx.constraints.RevoluteJoint(body().frame(), gx.ground_frame(), (0, 0, 0)),
+        lambda: gx.constraints.RevoluteJoint(body().frame(), gx.ground_frame(), axis=(0, 0, 0)),
         "axis has no length",
     ),
     (
@@ -88,7 +89,7 @@ REFUSED = [
     (
         lambda: scene_of(
             gx.constraints.PrismaticJoint(
-                body("a").frame(), body("b", (0, 0, 1)).frame(), (1, 0, 0)
+                body("a").frame(), body("b", (0, 0, 1)).frame(), axis=(1, 0, 0)
             )
         ),
         "off the axis",
@@ -100,10 +101,8 @@ REFUSED = [
         "stiffness is -1.0",
     ),
     (
-        lambda: gx.connectors.Stop(
-            body().port(), gx.Ground((0, 0, 0)), distance=0.0, stiffness=1.0
-        ),
-        "distance is 0.0",
+        lambda: gx.connectors.Stop(body().port(), gx.Ground((0, 0, 0)), length=0.0, stiffness=1.0),
+        "length is 0.0",
     ),
 ]
 
@@ -145,9 +144,9 @@ def four_bars(balls: bool) -> gx.Scene:
     joints: list = []
     for k, (one, other) in enumerate(sides):
         if balls and k in (1, 2):
-            joints.append(gx.constraints.BallJoint(one.origin, other.origin, f"ball {k}"))
+            joints.append(gx.constraints.BallJoint(one.origin, other.origin, name=f"ball {k}"))
         else:
-            joints.append(gx.constraints.RevoluteJoint(one, other, (0, 0, 1), f"pin {k}"))
+            joints.append(gx.constraints.RevoluteJoint(one, other, axis=(0, 0, 1), name=f"pin {k}"))
     return gx.Scene(*joints)
 
 
@@ -172,20 +171,23 @@ def test_closed_loop_is_solved() -> None:
 
 def joined(comm: MPI.Comm) -> list[float]:
     """Film, beam, rigid body, cable and mass, joined across whatever ranks they live on: figures after 20 steps."""
-    film = gx.Membrane(sheet(comm, 3, 3), gx.Miyazaki(1e6, 0.3, 1000.0, 1e-3, residual=1e-3))
+    film = gx.Membrane(
+        sheet(comm, 3, 3),
+        gx.Miyazaki(1e6, 0.3, density=1000.0, thickness=1e-3, residual_stiffness=1e-3),
+    )
     beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 2), SECTION)
-    hub = gx.RigidBody(1.0, (0.1, 0.1, 0.1), (1.2, 0, 0), comm=comm, name="hub")
+    hub = gx.RigidBody(1.0, (0.1, 0.1, 0.1), position=(1.2, 0, 0), comm=comm, name="hub")
     cable = gx.Cable(line(comm, [(1.2, 0, 0), (1.2, 0, -1)], 4), gx.CableLaw(1e3, 0.5))
     mass = gx.PointMass(0.5, (1.2, 0, -1.3), comm=comm)
     branch = gx.Beam(line(comm, [(1, 0, 0), (1.5, 0.5, 0)], 2), SECTION, name="branch")
     scene = gx.Scene(
         gx.constraints.BallJoint(
-            film.port_at((0.4, 0.0, 0.0)), beam.port_at((0.4, 0.0, 0.0)), "tie"
+            film.port_at((0.4, 0.0, 0.0)), beam.port_at((0.4, 0.0, 0.0)), name="tie"
         ),
-        gx.constraints.BallJoint(film.port("bottom left"), beam.port("start"), "corner"),
-        gx.constraints.FixedJoint(hub.frame_at((1, 0, 0)), beam.frame("end"), "clamp"),
-        gx.constraints.FixedJoint(beam.frame("end"), branch.frame("start"), "fork"),
-        gx.constraints.BallJoint(cable.port("start"), hub.port(), "hook"),
+        gx.constraints.BallJoint(film.port("bottom left"), beam.port("start"), name="corner"),
+        gx.constraints.FixedJoint(hub.frame_at((1, 0, 0)), beam.frame("end"), name="clamp"),
+        gx.constraints.FixedJoint(beam.frame("end"), branch.frame("start"), name="fork"),
+        gx.constraints.BallJoint(cable.port("start"), hub.port(), name="hook"),
         gx.connectors.Rope(cable.port("end"), mass.port(), length=0.2, stiffness=500.0),
         gx.Gravity(mass),
         gx.Gravity(hub),
@@ -207,14 +209,14 @@ def test_joints_across_ranks() -> None:
 def test_a_screw_on_its_axis() -> None:
     """A cylindrical joint lets a body slide along and turn about its axis only: s = F t²/2m, φ = M t²/2I."""
     axis = np.array([1.0, 2.0, 2.0]) / 3
-    bolt = gx.RigidBody(2.0, (0.3, 0.3, 0.3), (0.5, 1.0, 1.0), name="bolt")
+    bolt = gx.RigidBody(2.0, (0.3, 0.3, 0.3), position=(0.5, 1.0, 1.0), name="bolt")
     push = gx.loads.Force(
         bolt.port(), tuple(0.8 * axis + 5.0 * np.array([2.0, -1.0, 0.0])), name="push"
     )
     turn = gx.loads.Torque(
         bolt.frame(), tuple(0.06 * axis + 2.0 * np.array([2.0, -1.0, 0.0])), name="turn"
     )
-    joint = gx.constraints.CylindricalJoint(gx.ground_frame(), bolt.frame(), tuple(axis))
+    joint = gx.constraints.CylindricalJoint(gx.ground_frame(), bolt.frame(), axis=tuple(axis))
     run = gx.Simulation(gx.Scene(joint, push, turn), gx.Midpoint(dt=1e-3))
     run.run(until=0.5)
     x, *directors = run.system.q0.array_r[:12].reshape(4, 3)

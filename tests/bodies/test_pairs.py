@@ -50,7 +50,7 @@ DISTANCES = {
     "link": lambda p, q: gx.constraints.Link(p, q),
     "spring": lambda p, q: gx.connectors.Spring(p, q, stiffness=200.0, length=0.3),
     "rope": lambda p, q: gx.connectors.Rope(p, q, length=0.6, stiffness=500.0),
-    "stop": lambda p, q: gx.connectors.Stop(p, q, distance=0.5, stiffness=500.0),
+    "stop": lambda p, q: gx.connectors.Stop(p, q, length=0.5, stiffness=500.0),
 }
 
 
@@ -62,7 +62,7 @@ def test_pair_at_a_distance(name: str, kind: str, numbers: tuple[float, ...]) ->
     motion = Motion(numbers)
     item = BODIES[name](motion, name)
     place = np.array([0.3, 0.4, 0.2])
-    other = gx.PointMass(0.5, tuple(place), motion.at(place), name="other")
+    other = gx.PointMass(0.5, tuple(place), velocity=motion.at(place), name="other")
     conserves(
         gx.Scene(item, DISTANCES[kind](port(item), other.port()), *spring(item, loose_mass()))
     )
@@ -108,12 +108,14 @@ def test_many_random_scenes(case: tuple[gx.Scene, bool, bool]) -> None:
 def test_hinge_with_torsional_spring(axis: tuple[float, float, float], angle: float) -> None:
     motion = Motion((0.0, 0.0, 0.0, 1.0, 2.0, 0.5))
     a, b = (BODIES["body"](motion, name) for name in ("first", "second"))
-    spiral = gx.connectors.TorsionSpring(frame(a), frame(b), axis, stiffness=2.0, rest=angle)
+    spiral = gx.connectors.TorsionSpring(
+        frame(a), frame(b), axis=axis, stiffness=2.0, rest_angle=angle
+    )
     conserves(
         gx.Scene(
             a,
             b,
-            gx.constraints.RevoluteJoint(frame(a), frame(b), axis),
+            gx.constraints.RevoluteJoint(frame(a), frame(b), axis=axis),
             spiral,
             *spring(a, loose_mass()),
         )
@@ -127,9 +129,9 @@ def test_dampers_lose_what_is_booked() -> None:
     scene = gx.Scene(
         a,
         b,
-        gx.constraints.RevoluteJoint(frame(a), frame(b), AXIS),
-        gx.connectors.TorsionDamper(frame(a), frame(b), AXIS, coefficient=0.5),
-        gx.connectors.Damper(port(b), loose.port(), coefficient=0.5),
+        gx.constraints.RevoluteJoint(frame(a), frame(b), axis=AXIS),
+        gx.connectors.TorsionDamper(frame(a), frame(b), axis=AXIS, damping=0.5),
+        gx.connectors.Damper(port(b), loose.port(), damping=0.5),
         *spring(a, loose),
     )
     run = gx.Simulation(scene, gx.Midpoint(dt=DT, tolerances=gx.Tolerances(relative=1e-12)))

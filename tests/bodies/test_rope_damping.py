@@ -15,7 +15,9 @@ K, C, MASS, L = 400.0, 1.0, 0.5, 1.0
 
 def scene(x, v, *more, damping=C):
     mass = gx.PointMass(MASS, (x, 0.0, 0.0), velocity=(v, 0.0, 0.0))
-    rope = gx.connectors.Rope(gx.Ground((0.0, 0.0, 0.0)), mass.port(), L, K, damping=damping)
+    rope = gx.connectors.Rope(
+        gx.Ground((0.0, 0.0, 0.0)), mass.port(), length=L, stiffness=K, damping=damping
+    )
     return gx.Scene(mass, rope, *[make(mass) for make in more]), mass
 
 
@@ -32,7 +34,7 @@ def test_a_slack_rope_is_free_and_a_plain_damper_is_not():
     damped, mass = scene(
         0.2,
         0.5,
-        lambda m: gx.connectors.Damper(gx.Ground((0.0, 0.0, 0.0)), m.port(), C),
+        lambda m: gx.connectors.Damper(gx.Ground((0.0, 0.0, 0.0)), m.port(), damping=C),
         damping=0.0,
     )
     run = gx.Simulation(damped, gx.Midpoint(dt=1e-2))

@@ -1,4 +1,8 @@
-"""Tapes on films (REFERENCES D17 b), and their mass and conservation."""
+"""Tapes on films against a closed form, and their mass and conservation.
+
+A strip of film with a tape of the same strain, free to contract, has one stress in each, so that the force is that of
+two bars of St. Venant-Kirchhoff's law side by side: N = λ (E1 t b + E2 A2)(λ² - 1)/2.
+"""
 
 from __future__ import annotations
 
@@ -21,12 +25,14 @@ def strip(order: int, **more) -> gx.Membrane:
 
 
 def on_edge(film: gx.Membrane) -> gx.connectors.Tape:
-    return gx.connectors.Tape.along_edges(film, TAPE, "bottom")
+    return gx.connectors.Tape.along_edges(film, TAPE, edges="bottom")
 
 
 def across(film: gx.Membrane) -> gx.connectors.Tape:
     """Not on the edges of the mesh."""
-    return gx.connectors.Tape.through(film, TAPE, [(0, 0.03, 0), (LENGTH, 0.03, 0)], bars=7)
+    return gx.connectors.Tape.through(
+        film, TAPE, points=[(0, 0.03, 0), (LENGTH, 0.03, 0)], bars_per_segment=7
+    )
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -39,9 +45,9 @@ def test_strip_and_tape_share_the_force(tape, order: int) -> None:
         displacement=lambda x: np.vstack([(STRETCH - 1) * x[0], contraction * x[1], 0 * x[2]]),
     )
     ends = [
-        gx.Fixed(film, "left", (0, 2)),
-        gx.Fixed(film, "right", (0, 2)),
-        gx.Fixed(film, "bottom left", (1,)),
+        gx.Fixed(film, "left", components=(0, 2)),
+        gx.Fixed(film, "right", components=(0, 2)),
+        gx.Fixed(film, "bottom left", components=(1,)),
     ]
     statics = Equilibrium(gx.Scene(tape(film), *ends))
     statics.find()

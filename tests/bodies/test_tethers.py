@@ -29,7 +29,7 @@ def length_of(run: gx.Simulation) -> float:
 @pytest.mark.mpi
 def test_a_brake_stops_a_mass_as_friction_does() -> None:
     """It pulls with B from where the tether is stretched by B/k: the rest of ½ m v² is lost on the way."""
-    run, mass = flying(1.2, length=L, brake=BRAKE)
+    run, mass = flying(1.2, length=L, brake_force=BRAKE)
     run.run(until=0.45)
     kinetic, elastic = MASS * 1.2**2 / 2, BRAKE**2 / 2 / K
     paid = (kinetic - elastic) / BRAKE
@@ -45,7 +45,7 @@ def test_a_brake_stops_a_mass_as_friction_does() -> None:
 
 @pytest.mark.mpi
 def test_an_empty_reel_holds() -> None:
-    run, mass = flying(3.0, length=L, brake=BRAKE, most=1.2)
+    run, mass = flying(3.0, length=L, brake_force=BRAKE, total_length=1.2)
     run.run(until=0.25)
     assert length_of(run) == pytest.approx(1.2, abs=1e-12)
     assert (
@@ -66,7 +66,10 @@ def test_a_whirling_mass_is_paid_out_and_keeps_its_angular_momentum() -> None:
     start = L - tension / K
     mass = gx.PointMass(MASS, (L, 0.0, 0.0), velocity=(0.0, ω * L, 0.0))
     tether = gx.connectors.Tether(
-        gx.Ground((0, 0, 0)), mass.port(), lambda t: start + 0.25 * t**2 * (3 - 2 * t), K
+        gx.Ground((0, 0, 0)),
+        mass.port(),
+        length=lambda t: start + 0.25 * t**2 * (3 - 2 * t),
+        stiffness=K,
     )
     run = gx.Simulation(gx.Scene(mass, tether), gx.Midpoint(dt=2e-2))
     run.run(until=1.0)
@@ -78,7 +81,7 @@ def test_a_whirling_mass_is_paid_out_and_keeps_its_angular_momentum() -> None:
 
 
 def test_the_tangent_of_a_tether_is_the_derivative() -> None:
-    run, _ = flying(3.0, length=L, brake=BRAKE, most=1.5)
+    run, _ = flying(3.0, length=L, brake_force=BRAKE, total_length=1.5)
     ropes = next(c for c in run.system.compiled if isinstance(c, PaidOutRopes))
     δ = 1e-7
     for l0 in (0.9, 1.003, 1.005):
@@ -95,8 +98,8 @@ def test_a_driven_hub_keeps_its_rate_and_books_the_work_of_its_motor(comm) -> No
     """A mass on a rope comes up to the hub's rate or swings about it; what it gains is supplied."""
     hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="hub")
     mass = gx.PointMass(MASS, (1.0, 0.0, 0.0))
-    rope = gx.connectors.Rope(hub.port((0.2, 0.0, 0.0)), mass.port(), 0.8, K)
-    motor = gx.constraints.Driven(hub, (0, 0, 1), lambda t: 3.0 * t)
+    rope = gx.connectors.Rope(hub.port((0.2, 0.0, 0.0)), mass.port(), length=0.8, stiffness=K)
+    motor = gx.constraints.Driven(hub, (0, 0, 1), angle=lambda t: 3.0 * t)
     spin = gx.RigidMotion(spin=(0.0, 0.0, 3.0))
     run = gx.Simulation(gx.Scene(hub, mass, rope, motor, spin), gx.Midpoint(dt=5e-3))
     run.run(until=0.2)
@@ -120,10 +123,10 @@ def test_masses_on_a_film_count_in_its_spin_and_weight(comm) -> None:
     run = gx.Simulation(scene, gx.Midpoint(dt=1e-3))
     assert gx.probes.MeanSpin(film, "z")(run) == pytest.approx(4.0, rel=1e-12)
     x, y = (gx.probes.Position(corner, axis)(run) for axis in "xy")
-    assert gx.probes.PolarPosition(corner, hub.frame(), "radius")(run) == pytest.approx(
+    assert gx.probes.PolarPosition(corner, hub.frame(), quantity="radius")(run) == pytest.approx(
         math.hypot(x, y), rel=1e-12
     )
-    assert gx.probes.PolarPosition(corner, hub.frame(), "angle")(run) == pytest.approx(
+    assert gx.probes.PolarPosition(corner, hub.frame(), quantity="angle")(run) == pytest.approx(
         math.atan2(y, x), rel=1e-12
     )
     run.run(until=5e-3)
@@ -137,12 +140,12 @@ def test_slack_film_is_free_of_damping_in_tension_only(comm, tension_only: bool)
     """A film that is pressed together flies apart: its slack strain rate is damped by the one, not by the other."""
     film = gx.Membrane(
         sheet(comm, 2, 2, 0.2, 0.2),
-        KAPTON_HN.law(25e-6, residual=0.0),
+        KAPTON_HN.law(25e-6, residual_stiffness=0.0),
         displacement=lambda X: -0.2 * X,
         velocity=lambda X: X,
     )
     run = gx.Simulation(
-        gx.Scene(film, gx.Damping(film, stiffness=1e-5, tension_only=tension_only)),
+        gx.Scene(film, gx.Damping(film, stiffness_factor=1e-5, tension_only=tension_only)),
         gx.Midpoint(dt=1e-3),
     )
     run.run(until=0.01)
@@ -163,7 +166,7 @@ def test_taut_film_is_damped_in_tension_only_as_elsewhere(comm) -> None:
             velocity=lambda X: 0.5 * X,
         )
         held = [gx.Fixed(film, side) for side in ("left", "right", "top", "bottom")]
-        damping = gx.Damping(film, stiffness=1e-6, tension_only=tension_only)
+        damping = gx.Damping(film, stiffness_factor=1e-6, tension_only=tension_only)
         run = gx.Simulation(gx.Scene(film, *held, damping), gx.Midpoint(dt=1e-6))
         run.run(until=1e-5)
         lost.append(run.totals.dissipated)
@@ -185,10 +188,14 @@ def test_a_bundle_is_its_ropes(comm) -> None:
             for side, x in (("left", -0.1), ("right", 0.3))
         ]
         if bundled:
-            ropes = [gx.connectors.RopeBundle(ends, [0.1, 0.1], 50.0, 0.01)]
+            ropes = [
+                gx.connectors.RopeBundle(ends, lengths=[0.1, 0.1], stiffness=50.0, damping=0.01)
+            ]
         else:
             ropes = [
-                gx.connectors.Rope(*pair, 0.1, 50.0, name=f"rope {k}", damping=0.01)
+                gx.connectors.Rope(
+                    *pair, length=0.1, stiffness=50.0, name=f"rope {k}", damping=0.01
+                )
                 for k, pair in enumerate(ends)
             ]
         run = gx.Simulation(gx.Scene(film, *ropes), gx.Midpoint(dt=1e-3))
@@ -199,7 +206,9 @@ def test_a_bundle_is_its_ropes(comm) -> None:
 
 def test_a_weight_hangs_at_the_length_that_is_out() -> None:
     mass = gx.PointMass(MASS, (0.0, 0.0, -L))
-    tether = gx.connectors.Tether(gx.Ground((0.0, 0.0, 0.0)), mass.port(), lambda t: L + t, K)
+    tether = gx.connectors.Tether(
+        gx.Ground((0.0, 0.0, 0.0)), mass.port(), length=lambda t: L + t, stiffness=K
+    )
     search = gx.Equilibrium(gx.Scene(mass, tether, gx.Gravity(mass, (0.0, 0.0, -9.81))))
     search.find(at=0.5)
     assert gx.fields.positions(search, mass)[..., 2].ravel()[:1] == pytest.approx(

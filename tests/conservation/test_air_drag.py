@@ -15,7 +15,7 @@ from tests.survival.scenes import flutter
 
 THIN = {"E": 1e6, "nu": 0.3, "density": 1400.0, "thickness": 1e-5}
 STIFF = gx.Linear(**(THIN | {"E": 1e9}))
-FILM, PLATE = gx.Miyazaki(**THIN, residual=1e-6), gx.Linear(**THIN)
+FILM, PLATE = gx.Miyazaki(**THIN, residual_stiffness=1e-6), gx.Linear(**THIN)
 σ, ρ, C, g = 1400.0 * 1e-5, 0.1, 1.3, 9.80665
 
 
@@ -47,7 +47,8 @@ def test_a_film_falls_at_the_speed_at_which_air_carries_it(comm, kind: str) -> N
     film = body(kind, comm, (0.0, 0.0, 0.0))
     fall = tuple(-g * NORMAL)
     run = gx.Simulation(
-        gx.Scene(film, gx.loads.AirDrag(film, ρ, C), gx.Gravity(film, fall)), midpoint(4e-3)
+        gx.Scene(film, gx.loads.AirDrag(film, ρ, drag_coefficient=C), gx.Gravity(film, fall)),
+        midpoint(4e-3),
     )
     speed, corner = math.sqrt(2 * σ * g / (ρ * C)), film.port("bottom left")
     run.run(until=0.2)
@@ -65,7 +66,9 @@ def test_of_a_film_that_is_thrown_the_inverse_speed_grows_linearly(comm, kind: s
     """Along the film it glides: air takes nothing from that part of its velocity."""
     v0, along = 4.0, np.array([1.0, 0.0, 0.0])
     film = body(kind, comm, tuple(v0 * NORMAL + along))
-    run = gx.Simulation(gx.Scene(film, gx.loads.AirDrag(film, ρ, C)), midpoint(1e-3))
+    run = gx.Simulation(
+        gx.Scene(film, gx.loads.AirDrag(film, ρ, drag_coefficient=C)), midpoint(1e-3)
+    )
     corner = film.port("bottom left")
     for t in (0.05, 0.15):
         run.run(until=t)
@@ -83,8 +86,8 @@ def test_of_a_film_that_is_thrown_the_inverse_speed_grows_linearly(comm, kind: s
 def test_a_film_that_flutters_loses_what_is_booked(comm, wind) -> None:
     """Wrinkled, slack and turning in space: still air only takes, and a wind gives, too."""
     film = gx.Membrane(sheet(comm, 4, 4), FILM, velocity=flutter)
-    air = gx.loads.AirDrag(film, ρ, C, wind=wind)
-    run = gx.Simulation(gx.Scene(film, air, gx.Damping(film, mass=0.5)), midpoint(1e-3))
+    air = gx.loads.AirDrag(film, ρ, drag_coefficient=C, wind=wind)
+    run = gx.Simulation(gx.Scene(film, air, gx.Damping(film, mass_factor=0.5)), midpoint(1e-3))
     lost = [0.0]
     for k in range(1, 6):
         run.run(until=k * 5e-3)
@@ -107,7 +110,9 @@ def test_a_film_that_spins_in_its_plane_keeps_its_spin(comm) -> None:
         STIFF,
         velocity=lambda X: np.vstack([-8 * (X[1] - 0.5), 8 * (X[0] - 0.5), 0 * X[0] + 2]),
     )
-    run = gx.Simulation(gx.Scene(film, gx.loads.AirDrag(film, ρ, C)), midpoint(1e-3))
+    run = gx.Simulation(
+        gx.Scene(film, gx.loads.AirDrag(film, ρ, drag_coefficient=C)), midpoint(1e-3)
+    )
     run.run(until=0.04)
     first, now = run.first, run.totals
     assert now.momentum[2] < 0.8 * first.momentum[2]
@@ -122,7 +127,10 @@ def test_at_rest_air_carries_nothing_and_wind_presses(comm) -> None:
     for wind, lift in (((0.0, 0.0, 0.0), 0.0), ((0.0, 0.0, 0.5), ρ * C * 0.5**2 / 2)):
         film = gx.Membrane(sheet(comm, 4, 4), STIFF)
         held = [gx.Fixed(film, edge) for edge in ("left", "right")]
-        weight, air = gx.Gravity(film, (0.0, 0.0, 1.0)), gx.loads.AirDrag(film, ρ, C, wind=wind)
+        weight, air = (
+            gx.Gravity(film, (0.0, 0.0, 1.0)),
+            gx.loads.AirDrag(film, ρ, drag_coefficient=C, wind=wind),
+        )
         equilibrium = gx.Equilibrium(gx.Scene(film, *held, weight, air))
         equilibrium.find()
         total = sum(equilibrium.reaction(support)[0] for support in held)
@@ -134,7 +142,9 @@ def test_at_rest_air_carries_nothing_and_wind_presses(comm) -> None:
 def test_newton_has_the_tangent_of_the_drag() -> None:
     """With it the iteration of a film that air all but stops converges quadratically."""
     film = body("film", MPI.COMM_WORLD, tuple(4.0 * NORMAL))
-    run = gx.Simulation(gx.Scene(film, gx.loads.AirDrag(film, 100 * ρ, C)), gx.Midpoint(dt=5e-3))
+    run = gx.Simulation(
+        gx.Scene(film, gx.loads.AirDrag(film, 100 * ρ, drag_coefficient=C)), gx.Midpoint(dt=5e-3)
+    )
     run.run(until=5e-3)
     assert run.iterations <= 7
     assert run.totals.losses["air drag"] > 0.5 * run.first.energy
@@ -144,7 +154,10 @@ def test_bad_air_is_refused() -> None:
     film = body("film", MPI.COMM_WORLD, (0.0, 0.0, 0.0))
     for given, words in (
         ({"density": -1.0}, "density is -1.0 kg/m³; give a positive number"),
-        ({"density": 1.0, "coefficient": 0.0}, "coefficient is 0.0; give a positive number"),
+        (
+            {"density": 1.0, "drag_coefficient": 0.0},
+            "drag_coefficient is 0.0; give a positive number",
+        ),
         (
             {"density": 1.0, "wind": (1.0, math.nan, 0.0)},
             "wind is .* m/s; give three finite numbers",

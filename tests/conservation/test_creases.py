@@ -121,10 +121,12 @@ def test_the_field_of_fold_angles(comm: MPI.Comm) -> None:
 def thrown_plate(angle: float = 1.4) -> tuple[gx.Plate, gx.connectors.Crease]:
     mesh = creased_strip(MPI.COMM_SELF, 4, 1, LENGTH, WIDTH)
     plate = gx.Plate(mesh, LAW, hinges=["crease"], displacement=folded(angle), velocity=throw)
-    return plate, gx.connectors.Crease(plate, "crease", STIFFNESS)
+    return plate, gx.connectors.Crease(plate, "crease", stiffness=STIFFNESS)
 
 
-@pytest.mark.parametrize("control", [None, gx.StepControl(iterations=6, error=2e-6, largest=1e-4)])
+@pytest.mark.parametrize(
+    "control", [None, gx.StepControl(target_iterations=6, error=2e-6, max_step=1e-4)]
+)
 def test_a_thrown_plate_conserves_energy_and_angular_momentum(
     control: gx.StepControl | None,
 ) -> None:
@@ -136,7 +138,9 @@ def test_a_thrown_plate_conserves_energy_and_angular_momentum(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("control", [None, gx.StepControl(iterations=6, error=2e-6, largest=1e-4)])
+@pytest.mark.parametrize(
+    "control", [None, gx.StepControl(target_iterations=6, error=2e-6, max_step=1e-4)]
+)
 def test_a_thrown_plate_conserves_for_ten_thousand_steps(control: gx.StepControl | None) -> None:
     """Folding to and fro through flat."""
     plate, crease = thrown_plate()
@@ -158,7 +162,9 @@ def test_modes_of_a_creased_plate_are_softer_than_of_a_flat_one() -> None:
         plate = gx.Plate(creased_strip(MPI.COMM_SELF, 4, 1, LENGTH, WIDTH), LAW, hinges=["crease"])
         search = gx.Equilibrium(
             gx.Scene(
-                plate, gx.connectors.Crease(plate, "crease", stiffness), gx.Fixed(plate, "left")
+                plate,
+                gx.connectors.Crease(plate, "crease", stiffness=stiffness),
+                gx.Fixed(plate, "left"),
             )
         )
         search.find()
@@ -168,7 +174,7 @@ def test_modes_of_a_creased_plate_are_softer_than_of_a_flat_one() -> None:
 
 def yielding(comm: MPI.Comm) -> tuple[gx.Membrane, gx.connectors.Crease]:
     """Shut to the side that its rest angle does not tell, and beyond its limit from the start."""
-    return strip(comm, angle=math.pi, velocity=throw, shut=MOUNTAIN, yield_angle=0.5)
+    return strip(comm, angle=math.pi, velocity=throw, initial_fold=MOUNTAIN, yield_angle=0.5)
 
 
 @pytest.mark.mpi
@@ -209,40 +215,40 @@ def two_surfaces(model: object) -> None:
 
 BAD = {
     "no hinge": (
-        lambda film: gx.connectors.Crease(gx.Plate(film.mesh, LAW), "crease", 1e-3),
+        lambda film: gx.connectors.Crease(gx.Plate(film.mesh, LAW), "crease", stiffness=1e-3),
         "transmits bending at 'crease' itself; give it hinges=['crease']",
     ),
     "rim": (
-        lambda film: gx.connectors.Crease(film, "left", 1e-3),
+        lambda film: gx.connectors.Crease(film, "left", stiffness=1e-3),
         "2 of the 2 edges of 'left' lie on the rim",
     ),
     "surface": (
-        lambda film: gx.connectors.Crease(film, "film", 1e-3),
+        lambda film: gx.connectors.Crease(film, "film", stiffness=1e-3),
         "the group 'film' has dimension 2; name curves",
     ),
     "no group": (
-        lambda film: gx.connectors.Crease(film, "fold", 1e-3),
+        lambda film: gx.connectors.Crease(film, "fold", stiffness=1e-3),
         "The mesh has no group 'fold'",
     ),
     "stiffness": (
-        lambda film: gx.connectors.Crease(film, "crease", -1e-3),
+        lambda film: gx.connectors.Crease(film, "crease", stiffness=-1e-3),
         "stiffness is -0.001 N m/m/rad; give a positive",
     ),
     "rest angle": (
-        lambda film: gx.connectors.Crease(film, "crease", 1e-3, 3.2),
+        lambda film: gx.connectors.Crease(film, "crease", stiffness=1e-3, rest_angle=3.2),
         "rest_angle is 3.2 rad; stay within half a turn",
     ),
     "yield": (
-        lambda film: gx.connectors.Crease(film, "crease", 1e-3, yield_angle=-1.0),
+        lambda film: gx.connectors.Crease(film, "crease", stiffness=1e-3, yield_angle=-1.0),
         "yield_angle is -1.0 rad; give a",
     ),
     "shut": (
-        lambda film: gx.connectors.Crease(film, "crease", 1e-3, shut=0),
+        lambda film: gx.connectors.Crease(film, "crease", stiffness=1e-3, initial_fold=0),
         "shut is 0; give 1 for a valley fold",
     ),
     "normals": (
         lambda film: gx.connectors.Crease(
-            gx.Membrane(gx.gmsh_mesh(two_surfaces, WORLD), LAW), "crease", 1e-3
+            gx.Membrane(gx.gmsh_mesh(two_surfaces, WORLD), LAW), "crease", stiffness=1e-3
         ),
         "the normals of 'film' change sides at 'crease'",
     ),

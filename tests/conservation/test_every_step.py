@@ -46,7 +46,7 @@ def test_oscillator_far_from_the_origin(comm, h, spring):
     mass, centre = gx.PointMass(1.0, (FAR + 1.5, 0.0, 0.0)), (FAR, 0.0, 0.0)
     if spring == "axial":
         spring = gx.connectors.AxialSpring(
-            mass.port(), 40.0, (1.0, 0.0, 0.0), (FAR + 1.0, 0.0, 0.0)
+            mass.port(), 40.0, direction=(1.0, 0.0, 0.0), origin=(FAR + 1.0, 0.0, 0.0)
         )
     else:
         other = (
@@ -54,7 +54,7 @@ def test_oscillator_far_from_the_origin(comm, h, spring):
             if spring == "between masses"
             else gx.Ground(centre)
         )
-        spring = gx.connectors.Spring(mass.port(), other, 40.0, 1.0)
+        spring = gx.connectors.Spring(mass.port(), other, stiffness=40.0, length=1.0)
     run = gx.Simulation(gx.Scene(mass, spring), gx.Midpoint(dt=h))
     run.run(until=200 * h)
     assert abs(run.energy_error) < 2e-8
@@ -65,7 +65,7 @@ def test_oscillator_far_from_the_origin(comm, h, spring):
 def test_film_that_wrinkles(comm, h):
     film = gx.Membrane(
         sheet(comm, 6, 6),
-        gx.Miyazaki(1e9, 0.3, 1400.0, 1e-4),
+        gx.Miyazaki(1e9, 0.3, density=1400.0, thickness=1e-4),
         velocity=lambda X: np.vstack([0 * X[0], 0 * X[0], 3 * np.sin(3 * X[0]) * np.cos(2 * X[1])]),
     )
     assert max(errors(gx.Scene(film), h, 40)) < 1e-13
@@ -76,7 +76,7 @@ def test_a_step_far_too_long_closes_by_the_work_of_its_residual(comm, energy, le
     """Its predictor is so bad that a residual of 1e-10 of the predictor's, which is enough otherwise, does work."""
     film = gx.Membrane(
         sheet(comm, 6, 6),
-        gx.Miyazaki(1e9, 0.3, 1400.0, 1e-4),
+        gx.Miyazaki(1e9, 0.3, density=1400.0, thickness=1e-4),
         velocity=lambda X: np.vstack([0 * X[0], 0 * X[0], 3 * np.sin(3 * X[0]) * np.cos(2 * X[1])]),
     )
     run = gx.Simulation(

@@ -96,7 +96,7 @@ def test_mass_damping_slows_every_motion_alike(comm):
     film = gx.Membrane(
         sheet(comm, 5, 5), LAW, velocity=lambda X: thrown(X) + np.array([[1.0], [2.0], [3.0]])
     )
-    run = run_of(film, gx.Damping(film, mass=20.0))
+    run = run_of(film, gx.Damping(film, mass_factor=20.0))
     shrunk = ((1 - 0.01) / (1 + 0.01)) ** 20
     assert run.totals.momentum == pytest.approx(shrunk * run.first.momentum, rel=1e-10)
     assert run.totals.angular_momentum == pytest.approx(
@@ -109,7 +109,7 @@ def test_mass_damping_slows_every_motion_alike(comm):
 @pytest.mark.mpi
 def test_stiffness_damping_leaves_rigid_motions_alone(comm):
     film = free_sheet(comm)
-    run = run_of(film, gx.Damping(film, stiffness=1e-4))
+    run = run_of(film, gx.Damping(film, stiffness_factor=1e-4))
     for change in changes(run):
         assert abs(change).max() <= 1e-13
     assert run.totals.dissipated > 1e-4 * run.first.energy
@@ -119,7 +119,8 @@ def test_stiffness_damping_leaves_rigid_motions_alone(comm):
 def test_damping_never_gives_energy():
     film = free_sheet(MPI.COMM_SELF)
     run = gx.Simulation(
-        gx.Scene(film, gx.Damping(film, mass=5.0, stiffness=1e-5)), gx.Midpoint(dt=1e-3)
+        gx.Scene(film, gx.Damping(film, mass_factor=5.0, stiffness_factor=1e-5)),
+        gx.Midpoint(dt=1e-3),
     )
     dissipated = []
     for step in range(1, 31):
@@ -131,7 +132,7 @@ def test_damping_never_gives_energy():
 @pytest.mark.mpi
 def test_steps_that_are_halved_conserve_as_well(comm):
     """With few iterations allowed, many steps are taken in parts of different length."""
-    stepper = gx.Midpoint(dt=4e-3, tolerances=gx.Tolerances(iterations=6))
+    stepper = gx.Midpoint(dt=4e-3, tolerances=gx.Tolerances(max_iterations=6))
     run = gx.Simulation(gx.Scene(free_sheet(comm, n=6)), stepper)
     run.run(until=0.06)
     assert run.substeps >= 5

@@ -74,7 +74,7 @@ def test_loads_supports_and_damping_are_booked(comm) -> None:
         gx.Fixed(film, "left"),
         gx.Gravity(film, (0.5, 0.0, -9.81)),
         gx.Pressure(film, lambda t: -2.0 * np.sin(50 * t)),
-        gx.Damping(film, mass=2.0, stiffness=1e-5),
+        gx.Damping(film, mass_factor=2.0, stiffness_factor=1e-5),
     )
     run = gx.Simulation(scene, gx.Midpoint(dt=2e-3))
     run.run(until=0.06)
@@ -93,7 +93,7 @@ def test_the_error_is_over_the_largest_energy_also_if_nobody_looked(comm) -> Non
             mass.port(), gx.Ground((0, 0, 0)), stiffness=100.0, length=1.0
         )
         scene = gx.Scene(spring, gx.Gravity(mass, (0.0, 0.0, -9.81)))
-        run = gx.Simulation(scene, gx.Midpoint(dt=5e-3), outputs)
+        run = gx.Simulation(scene, gx.Midpoint(dt=5e-3), outputs=outputs)
         run.run(until=2 * np.pi * (2.0 / 100.0) ** 0.5)
         return run
 
@@ -119,8 +119,10 @@ def test_any_sequence_of_steps(steps: list[float]) -> None:
 def test_a_step_that_fails_says_where_and_leaves_the_ledger(comm, folder: Path) -> None:
     """One Newton iteration is not enough once the film flutters; the rows up to there are on file."""
     film = gx.Membrane(sheet(comm, 6, 6), LAW, velocity=spinning_sheet.throw)
-    stepper = gx.Midpoint(dt=2e-3, tolerances=gx.Tolerances(iterations=3))
-    run = gx.Simulation(gx.Scene(film), stepper, [gx.Ledger(folder / "ledger.csv")], halvings=1)
+    stepper = gx.Midpoint(dt=2e-3, tolerances=gx.Tolerances(max_iterations=3))
+    run = gx.Simulation(
+        gx.Scene(film), stepper, outputs=[gx.Ledger(folder / "ledger.csv")], halvings=1
+    )
     with pytest.raises(gx.StepFailure) as caught:
         run.run(until=1.0)
     message = str(caught.value)
@@ -134,7 +136,7 @@ def test_a_step_that_fails_says_where_and_leaves_the_ledger(comm, folder: Path) 
 
 def test_a_run_that_goes_on_continues_the_ledger(folder: Path) -> None:
     run = gx.Simulation(
-        gx.Scene(gx.PointMass(1.0)), gx.Midpoint(dt=0.1), [gx.Ledger(folder / "ledger.csv")]
+        gx.Scene(gx.PointMass(1.0)), gx.Midpoint(dt=0.1), outputs=[gx.Ledger(folder / "ledger.csv")]
     )
     run.run(until=0.2)
     run.run(until=0.5)

@@ -31,10 +31,10 @@ def scene(comm: MPI.Comm = COMM) -> gx.Scene:
         film,
         at_reel,
         at_rope,
-        gx.Damping(film, mass=DRAG, name="air"),
-        gx.Damping(film, stiffness=1e-4, name="strain"),
+        gx.Damping(film, mass_factor=DRAG, name="air"),
+        gx.Damping(film, stiffness_factor=1e-4, name="strain"),
         gx.connectors.Tether(
-            ground, at_reel.port(), length=1.0, stiffness=STIFFNESS, brake=BRAKE, name="reel"
+            ground, at_reel.port(), length=1.0, stiffness=STIFFNESS, brake_force=BRAKE, name="reel"
         ),
         gx.connectors.Rope(
             ground, at_rope.port(), length=1.0, stiffness=STIFFNESS, damping=4.0, name="rope"
@@ -79,7 +79,7 @@ def test_each_cause_takes_what_its_closed_form_says(folder: Path) -> None:
 @pytest.mark.mpi
 def test_one_cause_is_the_sum_and_none_is_nothing(folder: Path) -> None:
     mass = gx.PointMass(1.0, velocity=(1.0, 0.0, 0.0), comm=COMM)
-    damper = gx.connectors.Damper(mass.port(), gx.Ground((-1.0, 0.0, 0.0)), 0.5)
+    damper = gx.connectors.Damper(mass.port(), gx.Ground((-1.0, 0.0, 0.0)), damping=0.5)
     for items, lost in ((mass,), []), ((mass, damper), ["damper"]):
         run = run_to(2, gx.Scene(*items), outputs=[gx.Ledger(folder / "ledger.csv")])
         COMM.barrier()
@@ -124,7 +124,11 @@ def test_what_a_part_took_before_it_was_changed_stays_booked(folder: Path) -> No
         return gx.Scene(
             mass,
             gx.connectors.Rope(
-                gx.Ground((0.0, 0.0, 0.0)), mass.port(), 1.0, STIFFNESS, damping=damping
+                gx.Ground((0.0, 0.0, 0.0)),
+                mass.port(),
+                length=1.0,
+                stiffness=STIFFNESS,
+                damping=damping,
             ),
         )
 

@@ -65,7 +65,7 @@ def test_a_clamp_that_turns_supplies_the_energy_of_the_plate(comm):
 @pytest.mark.mpi
 def test_an_edge_moment_supplies_what_the_plate_gains(comm):
     plate = gx.Plate(sheet(comm, 6, 1, 0.3, 0.05), LAW)
-    moment = gx.loads.EdgeMoment(plate, "right", lambda t: 0.02 * math.sin(60 * t))
+    moment = gx.loads.EdgeMoment(plate, "right", moment=lambda t: 0.02 * math.sin(60 * t))
     scene = gx.Scene(plate, gx.constraints.ClampedEdge(plate, "left"), moment)
     run = gx.Simulation(scene, gx.Midpoint(dt=5e-4, tolerances=gx.Tolerances(relative=1e-12)))
     run.run(until=0.03)

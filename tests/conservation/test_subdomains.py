@@ -49,7 +49,7 @@ def test_a_wrinkled_sheet_in_subdomains_needs_no_halved_step(comm, method):
 def test_a_scene_that_cannot_be_divided_is_refused(comm):
     film = gx.Membrane(sheet(comm, 2, 2), LAW)
     joint = gx.constraints.BallJoint(
-        film.port_at(np.array([1.0, 1.0, 0.0])), gx.Ground((1.0, 1.0, 0.0)), "hinge"
+        film.port_at(np.array([1.0, 1.0, 0.0])), gx.Ground((1.0, 1.0, 0.0)), name="hinge"
     )
     with pytest.raises(gx.InputError, match="subdomains"):
         gx.Simulation(gx.Scene(film, joint), gx.Midpoint(dt=1e-3, subdomains="bddc"))

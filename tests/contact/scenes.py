@@ -34,7 +34,7 @@ def film(
 
     return gx.Membrane(
         sheet(comm, n, n, size, size),
-        gx.Miyazaki(**FILM, residual=1e-6),
+        gx.Miyazaki(**FILM, residual_stiffness=1e-6),
         name=name,
         order=order,
         displacement=moved,

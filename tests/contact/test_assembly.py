@@ -24,19 +24,19 @@ def touching(comm, body: str) -> gx.Simulation:
         )
         if body == "ball":
             solid = gx.contact.Sphere(
-                centre=(0.0, 0.0, -0.0209), radius=0.02, on=block, friction=0.3
+                centre=(0.0, 0.0, -0.0209), radius=0.02, body=block, friction=0.3
             )
         elif body == "cylinder":
             solid = gx.contact.Cylinder(
                 start=(-0.03, 0, -0.0209),
                 end=(0.03, 0, -0.0209),
                 radius=0.02,
-                on=block,
+                body=block,
                 friction=0.3,
             )
         else:
             solid = gx.contact.Plane(
-                point=(0.0, 0.0, -0.0009), normal=(0.0, 0.0, 1.0), on=block, friction=0.3
+                point=(0.0, 0.0, -0.0009), normal=(0.0, 0.0, 1.0), body=block, friction=0.3
             )
         return simulate(
             [gx.Contact(lower, upper, solid, distance=1e-3, friction=0.2), *items], 2e-4

@@ -169,7 +169,7 @@ def test_bad_input_is_refused():
         gx.contact.Sphere(
             centre=(0, 0, 0),
             radius=1.0,
-            on=gx.RigidBody(1.0, (1, 1, 1)),
+            body=gx.RigidBody(1.0, (1, 1, 1)),
             motion=lambda t: (0, 0, 0),
         )
     crossing = gx.Membrane(
@@ -196,7 +196,10 @@ def test_probes_tell_force_gap_and_penetrations(comm):
     upper = film(comm, height=1.2e-3, velocity=(0.0, 0.0, -2.0), turn=0.4, name="upper")
     contact = gx.Contact(lower, upper, distance=1e-3)
     names = {"down": (lower, "z"), "up": (upper, "z")}
-    probes = {name: gx.probes.ContactForce(contact, *of) for name, of in names.items()}
+    probes = {
+        name: gx.probes.ContactForce(contact, body, axis=axis)
+        for name, (body, axis) in names.items()
+    }
     seen = gx.Series(
         probes | {"gap": gx.probes.ContactGap(contact), "pierced": gx.probes.Penetrations(contact)}
     )
@@ -211,9 +214,9 @@ def test_probes_tell_force_gap_and_penetrations(comm):
     assert 0 < min(seen["gap"]) < 1e-3
     assert max(seen["pierced"]) == 0
     with pytest.raises(gx.InputError, match="no component"):
-        gx.probes.ContactForce(contact, lower, "w")
+        gx.probes.ContactForce(contact, lower, axis="w")
     with pytest.raises(gx.InputError, match="which holds: lower, upper"):
-        gx.probes.ContactForce(contact, film(comm, name="other"), "z")
+        gx.probes.ContactForce(contact, film(comm, name="other"), axis="z")
     with pytest.raises(gx.InputError, match="not in the scene"):
         gx.probes.ContactGap(gx.Contact(lower, distance=1e-3))(run)
 

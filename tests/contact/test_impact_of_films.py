@@ -57,7 +57,10 @@ def test_films_face_to_face_meet_as_bodies_on_a_spring() -> None:
     # a pair of a point and a triangle stands for half of the point's area
     contact = gx.Contact(small, base, distance=d, stiffness=2 * ε, law="penalty")
     seen = gx.Series(
-        {"force": gx.probes.ContactForce(contact, small, "z"), "gap": gx.probes.ContactGap(contact)}
+        {
+            "force": gx.probes.ContactForce(contact, small, axis="z"),
+            "gap": gx.probes.ContactGap(contact),
+        }
     )
     dt, time, depth = 5e-6, math.pi * math.sqrt(m / (2 * ε)), Δv * math.sqrt(m / (2 * ε))
     run = simulate([contact], 3e-4, dt, outputs=[seen])
@@ -88,7 +91,7 @@ def test_films_fall_edge_on_edge() -> None:
         c, s = math.cos(turn), math.sin(turn)
         return gx.Membrane(
             sheet(COMM, 3, 3, 0.1, 0.1),
-            gx.Miyazaki(**FILM, residual=1e-6),
+            gx.Miyazaki(**FILM, residual_stiffness=1e-6),
             displacement=lambda X: (
                 np.vstack([c * (X[0] - 0.05), s * (X[0] - 0.05), X[1] + height]) - X
             ),
@@ -108,7 +111,7 @@ def test_a_film_falls_over_the_corner_of_a_box() -> None:
     up, side = np.ones(3) / 3**0.5, np.array([1.0, -1.0, 0.0]) / 2**0.5
     axes = np.vstack([side, np.cross(up, side), up]).T
     body = gx.RigidBody(0.02, (1e-5, 1e-5, 1e-5), position=(0.0, 0.0, -0.0366), comm=COMM)
-    box = gx.contact.Box(centre=(0, 0, -0.0366), sizes=(0.04,) * 3, axes=axes.tolist(), on=body)
+    box = gx.contact.Box(centre=(0, 0, -0.0366), sizes=(0.04,) * 3, axes=axes.tolist(), body=body)
     thrown = film(COMM, 5, velocity=(0.0, 0.0, -2.0), name="thrown")
     run = simulate([gx.Contact(thrown, box, distance=1e-3)], 4e-3)
     conserved(run, momentum=1e-10)
@@ -127,7 +130,7 @@ def test_a_beam_falls_on_a_cable_and_both_on_a_film() -> None:
     )
     rod = gx.Beam(
         line(COMM, [(0.01, -0.06, 6e-3), (-0.02, 0.06, 6e-3)], 3),
-        gx.sections.solid_circle(5e-4, 70e9, 0.3, 2700.0),
+        gx.sections.solid_circle(5e-4, E=70e9, nu=0.3, density=2700.0),
         velocity=down(2.0),
         name="rod",
     )

@@ -22,7 +22,7 @@ from gossamer_fx.forms.kinematics import area_vector, half_trace_and_radius
 from meshes.airbag import airbag
 
 EDGE = 1.2 / math.sqrt(2)
-LAW = gx.Miyazaki(E=588e6, nu=0.4, density=1000.0, thickness=6e-4, residual=1e-6)
+LAW = gx.Miyazaki(E=588e6, nu=0.4, density=1000.0, thickness=6e-4, residual_stiffness=1e-6)
 RAMP = 0.03  # s
 
 
@@ -34,7 +34,7 @@ def inflate(cells: int, until: float, order: int = 1) -> dict[str, float]:
     """
     film = gx.Membrane(airbag(MPI.COMM_SELF, EDGE, cells), LAW, order=order)
     inside = gx.Pressure(film, lambda t: 5e3 * min(t / RAMP, 1.0))
-    scene = gx.Scene(film, inside, gx.Damping(film, mass=300.0, stiffness=5e-5))
+    scene = gx.Scene(film, inside, gx.Damping(film, mass_factor=300.0, stiffness_factor=5e-5))
     run = gx.Simulation(scene, gx.Midpoint(dt=2.5e-3))
 
     x = fem.Function(film.space)

@@ -155,7 +155,7 @@ def piston(dt: float, times, comm: MPI.Comm = MPI.COMM_SELF) -> tuple[np.ndarray
     mass = gx.PointMass(0.5, comm=comm)
     axis = (1.0, 0.0, 0.0)
     cylinder = gx.Chamber(
-        gx.gas.Piston(mass.port(), 0.01, axis),
+        gx.gas.Piston(mass.port(), 0.01, direction=axis),
         gas=AIR,
         pressure=1e3,
         temperature=300.0,
@@ -163,7 +163,7 @@ def piston(dt: float, times, comm: MPI.Comm = MPI.COMM_SELF) -> tuple[np.ndarray
     )
     inlet = gx.Orifice(gx.gas.Reservoir(1e5, 300.0), cylinder, area=2e-5)
     run = gx.Simulation(
-        gx.Scene(mass, gx.connectors.AxialSpring(mass.port(), 2000.0, axis), inlet),
+        gx.Scene(mass, gx.connectors.AxialSpring(mass.port(), 2000.0, direction=axis), inlet),
         gx.Midpoint(dt=dt),
     )
     found = []

@@ -17,7 +17,7 @@ OMEGA = 10.0  # rad/s
 def oscillator(h: float, steps: int) -> tuple[np.ndarray, np.ndarray, gx.Simulation]:
     """x and ẋ after every step of a mass that is let go at x = 1 m."""
     mass = gx.PointMass(2.0, position=(1.0, 0.0, 0.0), comm=MPI.COMM_SELF)
-    spring = gx.connectors.AxialSpring(mass.port(), 2.0 * OMEGA**2, (1.0, 0.0, 0.0))
+    spring = gx.connectors.AxialSpring(mass.port(), 2.0 * OMEGA**2, direction=(1.0, 0.0, 0.0))
     run = gx.Simulation(gx.Scene(mass, spring), gx.Midpoint(dt=h))
     history = []
     for step in range(1, steps + 1):

@@ -17,7 +17,7 @@ from meshes.sails import parallelograms, pinwheel, trapezoids
 from meshes.sheet import sheet
 from meshes.tube import flat_tube
 
-LAW = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual=1e-6)
+LAW = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual_stiffness=1e-6)
 WIDTH = math.pi * 0.03 / 2  # of a tube of 30 mm that is pressed flat
 
 
@@ -170,7 +170,7 @@ def test_creases_start_at_rest_on_their_branch(comm, name: str) -> None:
             assert gx.probes.FoldAngle(crease, which).of(system) == pytest.approx(
                 crease.rest_angle, abs=1e-4
             )
-    half = sample.folds.creases(film, stiffness=1e-3, rest=0.5)
+    half = sample.folds.creases(film, stiffness=1e-3, set_angle_ratio=0.5)
     assert [c.rest_angle for c in half] == pytest.approx([c.rest_angle / 2 for c in creases])
 
 
@@ -251,12 +251,14 @@ def test_a_polygon_along_miuras_lines(comm) -> None:
         (lambda c: ROLL.mark(flat_tube(c, 0.25, 0.03, 4)), "lie on both sides of a fold line"),
         (lambda c: STAR.mark(sheet(c, 2, 2)), "as within its hub"),
         (
-            lambda c: ZIGZAG.creases(gx.Membrane(sheet(c, 9, 2, 0.3, 0.1), LAW), 1.0),
+            lambda c: ZIGZAG.creases(gx.Membrane(sheet(c, 9, 2, 0.3, 0.1), LAW), stiffness=1.0),
             "has no group 'fold 1'",
         ),
         (
             lambda c: ZIGZAG.creases(
-                gx.Membrane(ZIGZAG.mark(sheet(c, 9, 2, 0.3, 0.1)), LAW), 1.0, rest=2.0
+                gx.Membrane(ZIGZAG.mark(sheet(c, 9, 2, 0.3, 0.1)), LAW),
+                stiffness=1.0,
+                set_angle_ratio=2.0,
             ),
             "from 0 .no memory. to 1",
         ),

@@ -68,16 +68,20 @@ def test_the_spin_follows_the_budget_where_masses_are_paid_out_slowly(
         masses.append(gx.PointMass(mass, tuple(r * e), name=f"mass {k}"))
         items.append(
             gx.connectors.Tether(
-                body.port((0.8 * e).tolist()), masses[-1].port(), length, 1e5, name=f"tether {k}"
+                body.port((0.8 * e).tolist()),
+                masses[-1].port(),
+                length=length,
+                stiffness=1e5,
+                name=f"tether {k}",
             )
         )
     scene = gx.Scene(body, *masses, *items, gx.RigidMotion(spin=(0.0, 0.0, ω)))
     spin = gx.probes.AngularVelocity(body.frame(), "z")
-    radius = gx.probes.PolarPosition(masses[0].port(), body.frame(), "radius")
+    radius = gx.probes.PolarPosition(masses[0].port(), body.frame(), quantity="radius")
     run = gx.Simulation(
         scene,
         gx.Midpoint(dt=duration / count),
-        [series := gx.Series({"spin": spin, "radius": radius})],
+        outputs=[series := gx.Series({"spin": spin, "radius": radius})],
     )
     run.run(until=duration / count * steps)
     budget = run.first.angular_momentum[2] / (hub + 4 * mass * series["radius"] ** 2)
@@ -96,7 +100,7 @@ def test_the_lowest_modes_of_the_steady_sail(comm, held: bool) -> None:
     found = np.array(
         [
             2 * math.pi * mode.frequency
-            for mode in gx.analysis.modes(search, 8 if held else 14, (0.0, 0.0, ω))
+            for mode in gx.analysis.modes(search, 8 if held else 14, spin=(0.0, 0.0, ω))
         ]
     )
     swing = math.sqrt(stiffness * (1 / inertia + (0.0 if held else 1 / hub)))
@@ -153,7 +157,7 @@ def test_the_ring_of_guides_is_braked_against_the_hub(comm) -> None:
         2.0,
         0.8,
     )
-    guides = gx.assemblies.RotationGuides(hub, 4, radius, mass=mass, brake=c)
+    guides = gx.assemblies.RotationGuides(hub, 4, radius=radius, mass=mass, brake_damping=c)
     pair = [
         gx.loads.Torque(body.frame(), (0, 0, sign * moment), name=f"on {body.name}")
         for body, sign in ((guides.ring, 1), (hub, -1))
@@ -193,7 +197,7 @@ def test_arms_wound_round_the_hub_are_isometric_and_apart(
         )
         mesh = folds.mark(trapezoids(comm, n, inner, outer, 0.5))
         film = gx.Membrane(
-            mesh, gx.Miyazaki(**ikaros.FILM, density=1420.0, residual=1e-6), name="sail"
+            mesh, gx.Miyazaki(**ikaros.FILM, density=1420.0, residual_stiffness=1e-6), name="sail"
         )
         start = folds.start(film)
         energies.append(start.strain_energy())
@@ -213,7 +217,7 @@ def test_arms_wound_round_the_hub_are_isometric_and_apart(
 def test_the_wound_sail_leaves_the_hub(comm) -> None:
     """Released at once, without guides: the tips begin as free particles."""
     folds = gx.fold.Ikaros(n=4, inner=2, outer=5, pitch=0.5, bends=1, hub_gap=2e-3, wound=True)
-    law = gx.Miyazaki(**ikaros.FILM, density=7000.0, residual=1e-6)
+    law = gx.Miyazaki(**ikaros.FILM, density=7000.0, residual_stiffness=1e-6)
     film = gx.Membrane(folds.mark(trapezoids(comm, 4, 2, 5, 0.5)), law, name="sail")
     contact, spin = gx.Contact(film, distance=1e-3), gx.RigidMotion(spin=(0.0, 0.0, 2.6))
     run = gx.Simulation(gx.Scene(film, folds.start(film), contact, spin), gx.Midpoint(dt=1e-3))

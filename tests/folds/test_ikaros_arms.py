@@ -38,7 +38,7 @@ def test_a_reel_draws_the_guides_away(comm) -> None:
     """Its work is booked as supplied, what the damper takes as lost; momentum and angular momentum stay."""
     hub = gx.RigidBody(10.0, (2.0, 2.0, 2.0), name="hub", comm=comm)
     guides = gx.assemblies.RotationGuides(
-        hub, 4, 0.8, mass=2.0, drawn=lambda t: 0.5 * min(t / 0.4, 1.0), depth=0.7
+        hub, 4, radius=0.8, mass=2.0, drawn=lambda t: 0.5 * min(t / 0.4, 1.0), reel_depth=0.7
     )
     run = gx.Simulation(
         gx.Scene(guides, gx.RigidMotion(spin=(0.0, 0.0, 1.0))), gx.Midpoint(dt=1e-3)

@@ -22,7 +22,7 @@ FLOOR = gx.contact.Plane(point=(0.0, 0.0, -1.0), normal=(0.0, 0.0, 1.0))
 def tube(comm, **options):
     mesh = flat_tube(comm, LENGTH, DIAMETER, 4, compartments=2)
     return gx.assemblies.InflatableTube(
-        mesh, KAPTON_HN.law(25e-6, residual=1e-6), gas=NITROGEN, **options
+        mesh, KAPTON_HN.law(25e-6, residual_stiffness=1e-6), gas=NITROGEN, **options
     )
 
 
@@ -32,7 +32,7 @@ def tank():
 
 @pytest.mark.mpi
 def test_its_parts(comm) -> None:
-    it = tube(comm, folds=FOLDS, crease=1e-3, memory=0.5, contact=5e-4)
+    it = tube(comm, folds=FOLDS, crease_stiffness=1e-3, set_angle_ratio=0.5, contact_distance=5e-4)
     scene = gx.Scene(it, it.inlet(tank(), 1e-8), it.vent(gx.gas.Ambient(), 0.0))
     for part in (it.film, *it.chambers, *it.passages, it.clamp, it.start, it.contact, *it.creases):
         assert any(part is item for item in scene.items)
@@ -50,11 +50,13 @@ def test_its_parts(comm) -> None:
 
 @pytest.mark.mpi
 def test_a_folded_tube_begins_to_deploy(comm) -> None:
-    it = tube(comm, folds=FOLDS, crease=1e-3, contact=5e-4)
+    it = tube(comm, folds=FOLDS, crease_stiffness=1e-3, contact_distance=5e-4)
     series = gx.Series(
         {"ring": gx.probes.RingArea(it.rings[0]), "pierced": gx.probes.Penetrations(it.contact)}
     )
-    run = gx.Simulation(gx.Scene(it, it.inlet(tank(), 1e-7)), gx.Midpoint(dt=5e-5), [series])
+    run = gx.Simulation(
+        gx.Scene(it, it.inlet(tank(), 1e-7)), gx.Midpoint(dt=5e-5), outputs=[series]
+    )
     run.run(until=4e-4 if comm.size == 1 else 5e-5)
     assert abs(run.energy_error) < 1e-10 and abs(run.mass_error) < 1e-13
     assert series["pierced"].max() == 0
@@ -67,7 +69,9 @@ def test_a_folded_tube_begins_to_deploy(comm) -> None:
 def test_caps_keep_the_ends_straight(comm) -> None:
     """A free tube, one end of which is on a heavy block, the other on a bar that lies where the folded tube ends."""
     block = gx.RigidBody(1.0, (1e-3, 1e-3, 1e-3), name="block", comm=comm)
-    it = tube(comm, folds=FOLDS, contact=5e-4, clamp=None, caps={"inlet": block, "tip": 2e-3})
+    it = tube(
+        comm, folds=FOLDS, contact_distance=5e-4, clamp=None, caps={"inlet": block, "tip": 2e-3}
+    )
     bar = next(item for item in gx.Scene(it).items if item.name == "tube tip bar")
     assert [cap.to.name for cap in it.caps] == ["block", "tube tip bar"]
     run = gx.Simulation(gx.Scene(it, it.inlet(tank(), 1e-7)), gx.Midpoint(dt=5e-5))
@@ -92,15 +96,15 @@ def test_caps_keep_the_ends_straight(comm) -> None:
 @pytest.mark.parametrize(
     "options, words",
     [
-        ({"crease": 1e-3}, "creases are at fold lines; give the folds"),
+        ({"crease_stiffness": 1e-3}, "creases are at fold lines; give the folds"),
         (
             {"obstacles": (gx.contact.Plane(point=(0.0, 0.0, -1.0), normal=(0.0, 0.0, 1.0)),)},
             "only with contact; give its distance",
         ),
-        ({"contact": -1.0}, "give zero or a positive number"),
+        ({"contact_distance": -1.0}, "give zero or a positive number"),
         ({"caps": {"tip": 0.0}}, "the cap of 'tip' is 0.0; give a rigid body, or a positive mass"),
         ({"caps": {"end": 1.0}}, "no group 'end'"),
-        ({"caps": {"tip": 1.0}, "bar": -1.0}, "bar is -1.0 m"),
+        ({"caps": {"tip": 1.0}, "rod_width": -1.0}, "rod_width is -1.0 m"),
         ({"clamp": "nowhere"}, "no group 'nowhere'"),
         ({"pressure": 0.0}, "give a positive number"),
     ],

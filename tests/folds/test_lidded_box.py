@@ -34,9 +34,11 @@ class Angle:
 
 @pytest.mark.mpi
 def test_the_spring_opens_the_lid_as_the_closed_form_says(comm) -> None:
-    box = gx.assemblies.LiddedBox(SIZES, release=0.01, largest=None, rest=2.0, stiffness=0.1)
+    box = gx.assemblies.LiddedBox(
+        SIZES, release_time=0.01, max_angle=None, rest_angle=2.0, stiffness=0.1
+    )
     series = gx.Series({"angle": Angle(box)})
-    run = gx.Simulation(gx.Scene(box), gx.Midpoint(dt=5e-4), [series])
+    run = gx.Simulation(gx.Scene(box), gx.Midpoint(dt=5e-4), outputs=[series])
     run.run(until=0.08 if comm.size == 1 else 0.02)
     held = series.time <= 0.01 + 1e-9
     assert np.abs(series["angle"][held]).max() < 1e-9
@@ -49,10 +51,10 @@ def test_the_spring_opens_the_lid_as_the_closed_form_says(comm) -> None:
 
 def test_the_stop_turns_the_lid_back_and_the_damper_takes_energy() -> None:
     box = gx.assemblies.LiddedBox(
-        SIZES, largest=1.5, rest=2.5, stiffness=0.2, damping=2e-3, cord=1e5
+        SIZES, max_angle=1.5, rest_angle=2.5, stiffness=0.2, damping=2e-3, stop_stiffness=1e5
     )
     series = gx.Series({"angle": Angle(box)})
-    run = gx.Simulation(gx.Scene(box), gx.Midpoint(dt=4e-4), [series])
+    run = gx.Simulation(gx.Scene(box), gx.Midpoint(dt=4e-4), outputs=[series])
     run.run(until=0.06)
     assert 1.5 < series["angle"].max() < 1.55
     assert series["angle"][-1] < 1.4
@@ -63,7 +65,7 @@ def test_the_stop_turns_the_lid_back_and_the_damper_takes_energy() -> None:
 def test_walls_leave_the_room_free_and_the_lid_covers_it() -> None:
     box = gx.assemblies.LiddedBox(SIZES, (0.0, 0.0, 1.0))
     walls = box.obstacles
-    assert len(walls) == 6 and walls[-1].on is box.lid
+    assert len(walls) == 6 and walls[-1].body is box.lid
     for wall in walls:
         gap = (
             np.abs(np.asarray(wall.centre) - [0, 0, 1])
@@ -76,14 +78,14 @@ def test_walls_leave_the_room_free_and_the_lid_covers_it() -> None:
 @pytest.mark.mpi
 def test_a_film_in_the_box_touches_it(comm) -> None:
     """A sheet that flies upwards in the box strikes the lid and turns it."""
-    law = gx.Miyazaki(E=1e8, nu=0.3, density=1400.0, thickness=1e-4, residual=1e-4)
+    law = gx.Miyazaki(E=1e8, nu=0.3, density=1400.0, thickness=1e-4, residual_stiffness=1e-4)
     film = gx.Membrane(
         sheet(comm, 2, 2, 0.06, 0.06),
         law,
         displacement=lambda X: np.array([[-0.03], [-0.03], [0.022]]) + 0 * X,
         velocity=lambda X: np.array([[0.0], [0.0], [2.0]]) + 0 * X,
     )
-    box = gx.assemblies.LiddedBox(SIZES, mass=1e-3, stiffness=1e-4, rest=1.0)
+    box = gx.assemblies.LiddedBox(SIZES, mass=1e-3, stiffness=1e-4, rest_angle=1.0)
     contact = gx.Contact(film, *box.obstacles, distance=1e-3)
     angle = Angle(box)
     run = gx.Simulation(gx.Scene(film, box, contact), gx.Midpoint(dt=1e-4))
@@ -96,10 +98,10 @@ def test_a_film_in_the_box_touches_it(comm) -> None:
 @pytest.mark.parametrize(
     "options, words",
     [
-        ({"rest": 4.0}, "rest is 4.0 rad; give an angle between 0 and π"),
+        ({"rest_angle": 4.0}, "rest_angle is 4.0 rad; give an angle between 0 and π"),
         ({"sizes": (0.1, 0.0, 0.1)}, "three positive numbers"),
         ({"mass": -1.0}, "mass is -1.0 kg"),
-        ({"release": -1.0}, "zero or a later time"),
+        ({"release_time": -1.0}, "zero or a later time"),
     ],
 )
 def test_what_cannot_be_is_refused(options, words: str) -> None:

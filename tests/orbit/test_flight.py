@@ -37,14 +37,15 @@ def dumbbell(
     arm = length / 2 * np.array([math.cos(tilt), math.sin(tilt), 0.0])
     v = np.cross([0, 0, spin], arm)
     a, b = (
-        gx.PointMass(10.0, tuple(s * arm), tuple(s * v), name=n) for s, n in ((-1, "a"), (1, "b"))
+        gx.PointMass(10.0, tuple(s * arm), velocity=tuple(s * v), name=n)
+        for s, n in ((-1, "a"), (1, "b"))
     )
     return a, b, gx.connectors.Spring(a.port(), b.port(), stiffness=1e5, length=length)
 
 
 @pytest.mark.mpi
 def test_rigid_body_flies_by_keplers_laws_in_second_order() -> None:
-    start = Elements(8e6, 0.1, 0.9, 1.0, 2.0, 0.5)
+    start = Elements(8e6, 0.1, i=0.9, node=1.0, perigee=2.0, anomaly=0.5)
     exact = start.after(1200.0).state()[0]
     errors = []
     for steps in (10, 20, 40):
@@ -141,7 +142,7 @@ def film(order: int = 1) -> gx.Membrane:
 def test_strains_are_not_spoilt_by_seven_thousand_kilometres(order: int) -> None:
     """In 20 ms the tide does nothing; the film moves as if it were not in orbit."""
     positions, stored = [], []
-    for parts in ((), (Orbit(Elements(A, 0.01, 1.0)),)):
+    for parts in ((), (Orbit(Elements(A, 0.01, i=1.0)),)):
         run = gx.Simulation(gx.Scene(film(order), *parts), gx.Midpoint(dt=1e-3))
         run.run(until=0.02)
         positions.append(run.system.q0.array_r.reshape(-1, 3).copy())
@@ -155,8 +156,8 @@ def test_strains_are_not_spoilt_by_seven_thousand_kilometres(order: int) -> None
 
 @pytest.mark.mpi
 def test_flexible_body_keeps_energy_and_angular_momentum_of_the_whole() -> None:
-    orbit = Orbit(Elements(A, 0.2, 1.0))
-    hub = gx.RigidBody(1.0, (0.1, 0.1, 0.1), (0.0, 0.0, 0.5), velocity=(0.02, 0, 0))
+    orbit = Orbit(Elements(A, 0.2, i=1.0))
+    hub = gx.RigidBody(1.0, (0.1, 0.1, 0.1), position=(0.0, 0.0, 0.5), velocity=(0.02, 0, 0))
     sail = film()
     strings = [
         gx.connectors.Rope(hub.port(), sail.port(corner), stiffness=50.0, length=0.5, name=corner)
@@ -172,7 +173,7 @@ def test_flexible_body_keeps_energy_and_angular_momentum_of_the_whole() -> None:
 def test_oblateness_turns_the_node_and_the_perigee() -> None:
     """Secular rates by J2 against the formulas of first order, over one revolution of an orbit of e = 0.05."""
     a, e, i = 8e6, 0.05, 0.6
-    start = Elements(a, e, i, 1.0, 0.7, 0.0)
+    start = Elements(a, e, i=i, node=1.0, perigee=0.7, anomaly=0.0)
     n, p = math.sqrt(MU / a**3), a * (1 - e**2)
     rate = 1.5 * n * J2 * (RADIUS / p) ** 2
     orbit = Orbit(start, gravity="J2")
@@ -188,7 +189,7 @@ def test_oblateness_turns_the_node_and_the_perigee() -> None:
 def test_all_attractions_are_work_supplied() -> None:
     pytest.importorskip("erfa")
     orbit = Orbit(
-        Elements(A, 0.01, 1.0), gravity=8, epoch="2026-03-01", third_bodies=("sun", "moon")
+        Elements(A, 0.01, i=1.0), gravity=8, epoch="2026-03-01", third_bodies=("sun", "moon")
     )
     run = gx.Simulation(gx.Scene(*dumbbell(0.5), orbit), gx.Midpoint(dt=30.0))
     run.run(until=300.0)
@@ -199,8 +200,8 @@ def test_all_attractions_are_work_supplied() -> None:
 def test_another_time_of_return_is_the_same_motion() -> None:
     ends = []
     for following in (200.0, 5000.0):
-        orbit = Orbit(Elements(A, 0.01, 1.0), gravity="J2", following=following)
-        body = gx.PointMass(10.0, (40.0, 30.0, 20.0), (0.1, 0.0, 0.2))
+        orbit = Orbit(Elements(A, 0.01, i=1.0), gravity="J2", following=following)
+        body = gx.PointMass(10.0, (40.0, 30.0, 20.0), velocity=(0.1, 0.0, 0.2))
         run = gx.Simulation(gx.Scene(body, orbit), gx.Midpoint(dt=10.0))
         run.run(until=600.0)
         ends.append(np.array(state(run, orbit, body)))
@@ -269,7 +270,9 @@ def test_nothing_is_held_in_flight(hold: str) -> None:
     holder = (
         gx.Fixed(film, "left")
         if hold == "film"
-        else gx.connectors.Spring(gx.Ground((1.0, 0.0, 0.0)), mass.port(), 1.0, 1.0)
+        else gx.connectors.Spring(
+            gx.Ground((1.0, 0.0, 0.0)), mass.port(), stiffness=1.0, length=1.0
+        )
     )
     with pytest.raises(gx.InputError, match="nothing to hold on to"):
         gx.Scene(film, mass, holder, Orbit(Elements(A, 0.0))).compile()

@@ -72,7 +72,7 @@ def test_sunlight_on_film_and_plate(degrees: float) -> None:
     body, surface = plate(tilt, JPL_SAIL)
     flat = film(tilt)
     run = one_step(
-        SolarPressure(flat, orbit, JPL_SAIL, name="on film"),
+        SolarPressure(flat, orbit, optics=JPL_SAIL, name="on film"),
         SolarPressure(body, orbit, surfaces=[surface], name="on plate"),
     )
     normal = np.array([math.sin(tilt), 0, math.cos(tilt)])
@@ -101,7 +101,7 @@ def test_groups_have_their_own_optics() -> None:
     cells = np.arange(flat.mesh.domain.topology.index_map(2).size_local, dtype=np.int32)
     flat.mesh.groups["all"] = (2, cells)
     black = Optics(reflectivity=0.0)
-    run = one_step(SolarPressure(flat, orbit, MIRROR, groups={"all": black}, name="light"))
+    run = one_step(SolarPressure(flat, orbit, optics=MIRROR, groups={"all": black}, name="light"))
     assert np.allclose(pushed(run, "light")[0], [0, 0, -PRESSURE], rtol=1e-4, atol=1e-4 * PRESSURE)
 
 
@@ -143,8 +143,8 @@ def test_drag_on_film_and_plate(order: int) -> None:
     body, surface = plate(tilt)
     flat = film(tilt, order)
     run = one_step(
-        Drag(flat, orbit, AIR, how, name="on film"),
-        Drag(body, orbit, AIR, how, surfaces=[surface], name="on plate"),
+        Drag(flat, orbit, atmosphere=AIR, accommodation=how, name="on film"),
+        Drag(body, orbit, atmosphere=AIR, accommodation=how, surfaces=[surface], name="on plate"),
     )
     on_film, on_plate = (pushed(run, name)[0] for name in ("on film", "on plate"))
     flight = orbit.flight(run.system)
@@ -178,9 +178,9 @@ def test_derivatives_by_complex_steps(what: str) -> None:
     orbit = gx.orbit.Orbit(gx.orbit.Elements(A), epoch="2026-06-01", shadow="none")
     body, surface = plate(0.5, JPL_SAIL)
     if what == "magnet":
-        load = MagneticDipole(body.frame(), orbit, (1.0, 2.0, 3.0))
+        load = MagneticDipole(body.frame(), orbit, moment=(1.0, 2.0, 3.0))
     elif what == "air":
-        load = Drag(body, orbit, AIR, surfaces=[surface])
+        load = Drag(body, orbit, atmosphere=AIR, surfaces=[surface])
     else:
         load = SolarPressure(body, orbit, surfaces=[surface])
     term = next(iter(load.terms(InitialState([], MPI.COMM_WORLD))))
@@ -199,9 +199,9 @@ def test_derivatives_by_complex_steps(what: str) -> None:
 @pytest.mark.mpi
 def test_magnetic_torque_is_m_cross_B() -> None:
     pytest.importorskip("erfa")
-    orbit = gx.orbit.Orbit(gx.orbit.Elements(A, 0.0, 1.2), epoch="2026-06-01")
+    orbit = gx.orbit.Orbit(gx.orbit.Elements(A, 0.0, i=1.2), epoch="2026-06-01")
     body = gx.RigidBody(5.0, (0.2, 0.3, 0.4), spin=(0.01, 0.0, 0.02))
-    magnet = MagneticDipole(body.frame(), orbit, (1.0, -2.0, 0.5))
+    magnet = MagneticDipole(body.frame(), orbit, moment=(1.0, -2.0, 0.5))
     run = one_step(magnet)
     flight = orbit.flight(run.system)
     B = magnet.field(flight)
@@ -216,15 +216,17 @@ def test_magnetic_torque_is_m_cross_B() -> None:
 def test_work_of_all_loads_closes_the_ledger() -> None:
     pytest.importorskip("erfa")
     orbit = gx.orbit.Orbit(
-        gx.orbit.Elements(A, 0.01, 1.0),
+        gx.orbit.Elements(A, 0.01, i=1.0),
         gravity=4,
         epoch="2026-06-01",
         third_bodies=("moon",),
         shadow="cone",
     )
-    hub = gx.RigidBody(2.0, (0.1, 0.1, 0.15), (0.0, 0.0, 0.4), spin=(0, 0, 0.1), name="hub")
+    hub = gx.RigidBody(
+        2.0, (0.1, 0.1, 0.15), position=(0.0, 0.0, 0.4), spin=(0, 0, 0.1), name="hub"
+    )
     box = [
-        Surface(0.04, n, tuple(0.1 * np.array(n)), JPL_SAIL)
+        Surface(0.04, n, centre=tuple(0.1 * np.array(n)), optics=JPL_SAIL)
         for n in ((1.0, 0, 0), (-1.0, 0, 0), (0, 0, 1.0))
     ]
     sail = film(0.3)
@@ -235,11 +237,11 @@ def test_work_of_all_loads_closes_the_ledger() -> None:
                 gx.connectors.Spring(hub.port(), sail.port(c), stiffness=5.0, length=0.5, name=c)
                 for c in corners
             ),
-            SolarPressure(sail, orbit, JPL_SAIL, shadow_pixels=32),
+            SolarPressure(sail, orbit, optics=JPL_SAIL, shadow_pixels=32),
             SolarPressure(hub, orbit, surfaces=box),
-            Drag(sail, orbit, AIR),
-            Drag(hub, orbit, AIR, surfaces=box),
-            MagneticDipole(hub.frame(), orbit, (0.1, 0.0, 0.0)),
+            Drag(sail, orbit, atmosphere=AIR),
+            Drag(hub, orbit, atmosphere=AIR, surfaces=box),
+            MagneticDipole(hub.frame(), orbit, moment=(0.1, 0.0, 0.0)),
             gx.loads.Force(hub.port((0.1, 0, 0)), (0.0, 1e-3, 0.0), name="thruster"),
         ),
         gx.Midpoint(dt=5e-3, tolerances=gx.Tolerances(relative=1e-13)),
@@ -275,8 +277,8 @@ def test_wrong_loads_are_refused() -> None:
         lambda: SolarPressure(flat, orbit, surfaces=[surface]),
         lambda: SolarPressure(body, orbit),
         lambda: SolarPressure(body, orbit, surfaces=[surface], shadow_pixels=8),
-        lambda: Drag(body, orbit, AIR),
-        lambda: MagneticDipole(body.frame(), orbit, (1.0, 0, 0)),
+        lambda: Drag(body, orbit, atmosphere=AIR),
+        lambda: MagneticDipole(body.frame(), orbit, moment=(1.0, 0, 0)),
         lambda: Surface(-1.0, (0, 0, 1)),
         lambda: Surface(1.0, (0, 0, 0)),
         lambda: Air(-1.0),
@@ -286,6 +288,6 @@ def test_wrong_loads_are_refused() -> None:
     with pytest.raises(gx.InputError, match="Sun"):
         one_step(SolarPressure(flat, orbit))
     with pytest.raises(gx.InputError, match="return Air"):
-        one_step(Drag(flat, orbit, lambda altitude: 1e-12))
+        one_step(Drag(flat, orbit, atmosphere=lambda altitude: 1e-12))
     assert light_force(np.ones(3), np.ones(3), (2, 0, 0), (2, 0, 0), Rows).shape == (3,)
     assert len(axes_of(body)) == 4

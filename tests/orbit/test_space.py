@@ -17,12 +17,12 @@ from gossamer_fx.orbit.optics import JPL_SAIL, MIRROR, PRESSURE, Optics
 from gossamer_fx.orbit.sky import MU_MOON, Sky, third_body, third_body_gradient
 
 ORBITS = [
-    Elements(7e6, 0.1, 1.0, 2.0, 3.0, 4.0),
-    Elements(42e6, 0.7, 2.9, 0.1, 6.0, 1.0),
-    Elements(-8e6, 1.7, 2.5, 0.3, 0.4, -1.2),
+    Elements(7e6, 0.1, i=1.0, node=2.0, perigee=3.0, anomaly=4.0),
+    Elements(42e6, 0.7, i=2.9, node=0.1, perigee=6.0, anomaly=1.0),
+    Elements(-8e6, 1.7, i=2.5, node=0.3, perigee=0.4, anomaly=-1.2),
     Elements(7e6),
     Elements(7e6, 0.2, perigee=1.0, anomaly=2.0),
-    Elements(7e6, 0.0, 1.5, 2.0, 0.0, 5.0),
+    Elements(7e6, 0.0, i=1.5, node=2.0, perigee=0.0, anomaly=5.0),
 ]
 
 
@@ -139,7 +139,13 @@ def test_optics_of_mcinnes() -> None:
 
 
 def test_lit_from_the_back_the_sides_change_places() -> None:
-    swapped = Optics(0.88, 0.94, 0.55, 0.55, other_side=Optics(0.88, 0.94, 0.05, 0.79))
+    swapped = Optics(
+        0.88,
+        0.94,
+        emissivity=0.55,
+        lambertian=0.55,
+        other_side=Optics(0.88, 0.94, emissivity=0.05, lambertian=0.79),
+    )
     assert JPL_SAIL.coefficients(back=True) == swapped.coefficients()
     black = Optics(reflectivity=0.0, emissivity=0.9)
     assert black.coefficients() == (0, 0, 1)

@@ -44,7 +44,7 @@ def test_the_kernel_is_what_numpy_says(order, properties) -> None:
     shapes = gx.reduction.Snapshots(film)
     X = film.space.tabulate_dof_coordinates()
     shapes.positions += [X + 0.05 * rng.standard_normal(X.shape) for _ in range(3)]
-    reduced = gx.reduction.reduce(film, [shapes], 4)
+    reduced = gx.reduction.reduce(film, [shapes], modes=4)
     system = gx.Simulation(gx.Scene(reduced), gx.Midpoint(dt=0.1)).system
     energies = next(c for c in system.compiled if type(c).__name__ == "ReducedEnergies")
     force = energies._forces[0][1]

@@ -37,14 +37,14 @@ def flown(
     shapes = gx.reduction.Snapshots(film, every=2)
     outputs = [gx.Recording(folder / "run", every=2), shapes]
     points = gx.Checkpoints(folder / "points", every=4)
-    run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=DT), outputs, checkpoints=points)
+    run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=DT), outputs=outputs, checkpoints=points)
     run.run(until=4 * DT if halves else 8 * DT)
     if halves:
         kept = list(shapes.positions)
         again = gx.Recording(folder / "run", every=2), gx.reduction.Snapshots(film, every=2)
-        gx.Simulation(gx.Scene(film), gx.Midpoint(dt=DT), again, restart=folder / "points").run(
-            until=8 * DT
-        )
+        gx.Simulation(
+            gx.Scene(film), gx.Midpoint(dt=DT), outputs=again, restart=folder / "points"
+        ).run(until=8 * DT)
         shapes.positions = kept + again[1].positions
     return shapes
 
@@ -58,7 +58,7 @@ def test_shapes_on_the_disk_are_those_in_memory(folder: Path, order: int, halves
     for a, b in zip(read.positions, shapes.positions, strict=True):
         assert a.shape == b.shape and np.abs(a - b).max(initial=0.0) < 1e-14
     a, b = (
-        gx.reduction.reduce(shapes.film, [motion], 2).basis.singular_values
+        gx.reduction.reduce(shapes.film, [motion], modes=2).basis.singular_values
         for motion in (read, shapes)
     )
     assert a[:2] == pytest.approx(b[:2], rel=1e-9)
@@ -74,7 +74,7 @@ def test_a_run_on_one_rank_is_read_on_all(folder: Path) -> None:
     run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=DT))
     run.run(until=8 * DT)
     assert np.abs(read.positions[-1].ravel() - run.system.q0.array_r).max(initial=0.0) < 1e-8
-    assert gx.reduction.reduce(film, [read], 2).basis.size == 5
+    assert gx.reduction.reduce(film, [read], modes=2).basis.size == 5
 
 
 @pytest.mark.mpi

@@ -44,7 +44,7 @@ def flight(film: gx.Membrane, outputs=(), dt: float = 0.02, **options) -> gx.Sim
         for k, (p, t) in enumerate(zip(ports, tips, strict=True))
     ]
     return gx.Simulation(
-        gx.Scene(film, *tips, *joints), gx.Midpoint(dt=dt), list(outputs), **options
+        gx.Scene(film, *tips, *joints), gx.Midpoint(dt=dt), outputs=list(outputs), **options
     )
 
 
@@ -59,7 +59,7 @@ def recorded() -> tuple[gx.Membrane, gx.reduction.Snapshots]:
 @pytest.mark.mpi
 def test_contact_of_a_reduced_sail_is_refused_and_its_pressure_zero(recorded) -> None:
     film, shapes = recorded
-    reduced = gx.reduction.reduce(film, [shapes], 6)
+    reduced = gx.reduction.reduce(film, [shapes], modes=6)
     with pytest.raises(
         gx.InputError, match="is reduced, without nodes that touch; give the film itself"
     ):
@@ -87,7 +87,9 @@ def test_a_reduced_sail_conserves_what_the_film_does(recorded, cells) -> None:
 @pytest.mark.mpi
 def test_more_cells_miss_less_of_the_stiffness(recorded) -> None:
     film, shapes = recorded
-    few, more = (gx.reduction.reduce(film, [shapes], 8, cells).sample for cells in (10, 25))
+    few, more = (
+        gx.reduction.reduce(film, [shapes], modes=8, cells=cells).sample for cells in (10, 25)
+    )
     assert len(few.cells) <= 10 and (few.weights > 0).all()
     assert more.error < few.error < 1 and COMM.allreduce(len(more.cells)) > COMM.allreduce(
         len(few.cells)
@@ -99,7 +101,7 @@ def test_mass_momentum_and_energy_at_the_start_are_the_films(recorded) -> None:
     film, shapes = recorded
     full, reduced = (
         gx.Simulation(gx.Scene(b), gx.Midpoint(dt=0.1))
-        for b in (film, gx.reduction.reduce(film, [shapes], 12))
+        for b in (film, gx.reduction.reduce(film, [shapes], modes=12))
     )
     assert reduced.totals.angular_momentum == pytest.approx(
         full.totals.angular_momentum, rel=1e-6, abs=1e-9
@@ -133,7 +135,7 @@ def test_more_modes_come_closer(recorded) -> None:
     film, shapes = recorded
     errors = []
     for modes in (6, 18, 36):
-        reduced = gx.reduction.reduce(film, [shapes], modes)
+        reduced = gx.reduction.reduce(film, [shapes], modes=modes)
         run = flight(reduced)
         run.run(until=0.4)
         c = run.system.q0.array_r[run.system.numbering.owned(0)].reshape(-1, 3)
@@ -202,13 +204,13 @@ def test_what_cannot_be_reduced_is_told_in_one_sentence(recorded) -> None:
         ([shapes], 3, 0, "cells is 0"),
     ):
         with pytest.raises(gx.InputError, match=words):
-            gx.reduction.reduce(film, motions, modes, cells)
+            gx.reduction.reduce(film, motions, modes=modes, cells=cells)
     other = gx.reduction.Snapshots(film)
     other.positions.append(np.zeros((1, 3)))
     with pytest.raises(gx.InputError, match="another mesh"):
-        gx.reduction.reduce(film, [other], 1)
+        gx.reduction.reduce(film, [other], modes=1)
     with pytest.raises(gx.InputError, match=r"has no group 'left'.*port_at"):
-        gx.Scene(gx.Fixed(gx.reduction.reduce(film, [shapes], 3), "left")).compile()
+        gx.Scene(gx.Fixed(gx.reduction.reduce(film, [shapes], modes=3), "left")).compile()
 
 
 @pytest.mark.mpi
@@ -216,7 +218,7 @@ def test_the_energy_outside_of_the_basis_tells_where_it_does_not_hold(recorded) 
     film, shapes = recorded
     shares = []
     for modes in (6, 30):
-        reduced = gx.reduction.reduce(film, [shapes], modes)
+        reduced = gx.reduction.reduce(film, [shapes], modes=modes)
         run = flight(reduced)
         run.run(until=0.4)
         shares.append(gx.reduction.OutsideBasis(reduced)(run))
@@ -229,7 +231,9 @@ def test_frequencies_of_the_spinning_sail_are_the_films() -> None:
     film = demo_film(COMM, 6, saddle, 0.02)
     found = steady(film, DEMO_SPIN)
     modes = gx.analysis.modes(found, 6, spin=(0.0, 0.0, DEMO_SPIN))
-    reduced = gx.reduction.reduce(film, [gx.analysis.ModeShapes(film, found, modes, 0.1)], 5)
+    reduced = gx.reduction.reduce(
+        film, [gx.analysis.ModeShapes(film, found, modes=modes, height=0.1)], modes=5
+    )
     again = gx.analysis.modes(steady(reduced, DEMO_SPIN), 6, spin=(0.0, 0.0, DEMO_SPIN))
     assert [mode.frequency for mode in again] == pytest.approx(
         [mode.frequency for mode in modes], rel=0.01

@@ -10,7 +10,7 @@ import pytest
 import gossamer_fx as gx
 from meshes.line import line
 
-TUBE = gx.sections.tube(0.002, 5e-5, 1e11, 0.3, 1560.0)
+TUBE = gx.sections.tube(0.002, 5e-5, E=1e11, nu=0.3, density=1560.0)
 L = 1.0
 
 
@@ -97,7 +97,7 @@ def test_lines_slide_in_planes_of_any_direction(comm, kind):
     ends = (
         gx.Fixed(body, "start"),
         gx.Fixed(body, "end", normal=tuple(n)),
-        gx.Fixed(body, "end", (1,)),
+        gx.Fixed(body, "end", components=(1,)),
     )
     spin = [gx.constraints.Clamped(body, "start")] if kind == "beam" else []
     scene = gx.Scene(*(spin or ends[:1]), *ends[1:], gx.Gravity(body, (0.0, 0.0, -1.0)))
@@ -115,7 +115,7 @@ def test_a_cable_is_moved_as_films_are(comm):
     """Pulled by 1 %: N = EA λ ε."""
     cable = gx.Cable(line(comm, [(0, 0, 0), (L, 0, 0)], 4), gx.CableLaw(1e3, 0.1))
     pulled = gx.constraints.Prescribed(
-        cable, "end", lambda X, t: np.vstack([0.01 * t + 0 * X[0], 0 * X[0], 0 * X[0]])
+        cable, "end", motion=lambda X, t: np.vstack([0.01 * t + 0 * X[0], 0 * X[0], 0 * X[0]])
     )
     held = gx.Fixed(cable, "start")
     equilibrium = gx.Equilibrium(gx.Scene(held, pulled))

@@ -90,8 +90,12 @@ def test_a_crease_alone_carries_the_moment_at_its_hinge(comm) -> None:
     for stiffness in (None, 1e3, 1e-2):
         mesh = creased_strip(comm, 6, 1, LENGTH, WIDTH)
         plate = gx.Plate(mesh, crease.LAW, hinges=[] if stiffness is None else ["crease"])
-        folds = [] if stiffness is None else [gx.connectors.Crease(plate, "crease", stiffness)]
-        load = gx.loads.EdgeLoad(plate, "right", (0.0, 0.0, 1e-5))
+        folds = (
+            []
+            if stiffness is None
+            else [gx.connectors.Crease(plate, "crease", stiffness=stiffness)]
+        )
+        load = gx.loads.EdgeLoad(plate, "right", force=(0.0, 0.0, 1e-5))
         search = gx.Equilibrium(
             gx.Scene(plate, gx.constraints.ClampedEdge(plate, "left"), load, *folds)
         )
@@ -103,7 +107,9 @@ def test_a_crease_alone_carries_the_moment_at_its_hinge(comm) -> None:
 
 def test_own_weight_opens_a_hanging_strip() -> None:
     """Half of the weight of a strip that is light beside its weight acts at its end."""
-    heavy = gx.analysis.HangingStrip(LENGTH, WIDTH, STRIP.bending_stiffness, area_density=0.07)
+    heavy = gx.analysis.HangingStrip(
+        LENGTH, WIDTH, bending_stiffness=STRIP.bending_stiffness, area_density=0.07
+    )
     assert heavy.equilibrium(REST, STIFFNESS, 1e-4)[0] < STRIP.equilibrium(REST, STIFFNESS, 1e-4)[0]
 
 
@@ -117,7 +123,8 @@ def measured(noise: float) -> tuple[list[float], list[float], list[float]]:
 
 
 def test_identification_of_exact_data() -> None:
-    found = gx.analysis.identify_crease(STRIP, *measured(0.0))
+    weights, angles, distances = measured(0.0)
+    found = gx.analysis.identify_crease(STRIP, weights, angles=angles, distances=distances)
     assert found.rest_angle == pytest.approx(1.9, rel=1e-5)
     assert found.stiffness == pytest.approx(3e-3, rel=1e-4)
     assert found.misfit < 1e-3
@@ -125,7 +132,10 @@ def test_identification_of_exact_data() -> None:
 
 def test_identification_of_data_with_errors_and_its_uncertainty() -> None:
     uncertainties = {"angle_uncertainty": math.radians(0.5), "distance_uncertainty": 2e-4}
-    found = gx.analysis.identify_crease(STRIP, *measured(1.0), **uncertainties)
+    weights, angles, distances = measured(1.0)
+    found = gx.analysis.identify_crease(
+        STRIP, weights, angles=angles, distances=distances, **uncertainties
+    )
     assert abs(found.rest_angle - 1.9) < 3 * found.rest_angle_error < 0.1
     assert abs(found.stiffness - 3e-3) < 3 * found.stiffness_error < 1e-3
     assert 0.2 < found.misfit < 2.5

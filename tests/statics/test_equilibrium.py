@@ -13,16 +13,16 @@ from meshes.disc import quarter_disc
 from meshes.sheet import sheet
 
 FILM = {"E": 1e9, "nu": 0.3, "density": 1000.0, "thickness": 1e-4}
-LAWS = [gx.Linear(**FILM), gx.Miyazaki(**FILM, residual=1e-6), gx.TensionField(**FILM)]
+LAWS = [gx.Linear(**FILM), gx.Miyazaki(**FILM, residual_stiffness=1e-6), gx.TensionField(**FILM)]
 
 
 def quarter(comm, law, cells, order, pressure, rim=(0, 1, 2)):
     """A quarter of a flat disc of radius 1 m under pressure, supported at the rim, in its planes of symmetry."""
     film = gx.Membrane(quarter_disc(comm, cells, 1.0, order), law, order=order)
     supports = [
-        gx.Fixed(film, "rim", rim),
-        gx.Fixed(film, "x axis", (1,)),
-        gx.Fixed(film, "y axis", (0,)),
+        gx.Fixed(film, "rim", components=rim),
+        gx.Fixed(film, "x axis", components=(1,)),
+        gx.Fixed(film, "y axis", components=(0,)),
     ]
     return film, gx.Scene(film, gx.Pressure(film, pressure), *supports)
 
@@ -58,7 +58,7 @@ def test_mylar_balloon(comm):
     """Thickness and radius of the inflated balloon of two discs, extrapolated to an inextensible film (Taylor 1919)."""
     thickness, radius = [], []
     for q in (4e-3, 2e-3):
-        law = gx.Miyazaki(**FILM, residual=1e-6)
+        law = gx.Miyazaki(**FILM, residual_stiffness=1e-6)
         film, scene = quarter(comm, law, 12, 1, q * FILM["E"] * FILM["thickness"], rim=(2,))
         equilibrium = Equilibrium(scene)
         equilibrium.find()
@@ -81,7 +81,7 @@ def test_reaction_work_and_stretch_of_a_pulled_strip(comm):
     """Dead load f along an edge, ν = 0: f = E t λ(λ²-1)/2, reaction -f H, work f H (λ-1) L."""
     λ, L, H = 1.02, 2.0, 1.0
     f = FILM["E"] * FILM["thickness"] * λ * (λ**2 - 1) / 2
-    _, held, scene = strip(comm, lambda film: gx.loads.EdgeLoad(film, "right", (f, 0.0, 0.0)))
+    _, held, scene = strip(comm, lambda film: gx.loads.EdgeLoad(film, "right", force=(f, 0.0, 0.0)))
     equilibrium = Equilibrium(scene)
     found = equilibrium.find()
     x = equilibrium.system.q0.array_r.reshape(-1, 3)
@@ -96,7 +96,7 @@ def test_increments_follow_a_prescribed_motion(comm):
     """A stretched film of ν = 0: the force on the moved edge at every increment, and its work in small ones."""
     film, _, _ = strip(comm)
     pulled = gx.constraints.Prescribed(
-        film, "right", lambda X, t: np.vstack([t + 0 * X[0], 0 * X[0], 0 * X[0]])
+        film, "right", motion=lambda X, t: np.vstack([t + 0 * X[0], 0 * X[0], 0 * X[0]])
     )
     equilibrium = Equilibrium(gx.Scene(film, gx.Fixed(film, "left"), pulled))
     for t in (0.01, 0.02, 0.04):
@@ -127,14 +127,15 @@ def test_without_an_equilibrium_the_reason_is_given(comm):
     """The search is given up too early."""
     _, _, scene = strip(comm, lambda film: gx.Gravity(film), law=gx.Miyazaki(**FILM))
     with pytest.raises(NoEquilibrium, match=r"unbalanced force is .* of the load.*at the node"):
-        Equilibrium(scene, Continuation(iterations=5)).find()
+        Equilibrium(scene, Continuation(total_iterations=5)).find()
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("residual", 0.0), ("step", float("nan")), ("growth", 1.0), ("cut", 2.0)]
+    ("name", "value"),
+    [("tolerance", 0.0), ("first_step", float("nan")), ("growth_factor", 1.0), ("cut_factor", 2.0)],
 )
 def test_a_search_that_cannot_be_is_refused(name, value):
-    with pytest.raises(gx.InputError, match=name):
+    with pytest.raises(gx.InputError, match=f"{name} is"):
         Continuation(**{name: value})
 
 
@@ -147,7 +148,7 @@ def test_work_of_a_moved_edge_closes_the_ledger_in_time(comm):
         return np.vstack([0 * X[0], 0 * X[0], 0.1 * np.sin(50 * t) ** 2 + 0 * X[0]])
 
     run = gx.Simulation(
-        gx.Scene(film, gx.constraints.Prescribed(film, "left", shake)), gx.Midpoint(dt=1e-3)
+        gx.Scene(film, gx.constraints.Prescribed(film, "left", motion=shake)), gx.Midpoint(dt=1e-3)
     )
     run.run(until=0.03)
     assert run.totals.supplied > 1e-3

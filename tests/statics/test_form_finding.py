@@ -23,7 +23,12 @@ def soap_film(comm, height):
 
     def scene():
         held = [gx.Fixed(film, ring) for ring in rings]
-        return gx.Scene(film, *held, gx.Fixed(film, "left", (1,)), gx.Fixed(film, "right", (0,)))
+        return gx.Scene(
+            film,
+            *held,
+            gx.Fixed(film, "left", components=(1,)),
+            gx.Fixed(film, "right", components=(0,)),
+        )
 
     return film, scene
 
@@ -46,7 +51,7 @@ def test_rings_too_far_apart_hold_no_film(comm):
 
 
 def test_only_a_film_of_given_tension_has_a_form_to_find(comm):
-    film = gx.Membrane(sheet(comm, 2, 2), gx.Linear(1e9, 0.3, 1e3, 1e-4))
+    film = gx.Membrane(sheet(comm, 2, 2), gx.Linear(1e9, 0.3, density=1e3, thickness=1e-4))
     with pytest.raises(gx.InputError, match="Prestress"):
         find_form(film, lambda: gx.Scene(film))
 
@@ -60,7 +65,7 @@ def test_edge_cables_of_a_film_between_four_corners_are_arcs(comm, force):
     def scene():
         corners = [gx.Fixed(film, corner) for corner in CORNERS]
         return gx.Scene(
-            film, *corners, *(gx.analysis.EdgeCable(film, edge, force) for edge in EDGES)
+            film, *corners, *(gx.analysis.EdgeCable(film, edge, force=force) for edge in EDGES)
         )
 
     find_form(film, scene, change=1e-4)

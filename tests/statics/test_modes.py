@@ -14,7 +14,7 @@ from meshes.line import line
 from meshes.sheet import EDGES, sheet
 
 N0, THICKNESS, E, NU = 10.0, 2e-5, 2.3e9, 0.3  # N/m, m, Pa
-TENSIONED = gx.Miyazaki(E, NU, 0.028 / THICKNESS, THICKNESS)
+TENSIONED = gx.Miyazaki(E, NU, density=0.028 / THICKNESS, thickness=THICKNESS)
 STRETCH = N0 * (1 - NU) / (E * THICKNESS)
 
 
@@ -44,7 +44,11 @@ def test_square_film_under_tension(comm, order, cells, tolerance):
 def test_round_film_under_tension(comm):
     """f = j_mn/(2πa) √(N0/ρt) for a = 1 m; a quarter has the modes of even m: j01, j21, j02."""
     film = gx.Membrane(quarter_disc(comm, 8, 1.0, 2), TENSIONED, order=2, displacement=stretched)
-    held = [gx.Fixed(film, "rim"), gx.Fixed(film, "x axis", (1,)), gx.Fixed(film, "y axis", (0,))]
+    held = [
+        gx.Fixed(film, "rim"),
+        gx.Fixed(film, "x axis", components=(1,)),
+        gx.Fixed(film, "y axis", components=(0,)),
+    ]
     equilibrium = Equilibrium(gx.Scene(film, *held))
     equilibrium.find()
     frequencies = [mode.frequency for mode in modes(equilibrium, 3)]
@@ -52,7 +56,7 @@ def test_round_film_under_tension(comm):
 
 
 SPIN = 10.0
-SPUN = gx.Miyazaki(1e9, NU, 5e-5 * 1e9 / SPIN**2, 1e-4)  # ρΩ²a²/E = 5e-5
+SPUN = gx.Miyazaki(1e9, NU, density=5e-5 * 1e9 / SPIN**2, thickness=1e-4)  # ρΩ²a²/E = 5e-5
 
 
 @pytest.mark.parametrize("turning", [False, True], ids=["without Coriolis", "with Coriolis"])
@@ -65,7 +69,7 @@ def test_disc_that_spins_about_a_hub(comm, turning):
     spin = (0.0, 0.0, SPIN)
     equilibrium = Equilibrium(gx.Scene(film, gx.Fixed(film, "hub"), Centrifugal(film, spin)))
     equilibrium.find()
-    found = modes(equilibrium, 7, spin) if turning else modes(equilibrium, 7)
+    found = modes(equilibrium, 7, spin=spin) if turning else modes(equilibrium, 7)
     squares = [(2 * np.pi * mode.frequency / SPIN) ** 2 for mode in found]
     exact = [0.733432, 1.158668, 1.158668, 2.276136, 2.276136, 3.843137, 3.843137]
     assert squares == pytest.approx(exact, rel=2e-3)
@@ -74,7 +78,7 @@ def test_disc_that_spins_about_a_hub(comm, turning):
 def test_disc_that_spins_freely(comm):
     """(ω/Ω)² = [(n+2s)(n+2s+2)(3+ν) - n²(1+3ν)]/8: a quarter has n = 0, 2, 4 with s = 0, and n = 0 with s = 1."""
     film = gx.Membrane(quarter_disc(comm, 8, 1.0, 2), SPUN, order=2)
-    held = [gx.Fixed(film, "x axis", (1,)), gx.Fixed(film, "y axis", (0,))]
+    held = [gx.Fixed(film, "x axis", components=(1,)), gx.Fixed(film, "y axis", components=(0,))]
     equilibrium = Equilibrium(gx.Scene(film, *held, Centrifugal(film, (0.0, 0.0, SPIN))))
     found = equilibrium.find()
     assert found.free == ("translation z",)
@@ -93,12 +97,13 @@ def test_coriolis_force_turns_the_plane_of_a_pendulum(comm):
     point = gx.PointMass(mass, (0.0, 0.0, 0.0), comm=comm)
     axes = [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]
     springs = [
-        gx.connectors.AxialSpring(point.port(), k, axis, name=f"spring {axis}") for axis in axes
+        gx.connectors.AxialSpring(point.port(), k, direction=axis, name=f"spring {axis}")
+        for axis in axes
     ]
     equilibrium = Equilibrium(gx.Scene(point, *springs))
     equilibrium.find()
     ω0 = (k / mass) ** 0.5
-    found = modes(equilibrium, 3, (0.0, 0.0, Ω))
+    found = modes(equilibrium, 3, spin=(0.0, 0.0, Ω))
     root = (Ω**2 + ω0**2) ** 0.5
     assert [2 * np.pi * mode.frequency for mode in found] == pytest.approx(
         [root - Ω, ω0, root + Ω], rel=1e-8
@@ -174,14 +179,16 @@ def test_a_free_hub_with_tethers_in_a_turning_frame(comm, above):
         tip = gx.PointMass(m, tuple((R + L) * e), comm=comm, name=f"tip {i}")
         length = L - m * Ω**2 * (R + L) / k
         items += [
-            gx.connectors.Rope(hub.port(tuple(R * e)), tip.port(), length, k, f"tether {i}"),
+            gx.connectors.Rope(
+                hub.port(tuple(R * e)), tip.port(), length=length, stiffness=k, name=f"tether {i}"
+            ),
             Centrifugal(tip, spin),
         ]
     equilibrium = Equilibrium(gx.Scene(*items))
     result = equilibrium.find()
     assert result.free == ("translation z", "rotation z")
     planar, across = np.sqrt(R / L), np.sqrt(1 + R / L)
-    near = modes(equilibrium, 2 if above else 12, spin, above * planar * Ω / (2 * np.pi))
+    near = modes(equilibrium, 2 if above else 12, spin=spin, above=above * planar * Ω / (2 * np.pi))
     found = np.array([2 * np.pi * mode.frequency / Ω for mode in near])
     for exact in [planar, across] if above == 0 else [planar] if above < 2 else [across]:
         assert abs(found - exact).min() < 1e-5 * exact
@@ -195,7 +202,7 @@ def test_modes_near_a_frequency_in_a_turning_frame(comm):
     spin = (0.0, 0.0, SPIN)
     equilibrium = Equilibrium(gx.Scene(film, gx.Fixed(film, "hub"), Centrifugal(film, spin)))
     equilibrium.find()
-    found = modes(equilibrium, 2, spin, above=1.5 * SPIN / (2 * np.pi))
+    found = modes(equilibrium, 2, spin=spin, above=1.5 * SPIN / (2 * np.pi))
     assert [(2 * np.pi * mode.frequency / SPIN) ** 2 for mode in found] == pytest.approx(
         [2.276136] * 2, rel=2e-3
     )
@@ -208,13 +215,13 @@ def test_a_film_on_a_free_hub_in_a_turning_frame(comm):
     hub = gx.RigidBody(mass, (mass, mass, 2 * mass), comm=comm, name="hub")
     spin = (0.0, 0.0, SPIN)
     scene = gx.Scene(
-        gx.RigidRegion(film, "hub", hub), Centrifugal(film, spin), Centrifugal(hub, spin)
+        gx.RigidRegion(film, "hub", rigid_body=hub), Centrifugal(film, spin), Centrifugal(hub, spin)
     )
     equilibrium = Equilibrium(scene)
     equilibrium.find()
     lowest, near = (
-        modes(equilibrium, 14, spin),
-        modes(equilibrium, 10, spin, above=1.2 * SPIN / (2 * np.pi)),
+        modes(equilibrium, 14, spin=spin),
+        modes(equilibrium, 10, spin=spin, above=1.2 * SPIN / (2 * np.pi)),
     )
     squares = np.array([(2 * np.pi * mode.frequency / SPIN) ** 2 for mode in lowest])
     for exact in (0.733432, 1.158668):

@@ -24,7 +24,7 @@ def test_what_nothing_holds_has_no_equilibrium(comm, load):
     first, second = film(comm), film(comm, "other")
     scene = {
         "gravity": lambda: gx.Scene(first, gx.Gravity(first)),
-        "edge": lambda: gx.Scene(first, gx.loads.EdgeLoad(first, "right", (10.0, 0.0, 0.0))),
+        "edge": lambda: gx.Scene(first, gx.loads.EdgeLoad(first, "right", force=(10.0, 0.0, 0.0))),
         "one of two": lambda: gx.Scene(
             gx.Fixed(first, "left"), gx.Gravity(first), gx.Gravity(second)
         ),
@@ -49,7 +49,7 @@ def test_an_unloaded_slack_film_rests_where_it_is(comm, law):
 @pytest.mark.filterwarnings("ignore:invalid value encountered")
 def test_the_result_is_the_state_that_was_found_before_the_last_iteration(comm):
     """A pendulum hung at (1, 0, 0), whose turn about the vertical nothing resists: the residual was nan."""
-    bob = gx.RigidBody(1.0, (1.0, 1.0, 1.0), (1.0, 0.0, -1.0))
+    bob = gx.RigidBody(1.0, (1.0, 1.0, 1.0), position=(1.0, 0.0, -1.0))
     scene = gx.Scene(
         gx.constraints.BallJoint(bob.port((0.0, 0.0, 1.0)), gx.Ground((1.0, 0.0, 0.0))),
         gx.Gravity(bob),
@@ -89,13 +89,13 @@ def test_a_mass_on_a_slack_rope_is_not_held(comm):
     [
         (
             lambda b, at: gx.constraints.RevoluteJoint(
-                b.frame_at(at), gx.ground_frame(at), (0, 1, 0)
+                b.frame_at(at), gx.ground_frame(at), axis=(0, 1, 0)
             ),
             "rotation y about (1, 0, 0)",
         ),
         (
             lambda b, at: gx.constraints.PrismaticJoint(
-                b.frame_at(at), gx.ground_frame(at), (0, 1, 1)
+                b.frame_at(at), gx.ground_frame(at), axis=(0, 1, 1)
             ),
             "translation (0, 0.707, 0.707)",
         ),
@@ -104,7 +104,7 @@ def test_a_mass_on_a_slack_rope_is_not_held(comm):
     ids=["hinge", "slide", "fixed"],
 )
 def test_a_joint_leaves_its_own_motion(comm, joint, free):
-    body = gx.RigidBody(1.0, (1.0, 1.0, 1.0), (2.0, 0.0, 0.0))
+    body = gx.RigidBody(1.0, (1.0, 1.0, 1.0), position=(2.0, 0.0, 0.0))
     found = Equilibrium(gx.Scene(joint(body, (1.0, 0.0, 0.0)))).find()
     assert found.free == ((free,) if free else ())
     assert found.regular == (not free)

@@ -68,7 +68,7 @@ def test_a_hinge_transmits_no_moment():
     plate = gx.Plate(irregular_sheet(WORLD, 6, 2, 0.3, 0.1), LAW, hinges=("middle",))
     clamp, load = (
         gx.constraints.ClampedEdge(plate, "left"),
-        gx.loads.EdgeLoad(plate, "right", (0.0, 0.0, 0.05)),
+        gx.loads.EdgeLoad(plate, "right", force=(0.0, 0.0, 0.05)),
     )
     equilibrium = gx.Equilibrium(gx.Scene(plate, clamp, load))
     equilibrium.find()
@@ -138,11 +138,11 @@ def test_a_sheared_plate_comes_to_rest_in_wrinkles(comm):
 
     plate = gx.Plate(sheet(comm, 14, 7, length, height), FOIL, displacement=rough)
     moved = gx.constraints.Prescribed(
-        plate, "top", lambda X, t: np.stack([δ + 0 * X[0], 0 * X[0], 0 * X[0]])
+        plate, "top", motion=lambda X, t: np.stack([δ + 0 * X[0], 0 * X[0], 0 * X[0]])
     )
     scene = gx.Scene(plate, gx.Fixed(plate, "bottom"), moved)
     search = gx.analysis.Continuation(
-        step=1e-4, inner=0.3, fast_iterations=20, max_iterations=40, residual=1e-3
+        first_step=1e-4, inner_tolerance=0.3, fast_iterations=20, max_iterations=40, tolerance=1e-3
     )
     equilibrium = gx.Equilibrium(scene, search)
     plane = equilibrium.totals.stored["plate"]
@@ -222,18 +222,20 @@ def test_properties_vary_by_group_or_by_place():
         ),
         (
             lambda m: gx.Membrane(
-                m, gx.Elastica(1e9, 0.3, 1e3, 1e-4, 0.1), properties={"thickness": {"film": 1e-3}}
+                m,
+                gx.Elastica(1e9, 0.3, density=1e3, thickness=1e-4, half_wavelength=0.1),
+                properties={"thickness": {"film": 1e-3}},
             ),
             "derived",
         ),
-        (lambda m: gx.constraints.ClampedEdge(gx.Membrane(m, LAW), "left"), "is no Plate"),
+        (lambda m: gx.constraints.ClampedEdge(gx.Membrane(m, LAW), "left"), "give a Plate"),
         (
             lambda m: gx.constraints.ClampedEdge(
                 gx.Plate(m, LAW), "left", direction=(0.0, 0.0, 0.0)
             ),
             "not all zero",
         ),
-        (lambda m: gx.loads.EdgeMoment(gx.Plate(m, LAW), "left", math.inf), "finite"),
+        (lambda m: gx.loads.EdgeMoment(gx.Plate(m, LAW), "left", moment=math.inf), "moment is inf"),
         (lambda m: gx.Linear(E=1e9, nu=0.3, density=1.0, thickness=0.0), "thickness is 0.0"),
     ],
 )

@@ -10,7 +10,7 @@ from meshes.line import line
 from meshes.sheet import sheet
 
 E, THICKNESS = 1e9, 1e-4
-LAW = gx.Linear(E, 0.0, 1000.0, THICKNESS)
+LAW = gx.Linear(E, 0.0, density=1000.0, thickness=THICKNESS)
 
 
 def column(value):
@@ -22,18 +22,18 @@ def test_strains_stresses_and_positions_of_a_pulled_strip(comm):
     """λ = 1.02, ν = 0: E11 = (λ² - 1)/2, S11 = E E11."""
     film = gx.Membrane(sheet(comm, 4, 2, 2.0, 1.0), LAW)
     pulled = gx.constraints.Prescribed(
-        film, "right", lambda X, t: np.vstack([0.04 + 0 * X[0], 0 * X[0], 0 * X[0]])
+        film, "right", motion=lambda X, t: np.vstack([0.04 + 0 * X[0], 0 * X[0], 0 * X[0]])
     )
     equilibrium = gx.Equilibrium(gx.Scene(gx.Fixed(film, "left"), pulled))
     equilibrium.find()
-    points, strain = gx.fields.field_values(equilibrium, film, "strain1")
-    _, stress = gx.fields.field_values(equilibrium, film, "stress1")
+    points, strain = gx.fields.field_values(equilibrium, film, field="strain1")
+    _, stress = gx.fields.field_values(equilibrium, film, field="stress1")
     assert strain == column((1.02**2 - 1) / 2)
     assert stress == column(E * (1.02**2 - 1) / 2)
     assert points.shape == (len(strain), 3)
     x = gx.fields.positions(equilibrium, film)
     assert comm.allreduce(float(x[:, 0].max()), max) == column(2.04)
-    _, u = gx.fields.field_values(equilibrium, film, "displacement")
+    _, u = gx.fields.field_values(equilibrium, film, field="displacement")
     assert u.shape[1] == 3
     assert gx.probes.Position(film.port("top right"), "x")(equilibrium) == column(2.04)
     assert gx.probes.AreaFraction(film, "taut")(equilibrium) == column(1.0)
@@ -46,7 +46,8 @@ def test_strains_stresses_and_positions_of_a_pulled_strip(comm):
 def test_reaction_of_a_clamped_beam(comm):
     """Force -F and moment about the clamp: its arm is that of the deflected tip."""
     beam = gx.Beam(
-        line(comm, [(0, 0, 0), (1, 0, 0)], 8), gx.sections.tube(0.02, 5e-4, 1e11, 0.3, 1560.0)
+        line(comm, [(0, 0, 0), (1, 0, 0)], 8),
+        gx.sections.tube(0.02, 5e-4, E=1e11, nu=0.3, density=1560.0),
     )
     clamp, tip = gx.constraints.Clamped(beam, "start"), beam.port("end")
     F = (3.0, -2.0, 5.0)
@@ -63,8 +64,8 @@ def test_reaction_of_a_clamped_beam(comm):
 @pytest.mark.mpi
 def test_forces_of_joints_at_rest_and_in_motion(comm):
     """A body hung on a hinge that hangs on another: weights; a body swung on a joint: m ω² r to second order in h."""
-    upper = gx.RigidBody(2.0, (1.0, 1.0, 1.0), (0.0, 0.0, -1.0), name="upper")
-    lower = gx.RigidBody(3.0, (1.0, 1.0, 1.0), (0.5, 0.0, -3.0), name="lower")
+    upper = gx.RigidBody(2.0, (1.0, 1.0, 1.0), position=(0.0, 0.0, -1.0), name="upper")
+    lower = gx.RigidBody(3.0, (1.0, 1.0, 1.0), position=(0.5, 0.0, -3.0), name="lower")
     top = gx.constraints.FixedJoint(gx.ground_frame(), upper.frame_at((0.0, 0.0, 0.0)), name="top")
     middle = gx.constraints.FixedJoint(
         upper.frame_at((0.0, 0.0, -2.0)), lower.frame_at((0.0, 0.0, -2.0)), name="middle"
@@ -81,10 +82,14 @@ def test_forces_of_joints_at_rest_and_in_motion(comm):
     assert gx.probes.JointForce(top, "z")(equilibrium) == pytest.approx(50.0)
 
     stone = gx.RigidBody(
-        2.0, (1.0, 1.0, 1.0), (0.5, 0.0, 0.0), velocity=(0.0, 1.5, 0.0), spin=(0.0, 0.0, 3.0)
+        2.0,
+        (1.0, 1.0, 1.0),
+        position=(0.5, 0.0, 0.0),
+        velocity=(0.0, 1.5, 0.0),
+        spin=(0.0, 0.0, 3.0),
     )
     hinge = gx.constraints.RevoluteJoint(
-        gx.ground_frame(), stone.frame_at((0.0, 0.0, 0.0)), (0.0, 0.0, 1.0), name="hinge"
+        gx.ground_frame(), stone.frame_at((0.0, 0.0, 0.0)), axis=(0.0, 0.0, 1.0), name="hinge"
     )
     series = gx.Series(
         {
@@ -93,7 +98,7 @@ def test_forces_of_joints_at_rest_and_in_motion(comm):
             "ω": gx.probes.AngularVelocity(stone.frame(), "z"),
         }
     )
-    gx.Simulation(gx.Scene(hinge), gx.Midpoint(dt=1e-3), [series]).run(until=0.05)
+    gx.Simulation(gx.Scene(hinge), gx.Midpoint(dt=1e-3), outputs=[series]).run(until=0.05)
     assert np.hypot(series["x"], series["y"])[1:] == pytest.approx(2.0 * 3.0**2 * 0.5, rel=1e-4)
     assert series["ω"] == pytest.approx(3.0, rel=1e-6)
 
@@ -101,7 +106,7 @@ def test_forces_of_joints_at_rest_and_in_motion(comm):
 def test_angular_velocity_of_a_beam(comm):
     beam = gx.Beam(
         line(comm, [(0, 0, 0), (1, 0, 0)], 2),
-        gx.sections.tube(0.02, 5e-4, 1e11, 0.3, 1560.0),
+        gx.sections.tube(0.02, 5e-4, E=1e11, nu=0.3, density=1560.0),
         velocity=lambda X: np.cross((0.3, 0.0, 2.0), X.T).T,
     )
     run = gx.Simulation(gx.Scene(beam), gx.Midpoint(dt=1e-3))

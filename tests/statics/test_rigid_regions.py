@@ -15,14 +15,16 @@ from meshes.sheet import sheet
 from meshes.tube_section import cylinder
 
 E, THICKNESS, DENSITY = 1e9, 1e-4, 1000.0
-TUBE = gx.sections.tube(0.02, 5e-4, 1e11, 0.3, 1560.0)
+TUBE = gx.sections.tube(0.02, 5e-4, E=1e11, nu=0.3, density=1560.0)
 
 
 def strip(comm, nu=0.0, order=2, cells=(8, 4)):
     film = gx.Membrane(
-        sheet(comm, *cells, 2.0, 1.0), gx.Linear(E, nu, DENSITY, THICKNESS), order=order
+        sheet(comm, *cells, 2.0, 1.0),
+        gx.Linear(E, nu, density=DENSITY, thickness=THICKNESS),
+        order=order,
     )
-    return film, gx.Fixed(film, "film", (2,))
+    return film, gx.Fixed(film, "film", components=(2,))
 
 
 @pytest.mark.mpi
@@ -31,11 +33,11 @@ def test_a_strip_is_pulled_by_the_force_on_its_straight_edge(comm, sliding):
     """f = E t λ ε; with ν and an edge that may shrink evenly, the strip shrinks by √(1 - 2νε)."""
     nu = 0.3 if sliding else 0.0
     film, flat = strip(comm, nu)
-    edge = gx.RigidRegion(film, "right", sliding=sliding, held=(2,))
+    edge = gx.RigidRegion(film, "right", sliding=sliding, fixed_components=(2,))
     λ = 1.02
     ε = (λ**2 - 1) / 2
-    left = gx.Fixed(film, "left", (0,) if sliding else (0, 1, 2))
-    held = [left, gx.Fixed(film, "bottom", (1,))] if sliding else [left]
+    left = gx.Fixed(film, "left", components=(0,) if sliding else (0, 1, 2))
+    held = [left, gx.Fixed(film, "bottom", components=(1,))] if sliding else [left]
     pull = gx.loads.Force(edge.port(), (E * THICKNESS * λ * ε, 0.0, 0.0))
     equilibrium = gx.Equilibrium(gx.Scene(flat, edge, pull, *held))
     equilibrium.find()
@@ -52,7 +54,7 @@ def test_a_strip_is_pulled_by_the_force_on_its_straight_edge(comm, sliding):
 def test_a_strip_is_bent_by_the_moment_on_its_straight_edge(comm):
     """θ = M L/(E I) of small bending in the plane."""
     film, flat = strip(comm)
-    edge = gx.RigidRegion(film, "right", held=(2,))
+    edge = gx.RigidRegion(film, "right", fixed_components=(2,))
     θ, inertia = 1e-5, THICKNESS / 12
     moment = gx.loads.Torque(edge.line, (0.0, 0.0, θ * E * inertia / 2.0))
     equilibrium = gx.Equilibrium(gx.Scene(flat, gx.Fixed(film, "left"), edge, moment))
@@ -70,14 +72,16 @@ def test_a_strip_is_bent_by_the_moment_on_its_straight_edge(comm):
 def test_a_hub_turns_by_the_torque_on_it(comm, piece):
     """φ = T/(4π G t) (1/a² - 1/b²) of a ring in shear."""
     film = gx.Membrane(
-        ring(comm, 0.3, 1.0, 8, 32, 2), gx.Linear(E, 0.3, DENSITY, THICKNESS), order=2
+        ring(comm, 0.3, 1.0, 8, 32, 2),
+        gx.Linear(E, 0.3, density=DENSITY, thickness=THICKNESS),
+        order=2,
     )
     hub = gx.RigidBody(1.0, (0.1, 0.1, 0.2), name="hub") if piece == "rigid body" else None
-    region = gx.RigidRegion(film, "hub", hub, held=(2,))
+    region = gx.RigidRegion(film, "hub", rigid_body=hub, fixed_components=(2,))
     G, T = E / 2.6, 0.5
     load = gx.loads.Torque(region.frame, (0.0, 0.0, T))
     equilibrium = gx.Equilibrium(
-        gx.Scene(gx.Fixed(film, "film", (2,)), gx.Fixed(film, "rim"), region, load)
+        gx.Scene(gx.Fixed(film, "film", components=(2,)), gx.Fixed(film, "rim"), region, load)
     )
     equilibrium.find()
     d = [gx.probes.Displacement(region.frame.directors[0], axis)(equilibrium) for axis in "xy"]
@@ -88,16 +92,16 @@ def test_a_hub_turns_by_the_torque_on_it(comm, piece):
 @pytest.mark.mpi
 def test_a_wrinkled_hub_needs_no_secant(comm):
     """The torque that is given is that of a hub which is turned by the angle that was found."""
-    law = gx.Miyazaki(E, 0.3, DENSITY, THICKNESS, residual=1e-4)
+    law = gx.Miyazaki(E, 0.3, density=DENSITY, thickness=THICKNESS, residual_stiffness=1e-4)
 
     def film():
         return gx.Membrane(ring(comm, 0.3, 1.0, 6, 24), law)
 
     loaded, turned, T = film(), film(), 500.0
-    region = gx.RigidRegion(loaded, "hub", held=(2,))
+    region = gx.RigidRegion(loaded, "hub", fixed_components=(2,))
     found = gx.Equilibrium(
         gx.Scene(
-            gx.Fixed(loaded, "film", (2,)),
+            gx.Fixed(loaded, "film", components=(2,)),
             gx.Fixed(loaded, "rim"),
             region,
             gx.loads.Torque(region.frame, (0, 0, T)),
@@ -111,10 +115,14 @@ def test_a_wrinkled_hub_needs_no_secant(comm):
     turn = gx.constraints.Prescribed(
         turned,
         "hub",
-        lambda X, t: np.vstack([(c - 1) * X[0] - s * X[1], s * X[0] + (c - 1) * X[1], 0 * X[0]]),
-        (0, 1),
+        motion=lambda X, t: np.vstack(
+            [(c - 1) * X[0] - s * X[1], s * X[0] + (c - 1) * X[1], 0 * X[0]]
+        ),
+        components=(0, 1),
     )
-    check = gx.Equilibrium(gx.Scene(gx.Fixed(turned, "film", (2,)), gx.Fixed(turned, "rim"), turn))
+    check = gx.Equilibrium(
+        gx.Scene(gx.Fixed(turned, "film", components=(2,)), gx.Fixed(turned, "rim"), turn)
+    )
     check.find()
     assert φ > 0.01 and gx.probes.AreaFraction(loaded, "wrinkled")(found) > 0.5
     assert check.reaction(turn)[1][2] == pytest.approx(T, rel=1e-6)
@@ -129,10 +137,10 @@ def test_an_inflated_tube_bends_under_the_moment_on_its_end_plate(comm, ratio):
     plate = gx.RigidRegion(film, "last rim", sliding=True)
     axial, M = tube.P * math.pi * tube.INFLATED**2, tube.moment(ratio)
     held = [
-        gx.Fixed(film, "first rim", (0,)),
-        *(gx.Fixed(film, side, (1,)) for side in ("top", "bottom")),
+        gx.Fixed(film, "first rim", components=(0,)),
+        *(gx.Fixed(film, side, components=(1,)) for side in ("top", "bottom")),
     ]
-    held += [gx.Fixed(film, point, (2,)) for point in ("first left", "first right")]
+    held += [gx.Fixed(film, point, components=(2,)) for point in ("first left", "first right")]
     loads = (
         gx.loads.Force(plate.port(), (axial, 0.0, 0.0)),
         gx.loads.Torque(plate.frame, (0.0, M, 0.0)),
@@ -147,7 +155,7 @@ def test_an_inflated_tube_bends_under_the_moment_on_its_end_plate(comm, ratio):
 @pytest.mark.mpi
 def test_a_beam_is_bent_into_an_arc_by_the_torque_on_its_end(comm):
     """A half circle, M = π EI/L, reached in steps."""
-    thin = gx.sections.tube(0.002, 5e-5, 1e11, 0.3, 1560.0)
+    thin = gx.sections.tube(0.002, 5e-5, E=1e11, nu=0.3, density=1560.0)
     beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 16), thin)
     torque = gx.loads.Torque(beam.frame("end"), lambda t: (0.0, 0.0, t * math.pi * thin.EI2))
     equilibrium = gx.Equilibrium(gx.Scene(gx.constraints.Clamped(beam, "start"), torque))
@@ -161,7 +169,7 @@ def test_a_beam_is_bent_into_an_arc_by_the_torque_on_its_end(comm):
 @pytest.mark.parametrize("kind", ["straight", "stretching", "hub", "sliding", "body"])
 def test_momenta_of_a_free_film_grow_by_force_and_torque(comm, kind):
     """Nothing is held: momentum F t, angular momentum T t about the origin, and the ledger closes."""
-    law = gx.Linear(E, 0.3, DENSITY, THICKNESS)
+    law = gx.Linear(E, 0.3, density=DENSITY, thickness=THICKNESS)
     hub = gx.RigidBody(0.1, (1e-3, 1e-3, 1e-3), name="hub") if kind == "body" else None
     if kind in ("straight", "stretching"):
         film = gx.Membrane(sheet(comm, 4, 2, 2.0, 1.0), law)
@@ -169,7 +177,7 @@ def test_momenta_of_a_free_film_grow_by_force_and_torque(comm, kind):
         frame = region.line
     else:
         film = gx.Membrane(ring(comm, 0.3, 1.0, 3, 12), law)
-        region = gx.RigidRegion(film, "hub", hub, sliding=kind == "sliding")
+        region = gx.RigidRegion(film, "hub", rigid_body=hub, sliding=kind == "sliding")
         frame = region.frame
     T = np.array([0.0, 0.0, 0.2])
     motion = gx.RigidMotion(spin=(0.0, 0.0, 3.0), velocity=(1.0, 0.0, 0.0))
@@ -187,7 +195,7 @@ def test_momenta_of_a_free_film_grow_by_force_and_torque(comm, kind):
 
 @pytest.mark.mpi
 def test_what_cannot_be_one_piece_is_refused(comm):
-    film = gx.Membrane(sheet(comm, 2, 2), gx.Linear(E, 0.3, DENSITY, THICKNESS))
+    film = gx.Membrane(sheet(comm, 2, 2), gx.Linear(E, 0.3, density=DENSITY, thickness=THICKNESS))
     beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 2), TUBE)
     body = gx.RigidBody(1.0, (1.0, 1.0, 1.0))
     straight, plane = gx.RigidRegion(film, "right"), gx.RigidRegion(film, "film")
@@ -195,7 +203,10 @@ def test_what_cannot_be_one_piece_is_refused(comm):
         (lambda: gx.RigidRegion(beam, "end"), "a section of a beam is rigid by itself"),
         (lambda: gx.RigidRegion(film, "bottom left"), "one point"),
         (lambda: gx.RigidRegion(film, "nowhere"), "nowhere"),
-        (lambda: gx.RigidRegion(film, "right", body, sliding=True), "leave one of them out"),
+        (
+            lambda: gx.RigidRegion(film, "right", rigid_body=body, sliding=True),
+            "leave one of them out",
+        ),
         (lambda: straight.frame, "apply torques to its line"),
         (lambda: plane.line, "apply torques to its frame"),
         (lambda: gx.constraints.FixedJoint(straight.line, body.frame()), "give a Frame"),

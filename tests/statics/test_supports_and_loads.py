@@ -11,8 +11,8 @@ from meshes.line import line
 from meshes.sheet import sheet
 
 E, THICKNESS = 1e9, 1e-4
-LAW = gx.Linear(E, 0.0, 1000.0, THICKNESS)
-TUBE = gx.sections.tube(0.02, 5e-4, 1e11, 0.3, 1560.0)
+LAW = gx.Linear(E, 0.0, density=1000.0, thickness=THICKNESS)
+TUBE = gx.sections.tube(0.02, 5e-4, E=1e11, nu=0.3, density=1560.0)
 
 
 def bent(X):
@@ -32,16 +32,16 @@ def turned(comm, angle):
 @pytest.mark.parametrize("angle", [0.0, 0.7])
 def test_a_strip_slides_in_planes_of_any_direction(comm, angle):
     """Between planes that are not x, y, z: f = E t λ ε, ε = (λ² - 1)/2, and ε across is -ν ε."""
-    film = gx.Membrane(turned(comm, angle), gx.Linear(E, 0.3, 1000.0, THICKNESS))
+    film = gx.Membrane(turned(comm, angle), gx.Linear(E, 0.3, density=1000.0, thickness=THICKNESS))
     e, n = (
         np.array([np.cos(angle), np.sin(angle), 0.0]),
         np.array([-np.sin(angle), np.cos(angle), 0.0]),
     )
     ends = gx.Fixed(film, "left", normal=tuple(e)), gx.Fixed(film, "bottom", normal=tuple(n))
-    flat = [gx.Fixed(film, edge, (2,)) for edge in ("left", "right", "top", "bottom")]
+    flat = [gx.Fixed(film, edge, components=(2,)) for edge in ("left", "right", "top", "bottom")]
     ε = (1.02**2 - 1) / 2
     f = E * THICKNESS * 1.02 * ε
-    scene = gx.Scene(*ends, *flat, gx.loads.EdgeLoad(film, "right", normal=f))
+    scene = gx.Scene(*ends, *flat, gx.loads.EdgeLoad(film, "right", normal_force=f))
     equilibrium = gx.Equilibrium(scene)
     equilibrium.find()
     x = gx.fields.positions(equilibrium, film)
@@ -62,7 +62,7 @@ def test_a_normal_load_pulls_along_the_film_or_as_the_mesh_was(comm, following):
     film = gx.Membrane(
         sheet(comm, 4, 2, 2.0, 1.0), LAW, displacement=lambda X: (X.T @ quarter - X.T).T
     )
-    load = gx.loads.EdgeLoad(film, "right", normal=lambda t: 2000.0 * t, following=following)
+    load = gx.loads.EdgeLoad(film, "right", normal_force=lambda t: 2000.0 * t, following=following)
     run = gx.Simulation(gx.Scene(load), gx.Midpoint(dt=1e-4))
     run.run(until=1e-3)
     impulse = 2000.0 * 1e-3**2 / 2
@@ -81,19 +81,19 @@ def test_a_load_on_edges_inside_the_film_counts(comm):
     film = gx.Membrane(mesh, LAW)
     held = [gx.Fixed(film, edge) for edge in ("left", "right")]
     equilibrium = gx.Equilibrium(
-        gx.Scene(*held, gx.loads.EdgeLoad(film, "middle", (30.0, 0.0, 0.0)))
+        gx.Scene(*held, gx.loads.EdgeLoad(film, "middle", force=(30.0, 0.0, 0.0)))
     )
     equilibrium.find()
     total = sum(equilibrium.reaction(support)[0] for support in held)
     assert total == pytest.approx([-30.0, 0, 0], abs=1e-5)
     with pytest.raises(gx.InputError, match=r"no normal"):
-        gx.loads.EdgeLoad(film, "middle", normal=1.0)
+        gx.loads.EdgeLoad(film, "middle", normal_force=1.0)
 
 
 @pytest.mark.parametrize(
     ("bad", "words"),
     [
-        ({"force": (1.0, 0.0, 0.0), "normal": 1.0}, "either a force or a normal one"),
+        ({"force": (1.0, 0.0, 0.0), "normal_force": 1.0}, "either a force or a normal one"),
         ({}, "either a force or a normal one"),
         ({"force": (1.0, np.nan, 0.0)}, "three numbers"),
     ],
@@ -110,10 +110,13 @@ def test_beams_and_cables_are_held_moved_and_damped_as_films_are(comm):
     beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 4), TUBE)
     pinned = gx.Fixed(beam, "start")
     lifted = gx.constraints.Prescribed(
-        beam, "end", lambda X, t: np.vstack([0 * X[0], 0 * X[0], 0.1 * t + 0 * X[0]]), (2,)
+        beam,
+        "end",
+        motion=lambda X, t: np.vstack([0 * X[0], 0 * X[0], 0.1 * t + 0 * X[0]]),
+        components=(2,),
     )
     equilibrium = gx.Equilibrium(
-        gx.Scene(pinned, lifted, gx.Fixed(beam, "end", (1,)), gx.Gravity(beam))
+        gx.Scene(pinned, lifted, gx.Fixed(beam, "end", components=(1,)), gx.Gravity(beam))
     )
     equilibrium.find(at=1.0)
     assert gx.probes.Position(beam.port("end"), "z")(equilibrium) == pytest.approx(0.1)
@@ -134,7 +137,10 @@ def test_beams_and_cables_are_held_moved_and_damped_as_films_are(comm):
             velocity=lambda X: np.vstack([0 * X[0], X[0] ** 2, 0 * X[0]]),
         ),
     ):
-        for damping in (gx.Damping(body, mass=20.0), gx.Damping(body, stiffness=1e-3)):
+        for damping in (
+            gx.Damping(body, mass_factor=20.0),
+            gx.Damping(body, stiffness_factor=1e-3),
+        ):
             run = gx.Simulation(gx.Scene(gx.Fixed(body, "start"), damping), gx.Midpoint(dt=1e-4))
             run.run(until=3e-3)
             assert 0 < run.totals.dissipated < run.first.energy
@@ -145,7 +151,7 @@ def test_beams_and_cables_are_held_moved_and_damped_as_films_are(comm):
 @pytest.mark.parametrize("load", ["gravity", "centrifugal"])
 def test_a_tape_has_weight(comm, load):
     film = gx.Membrane(sheet(comm, 4, 4), LAW)
-    tape = gx.connectors.Tape.along_edges(film, gx.CableLaw(1e4, 0.5), "right")
+    tape = gx.connectors.Tape.along_edges(film, gx.CableLaw(1e4, 0.5), edges="right")
     held = [gx.Fixed(film, edge) for edge in ("left", "right")]
     field = gx.Gravity(film) if load == "gravity" else gx.loads.Centrifugal(film, (0.0, 0.0, 2.0))
     equilibrium = gx.Equilibrium(gx.Scene(tape, field, *held))
@@ -162,7 +168,7 @@ def test_a_tape_has_weight(comm, load):
 
 def test_contradicting_supports_are_refused(comm):
     film = gx.Membrane(sheet(comm, 2, 2), LAW)
-    moved = gx.constraints.Prescribed(film, "left", lambda X, t: 0 * X)
+    moved = gx.constraints.Prescribed(film, "left", motion=lambda X, t: 0 * X)
     with pytest.raises(
         gx.InputError, match=r"'film/left moved .*' moves coordinates that 'film/bottom fixed"
     ):
@@ -175,7 +181,7 @@ def test_a_support_of_nothing_is_refused(comm):
     film = gx.Membrane(mesh, LAW)
     for support in (
         lambda: gx.Fixed(film, "nowhere"),
-        lambda: gx.constraints.Prescribed(film, "nowhere", lambda X, t: 0 * X),
+        lambda: gx.constraints.Prescribed(film, "nowhere", motion=lambda X, t: 0 * X),
         lambda: gx.Fixed(film, "left", normal=(0.0, 0.0, 0.0)),
     ):
         with pytest.raises(gx.InputError, match=r"no node|not all zero"):

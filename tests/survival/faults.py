@@ -68,7 +68,11 @@ def main() -> None:
         )  # as on a disk that is full from the start
     try:
         run = gx.Simulation(
-            fluttering_sheet(COMM), gx.Midpoint(dt=DT), outputs, checkpoints=saves, restart=restart
+            fluttering_sheet(COMM),
+            gx.Midpoint(dt=DT),
+            outputs=outputs,
+            checkpoints=saves,
+            restart=restart,
         )
         run.run(until=(60 if restart else 20) * DT)
     except (gx.InputError, gx.OutputFailure) as failure:

@@ -29,7 +29,7 @@ def main() -> None:
     saves = gx.Checkpoints(out / "saves", every=1000)
     scene = gx.Scene(film, gx.Pressure(film, slow))
     gx.Simulation(
-        scene, gx.Midpoint(dt=DT), [gx.Recording(out / "run", every=1)], checkpoints=saves
+        scene, gx.Midpoint(dt=DT), outputs=[gx.Recording(out / "run", every=1)], checkpoints=saves
     ).run(until=1.0)
 
 

@@ -13,7 +13,7 @@ from meshes.plates import irregular_sheet
 from meshes.sheet import sheet
 from meshes.tube import flat_tube
 
-LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual=1e-6)
+LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual_stiffness=1e-6)
 GAS = gx.IdealGas(gamma=1.4, R=296.8)
 DT = 1e-3
 
@@ -32,7 +32,7 @@ def fluttering_sheet(comm: MPI.Comm, n: int = 4, order: int = 1, law: Any = LAW)
 
 def filled_tube(comm: MPI.Comm, cells: int = 4) -> gx.Scene:
     """A tube pressed flat, with a tank and a valve: film, gas, and a border."""
-    law = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual=1e-6)
+    law = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual_stiffness=1e-6)
     film = gx.Membrane(flat_tube(comm, 0.2, 0.058, cells), law)
     tube = gx.Chamber(film, gas=GAS, pressure=1.0, temperature=293.0, dead_volume=1e-6, name="tube")
     tank = gx.Tank(20e-6, gas=GAS, pressure=1.5e6, temperature=293.0)
@@ -46,9 +46,11 @@ def turning_beam(comm: MPI.Comm) -> gx.Scene:
         line(comm, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], 4), section, normal=(0, 0, 1), name="boom"
     )
     hub = gx.RigidBody(1.0, (0.02, 0.03, 0.04), spin=(0.0, 0.0, 0.0), comm=comm, name="hub")
-    control = gx.control.AttitudeControl(hub.frame(), (0.0, 0.0, 0.1), 2.0, 0.3, period=2.5 * DT)
+    control = gx.control.AttitudeControl(
+        hub.frame(), (0.0, 0.0, 0.1), stiffness=2.0, damping=0.3, period=2.5 * DT
+    )
     joint = gx.constraints.FixedJoint(beam.frame("start"), hub.frame(), name="root")
-    damper = gx.connectors.Damper(beam.port("end"), gx.Ground((1.0, 0.0, -1.0)), 0.5)
+    damper = gx.connectors.Damper(beam.port("end"), gx.Ground((1.0, 0.0, -1.0)), damping=0.5)
     return gx.Scene(beam, hub, control, joint, damper, gx.Gravity(beam, (0, 0, -9.81)))
 
 

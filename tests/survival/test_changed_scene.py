@@ -41,23 +41,29 @@ def scene(**changed: Any) -> gx.Scene:
     hub = gx.RigidBody(1.0, (0.02, 0.03, 0.04), comm=COMM, name="hub")
     bottle = gx.Tank(1e-3, gas=GAS, pressure=2e5, temperature=300.0, name="bottle")
     valve = gx.Orifice(
-        bottle, gx.gas.Ambient(p["outside"], 300.0), p["area"], p["discharge"], name="valve"
+        bottle,
+        gx.gas.Ambient(p["outside"], 300.0),
+        area=p["area"],
+        discharge_coefficient=p["discharge"],
+        name="valve",
     )
     return gx.Scene(
         film,
         hub,
         valve,
-        gx.gas.WallHeat(bottle, p["conductance"], 310.0),
+        gx.gas.WallHeat(bottle, p["conductance"], temperature=310.0),
         gx.Gravity(film, p["g"]),
         gx.Pressure(film, p["pressure"]),
-        gx.Damping(film, mass=p["damping"]),
+        gx.Damping(film, mass_factor=p["damping"]),
         gx.loads.Force(film.port(p["point"]), p["force"], name="pull"),
         gx.loads.Force(
             hub.port(), lambda t: (ramp * t, np.interp(t, [0, 1], table), 0.0), name="push"
         ),
-        gx.control.AttitudeControl(hub.frame(), p["target"], p["stiffness"], 0.3, period=DT),
-        gx.constraints.Prescribed(film, "left", p["motion"], name="mover"),
-        gx.loads.EdgeLoad(film, "right", p["edge"]),
+        gx.control.AttitudeControl(
+            hub.frame(), p["target"], stiffness=p["stiffness"], damping=0.3, period=DT
+        ),
+        gx.constraints.Prescribed(film, "left", motion=p["motion"], name="mover"),
+        gx.loads.EdgeLoad(film, "right", force=p["edge"]),
     )
 
 

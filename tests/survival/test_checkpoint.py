@@ -95,7 +95,7 @@ def test_coordinates_find_their_nodes_on_other_ranks(folder: Path) -> None:
 @pytest.mark.mpi
 def test_step_control_goes_on_where_it_was(folder: Path) -> None:
     def go(until: float, **options: object) -> gx.Simulation:
-        control = gx.StepControl(iterations=8, error=1e-6)
+        control = gx.StepControl(target_iterations=8, error=1e-6)
         run = gx.Simulation(
             fluttering_sheet(COMM), gx.Midpoint(dt=DT / 10), control=control, **options
         )
@@ -177,7 +177,7 @@ def test_outputs_go_on_without_gap_or_duplicate(folder: Path) -> None:
 
 @pytest.mark.mpi
 def test_a_run_that_is_called_again_goes_on_in_its_files(folder: Path) -> None:
-    run = gx.Simulation(fluttering_sheet(COMM), gx.Midpoint(dt=DT), outputs(folder))
+    run = gx.Simulation(fluttering_sheet(COMM), gx.Midpoint(dt=DT), outputs=outputs(folder))
     run.run(until=2 * DT)
     run.run(until=4 * DT)
     COMM.barrier()

@@ -20,7 +20,7 @@ def falling() -> tuple[gx.PointMass, gx.Scene]:
     return mass, gx.Scene(mass, gx.Gravity(mass, (0.0, 0.0, -9.81)))
 
 
-@pytest.mark.parametrize("control", [None, gx.StepControl(largest=0.1)])
+@pytest.mark.parametrize("control", [None, gx.StepControl(max_step=0.1)])
 @pytest.mark.parametrize("height", [0.999, 0.5, 0.05])
 def test_a_fall_ends_at_its_height(height: float, control: gx.StepControl | None) -> None:
     mass, scene = falling()

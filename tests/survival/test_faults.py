@@ -159,7 +159,10 @@ def test_folders_that_cannot_be_made_are_refused_before_the_first_step(
     saves = gx.Checkpoints(at) if what == "Checkpoints" else None
     with pytest.raises(gx.InputError, match="Cannot write"):
         gx.Simulation(
-            fluttering_sheet(COMM, 2), gx.Midpoint(dt=DT), outputs.get(what, []), checkpoints=saves
+            fluttering_sheet(COMM, 2),
+            gx.Midpoint(dt=DT),
+            outputs=outputs.get(what, []),
+            checkpoints=saves,
         )
 
 

@@ -42,7 +42,9 @@ def test_a_sheet_flutters_for_long(tmp_path: Path) -> None:
     stepper = gx.Midpoint(dt=DT, tolerances=gx.Tolerances(relative=1e-12))
     outputs = [gx.outputs.Probes(tmp_path / "long.csv", probes, every=1000), gx.outputs.Progress()]
     saves = gx.Checkpoints(tmp_path / "checkpoints", every=1000)
-    run = gx.Simulation(fluttering_sheet(MPI.COMM_SELF), stepper, outputs, checkpoints=saves)
+    run = gx.Simulation(
+        fluttering_sheet(MPI.COMM_SELF), stepper, outputs=outputs, checkpoints=saves
+    )
     run.run(until=STEPS * DT)
     assert run.step == STEPS
     table = np.genfromtxt(tmp_path / "long.csv", delimiter=",", names=True)

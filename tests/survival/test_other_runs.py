@@ -147,7 +147,7 @@ def test_two_outputs_of_one_file_are_refused(folder: Path) -> None:
         gx.Simulation(
             film,
             gx.Midpoint(dt=DT),
-            [gx.outputs.VTX(folder / "a.bp"), gx.outputs.VTX(folder / "a_0001.bp")],
+            outputs=[gx.outputs.VTX(folder / "a.bp"), gx.outputs.VTX(folder / "a_0001.bp")],
         )
     COMM.barrier()
     assert not [p for p in folder.rglob("*") if p.is_file()]
@@ -238,7 +238,11 @@ def test_a_damaged_recording_is_told_when_it_is_read_and_when_a_run_goes_on(
         outputs = [gx.Recording(tmp_path / "run", every=1)]
         saves = gx.Checkpoints(tmp_path / "saves", every=2)
         gx.Simulation(
-            fluttering_sheet(COMM, 2), gx.Midpoint(dt=DT), outputs, checkpoints=saves, **options
+            fluttering_sheet(COMM, 2),
+            gx.Midpoint(dt=DT),
+            outputs=outputs,
+            checkpoints=saves,
+            **options,
         ).run(until * DT)
 
     def look() -> None:

@@ -22,7 +22,7 @@ OMEGA = 10.0  # rad/s
 def oscillator() -> tuple[gx.Scene, gx.PointMass]:
     mass = gx.PointMass(2.0, position=(1.0, 0.0, 0.0), comm=MPI.COMM_SELF)
     return gx.Scene(
-        mass, gx.connectors.AxialSpring(mass.port(), 2.0 * OMEGA**2, (1.0, 0.0, 0.0))
+        mass, gx.connectors.AxialSpring(mass.port(), 2.0 * OMEGA**2, direction=(1.0, 0.0, 0.0))
     ), mass
 
 
@@ -69,8 +69,8 @@ def test_steps_of_a_given_error(error: float) -> None:
     """Errors of steps add up: at t = 1 the phase is off by 1/h errors of at most the given one."""
     scene, _ = oscillator()
     noted = Steps()
-    control = gx.StepControl(iterations=10**6, error=error)
-    run = gx.Simulation(scene, gx.Midpoint(dt=1e-3), [noted], control=control)
+    control = gx.StepControl(target_iterations=10**6, error=error)
+    run = gx.Simulation(scene, gx.Midpoint(dt=1e-3), outputs=[noted], control=control)
     run.run(until=1.0)
     off = abs(run.system.q0.array_r[0] - math.cos(OMEGA))
     assert off <= error * run.step
@@ -82,7 +82,7 @@ def test_steps_of_a_given_error(error: float) -> None:
 @pytest.mark.mpi
 def test_iterations_are_near_their_target() -> None:
     def go(target: int) -> gx.Simulation:
-        control = gx.StepControl(iterations=target)
+        control = gx.StepControl(target_iterations=target)
         run = gx.Simulation(fluttering_sheet(COMM), gx.Midpoint(dt=1e-4), control=control)
         run.run(until=0.05)
         return run
@@ -160,9 +160,9 @@ def test_milestones_are_met_exactly_and_steps_fit_between_them() -> None:
     looks.times = times
     seen: list[float] = []
     looks.record = lambda run, last: seen.append(run.time)  # type: ignore[method-assign]
-    control = gx.StepControl(iterations=30, growth=2.0)
+    control = gx.StepControl(target_iterations=30, max_factor=2.0)
     run = gx.Simulation(
-        fluttering_sheet(COMM), gx.Midpoint(dt=1e-4), [noted, looks], control=control
+        fluttering_sheet(COMM), gx.Midpoint(dt=1e-4), outputs=[noted, looks], control=control
     )
     run.run(until=6e-3)
     assert set(times) <= set(seen) and seen[-1] == 6e-3
@@ -174,12 +174,14 @@ def test_a_step_that_fails_is_cut_and_recovers() -> None:
     """A first step a thousand times too long is cut until it converges; without room to cut, the run fails by name."""
     from gossamer_fx.solvers.tolerances import Tolerances
 
-    stepper = gx.Midpoint(dt=0.05, tolerances=Tolerances(iterations=5))
-    run = gx.Simulation(fluttering_sheet(COMM), stepper, control=gx.StepControl(iterations=8))
+    stepper = gx.Midpoint(dt=0.05, tolerances=Tolerances(max_iterations=5))
+    run = gx.Simulation(
+        fluttering_sheet(COMM), stepper, control=gx.StepControl(target_iterations=8)
+    )
     run.run(until=0.05)
     assert run.substeps >= 1 and run.step >= 2
     assert abs(run.energy_error) <= 1e-10
-    strict = gx.Simulation(fluttering_sheet(COMM), stepper, control=gx.StepControl(smallest=0.049))
+    strict = gx.Simulation(fluttering_sheet(COMM), stepper, control=gx.StepControl(min_step=0.049))
     with pytest.raises(
         gx.StepFailure, match=r"t = 0 s failed, also in sub-steps of 0.025 s: diverged max it"
     ):
@@ -189,18 +191,18 @@ def test_a_step_that_fails_is_cut_and_recovers() -> None:
 @pytest.mark.parametrize(
     "bad",
     [
-        {"iterations": 0},
+        {"target_iterations": 0},
         {"error": 0.0},
         {"error": -1.0},
-        {"growth": 0.9},
-        {"cut": 1.0},
-        {"cut": 0.0},
-        {"smallest": 0.0},
-        {"largest": -1.0},
+        {"max_factor": 0.9},
+        {"min_factor": 1.0},
+        {"min_factor": 0.0},
+        {"min_step": 0.0},
+        {"max_step": -1.0},
     ],
 )
 def test_bad_requests(bad: dict) -> None:
-    with pytest.raises(gx.InputError, match="StepControl"):
+    with pytest.raises(gx.InputError, match=f"StepControl: {next(iter(bad))} is"):
         gx.StepControl(**bad)
 
 

@@ -100,7 +100,7 @@ import gossamer_fx as gx
 from tests.survival.on_ranks import python
 from tests.survival.scenes import *
 film = next(iter(fluttering_sheet(MPI.COMM_WORLD, 2).items))
-tight = gx.Midpoint(dt=1e-2, tolerances=gx.Tolerances(iterations=1))
+tight = gx.Midpoint(dt=1e-2, tolerances=gx.Tolerances(max_iterations=1))
 gx.Simulation(gx.Scene(film), tight).run(until=1.0)
 """
     said = subprocess.run(

@@ -34,7 +34,9 @@ def main() -> None:
     ]
     saves = gx.Checkpoints(out / "checkpoints", every=wanted.every)
     restart = gx.run.latest_checkpoint(saves.folder) if wanted.restart else None
-    run = gx.Simulation(scene, gx.Midpoint(dt=DT), outputs, checkpoints=saves, restart=restart)
+    run = gx.Simulation(
+        scene, gx.Midpoint(dt=DT), outputs=outputs, checkpoints=saves, restart=restart
+    )
     if run.comm.rank == 0:
         print("ready", flush=True)
     run.run(until=wanted.steps * DT)

@@ -60,7 +60,12 @@ def main() -> None:
     saves = gx.Checkpoints(folder / "saves", every=1000)
     restart = saves.folder if "--restart" in sys.argv else None
     gx.Simulation(
-        scene, gx.Midpoint(dt=DT), outputs, events=events, checkpoints=saves, restart=restart
+        scene,
+        gx.Midpoint(dt=DT),
+        outputs=outputs,
+        events=events,
+        checkpoints=saves,
+        restart=restart,
     ).run(6 * DT)
 
 

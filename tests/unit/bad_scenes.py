@@ -116,20 +116,26 @@ Call = Callable[..., Any]
 
 
 def film_scene(n: dict[str, Any]) -> gx.Simulation:
-    law = gx.Miyazaki(n["E"], n["nu"], n["density"], n["thickness"], n["residual"])
+    law = gx.Miyazaki(
+        n["E"],
+        n["nu"],
+        density=n["density"],
+        thickness=n["thickness"],
+        residual_stiffness=n["residual"],
+    )
     film = gx.Membrane(MESHES["sheet"], law, velocity=n["velocity"], displacement=n["displacement"])
     parts = [
         gx.Gravity(film, n["g"]),
-        gx.Damping(film, mass=n["damping"]),
+        gx.Damping(film, mass_factor=n["damping"]),
         gx.Pressure(film, n["pressure"]),
     ]
     parts += [
-        gx.Fixed(film, n["group"], n["components"]),
-        gx.constraints.Prescribed(film, "right", n["motion"], (2,)),
+        gx.Fixed(film, n["group"], components=n["components"]),
+        gx.constraints.Prescribed(film, "right", motion=n["motion"], components=(2,)),
     ]
     parts += [
         gx.loads.Force(film.port("top left"), n["force"]),
-        gx.loads.EdgeLoad(film, "top", n["load"]),
+        gx.loads.EdgeLoad(film, "top", force=n["load"]),
     ]
     return simulated(gx.Scene(*parts), n)
 
@@ -147,10 +153,12 @@ def gas_scene(n: dict[str, Any]) -> gx.Simulation:
     tank = gx.Tank(n["volume"], gas=gas, pressure=1e5, temperature=300.0)
     parts = [
         bag,
-        gx.Orifice(tank, bag, n["valve"], n["discharge"]),
-        gx.Orifice(bag, gx.gas.Ambient(n["outside"]), n["area"], name="vent"),
+        gx.Orifice(tank, bag, area=n["valve"], discharge_coefficient=n["discharge"]),
+        gx.Orifice(bag, gx.gas.Ambient(n["outside"]), area=n["area"], name="vent"),
     ]
-    return simulated(gx.Scene(*parts, gx.gas.WallHeat(bag, n["conductance"], n["wall"])), n)
+    return simulated(
+        gx.Scene(*parts, gx.gas.WallHeat(bag, n["conductance"], temperature=n["wall"])), n
+    )
 
 
 def plate_scene(n: dict[str, Any]) -> gx.Simulation:
@@ -160,13 +168,22 @@ def plate_scene(n: dict[str, Any]) -> gx.Simulation:
     clamp = gx.constraints.ClampedEdge(
         plate, n["group"], direction=n["direction"], motion=n["motion"]
     )
-    return simulated(gx.Scene(clamp, gx.loads.EdgeMoment(plate, "right", n["moment"])), n)
+    return simulated(gx.Scene(clamp, gx.loads.EdgeMoment(plate, "right", moment=n["moment"])), n)
 
 
 def crease_scene(n: dict[str, Any]) -> gx.Simulation:
     film = gx.Membrane(MESHES["creased"], gx.Linear(**LAW))
     return simulated(
-        gx.Scene(gx.connectors.Crease(film, n["edges"], n["stiffness"], n["rest"], n["yields"])), n
+        gx.Scene(
+            gx.connectors.Crease(
+                film,
+                n["edges"],
+                stiffness=n["stiffness"],
+                rest_angle=n["rest"],
+                yield_angle=n["yields"],
+            )
+        ),
+        n,
     )
 
 
@@ -183,19 +200,19 @@ def orbit_scene(n: dict[str, Any]) -> gx.Simulation:
     film = gx.Membrane(MESHES["sheet"], gx.Linear(**LAW))
     orbit = gx.orbit.Orbit(gx.orbit.Elements(n["a"], n["e"]), sun=n["sun"], mu=n["mu"])
     optics = gx.orbit.Optics(n["reflectivity"], n["specular"])
-    return simulated(gx.Scene(film, orbit, gx.orbit.SolarPressure(film, orbit, optics)), n)
+    return simulated(gx.Scene(film, orbit, gx.orbit.SolarPressure(film, orbit, optics=optics)), n)
 
 
 def boom_scene(n: dict[str, Any]) -> gx.Simulation:
     boom = gx.Beam(
         MESHES["line"],
-        gx.sections.tube(n["radius"], n["wall"], 1e11, 0.3, 1560.0),
+        gx.sections.tube(n["radius"], n["wall"], E=1e11, nu=0.3, density=1560.0),
         normal=n["normal"],
     )
     tape = gx.Cable(
         MESHES["line"], gx.CableLaw(n["EA"], n["mu"]), velocity=n["velocity"], name="tape"
     )
-    hub = gx.RigidBody(n["mass"], n["inertia"], n["position"], spin=n["spin"], comm=ALONE)
+    hub = gx.RigidBody(n["mass"], n["inertia"], position=n["position"], spin=n["spin"], comm=ALONE)
     weight = gx.PointMass(n["weight"], (1.0, 0.0, 0.0), comm=ALONE)
     parts = [
         gx.constraints.Clamped(boom, n["group"], direction=n["direction"], twist=n["twist"]),
@@ -203,7 +220,11 @@ def boom_scene(n: dict[str, Any]) -> gx.Simulation:
     ]
     parts += [
         gx.connectors.Rope(
-            boom.port("end"), hub.port(), n["length"], n["stiffness"], damping=n["damping"]
+            boom.port("end"),
+            hub.port(),
+            length=n["length"],
+            stiffness=n["stiffness"],
+            damping=n["damping"],
         )
     ]
     parts += [
@@ -215,10 +236,15 @@ def boom_scene(n: dict[str, Any]) -> gx.Simulation:
 
 def static_scene(n: dict[str, Any]) -> Any:
     film = gx.Membrane(MESHES["sheet"], gx.Linear(**LAW))
-    edge = gx.RigidRegion(film, n["group"], sliding=n["sliding"], held=n["held"])
+    edge = gx.RigidRegion(film, n["group"], sliding=n["sliding"], fixed_components=n["held"])
     pull = gx.loads.Force(edge.port(), n["force"]), gx.loads.Torque(edge.line, n["torque"])
-    held = gx.Fixed(film, "film", (2,)), gx.Fixed(film, "left", (0, 1))
-    search = gx.analysis.Continuation(n["residual"], n["step"], n["growth"], cut=n["cut"])
+    held = gx.Fixed(film, "film", components=(2,)), gx.Fixed(film, "left", components=(0, 1))
+    search = gx.analysis.Continuation(
+        tolerance=n["residual"],
+        first_step=n["step"],
+        growth_factor=n["growth"],
+        cut_factor=n["cut"],
+    )
     found = gx.Equilibrium(gx.Scene(edge, *pull, *held), search)
     found.find(at=n["at"])
     found.reaction(held[1], n["about"])
@@ -232,11 +258,16 @@ def run_scene(n: dict[str, Any]) -> gx.Simulation:
         gx.outputs.Probes(n["probes"], {"a": n["probe"]}, every=n["every"]),
         *n["outputs"],
     ]
-    control = gx.StepControl(n["iterations"], n["error"], n["growth"], n["cut"])
+    control = gx.StepControl(
+        target_iterations=n["iterations"],
+        error=n["error"],
+        max_factor=n["growth"],
+        min_factor=n["cut"],
+    )
     run = gx.Simulation(
-        gx.Scene(film, gx.RigidMotion(n["spin"], n["velocity"], n["centre"])),
-        gx.Midpoint(n["dt"], tolerances=gx.Tolerances(n["relative"], border=n["border"])),
-        outputs,
+        gx.Scene(film, gx.RigidMotion(n["spin"], n["velocity"], centre=n["centre"])),
+        gx.Midpoint(n["dt"], tolerances=gx.Tolerances(n["relative"], scalars=n["border"])),
+        outputs=outputs,
         halvings=n["halvings"],
         control=control,
         events=n["events"],
@@ -467,7 +498,9 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
         return gx.Plate(MESHES["sheet"], law, **options)
 
     def beam(**options: Any) -> gx.Beam:
-        return gx.Beam(MESHES["line"], gx.sections.tube(0.02, 5e-4, 1e11, 0.3, 1560.0), **options)
+        return gx.Beam(
+            MESHES["line"], gx.sections.tube(0.02, 5e-4, E=1e11, nu=0.3, density=1560.0), **options
+        )
 
     def cable(**options: Any) -> gx.Cable:
         return gx.Cable(MESHES["line"], gx.CableLaw(1e5, 0.1), **options)
@@ -613,19 +646,19 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
             "wing",
         ),
         "a picture of no time": (
-            lambda: gx.plot.field(recorded(), "state", [], folder / "a.png"),
+            lambda: gx.plot.field(recorded(), "state", times=[], path=folder / "a.png"),
             "time",
         ),
         "a picture of a late time": (
-            lambda: gx.plot.field(recorded(), "state", [9.0], folder / "a.png"),
+            lambda: gx.plot.field(recorded(), "state", times=[9.0], path=folder / "a.png"),
             "9",
         ),
         "a picture of an unknown field": (
-            lambda: gx.plot.strip(recorded(), "heat", folder / "a.png"),
+            lambda: gx.plot.strip(recorded(), "heat", path=folder / "a.png"),
             "heat",
         ),
         "an animation as text": (
-            lambda: gx.plot.animate(recorded(), "state", folder / "a.txt"),
+            lambda: gx.plot.animate(recorded(), "state", path=folder / "a.txt"),
             ".gif",
         ),
         "an event that calls nothing": (
@@ -650,7 +683,10 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
             lambda: (lambda f: found(f, gx.Gravity(f)))(film()),
             "No equilibrium",
         ),
-        "a field that is not": (lambda: gx.fields.field_values(quiet, found_film, "heat"), "heat"),
+        "a field that is not": (
+            lambda: gx.fields.field_values(quiet, found_film, field="heat"),
+            "heat",
+        ),
         "positions of another film": (lambda: gx.fields.positions(quiet, film(name="b")), "b"),
         "a start from other bodies": (
             lambda: run(film(name="b"), gx.StartFrom(quiet.system)),
@@ -661,14 +697,14 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
             "mesh",
         ),
         # gas
-        "a tank into itself": (lambda: (lambda t: gx.Orifice(t, t, 1e-6))(tank()), "orifice"),
-        "a vent of a film": (lambda: gx.Orifice(film(), gx.gas.Ambient(1.0), 1e-6), "gas"),
+        "a tank into itself": (lambda: (lambda t: gx.Orifice(t, t, area=1e-6))(tank()), "orifice"),
+        "a vent of a film": (lambda: gx.Orifice(film(), gx.gas.Ambient(1.0), area=1e-6), "chamber"),
         "a vent between surroundings": (
-            lambda: run(gx.Orifice(gx.gas.Ambient(1.0), gx.gas.Ambient(2.0), 1e-6)),
+            lambda: run(gx.Orifice(gx.gas.Ambient(1.0), gx.gas.Ambient(2.0), area=1e-6)),
             ".",
         ),
         "a valve that closes below nothing": (
-            lambda: run(gx.Orifice(tank(), gx.gas.Ambient(1.0), lambda t: -1e-6)),
+            lambda: run(gx.Orifice(tank(), gx.gas.Ambient(1.0), area=lambda t: -1e-6)),
             "area",
         ),
         "a part of the surface that is not": (lambda: run(bag(surface=("wing",))), "wing"),
@@ -699,11 +735,17 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
         ),
         "a hinge on the rim": (lambda: plate(hinges=("left",)), "left"),
         "a hinge that is not": (lambda: plate(hinges=("middle",)), "middle"),
-        "a clamp of a film": (lambda: gx.constraints.ClampedEdge(film(), "left"), "no Plate"),
-        "a moment on a film": (lambda: run(gx.loads.EdgeMoment(film(), "left", 1.0)), "EdgeMoment"),
-        "a crease on the rim": (lambda: run(gx.connectors.Crease(film(), "left", 1e-3)), "left"),
+        "a clamp of a film": (lambda: gx.constraints.ClampedEdge(film(), "left"), "a Plate"),
+        "a moment on a film": (
+            lambda: run(gx.loads.EdgeMoment(film(), "left", moment=1.0)),
+            "EdgeMoment",
+        ),
+        "a crease on the rim": (
+            lambda: run(gx.connectors.Crease(film(), "left", stiffness=1e-3)),
+            "left",
+        ),
         "a crease that yields at once": (
-            lambda: gx.connectors.Crease(folded, "crease", 1e-3, yield_angle=-0.1),
+            lambda: gx.connectors.Crease(folded, "crease", stiffness=1e-3, yield_angle=-0.1),
             "yield",
         ),
         "contact with nothing": (lambda: gx.Contact(distance=1e-3), "Contact"),
@@ -734,7 +776,7 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
             "apart",
         ),
         "a joint about nothing": (
-            lambda: gx.constraints.RevoluteJoint(A.frame(), B.frame(), origin),
+            lambda: gx.constraints.RevoluteJoint(A.frame(), B.frame(), axis=origin),
             "axis",
         ),
         "a link of no length": (
@@ -742,15 +784,17 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
             "length",
         ),
         "a rope of the ground": (
-            lambda: gx.connectors.Rope(gx.Ground(z), gx.Ground(origin), 1.0, 1.0),
+            lambda: gx.connectors.Rope(gx.Ground(z), gx.Ground(origin), length=1.0, stiffness=1.0),
             "ground",
         ),
         "a rope that drives": (
-            lambda: gx.connectors.Rope(A.port(), gx.Ground(z), 1.0, 1.0, damping=-1.0),
+            lambda: gx.connectors.Rope(
+                A.port(), gx.Ground(z), length=1.0, stiffness=1.0, damping=-1.0
+            ),
             "damping",
         ),
         "a damper of one place": (
-            lambda: run(A, B, gx.connectors.Damper(A.port(), B.port(), 1.0)),
+            lambda: run(A, B, gx.connectors.Damper(A.port(), B.port(), damping=1.0)),
             "coincide",
         ),
         "a port far away": (lambda: film().port_at((5.0, 0.0, 0.0)), "away"),
@@ -766,13 +810,13 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
         "a mirrored body": (lambda: body(attitude=np.diag((1.0, 1.0, -1.0))), "rotation"),
         "a load on three sheets": (
             lambda: gx.loads.EdgeLoad(
-                gx.Membrane(gx.gmsh_mesh(three_sheets, ALONE), law), "seam", (1.0, 0.0, 0.0)
+                gx.Membrane(gx.gmsh_mesh(three_sheets, ALONE), law), "seam", force=(1.0, 0.0, 0.0)
             ),
             "several sheets meet",
         ),
         "a normal load on three sheets": (
             lambda: gx.loads.EdgeLoad(
-                gx.Membrane(gx.gmsh_mesh(three_sheets, ALONE), law), "seam", normal=1.0
+                gx.Membrane(gx.gmsh_mesh(three_sheets, ALONE), law), "seam", normal_force=1.0
             ),
             "several sheets meet",
         ),
@@ -796,6 +840,6 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
             lambda: gx.orbit.Orbit(gx.orbit.Elements(7e6), epoch="yesterday"),
             "yesterday",
         ),
-        "sunlight on a cable": (lambda: gx.orbit.SolarPressure(cable(), orbit), "cable"),
+        "sunlight on a cable": (lambda: gx.orbit.SolarPressure(cable(), orbit), "Cable"),
     }
     return cases

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,13 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from meshes.creased_strip import creased_strip
 from meshes.line import line
-from meshes.sheet import sheet
+from meshes.sheet import EDGES, sheet
 from meshes.tube import flat_tube
 
 WORLD = MPI.COMM_WORLD
 Call = dict[str, Any]
 
-# not called by users, or without arguments
+# Results and errors, which users do not make, and what takes any number of arguments or none.
 UNCALLED = {
     "orbit.MagneticDipole",  # needs ERFA
     "steppers.EndPoint",
@@ -42,8 +43,61 @@ UNCALLED |= {
 }
 
 
-def valid_calls(folder: Path) -> dict[str, Call]:
-    """Arguments by the names of gossamer_fx; files are in `folder`."""
+@dataclass(frozen=True)
+class Inputs:
+    """What some calls read: a recorded run, a mesh file, and an equilibrium with its modes."""
+
+    film: gx.Membrane
+    equilibrium: gx.Equilibrium
+    modes: list[gx.analysis.Mode]
+    run: Path
+    mesh_file: Path
+
+
+def make_inputs(folder: Path) -> Inputs:
+    """Make them in a folder that is the same on every rank; collective."""
+    law = gx.Linear(1e9, 0.3, density=1400.0, thickness=1e-4)
+    film = gx.Membrane(sheet(WORLD, 2, 2), law, displacement=lambda X: 1e-3 * X)
+    scene = gx.Scene(film, *(gx.Fixed(film, edge) for edge in EDGES))
+    equilibrium = gx.Equilibrium(scene)
+    equilibrium.find()
+    moving = gx.Membrane(sheet(WORLD, 2, 2), law, velocity=lambda X: 0.1 * X)
+    run = gx.Simulation(
+        gx.Scene(moving),
+        gx.Midpoint(dt=1e-3),
+        outputs=[gx.Recording(folder / "run", every=1)],
+    )
+    run.run(until=3e-3)
+
+    def write(model: Any) -> None:
+        import gmsh
+
+        triangle(model)
+        gmsh.write(str(folder / "triangle.msh"))
+
+    gx.gmsh_mesh(write, WORLD)
+    WORLD.barrier()
+    modes = gx.analysis.modes(equilibrium, 1)
+    return Inputs(film, equilibrium, modes, folder / "run", folder / "triangle.msh")
+
+
+def triangle(model: Any) -> None:
+    """A mesh of few cells."""
+    points = [model.geo.addPoint(x, y, 0, 0.5) for x, y in ((0, 0), (1, 0), (0, 1))]
+    lines = [model.geo.addLine(points[i], points[(i + 1) % 3]) for i in range(3)]
+    model.geo.addPlaneSurface([model.geo.addCurveLoop(lines)])
+    model.geo.synchronize()
+    model.mesh.generate(2)
+
+
+def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
+    """Arguments that are taken, by the names of gossamer_fx; what is written is in `folder`."""
+    reader = gx.plot.RunReader(inputs.run)
+    strip = gx.analysis.HangingStrip(0.05, 0.01, bending_stiffness=2.6e-5)
+    weights = [1e-5, 1e-4, 5e-4]
+    measured = [strip.equilibrium(1.9, 3e-3, weight) for weight in weights]
+    tension = gx.analysis.Prestress(1e9, 0.3, density=1400.0, thickness=1e-4, tension=10.0)
+    soap = gx.Membrane(sheet(WORLD, 2, 2), tension, name="soap film")
     gas = gx.IdealGas(gamma=1.4, R=287.0)
     mesh, curve = sheet(WORLD, 2, 2), line(WORLD, [(0, 0, 0), (1, 0, 0)], 2)
     tube = {"E": 1e11, "nu": 0.3, "density": 1560.0}
@@ -75,10 +129,10 @@ def valid_calls(folder: Path) -> dict[str, Call]:
     return {
         "orbit.Accommodation": {"normal": 0.9, "tangential": 0.9, "wall_temperature": 300.0},
         "orbit.Air": {"density": 1e-12, "temperature": 1000.0, "molecule": 1e-26},
-        "loads.AirDrag": {"body": film, "density": 0.1, "coefficient": 1.2, "wind": z},
+        "loads.AirDrag": {"body": film, "density": 0.1, "drag_coefficient": 1.2, "wind": z},
         "gas.Ambient": {"pressure": 1.0, "temperature": 300.0},
         "probes.AngularVelocity": {"frame": A, "axis": "x"},
-        "probes.AreaFraction": {"film": film, "state": "taut"},
+        "probes.AreaFraction": {"body": film, "state": "taut"},
         "At": {"time": 0.1},
         "connectors.AttachedMass": {"port": film.port("bottom left"), "mass": 1.0},
         "probes.Attitude": {"orbit": orbit, "of": film, "axis": "along"},
@@ -114,22 +168,25 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         },
         "constraints.ClampedEdge": {
             "body": plate,
-            "group": "left",
+            "edges": "left",
             "components": (0, 1, 2),
             "direction": (1.0, 0.0, 0.0),
         },
         "probes.ContactForce": {"contact": touching, "body": film, "axis": "x"},
         "probes.ContactGap": {"contact": touching},
         "analysis.Continuation": {
-            "residual": 1e-8,
-            "step": 2e-3,
-            "growth": 1.6,
-            "cut": 0.5,
-            "inner": 0.1,
-            "patience": 25,
+            "tolerance": 1e-8,
+            "first_step": 2e-3,
+            "growth_factor": 1.6,
+            "cut_factor": 0.5,
+            "inner_tolerance": 0.1,
+            "cap_growth": 1.1,
+            "fast_iterations": 12,
+            "max_iterations": 25,
+            "total_iterations": 1000,
         },
         "connectors.Crease": {
-            "film": creased,
+            "body": creased,
             "edges": "crease",
             "stiffness": 1e-3,
             "rest_angle": 1.0,
@@ -137,7 +194,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         },
         "contact.Cylinder": {"start": z, "end": (1.0, 0.0, 0.0), "radius": 0.1, "inside": True},
         "probes.FoldAngle": {
-            "crease": gx.connectors.Crease(creased, "crease", 1e-3),
+            "crease": gx.connectors.Crease(creased, "crease", stiffness=1e-3),
             "which": "mean",
         },
         "analysis.HangingStrip": {
@@ -147,25 +204,30 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "area_density": 0.07,
         },
         "analysis.identify_crease": {
-            "strip": gx.analysis.HangingStrip(0.05, 0.01, 2.6e-5),
-            "weights": [0.0, 1e-3],
-            "angles": [2.0, 1.5],
-            "distances": [0.06, 0.09],
+            "strip": strip,
+            "weights": weights,
+            "angles": [angle for angle, _ in measured],
+            "distances": [distance for _, distance in measured],
             "angle_uncertainty": 0.01,
         },
-        "connectors.Damper": {"a": P, "b": Q, "coefficient": 1.0},
-        "Damping": {"body": film, "mass": 1.0, "stiffness": 1.0, "tension_only": True},
+        "connectors.Damper": {"a": P, "b": Q, "damping": 1.0},
+        "Damping": {
+            "body": film,
+            "mass_factor": 1.0,
+            "stiffness_factor": 1.0,
+            "tension_only": True,
+        },
         "probes.Displacement": {"port": P, "axis": "x"},
         "orbit.Drag": {
             "body": film,
             "orbit": orbit,
-            "atmosphere": gx.orbit.ExponentialAtmosphere(1e-12, 4e5, 6e4),
+            "atmosphere": gx.orbit.ExponentialAtmosphere(1e-12, 4e5, scale_height=6e4),
             "rotation": 1e-5,
         },
         "constraints.Driven": {"body": block, "axis": z, "angle": lambda t: t},
-        "analysis.EdgeCable": {"film": film, "group": "left", "force": 1.0},
-        "loads.EdgeLoad": {"body": film, "group": "left", "force": z},
-        "loads.EdgeMoment": {"body": plate, "group": "left", "moment": 1.0},
+        "analysis.EdgeCable": {"body": film, "edges": "left", "force": 1.0},
+        "loads.EdgeLoad": {"body": film, "edges": "left", "force": z},
+        "loads.EdgeMoment": {"body": plate, "edges": "left", "moment": 1.0},
         "Elastica": {**film_law, "half_wavelength": 0.01},
         "orbit.Elements": dict(
             zip(
@@ -181,7 +243,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "Fixed": {"body": film, "group": "left", "components": (0, 1, 2)},
         "constraints.FixedJoint": {"a": A, "b": B},
         "plot.FlightPicture": {"path": folder / "a.png", "orbit": orbit, "probes": {}},
-        "loads.Force": {"port": P, "value": z},
+        "loads.Force": {"port": P, "force": z},
         "Frame": {"origin": Q, "directors": (Q, Q, Q), "name": "axes"},
         "probes.GasState": {"chamber": tank, "quantity": "pressure"},
         "GeneralizedAlpha": {"dt": 1e-3, "spectral_radius": 0.8},
@@ -201,24 +263,24 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "origin": (0.0, 0.0, 0.0),
             "turn": (0.0, 0.0, 1.0),
             "caps": {"tip": 1e-3},
-            "bar": 2e-3,
-            "crease": 1e-3,
-            "memory": 0.5,
-            "contact": 5e-4,
+            "rod_width": 2e-3,
+            "crease_stiffness": 1e-3,
+            "set_angle_ratio": 0.5,
+            "contact_distance": 5e-4,
         },
         "probes.JointForce": {"joint": gx.constraints.BallJoint(P, Q), "axis": "x"},
         "Ledger": {"path": folder / "ledger.csv"},
         "assemblies.LiddedBox": {
             "sizes": (0.1, 0.1, 0.1),
             "centre": z,
-            "wall": 2e-3,
+            "wall_thickness": 2e-3,
             "mass": 0.1,
             "stiffness": 0.1,
-            "rest": 2.5,
-            "release": 0.1,
+            "rest_angle": 2.5,
+            "release_time": 0.1,
             "damping": 1e-3,
-            "largest": 2.0,
-            "cord": 1e4,
+            "max_angle": 2.0,
+            "stop_stiffness": 1e4,
         },
         "Linear": film_law,
         "constraints.Link": {"a": P, "b": Q},
@@ -226,10 +288,10 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "Membrane": {"mesh": mesh, "law": law, "order": 1, "name": "film"},
         "Midpoint": {"dt": 1e-3, "rule": gx.steppers.PathAverage(), "tolerances": gx.Tolerances()},
         "probes.LoadResultant": {"orbit": orbit, "load": "drag", "action": "force", "axis": "x"},
-        "Miyazaki": {**film_law, "residual": 1e-6},
+        "Miyazaki": {**film_law, "residual_stiffness": 1e-6},
         "Orifice": {
-            "first": tank,
-            "second": gx.gas.Ambient(),
+            "a": tank,
+            "b": gx.gas.Ambient(),
             "area": 1e-6,
             "discharge_coefficient": 0.8,
             "laminar": 1e-5,
@@ -269,7 +331,7 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "motion": lambda x, t: x,
             "components": (0, 1, 2),
         },
-        "Pressure": {"body": film, "value": 1.0},
+        "Pressure": {"body": film, "pressure": 1.0},
         "analysis.Prestress": {**film_law, "tension": 10.0},
         "constraints.PrismaticJoint": hinge,
         "constraints.CylindricalJoint": hinge,
@@ -295,10 +357,10 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "velocity": z,
             "spin": z,
         },
-        "RigidRegion": {"body": film, "group": "left", "to": None, "sliding": False},
+        "RigidRegion": {"body": film, "group": "left", "rigid_body": None, "sliding": False},
         "RigidMotion": {"spin": z, "velocity": z, "centre": z},
         "probes.RingArea": {"ring": gx.gas.Ring(film, "left")},
-        "gas.Ring": {"film": film, "edges": "left"},
+        "gas.Ring": {"body": film, "edges": "left"},
         "connectors.Rope": {"a": P, "b": Q, "length": 1.0, "stiffness": 1.0, "damping": 0.1},
         "connectors.RopeBundle": {
             "ends": [(P, Q)],
@@ -310,13 +372,13 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "hub": block,
             "count": 4,
             "radius": 0.8,
-            "rod": 0.02,
+            "rod_radius": 0.02,
             "height": 0.5,
             "mass": 1.0,
-            "brake": 1.0,
-            "first": 0.1,
+            "brake_damping": 1.0,
+            "first_angle": 0.1,
             "drawn": lambda t: 0.1 * t,
-            "depth": 0.6,
+            "reel_depth": 0.6,
         },
         "sections.Section": edges,
         "Series": {"probes": {"a": lambda run: 0.0}},
@@ -335,13 +397,13 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "contact.Sphere": {"centre": z, "radius": 0.1, "inside": False},
         "connectors.Spring": {"a": P, "b": Q, "stiffness": 1.0, "length": 1.0},
         "StepControl": {
-            "iterations": 15,
+            "target_iterations": 15,
             "error": 1e-3,
-            "growth": 1.5,
-            "cut": 0.5,
-            "smallest": 1e-9,
+            "max_factor": 1.5,
+            "min_factor": 0.5,
+            "min_step": 1e-9,
         },
-        "connectors.Stop": {"a": P, "b": Q, "distance": 1.0, "stiffness": 1.0},
+        "connectors.Stop": {"a": P, "b": Q, "length": 1.0, "stiffness": 1.0},
         "probes.SunAngle": {"orbit": orbit, "of": film},
         "orbit.Surface": {
             "area": 1.0,
@@ -352,33 +414,34 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         },
         "Tank": {"volume": 1e-3, "gas": gas, "pressure": 1e5, "temperature": 300.0},
         "connectors.Tape": {
-            "film": film,
+            "body": film,
             "law": gx.CableLaw(**cable_law),
             "bars": ends,
             "lengths": [1.0],
+            "name": "tape",
         },
         "connectors.Tether": {
             "a": P,
             "b": Q,
             "length": 1.0,
             "stiffness": 1.0,
-            "brake": 0.1,
-            "most": 2.0,
+            "brake_force": 0.1,
+            "total_length": 2.0,
         },
         "TensionField": film_law,
         "TensionOnly": cable_law,
-        "Tie": {"a": film, "group": "left", "b": plate, "to": "left"},
+        "Tie": {"a": film, "group_a": "left", "b": plate, "group_b": "left"},
         "Tolerances": {
             "relative": 1e-10,
             "absolute": 0.0,
             "floor": 4.0,
             "energy": 1e-12,
-            "border": 1e-12,
-            "iterations": 40,
+            "scalars": 1e-12,
+            "max_iterations": 40,
         },
-        "loads.Torque": {"frame": A, "value": z},
-        "connectors.TorsionDamper": {**hinge, "coefficient": 1.0},
-        "connectors.TorsionSpring": {**hinge, "stiffness": 1.0, "rest": 0.0},
+        "loads.Torque": {"frame": A, "torque": z},
+        "connectors.TorsionDamper": {**hinge, "damping": 1.0},
+        "connectors.TorsionSpring": {**hinge, "stiffness": 1.0, "rest_angle": 0.0},
         "outputs.VTX": {
             "path": folder / "a.bp",
             "fields": ("displacement",),
@@ -398,10 +461,10 @@ def valid_calls(folder: Path) -> dict[str, Call]:
         "fields.field_values": {"state": gx.Equilibrium(scene), "body": film, "field": "stress1"},
         "fields.positions": {"state": gx.Equilibrium(scene), "body": film},
         "analysis.find_form": {
-            "film": film,
-            "scene": lambda: scene,
-            "change": 1e-6,
-            "updates": 200,
+            "body": soap,
+            "scene": lambda: gx.Scene(*(gx.Fixed(soap, edge) for edge in EDGES)),
+            "change": 1e-3,
+            "updates": 20,
         },
         "fold.Ikaros": {
             "n": 4,
@@ -450,17 +513,27 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "bends": 3,
             "spacing": 1e-2,
         },
-        "gmsh_mesh": {"build": lambda model: None, "comm": WORLD},
+        "gmsh_mesh": {"build": triangle, "comm": WORLD},
         "ground_frame": {"point": z},
         "run.latest_checkpoint": {"folder": folder},
         "run.log_to": {"comm": WORLD, "file": folder / "log.txt", "quiet": False},
-        "analysis.modes": {"equilibrium": None, "count": 3, "spin": z, "above": 0.0},
+        "analysis.modes": {
+            "equilibrium": inputs.equilibrium,
+            "count": 1,
+            "spin": (0.0, 0.0, 0.0),
+            "above": 0.0,
+        },
         "control.patch": {"centre": P, "points": [P, P, P]},
-        "reduction.RecordedShapes": {"film": film, "folder": folder / "no run"},
-        "reduction.Snapshots": {"film": film, "every": 2},
-        "analysis.ModeShapes": {"film": film, "equilibrium": None, "modes": [], "height": 0.1},
-        "reduction.OutsideBasis": {"film": gx.reduction.reduce(film, [motion], 1)},
-        "reduction.reduce": {"film": film, "motions": [motion], "modes": 1},
+        "reduction.RecordedShapes": {"body": inputs.film, "folder": inputs.run},
+        "reduction.Snapshots": {"body": film, "every": 2},
+        "analysis.ModeShapes": {
+            "body": inputs.film,
+            "equilibrium": inputs.equilibrium,
+            "modes": inputs.modes,
+            "height": 0.1,
+        },
+        "reduction.OutsideBasis": {"body": gx.reduction.reduce(film, [motion], modes=1)},
+        "reduction.reduce": {"body": film, "motions": [motion], "modes": 1},
         "sweep.RobustDesign": {
             "outcome": lambda comm, folder, **values: {"y": 1.0},
             "control": {"a": [1, 2]},
@@ -469,16 +542,16 @@ def valid_calls(folder: Path) -> dict[str, Call]:
             "array": "L18",
             "usual": {"a": 1},
         },
-        "plot.RunReader": {"folder": folder / "no run"},
-        "plot.animate": {"run": None, "field": "state", "path": folder / "a.gif", "seconds": 6.0},
-        "plot.curves": {"run": None, "path": folder / "a.png"},
-        "plot.field": {"run": None, "field": "state", "times": (0.0,), "path": folder / "a.png"},
-        "plot.strip": {"run": None, "field": "state", "path": folder / "a.png", "count": 6},
-        "read_mesh": {"path": folder / "no.msh", "comm": WORLD},
+        "plot.RunReader": {"folder": inputs.run},
+        "plot.animate": {"run": reader, "field": "state", "path": folder / "a.gif", "seconds": 0.1},
+        "plot.curves": {"run": reader, "path": folder / "a.png"},
+        "plot.field": {"run": reader, "field": "state", "times": (0.0,), "path": folder / "a.png"},
+        "plot.strip": {"run": reader, "field": "state", "path": folder / "a.png", "count": 6},
+        "read_mesh": {"path": inputs.mesh_file, "comm": WORLD},
         "sections.rectangle": {"width2": 0.1, "width3": 0.1, **tube},
         "sections.solid_circle": {"radius": 0.1, **tube},
-        "sections.tube": {"outer_radius": 0.02, "wall": 5e-4, **tube},
-        "write_report": {"run": None, "path": folder / "a.html"},
+        "sections.tube": {"outer_radius": 0.02, "wall_thickness": 5e-4, **tube},
+        "write_report": {"run": reader, "path": folder / "a.html"},
     }
 
 

@@ -18,7 +18,7 @@ from gossamer_fx.terms.element_energies import StoredEnergy
 from tests.strain_samples import CELLS, SQUARE, Samples, random_strains
 
 UNIT = {"E": 1.0, "nu": 0.3, "density": 1.0, "thickness": 1.0}
-MIYAZAKI = Miyazaki(**UNIT, residual=1e-4)
+MIYAZAKI = Miyazaki(**UNIT, residual_stiffness=1e-4)
 LAWS = [Linear(**UNIT), MIYAZAKI, TensionField(**UNIT)]
 WRINKLING = LAWS[1:]
 

@@ -27,7 +27,7 @@ def test_a_singular_full_matrix_is_told_and_the_next_one_is_solved():
 def test_a_pinned_hub_with_many_ropes_makes_its_steps(comm, masses):
     """Pivots that MUMPS puts off need more than the workspace that it reckons with: INFOG(1) = -9."""
     hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), name="hub")
-    items = [gx.constraints.RevoluteJoint(hub.frame(), gx.ground_frame(), (0, 0, 1))]
+    items = [gx.constraints.RevoluteJoint(hub.frame(), gx.ground_frame(), axis=(0, 0, 1))]
     for k in range(masses):
         e = np.array([np.cos(2 * np.pi * k / masses), np.sin(2 * np.pi * k / masses), 0.0])
         mass = gx.PointMass(0.1, tuple(0.5 * e), name=f"mass {k}")
@@ -75,12 +75,14 @@ def test_the_reason_is_told_and_the_next_matrix_is_tried():
 def ropes(comm, masses, spin):
     """A pinned hub with masses on ropes, turning."""
     hub = gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=comm, name="hub")
-    items = [gx.constraints.RevoluteJoint(hub.frame(), gx.ground_frame(), (0, 0, 1))]
+    items = [gx.constraints.RevoluteJoint(hub.frame(), gx.ground_frame(), axis=(0, 0, 1))]
     for k in range(masses):
         e = np.array([np.cos(2 * np.pi * k / masses), np.sin(2 * np.pi * k / masses), 0.0])
         mass = gx.PointMass(0.1, tuple(0.5 * e), comm=comm, name=f"mass {k}")
         items += [
-            gx.connectors.Rope(hub.port(tuple(0.1 * e)), mass.port(), 0.39, 1e3, name=f"rope {k}")
+            gx.connectors.Rope(
+                hub.port(tuple(0.1 * e)), mass.port(), length=0.39, stiffness=1e3, name=f"rope {k}"
+            )
         ]
         items += [gx.loads.Centrifugal(mass, (0, 0, spin))] if spin else []
     return gx.Scene(*items)
@@ -102,7 +104,7 @@ def test_modes_have_the_workspace_that_they_need(comm, turning, above):
     x = comm.bcast(equilibrium.system.q0.array_r[12:15].copy())
     length = float(np.linalg.norm(x)) - 0.1
     found = gx.analysis.modes(
-        equilibrium, 3, (0.0, 0.0, spin) if turning else (0.0, 0.0, 0.0), above
+        equilibrium, 3, spin=(0.0, 0.0, spin) if turning else (0.0, 0.0, 0.0), above=above
     )
     exact = spin / (2 * np.pi) * np.sqrt(0.1 / length)
     assert found[-1].frequency == pytest.approx(exact, rel=2e-2)

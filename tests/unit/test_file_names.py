@@ -69,7 +69,7 @@ def test_bodies_whose_names_are_alike_keep_their_fields(folder: Path, one: str, 
         gx.Simulation(
             gx.Scene(*films),
             gx.Midpoint(dt=DT),
-            [gx.Recording(folder / "run", every=1)],
+            outputs=[gx.Recording(folder / "run", every=1)],
             checkpoints=gx.Checkpoints(folder / "saves"),
             **options,
         ).run(until=until * DT)

@@ -67,10 +67,13 @@ def test_kernels_do_not_depend_on_what_was_made_before(cache, monkeypatch):
 
     def kernels(others: int) -> set[str]:
         monkeypatch.setattr(ufl.Constant, "_counter", itertools.count(others))
-        law = gx.Miyazaki(1e9, 0.3, 1e3, 1e-4, residual=1e-6)
+        law = gx.Miyazaki(1e9, 0.3, density=1e3, thickness=1e-4, residual_stiffness=1e-6)
         film = gx.Membrane(sheet(MPI.COMM_SELF, 1, 1), law)
         gx.Scene(
-            film, gx.Gravity(film), gx.Pressure(film, 5.0), gx.Damping(film, 1.0, 1e-3)
+            film,
+            gx.Gravity(film),
+            gx.Pressure(film, 5.0),
+            gx.Damping(film, mass_factor=1.0, stiffness_factor=1e-3),
         ).compile()
         return {path.name for path in cache.glob("libffcx_*.c")}
 

@@ -219,7 +219,13 @@ USUAL = {
 def run_pillow(mesh: gx.Mesh, n: dict[str, Any]) -> str:
     """A pillow of these numbers for three steps: what is said, or nothing if the run ends with finite energies."""
     try:
-        law = gx.Miyazaki(n["E"], n["nu"], n["density"], n["thickness"], n["residual"])
+        law = gx.Miyazaki(
+            n["E"],
+            n["nu"],
+            density=n["density"],
+            thickness=n["thickness"],
+            residual_stiffness=n["residual"],
+        )
         film = gx.Membrane(mesh, law)
         gas = gx.IdealGas(n["gamma"], n["R"])
         bag = gx.Chamber(
@@ -229,10 +235,15 @@ def run_pillow(mesh: gx.Mesh, n: dict[str, Any]) -> str:
             temperature=n["temperature"],
             dead_volume=n["dead_volume"],
         )
-        hole = gx.Orifice(gx.gas.Reservoir(1e5, 300.0), bag, n["area"], n["discharge_coefficient"])
+        hole = gx.Orifice(
+            gx.gas.Reservoir(1e5, 300.0),
+            bag,
+            area=n["area"],
+            discharge_coefficient=n["discharge_coefficient"],
+        )
         loads = [
             gx.Gravity(film, n["g"]),
-            gx.Damping(film, mass=n["damping"]),
+            gx.Damping(film, mass_factor=n["damping"]),
             gx.RigidMotion(n["spin"]),
         ]
         run = gx.Simulation(gx.Scene(film, bag, hole, *loads), gx.Midpoint(dt=n["dt"]), halvings=1)

@@ -51,7 +51,7 @@ def test_a_flat_film_inflates_to_the_side_of_its_normals(seed: int) -> None:
 
 def cylinder(pressure: float, temperature: float, x: float = 0.2) -> gx.Chamber:
     piston = gx.gas.Piston(
-        gx.PointMass(0.1, (x, 0.0, 0.0), name=f"mass at {x}").port(), 0.01, (1, 0, 0)
+        gx.PointMass(0.1, (x, 0.0, 0.0), name=f"mass at {x}").port(), 0.01, direction=(1, 0, 0)
     )
     state = {"pressure": pressure, "temperature": temperature}
     return gx.Chamber(
@@ -66,7 +66,7 @@ def vented_piston() -> gx.Scene:
 
 def heated_piston() -> gx.Scene:
     bag = cylinder(1e5, 300.0)
-    return gx.Scene(bag, gx.gas.WallHeat(bag, 20.0, 600.0))
+    return gx.Scene(bag, gx.gas.WallHeat(bag, 20.0, temperature=600.0))
 
 
 def two_pistons() -> gx.Scene:
@@ -74,7 +74,7 @@ def two_pistons() -> gx.Scene:
     bags = [cylinder(p, 350.0, x) for p, x in ((2e5, 0.2), (1.5e5, 0.4))]
     between = gx.Orifice(*bags, area=2e-4, name="between")
     inlet = gx.Orifice(gx.gas.Reservoir(4e5, 500.0), bags[0], area=1e-4, name="inlet")
-    return gx.Scene(between, inlet, gx.gas.WallHeat(bags[1], 5.0, 700.0))
+    return gx.Scene(between, inlet, gx.gas.WallHeat(bags[1], 5.0, temperature=700.0))
 
 
 @pytest.mark.parametrize("scene", [vented_piston, heated_piston, two_pistons])

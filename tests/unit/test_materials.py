@@ -13,7 +13,7 @@ from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED, FilmLaw, constants
 from tests.strain_samples import CELLS, SQUARE, Samples, random_strains, strain
 
 UNIT = {"E": 1.0, "nu": 0.3, "density": 1.0, "thickness": 1.0}
-MIYAZAKI = Miyazaki(**UNIT, residual=1e-4)
+MIYAZAKI = Miyazaki(**UNIT, residual_stiffness=1e-4)
 LAWS = [Linear(**UNIT), MIYAZAKI, TensionField(**UNIT)]
 NAMES = [type(law).__name__ for law in LAWS]
 
@@ -81,7 +81,11 @@ def test_stress_is_the_derivative_of_the_energy(law):
 def test_stress_and_energy_are_continuous_where_the_state_switches(law, boundary):
     rng = np.random.default_rng(2)
     γ, φ = rng.uniform(1e-3, 0.1, CELLS), rng.uniform(0, np.pi, CELLS)
-    γ1, γ2 = (γ, -law.nu * γ) if boundary == "taut to wrinkled" else (law.residual * law.nu * γ, -γ)
+    γ1, γ2 = (
+        (γ, -law.nu * γ)
+        if boundary == "taut to wrinkled"
+        else (law.residual_stiffness * law.nu * γ, -γ)
+    )
     above, below = (
         strain(γ1 + η * (boundary != "taut to wrinkled"), γ2 + η, φ) for η in (1e-11, -1e-11)
     )
@@ -115,7 +119,7 @@ def test_tangent_is_symmetric_and_positive_semidefinite(law):
 def test_equal_principal_strains_give_equal_principal_stresses(law, γ):
     e = np.array([[γ, γ, 0.0]])
     stress = at_strains(law, "stress")(e)[0]
-    u = 1.0 if γ >= 0 or law.quadratic else law.residual
+    u = 1.0 if γ >= 0 or law.quadratic else law.residual_stiffness
     expected = u * law.E / (1 - u * law.nu) * γ
     # the guard of the root in the wrinkled branch leaves a stress of 5e-16 E at zero strain
     assert stress == pytest.approx([expected, expected, 0], rel=1e-12, abs=1e-15)
@@ -137,7 +141,10 @@ def test_tension_field_is_the_limit_of_small_residual_stiffness():
     e = random_strains(CELLS, 0.1, seed=7)
     limit = at_strains(TensionField(**UNIT), "stress")(e)
     for u in (1e-2, 1e-4, 1e-6):
-        assert abs(at_strains(Miyazaki(**UNIT, residual=u), "stress")(e) - limit).max() <= 0.15 * u
+        assert (
+            abs(at_strains(Miyazaki(**UNIT, residual_stiffness=u), "stress")(e) - limit).max()
+            <= 0.15 * u
+        )
 
 
 def test_tension_field_bears_no_compression():
@@ -154,5 +161,8 @@ def test_tension_field_bears_no_compression():
 
 def test_full_residual_stiffness_never_wrinkles():
     e = random_strains(CELLS, 0.1, seed=9)
-    S = [at_strains(law, "stress")(e) for law in (Miyazaki(**UNIT, residual=1.0), Linear(**UNIT))]
+    S = [
+        at_strains(law, "stress")(e)
+        for law in (Miyazaki(**UNIT, residual_stiffness=1.0), Linear(**UNIT))
+    ]
     assert S[0] == pytest.approx(S[1], rel=1e-12, abs=1e-16)

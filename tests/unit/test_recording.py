@@ -35,11 +35,11 @@ def pillow(comm: MPI.Intracomm, order: int = 1) -> gx.Case:
     film = gx.Membrane(airbag(comm, 1.0, 4), law, order=order, velocity=moving, name="the film")
     bag = gx.Chamber(film, gas=AIR, pressure=1e-3, temperature=300.0, dead_volume=1e-3, name="bag")
     cable = gx.Cable(line(comm, [(0, 0, 1), (1, 0, 1)], 3), gx.CableLaw(1e5, 0.1), velocity=moving)
-    ball = gx.PointMass(1.0, (0.5, 0.5, 2.0), tuple(V0), name="ball")
+    ball = gx.PointMass(1.0, (0.5, 0.5, 2.0), velocity=tuple(V0), name="ball")
     return gx.Case(
         gx.Scene(film, bag, cable, ball),
         gx.Midpoint(dt=DT),
-        10 * DT,
+        until=10 * DT,
         title="A <pillow>",
         probes={"x of the ball": gx.probes.Position(ball.port(), "x")},
         frames=5,
@@ -117,18 +117,18 @@ def test_pictures_and_animation(recorded: Path, tmp_path: Path) -> None:
     from PIL import Image
 
     run = gx.plot.RunReader(recorded)
-    gx.plot.strip(run, "stress1", tmp_path / "new" / "strip.png", 3)
-    gx.plot.field(run, "displacement", [0.0, 10 * DT], tmp_path / "field.png")
+    gx.plot.strip(run, "stress1", path=tmp_path / "new" / "strip.png", count=3)
+    gx.plot.field(run, "displacement", times=[0.0, 10 * DT], path=tmp_path / "field.png")
     gx.plot.curves(run, tmp_path / "curves.png")
     for name in ("new/strip.png", "field.png", "curves.png"):
         with Image.open(tmp_path / name) as image:
             pixels = np.asarray(image.convert("RGB"))
         assert pixels.shape[1] == 1800 and 0.01 < (pixels < 250).any(axis=2).mean() < 0.9
-    gx.plot.animate(run, "state", tmp_path / "run.gif", seconds=1.0)
+    gx.plot.animate(run, "state", path=tmp_path / "run.gif", seconds=1.0)
     with Image.open(tmp_path / "run.gif") as image:
         assert image.n_frames == 6 and image.info["duration"] == pytest.approx(1000 / 6, abs=10)
     if shutil.which("ffmpeg"):
-        gx.plot.animate(run, "state", tmp_path / "run.mp4")
+        gx.plot.animate(run, "state", path=tmp_path / "run.mp4")
         assert (tmp_path / "run.mp4").stat().st_size > 1000
 
 
@@ -159,9 +159,19 @@ def test_pictures_from_a_chosen_place(recorded: Path, tmp_path: Path) -> None:
         [1.0, 1.02 / 0.12]
     )
     assert each.centres[1] == pytest.approx((5.05, 0.05))
-    gx.plot.strip(run, "state", tmp_path / "strip.png", 3, gx.plot.View(elevation=0.5, zoom=True))
+    gx.plot.strip(
+        run,
+        "state",
+        path=tmp_path / "strip.png",
+        count=3,
+        view=gx.plot.View(elevation=0.5, zoom=True),
+    )
     gx.plot.animate(
-        run, "state", tmp_path / "run.gif", seconds=0.2, view=gx.plot.View(azimuth=1.0, follow=True)
+        run,
+        "state",
+        path=tmp_path / "run.gif",
+        seconds=0.2,
+        view=gx.plot.View(azimuth=1.0, follow=True),
     )
     with Image.open(tmp_path / "run.gif") as image:
         assert image.n_frames >= 2
@@ -209,11 +219,11 @@ def test_scales_show_what_matters() -> None:
 @pytest.mark.parametrize(
     "act, culprit",
     [
-        (lambda run: gx.plot.strip(run, "stres", "x.png"), "stres"),
-        (lambda run: gx.plot.strip(run, "state", "x.png", 0), "number of pictures"),
-        (lambda run: gx.plot.field(run, "state", [1.0], "x.png"), "t = 1 s"),
-        (lambda run: gx.plot.animate(run, "state", "x.avi"), ".gif"),
-        (lambda run: gx.plot.animate(run, "state", "x.gif", seconds=0.0), "0.0 s"),
+        (lambda run: gx.plot.strip(run, "stres", path="x.png"), "stres"),
+        (lambda run: gx.plot.strip(run, "state", path="x.png", count=0), "number of pictures"),
+        (lambda run: gx.plot.field(run, "state", times=[1.0], path="x.png"), "t = 1 s"),
+        (lambda run: gx.plot.animate(run, "state", path="x.avi"), ".gif"),
+        (lambda run: gx.plot.animate(run, "state", path="x.gif", seconds=0.0), "0.0 s"),
         (lambda run: gx.plot.RunReader("nowhere"), "nowhere"),
     ],
 )

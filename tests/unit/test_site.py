@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import importlib
 import io
@@ -17,6 +18,7 @@ import pytest
 
 from gossamer_fx.checks.lazy_names import public_names
 from gossamer_fx.cli.command import _parser
+from gossamer_fx.run.interruption import SIGNALS
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -49,6 +51,8 @@ def test_docstrings_become_markdown(generate: ModuleType) -> None:
     made = generate.markdown(text)
     assert "One \\* two\\_three." in made and "```text\na = b*c\n```" in made
     assert "`x`\n:   first\n    line." in made and "`*y`" in made
+    example = generate.markdown("First.\n\nExample:\n    >>> 1 + 1\n    2")
+    assert "**Example**" in example and "```pycon\n>>> 1 + 1\n2\n```" in example
 
 
 @pytest.mark.skipif(
@@ -133,3 +137,34 @@ def test_every_page_is_in_the_table_of_contents() -> None:
     for path in PAGES:
         name = str(path.relative_to(ROOT).with_suffix("")).removeprefix("docs/")
         assert name in listed | {"index", "README"}, name
+
+
+# ---- the page of messages --------------------------------------------------------------------------------------------
+
+MESSAGES = (DOCS / "messages.md").read_text(encoding="utf-8")
+QUOTED = re.findall(r'"([^"]+)"', MESSAGES)
+
+
+def templates() -> list[str]:
+    """Strings of the package; a formatted value in them is "{}"."""
+    found = []
+    for path in (ROOT / "gossamer_fx").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                found.append(node.value)
+            elif isinstance(node, ast.JoinedStr):
+                parts = [p.value if isinstance(p, ast.Constant) else "{}" for p in node.values]
+                found.append("".join(map(str, parts)))
+    return found
+
+
+@pytest.mark.parametrize("quoted", QUOTED)
+def test_messages_on_their_page_are_those_of_the_code(quoted: str) -> None:
+    words = ".*".join(re.escape(part) for part in quoted.split("..."))
+    assert any(re.search(words, template, re.DOTALL) for template in templates())
+
+
+def test_exit_codes_on_the_page_of_messages_are_those_of_signals_and_errors() -> None:
+    codes = {int(code) for code in re.findall(r"exit code (\d+)", MESSAGES)}
+    assert len(QUOTED) >= 8
+    assert codes == {1, 2} | {128 + number for number in SIGNALS}

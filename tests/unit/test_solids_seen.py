@@ -64,7 +64,7 @@ def test_pictures_and_recordings_see_solids_move(comm, folder) -> None:
     block = gx.RigidBody(
         0.1, (1e-4, 1e-4, 1e-4), position=(0, 0, -0.1), spin=(0, 0, 30.0), comm=comm
     )
-    box = gx.contact.Box(centre=(0.02, 0, -0.1), sizes=(0.04, 0.02, 0.02), on=block, name="box")
+    box = gx.contact.Box(centre=(0.02, 0, -0.1), sizes=(0.04, 0.02, 0.02), body=block, name="box")
     ball = gx.contact.Sphere(centre=(0, 0, 0.1), radius=0.02, motion=lambda t: (t, 0.0, 0.0))
     floor = gx.contact.Plane(point=(0, 0, -0.3), normal=(0, 0, 1))
     recording = gx.Recording(folder / "run", every=1)

@@ -17,7 +17,7 @@ from tests.strain_samples import CELLS, SQUARE, Samples, random_strains
 UNIT = {"E": 1.0, "nu": 0.3, "density": 1.0, "thickness": 1.0}
 LAWS = [
     Linear(**UNIT),
-    Miyazaki(**UNIT, residual=1e-4),
+    Miyazaki(**UNIT, residual_stiffness=1e-4),
     TensionField(**UNIT),
     Elastica(**UNIT, half_wavelength=math.pi * 1e2 / math.sqrt(12)),  # buckles at a strain of 1e-4
 ]

@@ -112,7 +112,7 @@ def test_a_stack_that_spins_has_no_more_candidates(spin: float) -> None:
     films = [
         gx.Membrane(
             sheet(MPI.COMM_SELF, 6, 6, 0.3, 0.3),
-            gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual=1e-6),
+            gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual_stiffness=1e-6),
             name=f"film {k}",
             displacement=lambda X, k=k: np.vstack([0 * X[0], 0 * X[0], 0 * X[0] + 3e-3 * k]),
             velocity=lambda X: spin * np.vstack([-(X[1] - 0.15), X[0] - 0.15, 0 * X[0]]),

@@ -71,7 +71,12 @@ def test_a_film_that_slides_is_stopped() -> None:
 def test_below_the_friction_angle_it_creeps_as_slowly_as_stated() -> None:
     body, μ, p, a = patch(0.0), 0.5, 4.0, 8.0
     contact = gx.Contact(
-        body, gx.contact.Plane(**FLOOR), distance=2e-4, stiffness=1e8, friction=μ, creep=1e-4
+        body,
+        gx.contact.Plane(**FLOOR),
+        distance=2e-4,
+        stiffness=1e8,
+        friction=μ,
+        slip_velocity=1e-4,
     )
     v, _ = speeds(body, [contact, pressed(body, p), gx.Gravity(body, (a, 0.0, 0.0))], 0.04)
     share = a * SIGMA / (μ * p)
@@ -130,7 +135,7 @@ def test_a_ball_on_a_film_turns_by_friction_alone(comm, μ) -> None:
         velocity=(0.3, 0, -0.5),
         comm=comm,
     )
-    solid = gx.contact.Sphere(centre=(0.003, 0.002, r + 3e-4), radius=r, on=ball, friction=μ)
+    solid = gx.contact.Sphere(centre=(0.003, 0.002, r + 3e-4), radius=r, body=ball, friction=μ)
     run = simulate([gx.Contact(bag, solid, distance=2e-4)], 4e-3)
     conserved(run, momentum=1e-10)
     spin = _spin(run, ball)
@@ -250,7 +255,7 @@ def test_what_is_no_friction_is_refused() -> None:
     with pytest.raises(gx.InputError, match=r"Contact 'contact': friction is -0.1; give zero"):
         gx.Contact(body, distance=1e-3, friction=-0.1)
     with pytest.raises(gx.InputError, match=r"creep is 0.*positive"):
-        gx.Contact(body, distance=1e-3, friction=0.1, creep=0.0)
+        gx.Contact(body, distance=1e-3, friction=0.1, slip_velocity=0.0)
     with pytest.raises(gx.InputError, match=r"Plane 'obstacle': friction is nan"):
         gx.contact.Plane(**FLOOR, friction=math.nan)
 
@@ -264,7 +269,7 @@ def test_a_ball_rolls_in_a_bag_if_there_is_friction(μ) -> None:
         deep = 0.02 * np.sin(np.pi * X[0] / size) * np.sin(np.pi * X[1] / size)
         return np.vstack([X[0] - size / 2, X[1] - size / 2, -deep]) - X
 
-    law = gx.Miyazaki(**FILM | {"E": 2e6}, residual=1e-3)
+    law = gx.Miyazaki(**FILM | {"E": 2e6}, residual_stiffness=1e-3)
     bag = gx.Membrane(sheet(MPI.COMM_SELF, 8, 8, size, size), law, displacement=sagging, name="bag")
     rim = [gx.Fixed(bag, side) for side in EDGES_OF_SHEET]
     ball = gx.RigidBody(
@@ -276,7 +281,7 @@ def test_a_ball_rolls_in_a_bag_if_there_is_friction(μ) -> None:
         name="ball",
     )
     contact = gx.Contact(
-        bag, gx.contact.Sphere(centre=start, radius=r, on=ball, friction=μ), distance=1e-3
+        bag, gx.contact.Sphere(centre=start, radius=r, body=ball, friction=μ), distance=1e-3
     )
     run = simulate([contact, *rim, gx.Gravity(bag), gx.Gravity(ball)], 0.25, 1e-3)
     assert abs(run.energy_error) < 1e-9

@@ -1,0 +1,71 @@
+"""The examples in docstrings of public classes and functions run and give what they say."""
+
+from __future__ import annotations
+
+import doctest
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.checks.lazy_names import public_names
+from meshes.creased_strip import creased_strip
+from meshes.line import line
+from meshes.sheet import sheet
+
+COMM = MPI.COMM_SELF
+FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
+# Rooms of the package whose public names all have an example.
+COMPLETE = {"bodies", "connectors", "constraints", "loads", "materials"}
+
+
+@pytest.fixture(scope="module")
+def scene() -> dict[str, Any]:
+    """What examples may use without making it: meshes, and one body of each kind on COMM_SELF."""
+    mesh = sheet(COMM, 4, 4)
+    curve = line(COMM, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], 4)
+    law = gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6)
+    stiff = gx.Linear(70e9, 0.3, density=2700.0, thickness=1e-3)
+    section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
+    return {
+        "gx": gx,
+        "np": np,
+        "comm": COMM,
+        "mesh": mesh,
+        "curve": curve,
+        "film": gx.Membrane(mesh, law),
+        "plate": gx.Plate(mesh, stiff),
+        "creased": gx.Membrane(creased_strip(COMM, 2, 1, 0.1, 0.1), law, name="creased"),
+        "cable": gx.Cable(curve, gx.CableLaw(1e4, 0.01)),
+        "beam": gx.Beam(curve, section),
+        "hub": gx.RigidBody(10.0, (1.0, 1.0, 1.5), comm=COMM, name="hub"),
+        "mass": gx.PointMass(1.0, (0.0, 0.0, -1.0), comm=COMM),
+    }
+
+
+def examples(name: str, names: dict[str, Any] | None = None) -> list[doctest.DocTest]:
+    """Doctests of a public name: of a class those of its methods, too."""
+    finder = doctest.DocTestFinder(exclude_empty=True)
+    found = finder.find(attrgetter(name)(gx), f"gx.{name}", globs=dict(names or {}))
+    return [test for test in found if test.examples]
+
+
+def room_of(name: str) -> str:
+    return str(attrgetter(name)(gx).__module__.split(".")[1])
+
+
+@pytest.mark.parametrize("name", [name for name in public_names() if room_of(name) in COMPLETE])
+def test_there_is_an_example(name: str) -> None:
+    assert examples(name)
+
+
+@pytest.mark.parametrize("name", [name for name in public_names() if examples(name)])
+def test_examples_give_what_they_say(name: str, scene: dict[str, Any]) -> None:
+    said: list[str] = []
+    for test in examples(name, scene):
+        runner = doctest.DocTestRunner(optionflags=FLAGS)
+        runner.run(test, out=said.append)
+        assert runner.failures == 0, "".join(said)

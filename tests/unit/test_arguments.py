@@ -1,0 +1,171 @@
+"""Arguments are checked where a class or function is defined, before it acts, by annotations that can be tested."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import math
+import subprocess
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from operator import attrgetter
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+import gossamer_fx as gx
+from gossamer_fx.checks.arguments import Count, check_arguments, kind_of, resolved
+from gossamer_fx.checks.lazy_names import public_names
+
+ROOT = Path(gx.__file__).parents[1]
+
+
+def constructors() -> dict[str, Callable[..., Any]]:
+    """What is called by each public name: a function, or the `__init__` of a class."""
+    found = {}
+    for name in public_names():
+        thing = attrgetter(name)(gx)
+        if not (inspect.isclass(thing) and issubclass(thing, BaseException)):
+            found[name] = thing.__init__ if inspect.isclass(thing) else thing
+    return found
+
+
+def test_every_public_name_checks_its_arguments() -> None:
+    unchecked = [name for name, call in constructors().items() if not hasattr(call, "__wrapped__")]
+    assert unchecked == []
+
+
+def test_every_annotation_of_a_public_argument_can_be_tested() -> None:
+    """None is `Any`, which would take everything."""
+    tested = 0
+    for name, call in constructors().items():
+        function = inspect.unwrap(call)
+        for argument in inspect.signature(function).parameters:
+            if argument != "self":
+                assert kind_of(resolved(function, argument)) is not None, f"{name}: {argument}"
+                tested += 1
+    assert tested > 450
+
+
+def test_nothing_is_done_before_arguments_are_refused() -> None:
+    written = []
+
+    @check_arguments
+    def write(number: float, name: str = "a") -> None:
+        written.append(number)
+
+    with pytest.raises(gx.InputError, match=r"^write: name is 3; give a word\.$"):
+        write(1.0, name=3)  # type: ignore[arg-type]
+    assert written == []
+    write(1.0)
+    assert written == [1.0]
+
+
+def test_a_file_is_not_written_before_arguments_are_refused(tmp_path: Path) -> None:
+    target = tmp_path / "log.txt"
+    with pytest.raises(gx.InputError, match="quiet is 'no'"):
+        gx.run.log_to(gx.PointMass(1.0).comm, target, quiet="no")  # type: ignore[arg-type]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_check_is_the_same_by_every_import_path() -> None:
+    """In a new process, so that no other import came before."""
+    code = (
+        "from gossamer_fx.connectors.spring import Rope\n"
+        "import gossamer_fx as gx\n"
+        "p, q = gx.PointMass(1.0).port(), gx.Ground((0.0, 0.0, 1.0))\n"
+        "try:\n"
+        "    Rope(p, q, stiffness=5.0, length=2.0, name=0.3)\n"
+        "except gx.InputError as error:\n"
+        "    print(error, Rope is gx.connectors.Rope)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    assert done.stdout == "Rope: name is 0.3; give a word. True\n", done.stdout + done.stderr
+
+
+@dataclass
+class Point:
+    x: float
+
+
+Pair = tuple[float, float]
+CASES: list[tuple[Any, Sequence[Any], Sequence[Any]]] = [
+    (float, [1, 2.0, np.float32(1), np.int64(2)], [math.nan, math.inf, True, "1", None, [1.0]]),
+    (int, [1, np.int32(3)], [1.0, True, "1"]),
+    (bool, [True, np.True_], [0, 1, "yes"]),
+    (str, ["", "a"], [b"a", 1]),
+    (str | Path, ["a", Path("a")], ["a\0b", 3, None]),
+    (float | None, [None, 1.0], ["None", math.nan]),
+    (Pair, [(1, 2), [1.0, 2.0], np.ones(2)], [(1.0,), (1.0, "a"), "ab", 1.0, (1.0, math.nan)]),
+    (Annotated[Sequence[float], Count(3)], [(1, 2, 3), np.ones(3)], [(1, 2), np.ones((3, 3))]),
+    (Sequence[float], [(), [1, 2], np.ones(4)], ["12", 1.0, [[1.0]], [math.nan], {1.0: 2.0}]),
+    (tuple[int, ...], [(0, 1), [2], np.arange(3)], [(0.5,), 1, "1"]),
+    (npt.ArrayLike, [1.0, [1, 2], np.ones((2, 2))], ["a", [math.nan], None]),
+    (npt.NDArray[np.float64], [np.ones(2)], [[1.0, 2.0]]),
+    (Mapping[str, float], [{}, {"a": 1}], [{"a": "b"}, {1: 1.0}, [("a", 1.0)]]),
+    (Sequence[Point], [[], (Point(1.0),)], [Point(1.0), [1.0]]),
+    (Literal["a", "b"], ["a"], ["c", 1]),
+    (Callable[[float], float], [abs, lambda x: x], [1.0, "abs"]),
+    (type[Point], [Point], [Point(1.0), int]),
+]
+
+
+@pytest.mark.parametrize(("hint", "good", "bad"), CASES, ids=[str(case[0]) for case in CASES])
+def test_types_are_read_as_users_of_numpy_read_them(
+    hint: Any, good: Sequence[Any], bad: Sequence[Any]
+) -> None:
+    kind = kind_of(hint)
+    assert kind is not None
+    assert [value for value in good if not kind.accepts(value)] == []
+    assert [value for value in bad if kind.accepts(value)] == []
+
+
+def test_infinity_is_taken_where_it_is_the_default() -> None:
+    @check_arguments
+    def limit(largest: float = math.inf) -> float:
+        return largest
+
+    assert limit(float("inf")) == math.inf
+    with pytest.raises(gx.InputError, match="largest is nan"):
+        limit(math.nan)
+
+
+def test_calls_that_do_not_fit_name_the_arguments() -> None:
+    @check_arguments
+    def beam(length: float, width: float, *, name: str = "beam") -> None: ...
+
+    known = r"its arguments are: length, width, name\.$"
+    with pytest.raises(gx.InputError, match=r"beam: there is no argument 'size'; " + known):
+        beam(1.0, size=2.0)  # type: ignore[call-arg]
+    with pytest.raises(gx.InputError, match=r"beam: the argument 'width' is missing; " + known):
+        beam(1.0)  # type: ignore[call-arg]
+    with pytest.raises(gx.InputError, match=r"3 arguments .*give names after 'width'; " + known):
+        beam(1.0, 2.0, "b")  # type: ignore[misc]
+    with pytest.raises(gx.InputError, match=r"multiple values for argument 'length'; " + known):
+        beam(1.0, 2.0, length=1.0)  # type: ignore[misc]
+
+
+def test_names_for_type_checkers_are_imported_when_a_value_needs_them() -> None:
+    """An annotation may name a class whose module is not loaded: it is, when a value is given."""
+    code = (
+        "import sys\n"
+        "from gossamer_fx.probes.points import GasState\n"
+        "print('gossamer_fx.gas.contract' in sys.modules)\n"
+        "try:\n"
+        "    GasState(3.0, 'pressure')\n"
+        "except ValueError as error:\n"
+        "    print(error)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT)
+    expected = "False\nGasState: chamber is 3.0; give a chamber or tank.\n"
+    assert done.stdout == expected, done.stdout + done.stderr
+
+
+def test_inherited_fields_of_dataclasses_are_resolved_in_their_own_module() -> None:
+    module = importlib.import_module("gossamer_fx.contact.obstacles")
+    with pytest.raises(gx.InputError, match=r"Plane: friction is 'rough'; give a number or None"):
+        module.Plane(point=(0, 0, 0), normal=(0, 0, 1), friction="rough")
