@@ -292,9 +292,7 @@ def options() -> str:
         f"```text\n{launcher[1] if launcher else ''}```\n",
     ]
     parser: Any = _parser()
-    parts.append(
-        "An installed package has the command `gossamer` with `run`, `plot` and `report`.\n"
-    )
+    parts.append("An installed package has the command `gossamer` with these.\n")
     for name, sub in parser._subparsers._group_actions[0].choices.items():
         sub.prog = f"gossamer {name}"
         parts.append(f"## {name}\n\n```text\n{sub.format_help()}```\n")

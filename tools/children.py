@@ -33,9 +33,10 @@ def run_child(command: Sequence[str], environment: Mapping[str, str] | None = No
         signal.signal(signal.SIGINT, lambda number, frame: None)
     else:
         signal.signal(signal.SIGINT, hand_on)
-    child = subprocess.Popen(command, env=environment)
-    for number in early:
-        child.send_signal(number)
+    # mpirun of MPICH talks with its ranks by a file that they inherit
+    child = subprocess.Popen(command, env=environment, close_fds=False)
+    for signal_before_the_start in early:
+        child.send_signal(signal_before_the_start)
     code = child.wait()
     if code < 0:
         return 128 - code

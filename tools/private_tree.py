@@ -250,9 +250,10 @@ def enter_as_user(tree: str, command: Sequence[str]) -> int:
         signal.signal(signal.SIGINT, hand_on)
     # bwrap would die of the Ctrl-C of a terminal, and with it the command, which may want to live
     usual = ["/usr/bin/env", "--default-signal=INT,QUIT", "sh"]
+    os.set_inheritable(file, True)
     child = subprocess.Popen(
         [*bwrap, *read_only, *usual, *command],
-        pass_fds=(file,),
+        close_fds=False,  # the command gets what this process has been given
         preexec_fn=ignore_the_terminal,
     )
     code = child.wait()

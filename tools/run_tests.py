@@ -113,13 +113,16 @@ def run_as_a_rank(words: Sequence[str]) -> int:
         code = run_child(command)
         said = b""
     else:
-        done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
-        code = done.returncode
+        done = subprocess.run(
+            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, close_fds=False
+        )
+        # a signal that has ended it has a negative number
+        code = abs(done.returncode)
         said = done.stdout
     if code in (0, NO_TESTS):
         return 0
     sys.stdout.buffer.write(said)
-    return abs(code)
+    return code
 
 
 if __name__ == "__main__":

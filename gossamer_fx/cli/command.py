@@ -97,10 +97,11 @@ def _ranks_are_alone(comm: MPI.Intracomm) -> bool:
         return False
     rank = os.environ.get("OMPI_COMM_WORLD_RANK") or os.environ.get("PMI_RANK")
     if rank == "0":
-        library = MPI.Get_library_version().split(",")[0].strip()
+        library, version = MPI.get_vendor()
+        numbers = ".".join(map(str, version))
         print(
             f"gossamer: mpirun has started {started} ranks that do not see each other: it belongs "
-            f"to another MPI than mpi4py, which has {library}; start them with the mpirun of that.",
+            f"to another MPI than mpi4py, which has {library} {numbers}; use the mpirun of that.",
             file=sys.stderr,
             flush=True,
         )

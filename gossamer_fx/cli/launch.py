@@ -121,15 +121,15 @@ def _die_with_parent() -> None:
 
 def main(words: Sequence[str]) -> int:
     """Start what a command line says; returns the exit code."""
-    ranks = words[0] if words else ""
-    if len(words) < 2 or not ranks.isdecimal() or int(ranks) < 1:
+    complete = len(words) >= 2
+    if not complete or not words[0].isdecimal() or int(words[0]) < 1:
         print(
             "gossamer: mpi needs a number of ranks, then a script: ./gossamer mpi 2 script.py; "
             f"got '{' '.join(words)}'.",
             file=sys.stderr,
         )
         return 2
-    return launch(int(ranks), words[1:])
+    return launch(int(words[0]), words[1:])
 
 
 if __name__ == "__main__":

@@ -17,6 +17,8 @@ REPETITIONS = (
     b"MPI_ABORT was invoked on rank",
     b'prterun has exited due to process rank N with PID N on node N calling "abort"',
 )
+# MPICH writes one line, in one piece, and nothing for a code that is not zero.
+ABORT_OF_MPICH = re.compile(rb"Abort\(\d+\) on node \d+ [^\n]*application called MPI_Abort[^\n]*\n")
 # By its first letters a message is one of the above or is certainly not; by this much of it, it is
 # or is not.
 FIRST = 12
@@ -24,11 +26,11 @@ DECIDED = 400
 
 
 class MessageFilter:
-    """Passes on the output of mpirun without the messages of Open MPI that repeat an error.
+    """Passes on the output of mpirun without the messages that repeat an error.
 
     A rank that fails explains why in one sentence and ends with a code that is not zero.  Open MPI
-    then writes that a process has ended with such a code, or has called MPI_Abort, and hides the
-    sentence.  Other messages, e.g. that a rank was killed, are passed on.  If the ranks themselves
+    then writes that a process has ended with such a code, or has called MPI_Abort, as MPICH does,
+    and hides the sentence.  Other messages, e.g. that a rank was killed, are passed on.  If the ranks themselves
     write nothing, everything is passed on.
 
     Args:
@@ -89,7 +91,9 @@ class MessageFilter:
         self._waiting = self._waiting[length:]
 
     def _take(self, length: int) -> None:
-        self._pass_on(self._waiting[:length])
+        taken = self._waiting[:length]
+        self._removed += b"".join(ABORT_OF_MPICH.findall(taken))
+        self._pass_on(ABORT_OF_MPICH.sub(b"", taken))
         self._waiting = self._waiting[length:]
 
     def _pass_on(self, data: bytes) -> None:

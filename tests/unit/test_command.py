@@ -81,6 +81,14 @@ def test_what_open_mpi_repeats_is_removed(size: int, repetition: bytes) -> None:
     assert filtered(middle, size) == middle.replace(repetition, b"")
 
 
+def test_the_line_of_mpich_about_an_abort_is_removed() -> None:
+    abort = b"application called MPI_Abort(MPI_COMM_WORLD, 2) - process 0\n"
+    line = b"Abort(2) on node 0 (rank 0 in comm 0): " + abort
+    sentence = b"gossamer: The mesh is damaged.\n"
+    assert filtered(sentence + line, 10**6) == sentence
+    assert filtered(line, 10**6) == line
+
+
 @pytest.mark.parametrize("size", [1, 76, 10**6])
 def test_other_messages_pass(size: int) -> None:
     for data in (KILLED, b"words\n" + KILLED, RULE, RULE + b"\n" + RULE, RULE + b"x" * 1000):

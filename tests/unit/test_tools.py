@@ -1,0 +1,128 @@
+"""The tools of developers: arguments of the tests on two ranks, lint, site, packages from PyPI."""
+
+from __future__ import annotations
+
+import importlib
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture
+def tool(monkeypatch: pytest.MonkeyPatch) -> object:
+    """Imports a tool by its name, as when it is run."""
+
+    def load(name: str) -> ModuleType:
+        return importlib.import_module(name)
+
+    monkeypatch.syspath_prepend(str(ROOT / "tools"))
+    return load
+
+
+class Children:
+    """Takes the place of `run_child`: keeps the commands, and ends them with given codes."""
+
+    def __init__(self, *codes: int) -> None:
+        self.commands: list[list[str]] = []
+        self._codes = list(codes)
+
+    def __call__(self, command: Sequence[str], environment: Mapping[str, str] | None = None) -> int:
+        self.commands.append(list(command))
+        return self._codes.pop(0)
+
+
+@pytest.mark.parametrize(
+    ("words", "on_ranks"),
+    [
+        ([], ["-m", "mpi and not slow"]),
+        (["tests/unit", "-x"], ["tests/unit", "-x", "-m", "mpi and not slow"]),
+        (["-m", "slow"], ["-m", "mpi and (slow)"]),
+        (["-mslow or gas", "a.py"], ["a.py", "-m", "mpi and (slow or gas)"]),
+        (["-n", "4", "-k", "a"], ["-k", "a", "-m", "mpi and not slow"]),
+        (["-nauto", "--maxfail=1"], ["--maxfail=1", "-m", "mpi and not slow"]),
+    ],
+)
+def test_markers_of_the_user_are_joined_with_mpi(
+    tool, words: list[str], on_ranks: list[str]
+) -> None:
+    assert tool("run_tests").words_for_ranks(words) == on_ranks
+
+
+@pytest.mark.parametrize(("codes", "runs"), [((0, 0), 2), ((1,), 1), ((0, 3), 2)])
+def test_tests_on_two_ranks_follow_those_on_one(
+    tool, monkeypatch: pytest.MonkeyPatch, codes: tuple[int, ...], runs: int
+) -> None:
+    children = Children(*codes)
+    run_tests = tool("run_tests")
+    monkeypatch.setattr(run_tests, "run_child", children)
+    monkeypatch.chdir(ROOT)
+    assert run_tests.main(["tests/unit"]) == codes[-1]
+    assert len(children.commands) == runs
+    assert children.commands[0][-1] == "tests/unit"
+    assert runs == 1 or children.commands[1][:3] == ["mpirun", "-n", "2"]
+
+
+def test_files_marked_mpi_are_found(tool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    found = [path.name for path in tool("run_tests").files_marked_mpi()]
+    assert "test_study.py" in found and "test_setup.py" not in found
+
+
+@pytest.mark.parametrize(("codes", "code"), [((0, 0, 0), 0), ((0, 1, 0), 1), ((0, 0, 2), 1)])
+def test_lint_runs_all_checks(
+    tool, monkeypatch: pytest.MonkeyPatch, codes: tuple[int, ...], code: int
+) -> None:
+    children = Children(*codes)
+    lint = tool("lint")
+    monkeypatch.setattr(lint, "run_child", children)
+    monkeypatch.setattr(lint, "folder_with", lambda packages: Path("/tools") / packages[0])
+    monkeypatch.chdir(ROOT)
+    assert lint.main() == code
+    assert [" ".join(words[1:]) for words in children.commands] == [
+        "check .",
+        "format --check .",
+        "-m mypy",
+    ]
+    assert children.commands[0][0].startswith("/tools/ruff==")
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "told"), [([], 0, True), (["-b", "linkcheck"], 0, False), ([], 2, False)]
+)
+def test_where_the_site_is_is_told(
+    tool,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    options: list[str],
+    code: int,
+    told: bool,
+) -> None:
+    build_docs = tool("build_docs")
+    monkeypatch.setattr(build_docs, "run_child", Children(code))
+    monkeypatch.setattr(build_docs, "folder_with", lambda packages: Path("/tools"))
+    monkeypatch.chdir(ROOT)
+    assert build_docs.main(options) == code
+    assert (str(ROOT / "out" / "docs" / "index.html") in capsys.readouterr().out) == told
+
+
+def test_packages_are_those_of_the_project(tool) -> None:
+    packages = tool("packages")
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert packages.extra("dependencies") == project["dependencies"]
+    assert packages.extra("lint") == project["optional-dependencies"]["lint"]
+
+
+def test_packages_that_cannot_be_installed_are_named(
+    tool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    packages = tool("packages")
+    monkeypatch.setattr(packages, "CACHE", tmp_path)
+    monkeypatch.setattr(packages, "PIP", ("false",))
+    with pytest.raises(SystemExit, match=r"gossamer: sphinx==1 could not be installed from PyPI\."):
+        packages.folder_with(["sphinx==1"])
+    assert not list(tmp_path.iterdir())
