@@ -81,7 +81,13 @@ class Table:
             return
         tube = run.chamber("tube")
         steps = max(run.step - self._seen[0], 1)
-        numbers = [run.time * 1e3, tube.p, tube.temperature, tube.V * 1e3, tube.m * 1e6]
+        numbers = [
+            run.time * 1e3,
+            tube.pressure,
+            tube.temperature,
+            tube.volume * 1e3,
+            tube.mass * 1e6,
+        ]
         shares = [fraction(run) for fraction in self._fractions]
         self.rows.append(
             (
@@ -140,10 +146,10 @@ def main(
     state = run.chamber("tube")
     return {
         "time": run.time,
-        "pressure": state.p,
+        "pressure": state.pressure,
         "temperature": state.temperature,
-        "volume": state.V,
-        "mass": state.m,
+        "volume": state.volume,
+        "mass": state.mass,
         "energy_error": abs(run.energy_error),
         "mass_error": abs(run.mass_error),
         "newton_per_step": run.iterations / run.step,

@@ -75,7 +75,9 @@ def main(
     run.run(until=case.until)
     if comm.rank == 0:
         bag = run.chamber("chamber")
-        print(f"pressure {bag.p:.0f} Pa, volume {bag.V * 1e3:.3f} l, gas {bag.m * 1e6:.2f} mg")
+        print(
+            f"pressure {bag.pressure:.0f} Pa, volume {bag.volume * 1e3:.3f} l, gas {bag.mass * 1e6:.2f} mg"
+        )
         print(f"energy closes to {abs(run.energy_error):.0e}, mass to {abs(run.mass_error):.0e}")
     return run
 

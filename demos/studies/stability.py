@@ -111,7 +111,7 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
         comm.allreduce(finite, MPI.LAND)
         and errors[0] <= ENERGY
         and errors[1] <= MASS
-        and min(state.V, state.p) > 0
+        and min(state.volume, state.pressure) > 0
     )
     check(
         sound,
@@ -122,8 +122,8 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
         "substeps": run.substeps,
         "energy_error": errors[0],
         "mass_error": errors[1],
-        "pressure": state.p,
-        "volume": state.V,
+        "pressure": state.pressure,
+        "volume": state.volume,
         "seconds": run.seconds,
     }
 

@@ -236,7 +236,7 @@ class Equilibrium:
         }
 
     def chamber(self, name: str) -> Any:
-        """State of one chamber: p [Pa], temperature [K], V [m³], m [kg], U [J]."""
+        """State of the gas in one chamber, see `gas.state.ChamberState`."""
         chambers = self.chambers
         known = ", ".join(chambers) or "none"
         check(

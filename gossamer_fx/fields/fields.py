@@ -199,7 +199,9 @@ def _take_pressure(function: fem.Function, film: MeshBody, system: System) -> No
             enclosure, outside = gas.chamber.enclosure, gas.chamber.outside
             if enclosure is not None and enclosure.film is film:
                 cells = cell_nodes(function.function_space)[enclosure.cells()]
-                values[cells] = gas.p - (outside.pressure if outside else 0.0) - values[cells]
+                values[cells] = (
+                    gas.pressure - (outside.pressure if outside else 0.0) - values[cells]
+                )
 
 
 def _take_mean(function: fem.Function, name: str, body: MeshBody, system: System) -> None:

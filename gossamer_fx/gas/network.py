@@ -83,20 +83,21 @@ class GasNetwork:
         for s in self._gases:
             if s.enclosure is not None:
                 s.enclosure.start()
-            s.V = self._volume(s)
+            s.volume = self._volume(s)
             check(
-                s.V > 0,
-                f"Chamber '{s.chamber.name}' encloses {s.V:.3g} m³ at the start; open it by an initial displacement or "
+                s.volume > 0,
+                f"Chamber '{s.chamber.name}' encloses {s.volume:.3g} m³ at the start; open it by an initial displacement or "
                 "give it a dead_volume.",
             )
-            s.p = s.chamber.initial_pressure
-            s.U = s.p * s.V / (self._gas.gamma - 1)
-            s.m = s.U / (self._gas.cv * s.chamber.initial_temperature)
+            s.pressure = s.chamber.initial_pressure
+            s.internal_energy = s.pressure * s.volume / (self._gas.gamma - 1)
+            s.mass = s.internal_energy / (self._gas.cv * s.chamber.initial_temperature)
         self._kept_magnitude = self._magnitudes()
 
     def begin_step(self, h: float, t: float) -> Array:
         p, m, U, V = (
-            np.array([getattr(s, name) for s in self._gases]) for name in ("p", "m", "U", "V")
+            np.array([getattr(s, name) for s in self._gases])
+            for name in ("pressure", "mass", "internal_energy", "volume")
         )
         self._balance.begin(h, t, p, m, U, V)
         # volumes and round-off of the start: those of the last iterate may be of a step that failed
@@ -116,7 +117,7 @@ class GasNetwork:
         self._s = self._balance.residual(self._y, self._V, self._W) / self._scale
         for s, p1 in zip(self._gases, self._y, strict=False):
             if s.enclosure is not None:
-                s.enclosure.set_pressure(self._acting(s.p, float(p1)) - self._outside(s))
+                s.enclosure.set_pressure(self._acting(s.pressure, float(p1)) - self._outside(s))
         return self._s
 
     def _at_iterate(self, y: Array) -> Array:
@@ -156,7 +157,7 @@ class GasNetwork:
             for i, (k, enclosure) in enumerate(bounded.items()):
                 mid, of_volume, of_swept = enclosure.gradients()
                 G[k] = -self._α * mid
-                by_W[k, i] = (self._gases[k].p + float(self._y[k])) / (2 * self._scale[k])
+                by_W[k, i] = (self._gases[k].pressure + float(self._y[k])) / (2 * self._scale[k])
                 dV.append(of_volume)
                 dW.append(of_swept)
             rows = by_V @ np.array(dV) + by_W @ np.array(dW)
@@ -169,10 +170,12 @@ class GasNetwork:
         for k, s in enumerate(self._gases):
             if s.enclosure is not None:
                 self._supplied -= self._outside(s) * s.enclosure.swept
-            s.V = self._volume(s)
-            s.m += h * float(rates.mass[k])
-            s.U += h * float(rates.energy[k]) - (s.p + float(self._y[k])) / 2 * self._swept(s)
-            s.p = (self._gas.gamma - 1) * s.U / s.V
+            s.volume = self._volume(s)
+            s.mass += h * float(rates.mass[k])
+            s.internal_energy += h * float(rates.energy[k]) - (
+                s.pressure + float(self._y[k])
+            ) / 2 * self._swept(s)
+            s.pressure = (self._gas.gamma - 1) * s.internal_energy / s.volume
         self._geometry.accept()
         self._kept_magnitude = self._magnitude
         self._supplied += h * rates.energy_supplied
@@ -198,9 +201,9 @@ class GasNetwork:
 
     def totals(self) -> ScalarTotals:
         return ScalarTotals(
-            {s.chamber.name: s.U for s in self._gases},
+            {s.chamber.name: s.internal_energy for s in self._gases},
             self._supplied,
-            sum(s.m for s in self._gases),
+            sum(s.mass for s in self._gases),
             self._mass_supplied,
         )
 
@@ -208,7 +211,9 @@ class GasNetwork:
         return {s.chamber.name: s for s in self._gases}
 
     def get_state(self) -> dict[str, Any]:
-        chambers = [[s.chamber.name, s.p, s.m, s.U, s.V] for s in self._gases]
+        chambers = [
+            [s.chamber.name, s.pressure, s.mass, s.internal_energy, s.volume] for s in self._gases
+        ]
         return {
             "chambers": chambers,
             "supplied": self._supplied,
@@ -219,7 +224,7 @@ class GasNetwork:
         self._geometry.follow()
         self._geometry.accept()
         for s, kept in zip(self._gases, state["chambers"], strict=True):
-            s.p, s.m, s.U, s.V = kept[1:]
+            s.pressure, s.mass, s.internal_energy, s.volume = kept[1:]
         self._kept_magnitude = self._magnitudes()
         self._supplied, self._mass_supplied = state["supplied"], state["mass supplied"]
 

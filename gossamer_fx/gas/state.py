@@ -1,4 +1,4 @@
-"""The state of the gas in a chamber."""
+"""The state of the gas in one chamber, as outputs, probes and users read it."""
 
 from __future__ import annotations
 
@@ -10,16 +10,32 @@ from gossamer_fx.gas.enclosure import CompiledEnclosure
 
 @dataclass
 class ChamberState:
-    """State of one chamber: pressure [Pa], mass [kg], internal energy [J], volume [m³]."""
+    """State of the gas in one chamber at the end of the last accepted step.
+
+    The gas is well mixed and ideal: pressure · volume = (γ - 1) · internal_energy.
+
+    Attributes:
+        chamber: the chamber or tank that holds the gas.
+        enclosure: what bounds it in the running scene; None for a rigid chamber.
+        pressure: [Pa], absolute.
+        mass: [kg].
+        internal_energy: U = m c_v T [J].
+        volume: [m³], rigid part included.
+
+    Example:
+        >>> run = gx.Simulation(gx.Scene(tank), gx.Midpoint(dt=0.1))
+        >>> run.chamber("tank").pressure
+        200000.0
+    """
 
     chamber: Volume
     enclosure: CompiledEnclosure | None
-    p: float = 0.0
-    m: float = 0.0
-    U: float = 0.0
-    V: float = 0.0
+    pressure: float = 0.0
+    mass: float = 0.0
+    internal_energy: float = 0.0
+    volume: float = 0.0
 
     @property
     def temperature(self) -> float:
-        """[K]"""
-        return self.U / (self.m * float(self.chamber.gas.cv))
+        """Temperature of the gas [K], U/(m c_v)."""
+        return self.internal_energy / (self.mass * float(self.chamber.gas.cv))

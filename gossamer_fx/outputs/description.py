@@ -42,7 +42,12 @@ def describe(run: Run) -> Description:
         "roles": dict(sorted(roles.items())),
         "items": {item.name: type(item).__name__ for item in others},
         "chambers": {
-            name: {"pressure": s.p, "temperature": s.temperature, "volume": s.V, "mass": s.m}
+            name: {
+                "pressure": s.pressure,
+                "temperature": s.temperature,
+                "volume": s.volume,
+                "mass": s.mass,
+            }
             for name, s in run.chambers.items()
         },
         "energies": {"kinetic": totals.kinetic, **totals.stored},

@@ -60,7 +60,7 @@ def observe(run: Run, fractions: Sequence[AreaFractions]) -> Snapshot:
     }
     energies |= {"supplied": totals.supplied, "dissipated": totals.dissipated}
     errors = {"energy": run.energy_error} | ({"gas mass": run.mass_error} if totals.mass else {})
-    pressures = {name: state.p for name, state in chambers.items()}
+    pressures = {name: state.pressure for name, state in chambers.items()}
     return Snapshot(
         run.time, energies, pressures, [f(run.system) for f in fractions], errors, totals.losses
     )

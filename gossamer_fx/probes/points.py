@@ -65,9 +65,12 @@ class GasState:
 
     def __call__(self, run: Run) -> float:
         s = run.chamber(self.chamber.name)
-        return {"pressure": s.p, "temperature": s.temperature, "volume": s.V, "mass": s.m}[
-            self.quantity
-        ]
+        return {
+            "pressure": s.pressure,
+            "temperature": s.temperature,
+            "volume": s.volume,
+            "mass": s.mass,
+        }[self.quantity]
 
 
 @check_arguments

@@ -64,7 +64,7 @@ class Run(Protocol):
         ...
 
     def chamber(self, name: str) -> Any:
-        """State of one chamber: p [Pa], temperature [K], V [m³], m [kg], U [J]."""
+        """State of the gas in one chamber, see `gas.state.ChamberState`."""
         ...
 
     def log(self, words: str) -> None:

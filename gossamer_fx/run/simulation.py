@@ -202,7 +202,8 @@ class Simulation:
         }
 
     def chamber(self, name: str) -> ChamberState:
-        """Pressure p [Pa], temperature [K], volume V [m³], mass m [kg] and internal energy U [J] of a chamber.
+        """State of the gas in a chamber: `pressure` [Pa], `temperature` [K], `volume` [m³], `mass` [kg],
+        `internal_energy` [J].
 
         Raises:
             InputError: the scene has no such chamber.

@@ -28,7 +28,7 @@ def test_a_cylinder_without_caps_holds_the_volume_of_its_polygon(order):
     outlet = gx.Orifice(bag, gx.gas.Ambient(), area=rims[1], discharge_coefficient=0.5)
     run = gx.Simulation(gx.Scene(film, bag, outlet), gx.Midpoint(dt=1e-5))
     polygon = sides / 2 * radius**2 * math.sin(2 * math.pi / sides)
-    assert pytest.approx(polygon * length, rel=1e-12) == run.chamber("chamber").V
+    assert pytest.approx(polygon * length, rel=1e-12) == run.chamber("chamber").volume
     assert gx.probes.RingArea(rims[1])(run) == pytest.approx(polygon, rel=1e-12)
     run.run(until=1e-5)
     choked = polygon / 2 * 1e3 / math.sqrt(296.8 * 300.0) * math.sqrt(1.4) * (2 / 2.4) ** 3
@@ -75,7 +75,7 @@ def test_two_compartments_conserve_everything_in_free_flight(order):
     run = compartments(order, cells=6 if order == 1 else 4)
     run.run(until=6e-3 if order == 1 else 3e-3)
     first, now = run.first, run.totals
-    assert run.chamber("compartment 2").m > 10 * 10.0 * 1e-6 / (
+    assert run.chamber("compartment 2").mass > 10 * 10.0 * 1e-6 / (
         296.8 * 300.0
     )  # gas has passed the ring
     assert abs(run.energy_error) < 1e-9 and abs(run.mass_error) < 1e-13

@@ -191,7 +191,7 @@ def test_gas_and_outer_pressure_are_booked(comm):
     outside = gx.gas.Ambient(1e5, 300.0)
     bag = gx.Chamber(film, gas=gas, pressure=1.005e5, temperature=300.0, outside=outside)
     run = run_of(film, bag, dt=2e-4, steps=20)
-    grown = run.chamber("chamber").V - run.first.stored["chamber"] * 0.4 / 1.005e5
+    grown = run.chamber("chamber").volume - run.first.stored["chamber"] * 0.4 / 1.005e5
     assert grown > 0
     assert run.totals.supplied == pytest.approx(
         -1e5 * grown, rel=1e-3

@@ -43,7 +43,9 @@ def balloon(dt: float, times, comm: MPI.Comm, cells: int = 10) -> tuple[np.ndarr
         r = np.linalg.norm(run.system.q0.array_r.reshape(-1, 3), axis=1)
         radius = comm.allreduce(r.sum()) / comm.allreduce(len(r))
         state = run.chamber("chamber")
-        found.append((radius, state.p, state.temperature, state.m, run.totals.stored["film"]))
+        found.append(
+            (radius, state.pressure, state.temperature, state.mass, run.totals.stored["film"])
+        )
     return np.array(found), run
 
 

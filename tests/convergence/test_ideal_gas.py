@@ -18,7 +18,7 @@ def histories(scene: gx.Scene, dt: float, times) -> tuple[np.ndarray, gx.Simulat
     found = []
     for t in times:
         run.run(until=t)
-        found.append([(s.p, s.temperature, s.m) for s in run.chambers.values()])
+        found.append([(s.pressure, s.temperature, s.mass) for s in run.chambers.values()])
     return np.array(found), run
 
 
@@ -173,7 +173,7 @@ def piston(dt: float, times, comm: MPI.Comm = MPI.COMM_SELF) -> tuple[np.ndarray
         x, v = (
             run.comm.allreduce(float(q.array_r[:1].sum())) for q in (run.system.q0, run.system.v0)
         )
-        found.append((x, v, state.p, state.temperature, state.m))
+        found.append((x, v, state.pressure, state.temperature, state.mass))
     return np.array(found), run
 
 

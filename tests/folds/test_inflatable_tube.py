@@ -60,7 +60,7 @@ def test_a_folded_tube_begins_to_deploy(comm) -> None:
     run.run(until=4e-4 if comm.size == 1 else 5e-5)
     assert abs(run.energy_error) < 1e-10 and abs(run.mass_error) < 1e-13
     assert series["pierced"].max() == 0
-    first, second = (run.chamber(bag.name).p for bag in it.chambers)
+    first, second = (run.chamber(bag.name).pressure for bag in it.chambers)
     assert first > second > 0.99
     assert series["ring"].max() < 0.5 * math.pi * DIAMETER**2 / 4
 
@@ -121,11 +121,11 @@ def test_gravity_air_outside_and_gas_that_was_left_inside(comm) -> None:
 
     case = folded_tube.build(comm, gravity=9.81, air=1e3, residual=200.0)
     run = case.simulation([])
-    volumes = [sum(run.chamber(f"tube {k}").V for k in (1, 2, 3))]
+    volumes = [sum(run.chamber(f"tube {k}").volume for k in (1, 2, 3))]
     run.run(until=4e-4 if comm.size == 1 else 1e-4)
-    volumes.append(sum(run.chamber(f"tube {k}").V for k in (1, 2, 3)))
+    volumes.append(sum(run.chamber(f"tube {k}").volume for k in (1, 2, 3)))
     assert abs(run.energy_error) < 1e-10 and run.totals.supplied != 0
-    assert volumes[1] > volumes[0] and run.chamber("tube 3").p < 1.2e3  # it expands
+    assert volumes[1] > volumes[0] and run.chamber("tube 3").pressure < 1.2e3  # it expands
 
 
 @pytest.mark.slow

@@ -374,4 +374,4 @@ def test_a_restart_knows_of_steps_that_failed(folder: Path, end: str) -> None:
     rest = run(steps, restart=folder)
     assert rest.iterations == whole.iterations
     assert (rest.system.q0.array_r == whole.system.q0.array_r).all()
-    assert rest.chamber("tube").p == whole.chamber("tube").p
+    assert rest.chamber("tube").pressure == whole.chamber("tube").pressure

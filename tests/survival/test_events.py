@@ -85,7 +85,7 @@ def test_pressure_opens_a_valve() -> None:
     )
     run.run(until=0.2)
     assert len(opened) == 1 and 0 < opened[0] < 0.2
-    assert run.chamber("bottle").p < 2e5
+    assert run.chamber("bottle").pressure < 2e5
     assert abs(run.energy_error) <= 1e-13 and abs(run.mass_error) <= 1e-13
 
 

@@ -46,7 +46,7 @@ def main() -> None:
         tube_now = run.chamber("tube")
         np.savetxt(
             out / "end.txt",
-            [*moments, tube_now.p, tube_now.V, run.totals.kinetic, run.totals.energy],
+            [*moments, tube_now.pressure, tube_now.volume, run.totals.kinetic, run.totals.energy],
         )
 
 

@@ -21,7 +21,7 @@ def start(*items, dt: float):
 
 
 def pressures(states):
-    return np.array([s.p for s in states])
+    return np.array([s.pressure for s in states])
 
 
 # ---- the law of the orifice ----------------------------------------------------------------------------------------
@@ -77,7 +77,7 @@ def test_stiff_filling_does_not_ring(dt, p):
     history = [p]
     for k in range(1, 41):
         run.run(until=k * dt)
-        history.append(state.p)
+        history.append(state.pressure)
     distance = abs(np.array(history) - 1e5)
     assert (np.diff(distance) <= 1e-6 * 1e5).all()
     if dt >= 0.1:
@@ -99,14 +99,14 @@ def test_equal_pressures_stay_equal():
 def test_flow_reverses_when_the_reservoir_is_the_lower_one():
     vessel = gx.Chamber(gas=AIR, pressure=3e5, temperature=500.0, volume=0.01)
     run, (state,) = start(gx.Orifice(gx.gas.Reservoir(1e5, 300.0), vessel, area=1e-5), dt=0.02)
-    m_start = state.m
+    m_start = state.mass
     run.run(until=10.0)
-    assert state.p == pytest.approx(1e5, rel=1e-4) and state.m < m_start
+    assert state.pressure == pytest.approx(1e5, rel=1e-4) and state.mass < m_start
     assert state.temperature == pytest.approx(
         500.0 * (1 / 3) ** (0.4 / 1.4), rel=1e-3
     )  # what stays expands isentropically
     assert abs(run.energy_error) <= 1e-13 and abs(run.mass_error) <= 1e-13
-    assert run.totals.mass_supplied == pytest.approx(state.m - m_start, rel=1e-12)
+    assert run.totals.mass_supplied == pytest.approx(state.mass - m_start, rel=1e-12)
 
 
 def test_order_of_the_ends_only_turns_the_sign():
@@ -132,9 +132,9 @@ def test_valve_lets_through_what_its_area_says():
     for dt in steps:
         vessel = gx.Chamber(gas=AIR, pressure=1e-3, temperature=300.0, volume=0.01)
         run, (state,) = start(gx.Orifice(gx.gas.Reservoir(2e5, 300.0), vessel, area=valve), dt=dt)
-        m_start = state.m
+        m_start = state.mass
         run.run(until=2.0)
-        errors.append((state.m - m_start) / exact - 1)
+        errors.append((state.mass - m_start) / exact - 1)
     assert abs(errors[-1]) <= 1e-3
     assert observed_order(steps[:2], errors[:2]) == pytest.approx(2, abs=0.3)
 
@@ -144,9 +144,9 @@ def test_closed_valve_lets_nothing_through():
     run, (state,) = start(
         gx.Orifice(gx.gas.Reservoir(2e5, 300.0), vessel, area=lambda t: 0.0), dt=0.1
     )
-    m = state.m
+    m = state.mass
     run.run(until=1.0)
-    assert state.m == m and state.p == pytest.approx(1e4, rel=1e-14)
+    assert state.mass == m and state.pressure == pytest.approx(1e4, rel=1e-14)
 
 
 @pytest.mark.parametrize("dt", [1.0, 10.0, 1e3])
@@ -156,11 +156,11 @@ def test_wall_warms_the_gas_exponentially(dt):
     run, (state,) = start(
         vessel, gx.gas.WallHeat(vessel, conductance=0.5, temperature=350.0), dt=dt
     )
-    rate, U = 0.5 / (state.m * AIR.cv), state.U
+    rate, U = 0.5 / (state.mass * AIR.cv), state.internal_energy
     for t in (dt, 3 * dt):
         run.run(until=t)
         assert state.temperature == pytest.approx(350.0 - 150.0 * math.exp(-rate * t), rel=1e-9)
-    assert run.totals.supplied == pytest.approx(state.U - U, rel=1e-12)
+    assert run.totals.supplied == pytest.approx(state.internal_energy - U, rel=1e-12)
     assert abs(run.energy_error) <= 1e-13
 
 
@@ -200,7 +200,7 @@ def test_chain_through_a_chamber_without_volume_to_speak_of():
     run.run(until=2.0)
     assert abs(run.mass_error) <= 1e-12 and abs(run.energy_error) <= 1e-12
     choked = 1e-5 * isentropic_flow(AIR, 2e5, 300.0, 0.0, LAMINAR).real
-    assert states[2].m == pytest.approx(choked * 2.0, rel=0.02)
+    assert states[2].mass == pytest.approx(choked * 2.0, rel=0.02)
 
 
 def test_scene_of_gas_alone_has_no_field():

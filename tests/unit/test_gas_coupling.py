@@ -43,7 +43,7 @@ def test_a_flat_film_inflates_to_the_side_of_its_normals(seed: int) -> None:
     sums = WORLD.allreduce(np.array([np.r_[x[side].sum(axis=0), len(side)] for side in own]))
     means = sums[:, :3] / sums[:, 3:]
     assert (means[0] - means[1]) @ R[:, 2] > 1e-5
-    assert run.chamber("chamber").V > 1e-3 + 1e-5
+    assert run.chamber("chamber").volume > 1e-3 + 1e-5
 
 
 # ---- derivatives ----------------------------------------------------------------------------------------------------
@@ -153,7 +153,7 @@ def test_a_ring_couples_few_nodes() -> None:
 def test_rings_of_even_and_odd_numbers_of_edges_close_a_volume(n: int, order: int) -> None:
     """That of the prism, and the same wherever and however the warped cylinder stands in space."""
     exact = n / 2 * 0.1**2 * np.sin(2 * np.pi / n) * 2 * (2 * np.pi * 0.1 / n)
-    assert pytest.approx(exact, rel=1e-12) == open_cylinder(n, order).chamber("chamber").V
+    assert pytest.approx(exact, rel=1e-12) == open_cylinder(n, order).chamber("chamber").volume
 
     def warp(X: np.ndarray) -> np.ndarray:
         return 0.02 * np.sin(np.array([40 * X[1] * X[2], 30 * X[0], 50 * X[0] * X[1]]) + 0.5)
@@ -162,7 +162,7 @@ def test_rings_of_even_and_odd_numbers_of_edges_close_a_volume(n: int, order: in
     R *= np.sign(np.linalg.det(R))
     there = np.array([[3.0], [-2.0], [5.0]])
     volumes = [
-        open_cylinder(n, order, displacement=shape).chamber("chamber").V
+        open_cylinder(n, order, displacement=shape).chamber("chamber").volume
         for shape in (warp, lambda X: R @ (X + warp(X)) + there - X)
     ]
     assert volumes[1] == pytest.approx(volumes[0], rel=1e-11) != pytest.approx(exact, rel=1e-3)
