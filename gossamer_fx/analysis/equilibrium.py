@@ -259,7 +259,7 @@ class Equilibrium:
         residual, round_off, ceiling, why = math.inf, 0.0, math.inf, "no step succeeded"
         care = _Care(self._pushes)
         while residual > max(search.tolerance, min(round_off, ROUNDED)):
-            self.newton.careful = CAREFUL if care.taken else 0
+            self.newton.geometric_stiffness_delay = CAREFUL if care.taken else 0
             try:
                 used = self._step(h, at, inner)
             except NotConverged as failure:
@@ -288,7 +288,7 @@ class Equilibrium:
 
     def _finish(self, at: float) -> bool:
         """Newton's iteration without inertia; whether it converges to a residual a hundred times smaller."""
-        self.newton.careful = 0
+        self.newton.geometric_stiffness_delay = 0
         residual, load = self._unbalanced()
         target = 1e-2 * min(residual, self.search.tolerance) * load
         try:

@@ -124,7 +124,7 @@ class EventMonitor:
         """Go on by h, or by less: to the first event.  Returns whether the run ends there."""
         run, waiting = self._run, [e for e in self._when if self._events.index(e) not in self._done]
         if waiting:
-            self._history.keep()
+            self._history.commit()
         start, before = run.time, {e: self._last[e] for e in waiting}
         stepping.advance(h)
         try:
@@ -132,7 +132,7 @@ class EventMonitor:
             if happened:
                 happened = self._locate(stepping, start, waiting, before, happened)
         except InputError:  # of a probe: the state before the step is the last good one
-            self._history.go_back()
+            self._history.rollback()
             self._last |= before
             raise
         arrived = [e for e in self._at if abs(run.time - e.time) <= 1e-9 * stepping.wanted]
@@ -195,7 +195,7 @@ class EventMonitor:
     ) -> list[When]:
         """Make the step anew with another length; what happened in it."""
         run = self._run
-        self._history.go_back()
+        self._history.rollback()
         self._last |= before
         while (left := start + length - run.time) > 1e-12 * length:
             stepping.advance(left)

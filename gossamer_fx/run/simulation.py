@@ -115,11 +115,11 @@ class Simulation:
 
     def _try_step(self) -> None:
         """Begin a step and go back: what is wrong with loads, valves and motions is told before files are made."""
-        self.history.keep()
+        self.history.commit()
         with suppress(NotConverged):
             self.system.begin_step(self.stepping.wanted)
             self.system.predict(self.system.numbering.vector())
-        self.history.go_back()
+        self.history.rollback()
 
     def _claim(self) -> Claims | None:
         paths = [

@@ -1,1 +1,1 @@
-"""Newton's iteration and its linear solvers."""
+"""Newton's method for the equations of a step, and its linear solvers."""

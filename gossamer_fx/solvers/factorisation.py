@@ -1,7 +1,9 @@
-"""Factorisations by MUMPS: their workspace, and why one failed, in its own words; those of full matrices by LAPACK.
+"""Factorisations: sparse matrices by MUMPS, dense ones by LAPACK; their workspace and reasons of failure.
 
-MUMPS estimates its workspace from the pattern of the matrix.  Pivots that it puts off, as those of multipliers, may
-need more; ICNTL(14) is the margin in per cent, and is doubled when INFOG(1) says that it did not do.
+MUMPS estimates its workspace from the sparsity pattern.  Pivots that it delays, such as those of
+Lagrange multipliers, may need more than that.  ICNTL(14) is the margin in per cent.  It is doubled, and
+the factorisation repeated, when INFOG(1) reports too small a workspace (MUMPS users' guide, sections on
+control parameters and error diagnostics).
 """
 
 from __future__ import annotations
@@ -11,42 +13,74 @@ from petsc4py import PETSc
 from scipy.linalg.lapack import dgetrf, dgetrs
 
 EPS = float(np.finfo(float).eps)
-MARGIN, LARGEST = (
-    20,
-    20_000,
-)  # % of the estimated workspace: MUMPS's own default, and the last that is tried
-MINIMUM_FILL = 2  # ICNTL(7)
+
+# Numbers of MUMPS's control parameters.
+ICNTL_ORDERING = 7
+ICNTL_WORKSPACE_MARGIN = 14
+ORDERING_BY_MINIMUM_FILL = 2
+
+# Margins of the workspace [%]: the default of MUMPS, and the largest one that is tried.
+DEFAULT_MARGIN = 20
+MAX_MARGIN = 20_000
+
+# A is singular to round-off if |A| |A⁻¹| exceeds this.
+MAX_CONDITION = 1 / (4 * EPS)
+
+# Smallest norm that is divided by, against division by zero.
+TINY = 1e-300
+
+# PETSc's types of preconditioners that are factorisations.
 TYPES = "lu", "cholesky"
-WORKSPACE = (-8, -9, -11, -14, -15, -17, -20)
+
+# INFOG(1) of MUMPS: the error codes that more workspace may cure, and the words for all known codes.
+WORKSPACE_ERRORS = (-8, -9, -11, -14, -15, -17, -20)
+SINGULAR = -10
 REASONS = {
     -6: "the matrix is singular by its pattern",
-    -10: "the matrix is singular",
+    SINGULAR: "the matrix is singular",
     -13: "it ran out of memory",
     -37: "the matrix has numbers that are not finite",
-} | dict.fromkeys(WORKSPACE, "its workspace is too small")
+} | dict.fromkeys(WORKSPACE_ERRORS, "its workspace is too small")
 
 
 class Lapack:
-    """LU factors of a dense matrix, as PETSc's Python preconditioner; its own stops the program at a zero pivot."""
+    """LU factors of a dense matrix on one rank, as PETSc's Python preconditioner.
+
+    PETSc's own dense factorisation ends the program at a zero pivot.
+
+    Attributes:
+        problem: why the last factorisation failed; empty if it did not.
+    """
 
     problem = ""
 
     def setUp(self, pc: PETSc.PC) -> None:
-        self._lu, self._pivots, info = dgetrf(pc.getOperators()[1].getDenseArray(readonly=True))
-        self.problem = f"LAPACK: {REASONS[-10]}" if info else ""
+        """Factorise the matrix of the preconditioner; called by PETSc."""
+        matrix = pc.getOperators()[1].getDenseArray(readonly=True)
+        self._lu, self._pivots, info = dgetrf(matrix)
+        self.problem = ""
+        if info:
+            self.problem = f"LAPACK: {REASONS[SINGULAR]}"
 
     def apply(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
-        x.array[:] = np.nan if self.problem else dgetrs(self._lu, self._pivots, b.array_r)[0]
+        """Solve A x = b; x is NaN if A is singular, so that the caller's iteration ends."""
+        if self.problem:
+            x.array[:] = np.nan
+        else:
+            x.array[:] = dgetrs(self._lu, self._pivots, b.array_r)[0]
 
     def recover(self) -> None:
-        """The next matrix is factorised whatever became of this one."""
+        """Do nothing: the next matrix is factorised whatever became of this one."""
 
     def __str__(self) -> str:
         return "a factorisation by LAPACK"
 
 
+# ---- preconditioners that are factorisations -----------------------------------------------------------
+
+
 def choose(pc: PETSc.PC, A: PETSc.Mat | None = None) -> None:
-    """Let a preconditioner be a factorisation by MUMPS, or by LAPACK of matrices like A if that is dense."""
+    """Make a preconditioner a factorisation: by LAPACK if A is given and dense, else by MUMPS."""
     if A is not None and A.getType() == PETSc.Mat.Type.SEQDENSE:
         pc.setType("python")
         pc.setPythonContext(Lapack())
@@ -55,19 +89,14 @@ def choose(pc: PETSc.PC, A: PETSc.Mat | None = None) -> None:
     pc.setFactorSolverType("mumps")
 
 
-def enlarge(pc: PETSc.PC) -> bool:
-    """After a factorisation failed: whether its workspace was too small, which has been doubled; then try again."""
-    code = failure(pc)
-    if code not in WORKSPACE:
-        return False
-    margin = 2 * max(pc.getFactorMatrix().getMumpsIcntl(14), MARGIN)
-    renew(pc, margin)
-    return bool(margin <= LARGEST)
-
-
 def set_up(pc: PETSc.PC) -> str:
-    """Factorise its matrix, with a larger workspace where it was too small; returns why it failed, or nothing."""
-    if pc.getAttr("factorised") and failure(pc) < 0:  # PETSc 3.25 has no factors to ask before
+    """Factorise the matrix of a preconditioner, with more workspace if necessary.
+
+    Returns:
+        Why it failed; empty if it did not.
+    """
+    # The attribute is asked first: PETSc 3.25 fails if there are no factors yet.
+    if pc.getAttr("factorised") and failure(pc) < 0:
         renew(pc)
     pc.setUp()
     pc.setAttr("factorised", True)
@@ -76,28 +105,51 @@ def set_up(pc: PETSc.PC) -> str:
     return reason(pc)
 
 
+def enlarge(pc: PETSc.PC) -> bool:
+    """Double the workspace if a factorisation failed for lack of it.
+
+    Returns:
+        Whether another attempt may succeed.
+    """
+    if failure(pc) not in WORKSPACE_ERRORS:
+        return False
+    present = pc.getFactorMatrix().getMumpsIcntl(ICNTL_WORKSPACE_MARGIN)
+    margin = 2 * max(present, DEFAULT_MARGIN)
+    renew(pc, margin)
+    return bool(margin <= MAX_MARGIN)
+
+
 def renew(pc: PETSc.PC, margin: int = 0) -> None:
-    """Begin anew, as after a failure PETSc would not even try the next matrix; `margin` [%], 0: as before."""
-    operators, margin = pc.getOperators(), margin or pc.getFactorMatrix().getMumpsIcntl(14)
+    """Discard the factors, as after a failure PETSc would not try the next matrix.
+
+    Args:
+        pc: a factorisation by MUMPS.
+        margin: of the workspace [%]; 0 leaves it as it is.
+    """
+    operators = pc.getOperators()
+    margin = margin or pc.getFactorMatrix().getMumpsIcntl(ICNTL_WORKSPACE_MARGIN)
     pc.reset()
     pc.setFailedReason(PETSc.PC.FailedReason.NOERROR)
     pc.setOperators(*operators)
     pc.setFactorSetUpSolverType()
-    pc.getFactorMatrix().setMumpsIcntl(14, margin)
+    pc.getFactorMatrix().setMumpsIcntl(ICNTL_WORKSPACE_MARGIN, margin)
 
 
 def replace(pc: PETSc.PC, A: PETSc.Mat) -> None:
-    """Let a factorisation be of A, whose pattern may be another one than that of the matrix before.
+    """Make A the matrix of a factorisation; its pattern may differ from that of the matrix before.
 
-    PETSc would forget the workspace.  A new pattern is ordered by approximate minimum fill: in a folded film of 32
-    thousand unknowns that takes 20 ms where MUMPS's own choice takes 70, and the numbers 87 ms instead of 86.
+    A new pattern is ordered by approximate minimum fill.  For a folded film with 32 thousand unknowns
+    the ordering takes 20 ms instead of 70 ms with the default of MUMPS, and the numerical
+    factorisation 87 ms instead of 86 ms.
     """
     before = pc.getOperators()[0]
     pc.setOperators(A)
     if pc.getFactorSolverType() == "mumps" and A.handle != before.handle:
+        # PETSc discards the factors with the old pattern; `renew` restores the workspace margin.
         renew(pc)
-        pc.getFactorMatrix().setMumpsIcntl(7, MINIMUM_FILL)
-    before.destroy()  # on several ranks it would be kept to the end of the step
+        pc.getFactorMatrix().setMumpsIcntl(ICNTL_ORDERING, ORDERING_BY_MINIMUM_FILL)
+    # On several ranks PETSc would otherwise hold the old matrix to the end of the step.
+    before.destroy()
 
 
 def failure(pc: PETSc.PC) -> int:
@@ -108,26 +160,52 @@ def failure(pc: PETSc.PC) -> int:
 
 
 def reason(pc: PETSc.PC) -> str:
-    """Why the last factorisation failed; nothing if it did not."""
+    """Why the last factorisation failed, in words; empty if it did not."""
     if pc.getType() == "python":
         return str(getattr(pc.getPythonContext(), "problem", ""))
     code = failure(pc)
     if code >= 0:
         return ""
-    return f"MUMPS: {REASONS.get(code, 'see its manual')} (INFOG(1) = {code}, INFOG(2) = {_detail(pc)})"
+    words = REASONS.get(code, "see its manual")
+    detail = int(pc.getFactorMatrix().getMumpsInfog(2))
+    return f"MUMPS: {words} (INFOG(1) = {code}, INFOG(2) = {detail})"
 
 
-def _detail(pc: PETSc.PC) -> int:
-    return int(pc.getFactorMatrix().getMumpsInfog(2))
+# ---- single systems ------------------------------------------------------------------------------------
 
 
 def solve(A: PETSc.Mat, b: PETSc.Vec, x: PETSc.Vec) -> str:
-    """Solve A x = b once; returns why it failed, or nothing."""
+    """Solve A x = b once by a factorisation.
+
+    Returns:
+        Why it failed; empty if it did not.
+    """
     return _solve(_solver(A), b, x)
 
 
+def is_singular(A: PETSc.Mat) -> bool:
+    """Whether A is singular to round-off: |A| |A⁻¹| > 1/(4 ε).
+
+    |A⁻¹| is estimated by two steps of inverse iteration from a random vector.
+    """
+    x, b = A.createVecs()
+    b.setRandom()
+    ksp = _solver(A)
+    norm = A.norm(PETSc.NormType.INFINITY)
+    for _ in range(2):
+        if _solve(ksp, b, x):
+            return True
+        amplification = float(x.norm()) / max(float(b.norm()), TINY)
+        # Written so that NaN counts as singular.
+        if not amplification * norm < MAX_CONDITION:
+            return True
+        x.copy(b)
+        b.normalize()
+    return False
+
+
 def _solver(A: PETSc.Mat) -> PETSc.KSP:
-    """It factorises A at its first use."""
+    """A linear solver that factorises A at its first use."""
     ksp = PETSc.KSP().create(A.comm)
     ksp.setOperators(A)
     ksp.setType("preonly")
@@ -136,25 +214,11 @@ def _solver(A: PETSc.Mat) -> PETSc.KSP:
 
 
 def _solve(ksp: PETSc.KSP, b: PETSc.Vec, x: PETSc.Vec) -> str:
+    """Solve with a solver of `_solver`; returns why it failed, or nothing."""
     pc = ksp.getPC()
     ksp.solve(b, x)
     while ksp.getConvergedReason() < 0 and enlarge(pc):
+        # `enlarge` has reset the preconditioner, which forgets its matrix.
         ksp.setOperators(ksp.getOperators()[0])
         ksp.solve(b, x)
     return reason(pc)
-
-
-def is_singular(A: PETSc.Mat) -> bool:
-    """Whether A is singular to round-off: |A| |A⁻¹| above 1/(4 ε), estimated by two solutions from a random vector."""
-    x, b = A.createVecs()
-    b.setRandom()
-    ksp, size = _solver(A), A.norm(PETSc.NormType.INFINITY)
-    for _ in range(2):
-        if _solve(ksp, b, x):
-            return True
-        amplified = float(x.norm()) / max(float(b.norm()), 1e-300)
-        if not amplified * size < 1 / (4 * EPS):
-            return True
-        x.copy(b)
-        b.normalize()
-    return False

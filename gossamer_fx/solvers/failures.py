@@ -1,9 +1,9 @@
-"""Why a step cannot stand as it is."""
+"""Reasons to reject a step."""
 
 
 class NotConverged(Exception):
-    """Newton's iteration failed; the message holds reason and place."""
+    """Newton's iteration failed; the message holds PETSc's reason and where the residual is largest."""
 
 
 class Inadmissible(NotConverged):
-    """It ended, but what it found cannot be: what passed through something else, a negative volume."""
+    """Newton's iteration converged to an inadmissible state: interpenetration, a negative volume."""

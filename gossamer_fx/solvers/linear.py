@@ -1,16 +1,36 @@
-"""The linear system of a Newton step: sparse fields, bordered by a few scalars.
+"""The linear system of a Newton iteration: sparse coordinates, bordered by a few scalar unknowns.
+
+Problem.  With the tangent A (n, n) of the coordinates z [m], sparse, and m scalar unknowns y (gas
+pressures and the like), m being of the order of ten,
 
     [ A  G ] [δz]   [ r ]
-    [ Hᵀ C ] [δy] = [ s ]
+    [ Hᵀ C ] [δy] = [ s ]                                                                     (1)
 
-A preconditioner P ≈ A (a factorisation, or a coarse space and an incomplete factorisation in turn) becomes one of the
-whole by block elimination: with Z = P⁻¹G and the small dense Σ = C - HᵀZ,
+A pressure acts on all nodes of a film, so that a column of G is dense and must not enter the pattern of A.
 
-    δy = Σ⁻¹ (s - Hᵀ P⁻¹ r),    δz = P⁻¹ r - Z δy.
+Idea.  Block elimination (bordering, Govaerts & Pryce, IMA J. Numer. Anal. 13 (1993) 161,
+doi:10.1093/imanum/13.2.161) with any preconditioner P ≈ A.  With Z = P⁻¹ G and the dense Schur
+complement Σ = C - Hᵀ Z (m, m),
 
-It is exact if P is, and a border costs one more application of P⁻¹ a Newton iteration, however dense it is.  Where P is
-no factorisation, Z of an earlier iteration of the step does as well: Σ is made of it, too.
-All options can be overridden by PETSc's, prefix `gx_` (e.g. `-gx_pc_type lu`).
+    δy = Σ⁻¹ (s - Hᵀ P⁻¹ r)                                                                   (2)
+    δz = P⁻¹ r - Z δy                                                                         (3)
+
+This is exact if P = A; otherwise it preconditions GMRES on (1).
+
+Algorithm, in a Newton iteration.
+
+1. Set up P: a factorisation, or the two-level preconditioner (`solvers.two_level`).
+2. Compute Z by one application of P⁻¹ for each column of G.  If P is not a factorisation, Z of an
+   earlier iteration of the step is used, as long as the Krylov iterations do not rise.
+3. Compute Σ from this Z.
+4. Apply (2) and (3) in each Krylov iteration.
+
+Cost.  A scalar unknown costs one application of P⁻¹ in a Newton iteration, however dense its column.
+
+Limits.  (2) needs a regular Σ.  If Σ is singular, the result is not a number, and the step is repeated
+with a shorter length.
+
+All options can be overridden by those of PETSc with the prefix `gx_` (e.g. `-gx_pc_type lu`).
 """
 
 from __future__ import annotations
@@ -24,37 +44,65 @@ from gossamer_fx.model.body import Array
 from gossamer_fx.system.system import System
 from gossamer_fx.system.tangent import Tangent
 
-MANY = 1000  # applications of a preconditioner that no solve makes
-DIRECT_UP_TO = 3000  # unknowns up to which a factorisation is cheapest
-SEARCHING_UP_TO = (
-    900  # the same where what is coupled changes from step to step, and a factorisation fills
-)
-EASY = 10  # applications in a solve up to which a preconditioner needs no couplings beside the matrix that stays
+# Unknowns up to which a factorisation costs less than preconditioned GMRES.
+MAX_UNKNOWNS_DIRECT = 3000
+
+# The same with contact: the pattern of the matrix changes from step to step, so that each factorisation
+# has to order the unknowns again, and couplings of contact increase the fill.
+MAX_UNKNOWNS_DIRECT_WITH_CONTACT = 900
+
+# Applications in a solve above which the preconditioner includes the strong couplings of contact for the
+# rest of the step.  Up to this number the matrix of fixed pattern, which is ordered once, costs less.
+MAX_APPLICATIONS_WITHOUT_COUPLINGS = 10
+
+# Z is computed again when a solve needs more applications than the first one with that Z, plus this.
+ALLOWED_EXTRA_APPLICATIONS = 1
+
+# Krylov iterations of a solve, all in one cycle of GMRES.  A solution that is not finished then still
+# serves as an inexact Newton step.
+MAX_KSP_ITERATIONS = 60
+
+# Relative tolerance of a linear solve, except for the last of a step (`newton.FINAL_LINEAR_RATIO`):
+# Newton's iteration does not gain from more digits.
+LINEAR_RTOL = 1e-3
+
+# PETSc's names of failures, in words for messages.
+KSP_REASON = PETSc.KSP.ConvergedReason
 REASONS = {
-    int(getattr(PETSc.KSP.ConvergedReason, name)): words
-    for name, words in {
-        "DIVERGED_NANORINF": "numbers that are not finite",
-        "DIVERGED_PCSETUP_FAILED": "its preconditioner could not be set up",
-        "DIVERGED_MAX_IT": "too many iterations",
-        "DIVERGED_BREAKDOWN": "breakdown",
-    }.items()
+    int(KSP_REASON.DIVERGED_NANORINF): "numbers that are not finite",
+    int(KSP_REASON.DIVERGED_PCSETUP_FAILED): "its preconditioner could not be set up",
+    int(KSP_REASON.DIVERGED_MAX_IT): "too many iterations",
+    int(KSP_REASON.DIVERGED_BREAKDOWN): "breakdown",
 }
-RESTART = 60  # most Krylov iterations; an unfinished solution then serves Newton's iteration as an inexact one
 
 
 class Composite:
-    """Vectors (z, y): fields distributed as A is, scalars y at the end of rank 0's part."""
+    """Vectors x = (z, y): coordinates distributed as A is, scalars y at the end of the part of rank 0.
+
+    Args:
+        comm: communicator of the vectors.
+        fields: a vector of the coordinates, whose layout is used.
+        scalars: number m of scalar unknowns.
+
+    Attributes:
+        n: number of coordinates of this rank.
+    """
 
     def __init__(self, comm: MPI.Intracomm, fields: PETSc.Vec, scalars: int) -> None:
-        self.comm, self.fields, self.scalars = comm, fields.duplicate(), scalars
+        self.comm = comm
+        self.fields = fields.duplicate()
+        self.scalars = scalars
         self.n = fields.getLocalSize()
 
     def vector(self) -> PETSc.Vec:
-        local = self.n + (self.scalars if self.comm.rank == 0 else 0)
-        return PETSc.Vec().createMPI((local, None), comm=self.comm)
+        """A new vector (z, y)."""
+        size = self.n
+        if self.comm.rank == 0:
+            size += self.scalars
+        return PETSc.Vec().createMPI((size, None), comm=self.comm)
 
     def join(self, z: PETSc.Vec | None, y: Array, x: PETSc.Vec) -> None:
-        """x = (z, y); z None leaves the fields."""
+        """Set x = (z, y); with z = None the coordinates of x stay."""
         if not self.scalars:
             if z is not None:
                 z.copy(x)
@@ -66,58 +114,73 @@ class Composite:
                 values[self.n :] = y
 
     def split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
-        """(z, y) of x; z is overwritten by the next call."""
+        """z and y (m,) of x, y on all ranks; the next call overwrites z."""
         if not self.scalars:
             x.copy(self.fields)
             return self.fields, np.zeros(0)
         with self.fields as values:
             values[:] = x.array_r[: self.n]
-        y: Array = self.comm.bcast(x.array_r[self.n :].copy() if self.comm.rank == 0 else None)
+        scalars = None
+        if self.comm.rank == 0:
+            scalars = x.array_r[self.n :].copy()
+        y: Array = self.comm.bcast(scalars)
         return self.fields, y
 
 
 class Columns:
-    """Owned parts of `count` columns as one array `values` (k, n) of the k that are not None, and their `places`."""
+    """The columns of a matrix (n, m) of which some are zero; n counts the unknowns of this rank.
+
+    Args:
+        columns: m arrays (n,); None stands for a column of zeros.
+
+    Attributes:
+        count: m.
+        nonzero: indices of the columns that are not zero, k of them.
+        values: these columns as rows (k, n).
+    """
 
     def __init__(self, columns: list[Array | None]) -> None:
-        self.count, self.places = (
-            len(columns),
-            [k for k, column in enumerate(columns) if column is not None],
-        )
+        self.count = len(columns)
+        self.nonzero = [k for k, column in enumerate(columns) if column is not None]
         self.values: Array = np.array([column for column in columns if column is not None])
 
     def products(self, z: Array) -> Array:
-        """Each column times z (n,), or times each of z (k, n)."""
-        found = np.zeros((self.count, *z.shape[:-1]))
-        if self.places:
-            found[self.places] = self.values @ z.T
-        return found
+        """Product (m,) of each column with z (n,), or products (m, k) with k vectors z (k, n)."""
+        shape = (self.count, *z.shape[:-1])
+        result = np.zeros(shape)
+        if self.nonzero:
+            result[self.nonzero] = self.values @ z.T
+        return result
 
     def add(self, z: PETSc.Vec, weights: Array) -> None:
-        """z += Σ weights[k] columns[k]."""
-        if self.places:
+        """Add the sum of weights[k] columns[k] to z."""
+        if self.nonzero:
             with z as values:
-                values += weights[self.places] @ self.values
+                values += weights[self.nonzero] @ self.values
 
 
 class Bordered:
-    """The bordered operator, as PETSc's Python matrix."""
+    """The operator of (1), as PETSc's Python matrix."""
 
     def __init__(self, composite: Composite, A: Tangent) -> None:
-        self.composite, self.A = composite, A
+        self.composite = composite
+        self.A = A
         self._out = composite.fields.duplicate()
 
     def set(self, G: list[Array | None], H: list[Array | None], C: Array) -> None:
-        """New coupling: owned parts of the columns and rows (None: zero), and the corner."""
-        self.G, self.H, self.C = Columns(G), Columns(H), C
+        """Set the borders: parts (n,) of this rank of the columns of G and H (None: zero), and C (m, m)."""
+        self.G = Columns(G)
+        self.H = Columns(H)
+        self.C = C
 
     def rows(self, z: Array) -> Array:
-        """Hᵀz of the owned part of z (n,), or of several (k, n), whose products are the columns."""
+        """Hᵀ z, summed over the ranks: (m,) for z (n,), or (m, k) for k vectors z (k, n)."""
         total: Array = np.zeros((self.H.count, *z.shape[:-1]))
         self.composite.comm.Allreduce(self.H.products(z), total)
         return total
 
     def mult(self, matrix: PETSc.Mat, x: PETSc.Vec, out: PETSc.Vec) -> None:
+        """Set out = the matrix of (1) times x; called by PETSc."""
         z, y = self.composite.split(x)
         self.A.mult(z, self._out)
         self.G.add(self._out, y)
@@ -125,87 +188,125 @@ class Bordered:
 
 
 class BorderedPreconditioner:
-    """Block elimination with a preconditioner of the sparse part, as PETSc's Python preconditioner."""
+    """Block elimination (2), (3), as PETSc's Python preconditioner.
+
+    Args:
+        operator: of (1).
+        sparse: the preconditioner P of the sparse part.
+        system: compiled scene, whose time and step length tell when a new step begins.
+    """
 
     def __init__(self, operator: Bordered, sparse: PETSc.PC, system: System) -> None:
-        self._operator, self._sparse, self._system = operator, sparse, system
+        self._operator = operator
+        self._sparse = sparse
+        self._system = system
         self._out = operator.composite.fields.duplicate()
         self._Z = Columns([])
-        self._step: tuple[float, float] | None = None
-        self._applications, self._enough = 0, 0  # since the last set-up, and with a Z of its own
-        self._hard = False  # whether strong couplings are needed in this step
+        self._step: tuple[float, float] | None = None  # time and length of the step of Z
+        self._applications = 0  # since the last set-up
+        self._fresh_applications: int | None = None  # of the first solve with the present Z
+        self._needs_couplings = False  # whether P includes strong couplings in this step
 
     def setUp(self, pc: PETSc.PC) -> None:
+        """Set up P, Z and Σ for the present tangent; called by PETSc."""
         operator = self._operator
         step = self._system.time, self._system.h
-        self._hard = step == self._step and (self._hard or self._applications > EASY)
-        if self._sparse.getType() in factorisation.TYPES:
-            factorisation.replace(self._sparse, operator.A.whole())
-        else:
-            self._sparse.setOperators(
-                operator.A.for_preconditioner() if self._hard else operator.A.A
-            )
-        self._sparse.setUp()
-        if (
-            self._sparse.getType() != "python"
-            or step != self._step
-            or self._applications > self._enough + 1
-        ):
+        is_new_step = step != self._step
+        self._set_up_sparse(is_new_step)
+        # Only the two-level preconditioner costs so much that it pays to use an earlier Z.
+        may_reuse = self._sparse.getType() == "python"
+        if not may_reuse or is_new_step or self._has_aged():
             self._solve_columns()
-            self._step, self._enough = step, MANY
-        elif self._enough == MANY:
-            self._enough = self._applications
+            self._step = step
+            self._fresh_applications = None
+        elif self._fresh_applications is None:
+            self._fresh_applications = self._applications
         self._applications = 0
-        self._Σ = operator.C.copy()
-        if self._Z.places:
-            self._Σ[:, self._Z.places] -= operator.rows(self._Z.values)
+        self._schur = operator.C.copy()
+        columns = self._Z.nonzero
+        if columns:
+            self._schur[:, columns] -= operator.rows(self._Z.values)
+
+    def _set_up_sparse(self, is_new_step: bool) -> None:
+        """Set up P of the tangent, with or without the couplings of contact."""
+        tangent = self._operator.A
+        was_slow = self._applications > MAX_APPLICATIONS_WITHOUT_COUPLINGS
+        self._needs_couplings = not is_new_step and (self._needs_couplings or was_slow)
+        if self._sparse.getType() in factorisation.TYPES:
+            factorisation.replace(self._sparse, tangent.whole())
+        elif self._needs_couplings:
+            self._sparse.setOperators(tangent.for_preconditioner())
+        else:
+            self._sparse.setOperators(tangent.A)
+        self._sparse.setUp()
+
+    def _has_aged(self) -> bool:
+        """Whether the last solve took more applications than the first one with the present Z."""
+        if self._fresh_applications is None:
+            return False
+        return self._applications > self._fresh_applications + ALLOWED_EXTRA_APPLICATIONS
 
     def _solve_columns(self) -> None:
-        """Z = P⁻¹G."""
-        operator, z = self._operator, self._operator.composite.fields
+        """Compute Z = P⁻¹ G."""
+        operator = self._operator
+        column = operator.composite.fields
         solved: list[Array | None] = [None] * operator.G.count
-        for k, g in zip(operator.G.places, operator.G.values, strict=True):
-            with z as values:
-                values[:] = g
-            self._sparse.apply(z, self._out)
+        for k, values_of_column in zip(operator.G.nonzero, operator.G.values, strict=True):
+            with column as values:
+                values[:] = values_of_column
+            self._sparse.apply(column, self._out)
             solved[k] = self._out.array_r.copy()
         self._Z = Columns(solved)
 
     def apply(self, pc: PETSc.PC, x: PETSc.Vec, out: PETSc.Vec) -> None:
+        """Set out = (δz, δy) of (2) and (3) for x = (r, s); called by PETSc."""
         operator = self._operator
         self._applications += 1
         r, s = operator.composite.split(x)
         self._sparse.apply(r, self._out)
         right = s - operator.rows(self._out.array_r)
         try:
-            δy: Array = np.linalg.solve(self._Σ, right)
-        except (
-            np.linalg.LinAlgError
-        ):  # the iteration has gone astray: PETSc sees it and the step is retried
+            δy: Array = np.linalg.solve(self._schur, right)
+        except np.linalg.LinAlgError:
+            # The iteration has diverged.  PETSc detects NaN on all ranks, and the step is repeated.
             δy = np.full_like(right, np.nan)
         self._Z.add(self._out, -δy)
         operator.composite.join(self._out, δy, out)
 
 
 def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> None:
-    """Choose Krylov method and preconditioner of the sparse part; PETSc's options may override.
+    """Choose the Krylov method and the preconditioner of the sparse part; PETSc's options may override.
 
-    A matrix with multipliers has zeros on its diagonal, which an incomplete factorisation cannot take: it is
-    factorised, as are small ones and all if `direct`.  To let the coarse space hold what is tied, exactly, was tried:
-    up to half a million unknowns of an antenna, on one and on two ranks, it took no less time than the factorisation.
-    Nor does it pay to keep a factorisation for the next iteration, even of the last ones of a step: where films switch,
-    the Krylov iterations that this costs take longer than another factorisation.
+    A matrix is factorised if `direct`, if it is small, or if it has Lagrange multipliers: these have
+    zeros on the diagonal, for which an incomplete factorisation fails.
+
+    Two alternatives were measured and rejected:
+    - Constraints satisfied exactly by the coarse space instead: for an antenna with up to half a million
+      unknowns, on one and two ranks, it took no less time than the factorisation.
+    - A factorisation kept for the next Newton iteration, even for the last ones of a step: where films
+      switch, the additional Krylov iterations take longer than another factorisation.
+
+    Args:
+        ksp: linear solver of Newton's method.
+        pc: preconditioner of the sparse part.
+        system: compiled scene.
+        direct: factorise whatever the size.
     """
-    few = system.numbering.size <= (SEARCHING_UP_TO if system.active_sets else DIRECT_UP_TO)
-    if direct or system.constraints is not None or few:
+    largest_direct = MAX_UNKNOWNS_DIRECT
+    if system.active_sets:
+        largest_direct = MAX_UNKNOWNS_DIRECT_WITH_CONTACT
+    is_small = system.numbering.size <= largest_direct
+    if direct or system.constraints is not None or is_small:
         ksp.setType("preonly")
         factorisation.choose(pc, system.A)
         return
     ksp.setType("gmres")
-    ksp.setGMRESRestart(RESTART)
+    ksp.setGMRESRestart(MAX_KSP_ITERATIONS)
+    # On the right, so that the tolerance refers to the true residual.
     ksp.setPCSide(PETSc.PC.Side.RIGHT)
-    ksp.setTolerances(rtol=1e-3, max_it=RESTART)
+    ksp.setTolerances(rtol=LINEAR_RTOL, max_it=MAX_KSP_ITERATIONS)
     if PETSc.Options(pc.getOptionsPrefix()).getString("pc_type", "python") == "python":
+        # Imported here, as small scenes must not pay for it.
         from gossamer_fx.solvers.two_level import TwoLevel
 
         pc.setType("python")
@@ -213,7 +314,7 @@ def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> Non
 
 
 def recover(pc: PETSc.PC) -> None:
-    """Let a preconditioner forget that an earlier matrix could not be factorised."""
+    """Make a preconditioner usable again after a matrix that could not be factorised."""
     if pc.getType() == "python":
         pc.getPythonContext().recover()
     elif factorisation.failure(pc) < 0:
@@ -229,4 +330,6 @@ def reason(ksp: PETSc.KSP, pc: PETSc.PC) -> str:
 def name(pc: PETSc.PC) -> str:
     """What a preconditioner is, in words."""
     kind = pc.getType()
-    return str(pc.getPythonContext()) if kind == "python" else str(kind)
+    if kind == "python":
+        return str(pc.getPythonContext())
+    return str(kind)

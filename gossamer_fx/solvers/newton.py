@@ -1,4 +1,52 @@
-"""PETSc's nonlinear solver on the equations of one step, with the mixed iteration of `discrete_gradient`."""
+"""Newton's method for the equations of one step, with the mixed iteration for strains.
+
+Problem.  A step from q0 to q1 = q0 + p + w has the equations
+
+    r(w, y) = 0    balance of forces [N], and constraints in the rows of multipliers          (1)
+    s(w, y) = 0    equations of the scalar unknowns y, such as gas pressures                  (2)
+
+The predicted increment p comes from the stepper.  A film switches between taut, wrinkled and slack, so
+that a plain Newton iteration cycles or diverges at steps of practical length.
+
+Idea.  The strains ε at the quadrature points are unknowns in addition to w, and are eliminated point
+by point (Magisano, Leonetti & Garcea, IJNME 109 (2017) 1237, doi:10.1002/nme.5328).  An iterate k has
+the strain that is linear in the last update, not the true strain e(q1):
+
+    ε_k = e(q_{k-1}) + De(q_{k-1}) (w_k - w_{k-1})                                            (3)
+
+`terms.element_energies` evaluates (3) and the stress.  Therefore the residual depends on the sequence
+of iterates, and a line search, which evaluates it elsewhere, must not be used.
+
+Algorithm.
+
+1. Start at w = 0 and at the first guess of y.  Fixed coordinates have their values of the end of the step.
+2. Compute ε from (3), then r and s.
+3. If r and s pass the test of convergence (below), replace ε by the true strain e(q1) and evaluate
+   r and s again.  If they pass again, go to step 6; otherwise continue with these strains.
+4. Assemble the tangent.  The first `geometric_stiffness_delay` tangents of a step have no geometric
+   stiffness, as long as the residual is above `COMPLETE_TANGENT_RATIO` of the first one.
+5. Solve the linear system (`solvers.linear`), shorten the update where contact requires it, go to 2.
+6. If contact pairs were missing, add them and continue from 2, at most `MAX_ACTIVE_SET_UPDATES` times.
+7. Refuse an inadmissible solution, e.g. one with interpenetration.
+
+Convergence.  With R the reference force, the norm of the first residual, |r| must not exceed
+
+    max(relative R, absolute, floor ε_machine F, 1e-12 F_stop)                                (4)
+
+F is the scale of the forces that cancel in r (`System.force_scale`), so that the third number is the
+round-off floor: no iteration can reduce r below it.  In scenes with contact, F_stop is the force that
+stops all motion within the step; R is at most F_stop there.  A residual that no longer falls, by a
+factor of `STAGNATION_RATIO` from one iterate to the next, counts as solved up to `STAGNATION_FACTOR`
+times the round-off floor.  While it falls, the work of the residual in the step, which is the error of the
+total energy, must also be small:
+
+    |r·(q1 - q0)| <= energy tolerance × largest energy so far                                 (5)
+
+Cost.  An iteration is one evaluation of the stress, one residual, one tangent and one linear system.
+A fluttering sheet takes 4 to 9 iterations a step, see the tables of `docs/theory/step.md`.
+
+Limits.  The iteration is local: a step that is too long fails (`NotConverged`) and the caller shortens it.
+"""
 
 from __future__ import annotations
 
@@ -20,50 +68,86 @@ from gossamer_fx.solvers.failures import Inadmissible, NotConverged
 from gossamer_fx.solvers.tolerances import Tolerances
 from gossamer_fx.system.system import System
 
-SEARCHES = (
-    5  # of places that a solved step turns out to need, before what is still missed is refused
-)
-LAST = 0.01  # residual that the last linear solve of a step leaves, over that of a solved step
-EXPLODED = (
-    1e12  # residual, over the first two (one may be round-off), from which no iteration returns
-)
-# residual over that of a solved step, and over the first, up to which a full matrix is not made and factorised anew
-KEPT, CLOSE = 1e3, 1e-6
-NEAR = 0.01  # residual over the first, from which on tangents are complete
-# residual over the force that would stop all that moves, below which it counts as zero where bodies touch: film that
-# flies free between two contacts has next to no forces, and its state changes with the round-off of its strains
-STILL = 1e-12
-FALLS, STANDS = (
-    0.5,
-    4.0,
-)  # a residual that falls by less than the one is round-off below the other times its floor
+# Contact pairs may be found missing only once a step is solved.  A step that still misses some after
+# this number of extensions is judged as it is, and usually refused as inadmissible.
+MAX_ACTIVE_SET_UPDATES = 5
+
+# The last linear solve of a step reduces the residual to this fraction of the tolerance (4): what a
+# loose linear solve leaves of the residual would appear as an error of the energy.
+FINAL_LINEAR_RATIO = 0.01
+
+# No relative tolerance of a linear solve is smaller: round-off of the Krylov method.
+MIN_LINEAR_RTOL = 1e-12
+
+# Residual over the larger of the first two at which the iteration is declared divergent.  The second
+# one counts too, as the first may be round-off when the predictor is nearly exact.
+DIVERGENCE_RATIO = 1e12
+
+# The factors of a full matrix are reused once the residual is below this multiple of the tolerance (4) and
+# below this fraction of the first residual.  The last iterations of a step then cost no factorisation.
+REUSE_FACTORS_BELOW_TOLERANCE = 1e3
+REUSE_FACTORS_RATIO = 1e-6
+
+# Residual over the first one below which tangents have their geometric stiffness, whatever the delay:
+# without it the iteration converges only linearly.
+COMPLETE_TANGENT_RATIO = 0.01
+
+# With contact, a residual below this fraction of the force that stops all motion counts as zero.  Film
+# in free flight between two contacts has almost no forces, and its state follows round-off of strains.
+CONTACT_FLOOR_RATIO = 1e-12
+
+# A residual above this fraction of the one before no longer falls: it is round-off, provided that it is
+# below STAGNATION_FACTOR times the round-off floor.  The floor is an estimate, hence a margin of four.
+STAGNATION_RATIO = 0.5
+STAGNATION_FACTOR = 4.0
 
 
-def _weak[**P, T](method: Callable[P, T]) -> Callable[P, T]:
-    """A method that does not keep its object: through a solver of PETSc no garbage collector sees a circle."""
-    found = weakref.WeakMethod(method)
+def _weak_method[**P, T](method: Callable[P, T]) -> Callable[P, T]:
+    """A bound method with only a weak reference to its object.
 
-    def call(*args: P.args, **given: P.kwargs) -> T:
-        known = found()
-        assert known is not None
-        result: T = known(*args, **given)
+    The garbage collector does not see references held by a solver of PETSc, so an ordinary bound
+    method would make a reference cycle that is never freed.
+    """
+    reference = weakref.WeakMethod(method)
+
+    def call(*args: P.args, **keywords: P.kwargs) -> T:
+        bound = reference()
+        assert bound is not None
+        result: T = bound(*args, **keywords)
         return result
 
     return call
 
 
 class Newton:
-    """Solves r(q1, y) = 0, s(q1, y) = 0 for a compiled system.
+    """Solves r(w, y) = 0, s(w, y) = 0 for a compiled system, see the module for the algorithm.
 
-    PETSc options with prefix `gx_` apply (e.g. `-gx_snes_monitor`), but for a line search: the residual follows the
-    iterates one by one, so no other place may be asked for.  `direct` factorises
-    the matrix whatever its size: without much inertia a film with slack parts is too ill-conditioned for the others.
-    `subdomains` is a method of domain decomposition, see `subdomains.METHODS`.
+    PETSc options with prefix `gx_` apply (e.g. `-gx_snes_monitor`), except a line search, see the
+    module.
 
-    The first `careful` tangents of a step have no geometric stiffness (at rest: but that of films that pull).  With it
-    a film under large compressive stress, or a stiff fold, has an indefinite tangent far from the solution, and the
-    iteration is thrown away; without it the tangent is positive semi-definite beside the inertia, and the iteration
-    slow but safe.
+    Without geometric stiffness the tangent is positive semi-definite in addition to the inertia, so
+    that the iteration is slow but safe.  With it, film under large compressive stress or a stiff fold
+    has an indefinite tangent far from the solution, and the iteration may diverge.  At rest (statics)
+    the geometric stiffness of film in tension is never left out.
+
+    Args:
+        system: compiled scene.
+        tolerances: when a step counts as solved.
+        direct: factorise the matrix whatever its size.  Statics need this: with little inertia, film
+            with slack parts is too ill-conditioned for an iterative solver.
+        subdomains: method of domain decomposition, one of `subdomains.METHODS`; None for none.
+
+    Attributes:
+        geometric_stiffness_delay: number of tangents at the start of a step without geometric
+            stiffness; a stepper sets it.
+        energy: largest energy so far [J], the reference of (5); zero: (5) is not asked.
+        iterations: of the last solve, also if it failed.
+        all_iterations: of all solves.
+        linear_iterations: Krylov iterations of all solves.
+        seconds: wall time [s] of all solves by part of the iteration.
+
+    Raises:
+        InputError: PETSc's options ask for a line search.
     """
 
     def __init__(
@@ -73,98 +157,131 @@ class Newton:
         direct: bool = False,
         subdomains: str | None = None,
     ) -> None:
-        self.system, self.tolerances = system, tolerances
-        comm = system.comm
-        self._scalars = sum(b.size for b in system.scalar_unknowns)
-        self._composite = linear.Composite(comm, system.q1, self._scalars)
-        self._x, self._F, self._start = (self._composite.vector() for _ in range(3))
-        self._r, self._base = system.numbering.vector(), system.numbering.vector()
-        self._diagonal = system.numbering.vector()
-        self._rtol: float | None = None
-        self.careful = 0
-        self.energy = 0.0  # the largest so far [J], that the work of a residual is compared with; zero: not compared
-        self.iterations = 0  # of the last solve, also if it failed
-        self.all_iterations = self.linear_iterations = 0  # of all solves
+        self.system = system
+        self.tolerances = tolerances
+        self.geometric_stiffness_delay = 0
+        self.energy = 0.0
+        self.iterations = 0
+        self.all_iterations = 0
+        self.linear_iterations = 0
         self.seconds = dict.fromkeys(("law", "residual", "tangent", "linear solver"), 0.0)
 
-        self._direct, self._subdomains = direct, subdomains
+        self._scalar_count = sum(scalars.size for scalars in system.scalar_unknowns)
+        self._composite = linear.Composite(system.comm, system.q1, self._scalar_count)
+        self._x = self._composite.vector()
+        self._F = self._composite.vector()
+        self._start = self._composite.vector()
+        self._r = system.numbering.vector()
+        self._linearisation_point = system.numbering.vector()
+        self._diagonal = system.numbering.vector()
+        self._default_linear_rtol: float | None = None
+        self._direct = direct
+        self._subdomains = subdomains
         self._set_up()
 
+    # ---- PETSc's solvers -------------------------------------------------------------------------------
+
     def _set_up(self) -> None:
-        """Make PETSc's solvers for the system's matrices."""
-        system, tolerances, comm = self.system, self.tolerances, self.system.comm
-        self._snes = snes = PETSc.SNES().create(comm)
-        snes.setOptionsPrefix(PREFIX)
-        snes.setType("newtonls")
-        options = PETSc.Options(PREFIX)
-        search = options.getString("snes_linesearch_type", "basic")
-        check(
-            search == "basic",
-            f"-gx_snes_linesearch_type {search}: the strains of the iteration follow each step of Newton's, so that a "
-            "line search would lead it astray; leave the option out.",
-        )
-        options["snes_linesearch_type"] = "basic"
-        snes.setFunction(_weak(self._function), self._F)
-        snes.setMaxLinearSolveFailures(tolerances.max_iterations)
-        ksp = snes.getKSP()
+        """Make PETSc's solvers for the matrices of the system."""
+        system = self.system
+        self._snes = PETSc.SNES().create(system.comm)
+        self._snes.setOptionsPrefix(PREFIX)
+        self._snes.setType("newtonls")
+        self._refuse_line_search()
+        self._snes.setFunction(_weak_method(self._function), self._F)
+        # A linear solve that ends at its limit of iterations still gives an inexact Newton step.
+        self._snes.setMaxLinearSolveFailures(self.tolerances.max_iterations)
         self._tangent: Callable[[], PETSc.Mat] = lambda: system.assemble_tangent().A
         self._bordered: linear.Bordered | None = None
         if self._subdomains is not None:
-            from gossamer_fx.solvers.subdomains import Subdomains, configure
-
-            parts = Subdomains(system)
-            self._tangent, J = parts.tangent, parts.matrix
-            configure(ksp, self._subdomains)
-            self._preconditioner = ksp.getPC()
-        elif self._scalars or system.active_sets:
-            self._bordered = linear.Bordered(self._composite, system.coupled_tangent)
-            J = PETSc.Mat().createPython(
-                (self._x.getSizes(), self._x.getSizes()), self._bordered, comm
-            )
-            J.setUp()
-            sparse = PETSc.PC().create(comm)
-            sparse.setOptionsPrefix(PREFIX)
-            sparse.setOperators(system.A)
-            linear.configure(ksp, sparse, system, self._direct)
-            sparse.setFromOptions()
-            self._preconditioner = sparse
-            outer = ksp.getPC()
-            outer.setOptionsPrefix(PREFIX + "border_")
-            outer.setType("python")
-            outer.setPythonContext(linear.BorderedPreconditioner(self._bordered, sparse, system))
+            J = self._set_up_subdomains(self._subdomains)
+        elif self._scalar_count or system.active_sets:
+            J = self._set_up_bordered()
         else:
             J = system.A
-            self._preconditioner = ksp.getPC()
-            linear.configure(ksp, self._preconditioner, system, self._direct)
-        snes.setJacobian(_weak(self._jacobian), J)
-        snes.setFromOptions()
-        snes.setConvergenceTest(_weak(self._test))
+            self._preconditioner = self.ksp.getPC()
+            linear.configure(self.ksp, self._preconditioner, system, self._direct)
+        self._snes.setJacobian(_weak_method(self._jacobian), J)
+        self._snes.setFromOptions()
+        self._snes.setConvergenceTest(_weak_method(self._test))
         if system.active_sets:
-            snes.setLineSearchPreCheck(_weak(self._limit_update))
+            self._snes.setLineSearchPreCheck(_weak_method(self._limit_update))
+
+    def _refuse_line_search(self) -> None:
+        """Check that the options ask for full Newton steps."""
+        options = PETSc.Options(PREFIX)
+        kind = options.getString("snes_linesearch_type", "basic")
+        check(
+            kind == "basic",
+            f"-gx_snes_linesearch_type {kind}: the strains of the iteration follow each step of Newton's, so that a "
+            "line search would lead it astray; leave the option out.",
+        )
+        options["snes_linesearch_type"] = "basic"
+
+    def _set_up_subdomains(self, method: str) -> PETSc.Mat:
+        """Solve by domain decomposition; returns the matrix of the ranks' parts."""
+        # Imported here, as scenes without domain decomposition must not pay for it.
+        from gossamer_fx.solvers.subdomains import Subdomains, configure
+
+        parts = Subdomains(self.system)
+        self._tangent = parts.tangent
+        configure(self.ksp, method)
+        self._preconditioner = self.ksp.getPC()
+        return parts.matrix
+
+    def _set_up_bordered(self) -> PETSc.Mat:
+        """Solve with scalar unknowns or couplings of contact; returns the bordered matrix."""
+        system = self.system
+        self._bordered = linear.Bordered(self._composite, system.coupled_tangent)
+        sizes = self._x.getSizes()
+        J = PETSc.Mat().createPython((sizes, sizes), self._bordered, system.comm)
+        J.setUp()
+        sparse = PETSc.PC().create(system.comm)
+        sparse.setOptionsPrefix(PREFIX)
+        sparse.setOperators(system.A)
+        linear.configure(self.ksp, sparse, system, self._direct)
+        sparse.setFromOptions()
+        self._preconditioner = sparse
+        outer = self.ksp.getPC()
+        outer.setOptionsPrefix(PREFIX + "border_")
+        outer.setType("python")
+        outer.setPythonContext(linear.BorderedPreconditioner(self._bordered, sparse, system))
+        return J
+
+    @property
+    def ksp(self) -> PETSc.KSP:
+        """PETSc's solver of the linear systems."""
+        return self._snes.getKSP()
+
+    # ---- a solve ---------------------------------------------------------------------------------------
 
     def solve(self, increment: PETSc.Vec, y: Array) -> tuple[PETSc.Vec, Array, int]:
-        """Solve from a predicted q1 - q0 and y; q1 is then in the system.
+        """Solve the equations of a step; q1 is then in the system.
 
-        Returns what q1 - q0 is beyond its prediction, which the next call overwrites; y; and the iterations.
+        Args:
+            increment: predicted p = q1 - q0 [m], one entry for each unknown.
+            y: first guess of the scalar unknowns, (number of scalar unknowns,).
+
+        Returns:
+            w = q1 - q0 - p, in a vector that the next call overwrites; y; and the number of
+            Newton iterations.
 
         Raises:
-            NotConverged: with PETSc's reason and the place of the largest residual.
-            Inadmissible: what is wrong with the solution.
+            NotConverged: with PETSc's reason and where the residual is largest.
+            Inadmissible: with what is wrong with the solution.
         """
-        increment.copy(self._base)
-        self._base.scale(-1.0)  # strains follow from those of q0
-        self._reference, self._floor, self._still = 0.0, 0.0, 0.0
-        self._before = self._forces = math.inf
-        self._balance = math.inf, 0.0
-        self._early = 0.0  # the larger one of the first two residuals
-        self._held = self.system.predict(increment)
+        self._reset_convergence()
+        # With w = 0 at the predictor, w = -p is the start of the step: strains are linear from there.
+        increment.copy(self._linearisation_point)
+        self._linearisation_point.scale(-1.0)
+        self._fixed_values = self.system.predict(increment)
         self._r.zeroEntries()
         with self._r as w:
-            w[self.system.supports.held] = self._held
+            w[self.system.supports.held] = self._fixed_values
         self._composite.join(self._r, y, self._x)
         self.iterations = 0
         self._iterate()
-        for _ in range(SEARCHES):
+        for _ in range(MAX_ACTIVE_SET_UPDATES):
             if not self.system.extend_active_set():
                 break
             self._iterate()
@@ -174,208 +291,261 @@ class Newton:
         w, y = self._split(self._x)
         return w, y, self.iterations
 
+    def _reset_convergence(self) -> None:
+        """Forget what is known of the residuals of the last step."""
+        self._reference = 0.0  # R in (4) [N]
+        self._round_off_floor = 0.0  # third number of (4) [N]; zero: not known yet
+        self._contact_floor = 0.0  # fourth number of (4) [N]
+        self._largest_early = 0.0  # larger one of the first two residuals [N]
+        self._previous_norm = math.inf  # of the residual of the iterate before [N]
+        self._norm = math.inf  # of the residual of this iterate, with the strains (3) [N]
+        self._force_imbalance = math.inf  # of the residual evaluated last [N]
+        self._violation = 0.0  # of constraints, at the residual evaluated last [m or 1]
+
     def _iterate(self) -> None:
-        """Newton's iteration from the present x."""
-        self._snes.setTolerances(
-            stol=0.0, max_it=self.tolerances.max_iterations
-        )  # a small step is no solution
-        before = sum(self.seconds.values())
+        """Newton's iteration from the present x.
+
+        Raises:
+            NotConverged: see `solve`.
+        """
+        # stol = 0: PETSc must not take a small update for a solution.
+        self._snes.setTolerances(stol=0.0, max_it=self.tolerances.max_iterations)
+        seconds_before = sum(self.seconds.values())
         started = time.perf_counter()
         self._x.copy(self._start)
         self._snes.solve(None, self._x)
+        # A factorisation that lacks workspace is repeated with more; the step is not rejected for it.
         while self._snes.getConvergedReason() < 0 and factorisation.enlarge(self._preconditioner):
             self._start.copy(self._x)
             self._snes.solve(None, self._x)
-        others = sum(self.seconds.values()) - before
-        self.seconds["linear solver"] += time.perf_counter() - started - others
-        reason, spent = self._snes.getConvergedReason(), int(self._snes.getIterationNumber())
-        self.iterations += spent
-        self.all_iterations += spent
+        # What the callbacks did not take was spent in the linear solver.
+        in_callbacks = sum(self.seconds.values()) - seconds_before
+        self.seconds["linear solver"] += time.perf_counter() - started - in_callbacks
+        reason = self._snes.getConvergedReason()
+        iterations = int(self._snes.getIterationNumber())
+        self.iterations += iterations
+        self.all_iterations += iterations
         self.linear_iterations += self._snes.getLinearSolveIterations()
         if reason <= 0:
-            complaint = self._complaint(reason, spent)
+            message = self._failure_message(reason, iterations)
             linear.recover(self._preconditioner)
-            raise NotConverged(complaint)
+            raise NotConverged(message)
 
-    @property
-    def ksp(self) -> PETSc.KSP:
-        """PETSc's solver of the linear systems."""
-        return self._snes.getKSP()
-
-    @property
-    def round_off(self) -> float:
-        """Residual [N] below which the last solve may not go."""
-        return STANDS * self._floor
-
-    def summary(self) -> str:
-        """The linear solver, its iterations, and where the time of all solves went."""
-        ksp, pc = self.ksp.getType(), linear.name(self._preconditioner)
-        whole = sum(self.seconds.values()) or 1.0
-        shares = ", ".join(
-            f"{what} {seconds / whole:.0%}" for what, seconds in self.seconds.items()
-        )
-        krylov = self.linear_iterations / max(self.all_iterations, 1)
-        return f"{ksp} with {pc}, {krylov:.1f} iterations for one of Newton's; {shares}"
-
-    @contextmanager
-    def _clock(self, what: str) -> Iterator[None]:
-        started = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[what] += time.perf_counter() - started
+    # ---- callbacks of PETSc: residual and tangent ------------------------------------------------------
 
     def _function(self, snes: PETSc.SNES, x: PETSc.Vec, F: PETSc.Vec) -> None:
+        """Residual F of (1) and (2) at x, with the strains (3)."""
         w, y = self._split(x)
         with self._clock("law"):
-            self.system.set_increment(w, self._base)
+            self.system.set_increment(w, self._linearisation_point)
         self._evaluate(y, F)
 
+    def _evaluate(self, y: Array, F: PETSc.Vec) -> None:
+        """Residual with the strains that the system has, and its norms."""
+        with self._clock("residual"):
+            self._s = self.system.residual(y, self._r)
+            self._force_imbalance, self._violation = self.system.imbalance(self._r)
+        self._composite.join(self._r, self._s, F)
+
+    def _split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
+        """w and y of x; fixed coordinates get their values, which not every linear solver keeps exactly."""
+        w, y = self._composite.split(x)
+        with w as values:
+            values[self.system.supports.held] = self._fixed_values
+        return w, y
+
     def _limit_update(self, x: PETSc.Vec, update: PETSc.Vec) -> bool:
-        """Keep an update within what contact can follow; whether it was changed."""
+        """Shorten an update where contact requires it; returns True, as PETSc asks whether it changed."""
         with update as values:
             self.system.limit_update(values[: self._composite.n])
         return True
 
-    def _split(self, x: PETSc.Vec) -> tuple[PETSc.Vec, Array]:
-        """w and y of x; held coordinates have their values, which not every linear solver keeps exactly."""
-        w, y = self._composite.split(x)
-        with w as values:
-            values[self.system.supports.held] = self._held
-        return w, y
-
-    def _evaluate(self, y: Array, F: PETSc.Vec) -> None:
-        with self._clock("residual"):
-            self._s = self.system.residual(y, self._r)
-            self._balance = self.system.imbalance(self._r)
-        self._composite.join(self._r, self._s, F)
-
     def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
-        near = self._forces < min(KEPT * self._limit, CLOSE * self._reference)
-        if near and self.system.numbering.full and snes.getIterationNumber():
-            self._composite.split(snes.getSolution())[0].copy(self._base)
+        """Tangent at the iterate, unless an earlier one of the step is good enough."""
+        iteration = snes.getIterationNumber()
+        is_near = self._norm < min(
+            REUSE_FACTORS_BELOW_TOLERANCE * self._tolerance,
+            REUSE_FACTORS_RATIO * self._reference,
+        )
+        if is_near and self.system.numbering.full and iteration:
+            self._note_linearisation_point()
             return
         with self._clock("tangent"):
-            far = self._forces > NEAR * self._reference
-            self._take_geometric_stiffness(
-                0.0 if far and snes.getIterationNumber() < self.careful else 1.0
-            )
+            is_far = self._norm > COMPLETE_TANGENT_RATIO * self._reference
+            is_delayed = is_far and iteration < self.geometric_stiffness_delay
+            self._set_geometric_stiffness(0.0 if is_delayed else 1.0)
             A = self._tangent()
-            self._take_geometric_stiffness(1.0)
+            # Complete again at once, so that no other user of the system gets a tangent without it.
+            self._set_geometric_stiffness(1.0)
         if self._bordered is not None:
             self._bordered.set(*self.system.coupling())
             J.assemble()
-        if (
-            self._floor == 0 or self.system.active_sets
-        ):  # what a predictor passes through may be stiff beyond measure
-            A.getDiagonal(self._diagonal)
-            floor = (
-                self.tolerances.floor
-                * np.finfo(float).eps
-                * self.system.force_scale(self._diagonal)
-            )
-            self._floor = min(floor, self._floor or math.inf)
-        self._composite.split(snes.getSolution())[0].copy(self._base)
-        self._aim(snes.getKSP())
+        self._update_round_off_floor(A)
+        self._note_linearisation_point()
+        self._choose_linear_tolerance()
 
-    def _take_geometric_stiffness(self, share: float) -> None:
+    def _note_linearisation_point(self) -> None:
+        """Let the strains of the next iterate be linear from this one."""
+        w, _ = self._composite.split(self._snes.getSolution())
+        w.copy(self._linearisation_point)
+
+    def _set_geometric_stiffness(self, share: float) -> None:
+        """Choose the share of the geometric stiffness in tangents, 0 or 1."""
         if share == self.system.geometric:
             return
         self.system.geometric = share
         for field in self.system.fields.values():
             field.γ.value = share
 
-    def _aim(self, ksp: PETSc.KSP) -> None:
-        """Solve the last linear systems tightly: what a loose one leaves of the residual, the energy feels."""
-        forces = self._balance[0]
-        if self._rtol is None:
-            self._rtol = ksp.getTolerances()[0]
-        last = 0 < forces * self._rtol < 10 * self._limit
-        ksp.setTolerances(
-            rtol=min(self._rtol, max(LAST * self._limit / forces, 1e-12)) if last else self._rtol
-        )
+    def _update_round_off_floor(self, A: PETSc.Mat) -> None:
+        """Estimate the round-off of the residual [N] from the diagonal of the tangent.
+
+        Once a step, but at each tangent with contact: bodies that penetrate each other in the
+        predictor have stiffnesses there that are far too large, so the smallest estimate counts.
+        """
+        if self._round_off_floor and not self.system.active_sets:
+            return
+        A.getDiagonal(self._diagonal)
+        units = self.tolerances.floor * np.finfo(float).eps
+        floor = units * self.system.force_scale(self._diagonal)
+        self._round_off_floor = min(floor, self._round_off_floor or math.inf)
+
+    def _choose_linear_tolerance(self) -> None:
+        """Solve tightly if this is likely to be the last linear system of the step."""
+        if self._default_linear_rtol is None:
+            self._default_linear_rtol = self.ksp.getTolerances()[0]
+        rtol = self._default_linear_rtol
+        # The ordinary tolerance would end within a factor of ten of convergence, or below.
+        if 0 < self._force_imbalance * rtol < 10 * self._tolerance:
+            last = FINAL_LINEAR_RATIO * self._tolerance / self._force_imbalance
+            rtol = min(rtol, max(last, MIN_LINEAR_RTOL))
+        self.ksp.setTolerances(rtol=rtol)
+
+    # ---- the test of convergence -----------------------------------------------------------------------
 
     @property
-    def _limit(self) -> float:
-        """The residual [N] at which a step may count as solved."""
+    def round_off(self) -> float:
+        """Residual [N] that round-off alone explains in the last solve."""
+        return STAGNATION_FACTOR * self._round_off_floor
+
+    @property
+    def _tolerance(self) -> float:
+        """Right-hand side of (4) [N]."""
         return max(
             self.tolerances.relative * self._reference,
             self.tolerances.absolute,
-            self._floor,
-            self._still,
+            self._round_off_floor,
+            self._contact_floor,
         )
 
     def _test(self, snes: PETSc.SNES, iteration: int, norms: tuple[float, float, float]) -> int:
+        """Whether to go on (0), or why not; `norms` are those of x, the update and the residual."""
+        reasons = PETSc.SNES.ConvergedReason
         if not np.isfinite(norms[2]):
-            return int(PETSc.SNES.ConvergedReason.DIVERGED_FNORM_NAN)
-        self._before, self._forces = self._forces, self._balance[0]
+            return int(reasons.DIVERGED_FNORM_NAN)
+        self._previous_norm = self._norm
+        self._norm = self._force_imbalance
         if iteration == 0:
-            stopping = self._stopping()
-            self._reference = min(self._forces, stopping)
-            self._still = STILL * stopping if math.isfinite(stopping) else 0.0
-        if self._solved():
-            # convergence is judged on the true strain, and if it is not reached the iteration goes on from there
+            self._set_reference()
+        if self._is_solved():
+            # Convergence is judged at the true strain.  If that does not pass, the iteration goes
+            # on from it.
             w, y = self._split(snes.getSolution())
             with self._clock("law"):
                 self.system.set_increment(w, None)
             self._evaluate(y, snes.getFunction()[0])
-            if self._solved():
-                return int(PETSc.SNES.ConvergedReason.CONVERGED_FNORM_ABS)
-        if iteration < 2:
-            self._early = self._forces if iteration == 0 else max(self._early, self._forces)
-        if self._forces > EXPLODED * max(self._early, self._limit):
-            return int(PETSc.SNES.ConvergedReason.DIVERGED_DTOL)
+            if self._is_solved():
+                return int(reasons.CONVERGED_FNORM_ABS)
+        if iteration == 0:
+            self._largest_early = self._norm
+        elif iteration == 1:
+            self._largest_early = max(self._largest_early, self._norm)
+        if self._norm > DIVERGENCE_RATIO * max(self._largest_early, self._tolerance):
+            return int(reasons.DIVERGED_DTOL)
         if iteration >= self.tolerances.max_iterations:
-            return int(PETSc.SNES.ConvergedReason.DIVERGED_MAX_IT)
+            return int(reasons.DIVERGED_MAX_IT)
         return 0
 
-    def _stopping(self) -> float:
-        """Force [N] that stops and returns all that moves in a step.  With contact a predictor may have passed through
-        things, whose forces then, thousands of times larger, are no measure for a residual; else infinite."""
+    def _set_reference(self) -> None:
+        """Choose the reference force R of (4) from the first residual."""
+        stopping = self._stopping_force()
+        self._reference = min(self._norm, stopping)
+        self._contact_floor = 0.0
+        if math.isfinite(stopping):
+            self._contact_floor = CONTACT_FLOOR_RATIO * stopping
+
+    def _stopping_force(self) -> float:
+        """Force [N] that stops and returns all that moves within the step; infinite without contact.
+
+        With contact the predictor may have passed through an obstacle.  Its forces are then thousands
+        of times larger than those of the solution, and are not a scale for the residual.
+        """
         if not self.system.active_sets:
             return math.inf
         self.system.M.mult(self.system.v0, self._diagonal)
         return self.system.c * self.system.h * float(self._diagonal.norm()) or math.inf
 
-    def _solved(self) -> bool:
-        forces, violation = self._balance
-        stands = self._forces > FALLS * self._before
-        enough = forces <= self._limit and (stands or forces <= self._floor or self._works_little())
-        balanced = enough or (stands and forces <= self.round_off)
-        held = violation <= self.tolerances.constraint
-        return balanced and held and bool((abs(self._s) <= self.tolerances.scalars).all())
+    def _is_solved(self) -> bool:
+        """Whether the residual evaluated last passes (4) and (5), and constraints and scalars theirs."""
+        residual = self._force_imbalance
+        stagnates = self._norm > STAGNATION_RATIO * self._previous_norm
+        is_small = residual <= self._tolerance and (
+            stagnates or residual <= self._round_off_floor or self._energy_error_is_small()
+        )
+        is_balanced = is_small or (stagnates and residual <= self.round_off)
+        satisfies_constraints = self._violation <= self.tolerances.constraint
+        satisfies_scalars = bool((abs(self._s) <= self.tolerances.scalars).all())
+        return is_balanced and satisfies_constraints and satisfies_scalars
 
-    def _works_little(self) -> bool:
-        """Whether the work of the residual in the step, by which its energy is off, is small."""
+    def _energy_error_is_small(self) -> bool:
+        """Criterion (5): the work of the residual in the step is the error of the total energy."""
         if not self.energy:
             return True
         system = self.system
-        forces = (
-            self._r.array_r[: system.constraints.owned.start]
-            if system.constraints
-            else self._r.array_r
-        )
+        forces = self._r.array_r
+        if system.constraints:
+            # Rows of multipliers hold violations of constraints, which are no forces.
+            forces = forces[: system.constraints.owned.start]
         n = forces.size
-        work = system.comm.allreduce(
-            float(forces @ (system.q1.array_r[:n] - system.q0.array_r[:n]))
-        )
+        moved = system.q1.array_r[:n] - system.q0.array_r[:n]
+        work = system.comm.allreduce(float(forces @ moved))
         return abs(work) <= self.tolerances.energy * self.energy
 
-    def _complaint(self, reason: int, iterations: int) -> str:
-        names = {v: k for k, v in vars(PETSc.SNES.ConvergedReason).items() if isinstance(v, int)}
-        linear_reason = self.ksp.getConvergedReason()
-        why = names.get(reason, str(reason)).lower().replace("_", " ")
-        if linear_reason < 0:
-            why += f", linear solver: {linear.reason(self.ksp, self._preconditioner)}"
-        forces, violation = self._balance
-        if violation > self.tolerances.constraint:
-            why += f", constraints off by {violation:.1e}"
-        unsolved = next(
-            filter(None, (border.unsolved() for border in self.system.scalar_unknowns)), ""
+    # ---- reports ---------------------------------------------------------------------------------------
+
+    def summary(self) -> str:
+        """The linear solver, its iterations, and the shares of the wall time of all solves."""
+        ksp = self.ksp.getType()
+        preconditioner = linear.name(self._preconditioner)
+        total = sum(self.seconds.values()) or 1.0
+        shares = ", ".join(
+            f"{part} {seconds / total:.0%}" for part, seconds in self.seconds.items()
         )
-        if unsolved:
-            why += f", {unsolved},"
+        krylov = self.linear_iterations / max(self.all_iterations, 1)
+        return f"{ksp} with {preconditioner}, {krylov:.1f} iterations for one of Newton's; {shares}"
+
+    @contextmanager
+    def _clock(self, part: str) -> Iterator[None]:
+        """Add the wall time of a block to a part of `seconds`."""
+        started = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[part] += time.perf_counter() - started
+
+    def _failure_message(self, reason: int, iterations: int) -> str:
+        """Why the iteration failed, how far it came, and where the residual is largest."""
+        names = {v: k for k, v in vars(PETSc.SNES.ConvergedReason).items() if isinstance(v, int)}
+        why = names.get(reason, str(reason)).lower().replace("_", " ")
+        if self.ksp.getConvergedReason() < 0:
+            why += f", linear solver: {linear.reason(self.ksp, self._preconditioner)}"
+        if self._violation > self.tolerances.constraint:
+            why += f", constraints off by {self._violation:.1e}"
+        unsolved = [scalars.unsolved() for scalars in self.system.scalar_unknowns]
+        first_unsolved = next(filter(None, unsolved), "")
+        if first_unsolved:
+            why += f", {first_unsolved},"
         return (
-            f"{why} after {iterations} iterations, residual {forces:.1e} N of {self._reference:.1e} N at first, "
-            f"largest in {self.system.locate(self._r)}"
+            f"{why} after {iterations} iterations, residual {self._force_imbalance:.1e} N of "
+            f"{self._reference:.1e} N at first, largest in {self.system.locate(self._r)}"
         )

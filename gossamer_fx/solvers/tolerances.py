@@ -1,4 +1,4 @@
-"""When a step counts as solved."""
+"""Tolerances of Newton's iteration."""
 
 from __future__ import annotations
 
@@ -11,14 +11,26 @@ from gossamer_fx.checks.errors import check
 @check_arguments
 @dataclass(frozen=True)
 class Tolerances:
-    """When a step counts as solved.
+    """When the equations of a step count as solved; see `solvers.newton` for the complete test.
 
-    `relative`: field residual over that of the predictor; residuals below `absolute` [N] count as zero, whatever
-    their ratio.  So do those below `floor` units in the last place of the forces, diag(K) q and the inertia (K is the
-    tangent without inertia), and below four times as much if they no longer fall.  `energy`: work of the residual in a
-    step, by which the energy of the whole is off, over the largest energy so far; asked while the residual falls.
-    `scalars`: largest fraction in the border equations.
-    `constraint`: largest violation of a constraint between points, in its own units (m, or 1 for directions).
+    Args:
+        relative: norm of the residual over that of the first guess of the step.
+        absolute: residuals below this count as zero [N], whatever their ratio.
+        floor: residuals below this number of units in the last place of the forces that cancel in them
+            count as zero; four times as many if the residual no longer falls.
+        energy: work of the residual in a step, which is the error of the total energy, over the
+            largest energy so far; asked while the residual still falls.
+        scalars: largest relative residual of the equations of scalar unknowns, such as gas pressures.
+        constraint: largest violation of a constraint between points, in the units of the constraint
+            (m, or 1 for directions).
+        max_iterations: number of Newton iterations after which the step has failed.
+
+    Raises:
+        InputError: a tolerance is negative, or one that has to be below 1 is not, or no iteration is
+            allowed.
+
+    Example:
+        >>> stepper = gx.Midpoint(dt=1e-3, tolerances=gx.Tolerances(relative=1e-12))
     """
 
     relative: float = 1e-10
@@ -34,13 +46,11 @@ class Tolerances:
         for name in ("relative", "absolute", "floor", "energy", "scalars", "constraint"):
             value = getattr(self, name)
             check(value >= 0, f"Tolerances: {name} is {value!r}; give zero or a positive number.")
+        # With a fraction of 1 or more, the first guess would already count as solved.
         for name in ("relative", "energy", "scalars"):
             value = getattr(self, name)
-            check(
-                value < 1,
-                f"Tolerances: {name} is {value!r}, which any state meets; give a number below 1.",
-            )
+            check(value < 1, f"Tolerances: {name} is {value!r}; give a number below 1.")
         check(
             self.max_iterations >= 1,
-            f"Tolerances: max_iterations is {self.max_iterations!r}; allow at least one.",
+            f"Tolerances: max_iterations is {self.max_iterations!r}; give a number of at least one.",
         )

@@ -1,13 +1,34 @@
-"""The preconditioner of large meshes: a coarse space, then an incomplete factorisation of what it leaves.
+"""Two-level preconditioner for large meshes: a coarse space, then an incomplete factorisation.
 
-    z = z0 + L⁻¹ (r - A z0),   z0 = P (PᵀAP)⁻¹ Pᵀ r,   L ≈ A
+Problem.  The tangent A of a film has stiff in-plane modes.  In a step that is many times longer than
+the time in which a wave crosses a cell, they couple unknowns as far apart as the edges of the film.  An
+incomplete factorisation L ≈ A couples unknowns a few cells apart only, so that Krylov iterations grow
+with the mesh.
 
-What the coarse space does not see is local: an incomplete factorisation does.  Its levels of fill decide: if a film
-switches between taut and slack, the tangent has narrow stiff bands in an almost slack film.  With two levels most
-systems of a fluttering film of 78 thousand unknowns are not solved in 60 iterations; four levels take 25, six 6, and
-eight cost more than they save.  Of a quiet film the two serve as well, for a third of the time; so it begins with them.
+Idea.  What the incomplete factorisation does not resolve varies slowly in space, and a coarse space of
+affine functions on patches of nodes resolves it (`solvers.coarse_space`); P is its prolongation.
 
-Several ranks factorise what overlaps by two cells, or iterations double.  Options have the prefix `gx_local_`.
+Algorithm, for a residual r.
+
+1. Coarse solution z0 = P (Pᵀ A P)⁻¹ Pᵀ r                                                     (1)
+2. Its residual     r1 = r - A z0                                                             (2)
+3. Local correction z = z0 + L⁻¹ r1                                                           (3)
+
+This is multiplicative and not symmetric, which GMRES does not require.
+
+Levels of fill of L.  Where a film switches between taut and slack, the tangent has narrow stiff bands in
+an almost slack film.  Measured on a fluttering film of 78 thousand unknowns: with two levels most systems
+are not solved within 60 iterations, four levels take 25, six take 6, and eight cost more than they save.
+In a quiet film two levels serve as well as six, for a third of the time.  Therefore L starts with two
+levels, and gets six when a solve has taken many iterations.
+
+Several ranks factorise parts that overlap by two cells (additive Schwarz); without overlap the number of
+iterations doubles.  PETSc's options of L have the prefix `gx_local_`.
+
+Cost.  An application is one product with A, one solve with L and one coarse solve.  The set-up of L is
+most of the cost of a Newton iteration; (Pᵀ A P) is set up about once a step.
+
+Limits.  L needs a diagonal without zeros, so that systems with Lagrange multipliers are factorised.
 """
 
 from __future__ import annotations
@@ -18,70 +39,104 @@ from gossamer_fx.algebra.numbering import PREFIX
 from gossamer_fx.solvers.coarse_space import CoarseSpace
 from gossamer_fx.system.system import System
 
-FEW, MANY = 2, 6  # levels of fill
-ENOUGH = 10  # applications in a solve up to which PᵀAP of an earlier A of the step does
-LONG = 20  # applications in a solve from which on many levels cost less
+# Levels of fill of the incomplete factorisation, to start with and for difficult systems; see the module.
+ILU_LEVELS = 2
+ILU_LEVELS_DIFFICULT = 6
+
+# Cells by which the parts of several ranks overlap; without overlap the Krylov iterations double.
+OVERLAP = 2
+
+# Applications in a solve up to which the coarse matrix of an earlier A of the same step is used again.
+REUSE_COARSE_UP_TO = 10
+
+# Applications in a solve above which more levels of fill cost less than the iterations that they save.
+MORE_FILL_ABOVE = 20
 
 
 class TwoLevel:
-    """PETSc's Python preconditioner; see the module."""
+    """The preconditioner (1) to (3), as PETSc's Python preconditioner.
+
+    Args:
+        system: compiled scene with bodies on meshes, without Lagrange multipliers.
+    """
 
     def __init__(self, system: System) -> None:
         self._system = system
         self._coarse = CoarseSpace(system)
         self._local = PETSc.PC().create(system.comm)
         self._local.setOptionsPrefix(PREFIX + "local_")
-        self._local.setType("ilu" if system.comm.size == 1 else "asm")
-        self._local.setASMOverlap(2)
+        kind = "ilu"
+        if system.comm.size > 1:
+            kind = "asm"
+        self._local.setType(kind)
+        self._local.setASMOverlap(OVERLAP)
         self._local.setFromOptions()
-        self._step: tuple[float, float] | None = None
-        self._levels = 0
+        self._step: tuple[float, float] | None = None  # time and length of the last set-up's step
+        self._levels = 0  # of fill; 0: not chosen yet
         self._applications = 0  # since the last set-up
 
     def __str__(self) -> str:
         return f"a coarse space and {self._local.getType()} of {self._levels} levels"
 
     def setUp(self, pc: PETSc.PC) -> None:
-        self._A = A = pc.getOperators()[0]
+        """Set up both levels for the present matrix; called by PETSc."""
+        self._A = pc.getOperators()[0]
+        self._set_up_coarse_space()
+        self._set_up_local_part()
+        self._applications = 0
+        reasons = PETSc.PC.FailedReason
+        has_failed = self._local.getFailedReason() != reasons.NOERROR
+        # All ranks must report the same, as PETSc decides on each rank whether to go on.
+        if self._system.comm.allreduce(has_failed):
+            pc.setFailedReason(reasons.SUBPC_ERROR)
+        else:
+            pc.setFailedReason(reasons.NOERROR)
+
+    def _set_up_coarse_space(self) -> None:
+        """Compute the coarse matrix, unless that of an earlier A of this step still serves."""
         step = self._system.time, self._system.h
-        if step != self._step or self._applications > ENOUGH:
-            self._coarse.set_up(self._system.A)  # whose pattern stays
-        self._local.setOperators(A)
+        if step != self._step or self._applications > REUSE_COARSE_UP_TO:
+            # Of the matrix of fixed pattern, without couplings of contact: the product needs the
+            # same pattern every time.
+            self._coarse.set_up(self._system.A)
+        self._step = step
+
+    def _set_up_local_part(self) -> None:
+        """Factorise A incompletely, with the levels of fill that the last solve suggests."""
+        self._local.setOperators(self._A)
         if not self._levels:
-            self._fill(FEW)
-            self._r, self._z = A.createVecs()
-        elif self._applications > LONG and self._levels < MANY:
-            self._fill(MANY)
+            self._choose_fill(ILU_LEVELS)
+            self._residual, self._correction = self._A.createVecs()
+        elif self._applications > MORE_FILL_ABOVE and self._levels < ILU_LEVELS_DIFFICULT:
+            self._choose_fill(ILU_LEVELS_DIFFICULT)
         self._local.setUp()
         self._local.setUpOnBlocks()
-        self._step, self._applications = step, 0
-        reason = PETSc.PC.FailedReason
-        failed = self._system.comm.allreduce(self._local.getFailedReason() != reason.NOERROR)
-        pc.setFailedReason(reason.SUBPC_ERROR if failed else reason.NOERROR)
 
     def apply(self, pc: PETSc.PC, r: PETSc.Vec, z: PETSc.Vec) -> None:
+        """Compute z from r by (1) to (3); called by PETSc."""
         self._applications += 1
         self._coarse.solve(r, z)
-        self._A.mult(z, self._r)
-        self._r.aypx(-1.0, r)
-        self._local.apply(self._r, self._z)
-        z.axpy(1.0, self._z)
+        self._A.mult(z, self._residual)
+        self._residual.aypx(-1.0, r)
+        self._local.apply(self._residual, self._correction)
+        z.axpy(1.0, self._correction)
 
     def recover(self) -> None:
-        """Forget that an earlier matrix, which may have been infinite, could not be factorised."""
+        """Become usable again after a matrix, such as an infinite one, that could not be factorised."""
         self._local.reset()
         self._local.setFailedReason(PETSc.PC.FailedReason.NOERROR)
         self._step = None
 
-    def _fill(self, levels: int) -> None:
-        """Choose the levels of fill."""
+    def _choose_fill(self, levels: int) -> None:
+        """Choose the levels of fill of the incomplete factorisations of this rank."""
         self._levels = levels
-        parts = [self._local]
+        factorisations = [self._local]
         if self._local.getType() == "asm":
             self._local.setUp()
-            parts = [ksp.getPC() for ksp in self._local.getASMSubKSP()]
-        for part in parts:
-            part.setType("ilu")
-            part.setFactorOrdering("rcm")
-            part.setFactorLevels(levels)
-            part.setFromOptions()
+            factorisations = [ksp.getPC() for ksp in self._local.getASMSubKSP()]
+        for pc in factorisations:
+            pc.setType("ilu")
+            # Reverse Cuthill-McKee: a small bandwidth makes the incomplete factors more accurate.
+            pc.setFactorOrdering("rcm")
+            pc.setFactorLevels(levels)
+            pc.setFromOptions()

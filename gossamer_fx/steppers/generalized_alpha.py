@@ -1,4 +1,4 @@
-"""The generalised-α method: a second stepper on the same system, for comparison.  It does not conserve."""
+"""The generalised-α method: a second stepper on the same system, for comparison; it conserves nothing."""
 
 from __future__ import annotations
 
@@ -14,34 +14,46 @@ from gossamer_fx.solvers import factorisation
 from gossamer_fx.solvers.failures import NotConverged
 from gossamer_fx.solvers.newton import Newton
 from gossamer_fx.solvers.tolerances import Tolerances
+from gossamer_fx.steppers.midpoint import SMALLEST_STEP
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import EndPoint
 
-BEGINNING = (
-    1e-3  # of the first step: in it rates are seen well above round-off, and little is moved
-)
+# Length over the first step of the trial step in which the first acceleration is computed: forces that
+# depend on rates are differences over it, well above round-off, while positions hardly change.
+TRIAL_STEP_RATIO = 1e-3
 
 
 @check_arguments
 @dataclass(frozen=True)
 class GeneralizedAlpha:
-    """Generalised-α method (Chung & Hulbert, J. Appl. Mech. 60 (1993) 371, doi:10.1115/1.2900803), second order.
+    """Generalised-α method (Chung & Hulbert, J. Appl. Mech. 60 (1993) 371, doi:10.1115/1.2900803).
 
-    Equilibrium and constraints hold at the end of the step, with an acceleration-like a of its own (Arnold & Brüls,
-    Multibody Syst. Dyn. 18 (2007) 185, doi:10.1007/s11044-007-9084-0, whose q̈ is v̇ here):
+    Second order in `dt`.  Equilibrium and constraints hold at the end of the step, and positions follow
+    from an acceleration-like variable a, which differs from the acceleration dv/dt (Arnold & Brüls,
+    Multibody Syst. Dyn. 18 (2007) 185, doi:10.1007/s11044-007-9084-0):
 
-        M v̇1 + f(q1) + De(q1)ᵀλ1 = F1,   e(q1) = 0
-        (1-α_m) a1 + α_m a0 = (1-α_f) v̇1 + α_f v̇0
-        q1 = q0 + h v0 + h² ((½-β) a0 + β a1),   v1 = v0 + h ((1-γ) a0 + γ a1)
+        M (dv/dt)_1 + f(q1) + De(q1)ᵀ λ1 = F1,   e(q1) = 0                                    (1)
+        (1-α_m) a1 + α_m a0 = (1-α_f) (dv/dt)_1 + α_f (dv/dt)_0                               (2)
+        q1 = q0 + h v0 + h² ((½-β) a0 + β a1)                                                 (3)
+        v1 = v0 + h ((1-γ) a0 + γ a1)                                                         (4)
 
-    α_m = (2ρ-1)/(ρ+1), α_f = ρ/(ρ+1), γ = ½ - α_m + α_f, β = ¼(1 - α_m + α_f)².
+        α_m = (2ρ-1)/(ρ+1),  α_f = ρ/(ρ+1),  γ = ½ - α_m + α_f,  β = ¼ (1 - α_m + α_f)²       (5)
+
+    The method loses or gains energy.  Damping and feedback are of first order only, as their rates are
+    those of the step before its end.  The energy balance counts loads that vary within a step with their
+    values at its end.
 
     Args:
         dt: step [s].
-        spectral_radius: ρ in [0, 1] of high frequencies; 1 damps none, 0 annihilates them in a step.
+        spectral_radius: ρ in [0, 1] of high frequencies; 1 does not damp them, 0 annihilates them
+            within a step.
+        tolerances: when a step counts as solved.
 
-    It loses or gains energy.  Damping and feedback are of first order, as their rates are those of the step before its
-    end; the ledger books loads that vary with the values that they have there.
+    Raises:
+        InputError: dt is not a positive number, or the spectral radius is not between 0 and 1.
+
+    Example:
+        run = gx.Simulation(scene, gx.GeneralizedAlpha(dt=1e-3, spectral_radius=0.9))
     """
 
     dt: float
@@ -51,7 +63,7 @@ class GeneralizedAlpha:
 
     def __post_init__(self) -> None:
         check(
-            math.isfinite(self.dt) and self.dt > 1e-100,
+            math.isfinite(self.dt) and self.dt > SMALLEST_STEP,
             f"GeneralizedAlpha: dt is {self.dt!r}; give a positive step in seconds.",
         )
         check(
@@ -61,95 +73,142 @@ class GeneralizedAlpha:
 
     @property
     def rule(self) -> EndPoint:
-        """Which stress acts in a step."""
+        """Which stress acts in a step: that of its end."""
         return EndPoint()
 
     def start(self, system: System) -> GeneralizedAlphaSolver:
+        """The method at work on a compiled system, whose state is the initial one."""
         return GeneralizedAlphaSolver(system, self.spectral_radius, self.tolerances)
 
 
 class GeneralizedAlphaSolver:
-    """One step at a time on a compiled system."""
+    """Makes steps of the generalised-α method on a compiled system, one at a time.
+
+    Attributes:
+        newton: solver of a step.
+        vectors: history variables of the method that are vectors: a0 and (dv/dt)_0 of (2).
+    """
 
     def __init__(self, system: System, ρ: float, tolerances: Tolerances) -> None:
         self._system = system
-        self._αm, self._αf = (2 * ρ - 1) / (ρ + 1), ρ / (ρ + 1)
-        self._γ, self._β = 0.5 - self._αm + self._αf, (1 - self._αm + self._αf) ** 2 / 4
+        self._α_m = (2 * ρ - 1) / (ρ + 1)
+        self._α_f = ρ / (ρ + 1)
+        self._γ = 0.5 - self._α_m + self._α_f
+        self._β = (1 - self._α_m + self._α_f) ** 2 / 4
         self.newton = Newton(system, tolerances)
-        self._a0, self._a1, self._acceleration, self._v1 = (
-            system.numbering.vector() for _ in range(4)
-        )
-        self._increment, self._offset = system.numbering.vector(), system.numbering.vector()
+        self._a0 = system.numbering.vector()
+        self._a1 = system.numbering.vector()
+        self._acceleration = system.numbering.vector()  # dv/dt
+        self._v1 = system.numbering.vector()
+        self._increment = system.numbering.vector()
+        self._offset = system.numbering.vector()
+        # The names are part of the format of checkpoint files.
         self.vectors = {"acceleration": self._a0, "rate": self._acceleration}
-        self._started = False
+        self._has_acceleration = False
 
     def get_state(self) -> dict[str, Any]:
-        return {"started": self._started}
+        """History variables for a checkpoint; the keys belong to its file format."""
+        return {"started": self._has_acceleration}
 
     def set_state(self, state: dict[str, Any]) -> None:
-        self._started = state["started"]
+        """Restore what `get_state` returned."""
+        self._has_acceleration = state["started"]
 
-    def _first_acceleration(self, h: float) -> None:
-        """M v̇0 + De(q0)ᵀλ = F - f(q0, v0), De(q0) v̇0 = -D²e[v0, v0]; and a0 = v̇0.
+    def step(self, h: float) -> int:
+        """Advance the system by h [s]; returns the number of Newton iterations.
 
-        Forces that depend on rates are those of a small part of the first step, of length h, made with v0.
+        Raises:
+            NotConverged: the step failed; the state of the system is unchanged.
         """
-        system, r, A = self._system, self._increment, self._system.M.copy()
-        system.set_inertia(0.0)
-        y = system.begin_step(BEGINNING * h)
-        system.v0.copy(r)
-        r.scale(BEGINNING * h)
-        held = system.predict(r)
-        r.zeroEntries()
-        with r as w:
-            w[system.supports.held] = held
-        system.set_increment(r, None)
-        system.residual(y, r)
+        if not self._has_acceleration:
+            self._compute_first_acceleration(h)
+        system = self._system
+        y = system.begin_step(h)
+        self._predict(h)
+        w, _, iterations = self.newton.solve(self._increment, y)
+        self._acceleration.waxpy(1.0, w, self._offset)
+        self._acceleration.scale(self._inertia(h))
+        self._a1.waxpy(1 / (self._β * h**2), w, self._a0)
+        self._clear_multipliers(self._acceleration)
+        self._clear_multipliers(self._a1)
+        # v1 of (4)
+        self._v1.waxpy(h * (1 - self._γ), self._a0, system.v0)
+        self._v1.axpy(h * self._γ, self._a1)
+        system.commit(self._v1)
+        # Only now: a step that fails must leave the history unchanged.
+        self._a1.copy(self._a0)
+        return iterations
+
+    def _inertia(self, h: float) -> float:
+        """c [1/s²], the derivative of (dv/dt)_1 with respect to q1 by (2) and (3)."""
+        return (1 - self._α_m) / ((1 - self._α_f) * self._β * h**2)
+
+    def _predict(self, h: float) -> None:
+        """Express (2) and (3) in w, so that (1) has the inertia c M (w + offset).
+
+        q1 - q0 = h v0 + h² a0/2 + w,    a1 = a0 + w/(β h²),    (dv/dt)_1 = c (w + offset)
+        """
+        system = self._system
+        c = self._inertia(h)
+        α_m = self._α_m
+        α_f = self._α_f
+        self._a0.copy(self._increment)
+        self._increment.scale(h**2 / 2)
+        self._increment.axpy(h, system.v0)
+        self._a0.copy(self._offset)
+        self._offset.scale(self._β * h**2 + α_m / (1 - α_f) / c)
+        self._offset.axpy(-α_f / (1 - α_f) / c, self._acceleration)
+        system.set_inertia(c, self._offset)
+
+    # ---- the first acceleration ------------------------------------------------------------------------
+
+    def _compute_first_acceleration(self, h: float) -> None:
+        """Solve for the acceleration dv/dt of the initial state, and set a0 to it.
+
+            M dv/dt + De(q0)ᵀ λ = F - f(q0, v0)
+            De(q0) dv/dt = -D²e[v0, v0]      (constraints differentiated twice)
+
+        Forces that depend on rates are evaluated in a trial step with the velocity v0.
+
+        Raises:
+            NotConverged: the matrix of these equations is singular.
+        """
+        system = self._system
+        r = self._increment
+        A = system.M.copy()
+        self._evaluate_trial_step(TRIAL_STEP_RATIO * h, r)
         if system.constraints:
             with r as values:
                 values[system.constraints.owned] = 0
             system.constraints.add_curvature(system.v0, r)
             system.constraints.add_tangents(A)
             A.assemble()
+        # Unit rows give fixed coordinates the acceleration zero.
         system.supports.clear(A, 1.0)
         r.scale(-1.0)
         problem = factorisation.solve(A, r, self._acceleration)
         if problem:
             raise NotConverged(f"no acceleration to start with, {problem}")
-        self._drop_multipliers(self._acceleration)
+        self._clear_multipliers(self._acceleration)
         self._acceleration.copy(self._a0)
-        self._started = True
+        self._has_acceleration = True
 
-    def _drop_multipliers(self, a: PETSc.Vec) -> None:
-        """They have no rate."""
-        if self._system.constraints:
-            with a as values:
-                values[self._system.constraints.owned] = 0
-
-    def step(self, h: float) -> int:
-        """Advance by h; returns Newton's iterations.  Nothing has changed if it raises `NotConverged`."""
-        system, αm, αf, β, γ = self._system, self._αm, self._αf, self._β, self._γ
-        if not self._started:
-            self._first_acceleration(h)
+    def _evaluate_trial_step(self, h: float, r: PETSc.Vec) -> None:
+        """Set r to the residual without inertia [N] at q0 + h v0."""
+        system = self._system
+        system.set_inertia(0.0)
         y = system.begin_step(h)
-        # q1 - q0 = h v0 + h² a0/2 + w, so that a1 = a0 + w/(β h²) and v̇1 = c (w + offset)
-        c = (1 - αm) / ((1 - αf) * β * h**2)
-        increment, offset = self._increment, self._offset
-        self._a0.copy(increment)
-        increment.scale(h**2 / 2)
-        increment.axpy(h, system.v0)
-        self._a0.copy(offset)
-        offset.scale(β * h**2 + αm / (1 - αf) / c)
-        offset.axpy(-αf / (1 - αf) / c, self._acceleration)
-        system.set_inertia(c, offset)
-        w, _, iterations = self.newton.solve(increment, y)
-        self._acceleration.waxpy(1.0, w, offset)
-        self._acceleration.scale(c)
-        self._a1.waxpy(1 / (β * h**2), w, self._a0)
-        for rate in (self._acceleration, self._a1):
-            self._drop_multipliers(rate)
-        self._v1.waxpy(h * (1 - γ), self._a0, system.v0)
-        self._v1.axpy(h * γ, self._a1)
-        system.commit(self._v1)
-        self._a1.copy(self._a0)
-        return iterations
+        system.v0.copy(r)
+        r.scale(h)
+        fixed_values = system.predict(r)
+        r.zeroEntries()
+        with r as w:
+            w[system.supports.held] = fixed_values
+        system.set_increment(r, None)
+        system.residual(y, r)
+
+    def _clear_multipliers(self, rate: PETSc.Vec) -> None:
+        """Set the entries of Lagrange multipliers to zero: they have no rate."""
+        if self._system.constraints:
+            with rate as values:
+                values[self._system.constraints.owned] = 0

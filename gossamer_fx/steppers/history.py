@@ -1,4 +1,4 @@
-"""What a run carries from step to step: what a checkpoint holds, and what is taken back when a step is made anew."""
+"""The complete state of a run between two steps, for checkpoints and for rejected steps."""
 
 from __future__ import annotations
 
@@ -13,69 +13,99 @@ from gossamer_fx.system.system import System
 
 @runtime_checkable
 class Carrier(HistoryVariables, Protocol):
-    """A stepper or step control with a past: vectors of the system, and what it remembers."""
+    """A stepper or step control with history variables, some of them vectors of the system.
+
+    Attributes:
+        vectors: those vectors by name; they are copied, not replaced, when a state is restored.
+    """
 
     vectors: Mapping[str, PETSc.Vec]
 
 
 class History:
-    """All that carries the past of a run: coordinates, velocities, those `carriers` that have one, borders and terms.
+    """Saves and restores the state of a run: coordinates, velocities and all history variables.
 
-    `vectors` are those at work; coordinates hold the multipliers, too.
+    A step may be undone by `rollback` to the last `commit`; a checkpoint writes `vectors` and
+    `get_state()`.
+
+    Args:
+        system: compiled scene.
+        carriers: stepper and step control; those without history variables are ignored.
+
+    Attributes:
+        vectors: all vectors of the state by name, not copies; coordinates include the Lagrange
+            multipliers.
     """
 
     def __init__(self, system: System, carriers: Iterable[object]) -> None:
         self._system = system
+        # The names are part of the format of checkpoint files.
         self.vectors = {
             "coordinates": system.q0,
             "remainders of coordinates": system.increment.remainder,
             "velocities": system.v0,
             "coordinates before": system.previous,
         }
-        self._remembering: dict[str, HistoryVariables] = {}
+        self._variables: dict[str, HistoryVariables] = {}
+        self._find_carriers(carriers)
+        self._find_terms()
+        self._committed: dict[str, PETSc.Vec] = {}
+
+    def _find_carriers(self, carriers: Iterable[object]) -> None:
+        """Add the history variables of the stepper and of the step control."""
         for carrier in carriers:
             if isinstance(carrier, Carrier):
                 name = type(carrier).__name__
-                self._remembering[name] = carrier
-                self.vectors |= {
-                    f"{name} {what}": vector for what, vector in carrier.vectors.items()
-                }
-        for k, border in enumerate(system.scalar_unknowns):
-            self._remembering[f"border {k}"] = border
+                self._variables[name] = carrier
+                for what, vector in carrier.vectors.items():
+                    self.vectors[f"{name} {what}"] = vector
+
+    def _find_terms(self) -> None:
+        """Add the history variables of the scene: of scalar unknowns, kinds of terms, and terms."""
+        system = self._system
+        for k, scalars in enumerate(system.scalar_unknowns):
+            self._variables[f"border {k}"] = scalars
         for compiled in system.compiled:
             if isinstance(compiled, HistoryVariables):
-                self._remembering[type(compiled).__name__] = compiled
+                self._variables[type(compiled).__name__] = compiled
+        # Terms have no unique names, so their positions in the scene are part of the names.
         for k, term in enumerate(system.terms):
-            for what, thing in vars(term).items():
-                if isinstance(thing, HistoryVariables):
-                    self._remembering[f"part {k} {what}"] = thing
-        self._kept: dict[str, PETSc.Vec] = {}
+            for what, field in vars(term).items():
+                if isinstance(field, HistoryVariables):
+                    self._variables[f"part {k} {what}"] = field
 
     def get_state(self) -> dict[str, Any]:
-        """What is remembered beside the vectors, by name; the same on every rank."""
-        return {name: thing.get_state() for name, thing in self._remembering.items()}
+        """The history variables other than vectors, by name; the same on every rank."""
+        return {name: variables.get_state() for name, variables in self._variables.items()}
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Restore what `get_state` returned; the vectors have been set."""
+        """Restore what `get_state` returned; the caller has restored `vectors` before."""
+        # Quantities derived from the coordinates first: history variables may depend on them.
         self._system.restart()
-        for name, thing in self._remembering.items():
-            thing.set_state(state[name])
+        for name, variables in self._variables.items():
+            variables.set_state(state[name])
 
-    def keep(self) -> None:
-        """Note the present."""
+    def commit(self) -> None:
+        """Save the present state, in place of the one saved before."""
         system = self._system
-        if not self._kept:
-            self._kept = {name: vector.duplicate() for name, vector in self.vectors.items()}
+        # Made at the first call only: a run without rejected steps needs no copies.
+        if not self._committed:
+            for name, vector in self.vectors.items():
+                self._committed[name] = vector.duplicate()
         for name, vector in self.vectors.items():
-            vector.copy(self._kept[name])
-        self._numbers = system.time, system.supplied_energy, dict(system.losses)
-        self._memory = self.get_state()
+            vector.copy(self._committed[name])
+        self._time = system.time
+        self._supplied_energy = system.supplied_energy
+        # A copy, as the system changes its dictionary in place.
+        self._losses = dict(system.losses)
+        self._state = self.get_state()
 
-    def go_back(self) -> None:
-        """Be as at the last `keep`."""
+    def rollback(self) -> None:
+        """Restore the state of the last `commit`, which may be restored more than once."""
         system = self._system
         for name, vector in self.vectors.items():
-            self._kept[name].copy(vector)
-        system.time, system.supplied_energy, losses = self._numbers
-        system.losses = dict(losses)
-        self.set_state(self._memory)
+            self._committed[name].copy(vector)
+        system.time = self._time
+        system.supplied_energy = self._supplied_energy
+        system.losses = dict(self._losses)
+        self.set_state(self._state)

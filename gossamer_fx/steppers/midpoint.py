@@ -16,23 +16,43 @@ from gossamer_fx.solvers.tolerances import Tolerances
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import PathAverage, StressRule
 
-# Tangents of a step without geometric stiffness: at first none, and more each time that the iteration fails.  After
-# `PATIENCE` steps that succeed there are fewer again; where none of these numbers helps, none is tried for as long.
-CAREFUL, PATIENCE = (0, 3, 8, 20), 20
+# Number of tangents at the start of a step without geometric stiffness, by delay level.  A failed
+# iteration is repeated at the next level, so that steps which converge at once pay nothing.
+GEOMETRIC_STIFFNESS_DELAYS = (0, 3, 8, 20)
+
+# Converged steps in a row after which the delay level is lowered by one.  Where no level helped, delays
+# are not tried again for as many steps: the repeated iterations would be wasted.
+STEPS_PER_DELAY_LEVEL = 20
+
+# Smaller steps [s] make 1/h² in the equations overflow.
+SMALLEST_STEP = 1e-100
 
 
 @check_arguments
 @dataclass(frozen=True)
 class Midpoint:
-    """Implicit midpoint rule with path-averaged stress: second order in `dt` [s].
+    """Implicit midpoint rule with path-averaged stress: second order in `dt`.
 
         (q1 - q0)/h = (v0 + v1)/2
-        M (v1 - v0)/h + De(q̄)ᵀ S̄ = F̄
+        M (v1 - v0)/h + De(q_mid)ᵀ S_avg = F_mid,    q_mid = (q0 + q1)/2
 
-    Conserves energy, momentum and angular momentum to the tolerance of the nonlinear solve, for every step size and
-    every sequence of them (Simo & Tarnow, ZAMP 43 (1992) 757, with the stress of `discrete_gradient.PathAverage`).
+    The stress S_avg is the average of ψ'(e) over the straight path from e(q0) to e(q1), see
+    `terms.discrete_gradient`.  It conserves energy, momentum and angular momentum to the tolerance of
+    the nonlinear solve, for every step size and every sequence of step sizes (Simo & Tarnow, ZAMP 43
+    (1992) 757, doi:10.1007/BF00913408).
 
-    `subdomains`, "bddc" or "fetidp", solves a single body by domain decomposition, each rank a subdomain.
+    Args:
+        dt: step [s].
+        rule: stress in a step; the default conserves energy.
+        tolerances: when a step counts as solved.
+        subdomains: "bddc" or "fetidp" solves a single body by domain decomposition, with each rank a
+            subdomain; None solves by other methods.
+
+    Raises:
+        InputError: dt is not a positive number.
+
+    Example:
+        run = gx.Simulation(scene, gx.Midpoint(dt=1e-3))
     """
 
     dt: float
@@ -43,66 +63,105 @@ class Midpoint:
 
     def __post_init__(self) -> None:
         check(
-            math.isfinite(self.dt) and self.dt > 1e-100,
+            math.isfinite(self.dt) and self.dt > SMALLEST_STEP,
             f"Midpoint: dt is {self.dt!r}; give a positive step in seconds.",
         )
 
     def start(self, system: System) -> MidpointSolver:
+        """The rule at work on a compiled system, whose state is the initial one."""
         return MidpointSolver(system, self.tolerances, self.subdomains)
 
 
 class MidpointSolver:
-    """One step at a time on a compiled system."""
+    """Makes steps of the midpoint rule on a compiled system, one at a time.
+
+    Attributes:
+        newton: solver of a step.
+        vectors: history variables of the rule that are vectors; there are none.
+    """
 
     def __init__(
         self, system: System, tolerances: Tolerances, subdomains: str | None = None
     ) -> None:
         self._system = system
         self.newton = Newton(system, tolerances, subdomains=subdomains)
-        self._increment, self._v1 = system.numbering.vector(), system.numbering.vector()
-        self._care = 0  # index in CAREFUL
-        self._easy = 0  # steps since it was raised
-        self._useless = 0  # steps for which care need not be tried, as it did not help before
+        self._increment = system.numbering.vector()
+        self._v1 = system.numbering.vector()
+        self._delay_level = 0  # index in GEOMETRIC_STIFFNESS_DELAYS
+        self._successes = 0  # converged steps in a row since the last change of level or failure
+        self._steps_without_delay = 0  # steps for which delays are not tried, as they did not help
         self.vectors: dict[str, PETSc.Vec] = {}
 
     def get_state(self) -> dict[str, Any]:
-        return {"care": self._care, "easy": self._easy, "useless": self._useless}
+        """History variables for a checkpoint; the keys belong to its file format."""
+        return {
+            "care": self._delay_level,
+            "easy": self._successes,
+            "useless": self._steps_without_delay,
+        }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        self._care, self._easy, self._useless = state["care"], state["easy"], state["useless"]
+        """Restore what `get_state` returned."""
+        self._delay_level = state["care"]
+        self._successes = state["easy"]
+        self._steps_without_delay = state["useless"]
 
     def step(self, h: float) -> int:
-        """Advance by h; returns Newton's iterations.  Nothing has changed if it raises `NotConverged`.
+        """Advance the system by h [s].
 
-        A step whose iteration fails is tried again with more careful starts, before it is given up; one that ended with
-        what cannot be is not, as it would end there again.
+        An iteration that fails is repeated with more tangents without geometric stiffness, before the
+        step is given up.  An inadmissible solution is not retried: the same one would be found.
+
+        Returns:
+            The number of Newton iterations of the attempt that converged.
+
+        Raises:
+            NotConverged: every delay level failed; the state of the system is unchanged.
+            Inadmissible: the solution cannot be accepted; the state of the system is unchanged.
         """
         while True:
-            self.newton.careful = CAREFUL[self._care]
+            self.newton.geometric_stiffness_delay = GEOMETRIC_STIFFNESS_DELAYS[self._delay_level]
             try:
                 iterations = self._attempt(h)
             except Inadmissible:
-                self._easy = 0
+                self._successes = 0
                 raise
             except NotConverged:
-                self._easy = 0
-                if self._useless or self._care + 1 == len(CAREFUL):
-                    self._care, self._useless = 0, PATIENCE
+                self._successes = 0
+                if not self._raise_delay():
                     raise
-                self._care += 1
             else:
-                self._easy, self._useless = self._easy + 1, max(self._useless - 1, 0)
-                if self._care and self._easy >= PATIENCE:
-                    self._care, self._easy = self._care - 1, 0
+                self._note_success()
                 return iterations
 
+    def _raise_delay(self) -> bool:
+        """Go to the next delay level; returns False if there is none, or if delays are not tried."""
+        is_highest = self._delay_level + 1 == len(GEOMETRIC_STIFFNESS_DELAYS)
+        if self._steps_without_delay or is_highest:
+            self._delay_level = 0
+            self._steps_without_delay = STEPS_PER_DELAY_LEVEL
+            return False
+        self._delay_level += 1
+        return True
+
+    def _note_success(self) -> None:
+        """Count a converged step, and lower the delay level after enough of them."""
+        self._successes += 1
+        self._steps_without_delay = max(self._steps_without_delay - 1, 0)
+        if self._delay_level and self._successes >= STEPS_PER_DELAY_LEVEL:
+            self._delay_level -= 1
+            self._successes = 0
+
     def _attempt(self, h: float) -> int:
+        """One Newton solve and, if it converges, the commit of the step; returns the iterations."""
         system = self._system
         y = system.begin_step(h)
+        # Predictor of constant velocity, p = h v0; its inertia is M (v1 - v0)/h = (2/h²) M w.
         system.v0.copy(self._increment)
         self._increment.scale(h)
         system.set_inertia(2 / h**2)
         w, _, iterations = self.newton.solve(self._increment, y)
-        self._v1.waxpy(2 / h, w, system.v0)  # 2 (q1 - q0)/h - v0 with q1 - q0 = h v0 + w
+        # v1 = 2 (q1 - q0)/h - v0 with q1 - q0 = h v0 + w.
+        self._v1.waxpy(2 / h, w, system.v0)
         system.commit(self._v1)
         return iterations

@@ -1,4 +1,41 @@
-"""Steps as long as Newton's iteration and the accuracy allow."""
+"""Steps as long as Newton's iteration and the accuracy allow.
+
+Problem.  A structure that deploys is quiet at one time and hits itself at another; a constant step is
+either too long for the one or too short for the other.
+
+Idea.  The midpoint rule conserves energy, momenta and masses for every sequence of steps, so that the
+length may be chosen by cost and accuracy alone.
+
+Algorithm, for a step of length h that took i Newton iterations.
+
+1. Estimate the local error of the midpoint rule,
+
+       e = h³ q'''/12,    q''' ≈ 2 (a - a_)/(h + h_)                                          (1)
+
+   from the mean accelerations a = (v1 - v0)/h of this step and a_ of the one before, whose length is
+   h_.  It is measured as root mean square over the mass,
+
+       ε = √(eᵀ M e/m),    m the total mass                                                   (2)
+
+2. If ε exceeds the tolerance, undo the step and repeat it with h times
+
+       max(0.9 (tolerance/ε)^(1/3), min_factor)                                                      (3)
+
+3. If Newton's iteration fails, repeat the step with h times `min_factor`.
+4. Otherwise the next step is h times
+
+       max(min(target iterations/i, 0.9 (tolerance/ε)^(1/3), max_factor), min_factor)                    (4)
+
+   A step that was repeated does not let the next one grow.
+
+Source: Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I (1993), section II.4, for
+the choice (3), (4); the error constant 1/12 is that of the trapezoidal rule.
+
+Cost.  The estimate (1) costs one product with M and no further solve.
+
+Limits.  The estimate exists from the second step on, and is that of smooth motion: impacts within a step
+show only as a large difference of the accelerations.
+"""
 
 from __future__ import annotations
 
@@ -16,34 +53,35 @@ from gossamer_fx.steppers.history import History
 from gossamer_fx.steppers.stepping import StepSolver, step_failure
 from gossamer_fx.system.system import System
 
-SAFETY = 0.9
+# Factor in (3) and (4), so that the next step does not fail by a small growth of the error.
+SAFETY_FACTOR = 0.9
+
+# Smallest step over the first, unless given: a run whose steps are a million times shorter will not end.
+SMALLEST_STEP_RATIO = 1e-6
 
 
 @check_arguments
 @dataclass(frozen=True)
 class StepControl:
-    """Lets steps grow and shrink; the stepper's `dt` is the first.
+    """Lets steps grow and shrink; the stepper's `dt` is the first step.
 
-    After a step of length h the next one is
-
-        h · min(iterations/i, 0.9 (error/ε)^⅓, growth),    at least cut · h,
-
-    i the Newton iterations that it took and ε its local error.  That of the midpoint rule, h³ q⃛/12, is taken from
-    the mean accelerations of this step and the one before (no further solve), and measured as the root mean square
-    over the mass, ε² = e·Me/m.  A step that fails, or whose error is too large, is made anew, shorter.  Energy,
-    momenta and masses are conserved for every sequence of steps.
+    See the module for the rule.  Energy, momenta and masses are conserved for every sequence of steps.
 
     Args:
         target_iterations: target of Newton iterations a step.
-        error: largest local error of a step [m]; none: errors are not looked at.
-        max_factor: largest ratio of a step to the one before; of film that strikes itself or snaps straight fewer
-            steps fail with 1.1.
-        min_factor: smallest ratio, and that after a failure.
-        min_step: step [s] below which the run fails; default 1e-6 dt.
-        max_step: [s]; default without limit.
+        error: largest local error of a step [m], as root mean square over the mass; None: errors are
+            not estimated.
+        max_factor: largest ratio of a step to the one before.  For film that hits itself or snaps
+            straight, 1.1 leads to fewer rejected steps.
+        min_factor: smallest ratio of a step to the one before, and the ratio after a failure.
+        min_step: shortest step [s], below which the run fails; default 1e-6 dt.
+        max_step: longest step [s]; default without limit.
 
-    Source: the error constant is that of the trapezoidal rule, Hairer, Nørsett & Wanner, Solving Ordinary Differential
-    Equations I (1993) §II.4, which has the choice of the step, too.
+    Raises:
+        InputError: a value is out of its range.
+
+    Example:
+        run = gx.Simulation(scene, gx.Midpoint(dt=1e-4), control=gx.StepControl(error=1e-5))
     """
 
     _: KW_ONLY
@@ -74,6 +112,12 @@ class StepControl:
         )
 
     def start(self, system: System, solver: StepSolver, dt: float) -> ControlledSteps:
+        """The steps of a run, the first of which has the length dt [s].
+
+        Raises:
+            InputError: dt is longer than the longest step, or errors cannot be measured for lack of
+                mass.
+        """
         check(
             dt <= self.max_step,
             f"StepControl: max_step is {self.max_step!r} s, but the first step is {dt!r} s.",
@@ -82,81 +126,125 @@ class StepControl:
 
 
 class ControlledSteps:
-    """Steps that a `StepControl` chooses."""
+    """The steps of a run whose lengths a `StepControl` chooses; see `Stepping` for the attributes."""
 
     def __init__(self, control: StepControl, system: System, solver: StepSolver, dt: float) -> None:
-        self._control, self._system, self._solver = control, system, solver
-        self._smallest = control.min_step or 1e-6 * dt
-        self.wanted, self.iterations, self.substeps = dt, 0, 0
+        self._control = control
+        self._system = system
+        self._solver = solver
+        self._smallest = control.min_step or SMALLEST_STEP_RATIO * dt
+        self.wanted = dt
+        self.iterations = 0
+        self.substeps = 0
         self.vectors: dict[str, PETSc.Vec] = {}
-        self._estimate: LocalError | None = None
+        self._local_error: LocalError | None = None
+        self._tolerance = math.inf  # of the local error [m]
         if control.error is not None:
-            self._estimate = LocalError(system)
+            self._tolerance = control.error
+            self._local_error = LocalError(system)
             self._history = History(system, [solver])
-            self.vectors = {"acceleration": self._estimate.acceleration}
+            self.vectors = {"acceleration": self._local_error.acceleration}
 
     def advance(self, h: float) -> None:
-        """Go on by h, or by less.
+        """Advance the run by one step of length h [s], or by a shorter one if that is rejected.
 
         Raises:
-            StepFailure: the smallest step failed.
+            StepFailure: the next attempt would be shorter than the shortest step.
         """
-        if self._estimate:
-            self._history.keep()
-            self._estimate.begin()
+        self._begin_step()
         growth = self._control.max_factor
         while True:
             try:
                 iterations = self._solver.step(h)
             except NotConverged as failure:
-                factor, reason = self._control.min_factor, str(failure)
+                factor = self._control.min_factor
+                reason = str(failure)
             else:
                 self.iterations += iterations
-                factor = self._factor(iterations, h)
-                if factor > 0:
+                error = self._measure_error(h)
+                if not error > self._tolerance:
+                    factor = self._next_factor(iterations, error)
                     break
-                factor, reason = -factor, f"its local error is above {self._control.error:.3g} m"
+                self._history.rollback()
+                factor = max(self._factor_by_error(error), self._control.min_factor)
+                reason = f"its local error is above {self._tolerance:.3g} m"
             self.substeps += 1
-            growth, self.wanted, h = 1.0, factor * h, factor * h
+            # The step after a rejected one does not grow: it would probably be rejected, too.
+            growth = 1.0
+            h = factor * h
+            self.wanted = h
             if h < self._smallest:
                 raise step_failure(self._system, h, reason)
-        if self._estimate:
-            self._estimate.accept()
+        if self._local_error:
+            self._local_error.commit()
         proposed = h * min(factor, growth)
+        # h may be shorter than wanted to meet a time.  That alone must not shorten the next step.
         if factor < 1 or proposed > self.wanted:
             self.wanted = min(proposed, self._control.max_step)
 
-    def _factor(self, iterations: int, h: float) -> float:
-        """Of the next step over this one of length h; negative if this one must be made anew, and has been undone."""
-        control = self._control
-        factor = control.target_iterations / max(iterations, 1)
-        if self._estimate and control.error is not None:
-            error = self._estimate(h)
-            by_error = SAFETY * (control.error / error) ** (1 / 3) if error > 0 else math.inf
-            if error > control.error:
-                self._history.go_back()
-                return -max(by_error, control.min_factor)
-            factor = min(factor, by_error)
-        return max(factor, control.min_factor)
+    def _begin_step(self) -> None:
+        """Save what a step needs whose local error is measured, and which may be undone."""
+        if self._local_error:
+            self._history.commit()
+            self._local_error.begin_step()
+
+    def _measure_error(self, h: float) -> float:
+        """Local error [m] of the step of length h [s] just made; zero if errors are not measured."""
+        if self._local_error is None:
+            return 0.0
+        return self._local_error.measure(h)
+
+    def _factor_by_error(self, error: float) -> float:
+        """Ratio of step lengths that brings a local error [m] below the tolerance, with safety."""
+        if error > 0:
+            return float(SAFETY_FACTOR * (self._tolerance / error) ** (1 / 3))
+        return math.inf
+
+    def _next_factor(self, iterations: int, error: float) -> float:
+        """Ratio (4) of the next step to an accepted one, before `max_factor` limits it."""
+        by_iterations = self._control.target_iterations / max(iterations, 1)
+        factor = min(by_iterations, self._factor_by_error(error))
+        return max(factor, self._control.min_factor)
 
     def get_state(self) -> dict[str, Any]:
-        return {"wanted": self.wanted, "before": self._estimate.before if self._estimate else 0.0}
+        """History variables for a checkpoint; the keys belong to its file format."""
+        length_before = 0.0
+        if self._local_error:
+            length_before = self._local_error.length_before
+        return {"wanted": self.wanted, "before": length_before}
 
     def set_state(self, state: dict[str, Any]) -> None:
+        """Restore what `get_state` returned."""
         self.wanted = state["wanted"]
-        if self._estimate:
-            self._estimate.before = state["before"]
+        if self._local_error:
+            self._local_error.length_before = state["before"]
 
 
 class LocalError:
-    """RMS [m] of e = h³/12 · 2 (a - a₋)/(h + h₋), a and a₋ the mean accelerations of a step and the one before."""
+    """Estimates the local error (1), (2) of the midpoint rule.
+
+    Around each step, call `begin_step`, make the step, call `measure`, and, if the step is accepted,
+    `commit`.
+
+    Args:
+        system: compiled scene.
+
+    Attributes:
+        acceleration: a_, the mean acceleration of the last accepted step [m/s²].
+        length_before: h_, its length [s]; zero before the first step.
+
+    Raises:
+        InputError: nothing in the scene has mass.
+    """
 
     def __init__(self, system: System) -> None:
         self._system = system
-        self.acceleration, self._v, self._a, self._e, self._Me = (
-            system.numbering.vector() for _ in range(5)
-        )
-        self.before = 0.0  # h₋; 0: there is none
+        self.acceleration = system.numbering.vector()
+        self.length_before = 0.0
+        self._start_velocity = system.numbering.vector()
+        self._mean_acceleration = system.numbering.vector()
+        self._change = system.numbering.vector()
+        self._scratch = system.numbering.vector()
         self._mass = self._total_mass()
         check(
             self._mass > 0,
@@ -164,36 +252,36 @@ class LocalError:
         )
 
     def _total_mass(self) -> float:
-        """[kg]"""
-        system, x = self._system, self._a
-        with x as values:
+        """Mass [kg] that moves in the x direction: of all bodies, without multipliers and directors."""
+        system = self._system
+        along_x = self._mean_acceleration
+        with along_x as values:
             for body in system.bodies:
-                values[system.block(body).owned].reshape(-1, body.block.size)[:, 0] = 1.0
-        system.M.mult(x, self._Me)
-        return float(x.dot(self._Me))
+                nodes = values[system.block(body).owned].reshape(-1, body.block.size)
+                nodes[:, 0] = 1.0
+        system.M.mult(along_x, self._scratch)
+        return float(along_x.dot(self._scratch))
 
-    def begin(self) -> None:
-        """Start a step."""
-        self._system.v0.copy(self._v)
+    def begin_step(self) -> None:
+        """Note the velocity at the start of a step."""
+        self._system.v0.copy(self._start_velocity)
 
-    def __call__(self, h: float) -> float:
-        """Of the step of length h that was made; zero if there was none before."""
-        a, system = self._a, self._system
-        a.waxpy(-1.0, self._v, system.v0)
-        a.scale(1 / h)
-        self._h = h
-        if not self.before:
+    def measure(self, h: float) -> float:
+        """Local error ε [m] of the step of length h [s] just made; zero for the first step of a run."""
+        mean = self._mean_acceleration
+        mean.waxpy(-1.0, self._start_velocity, self._system.v0)
+        mean.scale(1 / h)
+        self._length = h
+        if not self.length_before:
             return 0.0
-        self._e.waxpy(-1.0, self.acceleration, a)
-        system.M.mult(self._e, self._Me)
-        return (
-            h**3
-            / 6
-            / (h + self.before)
-            * float(np.sqrt(max(self._e.dot(self._Me), 0.0) / self._mass))
-        )
+        self._change.waxpy(-1.0, self.acceleration, mean)
+        self._system.M.mult(self._change, self._scratch)
+        # Round-off may make the square of a vanishing change negative.
+        square = max(self._change.dot(self._scratch), 0.0)
+        rms = float(np.sqrt(square / self._mass))
+        return h**3 / 6 / (h + self.length_before) * rms
 
-    def accept(self) -> None:
-        """The step stands."""
-        self._a.copy(self.acceleration)
-        self.before = self._h
+    def commit(self) -> None:
+        """Accept the step that `measure` was called for."""
+        self._mean_acceleration.copy(self.acceleration)
+        self.length_before = self._length

@@ -1,4 +1,4 @@
-"""How a run makes its steps: what a stepper is, and steps of one length."""
+"""How a run makes its steps: the contracts of steppers and step controls, and steps of equal length."""
 
 from __future__ import annotations
 
@@ -11,7 +11,11 @@ from gossamer_fx.solvers.newton import Newton
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import StressRule
 
-ROUND_OFF = 1e-10  # relative difference of a step from the wanted one that comes from summing times
+# Relative difference of a step from the wanted one that the summation of times explains.
+ROUND_OFF = 1e-10
+
+# A last step may exceed the wanted length by this fraction instead of being divided into two.
+ALLOWED_EXCESS = 1e-6
 
 
 class StepSolver(Protocol):
@@ -20,69 +24,107 @@ class StepSolver(Protocol):
     newton: Newton
 
     def step(self, h: float) -> int:
-        """Advance by h, return the iterations; raise `NotConverged` and change nothing."""
+        """Advance the system by h [s]; returns the number of Newton iterations.
+
+        Raises:
+            NotConverged: the step failed; the state of the system is unchanged.
+        """
         ...
 
 
 @runtime_checkable
 class Stepper(Protocol):
-    """A time stepper: its step, and the rule by which it takes stresses."""
+    """A time stepper, such as `Midpoint`: its first step length, and its stress rule."""
 
     @property
-    def dt(self) -> float: ...
+    def dt(self) -> float:
+        """Step [s]."""
+        ...
 
     @property
-    def rule(self) -> StressRule: ...
+    def rule(self) -> StressRule:
+        """Which stress acts in a step."""
+        ...
 
-    def start(self, system: System) -> StepSolver: ...
+    def start(self, system: System) -> StepSolver:
+        """The stepper at work on a compiled system."""
+        ...
 
 
 class Stepping(Protocol):
-    """A choice of steps at work: the length `wanted` [s] for the next, and what was done so far."""
+    """A sequence of steps of a run.
+
+    Attributes:
+        wanted: length of the next step [s], unless the run must meet an earlier time.
+        iterations: Newton iterations of all converged steps so far.
+        substeps: rejected steps so far.
+    """
 
     wanted: float
     iterations: int
     substeps: int
 
     def advance(self, h: float) -> None:
-        """Go on by h, or by less.
+        """Advance the run by h [s], or by less.
 
         Raises:
-            StepFailure: it did not converge, also not in smaller steps; those that did are kept.
+            StepFailure: the step failed, also in the smallest sub-steps; sub-steps that converged
+                remain.
         """
         ...
 
 
 @runtime_checkable
 class Control(Protocol):
-    """A choice of the lengths of steps."""
+    """A choice of step lengths, such as `StepControl`."""
 
     def start(self, system: System, solver: StepSolver, dt: float) -> Stepping:
-        """Choose the steps of a run, of which the first has the length dt [s]."""
+        """The steps of a run, the first of which has the length dt [s]."""
         ...
 
 
 class EqualSteps:
-    """Steps of one length; one that does not converge is made of two halves, and so on."""
+    """Steps of equal length; a step that fails is divided into halves, and these again.
+
+    Args:
+        system: compiled scene.
+        solver: stepper at work on it.
+        dt: step [s].
+        halvings: how often a step may be halved, so that the shortest sub-step is dt/2^halvings.
+
+    Raises:
+        InputError: halvings is negative.
+    """
 
     def __init__(self, system: System, solver: StepSolver, dt: float, halvings: int) -> None:
         check(
             halvings >= 0,
             f"halvings is {halvings!r}; give the number of times that a step may be halved, or zero.",
         )
-        self._system, self._solver, self._halvings = system, solver, halvings
-        self.wanted, self.iterations, self.substeps = dt, 0, 0
+        self._system = system
+        self._solver = solver
+        self._halvings = halvings
+        self.wanted = dt
+        self.iterations = 0
+        self.substeps = 0
 
     def advance(self, h: float) -> None:
+        """Advance the run by h [s].
+
+        Raises:
+            StepFailure: a shortest sub-step failed; sub-steps that converged before it remain.
+        """
         self._attempt(h, self._halvings)
 
     def _attempt(self, h: float, halvings: int) -> None:
+        """Make a step of length h [s], or its halves, which may be halved `halvings - 1` times."""
         failure = None
         try:
             self.iterations += self._solver.step(h)
         except NotConverged as error:
             failure = str(error)
-        # here, so that the error of a half does not show the errors of all that it is a half of
+        # Outside the except clause: the traceback of a failed half would otherwise show the errors
+        # of all longer steps, too.
         if failure is not None:
             if halvings == 0:
                 raise step_failure(self._system, h, failure)
@@ -91,17 +133,24 @@ class EqualSteps:
             self._attempt(h / 2, halvings - 1)
 
 
-def even_step(left: float, wanted: float) -> float:
-    """The length of steps that meet a time `left` seconds away, each no longer than wanted, or hardly so.
+def even_step(remaining: float, wanted: float) -> float:
+    """Length [s] of equal steps that end in `remaining` seconds, each at most `wanted`, up to round-off.
 
-    It is the wanted one itself if it differs by round-off, so that a run does not depend on where it was to end.
+    It is exactly `wanted` if it differs from that by round-off, so that the steps of a run do not
+    depend on the times at which it is stopped and restarted.
+
+    Example:
+        even_step(1.0, 0.3) == 0.25
     """
-    even = left / math.ceil(left / wanted - 1e-6)
-    return wanted if abs(even - wanted) <= ROUND_OFF * wanted else even
+    count = math.ceil(remaining / wanted - ALLOWED_EXCESS)
+    even = remaining / count
+    if abs(even - wanted) <= ROUND_OFF * wanted:
+        return wanted
+    return even
 
 
 def step_failure(system: System, h: float, reason: object) -> StepFailure:
-    """The error of a step of length h that cannot be made smaller."""
+    """The error for a step whose smallest sub-step, of length h [s], failed."""
     return StepFailure(
         f"The step at t = {system.time:.9g} s failed, also in sub-steps of {h:.3g} s: {reason}."
     )

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.contact.contact_set import REACH
-from gossamer_fx.solvers.newton import NEAR
+from gossamer_fx.solvers.newton import COMPLETE_TANGENT_RATIO
 from gossamer_fx.steppers import midpoint
 from tests.contact.scenes import film, group_of, pierced, simulate
 
@@ -40,8 +40,8 @@ def test_a_scene_without_contact_limits_nothing(comm):
     assert not run.system.active_sets
 
 
-def test_careful_tangents_are_complete_near_the_solution(monkeypatch):
-    monkeypatch.setattr(midpoint, "CAREFUL", (20,))
+def test_tangents_have_their_geometric_stiffness_near_the_solution(monkeypatch):
+    monkeypatch.setattr(midpoint, "GEOMETRIC_STIFFNESS_DELAYS", (20,))
     lower = film(MPI.COMM_SELF, name="lower")
     upper = film(MPI.COMM_SELF, height=1.2e-3, velocity=(0.2, 0.1, -2.0), turn=0.4, name="upper")
     run = gx.Simulation(gx.Scene(gx.Contact(lower, upper, distance=1e-3)), gx.Midpoint(dt=1e-4))
@@ -55,7 +55,7 @@ def test_careful_tangents_are_complete_near_the_solution(monkeypatch):
     newton._tangent = run.system.tangent = seen  # new matrices take the second
     run.run(until=4e-4)
     assert {share for share, _ in shares} == {0.0, 1.0}
-    assert all((share == 0.0) == (residual > NEAR) for share, residual in shares)
+    assert all((share == 0.0) == (residual > COMPLETE_TANGENT_RATIO) for share, residual in shares)
     assert run.last_iterations < 20
 
 
@@ -67,14 +67,14 @@ def test_a_predictor_that_passed_through_is_no_measure_of_the_residual():
     )
     run = gx.Simulation(gx.Scene(gx.Contact(lower, upper, distance=1e-3)), gx.Midpoint(dt=1e-4))
     newton, first = run.solver.newton, []
-    solved = newton._solved
+    solved = newton._is_solved
 
     def seen():
-        if newton._before == np.inf:  # the first residual of a step
-            first.append((newton._forces, newton._reference))
+        if newton._previous_norm == np.inf:  # the first residual of a step
+            first.append((newton._norm, newton._reference))
         return solved()
 
-    newton._solved = seen
+    newton._is_solved = seen
     run.run(until=1e-3)
     assert max(forces / reference for forces, reference in first) > 100
     system = run.system

@@ -53,11 +53,11 @@ def test_the_local_error_of_an_oscillator_is_estimated(h: float) -> None:
     run = gx.Simulation(scene, gx.Midpoint(dt=h))
     estimate = LocalError(run.system)
     for _ in range(20):
-        estimate.begin()
+        estimate.begin_step()
         t = run.time
         run.run(until=t + h)
-        found = estimate(h)
-        estimate.accept()
+        found = estimate.measure(h)
+        estimate.commit()
         if t:
             # the difference of the accelerations is centred at the start of the step
             exact = h**3 * OMEGA**3 * abs(math.sin(OMEGA * t)) / 12
@@ -109,9 +109,9 @@ def test_nothing_is_lost_for_any_sequence_of_steps(kind: str, seed: int) -> None
     run = gx.Simulation(scene, gx.Midpoint(dt=1.0))
     rng = np.random.default_rng(seed)
     for h in 10 ** rng.uniform(-5, -2.3, 6):
-        run.history.keep()
+        run.history.commit()
         run.stepping.advance(h * rng.uniform(0.1, 2))
-        run.history.go_back()
+        run.history.rollback()
         run._advance(h)
     first, last = run.first, run.totals
     assert abs(run.energy_error) <= 1e-9
@@ -132,14 +132,14 @@ def test_a_step_that_is_taken_back_leaves_no_trace(
     """
     run = gx.Simulation(scene(COMM), gx.Midpoint(dt=1e-3))
     run.run(until=3e-3)
-    run.history.keep()
+    run.history.commit()
     results = []
     for trial in (1e-3, 2.7e-3, 1e-3):
         run.stepping.advance(trial)
         results.append(
             (run.system.q0.array_r.copy(), run.system.v0.array_r.copy(), run.system.totals().energy)
         )
-        run.history.go_back()
+        run.history.rollback()
     for first, again in zip(results[0], results[2], strict=True):
         largest = COMM.allreduce(float(np.max(np.abs(first), initial=0.0)), MPI.MAX)
         np.testing.assert_allclose(

@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 import gossamer_fx as gx
 from demos.spinning_sheet import throw
-from gossamer_fx.solvers.coarse_space import PATCH, patches, prolongation
+from gossamer_fx.solvers.coarse_space import NODES_PER_PATCH, patches, prolongation
 from gossamer_fx.solvers.failures import NotConverged
 from meshes.line import line
 from meshes.sheet import sheet
@@ -70,9 +70,9 @@ def test_its_columns_are_orthonormal_and_vanish_where_nodes_are_held(comm):
 def test_patches_have_the_same_size(comm, order):
     patch = patches_of(simulation(comm, 40, order=order).system.bodies[0])
     sizes = np.bincount(patch)
-    assert sizes.max() <= PATCH
-    assert np.median(sizes) > PATCH / 2
-    assert len(sizes) < 2.5 * len(patch) / PATCH
+    assert sizes.max() <= NODES_PER_PATCH
+    assert np.median(sizes) > NODES_PER_PATCH / 2
+    assert len(sizes) < 2.5 * len(patch) / NODES_PER_PATCH
 
 
 def test_films_that_lie_on_each_other_are_in_patches_of_their_own(comm):
