@@ -12,18 +12,19 @@ or slack, and has kinks in its stress where the state changes.  Gauss points con
 such a kink, and they leave a tangent that is not positive definite.
 
 Idea.  Cut the path where the film changes its state; integrate each piece in closed form.  Strains
-are vectors (e11, e22, e3 = 2 e12).  Mohr's circle of a strain has the centre h and the radius r,
+are vectors (e1, e2, e3) = (E11, E22, 2 E12).  Mohr's circle of a strain has the centre h and the
+radius r,
 
     h = (e1 + e2)/2,    d = ((e1 - e2)/2, e3/2),    r = |d|,                                     (2)
 
-and principal strains h + r and h - r.  In the space (h, d) the taut strains and the slack strains
-of `materials.film.Miyazaki` fill two circular cones h + margin ≥ m r.  A straight line meets a
-convex cone in one interval.
+and the principal strains are h + r and h - r.  In the space (h, d) the taut strains and the slack
+strains of `materials.film.Miyazaki` fill two circular cones h + margin ≥ m r.  A straight line
+meets a convex cone in one interval.
 
 Algorithm.
 
 1. The law names its cones; `within_cone` returns the interval (start, end) of the path in each of
-   them.  With p(s) = (h + margin, m d) the boundary of the cone lies at roots of
+   them.  Its ends lie at roots of
 
        q(s) = (h(s) + margin)² - m² r(s)² = A s² + 2 B s + C,                                    (3)
 
