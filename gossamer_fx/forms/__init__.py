@@ -1,1 +1,1 @@
-"""UFL: its compilation, and the small vocabulary in which measures are written."""
+"""Strain measures and bending forms in UFL, their compilation, and the interface to dolfinx."""

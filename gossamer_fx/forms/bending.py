@@ -1,22 +1,43 @@
-"""Bending of plates whose stress-free shape is flat, as UFL: the C0 interior penalty method for all components alike.
+"""Bending energy of plates by the C0 interior penalty method, as UFL forms.
 
-While strains are small the curvature tensor of the moved surface has |II|² = |D²x|², so the bending energy is the
-quadratic form ½ a(x, x) of Engel et al. (Comput. Methods Appl. Mech. Eng. 191 (2002) 3669,
-doi:10.1016/S0045-7825(02)00286-4)
+Problem.  Positions of order 2 are continuous across the edges of triangles, but their slopes are
+not; so the curvature has no square-integrable meaning across an edge, where a plate nevertheless
+transmits moments.
 
-    a(x, w) = ∫ M(x):D²w dA - Σ_edges ∫ ({m(x)}·[w,n] + {m(w)}·[x,n] - s [x,n]·[w,n]) ds
+Method.  While strains are small the curvature tensor II of the moved surface has |II|² = |D²x|²,
+with D²x the second derivatives of the positions x.  For a plate whose stress-free shape is flat the
+bending energy is therefore the quadratic form ½ a(x, x) of Engel et al., applied to each component
+of x alike:
 
-with the moment M(x) = D ((1-ν) D²x + ν tr(D²x) I), m = n·M n across an edge, x,n = ∂x/∂n along the outer conormal of
-each cell (so that [x,n] is their sum) and {·} the mean of both cells.  It takes positions of order 2, is invariant to
-rigid motions, and exact for isometric ones of any size.
+    a(x, w) = ∫ M(x):D²w dA - Σ_edges ∫ ({m(x)}·[w,n] + {m(w)}·[x,n] - s [x,n]·[w,n]) ds         (1)
 
-For these M is constant in a cell of area A, so ∫ m² ds ≤ D l/A ∫ M:D²x dA on an edge of length l; with three edges a
-cell a(x, x) ≥ 0 for s ≥ ¾ D l (1/A₊ + 1/A₋) on interior edges and s ≥ 3 D l/A on clamped ones, whatever the
-triangles.  The penalty is `PENALTY` times that.
+    M(x) = D ((1-ν) D²x + ν tr(D²x) I)    bending moment [N], D = E t³/(12 (1-ν²)) [N m]         (2)
+    m = n·M n                             bending moment across an edge
+    x,n = ∂x/∂n                           slope along the outer conormal n of each cell, so that the
+                                          jump [x,n] is the sum of both sides
+    {·}                                   mean of both cells
 
-Of order 1 only the angles between cells are left.  The usual energy of such hinges, ½ D Σ 3 l²/(A₊ + A₋) θ²,
-converges to what the pattern of the mesh makes of it: the cantilever under PL²/EI = 10 rises to 0.65 L on parallel and
-alternating diagonals, 0.56 L on crossed ones, 0.60 L on an irregular mesh, and not to 0.81 L.
+It is invariant to rigid motions, and exact for isometric ones of any size.
+
+Penalty.  M is constant in a cell of area A, so on an edge of length l ∫ m² ds ≤ (D l/A) ∫ M:D²x dA.
+With three edges a cell a(x, x) ≥ 0, whatever the triangles, for
+
+    s ≥ ¾ D l (1/A₊ + 1/A₋)    on interior edges,    s ≥ 3 D l/A    on clamped edges.            (3)
+
+The penalty is `PENALTY` times that bound.
+
+Rest curvature.  A plate that is free of moments with the curvature H0 has the energy ½ a(x, x) - ∫
+M0:κ dA + const., with M0 the moment of H0, and κ = n·D²x the curvature of the moved surface.  The
+normal n makes these terms triple products of vectors (`Bending.rest_in_cells`,
+`Bending.rest_at_edges`).
+
+Limits.  Positions of order 1 leave only the angles between cells.  The usual energy of such hinges,
+½ D Σ 3 l²/(A₊ + A₋) θ², converges to a value that depends on the pattern of the mesh: the tip of a
+cantilever under PL²/EI = 10 rises to 0.65 L on parallel and alternating diagonals, 0.56 L on
+crossed ones and 0.60 L on an irregular mesh, instead of 0.81 L.
+
+Source: G. Engel et al., Comput. Methods Appl. Mech. Eng. 191 (2002) 3669,
+doi:10.1016/S0045-7825(02)00286-4.
 """
 
 from __future__ import annotations
@@ -27,135 +48,233 @@ import ufl
 
 from gossamer_fx.forms.kinematics import Expr
 
+# Factor on the bound (3): above 1 the form is definite; larger values only make it stiffer and
+# worse conditioned.
 PENALTY = 1.5
-DEGREE, EDGE_DEGREE = 0, 2  # D²x is constant in a cell, x,n linear along an edge
+
+# Polynomial degree of the integrands: D²x is constant in a cell, x,n linear along an edge.
+DEGREE = 0
+EDGE_DEGREE = 2
 
 
 def second_gradient(x: Expr, B: Expr) -> Expr:
-    """D²x (3, 2, 2): second derivatives of the positions x along the frame B (3x2) of a plane cell."""
+    """Second derivatives D²x (3, 2, 2) [1/m] of positions x (3,) along the frame B (3, 2) of a
+    plane cell.
+    """
     i, j, k, a, b = ufl.indices(5)
-    return ufl.as_tensor(ufl.grad(ufl.grad(x))[i, j, k] * B[j, a] * B[k, b], (i, a, b))
+    H = ufl.grad(ufl.grad(x))
+    return ufl.as_tensor(H[i, j, k] * B[j, a] * B[k, b], (i, a, b))
 
 
 def moment(H: Expr, D: Expr, ν: Expr) -> Expr:
-    """D ((1-ν) H + ν tr(H) I) of a curvature H (2, 2)."""
+    """Bending moment D ((1-ν) H + ν tr(H) I) (2, 2) [N] of a curvature H (2, 2) [1/m].
+
+    Args:
+        H: curvature (2, 2) [1/m].
+        D: bending stiffness [N m].
+        ν: Poisson's ratio.
+
+    >>> import ufl
+    >>> cylinder = ufl.as_matrix([[1.0, 0.0], [0.0, 0.0]])
+    >>> M = moment(cylinder, D=2.0, ν=0.25)
+    >>> M[0, 0](()), M[1, 1](())
+    (2.0, 0.5)
+    """
     return D * ((1 - ν) * H + ν * ufl.tr(H) * ufl.Identity(2))
 
 
 def curvature(x: Expr, B: Expr) -> Expr:
-    """κ = n·D²x (2, 2) [1/m] of the moved surface, n its unit normal."""
+    """Curvature κ = n·D²x (2, 2) [1/m] of the moved surface, n its unit normal.
+
+    Args:
+        x: positions (3,) [m] of order 2.
+        B: frame (3, 2) of the mesh.
+    """
     F = ufl.dot(ufl.grad(x), B)
-    n, H = ufl.cross(F[:, 0], F[:, 1]), second_gradient(x, B)
-    return ufl.as_matrix([[ufl.dot(n, H[:, a, b]) for b in range(2)] for a in range(2)]) / ufl.sqrt(
-        ufl.dot(n, n)
-    )
+    normal = ufl.cross(F[:, 0], F[:, 1])
+    H = second_gradient(x, B)
+    rows = []
+    for a in range(2):
+        row = [ufl.dot(normal, H[:, a, b]) for b in range(2)]
+        rows.append(row)
+    return ufl.as_matrix(rows) / ufl.sqrt(ufl.dot(normal, normal))
 
 
 class Bending:
-    """The bending of a plate: its forms.
+    """Bending forms of one plate; equation numbers are those of the module.
 
     Args:
-        domain: plane triangles with straight edges, B (3x2) their frame.
-        D: bending stiffness E t³/(12 (1-ν²)) [N m], ν: Poisson's ratio.
-        rest: curvature (2, 2) [1/m] of the plate without bending moments; none: flat.
+        domain: plane triangles with straight edges.
+        B: frame (3, 2) of the triangles.
+        D: bending stiffness E t³/(12 (1-ν²)) [N m].
+        ν: Poisson's ratio.
+        penalty: factor on the bound (3), such as `PENALTY`.
+        rest: curvature (2, 2) [1/m] of the plate without bending moments; None for a flat plate.
     """
 
     def __init__(
-        self, domain: ufl.Mesh, B: Expr, D: Expr, ν: Expr, penalty: Expr, rest: Expr | None = None
+        self,
+        domain: ufl.Mesh,
+        B: Expr,
+        D: Expr,
+        ν: Expr,
+        penalty: Expr,
+        rest: Expr | None = None,
     ) -> None:
-        self._B, self._D, self._ν, self._η, self.rest = B, D, ν, penalty, rest
-        self._n, self._length, self._area = (
-            ufl.FacetNormal(domain),
-            ufl.FacetArea(domain),
-            ufl.CellVolume(domain),
-        )
+        self._B = B
+        self._D = D
+        self._ν = ν
+        self._penalty = penalty
+        self.rest = rest
+        self._n = ufl.FacetNormal(domain)
+        self._length = ufl.FacetArea(domain)
+        self._area = ufl.CellVolume(domain)
 
-    # ---- the quadratic form --------------------------------------------------------------------------------------
+    # ---- the quadratic form ----------------------------------------------------------------------
 
     def cells(self, x: Expr, w: Expr, dx: ufl.Measure) -> ufl.Form:
-        """The cells' part of a(x, w)."""
-        H, G = second_gradient(x, self._B), second_gradient(w, self._B)
-        return (
-            sum(ufl.inner(moment(H[i, :, :], self._D, self._ν), G[i, :, :]) for i in range(3)) * dx
-        )
+        """Integral of a(x, w) over the cells, the first term of (1) [J].
+
+        Args:
+            x: positions (3,) [m].
+            w: test function (3,).
+            dx: measure of the cells, of degree `DEGREE`.
+        """
+        H = second_gradient(x, self._B)
+        G = second_gradient(w, self._B)
+        densities = []
+        for i in range(3):
+            M = self._moment(H[i, :, :])
+            densities.append(ufl.inner(M, G[i, :, :]))
+        return sum(densities) * dx
 
     def edges(self, x: Expr, w: Expr, dS: ufl.Measure) -> ufl.Form:
-        """The part of a(x, w) of interior edges that transmit bending."""
-        s = (
-            0.75
-            * self._η
-            * self._length("+")
-            * sum((self._D / self._area)(side) for side in ("+", "-"))
-        )
-        dx, dw = jump(self.slope, x), jump(self.slope, w)
-        m, mw = mean(self._edge_moment, x), mean(self._edge_moment, w)
-        return (s * ufl.dot(dx, dw) - ufl.dot(m, dw) - ufl.dot(mw, dx)) * dS
+        """Integral of a(x, w) over interior edges that transmit bending, the second term of (1)
+        [J].
+
+        Args:
+            x: positions (3,) [m].
+            w: test function (3,).
+            dS: measure of these edges, of degree `EDGE_DEGREE`.
+        """
+        stiffness_per_area = sum((self._D / self._area)(side) for side in ("+", "-"))
+        s = 0.75 * self._penalty * self._length("+") * stiffness_per_area
+        jump_x = jump(self.slope, x)
+        jump_w = jump(self.slope, w)
+        moment_x = mean(self._edge_moment, x)
+        moment_w = mean(self._edge_moment, w)
+        penalty_term = s * ufl.dot(jump_x, jump_w)
+        work_of_moments = ufl.dot(moment_x, jump_w)
+        # The transposed term makes the form symmetric.
+        work_of_test_moments = ufl.dot(moment_w, jump_x)
+        return (penalty_term - work_of_moments - work_of_test_moments) * dS
 
     def clamp(self, x: Expr, w: Expr, d: Expr, ds: ufl.Measure) -> ufl.Form:
-        """The part of a(x, w) of edges of the rim where the plate is tangent to the unit vector d (3,)."""
-        dx, dw = (u - ufl.dot(u, d) * d for u in (self.slope(x), self.slope(w)))
-        s = 3 * self._η * self._length * self._D / self._area
+        """Integral of a(x, w) over boundary edges where the plate is tangent to a given direction
+        [J].
+
+        Args:
+            x: positions (3,) [m].
+            w: test function (3,).
+            d: unit vector (3,) to which the plate is tangent.
+            ds: measure of these edges, of degree `EDGE_DEGREE`.
+        """
+        # The jump is the part of the slope perpendicular to d; along d the slope is free.
+        slope_x = self.slope(x)
+        slope_w = self.slope(w)
+        jump_x = slope_x - ufl.dot(slope_x, d) * d
+        jump_w = slope_w - ufl.dot(slope_w, d) * d
+        s = 3 * self._penalty * self._length * self._D / self._area
         form = (
-            s * ufl.dot(dx, dw)
-            - ufl.dot(self._edge_moment(x), dw)
-            - ufl.dot(self._edge_moment(w), dx)
+            s * ufl.dot(jump_x, jump_w)
+            - ufl.dot(self._edge_moment(x), jump_w)
+            - ufl.dot(self._edge_moment(w), jump_x)
         )
-        if self.rest is not None:  # -m0 (n·d), n the normal x,n × x,t
-            form -= self._across(self.rest_moment) * sum(
-                ufl.dot(ufl.cross(self.slope(u), self._along(v)), d) for u, v in ((x, w), (w, x))
-            )
+        if self.rest is not None:
+            # -m0 (n·d), with the normal n = x,n × x,t of the surface at the edge, which is bilinear
+            # in x.
+            m0 = self._across(self.rest_moment)
+            normal_x = ufl.cross(self.slope(x), self._along(w))
+            normal_w = ufl.cross(self.slope(w), self._along(x))
+            form -= m0 * (ufl.dot(normal_x, d) + ufl.dot(normal_w, d))
         return form * ds
 
-    # ---- rest curvature ------------------------------------------------------------------------------------------
+    # ---- rest curvature --------------------------------------------------------------------------
 
     @property
     def rest_moment(self) -> Expr:
-        """M0 (2, 2), the moment of the rest curvature."""
-        return moment(self.rest, self._D, self._ν)
+        """Moment M0 (2, 2) [N] of the rest curvature, equation (2)."""
+        return self._moment(self.rest)
 
     def rest_energy(self, dx: ufl.Measure) -> ufl.Form:
-        """½∫ M0:H0 dA: the energy of the flat plate."""
+        """Energy ½∫ M0:H0 dA [J] of the plate when it is held flat."""
         return ufl.inner(self.rest_moment, self.rest) / 2 * dx
 
     def rest_in_cells(self, x: Expr) -> tuple[Expr, Expr, Expr]:
-        """Three vectors (3,) whose triple product is -M0:(n·D²x), n = x,1 × x,2."""
-        F, H, M0 = ufl.dot(ufl.grad(x), self._B), second_gradient(x, self._B), self.rest_moment
-        return F[:, 0], F[:, 1], -sum(M0[a, b] * H[:, a, b] for a in range(2) for b in range(2))
+        """Three vectors (3,) whose triple product is -M0:(n·D²x), with the normal n = x,1 × x,2."""
+        F = ufl.dot(ufl.grad(x), self._B)
+        H = second_gradient(x, self._B)
+        M0 = self.rest_moment
+        pairs = [(a, b) for a in range(2) for b in range(2)]
+        third = -sum(M0[a, b] * H[:, a, b] for a, b in pairs)
+        return F[:, 0], F[:, 1], third
 
     def rest_at_edges(self, x: Expr) -> tuple[Expr, Expr, Expr]:
-        """Three vectors (3,) whose triple product is {m0} n·[x,n], the same with n = x,n × x,t of either cell."""
-        m0 = (self._across(self.rest_moment)("+") + self._across(self.rest_moment)("-")) / 2
-        return self.slope(x)("+"), self._along(x)("+"), m0 * self.slope(x)("-")
+        """Three vectors (3,) whose triple product is {m0} n·[x,n] at an interior edge.
 
-    # ---- on an edge ----------------------------------------------------------------------------------------------
+        The normal n = x,n × x,t of either cell gives the same product.
+        """
+        sides = [self._across(self.rest_moment)(side) for side in ("+", "-")]
+        m0 = (sides[0] + sides[1]) / 2
+        n_here = self.slope(x)("+")
+        t_here = self._along(x)("+")
+        n_there = self.slope(x)("-")
+        return n_here, t_here, m0 * n_there
+
+    # ---- on an edge ------------------------------------------------------------------------------
 
     def slope(self, x: Expr) -> Expr:
-        """x,n (3,), n the outer conormal."""
+        """Slope x,n (3,) along the outer conormal n of the cell."""
         return ufl.dot(ufl.grad(x), self._n)
 
     def edge_normal(self, x: Expr) -> Expr:
-        """x,n × x,t (3,): the normal of the surface at the edge."""
+        """Normal x,n × x,t (3,) of the moved surface at the edge."""
         return ufl.cross(self.slope(x), self._along(x))
 
     def _along(self, x: Expr) -> Expr:
-        """x,t (3,), along the edge: (n, t, normal of the mesh) is right-handed."""
-        return ufl.dot(ufl.grad(x), ufl.cross(ufl.cross(self._B[:, 0], self._B[:, 1]), self._n))
+        """Derivative x,t (3,) along the edge; (n, t, normal of the mesh) is right-handed."""
+        mesh_normal = ufl.cross(self._B[:, 0], self._B[:, 1])
+        t = ufl.cross(mesh_normal, self._n)
+        return ufl.dot(ufl.grad(x), t)
 
     def _across(self, M: Expr) -> Expr:
-        """n·M n."""
+        """Component n·M n of a tensor (2, 2) across the edge."""
         n = ufl.dot(self._B.T, self._n)
         return ufl.dot(n, ufl.dot(M, n))
 
     def _edge_moment(self, x: Expr) -> Expr:
-        """m(x) (3,)."""
+        """Bending moment m(x) (3,) across the edge."""
         H = second_gradient(x, self._B)
-        return ufl.as_vector([self._across(moment(H[i, :, :], self._D, self._ν)) for i in range(3)])
+        components = []
+        for i in range(3):
+            M = self._moment(H[i, :, :])
+            components.append(self._across(M))
+        return ufl.as_vector(components)
+
+    def _moment(self, H: Expr) -> Expr:
+        """Bending moment (2, 2) of a curvature (2, 2) with the stiffness of this plate, equation
+        (2).
+        """
+        return moment(H, self._D, self._ν)
 
 
 def jump(of: Callable[[Expr], Expr], x: Expr) -> Expr:
-    """Sum of a quantity whose sign is that of the side."""
+    """Sum over both sides of an edge of a quantity that changes its sign with the side, such as a
+    slope.
+    """
     return of(x)("+") + of(x)("-")
 
 
 def mean(of: Callable[[Expr], Expr], x: Expr) -> Expr:
+    """Mean over both sides of an edge."""
     return (of(x)("+") + of(x)("-")) / 2

@@ -1,4 +1,4 @@
-"""Compilation of UFL: the one place that knows the options of the just-in-time compiler."""
+"""Compilation of UFL forms and expressions, with the options of the just-in-time compiler."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import hashlib
 import os
 import platform
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -26,52 +26,73 @@ from ufl.variable import Label
 
 @cache
 def kernel_options() -> dict[str, Any]:
-    """Options of the C compiler, and a kernel cache of this processor alone: its kernels may not run on another.
+    """Options of dolfinx's just-in-time compiler: cache folder, compiler flags, time limit.
 
-    `-mtune=generic`: gcc's scheduling model of recent processors takes minutes for the straight-line code of a
-    tangent (26 s against 0.2 s measured on a Zen 5), and the kernels run no faster for it.
+    The cache folder is named after the processor: kernels are compiled for its instructions and may
+    not run on another one.
     """
-    flags = next(
-        (
-            line
-            for line in Path("/proc/cpuinfo").read_text().splitlines()
-            if line.startswith(("flags", "Features"))
-        ),
-        platform.processor(),
-    )
-    cpu = hashlib.sha1(flags.encode()).hexdigest()[:10]
+    cpu = hashlib.sha1(_processor_features().encode()).hexdigest()[:10]
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     return {
         "cache_dir": str(home / "gossamer_fx" / f"kernels-{cpu}"),
+        # -mtune=generic: gcc's scheduling model of recent processors takes minutes for the
+        # straight-line code of a tangent (26 s against 0.2 s measured on a Zen 5), and the kernels
+        # run no faster for it.
         "cffi_extra_compile_args": ["-O2", "-g0", "-march=native", "-mtune=generic"],
-        "timeout": 2,  # s to wait for a kernel that another process has begun; then see `_with_cache`
+        # Seconds to wait for a kernel that another process has begun; then see `_with_cache`.
+        "timeout": 2,
     }
 
 
+def _processor_features() -> str:
+    """The line of /proc/cpuinfo with the instruction sets: "flags" on x86, "Features" on ARM."""
+    for line in Path("/proc/cpuinfo").read_text().splitlines():
+        if line.startswith(("flags", "Features")):
+            return line
+    return platform.processor()
+
+
 def constant(mesh: Mesh, value: float) -> fem.Constant:
-    """A number that may change without a new compilation, as a literal in a form may not."""
+    """Create a number for use in forms whose value may change without a new compilation.
+
+    A literal in a form is part of the compiled code: each value would be compiled again.
+    """
     return fem.Constant(mesh, default_scalar_type(value))
 
 
 def compile_form(form: ufl.Form) -> fem.Form:
-    """Compile a form (or take its kernel from the cache)."""
-    comm, numbered = form.ufl_domain().ufl_cargo().comm, map_integrand_dags(_Number(form), form)
+    """Compile a form, or load its kernel from the cache.  Collective.
+
+    Raises:
+        RuntimeError: the compiler fails.
+    """
+    comm = form.ufl_domain().ufl_cargo().comm
+    numbered = map_integrand_dags(_Number(form), form)
     return _with_cache(comm, lambda: fem.form(numbered, jit_options=kernel_options()))
 
 
 def compile_expression(expression: Any, points: npt.NDArray[np.floating[Any]]) -> fem.Expression:
-    """Compile an expression for evaluation at `points` of the reference cell, shape (n, tdim)."""
+    """Compile an expression for evaluation at points of the cells.  Collective.
+
+    Args:
+        expression: UFL expression.
+        points: points (n, tdim) of the reference cell.
+
+    Raises:
+        RuntimeError: the compiler fails.
+    """
     comm = ufl.domain.extract_unique_domain(expression).ufl_cargo().comm
     numbered = map_integrand_dags(_Number(expression), expression)
     return _with_cache(comm, lambda: fem.Expression(numbered, points, jit_options=kernel_options()))
 
 
 class _Number(MultiFunction):
-    """Numbers the constants of a form or expression, and the labels of `ufl.variable`, from zero.
+    """Renumbers the constants of a form or expression, and the labels of `ufl.variable`, from zero.
 
-    The program numbers them in the order in which they are made.  UFL puts the labels' numbers into the signature, and
-    sorts factors and summands by the constants' numbers as words, 10 before 9: without this, what a kernel is called
-    would depend on what else was made before, and the same law would be compiled anew.
+    UFL numbers them in the order in which the program creates them.  It puts the numbers of labels
+    into the signature of a form, and sorts factors and summands by the numbers of constants as
+    text, 10 before 9.  Without this class the signature, by which kernels are cached, would depend
+    on everything that was created before, and the same law would be compiled again.
     """
 
     expr = MultiFunction.reuse_if_untouched
@@ -79,43 +100,56 @@ class _Number(MultiFunction):
     def __init__(self, of: Any) -> None:
         super().__init__()
         self._labels: dict[Label, Label] = {}
-        self._constants = {old: _numbered(old, k) for k, old in enumerate(extract_constants(of))}
+        self._constants: dict[Any, ufl.Constant] = {}
+        for number, old in enumerate(extract_constants(of)):
+            self._constants[old] = _numbered(old, number)
 
     def label(self, label: Label) -> Label:
+        """The new label of a variable."""
         return self._labels.setdefault(label, Label(len(self._labels)))
 
     def constant(self, constant: fem.Constant) -> ufl.Constant:
+        """The new constant that stands for an old one."""
         return self._constants[constant]
 
 
 def _numbered(constant: fem.Constant, number: int) -> ufl.Constant:
-    """The same constant, whose value is also changed when the other's is, by another number."""
+    """A constant with another number that shares the value of a given one."""
     same = ufl.Constant(constant.ufl_domain(), constant.ufl_shape, count=number)
+    # Both refer to one C++ object: when the program changes the value, compiled forms see it.
     same._cpp_object = constant._cpp_object
     return same
 
 
 def _with_cache[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T:
-    """Compile; if it fails, once more without the kernels that were begun and will never be finished.
+    """Run a compilation; if it fails, remove unfinished kernels from the cache and run it again.
 
-    The compiler takes a source file without a kernel for one that another process is compiling, and gives up after a
-    while; so a run that was interrupted while it compiled would spoil all later ones.  Processes that compile hold a
-    shared lock, which ends with them: who has it alone knows that nothing is being compiled.
+    dolfinx takes a source file without a kernel for one that another process is compiling, and
+    gives up after the time limit.  A run that was killed while it compiled would thus make all
+    later runs fail.  Processes that compile hold a shared lock, which the system releases when they
+    end; whoever gets the exclusive lock knows that nothing is being compiled.
     """
-    leads = comm.rank == 0  # it compiles for all, while they wait
     try:
-        with _lock(fcntl.LOCK_SH) if leads else nullcontext():
+        with _shared_lock(comm):
             return task()
     except (TimeoutError, RuntimeError):
-        if leads:
+        if comm.rank == 0:
             _remove_unfinished()
-    with _lock(fcntl.LOCK_SH) if leads else nullcontext():
+    # The second failure is a real one, and goes to the caller.
+    with _shared_lock(comm):
         return task()
+
+
+def _shared_lock(comm: MPI.Intracomm) -> AbstractContextManager[Any]:
+    """Shared lock of the cache for rank 0, which compiles; the other ranks wait for it."""
+    if comm.rank == 0:
+        return _lock(fcntl.LOCK_SH)
+    return nullcontext()
 
 
 @contextmanager
 def _lock(kind: int) -> Iterator[Path]:
-    """Hold the cache folder, shared or alone."""
+    """Lock the cache folder: `fcntl.LOCK_SH` shared, `fcntl.LOCK_EX` exclusive."""
     folder = Path(kernel_options()["cache_dir"])
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / "lock").open("w") as file:
@@ -124,6 +158,7 @@ def _lock(kind: int) -> Iterator[Path]:
 
 
 def _remove_unfinished() -> None:
+    """Remove C sources from the cache whose compilation was not finished."""
     with _lock(fcntl.LOCK_EX) as folder:
         for source in folder.glob("libffcx_*.c"):
             if not source.with_suffix(".c.cached").exists():

@@ -1,8 +1,12 @@
-"""Kinematics of surfaces and lines in space, as UFL: every measure is quadratic in positions and directors.
+"""Strain measures of surfaces and lines in space, as UFL expressions.
 
-Positions `x` are the unknowns; the mesh is the stress-free shape.  Components of surface tensors refer to the local
-orthonormal frame `B` of the mesh, and symmetric ones are written as vectors (E11, E22, 2 E12), stresses as
-(S11, S22, S12), so that their dot product is the work per unit reference area.
+The unknowns are positions x [m] (and the directors of beams); the mesh is the stress-free shape.
+Every measure is quadratic in the unknowns and does not change under rigid motions, which is what
+the energy-conserving time step needs.
+
+Surface tensors have components in the local orthonormal frame B of the mesh (see `frame`).
+Symmetric ones are written as vectors: strains as (E11, E22, 2 E12), stresses as (S11, S22, S12), so
+that their dot product is the work per unit reference area.
 """
 
 from __future__ import annotations
@@ -12,72 +16,149 @@ from typing import Any
 import ufl
 from dolfinx.mesh import Mesh
 
-Expr = Any  # ufl has no type hints
+# UFL has no type hints.
+Expr = Any
+
+# The smallest square of the radius of Mohr's circle, see `half_trace_and_radius`.
+SMALLEST_SQUARE = 1e-30
 
 
 def frame(mesh: Mesh) -> Expr:
-    """Local orthonormal frame B (3x2) of a triangle mesh in space: first edge, and its normal in the surface."""
+    """Local orthonormal frame B (3, 2) of a triangle mesh in space.
+
+    Its first column is the direction of the first edge of the cell; its second column is
+    perpendicular to that, within the surface.
+
+    >>> import basix.ufl
+    >>> import ufl
+    >>> triangles = ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 1, shape=(3,)))
+    >>> frame(triangles).ufl_shape
+    (3, 2)
+    """
     J = ufl.Jacobian(mesh)
     normal = ufl.cross(J[:, 0], J[:, 1])
     t1 = J[:, 0] / ufl.sqrt(ufl.dot(J[:, 0], J[:, 0]))
     t2 = ufl.cross(normal, t1) / ufl.sqrt(ufl.dot(normal, normal))
-    return ufl.as_matrix([[t1[i], t2[i]] for i in range(3)])
+    rows = [[t1[i], t2[i]] for i in range(3)]
+    return ufl.as_matrix(rows)
 
 
 def surface_gradient(x: Expr, B: Expr) -> Expr:
-    """F = ∇x·B (3x2): the images of the two frame vectors under the motion x."""
+    """Deformation gradient F = ∇x·B (3, 2) of a surface.
+
+    Its columns are the vectors into which the two frame vectors are moved.
+
+    Args:
+        x: positions (3,) [m].
+        B: frame (3, 2) of the mesh.
+    """
     return ufl.dot(ufl.grad(x), B)
 
 
 def green_lagrange(F: Expr) -> Expr:
-    """E = ½(FᵀF - I) as (E11, E22, 2 E12)."""
+    """Green-Lagrange strain E = ½(FᵀF - I) as (E11, E22, 2 E12), of a deformation gradient F (3,
+    2).
+
+    >>> import ufl
+    >>> stretched = ufl.as_matrix([[1.1, 0.0], [0.0, 1.0], [0.0, 0.0]])
+    >>> [round(component(()), 3) for component in green_lagrange(stretched)]
+    [0.105, 0.0, 0.0]
+    """
     C = ufl.dot(F.T, F)
-    return ufl.as_vector([(C[0, 0] - 1) / 2, (C[1, 1] - 1) / 2, C[0, 1]])
+    return ufl.as_vector(
+        [
+            (C[0, 0] - 1) / 2,
+            (C[1, 1] - 1) / 2,
+            C[0, 1],
+        ]
+    )
 
 
 def area_vector(F: Expr) -> Expr:
-    """Normal of the deformed surface times its area per unit reference area."""
+    """Normal (3,) of the deformed surface, times its area per unit reference area.
+
+    F (3, 2) is `surface_gradient`.
+    """
     return ufl.cross(F[:, 0], F[:, 1])
 
 
 def half_trace_and_radius(e: Expr) -> tuple[Expr, Expr]:
-    """Centre and radius of Mohr's circle of e = (e11, e22, 2 e12): principal values are h + r and h - r.
+    """Centre h and radius r of Mohr's circle of a strain e = (e11, e22, 2 e12).
 
-    The radius is guarded at 1e-15: its derivative at equal principal values is zero instead of 0/0.
+    The principal values are h + r and h - r.  The radius is at least 1e-15, so that its derivative
+    at equal principal values is zero instead of 0/0.
+
+    >>> import ufl
+    >>> h, r = half_trace_and_radius(ufl.as_vector([3.0, 1.0, 0.0]))
+    >>> h(()), r(())
+    (2.0, 1.0)
     """
     h = (e[0] + e[1]) / 2
-    r = ufl.sqrt(ufl.max_value(((e[0] - e[1]) ** 2 + e[2] ** 2) / 4, 1e-30))
+    square = ((e[0] - e[1]) ** 2 + e[2] ** 2) / 4
+    r = ufl.sqrt(ufl.max_value(square, SMALLEST_SQUARE))
     return h, r
 
 
 def tension(S: Expr) -> Expr:
-    """The part (S11, S22, S12) of a plane stress that pulls: its principal values where they are positive."""
+    """Tensile part (S11, S22, S12) of a plane stress: negative principal stresses are set to zero.
+
+    Args:
+        S: stress (S11, S22, S12), in any unit.
+
+    >>> import ufl
+    >>> pulled_and_pressed = ufl.as_vector([5.0, -2.0, 0.0])
+    >>> [component(()) for component in tension(pulled_and_pressed)]
+    [5.0, 0.0, 0.0]
+    """
+    # `half_trace_and_radius` takes a strain, whose third component is twice the shear.
     h, r = half_trace_and_radius(ufl.as_vector([S[0], S[1], 2 * S[2]]))
-    high, low = (ufl.max_value(s, 0.0) for s in (h + r, h - r))
-    mean, share = (high + low) / 2, (high - low) / (2 * r)
-    return ufl.as_vector([mean + share * (S[0] - h), mean + share * (S[1] - h), share * S[2]])
+    high = ufl.max_value(h + r, 0.0)
+    low = ufl.max_value(h - r, 0.0)
+    # The principal directions stay: the deviator is scaled by the ratio of the new radius to the
+    # old one.
+    mean = (high + low) / 2
+    ratio = (high - low) / (2 * r)
+    return ufl.as_vector(
+        [
+            mean + ratio * (S[0] - h),
+            mean + ratio * (S[1] - h),
+            ratio * S[2],
+        ]
+    )
 
 
 def line_derivative(f: Expr) -> Expr:
-    """f' along the reference length of a mesh of line elements."""
-    J = ufl.Jacobian(ufl.domain.extract_unique_domain(f))[:, 0]
-    return ufl.dot(ufl.grad(f), J / ufl.sqrt(ufl.dot(J, J)))
+    """Derivative f' with respect to the reference length [m] of a mesh of line elements.
+
+    It has the shape of f.
+    """
+    J = ufl.Jacobian(ufl.domain.extract_unique_domain(f))
+    tangent = J[:, 0]
+    return ufl.dot(ufl.grad(f), tangent / ufl.sqrt(ufl.dot(tangent, tangent)))
 
 
 def bar_strain(x: Expr) -> Expr:
-    """Green-Lagrange strain of a line, (ε,) with ε = ½(x'·x' - 1)."""
+    """Green-Lagrange strain (ε,) of a line, ε = ½(x'·x' - 1), of positions x (3,) [m]."""
     dx = line_derivative(x)
     return ufl.as_vector([(ufl.dot(dx, dx) - 1) / 2])
 
 
 def beam_strain(q: Expr) -> Expr:
-    """Strains (ε, γ2, γ3, κ2, κ3, τ) of a beam q = (x, d2, d3).
+    """Strains (ε, γ2, γ3, κ2, κ3, τ) of a geometrically exact beam with directors.
 
-    ε = ½(x'·x' - 1), γ_i = x'·d_i, κ_i = x'·d_i', τ = ½(d2'·d3 - d3'·d2).
+    With the positions x and the directors d2, d3, which span the cross-section,
+
+        ε = ½(x'·x' - 1)               axial strain
+        γ_i = x'·d_i                   transverse shear
+        κ_i = x'·d_i'                  curvature [1/m]
+        τ = ½(d2'·d3 - d3'·d2)         twist [1/m]
+
+    Args:
+        q: x [m], d2 and d3, one after the other, shape (9,).
     """
     dq = line_derivative(q)
-    dx, dd2, dd3 = (ufl.as_vector([dq[3 * k + i] for i in range(3)]) for k in range(3))
-    d2, d3 = (ufl.as_vector([q[3 * k + i] for i in range(3)]) for k in (1, 2))
+    dx, dd2, dd3 = _three_vectors(dq)
+    _, d2, d3 = _three_vectors(q)
     return ufl.as_vector(
         [
             (ufl.dot(dx, dx) - 1) / 2,
@@ -88,3 +169,12 @@ def beam_strain(q: Expr) -> Expr:
             (ufl.dot(dd2, d3) - ufl.dot(dd3, d2)) / 2,
         ]
     )
+
+
+def _three_vectors(q: Expr) -> list[Expr]:
+    """The three vectors (3,) of which a vector q (9,) consists."""
+    vectors = []
+    for start in (0, 3, 6):
+        components = [q[start + i] for i in range(3)]
+        vectors.append(ufl.as_vector(components))
+    return vectors

@@ -1,4 +1,4 @@
-"""Nodes of the cells of function spaces."""
+"""Node numbers of the cells of function spaces."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from dolfinx import fem
 
 
 def cell_nodes(space: fem.FunctionSpace) -> npt.NDArray[np.int32]:
-    """Local nodes (cells, k) of all cells of a space, those of ghost cells last.
+    """Local node numbers (cells, k) of all cells of a space: owned cells first, then ghost cells.
 
-    The first of them are the corners of the cell; nodes on edges follow in the order of the element.
+    In each row the corners of the cell come first; nodes on edges follow in the order of the
+    element.
     """
     nodes: npt.NDArray[np.int32] = space.dofmap.list
     return nodes

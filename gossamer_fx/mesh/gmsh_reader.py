@@ -1,9 +1,14 @@
-"""What gmsh knows of a mesh, as arrays; a file is read by a process of its own.
+"""Extraction of a mesh from gmsh as arrays, and reading of mesh files in a separate process.
 
-gmsh executes what it does not take for a mesh: geometry scripts may run any command.  So only files in MSH format reach
-it, under a name that says nothing else.  It also ends the program that it runs in on some damaged files.  So a file is
-read by a child, which says in one sentence what is wrong with it, or leaves the arrays in a file.  Nothing here needs
-MPI.
+Files are read with two precautions:
+
+1. gmsh executes any file that it does not recognise as a mesh, and its geometry scripts may run
+   system commands.  So only files that begin as MSH files do are given to gmsh, under a name that
+   ends in .msh.
+2. gmsh ends the program in which it runs on some damaged files.  So a child process reads the file.
+   It prints one sentence about what is wrong, or writes the arrays to a file.
+
+Nothing in this module needs MPI.
 """
 
 from __future__ import annotations
@@ -23,22 +28,45 @@ import numpy.typing as npt
 
 Integers = npt.NDArray[np.int64]
 
-_KINDS = {1: ("interval", 1), 8: ("interval", 2), 2: ("triangle", 1), 9: ("triangle", 2)}
-_FARTHEST = 1e100  # m; squares of areas must be numbers
-_REFUSED = 3  # exit code of a child that has said why
-# the first two lines of a file of gmsh 2.2 or 4.x: version, 0 for text or 1 for binary, bytes of a number
+# Kind and order of gmsh's types of elements.
+_KINDS = {
+    1: ("interval", 1),
+    8: ("interval", 2),
+    2: ("triangle", 1),
+    9: ("triangle", 2),
+}
+
+# Largest coordinate [m].  Checks of the mesh compute squares, which must not overflow.
+_FARTHEST = 1e100
+
+# Exit code of the child process after it has printed what is wrong with the file.
+_REFUSED = 3
+
+# Bytes at the beginning of a file that are searched for the format.
+_HEAD = 200
+
+# Variables of MPI launchers.  A child process that inherits them takes itself for an MPI process.
+_LAUNCHER_VARIABLES = ("OMPI_", "PMIX_", "PMI_", "PRTE_")
+
+# The first two lines of an MSH file: the version, 0 for text or 1 for binary, bytes of a number.
 _MSH = re.compile(rb"\$MeshFormat[ \t]*\r?\n[ \t]*(2\.2|4|4\.[0-9])[ \t]+[01][ \t]+8[ \t]*\r?\n")
 
 
 class BadMesh(ValueError):
-    """A mesh that cannot be used; the message is a sentence."""
+    """The mesh cannot be used; the message is a sentence for the user."""
 
 
 @dataclass(frozen=True)
 class RawMesh:
-    """Cells of one kind and order (1 or 2) with their points; entities of named groups, all with gmsh's order of nodes.
+    """Arrays of a mesh whose cells are all of one kind and order, with the node order of gmsh.
 
-    points (n, 3), cells (m, nodes), groups: dimension and entities (k, nodes) by name
+    Attributes:
+        kind: "interval" or "triangle".
+        order: polynomial order of the cells, 1 or 2.
+        points: node coordinates (n, 3) [m].
+        cells: rows of `points` (m, nodes) at the nodes of each cell.
+        groups: for each named group its dimension, and rows of `points` (k, nodes) at the nodes of
+            its entities.
     """
 
     kind: str
@@ -49,31 +77,26 @@ class RawMesh:
 
 
 def extract(model: Any) -> RawMesh:
-    """The mesh of a gmsh model: its elements of the highest dimension, those in named groups only if there are any.
+    """Extract the mesh of a gmsh model.
+
+    Its cells are the elements of the highest dimension; if named groups of this dimension exist,
+    only the elements in these groups.
+
+    Args:
+        model: `gmsh.model` of an open session.
 
     Raises:
-        BadMesh: no elements, elements of several kinds, cells that coincide, nodes that are missing or nowhere.
+        BadMesh: the model has no elements, or elements of several kinds; cells coincide; nodes are
+            missing, or have coordinates that are not finite.
     """
     tags, coordinates, _ = model.mesh.getNodes()
     tags = np.asarray(tags, dtype=np.int64)
-    dim = max((d for d, _ in model.getEntities() if model.mesh.getElements(d)[0].size), default=0)
+    meshed = [d for d, _ in model.getEntities() if model.mesh.getElements(d)[0].size]
+    dim = max(meshed, default=0)
     _check(dim in (1, 2), "The mesh has no triangles or line elements; mesh a surface or a curve.")
-    kinds = set(model.mesh.getElementTypes(dim))
-    names = " and ".join(sorted(model.mesh.getElementProperties(kind)[0] for kind in kinds))
-    _check(
-        len(kinds) == 1 and kinds <= set(_KINDS),
-        f"The mesh is made of {names}; use triangles (or line elements) of one order, 1 or 2.",
-    )
-    kind, order = _KINDS[kinds.pop()]
-    tagged = [(d, g) for d, g in model.getPhysicalGroups() if d <= dim]
-    surfaces = [s for d, g in tagged if d == dim for s in model.getEntitiesForPhysicalGroup(d, g)]
-    surfaces = sorted(set(surfaces)) or [s for _, s in model.getEntities(dim)]
-    found = [elements for elements in (_elements(model, dim, s) for s in surfaces) if len(elements)]
-    _check(
-        bool(found),
-        "The named groups of the mesh hold none of its cells; name the surfaces that are meant.",
-    )
-    cells = np.vstack(found)
+    kind, order = _kind_and_order(model, dim)
+
+    cells = _cells(model, dim)
     used = np.unique(cells)
     _check(
         bool(np.isin(used, tags).all()),
@@ -88,29 +111,80 @@ def extract(model: Any) -> RawMesh:
         "Two cells of the mesh have the same nodes: where two sheets meet at a corner, choose the triangles so that "
         "each has a node of its own.",
     )
+
+    # Only the nodes of cells become points, in rising order of their tags.
     order_of_tags = np.argsort(tags)
-    points = coordinates.reshape(-1, 3)[
-        order_of_tags[np.searchsorted(tags, used, sorter=order_of_tags)]
-    ]
+    rows = order_of_tags[np.searchsorted(tags, used, sorter=order_of_tags)]
+    points = coordinates.reshape(-1, 3)[rows]
     _check(
         bool((abs(points) < _FARTHEST).all()),
         f"Nodes of the mesh have coordinates that are no numbers below {_FARTHEST:g} m; mesh it again.",
     )
+    return RawMesh(
+        kind=kind,
+        order=order,
+        points=points,
+        cells=np.searchsorted(used, cells),
+        groups=_groups(model, dim, used),
+    )
+
+
+def _kind_and_order(model: Any, dim: int) -> tuple[str, int]:
+    """Kind and order of the elements of a dimension, which must all be of one type."""
+    types = set(model.mesh.getElementTypes(dim))
+    names = " and ".join(sorted(model.mesh.getElementProperties(t)[0] for t in types))
+    _check(
+        len(types) == 1 and types <= set(_KINDS),
+        f"The mesh is made of {names}; use triangles (or line elements) of one order, 1 or 2.",
+    )
+    return _KINDS[types.pop()]
+
+
+def _tagged(model: Any, dim: int) -> list[tuple[int, int]]:
+    """Dimension and number of the physical groups up to a dimension."""
+    return [(d, group) for d, group in model.getPhysicalGroups() if d <= dim]
+
+
+def _cells(model: Any, dim: int) -> Integers:
+    """Tags (m, nodes) of the nodes of all cells."""
+    surfaces = set()
+    for d, group in _tagged(model, dim):
+        if d == dim:
+            surfaces.update(model.getEntitiesForPhysicalGroup(d, group))
+    # Without named groups all elements are cells.
+    chosen = sorted(surfaces) or [entity for _, entity in model.getEntities(dim)]
+    found = []
+    for entity in chosen:
+        elements = _elements(model, dim, entity)
+        if len(elements):
+            found.append(elements)
+    _check(
+        bool(found),
+        "The named groups of the mesh hold none of its cells; name the surfaces that are meant.",
+    )
+    return np.vstack(found)
+
+
+def _groups(model: Any, dim: int, used: Integers) -> dict[str, tuple[int, Integers]]:
+    """Named groups of `RawMesh`; `used` are the tags of its points in rising order."""
     groups = {}
-    for d, g in tagged:
-        entities = [_elements(model, d, s) for s in model.getEntitiesForPhysicalGroup(d, g)]
-        nodes = np.vstack([e for e in entities if len(e)] or [np.zeros((0, d + 1), dtype=np.int64)])
+    for d, group in _tagged(model, dim):
+        entities = [_elements(model, d, e) for e in model.getEntitiesForPhysicalGroup(d, group)]
+        not_empty = [nodes for nodes in entities if len(nodes)]
+        nodes = np.vstack(not_empty or [np.zeros((0, d + 1), dtype=np.int64)])
+        # Entities that belong to no cell are left out.
         nodes = nodes[np.isin(nodes, used).all(axis=1)]
         _check(
             not _folded(nodes),
             "Elements of the mesh's groups have one node twice; write the mesh again.",
         )
-        groups[model.getPhysicalName(d, g) or str(g)] = d, np.searchsorted(used, nodes)
-    return RawMesh(kind, order, points, np.searchsorted(used, cells), groups)
+        name = model.getPhysicalName(d, group) or str(group)
+        groups[name] = d, np.searchsorted(used, nodes)
+    return groups
 
 
 def _elements(model: Any, dim: int, entity: int) -> Integers:
-    """Nodes of the elements of one geometric entity, shape (n, nodes per element), gmsh's numbers and order."""
+    """Tags (n, nodes per element) of the nodes of all elements of one geometric entity."""
     kinds, _, nodes = model.mesh.getElements(dim, entity)
     if not len(kinds):
         return np.zeros((0, dim + 1), dtype=np.int64)
@@ -120,60 +194,74 @@ def _elements(model: Any, dim: int, entity: int) -> Integers:
 
 
 def _folded(entities: Integers) -> bool:
-    """Whether some entities have one node twice, at which dolfinx would crash."""
+    """Whether an entity (a row) has one node twice; dolfinx crashes on such a mesh."""
     nodes = np.sort(entities, axis=1)
     return bool((nodes[:, 1:] == nodes[:, :-1]).any())
 
 
 def _check(condition: bool, message: str) -> None:
+    """Raise `BadMesh` with the message unless the condition holds."""
     if not condition:
         raise BadMesh(message)
 
 
-# ---- files ---------------------------------------------------------------------------------------------------------
+# ---- files ---------------------------------------------------------------------------------------
 
 
 def read_file(path: Path) -> RawMesh:
-    """The mesh in a file of MSH format, version 2.2 or 4.x.
+    """Read a mesh from a file in MSH format, version 2.2 or 4.x, in a child process.
 
     Raises:
-        BadMesh: it is of another format, or what `extract` finds, or what gmsh says, or that gmsh broke off.
+        BadMesh: the file is in another format, or gmsh fails on it, or `extract` refuses its mesh.
     """
     _check_format(path)
     with tempfile.TemporaryDirectory() as folder:
-        # gmsh looks at the end of a name before it looks into a file, and for options in files beside it
-        arrays, mesh = Path(folder) / "mesh.npz", Path(folder) / "mesh.msh"
+        arrays = Path(folder) / "mesh.npz"
+        # gmsh decides by the suffix before it looks into a file, and reads options from files next
+        # to it; so it gets the file in an empty folder and with the right suffix.
+        mesh = Path(folder) / "mesh.msh"
         mesh.symlink_to(path.resolve())
-        # a child of an MPI process is none itself
-        alone = {
-            k: v
-            for k, v in os.environ.items()
-            if not k.startswith(("OMPI_", "PMIX_", "PMI_", "PRTE_"))
-        }
+        environment = {}
+        for name, value in os.environ.items():
+            if not name.startswith(_LAUNCHER_VARIABLES):
+                environment[name] = value
         child = subprocess.run(
             [sys.executable, "-m", "gossamer_fx.mesh.gmsh_reader", str(mesh), str(arrays)],
             capture_output=True,
-            env=alone,
+            env=environment,
             stdin=subprocess.DEVNULL,
         )
-        said = child.stdout.decode(errors="replace").strip()
-        if child.returncode == _REFUSED and said:
-            raise BadMesh(said.replace(str(mesh), str(path)))
+        reason = child.stdout.decode(errors="replace").strip()
+        if child.returncode == _REFUSED and reason:
+            raise BadMesh(reason.replace(str(mesh), str(path)))
         if child.returncode or not arrays.is_file():
             raise BadMesh(
                 f"gmsh broke off when it read '{path}'; the file is damaged, write it again as MSH 4.1."
             )
-        with np.load(arrays) as file:
-            about = json.loads(str(file["about"]))
-            groups = {name: (d, file[f"group {k}"]) for k, (name, d) in enumerate(about["groups"])}
-            return RawMesh(about["kind"], about["order"], file["points"], file["cells"], groups)
+        return _load(arrays)
+
+
+def _load(arrays: Path) -> RawMesh:
+    """The mesh in a file that the child process has written."""
+    with np.load(arrays) as file:
+        about = json.loads(str(file["about"]))
+        groups = {}
+        for number, (name, dim) in enumerate(about["groups"]):
+            groups[name] = dim, file[f"group {number}"]
+        return RawMesh(
+            kind=about["kind"],
+            order=about["order"],
+            points=file["points"],
+            cells=file["cells"],
+            groups=groups,
+        )
 
 
 def _check_format(path: Path) -> None:
     """Raise `BadMesh` unless the file begins as one in MSH format does."""
     try:
         with path.open("rb") as file:
-            head = file.read(200)
+            head = file.read(_HEAD)
     except OSError as error:
         raise BadMesh(
             f"'{path}' cannot be read ({error.strerror}); give a mesh file that is readable."
@@ -185,6 +273,7 @@ def _check_format(path: Path) -> None:
 
 
 def _read_here(path: str, arrays: str) -> None:
+    """Read a file with gmsh in this process, and write its mesh to an .npz file."""
     import gmsh
 
     gmsh.initialize(readConfigFiles=False, interruptible=False)
@@ -194,7 +283,8 @@ def _read_here(path: str, arrays: str) -> None:
         raw = extract(gmsh.model)
     except BadMesh:
         raise
-    except Exception as error:  # gmsh has no other kind; names in a damaged file may be no text
+    # gmsh raises plain Exception; names in a damaged file may raise UnicodeDecodeError.
+    except Exception as error:
         words = " ".join(str(error).split())
         raise BadMesh(f"gmsh cannot read '{path}' ({words}); write it again as MSH 4.1.") from error
     about = {
@@ -202,7 +292,10 @@ def _read_here(path: str, arrays: str) -> None:
         "order": raw.order,
         "groups": [(name, d) for name, (d, _) in raw.groups.items()],
     }
-    entities = {f"group {k}": nodes for k, (_, nodes) in enumerate(raw.groups.values())}
+    # Names of groups may contain any character; names inside the file are numbers.
+    entities = {}
+    for number, (_, nodes) in enumerate(raw.groups.values()):
+        entities[f"group {number}"] = nodes
     contents: dict[str, Any] = {
         "about": json.dumps(about),
         "points": raw.points,

@@ -25,9 +25,25 @@ from gossamer_fx.mesh.gmsh_reader import BadMesh, RawMesh, extract, read_file
 @check_arguments
 @dataclass(frozen=True)
 class Mesh:
-    """A mesh in space with named groups.
+    """A mesh of triangles or line elements in space, with named groups.
 
-    `groups` maps the name of a gmsh physical group to its dimension and the local entities in it (owned and ghost).
+    Made by `gmsh_mesh` or `read_mesh`.
+
+    Attributes:
+        domain: the mesh of dolfinx; coordinates in m.
+        groups: for each name of a physical group of gmsh, its dimension and the local numbers of
+            the entities in it (owned and ghost).
+
+    >>> import gossamer_fx as gx
+    >>> from mpi4py import MPI
+    >>> def square(model):
+    ...     model.occ.addRectangle(0, 0, 0, 1, 1)
+    ...     model.occ.synchronize()
+    ...     model.addPhysicalGroup(2, [1], name="film")
+    ...     model.mesh.generate(2)
+    >>> mesh = gx.gmsh_mesh(square, MPI.COMM_SELF)
+    >>> sorted(mesh.groups)
+    ['film']
     """
 
     domain: dmesh.Mesh
@@ -39,21 +55,29 @@ class Mesh:
         return self.domain.comm
 
     def group(self, name: str) -> tuple[int, npt.NDArray[np.int32]]:
-        """Dimension and local entities of a named group."""
+        """Dimension and local entities (owned and ghost) of a named group.
+
+        Raises:
+            InputError: the mesh has no group of this name; the message lists its groups.
+        """
         known = ", ".join(sorted(self.groups)) or "none"
         check(name in self.groups, f"The mesh has no group '{name}'; its groups are: {known}.")
         return self.groups[name]
 
     @cached_property
     def edges(self) -> EdgeTable:
-        """The edges of the triangles, made when they are first asked for; collective then."""
+        """Edges of the triangles.  The first call creates the table, and is collective."""
         return edges_of(self.domain)
 
     def curve(self, name: str, user: str) -> npt.NDArray[np.int32]:
         """Local edges (owned and ghost) of a named group of curves, in rising order.
 
+        Args:
+            name: name of the group.
+            user: name of the item that needs the curve, the first word of the error message.
+
         Raises:
-            InputError: no such group, or one of triangles or points; the message begins with `user`.
+            InputError: the mesh has no such group, or the group consists of triangles or points.
         """
         dim, edges = self.group(name)
         check(dim == 1, f"{user}: the group '{name}' has dimension {dim}; name curves of the mesh.")
@@ -62,10 +86,17 @@ class Mesh:
 
 @check_arguments
 def read_mesh(path: str | Path, comm: MPI.Intracomm) -> Mesh:
-    """Read a gmsh file (.msh); physical groups keep their names, unnamed ones are called by their number.
+    """Read a mesh from a gmsh file (.msh) of version 2.2 or 4.x.  Collective.
+
+    Physical groups have their names as keys of `Mesh.groups`; unnamed groups have their numbers.
+
+    Args:
+        path: path of the file; rank 0 reads it.
+        comm: the ranks to which the mesh is distributed.
 
     Raises:
-        InputError: no such file, or what is wrong with it.
+        InputError: the file does not exist, is damaged, is in another format, or contains a mesh
+            that cannot be used, such as one of quadrilaterals.
     """
 
     def read() -> RawMesh:
@@ -83,18 +114,36 @@ def read_mesh(path: str | Path, comm: MPI.Intracomm) -> Mesh:
 
 @check_arguments
 def gmsh_mesh(build: Callable[[Any], None], comm: MPI.Intracomm) -> Mesh:
-    """Mesh what `build(gmsh.model)` makes on rank 0 and distribute it.
+    """Generate a mesh with gmsh on rank 0 and distribute it over all ranks.  Collective.
 
-    `build` creates geometry and physical groups and calls `model.mesh.generate`.  The cells are the elements of the
-    highest dimension; groups of lower dimension (curves, points) become named groups.
+    The cells are the elements of the highest dimension; physical groups, also those of curves and
+    points, become named groups.
+
+    Args:
+        build: function that takes `gmsh.model`, creates geometry [m] and physical groups, and calls
+            `model.mesh.generate`.
+        comm: the ranks to which the mesh is distributed.
 
     Raises:
-        InputError: no elements, elements of several kinds, coordinates that are no numbers, or an error of `build`.
+        InputError: the model has no elements, elements of several kinds or coordinates that are not
+            finite, or `build` raises an error.
+
+    >>> import gossamer_fx as gx
+    >>> from mpi4py import MPI
+    >>> def line(model):
+    ...     ends = [model.occ.addPoint(x, 0, 0, meshSize=0.5) for x in (0, 1)]
+    ...     model.occ.addLine(*ends)
+    ...     model.occ.synchronize()
+    ...     model.mesh.generate(1)
+    >>> gx.gmsh_mesh(line, MPI.COMM_SELF).domain.topology.index_map(1).size_local
+    2
     """
     return _distribute_mesh(comm, on_rank_zero(comm, lambda: _build(build)))
 
 
 def _build(build: Callable[[Any], None]) -> RawMesh:
+    """Call `build` in a new gmsh session, and extract the mesh from it."""
+    # Most scenes read a file or run on other ranks; gmsh is loaded only here.
     import gmsh
 
     gmsh.initialize(interruptible=False)
@@ -106,7 +155,9 @@ def _build(build: Callable[[Any], None]) -> RawMesh:
         raise
     except BadMesh as error:
         raise InputError(str(error)) from error
-    except Exception as error:  # on the other ranks nobody would see it
+    # Any error of `build` becomes an error of all ranks; otherwise the others would wait for rank
+    # 0.
+    except Exception as error:
         words = " ".join(str(error).split()) or "no words"
         raise InputError(
             f"The function that builds the mesh raises {type(error).__name__} ({words}); correct it."
@@ -116,24 +167,36 @@ def _build(build: Callable[[Any], None]) -> RawMesh:
 
 
 def _distribute_mesh(comm: MPI.Intracomm, raw: RawMesh | None) -> Mesh:
-    """The mesh that rank 0 has, on all ranks."""
-    about = (raw.kind, raw.order, raw.cells.shape[1], _most_at_a_facet(raw)) if raw else None
+    """Distribute the mesh that rank 0 has; `raw` is None on the other ranks."""
+    about = None
+    if raw is not None:
+        about = (raw.kind, raw.order, raw.cells.shape[1], _most_at_a_facet(raw))
     kind, order, width, sheets = comm.bcast(about)
+    version = ".".join(map(str, VERSION))
     check(
         sheets <= 2 or SHEETS_MAY_MEET or comm.size == 1,
         f"{sheets} cells of the mesh meet at one edge (or point of a line), and this dolfinx, "
-        f"{'.'.join(map(str, VERSION))}, distributes only two to several ranks; use one rank, or dolfinx 0.11.",
+        f"{version}, distributes only two to several ranks; use one rank, or dolfinx 0.11.",
     )
     permutation = gmsh_order(kind, width)
-    points = raw.points if raw else np.zeros((0, 3))
-    cells = raw.cells[:, permutation].copy() if raw else np.zeros((0, width), dtype=np.int64)
-    domain = distribute(comm, cells, points, kind, order, sheets)
+    # Ranks other than 0 contribute no points and no cells.
+    points = np.zeros((0, 3))
+    cells = np.zeros((0, width), dtype=np.int64)
+    if raw is not None:
+        points = raw.points
+        cells = raw.cells[:, permutation].copy()
+    domain = distribute(comm, cells, points, kind=kind, order=order, sheets=sheets)
+
+    # All ranks must distribute the groups in the same order.
+    table = None
+    if raw is not None:
+        table = [(name, dim, nodes.shape[1]) for name, (dim, nodes) in raw.groups.items()]
     groups = {}
-    table = (
-        [(name, dim, nodes.shape[1]) for name, (dim, nodes) in raw.groups.items()] if raw else None
-    )
     for name, dim, nodes_each in comm.bcast(table):
-        entities = raw.groups[name][1] if raw else np.zeros((0, nodes_each), dtype=np.int64)
+        entities = np.zeros((0, nodes_each), dtype=np.int64)
+        if raw is not None:
+            entities = raw.groups[name][1]
+        # Cells have the same order of nodes as the mesh; edges of order 2 have it in both programs.
         if dim == domain.topology.dim:
             entities = entities[:, permutation]
         groups[name] = dim, _distribute(domain, dim, entities)
@@ -141,23 +204,23 @@ def _distribute_mesh(comm: MPI.Intracomm, raw: RawMesh | None) -> Mesh:
 
 
 def _most_at_a_facet(raw: RawMesh) -> int:
-    """The most triangles that share an edge, or lines that share a point."""
-    corners = np.sort(raw.cells[:, : 3 if raw.kind == "triangle" else 2], axis=1)
-    facets = (
-        [corners[:, [i, j]] for i, j in ((0, 1), (0, 2), (1, 2))]
-        if raw.kind == "triangle"
-        else [corners.T]
-    )
-    keys = np.vstack(facets).astype(np.int64)
+    """Largest number of triangles that share an edge, or of line elements that share a point."""
     if raw.kind == "triangle":
-        keys = keys[:, 0] * len(raw.points) + keys[:, 1]
-    return int(np.unique(keys, return_counts=True)[1].max())
+        corners = np.sort(raw.cells[:, :3], axis=1)
+        edges = np.vstack([corners[:, [i, j]] for i, j in ((0, 1), (0, 2), (1, 2))])
+        edges = edges.astype(np.int64)
+        # One number for each pair of nodes, since sorting numbers is faster than sorting rows.
+        keys = edges[:, 0] * len(raw.points) + edges[:, 1]
+    else:
+        keys = raw.cells[:, :2].ravel()
+    _, counts = np.unique(keys, return_counts=True)
+    return int(counts.max())
 
 
 def _distribute(
     domain: dmesh.Mesh, dim: int, entities: npt.NDArray[np.int64]
 ) -> npt.NDArray[np.int32]:
-    """Local entities (owned and ghost) of those that rank 0 lists by their input nodes."""
+    """Local numbers (owned and ghost) of entities that rank 0 lists by their input nodes (n, k)."""
     domain.topology.create_entities(dim)
     domain.topology.create_connectivity(dim, 0)
     domain.topology.create_connectivity(dim, domain.topology.dim)

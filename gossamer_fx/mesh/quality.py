@@ -1,6 +1,8 @@
-"""What can be wrong with the cells of a mesh: slivers, folded cells, seams that are not glued, cells that cross.
+"""Defects of a mesh: slivers, folded cells, seams that are not glued, cells that intersect.
 
-Every rank looks at its own cells; what concerns several ranks is summed, or told to the rank that a key falls to.
+Every rank examines its own cells.  Counts are summed over all ranks; data that concern several
+ranks are sent to the rank to which a key is assigned.  All functions that take a mesh or a
+communicator are collective.
 """
 
 from __future__ import annotations
@@ -18,19 +20,37 @@ from gossamer_fx.model.body import Array
 
 Integers = npt.NDArray[np.int64]
 
-ALIKE = 1e-9  # of a mesh's extent: points that are closer are the same
+# Points that are closer than this fraction of the mesh's extent count as one point.
+ALIKE = 1e-9
+
+# A neighbour lies upside down if the cosine between both normals is below this: they enclose more
+# than 154 degrees.
+UPSIDE_DOWN_COSINE = -0.9
+
+# Triangles of one batch in the search for intersections, so that the list of pairs stays small.
+BATCH = 2000
+
+# Relative margin by which a segment must pass inside a triangle: cells that only touch do not
+# count.
+TOUCH_MARGIN = 1e-6
+
+# Large primes that spread the three integer coordinates of a point over the ranks.
+# Source: M. Teschner et al., Proc. Vision, Modeling, Visualization (2003) 47.
+HASH_PRIMES = np.array([73856093, 19349663, 83492791], dtype=np.int64)
 
 
 def corner_points(domain: dmesh.Mesh) -> Array:
-    """Vertices (n, 3, 3) of the owned triangles, or (n, 2, 3) of line elements."""
-    n, dim = domain.topology.index_map(domain.topology.dim).size_local, domain.topology.dim
-    points: Array = domain.geometry.x[domain.geometry.dofmap[:n, : dim + 1]]
+    """Vertices (n, 3, 3) [m] of the owned triangles of a mesh, or (n, 2, 3) of its line elements."""
+    dim = domain.topology.dim
+    owned = domain.topology.index_map(dim).size_local
+    points: Array = domain.geometry.x[domain.geometry.dofmap[:owned, : dim + 1]]
     return points
 
 
 def box(comm: MPI.Intracomm, points: Array) -> tuple[Array, Array]:
-    """Lowest and highest coordinates [m] of the points (n, 3) of all ranks."""
-    low, high = points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf)
+    """Lowest and highest coordinates, (3,) each [m], of the points (n, 3) of all ranks."""
+    low = points.min(axis=0, initial=np.inf)
+    high = points.max(axis=0, initial=-np.inf)
     comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
     comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
     return low, high
@@ -43,155 +63,293 @@ def extent(domain: dmesh.Mesh) -> float:
 
 
 def area_vectors(corners: Array) -> Array:
-    """Half the cross products (n, 3) of the edges of triangles."""
-    area: Array = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
+    """Normals (n, 3) of triangles (n, 3, 3), with the area [m²] as length.
+
+    >>> import numpy as np
+    >>> area_vectors(np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]]))
+    array([[0. , 0. , 0.5]])
+    """
+    first = corners[:, 1] - corners[:, 0]
+    second = corners[:, 2] - corners[:, 0]
+    area: Array = np.cross(first, second) / 2
     return area
 
 
 def sizes(corners: Array) -> Array:
-    """Areas [m²] or lengths [m] of cells with straight edges."""
-    vectors = area_vectors(corners) if corners.shape[1] == 3 else corners[:, 1] - corners[:, 0]
+    """Areas (n,) [m²] of triangles (n, 3, 3), or lengths (n,) [m] of line elements (n, 2, 3)."""
+    vectors = corners[:, 1] - corners[:, 0]
+    if corners.shape[1] == 3:
+        vectors = area_vectors(corners)
     result: Array = np.linalg.norm(vectors, axis=1)
     return result
 
 
 def shape_quality(corners: Array) -> Array:
-    """4√3 A/(a² + b² + c²) of triangles: 1 if equilateral, 0 if all nodes are on a line."""
-    squares = ((corners - np.roll(corners, 1, axis=1)) ** 2).sum(axis=(1, 2))
-    quality: Array = 4 * np.sqrt(3) * sizes(corners) / np.where(squares > 0, squares, 1.0)
+    """Quality 4√3 A/(a² + b² + c²) of triangles (n, 3, 3): 1 if equilateral, 0 if degenerate.
+
+    >>> import numpy as np
+    >>> flat = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]
+    >>> shape_quality(np.array([flat]))
+    array([0.])
+    """
+    edges = corners - np.roll(corners, 1, axis=1)
+    squares = (edges**2).sum(axis=(1, 2))
+    # A cell whose nodes coincide has no edges; its area is zero, so any divisor gives zero.
+    divisor = np.where(squares > 0, squares, 1.0)
+    quality: Array = 4 * np.sqrt(3) * sizes(corners) / divisor
     return quality
 
 
 def turned_inside(domain: dmesh.Mesh) -> int:
-    """Number of curved triangles (order 2) whose normal turns round within the cell; all ranks know it."""
+    """Number of curved triangles (order 2) whose normal reverses within the cell.
+
+    The normal is examined at the three corners.  All ranks return the number of the whole mesh.
+    """
     if domain.geometry.cmap.degree != 2:
         return 0
-    n = domain.topology.index_map(2).size_local
-    x = domain.geometry.x[domain.geometry.dofmap[:n]]
-    flat = area_vectors(x[:, :3])
-    turned = np.zeros(n, dtype=bool)
-    # node 3 + i lies on the edge opposite vertex i; the tangents of a parabola at its end a are 4 m - 3 a - b
+    owned = domain.topology.index_map(2).size_local
+    x = domain.geometry.x[domain.geometry.dofmap[:owned]]
+    straight_normal = area_vectors(x[:, :3])
+    turned = np.zeros(owned, dtype=bool)
+    # Node 3 + i lies on the edge opposite vertex i.  A parabola from a to b with the middle node m
+    # has the tangent 4 m - 3 a - b at a.
     for a, b, c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        along_b = 4 * x[:, 3 + c] - 3 * x[:, a] - x[:, b]
-        along_c = 4 * x[:, 3 + b] - 3 * x[:, a] - x[:, c]
-        turned |= (np.cross(along_b, along_c) * flat).sum(axis=1) <= 0
+        tangent_to_b = 4 * x[:, 3 + c] - 3 * x[:, a] - x[:, b]
+        tangent_to_c = 4 * x[:, 3 + b] - 3 * x[:, a] - x[:, c]
+        normal = np.cross(tangent_to_b, tangent_to_c)
+        turned |= _dot(normal, straight_normal) <= 0
     return int(domain.comm.allreduce(int(turned.sum())))
 
 
 def folded(table: EdgeTable) -> int:
-    """Number of triangles that lie upside down on their neighbours; all ranks know it.
+    """Number of triangles that lie upside down on their neighbours.
 
-    Those are cells with two neighbours or more, all of whose normals are opposite: a node was moved across an edge.
+    These are triangles with two neighbours or more, all of which have an opposite normal: a node
+    was moved across an edge.  One neighbour is not enough, since it may be a sharp fold.
+
+    Args:
+        table: edges of the mesh, `Mesh.edges`.
+
+    Returns:
+        the number in the whole mesh, on all ranks.
     """
-    domain, topology = table.domain, table.domain.topology
+    domain = table.domain
+    topology = domain.topology
     edges = topology.connectivity(2, 1).array.reshape(-1, 3)
-    n = topology.index_map(2).size_local
-    count, directions = table.tally(np.arange(n, dtype=np.int32))
+    owned = topology.index_map(2).size_local
+    count, directions = table.tally(np.arange(owned, dtype=np.int32))
     vectors = area_vectors(corner_points(domain))
-    normals = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    # Cells without area get the normal zero.
+    normals = vectors / np.maximum(lengths, 1e-300)
+
+    # Sum of the normals of both triangles at each edge; subtracting the own one gives the other.
     sums = la.vector(topology.index_map(1), 3)
-    np.add.at(sums.array.reshape(-1, 3), edges[:n].ravel(), np.repeat(normals, 3, axis=0))
-    pairs = la.vector(topology.index_map(1))
-    pairs.array[: len(count)] = (count == 2) & (directions == 0)
-    for vector in (sums, pairs):
-        if vector is sums:
-            vector.scatter_reverse(la.InsertMode.add)
-        vector.scatter_forward()
-    other = sums.array.reshape(-1, 3)[edges[:n]] - normals[:, None]
-    met = pairs.array[edges[:n]] > 0
-    opposite = (other * normals[:, None]).sum(axis=2) < -0.9
-    found = (met.sum(axis=1) >= 2) & (opposite | ~met).all(axis=1)
+    normals_at_edges = np.repeat(normals, 3, axis=0)
+    np.add.at(sums.array.reshape(-1, 3), edges[:owned].ravel(), normals_at_edges)
+    sums.scatter_reverse(la.InsertMode.add)
+    sums.scatter_forward()
+
+    # Only edges are compared whose two triangles have the same orientation: they pass the edge in
+    # opposite directions, whose sum is zero.
+    comparable = la.vector(topology.index_map(1))
+    comparable.array[: len(count)] = (count == 2) & (directions == 0)
+    comparable.scatter_forward()
+
+    other = sums.array.reshape(-1, 3)[edges[:owned]] - normals[:, None]
+    has_neighbour = comparable.array[edges[:owned]] > 0
+    is_opposite = _dot(other, normals[:, None]) < UPSIDE_DOWN_COSINE
+    all_opposite = (is_opposite | ~has_neighbour).all(axis=1)
+    found = (has_neighbour.sum(axis=1) >= 2) & all_opposite
     return int(domain.comm.allreduce(int(found.sum())))
 
 
 def open_seams(domain: dmesh.Mesh, groups: Mapping[str, tuple[int, npt.NDArray[np.int32]]]) -> int:
-    """Number of boundary facets (edges, or ends of curves) that coincide with another one without being joined to it.
+    """Number of boundary facets that coincide with another boundary facet but are not glued to it.
 
-    The sides of a slit that is meant are in named groups of their own, and not counted; `groups` are those of the mesh.
-    Facets are sent to the rank that their rounded midpoint falls to; all ranks know the result.
+    Facets are edges of triangles, or ends of line elements.  A slit that is intended has its two
+    sides in different named groups; its facets are not counted.
+
+    Args:
+        domain: the mesh.
+        groups: dimension and local entities of its named groups, `Mesh.groups`.
+
+    Returns:
+        the number in the whole mesh, on all ranks.
     """
-    topology, comm = domain.topology, domain.comm
+    topology = domain.topology
+    comm = domain.comm
     dim = topology.dim
     topology.create_entities(dim - 1)
     topology.create_connectivity(dim - 1, dim)
     facets = dmesh.exterior_facet_indices(topology)
-    middles = dmesh.compute_midpoints(domain, dim - 1, facets) if len(facets) else np.zeros((0, 3))
+    midpoints = np.zeros((0, 3))
+    if len(facets):
+        midpoints = dmesh.compute_midpoints(domain, dim - 1, facets)
+
+    # Number of the named group of each facet; zero for facets in no group.
+    side = np.zeros(len(facets), dtype=np.int64)
+    for number, (group_dim, entities) in enumerate(groups.values(), start=1):
+        in_group = np.isin(facets, entities) & (group_dim == dim - 1)
+        side[in_group] = number
+
+    # Facets coincide if their rounded midpoints do.  Those with the same midpoint are collected on
+    # the same rank, which is a hash of the midpoint.
     pitch = ALIKE * extent(domain) or 1.0
-    side = np.zeros(len(facets), dtype=np.int64)  # zero in no group
-    for number, (of, entities) in enumerate(groups.values(), start=1):
-        side[np.isin(facets, entities) & (of == dim - 1)] = number
-    keys = np.column_stack([np.rint(middles / pitch).astype(np.int64), side])
-    home = (keys[:, :3] @ np.array([73856093, 19349663, 83492791], dtype=np.int64)) % comm.size
-    received = np.concatenate(comm.alltoall([keys[home == rank] for rank in range(comm.size)]))
-    _, at, counts = np.unique(received[:, :3], axis=0, return_inverse=True, return_counts=True)
-    sides = np.bincount(
-        np.unique(np.column_stack([at.ravel(), received[:, 3]])[received[:, 3] > 0], axis=0)[:, 0]
+    rounded = np.rint(midpoints / pitch).astype(np.int64)
+    keys = np.column_stack([rounded, side])
+    home = (keys[:, :3] @ HASH_PRIMES) % comm.size
+    outgoing = [keys[home == rank] for rank in range(comm.size)]
+    received = np.concatenate(comm.alltoall(outgoing))
+    _, midpoint, counts = np.unique(
+        received[:, :3],
+        axis=0,
+        return_inverse=True,
+        return_counts=True,
     )
+
+    # Number of different named groups at each midpoint.
+    in_named_group = received[:, 3] > 0
+    midpoint_and_side = np.column_stack([midpoint.ravel(), received[:, 3]])[in_named_group]
+    sides = np.bincount(np.unique(midpoint_and_side, axis=0)[:, 0])
     sides = np.pad(sides, (0, len(counts) - len(sides)))
-    return int(comm.allreduce(int(counts[(counts > 1) & (sides < counts)].sum())))
+    # Facets that coincide are intended if each of them is in another group.
+    is_open = (counts > 1) & (sides < counts)
+    return int(comm.allreduce(int(counts[is_open].sum())))
 
 
 def crossings(comm: MPI.Intracomm, corners: Array, nodes: Integers) -> int:
-    """Number of triangles that another triangle pierces; all ranks know it.
+    """Number of triangles that intersect another triangle.
 
-    corners (n, 3, 3) of this rank's triangles, nodes (n, 3) their global nodes: triangles that share one are not
-    tested.  Ranks pass their triangles round, so that none holds more than two shares.
+    Triangles that share a node are not tested against each other.  Ranks pass their triangles on in
+    a ring, so that none stores more than two shares of the mesh.
+
+    Args:
+        comm: the ranks.
+        corners: vertices (n, 3, 3) [m] of this rank's triangles.
+        nodes: global numbers (n, 3) of these vertices.
+
+    Returns:
+        the number over all ranks, on all ranks.
+
+    >>> import numpy as np
+    >>> from mpi4py import MPI
+    >>> lying = [[-1.0, -1.0, 0.0], [2.0, -1.0, 0.0], [-1.0, 2.0, 0.0]]
+    >>> standing = [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [5.0, 5.0, 0.0]]
+    >>> crossings(MPI.COMM_SELF, np.array([lying, standing]), np.arange(6).reshape(2, 3))
+    2
     """
-    pierced = np.zeros(len(corners), dtype=bool)
+    intersects = np.zeros(len(corners), dtype=bool)
     visitor: tuple[Array, Integers] = (corners, nodes)
     for _ in range(comm.size):
-        pierced |= _pierced(corners, nodes, *visitor)
+        intersects |= _pierced(corners, nodes, *visitor)
         visitor = comm.sendrecv(
-            visitor, dest=(comm.rank + 1) % comm.size, source=(comm.rank - 1) % comm.size
+            visitor,
+            dest=(comm.rank + 1) % comm.size,
+            source=(comm.rank - 1) % comm.size,
         )
-    return int(comm.allreduce(int(pierced.sum())))
+    return int(comm.allreduce(int(intersects.sum())))
 
 
 def _pierced(
-    mine: Array, my_nodes: Integers, others: Array, other_nodes: Integers
+    mine: Array,
+    my_nodes: Integers,
+    others: Array,
+    other_nodes: Integers,
 ) -> npt.NDArray[np.bool_]:
-    """Which of `mine` are crossed by an edge of `others`, or cross one of theirs with an edge."""
+    """Whether each triangle of `mine` (n, 3, 3) intersects one of `others` (m, 3, 3).
+
+    Two triangles intersect if an edge of the one passes through the inside of the other.
+    """
     found = np.zeros(len(mine), dtype=bool)
     if not len(mine) or not len(others):
         return found
+    # SciPy is loaded only where it is needed.
     from scipy.spatial import cKDTree
 
-    (centres, radii), (their_centres, their_radii) = (_ball(corners) for corners in (mine, others))
-    tree, reach = cKDTree(their_centres), radii + their_radii.max()
-    for part in np.array_split(np.arange(len(mine)), len(mine) // 2000 + 1):
-        near = tree.query_ball_point(centres[part], reach[part])
-        i = np.repeat(part, [len(found_there) for found_there in near])
-        j = np.concatenate([np.asarray(found_there, dtype=np.int64) for found_there in near])
-        apart = np.linalg.norm(centres[i] - their_centres[j], axis=1) <= radii[i] + their_radii[j]
-        apart &= ~(my_nodes[i][:, :, None] == other_nodes[j][:, None, :]).any(axis=(1, 2))
-        i, j = i[apart], j[apart]
+    centres, radii = _ball(mine)
+    their_centres, their_radii = _ball(others)
+    tree = cKDTree(their_centres)
+    # The tree knows centres only, so the search radius allows for the largest of the others.
+    search_radii = radii + their_radii.max()
+    batches = np.array_split(np.arange(len(mine)), len(mine) // BATCH + 1)
+    for batch in batches:
+        near = tree.query_ball_point(centres[batch], search_radii[batch])
+        counts = [len(neighbours) for neighbours in near]
+        i = np.repeat(batch, counts)
+        j = np.concatenate([np.asarray(neighbours, dtype=np.int64) for neighbours in near])
+        between_centres = centres[i] - their_centres[j]
+        candidate = _is_candidate(
+            distance=np.linalg.norm(between_centres, axis=1),
+            reach=radii[i] + their_radii[j],
+            nodes=my_nodes[i],
+            other_nodes=other_nodes[j],
+        )
+        i = i[candidate]
+        j = j[candidate]
         hit = np.zeros(len(i), dtype=bool)
         for k in range(3):
-            hit |= _segment_meets(mine[i, k], mine[i, (k + 1) % 3], others[j])
-            hit |= _segment_meets(others[j, k], others[j, (k + 1) % 3], mine[i])
+            next_corner = (k + 1) % 3
+            hit |= _segment_meets(mine[i, k], mine[i, next_corner], others[j])
+            hit |= _segment_meets(others[j, k], others[j, next_corner], mine[i])
         found[i[hit]] = True
     return found
 
 
+def _is_candidate(
+    distance: Array,
+    reach: Array,
+    nodes: Integers,
+    other_nodes: Integers,
+) -> npt.NDArray[np.bool_]:
+    """Whether the bounding balls of pairs of triangles overlap and they share no node (n, 3)."""
+    overlap: npt.NDArray[np.bool_] = distance <= reach
+    shared = (nodes[:, :, None] == other_nodes[:, None, :]).any(axis=(1, 2))
+    return overlap & ~shared
+
+
 def _ball(corners: Array) -> tuple[Array, Array]:
+    """Centres (n, 3) and radii (n,) [m] of balls that contain triangles (n, 3, 3)."""
     centre = corners.mean(axis=1)
-    return centre, np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
+    radius = np.linalg.norm(corners - centre[:, None], axis=2).max(axis=1)
+    return centre, radius
 
 
 def _segment_meets(start: Array, end: Array, triangle: Array) -> npt.NDArray[np.bool_]:
-    """Whether segments (n, 3) go through the inside of triangles (n, 3, 3); those that only touch do not."""
-    a, b = triangle[:, 1] - triangle[:, 0], triangle[:, 2] - triangle[:, 0]
+    """Whether segments pass through the inside of triangles; those that only touch do not.
+
+    Args:
+        start: beginnings (n, 3) [m] of the segments.
+        end: their ends (n, 3) [m].
+        triangle: one triangle (n, 3, 3) [m] for each segment.
+    """
+    origin = triangle[:, 0]
+    a = triangle[:, 1] - origin
+    b = triangle[:, 2] - origin
     normal = np.cross(a, b)
     squares = (normal**2).sum(axis=1)
-    heights = [(normal * (point - triangle[:, 0])).sum(axis=1) for point in (start, end)]
+    # Heights over the plane, times the length of `normal`.
+    start_height = _dot(normal, start - origin)
+    end_height = _dot(normal, end - origin)
+    # Segments in the plane of the triangle, and triangles without area, divide by zero; the
+    # comparisons below are false for the NaN that result.
     with np.errstate(divide="ignore", invalid="ignore"):
-        t = heights[0] / (heights[0] - heights[1])
-        at = start + t[:, None] * (end - start) - triangle[:, 0]
-        u = (np.cross(at, b) * normal).sum(axis=1) / squares
-        v = (np.cross(a, at) * normal).sum(axis=1) / squares
-        margin = 1e-6
-        through = (np.minimum(*heights) < -margin * squares**0.75) & (
-            np.maximum(*heights) > margin * squares**0.75
-        )
-        result: npt.NDArray[np.bool_] = through & (u > margin) & (v > margin) & (u + v < 1 - margin)
+        t = start_height / (start_height - end_height)
+        crossing = start + t[:, None] * (end - start) - origin
+        # Barycentric coordinates of the crossing point.
+        u = _dot(np.cross(crossing, b), normal) / squares
+        v = _dot(np.cross(a, crossing), normal) / squares
+        # |normal| has the unit m², so |normal|^1.5 is a length times |normal|, as the heights are.
+        height_margin = TOUCH_MARGIN * squares**0.75
+        is_below = np.minimum(start_height, end_height) < -height_margin
+        is_above = np.maximum(start_height, end_height) > height_margin
+        is_inside = (u > TOUCH_MARGIN) & (v > TOUCH_MARGIN)
+        is_inside &= u + v < 1 - TOUCH_MARGIN
+        result: npt.NDArray[np.bool_] = is_below & is_above & is_inside
     return result
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Dot products over the last axis."""
+    product: Array = (a * b).sum(axis=-1)
+    return product
