@@ -215,8 +215,8 @@ def build(
         items.append(gx.RigidRegion(film, "side 1", rigid_body=cube))
     else:
         items += [
-            gx.Tie(tubes[1].film, group_a="side 4", b=film, group_b="side 2"),
-            gx.Tie(tubes[-1].film, group_a="side 2", b=film, group_b="side 4"),
+            gx.Tie(tubes[1].film, film, group_a="side 4", group_b="side 2"),
+            gx.Tie(tubes[-1].film, film, group_a="side 2", group_b="side 4"),
         ]
     films = [film, *(tube.film for tube in tubes.values())]
     if damping:

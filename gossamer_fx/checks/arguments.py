@@ -118,6 +118,8 @@ def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
         except TypeError as error:
             message = _wrong_call(signature(), args, kwargs, error)
             raise InputError(f"{name}: {message}.") from None
+        if isinstance(given.get("name"), str):
+            name = f"{name} '{given['name']}'"
         for argument, value in given.items():
             parameter = signature().parameters[argument]
             if argument == "self" or value is parameter.default:

@@ -37,8 +37,8 @@ class RopeBundle:
         >>> corners = [film.port("top left"), film.port("top right")]
         >>> ends = [(corner, gx.Ground((0.5, 2.0, 0.0))) for corner in corners]
         >>> ropes = gx.connectors.RopeBundle(ends, stiffness=1e3, lengths=[1.2, 1.2])
-        >>> len(list(ropes.terms()))
-        2
+        >>> ropes.lengths
+        [1.2, 1.2]
     """
 
     ends: Sequence[tuple[Attached, Attached]]

@@ -86,8 +86,8 @@ class GasNetwork:
             s.volume = self._volume(s)
             check(
                 s.volume > 0,
-                f"Chamber '{s.chamber.name}' encloses {s.volume:.3g} m³ at the start; open it by an initial displacement or "
-                "give it a dead_volume.",
+                f"Chamber '{s.chamber.name}' encloses {s.volume:.3g} m³ at the start; open it by an "
+                "initial displacement or give it a dead_volume.",
             )
             s.pressure = s.chamber.initial_pressure
             s.internal_energy = s.pressure * s.volume / (self._gas.gamma - 1)

@@ -1,7 +1,8 @@
 """Energies and dissipation of measures between points, as arrays: all terms of one kind are evaluated at once.
 
 The rule is that of `discrete_gradient`: force S̄·De(q̄) with S̄·(e1 - e0) = ψ(e1) - ψ(e0), or the loss of the step.
-With α = 1 the forces are those of the end of the step, S̄ = ψ'(e1).  Measures are evaluated on the rank of their first port.
+With α = 1 the forces are those of the end of the step, S̄ = ψ'(e1).  Measures are evaluated on the rank of
+their first port.
 """
 
 from __future__ import annotations

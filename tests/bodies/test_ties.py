@@ -60,7 +60,7 @@ def test_two_halves_move_as_the_whole(comm, order: int) -> None:
     spin = gx.RigidMotion(spin=(0.0, 0.0, 3.0), centre=(0.2, 0.05, 0.0))
     one = gx.Simulation(gx.Scene(whole, spin), gx.Midpoint(dt=1e-3))
     two = gx.Simulation(
-        gx.Scene(*halves, gx.Tie(halves[0], group_a="right", b=halves[1], group_b="left"), spin),
+        gx.Scene(*halves, gx.Tie(halves[0], halves[1], group_a="right", group_b="left"), spin),
         gx.Midpoint(dt=1e-3),
     )
     for run in (one, two):
@@ -80,7 +80,7 @@ def test_three_films_of_different_meshes_on_a_line(comm) -> None:
         strip(comm, f"film {k}", n, angle=2 * math.pi * k / 3, stretch=0.01)
         for k, n in enumerate((2, 3, 4))
     ]
-    ties = [gx.Tie(film, group_a="left", b=films[0], group_b="left") for film in films[1:]]
+    ties = [gx.Tie(film, films[0], group_a="left", group_b="left") for film in films[1:]]
     run = gx.Simulation(
         gx.Scene(*films, *ties, gx.RigidMotion(spin=(1.0, 5.0, 2.0))), gx.Midpoint(dt=1e-3)
     )
@@ -105,7 +105,7 @@ def test_a_cable_along_an_edge_and_a_film_on_a_tube(comm) -> None:
         gx.Scene(
             film,
             cable,
-            gx.Tie(cable, group_a=None, b=film, group_b="left"),
+            gx.Tie(cable, film, group_a=None, group_b="left"),
             gx.RigidMotion(spin=(0.0, 0.0, 4.0)),
         ),
         gx.Midpoint(dt=1e-3),
@@ -125,17 +125,17 @@ def test_a_cable_along_an_edge_and_a_film_on_a_tube(comm) -> None:
         name="sail",
         displacement=lambda X: np.vstack([0 * X[0], X[1] * 0 + width / 2, 0 * X[0]]),
     )
-    gx.Scene(tube, sail, gx.Tie(sail, group_a="bottom", b=tube, group_b="left")).compile()
+    gx.Scene(tube, sail, gx.Tie(sail, tube, group_a="bottom", group_b="left")).compile()
 
 
 @pytest.mark.mpi
 @pytest.mark.parametrize(
     "act, words",
     [
-        (lambda a, b: gx.Tie(a, group_a="left", b=a, group_b="left"), "tied to itself"),
-        (lambda a, b: gx.Tie(a, group_a=None, b=b, group_b="left"), "name a curve of its mesh"),
+        (lambda a, b: gx.Tie(a, a, group_a="left", group_b="left"), "tied to itself"),
+        (lambda a, b: gx.Tie(a, b, group_a=None, group_b="left"), "name a curve of its mesh"),
         (
-            lambda a, b: gx.Tie(a, group_a="left", b=b, group_b="film"),
+            lambda a, b: gx.Tie(a, b, group_a="left", group_b="film"),
             "has dimension 2; name curves",
         ),
         (
@@ -143,7 +143,7 @@ def test_a_cable_along_an_edge_and_a_film_on_a_tube(comm) -> None:
             "a is|no film or cable",
         ),
         (
-            lambda a, b: gx.Scene(gx.Tie(a, group_a="right", b=b, group_b="left")).compile(),
+            lambda a, b: gx.Scene(gx.Tie(a, b, group_a="right", group_b="left")).compile(),
             "up to 0.2 m away",
         ),
     ],

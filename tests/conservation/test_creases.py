@@ -244,7 +244,7 @@ BAD = {
     ),
     "shut": (
         lambda film: gx.connectors.Crease(film, "crease", stiffness=1e-3, initial_fold=0),
-        "shut is 0; give 1 for a valley fold",
+        "initial_fold is 0; give 1 for a valley fold",
     ),
     "normals": (
         lambda film: gx.connectors.Crease(

@@ -64,7 +64,7 @@ def solid_of(
             {"centre": (0, 0, 0), "sizes": (0.12, 0.12, 0.006), "inside": True},
         ),
     }[kind]
-    return makes(**where, on=block, **given)
+    return makes(**where, body=block, **given)
 
 
 def group_of(run) -> ContactSet:

@@ -154,7 +154,7 @@ def test_bad_input_is_refused():
         gx.Contact(one, distance=0.0)
     with pytest.raises(gx.InputError, match="no film"):
         gx.Contact(gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 1)), distance=1e-3)
-    with pytest.raises(gx.InputError, match="no surface"):
+    with pytest.raises(gx.InputError, match="give a body on a mesh or an obstacle"):
         gx.Contact(one, gx.PointMass(1.0), distance=1e-3)
     with pytest.raises(gx.InputError, match="radius of 'line'"):
         gx.Contact(

@@ -260,7 +260,7 @@ def test_a_polygon_along_miuras_lines(comm) -> None:
                 stiffness=1.0,
                 set_angle_ratio=2.0,
             ),
-            "from 0 .no memory. to 1",
+            "from 0 .flat at rest. to 1",
         ),
         (
             lambda c: ZIGZAG.start(gx.Membrane(sheet(c, 2, 2), LAW), origin=(0.0, math.nan, 0.0)),

@@ -73,7 +73,7 @@ def test_caps_keep_the_ends_straight(comm) -> None:
         comm, folds=FOLDS, contact_distance=5e-4, clamp=None, caps={"inlet": block, "tip": 2e-3}
     )
     bar = next(item for item in gx.Scene(it).items if item.name == "tube tip bar")
-    assert [cap.to.name for cap in it.caps] == ["block", "tube tip bar"]
+    assert [cap.rigid_body.name for cap in it.caps] == ["block", "tube tip bar"]
     run = gx.Simulation(gx.Scene(it, it.inlet(tank(), 1e-7)), gx.Midpoint(dt=5e-5))
     width, start = (
         math.pi * DIAMETER / 2,

@@ -52,7 +52,7 @@ def test_the_count_is_that_of_all_pairs_in_turn(comm) -> None:
     x = np.concatenate(
         [
             np.concatenate(comm.allgather(f.initial_state()[0].reshape(-1, 3)))[n]
-            for f, n in zip(probe.films, probe._nodes, strict=True)
+            for f, n in zip(probe.bodies, probe._nodes, strict=True)
         ]
     )
     pierced = 0
@@ -114,7 +114,7 @@ def test_the_count_follows_the_exact_sign_near_zero() -> None:
     "call, words",
     [
         (lambda: gx.probes.Crossings(), "give one or several"),
-        (lambda: gx.probes.Crossings(1), "no film"),
+        (lambda: gx.probes.Crossings(1), "give a Membrane"),
     ],
 )
 def test_what_has_no_crossings_is_refused(call, words: str) -> None:

@@ -53,12 +53,12 @@ def flown(
 @pytest.mark.parametrize(("order", "halves"), [(1, False), (2, True)])
 def test_shapes_on_the_disk_are_those_in_memory(folder: Path, order: int, halves: bool) -> None:
     shapes = flown(WORLD, folder, order, halves)
-    read = gx.reduction.RecordedShapes(shapes.film, folder / "run")
+    read = gx.reduction.RecordedShapes(shapes.body, folder / "run")
     assert read.times == pytest.approx(np.arange(0, 10, 2) * DT) and len(shapes.positions) == 5
     for a, b in zip(read.positions, shapes.positions, strict=True):
         assert a.shape == b.shape and np.abs(a - b).max(initial=0.0) < 1e-14
     a, b = (
-        gx.reduction.reduce(shapes.film, [motion], modes=2).basis.singular_values
+        gx.reduction.reduce(shapes.body, [motion], modes=2).basis.singular_values
         for motion in (read, shapes)
     )
     assert a[:2] == pytest.approx(b[:2], rel=1e-9)

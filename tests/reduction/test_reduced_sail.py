@@ -223,7 +223,7 @@ def test_the_energy_outside_of_the_basis_tells_where_it_does_not_hold(recorded) 
         run.run(until=0.4)
         shares.append(gx.reduction.OutsideBasis(reduced)(run))
     assert 0 < shares[1] < 0.5 * shares[0]
-    with pytest.raises(gx.InputError, match="is no reduced film"):
+    with pytest.raises(gx.InputError, match="give a ReducedMembrane"):
         gx.reduction.OutsideBasis(film)
 
 

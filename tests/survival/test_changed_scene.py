@@ -78,11 +78,11 @@ OTHER: dict[str, tuple[Any, str]] = {
         (0.0, 0.0, -1.62),
         r"g of 'gravity of film' is \[0.0, 0.0, -9.81\] there and \[0.0, 0.0, -1.62\] here",
     ),
-    "pressure": (4.0, "value of 'pressure' is 3 there and 4 here"),
-    "damping": (0.2, "mass of '.*' is 0.1 there and 0.2 here"),
+    "pressure": (4.0, "pressure of 'pressure' is 3 there and 4 here"),
+    "damping": (0.2, "mass_factor of '.*' is 0.1 there and 0.2 here"),
     "area": (2e-6, "area of 'valve' is 1e-06 there and 2e-06 here"),
     "discharge": (0.7, "discharge_coefficient of 'valve'"),
-    "force": ((2.0, 0.0, 0.0), "value of 'pull'"),
+    "force": ((2.0, 0.0, 0.0), "force of 'pull'"),
     "stiffness": (3.0, "stiffness of 'attitude control'"),
     "target": ((0.0, 0.0, 0.2), "target of 'attitude control'"),
     "outside": (2e5, "pressure of '.*' is 100000 there and 200000 here"),
@@ -112,7 +112,7 @@ def test_changes_that_are_meant_are_taken(folder: Path) -> None:
         gx.InputError, match="changes holds 'vent', but the scene has no such part; it has: film"
     ):
         run(3, scene(), restart=folder, changes=["vent"])
-    with pytest.raises(gx.InputError, match="value of 'pull'"):
+    with pytest.raises(gx.InputError, match="force of 'pull'"):
         run(3, scene(area=2e-6, force=(2.0, 0.0, 0.0)), restart=folder, changes=["valve"])
     after = run(3, scene(area=2e-6), restart=folder, changes=["valve"])
     assert after.step == 3 and abs(after.mass_error) <= 1e-14
@@ -127,7 +127,7 @@ def test_what_was_not_compared_is_told(folder: Path, caplog: pytest.LogCaptureFi
     with caplog.at_level("INFO", logger="gossamer_fx"):
         run(3, scene(), restart=folder)
     if COMM.rank == 0:
-        assert "not compared with the checkpoint: value outside table of 'push'" in caplog.text
+        assert "not compared with the checkpoint: force outside table of 'push'" in caplog.text
 
 
 @pytest.mark.mpi

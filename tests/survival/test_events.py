@@ -133,7 +133,7 @@ def test_after_a_restart_an_event_does_not_happen_again_but_acts(folder: Path) -
             "When 'bad' at t = 0 s: it returns nan",
         ),
         (lambda: gx.When(lambda run: 1 / 0, name="bad"), "it raises ZeroDivisionError"),
-        (lambda: "stop", "is no event"),
+        (lambda: "stop", "events is"),
     ],
 )
 def test_bad_events_are_named(event, words: str) -> None:

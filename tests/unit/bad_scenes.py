@@ -754,7 +754,7 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
             lambda: gx.Contact(film(), distance=1e-3, law="glue"),
             "glue",
         ),
-        "a sphere without size": (lambda: gx.contact.Sphere(origin, 0.0), "radius"),
+        "a sphere without size": (lambda: gx.contact.Sphere(centre=origin, radius=0.0), "radius"),
         "a film through the floor": (
             lambda: run(
                 film(),

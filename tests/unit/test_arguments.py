@@ -165,6 +165,11 @@ def test_names_for_type_checkers_are_imported_when_a_value_needs_them() -> None:
     assert done.stdout == expected, done.stdout + done.stderr
 
 
+def test_the_name_of_a_part_is_in_the_message() -> None:
+    with pytest.raises(gx.InputError, match=r"^PointMass 'tip': mass is 'heavy'; give a number\.$"):
+        gx.PointMass("heavy", name="tip")  # type: ignore[arg-type]
+
+
 def test_inherited_fields_of_dataclasses_are_resolved_in_their_own_module() -> None:
     module = importlib.import_module("gossamer_fx.contact.obstacles")
     with pytest.raises(gx.InputError, match=r"Plane: friction is 'rough'; give a number or None"):

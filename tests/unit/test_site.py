@@ -5,17 +5,20 @@ from __future__ import annotations
 import ast
 import contextlib
 import importlib
+import inspect
 import io
 import os
 import re
 import shlex
 import sys
 from collections.abc import Iterator
+from operator import attrgetter
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
+import gossamer_fx
 from gossamer_fx.checks.lazy_names import public_names
 from gossamer_fx.cli.command import _parser
 from gossamer_fx.run.interruption import SIGNALS
@@ -168,3 +171,28 @@ def test_exit_codes_on_the_page_of_messages_are_those_of_signals_and_errors() ->
     codes = {int(code) for code in re.findall(r"exit code (\d+)", MESSAGES)}
     assert len(QUOTED) >= 8
     assert codes == {1, 2} | {128 + number for number in SIGNALS}
+
+
+# ---- from 0.1 to 1.0 -------------------------------------------------------------------------------------------------
+
+MIGRATION = (DOCS / "migration.md").read_text(encoding="utf-8")
+
+
+def test_the_page_of_changes_lists_every_name_of_a_namespace() -> None:
+    listed = set()
+    rows = re.findall(r"^\| `gx\.([a-z]+)` \| (`[\w`, ]*`) \|$", MIGRATION, re.MULTILINE)
+    for namespace, names in rows:
+        listed |= {f"{namespace}.{name}" for name in re.findall(r"`(\w+)`", names)}
+    assert listed == {name for name in public_names() if "." in name}
+
+
+def test_new_arguments_on_the_page_of_changes_exist_and_old_ones_do_not() -> None:
+    rows = re.findall(r"^\| `gx\.([\w.]+)` \| (`.*`) \| (`.*`) \|$", MIGRATION, re.MULTILINE)
+    assert len(rows) > 40
+    for name, old, new in rows:
+        known = set(inspect.signature(attrgetter(name)(gossamer_fx)).parameters)
+        assert set(re.findall(r"`(\w+)`", new)) <= known, name
+        # An old name may have become that of another argument.
+        assert not (set(re.findall(r"`(\w+)`", old)) - set(re.findall(r"`(\w+)`", new))) & known, (
+            name
+        )

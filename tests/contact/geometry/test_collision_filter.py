@@ -38,7 +38,7 @@ def test_leaves_clap_together_about_the_line_on_which_they_are_tied(comm, n, ord
         {"pierced": gx.probes.Penetrations(contact), "crossings": gx.probes.Crossings(lower, upper)}
     )
     run = simulate(
-        [contact, gx.Tie(upper, group_a="left", b=lower, group_b="left")], 4e-3, outputs=[seen]
+        [contact, gx.Tie(upper, lower, group_a="left", group_b="left")], 4e-3, outputs=[seen]
     )
     assert run.first.stored["contact"] == 0
     assert group_of(run).memory.distance.min() > 1e-4  # no joined cells are taken for near ones
@@ -59,7 +59,7 @@ def test_leaves_that_are_nearer_than_the_distance_open_freely(comm):
     contact = gx.Contact(lower, upper, distance=2e-3)
     seen = gx.Series({"energy": lambda run: run.totals.stored["contact"]})
     run = simulate(
-        [contact, gx.Tie(upper, group_a="left", b=lower, group_b="left")], 4e-3, outputs=[seen]
+        [contact, gx.Tie(upper, lower, group_a="left", group_b="left")], 4e-3, outputs=[seen]
     )
     assert max(seen["energy"]) == 0
     assert group_of(run).memory.distance.min() == 2e-3  # it has grown
@@ -78,7 +78,7 @@ def test_films_and_a_cable_on_one_line_and_a_line_that_is_tied_to_a_tied_one(com
         name="cable",
     )
     ties = [
-        gx.Tie(b, group_a="left", b=a, group_b="left")
+        gx.Tie(b, a, group_a="left", group_b="left")
         for a, b in ((films[0], films[1]), (films[1], films[2]))
     ]
     contact = gx.Contact(*films, cable, distance=1e-3, radius={"cable": 1e-3})
@@ -86,7 +86,7 @@ def test_films_and_a_cable_on_one_line_and_a_line_that_is_tied_to_a_tied_one(com
         [
             contact,
             *ties,
-            gx.Tie(cable, group_a=None, b=films[2], group_b="left"),
+            gx.Tie(cable, films[2], group_a=None, group_b="left"),
             gx.RigidMotion(spin=(1.0, 5.0, 2.0)),
         ],
         1e-3,
@@ -98,7 +98,7 @@ def test_films_and_a_cable_on_one_line_and_a_line_that_is_tied_to_a_tied_one(com
 
 def test_layers_that_coincide_and_are_not_tied_are_refused():
     lower, upper = leaf(MPI.COMM_SELF, name="lower"), leaf(MPI.COMM_SELF, name="upper")
-    tie = gx.Tie(upper, group_a="left", b=lower, group_b="left")
+    tie = gx.Tie(upper, lower, group_a="left", group_b="left")
     with pytest.raises(gx.InputError, match=r"touch something at the start.*or tie them"):
         gx.Scene(gx.Contact(lower, upper, distance=1e-3), tie).compile()
     apart = [leaf(MPI.COMM_SELF, angle=0.5 * k, name=f"leaf {k}") for k in range(2)]
