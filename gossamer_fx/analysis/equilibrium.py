@@ -387,6 +387,3 @@ class _Care:
         if self.taken:
             self._helped += self._left == 0
             self.taken = self._left > 0
-
-
-Found = EquilibriumResult  # its former name

@@ -294,6 +294,3 @@ def _finer(values: Array) -> Array:
     parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
     finer: Array = np.concatenate([np.stack(corners, axis=1) for corners in parts])
     return finer
-
-
-Playback = RunReader  # its former name
