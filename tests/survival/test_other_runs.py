@@ -6,7 +6,7 @@ import json
 import os
 import re
 import subprocess
-import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +14,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from tests.hanging import HANG_TIMEOUT
+from tests.survival.on_ranks import python
 from tests.survival.scenes import DT, fluttering_sheet
 
 COMM = MPI.COMM_WORLD
@@ -35,6 +35,7 @@ def files(folder: Path) -> dict[str, bytes]:
     }
 
 
+# A run that says so in its second step, and waits there for a line of its input on rank 0.
 WAITING = """
 import sys, time
 from pathlib import Path
@@ -46,7 +47,7 @@ class Wait:
     def open(self, run): pass
     def close(self, run): pass
     def record(self, run, last):
-        if run.step == 2:
+        if run.step == 2 and run.comm.rank == 0:
             print("running", flush=True)
             sys.stdin.readline()
 outputs = [gx.Recording(folder / "run", every=1), Wait()]
@@ -54,17 +55,33 @@ ball(outputs=outputs, checkpoints=gx.Checkpoints(folder / "saves", every=1)).run
 print("done", flush=True)
 """
 
+# A second run in the same folder; each rank says why it was refused.
+SECOND = """
+import sys
+from pathlib import Path
+from tests.survival.test_other_runs import ball
+import gossamer_fx as gx
+try:
+    ball(outputs=[gx.Recording(Path(sys.argv[1]) / "run", every=1)])
+except gx.InputError as error:
+    print(error, flush=True)
+"""
 
-@pytest.mark.parametrize("how", ["anew", "restart", "overwrite"])
-def test_a_second_run_is_refused_and_the_first_goes_on(tmp_path: Path, how: str) -> None:
-    first = subprocess.Popen(
-        [sys.executable, "-c", WAITING, str(tmp_path)],
+
+def start(program: str, folder: Path, ranks: int = 1) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [*python(ranks), "-c", program, str(folder)],
         cwd=ROOT,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
     )
+
+
+@pytest.mark.parametrize("how", ["anew", "restart", "overwrite"])
+def test_a_second_run_is_refused_and_the_first_goes_on(tmp_path: Path, how: str) -> None:
+    first = start(WAITING, tmp_path)
     assert first.stdout is not None and first.stdout.readline() == "running\n"
     before = files(tmp_path)
     options = {"restart": tmp_path / "saves"} if how == "restart" else {}
@@ -86,15 +103,26 @@ def test_a_second_run_is_refused_and_the_first_goes_on(tmp_path: Path, how: str)
     )
 
 
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_every_rank_of_a_second_run_reads_the_same_sentence(tmp_path: Path, ranks: int) -> None:
+    """Also the third run: an attempt that is refused leaves the lock and its owner as they were."""
+    first = start(WAITING, tmp_path, ranks)
+    assert first.stdout is not None and first.stdout.readline() == "running\n"
+    for _ in range(2):
+        said, _ = start(SECOND, tmp_path, ranks).communicate(timeout=120)
+        sentences = said.splitlines()
+        assert len(sentences) == ranks and len(set(sentences)) == 1
+        assert re.search(
+            r"is being written by another run \(.*process \d+ on .*, since .*\); wait for its end",
+            sentences[0],
+        )
+    said, _ = first.communicate("\n", timeout=120)
+    assert said == "done\n" * ranks and first.returncode == 0
+    assert not list(tmp_path.rglob(".*"))
+
+
 def test_the_lock_of_a_run_that_was_killed_is_no_obstacle(tmp_path: Path) -> None:
-    first = subprocess.Popen(
-        [sys.executable, "-c", WAITING, str(tmp_path)],
-        cwd=ROOT,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
+    first = start(WAITING, tmp_path)
     assert first.stdout is not None and first.stdout.readline() == "running\n"
     first.kill()
     first.communicate(timeout=HANG_TIMEOUT)
