@@ -13,7 +13,7 @@ from gossamer_fx.checks.errors import InputError, check
 from gossamer_fx.mesh.quality import ALIKE, area_vectors
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.adios import adios2_for
-from gossamer_fx.outputs.checksums import Verified
+from gossamer_fx.outputs.field_files import noted_steps
 from gossamer_fx.outputs.file_names import file_name, segments
 from gossamer_fx.outputs.recording import about_run
 from gossamer_fx.outputs.solid_frames import REST, placed
@@ -213,10 +213,14 @@ class Segment:
 
     def __init__(self, path: Path) -> None:
         adios2 = adios2_for(path)
-        self._verified = Verified(path)
+        noted = noted_steps(path)
         try:
             self._file = adios2.FileReader(str(path))
             steps = self._file.num_steps()
+            check(
+                steps >= noted,
+                f"'{path}' has {steps} steps, but {noted} were written; put back a copy of it.",
+            )
             self.times: Array = np.asarray(
                 self._file.read("step", step_selection=[0, steps])
             ).ravel()
@@ -278,7 +282,6 @@ class Segment:
         return smooth(area, sums[self.vertices])
 
     def _values(self, field: str, step: int) -> Array:
-        self._verified.check_step(step)
         parts = [
             np.asarray(self._file.read(field, block_id=block, step_selection=[step, 1])).ravel()
             for block in range(self._blocks)
