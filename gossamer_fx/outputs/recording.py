@@ -1,6 +1,6 @@
 """The folder of a run: all that pictures, reports and other programs need to know about it.
 
-    run.json           what the scene contains, versions, how the run was made and how it ended
+    run.json           what the scene contains, arguments of its items, versions, how the run was made and how it ended
     ledger.csv         energies, momenta, errors, iterations of every step: `Ledger`
     gas.csv            pressure, temperature, volume and mass of each chamber, if there is gas
     states.csv         fractions of area of the films that are taut and wrinkled, when fields are written
@@ -26,7 +26,8 @@ from mpi4py import MPI
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, check, on_rank_zero
-from gossamer_fx.model.body import Body, is_on_mesh
+from gossamer_fx.model.terms import Body, is_on_mesh
+from gossamer_fx.outputs.arguments import arguments_of
 from gossamer_fx.outputs.description import describe, versions
 from gossamer_fx.outputs.file_names import file_name
 from gossamer_fx.outputs.ledger import Ledger
@@ -138,6 +139,7 @@ class Recording:
             "format": FORMAT,
             "title": self.title,
             "scene": describe(run),
+            "arguments": arguments_of(run.scene.items),
             "stepper": {"kind": type(run.stepper).__name__, "dt": run.stepper.dt},
             "fields": {
                 name: list(output.fields)
