@@ -93,7 +93,7 @@ OTHER: dict[str, tuple[Any, str]] = {
     "conductance": (3.0, "conductance of 'wall'"),
     "motion": (
         lambda x, t: 0.2 * t * x,
-        r"the function motion of 'mover' is another one \(constants: \[0.1\] there and \[0.2\] here",
+        r"the function motion of 'mover' is another one \(constants: \[0.1\] there and \[0.2\]",
     ),
     "edge": ((0.0, 2.0, 0.0), "force of '.*'"),
     "point": ("top right", "port at of 'pull'"),
