@@ -382,7 +382,8 @@ def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
 
 def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     from gossamer_fx.checks.errors import check
-    from gossamer_fx.plot import plot as pictures
+    from gossamer_fx.plot.colours import default_field
+    from gossamer_fx.plot.plot import animate, plot_curves, plot_field, plot_strip
     from gossamer_fx.plot.run_reader import RunReader
     from gossamer_fx.plot.viewpoint import View
 

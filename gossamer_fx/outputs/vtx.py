@@ -62,7 +62,7 @@ class VTX:
         # Number of the segment that is or was written last, and what it holds.
         self._segment = 0
         self._steps = 0
-        self._last_time = 0.0
+        self.last_time: float | None = None  # [s] of the last step that was written
         self._lengths: field_files.Lengths = {}
 
     @property
@@ -111,7 +111,7 @@ class VTX:
         )
         self._lengths = run.comm.bcast(lengths)
         self._steps = steps
-        self._last_time = run.time
+        self.last_time = run.time
 
     def _write(self, run: Run) -> None:
         if self._writer is None:
@@ -142,7 +142,7 @@ class VTX:
         return {
             "segment": self._segment,
             "steps": self._steps,
-            "time": self._last_time,
+            "time": self.last_time,
             "bytes": self._lengths,
         }
 
@@ -150,6 +150,7 @@ class VTX:
         self.open(run)
         self._segment = cursor["segment"]
         self._steps = cursor["steps"]
+        self.last_time = cursor["time"]
         on_rank_zero(run.comm, lambda: self._cut(cursor))
         self._next_segment()
 
