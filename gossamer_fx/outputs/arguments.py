@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from gossamer_fx.model.terms import Ground, Port
+from gossamer_fx.model.body import Ground, Port
 from gossamer_fx.terms.scalar_unknowns import InitialCondition
 
 Known = Any  # None, bool, int, float, str, and lists and dicts of them

@@ -24,9 +24,10 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, on_rank_zero
 from gossamer_fx.fields.groups import groups_of
-from gossamer_fx.model.terms import Body, is_on_mesh
+from gossamer_fx.model.body import Body, is_on_mesh
 from gossamer_fx.outputs.arguments import arguments_of
 from gossamer_fx.outputs.description import describe, versions
 from gossamer_fx.outputs.file_names import file_name
@@ -187,9 +188,9 @@ class Recording:
             body.name: VTX(
                 self.folder / "fields" / f"{file_name(body.name)}.bp",
                 body,
-                self.fields.get(body.name) or _usual_fields(body, run),
-                self.schedule.every,
-                self.schedule.times,
+                fields=self.fields.get(body.name) or _usual_fields(body, run),
+                every=self.schedule.every,
+                times=self.schedule.times,
             )
             for body in run.system.bodies
             if is_on_mesh(body)
@@ -230,7 +231,8 @@ class Recording:
         for name, probes in columns.items():
             schedule = self.states_schedule if name == "states.csv" else Schedule()
             if probes:
-                yield name, Probes(self.folder / name, probes, schedule.every, schedule.times)
+                path = self.folder / name
+                yield name, Probes(path, probes, every=schedule.every, times=schedule.times)
         yield "ledger.csv", Ledger(self.folder / "ledger.csv")
 
     def _write(self, run: Run, status: str) -> None:
@@ -268,5 +270,5 @@ def _usual_fields(body: Body, run: Run) -> tuple[str, ...]:
     if not isinstance(body, Membrane):
         return ("displacement",)
     enclosures = [state.chamber.enclosure for state in run.chambers.values()]
-    bounds_gas = any(getattr(enclosure, "film", None) is body for enclosure in enclosures)
+    bounds_gas = any(enclosure is not None and enclosure.film is body for enclosure in enclosures)
     return (*FILM_FIELDS, "pressure") if bounds_gas else FILM_FIELDS

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, on_rank_zero, write_on_all
 from gossamer_fx.fields.fields import FieldFunctions, check_fields
-from gossamer_fx.model.terms import MeshBody, is_on_mesh
+from gossamer_fx.model.body import MeshBody, is_on_mesh
 from gossamer_fx.outputs import field_files
 from gossamer_fx.outputs.file_names import segment, segment_number, segments
 from gossamer_fx.outputs.output import Probe, Table, evaluate_probe, make_parent

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.plot.rasterise import Canvas, Colours
 from gossamer_fx.plot.shapes import Integers, Shape, unit
 from gossamer_fx.plot.viewpoint import LARGEST_ZOOM, View

@@ -10,7 +10,7 @@ import numpy as np
 
 from gossamer_fx.fields.fields import STATES
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.plot.run_reader import RunReader
 from gossamer_fx.plot.shapes import Integers
 from gossamer_fx.plot.units import NAMES, UNITS, scaled

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from gossamer_fx.fields.fields import STATES
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.ledger import LOST
 from gossamer_fx.plot.colours import STATE_COLOURS
 from gossamer_fx.plot.run_reader import RunReader, Tables

@@ -45,6 +45,7 @@ _TO_SUN = ("flight sun x", "flight sun y", "flight sun z")  # from the attractin
 _LIT = "flight lit"  # part of the Sun that is seen
 
 
+@check_arguments
 class FlightPicture(DrawnRun):
     """PNG of a flight, made at the end of a run: its orbit, the scene as it is then, and probes over time.
 

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gossamer_fx.checks.errors import OutputFailure
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.plot.colours import Scale
-from gossamer_fx.plot.curves import INK, Curves
+from gossamer_fx.plot.curve_panels import INK, Curves
 from gossamer_fx.plot.units import plain_text
 
 if TYPE_CHECKING:

@@ -13,14 +13,15 @@ from contextlib import suppress
 from pathlib import Path
 
 from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import OutputFailure, check, on_rank_zero
-from gossamer_fx.model.terms import Vector
+from gossamer_fx.model.body import Vector
 from gossamer_fx.outputs.adios import adios2_for
 from gossamer_fx.outputs.output import make_parent
 from gossamer_fx.outputs.recording import Recording
 from gossamer_fx.outputs.schedule import Schedule
 from gossamer_fx.plot.colours import by_state, colouring
-from gossamer_fx.plot.curves import run_curves
+from gossamer_fx.plot.curve_panels import run_curves
 from gossamer_fx.plot.page import Views, write_page
 from gossamer_fx.plot.plot import field_views
 from gossamer_fx.plot.run_reader import RunReader
@@ -95,6 +96,7 @@ class DrawnRun:
         raise NotImplementedError
 
 
+@check_arguments
 class Picture(DrawnRun):
     """PNG of a run, made at its end or failure: deformed films at given times, energies, gas, states, ledger errors.
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, OutputFailure, check
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.plot.camera import Camera, aim, render
 from gossamer_fx.plot.colours import Colouring, colouring, sampled
-from gossamer_fx.plot.curves import run_curves
+from gossamer_fx.plot.curve_panels import run_curves
 from gossamer_fx.plot.page import Views, write_page
 from gossamer_fx.plot.run_reader import RunReader
 from gossamer_fx.plot.shapes import Integers, Shape
@@ -59,48 +59,48 @@ def field(
         OutputFailure: the file cannot be written.
 
     Example:
-        `gx.plot_field(gx.RunReader("out/run"), "stress1", [0.0, 0.1], "stress.png")`
+        `gx.plot.field(gx.plot.RunReader("out/run"), "stress1", times=[0.0, 0.1], path="s.png")`
     """
-    _write_field(run, field, times, path, view)
-
-
-def _write_field(
-    run: RunReader, field: str, times: Sequence[float], path: str | Path, view: View | None
-) -> None:
     check(
         bool(len(times)),
         "There are no times of which to draw a picture; give one or more in seconds.",
     )
-    frames = [run.frame(time) for time in times]
-    title = f"{run.title}: {NAMES[field].lower()}" if field in NAMES else run.title
-    views = field_views(run, field, colouring(run, field), frames, view or View())
-    write_page(file_to_write(path), title, views)
+    _write_frames(run, field, [run.frame(time) for time in times], path, view)
 
 
 @check_arguments
 def strip(
     run: RunReader, field: str, *, path: str | Path, count: int = 6, view: View | None = None
 ) -> None:
-    """Write a PNG of a field at `count` times that are evenly spread over the run; else as `plot_field`."""
+    """Write a PNG of a field at `count` times that are evenly spread over the run; else as `field`."""
     check(count >= 1, f"The number of pictures is {count!r}; give one or more.")
     run.frame(run.times[0] if len(run.times) else 0.0)  # refuses a run without fields
-    frames = np.unique(np.rint(np.linspace(0, len(run.times) - 1, count)).astype(int))
-    plot_field(run, field, run.times[frames].tolist(), path, view)
+    evenly = np.rint(np.linspace(0, len(run.times) - 1, count))
+    _write_frames(run, field, np.unique(evenly.astype(int)).tolist(), path, view)
 
 
-def plot_curves(run: RunReader, path: str | Path) -> None:
+@check_arguments
+def curves(run: RunReader, path: str | Path) -> None:
     """Write a PNG of ledger, gas, states of films, iterations and probes over the time.
 
     Raises:
         InputError: the run has fewer than two steps.
         OutputFailure: the file cannot be written.
     """
-    curves = run_curves(run)
+    found = run_curves(run)
     check(
-        bool(curves.panels),
+        bool(found.panels),
         f"The run in '{run.folder}' has fewer than two steps; let it run before its curves are drawn.",
     )
-    write_page(file_to_write(path), run.title, None, curves)
+    write_page(file_to_write(path), run.title, None, found)
+
+
+def _write_frames(
+    run: RunReader, field: str, frames: Sequence[int], path: str | Path, view: View | None
+) -> None:
+    title = f"{run.title}: {NAMES[field].lower()}" if field in NAMES else run.title
+    views = field_views(run, field, colouring(run, field), frames, view or View())
+    write_page(file_to_write(path), title, views)
 
 
 def field_views(

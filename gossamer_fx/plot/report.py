@@ -14,8 +14,9 @@ import numpy as np
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import OutputFailure, check
 from gossamer_fx.outputs.description import lines
+from gossamer_fx.plot import plot as pictures
 from gossamer_fx.plot.colours import default_field
-from gossamer_fx.plot.plot import file_to_write, plot_curves, plot_strip
+from gossamer_fx.plot.plot import file_to_write
 from gossamer_fx.plot.run_reader import RunReader
 from gossamer_fx.plot.viewer import view_data
 

@@ -16,7 +16,7 @@ from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, check
 from gossamer_fx.mesh.linear_pieces import from_vtk, linear_pieces, middles
 from gossamer_fx.mesh.quality import ALIKE
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.adios import adios2_for
 from gossamer_fx.outputs.field_files import noted_steps
 from gossamer_fx.outputs.file_names import file_name, segments

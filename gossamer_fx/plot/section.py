@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gossamer_fx.checks.errors import check, is_vector
-from gossamer_fx.model.terms import Array, Vector
+from gossamer_fx.model.body import Array, Vector
 from gossamer_fx.plot.colours import GROUP_COLOURS
 from gossamer_fx.plot.page import Views
 from gossamer_fx.plot.plot import captions

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gossamer_fx.mesh.quality import area_vectors
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 
 Integers = npt.NDArray[np.int64]
 

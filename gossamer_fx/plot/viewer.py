@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.plot.colours import Colouring, Scale, colouring, default_field
 from gossamer_fx.plot.run_reader import FieldFile, RunReader
 from gossamer_fx.plot.shapes import Integers

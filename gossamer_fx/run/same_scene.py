@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.model.terms import is_on_mesh
+from gossamer_fx.model.body import is_on_mesh
 from gossamer_fx.outputs.arguments import (
     MEASURED,
     TOLERANCE,

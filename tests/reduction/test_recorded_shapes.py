@@ -105,4 +105,4 @@ def test_what_is_not_there_is_told_in_one_sentence(folder: Path) -> None:
         data.write_bytes(data.read_bytes()[:-100])
     WORLD.barrier()
     with pytest.raises(gx.InputError, match="is shorter than it was"):
-        gx.RecordedShapes(sail(WORLD), folder / "run")
+        gx.reduction.RecordedShapes(sail(WORLD), folder / "run")

@@ -220,8 +220,8 @@ def touching(ball: Any = None, contact: Any = None, law: Any = LAW, under: Any =
     film = gx.Membrane(sheet(COMM, 2, 2), law)
     usual_ball = {"centre": (0.5, 0.5, -0.5), "radius": 0.2, "friction": 0.3}
     usual_contact = {"distance": 1e-2, "friction": 0.1, "creep": 1e-3}
-    under = under or gx.Sphere(**usual_ball | (ball or {}), name="ball")
-    floor = gx.Plane(point=(0.0, 0.0, -1.0), normal=(0.0, 0.0, 1.0), name="floor")
+    under = under or gx.contact.Sphere(**usual_ball | (ball or {}), name="ball")
+    floor = gx.contact.Plane(point=(0.0, 0.0, -1.0), normal=(0.0, 0.0, 1.0), name="floor")
     return gx.Scene(gx.Contact(film, under, floor, **usual_contact | (contact or {})))
 
 
@@ -243,7 +243,7 @@ OTHER_CONTACT: dict[str, tuple[dict[str, Any], str]] = {
         "obstacles 1 friction of 'contact' is 0.3 there and 0.4 here",
     ),
     "kind": (
-        {"under": gx.Box(centre=(0.5, 0.5, -0.5), sizes=(0.2, 0.2, 0.2), name="ball")},
+        {"under": gx.contact.Box(centre=(0.5, 0.5, -0.5), sizes=(0.2, 0.2, 0.2), name="ball")},
         "obstacles 1 class of 'contact' is 'Sphere' there and 'Box' here",
     ),
     "motion": (
@@ -289,16 +289,16 @@ def flying(**changed: Any) -> gx.Scene:
     """A film with drag in an orbit of which one argument may be another."""
     film = gx.Membrane(sheet(COMM, 2, 2), LAW)
     usual = {
-        "start": gx.Elements(7e6),
+        "start": gx.orbit.Elements(7e6),
         "gravity": "point",
         "sun": (1.0, 0.0, 0.0),
         "epoch": None,
         "third_bodies": (),
     }
-    orbit = gx.Orbit(**usual | {key: value for key, value in changed.items() if key in usual})
+    orbit = gx.orbit.Orbit(**usual | {key: value for key, value in changed.items() if key in usual})
     density = changed.get("density", 2e-13)
-    air = gx.ExponentialAtmosphere(density=density, altitude=6e5, scale_height=7e4)
-    return gx.Scene(film, orbit, gx.Drag(film, orbit, air, name="drag"))
+    air = gx.orbit.ExponentialAtmosphere(density=density, altitude=6e5, scale_height=7e4)
+    return gx.Scene(film, orbit, gx.orbit.Drag(film, orbit, air, name="drag"))
 
 
 OTHER_FLIGHT: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
@@ -309,7 +309,7 @@ OTHER_FLIGHT: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
         r"sun of 'orbit' is \[1.0, 0.0, 0.0\] there and \[0.0, 1.0, 0.0\] here",
     ),
     "J2": ({}, {"gravity": "J2"}, "gravity of 'orbit' is 'point' there and 'J2' here"),
-    "start": ({}, {"start": gx.Elements(7.1e6)}, "start a of 'orbit' is 7000000 there and 7100000"),
+    "start": ({}, {"start": gx.orbit.Elements(7.1e6)}, "start a of 'orbit' is 7000000 there and 7100000"),
     "epoch": (
         {"epoch": "2026-01-01"},
         {"epoch": "2026-06-01"},

@@ -39,17 +39,17 @@ OTHER_VALUES: dict[str, list[Any]] = {
     "law": [gx.Linear(E=7e9, nu=0.3, density=1.0, thickness=1e-4)],
     "gas": [gx.IdealGas(gamma=1.3, R=300.0)],
     "normal": [(0.0, 1.0, 0.0), True],
-    "outside": [gx.Ambient(7e4, 290.0, name="other air")],
+    "outside": [gx.gas.Ambient(7e4, 290.0, name="other air")],
     "shadow": ["cone", "none"],
     "gravity": ["J2"],
-    "start": [gx.Elements(7.3e6)],
+    "start": [gx.orbit.Elements(7.3e6)],
     "attitude": [((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))],
     "axes": [(0,), (1,), ("x",)],
-    "accommodation": [gx.Accommodation(normal=0.7)],
-    "optics": [gx.Optics(reflectivity=0.3)],
+    "accommodation": [gx.orbit.Accommodation(normal=0.7)],
+    "optics": [gx.orbit.Optics(reflectivity=0.3)],
     "group": ["right", "left", "top"],
-    "second": [gx.Ambient(3e4, 280.0, name="other air")],
-    "first": [gx.Ambient(4e4, 280.0, name="other air")],
+    "second": [gx.gas.Ambient(3e4, 280.0, name="other air")],
+    "first": [gx.gas.Ambient(4e4, 280.0, name="other air")],
 }
 for _port in ("a", "b", "port", "to"):
     OTHER_VALUES[_port] = [gx.Ground((0.1, 0.2, 0.3))]

@@ -14,6 +14,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from tests.hanging import HANG_TIMEOUT
 from tests.survival.on_ranks import python
 from tests.survival.scenes import DT, fluttering_sheet
 
@@ -109,12 +110,12 @@ def test_every_rank_of_a_second_run_reads_the_same_sentence(tmp_path: Path, rank
     first = start(WAITING, tmp_path, ranks)
     assert first.stdout is not None and first.stdout.readline() == "running\n"
     for _ in range(2):
-        said, _ = start(SECOND, tmp_path, ranks).communicate(timeout=120)
+        said, _ = start(SECOND, tmp_path, ranks).communicate(timeout=HANG_TIMEOUT)
         # mpirun does not keep the lines of two ranks apart
         sentences = re.findall(r"'[^']*' is being .*? another folder\.", said)
         assert len(sentences) == ranks and len(set(sentences)) == 1
         assert re.search(r"run \(.*process \d+ on .*, since .*\); wait for", sentences[0])
-    said, _ = first.communicate("\n", timeout=120)
+    said, _ = first.communicate("\n", timeout=HANG_TIMEOUT)
     assert said.count("done") == ranks and first.returncode == 0
     assert not list(tmp_path.rglob(".*"))
 
@@ -265,7 +266,7 @@ def record(folder: Path, until: int, dt: float = DT, **options: object) -> None:
 
 
 def read_all(folder: Path) -> None:
-    run = gx.RunReader(folder / "run")
+    run = gx.plot.RunReader(folder / "run")
     for name in ("ledger.csv", "states.csv"):
         run.table(name)
     for frame in range(len(run.times)):

@@ -22,9 +22,9 @@ Call = dict[str, Any]
 
 # Results and errors, which users do not make, and what takes any number of arguments or none.
 UNCALLED = {
-    "MagneticDipole",  # needs ERFA
-    "EndPoint",
-    "EquilibriumResult",
+    "orbit.MagneticDipole",  # needs ERFA
+    "steppers.EndPoint",
+    "analysis.EquilibriumResult",
     "InputError",
     "run.Interrupted",
     "Mesh",
@@ -515,16 +515,26 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         },
         "gmsh_mesh": {"build": triangle, "comm": WORLD},
         "ground_frame": {"point": z},
-        "latest": {"folder": folder},
-        "log_to": {"comm": WORLD, "file": folder / "log.txt", "quiet": False},
-        "modes": {"equilibrium": None, "count": 3, "spin": z, "above": 0.0},
-        "patch": {"centre": P, "points": [P, P, P]},
-        "RecordedShapes": {"film": film, "folder": folder / "no run"},
-        "Snapshots": {"film": film, "every": 2},
-        "ModeShapes": {"film": film, "equilibrium": None, "modes": [], "height": 0.1},
-        "OutsideBasis": {"film": gx.reduce(film, [motion], 1)},
-        "reduce": {"film": film, "motions": [motion], "modes": 1},
-        "RobustDesign": {
+        "run.latest_checkpoint": {"folder": folder},
+        "run.log_to": {"comm": WORLD, "file": folder / "log.txt", "quiet": False},
+        "analysis.modes": {
+            "equilibrium": inputs.equilibrium,
+            "count": 1,
+            "spin": (0.0, 0.0, 0.0),
+            "above": 0.0,
+        },
+        "control.patch": {"centre": P, "points": [P, P, P]},
+        "reduction.RecordedShapes": {"body": inputs.film, "folder": inputs.run},
+        "reduction.Snapshots": {"body": film, "every": 2},
+        "analysis.ModeShapes": {
+            "body": inputs.film,
+            "equilibrium": inputs.equilibrium,
+            "modes": inputs.modes,
+            "height": 0.1,
+        },
+        "reduction.OutsideBasis": {"body": gx.reduction.reduce(film, [motion], modes=1)},
+        "reduction.reduce": {"body": film, "motions": [motion], "modes": 1},
+        "sweep.RobustDesign": {
             "outcome": lambda comm, folder, **values: {"y": 1.0},
             "control": {"a": [1, 2]},
             "goals": {"y": "smaller"},

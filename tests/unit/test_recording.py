@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.plot.colours import scale
-from gossamer_fx.plot.curves import grouped
+from gossamer_fx.plot.curve_panels import grouped
 from gossamer_fx.plot.viewer import view_data
 from meshes.airbag import airbag
 from meshes.line import line
@@ -139,7 +139,7 @@ def test_pictures_from_a_chosen_place(recorded: Path, tmp_path: Path) -> None:
     from gossamer_fx.plot.camera import aim
     from gossamer_fx.plot.shapes import Shape
 
-    run = gx.RunReader(recorded)
+    run = gx.plot.RunReader(recorded)
 
     def square(size: float, x: float) -> Shape:
         corners = np.array(
@@ -148,10 +148,10 @@ def test_pictures_from_a_chosen_place(recorded: Path, tmp_path: Path) -> None:
         return Shape(0.0, dots=corners)
 
     shapes = [square(1.0, 0.0), square(0.1, 5.0)]
-    above = aim(shapes, gx.View(azimuth=0.0, elevation=math.pi / 2, follow=False))
+    above = aim(shapes, gx.plot.View(azimuth=0.0, elevation=math.pi / 2, follow=False))
     assert above.size == pytest.approx((5.1 * 1.02, 0.2 * 5.1 + 0.02 * 5.1))
     assert above.axes == pytest.approx(np.eye(3), abs=1e-12) and above.zooms == [1.0, 1.0]
-    each = aim(shapes, gx.View(azimuth=0.0, elevation=math.pi / 2, zoom=True))
+    each = aim(shapes, gx.plot.View(azimuth=0.0, elevation=math.pi / 2, zoom=True))
     assert each.size == pytest.approx((1.02, 1.02)) and each.zooms == pytest.approx(
         [1.0, 1.02 / 0.12]
     )
@@ -198,7 +198,7 @@ def test_large_films_are_thinned_for_the_view(
     assert view_data(gx.plot.RunReader(recorded))["parts"][0]["vertices"] == 38
     from gossamer_fx.plot.viewer import _thinned
 
-    segment = gx.RunReader(recorded).bodies["the film"].segments[0]
+    segment = gx.plot.RunReader(recorded).bodies["the film"].segments[0]
     thin = _thinned(segment, 20)
     assert 4 <= len(thin.points) <= 20 and thin.pieces.max() < len(thin.points)
 

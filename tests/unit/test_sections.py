@@ -50,13 +50,13 @@ def test_a_plane_cuts_films_where_they_are(comm, folder) -> None:
         displacement=lambda X: [[0], [0], [0.1]] + 0 * X,
         name="high",
     )
-    picture = gx.Picture(folder / "section.png", section=((0.0, 0.45, 0.0), (0.0, -1.0, 0.0)))
+    picture = gx.plot.Picture(folder / "section.png", section=((0.0, 0.45, 0.0), (0.0, -1.0, 0.0)))
     fields = dict.fromkeys(("low", "high"), ("displacement", "group"))
     recording = gx.Recording(folder / "run", fields=fields)
     run = gx.Simulation(gx.Scene(low, high), gx.Midpoint(dt=1e-3), [picture, recording])
     run.run(until=2e-3)
     if comm.rank == 0:
-        read = gx.RunReader(folder / "run")
+        read = gx.plot.RunReader(folder / "run")
         section = Section(read, (0.0, 0.45, 0.0), (0.0, -1.0, 0.0))
         cut = section.cut(len(read.times) - 1)
         assert (folder / "section.png").stat().st_size > 5000

@@ -29,11 +29,11 @@ def middle(folder, films, opacity):
     gx.Simulation(gx.Scene(*films), gx.Midpoint(dt=1e-3), [recording]).run(until=0.0)
     if comm.rank > 0:
         return None
-    run = gx.RunReader(folder)
+    run = gx.plot.RunReader(folder)
     colours = colouring(run, "group")
     shapes = [run.shape(0, "group", colours.kinds)]
     image = next(
-        render(aim(shapes, gx.View(**ABOVE, opacity=opacity)), shapes, 40.0, colours.table)
+        render(aim(shapes, gx.plot.View(**ABOVE, opacity=opacity)), shapes, 40.0, colours.table)
     )
     return image[image.shape[0] // 2, image.shape[1] // 2]
 
