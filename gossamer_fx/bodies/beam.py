@@ -75,6 +75,7 @@ class Beam(Curve):
         )
         self.constants = constants(section, self.mesh.domain)
         self._frames: dict[int, Frame] = {}
+        self._normal = tuple(normal)  # a restart compares it, see `outputs.arguments`
         self._reference = self._stress_free(np.asarray(normal, dtype=float))
 
     def _stress_free(self, normal: Array) -> fem.Function:

@@ -78,6 +78,7 @@ class Membrane(Meshed):
         self.space = fem.functionspace(domain, ("Lagrange", order, (3,)))
         self.block = Block(self.space.dofmap.index_map, 3)
         self.constants = constants(law, domain)
+        self._properties = properties  # a restart compares them, see `outputs.arguments`
         if properties:
             from gossamer_fx.bodies.properties import vary
 

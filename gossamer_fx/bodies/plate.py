@@ -104,6 +104,7 @@ class Plate(Membrane):
             "edges (order 1).",
         )
         self.hinges = tuple(hinges)
+        self._rest_curvature = rest_curvature  # a restart compares it, see `outputs.arguments`
         table = self.mesh.edges
         folds = [interior_edges(self, table, group, "hinge") for group in self.hinges]
         self._hinged = np.unique(np.concatenate([np.zeros(0, dtype=np.int32), *folds]))

@@ -58,13 +58,14 @@ class PointMass:
                 f"PointMass '{name}': {what} is {value!r} {unit}; give three finite numbers.",
             )
         self.mass, self.name, self.comm = mass, name, comm
-        self._state = np.asarray(position, dtype=float), np.asarray(velocity, dtype=float)
+        # arguments that a restart compares, see `outputs.arguments`
+        self._position = np.asarray(position, dtype=float)
+        self._velocity = np.asarray(velocity, dtype=float)
         self.block = Block(IndexMap(comm, 1 if comm.rank == 0 else 0), 3)
 
     def initial_state(self) -> tuple[Array, Array]:
         here = 3 * self.block.index_map.size_local
-        x, v = self._state
-        return x[:here].copy(), v[:here].copy()
+        return self._position[:here].copy(), self._velocity[:here].copy()
 
     def terms(self, start: State) -> Iterable[Term]:
         yield NodeKineticEnergy(self, np.full((self.block.index_map.size_local, 1, 1), self.mass))

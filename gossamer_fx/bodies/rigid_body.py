@@ -105,15 +105,16 @@ class RigidBody:
             f"RigidBody '{name}': the attitude is no rotation matrix; give orthonormal columns of determinant 1.",
         )
         self.mass, self.name, self.comm = mass, name, comm
+        # arguments that a restart compares, see `outputs.arguments`
+        self._inertia = tensor
+        self._position = np.asarray(position, dtype=float)
+        self._attitude = R
+        self._velocity = np.asarray(velocity, dtype=float)
+        self._spin = np.asarray(spin, dtype=float)
         directors = np.linalg.qr(R)[0]
         directors *= np.sign(np.sum(directors * R, axis=0))
-        self._q = np.vstack([np.asarray(position, dtype=float), directors.T])
-        self._v = np.vstack(
-            [
-                np.asarray(velocity, dtype=float),
-                np.cross(np.asarray(spin, dtype=float), directors.T),
-            ]
-        )
+        self._q = np.vstack([self._position, directors.T])
+        self._v = np.vstack([self._velocity, np.cross(self._spin, directors.T)])
         self.block = Block(IndexMap(comm, 1 if comm.rank == 0 else 0), 12)
 
     def initial_state(self) -> tuple[Array, Array]:

@@ -383,6 +383,7 @@ def _sweep(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
 def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     from gossamer_fx.checks.errors import check
     from gossamer_fx.plot import plot as pictures
+    from gossamer_fx.plot.colours import default_field
     from gossamer_fx.plot.run_reader import RunReader
     from gossamer_fx.plot.viewpoint import View
 
@@ -403,7 +404,7 @@ def _plot(wanted: argparse.Namespace, comm: MPI.Intracomm) -> None:
     view = View(
         azimuth, elevation, follow=wanted.follow or None, zoom=wanted.zoom, opacity=wanted.opacity
     )
-    field: str = wanted.field or ("" if chosen == ["curves"] else pictures.default_field(run))
+    field: str = wanted.field or ("" if chosen == ["curves"] else default_field(run))
     output: Path | None = wanted.output
     if not chosen or wanted.strip:
         _told(

@@ -6,6 +6,7 @@
     stress1 ≥ stress2     principal second Piola-Kirchhoff stresses of a film, ∂ψ/∂E over the thickness [Pa]
     direction       F n/|F n|, n the direction of strain1: where the tension goes on the deformed film
     state           0 slack, 1 wrinkled, 2 taut
+    group           number of the cell's part among those of all films, see `fields.groups`
     pressure        of the gas inside over that outside [Pa]; where a film parts two chambers, their difference
 
     fold_angle      of the creases at a cell [rad], zero in others
@@ -31,6 +32,7 @@ from dolfinx import fem, la
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check
 from gossamer_fx.fields.body_shape import BodyShape
+from gossamer_fx.fields.groups import groups_of
 from gossamer_fx.forms.backend import interpolation_points
 from gossamer_fx.forms.compilation import compile_expression, compile_form, constant
 from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
@@ -119,7 +121,8 @@ FIELDS = {
     ),
     "moment1": Field((), True, lambda plate, x, v: _principal(plate.moment(x))[0], of_plates=True),
     "moment2": Field((), True, lambda plate, x, v: _principal(plate.moment(x))[1], of_plates=True),
-    # no functions of the film's coordinates: the gas has its own state, and a fold may have turned more than once
+    # not functions of the film's coordinates: the gas has its own state, and a fold may have turned more than once
+    "group": Field((), True, None),
     "pressure": Field((), True, None),
     "fold_angle": Field((), True, None),
     "contact_pressure": Field((), False, None, of_nodes=True),
@@ -169,11 +172,9 @@ class FieldFunctions:
             self.functions.append(function)
             if field.expression is None:
                 take = _take_at_nodes if field.of_nodes else _take_mean
-                update = (
-                    partial(_take_pressure, function)
-                    if name == "pressure"
-                    else partial(take, function, name)
-                )
+                update = partial(take, function, name)
+                if name in _BY_CELL:
+                    update = partial(_BY_CELL[name], function)
                 self._updates.append(partial(update, body, system))
             else:
                 points = interpolation_points(function.function_space)
@@ -202,6 +203,18 @@ def _take_pressure(function: fem.Function, film: MeshBody, system: System) -> No
                 values[cells] = (
                     gas.pressure - (outside.pressure if outside else 0.0) - values[cells]
                 )
+
+
+def _take_group(function: fem.Function, film: MeshBody, system: System) -> None:
+    """Set a discontinuous function to the number of each cell's part; see `groups_of`."""
+    films = [body for body in system.bodies if isinstance(body, Membrane)]
+    for other, parts in zip(films, groups_of(films)[1], strict=True):
+        if other is film:
+            nodes = cell_nodes(function.function_space)[: len(parts)]
+            function.x.array[nodes] = parts[:, None]
+
+
+_BY_CELL = {"pressure": _take_pressure, "group": _take_group}
 
 
 def _take_mean(function: fem.Function, name: str, body: MeshBody, system: System) -> None:

@@ -49,6 +49,11 @@ class Environment:
         name: str = "orbit",
     ) -> None:
         self.name, self.radius, self.pressure, self.following = name, radius, pressure, following
+        # arguments that a restart compares, see `outputs.arguments`
+        self._start = start
+        self._gravity = gravity
+        self._epoch = epoch
+        self._ut1_utc = ut1_utc
         for what in ("radius", "pressure", "following"):
             value = getattr(self, what)
             check(
@@ -76,13 +81,13 @@ class Environment:
             math.isfinite(self.mu) and self.mu > 0,
             f"Orbit '{name}': mu is {mu!r} m³/s²; give a positive number.",
         )
-        self._third = tuple(third_bodies)
+        self._third_bodies = tuple(third_bodies)
         check(
-            set(self._third) <= {"sun", "moon"},
-            f"Orbit '{name}': third_bodies are {self._third!r}; known are 'sun' and 'moon'.",
+            set(self._third_bodies) <= {"sun", "moon"},
+            f"Orbit '{name}': third_bodies are {self._third_bodies!r}; known are 'sun' and 'moon'.",
         )
         check(
-            epoch is not None or not (self._turns or self._third),
+            epoch is not None or not (self._turns or self._third_bodies),
             f"Orbit '{name}': harmonics of a turning Earth, and Sun and Moon, need a date; give an epoch.",
         )
         self.sky = Sky(epoch, ut1_utc) if epoch is not None else None
@@ -117,7 +122,7 @@ class Environment:
     @property
     def is_perturbed(self) -> bool:
         """Whether more attracts than a point."""
-        return self._harmonics is not None or bool(self._third)
+        return self._harmonics is not None or bool(self._third_bodies)
 
     def field(self, r: Array, t: float) -> Array:
         """Acceleration (3,) at r [m/s²] beyond 1/r, at time t."""
@@ -144,10 +149,10 @@ class Environment:
         return point_gradient(r, self.mu)
 
     def _bodies(self, t: float) -> Iterable[tuple[Array, float]]:
-        if self.sky is not None and self._third:
-            if "sun" in self._third:
+        if self.sky is not None and self._third_bodies:
+            if "sun" in self._third_bodies:
                 yield self.sky.sun(t), MU_SUN
-            if "moon" in self._third:
+            if "moon" in self._third_bodies:
                 yield self.sky.moon(t), MU_MOON
 
     def earth(self, t: float) -> Array:

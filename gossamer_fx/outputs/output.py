@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
-import zlib
+import errno
+import io
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -83,92 +85,104 @@ def begin(run: Run, output: Output, cursors: list[tuple[str, dict[str, Any]]]) -
 
 
 class Table:
-    """A CSV file that rank 0 writes row by row; a row stands in it completely or not at all."""
+    """A CSV file that rank 0 writes row by row; a row is in it completely or not at all."""
 
     def __init__(self, path: Path) -> None:
-        self.path, self.end = path, 0
-        self._crc = 0  # of all rows
-        self._head: Sequence[str] = ()  # still to be written
+        self.path = path
+        # What the file holds when the last row is whole: bytes, and rows without the head.
+        self.end = 0
+        self._rows = 0
+        self._head: Sequence[str] = ()  # columns that are written with the first row
 
     def create(self, comm: MPI.Intracomm, head: Sequence[str]) -> None:
-        """An empty table with the columns `head`; an older file is kept until the first row.
+        """Begin an empty table with the columns `head`; an older file is kept until the first row.
 
         Raises:
             InputError: the folder cannot be made or written.
         """
         make_parent(comm, self.path, file=True)
-        self.end, self._crc, self._head = 0, 0, head
+        self.end = 0
+        self._rows = 0
+        self._head = head
 
     def append(self, comm: MPI.Intracomm, row: Iterable[Any]) -> None:
         """Add a row.
 
         Raises:
-            OutputFailure: the disk is full, the folder is gone, ...; the rows before are whole.
+            OutputFailure: the disk is full or the folder is gone; the rows before are whole.
         """
-        head, self._head = self._head, ()
-        if head:
-            write_on_all(
-                comm, self.path, lambda: self.path.write_bytes(b"") if comm.rank == 0 else 0
-            )
-            self.append(comm, head)
-        task = lambda: self._append(row) if comm.rank == 0 else (0, 0)  # noqa: E731
-        self.end, self._crc = comm.bcast(write_on_all(comm, self.path, task))
+        lines = _csv_line(row)
+        if self._head:
+            lines = _csv_line(self._head) + lines
 
-    def _append(self, row: Iterable[Any]) -> tuple[int, int]:
-        with self.path.open("r+b", buffering=0) as file:
-            file.seek(self.end)
-            line = _Line()
-            csv.writer(line).writerow([repr(float(v)) if isinstance(v, float) else v for v in row])
-            try:
-                written = file.write(line.bytes)
-                if written != len(line.bytes):
-                    raise OSError(28, "No space left on device")
-            except OSError:
-                file.truncate(self.end)
-                raise
-            return file.tell(), zlib.crc32(line.bytes, self._crc)
+        def write() -> None:
+            if comm.rank == 0:
+                if self._head:
+                    self.path.write_bytes(b"")
+                append_bytes(self.path, self.end, lines)
+
+        write_on_all(comm, self.path, write)
+        self._head = ()
+        self.end = comm.bcast(self.end + len(lines))
+        self._rows += 1
 
     def cursor(self) -> dict[str, int]:
-        """Where it ends, in bytes, and the CRC-32 of all of it."""
-        return {"end": self.end, "crc": self._crc}
+        """What the table holds: `end` in bytes, and the number of `rows`."""
+        return {"end": self.end, "rows": self._rows}
 
     def cut(self, comm: MPI.Intracomm, head: Sequence[str], cursor: Mapping[str, int]) -> None:
-        """Go on with a table as it was at a cursor; what came later is cut off.
+        """Go on with a table as it was at a cursor; later rows are cut off.
 
         Raises:
-            InputError: the file is shorter, has other columns, or its rows were changed.
+            InputError: the file is shorter, or has other columns or another number of rows.
         """
         make_parent(comm, self.path, file=True)
-        on_rank_zero(comm, lambda: self._cut(head, cursor["end"], cursor["crc"]))
-        self.end, self._crc = cursor["end"], cursor["crc"]
+        on_rank_zero(comm, lambda: self._cut(head, cursor["end"], cursor["rows"]))
+        self.end = cursor["end"]
+        self._rows = cursor["rows"]
 
-    def _cut(self, head: Sequence[str], end: int, crc: int) -> None:
-        size = self.path.stat().st_size if self.path.is_file() else 0
+    def _cut(self, head: Sequence[str], end: int, rows: int) -> None:
+        content = self.path.read_bytes() if self.path.is_file() else b""
         check(
-            size >= end,
-            f"'{self.path}' is shorter than it was when the checkpoint was written; put it back, or start anew.",
+            len(content) >= end,
+            f"'{self.path}' is shorter than it was when the checkpoint was written, {len(content)} instead of {end} "
+            "bytes; put back a copy of it, or start again.",
         )
-        with self.path.open("r+b") as file:
-            line = _Line()
-            csv.writer(line).writerow(head)
-            check(
-                file.readline() == line.bytes,
-                f"'{self.path}' has other columns than this run; restart with the same ones, or give another name.",
-            )
-            file.seek(0)
-            check(
-                zlib.crc32(file.read(end)) == crc,
-                f"The rows of '{self.path}' were changed since the checkpoint was written; put back a copy of it, or "
-                "start anew.",
-            )
+        first_line = _csv_line(head)
+        check(
+            content.startswith(first_line),
+            f"'{self.path}' has other columns than this run; restart with the same ones, or give another name.",
+        )
+        kept = content[:end]
+        check(
+            kept.endswith(b"\n") and kept.count(b"\n") == rows + first_line.count(b"\n"),
+            f"'{self.path}' was replaced since the checkpoint was written, when it had {rows} rows; put back a copy of "
+            "it, or start again.",
+        )
+        os.truncate(self.path, end)
+
+
+def append_bytes(path: Path, end: int, content: bytes) -> None:
+    """Write `content` at byte `end` of a file; if there is no room for all of it, nothing is written.
+
+    Raises:
+        OSError: the disk is full, or there is no such file.
+    """
+    with path.open("r+b", buffering=0) as file:
+        file.seek(end)
+        try:
+            if file.write(content) != len(content):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        except OSError:
             file.truncate(end)
+            raise
 
 
-class _Line:
-    """What a CSV writer writes."""
-
-    def write(self, text: str) -> None:
-        self.bytes = text.encode()
+def _csv_line(values: Iterable[Any]) -> bytes:
+    """A row of a CSV file; floating-point numbers are written so that they are read back to the last bit."""
+    line = io.StringIO()
+    csv.writer(line).writerow([repr(float(v)) if isinstance(v, float) else v for v in values])
+    return line.getvalue().encode()
 
 
 def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> None:

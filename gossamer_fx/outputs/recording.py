@@ -1,9 +1,9 @@
 """The folder of a run: all that pictures, reports and other programs need to know about it.
 
-    run.json           what the scene contains, versions, how the run was made and how it ended
+    run.json           the scene, the arguments of its items, versions, how the run was made and how it ended
     ledger.csv         energies, momenta, errors, iterations of every step: `Ledger`
     gas.csv            pressure, temperature, volume and mass of each chamber, if there is gas
-    states.csv         fractions of area of the films that are taut and wrinkled, when fields are written
+    states.csv         fractions of area of the films that are taut and wrinkled
     points.csv         positions of the bodies without a mesh, if there are any
     solids.csv         origin and axes of the solids that move, if there are any; their shapes are in run.json
     probes.csv         the probes that were asked for
@@ -25,20 +25,22 @@ from mpi4py import MPI
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.arguments import check_arguments
-from gossamer_fx.checks.errors import InputError, check, on_rank_zero
+from gossamer_fx.checks.errors import check, on_rank_zero
+from gossamer_fx.fields.groups import groups_of
 from gossamer_fx.model.body import Body, is_on_mesh
+from gossamer_fx.outputs.arguments import arguments_of
 from gossamer_fx.outputs.description import describe, versions
 from gossamer_fx.outputs.file_names import file_name
 from gossamer_fx.outputs.ledger import Ledger
-from gossamer_fx.outputs.output import Output, Probe, make_parent, replace_file
+from gossamer_fx.outputs.output import Probe, make_parent, replace_file
+from gossamer_fx.outputs.run_file import FORMAT
 from gossamer_fx.outputs.schedule import Schedule
 from gossamer_fx.outputs.solid_frames import FramePart, as_data, moves, solids_of
 from gossamer_fx.outputs.vtx import VTX, Probes
 from gossamer_fx.probes.points import GAS, AreaFraction, GasState
 from gossamer_fx.probes.run import Run
 
-TOLD_STATES = ("taut", "wrinkled")  # what is neither is slack
-FORMAT = 1  # of run.json and the files beside it
+RECORDED_STATES = ("taut", "wrinkled")  # the rest of a film is slack
 FILES = (
     "run.json",
     "ledger.csv",
@@ -50,6 +52,7 @@ FILES = (
     "fields",
 )
 FILM_FIELDS = ("displacement", "state", "stress1", "strain2")
+_AT_END = 1e-12  # part of the end time by which the last step may miss it
 
 
 @check_arguments
@@ -57,15 +60,21 @@ class Recording:
     """Writes the folder of a run.
 
     Args:
-        folder: where; files of the same names are replaced.
-        fields: names for each film by its name, see `fields`; by default displacement, state, the larger stress, the
-            smaller strain, and the pressure if a chamber is bounded by films.  Of other bodies it is the displacement.
-        probes: further numbers, see `Probes`.
-        every, times: when fields are written: every n-th step, or at these times [s]; first and last state always.
+        folder: of the run; files of the same names are replaced.
+        fields: names of fields for each film by its name, see `fields`; by default displacement, state, the larger
+            stress, the smaller strain, and the pressure if a chamber is bounded by the film.  Of other bodies the
+            displacement is recorded.
+        probes: further numbers by name, see `Probes`.
+        every: steps between two records of the fields; the first and the last state are always recorded.
+        times: at which fields are recorded instead [s].
         title: a line for pictures and reports.
+        states_every: steps between two rows of states.csv; default: as often as the fields.
 
     Raises:
         InputError: an unknown field or film, a folder that cannot be written.
+
+    Example:
+        `gx.Simulation(scene, stepper, outputs=[gx.Recording("out/run", every=5)])`
     """
 
     def __init__(
@@ -77,11 +86,19 @@ class Recording:
         every: int = 10,
         times: Sequence[float] = (),
         title: str = "",
+        states_every: int | None = None,
     ) -> None:
-        self.folder, self.title = Path(folder), title
-        self.fields, self.probes = dict(fields or {}), dict(probes or {})
+        self.folder = Path(folder)
+        self.title = title
+        self.fields = dict(fields or {})
+        self.probes = dict(probes or {})
         self.schedule = Schedule(every, tuple(times))
-        self._outputs: dict[str, Output] = {}
+        self.states_schedule = self.schedule
+        if states_every is not None:
+            self.states_schedule = Schedule(states_every)
+        self.has_begun = False  # whether a state was recorded
+        self._fields: dict[str, VTX] = {}
+        self._tables: dict[str, Probes | Ledger] = {}
 
     @property
     def times(self) -> Sequence[float]:
@@ -95,134 +112,154 @@ class Recording:
 
     def open(self, run: Run) -> None:
         self._prepare(run)
-        for output in self._outputs.values():
+        for _, output in self._outputs():
             output.open(run)
 
     def resume(self, run: Run, cursor: Mapping[str, Any]) -> None:
-        """Go on where a checkpoint was written."""
         self._prepare(run)
-        for name, output in self._outputs.items():
-            output.resume(run, cursor[name])  # type: ignore[attr-defined]
+        for name, output in self._outputs():
+            output.resume(run, cursor[name])
 
     def cursor(self) -> dict[str, Any]:
-        """Where the files stand, for a checkpoint."""
-        return {name: output.cursor() for name, output in self._outputs.items()}  # type: ignore[attr-defined]
+        return {name: output.cursor() for name, output in self._outputs()}
 
     def record(self, run: Run, last: bool) -> None:
-        for output in self._outputs.values():
+        self.has_begun = True
+        for _, output in self._outputs():
             output.record(run, last)
         if run.step == 0:
             self._write(run, "running")
 
+    def record_fields(self, run: Run) -> None:
+        """Record the fields of the present state, unless they were just recorded."""
+        for output in self._fields.values():
+            if output.last_time != run.time:
+                output.record(run, last=True)
+
     def close(self, run: Run) -> None:
-        for output in self._outputs.values():
+        for _, output in self._outputs():
             output.close(run)
         failure = sys.exception()
-        at_end = run.time >= run.until * (1 - 1e-12)
-        self._write(run, f"stopped: {failure}" if failure else "finished" if at_end else "stopped")
+        if failure is not None:
+            self._write(run, f"stopped: {failure}")
+        elif run.time >= run.until * (1 - _AT_END):
+            self._write(run, "finished")
+        else:
+            self._write(run, "stopped")
 
-    # ---- what it is made of ------------------------------------------------------------------------------------
+    # ---- its parts ---------------------------------------------------------------------------------------------
+
+    def _outputs(self) -> Iterator[tuple[str, VTX | Probes | Ledger]]:
+        """The outputs for the files, by the names under which checkpoints keep their cursors."""
+        for name, output in self._fields.items():
+            yield f"fields of {name}", output
+        yield from self._tables.items()
 
     def _prepare(self, run: Run) -> None:
         make_parent(run.comm, self.folder / "run.json")
-        films = [body.name for body in run.system.bodies if isinstance(body, Membrane)]
-        unknown = next((name for name in self.fields if name not in films), None)
-        if unknown is not None:
-            raise InputError(
-                f"Recording '{self.folder}': the scene has no film '{unknown}'; its films are: "
-                f"{', '.join(films) or 'none'}."
-            )
+        films = [body for body in run.system.bodies if isinstance(body, Membrane)]
+        names = [film.name for film in films]
+        unknown = next((name for name in self.fields if name not in names), None)
+        check(
+            unknown is None,
+            f"Recording '{self.folder}': the scene has no film '{unknown}'; its films are: "
+            f"{', '.join(names) or 'none'}.",
+        )
         self._solids = solids_of(run.system)
-        self._outputs = dict(self._parts(run))
+        # the outputs that may be refused come first
+        self._fields = self._make_fields(run)
+        self._tables = dict(self._make_tables(run, films))
         self._about = {
             "format": FORMAT,
             "title": self.title,
             "scene": describe(run),
+            "arguments": arguments_of(run.scene.items),
             "stepper": {"kind": type(run.stepper).__name__, "dt": run.stepper.dt},
-            "fields": {
-                name: list(output.fields)
-                for name, output in self._outputs.items()
-                if isinstance(output, VTX)
-            },
+            "fields": {name: list(output.fields) for name, output in self._fields.items()},
             "solids": [as_data(solid) for solid in self._solids],
             "versions": versions(),
             "ranks": run.comm.size,
         }
+        if any("group" in output.fields for output in self._fields.values()):
+            self._about["groups"] = groups_of(films)[0]
 
-    def _parts(self, run: Run) -> Iterator[tuple[str, Output]]:
-        """The outputs by name; those that can be refused come first."""
-        every, times = self.schedule.every, self.schedule.times
-        gas = run.chambers
-        for body in run.system.bodies:
-            if is_on_mesh(body):
-                chosen = self.fields.get(body.name) or _usual_fields(body, run)
-                yield (
-                    body.name,
-                    VTX(
-                        self.folder / "fields" / f"{file_name(body.name)}.bp",
-                        body,
-                        fields=chosen,
-                        every=every,
-                        times=times,
-                    ),
-                )
-        if self.probes:
-            yield "probes.csv", Probes(self.folder / "probes.csv", self.probes)
-        if gas:
-            numbers = {
-                f"{name} {q}": GasState(s.chamber, q) for name, s in gas.items() for q in GAS
-            }
-            yield "gas.csv", Probes(self.folder / "gas.csv", numbers)
-        films = [body for body in run.system.bodies if isinstance(body, Membrane)]
-        if films:
-            shares = {
+    def _make_fields(self, run: Run) -> dict[str, VTX]:
+        return {
+            body.name: VTX(
+                self.folder / "fields" / f"{file_name(body.name)}.bp",
+                body,
+                fields=self.fields.get(body.name) or _usual_fields(body, run),
+                every=self.schedule.every,
+                times=self.schedule.times,
+            )
+            for body in run.system.bodies
+            if is_on_mesh(body)
+        }
+
+    def _make_tables(
+        self, run: Run, films: Sequence[Membrane]
+    ) -> Iterator[tuple[str, Probes | Ledger]]:
+        """The tables by their file names; those without columns are left out."""
+        points = [body for body in run.system.bodies if not is_on_mesh(body)]
+        moving = [solid for solid in self._solids if moves(solid)]
+        # A solid's number makes its columns unique, since solids may have the same name.
+        frames = {
+            f"{k} {solid.name} {vector}{axis}": FramePart(solid, 3 * i + j)
+            for k, solid in enumerate(moving, start=1)
+            for i, vector in enumerate(("", "d1", "d2", "d3"))
+            for j, axis in enumerate("xyz")
+        }
+        columns: dict[str, Mapping[str, Probe]] = {
+            "probes.csv": self.probes,
+            "gas.csv": {
+                f"{name} {quantity}": GasState(state.chamber, quantity)
+                for name, state in run.chambers.items()
+                for quantity in GAS
+            },
+            "states.csv": {
                 f"{film.name} {state}": AreaFraction(film, state)
                 for film in films
-                for state in TOLD_STATES
-            }
-            yield "states.csv", Probes(self.folder / "states.csv", shares, every=every, times=times)
-        points = [body for body in run.system.bodies if not is_on_mesh(body)]
-        if points:
-            places = {
-                f"{body.name} {'xyz'[i]}": _Place(body, i) for body in points for i in range(3)
-            }
-            yield "points.csv", Probes(self.folder / "points.csv", places)
-        moving = [solid for solid in self._solids if moves(solid)]
-        if moving:
-            frames: dict[str, Probe] = {
-                f"{k} {solid.name} {part}{axis}": FramePart(solid, 3 * i + j)
-                for k, solid in enumerate(moving, start=1)
-                for i, part in enumerate(("", "d1", "d2", "d3"))
-                for j, axis in enumerate("xyz")
-            }
-            yield "solids.csv", Probes(self.folder / "solids.csv", frames)
+                for state in RECORDED_STATES
+            },
+            "points.csv": {
+                f"{body.name} {axis}": _Coordinate(body, i)
+                for body in points
+                for i, axis in enumerate("xyz")
+            },
+            "solids.csv": frames,
+        }
+        for name, probes in columns.items():
+            schedule = self.states_schedule if name == "states.csv" else Schedule()
+            if probes:
+                path = self.folder / name
+                yield name, Probes(path, probes, every=schedule.every, times=schedule.times)
         yield "ledger.csv", Ledger(self.folder / "ledger.csv")
 
     def _write(self, run: Run, status: str) -> None:
-        steps = max(run.step, 1)
+        """Write run.json."""
         statistics = {
             "time": run.time,
             "until": run.until,
             "steps": run.step,
             "halved": run.substeps,
             "iterations": run.iterations,
-            "iterations a step": run.iterations / steps,
+            "iterations a step": run.iterations / max(run.step, 1),
             "seconds": run.seconds,
             "seconds of compilation": run.compile_seconds,
             "energy error": run.energy_error,
             "mass error": run.mass_error,
         }
-        text = json.dumps(
-            self._about | {"status": status, "statistics": statistics}, indent=1, ensure_ascii=False
-        )
+        about = self._about | {"status": status, "statistics": statistics}
+        text = json.dumps(about, indent=1, ensure_ascii=False)
         on_rank_zero(run.comm, lambda: replace_file(self.folder / "run.json", text))
 
 
-class _Place:
-    """A coordinate of the first node of a body, as a probe."""
+class _Coordinate:
+    """A coordinate [m] of the first node of a body, as a probe."""
 
     def __init__(self, body: Body, axis: int) -> None:
-        self._body, self._axis = body, axis
+        self._body = body
+        self._axis = axis
 
     def __call__(self, run: Run) -> float:
         mine = run.system.state[self._body].positions()
@@ -232,31 +269,6 @@ class _Place:
 def _usual_fields(body: Body, run: Run) -> tuple[str, ...]:
     if not isinstance(body, Membrane):
         return ("displacement",)
-    bounds = any(
-        s.chamber.enclosure is not None and s.chamber.enclosure.film is body
-        for s in run.chambers.values()
-    )
-    return (*FILM_FIELDS, "pressure") if bounds else FILM_FIELDS
-
-
-def about_run(folder: Path) -> dict[str, Any]:
-    """What the run.json in a run's folder says.
-
-    Raises:
-        InputError: there is none, it is damaged, or of another format.
-    """
-    path = folder / "run.json"
-    check(
-        path.is_file(),
-        f"There is no run in '{folder}'; give a folder with a run.json, as `Recording` writes.",
-    )
-    try:
-        about: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        version, _ = about["format"], about["fields"].items()
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(f"'{path}' cannot be read ({error}); write the run again.") from error
-    check(
-        version == FORMAT,
-        f"'{path}' is of format {version}, not {FORMAT}; read it with the program that wrote it.",
-    )
-    return about
+    enclosures = [state.chamber.enclosure for state in run.chambers.values()]
+    bounds_gas = any(enclosure is not None and enclosure.film is body for enclosure in enclosures)
+    return (*FILM_FIELDS, "pressure") if bounds_gas else FILM_FIELDS

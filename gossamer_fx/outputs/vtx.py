@@ -11,7 +11,7 @@ from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, on_rank_zero, write_on_all
 from gossamer_fx.fields.fields import FieldFunctions, check_fields
 from gossamer_fx.model.body import MeshBody, is_on_mesh
-from gossamer_fx.outputs.checksums import Checksums, Verified
+from gossamer_fx.outputs import field_files
 from gossamer_fx.outputs.file_names import segment, segment_number, segments
 from gossamer_fx.outputs.output import Probe, Table, evaluate_probe, make_parent
 from gossamer_fx.outputs.schedule import Schedule
@@ -59,10 +59,11 @@ class VTX:
             f"VTX '{path}': fields is {fields!r}; give a tuple of names, ({fields!r},).",
         )
         self._writer: VTXWriter | None = None
-        self._checksums: Checksums | None = None
-        self._segment = self._steps = (
-            0  # file that is or was written last, and how many times are in it
-        )
+        # Number of the segment that is or was written last, and what it holds.
+        self._segment = 0
+        self._steps = 0
+        self.last_time: float | None = None  # [s] of the last step that was written
+        self._lengths: field_files.Lengths = {}
 
     @property
     def times(self) -> Sequence[float]:
@@ -98,17 +99,19 @@ class VTX:
             return
         self._functions.update()
         path = segment(self.path, self._segment)
-        if not self._segment and not self._steps:  # a run from the start has no later segments
-            on_rank_zero(run.comm, self._cut)
+        first_rank = run.comm.rank == 0
+        if self._segment == 0 and self._steps == 0:  # a run from the start has no later segments
+            on_rank_zero(run.comm, self._remove_later)
         if self._writer is None:
-            write_on_all(run.comm, path, lambda: self._begin(run, path))
+            write_on_all(run.comm, path, lambda: field_files.clear(path) if first_rank else None)
         write_on_all(run.comm, path, lambda: self._write(run))
-        write_on_all(run.comm, path, lambda: self._checksums.add() if self._checksums else None)
-        self._steps += 1
-
-    def _begin(self, run: Run, path: Path) -> None:
-        if run.comm.rank == 0:
-            self._checksums = Checksums(path)
+        steps = self._steps + 1
+        lengths = write_on_all(
+            run.comm, path, lambda: field_files.note_steps(path, steps) if first_rank else {}
+        )
+        self._lengths = run.comm.bcast(lengths)
+        self._steps = steps
+        self.last_time = run.time
 
     def _write(self, run: Run) -> None:
         if self._writer is None:
@@ -132,26 +135,38 @@ class VTX:
 
     def _next_segment(self) -> None:
         if self._steps:
-            self._segment, self._steps = self._segment + 1, 0
+            self._segment += 1
+            self._steps = 0
 
     def cursor(self) -> dict[str, Any]:
-        return {"segment": self._segment, "steps": self._steps}
+        return {
+            "segment": self._segment,
+            "steps": self._steps,
+            "time": self.last_time,
+            "bytes": self._lengths,
+        }
 
     def resume(self, run: Run, cursor: dict[str, Any]) -> None:
         self.open(run)
-        self._segment, self._steps = cursor["segment"], cursor["steps"]
-        on_rank_zero(run.comm, self._cut)
+        self._segment = cursor["segment"]
+        self._steps = cursor["steps"]
+        self.last_time = cursor["time"]
+        on_rank_zero(run.comm, lambda: self._cut(cursor))
         self._next_segment()
 
-    def _cut(self) -> None:
-        """Remove what came after the cursor: later segments, and the end of this one."""
+    def _cut(self, cursor: dict[str, Any]) -> None:
+        """Remove what came after the cursor: the end of its segment, and later segments."""
         here = segment(self.path, self._segment)
         if self._steps:
             check(
                 here.is_dir(),
-                f"'{here}' is gone since the checkpoint was written; put it back, or start anew.",
+                f"'{here}' is gone since the checkpoint was written; put it back, or start again.",
             )
-            Verified(here).cut(self._steps)
+            field_files.cut(here, steps=self._steps, lengths=cursor["bytes"], time=cursor["time"])
+        self._remove_later()
+
+    def _remove_later(self) -> None:
+        """Remove the segments after the present one."""
         for other in segments(self.path):
             if (segment_number(self.path, other) or 0) > self._segment and other.is_dir():
                 shutil.rmtree(other)

@@ -2,39 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from mpi4py import MPI
 
-from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
 from gossamer_fx.model.body import Array
 from gossamer_fx.plot.rasterise import Canvas, Colours
-from gossamer_fx.plot.view import Integers, Shape, unit
+from gossamer_fx.plot.shapes import Integers, Shape, unit
 from gossamer_fx.plot.viewpoint import LARGEST_ZOOM, View
 
-# blue, orange, light grey: told apart with any colour vision, and in print by their brightness
-STATE_COLOURS = {SLACK: (0.18, 0.49, 0.75), WRINKLED: (0.96, 0.65, 0.14), TAUT: (0.87, 0.88, 0.89)}
-BY_STATE: Array = np.array([STATE_COLOURS[state] for state in sorted(STATE_COLOURS)])
-_INK = (0.30, 0.33, 0.37)  # lines and dots
-_SOLID = (0.66, 0.64, 0.60)
+_INK = (0.30, 0.33, 0.37)  # of lines and dots
+_SOLID_COLOUR = (0.66, 0.64, 0.60)
 
-_SUPERSAMPLES = 2
-_LIGHT = unit(np.array([-0.45, 0.55, 0.7]))  # right, up, towards the eye
-_AMBIENT, _GLOSS, _SHININESS = 0.35, 0.35, 24
-_HALF_LINE, _DOT = 1.3, 5.0  # pixels
-_UNSEEN = 0.02  # share of light of layers that are left out behind others
-_OUTLINE, _OUTLINE_STRENGTH = 6.0, 0.55  # depth [pixels] of a step that is outlined
+# ---- where the camera stands
+_TURN = np.radians(25)  # of the longest axis, so that depth is seen
+_ELEVATION_FLAT = np.radians(38)  # of shapes without height
+_ELEVATION_TALL = np.radians(18)  # of shapes without depth
+# Part by which the spread along x counts more than along y: of equal axes x is the longer, whatever the round-off.
+_PREFER_X = 2e-3
+# Way of the shapes across the picture, over the largest of them, from which on the camera follows them.
+_FAR = 1.6
+_MARGIN = 0.02  # around the shapes, of the larger side
+_MIN_SIDE = 0.2  # of the larger side, that the smaller one has at least
+
+# ---- how it is drawn
+_SUPERSAMPLES = 2  # pixels of a canvas along a pixel of the image
+_LIGHT = unit(np.array([-0.45, 0.55, 0.7]))  # direction to it: right, up, towards the eye
+_AMBIENT = 0.35  # share of light that comes from everywhere
+_GLOSS = 0.35  # share of the range of brightness for reflections
+_SHININESS = 24  # exponent of Phong's reflection
+_HALF_LINE = 1.3  # pixels of the image
+_DOT = 5.0  # radius in pixels of the image
+_DOT_SECTORS = 24
+_UNSEEN = 0.02  # share of light of layers behind others that are left out
+_OUTLINE = 6.0  # pixels of the image: jump in depth that is outlined
+_OUTLINE_STRENGTH = 0.55
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Axonometric camera: `axes` (3, 3) are the unit vectors to the right, up and towards the eye; boxes in metres.
+    """An axonometric camera for some shapes, one picture each.
 
-    The picture of each shape shows `size` (width, height) around its place in `centres`, with depths in `depth`, but
-    the part of it that is one over its number in `zooms`.
+    Attributes:
+        axes: (3, 3), unit vectors to the right, up and towards the eye.
+        size: width and height [m] of what a picture shows.
+        centres: of each picture, along the first two axes [m].
+        depth: distances from the eye between which the shapes lie [m].
+        zooms: of each picture; it shows the part of `size` that is one over this number.
+        opacity: share of light that a layer keeps back.
     """
 
     axes: Array
@@ -44,149 +62,143 @@ class Camera:
     zooms: list[float]
     opacity: float = 1.0
 
+    @property
+    def aspect(self) -> float:
+        """Width over height."""
+        return self.size[0] / self.size[1]
 
-def aim(comm: MPI.Intracomm, shapes: Sequence[Shape], view: View = View()) -> Camera:  # noqa: B008 (frozen)
-    """A camera for all shapes, at one scale unless the view zooms.
+
+def aim(shapes: Sequence[Shape], view: View = View()) -> Camera:  # noqa: B008 (frozen)
+    """A camera that sees all shapes, at one scale unless the view zooms.
 
     z is up.  The longest horizontal axis of the shapes runs to the right, turned by 25°; a flat shape is seen from
     higher above (38°) than a tall one (18°).  The camera stands still unless the shapes travel far.
     """
-    axes = _axes(_spread(comm, shapes), view)
-    low, high = np.full((len(shapes), 3), np.inf), np.full((len(shapes), 3), -np.inf)
-    for i, shape in enumerate(shapes):
+    axes = _axes(_spread(shapes), view)
+    lows = np.full((len(shapes), 3), np.inf)
+    highs = np.full((len(shapes), 3), -np.inf)
+    for k, shape in enumerate(shapes):
         seen = shape.points @ axes.T
-        low[i], high[i] = seen.min(axis=0, initial=np.inf), seen.max(axis=0, initial=-np.inf)
-    comm.Allreduce(MPI.IN_PLACE, low, op=MPI.MIN)
-    comm.Allreduce(MPI.IN_PLACE, high, op=MPI.MAX)
-    size, whole = (high - low).max(axis=0), high.max(axis=0) - low.min(axis=0)
-    centres = (high + low)[:, :2] / 2
-    follows = (
-        view.zoom
-        or view.follow
-        or (view.follow is None and (whole[:2] > 1.6 * size[:2].max()).any())
-    )
-    if not follows:
-        size, centres = (
-            whole,
-            np.broadcast_to((high.max(axis=0) + low.min(axis=0))[:2] / 2, centres.shape),
-        )
-    largest = float(size[:2].max()) or 1.0
-    margin = 0.02 * largest
-    width, height = (max(float(s), 0.2 * largest) + margin for s in size[:2])
-    own = np.maximum(high - low, 1e-9 * largest)[:, :2] + margin
-    zooms = (
-        np.minimum((np.array([width, height]) / own).min(axis=1), LARGEST_ZOOM)
-        if view.zoom
-        else np.ones(len(low))
-    )
+        lows[k] = seen.min(axis=0, initial=np.inf)
+        highs[k] = seen.max(axis=0, initial=-np.inf)
+    largest_box = (highs - lows).max(axis=0)
+    whole_box = highs.max(axis=0) - lows.min(axis=0)
+    travels_far = bool((whole_box[:2] > _FAR * largest_box[:2].max()).any())
+    if view.zoom or view.follow or (view.follow is None and travels_far):
+        box = largest_box
+        centres = (highs + lows)[:, :2] / 2
+    else:
+        box = whole_box
+        middle = (highs.max(axis=0) + lows.min(axis=0))[:2] / 2
+        centres = np.broadcast_to(middle, (len(shapes), 2))
+    larger_side = float(box[:2].max()) or 1.0
+    margin = _MARGIN * larger_side
+    size = np.maximum(box[:2], _MIN_SIDE * larger_side) + margin
+    zooms = np.ones(len(shapes))
+    if view.zoom:
+        own_sizes = np.maximum((highs - lows)[:, :2], 1e-9 * larger_side) + margin
+        zooms = np.minimum((size / own_sizes).min(axis=1), LARGEST_ZOOM)
     return Camera(
-        axes,
-        (width, height),
-        [(float(x), float(y)) for x, y in centres],
-        (-float(high[:, 2].max()) - margin, -float(low[:, 2].min()) + margin),
-        [float(z) for z in zooms],
-        view.opacity,
+        axes=axes,
+        size=(float(size[0]), float(size[1])),
+        centres=[(float(x), float(y)) for x, y in centres],
+        depth=(-float(highs[:, 2].max()) - margin, -float(lows[:, 2].min()) + margin),
+        zooms=[float(zoom) for zoom in zooms],
+        opacity=view.opacity,
     )
 
 
-def enlarged(zoom: float) -> str:
-    """Words for a caption, where a picture is larger than the scale says."""
-    return f", {zoom:.2g} times larger" if zoom > 1.05 else ""
-
-
-def _spread(comm: MPI.Intracomm, shapes: Sequence[Shape]) -> Array:
-    """Mean second moment (3, 3) of each shape's points about their centre."""
-    moments = np.zeros((len(shapes), 13))
-    for row, shape in zip(moments, shapes, strict=True):
-        row[0], row[1:4], row[4:] = (
-            len(shape.points),
-            shape.points.sum(axis=0),
-            (shape.points.T @ shape.points).ravel(),
-        )
-    comm.Allreduce(MPI.IN_PLACE, moments)
-    count, first, second = moments[:, :1], moments[:, 1:4], moments[:, 4:].reshape(-1, 3, 3)
-    centre = first / count
-    spread: Array = (second / count[..., None] - np.einsum("ni,nj->nij", centre, centre)).mean(
-        axis=0
-    )
-    return spread
+def _spread(shapes: Sequence[Shape]) -> Array:
+    """Mean second moment (3, 3) of the points of the shapes, each about its centre."""
+    moments = np.zeros((3, 3))
+    for shape in shapes:
+        if len(shape.points):
+            moments += np.cov(shape.points.T, bias=True)
+    return moments / len(shapes)
 
 
 def _axes(spread: Array, view: View) -> Array:
-    """Right, up and towards the eye."""
-    plane = spread[:2, :2] + np.diag([2e-3, 0.0]) * np.trace(
-        spread
-    )  # of equal axes, x is the longer
-    squares, vectors = np.linalg.eigh(plane)
-    first, second = vectors[:, 1]
-    long = vectors[:, 1] * np.sign(first if abs(first) > abs(second) else second)
-    deep, tall = np.sqrt(max(squares[0], 0.0)), np.sqrt(max(spread[2, 2], 0.0))
-    chosen = (
-        np.arctan2(long[1], long[0]) - np.radians(25),
-        np.radians(18 + 20 * deep / max(deep + tall, 1e-300)),
-    )
-    azimuth, elevation = (
-        own if given is None else given
-        for given, own in zip((view.azimuth, view.elevation), chosen, strict=True)
-    )
-    right = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-    eye = np.array(
-        [
-            np.sin(azimuth) * np.cos(elevation),
-            -np.cos(azimuth) * np.cos(elevation),
-            np.sin(elevation),
-        ]
-    )
+    """Unit vectors (3, 3) to the right, up and towards the eye."""
+    horizontal = spread[:2, :2] + np.diag([_PREFER_X, 0.0]) * np.trace(spread)
+    squares, directions = np.linalg.eigh(horizontal)
+    longest = directions[:, 1]
+    # of the two directions of an axis, the one whose larger component is positive
+    longest = longest * np.sign(longest[np.abs(longest).argmax()])
+    azimuth = view.azimuth
+    if azimuth is None:
+        azimuth = np.arctan2(longest[1], longest[0]) - _TURN
+    elevation = view.elevation
+    if elevation is None:
+        depth = np.sqrt(max(squares[0], 0.0))
+        height = np.sqrt(max(spread[2, 2], 0.0))
+        flatness = depth / max(depth + height, 1e-300)
+        elevation = _ELEVATION_TALL + (_ELEVATION_FLAT - _ELEVATION_TALL) * flatness
+    cos_azimuth = np.cos(azimuth)
+    sin_azimuth = np.sin(azimuth)
+    cos_elevation = np.cos(elevation)
+    right = np.array([cos_azimuth, sin_azimuth, 0.0])
+    eye = np.array([sin_azimuth * cos_elevation, -cos_azimuth * cos_elevation, np.sin(elevation)])
     return np.array([right, np.cross(eye, right), eye])
 
 
+class _Triangles(NamedTuple):
+    """Triangles on a canvas: corners (n, 3, 3) [pixels], brightness (n, 3), kinds (n,)."""
+
+    corners: Array
+    shades: Array
+    kinds: Integers
+
+
 def render(
-    comm: MPI.Intracomm, camera: Camera, shapes: Iterable[Shape], scale: float, colours: Array
-) -> list[Array]:
-    """Images (height, width, 3) in [0, 1] of the shapes at `scale` pixels per metre, on rank 0; none on the others.
+    camera: Camera, shapes: Iterable[Shape], scale: float, colours: Array
+) -> Iterator[Array]:
+    """Draw shapes.
 
-    Triangles of kind k have the colour colours[k] (red, green, blue in [0, 1]).
+    Args:
+        camera: for these shapes.
+        shapes: see `Shape`.
+        scale: pixels of the image per metre.
+        colours: (kinds, 3), red, green and blue in [0, 1] of triangles of each kind.
+
+    Yields:
+        An image (height, width, 3) in [0, 1] of each shape.
     """
-    width, height = (round(s * scale) * _SUPERSAMPLES for s in camera.size)
     n = _SUPERSAMPLES
-    palette, images = _palette(colours), []
+    width = round(camera.size[0] * scale) * n
+    height = round(camera.size[1] * scale) * n
+    palette = _palette(colours)
+    ink = len(palette) - 2
     for shape, (x, y), zoom in zip(shapes, camera.centres, camera.zooms, strict=True):
-        fine = scale * n * zoom
-        to_pixels = _Projection(
-            camera.axes, fine, np.array([width / 2 - x * fine, height / 2 + y * fine, 0.0])
-        )
-        corners = to_pixels(shape.corners)
-        parts = [
-            (corners, _shades(corners, shape.normals @ camera.axes.T), shape.kinds % len(palette))
-        ]
-        for triangles, shades in (_ribbons(to_pixels(shape.lines)), _discs(to_pixels(shape.dots))):
-            parts.append((triangles, shades, np.full(len(triangles), len(palette) - 2)))
-        first = Canvas(height, width, camera.depth[0] * fine, camera.depth[1] * fine)
-        image = _image(comm, first, parts, palette, camera.opacity)
-        if comm.rank == 0:
-            images.append(image.reshape(height // n, n, width // n, n, 3).mean(axis=(1, 3)))
-    return images
+        pixels_per_metre = scale * n * zoom
+        # pixels count from the upper left corner
+        origin = np.array([width / 2 - x * pixels_per_metre, height / 2 + y * pixels_per_metre, 0])
+        project = _Projection(camera.axes, pixels_per_metre, origin)
+        corners = project(shape.corners)
+        shades = _shades(corners, shape.normals @ camera.axes.T)
+        parts = [_Triangles(corners, shades, shape.kinds)]
+        parts.append(_bars(project(shape.lines), ink))
+        parts.append(_balls(project(shape.dots), ink))
+        near = camera.depth[0] * pixels_per_metre
+        far = camera.depth[1] * pixels_per_metre
+        canvas = Canvas(height, width, near, far)
+        image = _image(canvas, parts, palette, camera.opacity)
+        yield image.reshape(height // n, n, width // n, n, 3).mean(axis=(1, 3))
 
 
-def _image(
-    comm: MPI.Intracomm,
-    canvas: Canvas,
-    parts: Sequence[tuple[Array, Array, Integers]],
-    palette: Colours,
-    opacity: float,
-) -> Array:
-    """What is nearest, and through it what is behind, layer by layer (depth peeling): (height, width, 3) on rank 0."""
-    image, share, light = np.ones((canvas.height, canvas.width, 3)), opacity, 1.0
+def _image(canvas: Canvas, parts: Sequence[_Triangles], palette: Colours, opacity: float) -> Array:
+    """What is nearest and, through it, what is behind: the image (height, width, 3) of a canvas.
+
+    Layers are drawn from front to back (depth peeling), each with the light that those before it let through.
+    """
+    image = np.ones((canvas.height, canvas.width, 3))
+    light = 1.0
     while True:
-        for triangles, shades, kinds in parts:
-            canvas.draw(triangles, shades, kinds, palette)
-        whole = canvas.combine(comm)
-        if comm.rank == 0:
-            image += (
-                light * share * (whole.outlined(_OUTLINE * _SUPERSAMPLES, _OUTLINE_STRENGTH) - 1)
-            )
-        light *= 1 - share
-        behind = whole.behind(comm) if light > _UNSEEN else None
+        for part in parts:
+            canvas.draw(part.corners, part.shades, part.kinds, palette)
+        layer = canvas.outlined(_OUTLINE * _SUPERSAMPLES, _OUTLINE_STRENGTH)
+        image += light * opacity * (layer - 1)
+        light *= 1 - opacity
+        behind = canvas.behind() if light > _UNSEEN else None
         if behind is None:
             return image
         canvas = behind
@@ -201,55 +213,68 @@ class _Projection:
     origin: Array
 
     def __call__(self, points: Array) -> Array:
-        pixels: Array = self.origin + self.scale * (points @ self.axes.T) * np.array(
-            [1.0, -1.0, -1.0]
-        )
+        seen = self.scale * (points @ self.axes.T)
+        pixels: Array = self.origin + seen * np.array([1.0, -1.0, -1.0])
         return pixels
 
 
-def _ribbons(ends: Array) -> tuple[Array, Array]:
-    """Lines (m, 2, 3) as round bars, before the film that they lie on: triangles and the shades of their corners."""
-    towards = np.array([0.0, 0.0, -_HALF_LINE * _SUPERSAMPLES])
-    a, b = ends[:, 0] + towards, ends[:, 1] + towards
-    across = np.stack([a[:, 1] - b[:, 1], b[:, 0] - a[:, 0], np.zeros(len(a))], axis=1)
-    across = _HALF_LINE * _SUPERSAMPLES * unit(across)
-    triangles = []
+def _bars(ends: Array, kind: int) -> _Triangles:
+    """Lines (m, 2, 3) [pixels] as round bars: on each side of the axis a strip that gets darker outwards."""
+    half_width = _HALF_LINE * _SUPERSAMPLES
+    # the axis stands out by the radius, so that a line is seen on the film on which it lies
+    start = ends[:, 0] - np.array([0.0, 0.0, half_width])
+    end = ends[:, 1] - np.array([0.0, 0.0, half_width])
+    along = end - start
+    across = np.stack([-along[:, 1], along[:, 0], np.zeros(len(ends))], axis=1)
+    across = half_width * unit(across)
+    crest = np.array([0.0, 0.0, -half_width])
+    corners = []
+    shades = []
     for side in (across, -across):
-        triangles += [
-            np.stack(t, axis=1)
-            for t in ((a + side, a + towards, b + towards), (a + side, b + towards, b + side))
-        ]
-    shades = [np.tile(s, (len(a), 1)) for s in ([0.35, 0.8, 0.8], [0.35, 0.8, 0.35]) * 2]
-    return np.concatenate(triangles), np.concatenate(shades)
+        corners.append(np.stack([start + side, start + crest, end + crest], axis=1))
+        shades.append(np.tile([0.35, 0.8, 0.8], (len(ends), 1)))
+        corners.append(np.stack([start + side, end + crest, end + side], axis=1))
+        shades.append(np.tile([0.35, 0.8, 0.35], (len(ends), 1)))
+    kinds = np.full(4 * len(ends), kind)
+    return _Triangles(np.concatenate(corners), np.concatenate(shades), kinds)
 
 
-def _discs(centres: Array) -> tuple[Array, Array]:
-    """Dots (k, 3) as small balls."""
-    angles = np.linspace(0, 2 * np.pi, 25)
-    rim = _DOT * _SUPERSAMPLES * np.stack([np.cos(angles), np.sin(angles), np.zeros(25)], axis=1)
-    summit = np.array([0.0, 0.0, -_DOT * _SUPERSAMPLES])
-    fan = np.stack([np.broadcast_to(summit, (24, 3)), rim[:-1], rim[1:]], axis=1)
-    triangles = (centres[:, None, None] + fan).reshape(-1, 3, 3)
-    return triangles, np.tile([0.85, 0.4, 0.4], (len(triangles), 1))
+def _balls(centres: Array, kind: int) -> _Triangles:
+    """Dots (k, 3) [pixels] as small balls: cones whose tips are bright and stand towards the eye."""
+    radius = _DOT * _SUPERSAMPLES
+    angles = np.linspace(0, 2 * np.pi, _DOT_SECTORS + 1)
+    rim = radius * np.stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))], axis=1)
+    tip = np.broadcast_to([0.0, 0.0, -radius], (_DOT_SECTORS, 3))
+    cone = np.stack([tip, rim[:-1], rim[1:]], axis=1)
+    corners = (centres[:, None, None] + cone).reshape(-1, 3, 3)
+    shades = np.tile([0.85, 0.4, 0.4], (len(corners), 1))
+    return _Triangles(corners, shades, np.full(len(corners), kind))
 
 
 def _shades(corners: Array, normals: Array) -> Array:
-    """Brightness in [0, 1] of corners: Phong's reflection on the side that is seen, with a distant light."""
-    # pixels count downwards and depth away: the cross product of a side that is seen points away in them
-    facing = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2] > 0
-    normals = np.where(facing[:, None, None], -normals, normals)
-    half = unit(_LIGHT + np.array([0.0, 0.0, 1.0]))
-    diffuse, gloss = (0.5 + normals @ _LIGHT / 2).clip(0), (normals @ half).clip(0) ** _SHININESS
-    shades: Array = (_AMBIENT + (1 - _AMBIENT) * diffuse) * (1 - _GLOSS) + _GLOSS * gloss
+    """Brightness (n, 3) in [0, 1] at corners: Phong's reflection, with a distant light, on the side that is seen."""
+    # pixels count downwards and depth away from the eye: in them, the normal of a front side points away
+    first_edge = corners[:, 1] - corners[:, 0]
+    second_edge = corners[:, 2] - corners[:, 0]
+    from_behind = np.cross(first_edge, second_edge)[:, 2] > 0
+    normals = np.where(from_behind[:, None, None], -normals, normals)
+    halfway = unit(_LIGHT + np.array([0.0, 0.0, 1.0]))
+    diffuse = (0.5 + normals @ _LIGHT / 2).clip(0)
+    gloss = (normals @ halfway).clip(0) ** _SHININESS
+    matt = _AMBIENT + (1 - _AMBIENT) * diffuse
+    shades: Array = matt * (1 - _GLOSS) + _GLOSS * gloss
     return shades
 
 
 def _palette(colours: Array) -> npt.NDArray[np.uint8]:
-    """Colours (kinds, ink and solids, 256, 3) from dark to the film's colour at 1 - gloss, and half-way on to white."""
-    shade = np.linspace(0, 1, 256)[:, None]
-    base = np.array([*colours, _INK, _SOLID])[:, None]
-    matt, gloss = (shade / (1 - _GLOSS)).clip(0, 1), ((shade - (1 - _GLOSS)) / _GLOSS).clip(0, 1)
-    palette: npt.NDArray[np.uint8] = np.rint(
-        255 * (base * matt * (1 - gloss / 2) + gloss / 2)
-    ).astype(np.uint8)
+    """Colours (kinds, 256, 3) by brightness: from black to the colour at 1 - gloss, then half-way on to white.
+
+    The last two kinds are those of lines and of solids.
+    """
+    brightness = np.linspace(0, 1, 256)[:, None]
+    base = np.array([*colours, _INK, _SOLID_COLOUR])[:, None]
+    matt = (brightness / (1 - _GLOSS)).clip(0, 1)
+    gloss = ((brightness - (1 - _GLOSS)) / _GLOSS).clip(0, 1)
+    shaded = base * matt * (1 - gloss / 2) + gloss / 2
+    palette: npt.NDArray[np.uint8] = np.rint(255 * shaded).astype(np.uint8)
     return palette

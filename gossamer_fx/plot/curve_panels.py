@@ -1,188 +1,263 @@
-"""What happened in a run, over time, as panels of a figure."""
+"""The tables of a run's folder as panels of a figure: energies, gas, states of the films, errors, solver, probes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from itertools import cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gossamer_fx.fields.fields import STATES, AreaFractions
+from gossamer_fx.fields.fields import STATES
 from gossamer_fx.model.body import Array
-from gossamer_fx.plot.camera import STATE_COLOURS
-from gossamer_fx.probes.run import Run
+from gossamer_fx.outputs.ledger import LOST
+from gossamer_fx.plot.colours import STATE_COLOURS
+from gossamer_fx.plot.run_reader import RunReader, Tables
+from gossamer_fx.plot.units import plain_text, scaled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 INK = "#33383d"
-LINES = (
-    "#0072B2",
-    "#D55E00",
-    "#009E73",
-    "#CC79A7",
-    "#B8860B",
-    "#56B4E9",
-    "#7F6A4F",
-)  # after Okabe and Ito
+# after M. Okabe and K. Ito, Color universal design (2008)
+LINES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#B8860B", "#56B4E9", "#7F6A4F")
 
-_LEAST = 1e-6  # of the largest: what is always smaller is not shown
-_LOGARITHMIC = 30.0  # ratio of the curves' peaks beyond which their axis is logarithmic
-_LABEL_PITCH = 0.095  # of the axis' height
-_LABEL_LENGTH = 14  # letters of a name that fit between two panels
-_SHOWN = 0.02  # share of the area from which on a state is named
-_PREFIXES = {1e-9: "n", 1e-6: "µ", 1e-3: "m", 1.0: "", 1e3: "k", 1e6: "M", 1e9: "G"}
+_MAX_POINTS = 2000  # of a curve: more are not seen, and make files large
+_NEGLIGIBLE = 1e-6  # of the largest curve: a curve that is always smaller is not shown
+_LOGARITHMIC = 30.0  # ratio of the peaks of curves from which on their axis is logarithmic
+_LABEL_PITCH = 0.095  # distance of labels, of the height of the axes
+_MAX_LABEL = 20  # letters of a name at the end of a curve
+_SHOWN_SHARE = 0.02  # share of the area from which on a state is named
+_SMALLEST_ERROR = 1e-17
+_USUAL_ERROR = 1e-12  # to which the axis of errors goes at least
+_STORED = "stored "  # before the names of what stores energy
+_PROBE = re.compile(r"(.+) (\S+)( \[[^]]*\])")  # a probe's name with a unit: "tip x [m]"
 
 Panel = Callable[["Axes"], None]
 
 
 @dataclass(frozen=True)
-class Snapshot:
-    """Energies [J], pressures [Pa], fractions of area (slack, wrinkled, taut), closing errors and losses [J] by what
-    took them at one time [s]."""
+class Curves:
+    """Panels over one time axis.
 
-    time: float
-    energies: dict[str, float]
-    pressures: dict[str, float]
-    fractions: list[Array]
-    errors: dict[str, float]
-    losses: dict[str, float]
+    Attributes:
+        panels: functions that draw themselves on axes.
+        start: of the time axis, in its unit.
+        end: of the time axis, in its unit.
+        unit: of the time axis, e.g. "ms".
+    """
 
-
-def observe(run: Run, fractions: Sequence[AreaFractions]) -> Snapshot:
-    """The state of a run."""
-    totals, chambers = run.totals, run.chambers
-    energies = {
-        "kinetic": totals.kinetic,
-        **{f"in {name}": energy for name, energy in totals.stored.items()},
-    }
-    energies |= {"supplied": totals.supplied, "dissipated": totals.dissipated}
-    errors = {"energy": run.energy_error} | ({"gas mass": run.mass_error} if totals.mass else {})
-    pressures = {name: state.pressure for name, state in chambers.items()}
-    return Snapshot(
-        run.time, energies, pressures, [f(run.system) for f in fractions], errors, totals.losses
-    )
+    panels: list[Panel]
+    start: float = 0.0
+    end: float = 1.0
+    unit: str = "s"
 
 
-def panels(moments: Sequence[Snapshot], second: float) -> list[Panel]:
-    """What there is to show, over time in units of `second`; each draws itself on its axes."""
-    if len(moments) < 2:
-        return []
-    t = np.array([m.time for m in moments]) / second
-    energies, pressures = (
-        _table([m.energies for m in moments]),
-        _table([m.pressures for m in moments]),
-    )
+def run_curves(run: RunReader, solver: bool = True) -> Curves:
+    """The panels of a run; none if it has fewer than two steps.
+
+    Args:
+        run: what was recorded.
+        solver: whether iterations and probes are shown, too.
+    """
+    ledger = _thinned(run.table("ledger.csv"))
+    if not ledger or len(ledger["time"]) < 2:
+        return Curves([])
+    second, prefix = scaled(float(ledger["time"].max()))
+    gas = _thinned(run.table("gas.csv"))
+    states = _thinned(run.table("states.csv"))
+
+    energies = {"kinetic": ledger["kinetic"]}
+    energies |= {f"in {name}": energy for name, energy in _with_prefix(ledger, _STORED).items()}
+    energies |= {name: ledger[name] for name in ("supplied", "dissipated")}
     colours = dict(zip(energies, cycle(LINES), strict=False))
-    chambers = {name: colours[f"in {name}"] for name in pressures}
-    result: list[Panel] = [lambda axes: _lines(axes, t, energies, colours, "Energy", "J")]
-    if len(moments[0].losses) > 1:
-        losses = _table([m.losses for m in moments])
-        shades = dict(zip(losses, cycle(LINES), strict=False))
-        result.append(lambda axes: _lines(axes, t, losses, shades, "Energy lost", "J"))
+    t = ledger["time"] / second
+    panels: list[Panel] = [partial(_lines, t, energies, colours, "Energy", "J")]
+    losses = _with_prefix(ledger, LOST)
+    if len(losses) > 1:
+        panels.append(partial(_lines, t, losses, _line_colours(losses), "Energy lost", "J"))
+    suffix = " pressure"
+    pressures = {
+        name.removesuffix(suffix): values for name, values in gas.items() if name.endswith(suffix)
+    }
     if pressures:
-        result.append(lambda axes: _lines(axes, t, pressures, chambers, "Pressure", "Pa"))
-    if moments[0].fractions:
-        result.append(lambda axes: _states(axes, t, np.array([m.fractions[0] for m in moments])))
-    result.append(lambda axes: _errors(axes, t, _table([m.errors for m in moments])))
-    return result
+        # a chamber has the colour of its energy
+        shades = {name: colours.get(f"in {name}", INK) for name in pressures}
+        panels.append(partial(_lines, gas["time"] / second, pressures, shades, "Pressure", "Pa"))
+    shares = _area_shares(run, states)
+    if shares:
+        panels.append(partial(_states, states["time"] / second, shares))
+    errors = {"energy": ledger["energy_error"]}
+    if "mass_error" in ledger:
+        errors["gas mass"] = ledger["mass_error"]
+    panels.append(partial(_errors, t, errors))
+    if solver:
+        panels.append(partial(_iterations, t, ledger["iterations"]))
+        probes = _thinned(run.table("probes.csv"))
+        panels += [
+            partial(_probes, probes["time"] / second, title, curves)
+            for title, curves in grouped(probes).items()
+        ]
+    return Curves(panels, start=float(t[0]), end=float(t[-1]), unit=f"{prefix}s")
 
 
-def scaled(largest: float) -> tuple[float, str]:
-    """Factor and prefix of the unit in which a number lies between 1 and 1000."""
-    fitting = [f for f in _PREFIXES if f <= largest * (1 + 1e-9)]
-    factor = max(fitting, default=1.0)
-    return factor, _PREFIXES[factor]
+def grouped(probes: Tables) -> dict[str, Tables]:
+    """Curves of one panel by their last words, by title: "tip x [m]" and "tip y [m]" are x and y of "tip [m]"."""
+    panels: dict[str, Tables] = {}
+    for name, values in probes.items():
+        if name in ("time", "step"):
+            continue
+        parts = _PROBE.fullmatch(name)
+        if parts is None:
+            panels.setdefault(name, {})[""] = values
+        else:
+            panels.setdefault(parts[1] + parts[3], {})[parts[2]] = values
+    return panels
 
 
-def _table(rows: Sequence[dict[str, float]]) -> dict[str, Array]:
-    return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+def _thinned(table: Tables) -> Tables:
+    """A table with at most so many rows as are seen in a curve; the first and the last row stay."""
+    if not table:
+        return table
+    rows = np.unique(np.linspace(0, len(table["time"]) - 1, _MAX_POINTS).astype(int))
+    return {name: values[rows] for name, values in table.items()}
+
+
+def _with_prefix(table: Tables, prefix: str) -> Tables:
+    return {
+        name.removeprefix(prefix): values
+        for name, values in table.items()
+        if name.startswith(prefix)
+    }
+
+
+def _area_shares(run: RunReader, states: Tables) -> Tables:
+    """Shares of the first film's area by state, from the bottom to the top of the panel."""
+    film = next((name for name in run.films if f"{name} taut" in states), None)
+    if film is None or f"{film} wrinkled" not in states:
+        return {}
+    taut = states[f"{film} taut"]
+    wrinkled = states[f"{film} wrinkled"]
+    return {"taut": taut, "wrinkled": wrinkled, "slack": 1 - taut - wrinkled}
+
+
+def _line_colours(curves: Mapping[str, Array]) -> dict[str, str]:
+    return dict(zip(curves, cycle(LINES), strict=False))
+
+
+# ---- panels ---------------------------------------------------------------------------------------------------------
 
 
 def _lines(
-    axes: Axes, t: Array, curves: dict[str, Array], colours: dict[str, str], title: str, unit: str
+    t: Array, curves: Tables, colours: Mapping[str, str], title: str, unit: str, axes: Axes
 ) -> None:
-    """Curves on one axis; where their sizes are far apart, the magnitudes on a logarithmic one."""
+    """Curves on one axis; if their sizes are far apart, their magnitudes on a logarithmic one."""
     peaks = {name: float(abs(values).max()) for name, values in curves.items()}
     largest = max(peaks.values())
-    peaks = {name: peak for name, peak in peaks.items() if peak > _LEAST * largest}
+    peaks = {name: peak for name, peak in peaks.items() if peak > _NEGLIGIBLE * largest}
     logarithmic = bool(peaks) and largest > _LOGARITHMIC * min(peaks.values())
     factor, prefix = (1.0, "") if logarithmic else scaled(largest)
-    labels: dict[str, tuple[float, str]] = {}
+    ends: dict[str, tuple[float, str]] = {}
     for name in peaks:
         values = curves[name] / factor
+        label = name
         if logarithmic:
             values = np.where(values == 0, np.nan, abs(values))
+            if curves[name][-1] < 0:
+                label = f"−{name}"
         axes.plot(t, values, color=colours[name])
-        if np.isfinite(values[-1]):
-            negative = logarithmic and curves[name][-1] < 0
-            labels[("−" if negative else "") + name] = float(values[-1]), colours[name]
+        ends[label] = (float(values[-1]), colours[name])
     if logarithmic:
         axes.set_yscale("log")
         low, high = axes.get_ylim()
-        axes.set_ylim(max(low, 0.01 * min(peaks.values()), _LEAST * largest), high)
+        axes.set_ylim(max(low, 0.01 * min(peaks.values()), _NEGLIGIBLE * largest), high)
     elif all((curves[name] >= 0).all() for name in peaks):
         axes.set_ylim(bottom=0)
     axes.set_title(f"{title} [{prefix}{unit}]")
-    label_ends(axes, labels)
+    label_ends(axes, ends)
 
 
-def _states(axes: Axes, t: Array, fractions: Array) -> None:
-    order = [STATES[name] for name in ("taut", "wrinkled", "slack")]
-    axes.stackplot(
-        t, 100 * fractions[:, order].T, colors=[STATE_COLOURS[s] for s in order], linewidth=0
-    )
+def _states(t: Array, shares: Tables, axes: Axes) -> None:
+    colours = [STATE_COLOURS[STATES[name]] for name in shares]
+    percent = [100 * values for values in shares.values()]
+    axes.stackplot(t, *percent, colors=colours, linewidth=0)
     axes.set_ylim(0, 100)
-    tops = np.cumsum(fractions[-1, order]) * 100
-    names = {s: name for name, s in STATES.items()}
-    labels = {
-        names[s]: (float(top - 50 * fractions[-1, s]), INK)
-        for s, top in zip(order, tops, strict=True)
-    }
-    label_ends(
-        axes, {name: at for name, at in labels.items() if fractions[:, STATES[name]].max() > _SHOWN}
-    )
+    ends: dict[str, tuple[float, str]] = {}
+    top = 0.0
+    for name, values in shares.items():
+        last = 100 * float(values[-1])
+        if values.max() > _SHOWN_SHARE:
+            ends[name] = (top + last / 2, INK)
+        top += last
     axes.set_title("State of the film [% of area]")
+    label_ends(axes, ends)
 
 
-def _errors(axes: Axes, t: Array, errors: dict[str, Array]) -> None:
+def _errors(t: Array, errors: Tables, axes: Axes) -> None:
     """Magnitudes, and their running maxima."""
-    labels: dict[str, tuple[float, str]] = {}
+    ends: dict[str, tuple[float, str]] = {}
     axes.set_yscale("log")
-    for (name, values), colour in zip(errors.items(), LINES, strict=False):
-        values = np.where(values == 0, np.nan, abs(values))
-        worst = np.fmax.accumulate(values)
+    for name, colour in zip(errors, LINES, strict=False):
+        values = np.where(errors[name] == 0, np.nan, abs(errors[name]))
+        largest_so_far = np.fmax.accumulate(values)
         axes.plot(t, values, color=colour, linewidth=0.5, alpha=0.5)
-        axes.plot(t, worst, color=colour)
-        if np.isfinite(worst[-1]):
-            labels[name] = float(worst[-1]), colour
-    axes.set_ylim(1e-17, max([1e-12, *(3 * worst for worst, _ in labels.values())]))
+        axes.plot(t, largest_so_far, color=colour)
+        ends[name] = (float(largest_so_far[-1]), colour)
+    highest = max((3 * end for end, _ in ends.values() if np.isfinite(end)), default=0.0)
+    axes.set_ylim(_SMALLEST_ERROR, max(_USUAL_ERROR, highest))
     axes.set_title("Closing error of the ledger, relative")
-    label_ends(axes, labels)
+    label_ends(axes, ends)
 
 
-def label_ends(axes: Axes, labels: dict[str, tuple[float, str]]) -> None:
-    """Name curves at their right ends, moved apart where they would overlap."""
+def _iterations(t: Array, iterations: Array, axes: Axes) -> None:
+    axes.plot(t, iterations, color=LINES[0], linewidth=0.8)
+    axes.set_ylim(bottom=0)
+    axes.set_title("Newton iterations of a step")
+
+
+def _probes(t: Array, title: str, curves: Tables, axes: Axes) -> None:
+    ends: dict[str, tuple[float, str]] = {}
+    for (name, values), colour in zip(curves.items(), cycle(LINES), strict=False):
+        axes.plot(t, values, color=colour)
+        if name:
+            ends[name] = (float(values[-1]), colour)
+    axes.set_title(plain_text(title))
+    label_ends(axes, ends)
+
+
+def label_ends(axes: Axes, ends: Mapping[str, tuple[float, str]]) -> None:
+    """Name curves at their right ends, moved apart where the names would overlap.
+
+    Args:
+        axes: on which the curves are drawn.
+        ends: the last value and the colour of each curve, by name; curves whose value is not finite are not named.
+    """
     axes.autoscale_view()
     to_axes = axes.transData + axes.transAxes.inverted()
-    ends = sorted(
-        (float(to_axes.transform((0, y))[1]), name, colour) for name, (y, colour) in labels.items()
+    labels = sorted(
+        (float(to_axes.transform((0, value))[1]), name, colour)
+        for name, (value, colour) in ends.items()
+        if np.isfinite(value)
     )
-    heights = np.array([y for y, _, _ in ends]).clip(0, 1)
+    heights = np.array([height for height, _, _ in labels]).clip(0, 1)
+    # Each pass moves neighbours that overlap half of the way apart; 100 passes separate seven labels.
     for _ in range(100):
         overlap = _LABEL_PITCH - np.diff(heights)
         push = np.where(overlap > 1e-4, overlap / 2, 0.0)
         heights[:-1] -= push
         heights[1:] += push
         heights = heights.clip(0, 1)
-    for height, (_, name, colour) in zip(heights, ends, strict=True):
-        words = name if len(name) <= _LABEL_LENGTH else name[: _LABEL_LENGTH - 1].rstrip() + "…"
+    for height, (_, name, colour) in zip(heights, labels, strict=True):
+        shown = name
+        if len(name) > _MAX_LABEL:
+            shown = f"{name[: _MAX_LABEL - 1].rstrip()}…"
         axes.annotate(
-            words,
-            (1, height),
-            (5, 0),
+            plain_text(shown),
+            xy=(1, height),
+            xytext=(5, 0),
             xycoords="axes fraction",
             textcoords="offset points",
             color=colour,

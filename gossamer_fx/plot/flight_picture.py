@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,29 +13,43 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array
 from gossamer_fx.orbit.environment import local_axes
 from gossamer_fx.orbit.orbit import Orbit
-from gossamer_fx.outputs.output import Probe, evaluate_probe, make_parent
-from gossamer_fx.plot.camera import BY_STATE, Camera, aim, render
-from gossamer_fx.plot.view import Renderer
+from gossamer_fx.outputs.output import Probe
+from gossamer_fx.outputs.recording import Recording
+from gossamer_fx.plot.camera import Camera, aim, render
+from gossamer_fx.plot.colours import by_state
+from gossamer_fx.plot.picture import NEVER, DrawnRun
+from gossamer_fx.plot.run_reader import RunReader, Tables
+from gossamer_fx.plot.units import plain_text
 from gossamer_fx.probes.run import Run
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_DAY, _NIGHT, _EARTH, _SUN = (
-    (0.93, 0.60, 0.10),
-    (0.22, 0.29, 0.42),
-    (0.55, 0.70, 0.85),
-    (0.95, 0.70, 0.05),
+_DAY = (0.93, 0.60, 0.10)
+_NIGHT = (0.22, 0.29, 0.42)
+_EARTH = (0.55, 0.70, 0.85)
+_SUN = (0.95, 0.70, 0.05)
+_DPI = 110
+_SCENE_PIXELS = 900.0  # of the larger side of the image of the scene
+_WIDTH = 11.0  # inches
+_ORBIT_HEIGHT = 4.6  # inches
+_PROBE_HEIGHT = 1.5  # inches
+_LONG = 3 * 3600.0  # s from which on the time is shown in hours
+_ALONG_VIEW = (
+    0.7  # part of a unit vector towards the eye from which on an arrow is too short to show it
 )
-_PIXELS = 900.0
+# Columns of the record that a flight needs beside the probes that were asked for.
+_POSITION = ("flight x", "flight y", "flight z")  # of the origin from the attracting centre [m]
+_VELOCITY = ("flight vx", "flight vy", "flight vz")  # [m/s]
+_TO_SUN = ("flight sun x", "flight sun y", "flight sun z")  # from the attracting centre [m]
+_LIT = "flight lit"  # part of the Sun that is seen
 
 
 @check_arguments
-class FlightPicture:
+class FlightPicture(DrawnRun):
     """PNG of a flight, made at the end of a run: its orbit, the scene as it is then, and probes over time.
 
-    The orbit is seen from the normal of its plane at the start, bright in the light and dark in the shadow.  Each rank
-    draws its own part of the scene.
+    The orbit is seen from the normal of its plane at the start, bright in the light and dark in the shadow.
 
     Args:
         path: `.png`.
@@ -44,92 +58,72 @@ class FlightPicture:
         title: a line on top.
     """
 
-    times: Sequence[float] = ()
-
     def __init__(
         self, path: str | Path, orbit: Orbit, *, probes: Mapping[str, Probe], title: str = ""
     ) -> None:
-        self.path, self.orbit, self.probes, self.title = Path(path), orbit, dict(probes), title
-        check(
-            self.path.suffix == ".png",
-            f"FlightPicture cannot write '{path}'; give a name that ends in .png.",
-        )
+        super().__init__(path)
+        self.orbit = orbit
+        self.probes = dict(probes)
+        self.title = title
         for name, probe in self.probes.items():
             check(
                 callable(probe),
                 f"Probe '{name}' is {probe!r}; give a function of the run that returns a number.",
             )
 
-    def open(self, run: Run) -> None:
-        make_parent(run.comm, self.path)
-        self._renderer = Renderer(run.system)
-        self._rows: list[list[float]] = []
-        self._places: list[Array] = []
-        self._lit: list[float] = []
+    def recording(self, run: Run) -> Recording:
+        probes: dict[str, Probe] = {}
+        for what, names in enumerate((_POSITION, _VELOCITY, _TO_SUN)):
+            for axis, name in enumerate(names):
+                probes[name] = _FlightNumber(self.orbit, what, axis)
+        probes[_LIT] = self._lit
+        return Recording(self.folder, probes=probes | self.probes, every=NEVER)
 
-    def record(self, run: Run, last: bool) -> None:
-        r, _ = self.orbit.flight(run.system).state()
-        self._places.append(r)
-        self._lit.append(self.orbit.sunlit(r, self.orbit.sun(run.time)))
-        values = [
-            evaluate_probe(run, f"Probe '{name}'", probe) for name, probe in self.probes.items()
-        ]
-        self._rows.append([run.time, *values])
+    def _lit(self, run: Run) -> float:
+        position, _ = self.orbit.flight(run.system).state()
+        return float(self.orbit.sunlit(position, self.orbit.sun(run.time)))
 
-    def close(self, run: Run) -> None:
-        shape = self._renderer.shape()
-        camera = aim(run.comm, [shape])
-        images = render(run.comm, camera, [shape], _PIXELS / max(camera.size), BY_STATE)
-        r, v = self.orbit.flight(run.system).state()
-        if run.comm.rank == 0:
-            self._draw(camera, images[0], self.orbit.sun(run.time) - r, v)
-
-    def _draw(self, camera: Camera, image: Array, to_sun: Array, v: Array) -> None:
+    def draw(self, run: RunReader) -> None:
         from matplotlib.figure import Figure
 
-        rows = np.array(self._rows)
-        figure = Figure(figsize=(11, 4.6 + 1.5 * len(self.probes)), layout="constrained")
-        grid = figure.add_gridspec(
-            1 + len(self.probes), 2, height_ratios=[4.6] + [1.5] * len(self.probes)
-        )
-        self._draw_orbit(figure.add_subplot(grid[0, 0]))
-        _draw_scene(
-            figure.add_subplot(grid[0, 1]),
-            camera,
-            image,
-            {"Sun": (to_sun, _SUN), "motion": (v, _NIGHT)},
-        )
-        hours = rows[-1, 0] > 3 * 3600
-        for k, name in enumerate(self.probes):
-            axes = figure.add_subplot(grid[1 + k, :])
-            axes.plot(rows[:, 0] / (3600 if hours else 1), rows[:, 1 + k], color=_NIGHT, lw=1.2)
-            axes.set_ylabel(name)
+        table = run.table("probes.csv")
+        heights = [_ORBIT_HEIGHT] + [_PROBE_HEIGHT] * len(self.probes)
+        figure = Figure(figsize=(_WIDTH, sum(heights)), layout="constrained")
+        grid = figure.add_gridspec(len(heights), 2, height_ratios=heights)
+        self._draw_orbit(figure.add_subplot(grid[0, 0]), table)
+        _draw_scene(figure.add_subplot(grid[0, 1]), run, table)
+        in_hours = table["time"][-1] > _LONG
+        t = table["time"] / (3600.0 if in_hours else 1.0)
+        for row, name in enumerate(self.probes, start=1):
+            axes = figure.add_subplot(grid[row, :])
+            axes.plot(t, table[name], color=_NIGHT, lw=1.2)
+            axes.set_ylabel(plain_text(name))
             axes.grid(alpha=0.3)
-        if self.probes:
-            axes.set_xlabel("time [h]" if hours else "time [s]")
+            if row == len(self.probes):
+                axes.set_xlabel("time [h]" if in_hours else "time [s]")
         if self.title:
-            figure.suptitle(self.title)
-        figure.savefig(self.path, dpi=110)
+            figure.suptitle(plain_text(self.title))
+        figure.savefig(self.path, dpi=_DPI)
 
-    def _draw_orbit(self, axes: Axes) -> None:
-        """Seen along the normal of the plane of the start, in thousands of kilometres."""
+    def _draw_orbit(self, axes: Axes, table: Tables) -> None:
+        """The orbit, seen along the normal of its plane at the start, in thousands of kilometres."""
         from matplotlib.patches import Circle
 
-        out, along, _ = local_axes(*self.orbit.state).T
-        places, lit = np.array(self._places) / 1e6, np.array(self._lit)
-        x, y = places @ out, places @ along
+        outward, along, _ = local_axes(*self.orbit.state).T
+        positions = _vectors(table, _POSITION) / 1e6
+        lit = table[_LIT] > 0.5
+        x = positions @ outward
+        y = positions @ along
         axes.add_patch(Circle((0, 0), self.orbit.radius / 1e6, color=_EARTH))
-        sun, reach = self.orbit.sun(0.0), float(np.linalg.norm(places, axis=1).max())
+        reach = float(np.linalg.norm(positions, axis=1).max())
+        sun = _vectors(table, _TO_SUN)[0]
         if np.any(sun):
-            to_sun = sun / np.linalg.norm(sun)
-            style = {"arrowstyle": "-|>", "color": _SUN, "lw": 2}
-            tip = (1.5 * reach * float(to_sun @ out), 1.5 * reach * float(to_sun @ along))
-            axes.annotate("", xy=tip, xytext=(0, 0), arrowprops=style)
-            axes.text(1.1 * tip[0], 1.1 * tip[1], "Sun", color=_SUN, ha="center", va="center")
+            to_sun = 1.5 * reach * sun / np.linalg.norm(sun)
+            _draw_arrow(axes, (0.0, 0.0), (to_sun @ outward, to_sun @ along), "Sun", _SUN)
         axes.set_xlim(-1.7 * reach, 1.7 * reach)
         axes.set_ylim(-1.7 * reach, 1.7 * reach)
-        for light, colour in ((lit > 0.5, _DAY), (lit <= 0.5, _NIGHT)):
-            axes.plot(np.where(light, x, np.nan), np.where(light, y, np.nan), color=colour, lw=2.2)
+        for part, colour in ((lit, _DAY), (~lit, _NIGHT)):
+            axes.plot(np.where(part, x, np.nan), np.where(part, y, np.nan), color=colour, lw=2.2)
         axes.plot(x[:1], y[:1], "o", color=_NIGHT, ms=5)
         axes.plot(x[-1:], y[-1:], "s", color=_NIGHT, ms=5)
         axes.set_aspect("equal")
@@ -137,22 +131,61 @@ class FlightPicture:
         axes.set_title("orbit: light, shadow; start ●, end ■", fontsize=10)
 
 
-def _draw_scene(
-    axes: Axes, camera: Camera, image: Array, arrows: Mapping[str, tuple[Array, tuple]]
-) -> None:
-    """The scene, and directions as they are seen from the camera."""
-    height, width = image.shape[:2]
+class _FlightNumber:
+    """A component of the position, of the velocity or of the way to the Sun, as a probe."""
+
+    def __init__(self, orbit: Orbit, what: int, axis: int) -> None:
+        self._orbit = orbit
+        self._what = what
+        self._axis = axis
+
+    def __call__(self, run: Run) -> float:
+        position, velocity = self._orbit.flight(run.system).state()
+        vectors = (position, velocity, self._orbit.sun(run.time))
+        return float(vectors[self._what][self._axis])
+
+
+def _vectors(table: Tables, names: Sequence[str]) -> Array:
+    """Three columns of a table as vectors (n, 3)."""
+    return np.stack([table[name] for name in names], axis=1)
+
+
+def _draw_scene(axes: Axes, run: RunReader, table: Tables) -> None:
+    """The scene at the end, and the directions to the Sun and of motion as they are seen from the camera."""
+    colours = by_state(bool(run.films))
+    shapes = [run.shape(len(run.times) - 1, "state", colours.kinds)]
+    camera = aim(shapes)
+    scale = _SCENE_PIXELS / max(camera.size)
+    image = next(render(camera, shapes, scale, colours.table))
     axes.imshow(image)
-    reach, x, y = 0.42 * min(width, height), width / 2, height / 2
-    for name, (direction, colour) in arrows.items():
-        right, up, towards = (float(c) for c in camera.axes @ direction / np.linalg.norm(direction))
-        way = (reach * right, -reach * up)
-        style = {"arrowstyle": "-|>", "color": colour, "lw": 2}
-        axes.annotate("", xy=(x + way[0], y + way[1]), xytext=(x, y), arrowprops=style)
-        depth = "towards us" if towards > 0.7 else "away from us" if towards < -0.7 else ""
-        words = f"{name} {depth}".strip()
-        axes.text(
-            x + 1.12 * way[0], y + 1.12 * way[1], words, color=colour, ha="center", va="center"
-        )
+    to_sun = (_vectors(table, _TO_SUN) - _vectors(table, _POSITION))[-1]
+    _draw_direction(axes, camera, image, "Sun", to_sun, _SUN)
+    _draw_direction(axes, camera, image, "motion", _vectors(table, _VELOCITY)[-1], _NIGHT)
     axes.set_axis_off()
     axes.set_title("the scene at the end, with directions to the Sun and of motion", fontsize=10)
+
+
+def _draw_direction(
+    axes: Axes, camera: Camera, image: Array, name: str, direction: Array, colour: Any
+) -> None:
+    """An arrow from the middle of an image."""
+    height, width = image.shape[:2]
+    middle = (width / 2, height / 2)
+    reach = 0.42 * min(width, height)
+    right, up, towards = camera.axes @ direction / np.linalg.norm(direction)
+    if towards > _ALONG_VIEW:
+        name = f"{name} towards us"
+    elif towards < -_ALONG_VIEW:
+        name = f"{name} away from us"
+    # rows of an image count downwards
+    tip = (middle[0] + reach * right, middle[1] - reach * up)
+    _draw_arrow(axes, middle, tip, name, colour)
+
+
+def _draw_arrow(
+    axes: Axes, start: tuple[float, float], tip: tuple[float, float], name: str, colour: Any
+) -> None:
+    style = {"arrowstyle": "-|>", "color": colour, "lw": 2}
+    axes.annotate("", xy=tip, xytext=start, arrowprops=style)
+    beyond = [a + 1.12 * (b - a) for a, b in zip(start, tip, strict=True)]
+    axes.text(beyond[0], beyond[1], name, color=colour, ha="center", va="center")

@@ -1,31 +1,47 @@
-"""The page of a picture: where captions, images, scale bar and curves stand.  Lengths are inches."""
+"""The page of a picture: a title, images of the scene with a key and a scale bar, and curves below.
+
+matplotlib lays the page out (its engine "constrained").  Images are drawn when their place is known, with as many
+pixels as the place has, so that they are not resampled.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from gossamer_fx.checks.errors import OutputFailure
 from gossamer_fx.model.body import Array
 from gossamer_fx.plot.colours import Scale
-from gossamer_fx.plot.curve_panels import INK, Panel
+from gossamer_fx.plot.curve_panels import INK, Curves
+from gossamer_fx.plot.units import plain_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure, SubFigure
 
-DPI = 150
-_WIDTH, _MARGIN, _GAP = 12.0, 0.5, 0.2
-_TITLE, _HEADER, _CAPTION, _MOST = 0.45, 0.4, 0.3, 4.8
-_AXIS, _PANEL, _BESIDE, _TICKS, _COLUMNS = 0.5, 2.1, 1.15, 0.45, 4
-_BAR = 3.0
+DPI = 150  # pixels per inch
+
+# ---- lengths in inches
+_WIDTH = 12.0
+_TITLE = 0.45
+_KEY = 0.45  # height of the line with key and scale bar
+_CAPTION = 0.35  # height of the line above an image
+_MAX_IMAGES = 4.8  # height of all images together
+_PANEL = 2.9  # height of a panel with its title and axis
+_PAD = 0.1  # around everything
+_GAP = 3 * _PAD  # between images, about
+
+_MAX_PANEL_COLUMNS = 4
+# Power of the number of rows by which the size of images counts less: full rows and few are preferred.
+_FEW_ROWS = 0.35
 _STYLE = {
     "font.size": 9,
     "axes.titlesize": 9.5,
     "axes.titlelocation": "left",
-    "axes.titlepad": 8,
     "axes.linewidth": 0.6,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -43,145 +59,232 @@ _STYLE = {
 
 
 @dataclass(frozen=True)
-class Grid:
-    """Images of one size in rows."""
+class Views:
+    """Images of one size that a page shows.
 
-    columns: int
-    rows: int
-    width: float
-    height: float
+    Attributes:
+        captions: of each image.
+        size: width and height of what each image shows [m].
+        draw: makes the images (height, width, 3) in [0, 1] at a number of pixels per metre.
+        key: names and colours of what is shown, or a scale.
+    """
+
+    captions: Sequence[str]
+    size: tuple[float, float]
+    draw: Callable[[float], Iterable[Array]]
+    key: dict[str, Any] | Scale
 
 
-def arrange(n: int, aspect: float) -> Grid:
-    """The grid in which n images of the given width over height become largest; full rows and few are preferred."""
+@dataclass(frozen=True)
+class Place:
+    """Where the first image of a page is: columns from the left, rows from the top, and pixels per metre."""
 
-    def grid(columns: int) -> Grid:
-        rows = math.ceil(n / columns)
-        width = (_WIDTH - 2 * _MARGIN - (columns - 1) * _GAP) / columns
-        height = min(width / aspect, _MOST / rows - _CAPTION)
-        return Grid(columns, rows, height * aspect, height)
+    left: int
+    top: int
+    scale: float
 
-    return max(
-        map(grid, range(1, n + 1)), key=lambda g: g.width * n / (g.columns * g.rows) / g.rows**0.35
+
+def write_page(
+    path: Path | BytesIO,
+    title: str,
+    views: Views | None = None,
+    curves: Curves | None = None,
+    dpi: int = DPI,
+) -> Place | None:
+    """Write a page as PNG.
+
+    Args:
+        path: of the file.
+        title: on top; may be empty.
+        views: images, if there are any.
+        curves: panels below, if there are any.
+        dpi: pixels per inch; the page is 12 inches wide.
+
+    Returns:
+        Where the first image is, if there is one.
+
+    Raises:
+        OutputFailure: the file cannot be written.
+    """
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+    panels = [] if curves is None else curves.panels
+    panel_rows = math.ceil(len(panels) / _MAX_PANEL_COLUMNS)
+    image_rows, image_columns = _arrange(views)
+    heights = []
+    if views is not None:
+        image_height = _image_height(views, image_rows, image_columns)
+        heights += [_KEY, image_rows * (_CAPTION + image_height)]
+    if panels:
+        heights.append(panel_rows * _PANEL)
+    with matplotlib.rc_context(_STYLE):
+        figure = Figure(
+            figsize=(_WIDTH, sum(heights) + (_TITLE if title else 0)),
+            dpi=dpi,
+            facecolor="white",
+            layout=ConstrainedLayoutEngine(w_pad=_PAD, h_pad=_PAD),
+        )
+        FigureCanvasAgg(figure)
+        if title:
+            figure.suptitle(plain_text(title), x=_PAD / _WIDTH, ha="left", size=13)
+        parts = iter(figure.subfigures(len(heights), 1, height_ratios=heights, squeeze=False)[:, 0])
+        place = None
+        if views is not None:
+            header = next(parts).subplots()
+            _draw_key(header, views.key)
+            frames = _frames(next(parts), views, image_rows, image_columns)
+        if curves is not None and panels:
+            _draw_panels(next(parts), curves, panel_rows)
+        if views is not None:
+            figure.draw_without_rendering()
+            figure.set_layout_engine("none")  # it is laid out
+            place = _draw_images(figure, frames, views)
+            _draw_scale_bar(header, place.scale, views.size[0])
+        try:
+            figure.savefig(path, format="png", dpi=dpi)
+        except OSError as error:
+            raise OutputFailure(
+                f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
+            ) from error
+    return place
+
+
+# ---- images ---------------------------------------------------------------------------------------------------------
+
+
+def _arrange(views: Views | None) -> tuple[int, int]:
+    """Rows and columns in which images become largest; full rows and few are preferred."""
+    if views is None:
+        return 0, 0
+    count = len(views.captions)
+    best = 1
+    best_score = 0.0
+    for columns in range(1, count + 1):
+        rows = math.ceil(count / columns)
+        width = _image_height(views, rows, columns) * views.size[0] / views.size[1]
+        score = width * count / (columns * rows) / rows**_FEW_ROWS
+        if score > best_score:
+            best = columns
+            best_score = score
+    return math.ceil(count / best), best
+
+
+def _image_height(views: Views, rows: int, columns: int) -> float:
+    """Height of an image [inches] that is as wide as its column, or as high as the rows allow."""
+    width = _WIDTH / columns - _GAP
+    return min(width * views.size[1] / views.size[0], _MAX_IMAGES / rows - _CAPTION)
+
+
+def _frames(part: SubFigure, views: Views, rows: int, columns: int) -> list[Axes]:
+    """Empty axes with captions, for the images."""
+    grid = part.subplots(rows, columns, squeeze=False).ravel()
+    for axes in grid:
+        axes.set_axis_off()
+        axes.set_box_aspect(views.size[1] / views.size[0])
+        axes.set_anchor("NW")
+    for axes, caption in zip(grid, views.captions, strict=False):
+        axes.set_title(caption)
+    return list(grid[: len(views.captions)])
+
+
+def _draw_images(figure: Figure, frames: Sequence[Axes], views: Views) -> Place:
+    """Draw images to whole pixels in the places that the layout has found."""
+    boxes = [axes.get_window_extent() for axes in frames]
+    scale = boxes[0].width / views.size[0]
+    first: Place | None = None
+    for box, image in zip(boxes, views.draw(scale), strict=True):
+        height = image.shape[0]
+        left = round(box.x0)
+        bottom = round(box.y1) - height
+        figure.figimage(image, xo=left, yo=bottom, origin="upper")
+        if first is None:
+            top = round(figure.bbox.height) - bottom - height
+            first = Place(left=left, top=top, scale=scale)
+    assert first is not None
+    return first
+
+
+# ---- key and scale bar ----------------------------------------------------------------------------------------------
+
+
+def _draw_key(header: Axes, key: dict[str, Any] | Scale) -> None:
+    """Names and colours at the left end of the line above the images, or a bar with the colours of a scale."""
+    from matplotlib.patches import Patch
+
+    header.set_axis_off()
+    if isinstance(key, Scale):
+        factor, label = key.label
+        bar = header.inset_axes((0.0, 0.35, 0.25, 0.4))
+        bar.imshow(
+            key.table[None], aspect="auto", extent=(key.low / factor, key.high / factor, 0, 1)
+        )
+        bar.set(yticks=[])
+        bar.locator_params(axis="x", nbins=4)
+        bar.tick_params(axis="x", labelsize=7.5, pad=1.5)
+        bar.spines[:].set_visible(False)
+        header.text(0.27, 0.55, plain_text(label), va="center", transform=header.transAxes)
+    elif key:
+        swatches = [Patch(facecolor=colour, edgecolor=INK, lw=0.6) for colour in key.values()]
+        header.legend(
+            swatches,
+            [plain_text(name) for name in key],
+            loc="center left",
+            ncols=len(key),
+            frameon=False,
+            handlelength=1.0,
+            handleheight=1.0,
+            borderaxespad=0.0,
+            borderpad=0.0,
+        )
+
+
+def _draw_scale_bar(header: Axes, scale: float, width: float) -> None:
+    """A round length at the right end of the line above the images, about a quarter of an image long.
+
+    Args:
+        header: the axes of that line.
+        scale: pixels per metre.
+        width: of an image [m].
+    """
+    from matplotlib.transforms import IdentityTransform
+    from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
+
+    target = 0.3 * width
+    power = 10.0 ** math.floor(math.log10(target))
+    length = max(factor * power for factor in (1.0, 2.0, 5.0) if factor * power <= target)
+    if length < 0.01:
+        name = f"{length * 1e3:g} mm"
+    elif length < 1:
+        name = f"{length * 1e2:g} cm"
+    else:
+        name = f"{length:g} m"
+    header.add_artist(
+        AnchoredSizeBar(
+            IdentityTransform(),  # a length in pixels
+            length * scale,
+            name,
+            loc="center right",
+            frameon=False,
+            color=INK,
+            sep=4,
+            borderpad=0.0,
+            pad=0.0,
+        )
     )
 
 
-def write(
-    path: Path | BytesIO,
-    title: str,
-    images: Sequence[tuple[str, Array]],
-    grid: Grid,
-    metre: float,
-    key: dict[str, Any] | Scale,
-    panels: Sequence[Panel],
-    time: tuple[float, float, str],
-) -> tuple[int, int]:
-    """Write a page as PNG; returns the pixel (to the right, down) where the first image begins.
-
-    Args:
-        images: captions and images (height, width, 3), none or as many as the grid holds.
-        metre: its length in the images.
-        key: names and colours of what the images show, or their scale.
-        panels: curves, at most four in a row.
-        time: start and end of the curves, and their unit.
-    """
-    import matplotlib
-
-    top = _TITLE if title else 0.15
-    block = _HEADER + grid.rows * (_CAPTION + grid.height + _GAP) if images else 0.0
-    rows = math.ceil(len(panels) / _COLUMNS)
-    columns = math.ceil(len(panels) / max(rows, 1))
-    row = _AXIS + _PANEL + _TICKS
-    with matplotlib.rc_context(_STYLE):
-        page = _Page(top + block + row * rows)
-        if title:
-            page.text(_MARGIN, _TITLE / 2, title, size=13)
-        if images:
-            if isinstance(key, Scale):
-                page.bar(top + _HEADER / 2, key)
-            else:
-                page.key(top + _HEADER / 2, key)
-            page.scale_bar(top + _HEADER / 2, metre, grid.width)
-        step = (_WIDTH - 2 * _MARGIN + _GAP) / grid.columns
-        for i, (caption, image) in enumerate(images):
-            x = _MARGIN + (i % grid.columns) * step
-            y = top + _HEADER + (i // grid.columns) * (_CAPTION + grid.height + _GAP)
-            page.text(x, y + _CAPTION / 2, caption)
-            page.image(x, y + _CAPTION, grid, image)
-        width = (_WIDTH - 2 * _MARGIN) / max(columns, 1)
-        for i, panel in enumerate(panels):
-            y = top + block + row * (i // columns) + _AXIS
-            axes = page.axes(_MARGIN + i % columns * width, y, width - _BESIDE, _PANEL)
-            panel(axes)
-            axes.set(xlabel=f"t [{time[2]}]", xlim=time[:2])
-        page.figure.savefig(path, format="png")
-    return round(_MARGIN * DPI), round((top + _HEADER + _CAPTION) * DPI)
+# ---- curves ---------------------------------------------------------------------------------------------------------
 
 
-class _Page:
-    """A figure on which places are measured from the top left."""
-
-    def __init__(self, height: float) -> None:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-
-        self.height = height
-        self.figure = Figure(figsize=(_WIDTH, height), dpi=DPI, facecolor="white")
-        FigureCanvasAgg(self.figure)
-
-    def axes(self, x: float, y: float, width: float, height: float) -> Axes:
-        place = (x / _WIDTH, 1 - (y + height) / self.height, width / _WIDTH, height / self.height)
-        return self.figure.add_axes(place)
-
-    def text(self, x: float, y: float, text: str, **style: Any) -> float:
-        """Write from x on, centred at height y; returns where it ends."""
-        written = self.figure.text(x / _WIDTH, 1 - y / self.height, text, va="center", **style)
-        end: float = written.get_window_extent().x1 / DPI
-        return end
-
-    def image(self, x: float, y: float, grid: Grid, image: Array) -> None:
-        axes = self.axes(x, y, grid.width, grid.height)
-        axes.imshow(image, aspect="auto", interpolation="nearest")
-        axes.set_axis_off()
-
-    def key(self, y: float, key: dict[str, Any]) -> None:
-        x = _MARGIN
-        for name, colour in key.items():
-            axes = self.axes(x, y - 0.07, 0.14, 0.14)
-            axes.set_facecolor(colour)
-            axes.set(xticks=[], yticks=[])
-            axes.spines[:].set_visible(True)
-            x = self.text(x + 0.21, y, name) + 0.3
-
-    def bar(self, y: float, scale: Scale) -> None:
-        """Colours of a scale, with its ends and middle and its name."""
-        factor, label = scale.label
-        axes = self.axes(_MARGIN, y - 0.07, _BAR, 0.12)
-        axes.imshow(
-            scale.table[None], aspect="auto", extent=(scale.low / factor, scale.high / factor, 0, 1)
-        )
-        axes.set(yticks=[])
-        axes.locator_params(axis="x", nbins=4)
-        axes.tick_params(axis="x", labelsize=7.5, pad=1.5)
-        axes.spines[:].set_visible(False)
-        self.text(_MARGIN + _BAR + 0.25, y, label)
-
-    def scale_bar(self, y: float, metre: float, width: float) -> None:
-        """A round length of about a quarter of an image."""
-        target = 0.3 * width / metre
-        power = 10.0 ** math.floor(math.log10(target))
-        length = max(f * power for f in (1.0, 2.0, 5.0) if f * power <= target)
-        name = (
-            f"{length * 1e3:g} mm"
-            if length < 0.01
-            else f"{length * 1e2:g} cm"
-            if length < 1
-            else f"{length:g} m"
-        )
-        right = _WIDTH - _MARGIN
-        axes = self.axes(right - length * metre, y - 0.05, length * metre, 0.1)
-        axes.spines["bottom"].set_visible(False)
-        axes.set(xticks=[], yticks=[], xlim=(0, 1), ylim=(-1, 1))
-        axes.plot([0, 0, 0, 1, 1, 1], [-1, 1, 0, 0, -1, 1], color=INK, linewidth=1, clip_on=False)
-        axes.spines["left"].set_visible(False)
-        self.text(right - length * metre - 0.1, y, name, ha="right")
+def _draw_panels(part: SubFigure, curves: Curves, rows: int) -> None:
+    columns = math.ceil(len(curves.panels) / rows)
+    grid = part.subplots(rows, columns, squeeze=False).ravel()
+    for axes in grid[len(curves.panels) :]:
+        axes.remove()
+    for axes, draw in zip(grid, curves.panels, strict=False):
+        draw(axes)
+        axes.minorticks_off()  # they would take half of the time of a page with logarithmic axes
+        axes.set(xlabel=f"t [{curves.unit}]", xlim=(curves.start, curves.end))

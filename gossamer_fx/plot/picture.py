@@ -1,48 +1,120 @@
-"""One picture of a run: the films at chosen times, coloured by their state, and the curves of what happened."""
+"""Pictures that are drawn at the end of a run: of a deployment with the curves of what happened.
+
+A picture asked for during a run is drawn from a recording, as pictures of a run's folder are: the output records what
+it needs in a hidden folder beside the picture, and removes that folder when the program ends.
+"""
 
 from __future__ import annotations
 
+import shutil
+import weakref
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.arguments import check_arguments
-from gossamer_fx.checks.errors import check
-from gossamer_fx.fields.fields import STATES, AreaFractions
+from gossamer_fx.checks.errors import OutputFailure, check, on_rank_zero
 from gossamer_fx.model.body import Vector
+from gossamer_fx.outputs.adios import adios2_for
 from gossamer_fx.outputs.output import make_parent
+from gossamer_fx.outputs.recording import Recording
 from gossamer_fx.outputs.schedule import Schedule
-from gossamer_fx.plot.camera import BY_STATE, STATE_COLOURS, aim, enlarged, render
-from gossamer_fx.plot.curve_panels import Snapshot, observe, panels, scaled
-from gossamer_fx.plot.groups import COLOURS, colour_table
-from gossamer_fx.plot.page import DPI, arrange, write
-from gossamer_fx.plot.section import Cut, Section, check_section, draw, window
-from gossamer_fx.plot.view import Renderer, Shape
+from gossamer_fx.plot.colours import by_state, colouring
+from gossamer_fx.plot.curve_panels import run_curves
+from gossamer_fx.plot.page import Views, write_page
+from gossamer_fx.plot.plot import field_views
+from gossamer_fx.plot.run_reader import RunReader
+from gossamer_fx.plot.section import Section, check_section
 from gossamer_fx.plot.viewpoint import View
 from gossamer_fx.probes.run import Run
 
-MOST_SHAPES = 24
+MAX_SHAPES = 24
+NEVER = 10**9  # steps between records of the fields: only the first and the last state
 
 
-@check_arguments
-class Picture:
-    """PNG of a run, made at its end or failure: deformed films at given times, energies, gas, states, ledger errors.
-
-    Each rank draws its own part of the films, and only images are put together.
+class DrawnRun:
+    """An output that records a run beside a picture and, whenever the run ends, draws the picture from the record.
 
     Args:
         path: `.png`.
-        times: when the films are drawn [s]; if none are given, at the start and the end.  If the run stops early, its
-            last state is added.
+    """
+
+    times: Sequence[float] = ()
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self._recording: Recording | None = None
+        check(
+            self.path.suffix == ".png",
+            f"{type(self).__name__} cannot write '{path}'; give a name that ends in .png.",
+        )
+
+    @property
+    def folder(self) -> Path:
+        """Of the record."""
+        return self.path.with_name(f".{self.path.name}.run")
+
+    @property
+    def writes(self) -> Sequence[Path]:
+        return [self.path, self.folder]
+
+    def open(self, run: Run) -> None:
+        make_parent(run.comm, self.path, file=True)
+
+        def prepare() -> None:
+            adios2_for(self.folder)  # refuses a Python that could not read the record
+            shutil.rmtree(self.folder, ignore_errors=True)  # of a run that was killed
+            weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
+
+        on_rank_zero(run.comm, prepare)
+        self._recording = self.recording(run)
+        self._recording.open(run)
+
+    def record(self, run: Run, last: bool) -> None:
+        assert self._recording is not None
+        self._recording.record(run, last)
+
+    def close(self, run: Run) -> None:
+        recording = self._recording
+        if recording is None or not recording.has_begun:
+            return
+        if run.time < run.until:
+            # The run was stopped; the picture ends with its last state.  If that cannot be written, there is a failure
+            # already, and the picture shows the states before.
+            with suppress(OutputFailure):
+                recording.record_fields(run)
+        recording.close(run)
+        on_rank_zero(run.comm, lambda: self.draw(RunReader(self.folder)))
+
+    def recording(self, run: Run) -> Recording:
+        """The recording that the picture needs."""
+        raise NotImplementedError
+
+    def draw(self, run: RunReader) -> None:
+        """Write the picture."""
+        raise NotImplementedError
+
+
+@check_arguments
+class Picture(DrawnRun):
+    """PNG of a run, made at its end or failure: deformed films at given times, energies, gas, states, ledger errors.
+
+    Args:
+        path: `.png`.
+        times: when the films are drawn [s]; by default at the start and the end.  If the run stops early, its last
+            state is added.
         title: a line on top.
         view: from where the films are seen; default as `View` chooses it.
-        colour: "state" of the film (taut, wrinkled, slack), or "group": films, and the groups of their cells.
         section: a point [m] and a normal: instead of the films, the lines in which this plane cuts them are drawn, in
             the colours of the films and their groups, or of the layers of a film that has none.
+        colour: "state" of the film (taut, wrinkled, slack), or "group": films, and the groups of their cells.
 
     Raises:
         InputError: too many times, a section without a normal, a folder that cannot be written.
+
+    Example:
+        `gx.Picture("out/tube.png", times=[0.0, 0.1, 0.2], title="A tube is inflated")`
     """
 
     def __init__(
@@ -55,15 +127,13 @@ class Picture:
         section: tuple[Vector, Vector] | None = None,
         colour: str = "state",
     ) -> None:
-        self.path, self.title, self.view = Path(path), title, view or View()
-        self.schedule = Schedule(times=tuple(times))
+        super().__init__(path)
+        self.title = title
+        self.view = view or View()
+        self.times = Schedule(times=tuple(times)).times
         check(
-            self.path.suffix == ".png",
-            f"Picture cannot write '{path}'; give a name that ends in .png.",
-        )
-        check(
-            len(self.times) <= MOST_SHAPES,
-            f"Picture '{path}' of {len(self.times)} times; give at most {MOST_SHAPES}, and use VTX for more.",
+            len(self.times) <= MAX_SHAPES,
+            f"Picture '{path}' of {len(self.times)} times; give at most {MAX_SHAPES}, and use VTX for more.",
         )
         check(
             colour in ("state", "group"),
@@ -74,86 +144,41 @@ class Picture:
             check_section(f"Picture '{path}'", section)
         self.section = section
 
-    @property
-    def times(self) -> Sequence[float]:
-        return self.schedule.times
-
-    @property
-    def writes(self) -> Sequence[Path]:
-        return [self.path]
-
-    def open(self, run: Run) -> None:
-        make_parent(run.comm, self.path, file=True)
-        films = [body for body in run.system.bodies if isinstance(body, Membrane)]
-        self._renderers = (
-            [Renderer(run.system, self.colour == "group")] if run.system.bodies else []
-        )
-        self._fractions = [AreaFractions(films)] if films else []
-        self._shapes: list[Shape] = []
-        self._cuts: list[Cut] = []
-        self._section = Section(run.system, *self.section) if self.section and films else None
-        self._moments: list[Snapshot] = []
-
-    def record(self, run: Run, last: bool) -> None:
-        self._moments.append(observe(run, self._fractions))
-        chosen = self.schedule.meets(run.time) if self.times else run.step == 0 or last
-        if chosen or (last and not (self._shapes or self._cuts)):
-            self._look()
-
-    def _look(self) -> None:
-        if self._section:
-            self._cuts.append(self._section.cut())
-            return
-        self._shapes += [sight.shape() for sight in self._renderers]
-
-    def _key(self) -> dict[str, Any]:
-        """Names and colours of what is shown."""
+    def recording(self, run: Run) -> Recording:
+        field = "state" if self.section is None else "group"
         if self.colour == "group":
-            names = [name for renderer in self._renderers for name in renderer.groups]
-            return dict(zip(names, COLOURS, strict=False))
-        states = ("taut", "wrinkled", "slack") if self._fractions else ()
-        return {name: STATE_COLOURS[STATES[name]] for name in states}
+            field = "group"
+        films = [body.name for body in run.system.bodies if isinstance(body, Membrane)]
+        return Recording(
+            self.folder,
+            fields=dict.fromkeys(films, ("displacement", field)),
+            every=NEVER,
+            times=self.times,
+            title=self.title,
+            states_every=1,
+        )
 
-    def close(self, run: Run) -> None:
-        if not self._moments:
-            return
-        seen: Sequence[Shape | Cut] = self._cuts if self._section else self._shapes
-        if run.time < run.until and all(shape.time < run.time for shape in seen):
-            self._look()
-        factor, prefix = scaled(max(m.time for m in self._moments))
-        images, metre, grid = [], 1.0, arrange(1, 1.0)
-        zooms: list[float] = []
-        if self._shapes:
-            camera = aim(run.comm, self._shapes, self.view)
-            zooms = camera.zooms
-            grid = arrange(len(self._shapes), camera.size[0] / camera.size[1])
-            metre = grid.width / camera.size[0]
-            table = (
-                colour_table(len(self._renderers[0].groups)) if self.colour == "group" else BY_STATE
-            )
-            images = render(run.comm, camera, self._shapes, metre * DPI, table)
-        if run.comm.rank == 0:
-            key = self._key()
-            captions = [
-                f"t = {shape.time / factor:.4g} {prefix}s{enlarged(zoom)}"
-                for shape, zoom in zip(seen, zooms or [1.0] * len(seen), strict=True)
-            ]
-            if self._section:
-                key = self._section.key(self._cuts)
-                size, middles = window(self._cuts)
-                grid = arrange(len(self._cuts), size[0] / size[1])
-                metre = grid.width / size[0]
-                images = [
-                    draw(cut, size, at, grid, DPI)
-                    for cut, at in zip(self._cuts, middles, strict=True)
-                ]
-            write(
-                self.path,
-                self.title,
-                list(zip(captions, images, strict=True)),
-                grid,
-                metre,
-                key,
-                panels(self._moments, factor),
-                (self._moments[0].time / factor, self._moments[-1].time / factor, f"{prefix}s"),
-            )
+    def draw(self, run: RunReader) -> None:
+        write_page(self.path, self.title, self._views(run), run_curves(run, solver=False))
+
+    def _views(self, run: RunReader) -> Views | None:
+        frames = self._frames(run)
+        if not frames:
+            return None
+        if self.section is not None and run.films:
+            point, normal = self.section
+            return Section(run, point, normal).views(frames)
+        colours = colouring(run, self.colour) if run.films else by_state(False)
+        return field_views(run, self.colour, colours, frames, self.view)
+
+    def _frames(self, run: RunReader) -> list[int]:
+        """Numbers of the recorded states that are drawn: those that were asked for, and the last of a stopped run."""
+        last = len(run.times) - 1
+        schedule = Schedule(times=tuple(self.times))
+        chosen = {k for k, time in enumerate(run.times) if schedule.meets(float(time))}
+        if not self.times:
+            chosen = {k for k in (0, last) if k >= 0}
+        stopped = run.about["statistics"]["time"] < run.about["statistics"]["until"]
+        if not chosen or stopped:
+            chosen |= {last} - {-1}
+        return sorted(chosen)

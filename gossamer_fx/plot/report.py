@@ -15,7 +15,8 @@ from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import OutputFailure, check
 from gossamer_fx.outputs.description import lines
 from gossamer_fx.plot import plot as pictures
-from gossamer_fx.plot.plot import default_field, file_to_write
+from gossamer_fx.plot.colours import default_field
+from gossamer_fx.plot.plot import file_to_write
 from gossamer_fx.plot.run_reader import RunReader
 from gossamer_fx.plot.viewer import view_data
 
@@ -65,7 +66,7 @@ def write_report(run: RunReader, path: str | Path) -> None:
 
 
 def _page(run: RunReader) -> Iterable[str]:
-    about, moving = run.about, bool(run.meshes) and len(run.times) > 0
+    about, moving = run.about, bool(run.bodies) and len(run.times) > 0
     status = str(about.get("status", "unknown"))
     yield f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{escape(run.title)}</title>'
     yield f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>'

@@ -1,81 +1,104 @@
-"""A run's folder, read back: tables of numbers, and the bodies at the times at which their fields were written."""
+"""Reading a run's folder: tables of numbers, and the bodies at the times at which their fields were written.
+
+All pictures and reports of a run are drawn from what is read here, also those that are made in the course of the run.
+"""
 
 from __future__ import annotations
 
 import csv
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, check
-from gossamer_fx.mesh.quality import ALIKE, area_vectors
+from gossamer_fx.mesh.linear_pieces import from_vtk, linear_pieces, middles
+from gossamer_fx.mesh.quality import ALIKE
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.adios import adios2_for
-from gossamer_fx.outputs.checksums import Verified
+from gossamer_fx.outputs.field_files import noted_steps
 from gossamer_fx.outputs.file_names import file_name, segments
-from gossamer_fx.outputs.recording import about_run
+from gossamer_fx.outputs.run_file import read_run_file
 from gossamer_fx.outputs.solid_frames import REST, placed
-from gossamer_fx.plot.view import Integers, Shape, of_solid, smooth
+from gossamer_fx.plot.shapes import SOLID, Integers, Shape, smooth_normals
 
 Tables = dict[str, Array]
 
-# straight pieces of cells by their number of nodes, in VTK's order (corners, then edges 01, 12, 20)
-_TRIANGLES = {3: [[0, 1, 2]], 6: [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]}
-_LINES = {2: [[0, 1]], 3: [[0, 2], [2, 1]]}
-_FINE = 4000  # triangles from which on a picture is not made finer
+# Columns that a table has in any case.
+_REQUIRED = {
+    "ledger.csv": ("step", "iterations", "kinetic", "supplied", "dissipated", "energy_error")
+}
+# Triangles of a film up to which values that vary in them are drawn on triangles of a quarter of the size.
+_FINE = 4000
+_VTK_TRIANGLES = (5, 22, 69)  # VTK's numbers of triangles: linear, quadratic, Lagrange
+_TIME_SLACK = 1e-6  # of the run's length, by which a time may lie outside it
+_VECTOR_PARTS = 12  # numbers of a frame in solids.csv: origin and three axes
 
 
 @check_arguments
 class RunReader:
-    """Reads the folder of a run that a `Recording` wrote, also of one that is still going on or was killed.
+    """Reads the folder of a run that a `Recording` wrote, also of one that is not over or was killed.
 
     Args:
         folder: of the run.
 
     Raises:
         InputError: it is not the folder of a run, or its files cannot be read.
+
+    Attributes:
+        about: the contents of run.json.
+        fields: names of the recorded fields, by body.
+        bodies: the bodies on meshes, by name.
+        groups: names of the parts of the films, see `groups_of`; empty if the field "group" was not recorded.
+        times: at which pictures can be drawn [s]: those of the fields or, without bodies on meshes, of all steps.
+
+    Example:
+        `gx.RunReader("out/run").table("ledger.csv")["kinetic"]` is the kinetic energy at each step [J].
     """
 
     def __init__(self, folder: str | Path) -> None:
         self.folder = Path(folder)
-        self.about = about_run(self.folder)
+        self.about = read_run_file(self.folder)
         self.fields: dict[str, list[str]] = self.about["fields"]
-        self.meshes = {name: Mesh(self.folder / "fields", name) for name in self.fields}
-        self.times: Array = min(
-            (mesh.times for mesh in self.meshes.values()), key=len, default=np.zeros(0)
-        )
-        self._points = self.table("points.csv")
-        self._frames = self.table("solids.csv")
-        self.solids = [
-            RecordedSolid(**solid) for solid in self.about.get("solids", [])
-        ]  # older runs have none
+        self.bodies = {name: RecordedBody(self.folder / "fields", name) for name in self.fields}
+        self.solids = [RecordedSolid(solid) for solid in self.about.get("solids", [])]
+        self._points = self._vectors("points.csv", 3)
+        self._frames = self._vectors("solids.csv", _VECTOR_PARTS)
+        self.times: Array = self._points[0]
+        if self.bodies:
+            # a run that was killed may have written fewer steps of one body
+            self.times = min((body.times for body in self.bodies.values()), key=len)
+        self.groups: list[str] = self.about.get("groups", [])
 
     @property
     def films(self) -> list[str]:
         """Names of the films."""
-        return [name for name, mesh in self.meshes.items() if mesh.is_film]
+        return [name for name, body in self.bodies.items() if body.is_film]
 
     @property
     def title(self) -> str:
         """Title of the run, or the name of its folder."""
-        return str(self.about.get("title") or self.folder.name)
+        return self.about["title"] or self.folder.name
+
+    # ---- numbers -----------------------------------------------------------------------------------------------
 
     def table(self, name: str) -> Tables:
-        """Columns of "ledger.csv", "gas.csv", "probes.csv", "points.csv" or "solids.csv"; empty if the run wrote none.
+        """Columns of a table, e.g. "ledger.csv", by their names; none if the run did not write it.
 
-        A last row that is not whole is left out.
+        A last row that is not complete is left out.
 
         Raises:
-            InputError: the file cannot be read, or holds something else than rows of numbers.
+            InputError: the file cannot be read, lacks a column, or holds something else than rows of numbers.
         """
         path = self.folder / name
         if not path.is_file():
             return {}
         try:
             with path.open(newline="", encoding="utf-8") as file:
-                head, *rows = list(csv.reader(file)) or [[]]
+                rows = list(csv.reader(file))
+            head = rows.pop(0) if rows else []
             if rows and len(rows[-1]) != len(head):
                 rows.pop()
             values = np.array([[float(word) for word in row] for row in rows])
@@ -84,20 +107,41 @@ class RunReader:
             raise InputError(
                 f"'{path}' holds something else than numbers ({error}); write the run again."
             ) from error
+        missing = [column for column in ("time", *_REQUIRED.get(name, ())) if column not in head]
+        check(
+            not missing or not head,
+            f"'{path}' has no column '{''.join(missing[:1])}'; write the run again.",
+        )
         return dict(zip(head, values.T, strict=True))
 
+    def _vectors(self, name: str, size: int) -> tuple[Array, Array]:
+        """Times (t,) of a table, and its other columns in groups (t, k, size)."""
+        table = self.table(name)
+        columns = [column for key, column in table.items() if key not in ("time", "step")]
+        check(
+            len(columns) % size == 0,
+            f"'{self.folder / name}' has {len(columns)} columns, which are not groups of {size}; write the run again.",
+        )
+        times = table.get("time", np.zeros(0))
+        if not columns:
+            return times, np.zeros((len(times), 0, size))
+        return times, np.stack(columns, axis=1).reshape(len(times), -1, size)
+
+    # ---- shapes ------------------------------------------------------------------------------------------------
+
     def frame(self, time: float) -> int:
-        """The frame that is nearest to a time [s].
+        """The number of the recorded state that is nearest to a time [s].
 
         Raises:
-            InputError: no fields were written, or the time is outside the run.
+            InputError: nothing to draw was written, or the time is outside the run.
         """
         check(
             len(self.times) > 0,
             f"The run in '{self.folder}' has no fields; let it run, or plot its curves.",
         )
-        first, last = self.times[0], self.times[-1]
-        slack = 1e-6 * (last - first)
+        first = self.times[0]
+        last = self.times[-1]
+        slack = _TIME_SLACK * (last - first)
         check(
             first - slack <= time <= last + slack,
             f"The run in '{self.folder}' goes from {first:.6g} s to {last:.6g} s; t = {time:.6g} s is not in it.",
@@ -105,12 +149,12 @@ class RunReader:
         return int(abs(self.times - time).argmin())
 
     def known_fields(self) -> list[str]:
-        """Fields of films, or displacement where there are only lines."""
-        names = [name for film in self.films or self.fields for name in self.fields[film]]
+        """Names of the fields of films or, where there are only lines, of lines; without the direction of tension."""
+        names = [name for body in self.films or self.fields for name in self.fields[body]]
         return list(dict.fromkeys(name for name in names if name != "direction"))
 
     def check_field(self, field: str) -> None:
-        """Raise `InputError` for a field that the run has not."""
+        """Raise `InputError` for a field that the run does not have."""
         known = self.known_fields()
         check(
             field in known,
@@ -118,179 +162,228 @@ class RunReader:
         )
 
     def values(self, field: str, frame: int) -> list[Array]:
-        """Corner values (n, 3) of the triangles of each film that has the field; lengths of vectors."""
-        looks = [self.meshes[film].at(frame) for film in self.films if field in self.fields[film]]
-        return [segment.read(field, k)[segment.pieces] for segment, k in looks]
+        """Values (n, 3) at the corners of the triangles of each film that has the field; lengths of vectors."""
+        found = []
+        for name in self.films:
+            if field in self.fields[name]:
+                segment, step = self.bodies[name].at(frame)
+                found.append(segment.read(field, step)[segment.pieces])
+        return found
+
+    def film_corners(self, frame: int) -> list[Array]:
+        """Corners (n, 3, 3) of the triangles of each film [m]; those that triangles share are equal to the last bit."""
+        found = []
+        for name in self.films:
+            segment, step = self.bodies[name].at(frame)
+            found.append(segment.joined_positions(step)[segment.vertices])
+        return found
 
     def shape(self, frame: int, field: str, kinds: Callable[[Array], Integers]) -> Shape:
-        """The bodies at a frame, coloured by what `kinds` makes of the values of a field on triangles."""
-        corners: Array = np.zeros((0, 3, 3))
-        normals: Array = corners
-        values: Array = np.zeros((0, 3))
-        lines: Array = np.zeros((0, 2, 3))
-        for name, mesh in self.meshes.items():
-            segment, k = mesh.at(frame)
-            own = segment.positions(k)[segment.pieces]
-            if not mesh.is_film:
-                lines = np.concatenate([lines, own])
+        """The scene in a recorded state.
+
+        Args:
+            frame: number of the state, see `frame`.
+            field: by which films are coloured; where a film does not have it, values are not numbers.
+            kinds: rows of a table of colours for values (n,) of the field on triangles.
+        """
+        corners: list[Array] = [np.zeros((0, 3, 3))]
+        normals: list[Array] = [np.zeros((0, 3, 3))]
+        values: list[Array] = [np.zeros((0, 3))]
+        lines: list[Array] = [np.zeros((0, 2, 3))]
+        for name, body in self.bodies.items():
+            segment, step = body.at(frame)
+            points = segment.positions(step)[segment.pieces]
+            if not body.is_film:
+                lines.append(points)
                 continue
-            known = field in self.fields[name]
-            here = (
-                segment.read(field, k)[segment.pieces] if known else np.full(own.shape[:2], np.nan)
-            )
-            corners, normals = (
-                np.concatenate([corners, own]),
-                np.concatenate([normals, segment.normals(own)]),
-            )
-            values = np.concatenate([values, here])
-        while 0 < len(corners) < _FINE and np.ptp(values, axis=1).max() > 0:
-            corners, normals = _finer(corners), _finer(normals)
-            values = _finer(values[..., None])[..., 0]
+            corners.append(points)
+            normals.append(smooth_normals(points, segment.vertices))
+            if field in self.fields[name]:
+                values.append(segment.read(field, step)[segment.pieces])
+            else:
+                values.append(np.full(points.shape[:2], np.nan))
+        fine = _refined(*(np.concatenate(parts) for parts in (corners, normals, values)))
+        of_triangles = [kinds(fine[2].mean(axis=1))]
+        corners = [fine[0]]
+        normals = [fine[1]]
         time = float(self.times[frame])
-        of_triangles = kinds(values.mean(axis=1))
-        for x, solid in zip(self.places(time), self.solids, strict=True):
-            of_solids = of_solid(x, solid.triangles)
-            corners, normals = (
-                np.concatenate([corners, of_solids[0]]),
-                np.concatenate([normals, of_solids[1]]),
-            )
-            of_triangles = np.concatenate([of_triangles, of_solids[2]])
-            lines = lines if len(solid.triangles) else np.concatenate([lines, x[solid.lines]])
-        return Shape(time, corners, normals, of_triangles, lines, self._dots(time))
+        for X, solid in zip(self.solid_points(time), self.solids, strict=True):
+            surface = X[solid.triangles]
+            corners.append(surface)
+            normals.append(smooth_normals(surface, solid.triangles))
+            of_triangles.append(np.full(len(surface), SOLID, dtype=np.int64))
+            if not len(solid.triangles):
+                lines.append(X[solid.lines])
+        return Shape(
+            time=time,
+            corners=np.concatenate(corners),
+            normals=np.concatenate(normals),
+            kinds=np.concatenate(of_triangles),
+            lines=np.concatenate(lines),
+            dots=_at_time(self._points, time),
+        )
 
-    def places(self, time: float) -> list[Array]:
-        """Points (n, 3) of each of the solids at a time [s]."""
-        moving = iter(_numbers(self._frames, time).reshape(-1, 4, 3))
-        return [placed(solid.X, next(moving) if solid.moves else REST) for solid in self.solids]
-
-    def _dots(self, time: float) -> Array:
-        """Positions (n, 3) of the bodies without a mesh."""
-        return _numbers(self._points, time).reshape(-1, 3)
+    def solid_points(self, time: float) -> list[Array]:
+        """Points (n, 3) of each of the solids at a time [m]."""
+        frames = iter(_at_time(self._frames, time).reshape(-1, 4, 3))
+        return [
+            placed(solid.X, next(frames, REST) if solid.moves else REST) for solid in self.solids
+        ]
 
 
-def _numbers(table: Tables, time: float) -> Array:
-    """What a table says at the time nearest to one; nothing if it is empty."""
-    row = int(abs(table["time"] - time).argmin()) if table else 0
-    return np.array([column[row] for name, column in table.items() if name not in ("time", "step")])
+def _at_time(table: tuple[Array, Array], time: float) -> Array:
+    """The vectors (k, size) of a table in the row whose time is nearest."""
+    times, vectors = table
+    if not len(times):
+        return np.zeros(vectors.shape[1:])
+    nearest: Array = vectors[int(abs(times - time).argmin())]
+    return nearest
+
+
+def _refined(corners: Array, normals: Array, values: Array) -> tuple[Array, Array, Array]:
+    """Triangles so small that a colour for each shows how values vary; each is cut in four until there are enough."""
+    parts = [corners, normals, values]
+    while 0 < len(parts[0]) < _FINE and np.ptp(parts[2], axis=1).max() > 0:
+        for k, part in enumerate(parts):
+            # the pieces of a quadratic triangle whose middle nodes have mean values
+            nodes = middles(part)
+            pieces = linear_pieces(np.arange(6)[None], 2)
+            parts[k] = np.concatenate([nodes[:, piece] for piece in pieces])
+    return parts[0], parts[1], parts[2]
 
 
 class RecordedSolid:
-    """A solid as `run.json` tells it; those that move have their frames in "solids.csv", in the same order."""
+    """A solid from run.json: points X (n, 3) [m], triangles, lines, and whether it moves.
 
-    def __init__(
-        self, X: list[list[float]], triangles: list[list[int]], lines: list[list[int]], moves: bool
-    ) -> None:
-        self.X: Array = np.array(X, dtype=float)
-        self.triangles = np.array(triangles, dtype=np.int64).reshape(len(triangles), 3)
-        self.lines = np.array(lines, dtype=np.int64).reshape(len(lines), 2)
-        self.moves = moves
+    The frames of solids that move are in solids.csv, in the same order.
+    """
+
+    def __init__(self, about: dict[str, Any]) -> None:
+        self.X: Array = np.array(about["X"], dtype=float).reshape(-1, 3)
+        self.triangles = np.array(about["triangles"], dtype=np.int64).reshape(-1, 3)
+        self.lines = np.array(about["lines"], dtype=np.int64).reshape(-1, 2)
+        self.moves = bool(about["moves"])
 
 
-class Mesh:
-    """One body on a mesh, over the segments that a run and its restarts wrote."""
+class RecordedBody:
+    """One body on a mesh, in the files that a run and its restarts wrote one after the other.
 
-    def __init__(self, folder: Path, body: str) -> None:
-        path = folder / f"{file_name(body)}.bp"
-        self.segments = [Segment(one) for one in segments(path)]
+    Args:
+        folder: of the field files.
+        name: of the body.
+
+    Raises:
+        InputError: there is no file, or one that cannot be read.
+    """
+
+    def __init__(self, folder: Path, name: str) -> None:
+        path = folder / f"{file_name(name)}.bp"
+        self.segments = [FieldFile(one) for one in segments(path)]
         check(bool(self.segments), f"'{path}' is missing; write the run again.")
         self._frames = [
-            (segment, k) for segment in self.segments for k in range(len(segment.times))
+            (segment, step) for segment in self.segments for step in range(len(segment.times))
         ]
         self.times: Array = np.concatenate([segment.times for segment in self.segments])
-        self.is_film = self.segments[0].is_film
+        self.is_film: bool = self.segments[0].is_film
 
-    def at(self, frame: int) -> tuple[Segment, int]:
-        """The segment that holds a frame, and its number there."""
+    def at(self, frame: int) -> tuple[FieldFile, int]:
+        """The file that holds a recorded state, and its step there."""
         return self._frames[frame]
 
 
-class Segment:
-    """One ADIOS2 file: the mesh as the ranks of that run shared it, its points, and fields at some times.
+class FieldFile:
+    """One ADIOS2 file: a mesh as the ranks of that run divided it, and fields on its points at some times.
 
-    `pieces` (n, 3) or (n, 2) are straight triangles or lines between points X; `vertices`, of the same shape, have the
-    same number where pieces share a point.
+    Attributes:
+        times: of the steps [s].
+        X: points (p, 3) of the stress-free mesh [m]; points that cells or ranks share come several times.
+        pieces: points (n, 3) of straight triangles, or (n, 2) of straight lines.
+        vertices: numbers of the same shape, equal where pieces share a point.
+        is_film: whether the pieces are triangles.
     """
 
     def __init__(self, path: Path) -> None:
+        self._path = path
         adios2 = adios2_for(path)
-        self._verified = Verified(path)
+        noted = noted_steps(path)
         try:
             self._file = adios2.FileReader(str(path))
             steps = self._file.num_steps()
-            self.times: Array = np.asarray(
-                self._file.read("step", step_selection=[0, steps])
-            ).ravel()
+            if not steps:
+                raise ValueError("there are no steps")
+            self.times: Array = np.ravel(self._file.read("step", step_selection=[0, steps]))
+            # ADIOS2 keeps the part of each rank as a block
             self._blocks = len(self._file.all_blocks_info("geometry")[0])
-            self.is_film: bool = int(np.ravel(self._file.read("types"))[0]) in (
-                5,
-                22,
-                69,
-            )  # VTK's triangles
-            self.X, cells = self._mesh()
-            self.pieces, self.vertices = self._join(cells)
-        except InputError:
-            raise
-        except Exception as error:  # adios2 raises what its C++ side throws
+            self.is_film: bool = int(np.ravel(self._file.read("types"))[0]) in _VTK_TRIANGLES
+            self.X, cells = self._read_mesh()
+        except Exception as error:  # ADIOS2 raises what its C++ side throws
             raise InputError(
                 f"'{path}' cannot be read; it is damaged, or no fields were written."
             ) from error
-
-    def _mesh(self) -> tuple[Array, Integers]:
-        """Points (n, 3) and cells (m, nodes) of all blocks."""
-        points, cells, offset = [], [], 0
-        for block in range(self._blocks):
-            x = np.asarray(self._file.read("geometry", block_id=block)).reshape(-1, 3)
-            rows = np.asarray(self._file.read("connectivity", block_id=block)).ravel()
-            points.append(x)
-            if rows.size:
-                cells.append(rows.reshape(-1, int(rows[0]) + 1)[:, 1:] + offset)
-            offset += len(x)
-        return np.concatenate(points), np.concatenate(cells)
-
-    def _join(self, cells: Integers) -> tuple[Integers, Integers]:
-        """Pieces by points and by vertices; those that two ranks wrote come once."""
-        pieces = cells[:, np.array((_TRIANGLES if self.is_film else _LINES)[cells.shape[1]])]
-        pieces = pieces.reshape(-1, pieces.shape[-1]).astype(np.int64)
-        # points that stay together are one vertex
-        last = len(self.times) - 1
-        looks = [self.X] + [self.positions(k) for k in sorted({0, last // 2, last})]
-        pitch = ALIKE * float(np.ptp(self.X, axis=0).max(initial=0.0)) or 1.0
-        keys = np.rint(np.concatenate(looks, axis=1) / pitch).astype(np.int64)
-        vertices = np.unique(keys, axis=0, return_inverse=True)[1].ravel()[pieces]
-        first = np.sort(np.unique(np.sort(vertices, axis=1), axis=0, return_index=True)[1])
-        return pieces[first], vertices[first]
+        check(
+            steps >= noted,
+            f"'{path}' has {steps} steps, but {noted} were written; put back a copy of it.",
+        )
+        self._join(cells)
 
     def read(self, field: str, step: int) -> Array:
-        """Values (n,) of a field at the points at a step; the lengths of vectors."""
-        values = self._values(field, step)
+        """Values (p,) of a field at the points at a step; of vectors their lengths."""
+        values = self._read(field, step)
         return np.linalg.norm(values, axis=1) if values.ndim == 2 else values
 
     def positions(self, step: int) -> Array:
-        """Of the points (n, 3) at a step [m]."""
-        moved: Array = self.X + self._values("displacement", step)
+        """Positions (p, 3) of the points at a step [m]."""
+        moved: Array = self.X + self._read("displacement", step)
         return moved
 
-    def normals(self, corners: Array) -> Array:
-        """Normals (n, 3, 3) at the corners of the pieces of a film."""
-        area = area_vectors(corners)
-        sums = np.zeros((int(self.vertices.max(initial=-1)) + 1, 3))
-        np.add.at(sums, self.vertices.ravel(), np.repeat(area, 3, axis=0))
-        return smooth(area, sums[self.vertices])
+    def joined_positions(self, step: int) -> Array:
+        """Positions of the vertices at a step [m], by their numbers."""
+        joined: Array = self.positions(step)[self._point_of_vertex]
+        return joined
 
-    def _values(self, field: str, step: int) -> Array:
-        self._verified.check_step(step)
-        parts = [
-            np.asarray(self._file.read(field, block_id=block, step_selection=[step, 1])).ravel()
-            for block in range(self._blocks)
-        ]
-        values: Array = np.concatenate(parts)
-        return values if len(values) == len(self.X) else values.reshape(len(self.X), -1)
+    def _read(self, field: str, step: int) -> Array:
+        try:
+            blocks = [
+                np.ravel(self._file.read(field, block_id=block, step_selection=[step, 1]))
+                for block in range(self._blocks)
+            ]
+            values: Array = np.concatenate(blocks)
+            return values if len(values) == len(self.X) else values.reshape(len(self.X), -1)
+        except Exception as error:
+            raise InputError(
+                f"'{self._path}' is damaged: its field {field!r} at step {step} cannot be read; write the run again."
+            ) from error
 
+    def _read_mesh(self) -> tuple[Array, Integers]:
+        """Points (p, 3), and cells (m, nodes) by numbers of points, of all blocks."""
+        points = []
+        cells = []
+        count = 0
+        for block in range(self._blocks):
+            x = np.asarray(self._file.read("geometry", block_id=block)).reshape(-1, 3)
+            # each row is the number of nodes of a cell, and the nodes
+            rows = np.asarray(self._file.read("connectivity", block_id=block)).ravel()
+            points.append(x)
+            if rows.size:
+                own = rows.reshape(-1, int(rows[0]) + 1)[:, 1:]
+                cells.append(own.astype(np.int64) + count)
+            count += len(x)
+        return np.concatenate(points), np.concatenate(cells)
 
-def _finer(values: Array) -> Array:
-    """Corner values (n, 3, k) of triangles, each parted in four by the middles of its edges."""
-    a, b, c = values[:, 0], values[:, 1], values[:, 2]
-    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
-    parts = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
-    finer: Array = np.concatenate([np.stack(corners, axis=1) for corners in parts])
-    return finer
+    def _join(self, cells: Integers) -> None:
+        """Set pieces and vertices; pieces that two ranks wrote are kept once."""
+        pieces = linear_pieces(from_vtk(cells), 2 if self.is_film else 1)
+        # Points that lie on each other in the mesh and at the start, in the middle and at the end of the run are one
+        # vertex.  Layers of a folded film may lie on each other for some time, but not in the mesh.
+        last = len(self.times) - 1
+        positions = [self.X] + [self.positions(step) for step in sorted({0, last // 2, last})]
+        pitch = ALIKE * float(np.ptp(self.X, axis=0).max(initial=0.0)) or 1.0
+        keys = np.rint(np.concatenate(positions, axis=1) / pitch).astype(np.int64)
+        _, self._point_of_vertex, vertex_of_point = np.unique(
+            keys, axis=0, return_index=True, return_inverse=True
+        )
+        vertices = vertex_of_point.ravel()[pieces]
+        first_of_each = np.unique(np.sort(vertices, axis=1), axis=0, return_index=True)[1]
+        kept = np.sort(first_of_each)
+        self.pieces: Integers = pieces[kept]
+        self.vertices: Integers = vertices[kept]

@@ -1,4 +1,4 @@
-"""The data of the turnable view in a report: surfaces, lines and colours at some times, in few bytes."""
+"""The data of the view in a report that can be turned: surfaces, lines and colours at some times, in few bytes."""
 
 from __future__ import annotations
 
@@ -10,174 +10,235 @@ import numpy as np
 import numpy.typing as npt
 
 from gossamer_fx.model.body import Array
-from gossamer_fx.plot.colours import NAMES, Scale
-from gossamer_fx.plot.curve_panels import scaled
-from gossamer_fx.plot.plot import Colouring, colouring, default_field
-from gossamer_fx.plot.run_reader import RunReader, Segment
-from gossamer_fx.plot.view import Integers
+from gossamer_fx.plot.colours import Colouring, Scale, colouring, default_field
+from gossamer_fx.plot.run_reader import FieldFile, RunReader
+from gossamer_fx.plot.shapes import Integers
+from gossamer_fx.plot.units import NAMES, scaled
 
-_BYTES = 6_000_000  # of positions and colours, about
-_MOST_FRAMES, _MOST_VERTICES = 80, 20_000
+_MAX_BYTES = 6_000_000  # of positions and colours together, about
+_MAX_FRAMES = 80
+_MAX_VERTICES = 20_000  # of all bodies together
+_MIN_VERTICES = 100  # of each body, whatever the number of bodies
+_FINEST = (
+    1000  # cells along a body in which vertices are joined at first; then they grow by _COARSER
+)
+_COARSER = 1.25
+_POSITION_BYTES = 6  # of a point: three numbers of 16 bits
+_LARGEST_POSITION = 65535
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Surface:
-    """A body's segment with few vertices: `points` are those of the segment that they stand for."""
+    """A body's mesh in one of its files, with few vertices.
 
-    segment: Segment
+    Attributes:
+        file: that holds the positions.
+        points: numbers (v,) of the points of the file that are kept.
+        pieces: triangles (n, 3) or lines (n, 2), numbers of the kept points.
+        origin: numbers (n,) of the pieces of the file that are kept.
+    """
+
+    file: FieldFile
     points: Integers
     pieces: Integers
-    of: Integers  # the pieces of the segment that are kept
+    origin: Integers
+
+    @property
+    def frame_bytes(self) -> int:
+        """Bytes of the positions at one time."""
+        return _POSITION_BYTES * len(self.points)
+
+
+@dataclass(frozen=True)
+class _Box:
+    """The box around a whole run: its lowest corner (3,) and its sides (3,) [m]."""
+
+    low: Array
+    span: Array
+
+    def packed(self, x: Array) -> Array:
+        """Points (n, 3) as parts of the box, in whole numbers of 16 bits."""
+        part = (x - self.low) / np.where(self.span > 0, self.span, 1.0)
+        fractions: Array = np.rint(part * _LARGEST_POSITION).clip(0, _LARGEST_POSITION)
+        return fractions
 
 
 def view_data(run: RunReader) -> dict[str, Any]:
     """What `viewer.js` shows.
 
-    Positions are 16-bit fractions of the box around the whole run, colours are rows of a table for each field;
-    surfaces of more than 20 000 vertices are thinned out, and frames left out beyond about six megabytes.
+    Positions are 16-bit fractions of the box around the whole run; colours are rows of a table for each field.
+    Surfaces of more than 20 000 vertices are thinned out.  Frames are left out where there would be more than 80, or
+    more than about six megabytes.
     """
-    first = default_field(run)
-    names = [first, *(name for name in run.known_fields() if name not in (first, "velocity"))]
-    fields = [(name, colouring(run, name)) for name in (names if run.films else names[:1])]
-    bodies = list(run.meshes)
-    groups: dict[tuple[int, ...], list[int]] = {}
-    for frame in range(len(run.times)):
-        groups.setdefault(tuple(id(run.meshes[name].at(frame)[0]) for name in bodies), []).append(
-            frame
-        )
-    share = max(_MOST_VERTICES // max(len(bodies), 1), 100)
-    thin = {id(s): _thinned(s, share) for name in bodies for s in run.meshes[name].segments}
-    bytes_a_frame = sum(
-        6 * len(s.points) + len(fields) * len(s.pieces) for s in thin.values()
-    ) / len(groups)
-    count = int(
-        np.clip(_BYTES / max(bytes_a_frame, 1), 2, min(_MOST_FRAMES, max(len(run.times), 2)))
-    )
-    chosen = set(np.unique(np.rint(np.linspace(0, len(run.times) - 1, count)).astype(int)).tolist())
-    low, span = _box(run, sorted(chosen))
+    fields = _fields(run)
+    files_of_frame = [
+        tuple(body.at(frame)[0] for body in run.bodies.values()) for frame in range(len(run.times))
+    ]
+    share = max(_MAX_VERTICES // max(len(run.bodies), 1), _MIN_VERTICES)
+    surfaces = {
+        file: _thinned(file, share) for body in run.bodies.values() for file in body.segments
+    }
+    frames = _chosen_frames(run, files_of_frame, surfaces, len(fields))
+    box = _box_around(run, frames)
+    second, prefix = scaled(float(run.times[-1]))
     parts: list[dict[str, Any]] = []
-    labels: list[str] = []
-    factor, prefix = scaled(float(run.times[-1]))
-    for frames in groups.values():
-        kept = [frame for frame in frames if frame in chosen]
-        if kept:
-            surfaces = [(name, thin[id(run.meshes[name].at(kept[0])[0])]) for name in bodies]
-            parts.append(_part(run, surfaces, kept, fields, low, span) | {"first": len(labels)})
-            labels += [f"t = {run.times[frame] / factor:.4g} {prefix}s" for frame in kept]
+    first = 0
+    # The mesh stays the same while a run writes to the same files; a restart on other ranks has another one.
+    for files in dict.fromkeys(files_of_frame):
+        here = [frame for frame in frames if files_of_frame[frame] == files]
+        if here:
+            part = _part(run, [surfaces[file] for file in files], here, fields, box)
+            parts.append(part | {"first": first})
+            first += len(here)
     return {
-        "low": low.tolist(),
-        "span": span.tolist(),
-        "labels": labels,
-        "fields": [_field(name, found) for name, found in fields],
+        "low": box.low.tolist(),
+        "span": box.span.tolist(),
+        "labels": [f"t = {run.times[frame] / second:.4g} {prefix}s" for frame in frames],
+        "fields": [_legend(name, colours) for name, colours in fields],
         "parts": parts,
     }
 
 
+def _fields(run: RunReader) -> list[tuple[str, Colouring]]:
+    """Names and colours of the fields that can be chosen; without films the colours do not matter."""
+    first = default_field(run)
+    names = [first]
+    if run.films:
+        names += [name for name in run.known_fields() if name not in (first, "velocity")]
+    return [(name, colouring(run, name)) for name in names]
+
+
+def _chosen_frames(
+    run: RunReader,
+    files_of_frame: list[tuple[FieldFile, ...]],
+    surfaces: dict[FieldFile, _Surface],
+    fields: int,
+) -> list[int]:
+    """Numbers of recorded states that are evenly spread over the run and do not need too many bytes."""
+    sizes = [
+        sum(surfaces[file].frame_bytes + fields * len(surfaces[file].pieces) for file in files)
+        for files in files_of_frame
+    ]
+    affordable = int(_MAX_BYTES / max(float(np.mean(sizes)), 1.0))
+    count = min(max(affordable, 2), _MAX_FRAMES, max(len(run.times), 2))
+    spread = np.linspace(0, len(run.times) - 1, count)
+    return np.unique(np.rint(spread).astype(int)).tolist()
+
+
+def _box_around(run: RunReader, frames: list[int]) -> _Box:
+    lows = []
+    highs = []
+    for frame in frames:
+        points = list(run.solid_points(float(run.times[frame])))
+        for body in run.bodies.values():
+            file, step = body.at(frame)
+            points.append(file.positions(step))
+        for x in points:
+            if len(x):
+                lows.append(x.min(axis=0))
+                highs.append(x.max(axis=0))
+    low = np.min(lows, axis=0)
+    return _Box(low, np.max(highs, axis=0) - low)
+
+
 def _part(
     run: RunReader,
-    surfaces: list[tuple[str, _Surface]],
+    surfaces: list[_Surface],
     frames: list[int],
     fields: list[tuple[str, Colouring]],
-    low: Array,
-    span: Array,
+    box: _Box,
 ) -> dict[str, Any]:
-    offsets = np.cumsum(
-        [0, *(len(s.points) for _, s in surfaces), *(len(solid.X) for solid in run.solids)]
-    )
+    """Some recorded states with the same mesh."""
     triangles: list[Integers] = [np.zeros((0, 3), dtype=np.int64)]
     lines: list[Integers] = [np.zeros((0, 2), dtype=np.int64)]
-    for (name, s), offset in zip(surfaces, offsets, strict=False):
-        (triangles if run.meshes[name].is_film else lines).append(s.pieces + offset)
-    lines += [
-        solid.lines + offset
-        for solid, offset in zip(run.solids, offsets[len(surfaces) :], strict=False)
-    ]
-    positions, kinds = [], [[] for _ in fields]  # type: ignore[var-annotated]
-
-    def keep(x: Array) -> None:
-        positions.append(np.rint((x - low) / np.where(span > 0, span, 1.0) * 65535).clip(0, 65535))
-
+    vertices = 0
+    for surface in surfaces:
+        pieces = triangles if surface.file.is_film else lines
+        pieces.append(surface.pieces + vertices)
+        vertices += len(surface.points)
+    for solid in run.solids:
+        lines.append(solid.lines + vertices)
+        vertices += len(solid.X)
+    positions = []
+    kinds: list[list[Integers]] = [[np.zeros(0, dtype=np.int64)] for _ in fields]
     for frame in frames:
-        for name, s in surfaces:
-            _, k = run.meshes[name].at(frame)
-            keep(s.segment.positions(k)[s.points])
-            if run.meshes[name].is_film:
+        for name, surface in zip(run.bodies, surfaces, strict=True):
+            _, step = run.bodies[name].at(frame)
+            positions.append(box.packed(surface.file.positions(step)[surface.points]))
+            if surface.file.is_film:
                 for found, (field, colours) in zip(kinds, fields, strict=True):
-                    known = field in run.fields[name]
-                    corners = s.segment.pieces[s.of]
-                    values = (
-                        s.segment.read(field, k)[corners].mean(axis=1)
-                        if known
-                        else np.full(len(s.of), np.nan)
-                    )
+                    has_field = field in run.fields[name]
+                    values = _piece_values(surface, field, step, has_field)
                     found.append(colours.kinds(values))
-        for x in run.places(float(run.times[frame])):
-            keep(x)
+        positions += [box.packed(x) for x in run.solid_points(float(run.times[frame]))]
     return {
         "frames": len(frames),
-        "vertices": int(offsets[-1]),
+        "vertices": vertices,
         "triangles": _packed(np.concatenate(triangles), np.uint32),
         "lines": _packed(np.concatenate(lines), np.uint32),
         "positions": _packed(np.concatenate(positions), np.uint16),
-        "kinds": [_packed(np.concatenate([np.zeros(0), *found]), np.uint8) for found in kinds],
+        "kinds": [_packed(np.concatenate(found), np.uint8) for found in kinds],
     }
 
 
-def _thinned(segment: Segment, most: int) -> _Surface:
-    """The pieces between some vertices: those that stay near to each other become one, until few are left."""
-    vertices, at = np.unique(segment.vertices.ravel(), return_index=True)
-    points = segment.pieces.ravel()[at]
-    last = len(segment.times) - 1
-    looks = np.concatenate(
-        [segment.positions(k)[points] for k in sorted({0, last // 2, last})], axis=1
-    )
+def _piece_values(surface: _Surface, field: str, step: int, has_field: bool) -> Array:
+    """Values (n,) of a field on the pieces of a surface; not numbers where the body does not have it."""
+    if not has_field:
+        return np.full(len(surface.origin), np.nan)
+    corners = surface.file.pieces[surface.origin]
+    values: Array = surface.file.read(field, step)[corners].mean(axis=1)
+    return values
+
+
+def _thinned(file: FieldFile, most: int) -> _Surface:
+    """A surface with at most so many vertices: those that stay near to each other become one, until few are left."""
+    vertices, first_corner = np.unique(file.vertices.ravel(), return_index=True)
+    points = file.pieces.ravel()[first_corner]
+    last = len(file.times) - 1
+    looks = [file.positions(step)[points] for step in sorted({0, last // 2, last})]
+    positions = np.concatenate(looks, axis=1)
     cluster: Integers = np.arange(len(vertices))
-    pitch = float(np.ptp(looks, axis=0).max(initial=0.0)) / 1000
+    pitch = float(np.ptp(positions, axis=0).max(initial=0.0)) / _FINEST
     while len(np.unique(cluster)) > most and pitch > 0:
-        cluster = np.unique(np.rint(looks / pitch).astype(np.int64), axis=0, return_inverse=True)[
-            1
-        ].ravel()
-        pitch *= 1.25
-    found, first = np.unique(cluster, return_index=True)
-    pieces = np.searchsorted(found, cluster[np.searchsorted(vertices, segment.vertices)])
+        cells = np.rint(positions / pitch).astype(np.int64)
+        cluster = np.unique(cells, axis=0, return_inverse=True)[1].ravel()
+        pitch *= _COARSER
+    kept, first_of_each = np.unique(cluster, return_index=True)
+    number_of_vertex = np.searchsorted(kept, cluster)
+    pieces = number_of_vertex[np.searchsorted(vertices, file.vertices)]
+    # pieces of which two corners have become one are left out, and those that others cover
     whole = np.ones(len(pieces), dtype=bool)
     for i in range(pieces.shape[1]):
         whole &= pieces[:, i] != pieces[:, i - 1]
-    of = np.flatnonzero(whole)
-    once = np.sort(np.unique(np.sort(pieces[of], axis=1), axis=0, return_index=True)[1])
-    return _Surface(segment, points[first], pieces[of[once]], of[once])
+    origin = np.flatnonzero(whole)
+    once = np.unique(np.sort(pieces[origin], axis=1), axis=0, return_index=True)[1]
+    origin = origin[np.sort(once)]
+    return _Surface(file, points[first_of_each], pieces[origin], origin)
 
 
-def _box(run: RunReader, frames: list[int]) -> tuple[Array, Array]:
-    looks = [
-        segment.positions(k) for mesh in run.meshes.values() for segment, k in map(mesh.at, frames)
-    ]
-    looks += [x for frame in frames for x in run.places(float(run.times[frame]))]
-    low, high = (f([f(x, axis=0) for x in looks], axis=0) for f in (np.min, np.max))
-    return low, high - low
-
-
-def _field(name: str, found: Colouring) -> dict[str, Any]:
-    about: dict[str, Any] = {
+def _legend(name: str, colours: Colouring) -> dict[str, Any]:
+    """A field in the list of those that can be shown: its name, table of colours, and their meaning."""
+    legend: dict[str, Any] = {
         "name": NAMES.get(name, name),
-        "table": np.rint(255 * found.table).astype(int).tolist(),
+        "table": np.rint(255 * colours.table).astype(int).tolist(),
     }
-    if isinstance(found.key, Scale):
-        factor, label = found.key.label
-        about |= {
-            "low": f"{found.key.low / factor:.4g}",
-            "high": f"{found.key.high / factor:.4g}",
+    if isinstance(colours.key, Scale):
+        factor, label = colours.key.label
+        return legend | {
+            "low": f"{colours.key.low / factor:.4g}",
+            "high": f"{colours.key.high / factor:.4g}",
             "unit": label[label.find("[") + 1 : -1],
         }
-    else:
-        about["names"] = [
-            [key, int(abs(found.table - np.asarray(colour)).sum(axis=1).argmin())]
-            for key, colour in found.key.items()
-        ]
-    return about
+    from matplotlib.colors import to_rgb
+
+    legend["names"] = [
+        [kind, int(abs(colours.table - np.asarray(to_rgb(colour))).sum(axis=1).argmin())]
+        for kind, colour in colours.key.items()
+    ]
+    return legend
 
 
 def _packed(values: npt.NDArray[Any], kind: type) -> str:
-    return b64encode(
-        np.ascontiguousarray(values, dtype=np.dtype(kind).newbyteorder("<")).tobytes()
-    ).decode()
+    """Numbers as base64 of little-endian binary numbers."""
+    binary = np.ascontiguousarray(values, dtype=np.dtype(kind).newbyteorder("<"))
+    return b64encode(binary.tobytes()).decode()

@@ -15,9 +15,9 @@ from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_on_all, on_rank_zero
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.adios import adios2_for
-from gossamer_fx.outputs.checksums import Verified
+from gossamer_fx.outputs.field_files import noted_steps
 from gossamer_fx.outputs.file_names import file_name, segments
-from gossamer_fx.outputs.recording import about_run
+from gossamer_fx.outputs.run_file import read_run_file
 
 # Places that are nearer to each other, over the largest coordinate, are one.  They are sorted into cubes of that size,
 # whose corners lie where no regular mesh has nodes.
@@ -48,7 +48,7 @@ class RecordedShapes:
         comm = body.comm
         path = self.folder / "fields" / f"{file_name(body.name)}.bp"
         recorded, paths = comm.bcast(
-            on_rank_zero(comm, lambda: (list(about_run(self.folder)["fields"]), segments(path)))
+            on_rank_zero(comm, lambda: (list(read_run_file(self.folder)["fields"]), segments(path)))
         )
         check(
             body.name in recorded and bool(paths),
@@ -87,7 +87,7 @@ class _Part:
 
     def __init__(self, comm: MPI.Intracomm, path: Path) -> None:
         adios2 = adios2_for(path)
-        verified: Any = on_rank_zero(comm, lambda: Verified(path))
+        on_rank_zero(comm, lambda: noted_steps(path))
         whole = True
         try:
             file = adios2.FileReader(str(path))
@@ -124,4 +124,3 @@ class _Part:
         check_on_all(
             comm, whole, f"'{path}' cannot be read; it is damaged, or holds no displacement."
         )
-        on_rank_zero(comm, lambda: [verified.check_step(k) for k in range(steps)])

@@ -37,7 +37,7 @@ from gossamer_fx.run.same_scene import compare, compare_energies
 from gossamer_fx.system.totals import Totals
 from gossamer_fx.version import VERSION
 
-FORMAT = 4
+FORMAT = 5
 LACKS = "The checkpoint lacks nodes of this scene; restart the scene by which it was written."
 TWICE = "Two nodes of the checkpoint have the same name."
 

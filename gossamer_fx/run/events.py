@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, check
 from gossamer_fx.checks.user_functions import ask
+from gossamer_fx.outputs.arguments import of_item
 from gossamer_fx.outputs.output import Probe, evaluate_probe
-from gossamer_fx.run.parameters import of_item
 from gossamer_fx.steppers.history import History
 from gossamer_fx.steppers.stepping import Stepping
 

@@ -28,7 +28,7 @@ from gossamer_fx.system.totals import Totals
 
 if TYPE_CHECKING:
     from gossamer_fx.gas.state import ChamberState
-    from gossamer_fx.outputs.claims import Claims
+    from gossamer_fx.outputs.file_locks import FileLocks
     from gossamer_fx.run.checkpoint import Checkpoints
     from gossamer_fx.run.events import Event, EventMonitor
     from gossamer_fx.steppers.step_control import StepControl
@@ -102,7 +102,7 @@ class Simulation:
         self.cursors: list[tuple[str, dict[str, Any]]] = []
         self._try_step()
         self._about = self.describe() if restart is not None or checkpoints is not None else {}
-        self._claims = self._claim()
+        self._locks = self._lock_files()
         try:
             cursors = [] if restart is None else self._restart(restart, changes)
             if checkpoints is not None:
@@ -121,21 +121,21 @@ class Simulation:
             self.system.predict(self.system.numbering.vector())
         self.history.rollback()
 
-    def _claim(self) -> Claims | None:
+    def _lock_files(self) -> FileLocks | None:
         paths = [
             path for output in self.outputs if isinstance(output, Writing) for path in output.writes
         ]
         paths += [] if self.checkpoints is None else [self.checkpoints.folder]
         if not paths:
             return None
-        from gossamer_fx.outputs.claims import Claims
+        from gossamer_fx.outputs.file_locks import FileLocks
 
-        return Claims(self.comm, paths)
+        return FileLocks(self.comm, paths)
 
     def _release(self) -> None:
-        if self._claims is not None:
-            self._claims.running = False
-            self._claims.release()
+        if self._locks is not None:
+            self._locks.running = False
+            self._locks.release()
 
     def _watch_for(self, events: Sequence[Event]) -> EventMonitor | None:
         if not events:
@@ -237,9 +237,9 @@ class Simulation:
             f"until is {until!r} s, but the run is at t = {self.time:.9g} s; give a later time.",
         )
         self.until = until = float(until)
-        if self._claims is not None:
-            self._claims.hold()
-            self._claims.running = True
+        if self._locks is not None:
+            self._locks.acquire()
+            self._locks.running = True
         with abort_on_lone_error(self.comm), ExitStack() as at_the_end, Listener() as signals:
             at_the_end.callback(self._release)
             for output in self.outputs:

@@ -1,8 +1,9 @@
 """Runs that any number of processes share: each takes the next one that nobody has, until all are done.
 
-There is no master.  A run is claimed by a lock, which the system ends with its process, whatever ended that, and its
-result is a file that appears at once, whole; so any process may be killed at any time, no run that has a result is
-made again, and one that was killed is made by another process, from its own checkpoint if it keeps some.
+There is no master.  The process that makes a run holds a lock on its result, which the operating system releases when
+the process ends, also after kill -9.  A result is a file that appears complete or not at all.  So any process may be
+killed at any time: no run that has a result is made again, and a run that was killed is made by another process, from
+its checkpoint if it keeps one.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from typing import Any
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import InputError, NoEquilibrium, StepFailure, check, on_rank_zero
-from gossamer_fx.outputs.claims import Claims
+from gossamer_fx.outputs.file_locks import FileLocks
 from gossamer_fx.outputs.output import make_parent, replace_file
 
 Values = Mapping[str, Any]
@@ -97,13 +98,13 @@ class SharedRuns:
         """Make a run, unless another process has it."""
         path = self.place(values)
         try:
-            claim = Claims(self._comm, [path])
+            lock = FileLocks(self._comm, [path])
         except InputError:
             return None
         try:
             return self._known(values) or self._compute(values, path)
         finally:
-            claim.release()
+            lock.release()
 
     def _compute(self, values: Values, path: Path) -> Result:
         started, numbers, failed = time.perf_counter(), dict[str, float](), ""

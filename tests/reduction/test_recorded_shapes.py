@@ -102,7 +102,7 @@ def test_what_is_not_there_is_told_in_one_sentence(folder: Path) -> None:
             gx.reduction.RecordedShapes(film, where)
     if WORLD.rank == 0:
         data = next((folder / "run" / "fields" / "the sail.bp").glob("data.*"))
-        data.write_bytes(bytes(len(data.read_bytes())))
+        data.write_bytes(data.read_bytes()[:-100])
     WORLD.barrier()
-    with pytest.raises(gx.InputError, match=r"was changed since it was written|cannot be read"):
+    with pytest.raises(gx.InputError, match="is shorter than it was"):
         gx.reduction.RecordedShapes(sail(WORLD), folder / "run")

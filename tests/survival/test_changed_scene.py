@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,6 +13,8 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.outputs.arguments import describe
+from gossamer_fx.run.same_scene import differences
 from meshes.sheet import sheet
 from tests.survival.scenes import DT, GAS, LAW
 
@@ -87,10 +91,16 @@ OTHER: dict[str, tuple[Any, str]] = {
     "target": ((0.0, 0.0, 0.2), "target of 'attitude control'"),
     "outside": (2e5, "pressure of '.*' is 100000 there and 200000 here"),
     "conductance": (3.0, "conductance of 'wall'"),
-    "motion": (lambda x, t: 0.2 * t * x, "the function motion of 'mover' is another one"),
+    "motion": (
+        lambda x, t: 0.2 * t * x,
+        r"the function motion of 'mover' is another one \(constants: \[0.1\] there and \[0.2\]",
+    ),
     "edge": ((0.0, 2.0, 0.0), "force of '.*'"),
     "point": ("top right", "port at of 'pull'"),
-    "ramp": (3.0, "the function value of 'push' is another one"),
+    "ramp": (
+        3.0,
+        r"the function value of 'push' is another one \(outside ramp: 2 there and 3 here",
+    ),
 }
 
 
@@ -200,3 +210,175 @@ def test_an_event_at_the_start_happens(folder: Path) -> None:
     assert told == [0.0, 0.02, 0.03, 0.03]
     stopped = fall(1.0, [gx.At(0.0, stop=True)], outputs=[gx.Ledger(folder / "a.csv")])
     assert (stopped.step, stopped.time) == (0, 0.0)
+
+
+# ---- contact and flight --------------------------------------------------------------------------------------------
+
+
+def touching(ball: Any = None, contact: Any = None, law: Any = LAW, under: Any = None) -> gx.Scene:
+    """A film over a ball and a floor, of which arguments may be others."""
+    film = gx.Membrane(sheet(COMM, 2, 2), law)
+    usual_ball = {"centre": (0.5, 0.5, -0.5), "radius": 0.2, "friction": 0.3}
+    usual_contact = {"distance": 1e-2, "friction": 0.1, "creep": 1e-3}
+    under = under or gx.contact.Sphere(**usual_ball | (ball or {}), name="ball")
+    floor = gx.contact.Plane(point=(0.0, 0.0, -1.0), normal=(0.0, 0.0, 1.0), name="floor")
+    return gx.Scene(gx.Contact(film, under, floor, **usual_contact | (contact or {})))
+
+
+def rises(t: float) -> tuple[float, float, float]:
+    return (0.0, 0.0, 0.1 * t)
+
+
+OTHER_CONTACT: dict[str, tuple[dict[str, Any], str]] = {
+    "place": (
+        {"ball": {"centre": (0.5, 0.5, -0.6)}},
+        r"obstacles 1 centre of 'contact' is \[0.5, 0.5, -0.5\] there and \[0.5, 0.5, -0.6\] here",
+    ),
+    "radius": (
+        {"ball": {"radius": 0.25}},
+        "obstacles 1 radius of 'contact' is 0.2 there and 0.25 here",
+    ),
+    "friction of an obstacle": (
+        {"ball": {"friction": 0.4}},
+        "obstacles 1 friction of 'contact' is 0.3 there and 0.4 here",
+    ),
+    "kind": (
+        {"under": gx.contact.Box(centre=(0.5, 0.5, -0.5), sizes=(0.2, 0.2, 0.2), name="ball")},
+        "obstacles 1 class of 'contact' is 'Sphere' there and 'Box' here",
+    ),
+    "motion": (
+        {"ball": {"motion": rises}},
+        r"obstacles 1 motion of 'contact' is None there and \{'function': 'rises'",
+    ),
+    "friction": ({"contact": {"friction": 0.2}}, "friction of 'contact' is 0.1 there and 0.2 here"),
+    "creep": ({"contact": {"creep": 2e-3}}, "creep of 'contact' is 0.001 there and 0.002 here"),
+    "distance": (
+        {"contact": {"distance": 2e-2}},
+        "distance of 'contact' is 0.01 there and 0.02 here",
+    ),
+    "E in free flight": (
+        {"law": gx.Miyazaki(E=2e9, nu=0.3, density=1400.0, thickness=1e-4, residual=1e-6)},
+        "law E of 'film' is 1e.09 there and 2e.09 here",
+    ),
+}
+
+
+@pytest.mark.mpi
+def test_another_obstacle_or_contact_is_refused(folder: Path) -> None:
+    run(1, touching(), checkpoints=gx.Checkpoints(folder))
+    assert run(2, touching(), restart=folder).step == 2
+    for changed, words in OTHER_CONTACT.values():
+        with pytest.raises(gx.InputError, match=rf"of another scene: {words}.*name it in changes"):
+            run(2, touching(**changed), restart=folder)
+
+
+@pytest.mark.mpi
+def test_another_motion_of_an_obstacle_is_refused(folder: Path) -> None:
+    run(1, touching({"motion": rises}), checkpoints=gx.Checkpoints(folder))
+
+    def sinks(t: float) -> tuple[float, float, float]:
+        return (0.0, 0.0, -0.1 * t)
+
+    words = "the function obstacles 1 motion of 'contact' is another one"
+    with pytest.raises(gx.InputError, match=words):
+        run(2, touching({"motion": sinks}), restart=folder)
+    assert run(2, touching({"motion": rises}), restart=folder).step == 2
+
+
+def flying(**changed: Any) -> gx.Scene:
+    """A film with drag in an orbit of which one argument may be another."""
+    film = gx.Membrane(sheet(COMM, 2, 2), LAW)
+    usual = {
+        "start": gx.orbit.Elements(7e6),
+        "gravity": "point",
+        "sun": (1.0, 0.0, 0.0),
+        "epoch": None,
+        "third_bodies": (),
+    }
+    orbit = gx.orbit.Orbit(**usual | {key: value for key, value in changed.items() if key in usual})
+    density = changed.get("density", 2e-13)
+    air = gx.orbit.ExponentialAtmosphere(density=density, altitude=6e5, scale_height=7e4)
+    return gx.Scene(film, orbit, gx.orbit.Drag(film, orbit, air, name="drag"))
+
+
+OTHER_FLIGHT: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
+    "density": ({}, {"density": 9e-13}, "of 'drag' is.* 2e-13 there and 9e-13 here"),
+    "Sun": (
+        {},
+        {"sun": (0.0, 1.0, 0.0)},
+        r"sun of 'orbit' is \[1.0, 0.0, 0.0\] there and \[0.0, 1.0, 0.0\] here",
+    ),
+    "J2": ({}, {"gravity": "J2"}, "gravity of 'orbit' is 'point' there and 'J2' here"),
+    "start": ({}, {"start": gx.orbit.Elements(7.1e6)}, "start a of 'orbit' is 7000000 there and 7100000"),
+    "epoch": (
+        {"epoch": "2026-01-01"},
+        {"epoch": "2026-06-01"},
+        "epoch of 'orbit' is '2026-01-01' there and '2026-06-01' here",
+    ),
+    "degree of harmonics": (
+        {"epoch": "2026-01-01", "gravity": 2},
+        {"epoch": "2026-01-01", "gravity": 4},
+        "gravity of 'orbit' is 2 there and 4 here",
+    ),
+    "third bodies": (
+        {"epoch": "2026-01-01"},
+        {"epoch": "2026-01-01", "third_bodies": ("moon",)},
+        r"third_bodies of 'orbit' is \[\] there and \['moon'\] here",
+    ),
+}
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("what", OTHER_FLIGHT)
+def test_another_orbit_or_drag_is_refused(folder: Path, what: str) -> None:
+    usual, changed, words = OTHER_FLIGHT[what]
+    if "epoch" in usual:
+        pytest.importorskip("erfa")
+    run(1, flying(**usual), checkpoints=gx.Checkpoints(folder))
+    assert run(2, flying(**usual), restart=folder).step == 2
+    with pytest.raises(gx.InputError, match=rf"of another scene: .*{words}.*name it in changes"):
+        run(2, flying(**changed), restart=folder)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("what", "small", "other", "words"),
+    [
+        ("area", 2e-13, 9e-13, "area of 'valve' is 2e-13 there and 9e-13 here"),
+        (
+            "force",
+            (0.0, 0.0, 1e-13),
+            (0.0, 0.0, 9e-13),
+            r"value of 'pull' is \[0.0, 0.0, 1e-13\] there and \[0.0, 0.0, 9e-13\] here",
+        ),
+    ],
+)
+def test_small_numbers_are_compared_relatively(
+    folder: Path, what: str, small: Any, other: Any, words: str
+) -> None:
+    run(1, scene(**{what: small}), checkpoints=gx.Checkpoints(folder))
+    assert run(2, scene(**{what: small}), restart=folder).step == 2
+    with pytest.raises(gx.InputError, match=words):
+        run(2, scene(**{what: other}), restart=folder)
+
+
+def test_what_is_noticed_of_a_function() -> None:
+    """Its name, constants and what it takes from outside, whatever the version of Python; not the order of names."""
+
+    def noticed(one: Any, other: Any) -> bool:
+        there, here = (json.loads(json.dumps(describe(f))) for f in (one, other))
+        return next(differences(there, here), None) is not None
+
+    def valve(factor: float) -> Callable[[float], float]:
+        return lambda t: factor * t if t < 0.25 else 0.0
+
+    assert not noticed(valve(2.0), valve(2.0))
+    assert noticed(valve(2.0), valve(2.5))
+    assert noticed(lambda t: 2.0 * t, lambda t: 3.0 * t)
+    assert noticed(lambda t: 2 * t, lambda t: 3 * t)
+    assert noticed(lambda t: np.sin(t), lambda t: np.cos(t))
+    assert noticed(lambda t, a=1.0: a * t, lambda t, a=2.0: a * t)
+    assert noticed(lambda t: 1e-13 * t, lambda t: 9e-13 * t)
+    assert noticed(np.sin, np.cos)
+    assert not noticed(lambda t, s: t - s, lambda t, s: s - t)  # as the docs say
+    assert noticed(math.inf, 1.0) and not noticed(math.nan, math.nan)

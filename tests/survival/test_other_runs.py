@@ -6,7 +6,7 @@ import json
 import os
 import re
 import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from tests.hanging import HANG_TIMEOUT
+from tests.survival.on_ranks import python
 from tests.survival.scenes import DT, fluttering_sheet
 
 COMM = MPI.COMM_WORLD
@@ -35,6 +36,7 @@ def files(folder: Path) -> dict[str, bytes]:
     }
 
 
+# A run that says so in its second step, and waits there for a line of its input on rank 0.
 WAITING = """
 import sys, time
 from pathlib import Path
@@ -46,7 +48,7 @@ class Wait:
     def open(self, run): pass
     def close(self, run): pass
     def record(self, run, last):
-        if run.step == 2:
+        if run.step == 2 and run.comm.rank == 0:
             print("running", flush=True)
             sys.stdin.readline()
 outputs = [gx.Recording(folder / "run", every=1), Wait()]
@@ -54,17 +56,33 @@ ball(outputs=outputs, checkpoints=gx.Checkpoints(folder / "saves", every=1)).run
 print("done", flush=True)
 """
 
+# A second run in the same folder; each rank says why it was refused.
+SECOND = """
+import sys
+from pathlib import Path
+from tests.survival.test_other_runs import ball
+import gossamer_fx as gx
+try:
+    ball(outputs=[gx.Recording(Path(sys.argv[1]) / "run", every=1)])
+except gx.InputError as error:
+    print(error, flush=True)
+"""
 
-@pytest.mark.parametrize("how", ["anew", "restart", "overwrite"])
-def test_a_second_run_is_refused_and_the_first_goes_on(tmp_path: Path, how: str) -> None:
-    first = subprocess.Popen(
-        [sys.executable, "-c", WAITING, str(tmp_path)],
+
+def start(program: str, folder: Path, ranks: int = 1) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [*python(ranks), "-c", program, str(folder)],
         cwd=ROOT,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
     )
+
+
+@pytest.mark.parametrize("how", ["anew", "restart", "overwrite"])
+def test_a_second_run_is_refused_and_the_first_goes_on(tmp_path: Path, how: str) -> None:
+    first = start(WAITING, tmp_path)
     assert first.stdout is not None and first.stdout.readline() == "running\n"
     before = files(tmp_path)
     options = {"restart": tmp_path / "saves"} if how == "restart" else {}
@@ -86,15 +104,24 @@ def test_a_second_run_is_refused_and_the_first_goes_on(tmp_path: Path, how: str)
     )
 
 
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_every_rank_of_a_second_run_reads_the_same_sentence(tmp_path: Path, ranks: int) -> None:
+    """Also the third run: an attempt that is refused leaves the lock and its owner as they were."""
+    first = start(WAITING, tmp_path, ranks)
+    assert first.stdout is not None and first.stdout.readline() == "running\n"
+    for _ in range(2):
+        said, _ = start(SECOND, tmp_path, ranks).communicate(timeout=HANG_TIMEOUT)
+        # mpirun does not keep the lines of two ranks apart
+        sentences = re.findall(r"'[^']*' is being .*? another folder\.", said)
+        assert len(sentences) == ranks and len(set(sentences)) == 1
+        assert re.search(r"run \(.*process \d+ on .*, since .*\); wait for", sentences[0])
+    said, _ = first.communicate("\n", timeout=HANG_TIMEOUT)
+    assert said.count("done") == ranks and first.returncode == 0
+    assert not list(tmp_path.rglob(".*"))
+
+
 def test_the_lock_of_a_run_that_was_killed_is_no_obstacle(tmp_path: Path) -> None:
-    first = subprocess.Popen(
-        [sys.executable, "-c", WAITING, str(tmp_path)],
-        cwd=ROOT,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
+    first = start(WAITING, tmp_path)
     assert first.stdout is not None and first.stdout.readline() == "running\n"
     first.kill()
     first.communicate(timeout=HANG_TIMEOUT)
@@ -229,75 +256,87 @@ def test_a_part_of_another_checkpoint_is_told(tmp_path: Path) -> None:
         ball(restart=tmp_path)
 
 
-def test_a_damaged_recording_is_told_when_it_is_read_and_when_a_run_goes_on(
+def record(folder: Path, until: int, dt: float = DT, **options: object) -> None:
+    """Run a film with a recording, and checkpoints every second step."""
+    outputs = [gx.Recording(folder / "run", every=1)]
+    saves = gx.Checkpoints(folder / "saves", every=2)
+    film = fluttering_sheet(COMM, 2)
+    run = gx.Simulation(film, gx.Midpoint(dt=dt), outputs, checkpoints=saves, **options)
+    run.run(until * DT)
+
+
+def read_all(folder: Path) -> None:
+    run = gx.plot.RunReader(folder / "run")
+    for name in ("ledger.csv", "states.csv"):
+        run.table(name)
+    for frame in range(len(run.times)):
+        run.values("state", frame)
+
+
+def refused(act: Callable[[], None]) -> str:
+    """What an `InputError` of one sentence says; nothing if there is none."""
+    try:
+        act()
+    except gx.InputError as error:
+        assert "\n" not in str(error) and str(error).endswith(".")
+        return str(error)
+    return ""
+
+
+def restore(folder: Path, content: dict[str, bytes]) -> None:
+    for name, kept in content.items():
+        (folder / name).write_bytes(kept)
+
+
+def test_a_damaged_recording_is_refused_when_it_is_read_and_when_a_run_goes_on(
     tmp_path: Path,
 ) -> None:
-    """Every file of the fields and the tables, shortened, emptied, removed, or with a byte changed."""
-
-    def go(until: int, **options: object) -> None:
-        outputs = [gx.Recording(tmp_path / "run", every=1)]
-        saves = gx.Checkpoints(tmp_path / "saves", every=2)
-        gx.Simulation(
-            fluttering_sheet(COMM, 2),
-            gx.Midpoint(dt=DT),
-            outputs=outputs,
-            checkpoints=saves,
-            **options,
-        ).run(until * DT)
-
-    def look() -> None:
-        run = gx.plot.RunReader(tmp_path / "run")
-        for name in ("ledger.csv", "states.csv"):
-            run.table(name)
-        for frame in range(len(run.times)):
-            run.values("state", frame)
-
-    go(4)
-    look()
-    kept, rng, silent = files(tmp_path / "run"), np.random.default_rng(1), []
-    fields = [
-        name
-        for name in kept
-        if name.startswith("fields") and not name.endswith(("profiling.json", "jsonl"))
-    ]
+    """Every file of the fields and the tables, shortened by half or by a byte, emptied, or removed."""
+    record(tmp_path, 4)
+    read_all(tmp_path)
+    kept = files(tmp_path / "run")
+    fields = [name for name in kept if name.startswith("fields") and "json" not in name]
     assert len(fields) == 4
     for name in [*fields, "ledger.csv", "states.csv"]:
         path, whole = tmp_path / "run" / name, kept[name]
-        places = [
-            int(i)
-            for i in rng.integers(0, len(whole), 6)
-            if not (name.endswith("md.idx") and i == 39)
-        ]
-        spoiled: list[bytes | None] = [whole[: len(whole) // 2], b"", None]
-        spoiled += [whole[:i] + bytes([whole[i] ^ 255]) + whole[i + 1 :] for i in places]
-        for content in spoiled:
+        for content in (whole[: len(whole) // 2], whole[:-1], b"", None):
             path.unlink()
             if content is not None:
                 path.write_bytes(content)
-            for act in (look, lambda: go(5, restart=tmp_path / "saves")):
-                # ADIOS2's data are read, and so compared, when they are looked at; a table has no checksum but in a
-                # checkpoint; one that is missing or ends early is that of a run that was killed
-                if (
-                    act is not look
-                    and "data." in name
-                    and content is not None
-                    and len(content) == len(whole)
-                ):
-                    continue
-                if (
-                    act is look
-                    and name.endswith(".csv")
-                    and (content is None or len(content) < len(whole))
-                ):
-                    continue
-                try:
-                    act()
-                except gx.InputError as error:
-                    assert "\n" not in str(error) and str(error).endswith(".")
-                else:
-                    silent.append((name, None if content is None else len(content), act is look))
-            for other, content_of in kept.items():
-                (tmp_path / "run" / other).write_bytes(content_of)
-    assert not silent
-    go(5, restart=tmp_path / "saves")
-    look()
+            # a table that is missing or ends early is that of a run that was killed
+            if not name.endswith(".csv"):
+                assert refused(lambda: read_all(tmp_path)), (name, content)
+            assert refused(lambda: record(tmp_path, 5, restart=tmp_path / "saves")), (name, content)
+            restore(tmp_path / "run", kept)
+    record(tmp_path, 5, restart=tmp_path / "saves")
+    read_all(tmp_path)
+
+
+def test_a_recording_that_was_replaced_by_another_runs_is_refused(tmp_path: Path) -> None:
+    """Fields with steps at other times, a table with other rows; nothing is cut off before that is found."""
+    record(tmp_path / "one", 4)
+    record(tmp_path / "other", 4, dt=DT / 2)
+    other = files(tmp_path / "other" / "run")
+    kept = files(tmp_path / "one" / "run")
+    for name, words in (("fields", "its step 5 is not at t = 0.004 s"), ("ledger", "had 5 rows")):
+        restore(
+            tmp_path / "one" / "run",
+            {file: content for file, content in other.items() if file.startswith(name)},
+        )
+        spoiled = files(tmp_path / "one" / "run")
+        said = refused(lambda: record(tmp_path / "one", 5, restart=tmp_path / "one" / "saves"))
+        assert "was replaced since the checkpoint was written" in said and words in said
+        assert files(tmp_path / "one" / "run") == spoiled
+        restore(tmp_path / "one" / "run", kept)
+    record(tmp_path / "one", 5, restart=tmp_path / "one" / "saves")
+
+
+def test_damaged_notes_of_steps_are_refused(tmp_path: Path) -> None:
+    record(tmp_path, 4)
+    path = tmp_path / "run" / "fields" / "film.bp" / "steps.json"
+    notes = json.loads(path.read_text())
+    for content in ("", "[]", "{}", '{"steps": 5}', '{"steps": "many", "bytes": {}}'):
+        path.write_text(content)
+        assert "steps.json' is damaged" in refused(lambda: read_all(tmp_path))
+    path.write_text(json.dumps(notes | {"steps": 7}))
+    assert "has 5 steps, but 7 were written" in refused(lambda: read_all(tmp_path))

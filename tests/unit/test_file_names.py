@@ -81,6 +81,6 @@ def test_bodies_whose_names_are_alike_keep_their_fields(folder: Path, one: str, 
         reader = gx.plot.RunReader(folder / "run")
         assert reader.times == pytest.approx([0, DT, 2 * DT, 3 * DT, 4 * DT])
         for name, v in ((one, 1.0), (other, -2.0)):
-            part, k = reader.meshes[name].at(4)
+            part, k = reader.bodies[name].at(4)
             moved = part.positions(k) - part.X
             assert moved == pytest.approx(moved * 0 + v * 4 * DT, rel=1e-6)

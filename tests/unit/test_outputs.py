@@ -303,6 +303,7 @@ def test_gas_probes_give_the_state_of_the_chamber(folder: Path) -> None:
 def test_bad_probe_is_named_before_the_first_step(folder: Path, probe: object, words: str) -> None:
     with pytest.raises(gx.InputError, match=f"Probe 'tip'.*{words}"):
         fall(falling_film(), [gx.outputs.Probes(folder / "a.csv", {"tip": probe})])
+    COMM.barrier()  # rank 0 removes the lock
     assert not any(folder.iterdir())
 
 

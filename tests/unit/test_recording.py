@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.plot.colours import scale
-from gossamer_fx.plot.run_curves import grouped
+from gossamer_fx.plot.curve_panels import grouped
 from gossamer_fx.plot.viewer import view_data
 from meshes.airbag import airbag
 from meshes.line import line
@@ -58,18 +58,18 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_what_was_recorded_is_read_back(recorded: Path) -> None:
     run = gx.plot.RunReader(recorded)
     assert run.title == "A <pillow>" and run.about["status"] == "finished"
-    assert set(run.meshes) == {"the film", "cable"} and run.films == ["the film"]
+    assert set(run.bodies) == {"the film", "cable"} and run.films == ["the film"]
     assert run.times == pytest.approx(np.arange(0, 12, 2) * DT)
-    for name, mesh in run.meshes.items():
+    for name, body in run.bodies.items():
         for frame, t in enumerate(run.times):
-            segment, k = mesh.at(frame)
+            segment, k = body.at(frame)
             assert segment.positions(k) - segment.X == pytest.approx(
                 np.tile(V0 * t, (len(segment.X), 1)), abs=1e-5
             )
         cells = run.about["scene"]["bodies"][name]["cells"]
-        assert len(mesh.segments[0].pieces) == cells == (64 if name == "the film" else 3)
+        assert len(body.segments[0].pieces) == cells == (64 if name == "the film" else 3)
     assert (
-        len(np.unique(run.meshes["the film"].segments[0].vertices)) == 34
+        len(np.unique(run.bodies["the film"].segments[0].vertices)) == 34
     )  # 2 × 25 nodes, 16 of them on the seam
     assert run.table("points.csv")["ball z"] == pytest.approx(
         2.0 + 0.5 * run.table("points.csv")["time"]
@@ -94,7 +94,7 @@ def test_a_restart_on_other_ranks_is_one_run(folder: Path) -> None:
     second.run(until=10 * DT)
     run = gx.plot.RunReader(folder)
     assert run.times == pytest.approx(np.arange(0, 12, 2) * DT)
-    assert len(run.meshes["the film"].segments) == 2
+    assert len(run.bodies["the film"].segments) == 2
     assert sum(part["frames"] for part in view_data(run)["parts"]) == 6
 
 
@@ -137,24 +137,21 @@ def test_pictures_from_a_chosen_place(recorded: Path, tmp_path: Path) -> None:
     from PIL import Image
 
     from gossamer_fx.plot.camera import aim
-    from gossamer_fx.plot.view import Shape
+    from gossamer_fx.plot.shapes import Shape
 
     run = gx.plot.RunReader(recorded)
-    none = np.zeros((0, 3, 3))
 
     def square(size: float, x: float) -> Shape:
         corners = np.array(
             [[x, 0, 0], [x + size, 0, 0], [x + size, size, 0], [x, size, 0]], dtype=float
         )
-        return Shape(0.0, none, none, np.zeros(0, np.int64), np.zeros((0, 2, 3)), corners)
+        return Shape(0.0, dots=corners)
 
     shapes = [square(1.0, 0.0), square(0.1, 5.0)]
-    above = aim(
-        MPI.COMM_SELF, shapes, gx.plot.View(azimuth=0.0, elevation=math.pi / 2, follow=False)
-    )
+    above = aim(shapes, gx.plot.View(azimuth=0.0, elevation=math.pi / 2, follow=False))
     assert above.size == pytest.approx((5.1 * 1.02, 0.2 * 5.1 + 0.02 * 5.1))
     assert above.axes == pytest.approx(np.eye(3), abs=1e-12) and above.zooms == [1.0, 1.0]
-    each = aim(MPI.COMM_SELF, shapes, gx.plot.View(azimuth=0.0, elevation=math.pi / 2, zoom=True))
+    each = aim(shapes, gx.plot.View(azimuth=0.0, elevation=math.pi / 2, zoom=True))
     assert each.size == pytest.approx((1.02, 1.02)) and each.zooms == pytest.approx(
         [1.0, 1.02 / 0.12]
     )
@@ -196,12 +193,12 @@ def test_large_films_are_thinned_for_the_view(
     recorded: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        "gossamer_fx.plot.viewer._MOST_VERTICES", 1
+        "gossamer_fx.plot.viewer._MAX_VERTICES", 1
     )  # at least 100 a body are kept in any case
     assert view_data(gx.plot.RunReader(recorded))["parts"][0]["vertices"] == 38
     from gossamer_fx.plot.viewer import _thinned
 
-    segment = gx.plot.RunReader(recorded).meshes["the film"].segments[0]
+    segment = gx.plot.RunReader(recorded).bodies["the film"].segments[0]
     thin = _thinned(segment, 20)
     assert 4 <= len(thin.points) <= 20 and thin.pieces.max() < len(thin.points)
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
+from gossamer_fx.fields.groups import groups_of
 from gossamer_fx.plot.camera import aim, render
-from gossamer_fx.plot.groups import colour_table, groups_of
-from gossamer_fx.plot.view import Renderer
+from gossamer_fx.plot.colours import colouring, group_table
 from meshes.sheet import sheet
 from meshes.tube import flat_tube
 
@@ -21,25 +21,35 @@ def film(comm, height=0.0, name="film", **given):
     return gx.Membrane(sheet(comm, 3, 3, **given), law, name=name, displacement=lift)
 
 
-def middle(comm, films, opacity):
+def middle(folder, films, opacity):
     """The pixel in the middle of a picture from above, coloured by group; on rank 0."""
-    run = gx.Simulation(gx.Scene(*films), gx.Midpoint(dt=1e-3))
-    renderer = Renderer(run.system, by_group=True)
-    shapes = [renderer.shape()]
-    camera = aim(comm, shapes, gx.plot.View(**ABOVE, opacity=opacity))
-    images = render(comm, camera, shapes, 40.0, colour_table(len(renderer.groups)))
-    return images[0][images[0].shape[0] // 2, images[0].shape[1] // 2] if comm.rank == 0 else None
+    comm = films[0].comm
+    fields = {one.name: ("displacement", "group") for one in films}
+    recording = gx.Recording(folder, fields=fields)
+    gx.Simulation(gx.Scene(*films), gx.Midpoint(dt=1e-3), [recording]).run(until=0.0)
+    if comm.rank > 0:
+        return None
+    run = gx.plot.RunReader(folder)
+    colours = colouring(run, "group")
+    shapes = [run.shape(0, "group", colours.kinds)]
+    image = next(
+        render(aim(shapes, gx.plot.View(**ABOVE, opacity=opacity)), shapes, 40.0, colours.table)
+    )
+    return image[image.shape[0] // 2, image.shape[1] // 2]
 
 
 @pytest.mark.mpi
 @pytest.mark.parametrize("opacity", [1.0, 0.6])
-def test_layers_shine_through_in_order(comm, opacity):
+def test_layers_shine_through_in_order(comm, folder, opacity):
     """Light that a layer lets through is that of the next one; what nothing keeps back is white."""
     low, high = film(comm, 0.0, "low"), film(comm, 0.1, "high")
-    alone = [middle(comm, [one], 1.0) for one in (film(comm, 0.0, "low"), film(comm, 0.1, "high"))]
-    both = middle(comm, [low, high], opacity)
+    alone = [
+        middle(folder / one.name, [one], 1.0)
+        for one in (film(comm, 0.0, "low"), film(comm, 0.1, "high"))
+    ]
+    both = middle(folder / "both", [low, high], opacity)
     if comm.rank == 0:
-        table = colour_table(2)
+        table = group_table(2)
         lower, upper = alone[0], alone[0].max() / table[0].max() * table[1]
         assert np.allclose(alone[0], alone[1], atol=1e-12)  # each is the first of its scene
         seen = opacity * upper + (1 - opacity) * (opacity * lower + (1 - opacity))

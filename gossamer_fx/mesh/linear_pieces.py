@@ -1,0 +1,50 @@
+"""Cells of order 1 and 2 as straight lines and triangles between their nodes, for pictures, sections and contact."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+Integers = npt.NDArray[np.int64]
+
+# Node numbers of the pieces, by the dimension of the cell and its number of nodes.  The order of nodes is that of
+# dolfinx: the corners, then on a line the middle, and in a triangle the middles of the edges opposite corner 0, 1, 2.
+# All triangles have the orientation of their cell.
+_PIECES = {
+    (1, 2): ((0, 1),),
+    (1, 3): ((0, 2), (2, 1)),
+    (2, 3): ((0, 1, 2),),
+    (2, 6): ((0, 5, 4), (5, 1, 3), (4, 3, 2), (3, 4, 5)),
+}
+# Position in VTK's order of each node in that of dolfinx: VTK has the middles of the edges 01, 12, 20.
+_FROM_VTK = {2: (0, 1), 3: (0, 1, 2), 6: (0, 1, 2, 4, 5, 3)}
+
+
+def linear_pieces(cells: npt.NDArray[np.integer], dimension: int) -> Integers:
+    """Cut cells into straight pieces.
+
+    Args:
+        cells: nodes (n, k) of each cell, in the order of dolfinx.
+        dimension: 1 for lines with 2 or 3 nodes, 2 for triangles with 3 or 6 nodes.
+
+    Returns:
+        Nodes (m, dimension + 1) of the pieces; those of one cell follow each other.
+
+    Example:
+        `linear_pieces(np.array([[7, 8, 9]]), 1)` is `[[7, 9], [9, 8]]`.
+    """
+    pieces = np.array(_PIECES[dimension, cells.shape[1]])
+    return cells[:, pieces].reshape(-1, dimension + 1).astype(np.int64)
+
+
+def from_vtk(cells: npt.NDArray[np.integer]) -> Integers:
+    """Cells (n, k) whose nodes are in VTK's order, with the nodes in the order of dolfinx."""
+    return cells[:, _FROM_VTK[cells.shape[1]]].astype(np.int64)
+
+
+def middles(corners: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
+    """Values (n, 6, ...) at the nodes of quadratic triangles from those (n, 3, ...) at their corners."""
+    a = corners[:, 0]
+    b = corners[:, 1]
+    c = corners[:, 2]
+    return np.stack([a, b, c, (b + c) / 2, (c + a) / 2, (a + b) / 2], axis=1)

@@ -1,0 +1,177 @@
+"""The file `run.json` in a run's folder: what it must contain, and how it is read.
+
+The file may come from a stranger.  It is checked as a whole when it is read, so that whoever uses it finds keys and
+kinds as expected; what is wrong with it is said in one sentence.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from gossamer_fx.checks.errors import InputError, check
+
+FORMAT = 1  # of run.json and the files beside it
+_REMEDY = "write the run again, or put back a copy of the file."
+_MAX_INTEGER = 2**63  # beyond it, integers are no numbers of anything, and do not fit into arrays
+_MAX_SHOWN = 60  # characters of a value in a message
+
+
+@dataclass(frozen=True)
+class Each:
+    """Kind of an object whose keys are free, and whose values are all of one kind."""
+
+    kind: Any
+
+
+@dataclass(frozen=True)
+class Several:
+    """Kind of a list whose elements are all of one kind; of a fixed length if `count` is given."""
+
+    kind: Any
+    count: int | None = None
+
+
+NUMBER = (int, float)
+_ANYTHING = object
+
+_SOLID = {
+    "X": Several(Several(NUMBER, 3)),
+    "triangles": Several(Several(int, 3)),
+    "lines": Several(Several(int, 2)),
+    "moves": bool,
+}
+_BODY = {
+    "kind": str,
+    "nodes": int,
+    "unknowns": int,
+    "mass": NUMBER,
+    "box": Several(Several(NUMBER, 3), 2),
+    "cells?": int,
+    "order?": int,
+    "area?": NUMBER,
+    "length?": NUMBER,
+    "law?": Several(_ANYTHING, 2),
+}
+_CHAMBER = dict.fromkeys(("pressure", "temperature", "volume", "mass"), NUMBER)
+# Kinds by key; a key that ends in a question mark may be missing, e.g. in the files of older versions.
+_RUN = {
+    "format": int,
+    "title": str,
+    "status": str,
+    "ranks": int,
+    "scene": {
+        "unknowns": int,
+        "ranks": int,
+        "bodies": Each(_BODY),
+        "section frames?": Several(str),
+        "roles": Each(int),
+        "items": Each(str),
+        "chambers": Each(_CHAMBER),
+        "energies": Each(NUMBER),
+        "momentum": Several(NUMBER, 3),
+        "angular momentum": Several(NUMBER, 3),
+    },
+    "arguments?": Each(Each(_ANYTHING)),
+    "stepper": {"kind": str, "dt": NUMBER},
+    "fields": Each(Several(str)),
+    "groups?": Several(str),
+    "solids?": Several(_SOLID),
+    "versions": Each(str),
+    "statistics": {
+        "time": NUMBER,
+        "until": NUMBER,
+        "steps": int,
+        "halved": int,
+        "iterations": int,
+        "iterations a step": NUMBER,
+        "seconds": NUMBER,
+        "seconds of compilation": NUMBER,
+        "energy error": NUMBER,
+        "mass error": NUMBER,
+    },
+}
+
+
+def read_run_file(folder: Path) -> dict[str, Any]:
+    """The contents of a run's `run.json`, checked.
+
+    Args:
+        folder: of the run.
+
+    Raises:
+        InputError: there is none, it is not JSON, of another format, or has other keys and kinds than a run writes.
+    """
+    path = folder / "run.json"
+    check(
+        path.is_file(),
+        f"There is no run in '{folder}'; give a folder with a run.json, as `Recording` writes.",
+    )
+    try:
+        about = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"'{path}' cannot be read ({error}); {_REMEDY}") from error
+    version = about.get("format") if isinstance(about, dict) else None
+    check(
+        not isinstance(version, int) or version == FORMAT,
+        f"'{path}' is of format {version}, not {FORMAT}; read it with the program that wrote it.",
+    )
+    _check_kind(path, "the file", about, _RUN)
+    for solid in about.get("solids", []):
+        indices = [index for row in (*solid["triangles"], *solid["lines"]) for index in row]
+        check(
+            all(0 <= index < len(solid["X"]) for index in indices),
+            f"'{path}': a solid has {len(solid['X'])} points, but its faces use others; {_REMEDY}",
+        )
+    return dict(about)
+
+
+def _check_kind(path: Path, where: str, value: Any, kind: Any) -> None:
+    """Raise `InputError` unless a value is of a kind."""
+    if isinstance(kind, dict):
+        _refuse_unless(isinstance(value, dict), path, where, value, "an object")
+        for key, inner in kind.items():
+            name = key.removesuffix("?")
+            check(name in value or key != name, f"'{path}': {where} has no '{name}'; {_REMEDY}")
+            if name in value:
+                _check_kind(path, f"'{name}'", value[name], inner)
+    elif isinstance(kind, Each):
+        _refuse_unless(isinstance(value, dict), path, where, value, "an object")
+        for name, inner in value.items():
+            _check_kind(path, f"{where} of {name!r}", inner, kind.kind)
+    elif isinstance(kind, Several):
+        _refuse_unless(isinstance(value, list), path, where, value, "a list")
+        right_length = kind.count is None or len(value) == kind.count
+        _refuse_unless(right_length, path, where, value, f"a list of {kind.count}")
+        for inner in value:
+            _check_kind(path, where, inner, kind.kind)
+    elif kind is bool or kind is str:
+        words = "true or false" if kind is bool else "a text"
+        _refuse_unless(isinstance(value, kind), path, where, value, words)
+    elif kind is not _ANYTHING:
+        # bool is a subclass of int in Python
+        is_number = isinstance(value, kind) and not isinstance(value, bool)
+        fits = is_number and (isinstance(value, float) or abs(value) < _MAX_INTEGER)
+        _refuse_unless(fits, path, where, value, "an integer" if kind is int else "a number")
+
+
+def _refuse_unless(right: bool, path: Path, where: str, value: Any, expected: str) -> None:
+    shown = repr(value)
+    if len(shown) > _MAX_SHOWN:
+        shown = f"{shown[:_MAX_SHOWN]}..."
+    check(right, f"'{path}': {where} is {shown}, but must be {expected}; {_REMEDY}")
+
+
+def number_text(value: Any) -> str:
+    """A number of a recording in six digits, anything else as it is."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return str(value)
+
+
+def pairs(numbers: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Rows of a table: names, and values as texts."""
+    return [(name, number_text(value)) for name, value in numbers.items()]

@@ -1,0 +1,42 @@
+"""Cells as straight pieces: they fill the cell, keep its orientation, and know VTK's order of nodes."""
+
+from __future__ import annotations
+
+import dolfinx
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from gossamer_fx.mesh.linear_pieces import from_vtk, linear_pieces, middles
+from meshes.sheet import sheet
+
+CORNERS = np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]])
+
+
+def areas(corners: np.ndarray) -> np.ndarray:
+    one = corners[:, 1] - corners[:, 0]
+    other = corners[:, 2] - corners[:, 0]
+    return (one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]) / 2
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_pieces_of_a_triangle_fill_it(order: int) -> None:
+    """Each has an equal, positive part of the area: no node is taken for another."""
+    nodes = CORNERS if order == 1 else middles(CORNERS)
+    pieces = linear_pieces(np.arange(nodes.shape[1])[None], 2)
+    assert areas(nodes[0][pieces]) == pytest.approx(0.5 / len(pieces))
+    assert len(pieces) == order**2
+
+
+def test_pieces_of_a_line() -> None:
+    assert linear_pieces(np.array([[4, 5]]), 1).tolist() == [[4, 5]]
+    assert linear_pieces(np.array([[4, 5, 6]]), 1).tolist() == [[4, 6], [6, 5]]
+
+
+def test_the_order_of_nodes_is_that_of_dolfinx() -> None:
+    """On a film of order 2: nodes on edges lie in the middle of the corners that the table says."""
+    space = dolfinx.fem.functionspace(sheet(MPI.COMM_SELF, 2, 2).domain, ("Lagrange", 2, (3,)))
+    X = space.tabulate_dof_coordinates()[space.dofmap.list]
+    assert middles(X[:, :3]) == pytest.approx(X)
+    vtk = dolfinx.plot.vtk_mesh(space)[0].reshape(len(X), 7)[:, 1:]
+    assert np.array_equal(from_vtk(vtk), space.dofmap.list)
