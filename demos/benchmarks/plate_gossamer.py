@@ -24,7 +24,7 @@ else:
     held, loaded = "end", "start"
 load = gx.loads.EdgeLoad(plate, loaded, force=(0.0, 0.0, shape.load))
 search = gx.Equilibrium(
-    gx.Scene(plate, gx.constraints.ClampedEdge(plate, held), load),
+    gx.Scene(plate, gx.Fixed(plate, held, rotation=True), load),
     gx.analysis.Continuation(first_step=case["step"]),
 )
 cpu, wall = time.process_time(), time.perf_counter()

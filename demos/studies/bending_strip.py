@@ -43,7 +43,7 @@ def exact(K: float) -> tuple[float, float]:
 
 def bent_strip(
     comm: MPI.Comm, law: FilmLaw, order: int, K: float, cells: int
-) -> tuple[gx.constraints.Prescribed, gx.Equilibrium]:
+) -> tuple[gx.Fixed, gx.Equilibrium]:
     """The film with `cells` edges over its height, and what moves its right end."""
     κ, b = 2 * P * K / (E * THICKNESS * H**2), exact(K)[1] * H
     film = gx.Membrane(sheet(comm, round(1.5 * cells), cells, L, H, crossed=True), law, order=order)
@@ -52,9 +52,9 @@ def bent_strip(
         ε = (κ * (X[1] - b) if K > 1 else TENSION / E + κ * (X[1] - H / 2)) - NU * TENSION / E
         return np.vstack([ε * (X[0] - L / 2), 0 * ε, 0 * ε])
 
-    moved = gx.constraints.Prescribed(film, "right", motion=turn, components=(0,))
+    moved = gx.Fixed(film, "right", motion=turn, components=(0,))
     held = [
-        gx.constraints.Prescribed(film, "left", motion=turn, components=(0,)),
+        gx.Fixed(film, "left", motion=turn, components=(0,)),
         gx.Fixed(film, "bottom left", components=(1,)),
         gx.Fixed(film, "film", components=(2,)),
     ]

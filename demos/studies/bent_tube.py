@@ -67,7 +67,7 @@ def problem(comm: MPI.Comm, element: str, sides: int) -> dict[str, float]:
     )
     middle, end = (
         gx.Fixed(film, "first rim", components=(0,)),
-        gx.constraints.Prescribed(film, "last rim", motion=turn, components=(0,)),
+        gx.Fixed(film, "last rim", motion=turn, components=(0,)),
     )
     held = [gx.Fixed(film, line, components=(1,)) for line in ("top", "bottom")]
     held += [gx.Fixed(film, point, components=(2,)) for point in ("first left", "first right")]

@@ -122,8 +122,8 @@ def problem(comm: MPI.Comm, law: str, element: str, torque: float, nodes: int) -
         )
         return turned - X
 
-    hub = gx.constraints.Prescribed(film, "hub", motion=turn, components=(0, 1))
-    rim = gx.constraints.Prescribed(film, "rim", motion=turn, components=(0, 1))
+    hub = gx.Fixed(film, "hub", motion=turn, components=(0, 1))
+    rim = gx.Fixed(film, "rim", motion=turn, components=(0, 1))
     search = gx.Equilibrium(gx.Scene(film, hub, rim, gx.Fixed(film, "film", components=(2,))))
     found = search.find()
     _, moment = search.reaction(hub)

@@ -96,7 +96,7 @@ def elastica(comm: MPI.Comm, cells: int, t: float, kind: str = "regular") -> Fig
     law = gx.Linear(E=1e9, nu=0.0, density=1000.0, thickness=t)
     plate = strip(comm, cells, 1.0, 0.1, law, kind)
     load = gx.loads.EdgeLoad(plate, "right", force=(0.0, 0.0, 10 * 1e9 * t**3 / 12))
-    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.constraints.ClampedEdge(plate, "left"), load))
+    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.Fixed(plate, "left", rotation=True), load))
     found = equilibrium.find()
     x = positions(equilibrium, plate, "right")
     error = max(abs(x[2] - 0.810609), abs(1 - x[0] - 0.554996)) / 0.810609
@@ -109,7 +109,7 @@ def sze_a(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
     )
     load = gx.loads.EdgeLoad(plate, "right", force=lambda t: (0.0, 0.0, 4 * t))
     equilibrium = gx.Equilibrium(
-        gx.Scene(plate, gx.constraints.ClampedEdge(plate, "left"), load),
+        gx.Scene(plate, gx.Fixed(plate, "left", rotation=True), load),
         gx.analysis.Continuation(first_step=50.0),
     )
     worst, iterations, seconds = 0.0, 0, 0.0
@@ -127,7 +127,7 @@ def roll_up(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
     )
     moment = gx.loads.EdgeMoment(plate, "right", moment=lambda t: 50 * math.pi / 3 * t)
     equilibrium = gx.Equilibrium(
-        gx.Scene(plate, gx.constraints.ClampedEdge(plate, "left"), moment),
+        gx.Scene(plate, gx.Fixed(plate, "left", rotation=True), moment),
         gx.analysis.Continuation(first_step=50.0),
     )
     worst, iterations, seconds = 0.0, 0, 0.0
@@ -152,7 +152,7 @@ def slit(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
     plate = gx.Plate(mesh, gx.Linear(E=21e6, nu=0.0, density=1.0, thickness=0.03))
     load = gx.loads.EdgeLoad(plate, "start", force=lambda t: (0.0, 0.0, 0.8 * t))
     equilibrium = gx.Equilibrium(
-        gx.Scene(plate, gx.constraints.ClampedEdge(plate, "end"), load),
+        gx.Scene(plate, gx.Fixed(plate, "end", rotation=True), load),
         gx.analysis.Continuation(first_step=50.0),
     )
     worst, iterations, seconds = 0.0, 0, 0.0
@@ -175,7 +175,7 @@ def slit(comm: MPI.Comm, cells: int, kind: str = "regular") -> Figures:
 def curl(comm: MPI.Comm, cells: int, angle: float) -> Figures:
     law = gx.Linear(E=1e9, nu=0.0, density=1000.0, thickness=1e-3)
     plate = strip(comm, cells, 1.0, 0.1, law, "regular", rest_curvature=np.diag((angle, 0.0, 0.0)))
-    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.constraints.ClampedEdge(plate, "left")))
+    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.Fixed(plate, "left", rotation=True)))
     found = equilibrium.find()
     x = positions(equilibrium, plate, "right")
     error = max(abs(x[0] - math.sin(angle) / angle), abs(x[2] - (1 - math.cos(angle)) / angle))
@@ -199,8 +199,8 @@ def buckled(comm: MPI.Comm, cells: int, slope: int, kind: str = "regular") -> Fi
         return np.stack([np.interp(X[0], arc, x) - X[0], 0 * X[0], np.interp(X[0], arc, z)])
 
     plate = strip(comm, cells, half, 0.05, law, kind, displacement=bent)
-    clamp = gx.constraints.ClampedEdge(plate, "left", direction=(1.0, 0.0, 0.0))
-    end = gx.constraints.Prescribed(
+    clamp = gx.Fixed(plate, "left", rotation=True, direction=(1.0, 0.0, 0.0))
+    end = gx.Fixed(
         plate,
         "right",
         motion=lambda X, t: np.array([[-shortening * half], [0], [0]]) + 0 * X,
@@ -225,9 +225,7 @@ def pressed(comm: MPI.Comm, cells: int, load: float) -> Figures:
     t = 0.01
     plate = gx.Plate(whole_disc(comm, cells), gx.Linear(E=1e9, nu=NU, density=1000.0, thickness=t))
     pressure = gx.Pressure(plate, load * 1e9 * t**4)
-    equilibrium = gx.Equilibrium(
-        gx.Scene(plate, gx.constraints.ClampedEdge(plate, "rim"), pressure)
-    )
+    equilibrium = gx.Equilibrium(gx.Scene(plate, gx.Fixed(plate, "rim", rotation=True), pressure))
     found = equilibrium.find()
     value = (
         comm.allreduce(float(equilibrium.system.q0.array_r[2::3].max(initial=0.0)), op=MPI.MAX) / t
@@ -245,7 +243,7 @@ def frequencies(comm: MPI.Comm, cells: int, shape: str, edge: str) -> Figures:
     law = gx.Linear(E=1e9, nu=NU, density=1000.0, thickness=1e-3)
     mesh = whole_disc(comm, cells) if shape == "circle" else sheet(comm, cells, cells, crossed=True)
     plate, rims = gx.Plate(mesh, law), ("rim",) if shape == "circle" else EDGES
-    clamps = [gx.constraints.ClampedEdge(plate, rim) for rim in rims] if edge == "clamped" else []
+    clamps = [gx.Fixed(plate, rim, rotation=True) for rim in rims] if edge == "clamped" else []
     # without a load its round-off decides when the flat plate is at rest
     equilibrium = gx.Equilibrium(gx.Scene(plate, *clamps), gx.analysis.Continuation(tolerance=1e-4))
     found = equilibrium.find()

@@ -87,10 +87,10 @@ def problem(comm: MPI.Comm, cells: int) -> dict[str, float]:
     tape = gx.Plate(
         mesh, STEEL, rest_curvature=np.diag((0.0, 1 / RADIUS, 0.0)), displacement=curved
     )
-    middle = gx.constraints.ClampedEdge(
-        tape, "left", components=(0,), direction=(1.0, 0.0, 0.0), name="middle"
+    middle = gx.Fixed(
+        tape, "left", rotation=True, components=(0,), direction=(1.0, 0.0, 0.0), name="middle"
     )
-    end = gx.constraints.ClampedEdge(tape, "right", direction=direction, motion=turned, name="end")
+    end = gx.Fixed(tape, "right", rotation=True, direction=direction, motion=turned, name="end")
     equilibrium = gx.Equilibrium(gx.Scene(tape, middle, end), SEARCH)
     energies, iterations, seconds = [], 0, 0.0
     stiffness = STEEL.E * STEEL.thickness * WIDTH / HALF

@@ -86,7 +86,7 @@ def problem(comm: MPI.Comm, start: str, cells: int) -> dict[str, float]:
     mesh = leaning_sheet(comm, 38 * cells, 16, LENGTH, HEIGHT, 0.11)
     plate = gx.Plate(mesh, gx.Linear(**FILM), displacement=shape)
     clamps = [
-        gx.constraints.ClampedEdge(plate, edge, direction=(0.0, 1.0, 0.0), motion=motion, name=edge)
+        gx.Fixed(plate, edge, rotation=True, direction=(0.0, 1.0, 0.0), motion=motion, name=edge)
         for edge, motion in (("bottom", None), ("top", moved))
     ]
     equilibrium = gx.Equilibrium(gx.Scene(plate, *clamps), SEARCH)
@@ -96,7 +96,7 @@ def problem(comm: MPI.Comm, start: str, cells: int) -> dict[str, float]:
 
     mesh = sheet(comm, 48, 16, LENGTH, HEIGHT)
     film = gx.Membrane(mesh, gx.TensionField(**FILM), order=2, displacement=sheared)
-    top = gx.constraints.Prescribed(film, "top", motion=moved)
+    top = gx.Fixed(film, "top", motion=moved)
     other = gx.Equilibrium(
         gx.Scene(film, gx.Fixed(film, "bottom"), top), gx.analysis.Continuation(tolerance=1e-4)
     )

@@ -41,7 +41,7 @@ class Plate(Membrane):
 
     To the energies of `Membrane` comes ½ a(x, x) of `forms.bending`, or with a rest curvature H0
     ½∫ (κ - H0):D:(κ - H0) dA, κ = n·D²x.  Its membrane strain is `forms.tied_strain`, which does not lock however thin
-    the plate is.  The rim is free, simply held by `Fixed`, or clamped by `ClampedEdge`.
+    the plate is.  The rim is free, simply held by `Fixed`, or clamped by `Fixed(..., rotation=True)`.
 
     Bending matters for wrinkles of a few cells or longer: cells of size h carry compressive strains of up to
     (π t/h)²/(48 (1-ν²)), and for t/h < 1e-4 that is nothing: take a `Membrane`, which costs less.

@@ -1,8 +1,5 @@
-from .clamped import Clamped as Clamped
-from .clamped_edge import ClampedEdge as ClampedEdge
 from .driven import Driven as Driven
 from .fixed import Fixed as Fixed
-from .fixed import Prescribed as Prescribed
 from .joint import BallJoint as BallJoint
 from .joint import CylindricalJoint as CylindricalJoint
 from .joint import FixedJoint as FixedJoint

@@ -27,7 +27,7 @@ class Driven:
 
     The directors are d(t) = R(axis, angle(t)) d(0); the work of the motor is booked as supplied.  The
     scene gives the body the rate at which the angle begins, e.g. by `RigidMotion`: a difference stays, as
-    of `Prescribed`.
+    of `Fixed` with a motion.
 
     Args:
         body: what turns.

@@ -1,4 +1,4 @@
-"""Nodes that are held, or moved."""
+"""Supports: nodes that keep their position or rotation, or move and turn as prescribed."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from gossamer_fx.bodies.meshed import Meshed
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.checks.user_functions import ask_points
+from gossamer_fx.constraints.supported_nodes import check_support, dofs_of
 from gossamer_fx.model.body import Array, Indices, Port, Vector
 from gossamer_fx.model.ports import unit
 from gossamer_fx.model.state import State
@@ -20,146 +21,183 @@ from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_constraints import PointConstraint
 from gossamer_fx.terms.supports import Support
 
-
-def check_support(kind: str, body: Meshed, group: str, components: tuple[int, ...]) -> None:
-    """Raise `InputError` for components that are none, and for a group without nodes of the body; on all ranks."""
-    check(
-        set(components) <= {0, 1, 2} and bool(components),
-        f"{kind}: components are {components!r}; choose from 0, 1, 2.",
-    )
-    body.mesh.group(group)
-    nodes = body.nodes(group)
-    owned = int((nodes < body.block.index_map.size_local).sum())
-    check(
-        body.comm.allreduce(owned) > 0,
-        f"{kind}: the group '{group}' has no node of '{body.name}', so that nothing would be held; name another group.",
-    )
-
-
-def dofs_of(body: Meshed, nodes: Indices, components: tuple[int, ...]) -> Indices:
-    """Scalar indices of some components of the positions of nodes, node by node."""
-    dofs: Indices = (
-        (body.block.size * nodes[:, None] + np.array(components)).ravel().astype(np.int32)
-    )
-    return dofs
+ALL_COMPONENTS = (0, 1, 2)
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Fixed:
-    """A support: the nodes of a named group keep their initial position, or do not move along one direction.
+    """A support: nodes of a group keep their position, and their rotation if asked, or move as prescribed.
+
+    The work of what moves or turns the nodes is booked as supplied.  Their initial velocity is that of the
+    body; where it differs from the rate of the motion, the midpoint rule carries the difference on as an
+    oscillation of the velocity from step to step.
+
+    The rotation of a beam is that of its sections; that of a plate is its slope across an edge of its rim.
+    Films and cables have none.  A section is turned by the shortest rotation from its normal to
+    `direction`, then about it by `twist`.  A function of time should begin at the initial direction: where
+    it does not, the section jumps in the first step.
 
     Args:
-        body: a film, plate, cable or beam; the sections of a beam may turn, see `Clamped`.
-        group: name of points, curves or surfaces of its mesh.
-        components: which of x, y, z (0, 1, 2) are held.
+        body: a film, plate, cable or beam.
+        group: name of points, curves or surfaces of its mesh; with the rotation of a plate, curves.
+        components: which of x, y, z (0, 1, 2) are fixed or moved; the others are free.
         normal: instead of components, the one direction along which the nodes do not move: they slide in
             the plane with this normal, e.g. a plane of symmetry.  Multipliers hold them, so that the
             matrix is factorised.
+        motion: displacement [m] of the points (3, n) of the stress-free shape at a time [s], of shape
+            (3, n).  None: they stay where they start.
+        rotation: whether the rotation is fixed, too; also with a direction or twist.
+        direction: of a beam the normal of the sections, of a plate the vector to which it is tangent at the
+            edge, across it; three numbers of any length, or a function of the points (3, n) of the
+            stress-free shape and the time [s] that returns (3, n).  None: as it starts.
+        twist: angle [rad] of the sections of a beam about the direction, or a function of time [s].
         name: name in messages and output.
 
     Raises:
         InputError: a group that the mesh does not have or that is empty, components that are not
-            coordinates, a normal of length zero.
+            coordinates, a direction of length zero, a rotation of what has none; during a run, a motion or
+            direction that is not finite or of another shape.
 
     Example:
         >>> gx.Fixed(film, "left").name
         'film/left fixed (0, 1, 2)'
         >>> gx.Fixed(film, "bottom", normal=(0.0, 1.0, 0.0)).group
         'bottom'
+        >>> def stretch(X, t):
+        ...     return 1e-3 * t * X
+        >>> gx.Fixed(film, "right", motion=stretch, components=(0,)).components
+        (0,)
+        >>> gx.Fixed(beam, "start", twist=lambda t: 0.1 * t).name
+        'beam/start clamped'
+        >>> gx.Fixed(plate, "left", rotation=True).rotation
+        True
     """
 
     body: Meshed
     group: str
     _: KW_ONLY
-    components: tuple[int, ...] = (0, 1, 2)
+    components: tuple[int, ...] = ALL_COMPONENTS
     normal: Vector | None = None
+    motion: Callable[[Array, float], Array] | None = None
+    rotation: bool = False
+    direction: Vector | Callable[[Array, float], Array] | None = None
+    twist: float | Callable[[float], float] = 0.0
     name: str = ""
 
     def __post_init__(self) -> None:
         check_support("Fixed", self.body, self.group, self.components)
+        turns = self.direction is not None or callable(self.twist) or self.twist != 0
+        object.__setattr__(self, "rotation", self.rotation or turns)
+        if not self.name:
+            object.__setattr__(self, "name", self._default_name())
         if self.normal is not None:
             check(
                 any(self.normal),
-                f"Fixed: normal is {self.normal!r}; give three numbers, not all zero.",
+                f"'{self.name}': normal is {self.normal!r}; give three numbers, not all zero.",
             )
-        if not self.name:
-            along = self.components if self.normal is None else f"across {tuple(self.normal)}"
-            object.__setattr__(self, "name", f"{self.body.name}/{self.group} fixed {along}")
+            check(
+                self.motion is None,
+                f"'{self.name}': normal and motion are given; leave one of them out, or give components.",
+            )
+        if self.direction is not None and not callable(self.direction):
+            check(
+                any(self.direction),
+                f"'{self.name}': direction is {self.direction!r}; give three numbers, not all zero.",
+            )
+        if self.rotation:
+            self._check_rotation()
+
+    def _default_name(self) -> str:
+        where = f"{self.body.name}/{self.group}"
+        if self.rotation:
+            return f"{where} clamped"
+        if self.motion is not None:
+            return f"{where} moved {self.components}"
+        if self.normal is not None:
+            return f"{where} fixed across {tuple(self.normal)}"
+        return f"{where} fixed {self.components}"
+
+    def _check_rotation(self) -> None:
+        """Refuse the rotation of what has none."""
+        # Imported here: a scene without clamps does not load beams, plates and their forms.
+        from gossamer_fx.bodies.beam import Beam
+        from gossamer_fx.bodies.plate import Plate
+
+        check(
+            isinstance(self.body, Beam | Plate),
+            f"'{self.name}': '{self.body.name}' has no stiffness in bending, so its rotation cannot be fixed; use a "
+            "Beam or a Plate, or leave rotation, direction and twist out.",
+        )
+        if isinstance(self.body, Plate):
+            from gossamer_fx.constraints.edge_rotation import check_is_rim
+
+            check(
+                not callable(self.twist) and self.twist == 0,
+                f"'{self.name}': twist is given, but '{self.body.name}' is a plate; turn its edge by direction.",
+            )
+            check_is_rim(self.body, self.group)
+        else:
+            check(
+                self.components == ALL_COMPONENTS and self.normal is None,
+                f"'{self.name}': components or normal are given, but a clamped section of a beam has all of its "
+                "coordinates fixed; leave them out.",
+            )
 
     def requires(self) -> Iterable[Any]:
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
         nodes = self.body.nodes(self.group)
-        if self.normal is None:
+        if self.rotation:
+            from gossamer_fx.bodies.beam import Beam
+            from gossamer_fx.bodies.plate import Plate
+
+            if isinstance(self.body, Beam):
+                from gossamer_fx.constraints.section_rotation import SectionRotation
+
+                sections = SectionRotation(
+                    name=self.name,
+                    beam=self.body,
+                    nodes=nodes,
+                    direction=self.direction,
+                    twist=self.twist,
+                    motion=self.motion,
+                )
+                yield sections.support()
+                return
+            if isinstance(self.body, Plate):
+                from gossamer_fx.constraints.edge_rotation import EdgeRotation
+
+                yield EdgeRotation(self.name, self.body, self.group, self.direction).term(start)
+        if self.normal is not None:
+            yield self._plane(nodes, unit(self.normal), start)
+        elif self.motion is not None:
+            dofs = dofs_of(self.body, nodes, self.components)
+            yield Support(self.name, self.body, dofs, self._path(nodes, self.motion))
+        else:
             yield Support(self.name, self.body, dofs_of(self.body, nodes, self.components))
-            return
-        n, index_map = unit(self.normal), self.body.block.index_map
+
+    def _plane(self, nodes: Indices, normal: Array, start: State) -> PointConstraint:
+        """Nodes that stay in the planes with a unit normal through where they start."""
+        index_map = self.body.block.index_map
         own = nodes[nodes < index_map.size_local]
         x = start[self.body].positions()[own]
-        places = [(Port(self.body, (int(node),)),) for node in index_map.local_to_global(own)]
-        yield PointConstraint(
-            self.name, PointMeasure(places, np.zeros((1, 3, 3)), n[None], -(x @ n).reshape(-1, 1))
-        )
+        ports = [(Port(self.body, (int(node),)),) for node in index_map.local_to_global(own)]
+        heights = (x @ normal).reshape(-1, 1)
+        measure = PointMeasure(ports, H=np.zeros((1, 3, 3)), L=normal[None], c=-heights)
+        return PointConstraint(self.name, measure)
 
-
-@check_arguments
-@dataclass(frozen=True, eq=False)
-class Prescribed:
-    """A prescribed motion of the nodes of a named group; the work of what moves them is booked as supplied.
-
-    The initial velocity of the nodes is that of the body.  Where it differs from the rate of the motion,
-    the midpoint rule carries the difference on as an oscillation of the velocity from step to step.
-
-    Args:
-        body: a film, plate, cable or beam.
-        group: name of points, curves or surfaces of its mesh.
-        motion: displacement [m] of the points (3, n) of the stress-free shape at a time [s], of shape
-            (3, n).
-        components: which of x, y, z (0, 1, 2) are prescribed; the others are free.
-        name: name in messages and output.
-
-    Raises:
-        InputError: a group that the mesh does not have or that is empty, components that are not
-            coordinates; during a run: a motion that is not finite or of another shape.
-
-    Example:
-        >>> def stretch(X, t):
-        ...     return 1e-3 * t * X
-        >>> gx.constraints.Prescribed(film, "right", motion=stretch, components=(0,)).components
-        (0,)
-    """
-
-    body: Meshed
-    group: str
-    _: KW_ONLY
-    motion: Callable[[Array, float], Array]
-    components: tuple[int, ...] = (0, 1, 2)
-    name: str = ""
-
-    def __post_init__(self) -> None:
-        check_support("Prescribed", self.body, self.group, self.components)
-        if not self.name:
-            object.__setattr__(
-                self, "name", f"{self.body.name}/{self.group} moved {self.components}"
-            )
-
-    def requires(self) -> Iterable[Any]:
-        yield self.body
-
-    def terms(self, start: State) -> Iterable[Term]:
-        nodes = self.body.nodes(self.group)
+    def _path(
+        self, nodes: Indices, motion: Callable[[Array, float], Array]
+    ) -> Callable[[float], Array]:
+        """Prescribed positions of the nodes, flattened, as a function of time [s]."""
         components = list(self.components)
         X = self.body.space.tabulate_dof_coordinates()[nodes].T
 
-        def position(t: float) -> Array:
-            u = ask_points(
-                self.body.comm,
-                f"'{self.name}' at t = {t:.6g} s",
-                lambda: self.motion(X, t),
-                X.shape,
-            )
+        def positions(t: float) -> Array:
+            what = f"'{self.name}' at t = {t:.6g} s"
+            u = ask_points(self.body.comm, what, lambda: motion(X, t), X.shape)
             return (X + u).T[:, components].ravel()
 
-        yield Support(self.name, self.body, dofs_of(self.body, nodes, self.components), position)
+        return positions

@@ -31,8 +31,8 @@ from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.bodies.rigid_piece import RigidPiece, fitted
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
-from gossamer_fx.constraints.fixed import check_support
 from gossamer_fx.constraints.joint import coincidence
+from gossamer_fx.constraints.supported_nodes import check_support
 from gossamer_fx.model.body import Array, Port
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term

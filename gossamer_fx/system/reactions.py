@@ -52,7 +52,7 @@ def support_force(system: System, support: NamedPart, about: Vector) -> tuple[Ar
     """
     check(
         hasattr(support, "terms"),
-        f"{support!r} is no support; give a Fixed, Prescribed or Clamped of the scene.",
+        f"{support!r} is no support; give a Fixed of the scene.",
     )
     centre = check_vector(f"The reaction of '{support.name}'", about)
     total = np.zeros((2, 3))

@@ -32,7 +32,7 @@ def cantilever(elements: int, slenderness: float, load: float) -> tuple[float, f
     beam = gx.Beam(line(COMM, [(0, 0, 0), (1, 0, 0)], elements), section)
     P = load * section.EI2
     scene = gx.Scene(
-        beam, gx.constraints.Clamped(beam, "start"), gx.loads.Force(beam.port("end"), (0, 0, P))
+        beam, gx.Fixed(beam, "start", rotation=True), gx.loads.Force(beam.port("end"), (0, 0, P))
     )
     search = Continuation(first_step=(section.line_density / P) ** 0.5, inner_tolerance=1e-6)
     statics = Equilibrium(scene, search)
@@ -76,7 +76,7 @@ def frequencies(supports: str, slenderness: float = 1e3) -> np.ndarray:
     """(βL)² = ω√(μL⁴/EI) of bending vibrations, each twice."""
     section = gx.sections.solid_circle(1 / slenderness, E=1e9, nu=0.3, density=1000.0)
     beam = gx.Beam(line(COMM, [(0, 0, 0), (1, 0, 0)], 16), section)
-    items: list = [gx.constraints.Clamped(beam, "start")] if supports == "clamped-free" else []
+    items: list = [gx.Fixed(beam, "start", rotation=True)] if supports == "clamped-free" else []
     if supports == "pinned-pinned":
         items = [
             gx.constraints.BallJoint(beam.port(end), gx.Ground((x, 0, 0)), name=end)

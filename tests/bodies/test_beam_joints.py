@@ -88,7 +88,7 @@ def tip(parts: int, load: tuple[float, float, float]) -> np.ndarray:
     port = beams[-1].port("end")
     search = gx.Equilibrium(
         gx.Scene(
-            gx.constraints.Clamped(beams[0], "start"), *beams, *joints, gx.loads.Force(port, load)
+            gx.Fixed(beams[0], "start", rotation=True), *beams, *joints, gx.loads.Force(port, load)
         )
     )
     search.find()

@@ -61,8 +61,8 @@ def test_elastic_catenary() -> None:
     )
     scene = gx.Scene(
         cable,
-        gx.constraints.Clamped(cable, "start"),
-        gx.constraints.Clamped(cable, "end"),
+        gx.Fixed(cable, "start"),
+        gx.Fixed(cable, "end"),
         gx.Gravity(cable, (0, 0, -10.0)),
     )
     found = Equilibrium(scene)
@@ -90,7 +90,7 @@ def hanging(tip_mass: float, elements: int = 64) -> gx.Scene:
         order=2,
         displacement=stretched,
     )
-    items: list = [gx.constraints.Clamped(cable, "start")]
+    items: list = [gx.Fixed(cable, "start")]
     if tip_mass:
         mass = gx.PointMass(tip_mass, (0, 0, -1 - (tip_mass + 0.5) / EA))
         items.append(gx.constraints.BallJoint(cable.port("end"), mass.port()))
@@ -130,7 +130,7 @@ def test_spinning_cable_frequencies(hub: float, squares: tuple[float, ...]) -> N
         order=2,
         displacement=stretched,
     )
-    ω = angular_frequencies(gx.Scene(cable, gx.constraints.Clamped(cable, "start")), direction=2)
+    ω = angular_frequencies(gx.Scene(cable, gx.Fixed(cable, "start")), direction=2)
     assert ω[: len(squares)] ** 2 == pytest.approx(squares, rel=1e-2)
 
 

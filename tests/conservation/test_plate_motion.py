@@ -53,7 +53,7 @@ def test_a_clamp_that_turns_supplies_the_energy_of_the_plate(comm):
         return np.stack([math.cos(angle) + 0 * X[0], 0 * X[0], math.sin(angle) + 0 * X[0]])
 
     plate = gx.Plate(sheet(comm, 6, 1, 0.3, 0.05), LAW)
-    clamp = gx.constraints.ClampedEdge(plate, "left", direction=direction)
+    clamp = gx.Fixed(plate, "left", rotation=True, direction=direction)
     run = gx.Simulation(
         gx.Scene(plate, clamp), gx.Midpoint(dt=5e-4, tolerances=gx.Tolerances(relative=1e-12))
     )
@@ -66,7 +66,7 @@ def test_a_clamp_that_turns_supplies_the_energy_of_the_plate(comm):
 def test_an_edge_moment_supplies_what_the_plate_gains(comm):
     plate = gx.Plate(sheet(comm, 6, 1, 0.3, 0.05), LAW)
     moment = gx.loads.EdgeMoment(plate, "right", moment=lambda t: 0.02 * math.sin(60 * t))
-    scene = gx.Scene(plate, gx.constraints.ClampedEdge(plate, "left"), moment)
+    scene = gx.Scene(plate, gx.Fixed(plate, "left", rotation=True), moment)
     run = gx.Simulation(scene, gx.Midpoint(dt=5e-4, tolerances=gx.Tolerances(relative=1e-12)))
     run.run(until=0.03)
     assert abs(run.totals.supplied) > 1e-6 and abs(run.energy_error) < 1e-9

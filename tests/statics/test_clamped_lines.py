@@ -24,16 +24,17 @@ def test_moments_of_a_beam_whose_end_is_turned(comm, by):
     """4 EI θ/L at the end that is turned, 2 EI θ/L at the other, forces 6 EI θ/L²."""
     θ, beam = 1e-4, beam_along_x(comm)
     if by == "vector":
-        turned = gx.constraints.Clamped(
-            beam, "end", direction=(3 * math.cos(θ), 3 * math.sin(θ), 0.0)
+        turned = gx.Fixed(
+            beam, "end", rotation=True, direction=(3 * math.cos(θ), 3 * math.sin(θ), 0.0)
         )
     else:
-        turned = gx.constraints.Clamped(
+        turned = gx.Fixed(
             beam,
             "end",
+            rotation=True,
             direction=lambda X, t: np.vstack([1 + 0 * X[0], math.tan(θ) * t + 0 * X[0], 0 * X[0]]),
         )
-    still = gx.constraints.Clamped(beam, "start")
+    still = gx.Fixed(beam, "start", rotation=True)
     equilibrium = gx.Equilibrium(gx.Scene(still, turned))
     equilibrium.find(at=1.0)
     moments = [equilibrium.reaction(still)[1], equilibrium.reaction(turned, (L, 0.0, 0.0))[1]]
@@ -48,8 +49,8 @@ def test_torque_of_a_twisted_beam(comm):
     """GJ φ/L, also of a large angle."""
     beam, φ = beam_along_x(comm), 2.0
     still, twisted = (
-        gx.constraints.Clamped(beam, "start"),
-        gx.constraints.Clamped(beam, "end", twist=lambda t: φ * t),
+        gx.Fixed(beam, "start", rotation=True),
+        gx.Fixed(beam, "end", rotation=True, twist=lambda t: φ * t),
     )
     slides = gx.Equilibrium(gx.Scene(still, twisted))
     for t in (0.25, 0.5, 0.75, 1.0):
@@ -68,9 +69,10 @@ def test_a_root_that_turns_and_moves_books_its_work(comm):
             [np.cos(ω * t + t**2) + 0 * X[0], np.sin(ω * t + t**2) + 0 * X[0], 0 * X[0]]
         )
 
-    root = gx.constraints.Clamped(
+    root = gx.Fixed(
         beam,
         "start",
+        rotation=True,
         direction=turning,
         motion=lambda X, t: np.vstack([0 * X[0], u * t + 0 * X[0], 0 * X[0]]),
     )
@@ -99,7 +101,7 @@ def test_lines_slide_in_planes_of_any_direction(comm, kind):
         gx.Fixed(body, "end", normal=tuple(n)),
         gx.Fixed(body, "end", components=(1,)),
     )
-    spin = [gx.constraints.Clamped(body, "start")] if kind == "beam" else []
+    spin = [gx.Fixed(body, "start", rotation=True)] if kind == "beam" else []
     scene = gx.Scene(*(spin or ends[:1]), *ends[1:], gx.Gravity(body, (0.0, 0.0, -1.0)))
     equilibrium = gx.Equilibrium(scene)
     equilibrium.find()
@@ -114,7 +116,7 @@ def test_lines_slide_in_planes_of_any_direction(comm, kind):
 def test_a_cable_is_moved_as_films_are(comm):
     """Pulled by 1 %: N = EA λ ε."""
     cable = gx.Cable(line(comm, [(0, 0, 0), (L, 0, 0)], 4), gx.CableLaw(1e3, 0.1))
-    pulled = gx.constraints.Prescribed(
+    pulled = gx.Fixed(
         cable, "end", motion=lambda X, t: np.vstack([0.01 * t + 0 * X[0], 0 * X[0], 0 * X[0]])
     )
     held = gx.Fixed(cable, "start")
@@ -133,16 +135,16 @@ def test_what_cannot_be_clamped_is_refused(comm):
 
     def compiled(**options):
         return gx.Simulation(
-            gx.Scene(gx.constraints.Clamped(beam, "start", **options)), gx.Midpoint(dt=1e-3)
+            gx.Scene(gx.Fixed(beam, "start", rotation=True, **options)), gx.Midpoint(dt=1e-3)
         )
 
     for act, words in (
         (
-            lambda: gx.constraints.Clamped(cable, "start", direction=(0.0, 0.0, 1.0)),
+            lambda: gx.Fixed(cable, "start", direction=(0.0, 0.0, 1.0)),
             "no stiffness in bending",
         ),
-        (lambda: gx.constraints.Clamped(beam, "start", direction=(0.0, 0.0, 0.0)), "not all zero"),
-        (lambda: gx.constraints.Clamped(beam, "start", twist=math.nan), "twist is nan"),
+        (lambda: gx.Fixed(beam, "start", rotation=True, direction=(0.0, 0.0, 0.0)), "not all zero"),
+        (lambda: gx.Fixed(beam, "start", rotation=True, twist=math.nan), "twist is nan"),
         (lambda: compiled(direction=(-1.0, 0.0, 0.0)), "opposite"),
         (lambda: compiled(direction=lambda X, t: 0 * X), "is zero"),
         (lambda: compiled(direction=lambda X, t: X[:2]), "Direction of"),

@@ -97,7 +97,7 @@ def test_a_crease_alone_carries_the_moment_at_its_hinge(comm) -> None:
         )
         load = gx.loads.EdgeLoad(plate, "right", force=(0.0, 0.0, 1e-5))
         search = gx.Equilibrium(
-            gx.Scene(plate, gx.constraints.ClampedEdge(plate, "left"), load, *folds)
+            gx.Scene(plate, gx.Fixed(plate, "left", rotation=True), load, *folds)
         )
         search.find()
         ends.append(comm.allreduce(float(search.system.q0.array_r[2::3].max()), op=MPI.MAX))

@@ -95,7 +95,7 @@ def test_reaction_work_and_stretch_of_a_pulled_strip(comm):
 def test_increments_follow_a_prescribed_motion(comm):
     """A stretched film of ν = 0: the force on the moved edge at every increment, and its work in small ones."""
     film, _, _ = strip(comm)
-    pulled = gx.constraints.Prescribed(
+    pulled = gx.Fixed(
         film, "right", motion=lambda X, t: np.vstack([t + 0 * X[0], 0 * X[0], 0 * X[0]])
     )
     equilibrium = Equilibrium(gx.Scene(film, gx.Fixed(film, "left"), pulled))
@@ -147,9 +147,7 @@ def test_work_of_a_moved_edge_closes_the_ledger_in_time(comm):
     def shake(X, t):
         return np.vstack([0 * X[0], 0 * X[0], 0.1 * np.sin(50 * t) ** 2 + 0 * X[0]])
 
-    run = gx.Simulation(
-        gx.Scene(film, gx.constraints.Prescribed(film, "left", motion=shake)), gx.Midpoint(dt=1e-3)
-    )
+    run = gx.Simulation(gx.Scene(film, gx.Fixed(film, "left", motion=shake)), gx.Midpoint(dt=1e-3))
     run.run(until=0.03)
     assert run.totals.supplied > 1e-3
     assert abs(run.energy_error) < 1e-9

@@ -143,7 +143,7 @@ def test_hanging_cable_with_a_mass_on_a_joint(comm, tip, exact):
     """ω√(L/g), twice each, of a cable of 1 m and 1 kg found in equilibrium under its weight."""
     down = (0.0, 0.0, -1.0)
     cable = gx.Cable(line(comm, [(0, 0, 0), down], 32), gx.CableLaw(1e5, 1.0), order=2)
-    items = [gx.constraints.Clamped(cable, "start"), gx.Gravity(cable, down)]
+    items = [gx.Fixed(cable, "start"), gx.Gravity(cable, down)]
     if tip:
         mass = gx.PointMass(tip, down, comm=comm)
         items += [gx.constraints.BallJoint(cable.port("end"), mass.port()), gx.Gravity(mass, down)]
@@ -157,7 +157,7 @@ def test_cantilever(comm):
     """βL of a beam, whose sections stay rigid by multipliers, in both of its planes."""
     section = gx.sections.solid_circle(1e-2, E=1e9, nu=0.3, density=1000.0)
     beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 8), section)
-    equilibrium = Equilibrium(gx.Scene(beam, gx.constraints.Clamped(beam, "start")))
+    equilibrium = Equilibrium(gx.Scene(beam, gx.Fixed(beam, "start", rotation=True)))
     equilibrium.find()
     scale = (section.line_density / section.EI2) ** 0.5
     βL = [(2 * np.pi * mode.frequency * scale) ** 0.5 for mode in modes(equilibrium, 4)]

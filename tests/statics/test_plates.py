@@ -54,8 +54,8 @@ def test_two_halves_of_a_symmetric_plate_are_one():
         plate = gx.Plate(sheet(WORLD, round(40 * length), 2, length, 0.1), LAW)
         end = (0, 1, 2) if right is None else (0,)
         clamps = (
-            gx.constraints.ClampedEdge(plate, "left"),
-            gx.constraints.ClampedEdge(plate, "right", components=end, direction=right),
+            gx.Fixed(plate, "left", rotation=True),
+            gx.Fixed(plate, "right", rotation=True, components=end, direction=right),
         )
         equilibrium = gx.Equilibrium(gx.Scene(plate, *clamps, gx.Pressure(plate, 20.0)))
         equilibrium.find()
@@ -67,7 +67,7 @@ def test_a_hinge_transmits_no_moment():
     """A strip that hangs over at a hinge: the part beyond it turns freely, and only membrane forces hold it."""
     plate = gx.Plate(irregular_sheet(WORLD, 6, 2, 0.3, 0.1), LAW, hinges=("middle",))
     clamp, load = (
-        gx.constraints.ClampedEdge(plate, "left"),
+        gx.Fixed(plate, "left", rotation=True),
         gx.loads.EdgeLoad(plate, "right", force=(0.0, 0.0, 0.05)),
     )
     equilibrium = gx.Equilibrium(gx.Scene(plate, clamp, load))
@@ -137,9 +137,7 @@ def test_a_sheared_plate_comes_to_rest_in_wrinkles(comm):
         return np.stack([δ * X[1] / height, 0 * w, w])
 
     plate = gx.Plate(sheet(comm, 14, 7, length, height), FOIL, displacement=rough)
-    moved = gx.constraints.Prescribed(
-        plate, "top", motion=lambda X, t: np.stack([δ + 0 * X[0], 0 * X[0], 0 * X[0]])
-    )
+    moved = gx.Fixed(plate, "top", motion=lambda X, t: np.stack([δ + 0 * X[0], 0 * X[0], 0 * X[0]]))
     scene = gx.Scene(plate, gx.Fixed(plate, "bottom"), moved)
     search = gx.analysis.Continuation(
         first_step=1e-4, inner_tolerance=0.3, fast_iterations=20, max_iterations=40, tolerance=1e-3
@@ -228,11 +226,9 @@ def test_properties_vary_by_group_or_by_place():
             ),
             "derived",
         ),
-        (lambda m: gx.constraints.ClampedEdge(gx.Membrane(m, LAW), "left"), "give a Plate"),
+        (lambda m: gx.Fixed(gx.Membrane(m, LAW), "left", rotation=True), "a Plate"),
         (
-            lambda m: gx.constraints.ClampedEdge(
-                gx.Plate(m, LAW), "left", direction=(0.0, 0.0, 0.0)
-            ),
+            lambda m: gx.Fixed(gx.Plate(m, LAW), "left", rotation=True, direction=(0.0, 0.0, 0.0)),
             "not all zero",
         ),
         (lambda m: gx.loads.EdgeMoment(gx.Plate(m, LAW), "left", moment=math.inf), "moment is inf"),

@@ -21,7 +21,7 @@ def column(value):
 def test_strains_stresses_and_positions_of_a_pulled_strip(comm):
     """λ = 1.02, ν = 0: E11 = (λ² - 1)/2, S11 = E E11."""
     film = gx.Membrane(sheet(comm, 4, 2, 2.0, 1.0), LAW)
-    pulled = gx.constraints.Prescribed(
+    pulled = gx.Fixed(
         film, "right", motion=lambda X, t: np.vstack([0.04 + 0 * X[0], 0 * X[0], 0 * X[0]])
     )
     equilibrium = gx.Equilibrium(gx.Scene(gx.Fixed(film, "left"), pulled))
@@ -49,7 +49,7 @@ def test_reaction_of_a_clamped_beam(comm):
         line(comm, [(0, 0, 0), (1, 0, 0)], 8),
         gx.sections.tube(0.02, 5e-4, E=1e11, nu=0.3, density=1560.0),
     )
-    clamp, tip = gx.constraints.Clamped(beam, "start"), beam.port("end")
+    clamp, tip = gx.Fixed(beam, "start", rotation=True), beam.port("end")
     F = (3.0, -2.0, 5.0)
     equilibrium = gx.Equilibrium(gx.Scene(clamp, gx.loads.Force(tip, F)))
     equilibrium.find()

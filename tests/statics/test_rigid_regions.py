@@ -112,7 +112,7 @@ def test_a_wrinkled_hub_needs_no_secant(comm):
     x, y = (gx.probes.Displacement(p, axis)(found) for axis in "xy")
     φ = 2 * math.asin(math.hypot(x, y) / 2)
     c, s = math.cos(φ), math.sin(φ)
-    turn = gx.constraints.Prescribed(
+    turn = gx.Fixed(
         turned,
         "hub",
         motion=lambda X, t: np.vstack(
@@ -158,7 +158,7 @@ def test_a_beam_is_bent_into_an_arc_by_the_torque_on_its_end(comm):
     thin = gx.sections.tube(0.002, 5e-5, E=1e11, nu=0.3, density=1560.0)
     beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 16), thin)
     torque = gx.loads.Torque(beam.frame("end"), lambda t: (0.0, 0.0, t * math.pi * thin.EI2))
-    equilibrium = gx.Equilibrium(gx.Scene(gx.constraints.Clamped(beam, "start"), torque))
+    equilibrium = gx.Equilibrium(gx.Scene(gx.Fixed(beam, "start", rotation=True), torque))
     for t in (0.25, 0.5, 0.75, 1.0):
         equilibrium.find(at=t)
     x, y = (gx.probes.Position(beam.port("end"), axis)(equilibrium) for axis in "xy")

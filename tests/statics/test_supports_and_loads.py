@@ -109,7 +109,7 @@ def test_beams_and_cables_are_held_moved_and_damped_as_films_are(comm):
     """A cantilever by three supports of its ends; damping takes what the ledger books."""
     beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 4), TUBE)
     pinned = gx.Fixed(beam, "start")
-    lifted = gx.constraints.Prescribed(
+    lifted = gx.Fixed(
         beam,
         "end",
         motion=lambda X, t: np.vstack([0 * X[0], 0 * X[0], 0.1 * t + 0 * X[0]]),
@@ -168,7 +168,7 @@ def test_a_tape_has_weight(comm, load):
 
 def test_contradicting_supports_are_refused(comm):
     film = gx.Membrane(sheet(comm, 2, 2), LAW)
-    moved = gx.constraints.Prescribed(film, "left", motion=lambda X, t: 0 * X)
+    moved = gx.Fixed(film, "left", motion=lambda X, t: 0 * X)
     with pytest.raises(
         gx.InputError, match=r"'film/left moved .*' moves coordinates that 'film/bottom fixed"
     ):
@@ -181,7 +181,7 @@ def test_a_support_of_nothing_is_refused(comm):
     film = gx.Membrane(mesh, LAW)
     for support in (
         lambda: gx.Fixed(film, "nowhere"),
-        lambda: gx.constraints.Prescribed(film, "nowhere", motion=lambda X, t: 0 * X),
+        lambda: gx.Fixed(film, "nowhere", motion=lambda X, t: 0 * X),
         lambda: gx.Fixed(film, "left", normal=(0.0, 0.0, 0.0)),
     ):
         with pytest.raises(gx.InputError, match=r"no node|not all zero"):

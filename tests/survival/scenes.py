@@ -72,4 +72,4 @@ def clamped_plate(comm: MPI.Comm) -> gx.Scene:
     law = gx.Linear(E=1e9, nu=0.3, density=1000.0, thickness=1e-3)
     mesh, rest = irregular_sheet(comm, 6, 2, 0.3, 0.1), np.diag((1.0, 0.0, 0.0))
     plate = gx.Plate(mesh, law, rest_curvature=rest, hinges=("middle",))
-    return gx.Scene(plate, gx.constraints.ClampedEdge(plate, "left", direction=direction))
+    return gx.Scene(plate, gx.Fixed(plate, "left", rotation=True, direction=direction))

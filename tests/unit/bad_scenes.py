@@ -131,7 +131,7 @@ def film_scene(n: dict[str, Any]) -> gx.Simulation:
     ]
     parts += [
         gx.Fixed(film, n["group"], components=n["components"]),
-        gx.constraints.Prescribed(film, "right", motion=n["motion"], components=(2,)),
+        gx.Fixed(film, "right", motion=n["motion"], components=(2,)),
     ]
     parts += [
         gx.loads.Force(film.port("top left"), n["force"]),
@@ -165,9 +165,7 @@ def plate_scene(n: dict[str, Any]) -> gx.Simulation:
     plate = gx.Plate(
         MESHES["sheet"], gx.Linear(**LAW), rest_curvature=n["curvature"], hinges=n["hinges"]
     )
-    clamp = gx.constraints.ClampedEdge(
-        plate, n["group"], direction=n["direction"], motion=n["motion"]
-    )
+    clamp = gx.Fixed(plate, n["group"], rotation=True, direction=n["direction"], motion=n["motion"])
     return simulated(gx.Scene(clamp, gx.loads.EdgeMoment(plate, "right", moment=n["moment"])), n)
 
 
@@ -215,7 +213,7 @@ def boom_scene(n: dict[str, Any]) -> gx.Simulation:
     hub = gx.RigidBody(n["mass"], n["inertia"], position=n["position"], spin=n["spin"], comm=ALONE)
     weight = gx.PointMass(n["weight"], (1.0, 0.0, 0.0), comm=ALONE)
     parts = [
-        gx.constraints.Clamped(boom, n["group"], direction=n["direction"], twist=n["twist"]),
+        gx.Fixed(boom, n["group"], rotation=True, direction=n["direction"], twist=n["twist"]),
         gx.Fixed(tape, "start"),
     ]
     parts += [
@@ -735,7 +733,7 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
         ),
         "a hinge on the rim": (lambda: plate(hinges=("left",)), "left"),
         "a hinge that is not": (lambda: plate(hinges=("middle",)), "middle"),
-        "a clamp of a film": (lambda: gx.constraints.ClampedEdge(film(), "left"), "a Plate"),
+        "a clamp of a film": (lambda: gx.Fixed(film(), "left", rotation=True), "a Plate"),
         "a moment on a film": (
             lambda: run(gx.loads.EdgeMoment(film(), "left", moment=1.0)),
             "EdgeMoment",
@@ -801,7 +799,7 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
         "a port in the plane": (lambda: film().port_at((0.5, 0.5)), "three"),
         "a port of a curve": (lambda: film().port("left"), "one point"),
         "a frame of two points": (lambda: beam().frame("curve"), "curve"),
-        "a turned cable": (lambda: gx.constraints.Clamped(cable(), "start", direction=z), "Beam"),
+        "a turned cable": (lambda: gx.Fixed(cable(), "start", direction=z), "Beam"),
         "a beam along its normal": (lambda: beam(normal=(1.0, 0.0, 0.0)), "normal"),
         "a body with an inertia that none has": (
             lambda: gx.RigidBody(1.0, (1.0, 1.0, 3.0)),

@@ -160,18 +160,6 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "loads.Centrifugal": {"body": film, "spin": z, "centre": z},
         "Chamber": {"gas": gas, "pressure": 1e5, "temperature": 300.0, "volume": 1.0},
         "Checkpoints": {"folder": folder / "checkpoints", "keep": 2},
-        "constraints.Clamped": {
-            "body": beam,
-            "group": "start",
-            "direction": (1.0, 0.0, 0.0),
-            "twist": 0.1,
-        },
-        "constraints.ClampedEdge": {
-            "body": plate,
-            "edges": "left",
-            "components": (0, 1, 2),
-            "direction": (1.0, 0.0, 0.0),
-        },
         "probes.ContactForce": {"contact": touching, "body": film, "axis": "x"},
         "probes.ContactGap": {"contact": touching},
         "analysis.Continuation": {
@@ -240,7 +228,13 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "orbit.ExponentialAtmosphere": dict.fromkeys(
             ("density", "altitude", "scale_height", "temperature"), 1.0
         ),
-        "Fixed": {"body": film, "group": "left", "components": (0, 1, 2)},
+        "Fixed": {
+            "body": beam,
+            "group": "start",
+            "direction": (1.0, 0.0, 0.0),
+            "twist": 0.1,
+            "motion": lambda x, t: 0 * x,
+        },
         "constraints.FixedJoint": {"a": A, "b": B},
         "plot.FlightPicture": {"path": folder / "a.png", "orbit": orbit, "probes": {}},
         "loads.Force": {"port": P, "force": z},
@@ -325,12 +319,6 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "probes.PolarPosition": {"port": P, "frame": B, "quantity": "radius"},
         "Port": {"body": film, "nodes": (0,), "weights": (1.0,)},
         "probes.Position": {"port": P, "axis": "x"},
-        "constraints.Prescribed": {
-            "body": film,
-            "group": "left",
-            "motion": lambda x, t: x,
-            "components": (0, 1, 2),
-        },
         "Pressure": {"body": film, "pressure": 1.0},
         "analysis.Prestress": {**film_law, "tension": 10.0},
         "constraints.PrismaticJoint": hinge,

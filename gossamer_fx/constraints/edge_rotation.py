@@ -1,0 +1,100 @@
+"""Edges of plates that keep their slope, or turn as prescribed: clamped edges.
+
+The slope is held by Nitsche's method (`forms.bending`).  The energy of that is part of the plate's bending
+energy; the work of what turns the edge is booked as supplied.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import meshtags
+
+from gossamer_fx.bodies.plate import Plate
+from gossamer_fx.checks.errors import check_on_all
+from gossamer_fx.constraints.moving_energies import MovingEnergy
+from gossamer_fx.forms.bending import EDGE_DEGREE
+from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.model.body import Array, Vector
+from gossamer_fx.model.ports import unit
+from gossamer_fx.model.state import State
+from gossamer_fx.model.terms import Term
+from gossamer_fx.terms.quadratic_energies import QuadraticEnergy
+
+
+def check_is_rim(plate: Plate, edges: str) -> None:
+    """Raise `InputError`, on all ranks, unless the group names curves on the rim of the plate."""
+    found = plate.mesh.curve(edges, "Fixed")
+    check_on_all(
+        plate.comm,
+        bool(plate.mesh.edges.is_boundary[found].all()),
+        f"Fixed: the group '{edges}' has edges inside '{plate.name}'; name a part of its rim.",
+    )
+
+
+@dataclass(frozen=True)
+class EdgeRotation:
+    """The direction of a plate at an edge of its rim, see `Fixed` for the arguments."""
+
+    name: str
+    plate: Plate
+    edges: str
+    direction: Vector | Callable[[Array, float], Array] | None
+
+    def term(self, start: State) -> Term:
+        """The energy by which Nitsche's method holds the direction."""
+        clamp = self.plate.bending.clamp
+        ds = self._measure()
+        name = f"{self.plate.name} bending"
+        if callable(self.direction):
+            nodes = self.plate.nodes(self.edges)
+            X = self.plate.space.tabulate_dof_coordinates()[nodes].T
+            return MovingEnergy(
+                name=name,
+                body=self.plate,
+                form=lambda x, w, d: clamp(x, w, d, ds),
+                nodes=nodes,
+                values=lambda t: self._directions(X, t),
+            )
+        if self.direction is None:
+            d = self._initial_direction()
+        else:
+            d = fem.Constant(self.plate.mesh.domain, unit(self.direction))
+        return QuadraticEnergy(name, self.plate, lambda x, w: clamp(x, w, d, ds))
+
+    def _directions(self, X: Array, t: float) -> Array:
+        """Unit directions (n, 3) at the points X (3, n) of the edge at time t [s]."""
+        assert callable(self.direction)
+        d = np.asarray(self.direction(X, t), dtype=float)
+        is_right = d.shape == X.shape and bool(np.isfinite(d).all())
+        check_on_all(
+            self.plate.comm,
+            is_right and bool(np.linalg.norm(d, axis=0).all()),
+            f"'{self.name}': its direction at t = {t:.6g} s is not finite, or zero, somewhere, or of shape "
+            f"{d.shape} instead of {X.shape}; correct its function.",
+        )
+        unit_directions: Array = (d / np.linalg.norm(d, axis=0)).T
+        return unit_directions
+
+    def _measure(self) -> ufl.Measure:
+        """The measure of the edge."""
+        domain = self.plate.mesh.domain
+        domain.topology.create_connectivity(1, 2)
+        edges = self.plate.mesh.curve(self.edges, "Fixed")
+        tags = meshtags(domain, 1, edges, np.ones(len(edges), dtype=np.int32))
+        ds = ufl.Measure(
+            "ds", domain, subdomain_data=tags, metadata={"quadrature_degree": EDGE_DEGREE}
+        )
+        return ds(1)
+
+    def _initial_direction(self) -> Expr:
+        """The unit direction across the edge in the initial state that the plate has by itself."""
+        start = fem.Function(self.plate.space)
+        positions, _ = self.plate.initial_state()
+        self.plate.reconstruct(start, positions)
+        slope = ufl.dot(ufl.grad(start), ufl.FacetNormal(self.plate.mesh.domain))
+        return slope / ufl.sqrt(ufl.dot(slope, slope))

@@ -1,0 +1,35 @@
+"""The nodes that a support holds, and their coordinates."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gossamer_fx.bodies.meshed import Meshed
+from gossamer_fx.checks.errors import check
+from gossamer_fx.model.body import Indices
+
+
+def check_support(kind: str, body: Meshed, group: str, components: tuple[int, ...]) -> None:
+    """Raise `InputError`, on all ranks, if a support would hold nothing.
+
+    Args:
+        kind: class of the support, for the message.
+        components: which of x, y, z (0, 1, 2) it holds.
+    """
+    check(
+        set(components) <= {0, 1, 2} and bool(components),
+        f"{kind}: components are {components!r}; choose from 0, 1, 2.",
+    )
+    body.mesh.group(group)
+    nodes = body.nodes(group)
+    owned = int((nodes < body.block.index_map.size_local).sum())
+    check(
+        body.comm.allreduce(owned) > 0,
+        f"{kind}: the group '{group}' has no node of '{body.name}', so that nothing would be held; name another group.",
+    )
+
+
+def dofs_of(body: Meshed, nodes: Indices, components: tuple[int, ...]) -> Indices:
+    """Scalar indices (n · components,) of components of the positions of nodes (n,), node by node."""
+    dofs: Indices = (body.block.size * nodes[:, None] + np.array(components)).ravel()
+    return dofs.astype(np.int32)
