@@ -138,8 +138,8 @@ def differentiate(c: Coefficients, axis: int) -> Coefficients:
         d[1:, :N] = -(n - m + 1) * c
         return d
     # ∂x and ∂y are half the sum, and half the difference over i, of the two complex derivatives.
-    up = -0.5
-    down = 0.5
+    up: complex = -0.5
+    down: complex = 0.5
     if axis == 1:
         up = 0.5j
         down = 0.5j

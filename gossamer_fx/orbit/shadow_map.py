@@ -18,11 +18,14 @@ Source: L. Williams, ACM SIGGRAPH Computer Graphics 12 (1978) 270, doi:10.1145/9
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
 
 from gossamer_fx.bodies import Membrane
 from gossamer_fx.extend import Array, Assembly, cell_nodes
+
+Indices = npt.NDArray[np.integer]
 
 # Smallest number of sample points along the edge of a triangle, also where a triangle is smaller
 # than a pixel.
@@ -108,7 +111,7 @@ def lit_parts(comm: MPI.Intracomm, triangles: Array, u: Array, pixels: int) -> A
     counts = np.maximum(counts, _SAMPLES)
     groups = [(np.flatnonzero(counts == n), _barycentric(n)) for n in np.unique(counts)]
 
-    def samples(which: Array, weights: Array) -> tuple[Array, Array, Array]:
+    def samples(which: Indices, weights: Array) -> tuple[Indices, Indices, Array]:
         """Pixel indices i and j, and depths, of the sample points of some triangles."""
         indices = ((weights @ flat[which] - low) / pixel).astype(int)
         depths = np.einsum("pk,nk->np", weights, depth[which])
