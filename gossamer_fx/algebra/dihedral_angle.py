@@ -1,25 +1,45 @@
-"""The signed angle of a fold, and its discrete gradient, which conserves energy and angular momentum.
+"""Signed dihedral angle of a fold, its gradient, and a discrete gradient that conserves energy.
 
-At a point of a fold X (3, 3) holds three vectors: t along it, p and m into the panels on its left and right.  With
+Notation.  At a point of a fold the array X (3, 3) has three vectors as rows: t along the fold, p
+and m into the panels on its left and on its right.  With
 
-    C = (t·p)(t·m) - (t·t)(p·m),    S = |t| J,    J = t·(p × m)
+    C = (t·p)(t·m) - (t·t)(p·m),    S = |t| J,    J = t·(p × m)                                  (1)
 
-the angle of the fold is θ = atan2(S, C): zero when the panels continue each other, positive when they have turned
-towards t × p, the normal of the left one.
+the angle of the fold is θ = atan2(S, C).  It is zero where the panels continue each other, and
+positive where they have turned towards t × p, the normal of the left panel.
 
-Over a step X0, X1 with means X̄ the gradient of every product is built by the product rule, Δ(ab) = ā Δb + b̄ Δa, from
-the dot products and √(t·t), which are exact with the vectors X̄ and exert no torque.  The triple product is cubic.  With
-the change ΔX = R + P, R = ω × X̄ the rotation about X̄ that fits it best, its gradient is
+Problem.  A time step from X0 to X1 conserves energy and angular momentum if the torque of the fold
+acts through a discrete gradient G with
 
-    G_J = ∇J(X̄) + 𝒫 (¼ R×R + ⅛ (R×P + P×R) + 1/12 P×P),    X×Y: (p × m', m × t', t × p') of the rows of X and Y
+    G·(X1 - X0) = θ1 - θ0,    Σ X_mid × G = 0,    X_mid = ½(X0 + X1),                            (2)
 
-where 𝒫 takes rotations about X̄ away.  It is smooth, G_J·ΔX = ΔJ, and it exerts no torque.  At last
+where the sum is over the three rows.
 
-    G = Δθ/((ρ0 + ρ1) sin ½Δθ) (cos θm G_S - sin θm G_C),    θm = ½(θ0 + θ1),  ρ = √(C² + S²)
+Algorithm.
 
-has G·ΔX = Δθ and Σ X̄×G = 0 exactly, for changes of angle up to a whole turn.
+1. Every product of two quantities has the discrete gradient of the product rule, Δ(a b) = a_mean Δb
+   + b_mean Δa.  It starts from the dot products and √(t·t), whose discrete gradients need only the
+   vectors X_mid and exert no torque.  This gives the gradients G_C and G_S of C and S, up to the
+   gradient G_J of J.
+2. J is cubic, so the gradient at X_mid does not satisfy (2).  Split the change ΔX = R + P, where
+   R = ω × X_mid is the rotation that fits ΔX best, and correct the gradient:
 
-All arrays are (..., 3, 3) with the vectors as rows; all functions but `angle` are analytic, for complex steps.
+       G_J = ∇J(X_mid) + 𝒫 (¼ R×R + ⅛ (R×P + P×R) + 1/12 P×P)                                    (3)
+
+   Here X×Y has the rows p × m', m × t', t × p' of X = (t, p, m) and Y = (t', p', m'), and 𝒫 removes
+   rotations about X_mid.  G_J is smooth, satisfies G_J·ΔX = ΔJ, and exerts no torque.
+3. The angle follows from C and S:
+
+       G = Δθ/((ρ0 + ρ1) sin ½Δθ) (cos θ_mid G_S - sin θ_mid G_C)                                (4)
+
+   with θ_mid = ½(θ0 + θ1) and ρ = √(C² + S²).  It satisfies (2) exactly for changes of the angle up
+   to a whole turn.
+
+All arrays have the shape (..., 3, 3) with the vectors as rows.  All functions but `angle` are
+analytic, so that complex steps give their derivatives.
+
+Discrete gradients: O. Gonzalez, J. Nonlinear Sci. 6 (1996) 449, doi:10.1007/BF02440162.  Complex
+steps: W. Squire & G. Trapp, SIAM Rev. 40 (1998) 110, doi:10.1137/S003614459631241X.
 """
 
 from __future__ import annotations
@@ -29,132 +49,223 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-Numbers = npt.NDArray[Any]  # real or complex
+# Real or complex.
+Numbers = npt.NDArray[Any]
 Array = npt.NDArray[np.floating]
 
-STEP = 1e-30  # of the complex step: no difference is taken, so that it may be as small as it likes
+# Size of the complex step.  No difference is taken, so there is no cancellation, and a step this
+# small has no truncation error either.
+STEP = 1e-30
+
+# Half changes of angle [rad] below which x/sin x is replaced by its series 1 + x²/6 + 7 x⁴/360; the
+# term that is left out is of the order of 1e-20.
+SMALL_HALF_ANGLE = 1e-3
 
 
 def angle(X: Array) -> Array:
-    """θ (...) in [-π, π]."""
+    """Angle θ (...) of folds X (..., 3, 3), in [-π, π] rad.
+
+    >>> import numpy as np
+    >>> t, p, m = [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]
+    >>> float(np.degrees(angle(np.array([t, p, m]))))
+    90.0
+    """
     C, S = _cosine_and_sine(X)
     result: Array = np.arctan2(S, C)
     return result
 
 
 def gradient(X: Numbers) -> Numbers:
-    """∂θ/∂X (..., 3, 3)."""
-    C, S = _cosine_and_sine(X)
-    t, p, m = _rows(X)
-    σ, a, b, d = _dot(t, t), _dot(t, p), _dot(t, m), _dot(p, m)
-    gC = np.stack(
-        [_v(a) * m + _v(b) * p - 2 * _v(d) * t, _v(b) * t - _v(σ) * m, _v(a) * t - _v(σ) * p],
-        axis=-2,
-    )
-    length = np.sqrt(σ)
+    """Gradient ∂θ/∂X (..., 3, 3) [rad/m] of the angle of folds X (..., 3, 3) [m]."""
+    tt, tp, tm, pm, J, length = _products(X)
+    C = tp * tm - tt * pm
+    S = length * J
+    gC = _gradient_of_cosine(X, (tt, tp, tm, pm))
+    # The product rule for S = |t| J, whose factor |t| depends on t only.
     gS = _v(_v(length)) * _cross_pairs(X, X)
-    gS[..., 0, :] += _v(_dot(t, _cross(p, m)) / length) * t
+    gS[..., 0, :] += _v(J / length) * X[..., 0, :]
     return (_v(_v(C)) * gS - _v(_v(S)) * gC) / _v(_v(C * C + S * S))
 
 
 def discrete_gradient(X0: Array, X1: Numbers, θ0: Array, θ1: Numbers) -> Numbers:
-    """G (..., 3, 3) of a step: G·(X1 - X0) = θ1 - θ0 and Σ X_mid×G = 0; at X1 = X0 the gradient.
+    """Discrete gradient G (..., 3, 3) of the angle over a step, equation (4) of the module.
 
-    θ0 and θ1 are angles of X0 and X1, on any branch, less than a turn apart.
+    It satisfies G·(X1 - X0) = θ1 - θ0 and Σ X_mid × G = 0; at X1 = X0 it is the gradient.
+
+    Args:
+        X0: folds (..., 3, 3) [m] at the beginning of the step.
+        X1: folds (..., 3, 3) [m] at its end.
+        θ0: angles (...) of X0, on any branch.
+        θ1: angles (...) of X1, less than a whole turn from θ0.
+
+    >>> import numpy as np
+    >>> X0 = np.eye(3)
+    >>> X1 = X0 + 0.1 * np.arange(9).reshape(3, 3)
+    >>> change = angle(X1) - angle(X0)
+    >>> G = discrete_gradient(X0, X1, angle(X0), angle(X1))
+    >>> bool(np.isclose((G * (X1 - X0)).sum(), change))
+    True
     """
-    X_mid, Δ = (X0 + X1) / 2, X1 - X0
-    t, p, m = _rows(X_mid)
-    ends = [(*_products(X), *_cosine_and_sine(X)) for X in (X0, X1)]
-    σ, a, b, d, J, length = (
-        (before + after) / 2 for before, after in zip(*(e[:6] for e in ends), strict=True)
-    )
-    gC = np.stack(
-        [_v(a) * m + _v(b) * p - 2 * _v(d) * t, _v(b) * t - _v(σ) * m, _v(a) * t - _v(σ) * p],
-        axis=-2,
-    )
-    P = _without_rotation(X_mid, Δ)
-    R = Δ - P
-    rest = (
+    X_mid = (X0 + X1) / 2
+    ΔX = X1 - X0
+    t = X_mid[..., 0, :]
+    products0 = _products(X0)
+    products1 = _products(X1)
+    means = [(before + after) / 2 for before, after in zip(products0, products1, strict=True)]
+    tt, tp, tm, pm, J, length = means
+
+    # Step 1.
+    gC = _gradient_of_cosine(X_mid, (tt, tp, tm, pm))
+    # Step 2, equation (3).
+    P = _without_rotation(X_mid, ΔX)
+    R = ΔX - P
+    correction = (
         _cross_pairs(R, R) / 4
         + (_cross_pairs(R, P) + _cross_pairs(P, R)) / 8
         + _cross_pairs(P, P) / 12
     )
-    gS = _v(_v(length)) * (_cross_pairs(X_mid, X_mid) + _without_rotation(X_mid, rest))
+    gJ = _cross_pairs(X_mid, X_mid) + _without_rotation(X_mid, correction)
+    gS = _v(_v(length)) * gJ
     gS[..., 0, :] += _v(J / length) * t
-    (C0, S0), (C1, S1) = (e[6:] for e in ends)
-    half, θm = (θ1 - θ0) / 2, (θ0 + θ1) / 2
-    small = np.abs(half) < 1e-3
-    safe = np.where(small, 1.0, half)
-    ratio = np.where(small, 1 + half**2 / 6 + 7 * half**4 / 360, safe / np.sin(safe))
-    ratio = 2 * ratio / (np.sqrt(C0 * C0 + S0 * S0) + np.sqrt(C1 * C1 + S1 * S1))
-    return _v(_v(ratio * np.cos(θm))) * gS - _v(_v(ratio * np.sin(θm))) * gC
+
+    # Step 3, equation (4).
+    C0, S0 = _cosine_and_sine(X0)
+    C1, S1 = _cosine_and_sine(X1)
+    half = (θ1 - θ0) / 2
+    θ_mid = (θ0 + θ1) / 2
+    is_small = np.abs(half) < SMALL_HALF_ANGLE
+    # np.where evaluates both branches, so the divisor must not vanish.
+    safe = np.where(is_small, 1.0, half)
+    series = 1 + half**2 / 6 + 7 * half**4 / 360
+    ratio = np.where(is_small, series, safe / np.sin(safe))
+    ρ0 = np.sqrt(C0 * C0 + S0 * S0)
+    ρ1 = np.sqrt(C1 * C1 + S1 * S1)
+    factor = 2 * ratio / (ρ0 + ρ1)
+    weight_of_sine = _v(_v(factor * np.cos(θ_mid)))
+    weight_of_cosine = _v(_v(factor * np.sin(θ_mid)))
+    return weight_of_sine * gS - weight_of_cosine * gC
 
 
 def discrete_gradient_derivative(X0: Array, X1: Array, θ0: Array, θ1: Array) -> Array:
-    """∂G/∂X1 (n, 3, 3, 3, 3) of arrays over n points, by complex steps, exact to round-off."""
-    X, θ = _stepped(X1), _v(θ1).T + 1j * STEP * gradient(X1).reshape(-1, 9).T
-    return _derivative(discrete_gradient(X0, X, θ0, θ))
+    """Derivative ∂G/∂X1 (n, 3, 3, 3, 3) of the discrete gradient of n folds, exact to round-off.
+
+    The arguments are those of `discrete_gradient`, with the shapes (n, 3, 3) and (n,).  The
+    derivative is taken by complex steps.
+    """
+    # The angle at the end depends on X1 too.
+    change_of_angle = gradient(X1).reshape(-1, 9).T
+    θ = _v(θ1).T + 1j * STEP * change_of_angle
+    return _derivative(discrete_gradient(X0, _stepped(X1), θ0, θ))
 
 
 def gradient_derivative(X: Array) -> Array:
-    """∂²θ/∂X² (n, 3, 3, 3, 3) of arrays over n points, by complex steps, exact to round-off."""
+    """Second derivative ∂²θ/∂X² (n, 3, 3, 3, 3) of n folds X (n, 3, 3), exact to round-off.
+
+    It is taken by complex steps.
+    """
     return _derivative(gradient(_stepped(X)))
 
 
 def _stepped(X: Array) -> Numbers:
-    """(9, n, 3, 3): a complex step in each of the nine components."""
-    return X + 1j * STEP * np.eye(9).reshape(9, 1, 3, 3)
+    """Folds (9, n, 3, 3) with a complex step in each of the nine components of X (n, 3, 3)."""
+    directions = np.eye(9).reshape(9, 1, 3, 3)
+    return X + 1j * STEP * directions
 
 
 def _derivative(G: Numbers) -> Array:
-    """(n, 3, 3, 3, 3) of the stepped values (9, n, 3, 3)."""
-    result: Array = np.moveaxis(G.imag / STEP, 0, -1).reshape(*G.shape[1:], 3, 3)
+    """Derivatives (n, 3, 3, 3, 3) from the values (9, n, 3, 3) at stepped folds."""
+    columns = np.moveaxis(G.imag / STEP, 0, -1)
+    result: Array = columns.reshape(*G.shape[1:], 3, 3)
     return result
 
 
 def _products(X: Numbers) -> tuple[Numbers, ...]:
-    """t·t, t·p, t·m, p·m, J and |t|."""
+    """The products t·t, t·p, t·m, p·m, J and |t| of folds, (...) each."""
     t, p, m = _rows(X)
-    σ = _dot(t, t)
-    return σ, _dot(t, p), _dot(t, m), _dot(p, m), _dot(t, _cross(p, m)), np.sqrt(σ)
+    tt = _dot(t, t)
+    tp = _dot(t, p)
+    tm = _dot(t, m)
+    pm = _dot(p, m)
+    J = _dot(t, _cross(p, m))
+    return tt, tp, tm, pm, J, np.sqrt(tt)
 
 
 def _cosine_and_sine(X: Numbers) -> tuple[Numbers, Numbers]:
-    """C and S."""
-    σ, a, b, d, J, length = _products(X)
-    return a * b - σ * d, length * J
+    """C and S, equation (1): cosine and sine of the angle, times the same positive factor."""
+    tt, tp, tm, pm, J, length = _products(X)
+    C = tp * tm - tt * pm
+    S = length * J
+    return C, S
+
+
+def _gradient_of_cosine(X: Numbers, products: tuple[Numbers, ...]) -> Numbers:
+    """Gradient (..., 3, 3) of C by the product rule, from the products t·t, t·p, t·m and p·m.
+
+    With the products of X it is the derivative; with means over a step, and X at its middle, the
+    discrete gradient.
+    """
+    t, p, m = _rows(X)
+    tt, tp, tm, pm = (_v(product) for product in products)
+    return np.stack(
+        [
+            tp * m + tm * p - 2 * pm * t,
+            tm * t - tt * m,
+            tp * t - tt * p,
+        ],
+        axis=-2,
+    )
 
 
 def _without_rotation(X: Numbers, Y: Numbers) -> Numbers:
-    """Y less the rotation ω × X that fits it best: Σ X×Y of the rest is zero."""
+    """Y less the rotation ω × X that fits it best; for the rest Σ X × Y is zero."""
     transposed = np.swapaxes(X, -1, -2)
-    A = _v(_v((X * X).sum(axis=(-1, -2)))) * np.eye(3) - transposed @ X
-    ω = np.linalg.solve(A, _v(_cross(X, Y).sum(axis=-2)))
+    squares = (X * X).sum(axis=(-1, -2))
+    # The tensor of inertia of unit masses at the three vectors, and their angular momentum.
+    inertia = _v(_v(squares)) * np.eye(3) - transposed @ X
+    momentum = _cross(X, Y).sum(axis=-2)
+    ω = np.linalg.solve(inertia, _v(momentum))
     return Y - _cross(np.swapaxes(ω, -1, -2), X)
 
 
 def _cross_pairs(X: Numbers, Y: Numbers) -> Numbers:
-    """Rows X₂×Y₃, X₃×Y₁, X₁×Y₂; with Y = X the gradient of the triple product."""
-    (t, p, m), (u, q, n) = _rows(X), _rows(Y)
-    return np.stack([_cross(p, n), _cross(m, u), _cross(t, q)], axis=-2)
+    """Rows X₂×Y₃, X₃×Y₁, X₁×Y₂; with Y = X the gradient of the triple product J."""
+    t, p, m = _rows(X)
+    u, q, n = _rows(Y)
+    return np.stack(
+        [
+            _cross(p, n),
+            _cross(m, u),
+            _cross(t, q),
+        ],
+        axis=-2,
+    )
 
 
 def _rows(X: Numbers) -> tuple[Numbers, Numbers, Numbers]:
+    """The vectors t, p and m (..., 3) of folds."""
     return X[..., 0, :], X[..., 1, :], X[..., 2, :]
 
 
 def _v(x: Numbers) -> Numbers:
-    """With one more axis."""
+    """The array with one more axis at its end, for broadcasting."""
     return x[..., None]
 
 
 def _dot(a: Numbers, b: Numbers) -> Numbers:
+    """Dot products over the last axis."""
     product: Numbers = (a * b).sum(axis=-1)
     return product
 
 
 def _cross(a: Numbers, b: Numbers) -> Numbers:
-    """a × b; several times faster than NumPy's, and for broadcast arrays."""
+    """Cross products of arrays (..., 3) that broadcast; several times faster than NumPy's."""
     x, y, z = (a[..., i] for i in range(3))
     u, v, w = (b[..., i] for i in range(3))
-    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
+    return np.stack(
+        [
+            y * w - z * v,
+            z * u - x * w,
+            x * v - y * u,
+        ],
+        axis=-1,
+    )

@@ -1,4 +1,8 @@
-"""One numbering for the unknowns of all blocks: rank by rank, on each rank block after block."""
+"""Global numbering of the unknowns of all blocks, and the PETSc objects that follow from it.
+
+A block is the unknowns of one body: nodes with the same number of unknowns each.  The numbering
+runs rank by rank, and on each rank block after block, so every rank owns one contiguous range.
+"""
 
 from __future__ import annotations
 
@@ -15,31 +19,41 @@ from petsc4py import PETSc
 from gossamer_fx.forms.backend import add_to_matrix
 from gossamer_fx.model.body import Block
 
-PREFIX = "gx_"  # of PETSc's options
-# a node with at least as many numbers, which are a third of all unknowns, makes a matrix full on one rank: it is stored
-# as one then, which takes a tenth of the time to enter and factorise
-MANY, SHARE = 36, 1 / 3
+# Prefix of all PETSc options of the package.
+PREFIX = "gx_"
+
+# The matrix is dense where one node (of a reduced body, say) has at least this many unknowns, and
+# at least this share of all unknowns.  On one rank a dense matrix then takes a tenth of the time to
+# assemble and factorise.
+DENSE_NODE_SIZE = 36
+DENSE_NODE_SHARE = 1 / 3
 
 GlobalIndices = npt.NDArray[np.int32] | npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class NumberedBlock:
-    """One block in the numbering of all: the only way to its unknowns for those who know the body."""
+    """Indices of the unknowns of one block.
+
+    Attributes:
+        numbering: the numbering of all blocks.
+        k: number of the block in it.
+    """
 
     numbering: Numbering
     k: int
 
     @property
     def owned(self) -> slice:
-        """Where its owned unknowns stand in the local part of a vector."""
+        """Range of its owned unknowns in the local part of a vector."""
         return self.numbering.owned(self.k)
 
     @property
     def rows(self) -> GlobalIndices:
-        """Global indices of its owned unknowns."""
+        """Global indices (n,) of its owned unknowns."""
         owned = self.owned
-        return (self.numbering.start + np.arange(owned.start, owned.stop)).astype(PETSc.IntType)
+        rows = self.numbering.start + np.arange(owned.start, owned.stop)
+        return rows.astype(PETSc.IntType)
 
     def to_global(self, nodes: npt.NDArray[np.integer]) -> GlobalIndices:
         """Global indices (n, size) of the unknowns of global nodes (n,)."""
@@ -51,80 +65,110 @@ class NumberedBlock:
 
 
 class Numbering:
-    """Global indices of the blocks' unknowns, and the PETSc objects that follow from them.
+    """Global indices of the unknowns of all blocks, and vectors and matrices of that layout.
 
     Each rank owns one contiguous range: its share of block 0, then of block 1, and so on.
+
+    Args:
+        comm: the ranks.
+        blocks: the blocks, in the same order on all ranks.
+
+    Attributes:
+        size: number of unknowns on all ranks.
+        size_local: number of unknowns that this rank owns.
+        start: global index of the first of them.
+        local_starts: for each block the index of its first unknown in the local part of a vector;
+            the last entry is `size_local`.
+        indices: for each block the global indices of its owned and ghost unknowns.
+        block_size: unknowns of a node if all nodes have equally many, otherwise 1.
+        full: whether matrices are dense.
     """
 
     def __init__(self, comm: MPI.Intracomm, blocks: list[Block]) -> None:
-        self.comm, self.blocks = comm, blocks
+        self.comm = comm
+        self.blocks = blocks
         sizes = np.array([b.index_map.size_local * b.size for b in blocks], dtype=np.int64)
         self.size_local = int(sizes.sum())
-        self.start = start = int(comm.exscan(self.size_local) or 0)
+        # exscan leaves rank 0 without a value.
+        self.start = int(comm.exscan(self.size_local) or 0)
         self.local_starts = np.concatenate([[0], np.cumsum(sizes)])
-        block_starts = np.array(
-            comm.allgather((start + self.local_starts[:-1]).tolist()), dtype=np.int64
-        )
         self.size = comm.allreduce(self.size_local)
+
+        # For every rank: the global index at which each block begins, and its first node.
+        block_starts = self.start + self.local_starts[:-1]
+        self._starts = np.array(comm.allgather(block_starts.tolist()), dtype=np.int64)
         self._node_starts = [np.array(comm.allgather(b.index_map.local_range[0])) for b in blocks]
-        self._starts = block_starts
         self.indices = [self._block_indices(k) for k in range(len(blocks))]
-        # dolfinx enters blocks of a node's numbers at once; PETSc takes them so if all blocks have the same size,
-        # and one by one otherwise
+
+        # dolfinx enters the unknowns of a node as one block; PETSc accepts that if all blocks have
+        # the same size, and single numbers otherwise.
         sizes_of_nodes = {b.size for b in blocks}
-        self.block_size = sizes_of_nodes.pop() if len(sizes_of_nodes) == 1 else 1
-        everything = np.concatenate([np.zeros(0, dtype=PETSc.IntType), *self.indices])
+        self.block_size = 1
+        if len(sizes_of_nodes) == 1:
+            self.block_size = sizes_of_nodes.pop()
+
         largest = max((b.size for b in blocks), default=0)
-        self.full = comm.size == 1 and largest >= MANY and largest >= SHARE * self.size
+        has_large_node = largest >= DENSE_NODE_SIZE and largest >= DENSE_NODE_SHARE * self.size
+        self.full = comm.size == 1 and has_large_node
+
+        everything = np.concatenate([np.zeros(0, dtype=PETSc.IntType), *self.indices])
+        nodes = everything[:: self.block_size] // self.block_size
         self._map = PETSc.LGMap().create(
-            (everything[:: self.block_size] // self.block_size).astype(PETSc.IntType),
+            nodes.astype(PETSc.IntType),
             bsize=self.block_size,
             comm=comm,
         )
-        ends = np.cumsum([0] + [len(i) for i in self.indices])
-        self._local_sets = [self._local_set(a, e) for a, e in pairwise(ends)]
+        ends = np.cumsum([0] + [len(indices) for indices in self.indices])
+        self._local_sets = [self._local_set(start, end) for start, end in pairwise(ends)]
 
     def _local_set(self, start: int, end: int) -> PETSc.IS:
-        """The range of local (owned and ghost) unknowns of one block."""
+        """Index set of the local (owned and ghost) unknowns from `start` to `end`, of one block."""
         blocks = np.arange(start // self.block_size, end // self.block_size, dtype=PETSc.IntType)
         return PETSc.IS().createBlock(self.block_size, blocks, comm=MPI.COMM_SELF)
 
     def _block_indices(self, k: int) -> GlobalIndices:
-        """Global index of every owned and ghost unknown of block k."""
+        """Global indices (n,) of all owned and ghost unknowns of block k."""
         index_map = self.blocks[k].index_map
-        nodes = index_map.local_to_global(
-            np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
-        )
+        count = index_map.size_local + index_map.num_ghosts
+        nodes = index_map.local_to_global(np.arange(count, dtype=np.int32))
         return self.to_global(k, nodes).ravel()
 
     def to_global(self, k: int, nodes: npt.NDArray[np.int64]) -> GlobalIndices:
         """Global indices (n, size) of the unknowns of global nodes (n,) of block k."""
         size = self.blocks[k].size
         owner = np.searchsorted(self._node_starts[k], nodes, side="right") - 1
-        first = self._starts[owner, k] + (np.asarray(nodes) - self._node_starts[k][owner]) * size
+        node_on_owner = np.asarray(nodes) - self._node_starts[k][owner]
+        first = self._starts[owner, k] + node_on_owner * size
         return (first[:, None] + np.arange(size)).astype(PETSc.IntType)
 
     def owned(self, k: int) -> slice:
-        """Where block k's owned unknowns stand in the local part of a vector."""
+        """Range of the owned unknowns of block k in the local part of a vector."""
         return slice(int(self.local_starts[k]), int(self.local_starts[k + 1]))
 
     def block(self, k: int) -> NumberedBlock:
-        """The k-th block in this numbering."""
+        """Indices of block k."""
         return NumberedBlock(self, k)
 
     def vector(self) -> PETSc.Vec:
+        """A new vector of all unknowns, without ghosts."""
         return PETSc.Vec().createMPI((self.size_local, self.size), comm=self.comm)
 
     def matrix(self) -> PETSc.Mat:
-        """An empty matrix; its pattern is that of the first assembly.
+        """A new matrix; the first assembly determines its sparsity pattern.
 
-        It stores blocks of a node's numbers if all nodes have as many: they are entered, factorised and multiplied in
-        half of the time of single numbers.  A full one is dense.  Option `-gx_mat_type`.
+        If all nodes have equally many unknowns it stores the blocks of nodes (BAIJ), which takes
+        half the time of single numbers to assemble, factorise and multiply.  The option
+        `-gx_mat_type` chooses another type.
         """
+        kind = "aij"
+        if self.full:
+            kind = "dense"
+        elif self.block_size > 1:
+            kind = "baij"
         A = PETSc.Mat().create(self.comm)
         A.setSizes(((self.size_local, self.size), (self.size_local, self.size)))
         A.setBlockSize(self.block_size)
-        A.setType("dense" if self.full else "baij" if self.block_size > 1 else "aij")
+        A.setType(kind)
         A.setOptionsPrefix(PREFIX)
         A.setFromOptions()
         A.setLGMap(self._map, self._map)
@@ -132,9 +176,10 @@ class Numbering:
         return A
 
     def assemble(self, A: PETSc.Mat, k: int, forms: Iterable[fem.Form]) -> None:
-        """Add bilinear forms of the k-th body's space to the block (k, k) of A."""
+        """Add bilinear forms of the k-th body's space to the diagonal block (k, k) of A."""
         local = self._local_sets[k]
         view = A.getLocalSubMatrix(local, local)
+        # Blocks of nodes can be entered only where the matrix has blocks of the same size.
         unrolled = self.block_size != self.blocks[k].size
         for form in forms:
             add_to_matrix(view, form, unrolled)

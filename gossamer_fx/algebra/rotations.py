@@ -1,4 +1,4 @@
-"""Cross products as matrices, rotations about axes, and triads."""
+"""Cross products as matrices, rotations about axes, and right-handed triads."""
 
 from __future__ import annotations
 
@@ -9,21 +9,46 @@ from gossamer_fx.model.ports import unit
 
 
 def cross_matrices(a: Array) -> Array:
-    """[a]× (..., 3, 3) of vectors (..., 3), with [a]× b = a × b."""
+    """Skew matrices [a]× (..., 3, 3) of vectors a (..., 3), such that [a]× b = a × b.
+
+    >>> import numpy as np
+    >>> cross_matrices(np.array([1.0, 0.0, 0.0])) @ np.array([0.0, 1.0, 0.0])
+    array([0., 0., 1.])
+    """
     result = np.zeros((*a.shape, 3))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        result[..., i, j], result[..., j, i] = -a[..., k], a[..., k]
+        result[..., i, j] = -a[..., k]
+        result[..., j, i] = a[..., k]
     return result
 
 
 def rotations(axes: Array, angle: float) -> Array:
-    """Rotations (..., 3, 3) by an angle [rad] about unit vectors (..., 3): Rodrigues' formula."""
+    """Rotation matrices (..., 3, 3) about unit vectors (..., 3), by Rodrigues' formula.
+
+    Args:
+        axes: unit vectors (..., 3).
+        angle: angle [rad], counterclockwise about each axis.
+
+    >>> import numpy as np
+    >>> quarter_turn = rotations(np.array([0.0, 0.0, 1.0]), np.pi / 2)
+    >>> np.round(quarter_turn @ np.array([1.0, 0.0, 0.0]), 12)
+    array([0., 1., 0.])
+    """
     K = cross_matrices(axes)
     result: Array = np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
     return result
 
 
 def perpendicular_pair(n: Array) -> tuple[Array, Array]:
-    """Two unit vectors that form a right-handed triad (p, q, n) with the unit vector n."""
-    p = unit(np.cross(n, np.eye(3)[np.argmin(np.abs(n))]))
+    """Two unit vectors p and q (3,) that form a right-handed triad (p, q, n) with a unit vector n
+    (3,).
+
+    >>> import numpy as np
+    >>> p, q = perpendicular_pair(np.array([0.0, 0.0, 1.0]))
+    >>> float(np.cross(p, q)[2])
+    1.0
+    """
+    # The coordinate axis that is farthest from n gives the best conditioned cross product.
+    axis = np.eye(3)[np.argmin(np.abs(n))]
+    p = unit(np.cross(n, axis))
     return p, np.cross(n, p)

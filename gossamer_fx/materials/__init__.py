@@ -1,4 +1,4 @@
-"""Energy densities of films and tapes."""
+"""Film laws: stored energy per unit reference area as a function of the strain."""
 
 from gossamer_fx.checks.lazy_names import lazy_names
 

@@ -1,13 +1,33 @@
-"""A film that wrinkles as a strip buckles: the extensible elastica, and the film law made of it.
+"""Film law whose wrinkles resist compression like buckled strips (extensible elastica).
 
-A pinned strip of half wavelength L, thickness t and modulus E' has p = P/(E't), e_E = π²t²/(12L²).  With the end slope
-α, k = sin(α/2) and sin(θ/2) = k sin φ, the buckled strip obeys (Magnusson, Ristinmaa & Ljung, Int. J. Solids Struct. 38
-(2001) 8441, doi:10.1016/S0020-7683(01)00089-0)
+Problem.  A compressed film wrinkles, and its wrinkles keep a small compressive stress.  The law
+needs that stress as a function of the mean compressive strain.
 
-    1 = c I[1],   1 - δ = c I[(1 - p cos θ) cos θ],   c = 2√(2 e_E)/(π√p),
-    I[f] = ∫₀^{π/2} f dφ / (√(1 - k² sin²φ) √(2 - p (cos θ + cos α))),
+Model.  A pinned strip of half wavelength L, thickness t and plane-strain modulus E' = E/(1-ν²)
+carries the load P.  With
 
-and is straight up to p = e_c, p (1 - p) = e_E.
+    p = P/(E' t),    e_E = π² t²/(12 L²)    (Euler's strain),                                    (1)
+
+it is straight up to p = e_c, the solution of
+
+    p (1 - p) = e_E.                                                                             (2)
+
+Beyond, it has the end slope α.  With k = sin(α/2) and sin(θ/2) = k sin φ, its load p and shortening
+δ obey (Magnusson et al.)
+
+    1 = c I[1],    1 - δ = c I[(1 - p cos θ) cos θ],    c = 2√(2 e_E)/(π√p),                     (3)
+
+    I[f] = ∫₀^{π/2} f dφ / (√(1 - k² sin²φ) √(2 - p (cos θ + cos α))).                           (4)
+
+Algorithm.
+
+1. `buckled_strip` solves (3) for one end slope by a fixed-point iteration.
+2. `cubic` fits P/P_c over the shortening by a cubic polynomial, once when a law is created.
+3. `Elastica` uses the cubic as the stress below buckling, in closed form, so that UFL can derive
+   the stress and the tangent.
+
+Source: A. Magnusson, M. Ristinmaa & C. Ljung, Int. J. Solids Struct. 38 (2001) 8441,
+doi:10.1016/S0020-7683(01)00089-0.
 """
 
 from __future__ import annotations
@@ -25,50 +45,91 @@ from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED, FilmLaw
 from gossamer_fx.model.body import Array
 
-FITTED_UP_TO = 0.3  # shortening δ
-STEEPEST = (
-    -0.42
-)  # strain beyond which the compressive stress stays what it is: a strip 60 % shorter
+# Shortening δ up to which the cubic is fitted to the elastica.
+FITTED_UP_TO = 0.3
+
+# Strain below which the compressive stress is constant, a strip that is 60 % shorter.  The cubic
+# must not be extrapolated further, and the stretch √(1 + 2f) must stay real.
+STEEPEST = -0.42
+
+# Gauss points for the integrals (4), whose integrand is smooth.
+INTEGRATION_POINTS = 64
+
+# Steps of the fixed-point iteration for p.  Each reduces the error by the factor p, which is small.
+FIXED_POINT_STEPS = 50
+
+# End slopes α [rad] from which the cubic is fitted; the largest one shortens the strip by more than
+# `FITTED_UP_TO`.
+END_SLOPES = np.linspace(0.02, 1.2, 200)
 
 
 def onset(e_E: float) -> float:
-    """e_c: the compressive strain, and the load p, at which a strip buckles."""
+    """Buckling strain e_c of a strip, the smaller root of equation (2); the load p there is the
+    same.
+
+    Args:
+        e_E: Euler's strain π² t²/(12 L²), at most 1/4.
+
+    >>> round(onset(0.09), 12)
+    0.1
+    """
+    # The form of the root that does not subtract nearly equal numbers.
     return 2 * e_E / (1 + math.sqrt(1 - 4 * e_E))
 
 
 def buckled_strip(e_E: float, α: float) -> tuple[float, float]:
-    """(δ, P/P_c) of the strip with end slope α > 0 [rad]."""
-    s, w = np.polynomial.legendre.leggauss(64)
-    φ, weights = (s + 1) * math.pi / 4, w * math.pi / 4
+    """Shortening δ and relative load P/P_c of a buckled strip, equations (3) and (4).
+
+    Args:
+        e_E: Euler's strain π² t²/(12 L²).
+        α: slope at the ends [rad], > 0.
+
+    >>> δ, load = buckled_strip(1e-6, 0.1)
+    >>> round(δ, 6), round(load, 6)
+    (0.0025, 1.001251)
+    """
+    points, point_weights = np.polynomial.legendre.leggauss(INTEGRATION_POINTS)
+    φ = (points + 1) * math.pi / 4
+    weights = point_weights * math.pi / 4
     k = math.sin(α / 2)
     cos_θ = 1 - 2 * (k * np.sin(φ)) ** 2
 
     def integral(f: Array, p: float) -> float:
+        """I[f], equation (4)."""
         root = np.sqrt(1 - (k * np.sin(φ)) ** 2) * np.sqrt(2 - p * (cos_θ + math.cos(α)))
         return float(weights @ (f / root))
 
+    # The first of equations (3) as p = (2√(2 e_E)/π I[1](p))².
     p = onset(e_E)
-    for _ in range(50):  # p = (2√(2 e_E)/π I[1](p))², a contraction of rate p
+    for _ in range(FIXED_POINT_STEPS):
         p = (2 * math.sqrt(2 * e_E) / math.pi * integral(np.ones_like(φ), p)) ** 2
     c = 2 * math.sqrt(2 * e_E) / (math.pi * math.sqrt(p))
-    return 1 - c * integral((1 - p * cos_θ) * cos_θ, p), p / onset(e_E)
+    δ = 1 - c * integral((1 - p * cos_θ) * cos_θ, p)
+    return δ, p / onset(e_E)
 
 
 def cubic(e_E: float) -> tuple[float, float, float]:
-    """(c1, c2, c3) of P/P_c = 1 + c1 x + c2 x² + c3 x³, x = δ - e_c, by least squares over δ < 0.3."""
-    curve: Array = np.array([buckled_strip(e_E, α) for α in np.linspace(0.02, 1.2, 200)])
+    """Coefficients (c1, c2, c3) of P/P_c = 1 + c1 x + c2 x² + c3 x³ with x = δ - e_c.
+
+    They fit the loads of `buckled_strip` by least squares over δ < `FITTED_UP_TO`.
+    """
+    curve: Array = np.array([buckled_strip(e_E, α) for α in END_SLOPES])
     curve = curve[curve[:, 0] < FITTED_UP_TO]
     x = curve[:, 0] - onset(e_E)
-    c = np.linalg.lstsq(np.column_stack([x, x**2, x**3]), curve[:, 1] - 1, rcond=None)[0]
-    return float(c[0]), float(c[1]), float(c[2])
+    powers = np.column_stack([x, x**2, x**3])
+    coefficients = np.linalg.lstsq(powers, curve[:, 1] - 1, rcond=None)[0]
+    c1, c2, c3 = (float(c) for c in coefficients)
+    return c1, c2, c3
 
 
 @check_arguments
 @dataclass(frozen=True)
 class Elastica(FilmLaw):
-    """Film whose wrinkles resist as buckled strips of half wavelength L = `half_wavelength` [m] and its thickness do.
+    """Film whose wrinkles resist as buckled strips of half wavelength L = `half_wavelength` [m] and
+    its thickness do.
 
-    With f = γ2 + ν γ1, the strain that bears on the strips, and σ1 = E γ1 + ν ψ'(f) the larger stress,
+    With f = γ2 + ν γ1, the strain that bears on the strips, and σ1 = E γ1 + ν ψ'(f) the larger
+    stress,
 
         σ1 ≥ 0          W/t = E γ1²/2 + ψ(f)       taut for f ≥ -e_w, wrinkled below
         σ1 < 0 ≤ γ1     W/t = U(γ2)                compressed one way, free in the other
@@ -76,13 +137,15 @@ class Elastica(FilmLaw):
         ψ' = E/(1-ν²) f            for f ≥ -e_w
         ψ' = -E/(1-ν²) e_w (λ_w/λ)(1 + c1 x + c2 x² + c3 x³) below,   λ = √(1 + 2f),  x = λ_w - λ
 
-    where e_w = e_c and the cubic are those of the extensible elastica of the module: its nominal load at the shortening
-    1 - λ, as stress of the Green-Lagrange strain f.  U(γ2) = min over γ1 of Eγ1²/2 + ψ(f) is the energy without stress
-    σ1.  W is C1 and convex, and symmetric where both strains are compressive.  Below f = -0.42 the stress is constant.
+    where e_w = e_c and the cubic are those of the extensible elastica of the module: its nominal
+    load at the shortening 1 - λ, as stress of the Green-Lagrange strain f.  U(γ2) = min over γ1 of
+    Eγ1²/2 + ψ(f) is the energy without stress σ1.  W is C1 and convex, and symmetric where both
+    strains are compressive.  Below f = -0.42 the stress is constant.
 
-    A film has no bending stiffness: under this compressive stress its cells buckle in turn, the more so the smaller
-    they are.  Take cells of not much less than half_wavelength/4: on the airbag of `demos/studies/airbag.py` 0.1 m
-    comes to rest with edges of 27 mm, while with 13 mm cells beside the seam fold up and no equilibrium is found.
+    A film has no bending stiffness: under this compressive stress its cells buckle in turn, the
+    more so the smaller they are.  Take cells of not much less than half_wavelength/4: on the airbag
+    of `demos/studies/airbag.py` 0.1 m comes to rest with edges of 27 mm, while with 13 mm cells
+    beside the seam fold up and no equilibrium is found.
 
     Args:
         E: Young's modulus [Pa], positive.
@@ -116,60 +179,81 @@ class Elastica(FilmLaw):
             "times pi its thickness.",
         )
         e_E = (math.pi * self.thickness / self.half_wavelength) ** 2 / 12
-        for name, value in zip(("onset", "c1", "c2", "c3"), (onset(e_E), *cubic(e_E)), strict=True):
+        c1, c2, c3 = cubic(e_E)
+        derived = {"onset": onset(e_E), "c1": c1, "c2": c2, "c3": c3}
+        # The dataclass is frozen; these fields follow from the others.
+        for name, value in derived.items():
             object.__setattr__(self, name, value)
 
     def energy(self, e: Expr, c: Any) -> Expr:
         h, r = half_trace_and_radius(e)
-        γ1, γ2 = h + r, h - r
-        tr, det = e[0] + e[1], e[0] * e[1] - e[2] ** 2 / 4
+        γ1 = h + r
+        γ2 = h - r
+        tr = e[0] + e[1]
+        det = e[0] * e[1] - e[2] ** 2 / 4
         f = γ2 + c.nu * γ1
-        # taut through tr and det, which are smooth where the principal strains coincide
+        # Taut energy by tr and det, which are smooth where the principal strains coincide.
         taut = c.E / (2 * (1 - c.nu**2)) * (tr**2 - 2 * (1 - c.nu) * det)
-        borne = ufl.conditional(ufl.ge(f, -c.onset), taut, c.E * γ1**2 / 2 + _buckled(f, c))
-        slack = ufl.conditional(
-            ufl.ge(γ1, 0), _unloaded(γ2, c), _unloaded(γ1, c) + _unloaded(γ2, c)
-        )
-        return c.thickness * ufl.conditional(ufl.ge(self._larger_stress(γ1, f, c), 0), borne, slack)
+        wrinkled = c.E * γ1**2 / 2 + _buckled(f, c)
+        tensile = ufl.conditional(ufl.ge(f, -c.onset), taut, wrinkled)
+        one_way = _unloaded(γ2, c)
+        both_ways = _unloaded(γ1, c) + _unloaded(γ2, c)
+        slack = ufl.conditional(ufl.ge(γ1, 0), one_way, both_ways)
+        is_tensile = ufl.ge(self._larger_stress(γ1, f, c), 0)
+        return c.thickness * ufl.conditional(is_tensile, tensile, slack)
 
     def state(self, e: Expr, c: Any) -> Expr:
         h, r = half_trace_and_radius(e)
         f = h - r + c.nu * (h + r)
-        borne = ufl.conditional(ufl.ge(f, -c.onset), TAUT, WRINKLED)
-        return ufl.conditional(ufl.ge(self._larger_stress(h + r, f, c), 0), borne, SLACK)
+        tensile = ufl.conditional(ufl.ge(f, -c.onset), TAUT, WRINKLED)
+        is_tensile = ufl.ge(self._larger_stress(h + r, f, c), 0)
+        return ufl.conditional(is_tensile, tensile, SLACK)
 
     def _larger_stress(self, γ1: Expr, f: Expr, c: Any) -> Expr:
-        pressed = ufl.conditional(ufl.ge(f, -c.onset), -f, c.onset * _relative_load(f, c))
-        return c.E * γ1 - c.nu * c.E / (1 - c.nu**2) * pressed
+        """Larger principal stress σ1 = E γ1 + ν ψ'(f) [Pa] of a film whose strips are straight or
+        buckled.
+        """
+        buckled = c.onset * _relative_load(f, c)
+        compression = ufl.conditional(ufl.ge(f, -c.onset), -f, buckled)
+        return c.E * γ1 - c.nu * c.E / (1 - c.nu**2) * compression
 
 
 def _stretch(f: Expr) -> Expr:
+    """Stretch λ = √(1 + 2f) of a strip with the Green-Lagrange strain f, which is limited to
+    `STEEPEST`.
+    """
     return ufl.sqrt(1 + 2 * ufl.max_value(f, STEEPEST))
 
 
 def _relative_load(f: Expr, c: Any) -> Expr:
-    """Stress of the buckled strip over that at its onset."""
-    λ_w, λ = ufl.sqrt(1 - 2 * c.onset), _stretch(f)
+    """Stress of the buckled strip at the strain f, over its stress at the onset of buckling."""
+    λ_w = ufl.sqrt(1 - 2 * c.onset)
+    λ = _stretch(f)
     x = λ_w - λ
+    # λ_w/λ turns the nominal load of the strip into the stress that is conjugate to f.
     return λ_w / λ * (1 + x * (c.c1 + x * (c.c2 + x * c.c3)))
 
 
 def _buckled(f: Expr, c: Any) -> Expr:
-    """ψ(f) below f = -e_w."""
+    """Energy density ψ(f) [J/m³] of a buckled strip, for f below the onset -e_w."""
     λ_w = ufl.sqrt(1 - 2 * c.onset)
     x = λ_w - _stretch(f)
     work = λ_w * x * (1 + x * (c.c1 / 2 + x * (c.c2 / 3 + x * c.c3 / 4)))
+    # Below `STEEPEST` the stress is constant.
     beyond = _relative_load(f, c) * (ufl.max_value(f, STEEPEST) - f)
     return c.E / (1 - c.nu**2) * (c.onset**2 / 2 + c.onset * (work + beyond))
 
 
 def _unloaded(γ: Expr, c: Any) -> Expr:
-    """U(γ): straight strips, or buckled ones at f = γ + κ ψ'(f)/ψ'(-e_w), whose solution one iteration gives.
+    """Energy density U(γ) [J/m³] of strips with the strain γ along them and no stress across.
 
-    The next one would change the stress by less than E e_w³.
+    They are straight, or buckled at f = γ + κ ψ'(f)/ψ'(-e_w).  One iteration solves this equation:
+    the second one would change the stress by less than E e_w³.
     """
     κ = c.nu**2 * c.onset / (1 - c.nu**2)
     f = γ + κ * _relative_load(γ + κ, c)
     γ1 = c.nu * c.onset / (1 - c.nu**2) * _relative_load(f, c)
+    straight = c.E * γ**2 / 2
     buckled = c.E * γ1**2 / 2 + _buckled(f, c)
-    return ufl.conditional(ufl.ge(γ, -c.onset / (1 - c.nu**2)), c.E * γ**2 / 2, buckled)
+    is_straight = ufl.ge(γ, -c.onset / (1 - c.nu**2))
+    return ufl.conditional(is_straight, straight, buckled)

@@ -1,11 +1,13 @@
-"""Densities of stored energy: they know strains, not configurations.
+"""Laws of isotropic films: stored energy per unit reference area as a function of the strain.
 
-A film law is a frozen dataclass of numbers with one method, `energy(e, c)`: the energy per unit reference *area* of
-the Green-Lagrange strain e = (E11, E22, 2 E12), where `c` holds the numbers as UFL constants (so that a changed
-number compiles nothing).  Stress and tangent are derivatives that UFL takes.
+A film law is a frozen dataclass of numbers.  Its method `energy(e, c)` returns the energy per unit
+reference area [J/m²] of the Green-Lagrange strain e = (E11, E22, 2 E12), as a UFL expression.  The
+argument `c` has the numbers of the law as UFL constants, so that a changed number does not compile
+new code.  UFL derives the stress and the tangent.
 
-Principal strains γ1 ≥ γ2 enter through h = (γ1 + γ2)/2 and r = (γ1 - γ2)/2; tr and det of the strain are smooth
-where they coincide, so the root in r appears in the wrinkled branch only.
+The principal strains γ1 ≥ γ2 are h + r and h - r, with centre h and radius r of Mohr's circle.
+Where they coincide r has a kink, but trace and determinant of the strain are smooth; so energies
+are written by trace and determinant as far as possible.
 """
 
 from __future__ import annotations
@@ -24,21 +26,37 @@ from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.forms.strain_path import Piece, gradient, mean_gradient, within_cone
 
-SLACK, WRINKLED, TAUT = 0, 1, 2
+# Values of `FilmLaw.state`.
+SLACK = 0
+WRINKLED = 1
+TAUT = 2
 
-# Strains below this are round-off and count as taut: otherwise an unstrained film would switch its state at random,
-# and a tangent that no multigrid method can precondition.  The stress jumps by 1e-12 E at most.
+# Compressive strains smaller than this are round-off and count as taut.  Otherwise the state of an
+# unstrained film would be random, and with it a tangent that no multigrid method can precondition.
+# The stress jumps by 1e-12 E at most.
 ROUND_OFF = 1e-12
 
 
 def constants(law: Any, mesh: Mesh) -> SimpleNamespace:
-    """The numbers of a law as UFL constants on `mesh`."""
-    return SimpleNamespace(**{f.name: constant(mesh, getattr(law, f.name)) for f in fields(law)})
+    """The numbers of a law (a dataclass) as UFL constants on a mesh, under the same names."""
+    result = SimpleNamespace()
+    for field in fields(law):
+        setattr(result, field.name, constant(mesh, getattr(law, field.name)))
+    return result
 
 
 @dataclass(frozen=True)
 class FilmLaw:
-    """Isotropic film: Young's modulus E [Pa], Poisson's ratio nu, mass density [kg/m³], thickness [m]."""
+    """Base of all laws of isotropic films; a law of your own defines `energy`.
+
+    Attributes:
+        E: Young's modulus [Pa].
+        nu: Poisson's ratio.
+        density: mass density [kg/m³].
+        thickness: thickness [m].
+        quadratic: whether the energy is quadratic in the strain.  The stress at the middle of a
+            path is then its average.
+    """
 
     E: float
     nu: float
@@ -46,9 +64,7 @@ class FilmLaw:
     density: float
     thickness: float
 
-    quadratic = (
-        False  # whether the energy is quadratic in the strain (its path average is then exact)
-    )
+    quadratic = False
 
     def __post_init__(self) -> None:
         law = type(self).__name__
@@ -65,11 +81,15 @@ class FilmLaw:
         raise TypeError(f"{type(self).__name__} has no energy")
 
     def pieces(self, e0: Expr, e1: Expr, c: Any) -> list[Piece]:
-        """The pieces of the path from e0 to e1 on which the energy is smooth; none if they are not known."""
+        """Pieces of the straight path from strain e0 to e1 on which the energy is smooth.
+
+        An empty list means that the pieces are not known; the path is then integrated by Gauss
+        points.  See `gossamer_fx.forms.strain_path`.
+        """
         return []
 
     def state(self, e: Expr, c: Any) -> Expr:
-        """0 slack, 1 wrinkled, 2 taut."""
+        """State of the film at a strain e: 0 slack, 1 wrinkled, 2 taut, as a UFL expression."""
         return ufl.as_ufl(TAUT)
 
 
@@ -106,16 +126,17 @@ class Linear(FilmLaw):
 class Miyazaki(FilmLaw):
     """Film with reduced compressive stiffness, which stands for wrinkles that are not resolved.
 
-    With f1 = γ2 + ν γ1, f2 = γ1 + u ν γ2 and the stiffness ratio u = `residual_stiffness` in [0, 1]:
+    With f1 = γ2 + ν γ1, f2 = γ1 + u ν γ2 and the stiffness ratio u = `residual_stiffness` in [0,
+    1]:
 
         taut      f1 ≥ 0        W = E t/(2(1-ν²))    [tr² - 2(1-ν) det]
         wrinkled  f1 < 0 < f2   W = E t/(2(1-uν²))   [γ1² + 2uν γ1γ2 + u γ2²]
         slack     f2 ≤ 0        W = E t u/(2(1-u²ν²)) [tr² - 2(1-uν) det]
 
-    which is the elastic matrix Γ(k1, k2) with (1, 1), (1, u), (u, u): a C1, convex potential.  The pair
-    (u, 1) that is printed for the wrinkled state elsewhere softens the *tension* direction and makes the
-    stress jump at f1 = 0; two different ratios for wrinkled and slack would break either continuity or
-    isotropy, so there is one.
+    which is the elastic matrix Γ(k1, k2) with (1, 1), (1, u), (u, u): a C1, convex potential.  The
+    pair (u, 1) that is printed for the wrinkled state elsewhere softens the *tension* direction and
+    makes the stress jump at f1 = 0; two different ratios for wrinkled and slack would break either
+    continuity or isotropy, so there is one.
 
     Args:
         E: Young's modulus [Pa], positive.
@@ -132,7 +153,8 @@ class Miyazaki(FilmLaw):
         >>> gx.Membrane(mesh, law).law.residual_stiffness
         0.0001
 
-    Source: Y. Miyazaki, Wrinkle/slack model and finite element dynamics of membrane, IJNME 66 (2006) 1179,
+    Source: Y. Miyazaki, Wrinkle/slack model and finite element dynamics of membrane, IJNME 66
+        (2006) 1179,
     doi:10.1002/nme.1580, eqs. 13-20.
     """
 
@@ -151,72 +173,93 @@ class Miyazaki(FilmLaw):
         return self._by_state(e, c, self._taut(e, c), self._wrinkled(e, c), self._slack(e, c))
 
     def pieces(self, e0: Expr, e1: Expr, c: Any) -> list[Piece]:
-        """Taut and slack strains are cones, f1 ≥ 0: h ≥ (1-ν)/(1+ν) r and f2 ≤ 0: -h ≥ (1-uν)/(1+uν) r."""
-        ν, uν = c.nu, c.residual_stiffness * c.nu
+        """Pieces of the path from e0 to e1, as the module `gossamer_fx.forms.strain_path`
+        describes.
+
+        Taut strains, f1 ≥ 0, are the cone h ≥ (1-ν)/(1+ν) r; slack strains, f2 ≤ 0, the cone
+        -h ≥ (1-uν)/(1+uν) r.  The rest is wrinkled, up to three pieces.
+        """
+        ν = c.nu
+        uν = c.residual_stiffness * c.nu
         taut = within_cone(e0, e1, (1 - ν) / (1 + ν), ROUND_OFF / (1 + ν))
         slack = within_cone(-e0, -e1, (1 - uν) / (1 + uν), 0.0)
-        (first_in, last_in), (first_out, last_out) = (
-            (ufl.min_value(a, b), ufl.max_value(a, b)) for a, b in zip(taut, slack, strict=True)
-        )
+
+        # Of the two intervals: where the first begins and ends, and where the last begins and ends.
+        first_start = ufl.min_value(taut[0], slack[0])
+        last_start = ufl.max_value(taut[0], slack[0])
+        first_end = ufl.min_value(taut[1], slack[1])
+        last_end = ufl.max_value(taut[1], slack[1])
         wrinkled = [
-            (0.0, first_in),
-            (first_out, ufl.max_value(first_out, last_in)),
-            (last_out, 1.0),
+            (0.0, first_start),
+            (first_end, ufl.max_value(first_end, last_start)),
+            (last_end, 1.0),
         ]
+
+        def taut_stress(a: Expr, b: Expr) -> Expr:
+            return gradient(lambda e: self._taut(e, c), (a + b) / 2)
+
+        def slack_stress(a: Expr, b: Expr) -> Expr:
+            return gradient(lambda e: self._slack(e, c), (a + b) / 2)
 
         def wrinkled_stress(a: Expr, b: Expr) -> Expr:
             return self._wrinkled_stress(a, b, c)
 
         return [
-            Piece(*taut, lambda a, b: gradient(lambda e: self._taut(e, c), (a + b) / 2)),
-            Piece(*slack, lambda a, b: gradient(lambda e: self._slack(e, c), (a + b) / 2)),
-            *(Piece(*stretch, wrinkled_stress) for stretch in wrinkled),
+            Piece(*taut, taut_stress),
+            Piece(*slack, slack_stress),
+            *(Piece(*interval, wrinkled_stress) for interval in wrinkled),
         ]
 
     def _wrinkled_stress(self, ea: Expr, eb: Expr, c: Any) -> Expr:
-        """Average along the path from ea to eb: with γ1 = h + r the energy is quadratic but for a multiple of h r."""
-        ν, u = c.nu, c.residual_stiffness
+        """Stress (3,) [N/m] of the wrinkled state, averaged along the path from ea to eb.
+
+        With γ1 = h + r the energy is quadratic except for a multiple of h r.
+        """
+        ν = c.nu
+        u = c.residual_stiffness
         factor = c.E * c.thickness / (1 - u * ν**2)
 
         def quadratic(e: Expr) -> Expr:
             tr, det = _invariants(e)
             return factor / 2 * ((1 - u) * (tr**2 / 2 - det) + u * (tr**2 - 2 * (1 - ν) * det))
 
-        return gradient(quadratic, (ea + eb) / 2) + factor * (1 - u) * mean_gradient(ea, eb)
+        of_quadratic = gradient(quadratic, (ea + eb) / 2)
+        return of_quadratic + factor * (1 - u) * mean_gradient(ea, eb)
 
     def _taut(self, e: Expr, c: Any) -> Expr:
+        """Energy of the taut state [J/m²]."""
         tr, det = _invariants(e)
         return c.E * c.thickness / (2 * (1 - c.nu**2)) * (tr**2 - 2 * (1 - c.nu) * det)
 
     def _wrinkled(self, e: Expr, c: Any) -> Expr:
-        (h, r), (tr, det), ν, u = (
-            half_trace_and_radius(e),
-            _invariants(e),
-            c.nu,
-            c.residual_stiffness,
-        )
-        return (
-            c.E
-            * c.thickness
-            / (2 * (1 - u * ν**2))
-            * ((1 - u) * (h + r) ** 2 + u * (tr**2 - 2 * (1 - ν) * det))
-        )
+        """Energy of the wrinkled state [J/m²]."""
+        h, r = half_trace_and_radius(e)
+        tr, det = _invariants(e)
+        ν = c.nu
+        u = c.residual_stiffness
+        factor = c.E * c.thickness / (2 * (1 - u * ν**2))
+        return factor * ((1 - u) * (h + r) ** 2 + u * (tr**2 - 2 * (1 - ν) * det))
 
     def _slack(self, e: Expr, c: Any) -> Expr:
-        (tr, det), ν, u = _invariants(e), c.nu, c.residual_stiffness
-        return c.E * c.thickness * u / (2 * (1 - (u * ν) ** 2)) * (tr**2 - 2 * (1 - u * ν) * det)
+        """Energy of the slack state [J/m²]."""
+        tr, det = _invariants(e)
+        ν = c.nu
+        u = c.residual_stiffness
+        factor = c.E * c.thickness * u / (2 * (1 - (u * ν) ** 2))
+        return factor * (tr**2 - 2 * (1 - u * ν) * det)
 
     def state(self, e: Expr, c: Any) -> Expr:
         return self._by_state(e, c, TAUT, WRINKLED, SLACK)
 
     def _by_state(self, e: Expr, c: Any, taut: Expr, wrinkled: Expr, slack: Expr) -> Expr:
+        """One of three expressions, by the state at the strain e."""
         h, r = half_trace_and_radius(e)
-        γ1, γ2 = h + r, h - r
+        γ1 = h + r
+        γ2 = h - r
         f1 = γ2 + c.nu * γ1
         f2 = γ1 + c.residual_stiffness * c.nu * γ2
-        return ufl.conditional(
-            ufl.ge(f1, -ROUND_OFF), taut, ufl.conditional(ufl.gt(f2, 0), wrinkled, slack)
-        )
+        not_taut = ufl.conditional(ufl.gt(f2, 0), wrinkled, slack)
+        return ufl.conditional(ufl.ge(f1, -ROUND_OFF), taut, not_taut)
 
 
 @check_arguments
@@ -241,7 +284,8 @@ class TensionField(Miyazaki):
         >>> gx.TensionField(2.5e9, 0.34, density=1420.0, thickness=25e-6).residual_stiffness
         0.0
 
-    Source: A. C. Pipkin, The relaxed energy density for isotropic elastic membranes, IMA J. Appl. Math. 36
+    Source: A. C. Pipkin, The relaxed energy density for isotropic elastic membranes, IMA J. Appl.
+        Math. 36
     (1986) 85, doi:10.1093/imamat/36.1.85.
     """
 
@@ -257,5 +301,7 @@ class TensionField(Miyazaki):
 
 
 def _invariants(e: Expr) -> tuple[Expr, Expr]:
-    """tr and det of a strain (E11, E22, 2 E12)."""
-    return e[0] + e[1], e[0] * e[1] - e[2] ** 2 / 4
+    """Trace and determinant of a strain (E11, E22, 2 E12)."""
+    trace = e[0] + e[1]
+    determinant = e[0] * e[1] - e[2] ** 2 / 4
+    return trace, determinant

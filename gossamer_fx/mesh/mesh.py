@@ -180,7 +180,7 @@ def _distribute_mesh(comm: MPI.Intracomm, raw: RawMesh | None) -> Mesh:
     )
     permutation = gmsh_order(kind, width)
     # Ranks other than 0 contribute no points and no cells.
-    points = np.zeros((0, 3))
+    points: npt.NDArray[np.float64] = np.zeros((0, 3))
     cells = np.zeros((0, width), dtype=np.int64)
     if raw is not None:
         points = raw.points

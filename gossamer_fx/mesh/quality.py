@@ -8,6 +8,7 @@ communicator are collective.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -77,7 +78,7 @@ def area_vectors(corners: Array) -> Array:
 
 def sizes(corners: Array) -> Array:
     """Areas (n,) [m²] of triangles (n, 3, 3), or lengths (n,) [m] of line elements (n, 2, 3)."""
-    vectors = corners[:, 1] - corners[:, 0]
+    vectors: npt.NDArray[Any] = corners[:, 1] - corners[:, 0]
     if corners.shape[1] == 3:
         vectors = area_vectors(corners)
     result: Array = np.linalg.norm(vectors, axis=1)

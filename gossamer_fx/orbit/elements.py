@@ -1,4 +1,4 @@
-"""Orbital elements, and states made of them."""
+"""Keplerian orbital elements, and their conversion to and from positions and velocities."""
 
 from __future__ import annotations
 
@@ -10,7 +10,17 @@ import numpy as np
 from gossamer_fx.extend import Array, check, check_arguments
 from gossamer_fx.orbit.gravity_field import MU
 
-_SMALL = 1e-11  # eccentricity and sine of the inclination below which an angle has no meaning
+# Eccentricity, and sine of the inclination, below which the direction to perigee, or to the node,
+# is round-off.
+_SMALL = 1e-11
+
+# Newton's method on Kepler's equation: largest number of iterations, and relative tolerance.
+_KEPLER_ITERATIONS = 60
+_KEPLER_TOLERANCE = 1e-15
+
+# Eccentricity from which Newton's method starts at E = π, from where it converges for every
+# anomaly.
+_LARGE_ECCENTRICITY = 0.8
 
 
 @check_arguments
@@ -62,9 +72,11 @@ class Elements:
     def state(self, mu: float = MU) -> tuple[Array, Array]:
         """Position [m] and velocity [m/s], (3,) each."""
         p = self.a * (1 - self.e**2)
-        cosine, sine = math.cos(self.anomaly), math.sin(self.anomaly)
+        cosine = math.cos(self.anomaly)
+        sine = math.sin(self.anomaly)
         r = p / (1 + self.e * cosine) * np.array([cosine, sine, 0.0])
         v = math.sqrt(mu / p) * np.array([-sine, self.e + cosine, 0.0])
+        # From the axes of the orbit (x to perigee, z normal to the orbit) to the axes of the scene.
         R = _about(2, self.node) @ _about(0, self.i) @ _about(2, self.perigee)
         return R @ r, R @ v
 
@@ -74,11 +86,13 @@ class Elements:
         return replace(self, anomaly=_true_anomaly(M, self.e))
 
     def _mean_anomaly(self) -> float:
-        e, half = self.e, self.anomaly / 2
+        """Mean anomaly [rad], by the eccentric anomaly E of an ellipse or H of a hyperbola."""
+        e = self.e
+        half = self.anomaly / 2
         if e < 1:
             E = 2 * math.atan2(
-                math.sqrt(1 - e) * math.sin(self.anomaly / 2),
-                math.sqrt(1 + e) * math.cos(self.anomaly / 2),
+                math.sqrt(1 - e) * math.sin(half),
+                math.sqrt(1 + e) * math.cos(half),
             )
             return E - e * math.sin(E)
         H = 2 * math.atanh(math.sqrt((e - 1) / (e + 1)) * math.tan(half))
@@ -86,15 +100,27 @@ class Elements:
 
 
 def elements_of(r: Array, v: Array, mu: float = MU) -> Elements:
-    """The elements of a position r [m] and velocity v [m/s].
+    """Osculating elements of a position and a velocity.
 
-    Of a circle, perigee is put at the node; of an equatorial orbit, the node on the x axis.
+    The perigee of a circle is set to its node; the node of an equatorial orbit to the x axis.
+
+    Args:
+        r: position (3,) from the centre [m].
+        v: velocity (3,) [m/s].
+        mu: gravitational parameter of the central body [m³/s²].
 
     Raises:
-        InputError: a straight line or a parabola has no such elements.
+        InputError: the motion is a straight line or a parabola, which have no such elements.
+
+    >>> import numpy as np
+    >>> circle = elements_of(np.array([7e6, 0.0, 0.0]), np.array([0.0, np.sqrt(MU / 7e6), 0.0]))
+    >>> round(circle.a), circle.e
+    (7000000, 0.0)
     """
-    r, v = np.asarray(r, dtype=float), np.asarray(v, dtype=float)
-    distance, L = float(np.linalg.norm(r)), np.cross(r, v)
+    r = np.asarray(r, dtype=float)
+    v = np.asarray(v, dtype=float)
+    distance = float(np.linalg.norm(r))
+    L = np.cross(r, v)
     check(
         float(np.linalg.norm(L)) > 1e-9 * distance * float(np.linalg.norm(v)),
         "A body that falls straight down has no elements; give it a velocity across.",
@@ -104,53 +130,76 @@ def elements_of(r: Array, v: Array, mu: float = MU) -> Elements:
         abs(energy) > 1e-14 * mu / distance,
         "A parabola has no semi-major axis; change the speed a little.",
     )
-    # the eccentricity vector from r·v and 2E + μ/r, whose difference does not cancel for circles
-    ecc = ((v @ v) - mu / distance) * r / mu - float(r @ v) * v / mu
-    e, normal = float(np.linalg.norm(ecc)), L / np.linalg.norm(L)
-    to_node = np.array([-normal[1], normal[0], 0.0])
-    sine = float(np.linalg.norm(to_node))
-    to_node = to_node / sine if sine > _SMALL else np.array([1.0, 0.0, 0.0])
-    to_perigee = ecc / e if e > _SMALL else to_node
+    # Eccentricity vector.  This form has no difference that cancels for circles.
+    towards_perigee = ((v @ v) - mu / distance) * r / mu - float(r @ v) * v / mu
+    e = float(np.linalg.norm(towards_perigee))
+    normal = L / np.linalg.norm(L)
+    x_axis = np.array([1.0, 0.0, 0.0])
+    z_axis = np.array([0.0, 0.0, 1.0])
+
+    towards_node = np.array([-normal[1], normal[0], 0.0])
+    sine = float(np.linalg.norm(towards_node))
+    to_node = x_axis
+    if sine > _SMALL:
+        to_node = towards_node / sine
+
+    to_perigee = to_node
+    eccentricity = 0.0
+    if e > _SMALL:
+        to_perigee = towards_perigee / e
+        eccentricity = e
+
     return Elements(
         a=-mu / (2 * energy),
-        e=e if e > _SMALL else 0.0,
+        e=eccentricity,
         i=math.atan2(sine, float(normal[2])),
-        node=_angle(np.array([1.0, 0, 0]), to_node, np.array([0.0, 0, 1])),
+        node=_angle(x_axis, to_node, z_axis),
         perigee=_angle(to_node, to_perigee, normal),
         anomaly=_angle(to_perigee, r / distance, normal),
     )
 
 
 def _angle(a: Array, b: Array, axis: Array) -> float:
-    """From a to b about an axis [rad], in [0, 2π)."""
-    return math.atan2(float(axis @ np.cross(a, b)), float(a @ b)) % (2 * math.pi)
+    """Angle [rad] from a to b (3,) about a unit axis (3,) perpendicular to both, in [0, 2π)."""
+    sine = float(axis @ np.cross(a, b))
+    cosine = float(a @ b)
+    return math.atan2(sine, cosine) % (2 * math.pi)
 
 
 def _about(axis: int, angle: float) -> Array:
-    """Rotation matrix about a coordinate axis."""
-    c, s, R = math.cos(angle), math.sin(angle), np.eye(3)
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    R[i, i], R[i, j], R[j, i], R[j, j] = c, -s, s, c
+    """Rotation matrix (3, 3) about a coordinate axis, 0 to 2, by an angle [rad]."""
+    cosine = math.cos(angle)
+    sine = math.sin(angle)
+    i = (axis + 1) % 3
+    j = (axis + 2) % 3
+    R = np.eye(3)
+    R[i, i] = cosine
+    R[i, j] = -sine
+    R[j, i] = sine
+    R[j, j] = cosine
     return R
 
 
 def _true_anomaly(M: float, e: float) -> float:
-    """Of a mean anomaly, by Newton's method on Kepler's equation."""
+    """True anomaly [rad] of a mean anomaly M [rad], by Newton's method on Kepler's equation."""
     if e < 1:
         M = math.remainder(M, 2 * math.pi)
-        E = M if e < 0.8 else math.copysign(math.pi, M)
-        for _ in range(60):
+        E = M
+        if e >= _LARGE_ECCENTRICITY:
+            E = math.copysign(math.pi, M)
+        for _ in range(_KEPLER_ITERATIONS):
             change = (E - e * math.sin(E) - M) / (1 - e * math.cos(E))
             E -= change
-            if abs(change) < 1e-15:
+            if abs(change) < _KEPLER_TOLERANCE:
                 break
         return 2 * math.atan2(
-            math.sqrt(1 + e) * math.sin(E / 2), math.sqrt(1 - e) * math.cos(E / 2)
+            math.sqrt(1 + e) * math.sin(E / 2),
+            math.sqrt(1 - e) * math.cos(E / 2),
         )
     H = math.asinh(M / e)
-    for _ in range(60):
+    for _ in range(_KEPLER_ITERATIONS):
         change = (e * math.sinh(H) - H - M) / (e * math.cosh(H) - 1)
         H -= change
-        if abs(change) < 1e-15 * max(1.0, abs(H)):
+        if abs(change) < _KEPLER_TOLERANCE * max(1.0, abs(H)):
             break
     return 2 * math.atan(math.sqrt((e + 1) / (e - 1)) * math.tanh(H / 2))

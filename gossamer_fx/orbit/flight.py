@@ -1,4 +1,4 @@
-"""A scene in flight: the origin of its frame, and what surrounds it in the middle of a step."""
+"""State of a flying scene: the origin of its frame, and gravity and sunlight there in a step."""
 
 from __future__ import annotations
 
@@ -11,6 +11,14 @@ import numpy as np
 from gossamer_fx.extend import Array, Assembly
 from gossamer_fx.orbit.environment import Environment
 from gossamer_fx.orbit.origin import Origin
+
+# Accuracy [m] of the position at which the perturbing field is evaluated.  The field changes over
+# kilometres, so a millimetre is more than enough.
+MIDPOINT_TOLERANCE = 1e-3
+
+# The origin follows the centre of mass with at least this many steps as time constant; a shorter
+# one would make the explicit law unstable.
+SHORTEST_FOLLOWING = 5
 
 
 @dataclass(frozen=True)
@@ -32,7 +40,8 @@ class Flight:
         origin: its position and velocity at the ends of the step.
         time: of the middle of the step [s].
         R, V: there (3,).
-        field: acceleration [m/s²] that the origin has there by what attracts beside the central body's 1/r.
+        field: acceleration [m/s²] that the origin has there by what attracts beside the central
+            body's 1/r.
         gradient: its derivative (3, 3) [1/s²].
         pushed: acceleration of the origin by which it is kept near the bodies.
         centre: of mass in the middle of the last step, from the origin (3,) [m].
@@ -51,19 +60,28 @@ class Flight:
         self.centre: Array = np.zeros(3)
 
     def prepare(self, system: Assembly) -> None:
-        """Make the origin's step, if that was not done for this step of the system.  Called on all ranks together."""
+        """Compute the step of the origin, once in every step of the system.  Collective.
+
+        The field acts at the middle of the step, which depends on the end; a fixed-point iteration
+        solves that.
+        """
+        # Several loads share one flight; the first one prepares it.
         if self._for == (system.time, system.h):
             return
-        around, origin, h = self.around, self.origin, system.h
+        around = self.around
+        origin = self.origin
+        h = system.h
         self.time = system.time + h / 2
         self.pushed = self._return(h)
-        R0, V0 = origin.R0, origin.V0
-        self.R = R0 + h / 2 * V0
+        R0 = origin.R0
+        self.R = R0 + h / 2 * origin.V0
         while True:
             self.field = around.field(self.R, self.time)
             origin.step(h, self.field + self.pushed)
-            before, self.R = self.R, (R0 + origin.R1) / 2
-            if not around.is_perturbed or np.linalg.norm(self.R - before) < 1e-3:
+            before = self.R
+            self.R = (R0 + origin.R1) / 2
+            change = np.linalg.norm(self.R - before)
+            if not around.is_perturbed or change < MIDPOINT_TOLERANCE:
                 break
         self.V = origin.moved / h
         if around.is_perturbed:
@@ -71,15 +89,20 @@ class Flight:
         self._for = (system.time, h)
 
     def _return(self, h: float) -> Array:
-        """Acceleration that brings the origin to the centre of mass, critically damped."""
+        """Acceleration (3,) [m/s²] that returns the origin to the centre of mass, critically
+        damped.
+        """
         if self.moments is None:
             return np.zeros(3)
-        m, T = self.moments(), max(self.around.following, 5 * h)
+        m = self.moments()
+        T = max(self.around.following, SHORTEST_FOLLOWING * h)
         back: Array = (m.first / T**2 + 2 * m.momentum / T) / m.mass
         return back
 
     def state(self) -> tuple[Array, Array]:
-        """Position [m] and velocity [m/s] of the centre of mass, from what attracts, at the start of the step."""
+        """Position [m] and velocity [m/s] of the centre of mass, from what attracts, at the start
+        of the step.
+        """
         assert self.moments is not None
         m = self.moments()
         return self.origin.R0 + m.first / m.mass, self.origin.V0 + m.momentum / m.mass
@@ -89,7 +112,7 @@ class Flight:
         return self.around.light(self.R, self.time)
 
     def keep(self) -> None:
-        """The step was accepted."""
+        """Accept the step."""
         if self._for is not None:
             self.origin.keep()
             self._for = None

@@ -1,4 +1,4 @@
-"""Drag in free-molecular flow: molecules meet the surface, none meets another."""
+"""Force coefficients in free-molecular flow, where molecules hit the surface but not each other."""
 
 from __future__ import annotations
 
@@ -9,7 +9,11 @@ import numpy as np
 
 from gossamer_fx.extend import check, check_arguments
 
-BOLTZMANN, ATOM = 1.380649e-23, 16 * 1.66053906660e-27  # J/K; kg, of atomic oxygen
+# Boltzmann's constant [J/K].
+BOLTZMANN = 1.380649e-23
+
+# Mass of an atom of oxygen [kg], the most frequent particle between 200 and 600 km.
+ATOM = 16 * 1.66053906660e-27
 
 
 @check_arguments
@@ -20,7 +24,8 @@ class Air:
     Args:
         density: [kg/m³].
         temperature: [K].
-        molecule: mean mass of a molecule [kg]; default that of atomic oxygen, the air between 200 and 600 km.
+        molecule: mean mass of a molecule [kg]; default that of atomic oxygen, the air between 200
+            and 600 km.
     """
 
     density: float
@@ -48,11 +53,13 @@ class Air:
 @check_arguments
 @dataclass(frozen=True)
 class Accommodation:
-    """How molecules leave a surface: σ_n and σ_t are the parts of normal and tangential momentum that are taken up.
+    """How molecules leave a surface: σ_n and σ_t are the parts of normal and tangential momentum
+    that are taken up.
 
     Args:
         normal: σ_n.
-        tangential: σ_t; 1, 1: all molecules leave at the temperature of the wall in all directions; 0, 0: a mirror.
+        tangential: σ_t; 1, 1: all molecules leave at the temperature of the wall in all directions;
+            0, 0: a mirror.
         wall_temperature: [K].
     """
 
@@ -75,13 +82,14 @@ class Accommodation:
 
 
 def coefficients(c: Any, s: Any, σn: Any, σt: Any, wall: Any, maths: Any) -> tuple[Any, Any]:
-    """(A, B): the flow of mass density ρ and velocity U exerts per area ½ρU² (A n + B u) on one side.
+    """(A, B): the flow of mass density ρ and velocity U exerts per area ½ρU² (A n + B u) on one
+    side.
 
-    n points into the surface, u = U/|U|, c = n·u (negative on the lee), s = |U|/√(2kT/m), wall = √(T_w/T).  With
-    x = s c, the pressure and shear coefficients of Schaaf & Chambre are
+    n points into the surface, u = U/|U|, c = n·u (negative on the lee), s = |U|/√(2kT/m), wall =
+    √(T_w/T).  With x = s c, the pressure and shear coefficients of Schaaf & Chambre are
 
-        c_p s² = [(2-σ_n) x/√π + σ_n wall/2] exp(-x²) + [(2-σ_n)(x² + ½) + σ_n √π wall x/2] (1 + erf x)
-        c_τ s  = σ_t sin θ [exp(-x²)/√π + x (1 + erf x)]
+        c_p s² = [(2-σ_n) x/√π + σ_n wall/2] exp(-x²) + [(2-σ_n)(x² + ½) + σ_n √π wall x/2] (1 + erf
+        x) c_τ s  = σ_t sin θ [exp(-x²)/√π + x (1 + erf x)]
 
     and A = c_p - c c_τ/sin θ, B = c_τ/sin θ.
 
@@ -90,8 +98,10 @@ def coefficients(c: Any, s: Any, σn: Any, σt: Any, wall: Any, maths: Any) -> t
 
     Source: Schaaf & Chambre, Flow of Rarefied Gases (1961), section H.
     """
-    x, root = s * c, float(np.sqrt(np.pi))
-    bell, step = maths.exp(-x * x), 1 + maths.erf(x)
+    x = s * c
+    root = float(np.sqrt(np.pi))
+    bell = maths.exp(-x * x)
+    step = 1 + maths.erf(x)
     pressure = ((2 - σn) * x / root + σn * wall / 2) * bell
     pressure += ((2 - σn) * (x * x + 0.5) + σn * root * wall * x / 2) * step
     shear = σt * (bell / root + x * step) / s

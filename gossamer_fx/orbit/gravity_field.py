@@ -1,4 +1,4 @@
-"""The Earth's gravity beyond 1/r: oblateness, or EGM2008 to degree 20."""
+"""Gravity field of the Earth beyond a point mass: oblateness J2, or EGM2008 to degree 20."""
 
 from __future__ import annotations
 
@@ -10,24 +10,49 @@ import numpy as np
 from gossamer_fx.extend import check
 from gossamer_fx.orbit.harmonics import Coefficients, SolidHarmonics, unnormalise
 
-MU, RADIUS, J2 = 3.986004418e14, 6378137.0, 1.08262668e-3  # m³/s², m, of WGS 84 and EGM96
-EGM_MU, EGM_RADIUS, EGM_DEGREE = 3.986004415e14, 6378136.3, 20
+# Gravitational parameter [m³/s²] and equatorial radius [m] of the Earth in WGS 84, and J2 of EGM96.
+MU = 3.986004418e14
+RADIUS = 6378137.0
+J2 = 1.08262668e-3
+
+# Gravitational parameter [m³/s²] and reference radius [m] to which the coefficients of EGM2008
+# refer, and the highest degree in the file.
+EGM_MU = 3.986004415e14
+EGM_RADIUS = 6378136.3
+EGM_DEGREE = 20
 
 
 def oblateness(J2: float = J2, mu: float = MU, radius: float = RADIUS) -> SolidHarmonics:
-    """The potential -(μ/r) J2 (a/r)² P_2(sin φ), around the z axis."""
+    """Potential -(μ/r) J2 (a/r)² P_2(sin φ) [m²/s²] of an oblate body around the z axis.
+
+    Its sign is that of geodesy: the acceleration is the gradient.
+
+    Args:
+        J2: oblateness.
+        mu: gravitational parameter μ [m³/s²].
+        radius: equatorial radius a [m].
+    """
     c = np.zeros((3, 3), dtype=complex)
     c[2, 0] = -J2
     return SolidHarmonics(c, radius, mu / radius)
 
 
 def egm2008(degree: int = EGM_DEGREE, *, central: bool = False) -> SolidHarmonics:
-    """EGM2008 to a degree and order, in Earth-fixed axes; the term μ/r is included if `central`.
+    """Gravity potential EGM2008 [m²/s²] of the Earth, in Earth-fixed axes.
 
-    Source: Pavlis et al., J. Geophys. Res. 117 (2012) B04406, doi:10.1029/2011JB008916; `egm2008.txt` beside this file.
+    Args:
+        degree: highest degree and order, 2 to 20.
+        central: whether the term μ/r is included.
 
     Raises:
-        InputError: a degree that the file does not hold.
+        InputError: the degree is not in the file `egm2008.txt` of this package.
+
+    Source: N. K. Pavlis et al., J. Geophys. Res. 117 (2012) B04406, doi:10.1029/2011JB008916.
+
+    >>> import numpy as np
+    >>> g = egm2008(2, central=True).gradient(np.array([EGM_RADIUS, 0.0, 0.0]))
+    >>> round(float(g[0]), 2)
+    -9.81
     """
     check(
         degree in range(2, EGM_DEGREE + 1),
@@ -42,6 +67,7 @@ def egm2008(degree: int = EGM_DEGREE, *, central: bool = False) -> SolidHarmonic
 
 @cache
 def _egm2008() -> Coefficients:
+    """Coefficients c_nm of EGM2008 without normalisation, read once."""
     c = np.zeros((EGM_DEGREE + 1, EGM_DEGREE + 1), dtype=complex)
     for line in (files("gossamer_fx.orbit") / "egm2008.txt").read_text().splitlines():
         if not line.startswith("#"):

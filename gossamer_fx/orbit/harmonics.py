@@ -1,11 +1,16 @@
-"""Potentials in solid spherical harmonics: gravity and the magnetic field by one recursion, without a pole.
+"""Potentials in solid spherical harmonics, for gravity and the magnetic field.
 
-With Y_nm = (a/r)^(n+1) P_nm(sin φ) exp(i m λ), a the reference radius, a potential is
+With the reference radius a, latitude φ and longitude λ, the solid harmonics and a potential are
 
-    Φ = s Re Σ c_nm Y_nm,    c_nm = C_nm - i S_nm   (unnormalised)
+    Y_nm = (a/r)^(n+1) P_nm(sin φ) exp(i m λ)                                                    (1)
 
-A derivative of Y_nm along a coordinate is a sum of two Y of degree n + 1, so the derivatives of Φ are sums of the same
-kind, whose coefficients are found once (Cunningham, Celest. Mech. 2 (1970) 207, doi:10.1007/BF01229495).
+    Φ = s Re Σ c_nm Y_nm,    c_nm = C_nm - i S_nm    (not normalised)                            (2)
+
+A derivative of Y_nm along a Cartesian coordinate is a sum of two Y of degree n + 1.  So the
+derivatives of Φ are sums of the same kind as Φ; their coefficients are computed once
+(`differentiate`).  No formula divides by cos φ: the poles need no special case.
+
+Source: L. E. Cunningham, Celest. Mech. 2 (1970) 207, doi:10.1007/BF01229495.
 """
 
 from __future__ import annotations
@@ -17,68 +22,94 @@ import numpy.typing as npt
 
 from gossamer_fx.extend import Array
 
-Coefficients = npt.NDArray[np.complex128]  # c_nm at [n, m], m ≤ n
+# c_nm at [n, m] for m ≤ n, and zero for m > n.
+Coefficients = npt.NDArray[np.complex128]
 
 
 class SolidHarmonics:
-    """The potential Φ = scale Re Σ c_nm Y_nm around the origin, outside the sphere of `radius` [m].
+    """The potential Φ = scale Re Σ c_nm Y_nm around the origin, outside a sphere.
 
     Args:
-        coefficients: c_nm = C_nm - i S_nm, unnormalised, complex (N + 1, N + 1).
-        radius: a [m].
-        scale: s, e.g. μ/a [m²/s²].
+        coefficients: c_nm = C_nm - i S_nm, not normalised, complex (N + 1, N + 1).
+        radius: reference radius a [m].
+        scale: s, for example μ/a [m²/s²] for gravity.
+
+    >>> import numpy as np
+    >>> point = SolidHarmonics(np.array([[1.0 + 0j]]), radius=1.0, scale=2.0)  # 2/r
+    >>> float(point.potential(np.array([4.0, 0.0, 0.0])))
+    0.5
     """
 
     def __init__(self, coefficients: Coefficients, radius: float, scale: float) -> None:
-        self.coefficients, self.radius, self.scale = coefficients, radius, scale
+        self.coefficients = coefficients
+        self.radius = radius
+        self.scale = scale
 
     @cached_property
     def _first(self) -> list[Coefficients]:
+        """Coefficients of the first derivatives along x, y and z."""
         return [differentiate(self.coefficients, axis) for axis in range(3)]
 
     @cached_property
     def _second(self) -> list[list[Coefficients]]:
-        return [
-            [differentiate(c, axis) for axis in range(k + 1)] for k, c in enumerate(self._first)
-        ]
+        """Coefficients of the second derivatives, of the lower triangle only."""
+        rows = []
+        for k, first in enumerate(self._first):
+            rows.append([differentiate(first, axis) for axis in range(k + 1)])
+        return rows
 
     def potential(self, r: Array) -> Array:
-        """Φ (...) at positions r (..., 3) [m]."""
+        """Φ (...) at positions r (..., 3) [m], in the unit of `scale`."""
         return self.scale * self._sum(self.coefficients, r)
 
     def gradient(self, r: Array) -> Array:
-        """∇Φ (..., 3)."""
+        """∇Φ (..., 3) at positions r (..., 3) [m], in the unit of `scale` per metre."""
         Y = solid_harmonics(len(self._first[0]) - 1, r, self.radius)
-        return self.scale / self.radius * np.stack([_real_sum(c, Y) for c in self._first], axis=-1)
+        components = [_real_sum(c, Y) for c in self._first]
+        return self.scale / self.radius * np.stack(components, axis=-1)
 
     def second_gradient(self, r: Array) -> Array:
-        """∇∇Φ (..., 3, 3), symmetric and without trace."""
+        """∇∇Φ (..., 3, 3) at positions r (..., 3) [m]; symmetric, and its trace is zero."""
         Y = solid_harmonics(len(self._second[0][0]) - 1, r, self.radius)
         G = np.empty((*np.shape(r)[:-1], 3, 3))
         for i, row in enumerate(self._second):
             for j, c in enumerate(row):
-                G[..., i, j] = G[..., j, i] = _real_sum(c, Y)
+                component = _real_sum(c, Y)
+                G[..., i, j] = component
+                G[..., j, i] = component
         return self.scale / self.radius**2 * G
 
     def _sum(self, c: Coefficients, r: Array) -> Array:
+        """Re Σ c_nm Y_nm at positions r (..., 3)."""
         return _real_sum(c, solid_harmonics(len(c) - 1, r, self.radius))
 
 
 def _real_sum(c: Coefficients, Y: Coefficients) -> Array:
-    """Re Σ c_nm Y_nm; c has all degrees of Y or less."""
+    """Re Σ c_nm Y_nm (...); the degree of c is at most that of Y (N, N, ...)."""
     N = len(c)
     result: Array = np.einsum("nm,nm...->...", c, Y[:N, :N]).real
     return result
 
 
 def solid_harmonics(degree: int, r: Array, radius: float) -> Coefficients:
-    """Y_nm (degree + 1, degree + 1, ...) at positions r (..., 3); zero where m > n."""
+    """Y_nm of equation (1) at positions r (..., 3), shape (degree + 1, degree + 1, ...).
+
+    Entries with m > n are zero.
+
+    Args:
+        degree: highest degree n.
+        r: positions (..., 3) [m], not at the origin.
+        radius: reference radius a [m].
+    """
     r2 = np.sum(np.asarray(r, dtype=float) ** 2, axis=-1)
     x, y, z = (radius * np.asarray(r)[..., k] / r2 for k in range(3))
-    ρ, xy = radius**2 / r2, x + 1j * y
+    ρ = radius**2 / r2
+    xy = x + 1j * y
     Y = np.zeros((degree + 1, degree + 1, *r2.shape), dtype=complex)
     Y[0, 0] = radius / np.sqrt(r2)
     for n in range(1, degree + 1):
+        # The recursion goes along the diagonal m = n, and from there to higher n at the same m.  It
+        # is stable in this direction.
         Y[n, n] = (2 * n - 1) * xy * Y[n - 1, n - 1]
         m = np.arange(n).reshape(-1, *[1] * r2.ndim)
         Y[n, :n] = (2 * n - 1) * z * Y[n - 1, :n]
@@ -89,33 +120,55 @@ def solid_harmonics(degree: int, r: Array, radius: float) -> Coefficients:
 
 
 def differentiate(c: Coefficients, axis: int) -> Coefficients:
-    """Coefficients of a ∂Φ/∂x_axis, of one degree more.
+    """Coefficients (N + 1, N + 1) of a ∂Φ/∂x_axis, from those of Φ (N, N).
 
-    a ∂z Y_nm = -(n-m+1) Y_{n+1,m},  a (∂x + i∂y) Y_nm = -Y_{n+1,m+1},  a (∂x - i∂y) Y_nm = (n-m+2)(n-m+1) Y_{n+1,m-1}
+        a ∂z Y_nm = -(n-m+1) Y_{n+1,m}
+        a (∂x + i ∂y) Y_nm = -Y_{n+1,m+1}
+        a (∂x - i ∂y) Y_nm = (n-m+2)(n-m+1) Y_{n+1,m-1}
+
+    Args:
+        c: coefficients of Φ.
+        axis: 0, 1 or 2 for x, y or z.
     """
     N = len(c)
     d = np.zeros((N + 1, N + 1), dtype=complex)
-    n, m = np.arange(N)[:, None], np.arange(N)[None, :]
+    n = np.arange(N)[:, None]
+    m = np.arange(N)[None, :]
     if axis == 2:
         d[1:, :N] = -(n - m + 1) * c
         return d
-    up, down = (-0.5, 0.5) if axis == 0 else (0.5j, 0.5j)
-    # Y_n0 is real, and Re Y_{n+1,-1} follows from Y_{n+1,1}: both halves of its derivative fall together
+    # ∂x and ∂y are half the sum, and half the difference over i, of the two complex derivatives.
+    up: complex = -0.5
+    down: complex = 0.5
+    if axis == 1:
+        up = 0.5j
+        down = 0.5j
     d[1:, 1:] = up * c
+    # Y_n0 is real, and Re Y_{n+1,-1} follows from Y_{n+1,1}: both halves of its derivative
+    # coincide.
     d[1:, 1] += up * c[:, 0].conj()
-    d[1:, : N - 1] += (down * (n - m + 2) * (n - m + 1) * c)[:, 1:]
+    lowered = down * (n - m + 2) * (n - m + 1) * c
+    d[1:, : N - 1] += lowered[:, 1:]
     return d
 
 
 def unnormalise(c: Coefficients, geodetic: bool) -> Coefficients:
-    """Unnormalised coefficients of fully normalised ones (geodesy), or of Schmidt's (geomagnetism).
+    """Coefficients without normalisation, from normalised ones.
 
-    Factor √((2-δ_0m) (n-m)!/(n+m)!), times √(2n+1) in geodesy.
+    The factor is √((2-δ_0m) (n-m)!/(n+m)!), in geodesy times √(2n+1).
+
+    Args:
+        c: normalised coefficients (N, N).
+        geodetic: True for the full normalisation of geodesy, False for Schmidt's semi-normalisation
+            of geomagnetism.
     """
     N = len(c)
     factor = np.zeros((N, N))
     for n in range(N):
-        factor[n, 0] = np.sqrt(2 * n + 1) if geodetic else 1.0
+        factor[n, 0] = 1.0
+        if geodetic:
+            factor[n, 0] = np.sqrt(2 * n + 1)
+        # (n+m)!/(n-m)! as a running product, since factorials overflow.
         product = 1.0
         for m in range(1, n + 1):
             product *= (n + m) * (n - m + 1)

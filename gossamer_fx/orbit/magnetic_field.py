@@ -1,4 +1,4 @@
-"""The Earth's magnetic field: IGRF-14."""
+"""Magnetic field of the Earth by the International Geomagnetic Reference Field, IGRF-14."""
 
 from __future__ import annotations
 
@@ -10,17 +10,30 @@ import numpy as np
 from gossamer_fx.extend import Array, check
 from gossamer_fx.orbit.harmonics import Coefficients, SolidHarmonics, unnormalise
 
-REFERENCE_RADIUS = 6371.2e3  # m
+# Reference radius [m] of the coefficients of IGRF.
+REFERENCE_RADIUS = 6371.2e3
 
 
 class Igrf:
-    """The main field B = -∇V [T] of a year, V = a Σ (a/r)^(n+1) P_n^m (g cos mλ + h sin mλ), degree 13.
+    """Main magnetic field of the Earth at one time.
 
-    Source: IAGA, International Geomagnetic Reference Field, 14th generation, doi:10.5281/zenodo.14012302; its file
-    `igrf14.shc` is beside this one.  Between epochs coefficients are linear; the last five years are a forecast.
+        B = -∇V [T],    V = a Σ (a/r)^(n+1) P_n^m(sin φ) (g cos mλ + h sin mλ),    n ≤ 13
+
+    Coefficients are linear between epochs; those of the last five years are a forecast.
 
     Args:
-        year: with fraction, from 1900 to 2030.
+        year: year with fraction, from 1900 to 2030.
+
+    Raises:
+        InputError: the year is outside this range.
+
+    Source: IAGA, International Geomagnetic Reference Field, 14th generation,
+    doi:10.5281/zenodo.14012302; its file `igrf14.shc` is in this package.
+
+    >>> import numpy as np
+    >>> B = Igrf(2025.0).field(np.array([0.0, 0.0, REFERENCE_RADIUS]))  # at the north pole
+    >>> bool(5.5e-5 < np.linalg.norm(B) < 6.0e-5)
+    True
     """
 
     def __init__(self, year: float) -> None:
@@ -30,10 +43,14 @@ class Igrf:
             f"The magnetic field is known from {epochs[0]:.0f} to {epochs[-1]:.0f}, not in {year!r}; give a year "
             "between them.",
         )
-        k = int(np.clip(np.searchsorted(epochs, year, side="right") - 1, 0, len(epochs) - 2))
+        # The interval of epochs; the last year belongs to the last interval.
+        following = np.searchsorted(epochs, year, side="right")
+        k = int(np.clip(following - 1, 0, len(epochs) - 2))
         s = (year - epochs[k]) / (epochs[k + 1] - epochs[k])
         self.harmonics = SolidHarmonics(
-            (1 - s) * c[k] + s * c[k + 1], REFERENCE_RADIUS, REFERENCE_RADIUS
+            coefficients=(1 - s) * c[k] + s * c[k + 1],
+            radius=REFERENCE_RADIUS,
+            scale=REFERENCE_RADIUS,
         )
 
     def field(self, r: Array) -> Array:
@@ -43,15 +60,17 @@ class Igrf:
 
 @cache
 def _igrf14() -> tuple[Array, list[Coefficients]]:
-    """Epochs [years], and for each of them c_nm [T], unnormalised."""
-    lines = [
-        line.split()
-        for line in (files("gossamer_fx.orbit") / "igrf14.shc").read_text().splitlines()
-        if not line.startswith("#")
-    ]
-    degree, epochs = int(lines[0][1]), np.array([float(year) for year in lines[1]])
+    """Epochs [years], and for each of them coefficients c_nm [T] without normalisation."""
+    text = (files("gossamer_fx.orbit") / "igrf14.shc").read_text()
+    lines = [line.split() for line in text.splitlines() if not line.startswith("#")]
+    degree = int(lines[0][1])
+    epochs = np.array([float(year) for year in lines[1]])
     c = np.zeros((len(epochs), degree + 1, degree + 1), dtype=complex)
     for n, m, *values in lines[2:]:
-        nT = np.array([float(value) for value in values])
-        c[:, int(n), abs(int(m))] += 1e-9 * (nT if int(m) >= 0 else -1j * nT)
+        nanotesla = np.array([float(value) for value in values])
+        # Lines with negative m have the sine coefficients h, the others the cosine coefficients g.
+        if int(m) >= 0:
+            c[:, int(n), int(m)] += 1e-9 * nanotesla
+        else:
+            c[:, int(n), -int(m)] += 1e-9 * (-1j * nanotesla)
     return epochs, [unnormalise(each, geodetic=False) for each in c]

@@ -1,12 +1,23 @@
-"""Gravity in a frame that flies: differences of the rule of `origin`, without cancellation.
+"""Gravity on the bodies of a flying scene, relative to the frame that falls with them.
 
-A mass m at X = R + x has over a step the exact average of 1/r gravity, and the frame the same at R:
+Problem.  Positions x in the frame are metres, those of its origin R are 7e6 m: the difference of
+both attractions would lose seven digits.
 
-    f/m = -σ(X0, X1) X̄ + σ(R0, R1) R̄ = -σ(R0, R1) [x̄ - γ/(1+γ) X̄],   1 + γ = σ(R0, R1)/σ(X0, X1)
+Method.  A mass m at X = R + x has over a step from X0 to X1 the exact average of 1/r gravity, with
+σ of `gossamer_fx.orbit.origin`, and the frame the same at R.  The difference is the force in the
+frame,
 
-γ is a polynomial of the growth of |X0|, |X1| and their sum over those of R, and |X| - |R| = (2R + x)·x/(|X| + |R|).
-Its work on the absolute way X1 - X0 is m μ (1/|X1| - 1/|X0|), and its moment about the centre is zero: energy and
-angular momentum of the whole are kept to the tolerance of the solve.
+    f/m = -σ(X0, X1) X_mid + σ(R0, R1) R_mid = -σ(R0, R1) [x_mid - γ/(1+γ) X_mid]                (1)
+
+    1 + γ = σ(R0, R1)/σ(X0, X1)                                                                  (2)
+
+γ is a polynomial of the relative growth of |X0|, |X1| and their sum over those of R (`excess`), and
+the growth is computed without cancellation (`growth`):
+
+    |X| - |R| = (2R + x)·x/(|X| + |R|)                                                           (3)
+
+The work of the force on the displacement X1 - X0 is m μ (1/|X1| - 1/|X0|), and its moment about the
+centre is zero.  So energy and angular momentum are conserved to the tolerance of the solver.
 """
 
 from __future__ import annotations
@@ -50,20 +61,37 @@ from gossamer_fx.orbit.mass_points import MassPoints
 
 
 def growth(R: Any, x: Any, dot: Any, root: Any) -> tuple[Any, Any]:
-    """|R| and |R + x| - |R|."""
+    """|R| and |R + x| - |R|, by equation (3).
+
+    Args:
+        R: origin of the frame [m].
+        x: position in the frame [m].
+        dot: dot product of two such vectors.
+        root: square root.
+
+    >>> import numpy as np
+    >>> r, longer = growth(np.array([7e6, 0.0, 0.0]), np.array([1e-3, 0.0, 0.0]), np.dot, np.sqrt)
+    >>> float(r), round(float(longer), 12)
+    (7000000.0, 0.001)
+    """
     r = root(dot(R, R))
     longer = dot(2 * R + x, x)
     return r, longer / (r + root(r**2 + longer))
 
 
 def excess(r0: Any, r1: Any, d0: Any, d1: Any) -> Any:
-    """γ of the growths d of the distances r at both ends of a step."""
-    p, q, w = d0 / r0, d1 / r1, (d0 + d1) / (r0 + r1)
+    """γ of equation (2), from the distances r and their growths d at the start and the end of a
+    step.
+    """
+    p = d0 / r0
+    q = d1 / r1
+    w = (d0 + d1) / (r0 + r1)
+    # (1 + p)(1 + q)(1 + w) - 1 without the subtraction.
     return p + q + w + p * q + p * w + q * w + p * q * w
 
 
 def _names_of_holders(terms: Sequence[Term]) -> Iterator[str]:
-    """Names of the terms that tie a body to a point of the frame."""
+    """Names of the terms that fix a body to a point of the frame."""
     for term in terms:
         if isinstance(term, Support):
             yield term.name
@@ -75,7 +103,14 @@ def _names_of_holders(terms: Sequence[Term]) -> Iterator[str]:
 
 
 class MeshGravity:
-    """Gravity on one body on a mesh; its mass is that of the body's kinetic energy, at the same quadrature points."""
+    """Gravity on one body on a mesh, as compiled forms.
+
+    The mass is that of the body's kinetic energy, at the same quadrature points.
+
+    Args:
+        term: kinetic energy of the body.
+        at: its fields in the system: q0, q1 and mid of a step, test function w, trial function dq.
+    """
 
     def __init__(self, term: KineticEnergy, at: Any) -> None:
         self.body = term.body
@@ -87,10 +122,11 @@ class MeshGravity:
         one = constant(mesh, 1.0)
 
         def placed(v: Expr) -> Expr:
-            """The vector v of positions, and nothing for directors."""
+            """The vector v for the position, and zeros for the directors."""
             return ufl.as_vector([v[i] if i < 3 else 0 for i in range(size)])
 
         def point(q: Expr) -> Expr:
+            """The position in the unknowns of a node."""
             return ufl.as_vector([q[i] for i in range(3)])
 
         x0, x1, x = point(at.q0), point(at.q1), point(at.mid)
@@ -110,7 +146,7 @@ class MeshGravity:
         self._weights = compile_form(term.mass(unit, at.w))
 
     def vector(self, form: fem.Form) -> Array:
-        """Owned values of an assembled linear form."""
+        """Assemble a linear form, and return the values that this rank owns."""
         dofmap = self._at.q0.function_space.dofmap
         b = la.vector(dofmap.index_map, dofmap.index_map_bs)
         fem.assemble_vector(b.array, form)
@@ -119,7 +155,9 @@ class MeshGravity:
         return owned
 
     def weights(self) -> Array:
-        """Σ m w = Σ_i weights_i w_i of the owned coordinates w, for each component."""
+        """Weights of the owned coordinates w, such that Σ m w = Σ_i weights_i w_i for each
+        component.
+        """
         along_x = self.vector(self._weights).reshape(-1, 3)[:, :1]
         return np.repeat(along_x, 3, axis=1).ravel()
 
@@ -136,7 +174,12 @@ class CompiledOrbit(
     FrameMomenta,
     CompiledTerms,
 ):
-    """Gravity on all bodies of a scene that flies, and the energy of their common motion."""
+    """Gravity on all bodies of a flying scene, and the energy of their common motion.
+
+    Raises:
+        InputError: the scene has several orbits, another stepper than the midpoint rule, or an item
+            that fixes a body in the frame.
+    """
 
     def __init__(self, terms: Sequence[RelativeGravity], system: Assembly) -> None:
         check(len(terms) == 1, f"The scene has {len(terms)} orbits; give it one.")
@@ -168,18 +211,20 @@ class CompiledOrbit(
         self._resultant: Array = np.zeros((2, 3))
 
     def _weigh(self) -> PETSc.Vec:
-        """W with Σ m w = Σ_i W_i w_i for positions, velocities or changes w of all bodies."""
+        """Weights W with Σ m w = Σ_i W_i w_i, for positions, velocities or displacements w of all
+        bodies.
+        """
         W = self._system.numbering.vector()
         with W as values:
             for mesh in self._meshes:
                 values[self._system.block(mesh.body).owned] += mesh.weights()
         if self._points:
-            # a row of ones picks the same weight for each of the three components
+            # The weight is the same for all three components.
             self._points.add(np.repeat(self._points.mass[:, None], 3, axis=1), W)
         return W
 
     def _is_place(self) -> Array:
-        """1 for each owned position, 0 for each director."""
+        """Array of 1 for each owned position and 0 for each director."""
         each = [
             np.tile(np.eye(b.block.size // 3)[0], b.block.index_map.size_local)
             for b in self._system.bodies
@@ -187,40 +232,49 @@ class CompiledOrbit(
         return np.concatenate([np.zeros(0), *each])
 
     def _sums(self, *vectors: Array) -> list[Array]:
-        """Σ m w (3,) of owned values w, over all ranks."""
+        """Σ m w (3,) over all ranks, for each vector of owned values w.  Collective."""
         W = self._weights.array_r[: self._size]
         local = np.array([(W * w[: self._size]).reshape(-1, 3).sum(axis=0) for w in vectors])
         return list(self._system.comm.allreduce(local))
 
     def moments(self) -> Moments:
-        """At the start of the step."""
+        """Mass, first moment and momentum at the start of the step.  Collective."""
         first, momentum = self._sums(self._system.q0.array_r, self._system.v0.array_r)
         return Moments(self.mass, first, momentum)
 
-    # ---- a step -------------------------------------------------------------------------------------------------
+    # ---- a step ----------------------------------------------------------------------------------
 
     def begin_step(self, t: float) -> None:
-        flight, origin = self.flight, self.flight.origin
+        flight = self.flight
         flight.prepare(self._system)
-        R0, R1 = origin.R0, origin.R1
-        r0, r1 = np.linalg.norm(R0), np.linalg.norm(R1)
+        R0 = flight.origin.R0
+        R1 = flight.origin.R1
+        r0 = np.linalg.norm(R0)
+        r1 = np.linalg.norm(R1)
         self._σ = 2 * self._around.mu / (r0 * r1 * (r0 + r1))
+        # Derivative of the force by the position at the end of the step; of equation (1) the
+        # gravity gradient at the origin is accurate enough for Newton's method.
         self._tangent = (flight.gradient - self._around.tide(flight.R)) / 2
         for mesh in self._meshes:
-            mesh.R0.value, mesh.R1.value, mesh.σ.value = R0, R1, self._σ
-            mesh.A.value, mesh.G.value, mesh.T.value = (
-                -flight.pushed,
-                flight.gradient,
-                self._tangent,
-            )
+            mesh.R0.value = R0
+            mesh.R1.value = R1
+            mesh.σ.value = self._σ
+            mesh.A.value = -flight.pushed
+            mesh.G.value = flight.gradient
+            mesh.T.value = self._tangent
         if self._points:
             self._X0 = self._points(self._system.q0)
 
     def _on_points(self, x1: Array) -> Array:
-        """Forces (n, 3) on the mass points that go to x1."""
+        """Forces (n, 3) [N] on the mass points, whose positions (n, 3) at the end of the step are
+        x1.
+        """
         assert self._points is not None
-        flight, x0, x = self.flight, self._X0, (self._X0 + x1) / 2
-        R0, R1 = flight.origin.R0, flight.origin.R1
+        flight = self.flight
+        x0 = self._X0
+        x = (x0 + x1) / 2
+        R0 = flight.origin.R0
+        R1 = flight.origin.R1
         (r0, d0), (r1, d1) = (
             growth(np.broadcast_to(R, x.shape), y, _dots, np.sqrt) for R, y in ((R0, x0), (R1, x1))
         )
@@ -243,11 +297,15 @@ class CompiledOrbit(
         if self._points:
             self._points.add_matrices(-self._points.mass[:, None, None] * self._tangent, A)
 
-    # ---- what the ledger books ----------------------------------------------------------------------------------
+    # ---- energy and momentum for the ledger ------------------------------------------------------
 
     def supplied(self) -> float:
-        """Work of what attracts beside 1/r, and of all other loads on the way of the origin (theirs on the way in the
-        frame is booked by themselves); their sum follows from the momentum.  On rank 0."""
+        """Work [J] in the step that no other term counts; on rank 0, zero elsewhere.
+
+        It is the work of all attraction other than 1/r, and that of all other loads on the
+        displacement of the origin.  The loads count their work on displacements in the frame
+        themselves.  Their resultant follows from the change of momentum.  Collective.
+        """
         system, flight, h = self._system, self.flight, self._system.h
         ΔR, Δq = flight.origin.moved, system.q1.array_r - system.q0.array_r
         middle = (system.q0.array_r + system.q1.array_r) / 2
@@ -284,7 +342,11 @@ class CompiledOrbit(
         self.flight.keep()
 
     def energies(self) -> dict[str, float]:
-        """½ M |V|² + V·P + Σ m μ (1/|R| - 1/|X|) - M μ/|R|, less the first and last term of the start."""
+        """Energy [J] of the motion of the frame and of 1/r gravity; the sum over ranks counts.
+
+        It is ½ M |V|² + V·P + Σ m μ (1/|R| - 1/|X|) - M μ/|R|, less the first and the last term at
+        the start of the run, with the mass M and the momentum P in the frame.
+        """
         system, origin = self._system, self.flight.origin
         gained, _ = origin.gained()
         momentum = self._weights.array_r[: self._size] * system.v0.array_r[: self._size]
@@ -299,26 +361,34 @@ class CompiledOrbit(
         return {self.name: energy + (self.mass * gained if system.comm.rank == 0 else 0.0)}
 
     def momenta(self) -> Array:
-        """What momentum (3,) and angular momentum (3,) about the centre are more than those in the frame; on rank 0."""
-        m, origin = self.moments(), self.flight.origin
-        R, V = origin.R0, origin.V0
-        extra = np.array(
-            [m.mass * V, m.mass * origin.moment() + np.cross(R, m.momentum) + np.cross(m.first, V)]
-        )
-        return extra if self._system.comm.rank == 0 else np.zeros((2, 3))
+        """Momentum and angular momentum (2, 3) about the central body, less those in the frame.
+
+        On rank 0; zeros elsewhere.  Collective.
+        """
+        m = self.moments()
+        origin = self.flight.origin
+        R = origin.R0
+        V = origin.V0
+        momentum = m.mass * V
+        moment = m.mass * origin.moment() + np.cross(R, m.momentum) + np.cross(m.first, V)
+        if self._system.comm.rank != 0:
+            return np.zeros((2, 3))
+        return np.array([momentum, moment])
 
 
 def _dots(a: Array, b: Array) -> Array:
-    """a·b (n,) of rows."""
+    """Dot products (n,) of the rows of two arrays (n, 3)."""
     products: Array = np.einsum("na,na->n", a, b)
     return products
 
 
 class RelativeGravity:
-    """The term of an `Orbit`: one for a scene; `flight` is what changes in the course of it.
+    """The term of an `Orbit`; a scene has one.
 
     Args:
-        flights: where the flight is entered under its system, for those that ask the orbit.
+        name: name of the orbit.
+        flight: origin of the frame, and its surroundings at the present time.
+        flights: dictionary of the orbit, into which the flight is entered under its system.
     """
 
     compiler: ClassVar[type[CompiledTerms]] = CompiledOrbit

@@ -1,4 +1,9 @@
-"""Forces of light and of rarefied air on faces, the same formulas for UFL expressions and for arrays."""
+"""Forces of light and of rarefied air on a face, by formulas that work for UFL expressions and
+arrays.
+
+The argument `maths` of the formulas is `Symbolic` for films, whose forces are compiled by UFL, and
+`Rows` for the flat faces of rigid bodies, which are NumPy arrays.
+"""
 
 from __future__ import annotations
 
@@ -15,53 +20,101 @@ from gossamer_fx.orbit.optics import MIRROR, Optics
 
 
 class Symbolic:
-    """What the formulas need, of UFL vectors."""
+    """Operations on UFL vectors."""
 
-    dot, root, exp, erf = ufl.dot, ufl.sqrt, ufl.exp, ufl.erf
+    dot = ufl.dot
+    root = ufl.sqrt
+    exp = ufl.exp
+    erf = ufl.erf
 
     @staticmethod
     def choose(where_positive: Expr, a: Expr, b: Expr) -> Expr:
+        """`a` where the first argument is positive, otherwise `b`."""
         return ufl.conditional(ufl.gt(where_positive, 0.0), a, b)
 
 
 class Rows:
-    """The same of arrays (..., 3) and (..., 1), real or complex: their derivatives are taken by complex steps."""
+    """Operations on arrays, vectors (..., 3) and numbers (..., 1).
 
-    root, exp, erf = np.sqrt, np.exp, special.erf
+    Arrays may be complex, since derivatives are taken by complex steps.
+    """
+
+    root = np.sqrt
+    exp = np.exp
+    erf = special.erf
 
     @staticmethod
     def dot(a: Array, b: Array) -> Array:
+        """Dot products (..., 1)."""
         product: Array = np.sum(a * b, axis=-1, keepdims=True)
         return product
 
     @staticmethod
     def choose(where_positive: Array, a: Any, b: Any) -> Array:
+        """`a` where the first argument is positive, otherwise `b`."""
         return np.where(np.real(where_positive) > 0, a, b)
 
 
 def light_force(a: Any, u: Any, front: Any, back: Any, maths: Any) -> Any:
-    """Force over the pressure of light along u on a face with the area vector a: see `Optics`.
+    """Force of light on a face, divided by the pressure of light; equation of `Optics`.
 
-    front, back: the three coefficients of either side when it is lit; the front is where a points to.
+    Args:
+        a: area vector of the face [m²]; it points away from its front.
+        u: unit vector along the light.
+        front: the three coefficients of `Optics.coefficients` that hold when the front is lit.
+        back: those that hold when the back is lit.
+        maths: `Symbolic` or `Rows`.
+
+    Returns:
+        a vector [m²].
+
+    >>> import numpy as np
+    >>> mirror = (2.0, 0.0, 0.0)
+    >>> light_force(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0]), mirror, mirror, Rows)
+    array([0., 0., 2.])
     """
-    c, area = maths.dot(a, u), maths.root(maths.dot(a, a))
-    to_us = maths.choose(c, 1.0, -1.0)
+    c = maths.dot(a, u)
+    area = maths.root(maths.dot(a, a))
+    # The back is lit where light and area vector have the same direction.
+    sign = maths.choose(c, 1.0, -1.0)
     mirrored, both, along = (
         maths.choose(c, of_back, of_front) for of_front, of_back in zip(front, back, strict=True)
     )
-    shade = to_us * c  # projected area
-    return shade * ((mirrored * shade / area + both) * (to_us / area) * a + along * u)
+    projected_area = sign * c
+    along_normal = (mirrored * projected_area / area + both) * (sign / area)
+    return projected_area * (along_normal * a + along * u)
 
 
 def flow_force(
-    a: Any, U: Any, thermal: Any, σn: Any, σt: Any, wall: Any, two_sided: Any, maths: Any
+    a: Any,
+    U: Any,
+    thermal: Any,
+    σn: Any,
+    σt: Any,
+    wall: Any,
+    two_sided: Any,
+    maths: Any,
 ) -> Any:
-    """Force over the density of air that comes with the velocity U on a face with the area vector a.
+    """Force of free-molecular flow on a face, divided by the density of the air.
 
-    thermal: √(2kT/m) of the air [m/s]; wall: √(T_w/T); two_sided: 1, or 0 if the back is not reached.
+    Args:
+        a: area vector of the face [m²]; it points away from its front.
+        U: velocity of the air relative to the face [m/s].
+        thermal: thermal speed √(2kT/m) of the air [m/s].
+        σn: accommodation coefficient of normal momentum.
+        σt: accommodation coefficient of tangential momentum.
+        wall: √(T_w/T), with the temperatures of wall and air.
+        two_sided: 1, or 0 if air does not reach the back.
+        maths: `Symbolic` or `Rows`.
+
+    Returns:
+        a vector [m⁴/s²].
     """
-    area, speed = maths.root(maths.dot(a, a)), maths.root(maths.dot(U, U))
-    c, s = maths.dot(a, U) / (area * speed), speed / thermal
+    area = maths.root(maths.dot(a, a))
+    speed = maths.root(maths.dot(U, U))
+    c = maths.dot(a, U) / (area * speed)
+    s = speed / thermal
+    # The normal of `coefficients` points into the surface: -a for the front, a for the back.
     into_front, shear_front = coefficients(-c, s, σn, σt, wall, maths)
     into_back, shear_back = coefficients(c, s, σn, σt, wall, maths)
     normal = two_sided * into_back - into_front
