@@ -1,76 +1,152 @@
-"""What a gas network is made of, as it sees it."""
+"""The protocols that the items of a gas network fulfil: volumes, boundaries, openings and walls.
+
+`network.GasNetwork` finds the items of a scene by these protocols and knows no class behind them.  A
+new kind of valve is therefore a class with the members of `Opening`; nothing else has to change.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 from gossamer_fx.gas.enclosure import Enclosure
 from gossamer_fx.gas.geometry import Geometry
 from gossamer_fx.gas.ideal_gas import IdealGas
 
-Aperture = Callable[
-    [float, float], float
-]  # C_d A [m²] of a step of length h whose middle is at time t
+# Effective area C_d A [m²] of a step, a function of its length h [s] and of the time [s] of its middle.
+Aperture = Callable[[float, float], float]
 
 
+# Members are properties so that frozen dataclasses fulfil the protocols: a network reads them only.
 @runtime_checkable
 class Holder(Protocol):
-    """Something that gas comes from or goes to, at a pressure [Pa] and a temperature [K]."""
+    """A gas boundary of constant state: gas comes from it or goes to it, and it does not change.
+
+    Reservoirs and the surroundings are such boundaries.
+    """
 
     @property
-    def name(self) -> str: ...
+    def name(self) -> str:
+        """Name in messages."""
+        ...
 
     @property
-    def pressure(self) -> float: ...
+    def pressure(self) -> float:
+        """Absolute pressure [Pa]."""
+        ...
 
     @property
-    def temperature(self) -> float: ...
+    def temperature(self) -> float:
+        """Temperature [K]."""
+        ...
 
 
 @runtime_checkable
 class Volume(Protocol):
-    """A holder with a state of its own: see `run.chamber(name)`; here are its initial values [Pa], [K]."""
+    """A control volume: gas with a mass and an energy that change, e.g. a chamber or a tank.
 
-    name: str
-    initial_pressure: float
-    initial_temperature: float
-    gas: IdealGas
-    fixed_volume: float
-    enclosure: Enclosure | None
+    The members are its initial state and its geometry.  The state in a run is `run.chamber(name)`.
+    """
 
     @property
-    def outside(self) -> Holder | None: ...
+    def name(self) -> str:
+        """Name in messages, outputs and `run.chamber`."""
+        ...
+
+    @property
+    def initial_pressure(self) -> float:
+        """Absolute pressure at the start [Pa]."""
+        ...
+
+    @property
+    def initial_temperature(self) -> float:
+        """Temperature at the start [K]."""
+        ...
+
+    @property
+    def gas(self) -> IdealGas:
+        """The gas; all volumes of a scene hold the same."""
+        ...
+
+    @property
+    def fixed_volume(self) -> float:
+        """Rigid part of the volume [m³], added to that of the enclosure."""
+        ...
+
+    @property
+    def enclosure(self) -> Enclosure | None:
+        """The film or piston that bounds the volume; None for a rigid one."""
+        ...
+
+    @property
+    def outside(self) -> Holder | None:
+        """What acts on the outer side of the enclosure; None for a vacuum."""
+        ...
 
 
 @runtime_checkable
 class Opening(Protocol):
-    """A way for gas between two holders."""
+    """A connection through which gas flows between two volumes or boundaries.
 
-    name: str
-
-    @property
-    def a(self) -> Holder | Volume: ...
+    `Orifice` is one.  Which arguments its constructor takes does not matter here.
+    """
 
     @property
-    def b(self) -> Holder | Volume: ...
+    def name(self) -> str:
+        """Name in messages."""
+        ...
+
+    @property
+    def a(self) -> Holder | Volume:
+        """The end from which a positive flow comes."""
+        ...
+
+    @property
+    def b(self) -> Holder | Volume:
+        """The end to which a positive flow goes."""
+        ...
 
     def aperture(self, geometry: Geometry) -> Aperture:
-        """Its effective area in a running scene."""
+        """The effective area C_d A [m²] in a running scene, as a function of step length and time."""
         ...
 
     def flow(
         self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]
     ) -> complex:
-        """Mass flow [kg/s] from a to b at pressures p and temperatures T of the two ends."""
+        """Mass flow [kg/s] from a to b.
+
+        Args:
+            gas: the gas of the network.
+            area: effective area C_d A [m²].
+            p: pressures [Pa] of the ends a and b.
+            T: temperatures [K] of the ends a and b.
+
+        It must be analytic in p and T where it is smooth: the network takes derivatives by complex
+        steps.
+        """
         ...
 
 
 @runtime_checkable
 class Wall(Protocol):
-    """Heat conductance [W/K] between a volume and a temperature [K]."""
+    """A wall of constant temperature that exchanges heat with a volume."""
 
-    name: str
-    chamber: Any
-    conductance: float
-    temperature: float
+    @property
+    def name(self) -> str:
+        """Name in messages."""
+        ...
+
+    @property
+    def chamber(self) -> Volume:
+        """The volume that the wall heats or cools."""
+        ...
+
+    @property
+    def conductance(self) -> float:
+        """Heat transfer coefficient times area [W/K]."""
+        ...
+
+    @property
+    def temperature(self) -> float:
+        """Temperature of the wall [K]."""
+        ...

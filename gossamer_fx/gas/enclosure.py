@@ -1,4 +1,12 @@
-"""Volumes that bodies enclose, as functions V(q) with gradient G: the pressure force is p G, its work p G·Δq."""
+"""Enclosures of chambers: the volume inside a film, and the volume that a piston sweeps.
+
+An enclosure is compiled when a scene is.  The compiled enclosure gives the volume V(q), its gradient
+G = ∂V/∂q, and the swept volume W of a step; it takes a pressure and adds the force pressure · G.
+
+The step goes from coordinates q0 to q1; forces act at q̄ = (1 - α) q0 + α q1, with α of the time
+stepping rule.  The work of the gas in the step is then pressure · W with W = G(q̄)·(q1 - q0), to the
+last digit, so film and gas exchange energy without loss.
+"""
 
 from __future__ import annotations
 
@@ -18,95 +26,112 @@ from gossamer_fx.model.body import Array, Port
 from gossamer_fx.model.ports import unit
 from gossamer_fx.terms.assembly import Assembly
 
-ROUND_OFF = 1e-12  # of the sum of its terms' sizes: a volume that is smaller has no sign
+# A volume below this share of the sum of its terms' sizes is round-off: it has no sign.  Sums over
+# 1e4 to 1e6 triangles have a round-off of some 1e-14; a factor of 100 is left.
+ROUND_OFF = 1e-12
 
 
 class CompiledEnclosure(Protocol):
-    """An enclosed volume in a step from q0 to q1 with q̄ between; arrays are owned parts of the system's vectors.
+    """An enclosed volume in a running scene, evaluated by the last `Geometry.follow`.
 
-    All of it is that of the last `Geometry.follow`.
+    Arrays are the owned parts of system vectors.
     """
 
     @property
     def volume(self) -> float:
-        """V(q1) [m³]."""
+        """V(q1) [m³]; the same on every rank."""
         ...
 
     @property
     def magnitude(self) -> float:
-        """Size of the terms that add up to it, for round-off [m³]."""
+        """Sum of the sizes of the terms that add up to the volume [m³], by which round-off is judged."""
         ...
 
     @property
     def swept(self) -> float:
-        """W = G(q̄)·Δq, or ΔV if forces act at the end of the step [m³]."""
+        """W = G(q̄)·(q1 - q0) [m³], or V(q1) - V(q0) if forces act at the end of the step."""
         ...
 
     def start(self) -> None:
-        """Take q1 as the first state."""
+        """Take q1 as the initial state, e.g. to find the sign of the normals."""
         ...
 
     def set_pressure(self, pressure: float) -> None:
-        """Choose the pressure [Pa] that acts on it in the iterate; forces and tangents are those at it."""
+        """Set the pressure [Pa] of the iterate, which the next forces and tangents use."""
         ...
 
     def add_force(self, values: Array) -> None:
-        """Subtract pressure · G(q_mid) [N] from the owned part of a system vector."""
+        """Subtract the force of the gas, pressure · G(q̄) [N], from the owned part of a residual."""
         ...
 
     def gradients(self) -> tuple[Array, Array, Array]:
-        """G(q̄), ∂V/∂q1, ∂W/∂q1; not to be written to."""
+        """G(q̄), ∂V/∂q1 and ∂W/∂q1 [m²]; read-only."""
         ...
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        """Add the derivative of the force, except what forms of surfaces give (`Geometry.tangents`)."""
+        """Add the derivative of the force, except what the forms of `Geometry.tangents` give."""
         ...
 
 
 @runtime_checkable
 class Enclosure(Protocol):
-    """What bounds a chamber."""
+    """What bounds a chamber, as an item of a scene."""
 
     @property
     def film(self) -> Membrane | None:
-        """The film that bounds it, if one does: outputs show the pressure on it."""
+        """The film that bounds the chamber, on which outputs show the pressure; None for a piston."""
         ...
 
     @property
     def is_whole_film(self) -> bool:
-        """Whether all of its film bounds the chamber, so that no other chamber may have a part of it."""
+        """Whether all of its film bounds the chamber, so that no second chamber may use the film."""
         ...
 
     def cells(self) -> np.ndarray:
-        """Local cells (owned and ghost) of its film that bound the chamber."""
+        """Local triangles (owned and ghost) of its film that bound the chamber."""
         ...
 
-    def requires(self) -> Iterable[Any]: ...
+    def requires(self) -> Iterable[Any]:
+        """The bodies that join the scene with the chamber."""
+        ...
 
     def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:
-        """In a running scene; what is evaluated once for all enclosures of a scene is in its geometry."""
+        """The enclosure in a running scene; `geometry` has what several enclosures share."""
         ...
 
 
 class FilmEnclosure:
     """The volume inside a film and the strips over its rings: V = ⅓∫x·n dA, n the deformed area vector.
 
-    Normals may all point inwards: then they are turned, at the start.  Of a film that is flat but for round-off, those
-    of the mesh are outwards.
+    The normals may all point inwards: the compiled enclosure finds that by the sign of V at the
+    start.  The volume of a flat film is round-off; then the normals of the mesh count as outward.
+
+    Args:
+        film: the film.
+        surface: names of the groups of triangles that bound the chamber; empty for the whole film.
+        rings: rings over which strips close the chamber.
+        chamber: name of the chamber, for messages.
+
+    Raises:
+        InputError: a ring is on another film.
     """
 
     def __init__(
-        self, film: Membrane, surface: tuple[str, ...], rings: tuple[Ring, ...], chamber: str
+        self,
+        film: Membrane,
+        surface: tuple[str, ...],
+        rings: tuple[Ring, ...],
+        chamber: str,
     ) -> None:
         self._film = film
         self.surface = surface
         self.rings = rings
         self.chamber = chamber
-        odd = next((r.edges for r in rings if r.body is not film), None)
-        check(
-            odd is None,
-            f"Chamber '{chamber}': its ring '{odd}' is on another film than '{film.name}'.",
-        )
+        for ring in rings:
+            check(
+                ring.body is film,
+                f"Chamber '{chamber}': its ring '{ring.edges}' is on another film than '{film.name}'.",
+            )
 
     @property
     def film(self) -> Membrane:
@@ -119,16 +144,28 @@ class FilmEnclosure:
         return not self.surface
 
     def requires(self) -> Iterable[Any]:
+        """The film, which joins the scene with the chamber."""
         yield self.film
 
     def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:
-        loops, cells = [geometry.loop(ring) for ring in self.rings], self.cells()
+        """The enclosure in a running scene.  Collective.
+
+        Raises:
+            InputError: see `check_closed`.
+        """
+        loops = [geometry.loop(ring) for ring in self.rings]
+        cells = self.cells()
         signs = self.check_closed(cells, loops)
+        # Each triangle is integrated by the rank that owns it.
         owned = cells[cells < self.film.mesh.domain.topology.index_map(2).size_local]
         return _CompiledFilm(geometry.surface(self.film), Side(owned, loops, signs))
 
     def cells(self) -> np.ndarray:
-        """Local cells (owned and ghost) of the bounding surface."""
+        """Local triangles (owned and ghost) of the bounding surface, in rising order.
+
+        Raises:
+            InputError: a name of `surface` is not that of a group of triangles.
+        """
         topology = self.film.mesh.domain.topology
         if not self.surface:
             index_map = topology.index_map(2)
@@ -141,31 +178,46 @@ class FilmEnclosure:
         return np.unique(np.concatenate([cells for _, cells in groups]))
 
     def check_closed(self, cells: np.ndarray, loops: list[Loop]) -> list[float]:
-        """The signs with which strips over the loops close the surface.
+        """Check that triangles and strips over loops form a closed, consistently oriented surface.
 
-        Every edge then has two triangles that pass it in opposite directions.
+        In such a surface every edge has two triangles, and they pass it in opposite directions.
+        Collective.
+
+        Args:
+            cells: local triangles of the surface.
+            loops: the rings of the chamber, compiled, in the order of `rings`.
+
+        Returns:
+            For each loop the sign, +1 or -1, with which its strips close the surface.
 
         Raises:
-            InputError: open edges, rings inside, or triangles of inconsistent orientation.
+            InputError: the surface has open edges, a ring is not on its border, or neighbouring
+                triangles have opposite normals.
         """
-        comm, table = self.film.comm, self.film.mesh.edges
+        comm = self.film.comm
+        table = self.film.mesh.edges
+        # Number of triangles at each owned edge, and sum of the directions (±1) in which they pass it
         count, sum_of_directions = table.tally(cells)
         open_edges = np.flatnonzero(count == 1)
-        names = table.ends[open_edges]
+        end_vertices = table.ends[open_edges]
         signs = []
         for ring, loop in zip(self.rings, loops, strict=True):
-            passed = loop.direction(names)
-            film = passed * sum_of_directions[open_edges]
-            found, film_direction = comm.allreduce(np.array([np.count_nonzero(passed), film.sum()]))
+            passed = loop.direction(end_vertices)
+            film_directions = passed * sum_of_directions[open_edges]
+            own_sums = np.array([np.count_nonzero(passed), film_directions.sum()])
+            found, film_direction = comm.allreduce(own_sums)
             check(
                 found == len(loop.vertices),
-                f"Chamber '{self.chamber}': its ring '{ring.edges}' is no border of its surface; give the groups of "
+                f"Chamber '{self.chamber}': its ring '{ring.edges}' is not a border of its surface; give the groups of "
                 "triangles on one side of it.",
             )
-            signs.append(-float(np.sign(film_direction)))
-            spanned = open_edges[passed != 0]
+            # The strips pass the edges of the ring against the film, as a neighbour triangle would.
+            sign = -float(np.sign(film_direction))
+            signs.append(sign)
+            on_ring = passed != 0
+            spanned = open_edges[on_ring]
             count[spanned] += 1
-            sum_of_directions[spanned] += signs[-1] * passed[passed != 0]
+            sum_of_directions[spanned] += sign * passed[on_ring]
         check_on_all(
             comm,
             bool(((count == 0) | (count == 2)).all()),
@@ -182,54 +234,77 @@ class FilmEnclosure:
 
 
 class _CompiledFilm:
+    """One chamber of a `FilmSurface`, with the sign of its normals."""
+
     def __init__(self, surface: FilmSurface, side: Side) -> None:
-        self._surface, self._side, self._place = surface, side, surface.add(side)
-        self._sign = 1.0  # -1: all normals point inwards
+        self._surface = surface
+        self._side = side
+        self._index = surface.add(side)
+        # -1 if all normals point inwards
+        self._sign = 1.0
 
     @property
     def volume(self) -> float:
-        return self._sign * float(self._surface.volume[self._place])
+        return self._sign * float(self._surface.volume[self._index])
 
     @property
     def magnitude(self) -> float:
-        return float(self._surface.magnitude[self._place])
+        return float(self._surface.magnitude[self._index])
 
     @property
     def swept(self) -> float:
-        return self._sign * float(self._surface.swept[self._place])
+        return self._sign * float(self._surface.swept[self._index])
 
     def start(self) -> None:
-        self._sign = (
-            -1.0 if self._surface.volume[self._place] < -ROUND_OFF * self.magnitude else 1.0
-        )
+        # A flat film has a volume of either sign by round-off; it must not be turned by that.
+        if self._surface.volume[self._index] < -ROUND_OFF * self.magnitude:
+            self._sign = -1.0
+        else:
+            self._sign = 1.0
 
     def set_pressure(self, pressure: float) -> None:
-        self._surface.pressures[self._place] = self._sign * pressure
+        self._surface.pressures[self._index] = self._sign * pressure
 
     def add_force(self, values: Array) -> None:
-        self._surface.add_force(self._place, values)
+        self._surface.add_force(self._index, values)
 
     def gradients(self) -> tuple[Array, Array, Array]:
-        mid, end, work = self._surface.gradients(self._place)
-        return self._sign * mid, self._sign * end, self._sign * work
+        at_middle, of_volume, of_swept = self._surface.gradients(self._index)
+        return self._sign * at_middle, self._sign * of_volume, self._sign * of_swept
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        pressure = self._surface.pressures[self._place]
+        # The film's own tangent is a form, which `Geometry.tangents` gives; only strips remain.
+        pressure = self._surface.pressures[self._index]
         for loop, sign in zip(self._side.loops, self._side.signs, strict=True):
             loop.add_tangent(A, -sign * pressure)
 
 
 @check_arguments
 class Piston:
-    """The volume A n·(x - x0) that a port sweeps from its initial position x0.
+    """The volume A n·(x - x0) that a point of a body sweeps from its initial position x0.
 
     Args:
-        port: a point of a body.
-        area: A [m²].
-        direction: n, the direction in which the volume grows.
+        port: a point of a body, its position x.
+        area: A [m²], > 0.
+        direction: n, the direction in which the volume grows; need not be of unit length.
+
+    Raises:
+        InputError: the area is not positive or the direction has no length.
+
+    Example:
+        >>> piston = gx.gas.Piston(mass.port(), area=0.01, direction=(1.0, 0.0, 0.0))
+        >>> cylinder = gx.Chamber(
+        ...     piston, gas=air, pressure=1e5, temperature=300.0, dead_volume=2e-3
+        ... )
     """
 
-    def __init__(self, port: Port, area: float, *, direction: tuple[float, float, float]) -> None:
+    def __init__(
+        self,
+        port: Port,
+        area: float,
+        *,
+        direction: tuple[float, float, float],
+    ) -> None:
         check(area > 0, f"Piston: area is {area!r} m²; give a positive number.")
         check(
             any(direction), "Piston: direction has no length; give the axis along which it moves."
@@ -240,66 +315,73 @@ class Piston:
 
     @property
     def film(self) -> None:
-        """A piston is not a film."""
+        """None: a piston has no film."""
         return None
 
     @property
     def is_whole_film(self) -> bool:
-        """A piston is not a film."""
+        """False: a piston has no film."""
         return False
 
     def cells(self) -> np.ndarray:
-        """No cells: a piston is not a film."""
+        """An empty array: a piston has no film."""
         return np.zeros(0, dtype=np.int32)
 
     def requires(self) -> Iterable[Any]:
+        """The body of the port, which joins the scene with the chamber."""
         yield self.port.body
 
     def compile(self, system: Assembly, geometry: Geometry) -> CompiledEnclosure:
-        """In a running scene."""
+        """The enclosure in a running scene."""
         compiled = _CompiledPiston(self, system)
         geometry.add(compiled)
         return compiled
 
 
 class _CompiledPiston:
+    """A piston in a running scene; its volume is linear in the coordinates, so G is constant."""
+
     def __init__(self, piston: Piston, system: Assembly) -> None:
         self._system = system
-        indices = system.block(piston.port.body).to_global(np.array(piston.port.nodes))[:, :3]
-        entries = np.outer(piston.port.weights, piston.area * piston.direction)
+        port = piston.port
+        # A port is a weighted sum of nodes; the position is the first three numbers of a node.
+        indices = system.block(port.body).to_global(np.array(port.nodes))[:, :3]
+        entries = np.outer(port.weights, piston.area * piston.direction)
         start, end = system.q0.getOwnershipRange()
-        self._G = np.zeros(end - start)
         mine = (indices >= start) & (indices < end)
-        np.add.at(self._G, indices[mine] - start, entries[mine])
+        self._gradient = np.zeros(end - start)
+        np.add.at(self._gradient, indices[mine] - start, entries[mine])
         self._origin = 0.0
         self._pressure = 0.0
 
     def start(self) -> None:
-        self._origin = self._along(self._system.q1.array_r)
+        self._origin = self._height(self._system.q1)
         self.follow()
 
-    def _along(self, values: Array) -> float:
-        return float(self._system.comm.allreduce(float(self._G @ values)))
+    def _height(self, q: PETSc.Vec) -> float:
+        """A n·x [m³], the same on every rank."""
+        return float(self._system.comm.allreduce(float(self._gradient @ q.array_r)))
 
     def follow(self) -> None:
-        end, start = self._along(self._system.q1.array_r), self._along(self._system.q0.array_r)
-        self.volume, self.magnitude, self.swept = (
-            end - self._origin,
-            abs(end) + abs(self._origin),
-            end - start,
-        )
+        end = self._height(self._system.q1)
+        start = self._height(self._system.q0)
+        self.volume = end - self._origin
+        self.magnitude = abs(end) + abs(self._origin)
+        self.swept = end - start
 
     def set_pressure(self, pressure: float) -> None:
         self._pressure = pressure
 
     def add_force(self, values: Array) -> None:
-        values -= self._pressure * self._G
+        values -= self._pressure * self._gradient
 
     def gradients(self) -> tuple[Array, Array, Array]:
-        return self._G, self._G, self._G
+        return self._gradient, self._gradient, self._gradient
 
     def add_tangents(self, A: PETSc.Mat) -> None:
+        # G is constant: the force depends on the coordinates by the pressure only.
         pass
 
     def accept(self) -> None:
+        # `follow` reads q0 from the system: there is nothing to store.
         pass

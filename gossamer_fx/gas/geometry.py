@@ -1,4 +1,8 @@
-"""What the enclosures and openings of a running scene share: loops of rings, surfaces of films."""
+"""The geometry that the enclosures and openings of a scene share: loops of rings and surfaces of films.
+
+Two chambers may share a film, and a chamber and an orifice may share a ring.  Each is evaluated once
+in an iteration, whoever uses it.
+"""
 
 from __future__ import annotations
 
@@ -15,19 +19,23 @@ from gossamer_fx.terms.assembly import Assembly
 
 
 class Moving(Protocol):
-    """Something that is evaluated once in an iteration, whoever uses it."""
+    """A geometry that is evaluated once in an iteration."""
 
     def follow(self) -> None:
-        """Take the end of the step from the system."""
+        """Evaluate it at the end of the step, `system.q1`."""
         ...
 
     def accept(self) -> None:
-        """The end of this step is the start of the next."""
+        """Make the end of this step the start of the next."""
         ...
 
 
 class Geometry:
-    """Each ring and each film once, though two chambers and an orifice may share them."""
+    """Loops, surfaces and pistons of a running scene, each of them once.
+
+    Args:
+        system: the compiled scene.
+    """
 
     def __init__(self, system: Assembly) -> None:
         self.comm = system.comm
@@ -37,36 +45,40 @@ class Geometry:
         self._others: list[Moving] = []
 
     def loop(self, ring: Ring) -> Loop:
-        """The loop of a ring, made when it is first asked for."""
+        """The loop of a ring, created on the first call.  Collective."""
         if ring not in self._loops:
             self._loops[ring] = Loop(ring, self._system)
         return self._loops[ring]
 
     def surface(self, film: Membrane) -> FilmSurface:
-        """The surface of a film, made when it is first asked for."""
+        """The surface of a film, created on the first call."""
         if film not in self._surfaces:
             self._surfaces[film] = FilmSurface(film, self._system)
         return self._surfaces[film]
 
     def add(self, moving: Moving) -> None:
-        """Let something else follow the iteration."""
+        """Register another geometry, e.g. a piston, that `follow` and `accept` shall call."""
         self._others.append(moving)
 
     def follow(self) -> None:
-        """Take the end of the step from the system: loops first, which surfaces need."""
+        """Evaluate all geometries at the end of the step.  Collective."""
         for moving in self._all():
             moving.follow()
 
     def accept(self) -> None:
-        """The end of this step is the start of the next."""
+        """Make the end of this step the start of the next."""
         for moving in self._all():
             moving.accept()
 
     def tangents(self, body: Body) -> Iterable[fem.Form]:
-        """Derivative of the pressure forces of all chambers on a film, as far as forms give it."""
+        """Bilinear forms of the derivative of all pressure forces on a film.
+
+        The derivatives on the strips of loops are missing: no form gives them, see `Loop.add_tangent`.
+        """
         for film, surface in self._surfaces.items():
             if film is body:
                 yield from surface.tangents()
 
     def _all(self) -> list[Moving]:
+        # Loops come first: surfaces add the volumes of their strips.
         return [*self._loops.values(), *self._surfaces.values(), *self._others]

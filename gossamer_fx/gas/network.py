@@ -1,12 +1,27 @@
-"""All volumes and openings of a scene as one border: the unknowns are the pressures and masses of the chambers.
+"""The gas of a scene: all chambers and openings as scalar unknowns that are coupled to the bodies.
 
-They solve the equations of `balance`, in which p̄ = (p0 + p1)/2 is the pressure that acts on the film, so that the work
-p̄ W is what the film receives, to the last digit; the sum over both sides of an opening is zero, so mass and energy of
-the network are, too.
+Problem.  Chambers exchange gas through openings and work with films and pistons.  Energy has to close
+to round-off: what the gas loses in a step the bodies must gain, whatever the step length.
 
-In every iteration of the fields these equations are solved for y at the volumes of the iterate, and force, coupling and
-residual are taken there: outside of the laminar range ṁ grows as √Δp, of which Newton's iteration for both at once
-makes a cycle of two.
+Unknowns.  y = (p1, m1), pressures [Pa] and masses [kg] of the n chambers at the end of a step.  They
+solve the mass and energy balance of `balance`, in which p̄ = (p0 + p1)/2 does the work p̄ W.  The same
+p̄ acts on the film in the midpoint rule, so this work is what the bodies receive, to the last digit.
+
+Algorithm.  In each Newton iteration of the bodies:
+
+1. Evaluate volumes V and swept volumes W of all enclosures (`Geometry.follow`).
+2. Solve the balance for y at these volumes (`Balance.settle`).  Newton's method for bodies and gas at
+   once does not converge without this: ṁ grows as √Δp outside the laminar range of an orifice, and
+   the iteration ends in a cycle of two.
+3. Set the pressures on the enclosures; take force, coupling and residual there.
+
+`ScalarUnknowns` describes the linear system that the solver forms from them:
+
+    [ A  G ] [δz]     [ r ]
+    [ Hᵀ C ] [δy] = - [ s ]
+
+G = -α ∂V/∂q are the forces of a unit pressure, Hᵀ = ∂s/∂z follows by the chain rule through V and W,
+and C = ∂s/∂y.  After the step the state is summed from the flows, see `commit`.
 """
 
 from __future__ import annotations
@@ -19,200 +34,263 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.gas.balance import ALMOST, Balance, Passage
-from gossamer_fx.gas.contract import Opening, Volume, Wall
+from gossamer_fx.gas.balance import ACCEPTABLE_RESIDUAL, Balance, End, Passage
+from gossamer_fx.gas.contract import Holder, Opening, Volume, Wall
+from gossamer_fx.gas.enclosure import CompiledEnclosure
 from gossamer_fx.gas.geometry import Geometry
 from gossamer_fx.gas.state import ChamberState
 from gossamer_fx.model.body import Array, Body
 from gossamer_fx.terms.assembly import Assembly
 from gossamer_fx.terms.scalar_unknowns import ScalarTotals
 
+# A guess of y falls at most to this share of the last solution: pressures and masses stay positive.
+MIN_REMAINING_SHARE = 0.1
+
 
 class GasNetwork:
-    """ScalarUnknowns of a scene's chambers; y = (p1, m1) of each."""
+    """All chambers and openings of a scene; it plays the role `ScalarUnknowns` with y = (p1, m1).
+
+    Args:
+        items: chambers, reservoirs, surroundings, openings and walls of a scene.
+        system: the compiled scene.
+
+    Attributes:
+        size: number of unknowns, 2n for n chambers.
+
+    Raises:
+        InputError: the scene has no chamber, chambers hold different gases, or two of them enclose
+            the same film.
+    """
 
     def __init__(self, items: list[Any], system: Assembly) -> None:
-        chambers = [i for i in items if isinstance(i, Volume)]
-        check(
-            bool(chambers),
-            "The scene has gas but no chamber or tank; add one, or remove reservoirs and orifices.",
-        )
-        first = chambers[0]
-        odd = next((c.name for c in chambers if c.gas != first.gas), "")
-        check(
-            not odd,
-            f"The chambers '{first.name}' and '{odd}' hold different gases; a scene has one.",
-        )
-        films = [c.enclosure.film for c in chambers if c.enclosure and c.enclosure.is_whole_film]
-        twice = next((f.name for k, f in enumerate(films) if f is not None and f in films[:k]), "")
-        check(
-            not twice,
-            f"Two chambers enclose the whole of '{twice}'; give each its surface, or leave one out.",
-        )
-        self._gas = first.gas
-        self._geometry = geometry = Geometry(system)
-        self._gases = [
-            ChamberState(c, c.enclosure.compile(system, geometry) if c.enclosure else None)
-            for c in chambers
+        chambers = [item for item in items if isinstance(item, Volume)]
+        _check_chambers(chambers)
+        self._gas = chambers[0].gas
+        self._alpha = system.rule.alpha
+        self._geometry = Geometry(system)
+        self._chambers = [
+            ChamberState(chamber, _compile_enclosure(chamber, system, self._geometry))
+            for chamber in chambers
         ]
-        index = {id(c): k for k, c in enumerate(chambers)}
-        passages = [
-            Passage(o, (index.get(id(o.a)), index.get(id(o.b))), o.aperture(geometry))
-            for o in items
-            if isinstance(o, Opening)
-        ]
-        walls = [(w, index[id(w.chamber)]) for w in items if isinstance(w, Wall)]
-        self._balance = Balance(self._gas, passages, walls, len(chambers))
-        self._α = system.rule.alpha
-        # of the iterate: volumes, sizes of the terms that add up to them, swept volumes, and the gas
-        self._V: Array = np.zeros(len(chambers))
-        self._magnitude: Array = self._V
-        self._W: Array = self._V
-        self._y: Array = np.ones(2 * len(chambers))
-        self._given: Array = self._y
-        self._s: Array = np.zeros(2 * len(chambers))
-        self._kept_magnitude: Array = np.zeros(len(chambers))  # of the last accepted state
-        self.size = 2 * len(chambers)
-        self._supplied = self._mass_supplied = 0.0
+        n = len(chambers)
+        # Two chambers may have equal values; they are told apart by identity.
+        numbers = {id(chamber): k for k, chamber in enumerate(chambers)}
+        self._balance = Balance(
+            gas=self._gas,
+            passages=_passages(items, numbers, self._geometry),
+            walls=[(item, numbers[id(item.chamber)]) for item in items if isinstance(item, Wall)],
+            n=n,
+        )
+        self.size = 2 * n
+        # Of the last iterate: volumes, sizes of the terms that add up to them, and swept volumes [m³]
+        self._V: Array = np.zeros(n)
+        self._magnitude: Array = np.zeros(n)
+        self._W: Array = np.zeros(n)
+        # y that solves the balance, and y that Newton's method for the bodies proposed
+        self._y: Array = np.ones(2 * n)
+        self._proposed: Array = self._y
+        self._residual: Array = np.zeros(2 * n)
+        self._scale: Array = np.ones(2 * n)
+        self._accepted_magnitude: Array = np.zeros(n)
+        # Energy [J] and mass [kg] from boundaries and walls since the start
+        self._supplied = 0.0
+        self._mass_supplied = 0.0
 
-    # ---- the border --------------------------------------------------------------------------------------------------
+    # ---- scalar unknowns: a step --------------------------------------------------------------------
 
     def start(self) -> None:
+        """Take the initial volumes, and from them mass and energy of each chamber.  Collective.
+
+        Raises:
+            InputError: a chamber encloses no volume.
+        """
         self._geometry.follow()
         self._geometry.accept()
-        for s in self._gases:
-            if s.enclosure is not None:
-                s.enclosure.start()
-            s.volume = self._volume(s)
+        for state in self._chambers:
+            if state.enclosure is not None:
+                state.enclosure.start()
+            state.volume = _volume(state)
             check(
-                s.volume > 0,
-                f"Chamber '{s.chamber.name}' encloses {s.volume:.3g} m³ at the start; open it by an "
-                "initial displacement or give it a dead_volume.",
+                state.volume > 0,
+                f"Chamber '{state.chamber.name}' encloses {state.volume:.3g} m³ at the start; open it by an initial "
+                "displacement or give it a dead_volume.",
             )
-            s.pressure = s.chamber.initial_pressure
-            s.internal_energy = s.pressure * s.volume / (self._gas.gamma - 1)
-            s.mass = s.internal_energy / (self._gas.cv * s.chamber.initial_temperature)
-        self._kept_magnitude = self._magnitudes()
+            state.pressure = state.chamber.initial_pressure
+            state.internal_energy = state.pressure * state.volume / (self._gas.gamma - 1)
+            specific_energy = self._gas.cv * state.chamber.initial_temperature
+            state.mass = state.internal_energy / specific_energy
+        self._accepted_magnitude = self._magnitudes()
 
     def begin_step(self, h: float, t: float) -> Array:
-        p, m, U, V = (
-            np.array([getattr(s, name) for s in self._gases])
-            for name in ("pressure", "mass", "internal_energy", "volume")
-        )
-        self._balance.begin(h, t, p, m, U, V)
-        # volumes and round-off of the start: those of the last iterate may be of a step that failed
-        self._V, self._W, self._magnitude = V, np.zeros(len(V)), self._kept_magnitude
-        start = np.concatenate([p, m])
-        settled = self._balance.settle(start, V, self._W, self._magnitude)
-        self._y = self._given = start if settled is None else settled
+        """Start a step of length h [s] whose middle is at t [s]; returns a first guess of y (2n,).
+
+        The guess is the solution for bodies at rest: gas flows, and no film moves.
+        """
+        pressures = np.array([state.pressure for state in self._chambers])
+        masses = np.array([state.mass for state in self._chambers])
+        energies = np.array([state.internal_energy for state in self._chambers])
+        volumes = np.array([state.volume for state in self._chambers])
+        self._balance.begin(h, t, p=pressures, m=masses, U=energies, V=volumes)
+        # The volumes of the last iterate are not used: they may be those of a step that failed.
+        self._V = volumes
+        self._W = np.zeros(len(volumes))
+        self._magnitude = self._accepted_magnitude
+        guess = np.concatenate([pressures, masses])
+        settled = self._balance.settle(guess, self._V, self._W, self._magnitude)
+        self._y = guess if settled is None else settled
+        self._proposed = self._y
         return self._y
 
     def residual(self, y: Array) -> Array:
-        self._geometry.follow()
-        self._V = np.array([self._volume(s) for s in self._gases])
-        self._W = np.array([self._swept(s) for s in self._gases])
-        self._magnitude = self._magnitudes()
-        self._y, self._given = self._at_iterate(y), y
-        self._scale = self._balance.scales(self._y, self._V, self._magnitude)
-        self._s = self._balance.residual(self._y, self._V, self._W) / self._scale
-        for s, p1 in zip(self._gases, self._y, strict=False):
-            if s.enclosure is not None:
-                s.enclosure.set_pressure(self._acting(s.pressure, float(p1)) - self._outside(s))
-        return self._s
+        """Scaled residual (2n,) of the balance at the iterate; sets the pressures on the enclosures.
 
-    def _at_iterate(self, y: Array) -> Array:
-        """The gas at the volumes of the iterate; y itself where there is none, e.g. in a negative volume."""
-        if not (
-            np.isfinite(y).all() and np.isfinite(self._V + self._W).all() and (self._V > 0).all()
-        ):
+        Collective.
+
+        Args:
+            y: pressures [Pa] and masses [kg] that Newton's method for the bodies proposes (2n,).
+        """
+        self._geometry.follow()
+        self._V = np.array([_volume(state) for state in self._chambers])
+        self._W = np.array([_swept(state) for state in self._chambers])
+        self._magnitude = self._magnitudes()
+        self._y = self._solve_at_iterate(y)
+        self._proposed = y
+        self._scale = self._balance.scales(self._y, self._V, self._magnitude)
+        self._residual = self._balance.residual(self._y, self._V, self._W) / self._scale
+        # The second half of y are the masses.
+        for state, end_pressure in zip(self._chambers, self._y, strict=False):
+            if state.enclosure is not None:
+                acting = self._acting_pressure(state.pressure, float(end_pressure))
+                state.enclosure.set_pressure(acting - _outside_pressure(state))
+        return self._residual
+
+    def _solve_at_iterate(self, y: Array) -> Array:
+        """The solution y of the balance at the volumes of the iterate; y itself if there is none."""
+        finite = np.isfinite(y).all() and np.isfinite(self._V + self._W).all()
+        if not (finite and (self._V > 0).all()):
             return y
-        # Newton's iteration changes y from where the gas was, not from where it was asked for
-        guess = np.maximum(self._y + (y - self._given), 0.1 * abs(self._y))
+        # Newton's update of y belongs to the y that was proposed; it is applied to the y that was used.
+        update = y - self._proposed
+        guess = np.maximum(self._y + update, MIN_REMAINING_SHARE * abs(self._y))
         settled = self._balance.settle(guess, self._V, self._W, self._magnitude)
         return y if settled is None else settled
 
     def add_force(self, values: Array) -> None:
-        for s in self._gases:
-            if s.enclosure is not None:
-                s.enclosure.add_force(values)
+        """Subtract the forces of all chambers [N] from the owned part of a residual."""
+        for state in self._chambers:
+            if state.enclosure is not None:
+                state.enclosure.add_force(values)
 
     def tangents(self, body: Body) -> Iterable[fem.Form]:
+        """Bilinear forms of the derivative of the pressure forces on a film."""
         yield from self._geometry.tangents(body)
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        for s in self._gases:
-            if s.enclosure is not None:
-                s.enclosure.add_tangents(A)
+        """Add the derivatives of the pressure forces that no form gives, e.g. on strips of rings."""
+        for state in self._chambers:
+            if state.enclosure is not None:
+                state.enclosure.add_tangents(A)
 
     def coupling(self) -> tuple[list[Array | None], list[Array | None], Array]:
-        n = len(self._gases)
+        """Owned parts of the columns of G and H (None for a zero column), and C (2n, 2n).  Collective."""
+        n = len(self._chambers)
         G: list[Array | None] = [None] * (2 * n)
         H: list[Array | None] = [None] * (2 * n)
         by_y, by_V = self._balance.derivatives(self._y, self._V, self._W)
-        bounded = {k: s.enclosure for k, s in enumerate(self._gases) if s.enclosure is not None}
-        if bounded:
-            by_V = by_V[:, list(bounded)] / self._scale[:, None]
-            by_W = np.zeros_like(by_V)
-            dV, dW = [], []
-            for i, (k, enclosure) in enumerate(bounded.items()):
-                mid, of_volume, of_swept = enclosure.gradients()
-                G[k] = -self._α * mid
-                by_W[k, i] = (self._gases[k].pressure + float(self._y[k])) / (2 * self._scale[k])
-                dV.append(of_volume)
-                dW.append(of_swept)
-            rows = by_V @ np.array(dV) + by_W @ np.array(dW)
-            H = [row if by_V[k].any() or by_W[k].any() else None for k, row in enumerate(rows)]
-        return G, H, by_y / self._scale[:, None]
+        C = by_y / self._scale[:, None]
+        enclosures = {
+            k: state.enclosure
+            for k, state in enumerate(self._chambers)
+            if state.enclosure is not None
+        }
+        if not enclosures:
+            return G, H, C
+        by_V = by_V[:, list(enclosures)] / self._scale[:, None]
+        by_W = np.zeros_like(by_V)
+        volume_gradients = []
+        swept_gradients = []
+        for i, (k, enclosure) in enumerate(enclosures.items()):
+            at_middle, of_volume, of_swept = enclosure.gradients()
+            G[k] = -self._alpha * at_middle
+            # ∂/∂W of p̄ W in the energy balance
+            total_pressure = self._chambers[k].pressure + float(self._y[k])
+            by_W[k, i] = total_pressure / (2 * self._scale[k])
+            volume_gradients.append(of_volume)
+            swept_gradients.append(of_swept)
+        rows = by_V @ np.array(volume_gradients) + by_W @ np.array(swept_gradients)
+        # Zero columns are left out: the solver spends one solve on each of the others.
+        for k, row in enumerate(rows):
+            if by_V[k].any() or by_W[k].any():
+                H[k] = row
+        return G, H, C
 
     def commit(self) -> None:
-        # mass and energy are summed from the flows, so that they are conserved to round-off whatever the tolerance
-        rates, h = self._balance.rates(self._y, self._V), self._balance.h
-        for k, s in enumerate(self._gases):
-            if s.enclosure is not None:
-                self._supplied -= self._outside(s) * s.enclosure.swept
-            s.volume = self._volume(s)
-            s.mass += h * float(rates.mass[k])
-            s.internal_energy += h * float(rates.energy[k]) - (
-                s.pressure + float(self._y[k])
-            ) / 2 * self._swept(s)
-            s.pressure = (self._gas.gamma - 1) * s.internal_energy / s.volume
+        """Accept the step.
+
+        Mass and energy are summed from the flows, not taken from y: so they are conserved to
+        round-off whatever the tolerance of y.
+        """
+        rates = self._balance.rates(self._y, self._V)
+        h = self._balance.h
+        for k, state in enumerate(self._chambers):
+            if state.enclosure is not None:
+                # The surroundings receive the work of the swept volume at their pressure.
+                self._supplied -= _outside_pressure(state) * state.enclosure.swept
+            state.volume = _volume(state)
+            state.mass += h * float(rates.mass[k])
+            work = (state.pressure + float(self._y[k])) / 2 * _swept(state)
+            state.internal_energy += h * float(rates.energy[k]) - work
+            state.pressure = (self._gas.gamma - 1) * state.internal_energy / state.volume
         self._geometry.accept()
-        self._kept_magnitude = self._magnitude
+        self._accepted_magnitude = self._magnitude
         self._supplied += h * rates.energy_supplied
         self._mass_supplied += h * rates.mass_supplied
 
+    # ---- scalar unknowns: checks --------------------------------------------------------------------
+
     def inadmissible(self) -> str:
-        for s, V, p1 in zip(self._gases, self._V, self._y, strict=False):
-            if V <= 0 or p1 <= 0:
-                return f"'{s.chamber.name}' would have a volume of {V:.3g} m³ and a pressure of {p1:.3g} Pa"
+        """Which chamber has a volume or pressure that is not positive, in words; empty if none has."""
+        for state, volume, pressure in zip(self._chambers, self._V, self._y, strict=False):
+            if volume <= 0 or pressure <= 0:
+                return (
+                    f"'{state.chamber.name}' would have a volume of {volume:.3g} m³ and a pressure of "
+                    f"{pressure:.3g} Pa"
+                )
         return ""
 
     def unsolved(self) -> str:
-        n = len(self._gases)
-        worst = np.abs(self._s).reshape(2, n).max(axis=0)
-        worst[~np.isfinite(worst)] = np.inf
-        k = int(np.argmax(worst))
-        if worst[k] <= ALMOST:
+        """Which chamber's balance has the largest residual, in words; empty if all are solved."""
+        largest = np.abs(self._residual).reshape(2, -1).max(axis=0)
+        # argmax would pass over a NaN in favour of a number
+        largest[~np.isfinite(largest)] = np.inf
+        k = int(np.argmax(largest))
+        if largest[k] <= ACCEPTABLE_RESIDUAL:
             return ""
         return (
-            f"the gas of '{self._gases[k].chamber.name}' is not in balance (volume {self._V[k]:.3g} m³, pressure "
+            f"the gas of '{self._chambers[k].chamber.name}' is not in balance (volume {self._V[k]:.3g} m³, pressure "
             f"{self._y[k]:.3g} Pa)"
         )
 
+    # ---- scalar unknowns: energies and state --------------------------------------------------------
+
     def totals(self) -> ScalarTotals:
+        """Internal energy of each chamber, mass, and what boundaries and walls supplied."""
         return ScalarTotals(
-            {s.chamber.name: s.internal_energy for s in self._gases},
-            self._supplied,
-            sum(s.mass for s in self._gases),
-            self._mass_supplied,
+            stored={state.chamber.name: state.internal_energy for state in self._chambers},
+            supplied=self._supplied,
+            mass=sum(state.mass for state in self._chambers),
+            mass_supplied=self._mass_supplied,
         )
 
     def states(self) -> dict[str, ChamberState]:
-        return {s.chamber.name: s for s in self._gases}
+        """State of each chamber by its name."""
+        return {state.chamber.name: state for state in self._chambers}
 
     def get_state(self) -> dict[str, Any]:
+        """State for a checkpoint: numbers, words and lists; the same on every rank."""
         chambers = [
-            [s.chamber.name, s.pressure, s.mass, s.internal_energy, s.volume] for s in self._gases
+            [state.chamber.name, state.pressure, state.mass, state.internal_energy, state.volume]
+            for state in self._chambers
         ]
         return {
             "chambers": chambers,
@@ -221,31 +299,107 @@ class GasNetwork:
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
+        """Restore what `get_state` returned; the bodies have been restored.  Collective."""
         self._geometry.follow()
         self._geometry.accept()
-        for s, kept in zip(self._gases, state["chambers"], strict=True):
-            s.pressure, s.mass, s.internal_energy, s.volume = kept[1:]
-        self._kept_magnitude = self._magnitudes()
-        self._supplied, self._mass_supplied = state["supplied"], state["mass supplied"]
+        for chamber, row in zip(self._chambers, state["chambers"], strict=True):
+            # The name is for readers of the file; chambers keep their order.
+            _, chamber.pressure, chamber.mass, chamber.internal_energy, chamber.volume = row
+        self._accepted_magnitude = self._magnitudes()
+        self._supplied = state["supplied"]
+        self._mass_supplied = state["mass supplied"]
 
-    # ---- chambers ----------------------------------------------------------------------------------------------------
+    # ---- chambers -----------------------------------------------------------------------------------
 
-    def _acting(self, p0: float, p1: float) -> float:
-        """The pressure that acts on the film, p̄ in the midpoint rule."""
-        return (1 - self._α) * p0 + self._α * p1
-
-    def _outside(self, s: ChamberState) -> float:
-        return float(s.chamber.outside.pressure) if s.chamber.outside is not None else 0.0
-
-    def _volume(self, s: ChamberState) -> float:
-        return float(s.chamber.fixed_volume) + (
-            s.enclosure.volume if s.enclosure is not None else 0.0
-        )
-
-    def _swept(self, s: ChamberState) -> float:
-        return s.enclosure.swept if s.enclosure is not None else 0.0
+    def _acting_pressure(self, start: float, end: float) -> float:
+        """The pressure [Pa] that acts in the step: p̄ for the midpoint rule, p1 at the end of the step."""
+        return (1 - self._alpha) * start + self._alpha * end
 
     def _magnitudes(self) -> Array:
-        return np.array(
-            [s.enclosure.magnitude if s.enclosure is not None else 0.0 for s in self._gases]
+        """For each chamber the sum of the sizes of the terms of its volume [m³], 0 for a rigid one."""
+        magnitudes = np.zeros(len(self._chambers))
+        for k, state in enumerate(self._chambers):
+            if state.enclosure is not None:
+                magnitudes[k] = state.enclosure.magnitude
+        return magnitudes
+
+
+def _check_chambers(chambers: list[Volume]) -> None:
+    """Check that there are chambers, of one gas, and that none shares a whole film.
+
+    Raises:
+        InputError: see `GasNetwork`.
+    """
+    check(
+        bool(chambers),
+        "The scene has gas but no chamber or tank; add one, or remove reservoirs and orifices.",
+    )
+    first = chambers[0]
+    for chamber in chambers:
+        check(
+            chamber.gas == first.gas,
+            f"The chambers '{first.name}' and '{chamber.name}' hold different gases; a scene has one.",
         )
+    whole_films: list[object] = []
+    for chamber in chambers:
+        enclosure = chamber.enclosure
+        if enclosure is None or enclosure.film is None or not enclosure.is_whole_film:
+            continue
+        check(
+            enclosure.film not in whole_films,
+            f"Two chambers enclose the whole of '{enclosure.film.name}'; give each its surface, or leave one out.",
+        )
+        whole_films.append(enclosure.film)
+
+
+def _compile_enclosure(
+    chamber: Volume,
+    system: Assembly,
+    geometry: Geometry,
+) -> CompiledEnclosure | None:
+    if chamber.enclosure is None:
+        return None
+    return chamber.enclosure.compile(system, geometry)
+
+
+def _passages(
+    items: list[Any],
+    numbers: dict[int, int],
+    geometry: Geometry,
+) -> list[Passage]:
+    """The openings of a scene, with their ends as numbers of chambers or as boundaries."""
+
+    def end(item: Holder | Volume) -> End:
+        return item if isinstance(item, Holder) else numbers[id(item)]
+
+    openings = [item for item in items if isinstance(item, Opening)]
+    return [
+        Passage(
+            opening=opening,
+            ends=(end(opening.a), end(opening.b)),
+            aperture=opening.aperture(geometry),
+        )
+        for opening in openings
+    ]
+
+
+def _volume(state: ChamberState) -> float:
+    """Volume [m³] of a chamber at the iterate, rigid part included."""
+    volume = float(state.chamber.fixed_volume)
+    if state.enclosure is not None:
+        volume += state.enclosure.volume
+    return volume
+
+
+def _swept(state: ChamberState) -> float:
+    """Volume [m³] that the enclosure of a chamber sweeps in the step; 0 for a rigid one."""
+    if state.enclosure is None:
+        return 0.0
+    return state.enclosure.swept
+
+
+def _outside_pressure(state: ChamberState) -> float:
+    """Pressure [Pa] on the outer side of a chamber's enclosure; 0 for a vacuum."""
+    if state.chamber.outside is None:
+        return 0.0
+    return float(state.chamber.outside.pressure)

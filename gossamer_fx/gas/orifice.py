@@ -1,4 +1,4 @@
-"""Openings between volumes of gas."""
+"""Orifices between volumes of gas, and walls that heat or cool a chamber."""
 
 from __future__ import annotations
 
@@ -19,50 +19,83 @@ from gossamer_fx.gas.network import GasNetwork
 from gossamer_fx.gas.ring import Ring
 from gossamer_fx.gas.volumes import Chamber
 
+# Largest laminar range of an orifice: above a tenth of the upstream pressure the regularised law
+# would replace (3) in flows that are far from rest.
+MAX_LAMINAR = 0.1
+
 
 def isentropic_flow(
     gas: IdealGas, pu: complex, Tu: complex, pd: complex, laminar: float
 ) -> complex:
-    """Mass flow per effective area [kg/(s m²)] from pressure pu and temperature Tu through an orifice to pd ≤ pu.
+    """Mass flow per effective area [kg/(s m²)] of an isentropic nozzle, from pu and Tu to pd ≤ pu.
 
-        ṁ/(C_d A) = p_u/√(R T_u) Ψ(x),   x = p_d/p_u
-        choked, x ≤ (2/(γ+1))^(γ/(γ-1)):  Ψ = √γ (2/(γ+1))^((γ+1)/(2(γ-1)))
-        else                              Ψ = √(2γ/(γ-1) (x^(2/γ) - x^((γ+1)/γ)))
+        ṁ/(C_d A) = p_u/√(R T_u) Ψ(x),   x = p_d/p_u                                   (1)
+        choked, x ≤ (2/(γ+1))^(γ/(γ-1)):  Ψ = √γ (2/(γ+1))^((γ+1)/(2(γ-1)))            (2)
+        subsonic, larger x:               Ψ = √(2γ/(γ-1) (x^(2/γ) - x^((γ+1)/γ)))      (3)
 
-    (Shapiro, Compressible Fluid Flow, 1953, ch. 4).  At x = 1 the slope of Ψ is infinite, which stops Newton's
-    iteration and makes flows at rest reverse endlessly; so for 1 - x < `laminar` Ψ is the odd cubic in 1 - x with the
-    same value and slope at 1 - x = laminar, as a short tube at low Reynolds number is linear.  The pressures equalise
-    to a fraction below `laminar` later than the ideal law says.
+    (Shapiro, Dynamics and Thermodynamics of Compressible Fluid Flow, 1953, ch. 4.)  The slope of (3)
+    is infinite at x = 1: Newton's method fails there, and flows at rest reverse endlessly.  For
+    1 - x < `laminar` Ψ is therefore the odd cubic in 1 - x that has the value and the slope of (3) at
+    1 - x = laminar.  A short tube at low Reynolds number is linear in the same way.  Pressures within
+    `laminar` of each other equalise later than by (3).
 
-    Analytic in its arguments between the branches: derivatives by complex step are exact.
+    Args:
+        gas: the gas.
+        pu: upstream pressure [Pa].
+        Tu: upstream temperature [K].
+        pd: downstream pressure [Pa], ≤ pu.
+        laminar: relative pressure difference below which the cubic applies.
+
+    It is analytic in pu, Tu and pd within each branch, so derivatives by complex steps are exact.
+
+    Example:
+        >>> air = IdealGas(gamma=1.4, R=287.0)
+        >>> round(1e-6 * isentropic_flow(air, 2e5, 300.0, 0.0, 1e-5), 7)
+        0.0004667
     """
     if pu.real <= 0:
         return 0.0
     γ = gas.gamma
     x = pd / pu
     scale = pu / (gas.R * Tu) ** 0.5
-    if x.real <= (2 / (γ + 1)) ** (γ / (γ - 1)):
+    critical_ratio = (2 / (γ + 1)) ** (γ / (γ - 1))
+    if x.real <= critical_ratio:
+        # (2)
         return scale * γ**0.5 * (2 / (γ + 1)) ** ((γ + 1) / (2 * (γ - 1)))
     if (1 - x).real >= laminar:
+        # (3)
         return scale * (2 * γ / (γ - 1) * (x ** (2 / γ) - x ** ((γ + 1) / γ))) ** 0.5
-    xl = 1 - laminar
-    Ψ = (2 * γ / (γ - 1) * (xl ** (2 / γ) - xl ** ((γ + 1) / γ))) ** 0.5
-    slope = -(2 * xl ** (2 / γ - 1) - (γ + 1) * xl ** (1 / γ)) / ((γ - 1) * Ψ)
-    cubic = (slope * laminar / Ψ - 1) / 2
+    # The cubic Ψ_l ((1 - c) ξ + c ξ³), ξ = (1 - x)/laminar, with the value Ψ_l and slope of (3) at
+    # the limit x_l.
+    limit = 1 - laminar
+    value = (2 * γ / (γ - 1) * (limit ** (2 / γ) - limit ** ((γ + 1) / γ))) ** 0.5
+    slope_terms = 2 * limit ** (2 / γ - 1) - (γ + 1) * limit ** (1 / γ)
+    slope = -slope_terms / ((γ - 1) * value)
+    cubic = (slope * laminar / value - 1) / 2
     ξ = (1 - x) / laminar
-    return scale * Ψ * ((1 - cubic) * ξ + cubic * ξ**3)
+    return scale * value * ((1 - cubic) * ξ + cubic * ξ**3)
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Orifice:
-    """An opening between two volumes; gas flows either way, choked or not, by `isentropic_flow`.
+    """An opening between two volumes of gas; gas flows either way by `isentropic_flow`.
 
     Args:
-        a, b: chambers, tanks, reservoirs or surroundings; flow from a to b is positive.
-        area: opening [m²], a number, a function of time [s] (a valve), or the `Ring` between two chambers.
-        discharge_coefficient: C_d, effective over geometric area.
-        laminar: pressure difference, as a fraction of the upstream pressure, below which the law is linear.
+        a, b: chambers, tanks, reservoirs or surroundings; a flow from a to b is positive.
+        area: geometric area [m²]: a number ≥ 0, a function of time [s] (a valve), or the `Ring`
+            between two chambers, whose deformed area counts.
+        discharge_coefficient: C_d, effective over geometric area, in (0, 1].
+        laminar: pressure difference as a share of the upstream pressure below which the flow law is
+            regularised; in (0, 0.1).
+        name: in messages.
+
+    Raises:
+        InputError: an end holds no gas, both ends are the same, or a quantity is out of its range.
+
+    Example:
+        >>> bottle = gx.gas.Reservoir(2e5, 300.0)
+        >>> valve = gx.Orifice(bottle, tank, area=lambda t: 1e-6 if t < 1.0 else 0.0)
     """
 
     a: Volume | Holder
@@ -70,6 +103,7 @@ class Orifice:
     _: KW_ONLY
     area: float | Callable[[float], float] | Ring
     discharge_coefficient: float = 1.0
+    # Pressures equalise by the ideal law (3) down to a difference of 1e-5, below what is measured.
     laminar: float = 1e-5
     name: str = "orifice"
     scalar_unknowns = GasNetwork
@@ -77,8 +111,7 @@ class Orifice:
     def __post_init__(self) -> None:
         for end in (self.a, self.b):
             check(
-                getattr(end, "scalar_unknowns", None) is GasNetwork
-                and not isinstance(end, Orifice),
+                isinstance(end, Volume | Holder),
                 f"Orifice '{self.name}': {end!r} holds no gas; connect chambers, tanks, reservoirs or surroundings.",
             )
         check(
@@ -94,27 +127,33 @@ class Orifice:
             f"Orifice '{self.name}': discharge_coefficient is {self.discharge_coefficient!r}; it lies in (0, 1].",
         )
         check(
-            0 < self.laminar < 0.1,
+            0 < self.laminar < MAX_LAMINAR,
             f"Orifice '{self.name}': laminar is {self.laminar!r}; give a small fraction such as 1e-5.",
         )
 
     def requires(self) -> Iterable[Any]:
+        """Both ends and the film of a ring, which join the scene with the orifice."""
         yield self.a
         yield self.b
         if isinstance(self.area, Ring):
             yield from self.area.requires()
 
     def aperture(self, geometry: Geometry) -> Aperture:
-        """C_d A [m²] of a step of length h whose middle is at time t."""
-        cd, area = self.discharge_coefficient, self.area
+        """The effective area C_d A [m²] as a function of step length h [s] and time t [s] of its middle.
+
+        The function raises InputError if a valve's area is negative or not a number.
+        """
+        coefficient = self.discharge_coefficient
+        area = self.area
         if isinstance(area, Ring):
             loop = geometry.loop(area)
-            return lambda h, t: cd * loop.aperture(h)
+            return lambda h, t: coefficient * loop.aperture(h)
         if callable(area):
-            return lambda h, t: cd * self._opening(geometry.comm, area, t)
-        return lambda h, t: cd * area
+            return lambda h, t: coefficient * self._opening(geometry.comm, area, t)
+        return lambda h, t: coefficient * area
 
     def _opening(self, comm: MPI.Intracomm, area: Callable[[float], float], t: float) -> float:
+        """The area [m²] that a user's function gives at time t, checked.  Collective."""
         what = f"Orifice '{self.name}': its area at t = {t:.6g} s"
         opening = float(ask_numbers(comm, what, lambda: area(t)))
         check(opening >= 0, f"{what} is {opening!r} m²; give one that is not negative.")
@@ -123,7 +162,14 @@ class Orifice:
     def flow(
         self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]
     ) -> complex:
-        """Mass flow [kg/s] from a to b at pressures p and temperatures T of the two ends."""
+        """Mass flow [kg/s] from a to b.
+
+        Args:
+            gas: the gas.
+            area: effective area C_d A [m²].
+            p: pressures [Pa] of the two ends.
+            T: temperatures [K] of the two ends.
+        """
         if p[0].real >= p[1].real:
             return area * isentropic_flow(gas, p[0], T[0], p[1], self.laminar)
         return -area * isentropic_flow(gas, p[1], T[1], p[0], self.laminar)
@@ -132,12 +178,21 @@ class Orifice:
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class WallHeat:
-    """Heat from a wall into a chamber: conductance (T_wall - T), booked as supplied.
+    """A wall of constant temperature that heats or cools a chamber: Q = conductance (T_wall - T) [W].
+
+    The heat counts as supplied in the energy balance.
 
     Args:
-        chamber: the chamber.
-        conductance: heat transfer coefficient times area [W/K].
-        temperature: of the wall [K].
+        chamber: the chamber or tank.
+        conductance: heat transfer coefficient times area [W/K], ≥ 0.
+        temperature: of the wall [K], > 0.
+        name: in messages.
+
+    Raises:
+        InputError: a quantity is out of its range, or `chamber` is not a chamber.
+
+    Example:
+        >>> heater = gx.gas.WallHeat(tank, conductance=0.5, temperature=350.0)
     """
 
     chamber: Chamber
@@ -155,4 +210,5 @@ class WallHeat:
         )
 
     def requires(self) -> Iterable[Any]:
+        """The chamber, which joins the scene with the wall."""
         yield self.chamber

@@ -1,10 +1,37 @@
-"""Edge loops of a film: virtual walls between chambers, through which gas may pass."""
+"""Rings: closed lines of film edges, as openings for gas and as virtual walls between chambers.
+
+Problem.  A folded tube has compartments that gas leaves through its folds.  No film closes such a
+compartment, yet its volume, the pressure force on its film and the opening have to be defined, for a
+ring of any deformed shape, such that energy and momentum are conserved.
+
+Idea.  Strips between opposite edges of the ring span a surface x(s, r) = (1 - r) x_a(s) + r x_b(s)
+between edge x_a of one side and edge x_b of the other.  With n = x,s × x,r
+
+    a = ∫∫ n ds dr            area vector                                            (1)
+    G[w] = ∫∫ n·w ds dr       gradient of the volume, quadratic in x                 (2)
+    V = ⅓ G[x]                share of the enclosed volume, cubic in x               (3)
+
+summed over the strips.  The sum of n over a closed surface is zero, so the pressure has no resultant.
+The nodes of the ring bear the pressure on the strips.  A node is coupled to those of two strips only,
+and the pressure is spread as the strips' areas are.  (A fan from the centre of the ring was the
+alternative: it would couple every node to all others.)
+
+Algorithm.
+
+1. `Ring.loop` orders the edges to a walk around the ring, the same for any number of ranks.
+2. `Loop` pairs the edges: the walk goes along both sides from its first vertex at once.  Of an odd
+   number of edges the last spans a strip with its own end vertex.
+3. `Loop.follow` evaluates (2) at the middle and at the end of a step, on every rank for all nodes.
+4. `Loop.add_tangent` adds the derivative of (2); each rank adds the rows of its nodes.
+
+Cost: proportional to the number of edges; every rank knows all nodes of a ring.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import basix
 import numpy as np
@@ -20,216 +47,363 @@ from gossamer_fx.model.body import Array
 from gossamer_fx.terms.assembly import Assembly
 
 Indices = npt.NDArray[np.int64]
-# end vertices, end nodes, the node between them or -1, and where on the mesh the edge starts and ends
-Edge = tuple[int, int, int, int, int, tuple[float, ...], tuple[float, ...]]
 
-ALIKE = 1e-9  # of a ring's extent: coordinates that differ by less count as equal
+# Coordinates that differ by less than this share of the ring's extent count as equal when the first
+# vertex of a walk is chosen: far above round-off, far below the length of an edge.
+COORDINATE_TOLERANCE = 1e-9
+
+# The volume of (3) is linear across a strip in x and in w, and constant in x,r: degree 2 in r.
+QUADRATURE_DEGREE_ACROSS = 2
+
+
+class Edge(NamedTuple):
+    """An edge of a film in global numbers.
+
+    Attributes:
+        first_vertex, last_vertex: vertices of the mesh.
+        first_node, last_node: nodes of the film.
+        middle_node: node between them; -1 for films of order 1.
+        start, end: coordinates (3,) [m] of its ends on the mesh.
+    """
+
+    first_vertex: int
+    last_vertex: int
+    first_node: int
+    last_node: int
+    middle_node: int
+    start: tuple[float, ...]
+    end: tuple[float, ...]
+
+    def reversed(self) -> Edge:
+        """The same edge in the opposite direction."""
+        return Edge(
+            first_vertex=self.last_vertex,
+            last_vertex=self.first_vertex,
+            first_node=self.last_node,
+            last_node=self.first_node,
+            middle_node=self.middle_node,
+            start=self.end,
+            end=self.start,
+        )
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Ring:
-    """A closed line of film edges: the named group of curves `edges`.
+    """A closed line of film edges.
 
-    As the `area` of an `Orifice` it is the deformed opening, |½ ∮ x × dx| [m²], taken half a step ahead of the known
-    state: a folded tube chokes where it is folded.  In `Chamber(rings=...)` it is spanned by strips between opposite
-    edges, which close the chamber; the pressure on the strips is borne by the nodes at their ends.
+    As the `area` of an `Orifice` it is the opening |½ ∮ x × dx| [m²] in its deformed shape, taken half
+    a step ahead of the known state: a folded tube chokes where it is folded.  In
+    `Chamber(rings=...)` it is spanned by strips, which close the chamber.
+
+    Args:
+        body: the film.
+        edges: name of a group of curves of its mesh.
+
+    Example:
+        >>> ring = gx.gas.Ring(film, "ring 1")
+        >>> opening = gx.Orifice(tank, gx.gas.Ambient(), area=ring, discharge_coefficient=0.8)
     """
 
     body: Membrane
     edges: str
 
     def requires(self) -> Iterable[Any]:
+        """The film, which joins the scene with the ring."""
         yield self.body
 
     def loop(self) -> Indices:
-        """The edges in the order of a walk around the ring, on every rank.
+        """The edges in the order of a walk around the ring, the same on every rank.  Collective.
 
-        An array (n, 5) of end vertices, end nodes and nodes between (or -1), in global numbers.  The walk starts where
-        the mesh has the lowest x, of these the lowest y, then z: at the same place for any number of ranks, and at the
-        seam of a tube that is pressed flat.
+        Returns:
+            An array (n, 5): for each edge its two end vertices, its two end nodes and the node
+            between them (or -1), in global numbers.  The walk starts at the vertex with the lowest x
+            on the mesh, of those the lowest y, then z: at the same vertex for any number of ranks,
+            and at the seam of a tube that is pressed flat, so that opposite edges lie on each other.
 
         Raises:
             InputError: the edges do not form one closed line.
         """
-        edges = sorted(e for part in self.body.comm.allgather(self._own_edges()) for e in part)
-        one_loop = f"Ring: the edges '{self.edges}' of '{self.body.name}' form no closed line; name a group that does."
-        at: dict[int, list[int]] = {}
-        for i, (a, b, *_) in enumerate(edges):
-            at.setdefault(a, []).append(i)
-            at.setdefault(b, []).append(i)
-        check(len(edges) > 2 and all(len(meeting) == 2 for meeting in at.values()), one_loop)
-        walk: list[Edge] = []
-        i, vertex = 0, edges[0][0]
-        while not walk or i != 0:
-            a, b, node_a, node_b, middle, start, end = edges[i]
-            walk.append(edges[i] if a == vertex else (b, a, node_b, node_a, middle, end, start))
-            vertex = walk[-1][1]
-            i = sum(at[vertex]) - i
-        check(len(walk) == len(edges), one_loop)
-        starts = np.array([edge[5] for edge in walk])
-        low = starts.min(axis=0)
-        x, y, z = np.rint(
-            (starts - low) / (ALIKE * float(np.linalg.norm(starts.max(axis=0) - low)) or 1.0)
-        ).T
-        return np.roll(
-            np.array([edge[:5] for edge in walk]), -int(np.lexsort((z, y, x))[0]), axis=0
+        edges = sorted(
+            edge for part in self.body.comm.allgather(self._own_edges()) for edge in part
         )
+        message = f"Ring: the edges '{self.edges}' of '{self.body.name}' form no closed line; name a group that does."
+        edges_at: dict[int, list[int]] = {}
+        for i, edge in enumerate(edges):
+            edges_at.setdefault(edge.first_vertex, []).append(i)
+            edges_at.setdefault(edge.last_vertex, []).append(i)
+        two_at_each_vertex = all(len(meeting) == 2 for meeting in edges_at.values())
+        check(len(edges) > 2 and two_at_each_vertex, message)
+        walk: list[Edge] = []
+        i = 0
+        vertex = edges[0].first_vertex
+        while not walk or i != 0:
+            edge = edges[i]
+            if edge.first_vertex != vertex:
+                edge = edge.reversed()
+            walk.append(edge)
+            vertex = edge.last_vertex
+            # the other one of the two edges at the vertex
+            i = sum(edges_at[vertex]) - i
+        # A shorter walk means that the edges form several closed lines.
+        check(len(walk) == len(edges), message)
+        numbers = np.array([edge[:5] for edge in walk])
+        starts = np.array([edge.start for edge in walk])
+        return np.roll(numbers, -_lowest(starts), axis=0)
 
     def _own_edges(self) -> list[Edge]:
-        """This rank's edges."""
+        """The edges that this rank owns."""
         film = self.body
         table = film.mesh.edges
         edges = film.mesh.curve(self.edges, f"Ring on '{film.name}'")
         own = edges[edges < table.owned]
         local = table.nodes(film.space, own)
-        nodes = film.block.index_map.local_to_global(local.ravel()).reshape(local.shape)
-        middles = nodes[:, 1] if film.order == 2 else np.full(len(own), -1)
-        x = film.space.tabulate_dof_coordinates()
-        numbers: Any = np.column_stack(
-            [table.ends[own], nodes[:, 0], nodes[:, -1], middles]
-        ).tolist()
-        starts, ends = (
-            [(float(a), float(b), float(c)) for a, b, c in x[local[:, k]]] for k in (0, -1)
-        )
-        rows = zip(numbers, starts, ends, strict=True)
-        return [
-            (a, b, node_a, node_b, middle, start, end)
-            for (a, b, node_a, node_b, middle), start, end in rows
-        ]
+        numbers = film.block.index_map.local_to_global(local.ravel())
+        nodes = numbers.reshape(local.shape)
+        coordinates = film.space.tabulate_dof_coordinates()
+        result = []
+        ends = table.ends[own]
+        for k in range(len(own)):
+            middle_node = -1
+            if film.order == 2:
+                middle_node = int(nodes[k, 1])
+            edge = Edge(
+                first_vertex=int(ends[k, 0]),
+                last_vertex=int(ends[k, 1]),
+                first_node=int(nodes[k, 0]),
+                last_node=int(nodes[k, -1]),
+                middle_node=middle_node,
+                start=tuple(map(float, coordinates[local[k, 0]])),
+                end=tuple(map(float, coordinates[local[k, -1]])),
+            )
+            result.append(edge)
+        return result
 
 
 class Loop:
-    """A ring in a running scene; every rank knows all of its nodes.
+    """A ring in a running scene: its area vector, volume and gradient, see the module's (1) to (3).
 
-    The walk goes from its first vertex along both sides at once: edge i on the one side and edge i on the other span a
-    strip x(s, r) = (1 - r) x_a(s) + r x_b(s), between them.  (Of an odd number the last edge spans one with its end.)
-    With n = x,s × x,r of all strips
+    Args:
+        ring: the ring.
+        system: the compiled scene.
 
-        a = ∫∫ n ds dr,   G[w] = ∫∫ n·w ds dr,   V = ⅓ G[x]
+    Attributes:
+        vertices: global end vertices of the edges in the order of the walk (n, 2).
+        indices: global indices of the coordinates of its nodes in system vectors (nodes, 3).
+        gradients: G at q̄ and at q1, (nodes, 3) [m²] each; the same on every rank.
 
-    are area vector, gradient of the volume, and volume; a node is coupled to those of two strips only, and the pressure
-    is spread as the strips' areas are.
+    Sizes below: n edges, k nodes of a strip, g quadrature points of a strip.
     """
 
     def __init__(self, ring: Ring, system: Assembly) -> None:
         walk = ring.loop()
+        order = ring.body.order
+        self._system = system
+        self._alpha = system.rule.alpha
         self.vertices = walk[:, :2]
-        order, n = ring.body.order, len(walk)
-        nodes = walk[:, 2] if order == 1 else np.concatenate([walk[:, 2], walk[:, 4]])
-        self._strips = _strips(n, order)
-        s, ws = (
-            np.asarray(part)
-            for part in basix.make_quadrature(basix.CellType.interval, 3 * order - 1)
-        )
-        r, wr = (np.asarray(part) for part in basix.make_quadrature(basix.CellType.interval, 2))
-        element: Any = basix.create_element(basix.ElementFamily.P, basix.CellType.interval, order)
-        N, dN = element.tabulate(1, s)[:, :, :, 0]
-        across, slope = np.stack([1 - r[:, 0], r[:, 0]], axis=1), np.array([-1.0, 1.0])
+        nodes = walk[:, 2]
+        if order == 2:
+            nodes = np.concatenate([walk[:, 2], walk[:, 4]])
+        self._strips = _strips(len(walk), order)
+        self._tabulate(order)
 
-        def at_points(along: Array, sideways: Array) -> Array:
-            """Products (points, nodes of a strip) of functions along it and across."""
-            return np.einsum("si,rj->srji", along, sideways).reshape(len(s) * len(r), -1)
-
-        self._ds, self._dr = (
-            at_points(dN, across),
-            at_points(N, np.broadcast_to(slope, across.shape)),
-        )
-        self._test = at_points(N, across) * np.outer(ws, wr).reshape(-1, 1)
-        self._weights = np.outer(ws, wr).ravel()
-        # products (points, i j) of a test function and the slope of another function
-        self._by_xr, self._by_xs = (
-            np.einsum("gi,gj->gij", self._test, slopes).reshape(len(slopes), -1)
-            for slopes in (self._dr, self._ds)
-        )
-
-        self._system, self._α = system, system.rule.alpha
         self.indices = system.block(ring.body).to_global(nodes)
         self._gather = Gather(system.numbering, [self.indices])
         start, end = system.q0.getOwnershipRange()
-        self._mine = (self.indices[:, 0] >= start) & (self.indices[:, 0] < end)
+        first_index = self.indices[:, 0]
+        self._mine = (start <= first_index) & (first_index < end)
         self._own = self.indices[self._mine] - start
-        self._rows = strip, _ = np.nonzero(self._mine[self._strips])
-        columns = self.indices[self._strips[strip]].reshape(len(strip), 3 * self._strips.shape[1])
-        self._places = self.indices[self._strips[self._rows]], columns
+        # Rows of the tangent that this rank adds: strips and the nodes of theirs that it owns.
+        strip, node = np.nonzero(self._mine[self._strips])
+        self._rows = (strip, node)
+        self._row_indices = self.indices[self._strips[strip, node]]
+        columns = self.indices[self._strips[strip]]
+        self._column_indices = columns.reshape(len(strip), 3 * self._strips.shape[1])
         self._X0: Array = np.zeros((len(nodes), 3))
         self._X1: Array = self._X0
-        self.gradients: tuple[Array, Array] = (self._X0, self._X0)  # at q̄ and at q1
+        self.gradients: tuple[Array, Array] = (self._X0, self._X0)
+
+    def _tabulate(self, order: int) -> None:
+        """Tabulate the functions of a strip at its quadrature points."""
+        interval = basix.CellType.interval
+        # Degree of (3) along a strip: order - 1 of x,s, order of x,r and order of w.
+        degree_along = 3 * order - 1
+        s, weights_s = _quadrature(degree_along)
+        r, weights_r = _quadrature(QUADRATURE_DEGREE_ACROSS)
+        element: Any = basix.create_element(basix.ElementFamily.P, interval, order)
+        N, dN = element.tabulate(1, s)[..., 0]
+        across = np.concatenate([1 - r, r], axis=1)
+        across_slope = np.broadcast_to([-1.0, 1.0], across.shape)
+
+        def at_points(along: Array, sideways: Array) -> Array:
+            """Products (g, k) of functions along a strip and across; the nodes of side a come first."""
+            products = np.einsum("si,rj->srji", along, sideways)
+            points = len(along) * len(sideways)
+            return products.reshape(points, -1)
+
+        weights = np.outer(weights_s, weights_r)
+        self._weights = weights.ravel()
+        self._ds = at_points(dN, across)
+        self._dr = at_points(N, across_slope)
+        self._test = at_points(N, across) * weights.reshape(-1, 1)
+        self._by_xr = _products(self._test, self._dr)
+        self._by_xs = _products(self._test, self._ds)
 
     def aperture(self, h: float) -> float:
-        """|a| [m²] at q0 + ½ h v0: the middle of the coming step, to second order."""
-        X = self._gather(self._system.q0)[0] + h / 2 * self._gather(self._system.v0)[0]
-        xs, xr = self._tangents(X)
-        return float(np.linalg.norm(np.einsum("g,ngd->d", self._weights, _cross(xs, xr))))
+        """|a| [m²] of (1) at q0 + ½ h v0, for a step of length h [s].  Collective.
+
+        That is the middle of the coming step to second order.  The middle of the iterate is not
+        taken: then the flow would depend on the film, and the tangent on the flow.
+        """
+        positions = self._gather(self._system.q0)[0]
+        velocities = self._gather(self._system.v0)[0]
+        xs, xr = self._strip_tangents(positions + h / 2 * velocities)
+        area_vector = np.einsum("g,ngd->d", self._weights, _cross(xs, xr))
+        return float(np.linalg.norm(area_vector))
 
     def follow(self) -> None:
-        """Take the end of the step from the system."""
+        """Evaluate the gradients at q̄ and q1 of the system.  Collective."""
         self._X1 = self._gather(self._system.q1)[0]
-        self.gradients = self._gradient(self._middle()), self._gradient(self._X1)
+        at_middle = self._gradient(self._middle())
+        at_end = self._gradient(self._X1)
+        self.gradients = (at_middle, at_end)
 
     def accept(self) -> None:
-        """The end of this step is the start of the next."""
+        """Make the end of this step the start of the next."""
         self._X0 = self._X1
 
     def products(self) -> Array:
-        """G(q1)·q1, the sum of its terms' sizes, and G(q̄)·(q1 - q0): its share of three volumes, or of round-off."""
-        mid, end = self.gradients
-        terms = end * self._X1
-        return np.array([terms.sum(), abs(terms).sum(), (mid * (self._X1 - self._X0)).sum()])
+        """The ring's share of G(q1)·q1, of the sum of its terms' sizes, and of G(q̄)·(q1 - q0), [m³].
+
+        An array (3,): three volumes, a magnitude for round-off, and a swept volume.
+        """
+        at_middle, at_end = self.gradients
+        terms = at_end * self._X1
+        swept = at_middle * (self._X1 - self._X0)
+        return np.array([terms.sum(), abs(terms).sum(), swept.sum()])
 
     def direction(self, vertices: Indices) -> Indices:
-        """+1 or -1 for edges (k, 2), given by global end vertices, that the walk passes so or the other way; 0 else."""
-        steps = {(int(a), int(b)) for a, b in self.vertices}
-        pairs = ((int(a), int(b)) for a, b in vertices)
-        return np.array([((a, b) in steps) - ((b, a) in steps) for a, b in pairs], dtype=np.int64)
+        """In which direction the walk passes edges, given by their global end vertices (m, 2).
 
-    def add_own(self, values: Array, start: int, G: Array) -> None:
-        """Add a gradient to this rank's share of the film, which begins at `start` of its part of a system vector."""
+        Returns:
+            For each edge +1 if the walk passes it from the first to the second vertex, -1 for the
+            opposite direction, 0 if it is not an edge of the ring; (m,).
+        """
+        passed = {(int(a), int(b)) for a, b in self.vertices}
+        signs = np.zeros(len(vertices), dtype=np.int64)
+        for i in range(len(vertices)):
+            a = int(vertices[i, 0])
+            b = int(vertices[i, 1])
+            if (a, b) in passed:
+                signs[i] = 1
+            elif (b, a) in passed:
+                signs[i] = -1
+        return signs
+
+    def add_own(
+        self,
+        values: Array,
+        start: int,
+        G: Array,
+    ) -> None:
+        """Add a gradient G (nodes, 3) to the owned unknowns of the film.
+
+        Args:
+            values: the owned unknowns of the film, flattened.
+            start: where they begin in this rank's part of a system vector.
+            G: a gradient at all nodes of the ring.
+        """
         values[self._own - start] += G[self._mine]
 
     def add_tangent(self, A: PETSc.Mat, scale: float) -> None:
-        """A += scale · α · ∂G/∂q at q̄; each rank adds its rows."""
-        xs, xr = self._tangents(self._middle())
-        # G_i changes by Σ_j a_ij × δx_j
-        k, n = self._strips.shape[1], len(self._strips)
-        a = (self._by_xr.T @ xs - self._by_xs.T @ xr).reshape(n, k, k, 3)
-        strip, i = self._rows
-        blocks = scale * self._α * cross_matrices(a[strip, i])  # (rows, nodes, 3, 3)
-        add_blocks(A, *self._places, blocks.transpose(0, 2, 1, 3).reshape(len(strip), 3, 3 * k))
+        """Add scale · α · ∂G/∂q at q̄, the derivative of scale · G(q̄) by q1; each rank adds its rows."""
+        xs, xr = self._strip_tangents(self._middle())
+        # δG_i = Σ_j a_ij × δx_j, from δn = δx,s × x,r + x,s × δx,r
+        strips, nodes = self._strips.shape
+        pairs = self._by_xr.T @ xs - self._by_xs.T @ xr
+        a = pairs.reshape(strips, nodes, nodes, 3)
+        # (rows, nodes, 3, 3): a 3 × 3 block for each pair of a row and a node of its strip
+        blocks = scale * self._alpha * cross_matrices(a[self._rows])
+        rows_first = blocks.transpose(0, 2, 1, 3)
+        values = rows_first.reshape(len(blocks), 3, 3 * nodes)
+        add_blocks(A, self._row_indices, self._column_indices, values)
 
     def _middle(self) -> Array:
-        X: Array = (1 - self._α) * self._X0 + self._α * self._X1
+        """Positions (nodes, 3) [m] of the nodes at q̄."""
+        X: Array = (1 - self._alpha) * self._X0 + self._alpha * self._X1
         return X
 
-    def _tangents(self, X: Array) -> tuple[Array, Array]:
-        """x,s and x,r (strips, points, 3)."""
+    def _strip_tangents(self, X: Array) -> tuple[Array, Array]:
+        """x,s and x,r (strips, g, 3) for the positions X (nodes, 3) of the nodes."""
         corners = X[self._strips]
         return self._ds @ corners, self._dr @ corners
 
     def _gradient(self, X: Array) -> Array:
-        """G (n, 3) of the positions X (n, 3)."""
-        xs, xr = self._tangents(X)
+        """G (nodes, 3) of (2) for the positions X (nodes, 3) of the nodes."""
+        xs, xr = self._strip_tangents(X)
+        of_strips = self._test.T @ _cross(xs, xr)
         G = np.zeros_like(X)
-        np.add.at(G, self._strips, self._test.T @ _cross(xs, xr))
+        np.add.at(G, self._strips, of_strips)
         return G
 
 
-def _strips(n: int, order: int) -> Indices:
-    """Nodes of the strips of a ring of n edges: on either side start, end and, of order 2, the node between.
+def _quadrature(degree: int) -> tuple[Array, Array]:
+    """Points (g, 1) and weights (g,) on the interval [0, 1], exact for polynomials of a degree."""
+    points, weights = basix.make_quadrature(basix.CellType.interval, degree)
+    return np.asarray(points), np.asarray(weights)
 
-    Vertex i of the walk is node i, the node on the edge behind it n + i.
+
+def _products(test: Array, slopes: Array) -> Array:
+    """Products (g, k·k) of each test function (g, k) and the slope (g, k) of each function."""
+    products = np.einsum("gi,gj->gij", test, slopes)
+    return products.reshape(len(test), -1)
+
+
+def _lowest(points: Array) -> int:
+    """Which of the points (n, 3) has the lowest x, of those the lowest y, then z."""
+    low = points.min(axis=0)
+    high = points.max(axis=0)
+    extent = float(np.linalg.norm(high - low))
+    # A ring of no extent is compared by 1 m, to avoid a division by zero.
+    resolution = COORDINATE_TOLERANCE * extent or 1.0
+    # Rounding makes coordinates equal that differ by round-off only.
+    x, y, z = np.rint((points - low) / resolution).T
+    # lexsort sorts by its last key first.
+    return int(np.lexsort((z, y, x))[0])
+
+
+def _strips(n: int, order: int) -> Indices:
+    """Nodes (strips, 2 (order + 1)) of the strips of a ring of n edges.
+
+    On either side they are the start, the end and, of order 2, the node between.  Vertex i of the
+    walk is node i, the node on the edge behind it is node n + i.
     """
     pairs = np.arange(n // 2)
+    # start, end and middle node of the edges on the way there, and on the way back
     there = [pairs, pairs + 1, n + pairs]
-    back = [(n - pairs) % n, n - 1 - pairs, 2 * n - 1 - pairs]
-    strips = np.stack([*there[: order + 1], *back[: order + 1]], axis=1)
+    back = [
+        (n - pairs) % n,
+        n - 1 - pairs,
+        2 * n - 1 - pairs,
+    ]
+    columns = there[: order + 1] + back[: order + 1]
+    strips = np.stack(columns, axis=1)
     if n % 2:
-        m = n // 2
-        strips = np.vstack([strips, [*(m, m + 1, n + m)[: order + 1], *[m + 1] * (order + 1)]])
+        # The last edge of an odd number spans a triangle with its end vertex.
+        last = n // 2
+        edge = [last, last + 1, n + last][: order + 1]
+        end_vertex = [last + 1] * (order + 1)
+        strips = np.vstack([strips, edge + end_vertex])
     return strips
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """a × b of (..., 3): NumPy's own takes thrice the time for so few."""
-    (ax, ay, az), (bx, by, bz) = (np.moveaxis(v, -1, 0) for v in (a, b))
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+    """a × b of arrays (..., 3); np.cross takes three times as long for so few vectors."""
+    ax, ay, az = np.moveaxis(a, -1, 0)
+    bx, by, bz = np.moveaxis(b, -1, 0)
+    products = [
+        ay * bz - az * by,
+        az * bx - ax * bz,
+        ax * by - ay * bx,
+    ]
+    return np.stack(products, axis=-1)

@@ -23,7 +23,6 @@ class ChamberState:
         volume: [m³], rigid part included.
 
     Example:
-        >>> run = gx.Simulation(gx.Scene(tank), gx.Midpoint(dt=0.1))
         >>> run.chamber("tank").pressure
         200000.0
     """

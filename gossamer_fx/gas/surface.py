@@ -1,4 +1,22 @@
-"""A film that bounds chambers: the volumes of all of them and their gradients, from one form."""
+"""The surface of a film that bounds one or more chambers: volumes, gradients, forces and tangent.
+
+For chamber c with the deformed area vector n dA of its part of the film and the strips of its rings:
+
+    G_c[w] = ∫ n·w dA                  gradient of the volume, quadratic in x              (1)
+    V_c = ⅓ ∫ x·n dA = ⅓ G_c(q)·q      since the volume is homogeneous of degree three     (2)
+    W_c = G_c(q̄)·(q1 - q0)            swept volume, for the midpoint rule                 (3)
+    ∂W_c/∂q1 = G_c(q̄) + α (G_c(q1) - G_c(q0))      since G_c is quadratic, for α = ½     (4)
+
+Algorithm.  In every iteration:
+
+1. One linear form with discontinuous test functions gives (1) triangle by triangle, at q̄ and at q1.
+2. A sparse matrix of ones adds up the triangles of each chamber, node by node.
+3. Sums over ranks give (2) and (3); rank 0 adds the strips of the rings, which every rank knows.
+4. `add_force` adds pressure · G_c(q̄); one bilinear form gives the tangent of all chambers.
+
+Cost: two assemblies of a vector and one of a matrix in an iteration, however many chambers share the
+film.  A form for each chamber would cost as many assemblies as there are chambers.
+"""
 
 from __future__ import annotations
 
@@ -22,170 +40,266 @@ from gossamer_fx.terms.assembly import Assembly
 
 Cells = npt.NDArray[np.int32]
 
+# Weight α of the rules in which forces act at the middle, or at the end, of a step.
+MIDPOINT = 0.5
+END_OF_STEP = 1.0
+
 
 @dataclass
 class Side:
-    """What bounds one chamber: owned cells of the film, and loops with the signs that close it."""
+    """What bounds one chamber.
+
+    Attributes:
+        cells: triangles of the film that this rank owns.
+        loops: rings whose strips close the chamber.
+        signs: for each loop +1 or -1, with which its strips count.
+        initial_gradient: owned part of G at q0, flattened [m²].
+    """
 
     cells: Cells
     loops: list[Loop]
     signs: list[float]
-    first: Array = field(default_factory=lambda: np.zeros(0))  # G at q0, owned part
+    initial_gradient: Array = field(default_factory=lambda: np.zeros(0))
 
 
 class FilmSurface:
-    """Integrals over a film for the chambers that it bounds: G_c[w] = ∫n·w dA, n the deformed area vector.
+    """Volumes of all chambers that a film bounds, with gradients, forces and tangent.
 
-    A linear form with discontinuous test functions gives them triangle by triangle; sums over the triangles and loops
-    of a chamber c give its G_c.  V = ⅓∫x·n dA is homogeneous of degree three, so V_c = ⅓ G_c(q)·q, and G_c quadratic.
-    However many chambers there are, an iteration assembles this form twice and one tangent.
+    Args:
+        film: the film.
+        system: the compiled scene.
 
     Attributes:
-        pressures: (chambers,) on the cells of each chamber, along their normals [Pa].
+        pressures: pressure [Pa] of each chamber on its triangles, along their normals (chambers,).
+        volume: V_c at q1 (chambers,) [m³], positive if the normals point outwards.
+        magnitude: sum of the sizes of the terms of G_c(q)·q (chambers,) [m³], for round-off.
+        swept: W_c (chambers,) [m³], or V_c(q1) - V_c(q0) if forces act at the end of the step.
     """
 
     def __init__(self, film: Membrane, system: Assembly) -> None:
-        self.film, self._comm, self._sides = film, film.comm, list[Side]()
-        self._at = system.fields[film]
+        self.film = film
+        self.pressures: Array = np.zeros(0)
+        self._comm = film.comm
+        self._sides: list[Side] = []
+        self._fields = system.fields[film]
+        # The owned unknowns of the film in this rank's part of a system vector
         self._owned = system.block(film).owned
-        self._n = system.numbering.size_local
-        self._α = system.rule.alpha
+        self._local_size = system.numbering.size_local
+        self._alpha = system.rule.alpha
         self._form: fem.Form | None = None
 
     def add(self, side: Side) -> int:
-        """Register what bounds a chamber; returns its place in the results.  Before the first `follow`."""
+        """Register a chamber; returns its index in the results.
+
+        It must be called before the first `follow`, which compiles the forms for all chambers.
+        """
         self._sides.append(side)
         self.pressures = np.zeros(len(self._sides))
         return len(self._sides) - 1
 
     def _compile(self) -> None:
-        film, domain = self.film, self.film.mesh.domain
-        cells = np.unique(np.concatenate([side.cells for side in self._sides]))
-        whole = self._comm.allreduce(
-            len(cells) == domain.topology.index_map(2).size_local, op=MPI.LAND
-        )
-        restricted = {} if whole else {"subdomain_data": [(1, cells)], "subdomain_id": 1}
+        """Compile the forms and allocate the arrays.  Collective."""
+        film = self.film
+        domain = film.mesh.domain
+        # Area vector: 2 (order - 1); test function or position: order.
         degree = 2 * (film.order - 1) + film.order
-        dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": degree}, **restricted)
+        dx = ufl.Measure(
+            "dx",
+            domain,
+            metadata={"quadrature_degree": degree},
+            **self._restriction(),
+        )
         broken = fem.functionspace(domain, ("Discontinuous Lagrange", film.order, (3,)))
+        constants = fem.functionspace(domain, ("Discontinuous Lagrange", 0))
         self._x = fem.Function(film.space)
-        self._pressure = fem.Function(fem.functionspace(domain, ("Discontinuous Lagrange", 0)))
+        self._pressure = fem.Function(constants)
 
         def flux(x: Any, w: Any) -> Any:
             return ufl.dot(area_vector(film.deformation(x)), w)
 
         self._form = compile_form(flux(self._x, ufl.TestFunction(broken)) * dx)
-        load = -self._pressure * flux(self._at.mid, self._at.w) * dx
-        self._tangent = compile_form(ufl.derivative(load, self._at.q1, self._at.dq))
+        load = -self._pressure * flux(self._fields.mid, self._fields.w) * dx
+        tangent = ufl.derivative(load, self._fields.q1, self._fields.dq)
+        self._tangent = compile_form(tangent)
         index_map = broken.dofmap.index_map
         self._parts = np.zeros(3 * (index_map.size_local + index_map.num_ghosts))
-        self._collect(broken)
+        self._compile_sum(broken)
         self._vector = la.vector(film.block.index_map, 3)
-        self._mid: Array = np.zeros((len(self._nodes), 3))  # gradients at q̄ and q1
-        self._end: Array = self._mid
-        self._V0: Array = np.zeros(len(self._sides))
+        self._at_mid: Array = np.zeros((len(self._nodes), 3))
+        self._at_end: Array = self._at_mid
+        self._initial_volume: Array = np.zeros(len(self._sides))
 
-    def _collect(self, broken: fem.FunctionSpace) -> None:
-        """The sum over the cells of each chamber, node by node, as a sparse matrix; the nodes of one after another."""
+    def _restriction(self) -> dict[str, Any]:
+        """Arguments of a measure on the triangles of all chambers; none if that is the whole film."""
+        of_sides = [side.cells for side in self._sides]
+        cells = np.unique(np.concatenate(of_sides))
+        owned = self.film.mesh.domain.topology.index_map(2).size_local
+        whole = self._comm.allreduce(len(cells) == owned, op=MPI.LAND)
+        if whole:
+            return {}
+        return {"subdomain_data": [(1, cells)], "subdomain_id": 1}
+
+    def _compile_sum(self, broken: fem.FunctionSpace) -> None:
+        """The sum over the triangles of each chamber, node by node, as a sparse matrix of ones.
+
+        Its rows are the nodes of one chamber after another: chamber c has the rows from starts[c] to
+        starts[c + 1], and a node on the border of two chambers has two rows.
+        """
+        # Imported here, as chambers that are rigid or have a piston do not need SciPy.
         from scipy.sparse import csr_matrix
 
-        nodes, rows, columns, self._starts = [], [], [], [0]
+        nodes = []
+        rows = []
+        columns = []
+        self._starts = [0]
         for side in self._sides:
-            own, places = np.unique(cell_nodes(self.film.space)[side.cells], return_inverse=True)
+            cells_to_nodes = cell_nodes(self.film.space)[side.cells]
+            own, positions = np.unique(cells_to_nodes, return_inverse=True)
             nodes.append(own)
-            rows.append(places.ravel() + self._starts[-1])
+            rows.append(positions.ravel() + self._starts[-1])
             columns.append(cell_nodes(broken)[side.cells].ravel())
             self._starts.append(self._starts[-1] + len(own))
         self._nodes = np.concatenate(nodes)
-        entries = (np.concatenate(rows), np.concatenate(columns))
-        shape = self._starts[-1], len(self._parts) // 3
-        self._sum = csr_matrix((np.ones(len(entries[0])), entries), shape=shape)
+        all_rows = np.concatenate(rows)
+        all_columns = np.concatenate(columns)
+        ones = np.ones(len(all_rows))
+        shape = (self._starts[-1], len(self._parts) // 3)
+        self._sum = csr_matrix((ones, (all_rows, all_columns)), shape=shape)
 
-    # ---- the step ----------------------------------------------------------------------------------------------------
+    # ---- the step ----------------------------------------------------------------------------------
 
     def follow(self) -> None:
-        """Take the end of the step from the system; the loops have followed."""
+        """Evaluate volumes and gradients at q1 of the system.  Collective; loops have followed."""
         if self._form is None:
             self._compile()
-        q0, q1 = (f.x.array.reshape(-1, 3)[self._nodes] for f in (self._at.q0, self._at.q1))
-        self._end = self._gradient(1.0)
-        self._mid = self._end if self._α == 1.0 else self._gradient(self._α)
-        terms, works = self._end * q1, self._mid * (q1 - q0)
-        local = np.zeros((len(self._sides), 3))
+        q0 = self._at_nodes(self._fields.q0)
+        q1 = self._at_nodes(self._fields.q1)
+        self._at_end = self._gradient(1.0)
+        if self._alpha == END_OF_STEP:
+            self._at_mid = self._at_end
+        else:
+            self._at_mid = self._gradient(self._alpha)
+        volume_terms = self._at_end * q1
+        swept_terms = self._at_mid * (q1 - q0)
+        sums = np.zeros((len(self._sides), 3))
         for c, side in enumerate(self._sides):
-            here = slice(self._starts[c], self._starts[c + 1])
-            local[c] = terms[here].sum(), abs(terms[here]).sum(), works[here].sum()
-            if self._comm.rank == 0:  # every rank has all of a loop
-                shares = [
-                    loop.products() * (sign, 1.0, sign)
-                    for loop, sign in zip(side.loops, side.signs, strict=True)
-                ]
-                local[c] += np.sum(shares, axis=0) if shares else 0.0
-        self._comm.Allreduce(MPI.IN_PLACE, local, op=MPI.SUM)
-        self.volume: Array = local[:, 0] / 3
-        self.magnitude: Array = local[:, 1]
-        self.swept: Array = local[:, 2] if self._α == 0.5 else self.volume - self._V0
+            rows = self._rows(c)
+            sums[c, 0] = volume_terms[rows].sum()
+            sums[c, 1] = abs(volume_terms[rows]).sum()
+            sums[c, 2] = swept_terms[rows].sum()
+            # Every rank knows all of a loop, so one rank adds it.
+            if self._comm.rank == 0:
+                shares = np.zeros(3)
+                for loop, sign in zip(side.loops, side.signs, strict=True):
+                    shares += loop.products() * (sign, 1.0, sign)
+                sums[c] += shares
+        self._comm.Allreduce(MPI.IN_PLACE, sums, op=MPI.SUM)
+        self.volume: Array = sums[:, 0] / 3
+        self.magnitude: Array = sums[:, 1]
+        self.swept: Array
+        if self._alpha == MIDPOINT:
+            self.swept = sums[:, 2]
+        else:
+            self.swept = self.volume - self._initial_volume
 
     def accept(self) -> None:
-        """The end of this step is the start of the next."""
-        self._V0 = self.volume
+        """Make the end of this step the start of the next.  Collective."""
+        self._initial_volume = self.volume
         for c, side in enumerate(self._sides):
-            side.first = self._at_end(c)
+            side.initial_gradient = self._total_at_end(c)
+
+    def _at_nodes(self, function: fem.Function) -> Array:
+        """Values of a function at the nodes of all chambers (rows, 3)."""
+        values: Array = function.x.array.reshape(-1, 3)
+        return values[self._nodes]
+
+    def _rows(self, c: int) -> slice:
+        """The rows of chamber c in arrays over the nodes of all chambers."""
+        return slice(self._starts[c], self._starts[c + 1])
 
     def _gradient(self, share: float) -> Array:
-        """G at (1 - share) q0 + share q1, at the nodes of each chamber: this rank's cells only."""
-        q0, q1 = self._at.q0.x.array, self._at.q1.x.array
-        self._x.x.array[:] = q1 if share == 1.0 else (1 - share) * q0 + share * q1
+        """G at (1 - share) q0 + share q1 from this rank's triangles, at the nodes of each chamber [m²]."""
+        q0 = self._fields.q0.x.array
+        q1 = self._fields.q1.x.array
+        if share == END_OF_STEP:
+            # without the round-off and the cost of the sum below
+            self._x.x.array[:] = q1
+        else:
+            self._x.x.array[:] = (1 - share) * q0 + share * q1
         self._parts[:] = 0
         fem.assemble_vector(self._parts, self._form)
         G: Array = self._sum @ self._parts.reshape(-1, 3)
         return G
 
-    # ---- one chamber -------------------------------------------------------------------------------------------------
+    # ---- one chamber -------------------------------------------------------------------------------
 
     def add_force(self, c: int, values: Array) -> None:
-        """Subtract the force of chamber c, pressure · G_c(q_mid) [N], from the owned part of a system vector."""
-        values[self._owned] -= self.pressures[c] * self._at_middle(c)
+        """Subtract the force of chamber c, pressure · G_c(q̄) [N], from the owned part of a residual."""
+        values[self._owned] -= self.pressures[c] * self._total_at_mid(c)
 
     def gradients(self, c: int) -> tuple[Array, Array, Array]:
-        """G_c(q̄), ∂V_c/∂q1, ∂W_c/∂q1, owned parts of system vectors.
+        """G_c(q̄), ∂V_c/∂q1 and ∂W_c/∂q1 by (4), [m²]; owned parts of system vectors.  Collective."""
+        at_mid = self._total_at_mid(c)
+        at_end = self._total_at_end(c)
+        of_swept = at_end
+        if self._alpha == MIDPOINT:
+            change = at_end - self._sides[c].initial_gradient
+            of_swept = at_mid + self._alpha * change
+        return (
+            self._in_system(at_mid),
+            self._in_system(at_end),
+            self._in_system(of_swept),
+        )
 
-        As G is quadratic, ∂W/∂q1 = G(q̄) + α (G(q1) - G(q0)) for the midpoint α = ½.
-        """
-        mid, end = self._at_middle(c), self._at_end(c)
-        work = mid + self._α * (end - self._sides[c].first) if self._α == 0.5 else end
-        result = []
-        for part in (mid, end, work):
-            vector = np.zeros(self._n)
-            vector[self._owned] = part
-            result.append(vector)
-        return result[0], result[1], result[2]
+    def _in_system(self, values: Array) -> Array:
+        """This rank's part of a system vector, with values at the unknowns of the film and else zero."""
+        vector = np.zeros(self._local_size)
+        vector[self._owned] = values
+        return vector
 
-    def _at_middle(self, c: int) -> Array:
+    def _total_at_mid(self, c: int) -> Array:
         """G_c(q̄), owned part."""
-        return self._spread(c, self._mid, [loop.gradients[0] for loop in self._sides[c].loops])
+        of_loops = [loop.gradients[0] for loop in self._sides[c].loops]
+        return self._total(c, self._at_mid, of_loops)
 
-    def _at_end(self, c: int) -> Array:
+    def _total_at_end(self, c: int) -> Array:
         """G_c(q1), owned part."""
-        return self._spread(c, self._end, [loop.gradients[1] for loop in self._sides[c].loops])
+        of_loops = [loop.gradients[1] for loop in self._sides[c].loops]
+        return self._total(c, self._at_end, of_loops)
 
-    def _spread(self, c: int, G: Array, rims: list[Array]) -> Array:
-        """Sum of all ranks of a gradient at the nodes of a chamber and at those of its loops; the owned part."""
-        here = slice(self._starts[c], self._starts[c + 1])
+    def _total(
+        self,
+        c: int,
+        G: Array,
+        of_loops: list[Array],
+    ) -> Array:
+        """Sum over all ranks of a gradient on the triangles of a chamber and on its loops; owned part.
+
+        Args:
+            c: index of the chamber.
+            G: gradient from this rank's triangles, at the nodes of all chambers.
+            of_loops: gradient at the nodes of each loop of the chamber.
+        """
+        rows = self._rows(c)
         values = self._vector.array
         values[:] = 0
-        values.reshape(-1, 3)[self._nodes[here]] = G[here]
+        values.reshape(-1, 3)[self._nodes[rows]] = G[rows]
         self._vector.scatter_reverse(la.InsertMode.add)
-        total: Array = values[: self._owned.stop - self._owned.start].copy()
+        owned = self._owned.stop - self._owned.start
+        total: Array = values[:owned].copy()
         side = self._sides[c]
-        for loop, sign, rim in zip(side.loops, side.signs, rims, strict=True):
-            loop.add_own(total, self._owned.start, sign * rim)
+        for loop, sign, of_loop in zip(side.loops, side.signs, of_loops, strict=True):
+            loop.add_own(total, self._owned.start, sign * of_loop)
         return total
 
     def tangents(self) -> Iterable[fem.Form]:
-        """Derivative of the forces of all chambers at their `pressures`, except those of the loops."""
+        """The bilinear form of the derivative of all chambers' forces by q1, without those on strips.
+
+        It takes the current `pressures`, which add up on triangles that two chambers share.
+        """
         pressure = self._pressure.x.array
         pressure[:] = 0
+        # one value in each triangle
         dofs = cell_nodes(self._pressure.function_space)[:, 0]
         for side, acting in zip(self._sides, self.pressures, strict=True):
             pressure[dofs[side.cells]] += acting

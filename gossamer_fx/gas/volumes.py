@@ -1,4 +1,4 @@
-"""What holds gas: chambers and tanks with a state of their own, reservoirs and surroundings without."""
+"""Items that hold gas: chambers and tanks, whose state changes, and boundaries, whose state is constant."""
 
 from __future__ import annotations
 
@@ -19,7 +19,22 @@ from gossamer_fx.gas.ring import Ring
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Reservoir:
-    """Gas at constant pressure [Pa] and temperature [K]; what it gives is booked as supplied."""
+    """A gas supply of constant pressure and temperature.
+
+    Mass and energy that it gives count as supplied in the energy balance.
+
+    Args:
+        pressure: absolute pressure [Pa], > 0.
+        temperature: [K], > 0.
+        name: in messages.
+
+    Raises:
+        InputError: pressure or temperature is not a positive number.
+
+    Example:
+        >>> bottle = gx.gas.Reservoir(pressure=2e5, temperature=300.0)
+        >>> inlet = gx.Orifice(bottle, tank, area=1e-6)
+    """
 
     pressure: float
     temperature: float
@@ -34,7 +49,19 @@ class Reservoir:
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Ambient:
-    """Surroundings at constant pressure [Pa], by default a vacuum, and temperature [K]."""
+    """The surroundings: constant pressure, by default a vacuum, and constant temperature.
+
+    Args:
+        pressure: absolute pressure [Pa], ≥ 0.
+        temperature: [K], > 0; of gas that flows in from the surroundings.
+        name: in messages.
+
+    Raises:
+        InputError: the pressure is negative or the temperature is not a positive number.
+
+    Example:
+        >>> vent = gx.Orifice(tank, gx.gas.Ambient(), area=1e-6)
+    """
 
     pressure: float = 0.0
     temperature: float = 300.0
@@ -52,19 +79,38 @@ class Ambient:
 
 @check_arguments
 class Chamber:
-    """A volume of well mixed gas: dm/dt = Σ ṁ, dU/dt = Σ c_p T_up ṁ - p dV/dt + heat, p = (γ-1) U/V.
+    """A volume of well mixed ideal gas that a closed film, a piston or rigid walls enclose.
+
+    Mass and energy balance of the chamber:
+
+        dm/dt = Σ ṁ
+        dU/dt = Σ c_p T_up ṁ - p dV/dt + heat,      p = (γ - 1) U/V
+
+    ṁ are the mass flows [kg/s] of the orifices that lead into it, T_up the temperature of the end
+    from which the gas comes.
 
     Args:
-        enclosure: the closed film that bounds it, or a `Piston`; none for a rigid chamber.
-        gas: the gas; one for all chambers that are connected.
-        pressure, temperature: initial state [Pa], [K]; the initial pressure is positive.
-        dead_volume: rigid volume [m³] that is added to the enclosed one (pipes, valve); positive if the enclosure
-            starts flat.
-        volume: volume [m³] of a rigid chamber.
-        surface: names of the cell groups that bound the chamber, if it is not the whole film.
-        rings: closed lines of the film over which no film closes the chamber; gas passes there only if an `Orifice`
-            leads through.
-        outside: what acts on the outer side of the film; default vacuum.
+        enclosure: the closed film that bounds it, or a `Piston`; None for a rigid chamber.
+        gas: the gas; the same for all chambers of a scene.
+        pressure: initial absolute pressure [Pa], > 0.
+        temperature: initial temperature [K], > 0.
+        dead_volume: rigid volume [m³] that is added to the enclosed one (pipes, a valve); > 0 if the
+            enclosure is flat at the start.
+        volume: volume [m³] of a rigid chamber, > 0; None with an enclosure.
+        surface: names of the groups of triangles that bound the chamber; empty for the whole film.
+        rings: closed lines of film edges where no film closes the chamber.  Gas passes there only if
+            an `Orifice` has the ring as its area.
+        outside: what acts on the outer side of the film; None for a vacuum.
+        name: in messages, outputs and `run.chamber(name)`.
+
+    Raises:
+        InputError: a quantity is out of its range, enclosure and volume are both given or both
+            missing, or surface and rings are given without a film.
+
+    Example:
+        >>> bag = gx.Chamber(
+        ...     film, gas=air, pressure=100.0, temperature=300.0, dead_volume=1e-6, name="bag"
+        ... )
     """
 
     scalar_unknowns = GasNetwork
@@ -83,31 +129,29 @@ class Chamber:
         outside: Ambient | None = None,
         name: str = "chamber",
     ) -> None:
-        self.gas, self.name, self.outside = gas, name, outside
-        self.initial_pressure, self.initial_temperature = pressure, temperature
+        self.name = name
+        self.gas = gas
+        self.outside = outside
+        self.initial_pressure = pressure
+        self.initial_temperature = temperature
         _check_state(f"{type(self).__name__} '{name}'", pressure, temperature)
-        rigid = enclosure is None
         check(
-            (volume is not None) == rigid,
+            (volume is not None) == (enclosure is None),
             f"Chamber '{name}': give either a film (or piston) that encloses it, or the volume of a rigid chamber.",
         )
-        fixed = volume if volume is not None else dead_volume
-        check(
-            math.isfinite(fixed) and (fixed > 0 if rigid else fixed >= 0),
-            f"Chamber '{name}': its {'volume' if rigid else 'dead volume'} is {fixed!r} m³; give a positive number.",
-        )
-        self.fixed_volume = fixed
+        self.fixed_volume = _rigid_part(name, dead_volume, volume)
         check(
             isinstance(enclosure, Membrane) or not (surface or rings),
             f"Chamber '{name}': surface and rings belong to a film; give one as enclosure, or leave them out.",
         )
-        self.enclosure = (
-            FilmEnclosure(enclosure, surface, rings, name)
-            if isinstance(enclosure, Membrane)
-            else enclosure
-        )
+        self.enclosure: Enclosure | None
+        if isinstance(enclosure, Membrane):
+            self.enclosure = FilmEnclosure(enclosure, surface, rings, name)
+        else:
+            self.enclosure = enclosure
 
     def requires(self) -> Iterable[Any]:
+        """The bodies of the enclosure and the surroundings, which join the scene with the chamber."""
         if self.enclosure is not None:
             yield from self.enclosure.requires()
         if self.outside is not None:
@@ -116,7 +160,21 @@ class Chamber:
 
 @check_arguments
 class Tank(Chamber):
-    """A rigid chamber that blows down: `volume` [m³] at `pressure` [Pa] and `temperature` [K]."""
+    """A rigid chamber, e.g. a bottle that blows down.
+
+    Args:
+        volume: [m³], > 0.
+        gas: the gas; the same for all chambers of a scene.
+        pressure: initial absolute pressure [Pa], > 0.
+        temperature: initial temperature [K], > 0.
+        name: in messages, outputs and `run.chamber(name)`.
+
+    Raises:
+        InputError: a quantity is not a positive number.
+
+    Example:
+        >>> bottle = gx.Tank(1e-3, gas=air, pressure=2e5, temperature=300.0, name="bottle")
+    """
 
     def __init__(
         self,
@@ -128,10 +186,31 @@ class Tank(Chamber):
         name: str = "tank",
     ) -> None:
         super().__init__(
-            gas=gas, pressure=pressure, temperature=temperature, volume=volume, name=name
+            gas=gas,
+            pressure=pressure,
+            temperature=temperature,
+            volume=volume,
+            name=name,
         )
 
 
+def _rigid_part(name: str, dead_volume: float, volume: float | None) -> float:
+    """Check and return the rigid part of a chamber's volume [m³]."""
+    if volume is not None:
+        check(
+            math.isfinite(volume) and volume > 0,
+            f"Chamber '{name}': its volume is {volume!r} m³; give a positive number.",
+        )
+        return volume
+    # Zero is allowed: a film that encloses a volume at the start needs no dead volume.
+    check(
+        math.isfinite(dead_volume) and dead_volume >= 0,
+        f"Chamber '{name}': its dead volume is {dead_volume!r} m³; give a positive number.",
+    )
+    return dead_volume
+
+
 def _check_state(where: str, pressure: float, temperature: float) -> None:
+    # Zero pressure is refused because an empty chamber has no mass, and so no temperature.
     require_positive(f"{where}: pressure", pressure, "Pa", " (an almost empty chamber: 1e-3)")
     require_positive(f"{where}: temperature", temperature, "K")

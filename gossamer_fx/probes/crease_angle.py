@@ -1,4 +1,4 @@
-"""The angle of a crease as a probe."""
+"""A probe of the angle of a crease."""
 
 from __future__ import annotations
 
@@ -6,54 +6,76 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.checks.arguments import check_arguments
-from gossamer_fx.checks.errors import check
+from gossamer_fx.checks.errors import InputError, check
 from gossamer_fx.connectors.crease import Crease
 from gossamer_fx.connectors.crease_energies import CreaseEnergies
+from gossamer_fx.model.body import Array
 from gossamer_fx.probes.run import Run
 from gossamer_fx.system.system import System
 
+# What is reported of the angles along a crease
 KINDS = ("mean", "least", "largest", "rest")
 
 
 @check_arguments
 class FoldAngle:
-    """Angle [rad] of a crease, positive for a valley fold, zero where it is flat.
+    """Angle [rad] of a crease: positive for a valley fold, zero where it is flat.
 
     Args:
-        crease: in the scene.
-        which: "mean", "least" or "largest" along it, or "rest": the mean of its rest angle, which may have yielded.
+        crease: a crease of the scene.
+        which: "mean", "least" or "largest" along the crease, or "rest" for the mean of its rest
+            angle, which changes if the crease yields.  Means are weighted with the stiffness of the
+            crease along it.
+
+    Raises:
+        InputError: `which` is unknown; when called, the crease is not in the scene.
+
+    Example:
+        >>> crease = gx.connectors.Crease(creased, "crease", stiffness=0.01)
+        >>> angle = gx.probes.FoldAngle(crease, "mean")
     """
 
     def __init__(self, crease: Crease, which: str = "mean") -> None:
         check(which in KINDS, f"FoldAngle: which is {which!r}; choose among: {', '.join(KINDS)}.")
-        self.crease, self.which = crease, which
+        self.crease = crease
+        self.which = which
 
     def __call__(self, run: Run) -> float:
+        """The angle [rad] in the state of a run."""
         return self.of(run.system)
 
     def of(self, system: System) -> float:
-        """The angle in the state of a system, e.g. that of an `Equilibrium`.
+        """The angle [rad] in the state of a system, e.g. that of an `Equilibrium`.  Collective.
 
         Raises:
-            InputError: the crease is not in it.
+            InputError: the crease is not in the scene.
         """
         energy = self.crease.energy
-        compiled = [
-            c
-            for c in system.compiled
-            if isinstance(c, CreaseEnergies) and any(t is energy for t in c.terms)
-        ]
-        check(
-            bool(compiled),
-            f"'{self.crease.name}' is not in the scene; add it, or remove its probe.",
-        )
-        θ, rest = compiled[0].angles(energy)
-        if self.which in ("mean", "rest"):
-            weights, values = energy.stiffness, θ if self.which == "mean" else rest
-            total, length = system.comm.allreduce(
-                np.array([float(weights @ values), float(weights.sum())])
-            )
-            return float(total / length)
+        angles, rest_angles = self._compiled(system).angles(energy)
+        # A rank may have no point of the crease: infinities are neutral then.
         if self.which == "least":
-            return float(system.comm.allreduce(float(θ.min(initial=np.inf)), op=MPI.MIN))
-        return float(system.comm.allreduce(float(θ.max(initial=-np.inf)), op=MPI.MAX))
+            least = float(angles.min(initial=np.inf))
+            return float(system.comm.allreduce(least, op=MPI.MIN))
+        if self.which == "largest":
+            largest = float(angles.max(initial=-np.inf))
+            return float(system.comm.allreduce(largest, op=MPI.MAX))
+        if self.which == "rest":
+            return _mean(system, energy.stiffness, rest_angles)
+        return _mean(system, energy.stiffness, angles)
+
+    def _compiled(self, system: System) -> CreaseEnergies:
+        """The compiled creases of a scene, among them this one."""
+        energy = self.crease.energy
+        for kind in system.compiled:
+            if not isinstance(kind, CreaseEnergies):
+                continue
+            if any(term is energy for term in kind.terms):
+                return kind
+        raise InputError(f"'{self.crease.name}' is not in the scene; add it, or remove its probe.")
+
+
+def _mean(system: System, weights: Array, values: Array) -> float:
+    """Weighted mean over the points of all ranks."""
+    own_sums = np.array([float(weights @ values), float(weights.sum())])
+    total, weight = system.comm.allreduce(own_sums)
+    return float(total / weight)

@@ -1,4 +1,4 @@
-"""Probes of scenes that fly: the orbit, light, attitude, and what acts."""
+"""Probes of scenes in orbit: orbital elements, sunlight, attitude, and resultants of loads."""
 
 from __future__ import annotations
 
@@ -19,18 +19,35 @@ from gossamer_fx.orbit.orbit import Orbit
 from gossamer_fx.probes.points import AXES
 from gossamer_fx.probes.run import Run
 
+# Osculating elements: attributes of `orbit.elements.Elements`
 ELEMENTS = ("a", "e", "i", "node", "perigee", "anomaly")
+
+# Quantities of `OrbitState`
 ORBITAL = (*ELEMENTS, "altitude", "depth", "sunlit")
+
+# Quantities of `LoadResultant`
 ACTIONS = ("force", "torque")
 
 
 @check_arguments
 class OrbitState:
-    """Of the orbit of the centre of mass, a quantity:
+    """Quantity of the orbit of the centre of mass.
 
-    osculating elements "a" [m], "e", "i", "node", "perigee", "anomaly" [rad]; "altitude" [m]; "depth" [m] in the
-    cylinder of the shadow, negative outside: an eclipse begins and ends where it is zero; "sunlit", the part of the Sun
-    that is seen.
+    Args:
+        orbit: the orbit of the scene.
+        quantity: one of
+
+            - the osculating elements "a" [m], "e", "i", "node", "perigee" and "anomaly" [rad];
+            - "altitude" [m] above the radius of the central body;
+            - "depth" [m] in the cylinder of the shadow, negative outside: an eclipse begins and ends
+              where it is zero;
+            - "sunlit", the share of the Sun's disc that is visible, 0 to 1.
+
+    Raises:
+        InputError: the quantity is unknown.
+
+    Example:
+        >>> altitude = gx.probes.OrbitState(orbit, "altitude")
     """
 
     def __init__(self, orbit: Orbit, quantity: str) -> None:
@@ -38,39 +55,70 @@ class OrbitState:
             quantity in ORBITAL,
             f"An orbit has no quantity {quantity!r}; its quantities are: {', '.join(ORBITAL)}.",
         )
-        self.orbit, self.quantity = orbit, quantity
+        self.orbit = orbit
+        self.quantity = quantity
 
     def __call__(self, run: Run) -> float:
-        r, v = self.orbit.flight(run.system).state()
+        """The quantity in the state of a run."""
+        position, velocity = self.orbit.flight(run.system).state()
         if self.quantity in ELEMENTS:
-            return float(getattr(elements_of(r, v, self.orbit.mu), self.quantity))
+            elements = elements_of(position, velocity, self.orbit.mu)
+            return float(getattr(elements, self.quantity))
         if self.quantity == "altitude":
-            return float(np.linalg.norm(r)) - self.orbit.radius
+            return float(np.linalg.norm(position)) - self.orbit.radius
         if self.quantity == "depth":
-            return self.orbit.depth(r, run.time)
-        return self.orbit.sunlit(r, self.orbit.sun(run.time))
+            return self.orbit.depth(position, run.time)
+        return self.orbit.sunlit(position, self.orbit.sun(run.time))
 
 
 @check_arguments
 class SunAngle:
-    """Angle [rad] between the direction to the Sun and a film's mean normal, or a director such as that of a frame."""
+    """Angle [rad] between the direction to the Sun and a film's mean normal, or a director of a frame.
+
+    Args:
+        orbit: the orbit of the scene.
+        of: a film, or a director such as `body.frame().directors[2]`.
+
+    Raises:
+        InputError: `of` is neither a film nor a port.
+
+    Example:
+        >>> incidence = gx.probes.SunAngle(orbit, film)
+    """
 
     def __init__(self, orbit: Orbit, of: Membrane | Port) -> None:
         check(
             isinstance(of, Membrane | Port),
             f"SunAngle of {of!r}; give a film, or a director such as body.frame().directors[2].",
         )
-        self.orbit, self.of = orbit, of
+        self.orbit = orbit
+        self.of = of
 
     def __call__(self, run: Run) -> float:
-        r, _ = self.orbit.flight(run.system).state()
-        return _angle(self.orbit.sun(run.time) - r, direction_of(run, self.of))
+        """The angle [rad] in the state of a run, 0 to π."""
+        position, _ = self.orbit.flight(run.system).state()
+        to_sun = self.orbit.sun(run.time) - position
+        return _angle(to_sun, direction_of(run, self.of))
 
 
 @check_arguments
 class Attitude:
-    """Angle [rad] between a director or a film's mean normal and an axis of the orbit: "outward", "along", "across"."""
+    """Angle [rad] between an axis of the orbit and a film's mean normal, or a director of a frame.
 
+    Args:
+        orbit: the orbit of the scene.
+        of: a film, or a director such as `body.frame().directors[2]`.
+        axis: "outward" (away from the central body), "along" (the motion) or "across" (normal to the
+            orbit).
+
+    Raises:
+        InputError: `of` is neither a film nor a port, or the axis is unknown.
+
+    Example:
+        >>> tilt = gx.probes.Attitude(orbit, film, axis="outward")
+    """
+
+    # Columns of `orbit.environment.local_axes`
     NAMES = ("outward", "along", "across")
 
     def __init__(self, orbit: Orbit, of: Membrane | Port, *, axis: str) -> None:
@@ -82,18 +130,34 @@ class Attitude:
             axis in self.NAMES,
             f"An orbit has no axis {axis!r}; its axes are: {', '.join(self.NAMES)}.",
         )
-        self.orbit, self.of, self.axis = orbit, of, axis
+        self.orbit = orbit
+        self.of = of
+        self.axis = axis
 
     def __call__(self, run: Run) -> float:
-        axes = local_axes(*self.orbit.flight(run.system).state())
-        return _angle(axes[:, self.NAMES.index(self.axis)], direction_of(run, self.of))
+        """The angle [rad] in the state of a run, 0 to π."""
+        position, velocity = self.orbit.flight(run.system).state()
+        axes = local_axes(position, velocity)
+        column = self.NAMES.index(self.axis)
+        return _angle(axes[:, column], direction_of(run, self.of))
 
 
 @check_arguments
 class LoadResultant:
-    """Component of the "force" [N] or of the "torque" about the centre of mass [N m] of a load in the last step.
+    """Component of the force [N] of a load, or of its torque [N m] about the centre of mass, last step.
 
-    `load` is the name of a load; that of the orbit is gravity, less the acceleration of the frame.
+    Args:
+        orbit: the orbit of the scene.
+        load: name of a load.  The load of the orbit itself is gravity less the acceleration of the
+            frame that flies with it.
+        action: "force" or "torque".
+        axis: "x", "y" or "z".
+
+    Raises:
+        InputError: the action or axis is unknown; when called, the scene has no such load.
+
+    Example:
+        >>> thrust = gx.probes.LoadResultant(orbit, "sunlight", action="force", axis="x")
     """
 
     def __init__(self, orbit: Orbit, load: str, *, action: str, axis: str) -> None:
@@ -102,37 +166,61 @@ class LoadResultant:
             axis in AXES,
             f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}.",
         )
-        self.orbit, self.load, self.action, self.axis = orbit, load, action, axis
+        self.orbit = orbit
+        self.load = load
+        self.action = action
+        self.axis = axis
 
     def __call__(self, run: Run) -> float:
+        """The component in the last step of a run."""
         force, torque = resultant(run, self.load)
-        about = torque - np.cross(self.orbit.flight(run.system).centre, force)
-        return float((force if self.action == "force" else about)[AXES[self.axis]])
+        component = AXES[self.axis]
+        if self.action == "force":
+            return float(force[component])
+        centre = self.orbit.flight(run.system).centre
+        about_centre = torque - np.cross(centre, force)
+        return float(about_centre[component])
 
 
 def resultant(run: Run, load: str) -> Array:
-    """Force and torque about the origin (2, 3) of a load in the last step, over all ranks."""
-    found = [
-        each[load]
-        for each in (kind.resultants() for kind in playing(Resultants, run.system.compiled))
-        if load in each
-    ]
-    known = run.comm.allreduce(len(found))
+    """Force [N] and torque about the origin [N m] of a load in the last step, (2, 3).  Collective.
+
+    Raises:
+        InputError: the scene has no load of this name.
+    """
+    total = np.zeros((2, 3))
+    found = 0
+    for kind in playing(Resultants, run.system.compiled):
+        resultants = kind.resultants()
+        if load in resultants:
+            total += resultants[load]
+            found += 1
+    known = run.comm.allreduce(found)
+    # Before the first step no load has acted, so none has a resultant yet.
     check(known > 0 or run.step == 0, f"The scene has no load '{load}'.")
-    total: Array = run.comm.allreduce(np.sum([np.zeros((2, 3)), *found], axis=0))
-    return total
+    over_ranks: Array = run.comm.allreduce(total)
+    return over_ranks
 
 
 def direction_of(run: Run, of: Membrane | Port) -> Array:
-    """The mean normal of a film, Σ of its triangles' area vectors, or the vector of a port; (3,)."""
+    """The mean normal of a film, or the vector of a port, (3,); not of unit length.  Collective.
+
+    The mean normal is the sum of the triangles' area vectors, here times two [m²].
+    """
     if isinstance(of, Port):
         return run.system.state.vector(of)
-    x = run.system.fields[of].q0.x.array.reshape(-1, 3)
+    positions = run.system.state[of].local_positions()
     owned = of.mesh.domain.topology.index_map(2).size_local
-    a, b, c = np.moveaxis(x[cell_nodes(of.space)[:owned, :3]], 1, 0)
-    total: Array = run.comm.allreduce(np.cross(b - a, c - a).sum(axis=0), op=MPI.SUM)
+    # The first three nodes of a triangle are its corners, also of order 2.
+    corners = cell_nodes(of.space)[:owned, :3]
+    a = positions[corners[:, 0]]
+    b = positions[corners[:, 1]]
+    c = positions[corners[:, 2]]
+    own_sum = np.cross(b - a, c - a).sum(axis=0)
+    total: Array = run.comm.allreduce(own_sum, op=MPI.SUM)
     return total
 
 
 def _angle(a: Array, b: Array) -> float:
+    """Angle [rad] between two vectors (3,); the arc tangent is accurate also near 0 and π."""
     return math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b))

@@ -1,4 +1,4 @@
-"""What outputs, probes and events see of a run."""
+"""The protocol of a run: what outputs, probes and events may read of a scene in time."""
 
 from __future__ import annotations
 
@@ -14,11 +14,28 @@ from gossamer_fx.system.system import System
 from gossamer_fx.system.totals import Totals
 
 
+# `Simulation` is the implementation.  Probes import the protocol only, so that they do not depend on
+# the code that runs them.
 class Run(Protocol):
-    """A scene in time, as `Simulation` makes it; the same on every rank.
+    """A scene in time, after its last accepted step.  All members are the same on every rank.
 
-    Times in seconds: `until` is the end of the run, `seconds` and `output_seconds` were spent, `compile_seconds`
-    before the first step.  `first` are the totals of the start.
+    Attributes:
+        comm: communicator of the scene.
+        scene: what was given.
+        system: the compiled scene, with its state.
+        stepper: the time stepping rule that was given.
+        solver: the rule at work on the system.
+        stepping: the choice of step lengths.
+        history: what earlier steps left for the next, e.g. for extrapolation.
+        first: totals at the start.
+        step: number of steps that were made.
+        iterations: Newton iterations of all steps.
+        last_iterations: Newton iterations of the last step.
+        substeps: sub-steps of rejected steps.
+        until: time at which the run ends [s].
+        seconds: wall-clock time of the run so far [s].
+        compile_seconds: wall-clock time before the first step [s].
+        output_seconds: wall-clock time in outputs [s].
     """
 
     comm: MPI.Intracomm
@@ -40,33 +57,37 @@ class Run(Protocol):
 
     @property
     def time(self) -> float:
-        """[s]"""
+        """Time of the state [s]."""
         ...
 
     @property
     def totals(self) -> Totals:
-        """Energies, momenta and masses now."""
+        """Energies [J], momenta and masses [kg] of the state."""
         ...
 
     @property
     def energy_error(self) -> float:
-        """Closing error of the ledger, over the largest energy so far."""
+        """Closing error of the energy balance, as a share of the largest energy so far."""
         ...
 
     @property
     def mass_error(self) -> float:
-        """Closing error of the gas masses, over the largest mass."""
+        """Closing error of the gas masses, as a share of the largest mass."""
         ...
 
     @property
     def chambers(self) -> Mapping[str, Any]:
-        """States of the gas chambers and tanks by name."""
+        """State of the gas in each chamber and tank by name, see `gas.state.ChamberState`."""
         ...
 
     def chamber(self, name: str) -> Any:
-        """State of the gas in one chamber, see `gas.state.ChamberState`."""
+        """State of the gas in one chamber, see `gas.state.ChamberState`.
+
+        Raises:
+            InputError: the scene has no chamber of this name.
+        """
         ...
 
     def log(self, words: str) -> None:
-        """Say something to those who listen to the log."""
+        """Pass a line to the listeners of the log."""
         ...

@@ -1,4 +1,4 @@
-"""Probes of what spins: the spin of a whole body, and where a point is about a turning axis."""
+"""Probes of spinning bodies: mean spin, and polar coordinates of a point about the axis of a frame."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array, Body, Port, is_body
 from gossamer_fx.probes.points import AXES
 from gossamer_fx.probes.run import Run
+from gossamer_fx.system.system import System
 
+# Quantities of `PolarPosition`
 POLAR = ("radius", "angle")
 
 
@@ -20,71 +22,106 @@ POLAR = ("radius", "angle")
 class MeanSpin:
     """Mean spin [rad/s] of a body about an axis through its centre of mass: ω = L/I.
 
-    L is its angular momentum and I its moment of inertia about that axis, with the masses attached to it; a rigid
-    motion has ω everywhere, a sail that lags behind its hub has less than that.
+    L is the angular momentum of the body and I its moment of inertia about that axis; masses that are
+    attached to the body count.  In a rigid motion ω is the spin of every point; a sail that lags
+    behind its hub has a lower mean spin than the hub.
 
     Args:
         body: a film, plate, cable, beam or mass.
         axis: "x", "y" or "z".
+
+    Raises:
+        InputError: it is not a body, or the axis is unknown.
+
+    Example:
+        >>> spin = gx.probes.MeanSpin(hub, "z")
+        >>> spin(run)
+        0.0
     """
 
     def __init__(self, body: Body, axis: str = "z") -> None:
-        check(is_body(body), f"MeanSpin: {body!r} is no body; give a film, plate, cable or beam.")
+        check(
+            is_body(body), f"MeanSpin: {body!r} is not a body; give a film, plate, cable or beam."
+        )
         check(
             axis in AXES, f"MeanSpin: there is no axis {axis!r}; its axes are: {', '.join(AXES)}."
         )
-        self.body, self.axis = body, axis
+        self.body = body
+        self.axis = axis
 
     def __call__(self, run: Run) -> float:
-        system, body = run.system, self.body
-        k = (AXES[self.axis] + 1) % 3
-        plane, size = [k, (k + 1) % 3], body.block.size
-        owned = run.system.state[body].part
+        """The mean spin [rad/s] in the state of a run; 0 for a body without moment of inertia."""
+        system = run.system
+        state = system.state[self.body]
+        # The two components across the axis, in the order of a positive rotation
+        first = (AXES[self.axis] + 1) % 3
+        plane = [first, (first + 1) % 3]
+        positions = state.coordinates().reshape(-1, 3)[:, plane]
+        velocities = state.rates().reshape(-1, 3)[:, plane]
+        # A unit translation moves positions, not directors.
+        vectors_per_node = self.body.block.size // 3
+        translation = np.zeros_like(positions)
+        translation[::vectors_per_node] = 1.0
 
-        def vectors(values: Array) -> Array:
-            """Its vectors (n, 2) across the axis."""
-            return values[owned].reshape(-1, 3)[:, plane]
-
-        # the body alone: what else the mass matrix couples to it does not count
-        alone, product = system.q0.duplicate(), system.q0.duplicate()
-        found = []
-        points = np.zeros((body.block.index_map.size_local * size // 3, 2))
-        points[:: size // 3] = 1.0  # positions, not directors
-        for what in (vectors(system.q0.array_r), vectors(system.v0.array_r), points):
-            alone.set(0.0)
-            with alone as values:
-                values[owned].reshape(-1, 3)[:, plane] = what
-            system.M.mult(alone, product)
-            found.append((what, vectors(product.array_r).copy()))
-        alone.destroy()
-        product.destroy()
-        (x, Mx), (_, Mv), (one, M1) = found
-        sums = np.array(
+        moments = self._mass_times(system, positions, plane)
+        momenta = self._mass_times(system, velocities, plane)
+        masses = self._mass_times(system, translation, plane)
+        angular = positions[:, 0] * momenta[:, 1] - positions[:, 1] * momenta[:, 0]
+        own_sums = np.array(
             [
-                (x * Mx).sum(),
-                (x[:, 0] * Mv[:, 1] - x[:, 1] * Mv[:, 0]).sum(),
-                *(one * M1).sum(axis=0),
-                *(one * Mx).sum(axis=0),
-                *(one * Mv).sum(axis=0),
+                (positions * moments).sum(),
+                angular.sum(),
+                *(translation * masses).sum(axis=0),
+                *(translation * moments).sum(axis=0),
+                *(translation * momenta).sum(axis=0),
             ]
         )
-        sums = run.comm.allreduce(sums)
-        inertia, momentum, (m, centre, way) = sums[0], sums[1], sums[2:].reshape(3, 2)
-        inertia -= (centre**2 / m).sum()
-        momentum -= (centre[0] * way[1] - centre[1] * way[0]) / m[0]
-        return float(momentum / inertia) if inertia > 0 else 0.0
+        sums = run.comm.allreduce(own_sums)
+        # The mass of the two directions is the same number, unless the mass is not isotropic.
+        mass, first_moment, momentum = sums[2:].reshape(3, 2)
+        # Steiner: from the axis through the origin to that through the centre of mass
+        inertia = sums[0] - (first_moment**2 / mass).sum()
+        orbital = first_moment[0] * momentum[1] - first_moment[1] * momentum[0]
+        angular_momentum = sums[1] - orbital / mass[0]
+        if inertia <= 0:
+            return 0.0
+        return float(angular_momentum / inertia)
+
+    def _mass_times(self, system: System, values: Array, plane: list[int]) -> Array:
+        """The product of the mass matrix with vectors (n, 2) of the body in a plane, (n, 2).
+
+        All other bodies have zero: what the mass matrix couples to the body does not count.
+        """
+        owned = system.state[self.body].part
+        alone = system.q0.duplicate()
+        product = system.q0.duplicate()
+        alone.set(0.0)
+        with alone as entries:
+            entries[owned].reshape(-1, 3)[:, plane] = values
+        system.M.mult(alone, product)
+        result: Array = product.array_r[owned].reshape(-1, 3)[:, plane].copy()
+        alone.destroy()
+        product.destroy()
+        return result
 
 
 @check_arguments
 class PolarPosition:
-    """Where a point is about the third axis of a frame: its "radius" [m], or "angle" [rad] from the first axis.
+    """Polar coordinate of a point about the third axis of a frame: radius [m], or angle [rad].
 
-    About a hub's frame the angle of a tip tells by how much the sail is twisted; it lies between -π and π.
+    The angle is measured from the first axis of the frame and lies between -π and π.  In the frame of
+    a hub the angle of a tip is the twist of the sail.
 
     Args:
         port: a point of a body.
         frame: with three directors, of a body or of the ground.
         quantity: "radius" or "angle".
+
+    Raises:
+        InputError: the quantity is unknown, or the frame has two directors only.
+
+    Example:
+        >>> twist = gx.probes.PolarPosition(mass.port(), hub.frame(), quantity="angle")
     """
 
     def __init__(self, port: Port, frame: Frame, *, quantity: str = "radius") -> None:
@@ -96,10 +133,17 @@ class PolarPosition:
             len(frame.directors) == 3,
             "PolarPosition: the frame has no third axis; give one with three directors.",
         )
-        self.port, self.frame, self.quantity = port, frame, quantity
+        self.port = port
+        self.frame = frame
+        self.quantity = quantity
 
     def __call__(self, run: Run) -> float:
+        """The coordinate in the state of a run."""
         ports = [self.port, self.frame.origin, *self.frame.directors]
-        x, origin, *axes = run.system.state.vectors(ports)
-        a, b, _ = (float((x - origin) @ d) for d in axes)
-        return math.hypot(a, b) if self.quantity == "radius" else math.atan2(b, a)
+        point, origin, first_axis, second_axis, _ = run.system.state.vectors(ports)
+        arm = point - origin
+        along_first = float(arm @ first_axis)
+        along_second = float(arm @ second_axis)
+        if self.quantity == "radius":
+            return math.hypot(along_first, along_second)
+        return math.atan2(along_second, along_first)

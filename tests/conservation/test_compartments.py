@@ -98,7 +98,7 @@ def test_the_tangent_contains_the_share_of_the_rings(order, monkeypatch):
     direction = np.sin(np.arange(start, end) * 1.7)
     y = np.tile(1e4, len(y))  # pressure loads that outweigh the film
     monkeypatch.setattr(
-        system.scalar_unknowns[0], "_at_iterate", lambda y: y
+        system.scalar_unknowns[0], "_solve_at_iterate", lambda y: y
     )  # the gas would not have them
 
     def forces(step):
@@ -137,7 +137,7 @@ def test_a_ring_inside_of_a_surface_is_refused():
         dead_volume=1e-6,
         rings=(gx.gas.Ring(film, "ring 1"),),
     )
-    with pytest.raises(gx.InputError, match="its ring 'ring 1' is no border of its surface"):
+    with pytest.raises(gx.InputError, match="its ring 'ring 1' is not a border of its surface"):
         gx.Simulation(gx.Scene(film, bag), gx.Midpoint(dt=1e-4))
 
 

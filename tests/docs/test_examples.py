@@ -19,17 +19,21 @@ from meshes.sheet import sheet
 COMM = MPI.COMM_SELF
 FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 # Rooms of the package whose public names all have an example.
-COMPLETE = {"bodies", "connectors", "constraints", "loads", "materials"}
+COMPLETE = {"bodies", "connectors", "constraints", "gas", "loads", "materials"}
 
 
 @pytest.fixture(scope="module")
 def scene() -> dict[str, Any]:
-    """What examples may use without making it: meshes, and one body of each kind on COMM_SELF."""
+    """What examples may use without making it: meshes, one body of each kind, gas, and a run, on COMM_SELF."""
     mesh = sheet(COMM, 4, 4)
     curve = line(COMM, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], 4)
     law = gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6)
     stiff = gx.Linear(70e9, 0.3, density=2700.0, thickness=1e-3)
     section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
+    hub = gx.RigidBody(10.0, (1.0, 1.0, 1.5), comm=COMM, name="hub")
+    mass = gx.PointMass(1.0, (0.0, 0.0, -1.0), comm=COMM)
+    air = gx.IdealGas(gamma=1.4, R=287.0)
+    tank = gx.Tank(1e-3, gas=air, pressure=2e5, temperature=300.0, name="tank")
     return {
         "gx": gx,
         "np": np,
@@ -41,8 +45,12 @@ def scene() -> dict[str, Any]:
         "creased": gx.Membrane(creased_strip(COMM, 2, 1, 0.1, 0.1), law, name="creased"),
         "cable": gx.Cable(curve, gx.CableLaw(1e4, 0.01)),
         "beam": gx.Beam(curve, section),
-        "hub": gx.RigidBody(10.0, (1.0, 1.0, 1.5), comm=COMM, name="hub"),
-        "mass": gx.PointMass(1.0, (0.0, 0.0, -1.0), comm=COMM),
+        "hub": hub,
+        "mass": mass,
+        "air": air,
+        "tank": tank,
+        "orbit": gx.orbit.Orbit(gx.orbit.Elements(7e6)),
+        "run": gx.Simulation(gx.Scene(hub, mass, tank), gx.Midpoint(dt=0.1)),
     }
 
 
