@@ -1,17 +1,33 @@
-"""Static equilibrium, also of films that wrinkle, from a start that need not be near.
+"""Static equilibrium, also of films that wrinkle, from a first guess that need not be near.
 
-Pseudo-transient continuation (Kelley & Keyes, SIAM J. Numer. Anal. 35 (1998) 508, doi:10.1137/S0036142996304796):
-backward Euler steps from rest, with stress and loads at the end of the step,
+Problem.  Without inertia the tangent of slack or wrinkled film is singular or indefinite, and Newton's
+iteration for De(q)ᵀψ'(e(q)) = F(q) converges only from a state close to the solution.
 
-    M (q1 - q0)/h² + De(q1)ᵀψ'(e(q1)) = F(q1),
+Idea.  Pseudo-transient continuation (Kelley & Keyes, SIAM J. Numer. Anal. 35 (1998) 508,
+doi:10.1137/S0036142996304796): backward Euler steps from rest, with stress and loads at their end,
 
-the mass as the only regularisation.  Every pseudo-step is solved by the mixed Newton iteration of
-`discrete_gradient`; h grows when few iterations sufficed and is cut when it failed, so that the equation turns into
-that of equilibrium.  The end is a Newton iteration with no inertia at all.
+    M (q1 - q0)/h² + De(q1)ᵀψ'(e(q1)) = F(q1)                                                 (1)
 
-A plate (or any film that can push) that wrinkles has an indefinite tangent until its wrinkles are nearly those at
-rest.  So a pseudo-step that fails is tried again with the geometric stiffness of tension alone, which bounds the energy
-from above: slow, but each such step gets down.  Where that helps, the next steps begin like that too.
+The mass is the only regularisation.  With growing pseudo-steps h, (1) becomes the equation of equilibrium.
+
+Algorithm.
+
+1. Solve (1) by Newton's iteration (`solvers.newton`) to the relative tolerance `inner_tolerance`.
+2. If it fails, shorten h, and let a ceiling for h grow slowly from below the step that failed.  If it
+   took few iterations, let h grow up to the ceiling.
+3. Repeat until the unbalanced force without inertia is `tolerance` times the external force.
+4. Solve once more without inertia, to see whether the tangent is regular.
+
+A plate, or any film that resists compression, has an indefinite tangent until its wrinkles are nearly
+those at rest.  Therefore a pseudo-step that fails is repeated with the geometric stiffness of tension
+only.  This tangent bounds that of the energy from above, so that the iteration is slow but goes down in
+energy.  If it helps, the following pseudo-steps use it from the start (`_TensionOnly`).
+
+Cost.  A spinning film takes 5 pseudo-steps of one iteration each, a clamped plate under pressure 15
+with 36 iterations in all; plates that wrinkle take many more.
+
+Limits.  The path passes through states that are not in equilibrium, so that of several equilibria the
+one that is found depends on the first guess and on the pseudo-steps.
 """
 
 from __future__ import annotations
@@ -40,27 +56,65 @@ from gossamer_fx.system.totals import Totals
 from gossamer_fx.terms.discrete_gradient import EndPoint
 from gossamer_fx.terms.element_energies import StoredEnergy
 
-FAR = 1e3  # sizes of the scene beyond which a body has flown off
-ROUNDED = 1e-3  # largest round-off of the forces, over the load, that may stand for balance
-CAREFUL = 10**6  # tangents of a careful step without geometric stiffness but that of tension: all
-PATIENCE = 16  # pseudo-steps, at most, for which care is taken, or not tried
+# Displacement of a body over the size of the scene beyond which it is not held: without supports it
+# moves farther with every pseudo-step.
+MAX_RELATIVE_DISPLACEMENT = 1e3
+
+# Size of the scene [m] that is assumed if all coordinates are smaller.
+MIN_SCENE_SIZE = 1e-3
+
+# Largest round-off of the inner forces, over the load, that may count as equilibrium.  In a slender beam
+# or cable the forces are known to fewer digits than `Continuation.tolerance`.
+MAX_ROUND_OFF = 1e-3
+
+# Tangents at the start of a pseudo-step with the geometric stiffness of tension only: all of them.
+ALL_TANGENTS = 10**6
+
+# Largest number of pseudo-steps for which the geometric stiffness of tension only is used, or not tried.
+MAX_DELAY_STEPS = 16
+
+# Pseudo-steps over the first one.  Above the largest the inertia is round-off; below the smallest the
+# continuation has failed.
+MAX_STEP_RATIO = 1e9
+MIN_STEP_RATIO = 1e-6
+
+# Tolerance of the equations of scalar unknowns and of constraints in a pseudo-step, and at the end.
+INNER_TOLERANCE = 1e-8
+FINAL_TOLERANCE = 1e-10
+
+# The residual that Newton's iteration without inertia must reach, over that of the equilibrium, and the
+# number of iterations that it has: a regular tangent needs two or three.
+FINAL_REDUCTION = 1e-2
+FINAL_ITERATIONS = 10
+
+TINY = 1e-300  # against division by zero [N]
 
 
 @check_arguments
 @dataclass(frozen=True)
 class Continuation:
-    """How an equilibrium is approached.
+    """How an equilibrium is approached; see the module for the algorithm.
 
-    residual    unbalanced force over that of loads and supports (Euclidean norms) at which equilibrium is reached;
-                forces in a slender beam or cable may be known to fewer digits, and their round-off is enough then
-    step        first pseudo-step [s]; about the time in which the load moves the film by its own size
-    growth      factor of the pseudo-step after at most `fast_iterations` iterations
-    cut         factor of the pseudo-step after a failure
-    cap_growth  growth per step of the ceiling that a failure leaves, below the pseudo-step that failed; its third power
-                after a step of at most `fast_iterations`/3 iterations
-    inner       relative residual to which a pseudo-step is solved
-    max_iterations  Newton iterations after which a pseudo-step has failed
-    iterations  Newton iterations in all after which the search is given up
+    Args:
+        tolerance: unbalanced force over that of loads and supports (Euclidean norms) at which
+            equilibrium is reached.  The forces in a slender beam or cable may be known to fewer digits;
+            their round-off is then enough.
+        first_step: first pseudo-step [s]; about the time in which the load moves the film by its own size.
+        growth_factor: factor of the pseudo-step after at most `fast_iterations` iterations.
+        fast_iterations: Newton iterations up to which a pseudo-step grows.
+        cut_factor: factor of the pseudo-step after a failure.
+        cap_growth: growth per step of the ceiling that a failure leaves, below the pseudo-step that
+            failed; its third power after a step of at most `fast_iterations`/3 iterations.
+        inner_tolerance: relative residual to which a pseudo-step is solved.
+        max_iterations: Newton iterations after which a pseudo-step has failed.
+        total_iterations: Newton iterations in all after which the search is given up.
+
+    Raises:
+        InputError: a value is out of its range.
+
+    Example:
+        >>> gx.analysis.Continuation(first_step=1e-2).growth_factor
+        1.6
     """
 
     _: KW_ONLY
@@ -81,15 +135,16 @@ class Continuation:
                 math.isfinite(value) and value > 0,
                 f"Continuation: {name} is {value!r}; give a positive number.",
             )
+        # With a fraction of 1 or more, the first guess would already be an equilibrium.
         for name in ("tolerance", "inner_tolerance"):
             value = getattr(self, name)
             check(
                 value < 1,
-                f"Continuation: {name} is {value!r}, which any state meets; give a number below 1.",
+                f"Continuation: {name} is {value!r}; give a number below 1.",
             )
         check(
             self.growth_factor > 1,
-            f"Continuation: growth_factor is {self.growth_factor!r}; the step can only grow by a factor above 1.",
+            f"Continuation: growth_factor is {self.growth_factor!r}; give a factor above 1.",
         )
         check(
             0 < self.cut_factor < 1,
@@ -100,18 +155,20 @@ class Continuation:
 @check_arguments
 @dataclass(frozen=True)
 class EquilibriumResult:
-    """An equilibrium.
+    """An equilibrium and how it was found.
 
-    residual    unbalanced force over that of loads and supports, or where there are none, over a thousand times the
-                round-off of the inner forces
-    iterations  Newton iterations, those of failed pseudo-steps included
-    steps, cuts pseudo-steps, and failed ones among them
-    seconds     CPU time of this rank, without compilation
-    totals      energies; the kinetic energy is zero, `supplied` is the work of loads and supports along the path of
-                the continuation (exact for dead loads and prescribed pressure)
-    regular     whether Newton's iteration converges without inertia, and the tangent is not singular
-    free        rigid motions that no support or load resists, of each part that moves by itself: the equilibrium is
-                unique up to them at best
+    Attributes:
+        residual: unbalanced force over that of loads and supports; where there are none, over a
+            thousand times the round-off of the inner forces.
+        iterations: Newton iterations, including those of failed pseudo-steps.
+        steps: pseudo-steps, including failed ones.
+        cuts: failed pseudo-steps.
+        seconds: CPU time of this rank [s], without compilation.
+        totals: energies.  The kinetic energy is zero; `supplied` is the work of loads and supports along
+            the path of the continuation, which is exact for dead loads and prescribed pressure.
+        regular: whether Newton's iteration converges without inertia and the tangent is not singular.
+        free: rigid motions that no support or load resists, of each part that moves independently; the
+            equilibrium is unique at most up to these.
     """
 
     residual: float
@@ -126,14 +183,29 @@ class EquilibriumResult:
 
 @check_arguments
 class Equilibrium:
-    """Finds the static equilibrium of a scene; its state is then in `system` (`q0`), for `fields` and `modes`.
+    """Finds the static equilibrium of a scene; its state is then in `system`, for `fields` and `modes`.
+
+    Openings between chambers flow and damping resists in the pseudo-time of the continuation; at
+    equilibrium both have ceased.
 
     Args:
-        scene: what there is; its initial state is the first guess, its initial velocities are ignored.
-        search: how to look for it.
+        scene: its initial state is the first guess; its initial velocities are ignored.
+        search: how to look for the equilibrium.
 
-    Openings between chambers flow, and damping resists, in the pseudo-time of the continuation; at equilibrium they
-    have come to rest.
+    Attributes:
+        result: of the last `find`; None if it failed or was not called.
+        compile_seconds: wall time of the compilation [s].
+
+    Raises:
+        InputError: the scene has no body.
+
+    Example:
+        >>> weight = gx.Gravity(mass, (0.0, 0.0, -10.0))
+        >>> top = gx.Ground((0.0, 0.0, 0.0))
+        >>> spring = gx.connectors.Spring(mass.port(), top, stiffness=100.0, length=1.0)
+        >>> equilibrium = gx.Equilibrium(gx.Scene(weight, spring))
+        >>> equilibrium.find().regular
+        True
     """
 
     def __init__(self, scene: Scene, search: Continuation = Continuation()) -> None:
@@ -142,55 +214,70 @@ class Equilibrium:
             "Equilibrium: the scene has no body to move; add a film, cable, beam or mass.",
         )
         started = time.perf_counter()
-        self.scene, self.search, self.comm = scene, search, scene.comm
+        self.scene = scene
+        self.search = search
+        self.comm = scene.comm
         self.system: System = scene.compile(EndPoint())
         self.newton = Newton(self.system, Tolerances(), direct=True)
-        self._rest, self._r, self._begun = (self.system.numbering.vector() for _ in range(3))
-        self._size = self._extent()
-        self._pushes = any(
+        self._zero = (
+            self.system.numbering.vector()
+        )  # increment predicted, and velocity after a step
+        self._residual = self.system.numbering.vector()
+        self._start = self.system.numbering.vector()  # coordinates at the start of `find`
+        self._scene_size = self._measure_scene()
+        self._resists_compression = any(
             isinstance(term, StoredEnergy) and term.pulling for term in self.system.terms
         )
         self.result: EquilibriumResult | None = None
         self.compile_seconds = time.perf_counter() - started
 
     def find(self, at: float = 0.0) -> EquilibriumResult:
-        """Equilibrium under the loads and prescribed positions of time `at` [s], from the present state.
+        """Find the equilibrium under the loads and prescribed positions of a time, from the present state.
 
-        Increments of load are several calls, with loads that are functions of time.
+        For increments of load call it several times, with loads that are functions of time.
+
+        Args:
+            at: time of loads and prescribed positions [s].
 
         Raises:
-            NoEquilibrium: with the residual that was reached, the reason and the place.
+            InputError: `at` is not a finite number.
+            NoEquilibrium: with the residual that was reached, the reason, and where it is largest.
         """
         started = time.process_time()
         check(
             isinstance(at, Real) and math.isfinite(at),
             f"find: at is {at!r}; give a time in seconds.",
         )
-        self._spent = self._steps = self._cuts = 0
+        self._iterations = 0
+        self._steps = 0
+        self._cuts = 0
         self.result = None
-        self.system.q0.copy(self._begun)
+        self.system.q0.copy(self._start)
         self._continue(at)
-        free, regular = self._judge(at)
+        free, is_regular = self._assess(at)
         residual, _ = self._unbalanced()
-        seconds = time.process_time() - started
         self.result = EquilibriumResult(
-            residual,
-            self._spent,
+            residual=residual,
+            iterations=self._iterations,
             steps=self._steps,
             cuts=self._cuts,
-            seconds=seconds,
+            seconds=time.process_time() - started,
             totals=self.system.totals(),
-            regular=regular,
+            regular=is_regular,
             free=free,
         )
         return self.result
 
-    # ---- the result ---------------------------------------------------------------------------------------------
+    # ---- the result ------------------------------------------------------------------------------------
 
     def reaction(
         self, support: NamedPart, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> tuple[Array, Array]:
-        """Force [N] and moment [N m] about a point that a support exerts, (3,) each, in the equilibrium found last.
+        """Force [N] and moment [N m] that a support exerts in the equilibrium found last, (3,) each.
+
+        Args:
+            support: an item of the scene that fixes or prescribes coordinates.
+            about: point to which the moment refers [m].
 
         Raises:
             InputError: no equilibrium was found yet, or the support is not in the scene.
@@ -201,7 +288,11 @@ class Equilibrium:
     def joint_force(
         self, joint: Joint, about: tuple[float, float, float] = (0.0, 0.0, 0.0)
     ) -> tuple[Array, Array]:
-        """Force [N] and moment [N m] about a point that a joint exerts on its side `b`, (3,) each.
+        """Force [N] and moment [N m] that a joint exerts on its side `b`, (3,) each.
+
+        Args:
+            joint: an item of the scene.
+            about: point to which the moment refers [m].
 
         Raises:
             InputError: no equilibrium was found yet, or the joint is not in the scene.
@@ -210,7 +301,7 @@ class Equilibrium:
         return joint_force(self.system, joint, about)
 
     def need(self, what: str) -> None:
-        """Raise `InputError` unless an equilibrium was found."""
+        """Raise `InputError` unless an equilibrium was found; `what` names the caller."""
         check(
             self.result is not None,
             f"{what}: no equilibrium was found yet; call find() of the Equilibrium first.",
@@ -218,25 +309,28 @@ class Equilibrium:
 
     @property
     def time(self) -> float:
-        """[s], of the loads."""
+        """Time of the loads [s]."""
         return self.system.time
 
     @property
     def totals(self) -> Totals:
-        """Energies and momenta now."""
+        """Energies and momenta of the present state."""
         return self.system.totals()
 
     @property
     def chambers(self) -> dict[str, Any]:
         """States of the gas chambers and tanks by name."""
-        return {
-            name: state
-            for border in self.system.scalar_unknowns
-            for name, state in border.states().items()
-        }
+        found: dict[str, Any] = {}
+        for scalars in self.system.scalar_unknowns:
+            found |= scalars.states()
+        return found
 
     def chamber(self, name: str) -> Any:
-        """State of the gas in one chamber, see `gas.state.ChamberState`."""
+        """State of the gas in one chamber or tank, see `gas.state.ChamberState`.
+
+        Raises:
+            InputError: the scene has no chamber or tank of this name.
+        """
         chambers = self.chambers
         known = ", ".join(chambers) or "none"
         check(
@@ -245,145 +339,202 @@ class Equilibrium:
         )
         return chambers[name]
 
-    # ---- the search ---------------------------------------------------------------------------------------------
+    # ---- the search ------------------------------------------------------------------------------------
 
     def _continue(self, at: float) -> None:
-        """Pseudo-steps until the residual is small without inertia."""
-        search, h = self.search, self.search.first_step
-        inner = Tolerances(
+        """Make pseudo-steps until the residual without inertia is small.
+
+        Raises:
+            NoEquilibrium: too many iterations, or too short a pseudo-step.
+        """
+        search = self.search
+        tolerances = Tolerances(
             search.inner_tolerance,
-            scalars=1e-8,
-            constraint=1e-8,
+            scalars=INNER_TOLERANCE,
+            constraint=INNER_TOLERANCE,
             max_iterations=search.max_iterations,
         )
-        residual, round_off, ceiling, why = math.inf, 0.0, math.inf, "no step succeeded"
-        care = _Care(self._pushes)
-        while residual > max(search.tolerance, min(round_off, ROUNDED)):
-            self.newton.geometric_stiffness_delay = CAREFUL if care.taken else 0
+        h = search.first_step
+        ceiling = math.inf
+        residual = math.inf
+        round_off = 0.0
+        reason = "no step succeeded"
+        tension_only = _TensionOnly(self._resists_compression)
+        while residual > max(search.tolerance, min(round_off, MAX_ROUND_OFF)):
+            self.newton.geometric_stiffness_delay = 0
+            if tension_only.is_active:
+                self.newton.geometric_stiffness_delay = ALL_TANGENTS
             try:
-                used = self._step(h, at, inner)
+                used = self._step(h, at, tolerances)
             except NotConverged as failure:
                 self._cuts += 1
-                why = str(failure)
-                if not care.fail():
-                    ceiling, h = h * math.sqrt(search.cut_factor), h * search.cut_factor
+                reason = str(failure)
+                if not tension_only.retry_after_failure():
+                    ceiling = h * math.sqrt(search.cut_factor)
+                    h = h * search.cut_factor
             else:
-                care.succeed()
-                self._stay()
+                tension_only.note_success()
+                self._check_displacement()
                 residual, load = self._unbalanced()
                 round_off = self.newton.round_off / load
-                inner = replace(inner, absolute=search.tolerance * load / 2)
-                ceiling *= search.cap_growth ** (3 if used <= search.fast_iterations // 3 else 1)
+                # A pseudo-step need not be solved better than the equilibrium; half, for safety.
+                tolerances = replace(tolerances, absolute=search.tolerance * load / 2)
+                is_very_fast = used <= search.fast_iterations // 3
+                ceiling *= search.cap_growth ** (3 if is_very_fast else 1)
                 if used <= search.fast_iterations:
-                    h = min(h * search.growth_factor, ceiling, 1e9 * search.first_step)
-            if (
-                max(self._spent, self._steps) > search.total_iterations
-                or h < 1e-6 * search.first_step
-            ):
+                    h = min(h * search.growth_factor, ceiling, MAX_STEP_RATIO * search.first_step)
+            is_exhausted = max(self._iterations, self._steps) > search.total_iterations
+            if is_exhausted or h < MIN_STEP_RATIO * search.first_step:
                 raise NoEquilibrium(
-                    f"No equilibrium after {self._spent} Newton iterations in {self._steps} pseudo-steps: the "
+                    f"No equilibrium after {self._iterations} Newton iterations in {self._steps} pseudo-steps: the "
                     f"unbalanced force is {residual:.1e} of the load, pseudo-step {h:.1e} s, largest in "
-                    f"{self.system.locate(self._r)}; last failure: {why}."
+                    f"{self.system.locate(self._residual)}; last failure: {reason}."
                 )
 
-    def _finish(self, at: float) -> bool:
-        """Newton's iteration without inertia; whether it converges to a residual a hundred times smaller."""
-        self.newton.geometric_stiffness_delay = 0
-        residual, load = self._unbalanced()
-        target = 1e-2 * min(residual, self.search.tolerance) * load
-        try:
-            self._step(math.inf, at, Tolerances(0.0, target, scalars=1e-10, max_iterations=10))
-        except NotConverged:
-            return False
-        return True
-
     def _step(self, h: float, at: float, tolerances: Tolerances) -> int:
-        """One pseudo-step under the loads of time `at`; returns the iterations."""
+        """Make one pseudo-step (1) of length h [s], under the loads of time `at` [s].
+
+        An infinite h leaves out the inertia.
+
+        Returns:
+            The number of Newton iterations.
+
+        Raises:
+            NotConverged: the state of the system is unchanged.
+        """
         system = self.system
-        passing = h if math.isfinite(h) else self.search.first_step / 1e-6
-        system.time = at - passing
-        y = system.begin_step(passing)
+        # Gas flows and dampers resist in the pseudo-time.  Without inertia it is so long that they do
+        # not count.
+        duration = h if math.isfinite(h) else self.search.first_step / MIN_STEP_RATIO
+        system.time = at - duration
+        y = system.begin_step(duration)
         system.set_inertia(1 / h**2)
         self.newton.tolerances = tolerances
         self._steps += 1
         try:
-            _, self._y, used = self.newton.solve(self._rest, y)
+            _, self._y, used = self.newton.solve(self._zero, y)
         except NotConverged:
             system.set_end(system.q0)
             raise
         finally:
-            self._spent += self.newton.iterations
+            self._iterations += self.newton.iterations
             system.time = at
-        system.commit(self._rest)
+        # The next pseudo-step starts from rest, too.
+        system.commit(self._zero)
         system.time = at
         return used
 
     def _unbalanced(self) -> tuple[float, float]:
-        """Residual without inertia over the outer forces, and those forces [N], at the accepted state.
+        """Residual without inertia over the external force, and the external force [N], now.
 
-        Where these are less than a thousand times the round-off of the inner forces, that stands for them.
+        If that force is less than a thousand times the round-off of the inner forces, this takes its
+        place: a scene without loads is in equilibrium when only round-off is left.
         """
         system = self.system
         system.set_inertia(0.0)
-        system.residual(self._y, self._r)
-        load = max(float(system.external_forces().norm()), self.newton.round_off / ROUNDED, 1e-300)
-        unbalanced, _ = system.imbalance(self._r)
+        system.residual(self._y, self._residual)
+        external = float(system.external_forces().norm())
+        load = max(external, self.newton.round_off / MAX_ROUND_OFF, TINY)
+        unbalanced, _ = system.imbalance(self._residual)
         return unbalanced / load, load
 
-    def _extent(self) -> float:
-        """Size of the scene and its distance from the origin [m]."""
-        largest = max(
-            (float(np.abs(b.initial_state()[0]).max(initial=0.0)) for b in self.system.bodies),
-            default=0.0,
-        )
-        return max(self.comm.allreduce(largest, op=MPI.MAX), 1e-3)
+    def _measure_scene(self) -> float:
+        """Largest coordinate of the initial state [m]: the size of the scene and its distance from the origin."""
+        largest = 0.0
+        for body in self.system.bodies:
+            positions = body.initial_state()[0]
+            largest = max(largest, float(np.abs(positions).max(initial=0.0)))
+        return max(self.comm.allreduce(largest, op=MPI.MAX), MIN_SCENE_SIZE)
 
-    def _judge(self, at: float) -> tuple[tuple[str, ...], bool]:
-        """Rigid motions that nothing resists, and whether the tangent without inertia is regular."""
-        finished = self._finish(at)
+    def _check_displacement(self) -> None:
+        """Check that nothing flies off: what is not held moves the farther, the longer the pseudo-step.
+
+        Raises:
+            NoEquilibrium: names the body that has moved farthest.
+        """
+        system = self.system
+        displacement = np.abs(system.q0.array_r - self._start.array_r)
+        farthest = np.array(
+            [displacement[system.block(body).owned].max(initial=0.0) for body in system.bodies]
+        )
+        system.comm.Allreduce(MPI.IN_PLACE, farthest, op=MPI.MAX)
+        k = int(farthest.argmax())
+        if farthest[k] > MAX_RELATIVE_DISPLACEMENT * self._scene_size:
+            raise NoEquilibrium(
+                f"No equilibrium: '{system.bodies[k].name}' has moved by {farthest[k]:.1e} m and moves on; hold it, or "
+                "let the loads on it balance each other."
+            )
+
+    # ---- uniqueness ------------------------------------------------------------------------------------
+
+    def _assess(self, at: float) -> tuple[tuple[str, ...], bool]:
+        """Rigid motions that nothing resists, in words, and whether the tangent without inertia is regular."""
+        converges = self._solve_without_inertia(at)
         system = self.system
         unbalanced, load = self._unbalanced()
         K = system.tangent()
         free = free_motions(system, K, unbalanced * (load or 1.0))
-        return free, not free and finished and (
-            bool(system.scalar_unknowns) or not factorisation.is_singular(K)
+        if free or not converges:
+            return free, False
+        # With scalar unknowns K is only a block of the matrix, and may be singular in a regular one.
+        is_regular = bool(system.scalar_unknowns) or not factorisation.is_singular(K)
+        return free, is_regular
+
+    def _solve_without_inertia(self, at: float) -> bool:
+        """Whether Newton's iteration without inertia converges to a residual a hundred times smaller."""
+        self.newton.geometric_stiffness_delay = 0
+        residual, load = self._unbalanced()
+        target = FINAL_REDUCTION * min(residual, self.search.tolerance) * load
+        tolerances = Tolerances(
+            relative=0.0, absolute=target, scalars=FINAL_TOLERANCE, max_iterations=FINAL_ITERATIONS
         )
-
-    def _stay(self) -> None:
-        """See that the scene did not fly off: what nothing holds moves the further the longer the pseudo-step."""
-        system = self.system
-        Δ = np.abs(system.q0.array_r - self._begun.array_r)
-        far = np.array([Δ[system.block(body).owned].max(initial=0.0) for body in system.bodies])
-        system.comm.Allreduce(MPI.IN_PLACE, far, op=MPI.MAX)
-        k = int(far.argmax())
-        if far[k] > FAR * self._size:
-            raise NoEquilibrium(
-                f"No equilibrium: '{system.bodies[k].name}' has moved by {far[k]:.1e} m and moves on; hold it, or let "
-                "the loads on it balance each other."
-            )
-
-
-class _Care:
-    """Whether pseudo-steps leave out the geometric stiffness of what pushes."""
-
-    def __init__(self, possible: bool) -> None:
-        self._possible, self.taken = possible, False
-        self._helped = 0  # failures without care after which care succeeded
-        self._left = 0  # steps until it is changed again
-
-    def fail(self) -> bool:
-        """After a step that failed: whether it is worth to try it again as it is."""
-        if self.taken:
-            if not self._helped:  # then it is of no use for a while
-                self.taken, self._left = False, PATIENCE
+        try:
+            self._step(math.inf, at, tolerances)
+        except NotConverged:
             return False
-        if not self._possible or (self._left and not self._helped):
-            return False
-        self.taken, self._left = True, min(2**self._helped, PATIENCE)
         return True
 
-    def succeed(self) -> None:
-        self._left = max(self._left - 1, 0)
-        if self.taken:
-            self._helped += self._left == 0
-            self.taken = self._left > 0
+
+class _TensionOnly:
+    """Decides whether pseudo-steps have the geometric stiffness of tension only.
+
+    It is tried after a failure.  The first time that it helps, it is dropped after one pseudo-step; each
+    further failure doubles the number of pseudo-steps, up to `MAX_DELAY_STEPS`.  If it has never helped,
+    it is not tried again for `MAX_DELAY_STEPS` pseudo-steps.
+
+    Args:
+        is_possible: whether the scene has terms that resist compression; otherwise there is no
+            difference.
+
+    Attributes:
+        is_active: whether the next pseudo-step has the geometric stiffness of tension only.
+    """
+
+    def __init__(self, is_possible: bool) -> None:
+        self._is_possible = is_possible
+        self.is_active = False
+        self._times_helped = 0
+        self._remaining_steps = 0  # pseudo-steps until `is_active` may change
+
+    def retry_after_failure(self) -> bool:
+        """Adapt to a pseudo-step that failed; returns whether to repeat it with the same length."""
+        has_helped = self._times_helped > 0
+        if self.is_active:
+            if not has_helped:
+                self.is_active = False
+                self._remaining_steps = MAX_DELAY_STEPS
+            return False
+        if not self._is_possible:
+            return False
+        if self._remaining_steps and not has_helped:
+            return False
+        self.is_active = True
+        self._remaining_steps = min(2**self._times_helped, MAX_DELAY_STEPS)
+        return True
+
+    def note_success(self) -> None:
+        """Adapt to a pseudo-step that converged."""
+        self._remaining_steps = max(self._remaining_steps - 1, 0)
+        if self.is_active and self._remaining_steps == 0:
+            self._times_helped += 1
+            self.is_active = False

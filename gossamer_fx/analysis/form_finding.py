@@ -1,8 +1,21 @@
 """Form-finding: the shape that a film of prescribed tension takes between its supports.
 
-Updated reference strategy (Bletzinger & Ramm, Int. J. Space Structures 14 (1999) 131): in the tension n0 as constant
-second Piola-Kirchhoff stress the film is a force-density net, whose equilibrium is a linear problem.  Its solution is
-the next reference shape; where both coincide the Cauchy stress is the prescribed one, and the film a minimal surface.
+Problem.  A film in uniform tension n0 is a minimal surface; its shape follows from its supports and is
+not known before.
+
+Idea (updated reference strategy, Bletzinger & Ramm, Int. J. Space Structures 14 (1999) 131,
+doi:10.1260/0266351991494759).  With n0 as constant second Piola-Kirchhoff stress, equilibrium is a linear
+problem, that of a force-density net.  Its solution is the next reference shape.  Where the solution and
+the reference coincide, the Cauchy stress is n0.
+
+Algorithm.
+
+1. Find the equilibrium with the present mesh as reference shape (one linear solve).
+2. Move the mesh to the equilibrium.
+3. Repeat until no node moves by more than `change`.
+
+Limits.  A film that pinches off, such as a catenoid between rings that are too far apart, has no minimal
+surface of the assumed topology; its mesh degenerates and the iteration does not end.
 """
 
 from __future__ import annotations
@@ -36,9 +49,20 @@ from gossamer_fx.terms.point_energies import PointStoredEnergy
 @check_arguments
 @dataclass(frozen=True)
 class Prestress(FilmLaw):
-    """Film whose stress is `tension` [N/m] in all directions whatever its strain: W = n0 tr E.
+    """Film whose stress is the same in all directions and at every strain: W = n0 tr E.
 
-    E and nu are not used, density and thickness give the mass.
+    E and nu are not used; density and thickness give the mass.
+
+    Args:
+        tension: n0 [N/m].
+
+    Raises:
+        InputError: the tension is not a positive number.
+
+    Example:
+        >>> law = gx.analysis.Prestress(1e9, 0.3, density=1400.0, thickness=1e-4, tension=100.0)
+        >>> law.tension
+        100.0
     """
 
     _: KW_ONLY
@@ -54,30 +78,43 @@ class Prestress(FilmLaw):
         )
 
     def energy(self, e: Expr, c: Any) -> Expr:
+        """W [J/m²] of the strains e = (E_xx, E_yy, ...), with the constants c of the law."""
         return c.tension * (e[0] + e[1])
 
 
 @dataclass(frozen=True)
-class GivenForce:
-    """ψ(e) = e."""
+class ConstantForce:
+    """The law ψ(e) = e of a point energy: its force does not depend on its measure e."""
 
     def energy(self, e: Array) -> Array:
+        """ψ [J], (n,), of the measures (n, 1)."""
         return e[:, 0]
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        """Average of ψ' over a step (n, 1), and its derivative (n, 1, 1)."""
         return np.ones_like(e1), np.zeros((*e1.shape, 1))
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class EdgeCable:
-    """Cable along edges of a film whose force is `force` [N] whatever its strain: W = N Σ L ½(λ² - 1).
+    """Cable along edges of a film with a prescribed force N: W = N Σ L ½(λ² - 1).
 
-    A film of tension n0 pulls it into an arc of radius N/n0.
+    L are the lengths of the edges in the reference shape, λ their stretches.  A film of tension n0 pulls
+    the cable into an arc of radius N/n0.
 
     Args:
-        body: what it borders.
+        body: the film along whose edges the cable runs.
         edges: name of curves of the film's mesh.
+        force: N [N].
+        name: for messages; default from body and edges.
+
+    Raises:
+        InputError: the force is not a positive number.
+
+    Example:
+        >>> gx.analysis.EdgeCable(film, "left", force=50.0).name
+        'film/left cable'
     """
 
     body: Membrane
@@ -95,24 +132,24 @@ class EdgeCable:
             object.__setattr__(self, "name", f"{self.body.name}/{self.edges} cable")
 
     def requires(self) -> Iterable[Any]:
+        """The items that must be in the scene with this one."""
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
+        """One stored energy ψ = ½ |√(N/L) (x_b - x_a)|² - ½ N L for each edge with ends a and b."""
+        # The law of the tape is not used, only its edges and their lengths.
         bars = Tape.along_edges(
             self.body, CableLaw(self.force, 1.0), edges=self.edges, name=self.name
         )
         lengths = np.asarray(bars.lengths)
-        energies = self.force * lengths
-        roots = np.sqrt(energies) / lengths
-        vectors = [
-            (combine((float(r), -float(r)), (b, a)),)
-            for (a, b), r in zip(bars.bars, roots, strict=True)
-        ]
-        yield PointStoredEnergy(
-            self.name,
-            PointMeasure(vectors, np.eye(3)[None], np.zeros((1, 3)), -energies[:, None] / 2),
-            GivenForce(),
-        )
+        energies = self.force * lengths  # N L
+        roots = np.sqrt(energies) / lengths  # √(N/L)
+        vectors = []
+        for (a, b), root in zip(bars.bars, roots, strict=True):
+            weights = (float(root), -float(root))
+            vectors.append((combine(weights, (b, a)),))
+        measure = PointMeasure(vectors, np.eye(3)[None], np.zeros((1, 3)), -energies[:, None] / 2)
+        yield PointStoredEnergy(self.name, measure, ConstantForce())
 
 
 @check_arguments
@@ -123,37 +160,49 @@ def find_form(
 
     Args:
         body: its law is a `Prestress`; its mesh is the first guess and is overwritten.
-        scene: makes the scene anew, as supports take their positions from the mesh.
+        scene: returns a new scene with the film: supports read their positions from the mesh.
         change: largest movement of a node in an update [m] at which the shape counts as found.
-        updates: of the reference shape before the search is given up.
+        updates: number of updates of the reference shape after which the search is given up.
+
+    Returns:
+        The last equilibrium.
 
     Raises:
-        InputError: another law or order.
-        NoEquilibrium: the shape still moves, as that of a film does that pinches off.
+        InputError: the film has another law or order.
+        NoEquilibrium: the shape still moves after the last update, as that of a film that pinches off.
+
+    Example:
+        law = gx.analysis.Prestress(1e9, 0.3, density=1400.0, thickness=1e-4, tension=100.0)
+        film = gx.Membrane(mesh, law)
+        gx.analysis.find_form(film, lambda: gx.Scene(film, gx.Fixed(film, "boundary")))
     """
     check(
         isinstance(body.law, Prestress),
-        f"find_form: the law of '{body.name}' is no Prestress; give its tension.",
+        f"find_form: the law of '{body.name}' is not a Prestress but a {type(body.law).__name__}; "
+        "give the film a Prestress with its tension.",
     )
-    check(body.order == 1, f"find_form: '{body.name}' is of order {body.order}; use 1.")
-    moved = math.inf
+    check(
+        body.order == 1,
+        f"find_form: '{body.name}' is of order {body.order}; give a film of order 1.",
+    )
+    movement = math.inf
     for _ in range(updates):
         search = Equilibrium(scene())
         found = search.find()
-        moved = _adopt(body, search)
-        if moved <= change:
+        movement = _move_mesh(body, search)
+        if movement <= change:
             return found
     raise NoEquilibrium(
-        f"After {updates} updates '{body.name}' still moves by {moved:.1e} m; it may pinch off."
+        f"After {updates} updates '{body.name}' still moves by {movement:.1e} m; it may pinch off."
     )
 
 
-def _adopt(film: Membrane, search: Equilibrium) -> float:
-    """Give the mesh the positions that were found; returns the largest movement [m]."""
-    q = search.system.state[film].local_positions()
+def _move_mesh(film: Membrane, search: Equilibrium) -> float:
+    """Move the mesh to the equilibrium; returns the largest change of a coordinate [m] on all ranks."""
+    positions = search.system.state[film].local_positions()
     geometry = film.space.mesh.geometry
     before = geometry.x.copy()
-    geometry.x[geometry.dofmap.ravel()] = q[cell_nodes(film.space).ravel()]
-    return float(
-        film.comm.allreduce(float(np.abs(geometry.x - before).max(initial=0.0)), op=MPI.MAX)
-    )
+    # The nodes of a film of order 1 are the points of its mesh, in another order.
+    geometry.x[geometry.dofmap.ravel()] = positions[cell_nodes(film.space).ravel()]
+    largest = float(np.abs(geometry.x - before).max(initial=0.0))
+    return float(film.comm.allreduce(largest, op=MPI.MAX))

@@ -1,4 +1,4 @@
-"""Shapes of a film in its modes of vibration, as a source of a basis."""
+"""Shapes of a film in its modes of vibration, as a source of a basis for model reduction."""
 
 from __future__ import annotations
 
@@ -14,20 +14,34 @@ from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array
 
+# The real or imaginary part of a mode is left out below this fraction of its largest component: the film
+# does not move in it, or it is round-off.
+NEGLIGIBLE_PART = 1e-6
+
 
 @check_arguments
 class ModeShapes:
-    """Shapes x0 ± h φ of a film in modes φ about an equilibrium x0, for `reduce`; of complex modes both parts.
+    """Shapes x0 ± h φ of a film in modes φ about an equilibrium x0, for `reduce`.
 
-    Modes tell frequencies better than a recording does in which they are hardly excited.  They are motions without
-    height: how a film gives way in its plane to a wave of some height is in recordings only, so give both.
+    A complex mode gives the shapes of its real and of its imaginary part.  Modes represent frequencies
+    better than a recording in which they are hardly excited.  They are motions of infinitesimal height:
+    the in-plane motion that belongs to a wave of finite height is only in recordings.  Therefore give
+    both to `reduce`.
 
     Args:
         body: in the scene of the equilibrium.
-        equilibrium, modes: about which `modes` found them.
-        height: h [m], the largest way of a node in any of the shapes.
+        equilibrium: x0, found.
+        modes: of this equilibrium, from `modes`.
+        height: h [m], the largest coordinate of a displacement in each shape.
 
-    `positions` is a list of arrays (n, 3) [m] of this rank's own nodes.
+    Attributes:
+        positions: the shapes, a list of arrays (n, 3) [m] of this rank's n nodes.
+
+    Raises:
+        InputError: the film is not in the scene, or the height is not positive.
+
+    Example:
+        shapes = gx.analysis.ModeShapes(film, equilibrium, modes=modes, height=0.01)
     """
 
     def __init__(
@@ -40,13 +54,21 @@ class ModeShapes:
         )
         check(height > 0, f"ModeShapes: height is {height!r} m; give a positive number.")
         owned = system.block(body).owned
-        start = system.state[body].positions()
+        x0 = system.state[body].positions()
         self.positions: list[Array] = []
         for mode in modes:
+            # Of all bodies, so that a mode of another body gives no shapes.
+            largest_of_mode = self._largest(body, mode.shape)
             for part in (mode.shape.real, mode.shape.imag):
                 φ = part[owned].reshape(-1, 3)
-                largest = body.comm.allreduce(float(np.abs(φ).max(initial=0.0)), MPI.MAX)
-                if largest > 1e-6 * body.comm.allreduce(
-                    float(np.abs(mode.shape).max(initial=0.0)), MPI.MAX
-                ):
-                    self.positions += [start + sign * height / largest * φ for sign in (1.0, -1.0)]
+                largest = self._largest(body, φ)
+                if largest > NEGLIGIBLE_PART * largest_of_mode:
+                    # Both signs: the mean of the shapes stays the equilibrium.
+                    for sign in (1.0, -1.0):
+                        self.positions.append(x0 + sign * height / largest * φ)
+
+    @staticmethod
+    def _largest(body: Membrane, values: np.ndarray) -> float:
+        """Largest magnitude of an entry on all ranks."""
+        largest_here = float(np.abs(values).max(initial=0.0))
+        return float(body.comm.allreduce(largest_here, MPI.MAX))

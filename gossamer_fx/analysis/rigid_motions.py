@@ -1,14 +1,28 @@
-"""Rigid motions that nothing resists: of every part of a scene that moves by itself, about any centre.
+"""Rigid motions of parts of a scene that nothing resists.
 
-Parts are the connected components of the tangent K without inertia: what no stiffness or constraint ties moves apart.
-Of a part with the six rigid motions R about its centre, free are the R c with K R c = 0 to round-off: the singular
-vectors of D K R, 1/D the round-off of each row.  Motions that would move held coordinates are resisted, as the columns
-of these are taken out of K.
+Problem.  An equilibrium is unique at most up to rigid motions that neither stiffness nor supports nor
+loads resist.  A scene may consist of several parts, each with its own rigid motions about any axis.
+
+Algorithm, with the tangent K without inertia from which fixed coordinates were taken out.
+
+1. The parts are the connected components of the graph of K: parts do not exert forces on each other.
+2. Each part has six rigid motions about its centre, three translations and three rotations, the columns
+   of R (unknowns, 6).  A rotation ω moves a position by ω × (q - centre) and a director d by ω × d.
+3. The free motions R c satisfy K R c = 0 to round-off.  With the round-off D of the rows of K they are
+
+       c with |D⁻¹ K R c|² < n,    |R c|² = n                                                 (1)
+
+   for a part with n unknowns, found by a singular value decomposition.  A motion that would move a fixed
+   coordinate is resisted, because K has no columns of these.
+4. The free motions are described in words, along coordinate axes where possible.
+
+Cost.  Six products with K, and a QR decomposition of six columns for each part.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -20,239 +34,413 @@ from scipy.sparse.csgraph import connected_components
 from gossamer_fx.model.body import Array
 from gossamer_fx.system.system import System
 
-TOLD = 64  # parts whose motions are looked at
-ROUND_OFF = 16 * np.finfo(float).eps  # of a row of K, over the sum of its entries
-NONE = 1e-8  # of what a motion moves, over the size of its part: the rotation of a straight line about itself
 Labels = npt.NDArray[np.int64]
+
+# Parts whose motions are examined: the description of more would not be read.
+MAX_PARTS = 64
+
+# Round-off of a product of a row of K with a vector, over the sum of the magnitudes of the row.
+ROW_ROUND_OFF = 16 * np.finfo(float).eps
+
+# Entries of K below this fraction of the largest of their row are round-off, and connect nothing.
+NEGLIGIBLE_ENTRY = 1e-14
+
+# Round-off of the rows of constraints [m, or 1 for directions], which are satisfied to 1e-12.
+CONSTRAINT_ROUND_OFF = 1e-10
+
+# A motion that moves less than this, over the motion that moves most, moves nothing: the rotation of a
+# straight line about its axis.
+NO_MOTION = 1e-8
+
+# Rotations below the first number, over the largest one, count as none; so do all below the second.
+NEGLIGIBLE_ROTATION = 1e-6
+NO_ROTATION = 1e-8
+
+# Translations below this, over the largest one, are round-off of their basis.
+NEGLIGIBLE_TRANSLATION = 1e-8
+
+# For words: coordinates below this fraction of the largest one are printed as zero, and directions that
+# differ by less from an axis are named after it.
+PRINTED_ZERO = 1e-6
+ALONG_AXIS = 1e-9
+
+TINY = 1e-300  # against division by zero
+
+
+@dataclass
+class _Nodes:
+    """The nodes of one body that this rank has; each has s vectors: a position, and directors if s > 1.
+
+    Attributes:
+        unknowns: indices of the unknowns in the numbering of this rank, (n, s, 3).
+        vectors: positions [m] and directors, (n, s, 3).
+        part: of each node, -1 if it is fixed, (n,).
+    """
+
+    unknowns: Labels
+    vectors: Array
+    part: Labels
+
+    @property
+    def is_free(self) -> npt.NDArray[np.bool_]:
+        """Whether the nodes belong to a part, (n,)."""
+        return self.part >= 0
+
+    def arms(self, centre: Array) -> Array:
+        """Vectors that a rotation about the parts' centres (parts, 3) [m] turns, (n, s, 3)."""
+        # Fixed nodes have the part -1; any centre does for them, as their motion is not used.
+        part = np.maximum(self.part, 0)
+        arms = self.vectors.copy()
+        arms[:, 0] -= centre[part]
+        return arms
 
 
 def free_motions(system: System, K: PETSc.Mat, unbalanced: float) -> tuple[str, ...]:
-    """Rigid motions that nothing resists, in words; `unbalanced` [N] is what is left of the residual.
+    """Rigid motions that nothing resists, in words.
 
-    K: the tangent without inertia, held coordinates taken out.
+    Args:
+        system: compiled scene in equilibrium.
+        K: tangent without inertia, with fixed coordinates taken out.
+        unbalanced: norm of the residual [N], which K R c cannot be distinguished from.
+
+    Returns:
+        Descriptions such as "translation z of 'film'"; the same on every rank.
     """
     part, count = parts(system, K)
     found: list[str] = []
     for bodies, centre, motions in _motions(system, K, part, count, unbalanced):
-        whose = "" if count == 1 else f" of {' and '.join(bodies)}"
-        if motions.size:
-            found += [words + whose for words in _named(motions, centre)]
+        if not motions.size:
+            continue
+        owner = ""
+        if count > 1:
+            owner = f" of {' and '.join(bodies)}"
+        found += [words + owner for words in _describe(motions, centre)]
     return tuple(found)
 
 
+# ---- parts ---------------------------------------------------------------------------------------------
+
+
 def parts(system: System, K: PETSc.Mat) -> tuple[Labels, int]:
-    """The part of every owned unknown, -1 where it is held, and the number of parts on all ranks."""
-    start, n = system.numbering.start, system.numbering.size_local
+    """The part of every unknown of this rank, -1 where it is fixed, and the number of parts on all ranks."""
+    start = system.numbering.start
+    n = system.numbering.size_local
     rows, columns, _ = _entries(K)
-    held = np.zeros(n, dtype=bool)
-    held[system.supports.held] = True
-    ends, ghosts = [rows], columns.copy()
-    own = (columns >= start) & (columns < start + n)
-    others, place = np.unique(columns[~own], return_inverse=True)
-    ghosts[own] -= start
-    ghosts[~own] = n + place
-    targets = [ghosts]
-    for body in system.bodies:  # the numbers of a node move together
-        owned, size = system.block(body).owned, body.block.size
-        nodes = np.arange(owned.start, owned.stop).reshape(-1, size)
-        for i in range(1, size):
-            both = ~held[nodes[:, i - 1]] & ~held[nodes[:, i]]
-            ends.append(nodes[both, i - 1])
-            targets.append(nodes[both, i])
-    a, b = np.concatenate(ends), np.concatenate(targets)
+    is_fixed = np.zeros(n, dtype=bool)
+    is_fixed[system.supports.held] = True
+
+    # Edges between unknowns of this rank, numbered from 0, and those of other ranks, numbered from n.
+    is_own = (columns >= start) & (columns < start + n)
+    others, index = np.unique(columns[~is_own], return_inverse=True)
+    targets = columns.copy()
+    targets[is_own] -= start
+    targets[~is_own] = n + index
+    all_sources = [rows]
+    all_targets = [targets]
+    # The components of a node belong together, even if no stiffness couples them.
+    for body in system.bodies:
+        owned = system.block(body).owned
+        unknowns = np.arange(owned.start, owned.stop).reshape(-1, body.block.size)
+        for i in range(1, body.block.size):
+            first = unknowns[:, i - 1]
+            second = unknowns[:, i]
+            are_free = ~is_fixed[first] & ~is_fixed[second]
+            all_sources.append(first[are_free])
+            all_targets.append(second[are_free])
+    sources = np.concatenate(all_sources)
+    targets = np.concatenate(all_targets)
     size = n + len(others)
-    links = csr_matrix((np.ones(len(a), dtype=np.int8), (a, b)), shape=(size, size))
-    kinds, local = connected_components(links, directed=False)
-    label = _agree(system, local, kinds, others)
-    names = system.comm.allgather(np.unique(label[~held]))
-    known = np.unique(np.concatenate(names))
+    ones = np.ones(len(sources), dtype=np.int8)
+    graph = csr_matrix((ones, (sources, targets)), shape=(size, size))
+    count, component = connected_components(graph, directed=False)
+
+    # Number the labels that are in use from 0, in the same way on every rank.
+    label = _common_labels(system, component, count, others)
+    labels_of_ranks = system.comm.allgather(np.unique(label[~is_fixed]))
+    known = np.unique(np.concatenate(labels_of_ranks))
     part = np.full(n, -1, dtype=np.int64)
-    part[~held] = np.searchsorted(known, label[~held])
+    part[~is_fixed] = np.searchsorted(known, label[~is_fixed])
     return part, len(known)
 
 
-def _agree(system: System, local: Labels, kinds: int, others: Labels) -> Labels:
-    """One label for a part on all ranks: the least position of an unknown in it."""
-    n, start = system.numbering.size_local, system.numbering.start
-    least = np.full(kinds, np.iinfo(np.int64).max)
-    np.minimum.at(least, local[:n], start + np.arange(n))
+def _common_labels(system: System, component: Labels, count: int, others: Labels) -> Labels:
+    """Labels of the parts that agree on all ranks: the smallest index of an unknown in the part.
+
+    Args:
+        system: compiled scene.
+        component: of this rank's unknowns (n,) and of those of other ranks in its rows.
+        count: number of components on this rank.
+        others: indices of these unknowns of other ranks in the system.
+
+    Returns:
+        The label of each unknown of this rank, (n,).
+    """
+    n = system.numbering.size_local
+    own_indices = system.numbering.start + np.arange(n)
+    smallest = np.full(count, np.iinfo(np.int64).max)
+    np.minimum.at(smallest, component[:n], own_indices)
     vector = system.numbering.vector()
-    values = PETSc.Vec().createSeq(len(others))
+    received = PETSc.Vec().createSeq(len(others))
     source = PETSc.IS().createGeneral(others.astype(PETSc.IntType), comm=MPI.COMM_SELF)
-    scatter = PETSc.Scatter().create(vector, source, values, None)
-    changed = True
-    while changed:
-        vector.array[:] = least[local[:n]]
-        scatter.scatter(vector, values)
-        before = least.copy()
-        np.minimum.at(least, local[n:], values.array_r.astype(np.int64))
-        changed = system.comm.allreduce(bool((before != least).any()), op=MPI.LOR)
-    return least[local[:n]]
+    scatter = PETSc.Scatter().create(vector, source, received, None)
+    # A part may extend over many ranks, so that the smallest index spreads from rank to rank.
+    has_changed = True
+    while has_changed:
+        vector.array[:] = smallest[component[:n]]
+        scatter.scatter(vector, received)
+        before = smallest.copy()
+        np.minimum.at(smallest, component[n:], received.array_r.astype(np.int64))
+        changed_here = bool((before != smallest).any())
+        has_changed = system.comm.allreduce(changed_here, op=MPI.LOR)
+    return smallest[component[:n]]
 
 
 def _entries(K: PETSc.Mat) -> tuple[Labels, Labels, Array]:
-    """Local rows, global columns and values of the entries that are more than round-off of their row."""
+    """Local rows, global columns and values of the entries of K that are more than round-off."""
     pointers, columns, values = K.convert("aij", PETSc.Mat()).getValuesCSR()
-    rows = np.repeat(np.arange(len(pointers) - 1), np.diff(pointers))
-    largest = np.zeros(len(pointers) - 1)
-    np.maximum.at(largest, rows, np.abs(values))
-    kept = np.abs(values) > 1e-14 * largest[rows]
+    size = len(pointers) - 1
+    rows = np.repeat(np.arange(size), np.diff(pointers))
+    magnitudes = np.abs(values)
+    largest = np.zeros(size)
+    np.maximum.at(largest, rows, magnitudes)
+    kept = magnitudes > NEGLIGIBLE_ENTRY * largest[rows]
     return rows[kept].astype(np.int64), columns[kept].astype(np.int64), values[kept]
+
+
+# ---- free motions of each part -------------------------------------------------------------------------
 
 
 def _motions(
     system: System, K: PETSc.Mat, part: Labels, count: int, unbalanced: float
 ) -> Iterator[tuple[list[str], Array, Array]]:
-    """Bodies, centre (3,) and free motions (6, k), velocities and rates of rotation, of every part."""
-    comm, numbering = system.comm, system.numbering
-    free = part >= 0
-    sums, first = np.zeros((count, 4)), np.zeros((len(system.bodies), count), dtype=bool)
-    places = []  # of each body: its unknowns (n, s, 3), their values, and the part of each node
-    for k, body in enumerate(system.bodies):
-        owned, vectors = system.block(body).owned, body.block.size // 3
-        at = np.arange(owned.start, owned.stop).reshape(-1, vectors, 3)
-        q = system.q0.array_r[owned].reshape(-1, vectors, 3).copy()
-        of = part[at].max(axis=(1, 2), initial=-1)
-        places.append((at, q, of))
-        moving = of >= 0
-        np.add.at(sums, of[moving], np.column_stack([q[moving, 0], np.ones(moving.sum())]))
-        first[k, of[moving]] = True
-    comm.Allreduce(MPI.IN_PLACE, sums)
-    comm.Allreduce(MPI.IN_PLACE, first, op=MPI.LOR)
-    centre = sums[:, :3] / np.maximum(sums[:, 3:], 1)
-    radius = np.zeros(count)
-    for _, q, of in places:
-        moving = of >= 0
-        away = q[moving].copy()
-        away[:, 0] -= centre[of[moving]]
-        np.maximum.at(radius, of[moving], np.linalg.norm(away, axis=2).max(axis=1, initial=0.0))
-    comm.Allreduce(MPI.IN_PLACE, radius, op=MPI.MAX)
-    arm = np.where(radius > 0, radius, 1.0)
+    """The free motions of each part.
 
-    rows, _, values = _entries(K)
-    size = np.zeros(numbering.size_local)
-    np.add.at(size, rows, np.abs(values))
-    scale = ROUND_OFF * size
-    if system.constraints is not None:
-        scale[system.constraints.owned] += 1e-10  # of directions and metres, which hold to 1e-12
-    scale[: system.block(system.bodies[-1]).owned.stop] += 2 * unbalanced / arm.min(initial=1.0)
-    scale = np.where(scale > 0, scale, 1.0)
-
-    R = np.zeros((6, numbering.size_local))
-    Y = np.zeros_like(R)
-    φ, out = numbering.vector(), numbering.vector()
+    Yields:
+        Names of the bodies, centre (3,) [m], and k free motions (6, k): velocity of the centre and
+        angular velocity.
+    """
+    comm = system.comm
+    nodes = [_nodes_of(system, k, part) for k in range(len(system.bodies))]
+    names = _names(system, nodes, count)
+    centre = _centres(comm, nodes, count)
+    radius = _radii(comm, nodes, centre)
+    R = _rigid_motions(system, nodes, centre, radius)
+    # Fixed unknowns do not move; what is tied to them resists.
+    is_free = part >= 0
+    R[:, ~is_free] = 0
+    D = _round_off(system, K, unbalanced / radius.min(initial=1.0))
+    Y = np.zeros_like(R)  # D⁻¹ K R
+    vector = system.numbering.vector()
+    product = system.numbering.vector()
     for i in range(6):
-        axis = np.eye(3)[i % 3]
-        for at, q, of in places:
-            moving, whose = of >= 0, np.maximum(of, 0)
-            if i < 3:
-                v = np.zeros_like(q)
-                v[:, 0] = axis
-            else:
-                away = q.copy()
-                away[:, 0] -= centre[whose]
-                v = np.cross(axis, away) / arm[whose][:, None, None]
-            R[i, at[moving]] = v[moving]
-        # a held coordinate that would move resists: its rows are those of what it is tied to
-        R[i, ~free] = 0
-        φ.array[:] = R[i]
-        K.mult(φ, out)
-        Y[i] = np.where(free, out.array_r / scale, 0.0)
-    for c in range(min(count, TOLD)):
-        mine = part == c
-        forces, moved = _triangle(comm, Y[:, mine].T), _triangle(comm, R[:, mine].T)
-        motions = _null(forces, moved, comm.allreduce(int(mine.sum())))
-        motions[3:] /= arm[c]
-        yield (
-            [f"'{body.name}'" for k, body in enumerate(system.bodies) if first[k, c]],
-            centre[c],
-            motions,
-        )
+        vector.array[:] = R[i]
+        K.mult(vector, product)
+        Y[i] = np.where(is_free, product.array_r / D, 0.0)
+    for c in range(min(count, MAX_PARTS)):
+        in_part = part == c
+        size = comm.allreduce(int(in_part.sum()))
+        forces = _triangle(comm, Y[:, in_part].T)
+        moved = _triangle(comm, R[:, in_part].T)
+        motions = _null_space(forces, moved, size)
+        # Rotations were scaled by the radius.
+        motions[3:] /= radius[c]
+        yield names[c], centre[c], motions
+
+
+def _nodes_of(system: System, k: int, part: Labels) -> _Nodes:
+    """The nodes of body k."""
+    body = system.bodies[k]
+    owned = system.block(body).owned
+    shape = (-1, body.block.size // 3, 3)
+    unknowns = np.arange(owned.start, owned.stop).reshape(shape)
+    return _Nodes(
+        unknowns=unknowns,
+        vectors=system.q0.array_r[owned].reshape(shape).copy(),
+        part=part[unknowns].max(axis=(1, 2), initial=-1),
+    )
+
+
+def _names(system: System, nodes: Sequence[_Nodes], count: int) -> list[list[str]]:
+    """Names of the bodies, in quotes, that have nodes in each part."""
+    has_nodes = np.zeros((len(nodes), count), dtype=bool)
+    for k, one in enumerate(nodes):
+        has_nodes[k, one.part[one.is_free]] = True
+    system.comm.Allreduce(MPI.IN_PLACE, has_nodes, op=MPI.LOR)
+    names = [f"'{body.name}'" for body in system.bodies]
+    return [[names[k] for k in np.flatnonzero(has_nodes[:, c])] for c in range(count)]
+
+
+def _centres(comm: MPI.Intracomm, nodes: Sequence[_Nodes], count: int) -> Array:
+    """Mean position of the nodes of each part, (parts, 3) [m]."""
+    sums = np.zeros((count, 4))  # of positions, and number of nodes
+    for one in nodes:
+        positions = one.vectors[one.is_free, 0]
+        ones = np.ones(len(positions))
+        np.add.at(sums, one.part[one.is_free], np.column_stack([positions, ones]))
+    comm.Allreduce(MPI.IN_PLACE, sums)
+    centres: Array = sums[:, :3] / np.maximum(sums[:, 3:], 1)
+    return centres
+
+
+def _radii(comm: MPI.Intracomm, nodes: Sequence[_Nodes], centre: Array) -> Array:
+    """Longest arm of each part [m], (parts,); 1 for a single point."""
+    radius = np.zeros(len(centre))
+    for one in nodes:
+        arms = one.arms(centre)[one.is_free]
+        longest = np.linalg.norm(arms, axis=2).max(axis=1, initial=0.0)
+        np.maximum.at(radius, one.part[one.is_free], longest)
+    comm.Allreduce(MPI.IN_PLACE, radius, op=MPI.MAX)
+    return np.where(radius > 0, radius, 1.0)
+
+
+def _rigid_motions(system: System, nodes: Sequence[_Nodes], centre: Array, radius: Array) -> Array:
+    """Rᵀ (6, unknowns): three translations, and three rotations that move the farthest node by one."""
+    R = np.zeros((6, system.numbering.size_local))
+    for i, axis in enumerate(np.eye(3)):
+        for one in nodes:
+            translation = np.zeros_like(one.vectors)
+            translation[:, 0] = axis
+            scale = radius[np.maximum(one.part, 0)]
+            rotation = np.cross(axis, one.arms(centre)) / scale[:, None, None]
+            unknowns = one.unknowns[one.is_free]
+            R[i, unknowns] = translation[one.is_free]
+            R[3 + i, unknowns] = rotation[one.is_free]
+    return R
+
+
+def _round_off(system: System, K: PETSc.Mat, unbalanced: float) -> Array:
+    """D of (1): error of each row of K R, (unknowns,); `unbalanced` [N/m] is that of the equilibrium."""
+    rows, _, values = _entries(K)
+    sum_of_row = np.zeros(system.numbering.size_local)
+    np.add.at(sum_of_row, rows, np.abs(values))
+    D: Array = ROW_ROUND_OFF * sum_of_row
+    if system.constraints is not None:
+        D[system.constraints.owned] += CONSTRAINT_ROUND_OFF
+    end_of_coordinates = system.block(system.bodies[-1]).owned.stop
+    D[:end_of_coordinates] += 2 * unbalanced
+    return np.where(D > 0, D, 1.0)
 
 
 def _triangle(comm: MPI.Intracomm, columns: Array) -> Array:
-    """The factor R (6, 6) of a matrix (n, 6) whose rows are distributed; unlike its square, it loses no digits."""
-    own = np.asarray(np.linalg.qr(np.vstack([columns, np.zeros((6, 6))]), mode="r"))
-    return np.asarray(np.linalg.qr(np.vstack(comm.allgather(own)), mode="r"))
+    """The factor R (6, 6) of the QR decomposition of a matrix (n, 6) whose rows are distributed.
+
+    In contrast to a Cholesky factor of the product with its transpose, it loses no digits.
+    """
+    # Six rows of zeros, as a rank may have fewer than six rows.
+    padded = np.vstack([columns, np.zeros((6, 6))])
+    own = np.asarray(np.linalg.qr(padded, mode="r"))
+    stacked = np.vstack(comm.allgather(own))
+    return np.asarray(np.linalg.qr(stacked, mode="r"))
 
 
-def _null(forces: Array, moved: Array, n: int) -> Array:
-    """Motions c (6, k) with |forces c|² < n among those that move something: |moved c|² = n."""
+def _null_space(forces: Array, moved: Array, n: int) -> Array:
+    """Motions c (6, k) of (1), from the triangular factors of D⁻¹ K R and R, (6, 6) each."""
     _, σ, Vt = np.linalg.svd(moved)
-    kept = σ > NONE * max(float(σ.max()), 1e-300)
-    U = Vt[kept].T / σ[kept] * n**0.5
-    _, τ, Wt = np.linalg.svd(forces @ U)
-    found: Array = U @ Wt[τ**2 < n].T
+    kept = σ > NO_MOTION * max(float(σ.max()), TINY)
+    unit_motions = Vt[kept].T / σ[kept] * n**0.5
+    _, τ, Wt = np.linalg.svd(forces @ unit_motions)
+    is_free = τ**2 < n
+    found: Array = unit_motions @ Wt[is_free].T
     return found
 
 
-def _named(motions: Array, centre: Array) -> list[str]:
+# ---- words ---------------------------------------------------------------------------------------------
+
+
+def _describe(motions: Array, centre: Array) -> list[str]:
     """Translations and rotations that span some motions (6, k), along axes where these do."""
-    v, ω = motions[:3], motions[3:]
-    weight = np.abs(ω).max(initial=0.0) * np.abs(centre).max(initial=1.0) + np.abs(v).max(
-        initial=0.0
-    )
-    scale = np.abs(ω).max(initial=0.0) or 1.0
+    ω = motions[3:]
     _, σ, Vt = np.linalg.svd(ω, full_matrices=True)
-    rank = int((σ > 1e-6 * scale).sum()) if σ.max(initial=0.0) * weight > 1e-8 * weight else 0
-    still, turning = motions @ Vt[rank:].T, motions @ Vt[:rank].T
-    along = _reduced(still[:3])
-    words = [f"translation {_direction(t)}" for t in along]
-    span = np.array(along).T if along else np.zeros((3, 0))
-    turning = _aligned(turning)
-    for v, ω in zip(turning[:3].T, turning[3:].T, strict=True):
-        v = v - span @ np.linalg.lstsq(span, v, rcond=None)[0] if span.size else v
-        ω2 = ω @ ω
-        about = centre + np.cross(ω, v) / ω2
-        about -= (about @ ω) / ω2 * ω
-        size = max(float(np.abs(centre).max()), 1.0)
-        everywhere = (
-            span.shape[1] >= 2 and np.linalg.matrix_rank(np.column_stack([span, ω]), tol=1e-6) == 3
-        )
-        where = (
-            "" if everywhere or np.abs(about).max() < 1e-6 * size else f" about ({_numbers(about)})"
-        )
-        words.append(f"rotation {_direction(ω)}{where}")
+    rank = 0
+    if σ.max(initial=0.0) > NO_ROTATION:
+        rank = int((σ > NEGLIGIBLE_ROTATION * np.abs(ω).max()).sum())
+    translations = motions @ Vt[rank:].T
+    rotations = _aligned(motions @ Vt[:rank].T)
+
+    directions = _reduced(translations[:3])
+    words = [f"translation {_direction(direction)}" for direction in directions]
+    span = np.zeros((3, 0))
+    if directions:
+        span = np.array(directions).T
+    for velocity, axis in zip(rotations[:3].T, rotations[3:].T, strict=True):
+        words.append(_describe_rotation(velocity, axis, centre, span))
     return words
 
 
+def _describe_rotation(velocity: Array, axis: Array, centre: Array, span: Array) -> str:
+    """A rotation in words, with a point on its axis.
+
+    Args:
+        velocity: of the centre, (3,).
+        axis: angular velocity, (3,).
+        centre: of the part, (3,) [m].
+        span: directions of free translations, (3, k).
+    """
+    words = f"rotation {_direction(axis)}"
+    if span.size:
+        # A free translation may be added to the rotation: take the smallest velocity.
+        velocity = velocity - span @ np.linalg.lstsq(span, velocity, rcond=None)[0]
+    square = axis @ axis
+    point = centre + np.cross(axis, velocity) / square
+    # The point of the axis that is nearest to the origin.
+    point -= (point @ axis) / square * axis
+    if span.shape[1] >= 2:
+        spanned = np.linalg.matrix_rank(np.column_stack([span, axis]), tol=NEGLIGIBLE_ROTATION)
+        if spanned == 3:
+            # Free translations across the axis: it may pass through any point.
+            return words
+    size = max(float(np.abs(centre).max()), 1.0)
+    if np.abs(point).max() < PRINTED_ZERO * size:
+        return words
+    return f"{words} about ({_numbers(point)})"
+
+
 def _aligned(motions: Array) -> Array:
-    """Combinations of the motions (6, k) whose rotations are along axes, if they can be."""
+    """Combinations (6, k) of k motions whose rotations are along coordinate axes, if possible.
+
+    Gauss-Jordan elimination with pivots among the rotations.
+    """
+    rows = motions.T.copy()
     pivots: list[int] = []
-    M = motions.T.copy()
-    for i in range(len(M)):
+    for i in range(len(rows)):
         remaining = [j for j in range(3) if j not in pivots]
-        j = max(remaining, key=lambda j: float(np.abs(M[i:, 3 + j]).max()))
-        row = i + int(np.abs(M[i:, 3 + j]).argmax())
-        M[[i, row]] = M[[row, i]]
-        M[i] /= M[i, 3 + j]
-        for other in range(len(M)):
+        rotations = np.abs(rows[i:, 3:])
+        pivot = max(remaining, key=lambda j: float(rotations[:, j].max()))
+        k = i + int(rotations[:, pivot].argmax())
+        rows[[i, k]] = rows[[k, i]]
+        rows[i] /= rows[i, 3 + pivot]
+        for other in range(len(rows)):
             if other != i:
-                M[other] -= M[other, 3 + j] * M[i]
-        pivots.append(j)
+                rows[other] -= rows[other, 3 + pivot] * rows[i]
+        pivots.append(pivot)
     order = np.argsort(pivots)
-    aligned: Array = M[order].T
+    aligned: Array = rows[order].T
     return aligned
 
 
 def _reduced(vectors: Array) -> list[Array]:
-    """A basis of the span of vectors (3, k) with as many zeros as can be."""
+    """A basis of the span of vectors (3, k), along coordinate axes if possible."""
     if not vectors.size:
         return []
-    Q = np.linalg.svd(vectors, full_matrices=False)
-    kept = Q[0][:, Q[1] > 1e-8 * max(Q[1].max(), 1e-300)]
-    padded = np.vstack([np.zeros_like(kept), kept])
+    U, σ, _ = np.linalg.svd(vectors, full_matrices=False)
+    basis = U[:, σ > NEGLIGIBLE_TRANSLATION * max(σ.max(), TINY)]
+    # `_aligned` works on the last three components.
+    padded = np.vstack([np.zeros_like(basis), basis])
     return list(_aligned(padded)[3:].T)
 
 
 def _direction(d: Array) -> str:
+    """A direction (3,) in words: the name of an axis, or components with the largest one positive."""
     d = d / np.linalg.norm(d)
     k = int(np.abs(d).argmax())
-    return "xyz"[k] if abs(d[k]) > 1 - 1e-9 else f"({_numbers(d * np.sign(d[k]))})"
+    if abs(d[k]) > 1 - ALONG_AXIS:
+        return "xyz"[k]
+    return f"({_numbers(d * np.sign(d[k]))})"
 
 
 def _numbers(values: Array) -> str:
-    return ", ".join(
-        f"{x + 0.0:.3g}"
-        for x in np.where(np.abs(values) < 1e-6 * np.abs(values).max(), 0.0, values)
-    )
+    """Numbers to three digits, round-off as zero."""
+    is_zero = np.abs(values) < PRINTED_ZERO * np.abs(values).max()
+    rounded = np.where(is_zero, 0.0, values)
+    # Adding zero turns -0.0 into 0.0.
+    return ", ".join(f"{value + 0.0:.3g}" for value in rounded)

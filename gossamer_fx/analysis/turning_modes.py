@@ -1,13 +1,26 @@
-"""Modes of a turning scene near a frequency, in real numbers.
+"""Modes of a scene in a turning frame, near a frequency, in real arithmetic.
 
-With z = (φ, λ φ) the quadratic problem (λ² M + λ G + K) φ = 0 is (A - λ B) z = 0, and
+Problem.  (λ² M + λ G + K) φ = 0 is quadratic in λ, and its solutions are complex although K, G and M
+are real.
 
-    (A - σ B)⁻¹ B (x, y) = (u, x + σ u),     Q(σ) u = -(M y + G x + σ M x),     Q(σ) = K + σ G + σ² M
+Idea.  With z = (φ, λ φ) it is linear, (A - λ B) z = 0, and shift and invert at σ gives
 
-has the same vectors and the eigenvalues 1/(λ - σ), the largest of which are near σ.  For σ = iω its real part is taken,
-with the eigenvalues ½ (1/(λ - iω) + 1/(λ + iω)): a real matrix that has those near ±iω as the largest (Parlett & Saad,
-Linear Algebra Appl. 88 (1987) 575, doi:10.1016/0024-3795(87)90126-1).  Q(iω) is factorised as a real matrix of twice
-the size.
+    (A - σ B)⁻¹ B (x, y) = (u, x + σ u)                                                       (1)
+    Q(σ) u = -(M y + G x + σ M x),    Q(σ) = K + σ G + σ² M                                   (2)
+
+with the same vectors and the eigenvalues 1/(λ - σ), of which the largest belong to λ near σ.
+
+For an imaginary σ = iω, the real part of the operator is used.  It has the eigenvalues
+
+    ½ (1/(λ - iω) + 1/(λ + iω))                                                               (3)
+
+which are largest near ±iω (Parlett & Saad, Linear Algebra Appl. 88 (1987) 575,
+doi:10.1016/0024-3795(87)90126-1).  Q(iω) is factorised as a real matrix of twice the size,
+
+    [ K - ω² M    -ω G     ]
+    [ ω G         K - ω² M ]                                                                  (4)
+
+λ follows from the vector: it is the factor between the two halves of z.
 """
 
 from __future__ import annotations
@@ -18,60 +31,99 @@ from petsc4py import PETSc
 
 from gossamer_fx.solvers import factorisation
 
+DIFFERENT_PATTERN = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+
+Shape = npt.NDArray[np.complex128]
+
 
 class Inverse:
-    """(A - σ B)⁻¹ B, or its real part, as a matrix: σ is `real`, or i `imaginary`; `problem` says if there is none."""
+    """The operator (1) for a real shift, or its real part for an imaginary one.
+
+    Args:
+        K, G, M: tangent, Coriolis and mass matrix, with fixed coordinates taken out.
+        real: σ [1/s], if `imaginary` is zero.
+        imaginary: ω [1/s] of the shift σ = iω.
+
+    Attributes:
+        problem: why Q(σ) could not be factorised; empty if it was.
+        n: unknowns of this rank in φ.
+    """
 
     def __init__(
         self, K: PETSc.Mat, G: PETSc.Mat, M: PETSc.Mat, real: float = 0.0, imaginary: float = 0.0
     ) -> None:
-        self._G, self._M, self._σ, self._ω = G, M, real, imaginary
-        Q = K.copy()
-        Q.axpy(real**2 - imaginary**2, M, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
-        if imaginary:
-            turning = [G.copy(), G.copy()]
-            for matrix, factor in zip(turning, (-imaginary, imaginary), strict=True):
-                matrix.scale(factor)
-            Q = (
-                PETSc.Mat()
-                .createNest([[Q, turning[0]], [turning[1], Q]], comm=K.comm)
-                .convert("aij", PETSc.Mat())
-            )
-        elif real:
-            Q.axpy(real, G, PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN)
+        self._G = G
+        self._M = M
+        self._σ = real
+        self._ω = imaginary
+        Q = self._shifted_matrix(K)
         self._pc = PETSc.PC().create(K.comm)
         self._pc.setOperators(Q)
         factorisation.choose(self._pc, Q)
         self.problem = factorisation.set_up(self._pc)
-        self._b, self._u = Q.createVecRight(), Q.createVecRight()
-        self._x, self._y, self._t = (K.createVecRight() for _ in range(3))
+        self._right = Q.createVecRight()
+        self._u = Q.createVecRight()
+        self._x = K.createVecRight()
+        self._y = K.createVecRight()
+        self._product = K.createVecRight()
         self.n = self._x.getLocalSize()
 
-    def operator(self) -> PETSc.Mat:
-        """The matrix for an eigenvalue solver."""
-        local, whole = self._x.getSizes()
-        made = PETSc.Mat().createPython(((2 * local, 2 * whole),) * 2, self, self._M.comm)
-        made.setUp()
-        return made
-
-    def mult(self, A: PETSc.Mat, z: PETSc.Vec, result: PETSc.Vec) -> None:
-        n, values = self.n, z.array_r
-        self._x.array[:], self._y.array[:] = values[:n], values[n:]
-        b = self._b.array
-        self._M.mult(self._x, self._t)
-        b[:n] = -self._σ * self._t.array_r
+    def _shifted_matrix(self, K: PETSc.Mat) -> PETSc.Mat:
+        """Q(σ) of (2), or (4) for an imaginary shift."""
+        Q = K.copy()
+        Q.axpy(self._σ**2 - self._ω**2, self._M, DIFFERENT_PATTERN)
         if self._ω:
-            b[n:] = -self._ω * self._t.array_r
-        for matrix, vector in ((self._M, self._y), (self._G, self._x)):
-            matrix.mult(vector, self._t)
-            b[:n] -= self._t.array_r
-        self._pc.apply(self._b, self._u)
-        u, out = self._u.array_r, result.array
-        out[:n] = u[:n]
-        out[n:] = self._x.array_r + (-self._ω * u[n:] if self._ω else self._σ * u[:n])
+            minus_ωG = self._G.copy()
+            minus_ωG.scale(-self._ω)
+            ωG = self._G.copy()
+            ωG.scale(self._ω)
+            nested = PETSc.Mat().createNest([[Q, minus_ωG], [ωG, Q]], comm=K.comm)
+            # MUMPS does not factorise a nested matrix.
+            return nested.convert("aij", PETSc.Mat())
+        if self._σ:
+            Q.axpy(self._σ, self._G, DIFFERENT_PATTERN)
+        return Q
 
-    def pair(self, z: npt.NDArray[np.complex128]) -> tuple[complex, npt.NDArray[np.complex128]]:
-        """λ and this rank's part of φ of its part of a vector (φ, λ φ)."""
-        φ, w = z[: self.n], z[self.n :]
+    def operator(self) -> PETSc.Mat:
+        """The operator on z = (x, y) as a matrix for an eigenvalue solver."""
+        local, total = self._x.getSizes()
+        sizes = (2 * local, 2 * total)
+        operator = PETSc.Mat().createPython((sizes, sizes), self, self._M.comm)
+        operator.setUp()
+        return operator
+
+    def mult(self, matrix: PETSc.Mat, z: PETSc.Vec, result: PETSc.Vec) -> None:
+        """Set result to (1) for z = (x, y), or to its real part; called by SLEPc."""
+        n = self.n
+        self._x.array[:] = z.array_r[:n]
+        self._y.array[:] = z.array_r[n:]
+
+        # Right-hand side of (2); its imaginary part is the second half.
+        right = self._right.array
+        self._M.mult(self._x, self._product)
+        right[:n] = -self._σ * self._product.array_r
+        if self._ω:
+            right[n:] = -self._ω * self._product.array_r
+        self._M.mult(self._y, self._product)
+        right[:n] -= self._product.array_r
+        self._G.mult(self._x, self._product)
+        right[:n] -= self._product.array_r
+        self._pc.apply(self._right, self._u)
+
+        # Real part of σ u: of iω u it is -ω times the imaginary part of u.
+        u = self._u.array_r
+        σu = self._σ * u[:n]
+        if self._ω:
+            σu = -self._ω * u[n:]
+        out = result.array
+        out[:n] = u[:n]
+        out[n:] = self._x.array_r + σu
+
+    def pair(self, z: Shape) -> tuple[complex, Shape]:
+        """λ [1/s], and this rank's part of φ, of this rank's part of an eigenvector z = (φ, λ φ)."""
+        φ = z[: self.n]
+        λφ = z[self.n :]
         comm = self._M.comm.tompi4py()
-        return complex(comm.allreduce(np.vdot(φ, w)) / comm.allreduce(np.vdot(φ, φ))), φ
+        product = comm.allreduce(np.vdot(φ, λφ))
+        square = comm.allreduce(np.vdot(φ, φ))
+        return complex(product / square), φ

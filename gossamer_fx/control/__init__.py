@@ -1,4 +1,4 @@
-"""Feedback: torques that follow from the motion, booked as supplied."""
+"""Feedback: torques that follow from the motion; their work counts as supplied."""
 
 from gossamer_fx.checks.lazy_names import lazy_names
 

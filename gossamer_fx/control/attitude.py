@@ -1,4 +1,4 @@
-"""Attitude control of rigid and flexible bodies."""
+"""Attitude control of rigid and flexible bodies by proportional-derivative torques."""
 
 from __future__ import annotations
 
@@ -21,112 +21,168 @@ from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_loads import PointLoad
 
+# Fraction of a period by which a sample may be early: the round-off of summed times.
+SAMPLE_ROUND_OFF = 1e-9
+
+# Displacement of the vectors, over their length, in the difference that gives the rates of angles.
+RATE_DIFFERENCE = 1e-6
+
+# Smallest velocity [m/s] that is divided by, against division by zero.
+TINY_VELOCITY = 1e-12
+
+# Largest error of an entry of AᵀA for a rotation matrix A of the user.
+ORTHONORMALITY = 1e-9
+
+# Second singular value of the frame's vectors below which they are parallel.
+PARALLEL = 1e-9
+
 
 @check_arguments
 def patch(centre: Port, points: Sequence[Port]) -> Frame:
-    """The arms from a centre to points around it: a position gradient averaged over that piece of a flexible body.
+    """A frame whose directors are the arms from a centre to points around it.
 
-    A torque on it is spread over the points, with the opposite forces at the centre.
+    Its position gradient is the average of that of a piece of a flexible body.  A torque on it is
+    distributed to the points, with the opposite forces at the centre.
+
+    Args:
+        centre: of the piece.
+        points: two or more around it.
+
+    Example:
+        >>> corners = [film.port_at((0.25, 0.25, 0.0)), film.port_at((0.75, 0.25, 0.0))]
+        >>> frame = gx.control.patch(film.port_at((0.5, 0.5, 0.0)), corners)
+        >>> len(frame.directors)
+        2
     """
-    return Frame(centre, tuple(combine((1.0, -1.0), (point, centre)) for point in points))
+    arms = [combine((1.0, -1.0), (point, centre)) for point in points]
+    return Frame(centre, tuple(arms))
 
 
-class _Held(Couple):
-    """The torque of an `AttitudeControl` that is sampled at the start of a period and held."""
+class _SampledTorque(Couple):
+    """The torque of an `AttitudeControl` that is computed once a period and held constant in between.
+
+    Args:
+        control: which computes the torque.
+        reference: the frame's vectors at the start, (k, 3).
+    """
 
     def __init__(self, control: AttitudeControl, reference: Array) -> None:
         super().__init__()
-        self._control, self._reference, self._next = control, reference, -math.inf
+        self._control = control
+        self._reference = reference
+        self._next_sample: float | None = None  # time [s]; None before the first sample
 
     def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+        """Start a step at time t [s]: compute a new torque if a sample is due."""
         control = self._control
-        if t >= self._next - 1e-9 * control.period:
-            self._next = (t if self._next == -math.inf else self._next) + control.period
+        if self._next_sample is None:
+            self._next_sample = t
+        if t >= self._next_sample - SAMPLE_ROUND_OFF * control.period:
+            # From the time at which it was due, so that lateness does not accumulate.
+            self._next_sample += control.period
             self.torque = control.sample(X, V, self._reference)
 
     def get_state(self) -> dict[str, Any]:
+        """History variables for a checkpoint; the keys belong to its file format."""
         control = self._control
-        due = None if self._next == -math.inf else self._next
         return {
-            "due": due,
+            "due": self._next_sample,
             "torque": self.torque.tolist(),
             "angles": control.angles.tolist(),
             "torques": control.torques.tolist(),
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        self._next = -math.inf if state["due"] is None else state["due"]
+        """Restore what `get_state` returned."""
+        self._next_sample = state["due"]
         self.torque = np.array(state["torque"])
-        self._control.angles, self._control.torques = (
-            np.array(state["angles"]),
-            np.array(state["torques"]),
-        )
+        self._control.angles = np.array(state["angles"])
+        self._control.torques = np.array(state["torques"])
 
 
-class _Continuous(Couple):
-    """The torque of an `AttitudeControl` that follows the motion in the step: angles at its middle, rates over it.
+class _ContinuousTorque(Couple):
+    """The torque of an `AttitudeControl` that follows the motion within the step.
 
-    Of the rate of an angle it takes the work -K_d (Δα)²/h: vibrations are damped whatever their frequency and the step.
+    Angles are those at the middle of the step, rates are differences over it.  The damping then does the
+    work -K_d (Δα)²/h on each angle α: it dissipates at every frequency and for every step length h.
+
+    Args:
+        control: which computes the torque.
+        reference: the frame's vectors at the start of the run, (k, 3).
     """
 
     def __init__(self, control: AttitudeControl, reference: Array) -> None:
         super().__init__()
-        self._control, self._reference = control, reference
+        self._control = control
+        self._reference = reference
         self._h = 1.0
         self._X0: Array = reference.ravel()
 
     def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
-        self._h, self._X0 = 2 * lag, X
+        """Start a step from the vectors X (3k,) and their rates V; its middle is `lag` seconds later."""
+        self._h = 2 * lag
+        self._X0 = X
+        # For the attributes of the control, which hold the values at the start of the step.
         self._control.sample(X, V, self._reference)
 
     def force(self, X: Array) -> Array:
+        """Forces (3k,) on the vectors, for their values X (3k,) in the middle of the step."""
         control = self._control
-        middle, before, after = (
-            control.angles_of(Y, self._reference) for Y in (X, self._X0, 2 * X - self._X0)
-        )
-        self.torque = control.in_space(
-            middle, control.law(middle, wrapped(after - before) / self._h)
-        )
+        X1 = 2 * X - self._X0
+        middle = control.angles_of(X, self._reference)
+        before = control.angles_of(self._X0, self._reference)
+        after = control.angles_of(X1, self._reference)
+        rates = wrapped(after - before) / self._h
+        self.torque = control.in_space(middle, control.law(middle, rates))
         return super().force(X)
 
     def tangent(self, X: Array) -> Array:
-        """With the rotation of a patch that does not stretch, δω = (tr S 1 - S)⁻¹ Σ r_i × δr_i."""
-        control, r = self._control, X.reshape(-1, 3)
+        """Derivatives (3k, 3k) of the forces with respect to X.
+
+        Those of the torque are of the rotation of vectors that do not stretch,
+        δω = (tr S 1 - S)⁻¹ Σ r_i × δr_i with S = Σ r_i r_iᵀ.
+        """
+        control = self._control
+        r = X.reshape(-1, 3)
         inverse, _ = self._spread(r)
         arms = np.hstack(tuple(cross_matrices(r)))
+        rotation_of_change = inverse @ arms  # δω of δX
         axes = euler_axes(control.angles_of(X, self._reference)) @ control.axes.T
+        # A change of X in the middle is twice as large at the end, from which the rate is computed.
         gain = control.stiffness + 2 * control.damping / self._h
-        turning = axes.T @ (gain[:, None] * np.linalg.solve(axes.T, inverse @ arms))
-        return super().tangent(X) + arms.T @ inverse @ -turning
+        change_of_angles = np.linalg.solve(axes.T, rotation_of_change)
+        change_of_torque = -axes.T @ (gain[:, None] * change_of_angles)
+        return super().tangent(X) + arms.T @ inverse @ change_of_torque
 
 
 def wrapped(angles: Array) -> Array:
-    """Differences of angles, in [-π, π)."""
+    """Differences of angles [rad], in [-π, π)."""
     result: Array = np.remainder(angles + np.pi, 2 * np.pi) - np.pi
     return result
 
 
 def _three_by_three(axes: object) -> Array:
-    """A matrix (3, 3); of nothing but zeros for what is none."""
+    """The argument as a matrix (3, 3); zeros, which no check accepts, if it is not one."""
     try:
         matrix = np.asarray(axes, dtype=float)
     except (TypeError, ValueError):
         return np.zeros((3, 3))
-    return matrix if matrix.shape == (3, 3) else np.zeros((3, 3))
+    if matrix.shape != (3, 3):
+        return np.zeros((3, 3))
+    return matrix
 
 
 @check_arguments
 class AttitudeControl:
     """Proportional-derivative torque on a body whose attitude is that of its position gradient.
 
-    The gradient F at the frame is decomposed, F = R U, and R into Euler angles, R = R_w(γ) R_v(β) R_u(θ), relative to
-    the start.  About the axis of each angle acts
+    The position gradient F at the frame is decomposed, F = R U, and R into Euler angles relative to the
+    start, R = R_w(γ) R_v(β) R_u(θ).  About the axis of each angle α acts the torque
 
-        T = K_p (target - angle) - K_d d(angle)/dt,
+        T = K_p (target - α) - K_d dα/dt,                                                     (1)
 
-        target - angle taken between -π and π: the short way round,
-
-    as a torque on the frame's vectors, booked as supplied.
+    with target - α between -π and π (the shorter way).  It acts on the frame's vectors, and its work
+    counts as supplied.
 
     Args:
         frame: of a rigid body, a beam's section, or a `patch` of a film.
@@ -134,14 +190,26 @@ class AttitudeControl:
         stiffness: K_p [N m/rad], one number or three.
         damping: K_d [N m s/rad], one number or three.
         axes: rotation matrix whose columns are u, v, w in space at the start.
-        period: time for which a sampled torque is held [s]; 0: it follows the motion also within a step.
+        period: time for which a sampled torque is held [s]; 0 lets it follow the motion also within a
+            step.
+        name: for messages.
 
     Attributes:
-        angles: (θ, β, γ) at the last sample; without period, at the start of the step.
-        torques: about the axes of the three angles, then.
+        angles: (θ, β, γ) [rad] at the last sample; for period 0, at the start of the step.
+        torques: (1) at the same time [N m], (3,).
 
     Raises:
-        InputError: the frame has no position gradient.
+        InputError: the frame has no position gradient, a gain is negative, or the axes are not a
+            rotation matrix.
+
+    Example:
+        >>> control = gx.control.AttitudeControl(
+        ...     hub.frame(), (0.0, 0.0, 0.1), stiffness=2.0, damping=0.3
+        ... )
+        >>> run = gx.Simulation(gx.Scene(hub, control), gx.Midpoint(dt=0.1))
+        >>> run.run(until=0.1)
+        >>> round(float(control.torques[2]), 3)
+        0.2
     """
 
     def __init__(
@@ -164,62 +232,83 @@ class AttitudeControl:
             math.isfinite(period) and period >= 0,
             f"'{name}': period is {period!r} s; give none or a positive one.",
         )
-        self.frame, self.period, self.name = frame, period, name
+        self.frame = frame
+        self.period = period
+        self.name = name
         self.target = np.asarray(target, dtype=float)
-        self.stiffness, self.damping = (
-            np.broadcast_to(np.asarray(k, dtype=float), 3) for k in (stiffness, damping)
-        )
+        self.stiffness = np.broadcast_to(np.asarray(stiffness, dtype=float), 3)
+        self.damping = np.broadcast_to(np.asarray(damping, dtype=float), 3)
         check(
             bool((self.stiffness >= 0).all() and (self.damping >= 0).all()),
             f"'{name}': gains {self.stiffness.tolist()} N m/rad and {self.damping.tolist()} N m s/rad; none may be "
             "negative.",
         )
         self.axes = _three_by_three(axes)
+        is_orthonormal = np.allclose(self.axes.T @ self.axes, np.eye(3), atol=ORTHONORMALITY)
         check(
-            bool(
-                np.allclose(self.axes.T @ self.axes, np.eye(3), atol=1e-9)
-                and np.linalg.det(self.axes) > 0
-            ),
+            bool(is_orthonormal and np.linalg.det(self.axes) > 0),
             f"'{name}': its axes are not right-handed and orthonormal; give a rotation matrix with columns u, v, w.",
         )
         self.angles: Array = np.zeros(3)
         self.torques: Array = np.zeros(3)
 
     def requires(self) -> Iterable[Any]:
+        """The items that must be in the scene with this one."""
         yield from bodies_of(self.frame)
 
     def terms(self, start: State) -> Iterable[Term]:
-        law = _Held if self.period > 0 else _Continuous
-        yield PointLoad(self.name, self.frame.directors, law(self, self.reference()))
+        """One load on the frame's vectors."""
+        reference = self.reference()
+        torque: Couple = _ContinuousTorque(self, reference)
+        if self.period > 0:
+            torque = _SampledTorque(self, reference)
+        yield PointLoad(self.name, self.frame.directors, torque)
 
     def reference(self) -> Array:
-        """The frame's vectors at the start, (k, 3)."""
-        vectors = np.array([d.initial() for d in self.frame.directors])
+        """The frame's vectors at the start, (k, 3).
+
+        Raises:
+            InputError: they are parallel.
+        """
+        vectors = np.array([director.initial() for director in self.frame.directors])
+        singular_values = np.linalg.svd(vectors)[1]
         check(
-            bool(np.linalg.svd(vectors)[1][1] > 1e-9),
+            bool(singular_values[1] > PARALLEL),
             f"'{self.name}': the vectors of its frame are parallel, which leaves a rotation open; give others.",
         )
         return vectors
 
     def angles_of(self, X: Array, reference: Array) -> Array:
-        """(θ, β, γ) of the frame's stacked vectors X (3k,)."""
+        """(θ, β, γ) [rad] of the frame's stacked vectors X (3k,), relative to the reference (k, 3)."""
         R = rotation(position_gradient(X.reshape(-1, 3), reference))
         return euler_angles(self.axes.T @ R @ self.axes)
 
     def sample(self, X: Array, V: Array, reference: Array) -> Array:
-        """The torque in space axes for the frame's vectors and their rates (3k,)."""
+        """Compute `angles` and `torques`.
+
+        Args:
+            X: the frame's stacked vectors, (3k,).
+            V: their rates [1/s], (3k,).
+            reference: the vectors at the start, (k, 3).
+
+        Returns:
+            The torque in space axes [N m], (3,).
+        """
         self.angles = self.angles_of(X, reference)
-        moved = 1e-6 * np.abs(X).max() / max(float(np.abs(V).max()), 1e-12)
-        ahead, behind = (self.angles_of(X + s * moved * V, reference) for s in (1, -1))
-        self.torques = self.law(self.angles, wrapped(ahead - behind) / (2 * moved))
+        # Rates of angles by central differences over a time in which the vectors hardly change.
+        dt = RATE_DIFFERENCE * np.abs(X).max() / max(float(np.abs(V).max()), TINY_VELOCITY)
+        ahead = self.angles_of(X + dt * V, reference)
+        behind = self.angles_of(X - dt * V, reference)
+        rates = wrapped(ahead - behind) / (2 * dt)
+        self.torques = self.law(self.angles, rates)
         return self.in_space(self.angles, self.torques)
 
     def law(self, angles: Array, rates: Array) -> Array:
-        """Torques about the axes of the three angles."""
+        """Torques (1) about the axes of the three angles [N m], for angles [rad] and rates [rad/s]."""
         torques: Array = self.stiffness * wrapped(self.target - angles) - self.damping * rates
         return torques
 
     def in_space(self, angles: Array, torques: Array) -> Array:
-        """Their sum in space axes."""
+        """Sum in space axes [N m], (3,), of torques about the axes of the angles [rad]."""
         total: Array = self.axes @ (euler_axes(angles).T @ torques)
         return total

@@ -53,7 +53,10 @@ class GeneralizedAlpha:
         InputError: dt is not a positive number, or the spectral radius is not between 0 and 1.
 
     Example:
-        run = gx.Simulation(scene, gx.GeneralizedAlpha(dt=1e-3, spectral_radius=0.9))
+        >>> run = gx.Simulation(gx.Scene(hub), gx.GeneralizedAlpha(dt=0.1, spectral_radius=0.9))
+        >>> run.run(until=1.0)
+        >>> run.step
+        10
     """
 
     dt: float

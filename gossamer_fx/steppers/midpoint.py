@@ -52,7 +52,10 @@ class Midpoint:
         InputError: dt is not a positive number.
 
     Example:
-        run = gx.Simulation(scene, gx.Midpoint(dt=1e-3))
+        >>> run = gx.Simulation(gx.Scene(hub), gx.Midpoint(dt=0.1))
+        >>> run.run(until=1.0)
+        >>> run.step
+        10
     """
 
     dt: float

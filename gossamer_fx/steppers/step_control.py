@@ -81,7 +81,11 @@ class StepControl:
         InputError: a value is out of its range.
 
     Example:
-        run = gx.Simulation(scene, gx.Midpoint(dt=1e-4), control=gx.StepControl(error=1e-5))
+        >>> control = gx.StepControl(max_factor=2.0)
+        >>> run = gx.Simulation(gx.Scene(hub), gx.Midpoint(dt=0.1), control=control)
+        >>> run.run(until=1.5)
+        >>> run.step
+        4
     """
 
     _: KW_ONLY

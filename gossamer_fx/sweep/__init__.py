@@ -1,4 +1,4 @@
-"""Many runs of one model: values in orthogonal arrays, processes that share the runs, signal-to-noise ratios."""
+"""Many runs of one model: robust designs with orthogonal arrays, whose runs several processes share."""
 
 from gossamer_fx.checks.lazy_names import lazy_names
 

@@ -1,8 +1,26 @@
-"""Robust design: levels of what a designer chooses at which what nobody chooses matters least.
+"""Robust design: choose the levels of control factors at which noise factors matter least.
 
-After G. Taguchi (S. Taguchi, Y. Wu, Robust Engineering, ASME Press 2000): control factors in an orthogonal array, every
-row of it with all noise, a signal-to-noise ratio for every row, the mean of it at every level, and runs at the best
-levels that confirm that the effects add up.
+Problem.  A designer chooses some factors (an opening, a thickness); others vary by themselves (creases,
+temperature).  All combinations of levels are too many runs.
+
+Algorithm, after G. Taguchi (S. Taguchi, Y. Wu, Robust Engineering, ASME Press 2000).
+
+1. The rows of an orthogonal array are combinations of levels of the control factors.
+2. Each row is run with all combinations of the noise factors, which gives numbers y.
+3. A row has the signal-to-noise ratio [dB]
+
+       -10 lg mean(y²)           for numbers that should be small
+       -10 lg mean(y⁻²)          for numbers that should be large
+       10 lg (mean(y)²/var(y))   for numbers that should not vary                             (1)
+
+4. The effect of a level is the mean ratio of all rows with that level.  The best level of each factor
+   is the one with the largest effect.
+5. Runs at the best levels confirm that effects add up: their ratio is compared with
+
+       mean + Σ (effect of the level - mean)                                                  (2)
+
+Limits.  Effects are the means of few runs; interactions of factors appear as the difference between (2)
+and the ratio that is found.
 """
 
 from __future__ import annotations
@@ -25,37 +43,50 @@ GOALS = ("smaller", "larger", "nominal")
 
 
 def signal_to_noise(goal: str, y: Array) -> float:
-    """[dB] of numbers that should be small, -10 lg mean y²; large, -10 lg mean y⁻²; or alike, 10 lg (mean y)²/var y."""
+    """Signal-to-noise ratio (1) [dB].
+
+    Args:
+        goal: one of `GOALS`; "nominal" for numbers that should not vary.
+        y: numbers of the runs that differ by noise only, (n,); n >= 2 for "nominal".
+    """
     if goal == "smaller":
         return -10 * math.log10(float((y**2).mean()))
     if goal == "larger":
         return -10 * math.log10(float((1 / y**2).mean()))
-    return 10 * math.log10(float(y.mean() ** 2 / y.var(ddof=1)))
+    variance = y.var(ddof=1)
+    return 10 * math.log10(float(y.mean() ** 2 / variance))
 
 
 @check_arguments
 @dataclass(frozen=True)
 class RobustDesign:
-    """What `./gossamer sweep FILE` runs, the name SWEEP in its file.
-
-        SWEEP = gx.sweep.RobustDesign(
-            outcome,  # outcome(comm, folder, **values) returns numbers by name
-            control={"bore": [0.3e-3, 0.4e-3, 0.5e-3], ...},
-            noise={"crease": [0.0, 0.02]},
-            goals={"opening time": "smaller"},
-        )
+    """A robust design that `./gossamer sweep FILE` runs; in the file it has the name SWEEP.
 
     Args:
-        outcome: makes one run; `folder` is for its own files.
-        control: levels of each control factor by name, two or three, as a column of the array has.
-        goals: for numbers of the outcome by name "smaller" (the better), "larger", or "nominal" (the more alike); the
-            best levels are those of the first one.
-        noise: levels of each noise factor; all combinations are run.
+        outcome: outcome(comm, folder, **values) makes one run and returns numbers by name; `folder` is
+            for the files of the run.
+        control: levels of each control factor by name; as many as a column of the array has.
+        goals: what numbers of the outcome should be, by name: "smaller" (the better), "larger", or
+            "nominal" (should not vary).  The best levels are those of the first goal.
+        noise: levels of each noise factor by name; all combinations are run.
         array: name of the orthogonal array, see `orthogonal_array`.
         usual: levels of the control factors before the design; by default the middle ones.
 
     Raises:
-        InputError: factors that have no column, a goal that is none, a nominal goal without noise.
+        InputError: a factor has no column, a goal is unknown, or a nominal goal has no noise.
+
+    Example:
+        >>> def outcome(comm, folder, bore, crease):
+        ...     return {"opening time": 0.012 * crease / bore}
+        >>> SWEEP = gx.sweep.RobustDesign(
+        ...     outcome,
+        ...     {"bore": [0.3, 0.4, 0.5]},
+        ...     noise={"crease": [0.5, 1.0]},
+        ...     goals={"opening time": "smaller"},
+        ...     array="L9",
+        ... )
+        >>> len(SWEEP.cases())
+        18
     """
 
     outcome: Outcome
@@ -70,15 +101,31 @@ class RobustDesign:
         check(
             callable(self.outcome), f"RobustDesign: outcome is {self.outcome!r}; give a function."
         )
-        for name, levels in [*self.control.items(), *self.noise.items()]:
-            count = len(set(map(repr, levels)))
-            plain = all(isinstance(level, str | int | float) for level in levels)
+        self._check_factors()
+        self._check_goals()
+        for name, level in self.usual.items():
             check(
-                plain and count == len(levels) >= 2,
+                name in self.control and level in self.control[name],
+                f"RobustDesign: {name}={level!r} is not a level of a control factor; give one of its levels.",
+            )
+        # Refuses factors without a column now, before any run is made.
+        self._columns()
+
+    def _check_factors(self) -> None:
+        """Refuse factors whose levels cannot be told apart or written, and names that occur twice."""
+        for name, levels in [*self.control.items(), *self.noise.items()]:
+            # Other values could not be written to the files of results, and found in them again.
+            is_plain = all(isinstance(level, str | int | float) for level in levels)
+            count = len({repr(level) for level in levels})
+            check(
+                is_plain and count == len(levels) >= 2,
                 f"RobustDesign: {name} has {levels!r}; give different levels, numbers or words.",
             )
         both = sorted({*self.control} & {*self.noise})
         check(not both, f"RobustDesign: {', '.join(both)} is control and noise; give it once.")
+
+    def _check_goals(self) -> None:
+        """Refuse goals that are unknown or cannot be computed."""
         check(
             len(self.goals) > 0,
             "RobustDesign has no goal; name a number of the outcome, and what it should be.",
@@ -88,121 +135,151 @@ class RobustDesign:
                 goal in GOALS,
                 f"RobustDesign: the goal of {name!r} is {goal!r}; give one of: {', '.join(GOALS)}.",
             )
+            # A single run has no variance.
             check(
                 goal != "nominal" or bool(self.noise),
                 f"RobustDesign: {name!r} cannot vary without noise; give some.",
             )
-        for name, level in self.usual.items():
-            check(
-                name in self.control and level in self.control[name],
-                f"RobustDesign: {name}={level!r} is no level of a control factor; give one of its levels.",
-            )
-        self._columns()
 
     def _columns(self) -> Levels:
-        """Levels (runs, control factors): each factor has the first free column with as many levels."""
+        """The array (runs, control factors): each factor has the first free column with as many levels.
+
+        Raises:
+            InputError: no column is left for a factor.
+        """
         table = orthogonal_array(self.array)
+        levels_of_column = table.max(axis=0) + 1
         free = list(range(table.shape[1]))
-        chosen = []
+        chosen: list[int] = []
         for name, levels in self.control.items():
-            column = next((c for c in free if table[:, c].max() + 1 == len(levels)), None)
+            fitting = [column for column in free if levels_of_column[column] == len(levels)]
             check(
-                column is not None,
+                bool(fitting),
                 f"RobustDesign: {self.array} has no column of {len(levels)} levels left for {name}; give it another "
                 "number of levels, or take a larger array.",
             )
-            assert column is not None
-            free.remove(column)
-            chosen.append(column)
+            free.remove(fitting[0])
+            chosen.append(fitting[0])
         return table[:, chosen]
 
-    # ---- runs --------------------------------------------------------------------------------------------------------
-
-    def _with_noise(self, control: Mapping[str, Any]) -> list[dict[str, Any]]:
-        return [
-            {**control, **dict(zip(self.noise, levels, strict=True))}
-            for levels in product(*self.noise.values())
-        ]
+    # ---- runs ------------------------------------------------------------------------------------------
 
     def rows(self) -> list[dict[str, Any]]:
-        """Values of the control factors in every row of the array."""
-        names = list(self.control)
-        return [
-            {n: self.control[n][k] for n, k in zip(names, row, strict=True)}
-            for row in self._columns()
-        ]
+        """Values of the control factors in each row of the array, by name."""
+        rows = []
+        for indices in self._columns():
+            values = {}
+            for (name, levels), k in zip(self.control.items(), indices, strict=True):
+                values[name] = levels[k]
+            rows.append(values)
+        return rows
 
     def cases(self) -> list[dict[str, Any]]:
-        """Values of all runs of the array."""
+        """Values of all factors in all runs of the array; the runs of a row follow each other."""
         return [case for row in self.rows() for case in self._with_noise(row)]
 
     def confirmations(self, results: Sequence[Result]) -> list[dict[str, Any]]:
-        """Values of the runs with the usual levels, and of those with the best ones, once the array is run."""
-        goal = next(iter(self.goals))
+        """Values of all factors in the runs that confirm the design: usual levels, then best levels.
+
+        Args:
+            results: of `cases()`, in order.
+        """
+        first_goal = next(iter(self.goals))
+        best = self.best(results, first_goal)
+        return self._with_noise(self.before()) + self._with_noise(best)
+
+    def _with_noise(self, control: Mapping[str, Any]) -> list[dict[str, Any]]:
+        """Given values of the control factors with all combinations of the noise factors."""
+        combinations = product(*self.noise.values())
         return [
-            case
-            for levels in (self.before(), self.best(results, goal))
-            for case in self._with_noise(levels)
+            {**control, **dict(zip(self.noise, levels, strict=True))} for levels in combinations
         ]
 
-    # ---- what they say -----------------------------------------------------------------------------------------------
+    # ---- results ---------------------------------------------------------------------------------------
 
     def before(self) -> dict[str, Any]:
-        """The usual levels."""
+        """The usual levels of the control factors, by name."""
+        # Of an even number of levels, the lower one of the two in the middle.
         middle = {name: levels[(len(levels) - 1) // 2] for name, levels in self.control.items()}
         return middle | dict(self.usual)
 
     def ratios(self, results: Sequence[Result], goal: str) -> Array:
-        """S/N [dB] of every group of runs that differ by noise only; no number where one of them failed."""
-        size = math.prod(map(len, self.noise.values()))
-        found = []
-        for k in range(0, len(results), size):
-            y = [result.numbers.get(goal, math.nan) for result in results[k : k + size]]
-            whole = all(math.isfinite(value) for value in y)
-            found.append(signal_to_noise(self.goals[goal], np.array(y)) if whole else math.nan)
-        return np.array(found)
+        """Ratios (1) [dB] of the groups of runs that differ by noise only; NaN where a run failed.
+
+        Args:
+            results: of all runs, those of a group one after another.
+            goal: name of a number of the outcome.
+        """
+        # Without noise factors this is one.
+        size = math.prod(len(levels) for levels in self.noise.values())
+        ratios = []
+        for start in range(0, len(results), size):
+            group = results[start : start + size]
+            y = np.array([result.numbers.get(goal, math.nan) for result in group])
+            # A row with a failed run is left out of the effects, instead of counting fewer runs.
+            ratio = math.nan
+            if np.isfinite(y).all():
+                ratio = signal_to_noise(self.goals[goal], y)
+            ratios.append(ratio)
+        return np.array(ratios)
 
     def effects(self, results: Sequence[Result], goal: str) -> dict[str, Array]:
-        """Mean S/N [dB] at each level of each control factor."""
-        ratios, columns = self.ratios(results, goal), self._columns()
-        return {
-            name: np.array([_mean(ratios[columns[:, j] == k]) for k in range(len(levels))])
-            for j, (name, levels) in enumerate(self.control.items())
-        }
+        """Effect [dB] of each level of each control factor: the mean ratio of the rows with that level."""
+        ratios = self.ratios(results, goal)
+        columns = self._columns()
+        effects = {}
+        for j, (name, levels) in enumerate(self.control.items()):
+            means = [_finite_mean(ratios[columns[:, j] == k]) for k in range(len(levels))]
+            effects[name] = np.array(means)
+        return effects
 
     def shares(self, results: Sequence[Result], goal: str) -> dict[str, float]:
-        """Share of each control factor in the variance of S/N; what is left is of interactions."""
-        ratios, columns = self.ratios(results, goal), self._columns()
-        mean, known = _mean(ratios), np.isfinite(ratios)
-        whole = float(((ratios[known] - mean) ** 2).sum())
+        """Share of each control factor in the variance of the ratio; the remainder is interactions."""
+        ratios = self.ratios(results, goal)
+        columns = self._columns()
+        is_known = np.isfinite(ratios)
+        mean = _finite_mean(ratios)
+        total = float(((ratios[is_known] - mean) ** 2).sum())
         shares = {}
         for j, (name, effect) in enumerate(self.effects(results, goal).items()):
-            counts = np.bincount(columns[known, j], minlength=len(effect))
-            shares[name] = float(np.nansum(counts * (effect - mean) ** 2)) / whole if whole else 0.0
+            # Levels of which all rows failed have no effect, and no rows to count.
+            counts = np.bincount(columns[is_known, j], minlength=len(effect))
+            of_factor = float(np.nansum(counts * (effect - mean) ** 2))
+            shares[name] = 0.0
+            # Without variance, as of an outcome that is constant, no factor has a share.
+            if total:
+                shares[name] = of_factor / total
         return shares
 
     def best(self, results: Sequence[Result], goal: str) -> dict[str, Any]:
-        """The level of each control factor with the largest mean S/N."""
+        """The level of each control factor with the largest effect.
+
+        Raises:
+            InputError: all runs of a factor failed.
+        """
         effects = self.effects(results, goal)
         check(
             all(np.isfinite(effect).any() for effect in effects.values()),
             f"RobustDesign: no run has a finite {goal!r}; see why the runs failed in their results.",
         )
-        return {
-            name: self.control[name][int(np.nanargmax(effect))] for name, effect in effects.items()
-        }
+        best = {}
+        for name, effect in effects.items():
+            best[name] = self.control[name][int(np.nanargmax(effect))]
+        return best
 
     def predicted(self, results: Sequence[Result], goal: str, levels: Mapping[str, Any]) -> float:
-        """S/N [dB] at some levels, if the effects of the factors add up."""
-        mean = _mean(self.ratios(results, goal))
-        effects = self.effects(results, goal)
-        return mean + sum(
-            float(effect[list(self.control[name]).index(levels[name])]) - mean
-            for name, effect in effects.items()
-        )
+        """Ratio (2) [dB] at some levels of the control factors, if effects add up."""
+        mean = _finite_mean(self.ratios(results, goal))
+        differences = 0.0
+        for name, effect in self.effects(results, goal).items():
+            k = list(self.control[name]).index(levels[name])
+            differences += float(effect[k]) - mean
+        return mean + differences
 
 
-def _mean(values: Array) -> float:
-    """Of the finite ones."""
+def _finite_mean(values: Array) -> float:
+    """Mean of the values that are finite; NaN if there are none."""
     known = values[np.isfinite(values)]
-    return float(known.mean()) if known.size else math.nan
+    if not known.size:
+        return math.nan
+    return float(known.mean())

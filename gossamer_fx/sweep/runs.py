@@ -1,9 +1,12 @@
-"""Runs that any number of processes share: each takes the next one that nobody has, until all are done.
+"""Runs that any number of processes share: each process makes the next run that nobody has claimed.
 
-There is no master.  The process that makes a run holds a lock on its result, which the operating system releases when
-the process ends, also after kill -9.  A result is a file that appears complete or not at all.  So any process may be
-killed at any time: no run that has a result is made again, and a run that was killed is made by another process, from
-its checkpoint if it keeps one.
+The processes are equal, without a master.  A process claims a run by a file lock, which the operating
+system releases when the process ends, also after kill -9.  The result of a run is a file that is moved
+into place when it is complete.  Therefore
+
+- any process may be killed at any time,
+- no run that has a result is repeated,
+- a run whose process was killed is made by another process, from its last checkpoint if it writes any.
 """
 
 from __future__ import annotations
@@ -27,12 +30,23 @@ from gossamer_fx.outputs.output import make_parent, replace_file
 Values = Mapping[str, Any]
 Outcome = Callable[..., Mapping[str, float]]
 
-_PAUSE = 1.0  # s between looks at runs that others make
+# Time [s] between two looks for results of other processes.
+_POLLING_INTERVAL = 1.0
+
+# Characters of a run's key in file names: collisions are improbable up to millions of runs.
+_KEY_LENGTH = 12
 
 
 @dataclass(frozen=True)
 class Result:
-    """What a run gave: `numbers` by name, or why there are none, `failed`; and its run time [s]."""
+    """The result of a run.
+
+    Attributes:
+        values: of the factors, by name.
+        numbers: of the outcome, by name; empty if the run failed.
+        seconds: wall time [s].
+        failed: why the run failed; empty if it did not.
+    """
 
     values: dict[str, Any]
     numbers: dict[str, float]
@@ -41,11 +55,11 @@ class Result:
 
 
 class SharedRuns:
-    """Results of runs in a folder, those that other processes make included.
+    """Results of runs in a folder, including those that other processes make.
 
     Args:
         comm: ranks that make a run together.
-        folder: of the results, one file each, and of a folder for each run's own files.
+        folder: contains a file for the result of each run, and a folder for its other files.
         outcome: outcome(comm, folder, **values) makes a run and returns numbers by name.
 
     Raises:
@@ -53,64 +67,86 @@ class SharedRuns:
     """
 
     def __init__(self, comm: MPI.Intracomm, folder: Path, outcome: Outcome) -> None:
-        self._comm, self._folder, self._outcome = comm, folder, outcome
+        self._comm = comm
+        self._folder = folder
+        self._outcome = outcome
         make_parent(comm, folder / "any.json")
 
     def results(self, cases: Sequence[Values]) -> list[Result]:
-        """The results of all cases, in order; makes those that nobody has made or is making, and waits for the others.
+        """The results of all cases, in order.
+
+        Makes the runs that nobody has made or is making, and waits for the others.
+
+        Args:
+            cases: values of the factors of each run, by name.
 
         Raises:
-            InputError: an outcome that refuses its values, or returns something else than numbers.
+            InputError: the outcome refuses its values, or returns something other than numbers.
         """
         found: dict[int, Result] = {}
         while len(found) < len(cases):
-            before = len(found)
+            count_before = len(found)
             for k, values in enumerate(cases):
-                if k not in found:
-                    result = self._known(values) or self._make(values)
-                    if result is not None:
-                        found[k] = result
-            if len(found) == before:
-                time.sleep(_PAUSE)
+                if k in found:
+                    continue
+                result = self._read(values) or self._make(values)
+                if result is not None:
+                    found[k] = result
+            # All runs that are left belong to other processes.
+            if len(found) == count_before:
+                time.sleep(_POLLING_INTERVAL)
         return [found[k] for k in range(len(cases))]
 
-    def place(self, values: Values) -> Path:
-        """The file of a run's result; without its ending, the run's own folder."""
-        key = hashlib.sha256(json.dumps(dict(values), sort_keys=True).encode()).hexdigest()[:12]
+    def result_file(self, values: Values) -> Path:
+        """The file of a run's result; its path without suffix is the folder of the run's other files."""
+        # The key depends on the values only, so that other processes and later sweeps find the result.
+        text = json.dumps(dict(values), sort_keys=True)
+        key = hashlib.sha256(text.encode()).hexdigest()[:_KEY_LENGTH]
         return self._folder / f"{key}.json"
 
-    def _known(self, values: Values) -> Result | None:
+    def _read(self, values: Values) -> Result | None:
+        """The result of a run, or None if it has not been made; the same on every rank."""
+
         def read() -> Result | None:
-            path = self.place(values)
+            path = self.result_file(values)
             try:
                 return Result(**json.loads(path.read_text()))
             except FileNotFoundError:
                 return None
             except (ValueError, TypeError) as error:
                 raise InputError(
-                    f"'{path}' is no result of a run; remove it, and the run is made again."
+                    f"'{path}' is not the result of a run; remove it, and the run is made again."
                 ) from error
 
-        known: Result | None = self._comm.bcast(on_rank_zero(self._comm, read))
-        return known
+        result: Result | None = self._comm.bcast(on_rank_zero(self._comm, read))
+        return result
 
     def _make(self, values: Values) -> Result | None:
-        """Make a run, unless another process has it."""
-        path = self.place(values)
+        """Make a run and return its result; None if another process has claimed it."""
+        path = self.result_file(values)
         try:
             lock = FileLocks(self._comm, [path])
         except InputError:
             return None
         try:
-            return self._known(values) or self._compute(values, path)
+            # Another process may have ended the run between the last look and the claim.
+            return self._read(values) or self._compute(values, path)
         finally:
             lock.release()
 
     def _compute(self, values: Values, path: Path) -> Result:
-        started, numbers, failed = time.perf_counter(), dict[str, float](), ""
+        """Make a run and write its result.
+
+        Raises:
+            InputError: the outcome refuses its values, or returns something other than numbers.
+        """
+        started = time.perf_counter()
+        numbers: dict[str, float] = {}
+        failed = ""
         words = ", ".join(f"{name}={value}" for name, value in values.items())
         try:
             numbers = dict(self._outcome(self._comm, path.with_suffix(""), **values))
+        # A failed run is a result, too: the design reports it, and it is not repeated.
         except (StepFailure, NoEquilibrium) as error:
             failed = str(error)
         except InputError as error:
@@ -121,6 +157,11 @@ class SharedRuns:
                 f"The outcome of the run with {words} has {name!r} = {number!r}; let it return numbers.",
             )
         numbers = {name: float(number) for name, number in numbers.items()}
-        result = Result(dict(values), numbers, time.perf_counter() - started, failed)
+        result = Result(
+            values=dict(values),
+            numbers=numbers,
+            seconds=time.perf_counter() - started,
+            failed=failed,
+        )
         on_rank_zero(self._comm, lambda: replace_file(path, json.dumps(asdict(result), indent=1)))
         return result

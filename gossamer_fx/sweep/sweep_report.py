@@ -1,4 +1,4 @@
-"""Tables and the picture of main effects of a robust design."""
+"""Tables of a robust design, and the picture of its main effects."""
 
 from __future__ import annotations
 
@@ -15,11 +15,33 @@ from gossamer_fx.checks.errors import on_rank_zero
 from gossamer_fx.sweep.robust_design import RobustDesign
 from gossamer_fx.sweep.runs import Result, SharedRuns
 
+# Sizes of the picture [inch]: of a panel, and of the margins for labels.
+PANEL_WIDTH = 1.5
+PANEL_HEIGHT = 2.2
+LEFT_MARGIN = 1.2
+BOTTOM_MARGIN = 0.4
+RESOLUTION = 150  # dots per inch
+
+# What is better, in the headings of the tables, by goal.
+BETTER = {"smaller": "smaller", "larger": "larger", "nominal": "alike"}
+
 
 def run_design(design: RobustDesign, comm: MPI.Intracomm, folder: Path) -> str:
-    """Make the runs of a design that its folder lacks, and then those that confirm it; returns the tables.
+    """Make the runs of a design that its folder lacks, then those that confirm it.
 
-    Writes runs.csv, sweep.md and main_effects.png.  Processes that run the same design in the same folder share it.
+    Writes runs.csv, sweep.md and main_effects.png.  Processes that run the same design in the same folder
+    share the runs.
+
+    Args:
+        design: what to run.
+        comm: ranks that make a run together.
+        folder: of runs and reports.
+
+    Returns:
+        The tables in Markdown, as in sweep.md.
+
+    Raises:
+        InputError: the folder cannot be written, or the outcome refuses values.
     """
     runs = SharedRuns(comm, folder / "runs", design.outcome)
     results = runs.results(design.cases())
@@ -27,7 +49,7 @@ def run_design(design: RobustDesign, comm: MPI.Intracomm, folder: Path) -> str:
     text = tables(design, results, confirmed)
 
     def write() -> None:
-        (folder / "runs.csv").write_text(_rows(results + confirmed))
+        (folder / "runs.csv").write_text(_csv(results + confirmed))
         (folder / "sweep.md").write_text(text)
         draw(design, results, folder / "main_effects.png")
 
@@ -36,102 +58,139 @@ def run_design(design: RobustDesign, comm: MPI.Intracomm, folder: Path) -> str:
 
 
 def tables(design: RobustDesign, results: Sequence[Result], confirmed: Sequence[Result]) -> str:
-    """Runs, effects and confirmation in Markdown."""
+    """Runs, effects and confirmation in Markdown.
+
+    Args:
+        design: that was run.
+        results: of its `cases()`.
+        confirmed: of its `confirmations(results)`.
+    """
     failed = [result for result in results if result.failed]
     seconds = sum(result.seconds for result in (*results, *confirmed))
     lines = [
-        f"{design.array}: {len(results)} runs and {len(confirmed)} to confirm, {seconds:.0f} s; {len(failed)} failed.",
-        *(f"- {_words(result.values)}: {result.failed}" for result in failed),
+        f"{design.array}: {len(results)} runs and {len(confirmed)} to confirm, {seconds:.0f} s; {len(failed)} failed."
     ]
-    for goal, kind in design.goals.items():
-        shares = design.shares(results, goal)
-        lines += [
-            "",
-            f"## {goal}: {kind} is better" if kind != "nominal" else f"## {goal}: alike is better",
-            "",
-        ]
-        lines += ["| factor | mean S/N [dB] at each level | share |", "|---|---|---|"]
-        for name, effect in design.effects(results, goal).items():
-            pairs = zip(design.control[name], effect, strict=True)
-            told = ", ".join(f"{_plain(level)}: {ratio:.2f}" for level, ratio in pairs)
-            lines.append(f"| {name} | {told} | {shares[name]:.0%} |")
-        lines.append(f"| interactions | | {max(1 - sum(shares.values()), 0):.0%} |")
-        lines += ["", f"Best levels: {_words(design.best(results, goal))}."]
+    for result in failed:
+        lines.append(f"- {_words(result.values)}: {result.failed}")
+    for goal in design.goals:
+        lines += _effects_table(design, results, goal)
+    lines += _confirmation_table(design, results, confirmed)
+    return "\n".join(lines) + "\n"
+
+
+def _effects_table(design: RobustDesign, results: Sequence[Result], goal: str) -> list[str]:
+    """Effects and shares of the control factors, and the best levels, for one goal."""
+    shares = design.shares(results, goal)
+    lines = [
+        "",
+        f"## {goal}: {BETTER[design.goals[goal]]} is better",
+        "",
+        "| factor | mean S/N [dB] at each level | share |",
+        "|---|---|---|",
+    ]
+    for name, effect in design.effects(results, goal).items():
+        entries = []
+        for level, ratio in zip(design.control[name], effect, strict=True):
+            entries.append(f"{_plain(level)}: {ratio:.2f}")
+        lines.append(f"| {name} | {', '.join(entries)} | {shares[name]:.0%} |")
+    # Failed runs make the shares estimates, whose sum may exceed one.
+    interactions = max(1 - sum(shares.values()), 0)
+    lines.append(f"| interactions | | {interactions:.0%} |")
+    lines += ["", f"Best levels: {_words(design.best(results, goal))}."]
+    return lines
+
+
+def _confirmation_table(
+    design: RobustDesign, results: Sequence[Result], confirmed: Sequence[Result]
+) -> list[str]:
+    """Predicted and found ratios at the usual and at the best levels, for the first goal."""
     goal = next(iter(design.goals))
-    lines += [
+    lines = [
         "",
         f"## Confirmation for {goal}",
         "",
         "| levels | S/N predicted [dB] | S/N found [dB] | mean |",
         "|---|---|---|---|",
     ]
-    half = len(confirmed) // 2
     found = design.ratios(confirmed, goal)
-    for k, (which, levels) in enumerate(
-        (("usual", design.before()), ("best", design.best(results, goal)))
-    ):
-        numbers = [
-            result.numbers.get(goal, np.nan) for result in confirmed[k * half : (k + 1) * half]
-        ]
+    # The first half of the runs has the usual levels, the second half the best ones.
+    half = len(confirmed) // 2
+    groups = [
+        ("usual", design.before(), confirmed[:half]),
+        ("best", design.best(results, goal), confirmed[half:]),
+    ]
+    for k, (which, levels, group) in enumerate(groups):
+        mean = np.mean([result.numbers.get(goal, np.nan) for result in group])
         predicted = design.predicted(results, goal, levels)
         lines.append(
-            f"| {which}: {_words(levels)} | {predicted:.2f} | {found[k]:.2f} | {np.mean(numbers):.4g} |"
+            f"| {which}: {_words(levels)} | {predicted:.2f} | {found[k]:.2f} | {mean:.4g} |"
         )
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 def draw(design: RobustDesign, results: Sequence[Result], path: Path) -> None:
-    """Main effects: a row of panels for each goal, a panel for each control factor."""
+    """Draw the main effects: a row of panels for each goal, a panel for each control factor."""
+    # Imported here, as only rank 0 of a sweep needs it.
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot
 
-    rows, columns = len(design.goals), len(design.control)
+    rows = len(design.goals)
+    columns = len(design.control)
     figure, axes = pyplot.subplots(
         rows,
         columns,
-        figsize=(1.5 * columns + 1.2, 2.2 * rows + 0.4),
+        figsize=(PANEL_WIDTH * columns + LEFT_MARGIN, PANEL_HEIGHT * rows + BOTTOM_MARGIN),
         sharey="row",
         squeeze=False,
         layout="constrained",
     )
     for panels, goal in zip(axes, design.goals, strict=True):
         mean = np.nanmean(design.ratios(results, goal))
-        for panel, (name, effect) in zip(
-            panels, design.effects(results, goal).items(), strict=True
-        ):
-            panel.axhline(mean, color="#b8bec4", linewidth=1)
-            panel.plot(range(len(effect)), effect, "o-", color="#0072B2", markersize=4)
-            panel.set_xticks(
-                range(len(effect)), [_plain(level) for level in design.control[name]], fontsize=8
-            )
-            panel.set_xlim(-0.4, len(effect) - 0.6)
-            panel.set_title(name, fontsize=9)
-            panel.tick_params(axis="y", labelsize=8)
-            panel.spines[["top", "right"]].set_visible(False)
+        effects = design.effects(results, goal)
+        for panel, (name, effect) in zip(panels, effects.items(), strict=True):
+            _draw_panel(panel, name, design.control[name], effect, mean)
         panels[0].set_ylabel(f"{goal}\nS/N [dB]", fontsize=9)
-    figure.savefig(path, dpi=150)
+    figure.savefig(path, dpi=RESOLUTION)
     pyplot.close(figure)
 
 
-def _rows(results: Sequence[Result]) -> str:
-    names = list(
-        dict.fromkeys(name for result in results for name in (*result.values, *result.numbers))
-    )
+def _draw_panel(panel: Any, name: str, levels: Sequence[Any], effect: Any, mean: Any) -> None:
+    """Draw the effects [dB] of the levels of one factor, and the mean of all runs."""
+    panel.axhline(mean, color="#b8bec4", linewidth=1)
+    panel.plot(range(len(effect)), effect, "o-", color="#0072B2", markersize=4)
+    panel.set_xticks(range(len(effect)), [_plain(level) for level in levels], fontsize=8)
+    panel.set_xlim(-0.4, len(effect) - 0.6)
+    panel.set_title(name, fontsize=9)
+    panel.tick_params(axis="y", labelsize=8)
+    panel.spines[["top", "right"]].set_visible(False)
+
+
+def _csv(results: Sequence[Result]) -> str:
+    """All results as comma-separated values, with a header."""
+    # A dictionary keeps the order in which names occur first; failed runs lack numbers.
+    names: dict[str, None] = {}
+    for result in results:
+        names |= dict.fromkeys([*result.values, *result.numbers])
     text = io.StringIO()
     writer = csv.DictWriter(text, [*names, "seconds", "failed"])
     writer.writeheader()
     for result in results:
-        writer.writerow(
-            {**result.values, **result.numbers, "seconds": result.seconds, "failed": result.failed}
-        )
+        row = {**result.values, **result.numbers}
+        row["seconds"] = result.seconds
+        row["failed"] = result.failed
+        writer.writerow(row)
     return text.getvalue()
 
 
 def _words(values: dict[str, Any]) -> str:
+    """Values with their names, such as "bore 0.3, crease 1"."""
     return ", ".join(f"{name} {_plain(value)}" for name, value in values.items())
 
 
 def _plain(value: Any) -> str:
-    return value if isinstance(value, str) else f"{value:g}"
+    """A level as text: words as they are, numbers without trailing zeros."""
+    if isinstance(value, str):
+        return value
+    return f"{value:g}"

@@ -85,9 +85,9 @@ def test_a_design_is_run_reported_and_not_run_again(comm, tmp_path):
         assert len((folder / "runs.csv").read_text().splitlines()) == 41
     damaged = SharedRuns(comm, folder / "runs", outcome)
     if comm.rank == 0:
-        damaged.place(one.cases()[0]).write_text("{")
+        damaged.result_file(one.cases()[0]).write_text("{")
     comm.barrier()
-    with pytest.raises(gx.InputError, match="no result of a run"):
+    with pytest.raises(gx.InputError, match="not the result of a run"):
         damaged.results(one.cases())
 
 
@@ -102,7 +102,7 @@ def test_a_design_is_run_reported_and_not_run_again(comm, tmp_path):
         ({"goals": {}}, "no goal"),
         ({"goals": {"y": "best"}}, "give one of: smaller, larger, nominal"),
         ({"goals": {"y": "nominal"}}, "cannot vary without noise"),
-        ({"usual": {"a": 7}}, "no level of a control factor"),
+        ({"usual": {"a": 7}}, "not a level of a control factor"),
         ({"outcome": 3}, "give a function"),
     ],
 )
