@@ -89,7 +89,7 @@ class RotationGuides:
             drawn is None or callable(drawn),
             f"RotationGuides '{name}': drawn is {drawn!r}; give a function of time, as lambda t: 0.1 * t, or None.",
         )
-        self.hub, self._height, self._rod = hub, height, rod_radius
+        self.hub, self._height, self._rod_radius = hub, height, rod_radius
         polar = mass * radius**2
         self.ring = RigidBody(
             mass, (polar / 2, polar / 2, polar), comm=hub.comm, name=f"{name} ring"
@@ -129,7 +129,7 @@ class RotationGuides:
             Cylinder(
                 start=(x, y, -half),
                 end=(x, y, half),
-                radius=self._rod,
+                radius=self._rod_radius,
                 body=self.ring,
                 name=f"{self.name} rod {k}",
             )

@@ -183,7 +183,7 @@ def _of_python_function(function: FunctionType, inner: Callable[[Any], Known]) -
         "outside": {
             name: _from_outside(value, inner)
             for name, value in outside.items()
-            if not isinstance(value, ModuleType | type)
+            if not isinstance(value, ModuleType | type | MPI.Comm)
         },
     }
 

@@ -99,7 +99,7 @@ OTHER: dict[str, tuple[Any, str]] = {
     "point": ("top right", "port at of 'pull'"),
     "ramp": (
         3.0,
-        r"the function value of 'push' is another one \(outside ramp: 2 there and 3 here",
+        r"the function force of 'push' is another one \(outside ramp: 2 there and 3 here",
     ),
 }
 
@@ -219,7 +219,7 @@ def touching(ball: Any = None, contact: Any = None, law: Any = LAW, under: Any =
     """A film over a ball and a floor, of which arguments may be others."""
     film = gx.Membrane(sheet(COMM, 2, 2), law)
     usual_ball = {"centre": (0.5, 0.5, -0.5), "radius": 0.2, "friction": 0.3}
-    usual_contact = {"distance": 1e-2, "friction": 0.1, "creep": 1e-3}
+    usual_contact = {"distance": 1e-2, "friction": 0.1, "slip_velocity": 1e-3}
     under = under or gx.contact.Sphere(**usual_ball | (ball or {}), name="ball")
     floor = gx.contact.Plane(point=(0.0, 0.0, -1.0), normal=(0.0, 0.0, 1.0), name="floor")
     return gx.Scene(gx.Contact(film, under, floor, **usual_contact | (contact or {})))
@@ -251,13 +251,20 @@ OTHER_CONTACT: dict[str, tuple[dict[str, Any], str]] = {
         r"obstacles 1 motion of 'contact' is None there and \{'function': 'rises'",
     ),
     "friction": ({"contact": {"friction": 0.2}}, "friction of 'contact' is 0.1 there and 0.2 here"),
-    "creep": ({"contact": {"creep": 2e-3}}, "creep of 'contact' is 0.001 there and 0.002 here"),
+    "slip velocity": (
+        {"contact": {"slip_velocity": 2e-3}},
+        "slip_velocity of 'contact' is 0.001 there and 0.002 here",
+    ),
     "distance": (
         {"contact": {"distance": 2e-2}},
         "distance of 'contact' is 0.01 there and 0.02 here",
     ),
     "E in free flight": (
-        {"law": gx.Miyazaki(E=2e9, nu=0.3, density=1400.0, thickness=1e-4, residual=1e-6)},
+        {
+            "law": gx.Miyazaki(
+                E=2e9, nu=0.3, density=1400.0, thickness=1e-4, residual_stiffness=1e-6
+            )
+        },
         "law E of 'film' is 1e.09 there and 2e.09 here",
     ),
 }
@@ -298,7 +305,7 @@ def flying(**changed: Any) -> gx.Scene:
     orbit = gx.orbit.Orbit(**usual | {key: value for key, value in changed.items() if key in usual})
     density = changed.get("density", 2e-13)
     air = gx.orbit.ExponentialAtmosphere(density=density, altitude=6e5, scale_height=7e4)
-    return gx.Scene(film, orbit, gx.orbit.Drag(film, orbit, air, name="drag"))
+    return gx.Scene(film, orbit, gx.orbit.Drag(film, orbit, atmosphere=air, name="drag"))
 
 
 OTHER_FLIGHT: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
@@ -309,7 +316,11 @@ OTHER_FLIGHT: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
         r"sun of 'orbit' is \[1.0, 0.0, 0.0\] there and \[0.0, 1.0, 0.0\] here",
     ),
     "J2": ({}, {"gravity": "J2"}, "gravity of 'orbit' is 'point' there and 'J2' here"),
-    "start": ({}, {"start": gx.orbit.Elements(7.1e6)}, "start a of 'orbit' is 7000000 there and 7100000"),
+    "start": (
+        {},
+        {"start": gx.orbit.Elements(7.1e6)},
+        "start a of 'orbit' is 7000000 there and 7100000",
+    ),
     "epoch": (
         {"epoch": "2026-01-01"},
         {"epoch": "2026-06-01"},
@@ -349,7 +360,7 @@ def test_another_orbit_or_drag_is_refused(folder: Path, what: str) -> None:
             "force",
             (0.0, 0.0, 1e-13),
             (0.0, 0.0, 9e-13),
-            r"value of 'pull' is \[0.0, 0.0, 1e-13\] there and \[0.0, 0.0, 9e-13\] here",
+            r"force of 'pull' is \[0.0, 0.0, 1e-13\] there and \[0.0, 0.0, 9e-13\] here",
         ),
     ],
 )

@@ -7,6 +7,7 @@ must differ.  Arguments that cannot be changed alone are listed with the reason.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import inspect
 import json
 from collections.abc import Iterator
@@ -19,7 +20,7 @@ import numpy as np
 import gossamer_fx as gx
 from gossamer_fx.outputs.arguments import of_item
 from gossamer_fx.run.same_scene import differences
-from tests.unit.public_calls import valid_calls
+from tests.unit.public_calls import make_inputs, valid_calls
 
 # Compared otherwise: names identify items, meshes have their own comparison, ranks may change.
 NOT_COMPARED = ("name", "comm", "mesh")
@@ -48,11 +49,12 @@ OTHER_VALUES: dict[str, list[Any]] = {
     "accommodation": [gx.orbit.Accommodation(normal=0.7)],
     "optics": [gx.orbit.Optics(reflectivity=0.3)],
     "group": ["right", "left", "top"],
-    "second": [gx.gas.Ambient(3e4, 280.0, name="other air")],
-    "first": [gx.gas.Ambient(4e4, 280.0, name="other air")],
 }
-for _port in ("a", "b", "port", "to"):
-    OTHER_VALUES[_port] = [gx.Ground((0.1, 0.2, 0.3))]
+for _end in ("a", "b", "port"):
+    OTHER_VALUES[_end] = [
+        gx.Ground((0.1, 0.2, 0.3)),
+        gx.gas.Ambient(3e4, 280.0, name="other air"),
+    ]
 
 
 def other_values(argument: str, value: Any) -> Iterator[Any]:
@@ -97,8 +99,8 @@ def described(item: Any) -> Any:
 
 def scene_items(folder: Path) -> Iterator[tuple[type, dict[str, Any], Any]]:
     """Public classes of items, the arguments of a valid call, and what the call makes."""
-    for name, given in sorted(valid_calls(folder).items()):
-        kind = getattr(gx, name, None)
+    for name, given in sorted(valid_calls(folder, make_inputs(folder)).items()):
+        kind = functools.reduce(getattr, name.split("."), gx)
         if not inspect.isclass(kind):
             continue
         # calls that are refused need something that the list of calls does not have; what is no item is no scene

@@ -53,7 +53,7 @@ def test_a_plane_cuts_films_where_they_are(comm, folder) -> None:
     picture = gx.plot.Picture(folder / "section.png", section=((0.0, 0.45, 0.0), (0.0, -1.0, 0.0)))
     fields = dict.fromkeys(("low", "high"), ("displacement", "group"))
     recording = gx.Recording(folder / "run", fields=fields)
-    run = gx.Simulation(gx.Scene(low, high), gx.Midpoint(dt=1e-3), [picture, recording])
+    run = gx.Simulation(gx.Scene(low, high), gx.Midpoint(dt=1e-3), outputs=[picture, recording])
     run.run(until=2e-3)
     if comm.rank == 0:
         read = gx.plot.RunReader(folder / "run")
