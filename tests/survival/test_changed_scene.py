@@ -309,7 +309,11 @@ OTHER_FLIGHT: dict[str, tuple[dict[str, Any], dict[str, Any], str]] = {
         r"sun of 'orbit' is \[1.0, 0.0, 0.0\] there and \[0.0, 1.0, 0.0\] here",
     ),
     "J2": ({}, {"gravity": "J2"}, "gravity of 'orbit' is 'point' there and 'J2' here"),
-    "start": ({}, {"start": gx.orbit.Elements(7.1e6)}, "start a of 'orbit' is 7000000 there and 7100000"),
+    "start": (
+        {},
+        {"start": gx.orbit.Elements(7.1e6)},
+        "start a of 'orbit' is 7000000 there and 7100000",
+    ),
     "epoch": (
         {"epoch": "2026-01-01"},
         {"epoch": "2026-06-01"},
