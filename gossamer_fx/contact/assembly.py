@@ -1,8 +1,12 @@
-"""Blocks of 3 x 3 that contact adds to the tangent: summed by places, those of single vectors apart from the others.
+"""Assembly of the tangent of contact: 3 x 3 blocks between block rows, summed over pairs.
 
-Which vectors are coupled changes from step to step, and most of what may touch does not.  So the blocks on the diagonal
-go into the system's matrix, whose pattern stays, and those of two vectors into a matrix of their own, which is made
-anew in each iteration of what is not zero.
+Which block rows are coupled changes from step to step, and most of what may touch does not.  Blocks on
+the diagonal go into the matrix of the system, whose pattern stays that of a scene without contact.
+Blocks between two block rows make a matrix of their own, which is built in every iteration of those
+that are not zero, and multiplied in addition to the other.
+
+A *block row* is a vector of three unknowns (`geometry.contact_points`).  A *block index* is the row of
+a block in the array `blocks`.
 """
 
 from __future__ import annotations
@@ -10,183 +14,291 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
+from gossamer_fx.contact.arrays import Array, Int32Array, Int64Array
 from gossamer_fx.contact.geometry.contact_points import ContactPoints
-from gossamer_fx.contact.kernels.library import Array, Integers, library, pointers
+from gossamer_fx.contact.kernels.library import library
+from gossamer_fx.contact.system_view import ContactAssembly
+from gossamer_fx.forms.c_source import check_indices
 
-STRONG = 0.1  # norm of a block over the mean of the two on its diagonal, from which a preconditioner needs it
+# Norm of a block over the geometric mean of the two on its diagonal from which a preconditioner needs
+# it.  In the inflating tube of docs/theory/contact.md, without them a solve takes 3 to 42 iterations, with
+# those above a tenth 1 to 13, with those above 3 % 1 to 10, at more than twice the fill.
+STRONG_COUPLING = 0.1
+
+# Blocks are numbered by 32 bits in C.
+MAX_BLOCKS = 2**31 - 1
 
 
 class BlockAssembly:
-    """The blocks between the vectors of a contact's points, in one step.
+    """The blocks that the pairs of one contact add to the tangent in one step.
 
-    `values` (e, 9) are those of this rank's pairs; a block belongs to the rank that has its row.
+    Args:
+        points: of the contact, with v block rows.
+        system: to whose tangent the blocks belong.
+
+    Attributes:
+        blocks: the b blocks (b, 9) [N/m] of this rank's pairs, row by row.  On another rank's block rows
+            they are sent to that rank.
     """
 
-    def __init__(self, points: ContactPoints, system: Any) -> None:
-        self._points, self._system, self._comm = points, system, system.comm
-        self._numbering = numbering = system.numbering
-        unknowns = points.unknowns
-        self._sorted = np.argsort(
-            unknowns
-        )  # vectors by their unknowns, and the place of each in this order
-        self._place = np.argsort(self._sorted)
-        ends = np.array(self._comm.allgather(numbering.start + numbering.size_local))
-        self._owner = np.searchsorted(ends, unknowns, side="right")
-        self._rows: npt.NDArray[np.int64] = np.zeros(0, dtype=np.int64)
-        self.values: Array = np.zeros((0, 9))
+    blocks: Array
+    _sent: list[Int32Array]
 
-    def lay_out(self, *groups: npt.NDArray[np.integer]) -> list[Integers]:
-        """Couple the vectors within each row of groups (n, w); where their blocks (n, w w) stand in `values`."""
-        widths = np.repeat([g.shape[1] for g in groups], [len(g) for g in groups]).astype(np.int32)
-        members = np.concatenate([g.ravel() for g in groups]).astype(np.int32)
-        room = int((widths.astype(np.int64) ** 2).sum())
-        slots, rows, columns = (np.empty(room, dtype=np.int32) for _ in range(3))
-        v = len(self._place)
-        work = np.empty(3 * v + 2, dtype=np.int32), np.empty(4 * len(members), dtype=np.int32)
-        count = library().lib.lay_out(
-            len(widths), v, *pointers(widths, members, slots, rows, columns, *work)
+    def __init__(self, points: ContactPoints, system: ContactAssembly) -> None:
+        self._points = points
+        self._system = system
+        self._comm = system.comm
+        self._numbering = system.numbering
+        first_dof = points.first_dof
+        # Block rows in the order of their unknowns, and the position of each in this order.
+        self._order = np.argsort(first_dof)
+        self._position = np.argsort(self._order)
+        end = self._numbering.start + self._numbering.size_local
+        ends = np.array(self._comm.allgather(end))
+        self._owner = np.searchsorted(ends, first_dof, side="right")
+        self._has_node_blocks = self._numbering.block_size == 3
+        self.blocks = np.zeros((0, 9))
+
+    # ---- the pattern of a step ----
+
+    def couple(self, *groups: np.ndarray) -> list[Int32Array]:
+        """Couple all block rows within each row of each group; collective.
+
+        Args:
+            groups: arrays (n, w) of block rows, each with its own n and w.
+
+        Returns:
+            for each group the block index (n, w w) of each two of its block rows.
+        """
+        counts = [len(group) for group in groups]
+        widths = [group.shape[1] for group in groups]
+        sizes = [count * width**2 for count, width in zip(counts, widths, strict=True)]
+        room = sum(sizes)
+        if room > MAX_BLOCKS:
+            raise RuntimeError(
+                f"Contact: {sum(counts)} pairs on a rank are too many; use more ranks."
+            )
+        block_index, rows, columns = self._number_blocks(
+            group_size=np.repeat(widths, counts).astype(np.int32),
+            members=np.concatenate([group.ravel() for group in groups]).astype(np.int32),
+            room=room,
         )
-        self.values = np.zeros((count, 9))
-        self._divide(rows[:count], columns[:count])
-        ends = np.cumsum([len(g) * g.shape[1] ** 2 for g in groups])
+        self.blocks = np.zeros((len(rows), 9))
+        self._divide(rows, columns)
+        parts = np.split(block_index, np.cumsum(sizes)[:-1])
         return [
-            s.reshape(len(g), g.shape[1] ** 2)
-            for s, g in zip(np.split(slots, ends[:-1]), groups, strict=True)
+            part.reshape(count, width**2)
+            for part, count, width in zip(parts, counts, widths, strict=True)
         ]
 
-    def _divide(self, rows: Integers, columns: Integers) -> None:
-        """Tell the blocks of single vectors from the others, and to which rank they go."""
-        v, comm = len(self._place), self._comm
-        on_diagonal = np.flatnonzero(rows == columns)
-        self._on_diagonal = on_diagonal[np.argsort(self._place[rows[on_diagonal]])]
-        self._of_diagonal = rows[self._on_diagonal]
-        others = np.flatnonzero(rows != columns)
-        keys = self._place[rows[others]] * v + self._place[columns[others]]
+    def _number_blocks(
+        self, group_size: Int32Array, members: Int32Array, room: int
+    ) -> tuple[Int32Array, Int32Array, Int32Array]:
+        """Return the block index (room,), and the rows and columns (b,) of the blocks."""
+        c = library()
+        row_count = len(self._position)
+        check_indices("The block rows of pairs", members, row_count)
+        block_index: Int32Array = np.empty(room, dtype=np.int32)
+        rows: Int32Array = np.empty(room, dtype=np.int32)
+        columns: Int32Array = np.empty(room, dtype=np.int32)
+        row_work: Int32Array = np.empty(3 * row_count + 2, dtype=np.int32)
+        member_work: Int32Array = np.empty(4 * len(members), dtype=np.int32)
+        groups = c.struct(
+            "block_groups",
+            {
+                "group_count": len(group_size),
+                "row_count": row_count,
+                "group_size": c.array("group_size", group_size, "int32", (len(group_size),)),
+                "members": c.array("members", members, "int32", (len(members),)),
+            },
+        )
+        pattern = c.struct(
+            "block_pattern",
+            {
+                name: c.array(name, values, "int32", values.shape, writable=True)
+                for name, values in (
+                    ("block_index", block_index),
+                    ("rows", rows),
+                    ("columns", columns),
+                    ("row_work", row_work),
+                    ("member_work", member_work),
+                )
+            },
+        )
+        count = c.lib.number_blocks(groups.pointer, pattern.pointer)
+        return block_index, rows[:count], columns[:count]
+
+    def _divide(self, rows: Int32Array, columns: Int32Array) -> None:
+        """Sort out the blocks on the diagonal, and to which ranks the others go; collective."""
+        diagonal = np.flatnonzero(rows == columns)
+        self._diagonal = diagonal[np.argsort(self._position[rows[diagonal]])]
+        self._diagonal_rows = rows[self._diagonal]
+
+        # A key names the row and column of a block in the order of the unknowns.
+        row_count = len(self._position)
+        coupling = np.flatnonzero(rows != columns)
+        keys = self._position[rows[coupling]] * row_count + self._position[columns[coupling]]
         order = np.argsort(keys)
-        others, keys = others[order].astype(np.int32), keys[order]
-        self._parts, self._places = [others], []
-        if comm.size > 1:
-            of = self._owner[rows[others]]
-            self._parts = [others[of == rank] for rank in range(comm.size)]
-            received = comm.alltoall([keys[of == rank] for rank in range(comm.size)])
+        keys = keys[order]
+        others: Int32Array = coupling[order].astype(np.int32)
+        self._sent = [others]
+        self._received: list[Int64Array] = []
+        if self._comm.size > 1:
+            owner = self._owner[rows[others]]
+            ranks = range(self._comm.size)
+            self._sent = [others[owner == rank] for rank in ranks]
+            received = self._comm.alltoall([keys[owner == rank] for rank in ranks])
             keys = np.unique(np.concatenate(received))
-            self._places = [np.searchsorted(keys, k) for k in received]
-        i, j = np.divmod(keys, v)
-        self._rows, self._columns = self._sorted[i], self._sorted[j]
-        free = self._numbering.vector()
-        free.set(1.0)
-        free.array[self._system.supports.held] = 0
-        self._free = self._points.of_vectors(free)  # 0 where held
+            self._received = [np.searchsorted(keys, of_rank) for of_rank in received]
+        row, column = np.divmod(keys, row_count)
+        self._rows = self._order[row]
+        self._columns = self._order[column]
+        is_free = self._numbering.vector()
+        is_free.set(1.0)
+        is_free.array[self._system.supports.held] = 0
+        self._is_free = self._points.of_block_rows(is_free)
 
-    # ---- into matrices ----------------------------------------------------------------------------------------------
+    # ---- the matrix of the system ----
 
-    def reserve(self, A: PETSc.Mat) -> None:
-        """Let the pattern of a matrix hold a block on the diagonal for each of this rank's vectors."""
-        own = self._sorted[self._owner[self._sorted] == self._comm.rank]
+    def reserve_diagonal(self, A: PETSc.Mat) -> None:
+        """Enter zeros, so that the pattern of a matrix holds all of this rank's blocks on the diagonal."""
+        own = self._order[self._owner[self._order] == self._comm.rank]
         self._enter(A, own, np.zeros((len(own), 9)))
 
     def add_diagonal(self, A: PETSc.Mat) -> None:
-        """A += the blocks of single vectors."""
-        self._enter(A, self._of_diagonal, self.values[self._on_diagonal])
+        """Add the blocks on the diagonal to a matrix."""
+        self._enter(A, self._diagonal_rows, self.blocks[self._diagonal])
 
-    def _enter(self, A: PETSc.Mat, vectors: npt.NDArray[np.integer], values: Array) -> None:
-        if not len(vectors):
+    def _enter(self, A: PETSc.Mat, block_rows: np.ndarray, blocks: Array) -> None:
+        if not len(block_rows):
             return
-        rows, *csr = self._csr(vectors, vectors, values)
-        enter = A.setValuesBlockedIJV if self._blocked else A.setValuesIJV
+        rows, *csr = self._csr(block_rows, block_rows, blocks)
+        enter = A.setValuesBlockedIJV if self._has_node_blocks else A.setValuesIJV
         enter(*csr, addv=PETSc.InsertMode.ADD_VALUES, rowmap=rows)
 
-    def coupling(self, diagonal: PETSc.Vec | None) -> PETSc.Mat | None:
-        """The matrix of the blocks of two vectors, or of those that are strong beside the `diagonal` of the tangent.
+    # ---- the matrix of couplings ----
 
-        Zero at held coordinates; none if there is no such block on any rank.
+    def coupling(self, diagonal: PETSc.Vec | None) -> PETSc.Mat | None:
+        """Return the matrix of the blocks between two block rows, zero at fixed coordinates; collective.
+
+        Args:
+            diagonal: of the tangent; with it, only blocks that are strong in comparison, which a
+                preconditioner needs.  None: all blocks, as they are now; to be called first.
+
+        Returns:
+            a new matrix, or None if no rank has such a block.
         """
         if diagonal is None:
-            self._take_entries()
-            some: Any = slice(None)
+            self._fetch_entries()
+            strong: Any = slice(None)
         else:
-            sizes = np.abs(self._points.of_vectors(diagonal)).max(axis=1)
-            squares = np.einsum("ni,ni->n", self._entries, self._entries)
-            some = np.flatnonzero(squares > STRONG**2 * sizes[self._row] * sizes[self._column])
-        values = self._entries[some]
-        if not self._comm.allreduce(len(values)):
+            size = np.abs(self._points.of_block_rows(diagonal)).max(axis=1)
+            squared_norm = np.einsum("ni,ni->n", self._entries, self._entries)
+            mean = size[self._entry_rows] * size[self._entry_columns]
+            strong = np.flatnonzero(squared_norm > STRONG_COUPLING**2 * mean)
+        entries = self._entries[strong]
+        if not self._comm.allreduce(len(entries)):
             return None
-        rows, ends, columns, values = self._csr(self._row[some], self._column[some], values)
-        n, start, size = (
-            self._numbering.size_local,
-            self._numbering.start,
-            3 if self._blocked else 1,
+        rows, ends, columns, values = self._csr(
+            self._entry_rows[strong], self._entry_columns[strong], entries
         )
-        counts = np.zeros(n // size + 1, dtype=PETSc.IntType)
-        counts[rows - start // size + 1] = np.diff(ends)
-        csr = np.cumsum(counts, dtype=PETSc.IntType), columns, values
-        sizes = 2 * ((n, self._numbering.size),)
-        if self._blocked:
+        block_size = 3 if self._has_node_blocks else 1
+        local_size = self._numbering.size_local
+        row_ends = np.zeros(local_size // block_size + 1, dtype=PETSc.IntType)
+        row_ends[rows - self._numbering.start // block_size + 1] = np.diff(ends)
+        csr = (np.cumsum(row_ends, dtype=PETSc.IntType), columns, values)
+        sizes = 2 * ((local_size, self._numbering.size),)
+        if self._has_node_blocks:
             return PETSc.Mat().createBAIJ(sizes, 3, csr=csr, comm=self._comm)
         return PETSc.Mat().createAIJ(sizes, csr=csr, comm=self._comm)
 
-    def _take_entries(self) -> None:
-        """The blocks (k, 9) of this rank's rows that are not zero, of all ranks' pairs, their rows and columns."""
-        values, places = self.values, self._parts[0]
+    def _fetch_entries(self) -> None:
+        """Sum the blocks of all ranks in this rank's block rows, without those that are zero."""
+        blocks = self.blocks
+        index = self._sent[0]
         if self._comm.size > 1:
-            values, places = (
-                np.zeros((len(self._rows), 9)),
-                np.arange(len(self._rows), dtype=np.int32),
-            )
-            received = self._comm.alltoall([self.values[part] for part in self._parts])
-            for at, part in zip(self._places, received, strict=True):
-                values[at] += part
-        kept = np.empty(len(places), dtype=np.uint8)
-        library().lib.which_count(len(places), *pointers(places, values, kept))
-        some = np.flatnonzero(kept)
-        self._row, self._column, self._entries = (
-            self._rows[some],
-            self._columns[some],
-            values[places[some]],
-        )
-        if not self._free.all():
-            free = self._free
-            self._entries *= (free[self._row][:, :, None] * free[self._column][:, None]).reshape(
-                -1, 9
-            )
-
-    @property
-    def _blocked(self) -> bool:
-        return bool(self._numbering.block_size == 3)
+            blocks = np.zeros((len(self._rows), 9))
+            index = np.arange(len(self._rows), dtype=np.int32)
+            received = self._comm.alltoall([self.blocks[part] for part in self._sent])
+            for rows, part in zip(self._received, received, strict=True):
+                blocks[rows] += part
+        nonzero = _nonzero_blocks(blocks, index)
+        self._entry_rows = self._rows[nonzero]
+        self._entry_columns = self._columns[nonzero]
+        self._entries = blocks[index[nonzero]]
+        if not self._is_free.all():
+            rows = self._is_free[self._entry_rows][:, :, None]
+            columns = self._is_free[self._entry_columns][:, None]
+            self._entries *= (rows * columns).reshape(-1, 9)
 
     def _csr(
-        self, of_rows: npt.NDArray[np.integer], of_columns: npt.NDArray[np.integer], values: Array
-    ) -> tuple[Integers, Integers, Integers, Array]:
-        """Rows of a matrix, where each one's entries begin, their columns and values, of blocks sorted by rows.
+        self, block_rows: np.ndarray, block_columns: np.ndarray, blocks: Array
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Array]:
+        """Return blocks (k, 9), sorted by rows, as compressed rows.
 
-        If the matrix has no blocks of three, each row of blocks is three rows.
+        Returns:
+            the rows that have entries, where the entries of each begin and end, their columns, and their
+            values.  A matrix without blocks of three has three rows for a row of blocks.
         """
-        unknowns = self._points.unknowns
-        first = np.flatnonzero(np.diff(of_rows, prepend=-1))
-        counts = np.diff(np.append(first, len(of_rows)))
-        rows, columns = unknowns[of_rows[first]], unknowns[of_columns]
-        if self._blocked:
-            rows, columns = rows // 3, columns // 3
+        first_dof = self._points.first_dof
+        first = np.flatnonzero(np.diff(block_rows, prepend=-1))
+        counts = np.diff(np.append(first, len(block_rows)))
+        rows = first_dof[block_rows[first]]
+        columns = first_dof[block_columns]
+        if self._has_node_blocks:
+            rows = rows // 3
+            columns = columns // 3
         else:
-            start, count = np.repeat(first, counts), np.repeat(counts, counts)
-            c, d = np.arange(3)[:, None], np.arange(3)
-            there = (9 * start + 3 * (np.arange(len(start)) - start))[:, None, None] + d
-            there = (there + c * (3 * count)[:, None, None]).reshape(-1, 9)
-            spread, single = np.empty(9 * len(start)), np.empty(9 * len(start), dtype=np.int64)
-            spread[there], single[there] = (
-                values,
-                (columns[:, None, None] + d + 0 * c).reshape(-1, 9),
-            )
-            values, columns = spread, single
-            rows, counts = (rows[:, None] + np.arange(3)).ravel(), np.repeat(3 * counts, 3)
+            columns, blocks = _unrolled(columns, blocks, first, counts)
+            rows = (rows[:, None] + np.arange(3)).ravel()
+            counts = np.repeat(3 * counts, 3)
         ends = np.append(0, np.cumsum(counts))
-        kind = PETSc.IntType
         return (
-            rows.astype(kind),
-            ends.astype(kind),
-            columns.astype(kind),
-            np.ascontiguousarray(values).ravel(),
+            rows.astype(PETSc.IntType),
+            ends.astype(PETSc.IntType),
+            columns.astype(PETSc.IntType),
+            np.ascontiguousarray(blocks).ravel(),
         )
+
+
+def _unrolled(
+    columns: Int64Array, blocks: Array, first: Int64Array, counts: Int64Array
+) -> tuple[Int64Array, Array]:
+    """Return columns (9 k,) and values (9 k,) of blocks in the order of scalar rows.
+
+    Args:
+        columns: the first column (k,) of each block.
+        blocks: (k, 9), row of blocks after row of blocks.
+        first, counts: the first block of each row of blocks, and how many it has.
+    """
+    total = len(columns)
+    # Entry (c, d) of the j-th of n blocks in a row of blocks stands n entries of 3 after (c - 1, d).
+    start = np.repeat(first, counts)
+    count = np.repeat(counts, counts)
+    row_in_block = np.arange(3)[:, None]
+    column_in_block = np.arange(3)
+    first_entry = 9 * start + 3 * (np.arange(total) - start)
+    entry = first_entry[:, None, None] + column_in_block
+    entry = (entry + row_in_block * (3 * count)[:, None, None]).reshape(-1, 9)
+    values = np.empty(9 * total)
+    values[entry] = blocks
+    scalar_columns: Int64Array = np.empty(9 * total, dtype=np.int64)
+    in_block = columns[:, None, None] + column_in_block + 0 * row_in_block
+    scalar_columns[entry] = in_block.reshape(-1, 9)
+    return scalar_columns, values
+
+
+def _nonzero_blocks(blocks: Array, index: Int32Array) -> np.ndarray:
+    """Return which of the blocks with these numbers (k,) are not zero, as indices."""
+    c = library()
+    count = len(index)
+    is_nonzero = np.empty(count, dtype=np.uint8)
+    c.lib.find_nonzero_blocks(
+        count,
+        c.array("index", index, "int32", (count,)),
+        c.array("blocks", blocks, "float64", (len(blocks), 9)),
+        c.array("is_nonzero", is_nonzero, "uint8", (count,), writable=True),
+    )
+    return np.flatnonzero(is_nonzero)

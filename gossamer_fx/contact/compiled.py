@@ -1,21 +1,23 @@
-"""Contacts as the system sees them: lists of pairs that change from step to step."""
+"""All contacts of a scene as the system sees them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import ClassVar, Protocol, cast
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 
+from gossamer_fx.contact.arrays import Array, Int64Array
 from gossamer_fx.contact.contact_set import ContactSet
 from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.contact.history import ContactHistory
 from gossamer_fx.contact.obstacles import Obstacle
+from gossamer_fx.contact.potential import ContactLaw
+from gossamer_fx.contact.system_view import ContactAssembly
 from gossamer_fx.drawing.solids import Solid
-from gossamer_fx.model.body import Array, Body, MeshBody
+from gossamer_fx.model.body import Body, MeshBody
 from gossamer_fx.model.roles import (
     ActiveSet,
     Dissipation,
@@ -31,6 +33,18 @@ from gossamer_fx.model.roles import (
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms
 
 
+class ContactItem(Protocol):
+    """The item of a scene to which a contact belongs.
+
+    Attributes:
+        name: in messages and outputs.
+        obstacles: that take part.
+    """
+
+    name: str
+    obstacles: list[Obstacle]
+
+
 class CompiledContacts(
     ActiveSet,
     StateObserver,
@@ -44,109 +58,156 @@ class CompiledContacts(
     Drawable,
     CompiledTerms,
 ):
-    """All `ContactEnergy` terms of a scene."""
+    """All `ContactEnergy` terms of a scene; the roles of `model.roles` are shared out to contact sets.
+
+    Attributes:
+        contact_sets: by the item of the scene.
+        losses: names of the contacts with friction.
+    """
 
     def __init__(self, terms: Sequence[ContactEnergy], system: Assembly) -> None:
-        self.groups: dict[Any, ContactSet] = {}  # by the scene's items
-        for term in terms:
-            of_solids = [
-                term.friction if o.friction is None else o.friction for o in term.obstacles
-            ]
-            bodies = CollisionMesh(
-                term.bodies, term.obstacles, term.radii, system, [μ > 0 for μ in of_solids]
-            )
-            group = ContactSet(bodies, term.law, term.distance, term.stiffness, term.memory, system)
-            if (term.friction > 0 or any(of_solids)) and system.rule.alpha < 1:
-                from gossamer_fx.contact.friction.friction import Friction
-
-                group.friction = Friction(bodies, term.friction, of_solids, term.creep, system)
-            self.groups[term.item] = group
-        self._rubbing = {
-            item.name: group for item, group in self.groups.items() if group.friction is not None
+        # The system has a mass matrix and supports when contacts are asked for them.
+        whole = cast(ContactAssembly, system)
+        self.contact_sets = {term.item: _contact_set(term, whole) for term in terms}
+        self._with_friction = {
+            item.name: contact_set
+            for item, contact_set in self.contact_sets.items()
+            if contact_set.friction is not None
         }
-        self.losses = list(self._rubbing)
+        self.losses = list(self._with_friction)
 
     def update_active_set(self) -> None:
-        for group in self.groups.values():
-            group.search()
+        for contact_set in self.contact_sets.values():
+            contact_set.begin_step()
 
     def extend_active_set(self) -> bool:
-        missed = [
-            group.widen() for group in self.groups.values()
-        ]  # all of them, whatever the first says
-        return any(missed)
+        # All are asked, whatever the first one says: each is collective.
+        extended = [contact_set.extend_active_set() for contact_set in self.contact_sets.values()]
+        return any(extended)
 
     def limit_update(self, update: Array) -> None:
-        for group in self.groups.values():
-            group.limit(update)
+        for contact_set in self.contact_sets.values():
+            contact_set.limit_update(update)
 
     def inadmissible(self) -> str:
-        return next(filter(None, [group.inadmissible() for group in self.groups.values()]), "")
+        messages = [contact_set.find_penetration() for contact_set in self.contact_sets.values()]
+        return next(filter(None, messages), "")
 
     def add_forces(self, r: PETSc.Vec) -> None:
-        for group in self.groups.values():
-            group.add_forces(r)
+        for contact_set in self.contact_sets.values():
+            contact_set.add_forces(r)
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        for group in self.groups.values():
-            group.add_tangents(A)
+        for contact_set in self.contact_sets.values():
+            contact_set.add_tangents(A)
 
     def coupling_matrices(self, diagonal: PETSc.Vec | None) -> list[PETSc.Mat]:
-        found = [group.coupling(diagonal) for group in self.groups.values()]
+        found = [contact_set.coupling(diagonal) for contact_set in self.contact_sets.values()]
         return [matrix for matrix in found if matrix is not None]
 
     def supplied(self) -> float:
-        return sum(group.supplied() for group in self.groups.values())
+        return sum(contact_set.supplied_work() for contact_set in self.contact_sets.values())
 
     def dissipated(self) -> Array:
-        return np.array([group.dissipated() for group in self._rubbing.values()])
+        return np.array(
+            [contact_set.friction_loss() for contact_set in self._with_friction.values()]
+        )
 
     def commit(self) -> None:
-        for group in self.groups.values():
-            group.keep()
+        for contact_set in self.contact_sets.values():
+            contact_set.commit()
 
-    def node_values(self, field: str, body: Body) -> tuple[npt.NDArray[np.int64], Array] | None:
+    def energies(self) -> dict[str, float]:
+        return {
+            item.name: contact_set.stored_energy()
+            for item, contact_set in self.contact_sets.items()
+        }
+
+    def node_values(self, field: str, body: Body) -> tuple[Int64Array, Array] | None:
         if field != "contact_pressure":
             return None
-        from gossamer_fx.contact.contact_pressure import pressures
+        from gossamer_fx.contact.contact_pressure import pressures_on
 
-        nodes: list[npt.NDArray[np.int64]] = [np.zeros(0, dtype=np.int64)]
+        nodes: list[Int64Array] = [np.zeros(0, dtype=np.int64)]
         values: list[Array] = [np.zeros(0)]
-        for group in self.groups.values():
-            bodies = group.bodies
-            place = next((k for k, other in enumerate(bodies.of) if other is body), None)
-            if place is not None:
-                here = np.flatnonzero(bodies.body[: bodies.points.n] == place)
-                nodes.append(bodies.nodes[here])
-                values.append(pressures(group)[here])
+        for contact_set in self.contact_sets.values():
+            of_nodes, pressure = pressures_on(body, contact_set)
+            nodes.append(of_nodes)
+            values.append(pressure)
         return np.concatenate(nodes), np.concatenate(values)
 
     def solids(self) -> list[Solid]:
         from gossamer_fx.contact.obstacle_drawing import solid_of
 
-        found = [
-            solid_of(obstacle, group.x0[: group.points.n])
-            for item, group in self.groups.items()
-            for obstacle in item.obstacles
-        ]
+        found = []
+        for item, contact_set in self.contact_sets.items():
+            of_bodies = contact_set.x0[: contact_set.points.body_count]
+            found += [solid_of(obstacle, of_bodies) for obstacle in item.obstacles]
         return [solid for solid in found if solid is not None]
-
-    def energies(self) -> dict[str, float]:
-        return {item.name: group.energy_now() for item, group in self.groups.items()}
 
 
 @dataclass(frozen=True, eq=False)
 class ContactEnergy:
-    """Stored energy of all pairs between the primitives of some bodies and obstacles; see `contact.pairs`."""
+    """Stored energy and friction of the pairs between bodies and obstacles; see `contact.potential`.
 
-    item: Any  # of the scene, which has a name
+    Attributes:
+        item: of the scene.
+        bodies: films, cables and beams.
+        obstacles: what they touch.
+        radii: of the bodies [m].
+        law: of the energy.
+        activation_distance: largest gap [m] at which pairs have energy.
+        stiffness: K [N/m³]; None: derived from the closing speed.
+        friction: coefficient of bodies with each other, and with obstacles that have none of their own.
+        slip_velocity: speed [m/s] below which what sticks may creep.
+        history: history variables.
+    """
+
+    item: ContactItem
     bodies: Sequence[MeshBody]
     obstacles: Sequence[Obstacle]
     radii: Sequence[float]
-    law: int
-    distance: float
+    law: ContactLaw
+    activation_distance: float
     stiffness: float | None
     friction: float = 0.0
-    creep: float = 1e-3
-    memory: ContactHistory = field(default_factory=ContactHistory)
+    slip_velocity: float = 1e-3
+    history: ContactHistory = field(default_factory=ContactHistory)
     compiler: ClassVar[type[CompiledTerms]] = CompiledContacts
+
+
+def _contact_set(term: ContactEnergy, system: ContactAssembly) -> ContactSet:
+    """Return the contact of one term; friction and its frames are there only if they are needed."""
+    of_obstacles = [
+        term.friction if obstacle.friction is None else obstacle.friction
+        for obstacle in term.obstacles
+    ]
+    mesh = CollisionMesh(
+        term.bodies,
+        term.obstacles,
+        term.radii,
+        system,
+        has_friction=[coefficient > 0 for coefficient in of_obstacles],
+    )
+    friction = None
+    # An equilibrium (alpha = 1) has no sliding, and no friction.
+    if (term.friction > 0 or any(of_obstacles)) and system.rule.alpha < 1:
+        from gossamer_fx.contact.friction.friction import Friction
+
+        friction = Friction(
+            mesh,
+            coefficient=term.friction,
+            of_obstacles=of_obstacles,
+            slip_velocity=term.slip_velocity,
+            law=term.law,
+            system=system,
+        )
+    return ContactSet(
+        mesh,
+        law=term.law,
+        activation_distance=term.activation_distance,
+        stiffness=term.stiffness,
+        history=term.history,
+        system=system,
+        friction=friction,
+    )

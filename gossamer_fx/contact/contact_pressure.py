@@ -1,28 +1,47 @@
-"""The pressure of contact on the points of bodies."""
+"""The output field `contact_pressure`: the pressure of contact on the nodes of bodies."""
 
 from __future__ import annotations
 
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.contact.arrays import Array, Int64Array
 from gossamer_fx.contact.contact_set import ContactSet
-from gossamer_fx.contact.kernels.library import Array
-from gossamer_fx.contact.potential import act
+from gossamer_fx.contact.potential import evaluate
+from gossamer_fx.model.body import Body
 
 
-def pressures(group: ContactSet) -> Array:
-    """p (m,) [N/m²] of points in the accepted state: forces of pairs, the two sides of a film added, per area.
+def pressures_on(body: Body, contact_set: ContactSet) -> tuple[Int64Array, Array]:
+    """Return global nodes (k,) of a body and the pressure [N/m²] (k,) there; none without this body.
 
-    The area is that of the stress-free shape for which a point stands; of cables and beams that of their shadow.
     Collective; the same on every rank.
     """
-    group.energy_now()
-    pairs = group.touching()
-    forces = np.zeros(group.points.m)
+    mesh = contact_set.mesh
+    number = next((k for k, other in enumerate(mesh.bodies) if other is body), None)
+    if number is None:
+        return np.zeros(0, dtype=np.int64), np.zeros(0)
+    of_body = np.flatnonzero(mesh.body[: mesh.points.body_count] == number)
+    return mesh.nodes[of_body], pressures(contact_set)[of_body]
+
+
+def pressures(contact_set: ContactSet) -> Array:
+    """Return the pressure (n,) [N/m²] on the points of bodies at q0; collective, the same on every rank.
+
+    It is the sum of the sizes of all pairs' forces on a point, over the area of the stress-free shape for
+    which the point stands: pressures on both sides of a film add up.  The area of cables and beams is
+    that of their shadow.
+    """
+    contact_set.stored_energy()
+    pairs = contact_set.pairs_with_energy()
+    points = contact_set.points
+    force = np.zeros(points.count)
     if len(pairs):
-        of_pairs = np.asarray(act(pairs, group.x0, group.x0, group.law, 1.0, each=True).forces)
-        np.add.at(forces, pairs.nodes, np.linalg.norm(of_pairs.reshape(-1, 4, 3), axis=2))
-    group.points.comm.Allreduce(MPI.IN_PLACE, forces, op=MPI.SUM)
-    n = group.points.n
-    forces[:n] /= group.bodies.area[:n]
-    return forces
+        x = contact_set.x0
+        # With the weight 1 of the end, forces are those of the state alone.
+        response = evaluate(pairs, x, x, contact_set.law, 1.0, by_pair=True)
+        of_pairs = np.asarray(response.forces).reshape(-1, 4, 3)
+        np.add.at(force, pairs.points, np.linalg.norm(of_pairs, axis=2))
+    points.comm.Allreduce(MPI.IN_PLACE, force, op=MPI.SUM)
+    of_bodies = force[: points.body_count]
+    pressure: Array = of_bodies / contact_set.mesh.area[: points.body_count]
+    return pressure

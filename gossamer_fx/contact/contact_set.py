@@ -1,382 +1,440 @@
-"""One contact at work: which pairs are near, how stiff they are, and whether a step may stand."""
+"""One contact in the course of the steps: the stages of contact, one after the other.
+
+A step from x0 to x1 goes through
+
+    begin_step          broad phase, if points have left their bounds; gaps at x0; growth of activation
+                        distances; active set for the predicted end
+    add_forces,         potential and friction of the active pairs, in each Newton iteration
+    add_tangents
+    extend_active_set   after the iteration: pairs that are near at its end and were left out
+    find_penetration    what must not be in a solution
+    commit              energy and history of the accepted end
+"""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
-from mpi4py import MPI
 from petsc4py import PETSc
 
+from gossamer_fx.contact.active_set import (
+    FAR,
+    Activation,
+    StepDistances,
+    between_bodies,
+    grown_activation,
+    initial_activation,
+)
+from gossamer_fx.contact.arrays import Array, ByteArray, Int32Array, MaskArray
 from gossamer_fx.contact.assembly import BlockAssembly
-from gossamer_fx.contact.broad_phase.candidates import Candidates
-from gossamer_fx.contact.broad_phase.trajectory_bounds import RigidDrift, TrajectoryBounds
-from gossamer_fx.contact.geometry.collision_mesh import WALLS, CollisionMesh
+from gossamer_fx.contact.broad_phase.candidates import CandidateSearch, nearest_gaps
+from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.contact.history import ContactHistory
-from gossamer_fx.contact.kernels.library import Array, Bytes, library
-from gossamer_fx.contact.narrow_phase.initial_check import refuse_coincident, refuse_intersections
+from gossamer_fx.contact.kernels.library import library
+from gossamer_fx.contact.narrow_phase.closest_points import PairDistances
+from gossamer_fx.contact.narrow_phase.initial_check import (
+    refuse_coincident,
+    refuse_intersections,
+)
+from gossamer_fx.contact.pair_stiffness import PairStiffness
+from gossamer_fx.contact.pair_table import ActivePairs, CandidatePairs, is_wall
 from gossamer_fx.contact.potential import (
-    IN_SPHERE,
-    PASSED,
-    PLANE,
-    ContactPairs,
-    act,
-    energy,
-    squared_distances,
-    starts,
+    ContactLaw,
+    PairState,
+    activate,
+    energy_of_pairs,
+    evaluate,
+    pair_starts,
 )
-from gossamer_fx.contact.stiffness_warning import StiffnessWarning
+from gossamer_fx.contact.system_view import ContactAssembly
 
-START = (
-    0.9  # distance of a point at which contact begins, over that of the nearest to it at the start
-)
-GROWN = 0.999  # the same in the course of the run
-MARGIN = 0.3  # part of its way by which a point may miss the place where it was expected
-FAR = 1.5  # distance from which a pair is none of a step, over that at which contact begins
-HORIZON = 32  # steps for which one search may serve, at most
-REACH = 4.0  # way of a node in one of Newton's updates, over d̂, at most
+if TYPE_CHECKING:
+    # A scene without friction does not load it.
+    from gossamer_fx.contact.friction.friction import Friction
+
+# Way of a node in one Newton update, over the activation distance, at most.  Longer updates put layers on
+# the wrong side of others, and the iteration does not come back: docs/theory/contact.md has the figures.
+MAX_UPDATE = 4.0
+
+# No length: divisions by smaller ones are meaningless.
+TINY = 1e-300
 
 
 class ContactSet:
     """The pairs of one contact on this rank.
 
-    `law` BARRIER or PENALTY; `distance` d̂ [m]; `stiffness` K [N/m³] or None: c = 4 σ v² by pairs, v the closing speed
-    with a reserve of a quarter, and not below that at which a pair is compressed within a step.
+    Args:
+        mesh: what touches.
+        law: of the energy.
+        activation_distance: largest gap [m] at which pairs have energy.
+        stiffness: K [N/m³], or None: derived from the closing speed of each pair.
+        history: history variables, which a checkpoint may set at any time.
+        system: with the step.
+        friction: if there is any.
+
+    Attributes:
+        mesh, points, history, friction: the parts.
+        search: the candidate pairs.
+        x0: points (m, 3) [m] at the start of the step.
+        pairs: the active pairs of the step; None between steps.
+        point_forces: forces (m, 3) [N] of this rank's pairs at the last residual.
+        acting_count: number of pairs with a force there.
+        closest: least gap [m] at the start of any step so far.
     """
 
     def __init__(
         self,
-        bodies: CollisionMesh,
-        law: int,
-        distance: float,
+        mesh: CollisionMesh,
+        law: ContactLaw,
+        activation_distance: float,
         stiffness: float | None,
-        memory: ContactHistory,
-        system: Any,
+        history: ContactHistory,
+        system: ContactAssembly,
+        friction: Friction | None = None,
     ) -> None:
-        self.bodies, self.points, self.memory = bodies, bodies.points, memory
-        self.law, self._d, self._K, self._system = law, distance, stiffness, system
-        self._comm: MPI.Intracomm = system.comm
-        self._softness = StiffnessWarning(stiffness or 0.0, distance, bodies.names, system.comm)
-        memory.comm = self._comm
-        library(self._comm)
-        self.blocks = BlockAssembly(self.points, system)
+        library(system.comm)
+        history.comm = system.comm
+        self.mesh = mesh
+        self.points = mesh.points
+        self.history = history
+        self.friction = friction
+        self.law = law
+        self.activation_distance = activation_distance
+        self._system = system
+        self._comm = system.comm
         self._alpha = system.rule.alpha
-        self._horizon, self._age, self._t1 = 4, 0, 0.0
-        self._density: Array | None = None
-        self._seen = memory.restored
-        self.near: ContactPairs | None = None
-        self.searches = 0
-        self.friction: Any = None  # a `Friction`, if there is any
-        self.force: Array = np.zeros(
-            (self.points.m, 3)
-        )  # on points, of this rank's pairs, in the last step
-        self.closest = math.inf  # least distance [m] at the start of a step so far
-        self._known: list[tuple[Candidates, Array, Array]] = []  # gaps of candidates at points
-        self._distances: tuple[Any, Any, Array] = (None, None, np.zeros(0))
+        self.search = CandidateSearch(mesh, activation_distance)
+        self._stiffness = PairStiffness(mesh, stiffness, activation_distance, system)
+        self._activation = Activation()
+        self.assembly = BlockAssembly(self.points, system)
+        self.pairs: ActivePairs | None = None
+        self.point_forces: Array = np.zeros((self.points.count, 3))
+        self.acting_count = 0
+        self.closest = math.inf
+        self._restored = history.restored
+        self._end_time = 0.0
+        # Distances at both ends of the last step: its end is the start of the next one.
+        self._known_distances: list[PairDistances] = []
 
-    # ---- search -----------------------------------------------------------------------------------------------------
+    @property
+    def candidates(self) -> CandidatePairs:
+        """The candidate pairs of this rank."""
+        return self.search.pairs
 
-    def _find(self, x0: Array, v: Array | None = None, x1: Array | None = None) -> None:
-        """Candidates for the way from x0 to x1, at velocities v, and some steps more, or about x0; collective."""
-        if self._age:
-            self._horizon = (
-                min(2 * self._horizon, HORIZON) if self._age >= self._horizon else max(self._age, 1)
-            )
-        at, h, start = self.bodies.surface.vertices, self._system.h, self._system.time
-        v, duration = (np.zeros_like(x0), 0.0) if v is None else (v, (self._horizon + 1e-6) * h)
-        drift = RigidDrift.of(x0[at], v[at], start)
-        rates, margin = v - drift.rates(x0), np.full(len(x0), np.inf)  # walls have no place
-        margin[at] = self._d / 2 + MARGIN * duration * np.linalg.norm(rates[at], axis=1)
-        if x1 is not None:
-            missed = drift.undone(x1, self._t1) - (x0 + (self._t1 - start) * rates)
-            margin += np.linalg.norm(missed, axis=1)
-        self.found = Candidates.find(
-            self.bodies, TrajectoryBounds(drift, x0, rates, margin, duration), self._d
-        )
-        self._age = 0
-        self.searches += 1
+    # ---- states ----
 
-    # ---- a step -----------------------------------------------------------------------------------------------------
+    def set_initial_state(self) -> None:
+        """Take the first state: check it, and choose the activation distances.
 
-    def start(self) -> None:
-        """Take the initial state: distances of points; what cannot be right is refused."""
+        Raises:
+            InputError: layers intersect or coincide.
+        """
         system = self._system
         x = self.points.at(system.q0, system.time)
-        refuse_intersections(self.bodies, x, self._comm)
-        self._find(x)
-        least = self.found.least(self.found.gaps(x), self._comm, self.points.m)
-        refuse_coincident(self.bodies, x, least, self._d)
-        self.memory.distance = np.minimum(self._d, START * least)
+        refuse_intersections(self.mesh, x, self._comm)
+        self.search.find_at_rest(x, system.time)
+        gap = PairDistances.of(self.candidates, x).gap
+        nearest = nearest_gaps(self.candidates, gap, self.points.count, self._comm)
+        refuse_coincident(self.mesh, x, nearest, self.activation_distance)
+        self.history.activation_distance = initial_activation(self.activation_distance, nearest)
         self.x0 = x
 
-    def keep(self) -> None:
-        """q0 is the start of the next step."""
-        system, memory = self._system, self.memory
-        self.x0 = self.points.at(system.q0, system.time if self.near is None else self._t1)
-        if not len(memory.distance):
-            self.start()
-        if self.near is not None and memory.restored == self._seen:
-            self.energy, X = energy(self.near, self.x0, self.law)
-            busy = X < 1
-            order = np.argsort(self.near.names[busy])
-            memory.names = self.near.names[busy][order]
-            memory.stiffness = self.near.k[busy][order]
-        self.near = None
+    def commit(self) -> None:
+        """Take q0 as the start of the next step."""
+        history = self.history
+        is_step = self.pairs is not None
+        time = self._end_time if is_step else self._system.time
+        self.x0 = self.points.at(self._system.q0, time)
+        if not len(history.activation_distance):
+            self.set_initial_state()
+        # A state that was restored since then has a history of its own.
+        if self.pairs is not None and history.restored == self._restored:
+            parameters = self._known_parameters(self.pairs)
+            self._energy, scaled = energy_of_pairs(self.pairs, self.x0, self.law, parameters)
+            has_energy = scaled < 1
+            identifier = self.pairs.identifier[has_energy]
+            order = np.argsort(identifier)
+            history.identifier = identifier[order]
+            history.stiffness = self.pairs.stiffness[has_energy][order]
+        self.pairs = None
 
-    def energy_now(self) -> float:
-        """Stored energy [J] of this rank's pairs at q0."""
-        memory = self.memory
-        if memory.restored != self._seen:
-            self._seen = memory.restored
+    def _known_parameters(self, pairs: ActivePairs) -> Array | None:
+        """Return the parameters (n, 2) of the active pairs' closest points at x0, if they are known."""
+        distances = self._distances_at(self.x0)
+        if distances is None:
+            return None
+        # A search at the end of the step may have made other candidates than those of the pairs.
+        if not np.array_equal(self.candidates.identifier[self._active], pairs.identifier):
+            return None
+        return distances.closest_points(self._active)[1]
+
+    def _distances_at(self, x: Array) -> PairDistances | None:
+        """Return the distances of the present candidates at points x (m, 3), if they are known."""
+        for distances in self._known_distances:
+            if distances.candidates is self.candidates and np.array_equal(distances.x, x):
+                return distances
+        return None
+
+    def stored_energy(self) -> float:
+        """Return the energy [J] of this rank's pairs at q0."""
+        history = self.history
+        if history.restored != self._restored:
+            self._restored = history.restored
             self.x0 = self.points.at(self._system.q0, self._system.time)
-            kind, nodes = self.bodies.numbers(memory.names)
-            own = self._owned(kind, nodes)
-            memory.names, memory.stiffness = memory.names[own], memory.stiffness[own]
-            self._find(self.x0)
-            pairs = self._select(np.isin(self.found.names, memory.names))
-            self.energy = energy(pairs, self.x0, self.law)[0]
-        return self.energy if len(memory.names) else 0.0
+            # A checkpoint has the pairs of all ranks.
+            own = self.points.owned(self.mesh.first_points(history.identifier))
+            history.identifier = history.identifier[own]
+            history.stiffness = history.stiffness[own]
+            self.search.find_at_rest(self.x0, self._system.time)
+            self._energy, _ = energy_of_pairs(self.pairs_with_energy(), self.x0, self.law)
+        return self._energy if len(history.identifier) else 0.0
 
-    def _owned(
-        self, kind: npt.NDArray[np.uint8], nodes: npt.NDArray[np.int32]
-    ) -> npt.NDArray[np.bool_]:
-        return self.points.owned(nodes[:, 0])
-
-    def touching(self) -> ContactPairs:
-        """This rank's pairs that have energy in the accepted state; after `energy_now`."""
-        return self._select(np.isin(self.found.names, self.memory.names))
-
-    def search(self) -> None:
-        """Find what may come near in the step."""
-        system = self._system
-        self.energy_now()
-        t1 = system.time + system.h
-        v = self.points.rates(system.v0, system.time, system.h)
-        x1 = np.ascontiguousarray(self.x0 + system.h * v)
-        if self._density is None:
-            self._density = self.bodies.masses(system)
-        if not self.memory.speed:
-            self.memory.speed = 0.5 * self._d / system.h
-        self._t1 = t1
-        if not (self.found.course.holds(self.x0, system.time) and self.found.course.holds(x1, t1)):
-            self._find(self.x0, v, x1)
-        self._age += 1
-        self._gap0 = self._gaps_at_start()
-        least = self.found.least(
-            np.where(self._gap0 < FAR * self._d, self._gap0, np.inf), self._comm, self.points.m
-        )
-        self.closest = min(self.closest, float(least.min(initial=np.inf)))
-        grown = np.maximum(self.memory.distance, np.minimum(self._d, GROWN * least))
-        if not np.array_equal(grown, self.memory.distance):
-            self.memory.distance = grown
-        self._take(self._selection(x1), v)
-
-    def _gaps_at_start(self) -> Array:
-        """Of all candidates at x0; of those that are far, less than that may be said."""
-        for found, x, gaps in self._known:
-            if found is self.found and np.array_equal(x, self.x0):
-                return gaps
-        return self.found.gaps(self.x0)
-
-    def _gaps_at(self, x1: Array) -> tuple[Array, Array]:
-        """The same at the end of a step, and by how much the pairs may come nearer until there."""
-        way = self.found.approach(self.x0, x1)
-        with np.errstate(invalid="ignore"):  # walls: their gaps less infinity
-            gaps = self._gap0 - way
-            near = np.flatnonzero(~(gaps - MARGIN * way > FAR * self._d))
-        gaps[near] = self.found.gaps(x1, near)
-        return gaps, way
-
-    def _begins(self) -> Array:
-        """Where contact of the candidates begins (n,) [m]."""
-        if self._distances[0] is not self.found or self._distances[1] is not self.memory.distance:
-            self._distances = (
-                self.found,
-                self.memory.distance,
-                self.found.distance(self.memory.distance),
-            )
-        return self._distances[2]
-
-    def _selection(self, x1: Array) -> npt.NDArray[np.bool_]:
-        """Which candidates are near at x0, or may be at about x1."""
-        d, (gap1, way) = self._begins(), self._gaps_at(x1)
-        near = (self._gap0 < 1.05 * d) | (gap1 < FAR * d + MARGIN * np.abs(gap1 - self._gap0))
-        near[self.found.refused(self.x0, x1, self._gap0, d, way, ~near)] = True
-        return near
-
-    def _select(self, near: npt.NDArray[np.bool_], v: Array | None = None) -> ContactPairs:
-        """The pairs of some candidates; stiffness follows their closing speed unless they have energy."""
-        pairs = self.found.pairs(near, self._begins(), self.law)
-        known, k = self.memory.stiffness_of(pairs.names)
-        if v is not None:
-            k = np.where(known, k, self._stiffness(near, v))
-        pairs.k = k
+    def pairs_with_energy(self) -> ActivePairs:
+        """Return this rank's pairs that have energy at q0; after `stored_energy`."""
+        pairs = self._activated(np.isin(self.candidates.identifier, self.history.identifier))
+        _, pairs.stiffness = self.history.stiffness_of(pairs.identifier)
         return pairs
 
-    def _stiffness(self, near: npt.NDArray[np.bool_], v: Array) -> Array:
-        """k (n,) [J] of pairs at the beginning of contact."""
-        found, area = self.found, self.found.area[near]
-        assert self._density is not None
-        sides = np.column_stack([found.nodes[near, 0], found.second[near]])
-        σ = 2 / np.maximum((1 / self._density[sides]).sum(axis=1), 1e-300)
-        rate = self._rate(near, v)
-        if self._K is not None:
-            self._softness.look(
-                self.bodies.body[sides], self._density[sides].min(axis=1), np.maximum(-rate, 0)
-            )
-            return self._K * self._d**2 * area
-        return 4 * σ * np.maximum(self.memory.speed, 1.25 * np.abs(rate)) ** 2 * area
+    # ---- the active set of a step ----
 
-    def _rate(self, near: npt.NDArray[np.bool_], v: Array) -> Array:
-        """That of the distance (n,) [m/s] at the beginning of a step, taken over a short time."""
-        τ = 1e-3 * self._system.h
-        s0, s1 = (
-            squared_distances(
-                np.ascontiguousarray(self.found.nodes[near]), self.found.kind[near], x
-            )
-            for x in (self.x0, np.ascontiguousarray(self.x0 + τ * v))
-        )
-        kind, way = self.found.kind[near], np.sqrt(np.abs(s1)) - np.sqrt(np.abs(s0))
-        rate: Array = np.select([kind == PLANE, kind >= IN_SPHERE], [s1 - s0, -way], way) / τ
-        return rate
+    def begin_step(self) -> None:
+        """Find what may touch in the step."""
+        system = self._system
+        self.stored_energy()
+        self._end_time = system.time + system.h
+        self._v = self.points.rates(system.v0, system.time, system.h)
+        predicted = np.ascontiguousarray(self.x0 + system.h * self._v)
+        if not self.history.reference_speed:
+            self.history.reference_speed = self._stiffness.reference_speed(system.h)
+        if not self._are_within_bounds(predicted):
+            self.search.find(self.x0, self._v, system.time, system.h, predicted)
+        self.search.begin_step()
+        self._start = self._distances_at(self.x0) or PairDistances.of(self.candidates, self.x0)
+        self._grow_activation()
+        step = StepDistances(self._start, predicted, FAR * self.activation_distance)
+        self._set_active(step.may_touch(self._activation_distances()))
 
-    def _take(self, near: npt.NDArray[np.bool_], v: Array) -> None:
-        """Work with these candidates in the step."""
-        self._v, self._mask = v, near
-        self.near = pairs = self._select(near, v)
-        # those between nodes of bodies alone, and those with points of obstacles
-        simple: npt.NDArray[np.bool_] = np.asarray((pairs.nodes < self.points.n).all(axis=1))
-        self._plain_pairs, self._mixed_pairs = pairs.some(simple), pairs.some(~simple)
-        self._starts = starts(self._plain_pairs, self.x0)
-        vectors, self._expansion = self.points.expanded(self._mixed_pairs.nodes)
-        rubbing = [] if self.friction is None else self.friction.take(pairs, self.x0, self.law)
-        self._slots, self._mixed_slots, *of_friction = self.blocks.lay_out(
-            self._plain_pairs.nodes, vectors, *rubbing
+    def _are_within_bounds(self, end: Array) -> bool:
+        """Return whether the candidates are complete for a step from x0 to points (m, 3)."""
+        bounds = self.search.bounds
+        return bounds.hold(self.x0, self._system.time) and bounds.hold(end, self._end_time)
+
+    def _grow_activation(self) -> None:
+        """Let activation distances grow with the gaps at x0; collective."""
+        gap = self._start.gap
+        near = np.where(gap < FAR * self.activation_distance, gap, np.inf)
+        nearest = nearest_gaps(self.candidates, near, self.points.count, self._comm)
+        self.closest = min(self.closest, float(nearest.min(initial=np.inf)))
+        present = self.history.activation_distance
+        grown = grown_activation(present, self.activation_distance, nearest)
+        # Without growth the array stays the same object, for which pairs' distances are known.
+        if not np.array_equal(grown, present):
+            self.history.activation_distance = grown
+
+    def _activation_distances(self) -> Array:
+        return self._activation.of(self.candidates, self.history.activation_distance)
+
+    def _activated(self, active: MaskArray) -> ActivePairs:
+        """Return the candidates of a mask (n,) as active pairs without stiffness."""
+        activation_distance = self._activation_distances()[active]
+        return activate(self.candidates.rows(active), activation_distance, self.law)
+
+    def _set_active(self, active: MaskArray) -> None:
+        """Let the candidates of a mask (n,) take part in the step."""
+        squared_distance, parameters = self._start.closest_points(active)
+        pairs = self._activated(active)
+        # Pairs that have energy keep their stiffness: with another one energy would appear.
+        has_energy, stiffness = self.history.stiffness_of(pairs.identifier)
+        chosen = self._stiffness.choose(
+            self.candidates.rows(active),
+            squared_distance,
+            self.x0,
+            self._v,
+            self.history.reference_speed,
         )
+        pairs.stiffness = np.where(has_energy, stiffness, chosen)
+        pairs.start = pair_starts(pairs, self.x0, squared_distance, parameters)
+        self._active = active
+        self.pairs = pairs
+        self._lay_out(pairs)
+        self._last_end = self.x0
+        self._last_states: tuple[ByteArray, ByteArray] | None = None
+
+    def _lay_out(self, pairs: ActivePairs) -> None:
+        """Choose the pattern of the tangent.
+
+        Pairs between bodies couple their four points.  Points of obstacles are combinations of block rows,
+        which are coupled instead.
+        """
+        is_of_bodies = between_bodies(pairs.points, self.points.body_count)
+        self._body_pairs = pairs.rows(is_of_bodies)
+        self._obstacle_pairs = pairs.rows(~is_of_bodies)
+        block_rows, self._row_weights = self.points.block_rows_of(self._obstacle_pairs.points)
+        rubbing = [] if self.friction is None else self.friction.begin_step(pairs, self.x0)
+        block_index = self.assembly.couple(self._body_pairs.points, block_rows, *rubbing)
+        self._body_blocks: Int32Array = block_index[0]
+        self._obstacle_blocks: Int32Array = block_index[1]
         if self.friction is not None:
-            self.friction.place(of_friction)
-        self._state: Bytes | None = None
-        self._end = self.x0
+            self.friction.set_block_index(block_index[2:])
 
-    def limit(self, update: Array) -> None:
-        """Let no node go farther in an iteration than some distances of contact; the update (n,) changes in place."""
-        for index in self.bodies.indices:
-            rows = update[self._system.numbering.owned(index)].reshape(
-                -1, self._system.bodies[index].block.size
-            )
-            way = np.linalg.norm(rows[:, :3], axis=1)
-            rows *= np.minimum(1.0, REACH * self._d / np.maximum(way, 1e-300))[:, None]
+    def extend_active_set(self) -> bool:
+        """Add pairs that are near at the end of a step, or were passed on the way, and were left out.
 
-    def widen(self) -> bool:
-        """After a step was solved: whether a pair that is near now or was on the way was left out, and is taken in."""
-        x1 = self.points.at(self._system.q1, self._t1)
-        if not self.found.course.holds(x1, self._t1):
-            names = self.found.names[self._mask]
-            self._find(self.x0, self._v, x1)
-            self._gap0 = self.found.gaps(self.x0)
-            self._mask = np.isin(self.found.names, names)
-        gap1, self._way = self._gaps_at(x1)
-        self._known = [(self.found, self.x0, self._gap0), (self.found, x1, gap1)]
-        begins, left_out = self._begins(), ~self._mask
-        missed = (gap1 < 1.02 * begins) & left_out
-        missed[self.found.refused(self.x0, x1, self._gap0, begins, self._way, left_out)] = True
-        if not self._comm.allreduce(bool(missed.any())):
+        Returns:
+            whether any rank has added one: the step is then solved again from where it ended.
+        """
+        x1 = self._end_points()
+        if not self.search.bounds.hold(x1, self._end_time):
+            identifier = self.candidates.identifier[self._active]
+            self.search.find(self.x0, self._v, self._system.time, self._system.h, x1)
+            self._start = PairDistances.of(self.candidates, self.x0)
+            self._active = np.isin(self.candidates.identifier, identifier)
+        step = StepDistances(self._start, x1, FAR * self.activation_distance)
+        self._solved = step
+        self._known_distances = [step.start, step.end]
+        activation_distance = self._activation_distances()
+        missing = step.missing(activation_distance, self._active)
+        if not self._comm.allreduce(bool(missing.any())):
             return False
-        self._take(self._mask | missed | self._selection(x1), self._v)
+        self._set_active(self._active | missing | step.may_touch(activation_distance))
         return True
 
-    def inadmissible(self) -> str:
-        """In words, what passed through something else in the step, or all but did; else nothing."""
-        x1 = self.points.at(self._system.q1, self._t1)
-        if self._comm.allreduce(not np.array_equal(x1, self._known[1][1])):
-            self.widen()  # what it takes in is found below
-        found, gap1 = self.found, self._known[1][2]
-        behind_walls = np.flatnonzero((found.kind >= WALLS) & (gap1 <= 0))
-        through = found.refused(self.x0, x1, self._gap0, self._begins(), self._way, self._mask)
-        assert self.near is not None
-        pushed = self.near.names[act(self.near, self.x0, x1, self.law, self._alpha).state == PASSED]
-        wrong = np.concatenate(
-            [through, np.flatnonzero(np.isin(found.names, pushed)), behind_walls]
-        )
-        words = ""
-        if len(wrong):
-            i = int(wrong[0])
-            a, b = (
-                self.bodies.names[self.bodies.body[p]] for p in (found.nodes[i, 0], found.second[i])
-            )
-            x, y, z = x1[found.nodes[i, 0]]
-            words = f"'{a}' would pass through '{b}' near ({x:.4g}, {y:.4g}, {z:.4g}) m"
-        return next(filter(None, self._comm.allgather(words)), "")
+    def _end_points(self) -> Array:
+        """Return the points (m, 3) [m] at the end of the step, as iterated."""
+        return self.points.at(self._system.q1, self._end_time)
 
-    # ---- forces -----------------------------------------------------------------------------------------------------
+    def find_penetration(self) -> str:
+        """Return in words what passed through something else in the step, or all but did; else nothing."""
+        x1 = self._end_points()
+        # What is added here is found below.
+        if self._comm.allreduce(not np.array_equal(x1, self._solved.end.x)):
+            self.extend_active_set()
+        candidates = self.candidates
+        behind_walls = is_wall(candidates.kind) & (self._solved.end.gap <= 0)
+        passed = np.isin(candidates.identifier, self._identifiers_of_passed(x1))
+        violations = self._solved.violations(self._activation_distances(), among=self._active)
+        rows = [violations, np.flatnonzero(passed), np.flatnonzero(behind_walls)]
+        wrong = np.concatenate(rows)
+        message = ""
+        if len(wrong):
+            first = int(wrong[0])
+            point = candidates.points[first, 0]
+            one = self.mesh.name_of(point)
+            other = self.mesh.name_of(candidates.second_point[first])
+            x, y, z = x1[point]
+            message = f"'{one}' would pass through '{other}' near ({x:.4g}, {y:.4g}, {z:.4g}) m"
+        return next(filter(None, self._comm.allgather(message)), "")
+
+    def _identifiers_of_passed(self, x1: Array) -> np.ndarray:
+        """Return the identifiers of active pairs that passed through each other in a step to x1."""
+        tables = (self._body_pairs, self._obstacle_pairs)
+        states = self._states_at(x1)
+        if states is None:
+            responses = [evaluate(pairs, self.x0, x1, self.law, self._alpha) for pairs in tables]
+            states = (responses[0].state, responses[1].state)
+        return np.concatenate(
+            [
+                pairs.identifier[state == PairState.PASSED]
+                for pairs, state in zip(tables, states, strict=True)
+            ]
+        )
+
+    def _states_at(self, x1: Array) -> tuple[ByteArray, ByteArray] | None:
+        """Return what both tables of pairs do in a step to x1, if it is the last residual's."""
+        return self._last_states if np.array_equal(x1, self._last_end) else None
+
+    def limit_update(self, update: Array) -> None:
+        """Shorten a Newton update (n,) of this rank's unknowns, in place, node by node."""
+        longest = MAX_UPDATE * self.activation_distance
+        for body in self.mesh.bodies:
+            owned = self._system.block(body).owned
+            rows = update[owned].reshape(-1, body.block.size)
+            way = np.linalg.norm(rows[:, :3], axis=1)
+            rows *= np.minimum(1.0, longest / np.maximum(way, TINY))[:, None]
+
+    # ---- forces ----
 
     def add_forces(self, r: PETSc.Vec) -> None:
-        if self.near is None:
+        """Add the forces [N] of the step to a residual; collective."""
+        if self.pairs is None:
             return
-        self.force = np.zeros((self.points.m, 3))
-        self._end = x1 = self.points.at(self._system.q1, self._t1)
-        states = [
-            act(pairs, self.x0, x1, self.law, self._alpha, force=self.force, start=start).state
-            for pairs, start in ((self._plain_pairs, self._starts), (self._mixed_pairs, None))
-        ]
-        self._state = states[0]
+        x1 = self._end_points()
+        self.point_forces = np.zeros((self.points.count, 3))
+        of_bodies, of_obstacles = (
+            evaluate(
+                pairs, self.x0, x1, self.law, self._alpha, point_forces=self.point_forces
+            ).state
+            for pairs in (self._body_pairs, self._obstacle_pairs)
+        )
+        self._last_end = x1
+        self._last_states = (of_bodies, of_obstacles)
+        self.acting_count = int((of_bodies > 0).sum() + (of_obstacles > 0).sum())
         if self.friction is not None:
-            self.friction.add_forces(self.x0, x1, self.force)
-        self.acting = sum(int((state > 0).sum()) for state in states)
-        self.points.add(self.force, r)
+            self.friction.add_forces(self.x0, x1, self.point_forces)
+        self.points.add(self.point_forces, r)
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        """Add what is on the diagonal; `coupling` has the rest."""
-        if self.near is None:
-            self.blocks.reserve(A)
+        """Add the blocks on the diagonal of the tangent to a matrix; `coupling` has the others."""
+        if self.pairs is None:
+            self.assembly.reserve_diagonal(A)
             return
-        x1, γ = self.points.at(self._system.q1, self._t1), self._system.geometric
-        state = self._state if np.array_equal(x1, self._end) else None
-        self.blocks.values[:] = 0
-        act(
-            self._plain_pairs, self.x0, x1, self.law, self._alpha, start=self._starts, state=state,
-            slots=self._slots, values=self.blocks.values, geometric=γ,
-        )  # fmt: skip
-        if len(self._mixed_pairs):
-            of_pairs = act(
-                self._mixed_pairs,
+        x1 = self._end_points()
+        blocks = self.assembly.blocks
+        blocks[:] = 0
+        of_bodies, of_obstacles = self._states_at(x1) or (None, None)
+        evaluate(
+            self._body_pairs,
+            self.x0,
+            x1,
+            self.law,
+            self._alpha,
+            block_index=self._body_blocks,
+            blocks=blocks,
+            geometric_share=self._system.geometric,
+            known_state=of_bodies,
+        )
+        if len(self._obstacle_pairs):
+            response = evaluate(
+                self._obstacle_pairs,
                 self.x0,
                 x1,
                 self.law,
                 self._alpha,
-                each=True,
-                tangents=True,
-                geometric=γ,
+                tangents_by_pair=True,
+                geometric_share=self._system.geometric,
+                known_state=of_obstacles,
             )
-            self._spread(of_pairs.tangents)
+            self._add_through_block_rows(np.asarray(response.tangents))
         if self.friction is not None:
-            self.friction.add_tangents(self.x0, x1, self.blocks.values)
-        self.blocks.add_diagonal(A)
+            self.friction.add_tangents(self.x0, x1, blocks)
+        self.assembly.add_diagonal(A)
+
+    def _add_through_block_rows(self, tangents: Array) -> None:
+        """Add tangents (n, 144) of pairs with obstacles to the blocks of the block rows behind them."""
+        weights = self._row_weights
+        by_points = tangents.reshape(-1, 4, 3, 4, 3)
+        by_rows = np.einsum("npi,npaqb,nqj->nijab", weights, by_points, weights, optimize=True)
+        index = self._obstacle_blocks
+        np.add.at(self.assembly.blocks, index, by_rows.reshape(*index.shape, 9))
 
     def coupling(self, diagonal: PETSc.Vec | None) -> PETSc.Mat | None:
-        return None if self.near is None else self.blocks.coupling(diagonal)
+        """Return the blocks between two block rows as a matrix; see `BlockAssembly.coupling`."""
+        return None if self.pairs is None else self.assembly.coupling(diagonal)
 
-    def _spread(self, tangents: Array | None) -> None:
-        """Add tangents (n, 144) of pairs with points of obstacles to the blocks of the vectors behind them."""
-        assert tangents is not None
-        T, K = self._expansion, tangents.reshape(-1, 4, 3, 4, 3)
-        blocks = np.einsum("npi,npaqb,nqj->nijab", T, K, T, optimize=True)
-        np.add.at(
-            self.blocks.values, self._mixed_slots, blocks.reshape(*self._mixed_slots.shape, 9)
-        )
+    # ---- energy balance of a step ----
 
-    def supplied(self) -> float:
-        """Work [J] of prescribed obstacles in the step, on this rank."""
-        if self.near is None or not len(self.points.prescribed):
+    def supplied_work(self) -> float:
+        """Return the work [J] of prescribed obstacles in the step, this rank's share."""
+        prescribed = self.points.prescribed
+        if self.pairs is None or not len(prescribed):
             return 0.0
-        at = self.points.prescribed
-        x1 = self.points.at(self._system.q1, self._t1)
-        return float(np.sum(self.force[at] * (x1[at] - self.x0[at])))
+        displacement = self._end_points()[prescribed] - self.x0[prescribed]
+        return float(np.sum(self.point_forces[prescribed] * displacement))
 
-    def dissipated(self) -> float:
-        """Loss [J] of the step by friction, on this rank."""
-        if self.near is None or self.friction is None:
+    def friction_loss(self) -> float:
+        """Return the energy [J] that friction dissipates in the step, this rank's share."""
+        if self.pairs is None or self.friction is None:
             return 0.0
-        return self.friction.loss(self.x0, self.points.at(self._system.q1, self._t1))
+        return self.friction.loss(self.x0, self._end_points())

@@ -1,4 +1,4 @@
-"""What contact remembers from step to step: distances of points that grow, and stiffness of pairs that have energy."""
+"""History variables of contact: what a step takes over from those before, and what a checkpoint holds."""
 
 from __future__ import annotations
 
@@ -6,49 +6,72 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+from mpi4py import MPI
 
-from gossamer_fx.model.body import Array
+from gossamer_fx.contact.arrays import Array, Int64Array, MaskArray
+
+
+def _no_numbers() -> Array:
+    return np.zeros(0)
+
+
+def _no_identifiers() -> Int64Array:
+    return np.zeros(0, dtype=np.int64)
 
 
 @dataclass
 class ContactHistory:
-    """distance (m,) [m] of each point, infinite before the first search; names (k,) and stiffness (k,) [J] of pairs
-    that have energy, of this rank at least; `speed` [m/s], the least for which stiffness is chosen, zero until known.
+    """History variables of one contact.
 
-    `gather`, given by what uses it, makes names and stiffness those of all ranks.  `restored` counts.
+    Energy is conserved if a pair that has energy keeps its stiffness, and if the activation distance of
+    a pair changes only while it has none.
+
+    Attributes:
+        activation_distance: gap (m,) [m] of each point below which its pairs have energy; empty before
+            the initial state is known.
+        identifier: of pairs that have energy (k,), sorted; at least those of this rank.
+        stiffness: k [J] of these pairs (k,).
+        reference_speed: least closing speed [m/s] for which stiffness is chosen; zero before the first
+            step.
+        restored: how often a state was restored.
+        comm: of the contact, once it is known.
     """
 
-    distance: Array = field(default_factory=lambda: np.zeros(0))
-    names: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    stiffness: Array = field(default_factory=lambda: np.zeros(0))
-    speed: float = 0.0
+    activation_distance: Array = field(default_factory=_no_numbers)
+    identifier: Int64Array = field(default_factory=_no_identifiers)
+    stiffness: Array = field(default_factory=_no_numbers)
+    reference_speed: float = 0.0
     restored: int = 0
-    comm: Any = None
+    comm: MPI.Intracomm | None = None
 
     def get_state(self) -> dict[str, Any]:
-        names, stiffness = self.names, self.stiffness
+        """Return the history of all ranks, the same on every rank; collective."""
+        identifier = self.identifier
+        stiffness = self.stiffness
         if self.comm is not None and self.comm.size > 1:
-            parts = self.comm.allgather((names, stiffness))
-            names, first = np.unique(np.concatenate([n for n, _ in parts]), return_index=True)
-            stiffness = np.concatenate([k for _, k in parts])[first]
+            of_ranks = self.comm.allgather((identifier, stiffness))
+            identifiers = np.concatenate([part for part, _ in of_ranks])
+            identifier, first = np.unique(identifiers, return_index=True)
+            stiffness = np.concatenate([part for _, part in of_ranks])[first]
         return {
-            "distance": self.distance.tolist(),
-            "names": names.tolist(),
+            "activation distance": self.activation_distance.tolist(),
+            "identifier": identifier.tolist(),
             "stiffness": stiffness.tolist(),
-            "speed": self.speed,
+            "reference speed": self.reference_speed,
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        self.distance = np.array(state["distance"], dtype=float)
-        self.names = np.array(state["names"], dtype=np.int64)
+        """Restore what `get_state` returned, on any number of ranks."""
+        self.activation_distance = np.array(state["activation distance"], dtype=float)
+        self.identifier = np.array(state["identifier"], dtype=np.int64)
         self.stiffness = np.array(state["stiffness"], dtype=float)
-        self.speed = float(state["speed"])
+        self.reference_speed = float(state["reference speed"])
         self.restored += 1
 
-    def stiffness_of(self, names: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.bool_], Array]:
-        """Which of the names are known, and their stiffness."""
-        if not len(self.names):
-            return np.zeros(len(names), dtype=bool), np.zeros(len(names))
-        at = np.minimum(np.searchsorted(self.names, names), len(self.names) - 1)
-        return self.names[at] == names, self.stiffness[at]
+    def stiffness_of(self, identifier: Int64Array) -> tuple[MaskArray, Array]:
+        """Return which pairs (n,) have energy already, and their stiffness (n,) [J]."""
+        if not len(self.identifier):
+            return np.zeros(len(identifier), dtype=bool), np.zeros(len(identifier))
+        row = np.searchsorted(self.identifier, identifier)
+        row = np.minimum(row, len(self.identifier) - 1)
+        return self.identifier[row] == identifier, self.stiffness[row]

@@ -1,4 +1,9 @@
-"""Solids that films, cables and beams touch: fixed, moved, or parts of rigid bodies."""
+"""Obstacles that films, cables and beams touch: fixed, moved as prescribed, or parts of rigid bodies.
+
+An obstacle is made of walls, off which points are kept, and of solids: corners, edges and triangles
+like those of films, with a radius around them.  Planes and rooms are walls; a sphere is a corner with a
+radius, a cylinder an edge with a radius, a box eight corners.
+"""
 
 from __future__ import annotations
 
@@ -15,27 +20,37 @@ from gossamer_fx.bodies.frames import along, ground_frame
 from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, is_vector
-from gossamer_fx.contact.potential import IN_CYLINDER, IN_SPHERE, PLANE
+from gossamer_fx.contact.pair_table import PairKind
 from gossamer_fx.model.body import Array, Attached, Ground, Port, Vector
 
 PrescribedMotion = Callable[[float], Sequence[float]]
 
+# Largest error of the products of a box's axes: they are orthonormal to round-off.
+ORTHONORMALITY = 1e-9
+
+# The three bits of a corner's number, one for each axis of a box.
+AXIS_BITS = (1, 2, 4)
+
 
 @dataclass(frozen=True)
 class ObstacleWall:
-    """A wall that points of films are kept off: `kind` of its pairs, what stands behind the point in them, and size.
+    """A wall off which points are kept.
 
-    behind: three vectors: origin, and normal or two directions across the axis.  radius [m] of balls and cylinders.
+    Attributes:
+        kind: of its pairs.
+        points: three vectors that describe it, see `pair_table`: an origin, and a normal or two
+            directions across an axis.
+        radius: of spheres and cylinders [m].
     """
 
-    kind: int
-    behind: tuple[Attached, Attached, Attached]
+    kind: PairKind
+    points: tuple[Attached, Attached, Attached]
     radius: float = 0.0
 
 
 @dataclass(frozen=True)
 class ObstacleSolid:
-    """Corners, edges (e, 2) and triangles (t, 3) between them, with a radius [m] around all of them."""
+    """Corners, and edges (e, 2) and triangles (t, 3) between them, with a radius [m] around all of them."""
 
     corners: tuple[Attached, ...]
     edges: tuple[tuple[int, int], ...] = ()
@@ -45,11 +60,17 @@ class ObstacleSolid:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Obstacle:
-    """Something solid.  Points and directions are those of the start, in space.
+    """Something solid.  Points and directions are those at the start, in space.
 
-    body: the rigid body of which it is a part; none: it stays, or moves as prescribed.
-    motion: displacement [m] of the obstacle as a function of time [s]; its work is booked as supplied.
-    friction: coefficient of Coulomb friction with it; none: that of the contact.
+    Args:
+        body: the rigid body of which it is a part; None: it stays, or moves as prescribed.
+        motion: displacement [m] of the obstacle over the time [s]; its work is supplied energy.
+        friction: coefficient of Coulomb friction with it; None: that of the contact.
+        name: in messages and outputs.
+
+    Raises:
+        InputError: a vector that is not three finite numbers, a radius that is not positive, a negative
+            friction, or both `body` and `motion`.
     """
 
     body: RigidBody | None = None
@@ -58,50 +79,49 @@ class Obstacle:
     name: str = "obstacle"
 
     def __post_init__(self) -> None:
-        check_friction(
-            f"{type(self).__name__} '{self.name}'", 0.0 if self.friction is None else self.friction
-        )
+        owner = f"{type(self).__name__} '{self.name}'"
+        if self.friction is not None:
+            check_friction(owner, self.friction)
         check(
             self.body is None or self.motion is None,
-            f"{type(self).__name__} '{self.name}': a part of a rigid body has no motion of its own; leave out one of "
-            "'on' and 'motion'.",
+            f"{owner}: a part of a rigid body has no motion of its own; leave out one of 'body' and 'motion'.",
         )
-        for what in ("point", "normal", "centre", "start", "end", "sizes"):
-            value = getattr(self, what, (0.0, 0.0, 0.0))
+        for attribute in ("point", "normal", "centre", "start", "end", "sizes"):
+            value = getattr(self, attribute, (0.0, 0.0, 0.0))
             check(
                 is_vector(value),
-                f"{type(self).__name__} '{self.name}': {what} is {value!r}; give three finite numbers.",
+                f"{owner}: {attribute} is {value!r}; give three finite numbers.",
             )
         radius = getattr(self, "radius", 1.0)
         check(
             math.isfinite(radius) and radius > 0,
-            f"{type(self).__name__} '{self.name}': radius is {radius!r} m; give a positive number.",
+            f"{owner}: radius is {radius!r} m; give a positive number.",
         )
 
     def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
-        """Walls and solids that make it up."""
+        """Return the walls and solids that make it up."""
         raise NotImplementedError
 
     def requires(self) -> Iterable[Any]:
+        """Return the body that has to be in the scene, too."""
         return () if self.body is None else (self.body,)
 
     def frame(self) -> tuple[Attached, ...]:
-        """An origin and three axes that move with it."""
+        """Return an origin and three axes that move with it."""
         if self.body is None:
             frame = ground_frame()
             return frame.origin, *frame.directors
         return Port(self.body, (0,)), *self.body.frame().directors
 
-    def _at(self, place: Array | Vector) -> Attached:
-        x, y, z = np.asarray(place, dtype=float)
-        return (
-            Ground((float(x), float(y), float(z)))
-            if self.body is None
-            else self.body.port_at((x, y, z))
-        )
+    def _at(self, point: Array | Vector) -> Attached:
+        """Return a point (3,) [m] that moves with the obstacle."""
+        x, y, z = (float(value) for value in point)
+        if self.body is None:
+            return Ground((x, y, z))
+        return self.body.port_at((x, y, z))
 
     def _along(self, direction: Array) -> Attached:
-        """A direction that turns with the obstacle."""
+        """Return a direction (3,) that turns with the obstacle."""
         if self.body is None:
             x, y, z = direction
             return Ground((float(x), float(y), float(z)))
@@ -109,18 +129,19 @@ class Obstacle:
 
 
 def check_friction(owner: str, friction: float) -> None:
-    """Raise `InputError` for what is no coefficient of friction."""
+    """Raise `InputError` unless a coefficient of friction is zero or positive."""
     check(
         math.isfinite(friction) and friction >= 0,
         f"{owner}: friction is {friction!r}; give zero, or a positive ratio of forces.",
     )
 
 
-def _unit(vector: Vector | Array, what: str) -> Array:
-    n = np.asarray(vector, dtype=float)
-    length = np.linalg.norm(n)
-    check(bool(length > 0), f"{what} has no length; give a direction.")
-    unit: Array = n / length
+def _unit(vector: Vector | Array, owner: str) -> Array:
+    """Return a vector of length one; the owner is named in the message about one without a length."""
+    direction = np.asarray(vector, dtype=float)
+    length = np.linalg.norm(direction)
+    check(bool(length > 0), f"{owner} has no length; give a direction.")
+    unit: Array = direction / length
     return unit
 
 
@@ -131,16 +152,22 @@ class Plane(Obstacle):
 
     Args:
         point: on the plane [m].
-        normal: towards the side where films are.
+        normal: towards the side where bodies are.
+        body, motion, friction, name: see `Obstacle`.
+
+    Example:
+        >>> import gossamer_fx as gx
+        >>> floor = gx.contact.Plane(point=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0), friction=0.3)
     """
 
     point: Vector
     normal: Vector
 
     def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
-        n = _unit(self.normal, f"Plane '{self.name}': its normal")
+        normal = _unit(self.normal, f"Plane '{self.name}': its normal")
         origin = self._at(self.point)
-        return [ObstacleWall(PLANE, (origin, self._along(n), origin))], []
+        wall = ObstacleWall(PairKind.POINT_PLANE, (origin, self._along(normal), origin))
+        return [wall], []
 
 
 @check_arguments
@@ -151,7 +178,12 @@ class Sphere(Obstacle):
     Args:
         centre: [m].
         radius: [m].
-        inside: whether films are kept within it.
+        inside: whether bodies are kept within it.
+        body, motion, friction, name: see `Obstacle`.
+
+    Example:
+        >>> import gossamer_fx as gx
+        >>> ball = gx.contact.Sphere(centre=(0.0, 0.0, 0.1), radius=0.05)
     """
 
     centre: Vector
@@ -159,12 +191,11 @@ class Sphere(Obstacle):
     inside: bool = False
 
     def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
-        c = self._at(self.centre)
-        return (
-            ([ObstacleWall(IN_SPHERE, (c, c, c), self.radius)], [])
-            if self.inside
-            else ([], [ObstacleSolid((c,), radius=self.radius)])
-        )
+        centre = self._at(self.centre)
+        if self.inside:
+            points = (centre, centre, centre)
+            return [ObstacleWall(PairKind.POINT_IN_SPHERE, points, self.radius)], []
+        return [], [ObstacleSolid((centre,), radius=self.radius)]
 
 
 @check_arguments
@@ -175,7 +206,12 @@ class Cylinder(Obstacle):
     Args:
         start, end: of its axis [m].
         radius: [m].
-        inside: whether films are kept within it.
+        inside: whether bodies are kept within it.
+        body, motion, friction, name: see `Obstacle`.
+
+    Example:
+        >>> import gossamer_fx as gx
+        >>> mast = gx.contact.Cylinder(start=(0.0, 0.0, 0.0), end=(0.0, 0.0, 2.0), radius=0.1)
     """
 
     start: Vector
@@ -185,11 +221,13 @@ class Cylinder(Obstacle):
 
     def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
         axis = _unit(np.subtract(self.end, self.start), f"Cylinder '{self.name}': its axis")
-        a, b = self._at(self.start), self._at(self.end)
+        start = self._at(self.start)
         if not self.inside:
-            return [], [ObstacleSolid((a, b), ((0, 1),), radius=self.radius)]
-        u, v = perpendicular_pair(axis)
-        return [ObstacleWall(IN_CYLINDER, (a, self._along(u), self._along(v)), self.radius)], []
+            solid = ObstacleSolid((start, self._at(self.end)), ((0, 1),), radius=self.radius)
+            return [], [solid]
+        first, second = perpendicular_pair(axis)
+        points = (start, self._along(first), self._along(second))
+        return [ObstacleWall(PairKind.POINT_IN_CYLINDER, points, self.radius)], []
 
 
 @check_arguments
@@ -200,8 +238,16 @@ class Box(Obstacle):
     Args:
         centre: [m].
         sizes: lengths of its edges [m].
-        axes: directions of its edges, rows (3, 3); default those of space.
-        inside: whether films are kept within it.
+        axes: directions of its edges, orthonormal rows (3, 3); by default those of space.
+        inside: whether bodies are kept within it.
+        body, motion, friction, name: see `Obstacle`.
+
+    Raises:
+        InputError: sizes that are not positive, axes that are not orthonormal; see also `Obstacle`.
+
+    Example:
+        >>> import gossamer_fx as gx
+        >>> bus = gx.contact.Box(centre=(0.0, 0.0, 0.0), sizes=(0.2, 0.2, 0.3))
     """
 
     centre: Vector
@@ -215,34 +261,47 @@ class Box(Obstacle):
             min(self.sizes) > 0,
             f"Box '{self.name}': sizes are {tuple(self.sizes)!r} m; give positive numbers.",
         )
-        A = np.asarray(self.axes, dtype=float)
+        axes = np.asarray(self.axes, dtype=float)
+        is_orthonormal = axes.shape == (3, 3) and bool(
+            np.allclose(axes @ axes.T, np.eye(3), atol=ORTHONORMALITY)
+        )
         check(
-            A.shape == (3, 3) and bool(np.allclose(A @ A.T, np.eye(3), atol=1e-9)),
-            f"Box '{self.name}': its axes are no three orthonormal directions; give them as rows.",
+            is_orthonormal,
+            f"Box '{self.name}': its axes are not three orthonormal directions; give them as rows.",
         )
 
     def parts(self) -> tuple[list[ObstacleWall], list[ObstacleSolid]]:
-        A, c, half = (
-            np.asarray(self.axes, float),
-            np.asarray(self.centre, float),
-            np.asarray(self.sizes, float) / 2,
-        )
+        axes = np.asarray(self.axes, dtype=float)
+        centre = np.asarray(self.centre, dtype=float)
+        half = np.asarray(self.sizes, dtype=float) / 2
         if self.inside:
-            walls = []
-            for axis, h in zip(A, half, strict=True):
-                for sign in (-1, 1):
-                    origin = self._at(c + sign * h * axis)
-                    walls.append(ObstacleWall(PLANE, (origin, self._along(-sign * axis), origin)))
-            return walls, []
-        corners = [
-            c + (np.array(s) * half) @ A for s in product((-1, 1), repeat=3)
-        ]  # number: bits of the signs
-        edges = [(i, i | bit) for i in range(8) for bit in (1, 2, 4) if not i & bit]
-        triangles = []
-        for bit in (1, 2, 4):
-            a, b = (other for other in (1, 2, 4) if other != bit)
-            for base in (0, bit):
-                triangles += [(base, base | a, base | a | b), (base, base | b, base | a | b)]
-        return [], [
-            ObstacleSolid(tuple(self._at(p) for p in corners), tuple(edges), tuple(triangles))
+            return self._walls(axes, centre, half), []
+        # The bits of a corner's number are the signs of its coordinates; z is the lowest bit.
+        corners = [centre + (np.array(signs) * half) @ axes for signs in product((-1, 1), repeat=3)]
+        edges = [
+            (corner, corner | bit) for corner in range(8) for bit in AXIS_BITS if not corner & bit
         ]
+        points = tuple(self._at(corner) for corner in corners)
+        return [], [ObstacleSolid(points, tuple(edges), _triangles_of_box())]
+
+    def _walls(self, axes: Array, centre: Array, half: Array) -> list[ObstacleWall]:
+        """Return the six planes around the room, with normals towards its middle."""
+        walls = []
+        for k in range(3):
+            for sign in (-1, 1):
+                origin = self._at(centre + sign * half[k] * axes[k])
+                normal = self._along(-sign * axes[k])
+                walls.append(ObstacleWall(PairKind.POINT_PLANE, (origin, normal, origin)))
+        return walls
+
+
+def _triangles_of_box() -> tuple[tuple[int, int, int], ...]:
+    """Return two triangles for each of the six faces, by the numbers of corners."""
+    triangles = []
+    for bit in AXIS_BITS:
+        first, second = (other for other in AXIS_BITS if other != bit)
+        for base in (0, bit):
+            opposite = base | first | second
+            triangles.append((base, base | first, opposite))
+            triangles.append((base, base | second, opposite))
+    return tuple(triangles)

@@ -1,175 +1,280 @@
-"""Contact pairs: their distances, energies, forces and tangents.
+"""The contact potential: energy, forces and tangents of pairs, conserving in every step.
 
-A pair is three vectors, linear in its four points: r between the two sides, a and b along them.  Its squared distance
+Problem.  The distance of two primitives is not a quadratic function of the coordinates, but the step of
+this package conserves energy and momenta through energies of quadratic measures.
 
-    s(e) = min over (u, v) of φ(u, v)·e,   e = (r·r, r·a, r·b, a·a, a·b, b·b),   φ = (1, 2u, 2v, u², 2uv, v²)
+Idea.  A pair is three vectors, linear in its four points: r between the two sides, a and b along them.
+Its squared distance
 
-is a concave function of six quadratic measures e.  An energy k b(x), x = (s - offset)/S, of a falling convex b is then
-convex in e, and is discretised as every other stored energy:
+    s(e) = min over (u, v) of φ(u, v)·e,    e = (r·r, r·a, r·b, a·a, a·b, b·b),
+                                            φ = (1, 2u, 2v, u², 2uv, v²)
 
-    S̄ = k (b(x1) - b(x0))/(s1 - s0) φ̄,   φ̄ = ∫₀¹ φ dτ along e0 + τ Δe,   Δe = e1 - e0
+is a minimum of linear functions of six quadratic measures e, so a concave function of them.  An energy
+k b(x), x = (s - offset)/width, of a falling convex b is convex in e: an ordinary stored energy.
 
-by two Gauss points, and what is missing of φ̄·Δe = s1 - s0 is added along Δe.  Force De(q̄)ᵀ S̄.  Where edges may be
-parallel, s is rounded by adding ε ((u - ½)² + (v - ½)²) to |r + u a + v b|²: it stays concave and becomes smooth.
-Where edges cross, s is at most ε/2 then: that much is added to the offset of barriers, which are infinite there.  Edges
-must keep a fiftieth of their x in a step; in iterates that do not, b goes on as a parabola.
-r leads to the nearest points of the start, so that small distances of large triangles keep their digits.
+    law       b(x), zero for x ≥ 1
+    BARRIER   (1 - x)³/(4x)     nothing gets through, whatever the stiffness
+    PENALTY   (1 - √x)²/2       linear in the distance; of walls (1 - x)²/2, where s is a distance itself
 
-    law         b(x), zero for x ≥ 1
-    BARRIER     (1 - x)³/(4x): nothing gets through, whatever its stiffness
-    PENALTY     (1 - √x)²/2: linear in the distance
+Algorithm, for a step from e0 = e(q0) to e1 = e(q1) with the change Δe = e1 - e0:
 
-Where the distance itself, or that from the middle of a ball or cylinder, is a measure, the penalty is (1 - x)²/2.
+    1. The stress of the step is S = k (b(x1) - b(x0))/(s1 - s0) φ_mean.                        (1)
+    2. φ_mean = ∫₀¹ φ dτ along e0 + τ Δe, by two Gauss points.                                  (2)
+    3. What φ_mean·Δe misses of s1 - s0 is added along Δe: φ_mean·Δe = s1 - s0.                 (3)
+    4. The force on the points is De(q_mid)ᵀ S.  Since De(q_mid)(q1 - q0) = Δe, its work is
+       k (b(x1) - b(x0)); it has no resultant and no moment, as e does not change in rigid motions.
+
+Parallel edges.  Their closest points are anywhere along them and jump when they turn.  Adding
+ε ((u - ½)² + (v - ½)²), ε = ROUNDING width, to the form rounds s and leaves it concave.  Where edges
+cross, s may then be ε/2; the offset of barriers is larger by this much, so that they are infinite there.
+
+Iterates of Newton's method may pass through something.  Such pairs are pushed back, by a parabola of the
+signed distance (`kernels/pass_through.h`).  Edges with a barrier must keep a fiftieth of their x in a
+step; below it b goes on as a parabola of x.  No step ends there.
+
+Cost: three closest points a pair and evaluation, all in C, without the pairs that are out of range.
+
+Limits: the tangent of a step is not symmetric, since (3) treats both ends differently from the middle.
+The measures at the Gauss points are those of no configuration, so that their closest points follow from
+the measures alone.
+
+References: the discrete energy rule, Simo & Tarnow, Z. angew. Math. Phys. 43 (1992) 757,
+doi:10.1007/BF00913408; barriers of distances, Li et al., "Incremental potential contact", ACM Trans.
+Graph. 39 (2020) 49, doi:10.1145/3386569.3392425.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 
-from gossamer_fx.contact.kernels.library import Array, Bytes, Integers, library, pointers
+from gossamer_fx.contact.arrays import Array, ByteArray, Int32Array
+from gossamer_fx.contact.kernels.library import library
+from gossamer_fx.contact.kernels.structs import pair_list_fields
+from gossamer_fx.contact.narrow_phase.closest_points import closest_points
+from gossamer_fx.contact.pair_table import ActivePairs, CandidatePairs, PairKind, is_room
+from gossamer_fx.forms.c_source import CStruct
 
-BARRIER, PENALTY = 0, 1
-POINT_TRIANGLE, EDGE_EDGE, PLANE, IN_SPHERE, IN_CYLINDER = range(5)
-ROUNDING = 0.05  # ε over S
-PUSH = (
-    4.0  # stiffness by which iterates that passed through are pushed back, over that of their pair
-)
-NONE, TOUCHES, PASSED = range(3)  # what a pair does in a step
+# ε over the width of a pair of edges.  With a fiftieth of it, barriers near the ends of edges are so
+# steep that a fine sail needs 40 % more steps (docs/theory/contact.md).
+ROUNDING = 0.05
+
+# Stiffness by which pairs that passed through are pushed back, over their own: more than the parabola
+# of the pair, so that the next iterate comes back to the right side.
+PUSH_BACK = 4.0
 
 
-@dataclass
-class ContactPairs:
-    """n pairs: nodes (n, 4), kind (n,), stiffness k [J], threshold S and offset of s; names (n,) tell them apart.
+class ContactLaw(IntEnum):
+    """How the energy grows with falling distance; the numbers are those of `kernels/contact.h`."""
 
-    S and offset are squared lengths; of planes they are lengths.
-    """
+    BARRIER = 0
+    PENALTY = 1
 
-    nodes: Integers
-    kind: Bytes
-    k: Array
-    S: Array
-    offset: Array
-    names: np.ndarray
 
-    def __len__(self) -> int:
-        return len(self.kind)
+class PairState(IntEnum):
+    """What a pair does in a step; the numbers are those of `kernels/contact.h`."""
 
-    def some(self, which: np.ndarray) -> ContactPairs:
-        """Those of the given indices, or where a mask is true."""
-        return ContactPairs(
-            *(getattr(self, name)[which] for name in ("nodes", "kind", "k", "S", "offset", "names"))
-        )
+    NO_CONTACT = 0
+    TOUCHES = 1
+    PASSED = 2
 
 
 @dataclass
 class PairResponse:
-    """What pairs do: state (n,) NONE, TOUCHES or PASSED; forces (n, 12) [N]; tangents (n, 144) [N/m] if asked for."""
+    """What n pairs do in a step.
 
-    state: Bytes
-    forces: Array | None
-    tangents: Array | None
+    Attributes:
+        state: of each pair (n,), a `PairState`.
+        forces: on the four points of each pair (n, 12) [N], or None.
+        tangents: their derivatives (n, 144) [N/m] by the end of the step, or None.
+    """
+
+    state: ByteArray
+    forces: Array | None = None
+    tangents: Array | None = None
 
 
-def infinite_at_crossings(kind: Bytes, S: Array, offset: Array) -> tuple[Array, Array]:
-    """S and offset (n,) with which a barrier begins where it did, and is infinite where rounded edges cross."""
-    rounded = np.where(kind == EDGE_EDGE, ROUNDING / 2, 0.0)
-    S = S / (1 + rounded)
-    return S, offset + rounded * S
+def activate(
+    candidates: CandidatePairs, activation_distance: Array, law: ContactLaw
+) -> ActivePairs:
+    """Return n candidates as pairs with energy up to an activation distance; stiffness zero.
 
+    With the sum R of both radii, a pair with the gap d has the squared distance (R + d)².
 
-def squared_distances(nodes: Integers, kind: Bytes, x: Array) -> Array:
-    """s (n,) [m²], without rounding, of points x (m, 3); of planes the signed distance [m]."""
-    s = np.empty(len(kind))
-    library().lib.squared_distances(
-        len(kind), *pointers(nodes), *pointers(kind), *pointers(x), *pointers(s), *pointers(None)
+    Args:
+        candidates: the pairs.
+        activation_distance: gap (n,) [m] below which each has energy.
+        law: barriers of rounded edges are made infinite where the edges cross.
+    """
+    radius = candidates.radius
+    width: Array = (radius + activation_distance) ** 2 - radius**2
+    offset: Array = radius**2
+    if law == ContactLaw.BARRIER:
+        width, offset = infinite_at_crossings(candidates.kind, width, offset)
+    planes = candidates.kind == PairKind.POINT_PLANE
+    width[planes] = activation_distance[planes]
+    offset[planes] = radius[planes]
+    # Inside a sphere or cylinder s is minus the squared distance from the middle.
+    rooms = is_room(candidates.kind)
+    room = candidates.wall_radius[rooms] - radius[rooms]
+    width[rooms] = room**2 - (room - activation_distance[rooms]) ** 2
+    offset[rooms] = -(room**2)
+    return ActivePairs(
+        kind=candidates.kind,
+        points=candidates.points,
+        identifier=candidates.identifier,
+        stiffness=np.zeros(len(candidates)),
+        width=width,
+        offset=offset,
     )
-    return s
 
 
-def nearest_points(nodes: Integers, kind: Bytes, x: Array) -> Array:
-    """(u, v) (n, 2) of the nearest points of pairs of triangles and edges."""
-    s, uv = np.empty(len(kind)), np.empty((len(kind), 2))
-    library().lib.squared_distances(
-        len(kind), *pointers(nodes), *pointers(kind), *pointers(x), *pointers(s), *pointers(uv)
+def infinite_at_crossings(kind: ByteArray, width: Array, offset: Array) -> tuple[Array, Array]:
+    """Return the width and offset (n,) of barriers that are infinite where rounded edges cross.
+
+    The energy begins at the same distance: offset + width stays.
+    """
+    rounded = np.where(kind == PairKind.EDGE_EDGE, ROUNDING / 2, 0.0)
+    new_width = width / (1 + rounded)
+    return new_width, offset + rounded * new_width
+
+
+def pair_starts(pairs: ActivePairs, x: Array, squared_distance: Array, parameters: Array) -> Array:
+    """Return the column `start` (n, 4) of pairs from their closest points at the start.
+
+    Args:
+        pairs: n pairs.
+        x: points (m, 3) [m] at the start.
+        squared_distance, parameters: of `closest_points` there (n,), (n, 2).
+    """
+    c = library()
+    count = len(pairs)
+    rounded = np.empty(count)
+    parameters = np.ascontiguousarray(parameters)
+    c.lib.rounded_squared_distances(
+        _active_pairs(pairs, None, ContactLaw.BARRIER).pointer,
+        c.array("x", x, "float64", (len(x), 3)),
+        c.array("parameters", parameters, "float64", (count, 2)),
+        c.array("rounded", rounded, "float64", (count,), writable=True),
     )
-    return uv
-
-
-def starts(pairs: ContactPairs, x0: Array) -> Array:
-    """What `act` needs to know of pairs at x0: (u, v) of the nearest points, distance [m] and s [m²] (n, 4)."""
-    start = np.empty((len(pairs), 4))
-    library().lib.starts(
-        len(pairs), *pointers(pairs.nodes, pairs.kind, x0, pairs.S), ROUNDING, *pointers(start)
-    )
+    start = np.empty((count, 4))
+    start[:, :2] = parameters
+    # Walls have signed or negative s; their distance is not used.
+    start[:, 2] = np.sqrt(np.maximum(squared_distance, 0))
+    start[:, 3] = rounded
     return start
 
 
-def approaches(
-    nodes: Integers, kind: Bytes, x0: Array, x1: Array, margin: Array | None = None
-) -> Array:
-    """By how much (n,) [m] pairs may come nearer on the straight way from x0 to x1; of walls infinite.
-
-    margin: distances (m,) [m] within which points may end beside x1.
-    """
-    way = np.empty(len(kind))
-    library().lib.approaches(len(kind), *pointers(nodes, kind, x0, x1, margin, way))
-    return way
-
-
-def energy(pairs: ContactPairs, x: Array, law: int) -> tuple[float, Array]:
-    """Energy [J] of pairs in a state, and x (n,) of each, below one where they touch."""
-    X = np.empty(len(pairs))
-    total = library().lib.energy(
-        len(pairs),
-        *pointers(pairs.nodes, pairs.kind, x, pairs.k, pairs.S, pairs.offset),
-        ROUNDING,
-        law,
-        *pointers(X),
-    )
-    return float(total), X
-
-
-def act(
-    pairs: ContactPairs,
-    x0: Array,
-    x1: Array,
-    law: int,
-    alpha: float,
-    *,
-    force: Array | None = None,
-    slots: Integers | None = None,
-    values: Array | None = None,
-    geometric: float = 1.0,
-    each: bool = False,
-    tangents: bool = False,
-    start: Array | None = None,
-    state: Bytes | None = None,
-) -> PairResponse:
-    """Forces and tangents of a step from points x0 to x1 (m, 3), or in the state x1 if α = 1.
+def energy_of_pairs(
+    pairs: ActivePairs, x: Array, law: ContactLaw, parameters: Array | None = None
+) -> tuple[float, Array]:
+    """Return the energy [J] of n pairs at points x (m, 3), and the scaled distance x of each (n,).
 
     Args:
-        force: (m, 3), to which forces are added.
-        slots, values: (n, 16) and (blocks, 9), to which the tangents' blocks of 3 x 3 are added.
-        geometric: share of the geometric stiffness α S̄·D²e in tangents; it is what is not positive in them.
-        each: whether forces are also given pair by pair, and with `tangents` the tangents.
-        start: of `starts` at x0, which saves time.
-        state: of the same step, if it is known from an earlier call.
+        pairs: those with energy have a scaled distance below one.
+        x: points (m, 3) [m].
+        law: of the energy.
+        parameters: of the closest points at x (n, 2), if they are known.
     """
-    n, again = len(pairs), state is not None
-    state = np.empty(n, dtype=np.uint8) if state is None else state
-    forces = np.empty((n, 12)) if each else None
-    stiffness = np.empty((n, 144)) if each and tangents else None
-    library().lib.act(
-        n,
-        *pointers(pairs.nodes, pairs.kind, x0, x1, pairs.k, pairs.S, pairs.offset, start),
-        ROUNDING,
-        law,
-        alpha,
-        geometric,
-        PUSH,
-        again,
-        *pointers(state, force, slots, values, forces, stiffness),
+    c = library()
+    count = len(pairs)
+    if parameters is None:
+        _, parameters = closest_points(pairs, x)
+    scaled_distance = np.empty(count)
+    energy = c.lib.stored_energy(
+        _active_pairs(pairs, None, law).pointer,
+        c.array("x", x, "float64", (len(x), 3)),
+        c.array("parameters", parameters, "float64", (count, 2)),
+        c.array("scaled_distance", scaled_distance, "float64", (count,), writable=True),
     )
-    return PairResponse(state, forces, stiffness)
+    return float(energy), scaled_distance
+
+
+def evaluate(
+    pairs: ActivePairs,
+    x0: Array,
+    x1: Array,
+    law: ContactLaw,
+    alpha: float,
+    *,
+    point_forces: Array | None = None,
+    block_index: Int32Array | None = None,
+    blocks: Array | None = None,
+    by_pair: bool = False,
+    tangents_by_pair: bool = False,
+    geometric_share: float = 1.0,
+    known_state: ByteArray | None = None,
+) -> PairResponse:
+    """Compute forces and tangents of n pairs in a step.
+
+    Args:
+        pairs: with the column `start`; without it, closest points at the start are computed.
+        x0, x1: points (m, 3) [m] at the start and at the end.
+        law: of the energy.
+        alpha: weight of the end in the configuration where forces act; with 1 they are the gradient of
+            the energy in the state x1.
+        point_forces: array (m, 3) [N] to which the forces are added.
+        block_index, blocks: arrays (n, 16) and (b, 9); the 3 x 3 blocks [N/m] of the tangent between any
+            two points of a pair are added to the rows of `blocks` that block_index names.
+        by_pair: whether forces are returned pair by pair.
+        tangents_by_pair: whether tangents are, too.
+        geometric_share: share of the geometric stiffness in tangents, which may make them indefinite.
+        known_state: of an earlier call for the same step; pairs without contact are then left out.
+    """
+    c = library()
+    count = len(pairs)
+    points = len(x0)
+    start = pairs.start
+    if start is None or alpha == 1:
+        base = x1 if alpha == 1 else x0
+        start = pair_starts(pairs, base, *closest_points(pairs, base))
+    state = np.empty(count, dtype=np.uint8) if known_state is None else known_state
+    forces = np.empty((count, 12)) if by_pair else None
+    tangents = np.empty((count, 144)) if tangents_by_pair else None
+    block_count = 0 if blocks is None else len(blocks)
+    step = c.struct(
+        "contact_step",
+        {
+            "x0": c.array("x0", x0, "float64", (points, 3)),
+            "x1": c.array("x1", x1, "float64", (points, 3)),
+            "alpha": alpha,
+            "geometric_share": geometric_share,
+            "push_back": PUSH_BACK,
+        },
+    )
+    response = c.struct(
+        "contact_response",
+        {
+            "state": c.array("state", state, "uint8", (count,), writable=True),
+            "state_is_known": known_state is not None,
+            "point_forces": c.array(
+                "point_forces", point_forces, "float64", (points, 3), writable=True
+            ),
+            "block_index": c.array("block_index", block_index, "int32", (count, 16)),
+            "blocks": c.array("blocks", blocks, "float64", (block_count, 9), writable=True),
+            "pair_forces": c.array("forces", forces, "float64", (count, 12), writable=True),
+            "pair_tangents": c.array("tangents", tangents, "float64", (count, 144), writable=True),
+        },
+    )
+    table = _active_pairs(pairs, start, law)
+    c.lib.evaluate_pairs(table.pointer, step.pointer, response.pointer)
+    return PairResponse(state, forces, tangents)
+
+
+def _active_pairs(pairs: ActivePairs, start: Array | None, law: ContactLaw) -> CStruct:
+    c = library()
+    count = len(pairs)
+    return c.struct(
+        "active_pairs",
+        {
+            "list": pair_list_fields(pairs),
+            "stiffness": c.array("stiffness", pairs.stiffness, "float64", (count,)),
+            "width": c.array("width", pairs.width, "float64", (count,)),
+            "offset": c.array("offset", pairs.offset, "float64", (count,)),
+            "start": c.array("start", start, "float64", (count, 4)),
+            "rounding": ROUNDING,
+            "law": int(law),
+        },
+    )

@@ -1,4 +1,4 @@
-"""A warning, told once, when a stiffness that was given cannot stop what comes."""
+"""A warning, given once, if a stiffness that was chosen by hand cannot stop what comes."""
 
 from __future__ import annotations
 
@@ -7,38 +7,65 @@ from collections.abc import Sequence
 
 from mpi4py import MPI
 
-from gossamer_fx.contact.kernels.library import Array, Integers
+from gossamer_fx.contact.arrays import Array, Int32Array
 
 LOG = logging.getLogger("gossamer_fx")
 
+# A pair with the area density σ and the closing speed v is stopped within the activation distance d if
+# its stiffness K d² per area is this multiple of σ v²; the derived stiffness is just that.
+STOPPING_FACTOR = 4
+
 
 class StiffnessWarning:
-    """Whether K d̂² < 4 σ v² of a pair with area density σ of the lighter side and closing speed v: its films may then
-    come so near that no step is short enough.
+    """Warns if K d² < 4 σ v²: layers then come so near each other that no step is short enough.
 
-    stiffness: K [N/m³].  distance: d̂ [m].  names: of bodies and obstacles.
+    Args:
+        stiffness: K [N/m³].
+        activation_distance: d [m].
+        names: of bodies and obstacles.
+        comm: of the contact.
+
+    Attributes:
+        was_given: whether the warning was given.
     """
 
     def __init__(
-        self, stiffness: float, distance: float, names: Sequence[str], comm: MPI.Intracomm
+        self,
+        stiffness: float,
+        activation_distance: float,
+        names: Sequence[str],
+        comm: MPI.Intracomm,
     ) -> None:
-        self._K, self._d, self._names, self._comm = stiffness, distance, names, comm
-        self._told = False
+        self._stiffness = stiffness
+        self._activation_distance = activation_distance
+        self._names = names
+        self._comm = comm
+        self.was_given = False
 
-    def look(self, bodies: Integers, density: Array, speed: Array) -> None:
-        """Of n pairs between bodies (n, 2), with σ (n,) [kg/m²] and v (n,) [m/s]; collective."""
-        if self._told:
+    def check(self, bodies: Int32Array, density: Array, speed: Array) -> None:
+        """Warn once of the softest pair of all ranks; collective.
+
+        Args:
+            bodies: numbers (n, 2) of the bodies of both sides.
+            density: area density of the lighter side (n,) [kg/m²].
+            speed: closing speed (n,) [m/s].
+        """
+        if self.was_given:
             return
-        need = 4 * density * speed**2
-        worst, words = 0.0, ""
-        if len(need) and need.max() > self._K * self._d**2:
-            i = int(need.argmax())
-            worst, (a, b) = float(need[i]), (self._names[k] for k in bodies[i])
-            words = (
-                f"Contact: a stiffness of {self._K:.3g} N/m³ is too soft to stop '{a}' and '{b}', which close at "
-                f"{speed[i]:.3g} m/s; give {worst / self._d**2:.2g} N/m³ at least, or leave it out."
+        needed = STOPPING_FACTOR * density * speed**2
+        present = self._stiffness * self._activation_distance**2
+        largest = 0.0
+        message = ""
+        if len(needed) and needed.max() > present:
+            row = int(needed.argmax())
+            largest = float(needed[row])
+            one, other = (self._names[number] for number in bodies[row])
+            message = (
+                f"Contact: a stiffness of {self._stiffness:.3g} N/m³ is too soft to stop '{one}' and '{other}', "
+                f"which close at {speed[row]:.3g} m/s; give {largest / self._activation_distance**2:.2g} N/m³ at "
+                "least, or leave it out."
             )
-        worst, words = max(self._comm.allgather((worst, words)))
-        self._told = bool(words)
-        if words and self._comm.rank == 0:
-            LOG.warning(words)
+        _, message = max(self._comm.allgather((largest, message)))
+        self.was_given = bool(message)
+        if message and self._comm.rank == 0:
+            LOG.warning(message)

@@ -1,81 +1,173 @@
-"""Compilation of C functions with cffi, cached in the folder of the kernels of UFL forms."""
+"""C functions of the package: compiled once on a machine, and called with arrays that were checked.
+
+A library is a folder of C files and one header with the functions and structures that Python uses.  The C compiler and
+cffi read the same header, so that no prototype is written twice.  cffi does not know the preprocessor: what it is
+given are the header's lines that do not begin with `#`.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import importlib.util
+import os
+import shlex
 import shutil
 import sys
+import sysconfig
 import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from gossamer_fx.checks.errors import on_rank_zero
+from gossamer_fx.checks.errors import check, on_rank_zero
 from gossamer_fx.forms.compilation import kernel_options
 
-# C types by the type characters of NumPy.
-KINDS = {"d": "double[]", "i": "int32_t[]", "B": "uint8_t[]"}
+# Names of C's types of array elements, by NumPy's.
+C_TYPES = {"float64": "double", "int32": "int32_t", "int64": "int64_t", "uint8": "uint8_t"}
+
+OPTIMISATION = (
+    "-O3",
+    # Without it sqrt() is a call that sets errno, and loops with it are not vectorised.
+    "-fno-math-errno",
+    # No fused multiply-add: processors without that instruction round the product and the sum
+    # separately.  The last digits of a result are then the same on all processors.
+    "-ffp-contract=off",
+)
 
 # Hexadecimal digits of a module's hash: 64 bits keep different sources apart in one folder.
 HASH_DIGITS = 16
 
+# Further compiler options, for instance "-fsanitize=address,undefined -g" in the job that looks for errors of memory.
+FLAGS_VARIABLE = "GOSSAMER_CFLAGS"
 
-def compile_c(comm: MPI.Intracomm, name: str, declarations: str, source: str) -> Any:
-    """Compile a C source, or load it from the cache, and return it as a Python module.
 
-    The module has the functions in `.lib` and the types in `.ffi`.  Collective.
+@dataclass(frozen=True)
+class CLibrary:
+    """Compiled C functions (`lib`), and what converts between Python and C (`ffi`), both of cffi."""
+
+    lib: Any
+    ffi: Any
+
+    def array(
+        self,
+        name: str,
+        values: npt.NDArray[Any] | None,
+        dtype: str,
+        shape: tuple[int, ...],
+        *,
+        writable: bool = False,
+    ) -> Any:
+        """Return an array as a C pointer, which lives as long as it is kept; None is the null pointer.
+
+        Args:
+            name: what it is called in messages.
+            dtype: "float64", "int32", "int64" or "uint8".
+            shape: the one it must have.
+            writable: whether C writes into it.
+
+        Raises:
+            ValueError: another type or shape, not contiguous, or not writable.
+        """
+        if values is None:
+            return self.ffi.NULL
+        wanted = f"give a contiguous array of {dtype} with the shape {shape}"
+        if values.dtype.name != dtype:
+            raise ValueError(f"{name} is of type {values.dtype.name}; {wanted}.")
+        if values.shape != shape:
+            raise ValueError(f"{name} has the shape {values.shape}; {wanted}.")
+        if not values.flags.c_contiguous:
+            raise ValueError(f"{name} is not contiguous; {wanted}.")
+        if writable and not values.flags.writeable:
+            raise ValueError(f"{name} is read-only; {wanted} that can be written.")
+        return self.ffi.from_buffer(f"{C_TYPES[dtype]}[]", values, require_writable=writable)
+
+    def struct(self, type_name: str, fields: Mapping[str, Any]) -> CStruct:
+        """Return a new C structure with values for all of its fields."""
+        return CStruct(self.ffi, type_name, fields)
+
+
+class CStruct:
+    """A C structure that keeps alive the arrays to which its fields point.
+
+    Attributes:
+        pointer: to be handed to a C function.
+    """
+
+    def __init__(self, ffi: Any, type_name: str, fields: Mapping[str, Any]) -> None:
+        known = {name for name, _ in ffi.typeof(type_name).fields}
+        if known != set(fields):
+            raise ValueError(
+                f"The fields of {type_name} are {sorted(known)}, given are {sorted(fields)}."
+            )
+        self._kept = fields
+        self.pointer = ffi.new(f"{type_name} *", fields)
+
+
+def check_indices(name: str, indices: npt.NDArray[np.integer], count: int) -> None:
+    """Raise `ValueError` unless all indices are from 0 to count - 1; C functions do not look."""
+    if not indices.size:
+        return
+    least = int(indices.min())
+    greatest = int(indices.max())
+    if least < 0 or greatest >= count:
+        raise ValueError(f"{name} are from {least} to {greatest}; give 0 to {count - 1}.")
+
+
+def declarations_of(header: Path) -> str:
+    """Return the declarations of a header as cffi reads them: all lines but the preprocessor's."""
+    lines = header.read_text(encoding="utf-8").splitlines()
+    return "\n".join(line for line in lines if not line.startswith("#"))
+
+
+def require_compiler() -> None:
+    """Raise `InputError` if the C compiler that Python uses cannot be found."""
+    command = os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc"
+    program = shlex.split(command)[0]
+    check(
+        shutil.which(program) is not None,
+        f"The C compiler '{program}' is not there; install one (apt-get install gcc, or conda install c-compiler), "
+        "or set the variable CC to the name of yours.",
+    )
+
+
+def compile_library(
+    comm: MPI.Intracomm,
+    name: str,
+    header: Path,
+    sources: Sequence[str],
+    definitions: Sequence[str] = (),
+) -> CLibrary:
+    """Compile C files into a library, or take it from the cache of kernels; collective.
 
     Args:
-        comm: the ranks; rank 0 compiles while the others wait.
-        name: part of the module's name, for people who look into the cache.
-        declarations: prototypes of the functions that are called from Python, in cffi's syntax.
-        source: the C source.
+        comm: rank 0 compiles, the others wait.
+        name: of the library, which becomes a part of its file's name.
+        header: the file with all functions and structures that Python uses.
+        sources: names of the C files in the header's folder.
+        definitions: names that are defined for the preprocessor.
 
     Raises:
-        RuntimeError: the compiler refuses the source, or the file in the cache is damaged.
-
-    >>> from mpi4py import MPI
-    >>> twice = "double twice(double x)"
-    >>> module = compile_c(MPI.COMM_SELF, "twice", twice + ";", twice + " { return 2 * x; }")
-    >>> module.lib.twice(3.0)
-    6.0
+        InputError: there is no C compiler.
+        RuntimeError: the compiler refuses the files, or the file in the cache is damaged.
     """
     options = kernel_options()
-    arguments = [
-        *options["cffi_extra_compile_args"],
-        "-O3",
-        # Without it sqrt() is a call that sets errno, and loops with it are not vectorised.
-        "-fno-math-errno",
-        # No fused multiply-add: processors without that instruction round the product and the sum
-        # separately.  The last digits of a result are then the same on all processors.
-        "-ffp-contract=off",
-    ]
+    arguments = [*options["cffi_extra_compile_args"], *OPTIMISATION]
+    arguments += [f"-D{definition}" for definition in definitions]
+    arguments += shlex.split(os.environ.get(FLAGS_VARIABLE, ""))
     # All on which the machine code depends; the version of Python, because cffi links against it.
-    ingredients = [declarations, source, *arguments, sys.version]
-    digest = hashlib.sha1("\n".join(ingredients).encode()).hexdigest()
+    texts = [path.read_text(encoding="utf-8") for path in sorted(header.parent.glob("*.[ch]"))]
+    digest = hashlib.sha1("\n".join([*texts, *arguments, sys.version]).encode()).hexdigest()
     module = f"gossamer_{name}_{digest[:HASH_DIGITS]}"
-    folder = Path(options["cache_dir"])
-    path = folder / f"{module}.so"
+    path = Path(options["cache_dir"]) / f"{module}.so"
 
     def build() -> None:
-        if path.exists():
-            return
-        import cffi
-
-        folder.mkdir(parents=True, exist_ok=True)
-        ffi = cffi.FFI()
-        ffi.cdef(declarations)
-        ffi.set_source(module, source, extra_compile_args=arguments)
-        # Two runs may compile at the same time: each does so in its own folder, and moves the
-        # complete file to its final name at once.
-        with tempfile.TemporaryDirectory(dir=folder) as work:
-            compiled = Path(ffi.compile(tmpdir=work))
-            part = folder / f".{module}.{Path(work).name}"
-            shutil.copy(compiled, part)
-            part.rename(path)
+        if not path.exists():
+            _build(module, path, header, sources, arguments)
 
     on_rank_zero(comm, build)
     specification = importlib.util.spec_from_file_location(module, path)
@@ -83,23 +175,32 @@ def compile_c(comm: MPI.Intracomm, name: str, declarations: str, source: str) ->
         raise RuntimeError(f"'{path}' is not a compiled module; remove it.")
     loaded = importlib.util.module_from_spec(specification)
     specification.loader.exec_module(loaded)
-    return loaded
+    return CLibrary(loaded.lib, loaded.ffi)
 
 
-def pointers(ffi: Any, *arrays: npt.NDArray[Any] | None) -> list[Any]:
-    """Convert arrays to pointers, as arguments of a C function that `compile_c` has compiled.
+def _build(
+    module: str, path: Path, header: Path, sources: Sequence[str], arguments: Sequence[str]
+) -> None:
+    """Compile a module in a folder of its own, and rename it when it is complete.
 
-    Args:
-        ffi: the types of the compiled module, `module.ffi`.
-        arrays: contiguous arrays of float64, int32 or uint8; None becomes a null pointer.
-
-    Raises:
-        KeyError: an array has another type.
+    Two runs may compile the same library at the same time; renaming is atomic, so that neither sees half a file.
     """
-    result = []
-    for array in arrays:
-        if array is None:
-            result.append(ffi.NULL)
-        else:
-            result.append(ffi.from_buffer(KINDS[array.dtype.char], array))
-    return result
+    require_compiler()
+    import cffi
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    ffi = cffi.FFI()
+    ffi.cdef(declarations_of(header))
+    ffi.set_source(
+        module,
+        f'#include "{header.name}"',
+        sources=[str(header.parent / source) for source in sources],
+        include_dirs=[str(header.parent)],
+        extra_compile_args=list(arguments),
+        extra_link_args=[option for option in arguments if option.startswith("-fsanitize")],
+    )
+    with tempfile.TemporaryDirectory(dir=path.parent) as work:
+        compiled = Path(ffi.compile(tmpdir=work))
+        part = path.parent / f".{module}.{Path(work).name}"
+        shutil.copy(compiled, part)
+        part.rename(path)

@@ -8,81 +8,115 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.checks.arguments import check_arguments
-from gossamer_fx.checks.errors import check
+from gossamer_fx.checks.errors import InputError, check
 from gossamer_fx.contact.compiled import CompiledContacts
 from gossamer_fx.contact.contact import Contact
 from gossamer_fx.contact.contact_set import ContactSet
-from gossamer_fx.contact.narrow_phase.intersections import intersections
+from gossamer_fx.contact.narrow_phase.closest_points import PairDistances
+from gossamer_fx.contact.narrow_phase.intersections import find_intersections
 from gossamer_fx.contact.obstacles import Obstacle
 from gossamer_fx.model.body import MeshBody
 
 AXES = {"x": 0, "y": 1, "z": 2}
 
 
-def group_of(contact: Contact, run: Any) -> ContactSet:
-    """The pairs of a contact in a run.
+def contact_set_of(contact: Contact, run: Any) -> ContactSet:
+    """Return the pairs of a contact in a run.
 
     Raises:
         InputError: the contact is not in the run's scene.
     """
     for compiled in run.system.compiled:
-        if isinstance(compiled, CompiledContacts) and contact in compiled.groups:
-            return compiled.groups[contact]
-    check(False, f"'{contact.name}' is not in the scene; add it, or remove its probe.")
-    raise AssertionError
+        if isinstance(compiled, CompiledContacts) and contact in compiled.contact_sets:
+            return compiled.contact_sets[contact]
+    raise InputError(f"'{contact.name}' is not in the scene; add it, or remove its probe.")
 
 
 @check_arguments
 class ContactGap:
-    """Least distance [m] between parts of a contact that do not hang together, less their radii.
+    """Least gap [m] between parts of a contact that are not connected: distance less the radii.
 
     Infinite if nothing was within reach of the last search.
+
+    Args:
+        contact: in the scene.
+
+    Example:
+        >>> import gossamer_fx as gx
+        >>> def probes(contact: gx.Contact) -> gx.Series:
+        ...     return gx.Series({"gap": gx.probes.ContactGap(contact)})
     """
 
     def __init__(self, contact: Contact) -> None:
         self.contact = contact
 
     def __call__(self, run: Any) -> float:
-        group = group_of(self.contact, run)
-        gaps = group.found.gaps(group.points.at(run.system.q0, run.system.time))
-        return float(run.comm.allreduce(float(gaps.min(initial=np.inf)), op=MPI.MIN))
+        contact_set = contact_set_of(self.contact, run)
+        x = contact_set.points.at(run.system.q0, run.system.time)
+        gap = PairDistances.of(contact_set.candidates, x).gap
+        return float(run.comm.allreduce(float(gap.min(initial=np.inf)), op=MPI.MIN))
 
 
 @check_arguments
 class ContactForce:
-    """Component [N] of the force that a contact exerts on one of its bodies or obstacles: the mean of the last step."""
+    """Component [N] of the force of a contact on one of its bodies or obstacles: mean of the last step.
+
+    Args:
+        contact: in the scene.
+        body: a film, cable, beam or obstacle of this contact.
+        axis: "x", "y" or "z".
+
+    Raises:
+        InputError: another axis, or a body that is not in the contact.
+
+    Example:
+        >>> import gossamer_fx as gx
+        >>> def probes(contact: gx.Contact, floor: gx.contact.Plane) -> gx.Series:
+        ...     return gx.Series({"push": gx.probes.ContactForce(contact, floor, axis="z")})
+    """
 
     def __init__(self, contact: Contact, body: MeshBody | Obstacle, *, axis: str) -> None:
-        known: list[MeshBody | Obstacle] = [*contact.bodies, *contact.obstacles]
-        names = ", ".join(one.name for one in known)
         check(
             axis in AXES,
             f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}.",
         )
-        here = any(body is one for one in known)
+        known: list[MeshBody | Obstacle] = [*contact.bodies, *contact.obstacles]
+        names = ", ".join(one.name for one in known)
+        numbers = [k for k, one in enumerate(known) if one is body]
         check(
-            here,
+            bool(numbers),
             f"'{getattr(body, 'name', body)}' is not in '{contact.name}', which holds: {names}.",
         )
-        self.contact, self.axis = contact, axis
-        self._number = next(k for k, one in enumerate(known) if one is body)
+        self.contact = contact
+        self.axis = axis
+        self._number = numbers[0]
 
     def __call__(self, run: Any) -> float:
-        group = group_of(self.contact, run)
-        here = group.bodies.body == self._number
-        return float(run.comm.allreduce(-float(group.force[here, AXES[self.axis]].sum())))
+        contact_set = contact_set_of(self.contact, run)
+        of_body = contact_set.mesh.body == self._number
+        # The forces of the residual are internal ones, opposite to those on the body.
+        force = -float(contact_set.point_forces[of_body, AXES[self.axis]].sum())
+        return float(run.comm.allreduce(force))
 
 
 @check_arguments
 class Penetrations:
-    """Number of edges and triangles that pierce each other: zero, unless a contact failed to do its duty."""
+    """Number of pairs of an edge and a triangle that intersect: zero unless contact has failed.
+
+    Args:
+        contact: in the scene.
+
+    Example:
+        >>> import gossamer_fx as gx
+        >>> def probes(contact: gx.Contact) -> gx.Series:
+        ...     return gx.Series({"penetrations": gx.probes.Penetrations(contact)})
+    """
 
     def __init__(self, contact: Contact) -> None:
         self.contact = contact
 
     def __call__(self, run: Any) -> float:
-        group = group_of(self.contact, run)
-        x = group.points.at(run.system.q0, run.system.time)
-        return float(
-            run.comm.allreduce(len(intersections(group.bodies.surface, x, group.bodies.own_edges)))
-        )
+        contact_set = contact_set_of(self.contact, run)
+        mesh = contact_set.mesh
+        x = contact_set.points.at(run.system.q0, run.system.time)
+        return float(run.comm.allreduce(len(find_intersections(mesh.surface, x, mesh.own_edges))))

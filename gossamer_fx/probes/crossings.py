@@ -1,35 +1,39 @@
-"""Edges that pierce triangles, of films that may or may not be kept apart by a contact."""
+"""Edges that intersect triangles, of films that may or may not be kept apart by a contact."""
 
 from __future__ import annotations
-
-from itertools import pairwise
 
 import numpy as np
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
-from gossamer_fx.contact.broad_phase.box_tree import CollisionPrimitives
-from gossamer_fx.contact.geometry.collision_filter import places_of
+from gossamer_fx.contact.geometry.collision_filter import filter_labels
+from gossamer_fx.contact.geometry.collision_primitives import CollisionPrimitives, edges_of
 from gossamer_fx.contact.geometry.facets import facets_of
 from gossamer_fx.contact.kernels.library import library
-from gossamer_fx.contact.narrow_phase.intersections import intersections
+from gossamer_fx.contact.narrow_phase.intersections import find_intersections
 from gossamer_fx.probes.run import Run
 from gossamer_fx.system.system import System
 
 
 @check_arguments
 class Crossings:
-    """Number of edges of films that pierce a triangle of the same or another one, with which they do not hang together.
+    """Number of edges of films that intersect a triangle of a film to which they are not connected.
 
-    Exact, see `contact.piercing`: an edge that only touches a triangle does not pierce it.  Films of order 2 are cut
-    into plane triangles.  Each rank asks for its part of the edges, and knows all positions, as with `Contact`.
+    Exact, see `contact.narrow_phase.intersections`: an edge that only touches a triangle does not
+    intersect it.  Films of order 2 are cut into plane triangles.  Each rank looks at its share of the
+    edges, and knows all positions, as with `Contact`.
 
     Args:
         bodies: one or several, in the scene.
 
     Raises:
-        InputError: no film, or one twice.
+        InputError: no film, one twice, or something else.
+
+    Example:
+        >>> import gossamer_fx as gx
+        >>> def probes(film: gx.Membrane) -> gx.Series:
+        ...     return gx.Series({"crossings": gx.probes.Crossings(film)})
     """
 
     def __init__(self, *bodies: Membrane) -> None:
@@ -47,34 +51,40 @@ class Crossings:
         self._surface: CollisionPrimitives | None = None
 
     def __call__(self, run: Run) -> float:
-        bodies, system = run.system.bodies, run.system
+        system = run.system
         for film in self.bodies:
             check(
-                any(film is b for b in bodies),
+                any(film is body for body in system.bodies),
                 f"'{film.name}' is not in the scene; add it, or remove its probe.",
             )
         library(run.comm)
         if self._surface is None:
-            self._take(system)
-        assert self._surface is not None
-        films = zip(self.bodies, self._nodes, strict=True)
-        x = np.concatenate([system.state[film].gathered()[nodes] for film, nodes in films])
-        mine = np.arange(run.comm.rank, len(self._surface.edges), run.comm.size, dtype=np.int32)
-        found = intersections(self._surface, np.ascontiguousarray(x), mine)
+            self._surface = self._build_surface(system)
+        positions = [
+            system.state[film].gathered()[nodes]
+            for film, nodes in zip(self.bodies, self._nodes, strict=True)
+        ]
+        x = np.ascontiguousarray(np.concatenate(positions))
+        edge_count = len(self._surface.edges)
+        own_edges = np.arange(run.comm.rank, edge_count, run.comm.size, dtype=np.int32)
+        found = find_intersections(self._surface, x, own_edges)
+        # An edge counts once, however many triangles it intersects.
         return float(run.comm.allreduce(len(np.unique(found[:, 0]))))
 
-    def _take(self, system: System) -> None:
-        """Points, edges and triangles of all films, and where these are tied."""
+    def _build_surface(self, system: System) -> CollisionPrimitives:
+        """Return the points, edges and triangles of all films, with the labels of tied points."""
         facets = [facets_of(film) for film in self.bodies]
-        self._nodes = [f.nodes for f in facets]
-        starts = np.cumsum([0, *(len(f.nodes) for f in facets)])
-        T = np.vstack(
-            [f.triangles + start for f, (start, _) in zip(facets, pairwise(starts), strict=True)]
-        )
-        sides = np.unique(np.sort(T[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1), axis=0)
-        edges, triangles = (np.ascontiguousarray(part, dtype=np.int32) for part in (sides, T))
-        n = int(starts[-1])
-        places = places_of(system, self.bodies, self._nodes, n)
-        self._surface = CollisionPrimitives(
-            np.arange(n, dtype=np.int32), edges, triangles, np.zeros(n, dtype=np.uint8), places
+        self._nodes = [facet.nodes for facet in facets]
+        triangles = []
+        point_count = 0
+        for facet in facets:
+            triangles.append(facet.triangles + point_count)
+            point_count += len(facet.nodes)
+        all_triangles = np.ascontiguousarray(np.vstack(triangles), dtype=np.int32)
+        return CollisionPrimitives(
+            vertices=np.arange(point_count, dtype=np.int32),
+            edges=edges_of(all_triangles),
+            triangles=all_triangles,
+            is_fixed=np.zeros(point_count, dtype=np.uint8),
+            labels=filter_labels(system, self.bodies, self._nodes, point_count),
         )

@@ -1,52 +1,58 @@
 /* What happens at the quadrature points of a reduced film: see reduced_energies.py, and terms/element_energies.py for
    the iteration.  Strains are (E11, E22, 2 E12); a response is a stress and its derivative, 3 and 9 numbers. */
 
+#include "points.h"
+
 #include <math.h>
-#include <stdint.h>
-#include <stdlib.h>
 #include <string.h>
 
 #define RESPONSE 12
 
-typedef void (*tabulate)(double *, const double *, const double *, const double *, const int *, const uint8_t * MORE);
+/* The functions that FFCx makes have an argument more from version 0.10 on. */
+#ifdef KERNELS_TAKE_DATA
+typedef void (*tabulate)(double *, const double *, const double *, const double *, const int *, const uint8_t *, void *);
+#define NO_DATA , NULL
+#else
+typedef void (*tabulate)(double *, const double *, const double *, const double *, const int *, const uint8_t *);
+#define NO_DATA
+#endif
 
 static double larger(double a, double b) { return a > b ? a : b; }
 
-/* An expression of the law at the points of one cell, of the numbers that its pool holds. */
-static void call(const expression *f, const double *pool, const double *x, double *out, int size)
+/* An expression of the law at the points of one cell, of the numbers in the pool. */
+static void call(const film *f, const expression *of, const double *x, double *out, ptrdiff_t size)
 {
-    double w[f->n > 0 ? f->n : 1];
-    for (int i = 0; i < f->n; i++)
-        w[i] = pool[f->from[i]];
-    memset(out, 0, size * sizeof(double));
-    ((tabulate)f->function)(out, w, f->constants, x, NULL, NULL NOTHING_MORE);
+    for (int i = 0; i < of->n; i++)
+        f->arguments[i] = f->pool[of->from[i]];
+    memset(out, 0, (size_t)size * sizeof(double));
+    ((tabulate)of->function)(out, f->arguments, of->constants, x, NULL, NULL NO_DATA);
 }
 
-/* The numbers of one cell of which expressions are made; returns where its nodes are. */
-static const double *fill(const film *f, int cell, double *pool)
+/* Put the numbers of one cell of which expressions are made into the pool; returns where its nodes are. */
+static const double *fill(const film *f, ptrdiff_t cell)
 {
-    int n = 3 * f->points;
-    memcpy(pool, f->start + (size_t)cell * n, n * sizeof(double));
-    memcpy(pool + n, f->strain + (size_t)cell * n, n * sizeof(double));
-    memcpy(pool + 2 * n, f->other + (size_t)cell * f->others, f->others * sizeof(double));
-    return f->x + (size_t)cell * f->geometry;
+    const ptrdiff_t n = 3 * f->points;
+    memcpy(f->pool, f->start + cell * n, (size_t)n * sizeof(double));
+    memcpy(f->pool + n, f->strain + cell * n, (size_t)n * sizeof(double));
+    memcpy(f->pool + 2 * n, f->other + cell * f->others, (size_t)f->others * sizeof(double));
+    return f->x + cell * f->geometry;
 }
 
 /* Responses in one cell, by the cheapest expression that serves all of its points. */
-static void respond(const film *f, int cell)
+static void respond(const film *f, ptrdiff_t cell)
 {
-    int p = f->points, which = 0;
-    double pool[6 * p + f->others];
-    const double *x = fill(f, cell, pool);
+    const ptrdiff_t p = f->points;
+    int which = 0;
+    const double *x = fill(f, cell);
     if (f->sort != NULL) {
-        double cases[p];
-        call(f->sort, pool, x, cases, p);
+        double *cases = f->of_points;
+        call(f, f->sort, x, cases, p);
         which = (int)cases[0];
-        for (int i = 1; i < p; i++)
+        for (ptrdiff_t i = 1; i < p; i++)
             if (cases[i] != cases[0])
                 which = 0;
     }
-    call(f->law + which, pool, x, f->response + (size_t)cell * p * RESPONSE, p * RESPONSE);
+    call(f, f->law + which, x, f->response + cell * p * RESPONSE, p * RESPONSE);
 }
 
 /* The strain of the images a, b of the frame, which follow each other; da, db likewise: half of its second derivative
@@ -65,7 +71,7 @@ static void strain_of(const double *a, const double *da, double *e)
     e[2] -= da[0] * db[0] + da[1] * db[1] + da[2] * db[2];
 }
 
-/* x = A⁻¹ b of a symmetric 3 × 3 matrix that is positive definite, or nearly so. */
+/* x = A⁻¹ b of a symmetric 3 × 3 matrix; the caller has added to its diagonal what makes it positive definite. */
 static void solve(const double *A, const double *b, double *x)
 {
     double c0 = A[4] * A[8] - A[5] * A[7], c1 = A[5] * A[6] - A[3] * A[8], c2 = A[3] * A[7] - A[4] * A[6];
@@ -78,8 +84,8 @@ static void solve(const double *A, const double *b, double *x)
 /* The strain is the true one of F (way 0), the one that follows linearly from the last iterate (1), or is there (2). */
 void set_strains(const film *f, const double *F, const double *dF, int way)
 {
-    for (int cell = 0; cell < f->cells; cell++) {
-        for (int i = cell * f->points; i < (cell + 1) * f->points && way < 2; i++)
+    for (ptrdiff_t cell = 0; cell < f->cells; cell++) {
+        for (ptrdiff_t i = cell * f->points; i < (cell + 1) * f->points && way < 2; i++)
             strain_of(F + 6 * i, way ? dF + 6 * i : NULL, f->strain + 3 * i);
         respond(f, cell);
     }
@@ -90,11 +96,12 @@ void set_strains(const film *f, const double *F, const double *dF, int way)
 int choose_strains(const film *f, const double *F, const double *dF, double surroundings, double far, double falls,
                    int most)
 {
-    int p = f->points, found = 0;
-    for (int cell = 0; cell < f->cells; cell++) {
-        double wanted[3 * p], stiffness[p], way[p];
-        for (int k = 0; k < p; k++) {
-            int i = cell * p + k;
+    const ptrdiff_t p = f->points;
+    int found = 0;
+    double *wanted = f->of_points + p, *stiffness = wanted + 3 * p, *way = stiffness + p;
+    for (ptrdiff_t cell = 0; cell < f->cells; cell++) {
+        for (ptrdiff_t k = 0; k < p; k++) {
+            const ptrdiff_t i = cell * p + k;
             double *e = f->strain + 3 * i, *S = f->response + RESPONSE * i, *D = S + 3, change[3], linear[3];
             strain_of(F + 6 * i, dF + 6 * i, linear);
             for (int j = 0; j < 3; j++)
@@ -107,8 +114,8 @@ int choose_strains(const film *f, const double *F, const double *dF, double surr
         }
         respond(f, cell);
         int again = 0;
-        for (int k = 0; k < p; k++) {
-            int i = cell * p + k;
+        for (ptrdiff_t k = 0; k < p; k++) {
+            const ptrdiff_t i = cell * p + k;
             double *e = f->strain + 3 * i, *S = f->response + RESPONSE * i, *D = S + 3, misses = 0, stress = 0;
             for (int j = 0; j < 3; j++) {
                 misses = larger(misses, fabs(S[j] - wanted[3 * k + j]));
@@ -142,11 +149,11 @@ int choose_strains(const film *f, const double *F, const double *dF, double surr
 /* Σ ψ dA at the start of the step. */
 double energy(const film *f)
 {
-    double sum = 0, pool[6 * f->points + f->others], density[f->points];
-    for (int cell = 0; cell < f->cells; cell++) {
-        const double *x = fill(f, cell, pool);
-        call(f->energy, pool, x, density, f->points);
-        for (int i = 0; i < f->points; i++)
+    double sum = 0, *density = f->of_points;
+    for (ptrdiff_t cell = 0; cell < f->cells; cell++) {
+        const double *x = fill(f, cell);
+        call(f, f->energy, x, density, f->points);
+        for (ptrdiff_t i = 0; i < f->points; i++)
             sum += density[i] * f->dA[cell * f->points + i];
     }
     return sum;
@@ -155,7 +162,7 @@ double energy(const film *f)
 /* N_a = Σ_b S_ab F̄_b dA (points, 2, 3), with the stress that is linear in the true strain of F. */
 void forces(const film *f, const double *F0, const double *F, double alpha, double *N)
 {
-    for (int i = 0; i < f->cells * f->points; i++) {
+    for (ptrdiff_t i = 0; i < f->cells * f->points; i++) {
         const double *e = f->strain + 3 * i, *S = f->response + RESPONSE * i, *D = S + 3;
         double change[3], s[3];
         strain_of(F + 6 * i, NULL, change);
@@ -176,9 +183,9 @@ void forces(const film *f, const double *F0, const double *F, double alpha, doub
 void stiffness_times(const film *f, const double *F0, const double *F, double alpha, double share, int r,
                      const double *G, double *TG)
 {
-    for (int i = 0; i < f->cells * f->points; i++) {
+    for (ptrdiff_t i = 0; i < f->cells * f->points; i++) {
         const double *S = f->response + RESPONSE * i, *D = S + 3, *a = F + 6 * i, *b = a + 3;
-        const double *g0 = G + (size_t)2 * r * i, *g1 = g0 + r;
+        const double *g0 = G + 2 * r * i, *g1 = g0 + r;
         double B[3][6], B0[3][6], DB[3][6], T[6][6];
         for (int x = 0; x < 3; x++) {
             double a0 = (1 - alpha) * F0[6 * i + x] + alpha * a[x], b0 = (1 - alpha) * F0[6 * i + 3 + x] + alpha * b[x];
@@ -197,7 +204,7 @@ void stiffness_times(const film *f, const double *F0, const double *F, double al
         }
         for (int m = 0; m < 6; m++)
             for (int y = 0; y < 3; y++) {
-                double *out = TG + ((size_t)18 * i + 3 * m + y) * r, t0 = T[m][y], t1 = T[m][3 + y];
+                double *out = TG + (18 * i + 3 * m + y) * r, t0 = T[m][y], t1 = T[m][3 + y];
                 for (int j = 0; j < r; j++)
                     out[j] = t0 * g0[j] + t1 * g1[j];
             }

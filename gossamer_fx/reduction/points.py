@@ -14,7 +14,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from ufl.algorithms.analysis import extract_coefficients, extract_constants
 
-from gossamer_fx.forms.c_source import pointers
+from gossamer_fx.forms.c_source import check_indices
 from gossamer_fx.model.body import Array, Indices
 from gossamer_fx.reduction.kernel import library
 from gossamer_fx.terms.element_energies import (
@@ -59,6 +59,8 @@ class Law:
             for k, (f, v) in enumerate(zip(found, values, strict=True))
         }
         self.others = np.ascontiguousarray(np.hstack(values)[:, ends[len(strains) - 1] :])
+        self.pool_size = int(ends[-1])  # numbers of a cell that expressions may take
+        self.most_arguments = 0  # that one of them takes
         self._constants: list[
             tuple[Array, list[Array]]
         ] = []  # what the kernel reads, and views of the values
@@ -70,7 +72,7 @@ class Law:
 
     def _entry(self, expression: fem.Expression) -> dict[str, Any]:
         compiled, ufl_expression = expression.ufcx_expression, expression.ufl_expression
-        ffi, coefficients = library().ffi, extract_coefficients(ufl_expression)
+        kernel, coefficients = library(), extract_coefficients(ufl_expression)
         used = [
             coefficients[compiled.original_coefficient_positions[k]]
             for k in range(compiled.num_coefficients)
@@ -79,12 +81,14 @@ class Law:
         constants = [np.ravel(c._cpp_object.value) for c in extract_constants(ufl_expression)]
         numbers = np.zeros(sum(c.size for c in constants))
         self._constants.append((numbers, constants))
+        check_indices("The numbers of a cell", places, self.pool_size)
+        self.most_arguments = max(self.most_arguments, len(places))
         self._kept += [expression, places]
         return {
-            "function": int(ffi.cast("uintptr_t", compiled.tabulate_tensor_float64)),
-            "constants": pointers(ffi, numbers)[0],
+            "function": int(kernel.ffi.cast("uintptr_t", compiled.tabulate_tensor_float64)),
+            "constants": kernel.array("constants", numbers, "float64", numbers.shape),
             "n": len(places),
-            "from": pointers(ffi, places)[0],
+            "from": kernel.array("from", places, "int32", places.shape),
         }
 
     def read_constants(self) -> None:
@@ -114,25 +118,35 @@ class Points:
         self._missed, self._idle = np.full(q, np.inf), np.zeros(q, dtype=np.int32)
         self._G = np.ascontiguousarray(G).reshape(2 * q, self._r)
         self._x, self._dA = np.ascontiguousarray(x), np.ascontiguousarray(dA)
-        arrays: dict[str, npt.NDArray[Any]] = {
-            "x": self._x,
-            "other": law.others,
-            "dA": self._dA,
-            "start": self.start,
-            "strain": self.strain,
+        geometry = int(np.prod(x.shape[1:]))
+        others = law.others.shape[1]
+        if law.pool_size != 6 * p + others:
+            raise ValueError(
+                f"A cell with {p} points has {6 * p} strains, not {law.pool_size - others}."
+            )
+        constant: dict[str, tuple[npt.NDArray[Any], tuple[int, ...]]] = {
+            "x": (self._x.reshape(n, geometry), (n, geometry)),
+            "other": (law.others, (n, others)),
+            "dA": (self._dA, (n, p)),
         }
-        arrays |= {"response": self.response, "missed": self._missed, "idle": self._idle}
-        numbers = {
-            "cells": n,
-            "points": p,
-            "others": law.others.shape[1],
-            "geometry": int(np.prod(x.shape[1:])),
+        written: dict[str, tuple[npt.NDArray[Any], tuple[int, ...]]] = {
+            "start": (self.start, (n * p, 3)),
+            "strain": (self.strain, (n * p, 3)),
+            "response": (self.response, (n * p, RESPONSE)),
+            "missed": (self._missed, (n * p,)),
+            "pool": (np.zeros(law.pool_size), (law.pool_size,)),
+            "arguments": (np.zeros(law.most_arguments), (law.most_arguments,)),
+            "of_points": (np.zeros(6 * p), (6 * p,)),
         }
-        found = dict(zip(arrays, pointers(self._c.ffi, *arrays.values()), strict=True))
-        self._film = self._c.ffi.new(
-            "film *",
-            {**numbers, **found, "sort": law.sort, "law": law.expressions, "energy": law.energy},
-        )
+        fields: dict[str, Any] = {"cells": n, "points": p, "others": others, "geometry": geometry}
+        fields |= {"sort": law.sort, "law": law.expressions, "energy": law.energy}
+        for name, (values, shape) in constant.items():
+            fields[name] = self._c.array(name, values, "float64", shape)
+        for name, (values, shape) in written.items():
+            fields[name] = self._c.array(name, values, "float64", shape, writable=True)
+        fields["idle"] = self._c.array("idle", self._idle, "int32", (n * p,), writable=True)
+        self._struct = self._c.struct("film", fields)
+        self._film = self._struct.pointer
         self._F0: Array = np.zeros((2 * q, 3))
         self._F: Array = np.zeros((2 * q, 3))
         self._N, self._TG = np.zeros((2 * q, 3)), np.zeros((2 * q, 9 * self._r))
@@ -154,15 +168,15 @@ class Points:
     def set_strains(self, way: int, change: Array | None = None) -> None:
         """Strains that are true, linear from the last iterate, whose coefficients have changed since, or given."""
         dF = None if change is None else self._G @ change
-        self._c.lib.set_strains(self._film, *self._pointers(self._F, dF), way)
+        self._c.lib.set_strains(self._film, self._images(self._F), self._images(dF), way)
 
     def choose_strains(self, change: Array) -> bool:
         """Strains between the linear ones and those with linear stresses; whether these were far from each other."""
-        pointers = self._pointers(self._F, self._G @ change)
         return bool(
             self._c.lib.choose_strains(
                 self._film,
-                *pointers,
+                self._images(self._F),
+                self._images(self._G @ change),
                 STRAIN_CHOICE_STIFFNESS,
                 STRAIN_CHOICE_TRIGGER,
                 FRUITFUL_ERROR_RATIO,
@@ -176,21 +190,30 @@ class Points:
 
     def forces(self, α: float) -> Array:
         """Forces (r, 3) on the coefficients."""
-        self._c.lib.forces(
-            self._film, *self._pointers(self._F0, self._F), α, *self._pointers(self._N)
-        )
+        N = self._c.array("N", self._N, "float64", self._N.shape, writable=True)
+        self._c.lib.forces(self._film, self._images(self._F0), self._images(self._F), α, N)
         f: Array = self._G.T @ self._N
         return f
 
     def stiffness(self, α: float, share: float) -> Array:
         """Their derivatives (3r, 3r), with a `share` of the stress in them."""
-        F, r = self._pointers(self._F0, self._F), self._r
-        self._c.lib.stiffness_times(self._film, *F, α, share, r, *self._pointers(self._G, self._TG))
+        r = self._r
+        self._c.lib.stiffness_times(
+            self._film,
+            self._images(self._F0),
+            self._images(self._F),
+            α,
+            share,
+            r,
+            self._c.array("G", self._G, "float64", self._G.shape),
+            self._c.array("TG", self._TG, "float64", self._TG.shape, writable=True),
+        )
         K: Array = (self._G.T @ self._TG).reshape(r, 3, 3, r)
         return K.swapaxes(2, 3).reshape(3 * r, 3 * r)
 
-    def _pointers(self, *arrays: Array | None) -> list[Any]:
-        return pointers(self._c.ffi, *arrays)
+    def _images(self, F: Array | None) -> Any:
+        """Images of the frame (2q, 3) as an argument of a C function; None is a null pointer."""
+        return self._c.array("F", F, "float64", self._N.shape)
 
 
 def _in_cells(f: fem.Function, cells: Indices) -> Array:

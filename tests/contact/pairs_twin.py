@@ -1,119 +1,143 @@
-"""The equations of contact pairs in NumPy, one pair at a time, as `contact.pairs` states them: slow, easy to read."""
+"""The equations of contact pairs in NumPy, one pair at a time, as `contact.potential` states them.
+
+It is slow and easy to read: the C kernel has to agree with it.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from gossamer_fx.contact.potential import (
-    BARRIER,
-    EDGE_EDGE,
-    IN_CYLINDER,
-    IN_SPHERE,
-    PLANE,
-    POINT_TRIANGLE,
-    ROUNDING,
-    ContactPairs,
-)
+from gossamer_fx.contact.pair_table import ActivePairs, PairKind
+from gossamer_fx.contact.potential import ROUNDING, ContactLaw
 
-FIRST, SECOND = [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]
+# Which two of the vectors r, a, b make each measure.
+FIRST = [0, 0, 0, 1, 1, 2]
+SECOND = [0, 1, 2, 1, 2, 2]
+
+# r, a, b as combinations of the four points.
 ROWS = {
-    POINT_TRIANGLE: [[1, -1, 0, 0], [0, 1, -1, 0], [0, 1, 0, -1]],
-    EDGE_EDGE: [[1, 0, -1, 0], [-1, 1, 0, 0], [0, 0, 1, -1]],
-    PLANE: [[1, -1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 0]],
-    IN_SPHERE: [[1, -1, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]],
-    IN_CYLINDER: [[1, -1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+    PairKind.POINT_TRIANGLE: [[1, -1, 0, 0], [0, 1, -1, 0], [0, 1, 0, -1]],
+    PairKind.EDGE_EDGE: [[1, 0, -1, 0], [-1, 1, 0, 0], [0, 0, 1, -1]],
+    PairKind.POINT_PLANE: [[1, -1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 0]],
+    PairKind.POINT_IN_SPHERE: [[1, -1, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]],
+    PairKind.POINT_IN_CYLINDER: [[1, -1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
 }
-GAUSS = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
+GAUSS_POINTS = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3)
+
+# The rounding ε ((u - ½)² + (v - ½)²) as measures, but for a constant in the first.
+ROUNDING_MEASURES = np.array([0.5, -0.5, -0.5, 1, 0, 1])
 
 
-def gram(Y):
-    """e (6,) of Y (3, 3)."""
-    return np.array([Y[i] @ Y[j] for i, j in zip(FIRST, SECOND, strict=True)])
+def measures_of(vectors: np.ndarray) -> np.ndarray:
+    """Return e (6,) of r, a, b (3, 3)."""
+    return np.array([vectors[i] @ vectors[j] for i, j in zip(FIRST, SECOND, strict=True)])
 
 
-def weights(u, v):
-    """φ (6,)."""
+def weights(u: float, v: float) -> np.ndarray:
+    """Return φ (6,)."""
     return np.array([1, 2 * u, 2 * v, u * u, 2 * u * v, v * v])
 
 
-def nearest(e, edges):
-    """(u, v) of the minimum of φ·e over the triangle or square, by its interior, sides and corners."""
+def closest_parameters(e: np.ndarray, is_edges: bool) -> np.ndarray:
+    """Return the (u, v) of the least φ·e over the triangle or square: interior, sides and corners."""
     _, ra, rb, aa, ab, bb = e
-    F, g = np.array([[aa, ab], [ab, bb]]), np.array([ra, rb])
-    candidates = []
+    F = np.array([[aa, ab], [ab, bb]])
+    g = np.array([ra, rb])
     if np.linalg.det(F) > 1e-14 * aa * bb:
-        z = np.linalg.solve(F, -g)
-        if z.min() >= 0 and (z.max() <= 1 if edges else z.sum() <= 1):
-            return z
-    corners = [(0, 0), (1, 0), (1, 1), (0, 1)] if edges else [(0, 0), (1, 0), (0, 1)]
+        inner = np.linalg.solve(F, -g)
+        is_inside = inner.max() <= 1 if is_edges else inner.sum() <= 1
+        if inner.min() >= 0 and is_inside:
+            return inner
+    corners = [(0, 0), (1, 0), (1, 1), (0, 1)] if is_edges else [(0, 0), (1, 0), (0, 1)]
+    candidates = []
     for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
-        p, d = np.array(start, float), np.subtract(end, start)
-        dd = d @ F @ d
-        candidates.append(p + np.clip(-d @ (g + F @ p) / dd if dd > 0 else 0, 0, 1) * d)
+        corner = np.array(start, float)
+        side = np.subtract(end, start)
+        curvature = side @ F @ side
+        t = -side @ (g + F @ corner) / curvature if curvature > 0 else 0
+        candidates.append(corner + np.clip(t, 0, 1) * side)
     return min(candidates, key=lambda z: weights(*z) @ e)
 
 
-class Pair:
-    """One pair in one step: its distance as a function of e, with r moved to the nearest points of the start."""
+class PairTwin:
+    """One pair in one step: its distance as a function of e, r moved to the closest points of x0."""
 
-    def __init__(self, pairs: ContactPairs, i: int, x0: np.ndarray, law: int) -> None:
-        self.kind, self.law, self.nodes = int(pairs.kind[i]), law, pairs.nodes[i]
-        self.k, self.S, self.offset = pairs.k[i], pairs.S[i], pairs.offset[i]
-        self.edges = self.kind == EDGE_EDGE
-        self.rounding = ROUNDING * self.S if self.edges else 0.0
-        self.R, self.at = np.array(ROWS[self.kind], float), np.zeros(2)
-        if self.kind <= EDGE_EDGE:
-            self.at = nearest(gram(self.R @ x0[self.nodes]), self.edges)
-            self.R[0] += self.at @ self.R[1:]
+    def __init__(self, pairs: ActivePairs, row: int, x0: np.ndarray, law: ContactLaw) -> None:
+        self.kind = PairKind(pairs.kind[row])
+        self.law = law
+        self.points = pairs.points[row]
+        self.stiffness = pairs.stiffness[row]
+        self.width = pairs.width[row]
+        self.offset = pairs.offset[row]
+        self.is_edges = self.kind == PairKind.EDGE_EDGE
+        self.rounding = ROUNDING * self.width if self.is_edges else 0.0
+        self.R = np.array(ROWS[self.kind], float)
+        self.base = np.zeros(2)
+        if self.kind <= PairKind.EDGE_EDGE:
+            self.base = closest_parameters(measures_of(self.R @ x0[self.points]), self.is_edges)
+            self.R[0] += self.base @ self.R[1:]
 
-    def vectors(self, x):
-        return self.R @ x[self.nodes]
+    def vectors(self, x: np.ndarray) -> np.ndarray:
+        """Return r, a, b (3, 3)."""
+        return self.R @ x[self.points]
 
-    def distance(self, e):
-        """s and φ = ds/de."""
-        if self.kind == PLANE:
+    def distance(self, e: np.ndarray) -> tuple[float, np.ndarray]:
+        """Return s and φ = ds/de."""
+        if self.kind == PairKind.POINT_PLANE:
             return e[1], np.array([0, 1.0, 0, 0, 0, 0])
-        if self.kind == IN_SPHERE:
+        if self.kind == PairKind.POINT_IN_SPHERE:
             return -e[0], np.array([-1.0, 0, 0, 0, 0, 0])
-        if self.kind == IN_CYLINDER:
-            return -(e[1] ** 2) - e[2] ** 2, np.array([0, -2 * e[1], -2 * e[2], 0, 0, 0])
-        whole = self._shift(e)
-        u, v = nearest(whole + self.rounding * np.array([0.5, -0.5, -0.5, 1, 0, 1]), self.edges)
-        φ = weights(u - self.at[0], v - self.at[1])
+        if self.kind == PairKind.POINT_IN_CYLINDER:
+            gradient = np.array([0, -2 * e[1], -2 * e[2], 0, 0, 0])
+            return -(e[1] ** 2) - e[2] ** 2, gradient
+        rounded = self._before_the_base_moved(e) + self.rounding * ROUNDING_MEASURES
+        u, v = closest_parameters(rounded, self.is_edges)
+        φ = weights(u - self.base[0], v - self.base[1])
         return φ @ e + self.rounding * ((u - 0.5) ** 2 + (v - 0.5) ** 2), φ
 
-    def _shift(self, e):
-        """The measures of the vectors before r was moved."""
+    def _before_the_base_moved(self, e: np.ndarray) -> np.ndarray:
+        """Return the measures of the vectors before r was moved."""
         G = np.zeros((3, 3))
-        G[FIRST, SECOND] = G[SECOND, FIRST] = e
+        G[FIRST, SECOND] = e
+        G[SECOND, FIRST] = e
         T = np.eye(3)
-        T[0, 1:] = -self.at
+        T[0, 1:] = -self.base
         return (T @ G @ T.T)[FIRST, SECOND]
 
-    def density(self, x):
-        """b(x)."""
+    def energy_of(self, x: float) -> float:
+        """Return b(x)."""
         if x >= 1:
             return 0.0
-        if self.law == BARRIER:
+        if self.law == ContactLaw.BARRIER:
             return (1 - x) ** 3 / (4 * x)
-        return (1 - (x if self.kind >= PLANE else np.sqrt(x))) ** 2 / 2
+        is_wall = self.kind >= PairKind.POINT_PLANE
+        return (1 - (x if is_wall else np.sqrt(x))) ** 2 / 2
 
-    def energy(self, x):
-        s, _ = self.distance(gram(self.vectors(x)))
-        return self.k * self.density((s - self.offset) / self.S)
+    def scaled(self, s: float) -> float:
+        """Return the scaled distance of a squared distance."""
+        return (s - self.offset) / self.width
 
-    def force(self, x0, x1):
-        """De(q̄)ᵀ S̄ (4, 3)."""
-        Y0, Y1 = self.vectors(x0), self.vectors(x1)
-        e0, e1 = gram(Y0), gram(Y1)
-        Δ = e1 - e0
-        s0, s1 = self.distance(e0)[0], self.distance(e1)[0]
-        φ = sum(self.distance(e0 + τ * Δ)[1] for τ in GAUSS) / 2
-        φ = φ + (s1 - s0 - φ @ Δ) / (Δ @ Δ) * Δ
-        b0, b1 = (self.density((s - self.offset) / self.S) for s in (s0, s1))
-        S = self.k * (b1 - b0) / (s1 - s0) * φ
+    def energy(self, x: np.ndarray) -> float:
+        """Return the energy [J] at points x (m, 3)."""
+        s, _ = self.distance(measures_of(self.vectors(x)))
+        return self.stiffness * self.energy_of(self.scaled(s))
+
+    def force(self, x0: np.ndarray, x1: np.ndarray) -> np.ndarray:
+        """Return the forces De(q_mid)ᵀ S (4, 3) of a step."""
+        start = self.vectors(x0)
+        end = self.vectors(x1)
+        e0 = measures_of(start)
+        e1 = measures_of(end)
+        change = e1 - e0
+        s0, _ = self.distance(e0)
+        s1, _ = self.distance(e1)
+        mean = sum(self.distance(e0 + τ * change)[1] for τ in GAUSS_POINTS) / 2
+        mean = mean + (s1 - s0 - mean @ change) / (change @ change) * change
+        b0 = self.energy_of(self.scaled(s0))
+        b1 = self.energy_of(self.scaled(s1))
+        stress = self.stiffness * (b1 - b0) / (s1 - s0) * mean
         Q = np.zeros((3, 3))
         for m in range(6):
-            Q[FIRST[m], SECOND[m]] += S[m]
-            Q[SECOND[m], FIRST[m]] += S[m]
-        return self.R.T @ Q @ (Y0 + Y1) / 2
+            Q[FIRST[m], SECOND[m]] += stress[m]
+            Q[SECOND[m], FIRST[m]] += stress[m]
+        return self.R.T @ Q @ (start + end) / 2

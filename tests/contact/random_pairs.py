@@ -4,57 +4,152 @@ from __future__ import annotations
 
 import numpy as np
 
-from gossamer_fx.contact.potential import (
-    EDGE_EDGE,
-    IN_CYLINDER,
-    IN_SPHERE,
-    PLANE,
-    POINT_TRIANGLE,
-    ContactPairs,
-)
+from gossamer_fx.contact.geometry.collision_primitives import CollisionPrimitives
+from gossamer_fx.contact.pair_table import ActivePairs, PairKind, PairTable
 
 
-def near_pairs(kind: int, n: int, seed: int = 0, d: float = 0.1, rigid: bool = False):
-    """n pairs of unit size at distances about d, and points of two states x0, x1 (4n, 3) of a step of about d."""
+def near_pairs(
+    kind: int, n: int, seed: int = 0, d: float = 0.1
+) -> tuple[ActivePairs, np.ndarray, np.ndarray]:
+    """Return n pairs of unit size at distances about d, and two states of a step of about d.
+
+    Returns:
+        the pairs, and points x0, x1 (4n, 3) at the start and at the end.
+    """
     rng = np.random.default_rng(seed)
     x = rng.normal(size=(n, 4, 3))
-    if kind == POINT_TRIANGLE:
-        w = rng.dirichlet([1, 1, 1], n)
-        normal = np.cross(x[:, 2] - x[:, 1], x[:, 3] - x[:, 1])
-        normal /= np.linalg.norm(normal, axis=1)[:, None]
-        x[:, 0] = np.einsum("nk,nkc->nc", w, x[:, 1:]) + d * rng.uniform(0.3, 1.4, (n, 1)) * normal
-    elif kind == EDGE_EDGE:
-        normal = np.cross(x[:, 1] - x[:, 0], x[:, 3] - x[:, 2])
-        normal /= np.linalg.norm(normal, axis=1)[:, None]
-        s, t = rng.uniform(-0.1, 1.1, (2, n, 1))
-        gap = x[:, 0] + s * (x[:, 1] - x[:, 0]) - x[:, 2] - t * (x[:, 3] - x[:, 2])
-        x[:, 2:] += (gap + d * rng.uniform(0.3, 1.4, (n, 1)) * normal)[:, None]
+    if kind == PairKind.POINT_TRIANGLE:
+        _place_above_triangle(x, d, rng)
+    elif kind == PairKind.EDGE_EDGE:
+        _place_across_edge(x, d, rng)
     else:
-        x[:, 2] /= np.linalg.norm(x[:, 2], axis=1)[:, None]
-        x[:, 3] -= np.einsum("nc,nc->n", x[:, 2], x[:, 3])[:, None] * x[:, 2]
-        x[:, 3] /= np.linalg.norm(x[:, 3], axis=1)[:, None]
-        if kind == PLANE:
-            x[:, 0] = x[:, 1] + d * rng.uniform(0.3, 1.4, (n, 1)) * x[:, 2] + x[:, 3]
-        else:
-            length = 1 - d * rng.uniform(0.3, 1.4, (n, 1))
-            x[:, 0] = x[:, 1] + length * x[:, 2]
-            if kind == IN_CYLINDER:
-                x[:, 0] += rng.normal(size=(n, 1)) * np.cross(x[:, 2], x[:, 3])
-    y = x + 0.3 * d * rng.normal(size=(n, 4, 3)) * (
-        1.0 if kind <= EDGE_EDGE else np.array([1.0, 1.0, 0, 0])[:, None]
-    )
-    nodes = np.arange(4 * n, dtype=np.int32).reshape(n, 4)
-    offset, S = {
-        PLANE: (0.0, d),
-        IN_SPHERE: (-1.0, 1 - (1 - d) ** 2),
-        IN_CYLINDER: (-1.0, 1 - (1 - d) ** 2),
-    }.get(kind, (0.0, d * d))
-    pairs = ContactPairs(
-        nodes,
-        np.full(n, kind, np.uint8),
-        rng.uniform(0.5, 2.0, n),
-        np.full(n, S),
-        np.full(n, offset),
-        np.arange(n),
+        _place_at_wall(x, kind, d, rng)
+    # Origins of walls move, directions do not.
+    moves = np.ones((4, 1)) if kind <= PairKind.EDGE_EDGE else np.array([[1.0], [1.0], [0], [0]])
+    y = x + 0.3 * d * rng.normal(size=(n, 4, 3)) * moves
+    # In rooms of radius 1 the squared distance is -r², from -1 at the wall to -(1 - d)².
+    offset, width = {
+        PairKind.POINT_PLANE: (0.0, d),
+        PairKind.POINT_IN_SPHERE: (-1.0, 1 - (1 - d) ** 2),
+        PairKind.POINT_IN_CYLINDER: (-1.0, 1 - (1 - d) ** 2),
+    }.get(PairKind(kind), (0.0, d * d))
+    pairs = ActivePairs(
+        kind=np.full(n, kind, np.uint8),
+        points=np.arange(4 * n, dtype=np.int32).reshape(n, 4),
+        identifier=np.arange(n),
+        stiffness=rng.uniform(0.5, 2.0, n),
+        width=np.full(n, width),
+        offset=np.full(n, offset),
     )
     return pairs, x.reshape(-1, 3), y.reshape(-1, 3)
+
+
+def _place_above_triangle(x: np.ndarray, d: float, rng: np.random.Generator) -> None:
+    """Put the first points of pairs (n, 4, 3) above or below points of their triangles."""
+    weights = rng.dirichlet([1, 1, 1], len(x))
+    normal = _unit(np.cross(x[:, 2] - x[:, 1], x[:, 3] - x[:, 1]))
+    height = d * rng.uniform(0.3, 1.4, (len(x), 1))
+    x[:, 0] = np.einsum("nk,nkc->nc", weights, x[:, 1:]) + height * normal
+
+
+def _place_across_edge(x: np.ndarray, d: float, rng: np.random.Generator) -> None:
+    """Move the second edges of pairs (n, 4, 3) near the first ones, at or just beyond their ends."""
+    normal = _unit(np.cross(x[:, 1] - x[:, 0], x[:, 3] - x[:, 2]))
+    u, v = rng.uniform(-0.1, 1.1, (2, len(x), 1))
+    gap = x[:, 0] + u * (x[:, 1] - x[:, 0]) - x[:, 2] - v * (x[:, 3] - x[:, 2])
+    height = d * rng.uniform(0.3, 1.4, (len(x), 1))
+    x[:, 2:] += (gap + height * normal)[:, None]
+
+
+def _place_at_wall(x: np.ndarray, kind: int, d: float, rng: np.random.Generator) -> None:
+    """Make the last two points of pairs (n, 4, 3) orthonormal, and put the first ones near the wall."""
+    x[:, 2] = _unit(x[:, 2])
+    x[:, 3] -= np.einsum("nc,nc->n", x[:, 2], x[:, 3])[:, None] * x[:, 2]
+    x[:, 3] = _unit(x[:, 3])
+    height = d * rng.uniform(0.3, 1.4, (len(x), 1))
+    if kind == PairKind.POINT_PLANE:
+        x[:, 0] = x[:, 1] + height * x[:, 2] + x[:, 3]
+        return
+    x[:, 0] = x[:, 1] + (1 - height) * x[:, 2]
+    if kind == PairKind.POINT_IN_CYLINDER:
+        x[:, 0] += rng.normal(size=(len(x), 1)) * np.cross(x[:, 2], x[:, 3])
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.linalg.norm(vectors, axis=1)[:, None]
+
+
+def make_degenerate(kind: int, x: np.ndarray) -> None:
+    """Make degenerate pairs of x (n, 4, 3), in place.
+
+    A third are parallel edges or slivers, a third edges of no length or triangles of two corners, and a
+    sixth have a point of both sides in one place.
+    """
+    third = slice(0, len(x) // 3)
+    other = slice(len(x) // 3, 2 * len(x) // 3)
+    x[5 * len(x) // 6 :, 0] = x[5 * len(x) // 6 :, 2]
+    if kind == PairKind.EDGE_EDGE:
+        x[third, 3] = x[third, 2] + x[third, 1] - x[third, 0]
+        x[other, 3] = x[other, 2]
+    else:
+        x[third, 3] = x[third, 1] + 1e-9 * x[third, 3]
+        x[other, 2] = x[other, 1]
+
+
+def table_of(kind: int, count: int) -> PairTable:
+    """Return pairs of one kind between the points 0, 1, 2, ..., four each."""
+    points = np.arange(4 * count, dtype=np.int32).reshape(count, 4)
+    return PairTable(np.full(count, kind, np.uint8), points)
+
+
+def triangle_soup(n: int, seed: int, size: float = 0.2) -> tuple[CollisionPrimitives, np.ndarray]:
+    """Return n triangles anywhere in the unit cube, of sizes that differ by a factor of 100.
+
+    Returns:
+        the primitives, and their points x (3n, 3).
+    """
+    rng = np.random.default_rng(seed)
+    middle = rng.uniform(size=(n, 1, 3))
+    extent = size * 10 ** rng.uniform(-2, 0, (n, 1, 1))
+    x = (middle + extent * rng.normal(size=(n, 3, 3))).reshape(-1, 3)
+    return separate_triangles(n), x
+
+
+def separate_triangles(n: int) -> CollisionPrimitives:
+    """Return n triangles that have no point in common."""
+    triangles = np.arange(3 * n, dtype=np.int32).reshape(n, 3)
+    edges = np.ascontiguousarray(triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2))
+    return CollisionPrimitives(
+        vertices=np.arange(3 * n, dtype=np.int32),
+        edges=edges,
+        triangles=triangles,
+        is_fixed=np.zeros(3 * n, np.uint8),
+    )
+
+
+def all_pairs(surface: CollisionPrimitives) -> set[tuple[int, int, int]]:
+    """Return kind and primitives of all pairs without a common point."""
+    pairs = set()
+    for vertex in surface.vertices:
+        for number, triangle in enumerate(surface.triangles):
+            if vertex not in triangle:
+                pairs.add((int(PairKind.POINT_TRIANGLE), int(vertex), number))
+    for i, edge in enumerate(surface.edges):
+        for j in range(i + 1, len(surface.edges)):
+            if not set(edge) & set(surface.edges[j]):
+                pairs.add((int(PairKind.EDGE_EDGE), i, j))
+    return pairs
+
+
+def table_of_primitives(
+    surface: CollisionPrimitives, pairs: list[tuple[int, int, int]]
+) -> PairTable:
+    """Return pairs that are given by their kind and primitives."""
+    points = []
+    for kind, first, second in pairs:
+        if kind == PairKind.POINT_TRIANGLE:
+            points.append([first, *surface.triangles[second]])
+        else:
+            points.append([*surface.edges[first], *surface.edges[second]])
+    kinds = np.array([kind for kind, _, _ in pairs], np.uint8)
+    return PairTable(kinds, np.array(points, dtype=np.int32))

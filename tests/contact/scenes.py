@@ -1,4 +1,4 @@
-"""Scenes of contact for tests and what is asked of them."""
+"""Scenes of contact for tests, and what they are asked for."""
 
 from __future__ import annotations
 
@@ -7,11 +7,16 @@ import numpy as np
 import gossamer_fx as gx
 from gossamer_fx.contact.compiled import CompiledContacts
 from gossamer_fx.contact.contact_set import ContactSet
-from gossamer_fx.contact.narrow_phase.intersections import intersections
+from gossamer_fx.contact.narrow_phase.intersections import find_intersections
 from meshes.sheet import sheet
 
 FILM = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
-SIGMA = 0.14  # kg/m²
+
+# Area density of this film [kg/m²].
+SIGMA = 0.14
+
+# Least size [m] of a scene: angular momenta are compared with at least the momentum times this arm.
+ARM = 0.05
 
 
 def film(
@@ -25,28 +30,31 @@ def film(
     order=1,
     at=(0.0, 0.0),
 ):
-    """A square film about (at, height), turned about z, at a velocity [m/s]."""
-    c, s = np.cos(turn), np.sin(turn)
+    """Return a square film of n x n x 2 cells about (at, height) [m], turned about z [rad]."""
+    c = np.cos(turn)
+    s = np.sin(turn)
 
-    def moved(X):
-        x, y = X[0] - size / 2, X[1] - size / 2
-        return np.vstack([c * x - s * y + at[0], s * x + c * y + at[1], 0 * x + height]) - X
+    def displacement(X):
+        x = X[0] - size / 2
+        y = X[1] - size / 2
+        moved = [c * x - s * y + at[0], s * x + c * y + at[1], 0 * x + height]
+        return np.vstack(moved) - X
 
     return gx.Membrane(
         sheet(comm, n, n, size, size),
         gx.Miyazaki(**FILM, residual_stiffness=1e-6),
         name=name,
         order=order,
-        displacement=moved,
+        displacement=displacement,
         velocity=lambda X: np.outer(velocity, np.ones(X.shape[1])),
     )
 
 
-def solid_of(
+def obstacle_of(
     kind: str, block: gx.RigidBody, **given
 ) -> gx.contact.Plane | gx.contact.Sphere | gx.contact.Cylinder | gx.contact.Box:
-    """A solid that is a part of a block, in the way of a film that falls from z = 0."""
-    makes, where = {
+    """Return an obstacle on a block, in the way of a film that falls from z = 0."""
+    makes, geometry = {
         "plane": (gx.contact.Plane, {"point": (0, 0, -0.008), "normal": (0.1, 0, 1)}),
         "ball": (gx.contact.Sphere, {"centre": (0, 0, -0.022), "radius": 0.02}),
         "cylinder": (
@@ -64,38 +72,38 @@ def solid_of(
             {"centre": (0, 0, 0), "sizes": (0.12, 0.12, 0.006), "inside": True},
         ),
     }[kind]
-    return makes(**where, body=block, **given)
+    return makes(**geometry, body=block, **given)
 
 
-def group_of(run) -> ContactSet:
-    """The only contact of a run."""
-    (group,) = next(
-        c for c in run.system.compiled if isinstance(c, CompiledContacts)
-    ).groups.values()
-    return group
+def contact_set_of(run) -> ContactSet:
+    """Return the only contact of a run."""
+    compiled = next(c for c in run.system.compiled if isinstance(c, CompiledContacts))
+    (contact_set,) = compiled.contact_sets.values()
+    return contact_set
 
 
-def pierced(run) -> int:
-    """Edges that pierce triangles, over all ranks."""
-    group, system = group_of(run), run.system
-    found = intersections(
-        group.bodies.surface, group.points.at(system.q0, system.time), group.bodies.own_edges
-    )
-    return system.comm.allreduce(len(found))
+def count_intersections(run) -> int:
+    """Return how many pairs of an edge and a triangle intersect, over all ranks."""
+    contact_set = contact_set_of(run)
+    mesh = contact_set.mesh
+    x = contact_set.points.at(run.system.q0, run.system.time)
+    found = find_intersections(mesh.surface, x, mesh.own_edges)
+    return run.system.comm.allreduce(len(found))
 
 
-def conserved(run, energy=1e-9, momentum=1e-11) -> None:
-    """Energy and both momenta are those of the start, supplied work counted."""
-    first, now = run.first, run.totals
+def assert_conserved(run, energy=1e-9, momentum=1e-11) -> None:
+    """Assert that energy, less supplied work, and both momenta are those of the start."""
+    first = run.first
+    now = run.totals
     assert abs(run.energy_error) < energy
     size = np.abs(first.momentum).max() or 1.0
     assert np.abs(now.momentum - first.momentum).max() < momentum * size
-    size = max(np.abs(first.angular_momentum).max(), 0.05 * size)  # the films are 0.1 m large
+    size = max(np.abs(first.angular_momentum).max(), ARM * size)
     assert np.abs(now.angular_momentum - first.angular_momentum).max() < momentum * size
 
 
 def simulate(items, until, dt=1e-4, **options):
-    """Run a scene."""
+    """Run a scene of these items until a time [s] in steps of dt [s]."""
     run = gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=dt), **options)
     run.run(until=until)
     return run

@@ -7,7 +7,7 @@ import pytest
 
 import gossamer_fx as gx
 from gossamer_fx.system.tangent import Tangent
-from tests.contact.scenes import film, group_of, simulate
+from tests.contact.scenes import contact_set_of, film, simulate
 
 
 def touching(comm, body: str) -> gx.Simulation:
@@ -71,7 +71,7 @@ def test_the_tangent_is_the_derivative_of_the_residual(comm, body) -> None:
     exact.axpy(-1.0, forces(-ε))
     exact.scale(0.5 / ε)
     forces(0.0)
-    assert comm.allreduce(group_of(run).acting) > 10
+    assert comm.allreduce(contact_set_of(run).acting_count) > 10
     A = numbering.matrix()
     contacts.add_tangents(A)
     A.assemble()

@@ -9,7 +9,15 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from meshes.line import line
 from meshes.sheet import sheet
-from tests.contact.scenes import FILM, conserved, film, group_of, pierced, simulate, solid_of
+from tests.contact.scenes import (
+    FILM,
+    assert_conserved,
+    contact_set_of,
+    count_intersections,
+    film,
+    obstacle_of,
+    simulate,
+)
 
 
 @pytest.mark.mpi
@@ -20,9 +28,9 @@ def test_two_films_collide(comm, law):
         comm, height=2e-3, velocity=(0.2, 0.1, -2.0), turn=0.4, name="upper", at=(0.01, 0.005)
     )
     run = simulate([gx.Contact(lower, upper, distance=1e-3, law=law)], 2e-3)
-    assert group_of(run).closest < 1e-3
-    assert pierced(run) == 0
-    conserved(run)
+    assert contact_set_of(run).closest < 1e-3
+    assert count_intersections(run) == 0
+    assert_conserved(run)
     velocity = gx.probes.Velocity(lower.port_at((0.05, 0.05, 0.0)), "z")
     assert velocity(run) < -0.3  # it was hit
     assert run.substeps == 0
@@ -33,9 +41,9 @@ def test_films_of_order_two_touch_by_linear_pieces():
     lower = film(comm, 2, order=2, name="lower")
     upper = film(comm, 2, height=2e-3, velocity=(0.0, 0.0, -2.0), turn=0.4, order=2, name="upper")
     run = simulate([gx.Contact(lower, upper, distance=1e-3)], 1.5e-3)
-    assert group_of(run).closest < 1e-3
-    assert pierced(run) == 0
-    conserved(run)
+    assert contact_set_of(run).closest < 1e-3
+    assert count_intersections(run) == 0
+    assert_conserved(run)
 
 
 def test_a_film_falls_edge_on_edge_and_cables_on_a_film():
@@ -52,11 +60,11 @@ def test_a_film_falls_edge_on_edge_and_cables_on_a_film():
     cables[1]._start[0].reshape(-1, 3)[:, 2] += 0.004
     contact = gx.Contact(flat, *cables, distance=5e-4, radius={"cable 0": 5e-4, "cable 1": 5e-4})
     run = simulate([contact], 4e-3)
-    conserved(run)
+    assert_conserved(run)
     assert gx.probes.Velocity(flat.port_at((0.05, 0.05, 0.0)), "z")(run) < -0.1
-    group = group_of(run)
-    assert group.closest < 5e-4
-    assert pierced(run) == 0
+    contact_set = contact_set_of(run)
+    assert contact_set.closest < 5e-4
+    assert count_intersections(run) == 0
 
 
 def _down(X):
@@ -70,14 +78,14 @@ def test_films_hit_solids(kind):
     comm = MPI.COMM_SELF
     thrown = film(comm, height=0.0, velocity=(0.1, 0.0, -2.0), name="thrown")
     block = gx.RigidBody(0.02, (1e-5, 1e-5, 1e-5), position=(0.0, 0.0, -0.022), comm=comm)
-    solid = solid_of(kind, block)
+    solid = obstacle_of(kind, block)
     run = simulate([gx.Contact(thrown, solid, distance=1e-3)], 4e-3)
-    group = group_of(run)
-    assert group.closest < 1e-3
+    contact_set = contact_set_of(run)
+    assert contact_set.closest < 1e-3
     assert run.totals.momentum[2] == pytest.approx(run.first.momentum[2], rel=1e-11)
-    conserved(run, momentum=1e-10)
+    assert_conserved(run, momentum=1e-10)
     assert gx.probes.Velocity(block.port(), "z")(run) < -1e-8
-    assert pierced(run) == 0
+    assert count_intersections(run) == 0
 
 
 def test_a_moved_obstacle_supplies_its_work():
@@ -98,7 +106,7 @@ def test_layers_that_start_near_each_other_have_no_energy_and_part_freely():
     run = simulate([gx.Contact(lower, upper, distance=1e-3)], 3e-3)
     assert run.first.stored["contact"] == 0
     assert run.totals.kinetic == pytest.approx(run.first.kinetic, rel=1e-12)
-    distances = group_of(run).memory.distance
+    distances = contact_set_of(run).history.activation_distance
     assert distances.min() > 0.9e-3  # grown with the gap
 
 
@@ -133,7 +141,7 @@ def test_ranks_agree(comm, friction):
         assert np.allclose(
             getattr(ours.totals, name), getattr(alone.totals, name), rtol=1e-8, atol=1e-12
         )
-    points = [group_of(r).points.at(r.system.q0, 0.0) for r in (ours, alone)]
+    points = [contact_set_of(r).points.at(r.system.q0, 0.0) for r in (ours, alone)]
     assert np.abs(points[0] - points[1]).max() < 1e-9
 
 
@@ -165,7 +173,7 @@ def test_bad_input_is_refused():
         gx.Scene(
             gx.Contact(one, gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 0)), distance=1e-3)
         ).compile()
-    with pytest.raises(gx.InputError, match="'on' and 'motion'"):
+    with pytest.raises(gx.InputError, match="'body' and 'motion'"):
         gx.contact.Sphere(
             centre=(0, 0, 0),
             radius=1.0,

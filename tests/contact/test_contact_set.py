@@ -7,10 +7,10 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from gossamer_fx.contact.contact_set import REACH
+from gossamer_fx.contact.contact_set import MAX_UPDATE
 from gossamer_fx.solvers.newton import COMPLETE_TANGENT_RATIO
 from gossamer_fx.steppers import midpoint
-from tests.contact.scenes import film, group_of, pierced, simulate
+from tests.contact.scenes import contact_set_of, count_intersections, film, simulate
 
 
 @pytest.mark.mpi
@@ -30,7 +30,7 @@ def test_updates_go_no_farther_than_contact_can_follow(comm):
         owned = system.numbering.owned(k)
         before, after = given[owned].reshape(-1, 3), update[owned].reshape(-1, 3)
         ways = np.linalg.norm(before, axis=1)
-        longest = np.inf if body is alone else REACH * group_of(run)._d
+        longest = np.inf if body is alone else MAX_UPDATE * contact_set_of(run).activation_distance
         expected = before * np.minimum(1.0, longest / ways)[:, None] if len(ways) else before
         assert np.allclose(after, expected, rtol=1e-14)
 
@@ -84,7 +84,7 @@ def test_a_predictor_that_passed_through_is_no_measure_of_the_residual():
         newton._reference < 2.1 / 1e-4 * momentum.norm()
     )  # 2 M v/h; the speeds hardly change in a step
     assert abs(run.energy_error) < 1e-11
-    assert pierced(run) == 0
+    assert count_intersections(run) == 0
 
 
 @pytest.mark.mpi

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 
 import numpy as np
@@ -11,10 +10,16 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.contact import problem
-from gossamer_fx.contact.stiffness_warning import StiffnessWarning
 from meshes.line import line
 from meshes.sheet import sheet
-from tests.contact.scenes import FILM, SIGMA, conserved, film, group_of, pierced, simulate
+from tests.contact.scenes import (
+    FILM,
+    assert_conserved,
+    contact_set_of,
+    count_intersections,
+    film,
+    simulate,
+)
 
 COMM = MPI.COMM_SELF
 
@@ -64,7 +69,7 @@ def test_films_face_to_face_meet_as_bodies_on_a_spring() -> None:
     )
     dt, time, depth = 5e-6, math.pi * math.sqrt(m / (2 * ε)), Δv * math.sqrt(m / (2 * ε))
     run = simulate([contact], 3e-4, dt, outputs=[seen])
-    conserved(run, energy=1e-8)
+    assert_conserved(run, energy=1e-8)
     touching = np.count_nonzero(np.array(seen["force"]) > 1e-6)
     assert touching * dt == pytest.approx(time, rel=0.05)
     assert d - min(seen["gap"]) == pytest.approx(depth, rel=0.05)
@@ -101,9 +106,9 @@ def test_films_fall_edge_on_edge() -> None:
 
     lower, upper = upright("lower", 0.3, -0.1, 0.0), upright("upper", -0.4, 2e-3, 2.0)
     run = simulate([gx.Contact(lower, upper, distance=1e-3)], 3e-3)
-    conserved(run)
-    assert pierced(run) == 0
-    assert group_of(run).closest < 1e-3
+    assert_conserved(run)
+    assert count_intersections(run) == 0
+    assert contact_set_of(run).closest < 1e-3
     assert gx.probes.Velocity(lower.port_at((0.05, 0.1, 0.0)), "z")(run) < -1e-3
 
 
@@ -114,8 +119,8 @@ def test_a_film_falls_over_the_corner_of_a_box() -> None:
     box = gx.contact.Box(centre=(0, 0, -0.0366), sizes=(0.04,) * 3, axes=axes.tolist(), body=body)
     thrown = film(COMM, 5, velocity=(0.0, 0.0, -2.0), name="thrown")
     run = simulate([gx.Contact(thrown, box, distance=1e-3)], 4e-3)
-    conserved(run, momentum=1e-10)
-    assert pierced(run) == 0
+    assert_conserved(run, momentum=1e-10)
+    assert count_intersections(run) == 0
     assert gx.probes.Velocity(body.port(), "z")(run) < -1e-4
 
 
@@ -136,8 +141,8 @@ def test_a_beam_falls_on_a_cable_and_both_on_a_film() -> None:
     )
     contact = gx.Contact(flat, rope, rod, distance=5e-4, radius={"rope": 5e-4, "rod": 5e-4})
     run = simulate([contact], 4e-3)
-    conserved(run, energy=1e-8, momentum=1e-10)
-    assert pierced(run) == 0
+    assert_conserved(run, energy=1e-8, momentum=1e-10)
+    assert count_intersections(run) == 0
     assert gx.probes.Velocity(flat.port_at((0.05, 0.05, 0.0)), "z")(run) < -0.05
 
 
@@ -147,30 +152,6 @@ def test_the_ends_of_a_cylinder_are_round() -> None:
     contact = gx.Contact(place, rod, distance=1e-3)
     run = simulate([contact], 1e-4)
     assert gx.probes.ContactGap(contact)(run) == pytest.approx(5e-4, rel=1e-9)
-
-
-def test_a_stiffness_that_is_too_soft_is_told_once(caplog) -> None:
-    lower = film(COMM, 1, name="lower")
-    upper = film(COMM, 1, height=1.2e-3, velocity=(0, 0, -2.0), turn=0.4, name="upper")
-    with caplog.at_level(logging.WARNING, logger="gossamer_fx"):
-        simulate([gx.Contact(lower, upper, distance=1e-3, stiffness=1e6)], 3e-4)
-    (words,) = [r.getMessage() for r in caplog.records if "too soft" in r.getMessage()]
-    least = 4 * SIGMA * 2.0**2 / 1e-3**2
-    assert "1e+06 N/m³ is too soft to stop 'lower' and 'upper', which close at 2 m/s" in words
-    assert f"give {least:.2g} N/m³ at least, or leave it out." in words
-    caplog.clear()
-    with caplog.at_level(logging.WARNING, logger="gossamer_fx"):
-        apart = film(COMM, 1), film(COMM, 1, height=2e-3, name="two")
-        simulate([gx.Contact(*apart, distance=1e-3, stiffness=1.0)], 1e-4)
-    assert not caplog.records
-
-
-def test_the_softest_of_all_ranks_is_told() -> None:
-    told = StiffnessWarning(1.0, 1.0, ["a", "b"], COMM)
-    told.look(np.zeros((0, 2), np.int32), np.zeros(0), np.zeros(0))
-    assert not told._told
-    told.look(np.array([[0, 1]], np.int32), np.array([1.0]), np.array([1.0]))
-    assert told._told
 
 
 @pytest.mark.slow

@@ -1,130 +1,162 @@
-"""Pairs that may come near for some steps: their distances, and where contact begins."""
+"""Candidate pairs: all that can come within the activation distance in the next steps."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
-import numpy.typing as npt
 from mpi4py import MPI
 
-from gossamer_fx.contact.broad_phase.box_tree import candidates, refused
-from gossamer_fx.contact.broad_phase.trajectory_bounds import TrajectoryBounds
-from gossamer_fx.contact.geometry.collision_mesh import WALLS, CollisionMesh
-from gossamer_fx.contact.kernels.library import Array, Bytes, Integers
-from gossamer_fx.contact.potential import (
-    BARRIER,
-    EDGE_EDGE,
-    IN_SPHERE,
-    PLANE,
-    ContactPairs,
-    approaches,
-    infinite_at_crossings,
-    squared_distances,
-)
+from gossamer_fx.contact.arrays import Array
+from gossamer_fx.contact.broad_phase.overlaps import find_overlaps
+from gossamer_fx.contact.broad_phase.trajectory_bounds import RigidDrift, TrajectoryBounds
+from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
+from gossamer_fx.contact.narrow_phase.closest_points import closest_points
+from gossamer_fx.contact.pair_table import CandidatePairs, is_wall
 
-KEPT = 0.1  # part of its distance, or of that at which contact begins, that a pair keeps on the way of a step
+# Part of its expected way by which a point may miss its expected position.  A wider margin makes more
+# candidates, a smaller one more searches.
+WAY_MARGIN = 0.3
+
+# Steps for which one search shall serve: at first, and at most.  The number doubles when a search served
+# to its end, and falls to what was reached when it did not.
+FIRST_HORIZON = 4
+MAX_HORIZON = 32
+
+# A part of a step [1] by which a search lasts longer than its horizon, so that round-off in the time does
+# not end it one step early.
+SPARE_TIME = 1e-6
 
 
-@dataclass(frozen=True)
-class Candidates:
-    """n pairs of this rank, complete as long as all points keep their course.
+class CandidateSearch:
+    """Keeps a list of candidates that is complete as long as points stay within their bounds.
 
-    Of pairs: nodes (n, 4), kind, names, area [m²] (n,), `second` (n,) the first point of the other side, `radius` (n,)
-    of both sides together and `wall` (n,) of a ball or cylinder that holds the point [m].
+    Args:
+        mesh: what may touch.
+        activation_distance: largest gap [m] at which pairs have energy.
+
+    Attributes:
+        pairs: the n candidates of this rank.
+        bounds: of the trajectories for which they are complete.
+        count: number of searches so far.
     """
 
-    course: TrajectoryBounds
-    nodes: Integers
-    kind: Bytes
-    names: npt.NDArray[np.int64]
-    area: Array
-    second: Integers
-    radius: Array
-    wall: Array
+    pairs: CandidatePairs
+    bounds: TrajectoryBounds
 
-    @classmethod
-    def find(cls, bodies: CollisionMesh, course: TrajectoryBounds, distance: float) -> Candidates:
-        """All pairs that can be within a distance [m] while points keep their course."""
-        reach, (lo, hi) = (distance / 2 + bodies.radius)[:, None], course.boxes()
-        nodes, kind, numbers = candidates(
-            bodies.surface, lo - reach, hi + reach, bodies.own_vertices, bodies.own_edges
-        )
-        radius = bodies.radius[nodes[:, 0]] + bodies.radius[_second(nodes, kind)]
-        gaps = np.sqrt(squared_distances(nodes, kind, course.x)) - radius
-        near = np.flatnonzero(gaps < distance + course.approach(nodes, kind))
-        near = near[
-            np.lexsort((*numbers[near].T, kind[near]))
-        ]  # an order that does not depend on where they are
-        nodes, kind, numbers, radius = nodes[near], kind[near], numbers[near], radius[near]
+    def __init__(self, mesh: CollisionMesh, activation_distance: float) -> None:
+        self._mesh = mesh
+        self._activation_distance = activation_distance
+        self._horizon = FIRST_HORIZON
+        self._age = 0
+        self.count = 0
 
-        at_walls, wall_kind, wall_names = bodies.wall_pairs()
-        area = np.concatenate([bodies.areas_of(kind, nodes, numbers), bodies.area[at_walls[:, 0]]])
-        names = np.concatenate([bodies.name(kind, numbers), wall_names])
-        wall = np.concatenate([np.zeros(len(kind)), bodies.wall_radius(at_walls)])
-        radius = np.concatenate([radius, bodies.radius[at_walls[:, 0]]])
-        nodes, kind = np.vstack([nodes, at_walls]), np.concatenate([kind, wall_kind])
-        return cls(course, nodes, kind, names, area, _second(nodes, kind), radius, wall)
+    def begin_step(self) -> None:
+        """Count a step for which the present candidates serve."""
+        self._age += 1
 
-    def gaps(self, x: Array, some: Any = slice(None)) -> Array:
-        """Distances (n,) [m] less the radii, at points x; or of some pairs."""
-        kind, radius = self.kind[some], self.radius[some]
-        s = squared_distances(self.nodes[some], kind, x)
-        walls, balls = kind >= WALLS, kind >= IN_SPHERE
-        gap: Array = np.sqrt(np.maximum(np.where(walls, 0, s), 0)) - radius
-        gap[walls] = s[walls] - radius[walls]
-        gap[balls] = self.wall[some][balls] - radius[balls] - np.sqrt(-s[balls])
-        return gap
+    def find_at_rest(self, x: Array, time: float) -> None:
+        """Search about points x (m, 3) [m] that do not move; collective."""
+        self._choose_horizon()
+        at_rest = np.zeros_like(x)
+        bounds = self._bounds(x, at_rest, time, duration=0.0)
+        self._find(bounds)
 
-    def approach(self, x0: Array, x1: Array) -> Array:
-        """By how much (n,) [m] pairs may come nearer on the straight way from x0 to x1; of walls infinite."""
-        return approaches(self.nodes, self.kind, x0, x1)
+    def find(self, x: Array, v: Array, time: float, step: float, end: Array) -> None:
+        """Search for the next steps; collective.
 
-    def least(self, gaps: Array, comm: MPI.Intracomm, m: int) -> Array:
-        """Distance (m,) of each point to what is nearest, on all ranks; infinite where all gaps are."""
-        nearest = np.full(m, np.inf)
-        some = np.isfinite(gaps)
-        nodes, gaps, pairs = self.nodes[some], gaps[some], self.kind[some] < WALLS
-        for j in range(4):
-            np.minimum.at(nearest, nodes[pairs, j], gaps[pairs])
-        np.minimum.at(nearest, nodes[~pairs, 0], gaps[~pairs])
-        comm.Allreduce(MPI.IN_PLACE, nearest, op=MPI.MIN)
-        return nearest
-
-    def distance(self, of_points: Array) -> Array:
-        """Where contact begins (n,) [m], from that of points: the least of a pair's."""
-        of_pair = of_points[self.nodes.T]
-        d: Array = np.where(self.kind >= WALLS, of_pair[0], of_pair.min(axis=0))
-        return d
-
-    def pairs(self, which: npt.NDArray[np.bool_], begins: Array, law: int) -> ContactPairs:
-        """Some of them, of which contact begins at the distances (n,), with S and offset, and without stiffness."""
-        R, kind, d = self.radius[which], self.kind[which], begins[which]
-        S: Array = (R + d) ** 2 - R**2
-        offset: Array = R**2
-        if law == BARRIER:
-            S, offset = infinite_at_crossings(kind, S, offset)
-        plane, ball = kind == PLANE, kind >= IN_SPHERE
-        S[plane], offset[plane] = d[plane], R[plane]
-        room = self.wall[which][ball] - R[ball]
-        S[ball], offset[ball] = room**2 - (room - d[ball]) ** 2, -(room**2)
-        nodes = np.ascontiguousarray(self.nodes[which])
-        return ContactPairs(nodes, kind, np.zeros(len(kind)), S, offset, self.names[which])
-
-    def refused(
-        self, x0: Array, x1: Array, gaps: Array, begins: Array, way: Array, among: Any = True
-    ) -> npt.NDArray[np.intp]:
-        """Which of them (or `among` a mask) would pass through each other from x0 to x1.
-
-        gaps, begins, way: at x0, where contact begins, and of `approach` (n,) [m].
+        Args:
+            x, v: points [m] and their velocities [m/s] (m, 3) at a time [s].
+            step: its length [s].
+            end: points (m, 3) [m] at the end of the step, which are within the bounds, too.
         """
-        least = KEPT * np.minimum(gaps, begins)
-        some = np.flatnonzero((way > gaps - least) & (self.kind < WALLS) & among)
-        pairs = self.nodes[some], self.kind[some]
-        return some[refused(*pairs, x0, x1, self.radius[some], gaps[some], least[some])]
+        self._choose_horizon()
+        bounds = self._bounds(x, v, time, duration=(self._horizon + SPARE_TIME) * step)
+        end_time = time + step
+        expected = x + (end_time - time) * bounds.velocities
+        missed = bounds.drift.undone(end, end_time) - expected
+        bounds.margin[:] += np.linalg.norm(missed, axis=1)
+        self._find(bounds)
+
+    def _choose_horizon(self) -> None:
+        if not self._age:
+            return
+        if self._age >= self._horizon:
+            self._horizon = min(2 * self._horizon, MAX_HORIZON)
+        else:
+            self._horizon = max(self._age, 1)
+
+    def _bounds(self, x: Array, v: Array, time: float, duration: float) -> TrajectoryBounds:
+        """Return bounds for a motion from points x (m, 3) with velocities v (m, 3)."""
+        vertices = self._mesh.surface.vertices
+        drift = RigidDrift.of(x[vertices], v[vertices], time)
+        velocities = v - drift.velocities(x)
+        # Points of walls are no part of a primitive: their pairs are candidates wherever they are.
+        margin = np.full(len(x), np.inf)
+        way = duration * np.linalg.norm(velocities[vertices], axis=1)
+        margin[vertices] = self._activation_distance / 2 + WAY_MARGIN * way
+        return TrajectoryBounds(drift, x, velocities, margin, duration)
+
+    def _find(self, bounds: TrajectoryBounds) -> None:
+        self.pairs = find_candidates(self._mesh, bounds, self._activation_distance)
+        self.bounds = bounds
+        self._age = 0
+        self.count += 1
 
 
-def _second(nodes: Integers, kind: Bytes) -> Integers:
-    """The first point (n,) of the other side of pairs (n, 4)."""
-    return np.where(kind == EDGE_EDGE, nodes[:, 2], nodes[:, 1])
+def find_candidates(
+    mesh: CollisionMesh, bounds: TrajectoryBounds, activation_distance: float
+) -> CandidatePairs:
+    """Return this rank's pairs whose gap can be below a distance [m] within the bounds.
+
+    1. Boxes of primitives, with half of the distance and their radius around them, overlap.
+    2. The gap at the beginning, less what the pair can come closer, is below the distance.
+    3. Pairs are sorted by their primitives: their order depends on no position, so that sums over pairs
+       are the same after a restart.
+    4. Each point of a body and each wall are a pair.
+    """
+    reach = (activation_distance / 2 + mesh.radius)[:, None]
+    lower, upper = bounds.boxes()
+    found = find_overlaps(
+        mesh.surface, lower - reach, upper + reach, mesh.own_vertices, mesh.own_edges
+    )
+    found.check(len(bounds.x))
+    radius = mesh.radius[found.points[:, 0]] + mesh.radius[found.second_point]
+    squared_distance, _ = closest_points(found, bounds.x)
+    gap = np.sqrt(squared_distance) - radius
+    near = np.flatnonzero(gap < activation_distance + bounds.approach(found))
+    first, second = found.primitives[near].T
+    near = near[np.lexsort((first, second, found.kind[near]))]
+
+    pairs = found.rows(near)
+    wall_kind, wall_points, wall_identifier, wall_radius = mesh.wall_pairs()
+    area = mesh.areas(pairs.kind, pairs.points, pairs.primitives)
+    identifier = mesh.identifiers(pairs.kind, pairs.primitives)
+    wall_point = wall_points[:, 0]
+    return CandidatePairs(
+        kind=np.concatenate([pairs.kind, wall_kind]),
+        points=np.vstack([pairs.points, wall_points]),
+        identifier=np.concatenate([identifier, wall_identifier]),
+        area=np.concatenate([area, mesh.area[wall_point]]),
+        radius=np.concatenate([radius[near], mesh.radius[wall_point]]),
+        wall_radius=np.concatenate([np.zeros(len(pairs)), wall_radius]),
+    )
+
+
+def nearest_gaps(pairs: CandidatePairs, gap: Array, point_count: int, comm: MPI.Intracomm) -> Array:
+    """Return the gap (m,) [m] of each point to what is nearest, on every rank; collective.
+
+    Args:
+        pairs: the candidates of this rank.
+        gap: of the candidates (n,) [m]; infinite ones are left out.
+        point_count: m.
+    """
+    nearest = np.full(point_count, np.inf)
+    rows = np.isfinite(gap)
+    points = pairs.points[rows]
+    gap = gap[rows]
+    walls = is_wall(pairs.kind[rows])
+    for k in range(4):
+        np.minimum.at(nearest, points[~walls, k], gap[~walls])
+    # Only the first point of a wall pair is a point that touches.
+    np.minimum.at(nearest, points[walls, 0], gap[walls])
+    comm.Allreduce(MPI.IN_PLACE, nearest, op=MPI.MIN)
+    return nearest

@@ -1,6 +1,11 @@
-"""Where points are expected for some steps: they drift and turn together, and each goes on at a rate of its own.
+"""Bounds of trajectories: where points will be in the next steps, so that one search serves for several.
 
-What only moves together comes no nearer, so a film that spins has no more pairs to look at than one at rest.
+A search returns all pairs that can meet while every point stays within a margin of its expected
+position.  Points are expected to take part in a rigid drift of all points together, and to move at a
+constant velocity relative to it.  A rigid drift changes no distance, so a sail that spins has no more
+candidate pairs than one at rest.
+
+    x(t) = D(t) (x + (t - t0) u ± margin)        drift D, relative velocity u
 """
 
 from __future__ import annotations
@@ -11,13 +16,25 @@ from functools import cached_property
 import numpy as np
 
 from gossamer_fx.algebra.rotations import rotations
-from gossamer_fx.contact.kernels.library import Array, Bytes, Integers
-from gossamer_fx.contact.potential import approaches
+from gossamer_fx.contact.arrays import Array
+from gossamer_fx.contact.narrow_phase.closest_points import approach_bounds
+from gossamer_fx.contact.pair_table import PairTable
+
+# Singular values of the inertia tensor below this part of the largest one count as zero: points on a
+# line have no spin about it.
+INERTIA_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
 class RigidDrift:
-    """A rigid motion from `time` [s] on: with `velocity` [m/s], and turning about `centre` with `spin` [rad/s]."""
+    """A rigid motion that begins at a time.
+
+    Attributes:
+        time: [s].
+        centre: point (3,) about which it turns [m].
+        velocity: of the centre (3,) [m/s].
+        spin: angular velocity (3,) [rad/s].
+    """
 
     time: float
     centre: Array
@@ -26,51 +43,67 @@ class RigidDrift:
 
     @classmethod
     def of(cls, x: Array, v: Array, time: float) -> RigidDrift:
-        """The one nearest, by least squares, to the velocities v (n, 3) of points x (n, 3)."""
-        centre, velocity = x.mean(axis=0), v.mean(axis=0)
+        """Return the rigid motion that is nearest to velocities v (n, 3) of points x (n, 3)."""
+        centre = x.mean(axis=0)
+        velocity = v.mean(axis=0)
         r = x - centre
+        # Least squares: the angular momentum of points of unit mass is that of the rigid motion.
         inertia = np.sum(r**2) * np.eye(3) - r.T @ r
-        spin = np.linalg.lstsq(inertia, np.cross(r, v).sum(axis=0), rcond=1e-9)[0]
+        angular_momentum = np.cross(r, v).sum(axis=0)
+        spin = np.linalg.lstsq(inertia, angular_momentum, rcond=INERTIA_TOLERANCE)[0]
         return cls(time, centre, velocity, spin)
 
-    def rates(self, x: Array) -> Array:
-        """Velocities (n, 3) of points at the beginning."""
+    def velocities(self, x: Array) -> Array:
+        """Return the velocities (n, 3) [m/s] of points x (n, 3) at the beginning."""
         return self.velocity + np.cross(self.spin, x - self.centre)
 
     def undone(self, x: Array, time: float) -> Array:
-        """Where the points that are at x (n, 3) at a time were at the beginning, if they only drifted."""
-        τ, rate = time - self.time, float(np.linalg.norm(self.spin))
-        r = x - (self.centre + τ * self.velocity)
-        if rate * τ:
-            r = r @ rotations(self.spin / rate, rate * τ)  # by the inverse
+        """Return where points that are at x (n, 3) at a time [s] would be without the drift."""
+        duration = time - self.time
+        spin_rate = float(np.linalg.norm(self.spin))
+        r = x - (self.centre + duration * self.velocity)
+        if spin_rate * duration:
+            # Rows times a matrix: the inverse rotation.
+            r = r @ rotations(self.spin / spin_rate, spin_rate * duration)
         return np.asarray(r + self.centre)
 
 
 @dataclass(frozen=True)
 class TrajectoryBounds:
-    """Points are expected at x + τ `rates` (m, 3), drifted, within `margin` (m,) [m], up to τ = `duration` [s]."""
+    """Where points are expected from the beginning of the drift on.
+
+    Attributes:
+        drift: of all points together.
+        x: points (m, 3) at its beginning [m].
+        velocities: relative to the drift (m, 3) [m/s].
+        margin: distances (m,) [m] by which points may miss their expected positions; infinite: any.
+        duration: time [s] for which the relative velocities count; after it points are expected to stop.
+    """
 
     drift: RigidDrift
     x: Array
-    rates: Array
+    velocities: Array
     margin: Array
     duration: float
 
-    def holds(self, x: Array, time: float) -> bool:
-        """Whether points (m, 3) are where they were expected, or still near the end of their course."""
-        τ = min(time - self.drift.time, self.duration)
-        missed = self.drift.undone(x, time) - (self.x + τ * self.rates)
-        return bool((np.linalg.norm(missed, axis=1) <= self.margin).all())
+    def hold(self, x: Array, time: float) -> bool:
+        """Return whether points x (m, 3) at a time [s] are within their margins."""
+        elapsed = min(time - self.drift.time, self.duration)
+        expected = self.x + elapsed * self.velocities
+        missed = np.linalg.norm(self.drift.undone(x, time) - expected, axis=1)
+        return bool((missed <= self.margin).all())
 
     def boxes(self) -> tuple[Array, Array]:
-        """Their least and greatest coordinates (m, 3) each, without the drift."""
+        """Return the least and the greatest coordinates (m, 3) [m] of each point without the drift."""
         margin = self.margin[:, None]
-        return np.minimum(self.x, self._end) - margin, np.maximum(self.x, self._end) + margin
+        lower = np.minimum(self.x, self._end) - margin
+        upper = np.maximum(self.x, self._end) + margin
+        return lower, upper
 
-    def approach(self, nodes: Integers, kind: Bytes) -> Array:
-        """By how much [m] pairs (n, 4) of primitives may come nearer at most."""
-        return approaches(nodes, kind, self.x, self._end, self.margin)
+    def approach(self, pairs: PairTable) -> Array:
+        """Return by how much (n,) [m] pairs can come closer at most."""
+        return approach_bounds(pairs, self.x, self._end, self.margin)
 
     @cached_property
     def _end(self) -> Array:
-        return np.ascontiguousarray(self.x + self.duration * self.rates)
+        return np.ascontiguousarray(self.x + self.duration * self.velocities)

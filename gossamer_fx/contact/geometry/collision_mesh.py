@@ -1,43 +1,77 @@
-"""The surface of everything that takes part in a contact: points, edges, triangles, their areas, masses and radii."""
+"""Everything that takes part in a contact: its points and primitives, with areas, radii and masses."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
-from gossamer_fx.contact.broad_phase.box_tree import CollisionPrimitives
-from gossamer_fx.contact.geometry.collision_filter import places_of
+from gossamer_fx.contact.arrays import Array, ByteArray, Int32Array, Int64Array
+from gossamer_fx.contact.geometry.collision_filter import filter_labels
+from gossamer_fx.contact.geometry.collision_primitives import (
+    TRIANGLE_SIDES,
+    CollisionPrimitives,
+)
 from gossamer_fx.contact.geometry.contact_points import ContactPoints, ObstaclePoints
 from gossamer_fx.contact.geometry.facets import Facets, facets_of
-from gossamer_fx.contact.kernels.library import Array, Bytes, Integers
-from gossamer_fx.contact.obstacles import Obstacle, ObstacleWall
-from gossamer_fx.contact.potential import EDGE_EDGE, POINT_TRIANGLE
-from gossamer_fx.model.body import MeshBody
-from gossamer_fx.terms.assembly import Assembly
+from gossamer_fx.contact.obstacles import Obstacle, ObstacleSolid, ObstacleWall
+from gossamer_fx.contact.pair_table import PairKind, is_wall
+from gossamer_fx.contact.system_view import ContactAssembly
+from gossamer_fx.model.body import Attached, MeshBody
 
-WALLS = 2  # number of the first kind of name that belongs to walls
+# Identifiers of pairs are 4 k + type: triangle pairs, edge pairs and walls have the types 0, 1, 2.
+TYPE_COUNT = 4
+WALL_TYPE = 2
+
+# An obstacle with friction has four points more: an origin and three axes that move with it.
+FRAME_SIZE = 4
 
 
 @dataclass(frozen=True)
-class PlacedWall:
-    """A wall by the numbers of the three points behind the film's point in its pairs."""
+class NumberedWall:
+    """A wall with the numbers of the three points that describe it, and of its obstacle."""
 
     wall: ObstacleWall
-    behind: tuple[int, int, int]
-    of: int  # number of its obstacle
+    points: tuple[int, int, int]
+    obstacle: int
+
+
+@dataclass
+class _Primitives:
+    """Primitives of the parts that were added so far."""
+
+    vertices: list[Int32Array] = field(default_factory=list)
+    edges: list[Int32Array] = field(default_factory=list)
+    edge_area: list[Array] = field(default_factory=list)
+    triangles: list[Int32Array] = field(default_factory=list)
 
 
 class CollisionMesh:
-    """Bodies and obstacles of one contact.
+    """Bodies and obstacles of one contact as points and primitives, the same on every rank.
 
-    Of points (m,): `area` [m²] that they stand for, `radius` [m], `body` (number of what they are of), and
-    `X` (n, 3), the stress-free places of those of bodies; of edges (e,): `edge_area`.  Of obstacles (k,): `frames`,
-    the first of four points, origin and axes, of those that are `rough`; of others -1.  `of` are the bodies, and
-    `nodes` (n,) the global numbers of their points among the nodes of each.
+    Bodies are numbered in their order, obstacles follow.  Points of bodies come first, in the order of
+    the bodies; of an obstacle first the points of its walls, then those of its solids, then its frame.
+
+    Args:
+        bodies: films, cables and beams.
+        obstacles: what they touch.
+        radii: of each body [m], zero for films without a radius.
+        system: to which the bodies belong.
+        has_friction: of each obstacle whether it needs a frame; none: no obstacle does.
+
+    Attributes:
+        bodies, names: the bodies, and the names of bodies and obstacles.
+        points: the m points.
+        surface: primitives between them.
+        nodes: global numbers (n,) of the points of bodies among the nodes of their body.
+        body: number (m,) of the body or obstacle of each point.
+        area: area [m²] (m,) for which each point stands.
+        edge_area: area [m²] (e,) for which each edge stands.
+        radius: of points [m] (m,).
+        walls: planes, and insides of obstacles.
+        frames: the first point (k,) of each obstacle's frame; -1: it has none.
+        own_vertices, own_edges: numbers of the vertices and edges for which this rank searches.
     """
 
     def __init__(
@@ -45,177 +79,259 @@ class CollisionMesh:
         bodies: Sequence[MeshBody],
         obstacles: Sequence[Obstacle],
         radii: Sequence[float],
-        system: Assembly,
-        rough: Sequence[bool] = (),
+        system: ContactAssembly,
+        has_friction: Sequence[bool] = (),
     ) -> None:
-        self.shortest: list[float] = []  # edge of each body [m]
-        self.names = [b.name for b in bodies] + [o.name for o in obstacles]
-        self.indices = [system.bodies.index(b) for b in bodies]
-        facets = [facets_of(b) for b in bodies]
-        supports, shapes = [], []
-        rubs = [*rough] or [False] * len(obstacles)
-        for obstacle, has_frame in zip(obstacles, rubs, strict=True):
-            walls, solids = obstacle.parts()
-            at = [p for w in walls for p in w.behind] + [p for s in solids for p in s.corners]
-            moves = [i == 0 for _ in walls for i in range(3)]  # origins move, directions do not
-            moves += [True] * sum(len(s.corners) for s in solids)
-            if has_frame:
-                at, moves = [*at, *obstacle.frame()], [*moves, True, False, False, False]
-            supports.append(ObstaclePoints(at, moves, obstacle.motion))
-            shapes.append((walls, solids))
-        nodes = [(k, f.nodes) for k, f in zip(self.indices, facets, strict=True)]
-        self.points = points = ContactPoints(nodes, supports, system)
-        self.of, self.nodes = list(bodies), np.concatenate([f.nodes for f in facets])
-        m = points.m
-        self.X = np.vstack([f.X for f in facets])
-        self.radius, self.area, self.body = np.zeros(m), np.zeros(m), np.zeros(m, dtype=np.int32)
-        triangles, edges, areas, vertices = [], [], [], [np.arange(points.n, dtype=np.int32)]
-        start = 0
-        for k, (shape, radius) in enumerate(zip(facets, radii, strict=True)):
-            here = slice(start, start + len(shape.nodes))
-            self.radius[here], self.body[here] = radius, k
-            lines, of_edges, of_points = _edges_and_areas(shape, radius)
-            edges.append(lines + start)
-            areas.append(of_edges)
-            self.area[here] = of_points
-            triangles.append(shape.triangles + start)
-            start += len(shape.nodes)
-            lengths = np.linalg.norm(shape.X[lines[:, 0]] - shape.X[lines[:, 1]], axis=1)
-            self.shortest.append(float(lengths.min()))
-        mean_point, mean_edge = float(self.area[:start].mean()), float(np.concatenate(areas).mean())
-        self.area[start:] = mean_point
-        self.walls: list[PlacedWall] = []
+        self.bodies = list(bodies)
+        self.names = [body.name for body in bodies] + [obstacle.name for obstacle in obstacles]
+        facets = [facets_of(body) for body in bodies]
+        parts = [obstacle.parts() for obstacle in obstacles]
+        has_frame = list(has_friction) or [False] * len(obstacles)
+        self.points = ContactPoints(
+            [(body, facet.nodes) for body, facet in zip(bodies, facets, strict=True)],
+            [
+                _obstacle_points(obstacle, *part, with_frame)
+                for obstacle, part, with_frame in zip(obstacles, parts, has_frame, strict=True)
+            ],
+            system,
+        )
+        self.nodes = np.concatenate([facet.nodes for facet in facets])
+        point_count = self.points.count
+        self.radius = np.zeros(point_count)
+        self.area = np.zeros(point_count)
+        self.body = np.zeros(point_count, dtype=np.int32)
+        self.walls: list[NumberedWall] = []
         self.frames = np.full(len(obstacles), -1, dtype=np.int32)
-        for k, (walls, solids) in enumerate(shapes):
-            begin = start
-            for wall in walls:
-                self.walls.append(PlacedWall(wall, (start, start + 1, start + 2), len(bodies) + k))
-                start += 3
+
+        found = _Primitives([np.arange(self.points.body_count, dtype=np.int32)])
+        start = self._add_bodies(facets, radii, found)
+        # An obstacle has no mesh; its points and edges stand for as much area as those of bodies.
+        self.area[start:] = float(self.area[:start].mean())
+        edge_area = float(np.concatenate(found.edge_area).mean())
+        for k, (walls, solids) in enumerate(parts):
+            first = start
+            start = self._add_walls(walls, len(bodies) + k, start)
             for solid in solids:
-                corners = np.arange(start, start + len(solid.corners), dtype=np.int32)
-                vertices.append(corners)
-                self.radius[corners] = solid.radius
-                edges.append(np.array(solid.edges, dtype=np.int32).reshape(-1, 2) + start)
-                areas.append(np.full(len(solid.edges), mean_edge))
-                triangles.append(np.array(solid.triangles, dtype=np.int32).reshape(-1, 3) + start)
-                start += len(corners)
-            if rubs[k]:
+                start = self._add_solid(solid, edge_area, start, found)
+            if has_frame[k]:
                 self.frames[k] = start
-                start += 4
-            self.body[begin:start] = len(bodies) + k
-        self.edge_area = np.concatenate(areas)
-        fixed: Bytes = (np.arange(m) >= points.n).astype(np.uint8)
-        places = places_of(system, bodies, [f.nodes for f in facets], m)
+                start += FRAME_SIZE
+            self.body[first:start] = len(bodies) + k
+
+        self.edge_area = np.concatenate(found.edge_area)
+        is_fixed: ByteArray = (np.arange(point_count) >= self.points.body_count).astype(np.uint8)
         self.surface = CollisionPrimitives(
-            np.concatenate(vertices), _stack(edges, 2), _stack(triangles, 3), fixed, places
+            vertices=np.concatenate(found.vertices),
+            edges=_stacked(found.edges, 2),
+            triangles=_stacked(found.triangles, 3),
+            is_fixed=is_fixed,
+            labels=filter_labels(system, bodies, [facet.nodes for facet in facets], point_count),
         )
-        vertex_points = self.surface.vertices
-        self.own_vertices = np.flatnonzero(points.owned(vertex_points)).astype(np.int32)
-        self.own_edges = np.flatnonzero(points.owned(self.surface.edges[:, 0])).astype(np.int32)
-        self._strides = np.array(
-            [len(self.surface.triangles) or 1, len(self.surface.edges) or 1], dtype=np.int64
+        self.own_vertices = self._owned(self.surface.vertices)
+        self.own_edges = self._owned(self.surface.edges[:, 0])
+        self._wall_vertices = self.own_vertices[self.own_vertices < self.points.body_count]
+
+    def _add_bodies(
+        self, facets: Sequence[Facets], radii: Sequence[float], found: _Primitives
+    ) -> int:
+        """Add the surfaces of all bodies; return the number of their points."""
+        start = 0
+        for k, (facet, radius) in enumerate(zip(facets, radii, strict=True)):
+            end = start + len(facet.nodes)
+            edges, edge_area, point_area = _edges_and_areas(facet, radius)
+            self.radius[start:end] = radius
+            self.body[start:end] = k
+            self.area[start:end] = point_area
+            found.edges.append(edges + start)
+            found.edge_area.append(edge_area)
+            found.triangles.append(facet.triangles + start)
+            start = end
+        return start
+
+    def _add_walls(self, walls: Sequence[ObstacleWall], obstacle: int, start: int) -> int:
+        """Add walls whose points begin at `start`; return where they end."""
+        for wall in walls:
+            self.walls.append(NumberedWall(wall, (start, start + 1, start + 2), obstacle))
+            start += 3
+        return start
+
+    def _add_solid(
+        self, solid: ObstacleSolid, edge_area: float, start: int, found: _Primitives
+    ) -> int:
+        """Add a solid whose points begin at `start`; return where they end."""
+        end = start + len(solid.corners)
+        edges = np.array(solid.edges, dtype=np.int32).reshape(-1, 2)
+        triangles = np.array(solid.triangles, dtype=np.int32).reshape(-1, 3)
+        found.vertices.append(np.arange(start, end, dtype=np.int32))
+        found.edges.append(edges + start)
+        found.edge_area.append(np.full(len(edges), edge_area))
+        found.triangles.append(triangles + start)
+        self.radius[start:end] = solid.radius
+        return end
+
+    def _owned(self, points: Int32Array) -> Int32Array:
+        """Return which of the points (k,) this rank searches for, as indices."""
+        return np.flatnonzero(self.points.owned(points)).astype(np.int32)
+
+    def name_of(self, point: int) -> str:
+        """Return the name of the body or obstacle of a point."""
+        return self.names[self.body[point]]
+
+    # ---- identifiers of pairs ----
+
+    def identifiers(self, kind: ByteArray, primitives: Int64Array) -> Int64Array:
+        """Return numbers (n,) that tell pairs apart, the same on every rank and in every search.
+
+        Args:
+            kind: of the pairs (n,).
+            primitives: numbers (n, 2): vertex and triangle, two edges, or wall and point.
+        """
+        second_count = np.full(len(kind), self._triangle_count, dtype=np.int64)
+        second_count[kind == PairKind.EDGE_EDGE] = self._edge_count
+        second_count[is_wall(kind)] = self.points.count
+        pair_type = np.minimum(kind.astype(np.int64), WALL_TYPE)
+        return (primitives[:, 0] * second_count + primitives[:, 1]) * TYPE_COUNT + pair_type
+
+    def first_points(self, identifier: Int64Array) -> Int32Array:
+        """Return the first point (n,) of the pairs with these identifiers (n,)."""
+        pair_type = identifier % TYPE_COUNT
+        number = identifier // TYPE_COUNT
+        points: Int32Array = np.zeros(len(identifier), dtype=np.int32)
+        triangles = pair_type == PairKind.POINT_TRIANGLE
+        vertex = number[triangles] // self._triangle_count
+        points[triangles] = self.surface.vertices[vertex]
+        edges = pair_type == PairKind.EDGE_EDGE
+        first_edge = number[edges] // self._edge_count
+        points[edges] = self.surface.edges[first_edge, 0]
+        walls = pair_type == WALL_TYPE
+        points[walls] = number[walls] % self.points.count
+        return points
+
+    @property
+    def _triangle_count(self) -> int:
+        return len(self.surface.triangles) or 1
+
+    @property
+    def _edge_count(self) -> int:
+        return len(self.surface.edges) or 1
+
+    # ---- pairs with walls, which need no search ----
+
+    def wall_pairs(self) -> tuple[ByteArray, Int32Array, Int64Array, Array]:
+        """Return pairs of this rank's points and all walls: kind, points, identifier, radius of the wall.
+
+        The arrays are (n,), (n, 4), (n,) and (n,) [m]; planes have the radius zero.
+        """
+        vertices = self.surface.vertices[self._wall_vertices]
+        count = len(vertices)
+        kinds: list[ByteArray] = [np.zeros(0, dtype=np.uint8)]
+        points: list[Int32Array] = [np.zeros((0, 4), dtype=np.int32)]
+        identifiers: list[Int64Array] = [np.zeros(0, dtype=np.int64)]
+        radii: list[Array] = [np.zeros(0)]
+        for k, numbered in enumerate(self.walls):
+            kind: ByteArray = np.full(count, numbered.wall.kind, dtype=np.uint8)
+            of_wall = np.broadcast_to(np.array(numbered.points, dtype=np.int32), (count, 3))
+            primitives = np.column_stack([np.full(count, k), vertices]).astype(np.int64)
+            kinds.append(kind)
+            points.append(np.column_stack([vertices, of_wall]).astype(np.int32))
+            identifiers.append(self.identifiers(kind, primitives))
+            radii.append(np.full(count, numbered.wall.radius))
+        return (
+            np.concatenate(kinds),
+            np.vstack(points),
+            np.concatenate(identifiers),
+            np.concatenate(radii),
         )
-        self._wall_of = self.own_vertices[self.own_vertices < points.n]
 
-    # ---- names of pairs: the same on every rank, in every search ----------------------------------------------------
+    # ---- areas and masses ----
 
-    def name(
-        self, kind: npt.NDArray[np.integer], numbers: npt.NDArray[np.int64]
-    ) -> npt.NDArray[np.int64]:
-        """Names (n,) of pairs of primitives with numbers (n, 2); of a wall and a point they are (wall, point)."""
-        stride = np.where(kind == EDGE_EDGE, self._strides[1], self._strides[0])
-        stride = np.where(kind >= WALLS, np.int64(self.points.m), stride)
-        return (numbers[:, 0] * stride + numbers[:, 1]) * 4 + np.minimum(
-            kind.astype(np.int64), WALLS
-        )
+    def areas(self, kind: ByteArray, points: Int32Array, primitives: Int64Array) -> Array:
+        """Return the area [m²] (n,) for which triangle pairs and edge pairs stand.
 
-    def numbers(self, names: npt.NDArray[np.int64]) -> tuple[Bytes, Integers]:
-        """Kind (n,) and points (n, 4) of named pairs."""
-        what, rest = names % 4, names // 4
-        kind, nodes = what.astype(np.uint8), np.zeros((len(names), 4), dtype=np.int32)
-        i, j = np.divmod(rest[what == POINT_TRIANGLE], self._strides[0])
-        nodes[what == POINT_TRIANGLE] = np.column_stack(
-            [self.surface.vertices[i], self.surface.triangles[j]]
-        )
-        i, j = np.divmod(rest[what == EDGE_EDGE], self._strides[1])
-        nodes[what == EDGE_EDGE] = np.hstack([self.surface.edges[i], self.surface.edges[j]])
-        for at in np.flatnonzero(what == WALLS):
-            wall, point = divmod(int(rest[at]), self.points.m)
-            kind[at] = self.walls[wall].wall.kind
-            nodes[at] = (point, *self.walls[wall].behind)
-        return kind, nodes
+        Both sides of a film are covered twice, by its points and by those of the other film, so that each
+        takes a half.  The areas of edges and points overlap in the same way.
 
-    def wall_pairs(self) -> tuple[Integers, Bytes, npt.NDArray[np.int64]]:
-        """Pairs of this rank's points with all walls: points (n, 4), kind (n,), names (n,)."""
-        points = self.surface.vertices[self._wall_of]
-        nodes: list[Integers] = [np.zeros((0, 4), np.int32)]
-        kinds: list[Bytes] = [np.zeros(0, np.uint8)]
-        names: list[npt.NDArray[np.int64]] = [np.zeros(0, np.int64)]
-        for k, placed in enumerate(self.walls):
-            behind = np.broadcast_to(np.array(placed.behind, dtype=np.int32), (len(points), 3))
-            nodes.append(np.column_stack([points, behind]).astype(np.int32))
-            kinds.append(np.full(len(points), placed.wall.kind, dtype=np.uint8))
-            both = np.column_stack(
-                [np.full(len(points), k, dtype=np.int64), points.astype(np.int64)]
-            )
-            names.append(self.name(kinds[-1], both))
-        return np.vstack(nodes), np.concatenate(kinds), np.concatenate(names)
-
-    def wall_radius(self, nodes: Integers) -> Array:
-        """Radius (n,) of the walls of pairs (n, 4)."""
-        by_origin = {placed.behind[0]: placed.wall.radius for placed in self.walls}
-        return np.array([by_origin[int(i)] for i in nodes[:, 1]])
-
-    def areas_of(self, kind: Bytes, nodes: Integers, numbers: npt.NDArray[np.int64]) -> Array:
-        """The area [m²] for which each pair stands; a wall takes the whole of a point's, a film half of it."""
-        area: Array = self.area[nodes[:, 0]] * np.where(kind >= WALLS, 1.0, 0.5)
-        edges = kind == EDGE_EDGE
-        area[edges] = self.edge_area[numbers[edges]].sum(axis=1) / 4
+        Args:
+            kind, points: of the pairs (n,), (n, 4).
+            primitives: numbers (n, 2) of the two primitives of each pair.
+        """
+        area: Array = self.area[points[:, 0]] * 0.5
+        edges = kind == PairKind.EDGE_EDGE
+        area[edges] = self.edge_area[primitives[edges]].sum(axis=1) / 4
         return area
 
-    def masses(self, system: Any) -> Array:
-        """Mass per area (m,) [kg/m²] of what each point is of; infinite for obstacles."""
-        ones, out = system.numbering.vector(), system.numbering.vector()
-        density = np.full(self.points.m, np.inf)
-        for k, index in enumerate(self.indices):
-            owned, size = system.numbering.owned(index), system.bodies[index].block.size
-            ones.set(0.0)
-            with ones as values:
+    def surface_densities(self, system: ContactAssembly) -> Array:
+        """Return the mass per area [kg/m²] (m,) of the body of each point; infinite for obstacles.
+
+        A body has the same density everywhere: its mass over its area.  Collective.
+        """
+        numbering = system.numbering
+        direction = numbering.vector()
+        momentum = numbering.vector()
+        density = np.full(self.points.count, np.inf)
+        for k, body in enumerate(self.bodies):
+            owned = system.block(body).owned
+            size = body.block.size
+            # The momentum of a unit velocity along x is the mass.
+            direction.set(0.0)
+            with direction as values:
                 values[owned].reshape(-1, size)[:, 0] = 1.0
-            system.M.mult(ones, out)
-            mass = system.comm.allreduce(float(out.array_r[owned].reshape(-1, size)[:, 0].sum()))
-            here = self.body == k
-            density[here] = mass / self.area[here].sum()
+            system.M.mult(direction, momentum)
+            own_mass = float(momentum.array_r[owned].reshape(-1, size)[:, 0].sum())
+            of_body = self.body == k
+            density[of_body] = system.comm.allreduce(own_mass) / self.area[of_body].sum()
         return density
 
 
-def _stack(parts: list[Integers], width: int) -> Integers:
-    return np.ascontiguousarray(np.vstack([np.zeros((0, width), np.int32), *parts]), dtype=np.int32)
+def _obstacle_points(
+    obstacle: Obstacle,
+    walls: Sequence[ObstacleWall],
+    solids: Sequence[ObstacleSolid],
+    has_frame: bool,
+) -> ObstaclePoints:
+    """Return the points and directions of an obstacle in the order of `CollisionMesh`."""
+    vectors: list[Attached] = []
+    is_point: list[bool] = []
+    for wall in walls:
+        vectors += wall.points
+        is_point += [True, False, False]
+    for solid in solids:
+        vectors += solid.corners
+        is_point += [True] * len(solid.corners)
+    if has_frame:
+        vectors += obstacle.frame()
+        is_point += [True, False, False, False]
+    return ObstaclePoints(vectors, is_point, obstacle.motion)
 
 
-def _edges_and_areas(shape: Facets, radius: float) -> tuple[Integers, Array, Array]:
-    """Edges (e, 2), and the area for which each of them and each point stands: thirds of triangles, and the halves of
-    lines' shadows."""
-    n = len(shape.nodes)
-    if len(shape.lines):
-        area: Array = (
-            np.linalg.norm(shape.X[shape.lines[:, 1]] - shape.X[shape.lines[:, 0]], axis=1)
-            * 2
-            * radius
-        )
-        return (
-            shape.lines,
-            area,
-            np.bincount(shape.lines.ravel(), np.repeat(area / 2, 2), n).astype(float),
-        )
-    T = shape.X[shape.triangles]
-    thirds = np.repeat(
-        np.linalg.norm(np.cross(T[:, 1] - T[:, 0], T[:, 2] - T[:, 0]), axis=1) / 6, 3
-    )
-    sides = np.sort(shape.triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1)
-    edges, which = np.unique(sides, axis=0, return_inverse=True)
-    return (
-        edges.astype(np.int32),
-        np.bincount(which.ravel(), thirds, len(edges)).astype(float),
-        np.bincount(shape.triangles.ravel(), thirds, n).astype(float),
-    )
+def _stacked(parts: list[Int32Array], width: int) -> Int32Array:
+    """Return arrays (., width) as one, also if there is none."""
+    none: Int32Array = np.zeros((0, width), dtype=np.int32)
+    return np.ascontiguousarray(np.vstack([none, *parts]), dtype=np.int32)
+
+
+def _edges_and_areas(facets: Facets, radius: float) -> tuple[Int32Array, Array, Array]:
+    """Return the edges (e, 2) of a body, and the areas [m²] of edges (e,) and points (n,).
+
+    A triangle gives each of its sides and corners a third of its area.  A line stands for the area of its
+    shadow, length times diameter, and gives each end a half.
+    """
+    count = len(facets.nodes)
+    if len(facets.lines):
+        ends = facets.X[facets.lines]
+        length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        area: Array = length * 2 * radius
+        halves = np.repeat(area / 2, 2)
+        return facets.lines, area, _summed(facets.lines, halves, count)
+    corners = facets.X[facets.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    thirds = np.repeat(np.linalg.norm(normals, axis=1) / 6, 3)
+    sides = np.sort(facets.triangles[:, TRIANGLE_SIDES].reshape(-1, 2), axis=1)
+    edges, edge = np.unique(sides, axis=0, return_inverse=True)
+    edge_area = _summed(edge, thirds, len(edges))
+    return edges.astype(np.int32), edge_area, _summed(facets.triangles, thirds, count)
+
+
+def _summed(numbers: np.ndarray, values: Array, count: int) -> Array:
+    """Return the sums (count,) of values that belong to numbers."""
+    return np.bincount(numbers.ravel(), values, count).astype(float)

@@ -1,4 +1,12 @@
-"""All points of a contact: those of bodies, one unknown vector each, and those of obstacles, which several may move."""
+"""All points of a contact as functions of the unknowns.
+
+The first points are nodes of bodies, of which each is a vector of three unknowns.  The points of
+obstacles follow: they stay, move as prescribed, or are combinations of the vectors of a rigid body.
+
+    x = W q + c(t)        points x (m, 3), block rows q (v, 3), weights W (m, v), prescribed part c
+
+A *block row* is a vector of three unknowns.  Block row i of the first n is the position of point i.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +15,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from gossamer_fx.algebra.point_measures import Gather
-from gossamer_fx.model.body import Array, Attached, Ground
+from gossamer_fx.contact.arrays import Array, Int32Array, Int64Array, MaskArray
+from gossamer_fx.model.body import Attached, Body, Ground, Port
 from gossamer_fx.terms.assembly import Assembly
 
 PrescribedMotion = Callable[[float], Sequence[float]]
@@ -20,137 +28,191 @@ PrescribedMotion = Callable[[float], Sequence[float]]
 
 @dataclass(frozen=True)
 class ObstaclePoints:
-    """Points or directions (k,) of an obstacle; points take part in its prescribed motion."""
+    """Points and directions of one obstacle.
+
+    Attributes:
+        at: where they are (k,), in space or on a body.
+        is_point: whether each takes part in a prescribed motion (k,); directions do not.
+        motion: displacement [m] over the time [s]; None: none.
+    """
 
     at: Sequence[Attached]
-    moves: Sequence[bool]
+    is_point: Sequence[bool]
     motion: PrescribedMotion | None
 
 
-class ContactPoints:
-    """Points x = P q + c(t) of n nodes of bodies, and after them those of obstacles, m in all.
+class _Map:
+    """The rows of W and c for the points of obstacles, as they are added one by one."""
 
-    `unknowns` (v,) are the first of each vector's three unknowns, the nodes' first.  Point i is a combination of the
-    vectors `vectors[i]` (w,) with `weights[i]` (w,); of nodes w is one.
+    def __init__(self, system: Assembly, body_count: int) -> None:
+        self._system = system
+        self._body_count = body_count
+        self._block_row_of: dict[int, int] = {}
+        self.first_dofs: list[int] = []
+        self.rows: list[int] = []
+        self.columns: list[int] = []
+        self.weights: list[float] = []
+        self.constants: list[Array] = []
+
+    def add(self, vector: Attached) -> int:
+        """Add a point or direction; return its number among all points."""
+        number = self._body_count + len(self.constants)
+        if isinstance(vector, Ground):
+            self.constants.append(np.array(vector.vector, dtype=float))
+            return number
+        self.constants.append(np.zeros(3))
+        for first_dof, weight in zip(self._first_dofs(vector), vector.weights, strict=True):
+            self.rows.append(number)
+            self.columns.append(self._block_row(first_dof))
+            self.weights.append(weight)
+        return number
+
+    def _first_dofs(self, port: Port) -> list[int]:
+        """Return the first unknown of each vector of which a port is a combination."""
+        vectors = port.vectors or (0,) * len(port.nodes)
+        of_nodes: Any = self._system.block(port.body).to_global(np.array(port.nodes))
+        return [int(dofs[3 * vector]) for dofs, vector in zip(of_nodes, vectors, strict=True)]
+
+    def _block_row(self, first_dof: int) -> int:
+        """Return the block row that begins with an unknown; obstacles on one body share them."""
+        if first_dof not in self._block_row_of:
+            self._block_row_of[first_dof] = self._body_count + len(self.first_dofs)
+            self.first_dofs.append(first_dof)
+        return self._block_row_of[first_dof]
+
+
+class ContactPoints:
+    """The m points of a contact, of which the first n are nodes of bodies.
+
+    Args:
+        nodes: bodies and the global numbers of their nodes that take part.
+        obstacles: points and directions of obstacles.
+        system: whose unknowns move them.
+
+    Attributes:
+        body_count: n.
+        count: m.
+        first_dof: number (v,) of the first of the three unknowns of each block row in the system.
+        weights: W (m, v).
+        prescribed: points (k,) with a prescribed motion.
     """
 
     def __init__(
         self,
-        nodes: list[tuple[int, npt.NDArray[np.int64]]],
-        supports: list[ObstaclePoints],
+        nodes: Sequence[tuple[Body, Int64Array]],
+        obstacles: Sequence[ObstaclePoints],
         system: Assembly,
     ) -> None:
-        numbering, self._numbering = system.numbering, system.numbering
         self.comm = system.comm
-        first = [numbering.to_global(k, at)[:, 0] for k, at in nodes]
-        self.n = sum(map(len, first))
-        unknowns: list[int] = []
-        entries: list[tuple[int, int, float]] = []
-        constants: list[Array] = []
-        self._moved: list[tuple[npt.NDArray[np.int64], PrescribedMotion]] = []
-        known: dict[int, int] = {}
-        for support in supports:
-            moved = []
-            for port, moves in zip(support.at, support.moves, strict=True):
-                i = self.n + len(constants)
-                if isinstance(port, Ground):
-                    constants.append(np.array(port.vector, dtype=float))
-                    if moves and support.motion is not None:
-                        moved.append(i)
-                    continue
-                constants.append(np.zeros(3))
-                k = system.bodies.index(port.body)
-                of_nodes: Any = numbering.to_global(k, np.array(port.nodes, dtype=np.int64))
-                for row, weight, vector in zip(
-                    of_nodes, port.weights, port.vectors or (0,) * len(port.nodes), strict=True
-                ):
-                    u = int(row[3 * vector])
-                    if u not in known:
-                        known[u] = self.n + len(unknowns)
-                        unknowns.append(u)
-                    entries.append((i, known[u], weight))
-            if moved and support.motion is not None:
-                self._moved.append((np.array(moved, dtype=np.int64), support.motion))
-        self.unknowns = np.concatenate([*first, np.array(unknowns, dtype=np.int64)]).astype(
-            np.int64
-        )
-        self.m = self.n + len(constants)
-        self._constants = np.vstack([np.zeros((self.n, 3)), *constants])
-        self.plain = not entries
-        rows = np.array([*range(self.n), *(i for i, _, _ in entries)])
-        columns = np.array([*range(self.n), *(j for _, j, _ in entries)])
-        values = np.array([*np.ones(self.n), *(w for _, _, w in entries)])
-        self.P = csr_matrix((values, (rows, columns)), shape=(self.m, len(self.unknowns)))
-        self.moves = np.zeros(self.m, dtype=bool)  # whether the equations govern it
-        self.moves[rows] = True
+        self._numbering = system.numbering
+        of_bodies = [system.block(body).to_global(of_body)[:, 0] for body, of_body in nodes]
+        self.body_count = sum(len(first_dofs) for first_dofs in of_bodies)
+        added = _Map(system, self.body_count)
+        self._moved: list[tuple[Int64Array, PrescribedMotion]] = []
+        for obstacle in obstacles:
+            numbers = [added.add(vector) for vector in obstacle.at]
+            if obstacle.motion is not None:
+                moved = [
+                    n for n, is_point in zip(numbers, obstacle.is_point, strict=True) if is_point
+                ]
+                self._moved.append((np.array(moved, dtype=np.int64), obstacle.motion))
+
+        self.count = self.body_count + len(added.constants)
+        of_obstacles = np.array(added.first_dofs, dtype=np.int64)
+        self.first_dof = np.concatenate([*of_bodies, of_obstacles]).astype(np.int64)
+        self.weights = self._matrix(added)
         self.prescribed = np.concatenate(
             [np.zeros(0, dtype=np.int64), *(points for points, _ in self._moved)]
         )
-        self.width = int(np.diff(self.P.indptr).max(initial=1))
-        self.components = self.unknowns[:, None] + np.arange(3)
-        self._gather = Gather(numbering, [self.components])
+        self._constants = np.vstack([np.zeros((self.body_count, 3)), *added.constants])
+        self._are_block_rows = not added.rows
+        self._dofs = self.first_dof[:, None] + np.arange(3)
+        self._gather = Gather(self._numbering, [self._dofs])
 
-    def owned(self, points: npt.NDArray[np.integer]) -> npt.NDArray[np.bool_]:
-        """Whether this rank searches for what is near to a point: nodes where they live, others in turn."""
-        numbering, comm = self._numbering, self._numbering.comm
-        here = points % comm.size == comm.rank
-        nodes = points < self.n
-        first = self.unknowns[points[nodes]]
-        here[nodes] = (first >= numbering.start) & (first < numbering.start + numbering.size_local)
-        return here
+    def _matrix(self, added: _Map) -> csr_matrix:
+        own = np.arange(self.body_count)
+        rows = np.concatenate([own, np.array(added.rows, dtype=int)])
+        columns = np.concatenate([own, np.array(added.columns, dtype=int)])
+        values = np.concatenate([np.ones(self.body_count), np.array(added.weights, dtype=float)])
+        return csr_matrix((values, (rows, columns)), shape=(self.count, len(self.first_dof)))
 
-    def at(self, q: PETSc.Vec, t: float) -> Array:
-        """Points (m, 3) [m] of coordinates q at a time."""
-        x = self._gather(q)[0]
-        if not self.plain:
-            x = np.asarray(self.P @ x)
-        if self.m > self.n:
-            x = (
-                x if len(x) == self.m else np.vstack([x, np.zeros((self.m - len(x), 3))])
-            ) + self._constants
+    def owned(self, points: np.ndarray) -> MaskArray:
+        """Return which points (k,) this rank searches for: nodes where they live, others in turn."""
+        numbering = self._numbering
+        is_own = points % self.comm.size == self.comm.rank
+        is_node = points < self.body_count
+        first_dof = self.first_dof[points[is_node]]
+        end = numbering.start + numbering.size_local
+        is_own[is_node] = (first_dof >= numbering.start) & (first_dof < end)
+        return is_own
+
+    def at(self, q: PETSc.Vec, time: float) -> Array:
+        """Return the points (m, 3) [m] for coordinates q of the system at a time [s]; collective."""
+        x = self.of_block_rows(q)
+        if not self._are_block_rows:
+            x = np.asarray(self.weights @ x)
+        if self.count > self.body_count:
+            whole = np.zeros((self.count, 3))
+            whole[: len(x)] = x
+            x = whole + self._constants
             for points, motion in self._moved:
-                x[points] += np.asarray(motion(t), dtype=float)
+                x[points] += np.asarray(motion(time), dtype=float)
         return np.ascontiguousarray(x)
 
-    def rates(self, v: PETSc.Vec, t: float, h: float) -> Array:
-        """Their velocities (m, 3) [m/s]; of prescribed ones the mean of a step of h."""
-        rates = np.zeros((self.m, 3))
-        rates[:] = self.P @ self._gather(v)[0]
+    def rates(self, v: PETSc.Vec, time: float, step: float) -> Array:
+        """Return the velocities (m, 3) [m/s] for rates v of the coordinates; collective.
+
+        Prescribed points have their mean velocity from a time [s] to a step [s] later.
+        """
+        rates: Array = np.asarray(self.weights @ self.of_block_rows(v))
         for points, motion in self._moved:
-            rates[points] = (
-                np.asarray(motion(t + h), dtype=float) - np.asarray(motion(t), dtype=float)
-            ) / h
+            start = np.asarray(motion(time), dtype=float)
+            end = np.asarray(motion(time + step), dtype=float)
+            rates[points] = (end - start) / step
         return rates
 
-    def of_vectors(self, q: PETSc.Vec) -> Array:
-        """What a vector of the system has at each of the vectors (v, 3), on all ranks."""
+    def of_block_rows(self, q: PETSc.Vec) -> Array:
+        """Return the entries (v, 3) of a vector of the system at all block rows; collective."""
         return self._gather(q)[0]
 
     def add(self, force: Array, r: PETSc.Vec) -> None:
-        """r += Pᵀ force of forces (m, 3) on points."""
-        of_vectors = force[: self.n] if self.plain else np.asarray(self.P.T @ force)
-        if self._numbering.comm.size == 1:
+        """Add Wᵀ force to a vector r of the system; forces (m, 3) [N] on points.  Collective."""
+        on_block_rows = force[: self.body_count]
+        if not self._are_block_rows:
+            on_block_rows = np.asarray(self.weights.T @ force)
+        if self.comm.size == 1:
             with r as values:
-                values[self.components.ravel()] += of_vectors.ravel()
+                values[self._dofs.ravel()] += on_block_rows.ravel()
             return
-        touched = np.flatnonzero(of_vectors.any(axis=1))
-        indices = self.components[touched].ravel().astype(PETSc.IntType)
-        r.setValues(indices, of_vectors[touched].ravel(), addv=PETSc.InsertMode.ADD_VALUES)
+        touched = np.flatnonzero(on_block_rows.any(axis=1))
+        indices = self._dofs[touched].ravel().astype(PETSc.IntType)
+        r.setValues(indices, on_block_rows[touched].ravel(), addv=PETSc.InsertMode.ADD_VALUES)
         r.assemble()
 
-    def expanded(self, nodes: npt.NDArray[np.int32]) -> tuple[npt.NDArray[np.int64], Array]:
-        """Vectors (n, 4 w) behind the points of pairs (n, 4), and weights (n, 4, 4 w), zero where one has fewer."""
-        n, w = len(nodes), self.width
-        vectors, weights = np.zeros((n, 4, w), dtype=np.int64), np.zeros((n, 4, 4, w))
-        starts, counts = self.P.indptr[nodes], np.diff(self.P.indptr)[nodes]
-        for j in range(w):
-            there = counts > j
-            at = np.where(there, starts + j, 0)
-            vectors[:, :, j] = np.where(
-                there, self.P.indices[at], nodes[:, :1]
-            )  # an unused one repeats the first
+    def block_rows_of(self, points: Int32Array) -> tuple[Int64Array, Array]:
+        """Return the block rows that move the points (n, 4) of pairs, and how.
+
+        Returns:
+            block rows (n, 4 w), where w is the largest number of block rows of a point, and the weights
+            (n, 4, 4 w) of each pair's block rows in its points.  Points with fewer block rows repeat one
+            of the pair with weight zero.
+        """
+        count = len(points)
+        width = int(np.diff(self.weights.indptr).max(initial=1))
+        block_rows = np.zeros((count, 4, width), dtype=np.int64)
+        weights = np.zeros((count, 4, 4, width))
+        first_entry = self.weights.indptr[points]
+        entry_count = np.diff(self.weights.indptr)[points]
+        for j in range(width):
+            exists = entry_count > j
+            entry = np.where(exists, first_entry + j, 0)
+            block_rows[:, :, j] = np.where(exists, self.weights.indices[entry], points[:, :1])
             for p in range(4):
-                weights[:, p, p, j] = np.where(there[:, p], self.P.data[at[:, p]], 0.0)
-        first = np.where(nodes[:, 0] < self.n, nodes[:, 0], nodes.min(axis=1))
-        filled = np.where(weights.any(axis=1), vectors, first[:, None, None])
-        return filled.reshape(n, 4 * w), weights.reshape(n, 4, 4 * w)
+                weight = self.weights.data[entry[:, p]]
+                weights[:, p, p, j] = np.where(exists[:, p], weight, 0.0)
+        # The first point may be one of an obstacle, whose number is no block row: a node of the pair is.
+        is_node = points[:, 0] < self.body_count
+        node = np.where(is_node, points[:, 0], points.min(axis=1))
+        is_used = weights.any(axis=1)
+        filled = np.where(is_used, block_rows, node[:, None, None])
+        return filled.reshape(count, 4 * width), weights.reshape(count, 4, 4 * width)

@@ -1,44 +1,82 @@
-/* Where the blocks of coupled vectors stand: see blocks.py. */
+/* Which 3 x 3 blocks of a matrix groups of block rows couple, and the numbers of these blocks.  See contact.h. */
+#include <string.h>
 
-/* n groups of `width` (n) vectors each, one after the other in `members`: vectors of a group couple with each other.
-   rows, columns: of each block once, row after row; slots: the block of each two members of each group.
-   Room to work: of_vectors (3 v + 2), of_members (4 members).  Returns the number of blocks. */
-int lay_out(int n, int vectors, const int32_t *width, const int32_t *members, int32_t *slots, int32_t *rows,
-            int32_t *columns, int32_t *of_vectors, int32_t *of_members)
+#include "contact.h"
+
+/* Members sorted by their row, and the group of each. */
+typedef struct {
+    int32_t *row_start;   /* (rows + 2) where the members of each row begin in `sorted` */
+    int32_t *last_row;    /* (rows) of a column: the last row that was coupled with it */
+    int32_t *last_block;  /* (rows) of a column: the block of that row and it */
+    int32_t *sorted;      /* (members) members, row by row */
+    int32_t *group_start; /* (members) the first member of the same group */
+    int32_t *group_size;  /* (members) of the same group */
+    int32_t *entry;       /* (members) where the blocks of a member stand in `block_index` */
+} sorted_members;
+
+static sorted_members divide_work(const block_groups *groups, const block_pattern *pattern, ptrdiff_t member_count)
 {
-    int32_t *start = of_vectors, *row = start + vectors + 2, *block = row + vectors;
-    int total = 0, slot = 0, count = 0;
-    for (int g = 0; g < n; ++g) total += width[g];
-    int32_t *sorted = of_members, *first = sorted + total, *size = first + total, *place = size + total;
-    memset(start, 0, (vectors + 2) * sizeof *start);
-    for (int g = 0, m = 0; g < n; ++g) {
-        const int begin = m;
-        for (int a = 0; a < width[g]; ++a, ++m, slot += width[g]) {
-            first[m] = begin, size[m] = width[g], place[m] = slot;
-            ++start[members[m] + 2];
+    sorted_members work;
+    work.row_start = pattern->row_work;
+    work.last_row = work.row_start + groups->row_count + 2;
+    work.last_block = work.last_row + groups->row_count;
+    work.sorted = pattern->member_work;
+    work.group_start = work.sorted + member_count;
+    work.group_size = work.group_start + member_count;
+    work.entry = work.group_size + member_count;
+    return work;
+}
+
+/* A counting sort: afterwards row_start[i] and row_start[i + 1] delimit the members of row i. */
+static void sort_by_row(const block_groups *groups, ptrdiff_t member_count, const sorted_members *work)
+{
+    int32_t member = 0, entry = 0;
+    memset(work->row_start, 0, (size_t)(groups->row_count + 2) * sizeof *work->row_start);
+    for (ptrdiff_t g = 0; g < groups->group_count; ++g) {
+        const int32_t start = member, size = groups->group_size[g];
+        for (int32_t a = 0; a < size; ++a, ++member, entry += size) {
+            work->group_start[member] = start;
+            work->group_size[member] = size;
+            work->entry[member] = entry;
+            ++work->row_start[groups->members[member] + 2];
         }
     }
-    for (int i = 0; i < vectors; ++i) start[i + 1] += start[i], row[i] = -1;
-    for (int m = 0; m < total; ++m) sorted[start[members[m] + 1]++] = m;
-    /* now start[i] is where the members that are vector i begin, and start[i + 1] where they end */
-    for (int i = 0; i < vectors; ++i)
-        for (int k = start[i]; k < start[i + 1]; ++k) {
-            const int m = sorted[k];
-            for (int b = 0; b < size[m]; ++b) {
-                const int j = members[first[m] + b];
-                if (row[j] != i) row[j] = i, block[j] = count, rows[count] = i, columns[count++] = j;
-                slots[place[m] + b] = block[j];
+    for (ptrdiff_t i = 0; i < groups->row_count; ++i) {
+        work->row_start[i + 1] += work->row_start[i];
+        work->last_row[i] = -1;
+    }
+    for (int32_t m = 0; m < member_count; ++m) work->sorted[work->row_start[groups->members[m] + 1]++] = m;
+}
+
+ptrdiff_t number_blocks(const block_groups *groups, const block_pattern *pattern)
+{
+    ptrdiff_t member_count = 0;
+    int32_t count = 0;
+    for (ptrdiff_t g = 0; g < groups->group_count; ++g) member_count += groups->group_size[g];
+    const sorted_members work = divide_work(groups, pattern, member_count);
+    sort_by_row(groups, member_count, &work);
+    for (int32_t row = 0; row < groups->row_count; ++row)
+        for (int32_t k = work.row_start[row]; k < work.row_start[row + 1]; ++k) {
+            const int32_t member = work.sorted[k];
+            for (int32_t b = 0; b < work.group_size[member]; ++b) {
+                const int32_t column = groups->members[work.group_start[member] + b];
+                if (work.last_row[column] != row) { /* a new block */
+                    work.last_row[column] = row;
+                    work.last_block[column] = count;
+                    pattern->rows[count] = row;
+                    pattern->columns[count++] = column;
+                }
+                pattern->block_index[work.entry[member] + b] = work.last_block[column];
             }
         }
     return count;
 }
 
-/* Which of some blocks are not zero: kept (n). */
-void which_count(int n, const int32_t *block, const double *values, uint8_t *kept)
+void find_nonzero_blocks(ptrdiff_t count, const int32_t *block, const double *blocks, uint8_t *is_nonzero)
 {
-    for (int i = 0; i < n; ++i) {
-        const double *value = values + 9 * (int64_t)block[i];
-        kept[i] = 0;
-        for (int k = 0; k < 9 && !kept[i]; ++k) kept[i] = value[k] != 0;
+    for (ptrdiff_t i = 0; i < count; ++i) {
+        const double *values = blocks + 9 * (ptrdiff_t)block[i];
+        is_nonzero[i] = 0;
+        for (int k = 0; k < 9 && !is_nonzero[i]; ++k) is_nonzero[i] = values[k] != 0;
     }
 }

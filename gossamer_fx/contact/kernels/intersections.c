@@ -1,51 +1,67 @@
-/* Edges that pierce triangles, as far as double precision tells: see piercing.py. */
+/* Edges that intersect triangles, as far as double precision can tell; intersections.py decides the rest exactly. */
+#include <float.h>
+#include <math.h>
 
-enum { NO, YES, UNSURE };
+#include "contact.h"
+#include "vectors.h"
 
-static double product(const double *u, const double *v, const double *w, int i, int j, int k, double *size)
+/* A computed volume is off by less than this multiple of epsilon times the sum of its terms' sizes: Shewchuk,
+   "Adaptive precision floating-point arithmetic and fast robust geometric predicates", Discrete Comput. Geom. 18 (1997)
+   305, section 4.2, doi:10.1007/PL00009321. */
+static const double ERROR_BOUND = 8 * DBL_EPSILON;
+
+/* Three of the volume's six products: u_i (v_j w_k - v_k w_j); their sizes are added to `size`. */
+static double products_of_volume(const double *u, const double *v, const double *w, int i, double *size)
 {
-    const double a = v[j] * w[k], b = v[k] * w[j];
-    *size += fabs(u[i]) * (fabs(a) + fabs(b));
-    return u[i] * (a - b);
+    const int j = (i + 1) % 3, k = (i + 2) % 3;
+    const double first = v[j] * w[k], second = v[k] * w[j];
+    *size += fabs(u[i]) * (fabs(first) + fabs(second));
+    return u[i] * (first - second);
 }
 
-/* Sign of the volume (b - a) × (c - a) · (d - a); UNSURE where round-off may hide it.  The volume of rounded differences
-   is off by less than 8 ε of the sum of its terms' sizes: Shewchuk, "Adaptive precision floating-point arithmetic"
-   (1997), section 4.2. */
-static int side(const double *a, const double *b, const double *c, const double *d)
+/* Sign of the volume (b - a) x (c - a) . (d - a); UNSURE where round-off may hide it. */
+static int side_of_plane(const double *a, const double *b, const double *c, const double *d)
 {
-    double u[3], v[3], w[3], size = 0;
-    for (int k = 0; k < 3; ++k) u[k] = b[k] - a[k], v[k] = c[k] - a[k], w[k] = d[k] - a[k];
-    double volume = 0;
-    for (int k = 0; k < 3; ++k) volume += product(u, v, w, k, (k + 1) % 3, (k + 2) % 3, &size);
+    double u[3], v[3], w[3], size = 0, volume = 0;
+    for (int k = 0; k < 3; ++k) {
+        u[k] = b[k] - a[k];
+        v[k] = c[k] - a[k];
+        w[k] = d[k] - a[k];
+    }
+    for (int i = 0; i < 3; ++i) volume += products_of_volume(u, v, w, i, &size);
     if (size == 0) return 0;
-    if (fabs(volume) <= 8 * DBL_EPSILON * size) return UNSURE;
+    if (fabs(volume) <= ERROR_BOUND * size) return UNSURE;
     return volume > 0 ? 1 : -1;
 }
 
-static int pierces(const double *p, const double *q, const double *a, const double *b, const double *c)
+/* An edge intersects a triangle if its ends lie on both sides of the plane, and its line turns the same way about the
+   three sides. */
+static enum intersection intersection_of(const double *start, const double *end, const double *const corners[3])
 {
-    const int below = side(a, b, c, p), above = side(a, b, c, q);
-    int found = below == UNSURE || above == UNSURE ? UNSURE : YES;
-    if (found == YES && below * above >= 0) return NO;
-    const double *corners[4] = {a, b, c, a};
+    const int below = side_of_plane(corners[0], corners[1], corners[2], start);
+    const int above = side_of_plane(corners[0], corners[1], corners[2], end);
+    enum intersection found = below == UNSURE || above == UNSURE ? UNSURE : INTERSECTS;
+    if (found == INTERSECTS && below * above >= 0) return SEPARATE;
     int turn = UNSURE;
     for (int k = 0; k < 3; ++k) {
-        const int one = side(p, q, corners[k], corners[k + 1]);
-        if (one == UNSURE) found = UNSURE;
-        else if (one == 0 || (turn != UNSURE && one != turn)) return NO;
-        else turn = one;
+        const int side = side_of_plane(start, end, corners[k], corners[(k + 1) % 3]);
+        if (side == UNSURE) {
+            found = UNSURE;
+            continue;
+        }
+        if (side == 0 || (turn != UNSURE && side != turn)) return SEPARATE;
+        turn = side;
     }
     return found;
 }
 
-/* Whether edges (., 2) pierce triangles (., 3), for the pairs (n, 2) of them. */
-void pierced(int n, const int32_t *pairs, const int32_t *edges, const int32_t *triangles, const double *x,
-             uint8_t *found)
+void find_intersections(const edge_triangle_pairs *candidates, uint8_t *found)
 {
-    for (int i = 0; i < n; ++i) {
-        const int32_t *e = edges + 2 * (int64_t)pairs[2 * i], *t = triangles + 3 * (int64_t)pairs[2 * i + 1];
-        found[i] = (uint8_t)pierces(x + 3 * (int64_t)e[0], x + 3 * (int64_t)e[1], x + 3 * (int64_t)t[0],
-                                    x + 3 * (int64_t)t[1], x + 3 * (int64_t)t[2]);
+    for (ptrdiff_t i = 0; i < candidates->count; ++i) {
+        const int32_t *edge = candidates->edges + 2 * (ptrdiff_t)candidates->pairs[2 * i];
+        const int32_t *triangle = candidates->triangles + 3 * (ptrdiff_t)candidates->pairs[2 * i + 1];
+        const double *corners[3];
+        for (int k = 0; k < 3; ++k) corners[k] = point(candidates->x, triangle[k]);
+        found[i] = (uint8_t)intersection_of(point(candidates->x, edge[0]), point(candidates->x, edge[1]), corners);
     }
 }

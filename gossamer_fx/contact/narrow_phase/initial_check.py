@@ -1,4 +1,4 @@
-"""What layers may not be at the start: through each other, or in one place."""
+"""What is checked before the first step: no layers may intersect or coincide."""
 
 from __future__ import annotations
 
@@ -6,43 +6,58 @@ import numpy as np
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import InputError
+from gossamer_fx.contact.arrays import Array
 from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
-from gossamer_fx.contact.kernels.library import Array
-from gossamer_fx.contact.narrow_phase.intersections import intersections
+from gossamer_fx.contact.narrow_phase.intersections import find_intersections
 
-COINCIDENT = 1e-6  # distance over that of contact, below which layers cannot be told apart
+# Gap of a point, over the activation distance, below which two layers count as one: contact could not
+# tell on which side of each other they are.
+COINCIDENT = 1e-6
 
 
-def refuse_intersections(bodies: CollisionMesh, x: Array, comm: MPI.Intracomm) -> None:
-    """Raise `InputError` where edges pierce triangles at points x (m, 3); collective."""
-    surface = bodies.surface
-    found = intersections(surface, x, bodies.own_edges)
-    first = [
-        (
-            bodies.names[bodies.body[surface.edges[edge, 0]]],
-            bodies.names[bodies.body[surface.triangles[triangle, 0]]],
-            *x[surface.edges[edge]].mean(axis=0).tolist(),
+def refuse_intersections(mesh: CollisionMesh, x: Array, comm: MPI.Intracomm) -> None:
+    """Raise `InputError` where edges intersect triangles at points x (m, 3) [m]; collective."""
+    surface = mesh.surface
+    found = find_intersections(surface, x, mesh.own_edges)
+    first = None
+    if len(found):
+        edge, triangle = found[0]
+        first = (
+            mesh.name_of(surface.edges[edge, 0]),
+            mesh.name_of(surface.triangles[triangle, 0]),
+            x[surface.edges[edge]].mean(axis=0),
         )
-        for edge, triangle in found[:1]
-    ]
     counts = comm.allgather((len(found), first))
-    count = sum(n for n, _ in counts)
-    if count:
-        one, other, a, b, c = next(place for _, places in counts for place in places)
-        raise InputError(
-            f"Contact: layers pierce each other at the start, {count} edges of the mesh, the first of '{one}' through "
-            f"'{other}' near ({a:.4g}, {b:.4g}, {c:.4g}) m; open them, or leave one of the bodies out."
-        )
+    count = sum(number for number, _ in counts)
+    if not count:
+        return
+    one, other, middle = next(example for _, example in counts if example)
+    raise InputError(
+        f"Contact: layers pierce each other at the start, {count} edges of the mesh, the first of '{one}' through "
+        f"'{other}' near {_point(middle)} m; open them, or leave one of the bodies out."
+    )
 
 
-def refuse_coincident(bodies: CollisionMesh, x: Array, least: Array, distance: float) -> None:
-    """Raise `InputError` where points x (m, 3) with the distances `least` (m,) touch something; all ranks know them."""
-    film = np.arange(bodies.points.m) < bodies.points.n
-    close = np.flatnonzero(film & (least < COINCIDENT * distance))
-    if len(close):
-        a, b, c = x[close[0]]
-        name = bodies.names[bodies.body[close[0]]]
-        raise InputError(
-            f"Contact: {len(close)} points of '{name}' and others touch something at the start, or are within it, "
-            f"the first at ({a:.4g}, {b:.4g}, {c:.4g}) m; open the layers by a little, or tie them there."
-        )
+def refuse_coincident(
+    mesh: CollisionMesh, x: Array, nearest: Array, activation_distance: float
+) -> None:
+    """Raise `InputError` where body points touch something at the start, or are within it.
+
+    Args:
+        x: points (m, 3) [m].
+        nearest: gap (m,) [m] of each point to what is nearest, the same on every rank.
+        activation_distance: [m].
+    """
+    is_of_body = np.arange(mesh.points.count) < mesh.points.body_count
+    close = np.flatnonzero(is_of_body & (nearest < COINCIDENT * activation_distance))
+    if not len(close):
+        return
+    first = close[0]
+    raise InputError(
+        f"Contact: {len(close)} points of '{mesh.name_of(first)}' and others touch something at the start, or are "
+        f"within it, the first at {_point(x[first])} m; open the layers by a little, or tie them there."
+    )
+
+
+def _point(x: Array) -> str:
+    return f"({x[0]:.4g}, {x[1]:.4g}, {x[2]:.4g})"

@@ -1,59 +1,102 @@
-"""Edges that pierce triangles, exactly: signs of volumes that double precision does not tell are taken in fractions.
+"""Edges that intersect triangles, decided exactly.
 
-Layers that are pressed shut lie on each other to round-off, and would else seem to pierce one another.
+The sign of a volume says on which side of a plane a point lies.  Layers that are pressed together lie on
+each other to round-off, where double precision may give any sign; there the volume is computed in
+fractions.  An edge that only touches a triangle does not intersect it.
 """
 
 from __future__ import annotations
 
 from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 
-from gossamer_fx.contact.broad_phase.box_tree import BoxTree, CollisionPrimitives, boxes_of
-from gossamer_fx.contact.kernels.library import Array, Bytes, Integers, library, pointers
+from gossamer_fx.contact.arrays import Array, ByteArray, Int32Array
+from gossamer_fx.contact.broad_phase.box_tree import BoxTree
+from gossamer_fx.contact.geometry.collision_primitives import CollisionPrimitives
+from gossamer_fx.contact.kernels.library import library
+from gossamer_fx.forms.c_source import check_indices
 
-YES, UNSURE = 1, 2  # of piercing.c
+# Of `enum intersection` in kernels/contact.h.
+INTERSECTS = 1
+UNSURE = 2
 
 
-def intersections(
-    surface: CollisionPrimitives, x: Array, edges: Integers | None = None
-) -> Integers:
-    """Pairs (k, 2) of edges and triangles of which one pierces the other, without a common place.
-
-    An edge that only touches a triangle does not pierce it.
+def find_intersections(
+    surface: CollisionPrimitives, x: Array, edges: Int32Array | None = None
+) -> Int32Array:
+    """Return pairs (k, 2) of an edge and a triangle that intersect and are not connected.
 
     Args:
-        x: points (m, 3).
-        edges: which of the edges are asked for; none: all.
+        surface: all primitives.
+        x: points (m, 3) [m].
+        edges: numbers of the edges that are asked for; None: all.
     """
-    lines, triangles = surface.edges, surface.triangles
-    query = np.arange(len(lines), dtype=np.int32) if edges is None else edges
-    if not (len(query) and len(triangles)):
+    if edges is None:
+        edges = np.arange(len(surface.edges), dtype=np.int32)
+    if not len(edges) or not len(surface.triangles):
         return np.zeros((0, 2), dtype=np.int32)
-    tree, boxes = BoxTree(boxes_of(x, x, triangles)), np.ascontiguousarray(boxes_of(x, x, lines))
-    fixed = surface.all_fixed(lines), surface.all_fixed(triangles)
-    near = tree.overlapping(query, boxes, surface.where(lines), surface.where(triangles), fixed)
-    found: Bytes = np.empty(len(near), dtype=np.uint8)
     x = np.ascontiguousarray(x)
-    library().lib.pierced(len(near), *pointers(near, lines, triangles, x, found))
-    for i in np.flatnonzero(found == UNSURE):
-        found[i] = _pierces_exactly(x[lines[near[i, 0]]], x[triangles[near[i, 1]]])
-    return near[found == YES]
+    tree = BoxTree(surface.filtered(surface.triangles, x, x))
+    near = tree.overlaps(surface.filtered(surface.edges, x, x), edges)
+    found = _floating_point_answers(surface, x, near)
+    for row in np.flatnonzero(found == UNSURE):
+        edge, triangle = near[row]
+        found[row] = intersects_exactly(x[surface.edges[edge]], x[surface.triangles[triangle]])
+    return near[found == INTERSECTS]
 
 
-def _pierces_exactly(ends: Array, corners: Array) -> bool:
-    """Whether the edge between two points (2, 3) pierces the triangle (3, 3)."""
-    p, q = ends
-    below, above = (_exact_sign(np.vstack([corners, end])) for end in ends)
-    turns = {_exact_sign(np.array([p, q, corners[k], corners[(k + 1) % 3]])) for k in range(3)}
-    return below * above < 0 and len(turns) == 1 and 0 not in turns
-
-
-def _exact_sign(corners: Array) -> int:
-    """Sign of the volume (b - a) × (c - a) · (d - a) of points (4, 3)."""
-    origin, *others = ([Fraction(float(value)) for value in corner] for corner in corners)
-    (a, b, c), (d, e, f), (g, h, i) = (
-        [p - o for p, o in zip(other, origin, strict=True)] for other in others
+def _floating_point_answers(surface: CollisionPrimitives, x: Array, near: Int32Array) -> ByteArray:
+    """Return for pairs (k, 2) of edges and triangles whether they intersect (k,), as far as is known."""
+    c = library()
+    check_indices("The points of edges", surface.edges, len(x))
+    check_indices("The points of triangles", surface.triangles, len(x))
+    count = len(near)
+    edge_count = len(surface.edges)
+    triangle_count = len(surface.triangles)
+    candidates = c.struct(
+        "edge_triangle_pairs",
+        {
+            "count": count,
+            "pairs": c.array("pairs", near, "int32", (count, 2)),
+            "edges": c.array("edges", surface.edges, "int32", (edge_count, 2)),
+            "triangles": c.array("triangles", surface.triangles, "int32", (triangle_count, 3)),
+            "x": c.array("x", x, "float64", (len(x), 3)),
+        },
     )
-    volume = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    found: ByteArray = np.empty(count, dtype=np.uint8)
+    answers = c.array("found", found, "uint8", (count,), writable=True)
+    c.lib.find_intersections(candidates.pointer, answers)
+    return found
+
+
+def intersects_exactly(ends: Array, corners: Array) -> bool:
+    """Return whether the edge between two points (2, 3) intersects the triangle (3, 3)."""
+    below = sign_of_volume(np.vstack([corners, ends[:1]]))
+    above = sign_of_volume(np.vstack([corners, ends[1:]]))
+    if below * above >= 0:
+        return False
+    # The line of the edge passes through the triangle if it turns the same way about all three sides.
+    around = [corners[0], corners[1], corners[2], corners[0]]
+    turns = {sign_of_volume(np.vstack([ends, side])) for side in pairwise(around)}
+    return len(turns) == 1 and 0 not in turns
+
+
+def sign_of_volume(corners: Array) -> int:
+    """Return the exact sign of (b - a) × (c - a) · (d - a) of four points a, b, c, d (4, 3)."""
+    rows = [[Fraction(float(value)) for value in corner] for corner in corners]
+    origin = rows[0]
+    u = _difference(rows[1], origin)
+    v = _difference(rows[2], origin)
+    w = _difference(rows[3], origin)
+    volume = (
+        u[0] * (v[1] * w[2] - w[1] * v[2])
+        - v[0] * (u[1] * w[2] - w[1] * u[2])
+        + w[0] * (u[1] * v[2] - v[1] * u[2])
+    )
     return (volume > 0) - (volume < 0)
+
+
+def _difference(a: list[Fraction], b: list[Fraction]) -> list[Fraction]:
+    return [first - second for first, second in zip(a, b, strict=True)]

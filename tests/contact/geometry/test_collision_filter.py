@@ -11,7 +11,13 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from meshes.line import line
 from meshes.sheet import sheet
-from tests.contact.scenes import FILM, conserved, group_of, pierced, simulate
+from tests.contact.scenes import (
+    FILM,
+    assert_conserved,
+    contact_set_of,
+    count_intersections,
+    simulate,
+)
 
 
 def leaf(comm, n=4, *, angle=0.0, spin=0.0, order=1, name="leaf", shift=0.0):
@@ -41,10 +47,12 @@ def test_leaves_clap_together_about_the_line_on_which_they_are_tied(comm, n, ord
         [contact, gx.Tie(upper, lower, group_a="left", group_b="left")], 4e-3, outputs=[seen]
     )
     assert run.first.stored["contact"] == 0
-    assert group_of(run).memory.distance.min() > 1e-4  # no joined cells are taken for near ones
-    assert group_of(run).closest < 1e-3
-    assert max(seen["pierced"]) == max(seen["crossings"]) == pierced(run) == 0
-    conserved(run, energy=1e-10, momentum=1e-12)
+    assert (
+        contact_set_of(run).history.activation_distance.min() > 1e-4
+    )  # no joined cells are taken for near ones
+    assert contact_set_of(run).closest < 1e-3
+    assert max(seen["pierced"]) == max(seen["crossings"]) == count_intersections(run) == 0
+    assert_conserved(run, energy=1e-10, momentum=1e-12)
     assert gx.probes.Velocity(lower.port("top right"), "z")(run) < -0.1  # it was hit
     difference = [gx.probes.Position(b.port("bottom left"), "z")(run) for b in (lower, upper)]
     assert difference[0] == pytest.approx(difference[1], abs=1e-10)
@@ -62,8 +70,8 @@ def test_leaves_that_are_nearer_than_the_distance_open_freely(comm):
         [contact, gx.Tie(upper, lower, group_a="left", group_b="left")], 4e-3, outputs=[seen]
     )
     assert max(seen["energy"]) == 0
-    assert group_of(run).memory.distance.min() == 2e-3  # it has grown
-    conserved(run, energy=1e-10, momentum=1e-12)
+    assert contact_set_of(run).history.activation_distance.min() == 2e-3  # it has grown
+    assert_conserved(run, energy=1e-10, momentum=1e-12)
 
 
 @pytest.mark.mpi
@@ -92,8 +100,8 @@ def test_films_and_a_cable_on_one_line_and_a_line_that_is_tied_to_a_tied_one(com
         1e-3,
     )
     assert run.first.stored["contact"] == 0
-    assert group_of(run).memory.distance.min() == 1e-3
-    conserved(run, energy=1e-10, momentum=1e-12)
+    assert contact_set_of(run).history.activation_distance.min() == 1e-3
+    assert_conserved(run, energy=1e-10, momentum=1e-12)
 
 
 def test_layers_that_coincide_and_are_not_tied_are_refused():

@@ -1,0 +1,273 @@
+"""Coulomb friction of pairs: a stress against how far their points slide on each other.
+
+Problem.  Sliding is a motion along the surfaces, which turn; a law in terms of displacements would see
+rotations as sliding and would not conserve angular momentum.
+
+Idea.  Let r lead from a point of one side to a point of the other, both fixed in the material, and let
+t1, t2 be two directions fixed in the material: edges of the pair, or axes of an obstacle.  The measures
+
+    m_i = r·t_i                                                                                (1)
+
+are quadratic in the coordinates and do not change when the pair moves and turns as a whole.  At the
+start their gradients with respect to r are two unit directions across the normal.
+
+Algorithm, for a step of length h from q0 to q1:
+
+    1. The pair slides by w = m(q1) - m(q0), in two components.                                (2)
+    2. Its stress is S = μ N φ(|w|/(h v_s)) w/|w|,  φ(y) = 2y - y² for y < 1, else 1.          (3)
+       N is the mean normal force of the same step, v_s the speed below which it may creep.
+    3. The force on the points is Dm(q_mid)ᵀ S.
+
+S·w ≥ 0 is what the step dissipates.  Momentum and angular momentum stay: the moment of two opposite
+forces at a distance is carried by the directions.
+
+Limits: the tangent plane is that of the start of the step.  Where two edges meet in one plane, side by
+side, only the direction along them has friction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from gossamer_fx.contact.arrays import Array, Int32Array, Int64Array
+from gossamer_fx.contact.pair_table import ActivePairs
+from gossamer_fx.contact.potential import ContactLaw, PairState, evaluate
+
+# Sliding that changes by less than this part of itself from one iterate to the next goes on steadily,
+# though its direction may have turned round before.
+STEADY_CHANGE = 0.1
+
+# Sliding over the creep h v_s, below which a direction w/|w| is not divided by zero.
+SMALLEST_SLIDING = 1e-9
+
+
+@dataclass(frozen=True)
+class FrictionStep:
+    """A step as friction sees it.
+
+    Attributes:
+        x0, x1: points (m, 3) [m] at the start and at the end.
+        creep: h v_s [m], sliding up to which friction grows.
+        alpha: weight of the end in the configuration where normal forces act.
+        geometric_share: share of the geometric stiffness in tangents.
+    """
+
+    x0: Array
+    x1: Array
+    creep: float
+    alpha: float
+    geometric_share: float = 1.0
+
+
+@dataclass(frozen=True)
+class _Sliding:
+    """How n pairs slide in a step: w (n, 2), and r (n, 3) and t (n, 2, 3) in its middle and at its end."""
+
+    w: Array
+    r_mid: Array
+    t_mid: Array
+    r_end: Array
+    t_end: Array
+
+
+@dataclass(frozen=True)
+class _Grip:
+    """The factor g of S = μ N g w.
+
+    Attributes:
+        ratio: |w|/(h v_s) (n,).
+        factor: g (n,) [1/m].
+        slope: its derivative by |w| (n,) [1/m²].
+    """
+
+    ratio: Array
+    factor: Array
+    slope: Array
+
+
+@dataclass
+class FrictionPairs:
+    """n pairs that may rub, between k points each.
+
+    Attributes:
+        pairs: the pairs whose normal force presses.
+        law: of their normal force.
+        side_weights: weights (n, 4) of the pairs' points in the force on the pressed side.
+        normal: unit normal at the start (n, 3).
+        points: numbers (n, k) of the points of which r and t are combinations.
+        gap_weights: weights (n, k) of these points in r.
+        direction_weights: weights (n, 2, k) in t.
+        point_weights: weights (n, 4, k) in the four points of the pair.
+        coefficient: μ (n,).
+        block_rows: that move the points (n, k).
+        block_index: of the blocks that they couple (n, k k); set once the pattern is known.
+    """
+
+    pairs: ActivePairs
+    law: ContactLaw
+    side_weights: Array
+    normal: Array
+    points: Int32Array
+    gap_weights: Array
+    direction_weights: Array
+    point_weights: Array
+    coefficient: Array
+    block_rows: Int64Array
+    block_index: Int32Array = field(default_factory=lambda: np.zeros((0, 0), dtype=np.int32))
+
+    def __post_init__(self) -> None:
+        self._last_sliding: Array | None = None
+        self._is_steady = np.ones(len(self.points), dtype=bool)
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    # ---- forces ----
+
+    def loss(self, step: FrictionStep) -> float:
+        """Return the dissipated energy S·w [J] of a step."""
+        w = self._sliding(step).w
+        normal_force = self._normal_force(step)
+        grip = _grip(w, step.creep)
+        return float(np.sum(self.coefficient * normal_force * grip.factor * (w * w).sum(axis=1)))
+
+    def add_forces(self, step: FrictionStep, point_forces: Array) -> None:
+        """Add the forces [N] of a step to those on points (m, 3)."""
+        sliding = self._sliding(step)
+        normal_force = self._normal_force(step)
+        grip = _grip(sliding.w, step.creep)
+        stress = (self.coefficient * normal_force * grip.factor)[:, None] * sliding.w
+        np.add.at(point_forces, self.points, self._forces(stress, sliding))
+
+    def _vectors(self, x: Array) -> tuple[Array, Array]:
+        """Return r (n, 3) and t (n, 2, 3) at points x."""
+        at = x[self.points]
+        r = np.einsum("nk,nkc->nc", self.gap_weights, at)
+        t = np.einsum("nik,nkc->nic", self.direction_weights, at)
+        return r, t
+
+    def _sliding(self, step: FrictionStep) -> _Sliding:
+        """Return w (2); the change of a product from its factors in the middle, without cancellation."""
+        r_start, t_start = self._vectors(step.x0)
+        r_end, t_end = self._vectors(step.x1)
+        r_mid = (r_start + r_end) / 2
+        t_mid = (t_start + t_end) / 2
+        by_directions = np.einsum("nc,nic->ni", r_mid, t_end - t_start)
+        by_gaps = np.einsum("nic,nc->ni", t_mid, r_end - r_start)
+        return _Sliding(by_directions + by_gaps, r_mid, t_mid, r_end, t_end)
+
+    def _normal_force(self, step: FrictionStep) -> Array:
+        """Return N (n,) [N]; zero for pairs that do not press."""
+        return self._pressing(step)[0]
+
+    def _pressing(self, step: FrictionStep, tangents: bool = False) -> tuple[Array, Array]:
+        """Return N (n,), and its derivative (n, k, 3) with respect to the points if it is asked for."""
+        response = evaluate(
+            self.pairs,
+            step.x0,
+            step.x1,
+            self.law,
+            step.alpha,
+            by_pair=True,
+            tangents_by_pair=tangents,
+        )
+        forces = np.asarray(response.forces).reshape(-1, 4, 3)
+        pressure = -np.einsum("nk,nc,nkc->n", self.side_weights, self.normal, forces)
+        presses = (response.state == PairState.TOUCHES) & (pressure > 0)
+        derivative = np.zeros((0, 4, 3))
+        if tangents:
+            derivative = -np.einsum(
+                "nk,nc,nkcld,n->nld",
+                self.side_weights,
+                self.normal,
+                np.asarray(response.tangents).reshape(-1, 4, 3, 4, 3),
+                presses.astype(float),
+                optimize=True,
+            )
+            derivative = np.einsum("npd,npk->nkd", derivative, self.point_weights)
+        return np.where(presses, pressure, 0.0), derivative
+
+    def _forces(self, stress: Array, sliding: _Sliding) -> Array:
+        """Return the forces Dm(q_mid)ᵀ S (n, k, 3) of a stress S (n, 2)."""
+        on_gaps = np.einsum("ni,nic->nc", stress, sliding.t_mid)
+        on_directions = np.einsum("ni,nik->nk", stress, self.direction_weights)
+        by_gaps = self.gap_weights[:, :, None] * on_gaps[:, None]
+        forces: Array = by_gaps + on_directions[:, :, None] * sliding.r_mid[:, None]
+        return forces
+
+    # ---- tangents ----
+
+    def add_tangents(self, step: FrictionStep, is_moved: Array, blocks: Array) -> None:
+        """Add the derivative of the forces with respect to x1 to blocks (b, 9).
+
+        Args:
+            step: the last one for which forces were added.
+            is_moved: 1 for points (m,) with unknowns, 0 for those without.
+            blocks: in which `block_index` counts.
+        """
+        sliding = self._sliding(step)
+        grip = _grip(sliding.w, step.creep)
+        normal_force, of_normal_force = self._pressing(step, tangents=True)
+        pressing = self.coefficient * normal_force
+        K = self._material_part(sliding, grip, pressing, step.creep)
+
+        # Geometric part: S·D²m, which couples r and t.
+        stress = (pressing * grip.factor)[:, None] * sliding.w
+        of_directions = np.einsum("ni,nik->nk", stress, self.direction_weights)
+        one = self.gap_weights[:, :, None] * of_directions[:, None]
+        other = of_directions[:, :, None] * self.gap_weights[:, None]
+        share = step.alpha * step.geometric_share
+        K += share * (one + other)[..., None, None] * np.eye(3)
+
+        # The normal force changes, too.
+        per_normal_force = (self.coefficient * grip.factor)[:, None] * sliding.w
+        forces = self._forces(per_normal_force, sliding)
+        K += np.einsum("nka,nlb->nklab", forces, of_normal_force)
+
+        moved = is_moved[self.points]
+        K *= (moved[:, :, None] * moved[:, None])[..., None, None]
+        np.add.at(blocks, self.block_index, K.reshape(*self.block_index.shape, 9))
+
+    def _material_part(
+        self, sliding: _Sliding, grip: _Grip, pressing: Array, creep: float
+    ) -> Array:
+        """Return Dm(q_mid)ᵀ (∂S/∂w) Dm(q1) (n, k, k, 3, 3); pressing is μ N (n,)."""
+        w = sliding.w
+        self._update_steadiness(w)
+        # Beyond the creep, friction is constant and its slope negative: a full Newton step overshoots
+        # where the sliding has turned round.  There g alone leads near the solution, slowly and safely.
+        is_reliable = self._is_steady | (grip.ratio < 1)
+        size = np.maximum(grip.ratio * creep, SMALLEST_SLIDING * creep)
+        bend = np.where(is_reliable, grip.slope / size, 0.0)
+        square = w[:, :, None] * w[:, None]
+        derivative = grip.factor[:, None, None] * np.eye(2) + bend[:, None, None] * square
+        derivative = pressing[:, None, None] * derivative
+        middle = self._gradient(sliding.r_mid, sliding.t_mid)
+        end = self._gradient(sliding.r_end, sliding.t_end)
+        return np.einsum("nika,nij,njlb->nklab", middle, derivative, end, optimize=True)
+
+    def _update_steadiness(self, w: Array) -> None:
+        """Note which pairs slide on in the direction of the iterate before."""
+        last = self._last_sliding
+        if last is not None:
+            self._is_steady &= (last * w).sum(axis=1) >= 0
+            change = np.linalg.norm(w - last, axis=1)
+            self._is_steady |= change < STEADY_CHANGE * np.linalg.norm(w, axis=1)
+        self._last_sliding = w
+
+    def _gradient(self, r: Array, t: Array) -> Array:
+        """Return Dm (n, 2, k, 3) where the vectors are r and t."""
+        by_gaps = self.gap_weights[:, None, :, None] * t[:, :, None]
+        gradient: Array = by_gaps + self.direction_weights[..., None] * r[:, None, None]
+        return gradient
+
+
+def _grip(w: Array, creep: float) -> _Grip:
+    """Return the factor of friction for the sliding w (n, 2) [m]; creep is h v_s [m]."""
+    ratio = np.linalg.norm(w, axis=1) / creep
+    beyond = np.maximum(ratio, 1)
+    factor = np.where(ratio < 1, 2 - ratio, 1 / beyond) / creep
+    slope = np.where(ratio < 1, -1.0, -1 / beyond**2) / creep**2
+    return _Grip(ratio, factor, slope)

@@ -1,0 +1,84 @@
+"""Directions across the normal of a pair, as combinations of vectors that are fixed in the material."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gossamer_fx.contact.arrays import Array
+from gossamer_fx.contact.pair_table import ActivePairs, PairKind
+
+# Sine of the angle to the normal, or to the other direction, below which an edge gives no direction to
+# slide along.
+SMALLEST_SINE = 1e-3
+
+# No length: divisions by smaller ones are meaningless, and their result is not used.
+TINY = 1e-300
+
+# Two edges of a pair as combinations of its four points: two sides of the triangle, or one of each side.
+EDGE_WEIGHTS = np.array(
+    [
+        [[0, 1, -1, 0], [0, 1, 0, -1]],
+        [[-1, 1, 0, 0], [0, 0, 1, -1]],
+    ],
+    dtype=float,
+)
+
+
+def unit_vectors(vectors: Array) -> Array:
+    """Return vectors (n, 3) of length one; those without a length stay zero."""
+    length = np.linalg.norm(vectors, axis=1)
+    unit: Array = vectors / np.maximum(length, TINY)[:, None]
+    return unit
+
+
+def gap_weights(pairs: ActivePairs) -> Array:
+    """Return the weights (n, 4) of a pair's points in the vector from its second side to its first.
+
+    It leads between the closest points of the start; of walls it is their first point.
+    """
+    assert pairs.start is not None
+    u = pairs.start[:, 0]
+    v = pairs.start[:, 1]
+    one = np.ones(len(u))
+    of_triangles = np.column_stack([one, u + v - 1, -u, -v])
+    of_edges = np.column_stack([1 - u, u, v - 1, -v])
+    of_walls = np.array([1.0, 0, 0, 0])
+    is_triangle = (pairs.kind == PairKind.POINT_TRIANGLE)[:, None]
+    is_edges = (pairs.kind == PairKind.EDGE_EDGE)[:, None]
+    weights: Array = np.select([is_triangle, is_edges], [of_triangles, of_edges], of_walls)
+    return weights
+
+
+def orthonormal_combinations(vectors: Array, lengths: Array) -> Array:
+    """Return combinations (n, 2, 2) of two vectors (n, 2, 3) that are orthonormal.
+
+    The vector that has kept more of its length comes first; of the other one what is along the first is
+    taken away.
+
+    Args:
+        vectors: parts across the normal of two edges (n, 2, 3).
+        lengths: of the edges (n, 2).  A part that is shorter than a thousandth of its edge gives no
+            direction, and its combination is zero.
+    """
+    count = len(vectors)
+    combinations = np.zeros((count, 2, 2))
+    if not count:
+        return combinations
+    rows = np.arange(count)
+    length = np.linalg.norm(vectors, axis=2)
+    kept = length / np.maximum(lengths, TINY)
+    first = np.where(kept[:, 1] > kept[:, 0], 1, 0)
+    second = 1 - first
+    first_length = length[rows, first]
+    has_first = first_length > SMALLEST_SINE * lengths[rows, first]
+    scale = np.where(has_first, 1 / np.maximum(first_length, TINY), 0)
+    combinations[rows, 0, first] = scale
+    direction = vectors[rows, first] * scale[:, None]
+    along = (vectors[rows, second] * direction).sum(axis=1)
+    across = vectors[rows, second] - along[:, None] * direction
+    across_length = np.linalg.norm(across, axis=1)
+    has_second = has_first & (across_length > SMALLEST_SINE * lengths[rows, second])
+    across_scale = np.where(has_second, 1 / np.maximum(across_length, TINY), 0)
+    combinations[rows, 1, second] = across_scale
+    combinations[rows, 1, first] = -across_scale * along * scale
+    return combinations

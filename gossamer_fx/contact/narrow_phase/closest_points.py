@@ -1,0 +1,121 @@
+"""Closest points and distances of pairs, computed once for each set of points.
+
+The squared distance s of a triangle pair or an edge pair is that of its closest points, which have the
+parameters (u, v) on the two sides.  Of walls s is something else, which is linear in the distance or
+bounded: of planes the signed distance itself [m]; inside spheres and cylinders minus the squared
+distance from the middle.  The `gap` of a pair is its distance [m] less the radii of both sides.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gossamer_fx.contact.arrays import Array, ByteArray, MaskArray
+from gossamer_fx.contact.kernels.library import library
+from gossamer_fx.contact.kernels.structs import pair_list
+from gossamer_fx.contact.pair_table import CandidatePairs, PairTable, is_room, is_wall
+
+
+def closest_points(pairs: PairTable, x: Array) -> tuple[Array, Array]:
+    """Return s (n,) [m²] of pairs at points x (m, 3), and (u, v) (n, 2) of their closest points.
+
+    The closest points of two edges are at u and v of their lengths; the one on a triangle is
+    corner 0 + u (corner 1 - corner 0) + v (corner 2 - corner 0).  Walls have no parameters: zeros.
+    """
+    c = library()
+    count = len(pairs)
+    squared_distance = np.empty(count)
+    parameters = np.empty((count, 2))
+    c.lib.closest_points(
+        pair_list(pairs).pointer,
+        c.array("x", x, "float64", (len(x), 3)),
+        c.array("squared_distance", squared_distance, "float64", (count,), writable=True),
+        c.array("parameters", parameters, "float64", (count, 2), writable=True),
+    )
+    return squared_distance, parameters
+
+
+def approach_bounds(pairs: PairTable, x0: Array, x1: Array, margin: Array | None = None) -> Array:
+    """Return by how much (n,) [m] pairs can come closer on straight lines from x0 to x1 (m, 3).
+
+    Infinite for walls.  With a margin (m,) [m] points may end within these distances of x1.
+    """
+    c = library()
+    points = len(x0)
+    bound = np.empty(len(pairs))
+    c.lib.approach_bounds(
+        pair_list(pairs).pointer,
+        c.array("x0", x0, "float64", (points, 3)),
+        c.array("x1", x1, "float64", (points, 3)),
+        c.array("margin", margin, "float64", (points,)),
+        c.array("bound", bound, "float64", (len(pairs),), writable=True),
+    )
+    return bound
+
+
+def gaps_of(kind: ByteArray, squared_distance: Array, radius: Array, wall_radius: Array) -> Array:
+    """Return the gaps (n,) [m] of pairs from s (n,) and their radii (n,) [m]."""
+    walls = is_wall(kind)
+    rooms = is_room(kind)
+    squares = np.where(walls, 0, squared_distance)
+    gap: Array = np.sqrt(np.maximum(squares, 0)) - radius
+    gap[walls] = squared_distance[walls] - radius[walls]
+    room = wall_radius[rooms] - radius[rooms]
+    gap[rooms] = room - np.sqrt(-squared_distance[rooms])
+    return gap
+
+
+class PairDistances:
+    """Gaps and closest points of all candidates at one set of points x (m, 3).
+
+    Far pairs need no closest points: their gap may be a lower bound that follows from an earlier state.
+    What is asked for later is computed then, and kept.
+
+    Attributes:
+        candidates: the n pairs.
+        x: the points (m, 3) [m].
+        gap: gaps (n,) [m], exact for those that were computed at first, else lower bounds.
+    """
+
+    def __init__(self, candidates: CandidatePairs, x: Array, lower_bound: Array) -> None:
+        count = len(candidates)
+        self.candidates = candidates
+        self.x = x
+        self.gap = lower_bound
+        self._is_known: MaskArray = np.zeros(count, dtype=bool)
+        self._squared_distance = np.empty(count)
+        self._parameters = np.empty((count, 2))
+
+    @classmethod
+    def of(cls, candidates: CandidatePairs, x: Array) -> PairDistances:
+        """Compute all gaps at points x."""
+        found = cls(candidates, x, np.empty(len(candidates)))
+        found.make_exact(slice(None))
+        return found
+
+    def make_exact(self, rows: Any) -> None:
+        """Replace lower bounds of some rows by the exact gaps."""
+        self._compute(rows)
+        table = self.candidates
+        self.gap[rows] = gaps_of(
+            kind=table.kind[rows],
+            squared_distance=self._squared_distance[rows],
+            radius=table.radius[rows],
+            wall_radius=table.wall_radius[rows],
+        )
+
+    def closest_points(self, rows: MaskArray) -> tuple[Array, Array]:
+        """Return s (k,) and (u, v) (k, 2) of the rows of a mask (n,)."""
+        missing = np.flatnonzero(rows & ~self._is_known)
+        if len(missing):
+            self._compute(missing)
+        return self._squared_distance[rows], self._parameters[rows]
+
+    def _compute(self, rows: Any) -> None:
+        geometry = PairTable(self.candidates.kind[rows], self.candidates.points[rows])
+        squared_distance, parameters = closest_points(geometry, self.x)
+        self._squared_distance[rows] = squared_distance
+        self._parameters[rows] = parameters
+        self._is_known[rows] = True

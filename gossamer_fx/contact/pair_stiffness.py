@@ -1,0 +1,108 @@
+"""The stiffness of pairs at the beginning of contact: given, or enough to stop what comes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gossamer_fx.contact.arrays import Array
+from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
+from gossamer_fx.contact.narrow_phase.closest_points import closest_points
+from gossamer_fx.contact.pair_table import CandidatePairs, PairKind, is_room
+from gossamer_fx.contact.stiffness_warning import STOPPING_FACTOR, StiffnessWarning
+from gossamer_fx.contact.system_view import ContactAssembly
+
+# Closing speed over that at the start of the step: a pair may be faster when it meets.
+SPEED_RESERVE = 1.25
+
+# The reference speed crosses this part of the activation distance in the first step: a pair that hardly
+# moves is not so soft that a step compresses it altogether.
+REFERENCE_WAY = 0.5
+
+# Part of a step over which the closing speed is a difference quotient.
+SHORT_TIME = 1e-3
+
+# No density: divisions by smaller ones are meaningless.
+TINY = 1e-300
+
+
+class PairStiffness:
+    """Chooses k [J] of pairs that begin to touch.
+
+    Args:
+        mesh: what touches.
+        stiffness: K [N/m³]: k = K d² A of a pair that stands for the area A.  None: k = 4 σ v² A with the
+            area density σ of both sides and the closing speed v.
+        activation_distance: d [m].
+        system: with the masses of the bodies.
+    """
+
+    def __init__(
+        self,
+        mesh: CollisionMesh,
+        stiffness: float | None,
+        activation_distance: float,
+        system: ContactAssembly,
+    ) -> None:
+        self._mesh = mesh
+        self._stiffness = stiffness
+        self._activation_distance = activation_distance
+        self._system = system
+        self._warning = StiffnessWarning(
+            stiffness or 0.0, activation_distance, mesh.names, system.comm
+        )
+        self._density: Array | None = None
+
+    def reference_speed(self, step: float) -> float:
+        """Return the least closing speed [m/s] for which stiffness is derived; step is its length [s]."""
+        return REFERENCE_WAY * self._activation_distance / step
+
+    def choose(
+        self,
+        pairs: CandidatePairs,
+        squared_distance: Array,
+        x0: Array,
+        v: Array,
+        reference_speed: float,
+    ) -> Array:
+        """Return the stiffness (n,) [J] of pairs; collective.
+
+        Args:
+            pairs: n pairs.
+            squared_distance: of `closest_points` at x0 (n,).
+            x0, v: points [m] and their velocities [m/s] (m, 3) at the start of the step.
+            reference_speed: [m/s].
+        """
+        density = self._densities()
+        sides = np.column_stack([pairs.points[:, 0], pairs.second_point])
+        rate = self._rate_of_distance(pairs, squared_distance, x0, v)
+        if self._stiffness is not None:
+            self._warning.check(
+                bodies=self._mesh.body[sides],
+                density=density[sides].min(axis=1),
+                speed=np.maximum(-rate, 0),
+            )
+            return self._stiffness * self._activation_distance**2 * pairs.area
+        # The density that acts between two free sides, twice the harmonic sum; that of one side, doubled,
+        # against an obstacle.
+        both_sides = 2 / np.maximum((1 / density[sides]).sum(axis=1), TINY)
+        speed = np.maximum(reference_speed, SPEED_RESERVE * np.abs(rate))
+        return STOPPING_FACTOR * both_sides * speed**2 * pairs.area
+
+    def _densities(self) -> Array:
+        """Return the area density (m,) [kg/m²] of the body of each point; the masses never change."""
+        if self._density is None:
+            self._density = self._mesh.surface_densities(self._system)
+        return self._density
+
+    def _rate_of_distance(
+        self, pairs: CandidatePairs, squared_distance: Array, x0: Array, v: Array
+    ) -> Array:
+        """Return by how much distances grow (n,) [m/s], taken over a short time."""
+        duration = SHORT_TIME * self._system.h
+        later, _ = closest_points(pairs, np.ascontiguousarray(x0 + duration * v))
+        change = np.sqrt(np.abs(later)) - np.sqrt(np.abs(squared_distance))
+        is_plane = pairs.kind == PairKind.POINT_PLANE
+        # Of planes s is the distance; in a room it falls while the distance from the middle grows.
+        by_kind = [later - squared_distance, -change]
+        rate: Array = np.select([is_plane, is_room(pairs.kind)], by_kind, change) / duration
+        return rate

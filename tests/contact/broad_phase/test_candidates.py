@@ -1,0 +1,93 @@
+"""Candidates are complete while points are within their bounds, and few where points move together."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.contact.broad_phase.candidates import find_candidates
+from gossamer_fx.contact.broad_phase.trajectory_bounds import TrajectoryBounds
+from gossamer_fx.contact.narrow_phase.closest_points import closest_points
+from meshes.sheet import sheet
+from tests.contact.broad_phase.test_trajectory_bounds import TURN, drifted
+from tests.contact.random_pairs import all_pairs, separate_triangles, table_of_primitives
+
+TRIANGLES = 60
+RADIUS = 2e-3
+DISTANCE = 0.02
+
+
+def identifier_of(kind, first, second):
+    """Return a number that tells pairs of fewer than 1000 primitives apart."""
+    return first * 1000 + second + 10**6 * kind
+
+
+def mesh_of(surface) -> SimpleNamespace:
+    """Return what a search asks a collision mesh for, without bodies."""
+    count = 3 * TRIANGLES
+    none = np.zeros(0)
+    no_walls = (none.astype(np.uint8), np.zeros((0, 4), np.int32), none.astype(np.int64), none)
+    return SimpleNamespace(
+        surface=surface,
+        radius=np.full(count, RADIUS),
+        area=np.ones(count),
+        own_vertices=np.arange(count, dtype=np.int32),
+        own_edges=np.arange(count, dtype=np.int32),
+        wall_pairs=lambda: no_walls,
+        areas=lambda kind, points, primitives: np.ones(len(kind)),
+        identifiers=lambda kind, primitives: identifier_of(kind.astype(int), *primitives.T),
+    )
+
+
+def test_no_pair_is_missed_while_points_are_within_their_bounds() -> None:
+    rng = np.random.default_rng(2)
+    surface = separate_triangles(TRIANGLES)
+    middle = rng.uniform(size=(TRIANGLES, 1, 3))
+    x = (middle + rng.normal(scale=0.05, size=(TRIANGLES, 3, 3))).reshape(-1, 3)
+    velocities = np.repeat(rng.normal(scale=0.3, size=(TRIANGLES, 3)), 3, axis=0)
+    margin = rng.uniform(0.01, 0.03, len(x))
+    bounds = TrajectoryBounds(TURN, x, velocities, margin, duration=0.2)
+    found = find_candidates(mesh_of(surface), bounds, DISTANCE)  # type: ignore[arg-type]
+    known = set(found.identifier.tolist())
+
+    pairs = sorted(all_pairs(surface))
+    table = table_of_primitives(surface, pairs)
+    identifiers = np.array([identifier_of(*pair) for pair in pairs])
+    assert len(known) < 0.5 * len(pairs)
+    near_count = 0
+    for time in (0.5, 0.6, 0.7):
+        off = rng.normal(size=x.shape)
+        share = 0.999 * rng.uniform(size=len(x)) ** 0.1
+        off *= (share * margin / np.linalg.norm(off, axis=1))[:, None]
+        without_drift = np.ascontiguousarray(x + (time - 0.5) * velocities + off)
+        assert bounds.hold(drifted(TURN, without_drift, time), time)
+        # A drift changes no distance.
+        gap = np.sqrt(closest_points(table, without_drift)[0]) - 2 * RADIUS
+        near = identifiers[gap < DISTANCE]
+        near_count += len(near)
+        assert set(near.tolist()) <= known
+    assert near_count > 40
+
+
+@pytest.mark.parametrize("spin", [0.0, 40.0])
+def test_a_stack_that_spins_has_no_more_candidates(spin: float) -> None:
+    films = [
+        gx.Membrane(
+            sheet(MPI.COMM_SELF, 6, 6, 0.3, 0.3),
+            gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual_stiffness=1e-6),
+            name=f"film {k}",
+            displacement=lambda X, k=k: np.vstack([0 * X[0], 0 * X[0], 0 * X[0] + 3e-3 * k]),
+            velocity=lambda X: spin * np.vstack([-(X[1] - 0.15), X[0] - 0.15, 0 * X[0]]),
+        )
+        for k in range(3)
+    ]
+    contact = gx.Contact(*films, distance=1e-3)
+    run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=1e-4))
+    run.run(until=1e-3)
+    contact_set = run.system.active_sets[0].contact_sets[contact]
+    assert contact_set.search.count <= 4
+    assert len(contact_set.candidates) <= 100

@@ -1,0 +1,86 @@
+"""Overlaps of boxes against all pairs of primitives, computed one by one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gossamer_fx.contact.broad_phase.overlaps import OverlappingPairs, find_overlaps
+from gossamer_fx.contact.geometry.collision_primitives import CollisionPrimitives
+from gossamer_fx.contact.narrow_phase.closest_points import closest_points
+from gossamer_fx.contact.pair_table import PairKind
+from tests.contact.random_pairs import all_pairs, table_of_primitives, triangle_soup
+
+
+def overlaps(surface: CollisionPrimitives, x: np.ndarray, reach: float) -> OverlappingPairs:
+    """Return the pairs whose boxes, half of the reach [m] larger, overlap."""
+    vertices = np.arange(len(surface.vertices), dtype=np.int32)
+    edges = np.arange(len(surface.edges), dtype=np.int32)
+    return find_overlaps(surface, x - reach / 2, x + reach / 2, vertices, edges)
+
+
+def keys_of(pairs: OverlappingPairs) -> list[tuple[int, int, int]]:
+    """Return the kind and the primitives of each pair."""
+    rows = zip(pairs.kind, pairs.primitives, strict=True)
+    return [(int(kind), int(first), int(second)) for kind, (first, second) in rows]
+
+
+def test_no_near_pair_is_missed_and_none_is_found_twice() -> None:
+    surface, x = triangle_soup(30, seed=0)
+    found = overlaps(surface, x, 0.05)
+    keys = keys_of(found)
+    assert len(set(keys)) == len(keys)
+    missing = sorted(all_pairs(surface) - set(keys))
+    squared_distance, _ = closest_points(table_of_primitives(surface, missing), x)
+    assert squared_distance.min() > 0.05**2
+    assert closest_points(found, x)[0].min() < 0.05**2
+
+
+def test_ranks_find_together_what_one_finds() -> None:
+    surface, x = triangle_soup(200, seed=1)
+    whole = keys_of(overlaps(surface, x, 0.02))
+    parts = []
+    for rank in range(3):
+        vertices = np.arange(rank, len(surface.vertices), 3, dtype=np.int32)
+        edges = np.arange(rank, len(surface.edges), 3, dtype=np.int32)
+        parts += keys_of(find_overlaps(surface, x - 0.01, x + 0.01, vertices, edges))
+    assert sorted(parts) == sorted(whole)
+
+
+def test_connected_and_fixed_primitives_are_no_pairs() -> None:
+    """Of three triangles in one place, two are connected by a label and two are fixed."""
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    x = np.vstack([corners, corners + 0.01, corners + 0.02])
+    surface, _ = triangle_soup(3, seed=0)
+    labels = np.arange(9, dtype=np.int32)
+    labels[:6] = 0  # all points of the first two triangles
+    is_fixed = np.repeat(np.array([0, 1, 1], np.uint8), 3)
+    filtered = CollisionPrimitives(
+        surface.vertices, surface.edges, surface.triangles, is_fixed, labels[:, None].copy()
+    )
+    all_found = keys_of(overlaps(surface, x, 0.1))
+    found = overlaps(filtered, x, 0.1)
+    of_triangle = found.points // 3
+    assert len(all_found) > len(found) > 0
+    first = of_triangle[:, 0]
+    second = found.second_point // 3
+    assert {tuple(sorted(pair)) for pair in zip(first, second, strict=True)} == {(0, 2)}
+
+
+@pytest.mark.slow
+def test_candidates_are_those_of_ipctk() -> None:
+    """ipctk is on PyPI."""
+    ipctk = pytest.importorskip("ipctk")
+    surface, x = triangle_soup(3000, seed=5, size=0.1)
+    mesh = ipctk.CollisionMesh(x, surface.edges, surface.triangles)
+    theirs = ipctk.Candidates()
+    theirs.build(mesh, x, inflation_radius=0.005)
+    expected = {
+        (int(PairKind.POINT_TRIANGLE), c.vertex_id, c.face_id) for c in theirs.fv_candidates
+    }
+    for candidate in theirs.ee_candidates:
+        first, second = sorted((candidate.edge0_id, candidate.edge1_id))
+        expected.add((int(PairKind.EDGE_EDGE), first, second))
+    ours = set(keys_of(overlaps(surface, x, 0.01)))
+    assert len(ours) > 10_000
+    assert ours == expected

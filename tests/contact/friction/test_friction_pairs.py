@@ -1,0 +1,83 @@
+"""Friction of single pairs: no resultant, no moment, the loss that is stated, and its derivative."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gossamer_fx.contact.friction.friction_pairs import FrictionPairs, FrictionStep
+from gossamer_fx.contact.friction.tangent_directions import EDGE_WEIGHTS, gap_weights
+from gossamer_fx.contact.narrow_phase.closest_points import closest_points
+from gossamer_fx.contact.pair_table import PairKind
+from gossamer_fx.contact.potential import ContactLaw, pair_starts
+from tests.contact.random_pairs import near_pairs
+
+COUNT = 40
+COEFFICIENT = 0.4
+CREEP = 0.01
+
+
+def rubbing_pairs(kind: int) -> tuple[FrictionPairs, np.ndarray, np.ndarray]:
+    """Return pairs that rub, each between its four points, and both ends of a step."""
+    pairs, x0, x1 = near_pairs(kind, COUNT, seed=8)
+    pairs.start = pair_starts(pairs, x0, *closest_points(pairs, x0))
+    weights = gap_weights(pairs)
+    gap = np.einsum("nk,nkc->nc", weights, x0.reshape(COUNT, 4, 3))
+    is_triangle = kind == PairKind.POINT_TRIANGLE
+    block_index = np.arange(16 * COUNT, dtype=np.int32).reshape(COUNT, 16)
+    rub = FrictionPairs(
+        pairs=pairs,
+        law=ContactLaw.BARRIER,
+        side_weights=np.tile([1.0, 0, 0, 0] if is_triangle else [1.0, 1, 0, 0], (COUNT, 1)),
+        normal=gap / np.linalg.norm(gap, axis=1)[:, None],
+        points=pairs.points,
+        gap_weights=weights,
+        direction_weights=np.broadcast_to(EDGE_WEIGHTS[kind], (COUNT, 2, 4)),
+        point_weights=np.broadcast_to(np.eye(4), (COUNT, 4, 4)),
+        coefficient=np.full(COUNT, COEFFICIENT),
+        block_rows=pairs.points.astype(np.int64),
+        block_index=block_index,
+    )
+    return rub, x0, x1
+
+
+@pytest.mark.parametrize("kind", [PairKind.POINT_TRIANGLE, PairKind.EDGE_EDGE])
+def test_a_pair_that_rubs_has_no_resultant_and_the_derivative_it_states(kind: int) -> None:
+    rub, x0, x1 = rubbing_pairs(kind)
+
+    def forces(end: np.ndarray) -> np.ndarray:
+        found = np.zeros((4 * COUNT, 3))
+        rub.add_forces(FrictionStep(x0, end, CREEP, alpha=0.5), found)
+        return found.reshape(COUNT, 4, 3)
+
+    F = forces(x1)
+    size = np.abs(F).max(axis=(1, 2))
+    rubs = size > 0
+    assert rubs.sum() > 10
+    middle = ((x0 + x1) / 2).reshape(COUNT, 4, 3)
+    displacement = (x1 - x0).reshape(COUNT, 4, 3)
+    assert (np.abs(F.sum(axis=1)).max(axis=1) <= 1e-13 * size).all()
+    assert (np.abs(np.cross(middle, F).sum(axis=1)).max(axis=1) <= 1e-12 * size).all()
+    work = np.einsum("nkc,nkc->n", F, displacement)
+    assert (work[rubs] > 0).all()
+    step = FrictionStep(x0, x1, CREEP, alpha=0.5)
+    assert work.sum() == pytest.approx(rub.loss(step), rel=1e-12)
+
+    blocks = np.zeros((16 * COUNT, 9))
+    rub.add_tangents(step, np.ones(4 * COUNT), blocks)
+    K = blocks.reshape(COUNT, 4, 4, 3, 3).transpose(0, 1, 3, 2, 4).reshape(COUNT, 12, 12)
+    difference = 1e-7
+    numeric = np.zeros_like(K)
+    for j in range(12):
+        change = np.zeros((4, 3))
+        change.flat[j] = difference
+        everywhere = np.tile(change, (COUNT, 1))
+        up = forces(x1 + everywhere)
+        down = forces(x1 - everywhere)
+        numeric[:, :, j] = ((up - down) / (2 * difference)).reshape(COUNT, 12)
+    good = [
+        np.allclose(K[i], numeric[i], rtol=1e-4, atol=1e-4 * abs(K[i]).max())
+        for i in np.flatnonzero(rubs)
+    ]
+    # The others have the end of a side within the difference, where the distance has a kink.
+    assert np.mean(good) > 0.9

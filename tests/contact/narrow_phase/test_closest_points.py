@@ -1,0 +1,76 @@
+"""Closest points and gaps: degenerate pairs, bounds of the approach, and what is computed once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gossamer_fx.contact.narrow_phase import closest_points as module
+from gossamer_fx.contact.narrow_phase.closest_points import (
+    PairDistances,
+    approach_bounds,
+    closest_points,
+)
+from gossamer_fx.contact.pair_table import CandidatePairs, PairKind
+from tests.contact.random_pairs import near_pairs, table_of
+
+EDGES = PairKind.EDGE_EDGE
+TRIANGLE = PairKind.POINT_TRIANGLE
+
+
+DEGENERATE = {
+    "parallel edges": (EDGES, [[0, 0, 0], [1, 0, 0], [0, 0, 1], [1, 0, 1]], 1.0),
+    "edges on one line": (EDGES, [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]], 1.0),
+    "edges of no length": (EDGES, [[0, 0, 0], [0, 0, 0], [2, 0, 0], [2, 0, 0]], 4.0),
+    "no area, above": (TRIANGLE, [[0, 1, 0], [0, 0, 0], [1, 0, 0], [2, 0, 0]], 1.0),
+    "no area, beyond": (TRIANGLE, [[3, 1, 0], [0, 0, 0], [1, 0, 0], [2, 0, 0]], 2.0),
+    "one corner": (TRIANGLE, [[0, 0, 2], [0, 0, 0], [0, 0, 0], [0, 0, 0]], 4.0),
+    "sliver": (TRIANGLE, [[0.5, 1e-9, 1], [0, 0, 0], [1, 0, 0], [0.5, 1e-8, 0]], 1.0),
+}
+
+
+@pytest.mark.parametrize("kind, x, squared_distance", DEGENERATE.values(), ids=DEGENERATE)
+def test_degenerate_pairs(kind: int, x: list[list[float]], squared_distance: float) -> None:
+    found, _ = closest_points(table_of(kind, 1), np.array(x, float))
+    assert found[0] == pytest.approx(squared_distance, rel=1e-14)
+
+
+@pytest.mark.parametrize("kind", list(PairKind))
+def test_no_pair_comes_closer_than_its_bound(kind: int) -> None:
+    pairs, x0, x1 = near_pairs(kind, 300, seed=9)
+    x1 = x0 + 5 * (x1 - x0)
+    bound = approach_bounds(pairs, x0, x1)
+    if kind > PairKind.EDGE_EDGE:
+        assert np.isinf(bound).all()
+        return
+    start = np.sqrt(closest_points(pairs, x0)[0])
+    for t in np.linspace(0, 1, 50):
+        distance = np.sqrt(closest_points(pairs, np.ascontiguousarray(x0 + t * (x1 - x0)))[0])
+        assert (start - distance <= bound + 1e-12).all()
+    margin = np.full(len(x0), 0.1)
+    assert np.allclose(approach_bounds(pairs, x0, x1, margin), bound + 0.2)
+
+
+def test_closest_points_of_a_state_are_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of pairs that stay far they are computed when they are asked for, and then known."""
+    pairs, x, _ = near_pairs(PairKind.POINT_TRIANGLE, 40)
+    zeros = np.zeros(40)
+    candidates = CandidatePairs(pairs.kind, pairs.points, np.arange(40), zeros, zeros, zeros)
+    computed = []
+
+    def counted(table, x):
+        computed.append(len(table))
+        return closest_points(table, x)
+
+    monkeypatch.setattr(module, "closest_points", counted)
+    distances = PairDistances(candidates, x, np.full(40, -1.0))
+    distances.make_exact(np.arange(10))
+    assert (distances.gap[10:] == -1).all()
+    wanted = np.zeros(40, dtype=bool)
+    wanted[5:15] = True
+    squared_distance, parameters = distances.closest_points(wanted)
+    distances.closest_points(wanted)
+    assert computed == [10, 5]
+    expected = closest_points(pairs.rows(wanted), x)
+    assert (squared_distance == expected[0]).all() and (parameters == expected[1]).all()
+    assert (distances.gap[10:] == -1).all()  # bounds stay what they were

@@ -1,0 +1,40 @@
+"""A stiffness that cannot stop what comes is reported, once."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.contact.stiffness_warning import StiffnessWarning
+from tests.contact.scenes import SIGMA, film, simulate
+
+COMM = MPI.COMM_SELF
+
+
+def test_a_stiffness_that_is_too_soft_is_reported_once(caplog) -> None:
+    lower = film(COMM, 1, name="lower")
+    upper = film(COMM, 1, height=1.2e-3, velocity=(0, 0, -2.0), turn=0.4, name="upper")
+    with caplog.at_level(logging.WARNING, logger="gossamer_fx"):
+        simulate([gx.Contact(lower, upper, distance=1e-3, stiffness=1e6)], 3e-4)
+    (message,) = [r.getMessage() for r in caplog.records if "too soft" in r.getMessage()]
+    least = 4 * SIGMA * 2.0**2 / 1e-3**2
+    assert "1e+06 N/m³ is too soft to stop 'lower' and 'upper', which close at 2 m/s" in message
+    assert f"give {least:.2g} N/m³ at least, or leave it out." in message
+
+
+def test_films_that_do_not_meet_are_not_reported(caplog) -> None:
+    with caplog.at_level(logging.WARNING, logger="gossamer_fx"):
+        films = [film(COMM, 1), film(COMM, 1, height=2e-3, name="two")]
+        simulate([gx.Contact(*films, distance=1e-3, stiffness=1.0)], 1e-4)
+    assert not caplog.records
+
+
+def test_without_pairs_there_is_no_warning() -> None:
+    warning = StiffnessWarning(1.0, 1.0, ["a", "b"], COMM)
+    warning.check(np.zeros((0, 2), np.int32), np.zeros(0), np.zeros(0))
+    assert not warning.was_given
+    warning.check(np.array([[0, 1]], np.int32), np.array([1.0]), np.array([1.0]))
+    assert warning.was_given
