@@ -83,7 +83,7 @@ class Prestress(FilmLaw):
 
 
 @dataclass(frozen=True)
-class ConstantForce:
+class ConstantTension:
     """The law ψ(e) = e of a point energy: its force does not depend on its measure e."""
 
     def energy(self, e: Array) -> Array:
@@ -149,7 +149,7 @@ class EdgeCable:
             weights = (float(root), -float(root))
             vectors.append((combine(weights, (b, a)),))
         measure = PointMeasure(vectors, np.eye(3)[None], np.zeros((1, 3)), -energies[:, None] / 2)
-        yield PointStoredEnergy(self.name, measure, ConstantForce())
+        yield PointStoredEnergy(self.name, measure, ConstantTension())
 
 
 @check_arguments
