@@ -110,7 +110,7 @@ def modes(
     if equilibrium.result is not None and not equilibrium.result.regular:
         away_from_zero = SHIFT_RATIO * K.norm() / M.norm()
     ω = 2 * math.pi * above
-    if spin == AT_REST:
+    if not any(spin):
         found = _modes_at_rest(K, M, count, ω**2 or -away_from_zero)
     else:
         G = system.gyroscopic(spin)

@@ -1,9 +1,9 @@
 """The arguments of public classes and functions are of the types in their annotations.
 
-`check_arguments` is put on a class or function where it is defined, so that the check is the same by every
-import path and comes before the function does anything.  It refuses, in one sentence, arguments that
-are missing or unknown, and values of another type, infinite numbers and NaN included.  What values
-mean is check_arguments by those who take them.
+`check_arguments` is put on a class or function where it is defined, so that the check is the same by
+every import path and comes before the function does anything.  It refuses, in one sentence, arguments
+that are missing or unknown, and values of another type, infinite numbers and NaN included.  What values
+mean is checked by those who take them.
 
 Annotations are read as a user of NumPy reads them: an integer is a float, a NumPy number a number,
 a list or an array is a tuple.  Type checkers such as beartype refuse these, and take 130 ms to
@@ -79,9 +79,10 @@ class Kind:
 def check_arguments[T: Callable[..., Any]](thing: T) -> T:
     """Let a class or function check its arguments before it acts; a decorator.
 
-    A class is check_arguments when it is made, a subclass with a constructor of its own is not.
+    Of a class the arguments of its constructor are checked.  A subclass that defines a constructor of
+    its own needs the decorator, too.
 
-    Raises, when it is called:
+    Raises, when the class or function is called:
         InputError: an argument that is missing, unknown, or not of the type in its annotation.
 
     Example:
@@ -100,6 +101,10 @@ def check_arguments[T: Callable[..., Any]](thing: T) -> T:
 
 
 def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function, behind a check of its arguments."""
+
+    # Signature and annotations are looked at in the first call: most of the classes that a scene
+    # imports are never called, and an annotation may name a class that is defined further below.
     @functools.cache
     def signature() -> inspect.Signature:
         return inspect.signature(function)
@@ -118,18 +123,21 @@ def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
         except TypeError as error:
             message = _wrong_call(signature(), args, kwargs, error)
             raise InputError(f"{name}: {message}.") from None
+        # Parts of a scene have names, which tell which of several is meant.
         if isinstance(given.get("name"), str):
             name = f"{name} '{given['name']}'"
         for argument, value in given.items():
-            parameter = signature().parameters[argument]
-            if argument == "self" or value is parameter.default:
+            if argument == "self":
                 continue
-            many = parameter.kind in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
-            for label, one in _labelled(argument, value) if many else [(argument, value)]:
+            parameter = signature().parameters[argument]
+            # A default needs no check, and no import of what its annotation names.
+            if value is parameter.default:
+                continue
+            for label, one in _labelled(parameter, value):
                 allowed = kind(argument)
                 if allowed is None or allowed.accepts(one):
                     continue
-                # infinity is a value where it is the default
+                # Infinity is a value where it is the default, e.g. for "without limit".
                 if parameter.default == math.inf and one == math.inf:
                     continue
                 raise InputError(f"{name}: {label} is {_shown(one)}; give {allowed.words}.")
@@ -138,35 +146,44 @@ def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-def _labelled(argument: str, values: Any) -> list[tuple[str, Any]]:
-    """Values given for `*argument` or `**argument`, and how a message calls each."""
-    if isinstance(values, dict):
-        return list(values.items())
-    return [(f"{argument}[{k}]", value) for k, value in enumerate(values)]
+def _labelled(parameter: inspect.Parameter, value: Any) -> list[tuple[str, Any]]:
+    """Values that were given for a parameter, and what a message calls each of them."""
+    if parameter.kind is parameter.VAR_KEYWORD:
+        return list(value.items())
+    if parameter.kind is parameter.VAR_POSITIONAL:
+        return [(f"{parameter.name}[{k}]", one) for k, one in enumerate(value)]
+    return [(parameter.name, value)]
 
 
 def _wrong_call(
     signature: inspect.Signature, args: tuple[Any, ...], kwargs: dict[str, Any], error: TypeError
 ) -> str:
     """Why arguments do not fit a signature."""
-    parameters = {n: p for n, p in signature.parameters.items() if n != "self"}
-    known = f"its arguments are: {', '.join(parameters) or 'none'}"
-    unknown = [argument for argument in kwargs if argument not in parameters]
+    parameters = [p for p in signature.parameters.values() if p.name != "self"]
+    names = [parameter.name for parameter in parameters]
+    known = f"its arguments are: {', '.join(names) or 'none'}"
+    unknown = [argument for argument in kwargs if argument not in names]
     if unknown:
         return f"there is no argument {unknown[0]!r}; {known}"
     positional = [
-        n for n, p in parameters.items() if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)
+        parameter.name
+        for parameter in parameters
+        if parameter.kind in (parameter.POSITIONAL_ONLY, parameter.POSITIONAL_OR_KEYWORD)
     ]
-    by_position = len(args) - ("self" in signature.parameters)
-    if by_position > len(positional):
-        limit = f"after {positional[-1]!r}" if positional else "in all cases"
-        return f"{by_position} arguments are given without a name; give names {limit}; {known}"
-    needed = [
-        n for n, p in parameters.items() if p.default is p.empty and p.kind != p.VAR_POSITIONAL
-    ]
-    missing = [n for n in needed if n not in kwargs and n not in positional[:by_position]]
-    if missing:
-        return f"the argument {missing[0]!r} is missing; {known}"
+    given = len(args)
+    if "self" in signature.parameters:
+        given -= 1
+    if given > len(positional):
+        limit = "in all cases"
+        if positional:
+            limit = f"after {positional[-1]!r}"
+        return f"{given} arguments are given without a name; give names {limit}; {known}"
+    for parameter in parameters:
+        needed = parameter.default is parameter.empty
+        needed = needed and parameter.kind is not parameter.VAR_POSITIONAL
+        if needed and parameter.name not in kwargs and parameter.name not in positional[:given]:
+            return f"the argument {parameter.name!r} is missing; {known}"
+    # e.g. an argument that is given twice, for which Python has a sentence
     return f"{error}; {known}"
 
 
@@ -182,15 +199,23 @@ def resolved(function: Callable[..., Any], argument: str) -> Any:
     annotation = inspect.signature(function).parameters[argument].annotation
     if not isinstance(annotation, str):
         return annotation
-    # A dataclass takes fields, with their annotations, from base classes of other modules.
-    owner = vars(sys.modules[function.__module__]).get(function.__qualname__.split(".")[0])
-    modules = [function.__module__]
-    if isinstance(owner, type) and "__dataclass_params__" in vars(owner):
-        modules = [
-            base.__module__ for base in owner.__mro__ if argument in inspect.get_annotations(base)
-        ] or modules
-    module = sys.modules[modules[0]]
+    module = _module_of(function, argument)
     return eval(annotation, vars(module), _TypeCheckingNames(module))
+
+
+def _module_of(function: Callable[..., Any], argument: str) -> types.ModuleType:
+    """The module in which the annotation of an argument was written.
+
+    It is that of the function, but for the constructor of a dataclass, which takes fields, with their
+    annotations, from base classes of other modules.
+    """
+    module = sys.modules[function.__module__]
+    owner = vars(module).get(function.__qualname__.split(".")[0])
+    if isinstance(owner, type) and "__dataclass_params__" in vars(owner):
+        for base in owner.__mro__:
+            if argument in inspect.get_annotations(base):
+                return sys.modules[base.__module__]
+    return module
 
 
 class _TypeCheckingNames(dict[str, Any]):
@@ -205,7 +230,7 @@ class _TypeCheckingNames(dict[str, Any]):
             home = _type_checking_imports(self._module.__name__).get(name)
             if home is not None:
                 return getattr(import_module(home[0]), home[1])
-        raise KeyError(name)  # a global name or a built-in one
+        raise KeyError(name)  # `eval` then asks the global and the built-in names
 
 
 @functools.cache
@@ -236,7 +261,8 @@ def kind_of(hint: Any) -> Kind | None:
         return Kind(_is_numeric, "numbers")
     if hint in _SIMPLE:
         return _SIMPLE[hint]
-    origin, arguments = get_origin(hint), get_args(hint)
+    origin = get_origin(hint)
+    arguments = get_args(hint)
     if origin is Annotated:
         return _annotated(arguments[0], arguments[1:])
     if origin in (Union, types.UnionType):
@@ -245,7 +271,7 @@ def kind_of(hint: Any) -> Kind | None:
         words = " or ".join(repr(value) for value in arguments)
         return Kind(lambda value: isinstance(value, str | int) and value in arguments, words)
     if origin is tuple and arguments[-1] is not Ellipsis:
-        return _tuple([kind_of(argument) for argument in arguments], arguments)
+        return _tuple(arguments)
     if origin is not None and inspect.isclass(origin):
         return _generic(origin, arguments)
     if inspect.isclass(hint):
@@ -254,6 +280,7 @@ def kind_of(hint: Any) -> Kind | None:
 
 
 def _annotated(hint: Any, marks: Iterable[Any]) -> Kind | None:
+    """A type with marks, of which `Count` is known."""
     kind = kind_of(hint)
     counts = [mark.entries for mark in marks if isinstance(mark, Count)]
     if kind is None or not counts:
@@ -266,19 +293,24 @@ def _annotated(hint: Any, marks: Iterable[Any]) -> Kind | None:
 
 
 def _union(alternatives: Iterable[Any]) -> Kind | None:
+    """One of several types."""
     hints = list(alternatives)
     if Path in hints:
-        hints = [hint for hint in hints if hint is not str]  # a word is tested as a path
+        # A word is tested as a path, which is stricter.
+        hints = [hint for hint in hints if hint is not str]
+    kinds = []
+    for hint in hints:
+        kind = kind_of(hint)
+        if kind is None:
+            return None
+        kinds.append(kind)
+    words = " or ".join(dict.fromkeys(kind.words for kind in kinds))
+    return Kind(lambda value: any(kind.accepts(value) for kind in kinds), words)
+
+
+def _tuple(hints: tuple[Any, ...]) -> Kind:
+    """A collection of fixed length, with a type for each entry."""
     kinds = [kind_of(hint) for hint in hints]
-    several = [kind for kind in kinds if kind is not None]
-    if len(several) < len(kinds):
-        return None
-    words = " or ".join(dict.fromkeys(kind.words for kind in several))
-    return Kind(lambda value: any(kind.accepts(value) for kind in several), words)
-
-
-def _tuple(kinds: list[Kind | None], hints: Iterable[Any]) -> Kind:
-    """Of fixed length."""
 
     def accepts(value: Any) -> bool:
         if not _is_collection(value) or len(value) != len(kinds):
@@ -286,11 +318,11 @@ def _tuple(kinds: list[Kind | None], hints: Iterable[Any]) -> Kind:
         pairs = zip(kinds, value, strict=True)
         return all(kind is None or kind.accepts(one) for kind, one in pairs)
 
-    count = _COUNTS.get(len(kinds), str(len(kinds)))
     if all(hint is float for hint in hints):
+        count = _COUNTS.get(len(kinds), str(len(kinds)))
         return Kind(accepts, f"{count} numbers")
-    each = " and ".join(kind.words if kind else "any value" for kind in kinds)
-    return Kind(accepts, f"a tuple of {each}")
+    each = [kind.words for kind in kinds if kind is not None]
+    return Kind(accepts, f"a tuple of {' and '.join(each)}")
 
 
 def _generic(origin: type, arguments: tuple[Any, ...]) -> Kind | None:
@@ -300,38 +332,56 @@ def _generic(origin: type, arguments: tuple[Any, ...]) -> Kind | None:
     if issubclass(origin, np.ndarray):
         return Kind(lambda value: isinstance(value, np.ndarray), "an array")
     if issubclass(origin, Mapping):
-        keys, values = kind_of(arguments[0]), kind_of(arguments[1])
-        return Kind(
-            lambda value: (
-                isinstance(value, Mapping)
-                and (keys is None or all(map(keys.accepts, value)))
-                and (values is None or all(map(values.accepts, value.values())))
-            ),
-            "a dict" + (f" whose values are each {values.words}" if values else ""),
-        )
+        return _mapping(arguments[0], arguments[1])
     if issubclass(origin, type):
         return Kind(
             lambda value: isinstance(value, type) and issubclass(value, arguments[0]),
             f"a kind of {arguments[0].__name__}",
         )
     if issubclass(origin, Collection):
-        each = kind_of(arguments[0])
-        if arguments[0] is float:
-            return Kind(_are_numbers, "numbers")
-        if arguments[0] is int:
-            return Kind(_are_whole_numbers, "whole numbers")
-        return Kind(
-            lambda value: _is_collection(value) and (each is None or all(map(each.accepts, value))),
-            f"a list whose entries are each {each.words}" if each else "a list",
-        )
+        return _collection(arguments[0])
     return _class(origin)
+
+
+def _mapping(key: Any, value: Any) -> Kind:
+    keys = kind_of(key)
+    values = kind_of(value)
+
+    def accepts(given: Any) -> bool:
+        if not isinstance(given, Mapping):
+            return False
+        if keys is not None and not all(map(keys.accepts, given)):
+            return False
+        return values is None or all(map(values.accepts, given.values()))
+
+    words = "a dict"
+    if values is not None:
+        words += f" whose values are each {values.words}"
+    return Kind(accepts, words)
+
+
+def _collection(entry: Any) -> Kind:
+    """A list, tuple, set or array of any length."""
+    if entry is float:
+        return Kind(_are_numbers, "numbers")
+    if entry is int:
+        return Kind(_are_whole_numbers, "whole numbers")
+    kind = kind_of(entry)
+    if kind is None:
+        return Kind(_is_collection, "a list")
+    return Kind(
+        lambda value: _is_collection(value) and all(map(kind.accepts, value)),
+        f"a list whose entries are each {kind.words}",
+    )
 
 
 def _class(kind: type) -> Kind:
     is_protocol = getattr(kind, "_is_protocol", False)
     if is_protocol and not getattr(kind, "_is_runtime_protocol", False):
         raise TypeError(f"the protocol {kind.__name__} is not runtime_checkable")
-    article = "an" if kind.__name__[0] in "AEIOU" else "a"
+    article = "a"
+    if kind.__name__[0] in "AEIOU":
+        article = "an"
     words = _DESCRIPTIONS.get(kind.__name__, f"{article} {kind.__name__}")
     return Kind(lambda value: isinstance(value, kind), words)
 
@@ -340,6 +390,7 @@ def _class(kind: type) -> Kind:
 
 
 def _is_number(value: Any) -> bool:
+    """Whether a value is a finite number; True and False, which Python counts as numbers, are not."""
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
 
 
@@ -399,5 +450,6 @@ _SIMPLE: dict[Any, Kind] = {
 def _shown(value: Any) -> str:
     """A value as a message shows it: itself if that is short, else its class."""
     text = repr(value)
-    plain = "\n" not in text and len(text) <= _MAX_SHOWN and " object at " not in text
-    return text if plain else f"of the kind {type(value).__name__}"
+    if "\n" in text or len(text) > _MAX_SHOWN or " object at " in text:
+        return f"of the kind {type(value).__name__}"
+    return text

@@ -86,6 +86,7 @@ class Fixed:
     name: str = ""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "components", tuple(map(int, self.components)))
         check_support("Fixed", self.body, self.group, self.components)
         turns = self.direction is not None or callable(self.twist) or self.twist != 0
         object.__setattr__(self, "rotation", self.rotation or turns)

@@ -77,6 +77,7 @@ class RigidRegion:
     name: str = ""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "fixed_components", tuple(map(int, self.fixed_components)))
         check(
             not isinstance(self.body, Beam),
             f"RigidRegion: '{self.body.name}' is a beam, whose sections are rigid by themselves; use "

@@ -11,6 +11,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+import gossamer_fx.extend
 from gossamer_fx.checks.lazy_names import public_names
 from meshes.creased_strip import creased_strip
 from meshes.line import line
@@ -70,7 +71,11 @@ def test_there_is_an_example(name: str) -> None:
     assert examples(name)
 
 
-@pytest.mark.parametrize("name", [name for name in public_names() if examples(name)])
+EXTENSION = [f"extend.{name}" for name in dir(gossamer_fx.extend)]
+TESTED = [name for name in [*public_names(), *EXTENSION] if examples(name)]
+
+
+@pytest.mark.parametrize("name", TESTED)
 def test_examples_give_what_they_say(name: str, scene: dict[str, Any]) -> None:
     said: list[str] = []
     for test in examples(name, scene):

@@ -16,6 +16,8 @@ import gossamer_fx as gx
 from gossamer_fx.checks.lazy_names import public_names
 from gossamer_fx.cli.command import main
 from gossamer_fx.cli.user_files import guarded
+from gossamer_fx.contact.obstacles import Obstacle
+from gossamer_fx.scene.scene import Item
 from meshes.line import line
 from meshes.sheet import sheet
 from meshes.sphere import sphere
@@ -358,6 +360,28 @@ def test_every_valid_call_is_taken(folder: Path, inputs: Inputs) -> None:
         except Exception as error:
             refused.append(f"{name}: {type(error).__name__}: {error}")
     assert not refused, "\n".join(refused)
+    logging.getLogger("gossamer_fx").handlers.clear()
+
+
+def test_lists_and_arrays_are_taken_where_tuples_are(folder: Path, inputs: Inputs) -> None:
+    refused, tried = [], 0
+    for name, call in valid_calls(folder, inputs).items():
+        for argument, value in call.items():
+            if not isinstance(value, tuple | list) or not value:
+                continue
+            others: list[object] = [list(value), tuple(value)]
+            if all(isinstance(one, int | float) for one in value):
+                others.append(np.array(value))
+            for other in others:
+                tried += 1
+                try:
+                    made = attrgetter(name)(gx)(**call | {argument: other})
+                    if isinstance(made, Item) and not isinstance(made, gx.Frame | Obstacle):
+                        gx.Scene(made).compile()
+                except Exception as error:
+                    refused.append(f"{name}({argument}={other!r}): {type(error).__name__}: {error}")
+    assert not refused, "\n".join(refused)
+    assert tried > 190
     logging.getLogger("gossamer_fx").handlers.clear()
 
 
