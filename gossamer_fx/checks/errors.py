@@ -1,4 +1,9 @@
-"""Exceptions, and checks that raise them on every rank."""
+"""Exceptions of the package, and checks that raise them.
+
+An exception on one rank alone would leave the other ranks waiting in their next message for ever.
+So conditions that may differ between ranks are checked by functions that raise on all ranks
+together.
+"""
 
 from __future__ import annotations
 
@@ -12,42 +17,72 @@ from mpi4py import MPI
 
 
 class InputError(ValueError):
-    """A scene, mesh or option that cannot be computed; the message names the culprit and the remedy.
+    """A scene, mesh or option that cannot be computed; the message names the culprit and the
+    remedy.
 
     It is one line, also if a name in it has line breaks or other characters that cannot be shown.
     """
 
     def __init__(self, message: str) -> None:
-        super().__init__("".join(c if c.isprintable() else ascii(c)[1:-1] for c in message))
+        characters = []
+        for character in message:
+            if not character.isprintable():
+                # The escape sequence, such as \n, without the quotes.
+                character = ascii(character)[1:-1]
+            characters.append(character)
+        super().__init__("".join(characters))
 
 
 class StepFailure(RuntimeError):
-    """A time step that did not converge, also not in sub-steps; the message names time, step, reason and place."""
+    """A time step did not converge, also not in sub-steps.
+
+    The message names the time, the step, the reason and the location.
+    """
 
 
 class NoEquilibrium(RuntimeError):
-    """A static problem whose equilibrium was not found; the message names what was reached, reason and place."""
+    """The equilibrium of a static problem was not found.
+
+    The message names the residual that was reached, the reason and the location.
+    """
 
 
 class OutputFailure(RuntimeError):
-    """A file that could not be written in the course of a run; the message names it, the reason and the remedy."""
+    """A file could not be written during a run; the message names it, the reason and the remedy."""
 
 
 def check(condition: bool, message: str) -> None:
-    """Raise `InputError(message)` unless `condition` holds; for conditions that are the same on every rank."""
+    """Raise `InputError(message)` unless a condition holds that is the same on all ranks.
+
+    >>> check(True, "The thickness must be > 0.")
+    """
     if not condition:
         raise InputError(message)
 
 
 def check_positive(item: Any, quantity: str, unit: str) -> None:
-    """Raise `InputError` unless that attribute of a named item is a positive number."""
-    require_positive(
-        f"{type(item).__name__} '{item.name}': {quantity}", getattr(item, quantity), unit
-    )
+    """Raise `InputError` unless an attribute of a named item is a finite, positive number.
+
+    Args:
+        item: object with a `name`.
+        quantity: name of the attribute.
+        unit: its unit, for the message.
+    """
+    what = f"{type(item).__name__} '{item.name}': {quantity}"
+    require_positive(what, getattr(item, quantity), unit)
 
 
 def require_positive(what: str, value: float, unit: str, hint: str = "") -> None:
-    """Raise `InputError` unless a value is a positive number; a hint may follow the remedy."""
+    """Raise `InputError` unless a value is a finite, positive number.
+
+    Args:
+        what: subject of the message.
+        value: the number.
+        unit: its unit, for the message.
+        hint: text that follows "give a positive number".
+
+    >>> require_positive("The thickness", 1e-3, "m")
+    """
     check(
         math.isfinite(value) and value > 0,
         f"{what} is {value!r} {unit}; give a positive number{hint}.",
@@ -55,13 +90,20 @@ def require_positive(what: str, value: float, unit: str, hint: str = "") -> None
 
 
 def check_on_all(comm: MPI.Intracomm, condition: bool, message: str) -> None:
-    """As `check`, for conditions that may fail on some ranks only: all ranks raise, so that none waits for ever."""
+    """Raise `InputError(message)` on all ranks unless a condition holds on all of them.
+
+    Collective.
+    """
     if not comm.allreduce(condition, MPI.LAND):
         raise InputError(message)
 
 
 def is_vector(value: Any) -> bool:
-    """Whether a value is three finite numbers."""
+    """Whether a value is three finite numbers.
+
+    >>> is_vector((0, 0, 9.81)), is_vector([1.0, 2.0])
+    (True, False)
+    """
     try:
         numbers = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
@@ -70,40 +112,64 @@ def is_vector(value: Any) -> bool:
 
 
 def on_rank_zero[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T | None:
-    """Run `task` on rank 0; an error there is raised on every rank.  Other ranks get None."""
-    result, failure = None, None
+    """Run a task on rank 0, and raise its error on all ranks.  Collective.
+
+    Returns:
+        the result on rank 0, None on the other ranks.
+
+    Raises:
+        Exception: on rank 0 the error of the task.  On the other ranks one of the same type if it
+            is built in or defined in this module, otherwise RuntimeError.
+    """
+    result = None
+    failure = None
     if comm.rank == 0:
         try:
             result = task()
         except Exception as error:
             failure = error
-    known = type(failure) if type(failure).__module__ in ("builtins", __name__) else RuntimeError
-    told = comm.bcast((known, str(failure)) if failure else None)
+    report: tuple[type[Exception], str] | None = None
+    if failure is not None:
+        # Other exceptions may need more arguments than a message, or cannot be pickled.
+        kind: type[Exception] = RuntimeError
+        if type(failure).__module__ in ("builtins", __name__):
+            kind = type(failure)
+        report = kind, str(failure)
+    report = comm.bcast(report)
     if failure is not None:
         raise failure
-    if told is not None:
-        kind, words = told
-        raise kind(words)
+    if report is not None:
+        kind, message = report
+        raise kind(message)
     return result
 
 
 def write_on_all[T](comm: MPI.Intracomm, path: Path, task: Callable[[], T]) -> T:
-    """Run on every rank a `task` that writes `path`.
+    """Run a task that writes a file on all ranks together.  Collective.
+
+    Args:
+        comm: the ranks.
+        path: the file, for the message.
+        task: function that writes the file.
+
+    Returns:
+        the result of the task.
 
     Raises:
-        OutputFailure: on every rank, if it failed on one of them.
+        OutputFailure: on all ranks, if the task raised OSError or RuntimeError on one of them.
     """
-    result, reason = None, ""
+    result = None
+    reason = ""
     try:
         result = task()
     except (OSError, RuntimeError) as error:
-        reason = (
-            getattr(error, "strerror", None) or " ".join(str(error).split()) or type(error).__name__
-        )
-    reason = next(filter(None, comm.allgather(reason)), "")
-    if reason:
+        system_message = getattr(error, "strerror", None)
+        one_line = " ".join(str(error).split())
+        reason = system_message or one_line or type(error).__name__
+    reasons = [text for text in comm.allgather(reason) if text]
+    if reasons:
         raise OutputFailure(
-            f"Cannot write '{path}' ({reason}); what was written before is kept: make room or mend the folder, and "
+            f"Cannot write '{path}' ({reasons[0]}); what was written before is kept: make room or mend the folder, and "
             "restart from the last checkpoint."
         )
     return cast(T, result)

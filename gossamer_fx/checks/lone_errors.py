@@ -1,4 +1,9 @@
-"""Errors of one rank alone, which would leave the others waiting for it: all have it, or the program ends."""
+"""Handling of errors that occur on one rank only.
+
+The other ranks would wait for the failed rank for ever.  So a rank with an error asks the others
+whether they have an error of the same kind.  If all have, the error is raised on each of them;
+otherwise the program ends on all ranks.
+"""
 
 from __future__ import annotations
 
@@ -14,20 +19,23 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-PATIENCE, TAG = (
-    10.0,
-    28531,
-)  # s that a rank with an error waits for the others; a message that nobody else sends
-_SIZES = (
-    "OMPI_COMM_WORLD_SIZE",
-    "PMI_SIZE",
-    "MPI_LOCALNRANKS",
-)  # number of ranks, as those say who start them
+# Seconds for which a rank with an error waits for the others.
+PATIENCE = 10.0
+
+# Tag of the messages about errors, which no other part of the program uses.
+TAG = 28531
+
+# Environment variables in which launchers of Open MPI, MPICH and Intel MPI set the number of ranks.
+_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS")
 
 
 @contextmanager
 def abort_on_lone_error(comm: MPI.Intracomm) -> Iterator[None]:
-    """See that an error of one rank does not leave the others waiting for it: all have it, or the program ends."""
+    """Context in which an error of one rank ends the program, unless all ranks have it.
+
+    Raises:
+        Exception: the error, if all ranks have one of the same kind.
+    """
     try:
         yield
     except Exception as error:
@@ -36,7 +44,12 @@ def abort_on_lone_error(comm: MPI.Intracomm) -> Iterator[None]:
 
 
 def agree_on_error(comm: MPI.Intracomm, error: Exception) -> None:
-    """Return when all ranks are here with an error of the same kind; end the program if they are not."""
+    """Return if all ranks call this with an error of the same kind; otherwise end the program.
+
+    Args:
+        comm: the ranks.
+        error: the error of this rank.
+    """
     if comm.size == 1:
         return
     others = [r for r in range(comm.size) if r != comm.rank]
@@ -52,23 +65,24 @@ def agree_on_error(comm: MPI.Intracomm, error: Exception) -> None:
                 kinds.add(str(kind))
                 del awaited[r]
         if time.monotonic() > deadline or len(kinds) > 1:
-            words = (
-                f"rank {comm.rank} failed alone"
-                if len(kinds) == 1
-                else "the ranks failed in different ways"
-            )
+            words = "the ranks failed in different ways"
+            if len(kinds) == 1:
+                words = f"rank {comm.rank} failed alone"
             traceback.print_exception(error)
             sys.stderr.write(f"gossamer: {words}; its error is above, and the run ends.\n")
             sys.stderr.flush()
             comm.Abort(1)
+        # Poll, since a blocking wait could not end after `PATIENCE`.
         time.sleep(1e-3)
 
 
 def watch_uncaught_errors() -> None:
-    """Let an uncaught error of one rank, e.g. while it builds the scene, end the program on all.
+    """Install a hook that ends the program on all ranks after an uncaught error of one rank.
 
-    Without, Python would wait in MPI_Finalize for the others, which wait for this rank.
+    Such an error may occur while the scene is created.  Without the hook Python would wait in
+    MPI_Finalize for the other ranks, which wait for this one.
     """
+    # One process has nobody to wait for it, and need not load MPI.
     if not any(os.environ.get(name, "1") not in ("", "0", "1") for name in _SIZES):
         return
     usual = sys.excepthook

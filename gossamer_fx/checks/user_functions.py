@@ -1,8 +1,10 @@
-"""Calls of the user's functions, loads, valves, probes, events: what is wrong on one rank is told on all.
+"""Calls of functions of the user (loads, valves, probes, events), whose errors are raised on all
+ranks.
 
-Every rank calls the function, and then all agree, by messages that cannot be taken for those of others.  A function
-that fails on one rank only may leave the others within a message of its own; then they never come to agree, and the
-program ends after some seconds with the error.
+Every rank calls the function; then all ranks exchange whether it failed.  These messages have their
+own communicator, so that they cannot be mixed up with others.  A function that fails on one rank
+only may leave the other ranks waiting in a message inside the function.  They then never answer,
+and the program ends after some seconds with the error.
 """
 
 from __future__ import annotations
@@ -18,16 +20,29 @@ from mpi4py import MPI
 
 from gossamer_fx.checks.errors import InputError
 
-PATIENCE = 10.0  # s that a rank with an error waits for the others
-SAME = 1e-9  # relative difference of the values of two ranks that is round-off
+# Seconds for which a rank with an error waits for the others.
+PATIENCE = 10.0
+
+# Relative difference between the values of two ranks that counts as round-off.
+SAME = 1e-9
+
+# Longest text of a value in an error message.
+LONGEST_TEXT = 60
 
 Numbers = npt.NDArray[np.floating]
 
+# Key under which a communicator stores its duplicate for these messages.
 _KEY = MPI.Comm.Create_keyval()
 
 
 def ask[T](comm: MPI.Intracomm, what: str, function: Callable[[], T]) -> T:
-    """What a user's function returns, which may be of this rank alone.
+    """Call a function of the user and return its result, which may differ between ranks.
+    Collective.
+
+    Args:
+        comm: the ranks.
+        what: name of the function in error messages.
+        function: called without arguments.
 
     Raises:
         InputError: on every rank, if the function raises on one of them.
@@ -40,28 +55,33 @@ def ask[T](comm: MPI.Intracomm, what: str, function: Callable[[], T]) -> T:
 def ask_numbers(
     comm: MPI.Intracomm, what: str, function: Callable[[], Any], shape: tuple[int, ...] = ()
 ) -> Numbers:
-    """The finite numbers, an array of this shape, that a user's function returns; the same on every rank.
+    """Call a function of the user that returns finite numbers, the same on all ranks.  Collective.
+
+    Args:
+        comm: the ranks.
+        what: name of the function in error messages.
+        function: called without arguments.
+        shape: shape of the array that it must return.
 
     Raises:
-        InputError: on every rank, if the function raises, returns something else on one of them, or not the same.
+        InputError: on all ranks, if the function raises or returns something else on one of them,
+            or if the numbers differ between ranks.
     """
-    wanted = {(): "a finite number", (3,): "three finite numbers"}.get(
-        shape, f"finite numbers {shape}"
-    )
+    names = {(): "a finite number", (3,): "three finite numbers"}
+    wanted = names.get(shape, f"finite numbers {shape}")
     return _agree(comm, what, *_numbers(function, shape, wanted))
 
 
 def ask_points(
     comm: MPI.Intracomm, what: str, function: Callable[[], Any], shape: tuple[int, ...]
 ) -> Numbers:
-    """The vectors (3, n) at this rank's own points that a user's function returns.
+    """Call a function of the user that returns vectors (3, n) at this rank's points.  Collective.
 
     Raises:
-        InputError: on every rank, if the function raises or returns something else on one of them.
+        InputError: on all ranks, if the function raises or returns something else on one of them.
     """
-    problem, cause, values = _numbers(
-        function, shape, f"finite numbers {shape} for the points (3, n)"
-    )
+    wanted = f"finite numbers {shape} for the points (3, n)"
+    problem, cause, values = _numbers(function, shape, wanted)
     _agree(comm, what, problem, cause, np.zeros(0))
     return values
 
@@ -69,17 +89,15 @@ def ask_points(
 def _numbers(
     function: Callable[[], Any], shape: tuple[int, ...], wanted: str
 ) -> tuple[str, Exception | None, Numbers]:
-    """What is wrong with what it returns, and the numbers."""
+    """Problem with the result of a function (empty if none), its cause, and the numbers."""
     result, problem, cause = _call(function)
     values = np.zeros(shape)
     if not problem:
         try:
             found = np.asarray(result, dtype=float)
-            good = (
-                found.shape == shape
-                and bool(np.isfinite(found).all())
-                and not isinstance(result, str)
-            )
+            is_finite = bool(np.isfinite(found).all())
+            # NumPy converts the text "1.0" to a number.
+            good = found.shape == shape and is_finite and not isinstance(result, str)
         except (TypeError, ValueError):
             good = False
         if good:
@@ -90,35 +108,46 @@ def _numbers(
 
 
 def _call(function: Callable[[], Any]) -> tuple[Any, str, Exception | None]:
-    """What it returns, and what is wrong with it."""
+    """Result of a function, the problem (empty if none), and the exception that caused it."""
     try:
         return function(), "", None
     except InputError as error:
         return None, str(error), error
-    except Exception as error:  # whatever a user's function raises
+    # A function of the user may raise anything.
+    except Exception as error:
         words = " ".join(str(error).split()) or "no words"
         return None, f"it raises {type(error).__name__} ({words}); correct its function.", error
 
 
 def _shown(value: Any) -> str:
+    """Text of a value for an error message: short, on one line, without addresses."""
     if isinstance(value, np.ndarray) and value.size > 3:
         return f"an array {value.shape}"
-    text = repr(value.tolist() if isinstance(value, np.ndarray | np.generic) else value)
-    return (
-        text
-        if len(text) <= 60 and "\n" not in text and " object at " not in text
-        else type(value).__name__
-    )
+    plain = value
+    if isinstance(value, np.ndarray | np.generic):
+        plain = value.tolist()
+    text = repr(plain)
+    if len(text) <= LONGEST_TEXT and "\n" not in text and " object at " not in text:
+        return text
+    return type(value).__name__
 
 
 def _agree(
     comm: MPI.Intracomm, what: str, problem: str, cause: Exception | None, values: Numbers
 ) -> Numbers:
+    """Return the values if no rank has a problem and the values of all ranks are the same.
+    Collective.
+
+    Raises:
+        InputError: on all ranks otherwise.
+    """
     if comm.size == 1:
         if problem:
             raise InputError(f"{what}: {problem}") from cause
         return values
-    talk, flat = _own_messages(comm), values.ravel()
+    talk = _own_messages(comm)
+    flat = values.ravel()
+    # One reduction finds whether a rank has a problem, and the largest and smallest values.
     extremes = np.concatenate([[float(bool(problem))], flat, -flat])
     request = talk.Iallreduce(MPI.IN_PLACE, extremes, op=MPI.MAX)
     if problem:
@@ -126,9 +155,12 @@ def _agree(
     else:
         request.Wait()
     if extremes[0]:
-        raise InputError(f"{what}: {next(filter(None, talk.allgather(problem)))}") from cause
-    highest, lowest = extremes[1 : 1 + flat.size], -extremes[1 + flat.size :]
-    if (highest - lowest > SAME * np.maximum(abs(highest), abs(lowest)).max(initial=0.0)).any():
+        problems = [text for text in talk.allgather(problem) if text]
+        raise InputError(f"{what}: {problems[0]}") from cause
+    highest = extremes[1 : 1 + flat.size]
+    lowest = -extremes[1 + flat.size :]
+    largest = np.maximum(abs(highest), abs(lowest)).max(initial=0.0)
+    if (highest - lowest > SAME * largest).any():
         raise InputError(
             f"{what}: it differs from rank to rank; sum what each rank has with run.comm.allreduce."
         )
@@ -136,7 +168,10 @@ def _agree(
 
 
 def _own_messages(comm: MPI.Intracomm) -> MPI.Intracomm:
-    """A communicator for these messages alone, one for all that have the same ranks as the world."""
+    """Communicator for these messages only.
+
+    Communicators with the same ranks as the world share one, since their number is limited.
+    """
     if MPI.Comm.Compare(comm, MPI.COMM_WORLD) in (MPI.IDENT, MPI.CONGRUENT):
         comm = MPI.COMM_WORLD
     known: Any = comm.Get_attr(_KEY)
@@ -147,7 +182,7 @@ def _own_messages(comm: MPI.Intracomm) -> MPI.Intracomm:
 
 
 def _wait(comm: MPI.Intracomm, request: MPI.Request, words: str) -> None:
-    """Wait for the others, but not for ever."""
+    """Wait for the other ranks; after `PATIENCE` print the error and end the program."""
     deadline = time.monotonic() + PATIENCE
     while not request.Test():
         if time.monotonic() > deadline:

@@ -1,7 +1,8 @@
-"""Validation of a scene before it is computed: errors, and warnings.
+"""Validation of a scene before it is computed: errors and warnings about meshes and numbers.
 
-Errors are sentences that are raised as `InputError`; warnings are told once each, by the logger `gossamer_fx` on
-rank 0.  All checks are local to the ranks but for sums, and cost less than compiling one form.
+Errors are raised as `InputError`.  Warnings are printed once each, by the logger `gossamer_fx` on
+rank 0.  Ranks exchange only sums, and all checks together take less time than the compilation of
+one form.
 """
 
 from __future__ import annotations
@@ -32,10 +33,20 @@ from gossamer_fx.model.body import Array, Body, MeshBody, is_body, is_on_mesh
 
 LOG = logging.getLogger("gossamer_fx")
 
-_FLAT, _SLIVER = 1e-9, 5e-4  # qualities of triangles without area, and of aspect ratio about 3000
-_THICK = 0.1  # of a film's extent
-_THIN = 1e-4  # of a plate's smallest cell
-# smallest and largest values of what is built or flown, in SI units, and the unit that is probably meant beyond
+# Quality of a triangle below which it has no area, and below which it is a sliver: an aspect ratio
+# of about 3000.
+_FLAT = 1e-9
+_SLIVER = 5e-4
+
+# A film thicker than this part of its extent probably has its thickness in millimetres.
+_THICK = 0.1
+
+# Cells of a plate that is thinner than this part of its smallest cell bend no earlier than a membrane
+# wrinkles.
+_THIN = 1e-4
+
+# Smallest and largest values of structures that are built or flown, and their unit.  Values outside
+# are probably in another unit.
 _USUAL = {
     "E": (1e4, 2e12, "Pa"),
     "thickness": (1e-8, 1e-2, "m"),
@@ -45,25 +56,35 @@ _USUAL = {
     "pressure": (0.0, 1e9, "Pa"),
     "outer_radius": (1e-6, 1e2, "m"),
 }
-_EXTENT = (1e-4, 1e5)  # m
 
-_told: set[str] = set()
+# Smallest and largest extent [m] of a mesh that is probably in metres.
+_EXTENT = (1e-4, 1e5)
+
+# Warnings that were printed.
+_printed: set[str] = set()
 
 
 def validate(items: Iterable[Any], comm: MPI.Intracomm) -> None:
-    """Check the meshes of the bodies and the sizes of numbers.
+    """Check the meshes of bodies and the magnitude of numbers; print warnings.  Collective.
+
+    Args:
+        items: all items of the scene.
+        comm: the ranks.
 
     Raises:
-        InputError: cells without area or length, curved cells that turn inside.
+        InputError: a mesh has cells without area or length, or curved cells whose normal reverses.
     """
     for words in warnings(list(items)):
-        if words not in _told and comm.rank == 0:
+        if words not in _printed and comm.rank == 0:
             LOG.warning(words)
-        _told.add(words)
+        _printed.add(words)
 
 
 def warnings(items: list[Any]) -> Iterator[str]:
-    """Sentences about what is possible but probably not meant, the same on every rank."""
+    """Warnings about input that is possible but probably wrong, the same on all ranks.
+
+    Collective.
+    """
     for item in items:
         if is_body(item) and is_on_mesh(item):
             yield from _of_mesh(item)
@@ -72,13 +93,19 @@ def warnings(items: list[Any]) -> Iterator[str]:
 
 
 def _of_mesh(body: MeshBody) -> Iterator[str]:
-    domain, comm = body.space.mesh, body.comm
-    corners, size = corner_points(domain), extent(domain)
-    kind = "triangle" if corners.shape[1] == 3 else "line element"
-    quality = shape_quality(corners) if corners.shape[1] == 3 else sizes(corners) / (size or 1.0)
-    flat, slivers = comm.allreduce(
-        np.array([(quality < _FLAT).sum(), (quality < _SLIVER).sum()])
-    ).tolist()
+    """Warnings about the mesh of one body; raises `InputError` as `validate` says."""
+    domain = body.space.mesh
+    comm = body.comm
+    corners = corner_points(domain)
+    size = extent(domain)
+    if corners.shape[1] == 3:
+        kind = "triangle"
+        quality = shape_quality(corners)
+    else:
+        kind = "line element"
+        quality = sizes(corners) / (size or 1.0)
+    counts = np.array([(quality < _FLAT).sum(), (quality < _SLIVER).sum()])
+    flat, slivers = comm.allreduce(counts).tolist()
     check(
         flat == 0,
         f"'{body.name}' has {flat} {kind}{'s' * (flat > 1)} of no size, the nodes of which are in one place or on a "
@@ -86,7 +113,10 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
     )
     if not _EXTENT[0] <= size <= _EXTENT[1]:
         yield f"The mesh of '{body.name}' is {size:.3g} m large; lengths are in metres."
-    seams = open_seams(domain, body.mesh.groups if isinstance(body, Meshed) else {})
+    groups = {}
+    if isinstance(body, Meshed):
+        groups = body.mesh.groups
+    seams = open_seams(domain, groups)
     if seams:
         yield (
             f"{seams} boundary edges of '{body.name}' coincide without being joined; if this is a seam, glue it by "
@@ -129,6 +159,7 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
 
 
 def _of_numbers(name: str, holder: Any) -> Iterator[str]:
+    """Warnings about numbers of an item or its law that are probably in another unit."""
     for attribute, (least, most, unit) in (_USUAL | getattr(holder, "USUAL", {})).items():
         value = getattr(holder, attribute, None)
         if isinstance(value, int | float) and not least <= value <= most:
@@ -136,16 +167,19 @@ def _of_numbers(name: str, holder: Any) -> Iterator[str]:
 
 
 def self_intersections(bodies: list[Body]) -> Iterator[str]:
-    """Sentences about films that pierce themselves at the start; this costs more than the rest, hence on request."""
+    """Warnings about films that intersect themselves at the start.  Collective.
+
+    This check takes more time than all others, so it is made on request only.
+    """
     for body in bodies:
         if not is_on_mesh(body) or body.space.mesh.topology.dim != 2:
             continue
         n = body.space.mesh.topology.index_map(2).size_local
         dofs = cell_nodes(body.space)[:n, :3].astype(np.int64)
-        nodes = body.space.dofmap.index_map.local_to_global(dofs.ravel().astype(np.int32)).reshape(
-            -1, 3
-        )
-        pierced = crossings(body.comm, _positions(body)[dofs], nodes.astype(np.int64))
+        local_nodes = dofs.ravel().astype(np.int32)
+        nodes = body.space.dofmap.index_map.local_to_global(local_nodes).reshape(-1, 3)
+        corners = _positions(body)[dofs]
+        pierced = crossings(body.comm, corners, nodes.astype(np.int64))
         if pierced:
             yield f"'{body.name}' pierces itself at the start in {pierced} triangles; nothing keeps them apart."
 
