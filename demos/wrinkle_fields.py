@@ -22,7 +22,7 @@ import gossamer_fx as gx
 from demos.studies import airbag, bending_strip
 from gossamer_fx.fields.fields import STATES, FieldFunctions
 from gossamer_fx.materials.film import WRINKLED
-from gossamer_fx.model.terms import Array
+from gossamer_fx.model.body import Array
 from gossamer_fx.plot.colours import STATE_COLOURS
 
 LAW = "Miyazaki 1e-6"

@@ -359,10 +359,12 @@ def _describe(motions: Array, centre: Array) -> list[str]:
 
     directions = _reduced(translations[:3])
     words = [f"translation {_direction(direction)}" for direction in directions]
-    span = np.zeros((3, 0))
+    span: Array = np.zeros((3, 0))
     if directions:
-        span = np.array(directions).T
-    for velocity, axis in zip(rotations[:3].T, rotations[3:].T, strict=True):
+        span = np.column_stack(directions)
+    for k in range(rotations.shape[1]):
+        velocity = rotations[:3, k]
+        axis = rotations[3:, k]
         words.append(_describe_rotation(velocity, axis, centre, span))
     return words
 
