@@ -15,8 +15,10 @@ from mpi4py import MPI
 from stopwatch import show
 
 import gossamer_fx as gx
+from gossamer_fx.contact.broad_phase.candidates import nearest_gaps
 from gossamer_fx.contact.compiled import CompiledContacts
 from gossamer_fx.contact.contact_set import ContactSet
+from gossamer_fx.contact.narrow_phase.closest_points import PairDistances
 from meshes.sheet import sheet
 
 CELL, DISTANCE, STEP, LAYERS = 5e-3, 1e-3, 1e-4, 5  # m, m, s
@@ -84,10 +86,10 @@ class Timed:
         return call
 
 
-def group_of(run: gx.Simulation) -> ContactSet:
+def contact_set_of(run: gx.Simulation) -> ContactSet:
     compiled = next(c for c in run.system.compiled if isinstance(c, CompiledContacts))
-    (group,) = compiled.groups.values()
-    return group
+    (contact_set,) = compiled.contact_sets.values()
+    return contact_set
 
 
 def cost(
@@ -103,9 +105,10 @@ def cost(
         films = stack(comm, vertices, part)
         items = [gx.Contact(*films, distance=DISTANCE)] if with_contact else films
         runs.append(gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=STEP)))
-    group = group_of(runs[0])
-    search = Timed(group, "search", "widen", "inadmissible")
-    forces, tangents = Timed(group, "add_forces"), Timed(group, "add_tangents", "coupling")
+    contact_set = contact_set_of(runs[0])
+    search = Timed(contact_set, "begin_step", "extend_active_set", "find_penetration")
+    forces = Timed(contact_set, "add_forces")
+    tangents = Timed(contact_set, "add_tangents", "coupling")
     for run in runs:
         run.run(until=WARM * STEP)
     clocks = (search, forces, tangents)
@@ -117,15 +120,17 @@ def cost(
             run.run(until=(k + 1) * STEP)
             cpu[i] += comm.allreduce(time.process_time() - started)
             iterations[i] += run.solver.newton.all_iterations - first
-        gaps = group.found.least(group.found.gaps(group.x0), comm, group.points.m)
-        touching.append((gaps < DISTANCE).mean())
+        candidates = contact_set.candidates
+        gap = PairDistances.of(candidates, contact_set.x0).gap
+        nearest = nearest_gaps(candidates, gap, contact_set.points.count, comm)
+        touching.append((nearest < DISTANCE).mean())
     spent = [comm.allreduce(clock.seconds - b) for clock, b in zip(clocks, before, strict=True)]
     with_contact, alone = (1e3 * cpu[i] / iterations[i] for i in (0, 1))
     newton = runs[0].solver.newton
     return {
-        "vertices": group.points.n,
+        "vertices": contact_set.points.body_count,
         "touching": float(np.mean(touching)),
-        "acting": comm.allreduce(group.acting),
+        "acting": comm.allreduce(contact_set.acting_count),
         "iteration [ms]": with_contact,
         "alone [ms]": alone,
         "ratio": with_contact / alone,
@@ -136,7 +141,7 @@ def cost(
         "Newton/step": iterations[0] / steps,
         "alone Newton/step": iterations[1] / steps,
         "Krylov/Newton": newton.linear_iterations / newton.all_iterations,
-        "searches": group.searches,
+        "searches": contact_set.search.count,
         "ΔE/E": abs(runs[0].energy_error),
     }
 
