@@ -169,6 +169,23 @@ def test_the_installed_command_runs_a_scene_file(archives: Archives, tmp_path: P
 
 
 @pytest.mark.slow
+def test_the_installed_command_has_doctor_and_tells_where_demos_are(
+    archives: Archives, tmp_path: Path
+) -> None:
+    programs = environment_with(archives.wheel, archives, tmp_path)
+    said = execute(programs / "gossamer", "doctor", folder=tmp_path)
+    assert "self-check" in said and "FAILED" not in said and "MISSING" not in said
+    done = subprocess.run(
+        [programs / "gossamer", "demo"],
+        cwd=tmp_path,
+        env={"PATH": "/usr/bin"},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2 and "start gossamer demo in a clone" in done.stderr
+
+
+@pytest.mark.slow
 def test_the_source_distribution_passes_its_tests_with_the_wheel(
     archives: Archives, tmp_path: Path
 ) -> None:
