@@ -114,7 +114,7 @@ class Picture(DrawnRun):
         InputError: too many times, a section without a normal, a folder that cannot be written.
 
     Example:
-        `gx.Picture("out/tube.png", times=[0.0, 0.1, 0.2], title="A tube is inflated")`
+        `gx.plot.Picture("out/tube.png", times=[0.0, 0.1, 0.2], title="A tube is inflated")`
     """
 
     def __init__(

@@ -55,7 +55,7 @@ class RunReader:
         times: at which pictures can be drawn [s]: those of the fields or, without bodies on meshes, of all steps.
 
     Example:
-        `gx.RunReader("out/run").table("ledger.csv")["kinetic"]` is the kinetic energy at each step [J].
+        `gx.plot.RunReader("out/run").table("ledger.csv")["kinetic"]` is the kinetic energy at each step [J].
     """
 
     def __init__(self, folder: str | Path) -> None:

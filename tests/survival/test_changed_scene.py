@@ -66,7 +66,7 @@ def scene(**changed: Any) -> gx.Scene:
         gx.control.AttitudeControl(
             hub.frame(), p["target"], stiffness=p["stiffness"], damping=0.3, period=DT
         ),
-        gx.constraints.Prescribed(film, "left", motion=p["motion"], name="mover"),
+        gx.Fixed(film, "left", motion=p["motion"], name="mover"),
         gx.loads.EdgeLoad(film, "right", force=p["edge"]),
     )
 

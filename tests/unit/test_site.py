@@ -49,6 +49,31 @@ def test_the_reference_has_every_public_name_once(generate: ModuleType) -> None:
         assert len(re.findall(kinds, text)) == 1, name
 
 
+def test_names_in_texts_and_programs_exist() -> None:
+    """What follows `gx.`, in pages, docstrings, demos and tests, but for the page that lists old names."""
+    files = [page for page in PAGES if page.name != "migration.md"]
+    for folder in ("gossamer_fx", "demos", "tests"):
+        files += sorted((ROOT / folder).rglob("*.py"))
+    found = set()
+    for path in files:
+        found |= set(re.findall(r"\bgx((?:\.\w+)+)", path.read_text(encoding="utf-8")))
+    assert len(found) > 150
+    unknown = [dotted for dotted in sorted(found) if not exists(dotted.split(".")[1:])]
+    assert unknown == []
+
+
+def exists(names: list[str]) -> bool:
+    """Whether names that follow `gx.` lead to an object: a class or function, or what it has."""
+    thing = gossamer_fx
+    for name in names:
+        if not isinstance(thing, ModuleType):
+            return True
+        if not hasattr(thing, name):
+            return False
+        thing = getattr(thing, name)
+    return True
+
+
 def test_docstrings_become_markdown(generate: ModuleType) -> None:
     text = "One * two_three.\n\n    a = b*c\n\nArgs:\n    x: first\n        line.\n    *y: rest."
     made = generate.markdown(text)
