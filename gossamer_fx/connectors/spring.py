@@ -52,7 +52,7 @@ class LengthSpring:
     stacks: ClassVar[tuple[str, ...]] = ("k", "L")
 
     def energy(self, e: Array) -> Array:
-        stretch = np.sqrt(2 * e[:, 0]) - self.L
+        stretch = _length(e) - self.L
         if self.side:
             return self.k * one_sided_energy(self.side * stretch)
         return self.k * stretch**2 / 2
