@@ -22,33 +22,33 @@ _PACKAGES = ("fenics-dolfinx", "fenics-ufl", "petsc4py", "mpi4py", "numpy", "gms
 
 
 def describe(run: Run) -> Description:
-    """Bodies, roles, gas, energies and momenta of the present state; the same on every rank.
+    """Bodies, roles, gas, energies and momenta of the present state; the same on every rank.  Collective.
 
     Bodies are what has a mass; the frames that joints add to sections of beams are named apart from them.
 
     Masses [kg], areas [m²], lengths [m], boxes [m], pressures [Pa], temperatures [K], volumes [m³], energies [J].
     """
-    system, totals = run.system, run.totals
-    roles = Counter(type(part).__name__ for part in system.terms)
-    others = [item for item in run.scene.items if not is_body(item)]
+    system = run.system
+    totals = run.totals
     massive = {
         part.body for part in system.terms if isinstance(part, KineticEnergy | NodeKineticEnergy)
     }
+    roles = Counter(type(part).__name__ for part in system.terms)
     return {
         "unknowns": system.numbering.size + sum(border.size for border in system.scalar_unknowns),
         "ranks": run.comm.size,
         "bodies": {body.name: _body(run, body) for body in system.bodies if body in massive},
         "section frames": [body.name for body in system.bodies if body not in massive],
         "roles": dict(sorted(roles.items())),
-        "items": {item.name: type(item).__name__ for item in others},
+        "items": {item.name: type(item).__name__ for item in run.scene.items if not is_body(item)},
         "chambers": {
             name: {
-                "pressure": s.pressure,
-                "temperature": s.temperature,
-                "volume": s.volume,
-                "mass": s.mass,
+                "pressure": state.pressure,
+                "temperature": state.temperature,
+                "volume": state.volume,
+                "mass": state.mass,
             }
-            for name, s in run.chambers.items()
+            for name, state in run.chambers.items()
         },
         "energies": {"kinetic": totals.kinetic, **totals.stored},
         "momentum": totals.momentum.tolist(),
@@ -57,96 +57,95 @@ def describe(run: Run) -> Description:
 
 
 def _body(run: Run, body: Body) -> Description:
-    system, comm = run.system, run.comm
     nodes = body.block.index_map.size_global
+    positions = run.system.state[body].positions()
     found: Description = {
         "kind": type(body).__name__,
         "nodes": nodes,
         "unknowns": nodes * body.block.size,
+        "mass": _mass(run, body),
+        "box": [corner.tolist() for corner in box(run.comm, positions)],
     }
-    owned = system.block(body).owned
-    first = system.numbering.vector()
-    along = np.zeros(owned.stop - owned.start)
-    along.reshape(-1, 3)[:: body.block.size // 3, 0] = 1.0
-    first.array[owned] = along
-    weight = system.M.createVecLeft()
-    system.M.mult(first, weight)
-    found["mass"] = float(first.dot(weight))
-    x = system.state[body].positions()
-    found["box"] = [corner.tolist() for corner in box(comm, x)]
     if is_on_mesh(body):
         domain = body.space.mesh
-        dim = domain.topology.dim
-        found["cells"] = domain.topology.index_map(dim).size_global
+        dimension = domain.topology.dim
+        size = run.comm.allreduce(float(sizes(corner_points(domain)).sum()))
+        found["cells"] = domain.topology.index_map(dimension).size_global
         found["order"] = body.space.ufl_element().degree
-        found["area" if dim == 2 else "length"] = comm.allreduce(
-            float(sizes(corner_points(domain)).sum())
-        )
+        found["area" if dimension == 2 else "length"] = size
     for name in ("law", "section"):
         law = getattr(body, name, None)
         if is_dataclass(law):
-            found["law"] = type(law).__name__, {f.name: getattr(law, f.name) for f in fields(law)}
+            numbers = {field.name: getattr(law, field.name) for field in fields(law)}
+            found["law"] = [type(law).__name__, numbers]
     return found
 
 
+def _mass(run: Run, body: Body) -> float:
+    """Mass of a body [kg]: e·M e, where e moves it along x by one."""
+    system = run.system
+    owned = system.block(body).owned
+    along_x = np.zeros(owned.stop - owned.start)
+    # the first vector of each node is its position
+    along_x.reshape(-1, 3)[:: body.block.size // 3, 0] = 1.0
+    motion = system.numbering.vector()
+    motion.array[owned] = along_x
+    momentum = system.M.createVecLeft()
+    system.M.mult(motion, momentum)
+    return float(motion.dot(momentum))
+
+
 def versions() -> dict[str, str]:
-    """Of this project and what it stands on."""
-    return {"gossamer_fx": VERSION} | {
-        name: version for name in _PACKAGES if (version := _version(name))
-    }
-
-
-def _version(name: str) -> str:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return ""
+    """Versions of this package and of those that it is built on, as far as they are installed."""
+    found = {"gossamer_fx": VERSION}
+    for name in _PACKAGES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
 
 
 def lines(about: Mapping[str, Any]) -> list[str]:
-    """A description for the terminal."""
-    rows: list[tuple[str, str]] = [
-        ("unknowns", f"{about['unknowns']} on {about['ranks']} rank{'s' * (about['ranks'] > 1)}")
-    ]
+    """A description for people: a line for each body, gas and kind of part."""
+    ranks = "1 rank" if about["ranks"] == 1 else f"{about['ranks']} ranks"
+    rows = [("unknowns", f"{about['unknowns']} on {ranks}")]
     for name, body in about["bodies"].items():
-        words = [body["kind"]]
-        if "cells" in body:
-            words.append(f"{body['cells']} cells of order {body['order']}")
-        words.append(f"{body['unknowns']} unknowns")
-        words.append(f"mass {body['mass']:.6g} kg")
-        words += [
-            f"{what} {body[what]:.6g} {unit}"
-            for what, unit in (("area", "m²"), ("length", "m"))
-            if what in body
-        ]
-        rows.append((f"body '{name}'", ", ".join(words)))
+        rows.append((f"body '{name}'", ", ".join(_body_words(body))))
         if "law" in body:
             law, numbers = body["law"]
-            rows.append(
-                ("", f"{law}: " + ", ".join(f"{key} {value:.6g}" for key, value in numbers.items()))
-            )
+            values = [f"{key} {number_text(value)}" for key, value in numbers.items()]
+            rows.append(("", f"{law}: {', '.join(values)}"))
     if about.get("section frames"):  # descriptions of older runs have none
         rows.append(("section frames", ", ".join(f"'{name}'" for name in about["section frames"])))
-    rows.append(
-        ("parts per role", ", ".join(f"{role} {n}" for role, n in about["roles"].items()) or "none")
-    )
+    roles = [f"{role} {count}" for role, count in about["roles"].items()]
+    rows.append(("parts per role", ", ".join(roles) or "none"))
     if about["items"]:
-        rows.append(
-            ("other items", ", ".join(f"{kind} '{name}'" for name, kind in about["items"].items()))
-        )
+        items = [f"{kind} '{name}'" for name, kind in about["items"].items()]
+        rows.append(("other items", ", ".join(items)))
     for name, gas in about["chambers"].items():
-        rows.append(
-            (
-                f"gas in '{name}'",
-                f"{gas['pressure']:.6g} Pa, {gas['temperature']:.6g} K, {gas['volume']:.6g} m³, {gas['mass']:.6g} kg",
-            )
-        )
-    rows.append(("mass", f"{sum(body['mass'] for body in about['bodies'].values()):.6g} kg"))
-    rows.append(
-        (
-            "energies",
-            ", ".join(f"{name} {energy:.6g} J" for name, energy in about["energies"].items()),
-        )
-    )
+        state = f"{gas['pressure']:.6g} Pa, {gas['temperature']:.6g} K, {gas['volume']:.6g} m³, {gas['mass']:.6g} kg"
+        rows.append((f"gas in '{name}'", state))
+    mass = sum(body["mass"] for body in about["bodies"].values())
+    rows.append(("mass", f"{mass:.6g} kg"))
+    energies = [f"{name} {energy:.6g} J" for name, energy in about["energies"].items()]
+    rows.append(("energies", ", ".join(energies)))
     width = max(len(name) for name, _ in rows) + 2
     return [name.ljust(width) + words for name, words in rows]
+
+
+def _body_words(body: Mapping[str, Any]) -> list[str]:
+    words = [body["kind"]]
+    if "cells" in body:
+        words.append(f"{body['cells']} cells of order {body.get('order', '?')}")
+    words.append(f"{body['unknowns']} unknowns")
+    words.append(f"mass {body['mass']:.6g} kg")
+    for what, unit in (("area", "m²"), ("length", "m")):
+        if what in body:
+            words.append(f"{what} {body[what]:.6g} {unit}")
+    return words
+
+
+def number_text(value: Any) -> str:
+    """A number in six digits; anything else as it is."""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

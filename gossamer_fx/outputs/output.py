@@ -182,7 +182,8 @@ def _csv_line(values: Iterable[Any]) -> bytes:
     """A row of a CSV file; floating-point numbers are written so that they are read back to the last bit."""
     line = io.StringIO()
     csv.writer(line).writerow([repr(float(v)) if isinstance(v, float) else v for v in values])
-    return line.getvalue().encode()
+    # names may hold half of a surrogate pair, e.g. from a file name, which has no UTF-8
+    return line.getvalue().encode(errors="backslashreplace")
 
 
 def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> None:
@@ -240,7 +241,8 @@ def replace_file(path: Path, text: str) -> None:
     """
     try:
         new = path.with_suffix(".new")
-        new.write_text(text, encoding="utf-8")
+        # JSON reads the replacement of half of a surrogate pair, \ud800, as that half
+        new.write_text(text, encoding="utf-8", errors="backslashreplace")
         new.replace(path)
     except OSError as error:
         raise InputError(

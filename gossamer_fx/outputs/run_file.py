@@ -7,7 +7,6 @@ kinds as expected; what is wrong with it is said in one sentence.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,6 +34,13 @@ class Several:
     count: int | None = None
 
 
+@dataclass(frozen=True)
+class Row:
+    """Kind of a list whose elements have kinds of their own."""
+
+    kinds: tuple[Any, ...]
+
+
 NUMBER = (int, float)
 _ANYTHING = object
 
@@ -54,7 +60,7 @@ _BODY = {
     "order?": int,
     "area?": NUMBER,
     "length?": NUMBER,
-    "law?": Several(_ANYTHING, 2),
+    "law?": Row((str, Each(_ANYTHING))),
 }
 _CHAMBER = dict.fromkeys(("pressure", "temperature", "volume", "mass"), NUMBER)
 # Kinds by key; a key that ends in a question mark may be missing, e.g. in the files of older versions.
@@ -148,6 +154,11 @@ def _check_kind(path: Path, where: str, value: Any, kind: Any) -> None:
         _refuse_unless(right_length, path, where, value, f"a list of {kind.count}")
         for inner in value:
             _check_kind(path, where, inner, kind.kind)
+    elif isinstance(kind, Row):
+        right_length = isinstance(value, list) and len(value) == len(kind.kinds)
+        _refuse_unless(right_length, path, where, value, f"a list of {len(kind.kinds)}")
+        for inner, inner_kind in zip(value, kind.kinds, strict=True):
+            _check_kind(path, where, inner, inner_kind)
     elif kind is bool or kind is str:
         words = "true or false" if kind is bool else "a text"
         _refuse_unless(isinstance(value, kind), path, where, value, words)
@@ -163,15 +174,3 @@ def _refuse_unless(right: bool, path: Path, where: str, value: Any, expected: st
     if len(shown) > _MAX_SHOWN:
         shown = f"{shown[:_MAX_SHOWN]}..."
     check(right, f"'{path}': {where} is {shown}, but must be {expected}; {_REMEDY}")
-
-
-def number_text(value: Any) -> str:
-    """A number of a recording in six digits, anything else as it is."""
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    return str(value)
-
-
-def pairs(numbers: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Rows of a table: names, and values as texts."""
-    return [(name, number_text(value)) for name, value in numbers.items()]

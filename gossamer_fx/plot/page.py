@@ -230,7 +230,7 @@ def _draw_key(header: Axes, key: dict[str, Any] | Scale) -> None:
         swatches = [Patch(facecolor=colour, edgecolor=INK, lw=0.6) for colour in key.values()]
         header.legend(
             swatches,
-            [plain_text(name) for name in key],
+            [f" {plain_text(name)}" for name in key],  # names that begin with "_" would be left out
             loc="center left",
             ncols=len(key),
             frameon=False,

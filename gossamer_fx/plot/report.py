@@ -1,19 +1,25 @@
-"""One HTML page about a run that needs no other file: a view to turn, pictures, curves, tables."""
+"""One HTML page about a run that needs no other file: a view to turn, pictures, curves, tables.
+
+The recording may come from a stranger.  All texts from it are escaped, in HTML and in the data for the view, and the
+page has a content security policy: a browser runs the one script that is ours, known by its hash, and loads nothing.
+"""
 
 from __future__ import annotations
 
 import json
 import tempfile
 from base64 import b64encode
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from hashlib import sha256
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import OutputFailure, check
-from gossamer_fx.outputs.description import lines
+from gossamer_fx.outputs.description import lines, number_text
 from gossamer_fx.plot import plot as pictures
 from gossamer_fx.plot.colours import default_field
 from gossamer_fx.plot.plot import file_to_write
@@ -42,14 +48,24 @@ _VIEW = """
 <p class="status">Drag to turn, shift-drag to move, wheel to zoom, double click to go back.</p>
 """.strip()
 
+# Characters with a meaning in HTML, and line ends that JSON allows and JavaScript does not; JSON can write them so.
+_JSON_ESCAPES = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
+
 
 @check_arguments
 def write_report(run: RunReader, path: str | Path) -> None:
     """Write the page.
 
+    Args:
+        run: what was recorded; it may come from a stranger.
+        path: `.html`.
+
     Raises:
         InputError: nothing was recorded yet, or the path is a folder.
         OutputFailure: the file cannot be written.
+
+    Example:
+        `gx.write_report(gx.plot.RunReader("out/run"), "out/run/report.html")`
     """
     check(
         bool(run.table("ledger.csv")),
@@ -58,7 +74,8 @@ def write_report(run: RunReader, path: str | Path) -> None:
     path = file_to_write(path)
     text = "\n".join(_page(run))
     try:
-        path.write_text(text, encoding="utf-8")
+        # A file name or a title may hold half of a surrogate pair, which has no UTF-8.
+        path.write_text(text, encoding="utf-8", errors="replace")
     except OSError as error:
         raise OutputFailure(
             f"Cannot write '{path}' ({error.strerror}); choose a folder that is writable."
@@ -66,40 +83,61 @@ def write_report(run: RunReader, path: str | Path) -> None:
 
 
 def _page(run: RunReader) -> Iterable[str]:
-    about, moving = run.about, bool(run.bodies) and len(run.times) > 0
-    status = str(about.get("status", "unknown"))
-    yield f'<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>{escape(run.title)}</title>'
+    """The page, line by line."""
+    script = Path(__file__).with_name("viewer.js").read_text(encoding="utf-8")
+    ledger = run.table("ledger.csv")
+    shows_scene = bool(run.bodies) and len(run.times) > 0
+    yield '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8">'
+    yield f'<meta http-equiv="Content-Security-Policy" content="{_policy(script)}">'
+    yield f"<title>{escape(run.title)}</title>"
     yield f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head><body>'
     yield f"<h1>{escape(run.title)}</h1>"
-    numbers = about["statistics"]
-    good = "" if status in ("finished", "running") else " bad"
-    yield (
-        f'<p class="status{good}">{escape(status)} at t = {numbers["time"]:.6g} s of {numbers["until"]:.6g} s, '
-        f"{numbers['steps']} steps, energy closes to {abs(numbers['energy error']):.1e}</p>"
-    )
-    if moving:
+    yield _status(run.about)
+    if shows_scene:
+        field = default_field(run)
         yield _VIEW
         yield "<h2>Over the time</h2>"
-        field = default_field(run)
         yield _image(lambda file: pictures.strip(run, field, path=file), f"{field} at six times")
-    if len(run.table("ledger.csv")["time"]) > 1:
+    if len(ledger["time"]) > 1:
         yield _image(
             lambda file: pictures.curves(run, file),
             "energies, pressures, states, errors, iterations",
         )
-    yield "<h2>Scene</h2><pre>" + escape("\n".join(lines(about["scene"]))) + "</pre>"
-    yield "<h2>Ledger</h2>" + _table(("", "start", "end", "largest magnitude"), _ledger(run))
-    yield "<h2>Solver</h2>" + _table(("", ""), [*_pairs(about["stepper"]), *_pairs(numbers)])
-    yield "<h2>Versions</h2>" + _table(("", ""), _pairs(about["versions"]))
-    if moving:
-        data = json.dumps(view_data(run), separators=(",", ":"))
-        yield f'<script type="application/json" id="run-data">{data}</script>'
-        yield (
-            "<script>"
-            + Path(__file__).with_name("viewer.js").read_text(encoding="utf-8")
-            + "</script>"
-        )
+    yield "<h2>Scene</h2><pre>" + escape("\n".join(lines(run.about["scene"]))) + "</pre>"
+    yield "<h2>Ledger</h2>" + _table(("", "start", "end", "largest magnitude"), _ledger(ledger))
+    numbers = [*_pairs(run.about["stepper"]), *_pairs(run.about["statistics"])]
+    yield "<h2>Solver</h2>" + _table((), numbers)
+    yield "<h2>Versions</h2>" + _table((), _pairs(run.about["versions"]))
+    if shows_scene:
+        yield f'<script type="application/json" id="run-data">{_json(view_data(run))}</script>'
+        yield f"<script>{script}</script>"
     yield "</body></html>"
+
+
+def _policy(script: str) -> str:
+    """The content security policy: images and styles in the page, and this one script."""
+    sources = [
+        f"'sha256-{b64encode(sha256(text.encode()).digest()).decode()}'"
+        for text in (script, _STYLE)
+    ]
+    return f"default-src 'none'; img-src data:; script-src {sources[0]}; style-src {sources[1]}"
+
+
+def _json(data: Any) -> str:
+    """Data for a script element: no character in it can end the element or begin another one."""
+    return json.dumps(data, separators=(",", ":")).translate(_JSON_ESCAPES)
+
+
+def _status(about: Mapping[str, Any]) -> str:
+    """How the run ended."""
+    status = about["status"]
+    numbers = about["statistics"]
+    kind = "status" if status in ("finished", "running") else "status bad"
+    words = (
+        f"{status} at t = {numbers['time']:.6g} s of {numbers['until']:.6g} s, {numbers['steps']} steps, "
+        f"energy closes to {abs(numbers['energy error']):.1e}"
+    )
+    return f'<p class="{kind}">{escape(words)}</p>'
 
 
 def _image(draw: Callable[[Path], None], words: str) -> str:
@@ -107,32 +145,34 @@ def _image(draw: Callable[[Path], None], words: str) -> str:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "picture.png"
         draw(file)
-        return f'<img alt="{escape(words)}" src="data:image/png;base64,{b64encode(file.read_bytes()).decode()}">'
+        data = b64encode(file.read_bytes()).decode()
+    return f'<img alt="{escape(words)}" src="data:image/png;base64,{data}">'
 
 
-def _ledger(run: RunReader) -> Iterable[tuple[str, ...]]:
+def _ledger(ledger: Mapping[str, Any]) -> Iterable[tuple[str, ...]]:
     """Start, end and largest magnitude of each column."""
-    for name, values in run.table("ledger.csv").items():
+    for name, values in ledger.items():
         if name not in ("time", "step", "iterations", "substeps"):
-            numbers = values[0], values[-1], values[int(np.abs(values).argmax())]
+            largest = values[int(np.abs(values).argmax())]
+            numbers = (values[0], values[-1], largest)
             yield name.replace("_", " "), *(f"{value:.6g}" for value in numbers)
 
 
-def _pairs(numbers: dict[str, object]) -> list[tuple[str, str]]:
-    return [(name, f"{v:.6g}" if isinstance(v, float) else str(v)) for name, v in numbers.items()]
+def _pairs(numbers: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Names and values as rows of a table."""
+    return [(name, number_text(value)) for name, value in numbers.items()]
 
 
 def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
-    kind = ' class="number"'
-    body = "".join(
-        f"<tr><th>{escape(first)}</th>"
-        + "".join(f"<td{kind}>{escape(word)}</td>" for word in rest)
-        + "</tr>"
-        for first, *rest in rows
-    )
-    top = (
-        "<tr>" + "".join(f"<th{kind}>{escape(word)}</th>" for word in head) + "</tr>"
-        if any(head)
-        else ""
-    )
-    return f"<table>{top}{body}</table>"
+    """A table whose first column has names, and the others numbers."""
+    found = []
+    if head:
+        found.append(_row("th", head))
+    found += [_row("td", row) for row in rows]
+    return f"<table>{''.join(found)}</table>"
+
+
+def _row(kind: str, words: tuple[str, ...]) -> str:
+    first, *rest = words
+    cells = "".join(f'<{kind} class="number">{escape(word)}</{kind}>' for word in rest)
+    return f"<tr><th>{escape(first)}</th>{cells}</tr>"

@@ -48,5 +48,6 @@ def scaled(largest: float) -> tuple[float, str]:
 
 
 def plain_text(text: str) -> str:
-    """A text for matplotlib in which dollar signs are no formulas: names of bodies and probes may have any letters."""
-    return text.replace("$", r"\$")
+    """A name for matplotlib: its dollar signs begin no formula, and characters that have no picture are replaced."""
+    shown = "".join(c if c.isprintable() else "\ufffd" for c in text)
+    return shown.replace("$", r"\$")
