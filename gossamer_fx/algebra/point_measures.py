@@ -123,8 +123,11 @@ class PointMeasure:
         L: (m, 3k).
         c: (m,), or (n, m) where the tuples differ.
 
-    Example: half the squared distance of two points, e = ½ |x_a - x_b|²:
+    Example:
+        Half the squared distance of two points, e = ½ |x_a - x_b|²:
 
+        >>> a = mass.port()
+        >>> b = gx.Ground((0.0, 0.0, 0.0))
         >>> difference = np.hstack([np.eye(3), -np.eye(3)])
         >>> H = (difference.T @ difference)[None]
         >>> measure = PointMeasure([(a, b)], H, np.zeros((1, 6)), np.zeros(1))

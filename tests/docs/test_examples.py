@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import doctest
+import inspect
 from operator import attrgetter
 from typing import Any
 
@@ -71,14 +72,23 @@ def test_there_is_an_example(name: str) -> None:
     assert examples(name)
 
 
-EXTENSION = [f"extend.{name}" for name in dir(gossamer_fx.extend)]
+OWN_PARTS = {name: getattr(gossamer_fx.extend, name) for name in dir(gossamer_fx.extend)}
+# Aliases of NumPy's types, e.g. `Array`, have examples of NumPy.
+EXTENSION = [
+    f"extend.{name}"
+    for name, it in OWN_PARTS.items()
+    if inspect.isroutine(it) or inspect.isclass(it)
+]
 TESTED = [name for name in [*public_names(), *EXTENSION] if examples(name)]
 
 
 @pytest.mark.parametrize("name", TESTED)
 def test_examples_give_what_they_say(name: str, scene: dict[str, Any]) -> None:
     said: list[str] = []
-    for test in examples(name, scene):
+    names = scene
+    if name.startswith("extend."):
+        names = scene | OWN_PARTS  # as after `from gossamer_fx.extend import ...`
+    for test in examples(name, names):
         runner = doctest.DocTestRunner(optionflags=FLAGS)
         runner.run(test, out=said.append)
         assert runner.failures == 0, "".join(said)
