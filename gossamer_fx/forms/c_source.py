@@ -13,7 +13,6 @@ import os
 import shlex
 import shutil
 import sys
-import sysconfig
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,8 +23,9 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from gossamer_fx.checks.errors import check, on_rank_zero
+from gossamer_fx.checks.errors import on_rank_zero
 from gossamer_fx.forms.compilation import kernel_options
+from gossamer_fx.forms.compiler import require_compiler
 
 # Names of C's types of array elements, by NumPy's.
 C_TYPES = {"float64": "double", "int32": "int32_t", "int64": "int64_t", "uint8": "uint8_t"}
@@ -122,17 +122,6 @@ def declarations_of(header: Path) -> str:
     """Return the declarations of a header as cffi reads them: all lines but the preprocessor's."""
     lines = header.read_text(encoding="utf-8").splitlines()
     return "\n".join(line for line in lines if not line.startswith("#"))
-
-
-def require_compiler() -> None:
-    """Raise `InputError` if the C compiler that Python uses cannot be found."""
-    command = os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc"
-    program = shlex.split(command)[0]
-    check(
-        shutil.which(program) is not None,
-        f"The C compiler '{program}' is not there; install one (apt-get install gcc, or conda install c-compiler), "
-        "or set the variable CC to the name of yours.",
-    )
 
 
 def compile_library(

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import ufl
+from cffi import VerificationError
 from dolfinx import default_scalar_type, fem
 from dolfinx.mesh import Mesh
 from mpi4py import MPI
@@ -22,6 +23,9 @@ from ufl.algorithms.analysis import extract_constants
 from ufl.algorithms.map_integrands import map_integrand_dags
 from ufl.corealg.multifunction import MultiFunction
 from ufl.variable import Label
+
+from gossamer_fx.checks.errors import on_rank_zero
+from gossamer_fx.forms.compiler import require_compiler
 
 
 @cache
@@ -64,6 +68,7 @@ def compile_form(form: ufl.Form) -> fem.Form:
     """Compile a form, or load its kernel from the cache.  Collective.
 
     Raises:
+        InputError: there is no C compiler.
         RuntimeError: the compiler fails.
     """
     comm = form.ufl_domain().ufl_cargo().comm
@@ -132,7 +137,9 @@ def _with_cache[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T:
     try:
         with _shared_lock(comm):
             return task()
-    except (TimeoutError, RuntimeError):
+    except (TimeoutError, RuntimeError, VerificationError):
+        # Without a compiler every attempt fails, and dolfinx does not say why.
+        on_rank_zero(comm, require_compiler)
         if comm.rank == 0:
             _remove_unfinished()
     # The second failure is a real one, and goes to the caller.

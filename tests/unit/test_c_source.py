@@ -87,17 +87,28 @@ def test_indices_out_of_range_are_refused() -> None:
         check_indices("indices", np.array([3, -1], np.int32), 3)
 
 
-WITHOUT_COMPILER = """
+CONTACT = """
 from gossamer_fx.contact.kernels.library import library
 library()
 """
 
+FILM = """
+from mpi4py import MPI
+import gossamer_fx as gx
+from meshes.sheet import sheet
 
-def test_a_missing_compiler_is_one_sentence(tmp_path: Path) -> None:
-    """In an empty cache, with a compiler that does not exist."""
+law = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
+film = gx.Membrane(sheet(MPI.COMM_WORLD, 1, 1), law)
+gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3))
+"""
+
+
+@pytest.mark.parametrize("program", [CONTACT, FILM], ids=["contact", "film"])
+def test_a_missing_compiler_is_one_sentence(tmp_path: Path, program: str) -> None:
+    """In an empty cache, with a compiler that does not exist; forms need one as C functions do."""
     variables = {"XDG_CACHE_HOME": str(tmp_path), "CC": "no-such-compiler -O2"}
     result = subprocess.run(
-        [sys.executable, "-c", WITHOUT_COMPILER],
+        [sys.executable, "-c", program],
         env=os.environ | variables,
         capture_output=True,
         text=True,
