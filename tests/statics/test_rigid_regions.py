@@ -200,7 +200,7 @@ def test_what_cannot_be_one_piece_is_refused(comm):
     body = gx.RigidBody(1.0, (1.0, 1.0, 1.0))
     straight, plane = gx.RigidRegion(film, "right"), gx.RigidRegion(film, "film")
     for act, words in (
-        (lambda: gx.RigidRegion(beam, "end"), "a section of a beam is rigid by itself"),
+        (lambda: gx.RigidRegion(beam, "end"), "whose sections are rigid by themselves"),
         (lambda: gx.RigidRegion(film, "bottom left"), "one point"),
         (lambda: gx.RigidRegion(film, "nowhere"), "nowhere"),
         (
