@@ -26,8 +26,7 @@ from tests.unit.public_calls import make_inputs, valid_calls
 NOT_COMPARED = ("name", "comm", "mesh")
 # Arguments whose other value changes nothing in the scene of the valid call.
 WITHOUT_EFFECT = {
-    # a direction or a twist, which the call has, fixes the rotation in any case
-    ("Fixed", "rotation"),
+    ("Fixed", "rotation"): "the call has a direction and a twist, which fix it in any case",
     ("Chamber", "dead_volume"): "the chamber of the call is rigid and has a volume",
 }
 # Values for arguments whose default is None, or a word.
