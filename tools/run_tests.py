@@ -71,7 +71,7 @@ def variables_of(home: Path) -> dict[str, str]:
 
 def files_marked_mpi() -> list[Path]:
     """The files of tests of which some run on two ranks."""
-    files = sorted(Path("tests").glob("*/test_*.py"))
+    files = sorted(Path("tests").glob("**/test_*.py"))
     return [path for path in files if "mark.mpi" in path.read_text(encoding="utf-8")]
 
 
