@@ -7,6 +7,7 @@ other programs first on PATH.  They do what apt-get, mmdebstrap and so on do tha
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -312,8 +313,10 @@ def test_who_waits_may_be_interrupted_and_the_first_goes_on(machine: Machine) ->
 def test_why_a_set_up_failed_is_one_sentence(machine: Machine, told: str, words: str) -> None:
     machine.does("mmdebstrap", f'echo "{told}" >&2; exit 100')
     code, said = machine.set_up()
-    first, last = said.splitlines()
+    # on a busy machine the stage is told, too
+    first, *stages, last = said.splitlines()
     assert code == 1 and "making" in first
+    assert all(re.fullmatch(r"gossamer: \d+ s: .*", line) for line in stages)
     assert last.startswith("gossamer: set-up failed") and words in last
     assert not list(machine.cache.glob("*.partial")) and not machine.processes()
     # a mirror may have a bad moment, a full disk stays full
