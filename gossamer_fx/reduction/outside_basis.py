@@ -48,7 +48,8 @@ class OutsideBasis:
         film = self.body
         if self._estimate is None:
             self._estimate = _Estimate(film)
-        c = film.comm.bcast(run.system.state[film].coordinates()[0].copy())
+        # rank 0 has the coefficients (r, 3), the others none
+        c = film.comm.bcast(run.system.state[film].coordinates().reshape(-1, 3).copy())
         return self._estimate(c)
 
 
