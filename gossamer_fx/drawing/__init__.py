@@ -1,1 +1,1 @@
-"""Solids that are drawn and recorded: surfaces that move as a whole."""
+"""Solids that pictures and recordings show: surfaces that move as a whole."""

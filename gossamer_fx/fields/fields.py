@@ -1,21 +1,30 @@
-"""Output fields of bodies, by name: expressions of the coordinates q and the velocities v, compiled when asked for.
+"""Output fields of bodies by name, compiled when they are asked for.
 
-    displacement    x - X, from the stress-free mesh [m]
-    velocity        [m/s]
-    strain1 ≥ strain2     principal Green-Lagrange strains of a film
-    stress1 ≥ stress2     principal second Piola-Kirchhoff stresses of a film, ∂ψ/∂E over the thickness [Pa]
-    direction       F n/|F n|, n the direction of strain1: where the tension goes on the deformed film
-    state           0 slack, 1 wrinkled, 2 taut
-    group           number of the cell's part among those of all films, see `fields.groups`
-    pressure        of the gas inside over that outside [Pa]; where a film parts two chambers, their difference
+    displacement            x - X, from the stress-free mesh [m]
+    velocity                [m/s]
+    strain1 ≥ strain2       principal Green-Lagrange strains of a film
+    stress1 ≥ stress2       principal second Piola-Kirchhoff stresses of a film, ∂ψ/∂E over the
+                            thickness [Pa]
+    direction               F n/|F n| with n the direction of strain1: the direction of tension on the
+                            deformed film
+    state                   0 slack, 1 wrinkled, 2 taut
+    pressure                gas pressure inside less that outside [Pa]; on a film between two chambers
+                            the difference of their pressures
+    group                   number of the cell's part among those of all films, see `fields.groups`
 
-    fold_angle      of the creases at a cell [rad], zero in others
-    contact_pressure    at the nodes [N/m²], both sides of a film added, by the area of the stress-free shape
+    fold_angle              angle of the creases at a cell [rad], zero in other cells
+    contact_pressure        at the nodes [N/m²], both sides of a film added, by the area of the
+                            stress-free shape
 
-    curvature1 ≥ curvature2   principal curvatures of a plate [1/m], positive towards the normal of its mesh
-    moment1 ≥ moment2         principal bending moments of a plate [N m/m]
+    curvature1 ≥ curvature2 principal curvatures of a plate [1/m], positive towards the normal of its
+                            mesh
+    moment1 ≥ moment2       principal bending moments of a plate [N m/m]
 
-Displacement and velocity belong to any body on a mesh, curvatures and moments to plates, the others to films.
+All bodies on a mesh have displacement, velocity and contact pressure; plates have curvatures and
+moments; films have all others.
+
+A field is either an expression of the coordinates q and velocities v of its body, or it is collected
+from the scene: gas, creases and contact have values that are not functions of q.
 """
 
 from __future__ import annotations
@@ -43,231 +52,328 @@ from gossamer_fx.model.roles import CellFields, NodeFields, playing
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import gradient
 
+# Values of the field "state" by name
 STATES = {"slack": SLACK, "wrinkled": WRINKLED, "taut": TAUT}
+
+# An expression of a body, its coordinates q and its velocities v
+Expression = Callable[[Any, Expr, Expr], Expr]
+
+# What sets a function on a body in a system to a field that is collected from the scene
+Collector = Callable[[fem.Function, MeshBody, System], None]
 
 
 @dataclass(frozen=True)
 class Field:
-    """What a field is: its shape, whether only films or plates have it, and its expression of (body, q, v).
+    """Description of a field.
 
-    The fields of films are made of derivatives of q: they may jump from cell to cell.
+    Attributes:
+        shape: () for a scalar, (3,) for a vector.
+        expression: of (body, q, v); None for a field that is collected from the scene.
+        of_films: whether only films have it.  It may then jump between cells: strains are made of
+            derivatives of q.
+        of_plates: whether only films that bend have it.
     """
 
     shape: tuple[int, ...]
-    of_films: bool
-    expression: Callable[[Any, Expr, Expr], Expr] | None
+    expression: Expression | None = None
+    of_films: bool = False
     of_plates: bool = False
-    of_nodes: bool = False  # whether terms have it at the nodes
+
+
+# ---- expressions ---------------------------------------------------------------------------------
 
 
 def position(q: Expr) -> Expr:
-    """The position among a node's coordinates, which come first."""
+    """The position (3,) among a node's coordinates, which come first; directors follow in beams."""
     return ufl.as_vector([q[i] for i in range(3)])
 
 
-def _principal_strains(film: Membrane, x: Expr) -> tuple[Expr, Expr]:
-    h, r = half_trace_and_radius(film.measure(x))
-    return h + r, h - r
-
-
-def _principal(tensor: Expr) -> tuple[Expr, Expr]:
-    """The principal values of a symmetric tensor (2, 2), the larger one first."""
-    h, r = half_trace_and_radius(
-        ufl.as_vector([tensor[0, 0], tensor[1, 1], tensor[0, 1] + tensor[1, 0]])
-    )
-    return h + r, h - r
-
-
-def _principal_stresses(film: Membrane, x: Expr) -> tuple[Expr, Expr]:
-    S = gradient(film.density, film.measure(x)) / film.constants.thickness
-    h, r = half_trace_and_radius(ufl.as_vector([S[0], S[1], 2 * S[2]]))
-    return h + r, h - r
-
-
-def _direction(film: Membrane, x: Expr) -> Expr:
-    """F n/|F n|; where the principal strains coincide, n is the first vector of the film's frame."""
-    e = film.measure(x)
-    _, r = half_trace_and_radius(e)  # r > 0: guarded
-    a, b = (e[0] - e[1]) / 2, e[2] / 2
-    # of the two forms of the eigenvector of [[a, b], [b, -a]], the one whose large component does not cancel
-    n = ufl.conditional(ufl.ge(a, 0), ufl.as_vector([r + a, b]), ufl.as_vector([b, r - a]))
-    t = ufl.dot(film.deformation(x), n / ufl.sqrt(ufl.dot(n, n)))
-    return t / ufl.sqrt(ufl.dot(t, t))
-
-
 def film_state(film: Membrane, x: Expr) -> Expr:
-    """0 slack, 1 wrinkled, 2 taut."""
-    # the unit gives the state of a law that never wrinkles, a number, a mesh to be evaluated on
+    """State of a film: 0 slack, 1 wrinkled, 2 taut."""
+    # A law that never wrinkles has a number as its state; times `unit` it belongs to a mesh.
     unit = constant(film.space.mesh, 1.0)
     return unit * film.law.state(film.measure(x), film.constants)
 
 
+def _displacement(body: Any, q: Expr, v: Expr) -> Expr:
+    return position(q) - ufl.SpatialCoordinate(body.space.mesh)
+
+
+def _velocity(body: Any, q: Expr, v: Expr) -> Expr:
+    return position(v)
+
+
+def _strains(film: Membrane, x: Expr) -> tuple[Expr, Expr]:
+    """Principal strains, the larger one first."""
+    mean, radius = half_trace_and_radius(film.measure(x))
+    return mean + radius, mean - radius
+
+
+def _stresses(film: Membrane, x: Expr) -> tuple[Expr, Expr]:
+    """Principal stresses [Pa], the larger one first."""
+    S = gradient(film.density, film.measure(x)) / film.constants.thickness
+    # `half_trace_and_radius` takes twice the shear, as strains have it.
+    mean, radius = half_trace_and_radius(ufl.as_vector([S[0], S[1], 2 * S[2]]))
+    return mean + radius, mean - radius
+
+
+def _principal(tensor: Expr) -> tuple[Expr, Expr]:
+    """Principal values of a symmetric tensor (2, 2), the larger one first."""
+    components = [tensor[0, 0], tensor[1, 1], tensor[0, 1] + tensor[1, 0]]
+    mean, radius = half_trace_and_radius(ufl.as_vector(components))
+    return mean + radius, mean - radius
+
+
+def _curvatures(plate: Any, x: Expr) -> tuple[Expr, Expr]:
+    """Principal curvatures [1/m]."""
+    return _principal(plate.curvature(x))
+
+
+def _moments(plate: Any, x: Expr) -> tuple[Expr, Expr]:
+    """Principal bending moments [N m/m]."""
+    return _principal(plate.moment(x))
+
+
+def _direction(film: Membrane, x: Expr, v: Expr) -> Expr:
+    """F n/|F n|, n the direction of the larger principal strain.
+
+    Where the principal strains are equal, n is the first vector of the film's frame.
+    """
+    e = film.measure(x)
+    # The radius is kept above zero by its definition, so nothing is divided by zero below.
+    _, radius = half_trace_and_radius(e)
+    a = (e[0] - e[1]) / 2
+    b = e[2] / 2
+    # Two forms of the eigenvector of [[a, b], [b, -a]]: in each its large component does not cancel
+    # for one sign of a.
+    n = ufl.conditional(
+        ufl.ge(a, 0),
+        ufl.as_vector([radius + a, b]),
+        ufl.as_vector([b, radius - a]),
+    )
+    unit_n = n / ufl.sqrt(ufl.dot(n, n))
+    tangent = ufl.dot(film.deformation(x), unit_n)
+    return tangent / ufl.sqrt(ufl.dot(tangent, tangent))
+
+
+def _state(film: Membrane, x: Expr, v: Expr) -> Expr:
+    return film_state(film, x)
+
+
+def _larger(values: Callable[[Any, Expr], tuple[Expr, Expr]]) -> Expression:
+    """The expression of the larger of two principal values."""
+    return lambda body, x, v: values(body, x)[0]
+
+
+def _smaller(values: Callable[[Any, Expr], tuple[Expr, Expr]]) -> Expression:
+    """The expression of the smaller of two principal values."""
+    return lambda body, x, v: values(body, x)[1]
+
+
 FIELDS = {
-    "displacement": Field(
-        (3,), False, lambda body, q, v: position(q) - ufl.SpatialCoordinate(body.space.mesh)
-    ),
-    "velocity": Field((3,), False, lambda body, q, v: position(v)),
-    "strain1": Field((), True, lambda film, x, v: _principal_strains(film, x)[0]),
-    "strain2": Field((), True, lambda film, x, v: _principal_strains(film, x)[1]),
-    "stress1": Field((), True, lambda film, x, v: _principal_stresses(film, x)[0]),
-    "stress2": Field((), True, lambda film, x, v: _principal_stresses(film, x)[1]),
-    "direction": Field((3,), True, lambda film, x, v: _direction(film, x)),
-    "state": Field((), True, lambda film, x, v: film_state(film, x)),
-    "curvature1": Field(
-        (), True, lambda plate, x, v: _principal(plate.curvature(x))[0], of_plates=True
-    ),
-    "curvature2": Field(
-        (), True, lambda plate, x, v: _principal(plate.curvature(x))[1], of_plates=True
-    ),
-    "moment1": Field((), True, lambda plate, x, v: _principal(plate.moment(x))[0], of_plates=True),
-    "moment2": Field((), True, lambda plate, x, v: _principal(plate.moment(x))[1], of_plates=True),
-    # not functions of the film's coordinates: the gas has its own state, and a fold may have turned more than once
-    "group": Field((), True, None),
-    "pressure": Field((), True, None),
-    "fold_angle": Field((), True, None),
-    "contact_pressure": Field((), False, None, of_nodes=True),
+    "displacement": Field((3,), _displacement),
+    "velocity": Field((3,), _velocity),
+    "strain1": Field((), _larger(_strains), of_films=True),
+    "strain2": Field((), _smaller(_strains), of_films=True),
+    "stress1": Field((), _larger(_stresses), of_films=True),
+    "stress2": Field((), _smaller(_stresses), of_films=True),
+    "direction": Field((3,), _direction, of_films=True),
+    "state": Field((), _state, of_films=True),
+    "curvature1": Field((), _larger(_curvatures), of_films=True, of_plates=True),
+    "curvature2": Field((), _smaller(_curvatures), of_films=True, of_plates=True),
+    "moment1": Field((), _larger(_moments), of_films=True, of_plates=True),
+    "moment2": Field((), _smaller(_moments), of_films=True, of_plates=True),
+    # The gas has a state of its own, and a fold may have turned more than once: neither is a function
+    # of the film's coordinates.
+    "group": Field((), of_films=True),
+    "pressure": Field((), of_films=True),
+    "fold_angle": Field((), of_films=True),
+    "contact_pressure": Field(()),
 }
 
 
 def check_fields(body: Body, names: Sequence[str]) -> None:
-    """Raise `InputError` for a field that does not exist, or that this body has not."""
+    """Check the names of fields of a body.
+
+    Raises:
+        InputError: no name is given, or the body does not have one of the fields.
+    """
     is_film = isinstance(body, Membrane)
     bends = isinstance(body, Membrane) and body.bends
-    known = [
-        n
-        for n, field in FIELDS.items()
-        if (is_film or not field.of_films) and (bends or not field.of_plates)
-    ]
-    unknown = [name for name in names if name not in known]
-    problem = (
-        f"'{body.name}' has no field {unknown[0]!r}"
-        if unknown
-        else f"No field of '{body.name}' is asked for"
-    )
-    check(bool(names) and not unknown, f"{problem}; its fields are: {', '.join(known)}.")
+    known = []
+    for name, field in FIELDS.items():
+        if (is_film or not field.of_films) and (bends or not field.of_plates):
+            known.append(name)
+    fields = f"its fields are: {', '.join(known)}."
+    check(bool(names), f"No field of '{body.name}' is asked for; {fields}")
+    for name in names:
+        check(name in known, f"'{body.name}' has no field {name!r}; {fields}")
+
+
+# ---- functions -----------------------------------------------------------------------------------
 
 
 class FieldFunctions:
     """Named fields of one body as functions of one Lagrange element, so that one file can take them.
 
-    The element has the body's order: continuous if all fields are, else discontinuous.  Strains of a film of order p
-    are polynomials of degree 2(p - 1) in each cell, so nothing is lost or smeared for p = 1, 2.
+    The element has the order of the body.  It is continuous if all fields are, else discontinuous.
+    Strains of a film of order p are polynomials of degree 2 (p - 1) in each cell, so for p = 1, 2
+    nothing is lost or smoothed.
+
+    Args:
+        system: the compiled scene.
+        body: a body on a mesh in it.
+        names: of the fields.
+
+    Attributes:
+        functions: one for each name, in their order; set by `update`.
+
+    Raises:
+        InputError: see `check_fields`.
     """
 
     def __init__(self, system: System, body: MeshBody, names: Sequence[str]) -> None:
         check_fields(body, names)
-        self._shape = shape = BodyShape(system.state, body)
-        jumps = any(FIELDS[name].of_films for name in names)
-        family, order = (
-            "Discontinuous Lagrange" if jumps else "Lagrange",
-            shape.body.space.ufl_element().degree,
-        )
+        self._shape = BodyShape(system.state, body)
+        self._element = self._element_of(names)
         self.functions: list[fem.Function] = []
         self._updates: list[Callable[[], None]] = []
         for name in names:
-            field = FIELDS[name]
-            function = fem.Function(
-                fem.functionspace(shape.body.space.mesh, (family, order, field.shape)), name=name
-            )
+            function = self._function(name)
             self.functions.append(function)
-            if field.expression is None:
-                take = _take_at_nodes if field.of_nodes else _take_mean
-                update = partial(take, function, name)
-                if name in _BY_CELL:
-                    update = partial(_BY_CELL[name], function)
-                self._updates.append(partial(update, body, system))
-            else:
-                points = interpolation_points(function.function_space)
-                compiled = compile_expression(
-                    field.expression(shape.body, shape.q, shape.v), points
-                )
-                self._updates.append(partial(function.interpolate, compiled))
+            self._updates.append(self._update_of(function, body, system))
+
+    def _element_of(self, names: Sequence[str]) -> tuple[str, int]:
+        """Family and order of an element for all fields."""
+        order = self._shape.body.space.ufl_element().degree
+        jumps = any(FIELDS[name].of_films for name in names)
+        if jumps:
+            return "Discontinuous Lagrange", order
+        return "Lagrange", order
+
+    def _function(self, name: str) -> fem.Function:
+        mesh = self._shape.body.space.mesh
+        space = fem.functionspace(mesh, (*self._element, FIELDS[name].shape))
+        return fem.Function(space, name=name)
+
+    def _update_of(
+        self, function: fem.Function, body: MeshBody, system: System
+    ) -> Callable[[], None]:
+        """What sets the function of a field to the accepted state."""
+        field = FIELDS[function.name]
+        if field.expression is None:
+            return partial(_COLLECTORS[function.name], function, body, system)
+        points = interpolation_points(function.function_space)
+        shape = self._shape
+        expression = field.expression(shape.body, shape.q, shape.v)
+        return partial(function.interpolate, compile_expression(expression, points))
 
     def update(self) -> None:
-        """Take the values of the accepted state."""
+        """Set all functions to the accepted state, ghosts included.  Collective."""
         self._shape.update()
         for function, update in zip(self.functions, self._updates, strict=True):
             update()
             function.x.scatter_forward()
 
 
-def _take_pressure(function: fem.Function, film: MeshBody, system: System) -> None:
-    """Set a discontinuous function to the pressure of the gas on each cell."""
+# ---- fields that are collected from the scene ----------------------------------------------------
+
+
+def _collect_pressure(function: fem.Function, film: MeshBody, system: System) -> None:
+    """Set a discontinuous function to the pressure difference of the gas on each cell [Pa]."""
     values = function.x.array
     values[:] = 0
-    for border in system.scalar_unknowns:
-        for gas in border.states().values():
-            enclosure, outside = gas.chamber.enclosure, gas.chamber.outside
-            if enclosure is not None and enclosure.film is film:
-                cells = cell_nodes(function.function_space)[enclosure.cells()]
-                values[cells] = (
-                    gas.pressure - (outside.pressure if outside else 0.0) - values[cells]
-                )
+    for unknowns in system.scalar_unknowns:
+        for state in unknowns.states().values():
+            enclosure = state.chamber.enclosure
+            if enclosure is None or enclosure.film is not film:
+                continue
+            outside = 0.0
+            if state.chamber.outside is not None:
+                outside = state.chamber.outside.pressure
+            nodes = cell_nodes(function.function_space)[enclosure.cells()]
+            # A cell between two chambers is visited twice: the second pressure less the first.
+            values[nodes] = state.pressure - outside - values[nodes]
 
 
-def _take_group(function: fem.Function, film: MeshBody, system: System) -> None:
+def _collect_group(function: fem.Function, film: MeshBody, system: System) -> None:
     """Set a discontinuous function to the number of each cell's part; see `groups_of`."""
     films = [body for body in system.bodies if isinstance(body, Membrane)]
-    for other, parts in zip(films, groups_of(films)[1], strict=True):
+    _, parts_of_films = groups_of(films)
+    for other, parts in zip(films, parts_of_films, strict=True):
         if other is film:
             nodes = cell_nodes(function.function_space)[: len(parts)]
             function.x.array[nodes] = parts[:, None]
 
 
-_BY_CELL = {"pressure": _take_pressure, "group": _take_group}
-
-
-def _take_mean(function: fem.Function, name: str, body: MeshBody, system: System) -> None:
-    """Set a discontinuous function to the mean of what terms have in each cell, and to zero elsewhere."""
-    sums, counts = function.x, fem.Function(function.function_space).x
+def _collect_cell_values(function: fem.Function, body: MeshBody, system: System) -> None:
+    """Set a discontinuous function to the mean of the terms' values in each cell, and else to zero."""
+    sums = function.x
+    counts = fem.Function(function.function_space).x
     sums.array[:] = 0
     for kind in playing(CellFields, system.compiled):
-        found = kind.cell_values(name, body)
-        if found is not None:
-            nodes = cell_nodes(function.function_space)[found[0]]
-            np.add.at(sums.array, nodes, found[1][:, None])
-            np.add.at(counts.array, nodes, 1.0)
-    for vector in (sums, counts):
-        vector.scatter_reverse(la.InsertMode.add)
+        found = kind.cell_values(function.name, body)
+        if found is None:
+            continue
+        cells, values = found
+        nodes = cell_nodes(function.function_space)[cells]
+        np.add.at(sums.array, nodes, values[:, None])
+        np.add.at(counts.array, nodes, 1.0)
+    # A cell may have values on several ranks.
+    sums.scatter_reverse(la.InsertMode.add)
+    counts.scatter_reverse(la.InsertMode.add)
     sums.array[:] /= np.maximum(counts.array, 1.0)
 
 
-def _take_at_nodes(function: fem.Function, name: str, body: MeshBody, system: System) -> None:
-    """Set a function to the sum of what terms have at the nodes, and to zero elsewhere."""
-    if not has_nodal_unknowns(body):  # of a reduced film there is nothing at nodes
+def _collect_node_values(function: fem.Function, body: MeshBody, system: System) -> None:
+    """Set a function to the sum of the terms' values at each node, and else to zero."""
+    # A reduced film has no terms at nodes.
+    if not has_nodal_unknowns(body):
         function.x.array[:] = 0
         return
-    index_map, cells = body.block.index_map, cell_nodes(body.space)
+    index_map = body.block.index_map
     at_nodes = np.zeros(index_map.size_local + index_map.num_ghosts)
     for kind in playing(NodeFields, system.compiled):
-        found = kind.node_values(name, body)
-        if found is not None:
-            local = index_map.global_to_local(found[0])
-            np.add.at(at_nodes, local[local >= 0], found[1][local >= 0])
-    function.x.array[cell_nodes(function.function_space).ravel()] = at_nodes[cells.ravel()]
+        found = kind.node_values(function.name, body)
+        if found is None:
+            continue
+        global_nodes, values = found
+        # Nodes that are not on this rank have the local number -1.
+        local = index_map.global_to_local(global_nodes)
+        here = local >= 0
+        np.add.at(at_nodes, local[here], values[here])
+    # The function may be discontinuous: it has the nodes of each cell.
+    of_function = cell_nodes(function.function_space).ravel()
+    of_body = cell_nodes(body.space).ravel()
+    function.x.array[of_function] = at_nodes[of_body]
+
+
+_COLLECTORS: dict[str, Collector] = {
+    "pressure": _collect_pressure,
+    "group": _collect_group,
+    "fold_angle": _collect_cell_values,
+    "contact_pressure": _collect_node_values,
+}
 
 
 class AreaFractions:
-    """Fractions of the reference area of some films that are slack, wrinkled and taut; they add up to one."""
+    """Shares of the reference area of some films that are slack, wrinkled and taut.
+
+    Args:
+        films: films of a scene.
+
+    Example:
+        >>> from gossamer_fx.fields.fields import AreaFractions
+        >>> slack, wrinkled, taut = AreaFractions([film])(run.system)
+    """
 
     def __init__(self, films: Sequence[Membrane]) -> None:
         self._films = films
+        # Shape, the state that is asked for, and the form of its area, for each film
         self._compiled: list[tuple[BodyShape, fem.Constant, fem.Form]] | None = None
 
-    def _compile(self, system: System) -> list[tuple[BodyShape, fem.Constant, fem.Form]]:
-        found = []
-        for film in self._films:
-            shape = BodyShape(system.state, film)
-            which = constant(shape.body.space.mesh, 0.0)
-            share = (
-                ufl.conditional(ufl.eq(film_state(shape.body, shape.q), which), 1.0, 0.0)
-                * shape.body.dx
-            )
-            found.append((shape, which, compile_form(share)))
-        return found
-
     def __call__(self, system: System) -> Array:
-        """(slack, wrinkled, taut) of the accepted state; the same on every rank."""
+        """The shares (3,) in the order of `STATES`; their sum is one.  Collective."""
         if self._compiled is None:
             self._compiled = self._compile(system)
         areas = np.zeros(len(STATES))
@@ -278,3 +384,14 @@ class AreaFractions:
                 areas[state] += fem.assemble_scalar(form)
         areas = system.comm.allreduce(areas)
         return areas / areas.sum()
+
+    def _compile(self, system: System) -> list[tuple[BodyShape, fem.Constant, fem.Form]]:
+        compiled = []
+        for film in self._films:
+            shape = BodyShape(system.state, film)
+            # One form with a constant serves the three states.
+            which = constant(shape.body.space.mesh, 0.0)
+            is_state = ufl.eq(film_state(shape.body, shape.q), which)
+            area = ufl.conditional(is_state, 1.0, 0.0) * shape.body.dx
+            compiled.append((shape, which, compile_form(area)))
+        return compiled
