@@ -1,13 +1,45 @@
-"""Scalar modes of a film: x(X, t) = Σ_i φ_i(X) c_i(t) with vectors c_i.
+"""The rotation-closed basis of a reduced film: scalar modes times vectors.
 
-Every strain is quadratic in x, so it is in c; the set of c is closed under rotation, and 1 is among the modes.  So the
-time rule keeps energy, momentum and angular momentum of the reduced film as it does those of the full one.  Modes with
-vector values, as ordinary proper orthogonal decomposition takes them, have fixed directions in space: they keep
-energy, but no angular momentum.
+Problem.  A sail has 1e4 to 1e6 unknowns, and a design study needs hundreds of its flights.  Recorded
+motions lie near a subspace of low dimension, in which the equations of motion can be solved.  Proper
+orthogonal decomposition gives such a subspace, but its modes are vector fields with fixed directions
+in space: if the sail turns, the turned shape is not in the subspace.  The reduced sail then has no
+angular momentum that is conserved, and a spinning sail needs modes for every angle.
 
-The modes are the left singular vectors, in the norm of the mass, of snapshots (nodes, 3 · times) without what
-1, X, Y (and Z, if the film is not plane) make of them, which are always in the basis (Sirovich, Q. Appl. Math. 45
-(1987) 561).  They follow from the eigenvectors of the snapshots' Gram matrix, so that no field is gathered on one rank.
+Idea.  Take modes that are scalars, with vectors as unknowns:
+
+    x(X, t) = Σ_i φ_i(X) c_i(t),      i = 0 ... r-1,   c_i ∈ R³                              (1)
+
+For every rotation R the shape R x has the coefficients R c_i: the set of shapes (1) is closed under
+rotation.  With φ_0 = 1 it is closed under translation too.  Positions are linear in c, so strains are
+quadratic in c as they are in the nodal positions, and the time stepping rule applies to c without
+change: it conserves energy, momentum and angular momentum of the reduced film as of the full one.
+
+Algorithm.  For snapshots x_k of the film at n nodes, with the mass matrix M (scalar, n × n) and the
+mass m:
+
+1. Fixed modes: 1, X, Y, and Z if the film is not plane, made orthogonal.  All homogeneous motions,
+   which include the rigid ones, are exact.
+
+       φ_iᵀ M φ_j = m δ_ij                                                                 (2)
+
+2. Subtract the fixed modes from the snapshots.  Split the remainder into its part across the mean
+   plane of the film and its part in that plane, and scale both to the same size, see `_scaled`.
+   Columns of A (n, 3 · snapshots) are the components.
+3. Method of snapshots (Sirovich, Q. Appl. Math. 45 (1987) 561, doi:10.1090/qam/910462): the Gram
+   matrix has the squares of the singular values σ of A in the norm of the mass,
+
+       AᵀMA v = σ² v,      φ = A v/σ                                                        (3)
+
+   It is a small matrix, the same on every rank; no field is gathered on one rank.
+4. Take the modes of the largest singular values and make them orthogonal again by (2), as (3) loses
+   half of the digits.
+
+Cost: products with M, one for each three columns of A, and one eigenvalue problem of the size of the
+number of columns.
+
+Limits: motions that are not among the snapshots may be far from the basis.  `OutsideBasis` estimates
+by how much.  A mode costs three unknowns, whichever direction it moves in.
 """
 
 from __future__ import annotations
@@ -24,18 +56,37 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.model.body import Array
 
-EXAMPLES = 8  # snapshots whose coefficients are kept
-SMALLEST = 1e-7  # singular values of the Gram matrix below this, over the largest, are round-off
+# Snapshots of which the basis keeps the coefficients.  Cells are sampled for them (`sampling`); more
+# of them cost time there in proportion.
+MAX_EXAMPLES = 8
+
+# Singular values below this share of the largest are round-off: eigenvalues of the Gram matrix are
+# their squares, and have a relative round-off of 1e-14.
+MIN_SINGULAR_VALUE_RATIO = 1e-7
+
+# Share of the squared norm of a fixed mode that has to be independent of the others: Z of a film that
+# is plane but for round-off is not a mode.
+MIN_INDEPENDENT_SHARE = 1e-10
+
+# One pass of Gram-Schmidt leaves round-off times the condition number; a second one removes it.
+ORTHOGONALISATION_PASSES = 2
+
+# Smallest divisor in place of zero
+TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
 class Basis:
-    """Modes φ (n, r) at the owned and ghost nodes of a film; φ_0 = 1, and ∫ρt φ_i φ_j dA = m δ_ij.
+    """The modes of a reduced film, see (1) and (2) of the module; φ_0 = 1.
 
-    mass             m [kg] of the film
-    singular_values  (k,) of the snapshots without the `fixed` modes, in the norm of the mass
-    fixed            how many modes are made of 1, X, Y, Z
-    examples         coefficients (k, r, 3) of some of the snapshots
+    Attributes:
+        film: the film that is reduced.
+        values: φ (n, r) at its owned and ghost nodes.
+        mass: m of the film [kg].
+        singular_values: (k,) of the snapshots without the fixed modes, scaled, in the norm of the
+            mass, in falling order.
+        fixed: number of fixed modes: 3, or 4 for a film that is not plane.
+        examples: coefficients (snapshots, r, 3) [m] of some of the snapshots.
     """
 
     film: Membrane
@@ -47,136 +98,257 @@ class Basis:
 
     @property
     def size(self) -> int:
+        """Number of modes r."""
         return self.values.shape[1]
 
     def project(self, x: Array) -> tuple[Array, float]:
-        """Coefficients (r, 3) of owned values x (n, 3), and the share of ∫ρt |x|² dA that is outside of the basis."""
+        """Nearest coefficients of a vector field in the norm of the mass.  Collective.
+
+        Args:
+            x: values (n, 3) at the owned nodes, e.g. positions [m].
+
+        Returns:
+            The coefficients (r, 3), and the share of ∫ρt |x|² dA that is outside of the basis.
+        """
         product = mass_times(self.film, x[:, :, None])[:, :, 0]
-        own = self.values[: len(x)]
-        total = self.film.comm.allreduce(
-            np.concatenate([own.T @ product, [[np.sum(x * product), 0, 0]]])
-        )
-        c = total[:-1] / self.mass
-        whole = float(total[-1, 0])
-        return c, max(whole - self.mass * float(np.sum(c * c)), 0.0) / whole if whole else 0.0
+        own_modes = self.values[: len(x)]
+        # One message for both sums: the square stands in an additional row.
+        own_square = [[np.sum(x * product), 0, 0]]
+        own_sums = np.concatenate([own_modes.T @ product, own_square])
+        sums = self.film.comm.allreduce(own_sums)
+        coefficients = sums[:-1] / self.mass
+        square = float(sums[-1, 0])
+        if square == 0:
+            return coefficients, 0.0
+        inside = self.mass * float(np.sum(coefficients * coefficients))
+        return coefficients, max(square - inside, 0.0) / square
+
+
+# ---- products with the mass matrix ---------------------------------------------------------------
 
 
 def mass_times(film: Membrane, x: Array) -> Array:
-    """M x of owned values x (n, 3, k), k fields."""
-    f, w = fem.Function(film.space), ufl.TestFunction(film.space)
-    form = compile_form(film.area_density * ufl.inner(f, w) * film.mass_dx)
-    b = la.vector(film.space.dofmap.index_map, 3)
+    """The product of the mass matrix with k vector fields.  Collective.
+
+    Args:
+        film: the film, with the mass ρt [kg/m²] of its reference area.
+        x: values (n, 3, k) at the owned nodes.
+
+    Returns:
+        M x (n, 3, k) at the owned nodes.
+    """
+    field = fem.Function(film.space)
+    test = ufl.TestFunction(film.space)
+    form = compile_form(film.area_density * ufl.inner(field, test) * film.mass_dx)
+    product = la.vector(film.space.dofmap.index_map, 3)
+    owned = 3 * len(x)
     result = np.empty_like(x)
     for k in range(x.shape[2]):
-        f.x.array[: 3 * len(x)] = x[:, :, k].ravel()
-        f.x.scatter_forward()
-        b.array[:] = 0
-        fem.assemble_vector(b.array, form)
-        b.scatter_reverse(la.InsertMode.add)
-        result[:, :, k] = b.array[: 3 * len(x)].reshape(-1, 3)
+        field.x.array[:owned] = x[:, :, k].ravel()
+        field.x.scatter_forward()
+        product.array[:] = 0
+        fem.assemble_vector(product.array, form)
+        product.scatter_reverse(la.InsertMode.add)
+        result[:, :, k] = product.array[:owned].reshape(-1, 3)
     return result
 
 
-def scalar_mass_times(film: Membrane, φ: Array) -> Array:
-    """M φ of owned scalars (n, k)."""
-    n, k = φ.shape
-    padded = np.zeros((n, 3 * -(-k // 3)))
-    padded[:, :k] = φ
-    threes = padded.reshape(n, padded.shape[1] // 3, 3).transpose(0, 2, 1)
-    return mass_times(film, threes).transpose(0, 2, 1).reshape(padded.shape)[:, :k]
+def scalar_mass_times(film: Membrane, fields: Array) -> Array:
+    """The product of the mass matrix with k scalar fields (n, k) at the owned nodes.  Collective."""
+    n, k = fields.shape
+    # Three scalars at once, as the components of one vector field
+    triples = -(-k // 3)
+    padded = np.zeros((n, 3 * triples))
+    padded[:, :k] = fields
+    vectors = padded.reshape(n, triples, 3).transpose(0, 2, 1)
+    products = mass_times(film, vectors).transpose(0, 2, 1)
+    return products.reshape(padded.shape)[:, :k]
+
+
+# ---- modes ---------------------------------------------------------------------------------------
 
 
 def make_basis(film: Membrane, snapshots: Sequence[Array], count: int) -> Basis:
-    """The `count` strongest modes of snapshots, beside 1, X, Y and Z.
+    """Compute the fixed modes and the `count` strongest modes of snapshots.  Collective.
 
     Args:
-        snapshots: owned positions (n, 3) of the film's nodes.
+        film: the film.
+        snapshots: positions (n, 3) [m] of its owned nodes, one array for each shape.
+        count: number of modes in addition to the fixed ones, ≥ 1.
 
     Raises:
-        InputError: no snapshots, of another mesh, or not that many modes in them.
+        InputError: there are no snapshots, one is of another mesh, or they hold fewer modes.
     """
-    comm, n = film.comm, film.space.dofmap.index_map.size_local
+    _check_snapshots(film, snapshots, count)
+    comm = film.comm
+    n = film.space.dofmap.index_map.size_local
+    mass = float(comm.allreduce(scalar_mass_times(film, np.ones((n, 1))).sum()))
+    # Step 1 of the module
+    X = film.space.tabulate_dof_coordinates()[:n]
+    candidates = np.column_stack([np.ones(n), X])
+    fixed = mass**0.5 * _orthonormal(film, candidates, MIN_INDEPENDENT_SHARE)
+    # Without round-off: linear momentum is that of c_0.
+    fixed[:, 0] = 1.0
+    # Step 2
+    A = _scaled(film, snapshots, fixed, mass)
+    # Step 3
+    gram = comm.allreduce(A.T @ scalar_mass_times(film, A))
+    squares, vectors = np.linalg.eigh((gram + gram.T) / 2)
+    # eigh sorts in rising order
+    singular_values = np.sqrt(np.maximum(squares[::-1], 0.0))
+    found = _count_modes(singular_values)
+    check(
+        count <= found,
+        f"reduce: the snapshots of '{film.name}' hold {found} modes, not {count}; ask for fewer, or record more.",
+    )
+    strongest = vectors[:, ::-1][:, :count]
+    modes = A @ (strongest / singular_values[:count])
+    # Step 4
+    modes = _orthonormalised(film, modes, fixed, mass)
+    values = np.column_stack([fixed, mass**0.5 * modes])
+    return Basis(
+        film=film,
+        values=_with_ghosts(film, values),
+        mass=mass,
+        singular_values=singular_values[:found],
+        fixed=fixed.shape[1],
+        examples=_examples(film, snapshots, values, mass),
+    )
+
+
+def _check_snapshots(film: Membrane, snapshots: Sequence[Array], count: int) -> None:
+    """Check the arguments of `make_basis`."""
     check(count >= 1, f"reduce: modes is {count!r}; ask for one or more.")
     check(
         bool(snapshots),
         "reduce: there are no snapshots; record the film with `Snapshots` or `Recording` first.",
     )
-    alike = comm.allreduce(int(any(s.shape != (n, 3) for s in snapshots)))
-    check(not alike, f"reduce: a snapshot is of another mesh than '{film.name}'; record this film.")
-    X = film.space.tabulate_dof_coordinates()[:n]
-    fixed = _orthonormal(film, np.column_stack([np.ones(n), X]), 1e-10)
-    mass = float(comm.allreduce(scalar_mass_times(film, np.ones((n, 1))).sum()))
-    fixed *= mass**0.5
-    fixed[:, 0] = 1.0
-    A = _scaled(film, snapshots, fixed, mass)
-    gram = comm.allreduce(A.T @ scalar_mass_times(film, A))
-    λ, v = np.linalg.eigh((gram + gram.T) / 2)
-    σ = np.sqrt(np.maximum(λ[::-1], 0.0))
-    found = int((σ > SMALLEST * max(σ[0], 1e-300)).sum()) if σ[0] > 0 else 0
+    shape = (film.space.dofmap.index_map.size_local, 3)
+    differ = any(snapshot.shape != shape for snapshot in snapshots)
+    # A mesh may have the same number of nodes on some ranks.
+    ranks_that_differ = film.comm.allreduce(int(differ))
     check(
-        count <= found,
-        f"reduce: the snapshots of '{film.name}' hold {found} modes, not {count}; ask for fewer, or record more.",
+        not ranks_that_differ,
+        f"reduce: a snapshot is of another mesh than '{film.name}'; record this film.",
     )
-    modes = A @ (v[:, ::-1][:, :count] / σ[:count])
-    for _ in range(2):  # what round-off left of the fixed modes and of each other
-        modes = modes - fixed @ comm.allreduce(scalar_mass_times(film, fixed).T @ modes) / mass
-        products = comm.allreduce(modes.T @ scalar_mass_times(film, modes))
-        modes = np.linalg.solve(np.linalg.cholesky((products + products.T) / 2), modes.T).T
-    φ = np.column_stack([fixed, mass**0.5 * modes])
-    some = np.stack(
-        [snapshots[i] for i in np.unique(np.linspace(0, len(snapshots) - 1, EXAMPLES).astype(int))]
-    )
-    examples = comm.allreduce(np.einsum("ni,tnx->tix", scalar_mass_times(film, φ), some)) / mass
-    return Basis(film, _with_ghosts(film, φ), mass, σ[:found], fixed.shape[1], examples)
+
+
+def _count_modes(singular_values: Array) -> int:
+    """How many singular values, in falling order, are more than round-off."""
+    largest = singular_values[0]
+    if largest <= 0:
+        return 0
+    return int((singular_values > MIN_SINGULAR_VALUE_RATIO * largest).sum())
 
 
 def _scaled(film: Membrane, snapshots: Sequence[Array], fixed: Array, mass: float) -> Array:
-    """Parts (n, 3 · times) of the snapshots across the film's mean plane and in it, brought to one size.
+    """Components (n, 3 · snapshots) of the snapshots without the fixed modes, scaled.
 
-    The way in the plane is smaller than that across it by the ratio of a wave's height to its length, but resisted by
-    the whole stiffness of the film: a basis without it locks.  Of the sail of `demos/reduced_sail.py`, 40 modes at the
-    sizes that they have predict another flight five times less well, and switch at random between taut and wrinkled.
+    Displacements in the mean plane of the film are smaller than those across it, by the ratio of the
+    height of a wave to its length, but the whole stiffness of the film resists them: a basis without
+    them locks.  Both parts are therefore brought to the same size.  Measured on the sail of
+    `demos/reduced_sail.py`: 40 modes without scaling predict another flight five times less
+    accurately, and switch at random between taut and wrinkled.
     """
-    times, product = len(snapshots), scalar_mass_times(film, fixed)
-    A = np.stack(snapshots, axis=1)  # (n, times, 3)
-    c = film.comm.allreduce(np.einsum("ni,ntx->tix", product, A)) / mass
-    A = A - np.einsum("ni,tix->ntx", fixed, c)
-    a, b = c[:, 1], c[:, 2] if c.shape[1] > 2 else np.zeros((times, 3))
-    normal = np.cross(a, b)
-    first = a / np.maximum(np.linalg.norm(a, axis=1, keepdims=True), 1e-300)
-    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    axes = np.stack([normal, first, np.cross(normal, first)], axis=1)  # (times, 3 axes, 3)
-    parts = np.einsum("ntx,tax->nat", A, axes)
-    for kind in (slice(0, 1), slice(1, 3)):
-        each = parts[:, kind].reshape(len(A), -1)
-        size = float(film.comm.allreduce(np.sum(each * scalar_mass_times(film, each)))) ** 0.5
+    times = len(snapshots)
+    product = scalar_mass_times(film, fixed)
+    shapes = np.stack(snapshots, axis=1)  # (n, times, 3)
+    own_coefficients = np.einsum("ni,ntx->tix", product, shapes)
+    coefficients = film.comm.allreduce(own_coefficients) / mass
+    remainder = shapes - np.einsum("ni,tix->ntx", fixed, coefficients)
+    parts = np.einsum("ntx,tax->nat", remainder, _mean_plane_axes(coefficients))
+    across = slice(0, 1)
+    in_plane = slice(1, 3)
+    for kind in (across, in_plane):
+        columns = parts[:, kind].reshape(len(shapes), -1)
+        own_square = np.sum(columns * scalar_mass_times(film, columns))
+        size = float(film.comm.allreduce(own_square)) ** 0.5
         if size > 0:
             parts[:, kind] /= size
-    return parts.reshape(len(A), -1)
+    return parts.reshape(len(shapes), 3 * times)
 
 
-def _orthonormal(film: Membrane, φ: Array, smallest: float) -> Array:
-    """Columns one after the other, orthonormal in the mass, without those that depend on earlier ones."""
+def _mean_plane_axes(coefficients: Array) -> Array:
+    """Axes (times, 3 axes, 3) of the mean plane of shapes: its normal, and two directions in it.
+
+    Args:
+        coefficients: (times, fixed, 3) of the modes made of 1, X, Y (and Z).
+    """
+    along_X = coefficients[:, 1]
+    along_Y = np.zeros_like(along_X)
+    # A film that is a line in X has no mode of Y.
+    if coefficients.shape[1] > 2:
+        along_Y = coefficients[:, 2]
+    first = _unit(along_X)
+    normal = _unit(np.cross(along_X, along_Y))
+    return np.stack([normal, first, np.cross(normal, first)], axis=1)
+
+
+def _unit(vectors: Array) -> Array:
+    """Vectors (n, 3) brought to unit length; zero vectors stay."""
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    result: Array = vectors / np.maximum(lengths, TINY)
+    return result
+
+
+def _orthonormal(film: Membrane, columns: Array, smallest: float) -> Array:
+    """Gram-Schmidt in the norm of the mass; columns that depend on earlier ones are left out.
+
+    Args:
+        film: the film.
+        columns: scalar fields (n, k) at the owned nodes.
+        smallest: share of the squared norm of a column that has to be independent of earlier ones.
+    """
     kept: list[Array] = []
-    for column in φ.T:
-        size = _inner(film, column, column)
-        for _ in range(2):
+    for column in columns.T:
+        square = _inner(film, column, column)
+        for _ in range(ORTHOGONALISATION_PASSES):
             for other in kept:
                 column = column - _inner(film, other, column) * other
-        rest = _inner(film, column, column)
-        if rest > smallest * size:
-            kept.append(column / rest**0.5)
+        independent = _inner(film, column, column)
+        if independent > smallest * square:
+            kept.append(column / independent**0.5)
     return np.column_stack(kept)
 
 
+def _orthonormalised(film: Membrane, modes: Array, fixed: Array, mass: float) -> Array:
+    """Modes (n, k) made orthogonal to the fixed ones and orthonormal to each other."""
+    for _ in range(ORTHOGONALISATION_PASSES):
+        of_fixed = film.comm.allreduce(scalar_mass_times(film, fixed).T @ modes) / mass
+        modes = modes - fixed @ of_fixed
+        products = film.comm.allreduce(modes.T @ scalar_mass_times(film, modes))
+        # φ L⁻ᵀ with LLᵀ = φᵀMφ
+        L = np.linalg.cholesky((products + products.T) / 2)
+        modes = np.linalg.solve(L, modes.T).T
+    return modes
+
+
+def _examples(
+    film: Membrane,
+    snapshots: Sequence[Array],
+    values: Array,
+    mass: float,
+) -> Array:
+    """Coefficients (k, r, 3) of at most MAX_EXAMPLES snapshots, evenly spread over all."""
+    positions = np.linspace(0, len(snapshots) - 1, MAX_EXAMPLES)
+    chosen = np.unique(positions.astype(int))
+    shapes = np.stack([snapshots[i] for i in chosen])
+    own = np.einsum("ni,tnx->tix", scalar_mass_times(film, values), shapes)
+    examples: Array = film.comm.allreduce(own) / mass
+    return examples
+
+
 def _inner(film: Membrane, a: Array, b: Array) -> float:
-    return float(film.comm.allreduce(a @ scalar_mass_times(film, b[:, None])[:, 0]))
+    """Inner product aᵀMb of two scalar fields (n,) at the owned nodes.  Collective."""
+    product = scalar_mass_times(film, b[:, None])[:, 0]
+    return float(film.comm.allreduce(a @ product))
 
 
-def _with_ghosts(film: Membrane, φ: Array) -> Array:
-    index_map = film.space.dofmap.index_map
-    vector = la.vector(index_map, φ.shape[1])
-    vector.array[: φ.size] = φ.ravel()
+def _with_ghosts(film: Membrane, fields: Array) -> Array:
+    """Scalar fields (n, k) at the owned nodes, extended to the ghost nodes."""
+    count = fields.shape[1]
+    vector = la.vector(film.space.dofmap.index_map, count)
+    vector.array[: fields.size] = fields.ravel()
     vector.scatter_forward()
-    result: Array = vector.array.reshape(-1, φ.shape[1]).copy()
+    result: Array = vector.array.reshape(-1, count).copy()
     return result

@@ -1,9 +1,17 @@
-"""Gradients of modes at the quadrature points of a film's strains, and the stiffness that follows from them.
+"""Gradients of modes at the quadrature points of a film's strains, and the stiffness of the modes.
 
-With G_a (q, r) the gradients ∂φ_i/∂X_a at the q quadrature points, the images of the two frame vectors are F_a = G_a c,
-and a stress S with the derivatives D adds Σ_ac G_aᵀ T_ac G_c to the stiffness of the coefficients, where
+With the gradients G_a = ∂φ/∂X_a (q, r) of r modes at q quadrature points, a = 1, 2 along the film's
+frame, the images of the frame vectors are
 
-    T_ac = (Σ_bd D_abcd F_b ⊗ F_d + S_ac 1) dA.
+    F_a = G_a c                                                                             (1)
+
+A stress S (3,) with the derivatives D = ∂S/∂E gives the coefficients the stiffness
+
+    K = Σ_ac G_aᵀ T_ac G_c,     T_ac = (Σ_bd D_abcd F_b ⊗ F_d + S_ac 1) dA                  (2)
+
+T does not depend on the number of modes: it is computed once at each point, and (2) is a product of
+full matrices.  Arrays of many points have the points as their last index where a loop over
+components is outside, so that NumPy works on long rows.
 """
 
 from __future__ import annotations
@@ -18,63 +26,98 @@ from gossamer_fx.forms.backend import evaluate
 from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.model.body import Array, Indices
 
+# (a, c, k): component k of a stress (S11, S22, S12) stands at S_ac.
+STRESS_COMPONENTS = ((0, 0, 0), (1, 1, 1), (0, 1, 2), (1, 0, 2))
+
 
 def own_cells(film: Membrane) -> Indices:
-    """The cells that this rank owns."""
-    return np.arange(film.space.mesh.topology.index_map(2).size_local, dtype=np.int32)
+    """Local numbers of the cells that this rank owns."""
+    count = film.space.mesh.topology.index_map(2).size_local
+    return np.arange(count, dtype=np.int32)
 
 
 def points_and_areas(film: Membrane) -> tuple[Array, Array]:
-    """Quadrature points (p, 2) of the reference triangle, and the reference area dA (cells, p) of each in own cells."""
+    """Quadrature points of the reference triangle (p, 2), and reference areas dA (cells, p) [m²]."""
     degree = film.dx.metadata()["quadrature_degree"]
-    rule = basix.make_quadrature(basix.CellType.triangle, degree)
-    points, weights = (np.asarray(part, dtype=np.float64) for part in rule)
+    points, weights = basix.make_quadrature(basix.CellType.triangle, degree)
+    points = np.asarray(points, dtype=np.float64)
+    weights = np.asarray(weights, dtype=np.float64)
+    mesh = film.space.mesh
     cells = own_cells(film)
-    J = compile_expression(ufl.JacobianDeterminant(film.space.mesh), points)
-    return points, abs(
-        evaluate(J, film.space.mesh, cells).reshape(len(cells), len(points))
-    ) * weights
+    determinant = compile_expression(ufl.JacobianDeterminant(mesh), points)
+    values = evaluate(determinant, mesh, cells).reshape(len(cells), len(points))
+    # The determinant is negative in cells whose corners are numbered clockwise.
+    return points, abs(values) * weights
 
 
 def mode_gradients(film: Membrane, φ: Array, points: Array) -> Array:
-    """∂φ_i/∂X_a (q, 2, r) in the film's frame, at the points of own cells; φ (n, r) at owned and ghost nodes."""
-    cells, r = own_cells(film), φ.shape[1]
-    x = fem.Function(film.space)
-    F = compile_expression(film.deformation(x), points)
+    """Gradients ∂φ_i/∂X_a (q, 2, r) [1/m] of modes in the film's frame, at points of own cells.
+
+    Args:
+        film: the film.
+        φ: modes (n, r) at the owned and ghost nodes.
+        points: points (p, 2) of the reference triangle; q = cells · p.
+    """
+    cells = own_cells(film)
+    r = φ.shape[1]
     q = len(cells) * len(points)
-    found = np.empty((q, 2, r))
+    # The deformation gradient of a motion has the gradients of its components: three modes at once.
+    motion = fem.Function(film.space)
+    gradient = compile_expression(film.deformation(motion), points)
     padded = np.zeros((len(φ), 3 * -(-r // 3)))
     padded[:, :r] = φ
-    for first in range(0, r, 3):  # three modes at once, as components of one motion
-        x.x.array[:] = padded[:, first : first + 3].ravel()
-        values = evaluate(F, film.space.mesh, cells).reshape(q, 3, 2)
+    found = np.empty((q, 2, r))
+    for first in range(0, r, 3):
+        motion.x.array[:] = padded[:, first : first + 3].ravel()
+        values = evaluate(gradient, film.space.mesh, cells).reshape(q, 3, 2)
         count = min(3, r - first)
         found[..., first : first + count] = values[:, :count].swapaxes(1, 2)
     return found
 
 
 def strain_operator(F: Array) -> Array:
-    """What the strains (E11, E22, 2 E12) gain by the gradient ∂/∂X_a of a motion along x: (3, 6, q) of F (2, 3, q)."""
+    """Derivative B (3, 6, q) of the strains (E11, E22, 2 E12) by the gradients of a motion.
+
+    Args:
+        F: images of the frame vectors (2, 3, q).
+
+    The second index of B is 3 a + i for the gradient ∂x_i/∂X_a.
+    """
     B = np.zeros((3, 2, 3, F.shape[2]))
-    B[0, 0] = B[2, 1] = F[0]
-    B[1, 1] = B[2, 0] = F[1]
+    # δE11 = F_1·δF_1 and δE22 = F_2·δF_2
+    B[0, 0] = F[0]
+    B[1, 1] = F[1]
+    # 2 δE12 = F_2·δF_1 + F_1·δF_2
+    B[2, 0] = F[1]
+    B[2, 1] = F[0]
     return B.reshape(3, 6, -1)
 
 
 def stress_derivatives(B_mean: Array, D: Array, B: Array, S: Array) -> Array:
-    """T (q, 2, 3, 2, 3) of strain operators (3, 6, q), D (3, 3, q) and S (3, q), of which both hold dA."""
-    T = np.einsum("kiq,kjq->qij", B_mean, np.einsum("klq,ljq->kjq", D, B)).reshape(-1, 2, 3, 2, 3)
+    """T (q, 2, 3, 2, 3) of (2), for stresses that act at the mean of two gradients.
+
+    Args:
+        B_mean: strain operator (3, 6, q) at the mean gradients.
+        D: derivatives of the stress (3, 3, q) times dA.
+        B: strain operator (3, 6, q) at the gradients of the iterate.
+        S: stress (3, q) times dA.
+    """
+    DB = np.einsum("klq,ljq->kjq", D, B)
+    T = np.einsum("kiq,kjq->qij", B_mean, DB).reshape(-1, 2, 3, 2, 3)
     for i in range(3):
-        for a, c, k in ((0, 0, 0), (1, 1, 1), (0, 1, 2), (1, 0, 2)):
+        for a, c, k in STRESS_COMPONENTS:
             T[:, a, i, c, i] += S[k]
     return T
 
 
 def project(T: Array, G: Array) -> Array:
-    """Σ_ac G_aᵀ T_ac G_c (3r, 3r)."""
+    """The stiffness K (3r, 3r) of (2) of T (q, 2, 3, 2, 3) and gradients G (q, 2, r)."""
     q, _, r = G.shape
     K: Array = np.zeros((r, 9 * r))
     for a in range(2):
-        TG = np.ascontiguousarray(T[:, a].swapaxes(2, 3)).reshape(q, 9, 2) @ G
+        # Σ_c T_ac G_c at each point, then one product of full matrices over all points
+        T_a = np.ascontiguousarray(T[:, a].swapaxes(2, 3))
+        TG = T_a.reshape(q, 9, 2) @ G
         K += G[:, a].T @ TG.reshape(q, 9 * r)
-    return K.reshape(r, 3, 3, r).swapaxes(2, 3).reshape(3 * r, 3 * r)
+    by_mode = K.reshape(r, 3, 3, r).swapaxes(2, 3)
+    return by_mode.reshape(3 * r, 3 * r)

@@ -1,19 +1,39 @@
-"""Cells of a film, and weights ≥ 0, that stand for all of them in a reduced model.
+"""Sampling of cells: few cells of a film, with weights ≥ 0, that stand for all of them.
 
-Few cells e with weights ξ_e > 0 are to give the forces and the stiffness of some snapshots, Σ_e ξ_e f_e = Σ_e f_e and
-Σ_e ξ_e k_e = Σ_e k_e, found by non-negative least squares that stop when enough cells are taken (energy-conserving
-sampling and weighting: Farhat, Avery, Chapman & Cortial, IJNME 98 (2014) 625, doi:10.1002/nme.4668).  The sampled film
-stores the energy Σ_e ξ_e ∫_e ψ: convex where ψ is, and conserved as the whole one is.
+Problem.  A reduced film has few unknowns, but its strains are integrated over all cells: a step costs
+as much per cell as one of the whole film.
 
-Forces alone do not do: a film is ten thousand times stiffer in its plane than across it, and where its snapshots hardly
-differ, cells that give their forces leave whole motions without stiffness.  So the energies z·k_e z of random motions z
-are fitted beside the work z·f_e, and the motions are such that all of them have the same energy: z = L⁻ᵀ ζ with random
-numbers ζ and LLᵀ = Σ_e k_e.
+Idea (energy-conserving sampling and weighting: Farhat, Avery, Chapman & Cortial, Int. J. Numer. Meth.
+Eng. 98 (2014) 625, doi:10.1002/nme.4668).  Integrate over few cells e with weights ξ_e > 0.  The
+sampled film stores the energy Σ_e ξ_e ∫_e ψ: it is convex where ψ is, and conserved as that of the
+whole film is.  The weights are to give the forces f and the stiffness k of some snapshots:
+
+    Σ_e ξ_e f_e = Σ_e f_e,      Σ_e ξ_e k_e = Σ_e k_e                                       (1)
+
+Forces alone are not enough.  A film is ten thousand times stiffer in its plane than across it; where
+snapshots hardly differ, cells that give their forces leave whole motions without stiffness.  The
+stiffness is therefore fitted in random motions z that all have the same energy:
+
+    z = L⁻ᵀ ζ,      LLᵀ = Σ_e k_e,      ζ random                                           (2)
+
+Algorithm.
+
+1. For each example of the basis, evaluate stiffness k_e and forces f_e of all cells (`CellEnergies`).
+2. Draw motions (2); each gives the two equations Σ_e ξ_e z·k_e z = Σ_e z·k_e z and
+   Σ_e ξ_e z·f_e = Σ_e z·f_e.  One more equation keeps the area.
+3. Find non-negative weights by the active set method of Lawson and Hanson, ended when enough cells
+   are taken (`fewest_weights`).
+4. Measure what the sampled stiffness misses (`Sample.error`).
+
+Each rank samples its own cells; equations hold for its own sums, so the weights are local too.
+
+Cost: `EQUATIONS_PER_CELL` rows for each cell that may be taken, and a least-squares problem for each
+cell that is taken.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,16 +54,42 @@ from gossamer_fx.reduction.mode_gradients import (
     stress_derivatives,
 )
 
-EQUATIONS = 4  # random motions for each cell that may be taken
-CHUNK = 64  # motions that are evaluated at once
-RIGID = 6  # motions that no stiffness need resist
+# Random motions for each cell that may be taken.  With as many equations as weights the fit would be
+# exact for these motions and wrong for others.
+EQUATIONS_PER_CELL = 4
+
+# Motions that are evaluated at once: the gradients of 64 motions at all points fit into memory.
+MOTIONS_AT_ONCE = 64
+
+# Rigid motions have no stiffness; the next eigenvalue is the softest stiffness.
+RIGID_MOTIONS = 6
+
+# Eigenvalues of the stiffness below this share of the largest are round-off.
+MIN_STIFFNESS_RATIO = 1e-12
+
+# Gain of the next cell, as a share of the size of what is wanted, below which the fit is exact.
+MIN_GAIN = 1e-12
+
+# A weight below this share of the largest counts as zero.
+MIN_WEIGHT_RATIO = 1e-12
+
+# Singular values that least squares leave out, as a share of the largest: those of normal equations
+# are squares.
+LEAST_SQUARES_CUTOFF = 1e-13
+
+# Smallest divisor in place of zero
+TINY = 1e-300
 
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """This rank's sampled cells, their weights, and what they miss.
+    """Sampled cells of this rank.
 
-    error   of the stiffness of all reduced motions about the snapshots, root mean square over its size
+    Attributes:
+        cells: local numbers of the cells, in rising order.
+        weights: ξ > 0 of each.
+        error: root mean square, over all reduced motions and examples, of the stiffness that the
+            sample misses as a share of the stiffness; the same on every rank.
     """
 
     cells: Indices
@@ -52,154 +98,265 @@ class Sample:
 
 
 def every_cell(film: Membrane) -> Sample:
-    """All cells, with weight one: no error."""
+    """All cells of a film, with the weight one: the error is zero."""
     cells = own_cells(film)
     return Sample(cells, np.ones(len(cells)), 0.0)
 
 
 def sample_cells(basis: Basis, most: int, seed: int = 0) -> Sample:
-    """At most `most` cells of each rank, for the forces and the stiffness of the basis' examples."""
-    film, comm = basis.film, basis.film.comm
-    if comm.allreduce(max(len(own_cells(film)) - most, 0)) == 0:
+    """Sample at most `most` cells of each rank, for the examples of a basis.  Collective.
+
+    Args:
+        basis: modes, with the coefficients of examples.
+        most: largest number of cells of a rank.
+        seed: of the random motions; the same on every rank.
+    """
+    film = basis.film
+    comm = film.comm
+    superfluous = max(len(own_cells(film)) - most, 0)
+    if comm.allreduce(superfluous) == 0:
         return every_cell(film)
     cells = CellEnergies(basis)
-    rng = np.random.default_rng(seed)
-    count = EQUATIONS * most // len(basis.examples) + 1
-    rows = [row for c in basis.examples for row in _equations(cells, basis, c, rng, count)]
-    Y = np.vstack([*rows, cells.areas])
-    Y[-1] *= float(np.linalg.norm(Y[:-1])) / max(float(np.linalg.norm(Y[-1])), 1e-300)
-    weights = fewest_weights(Y, Y.sum(axis=1), most)
+    random = np.random.default_rng(seed)
+    count = EQUATIONS_PER_CELL * most // len(basis.examples) + 1
+    rows = []
+    for c in basis.examples:
+        rows += list(_equations(cells, basis, c, random, count))
+    equations = np.vstack([*rows, cells.areas])
+    # The area counts as much as all other equations together.
+    others = float(np.linalg.norm(equations[:-1]))
+    area = float(np.linalg.norm(equations[-1]))
+    equations[-1] *= others / max(area, TINY)
+    weights = fewest_weights(equations, equations.sum(axis=1), most)
     taken = np.flatnonzero(weights).astype(np.int32)
-    errors = []
+    return Sample(taken, weights[taken], _error(cells, basis, weights))
+
+
+def _error(cells: CellEnergies, basis: Basis, weights: Array) -> float:
+    """Root mean square over the examples of ‖L⁻¹ (K_sampled - K) L⁻ᵀ‖/√(3r), K = LLᵀ."""
+    comm = basis.film.comm
+    squares = []
     for c in basis.examples:
         cells.take(c)
-        K, kept = (comm.allreduce(cells.stiffness(w)) for w in (np.ones(len(weights)), weights))
+        K = comm.allreduce(cells.stiffness(np.ones(len(weights))))
+        sampled = comm.allreduce(cells.stiffness(weights))
         L = _factor(K)
-        missing = np.linalg.solve(L, np.linalg.solve(L, kept - K).T)
-        errors.append(float(np.linalg.norm(missing)) / len(K) ** 0.5)
-    return Sample(taken, weights[taken], float(np.sqrt(np.mean(np.square(errors)))))
+        half = np.linalg.solve(L, sampled - K)
+        missing = np.linalg.solve(L, half.T)
+        error = float(np.linalg.norm(missing)) / len(K) ** 0.5
+        squares.append(error**2)
+    return float(np.sqrt(np.mean(squares)))
 
 
 def _equations(
-    cells: CellEnergies, basis: Basis, c: Array, rng: np.random.Generator, count: int
+    cells: CellEnergies,
+    basis: Basis,
+    c: Array,
+    random: np.random.Generator,
+    count: int,
 ) -> Iterator[Array]:
-    """Energies and work (2k, cells) of random motions about a snapshot with coefficients c, in portions."""
-    comm, r = basis.film.comm, basis.size
+    """Energies and work (2k, cells) of `count` random motions (2), k at a time.
+
+    Args:
+        cells: what each cell adds.
+        basis: modes.
+        c: coefficients (r, 3) of the shape about which the film moves.
+        random: generator of ζ, in the same state on every rank.
+        count: number of motions.
+    """
+    r = basis.size
     cells.take(c)
-    K = comm.allreduce(cells.stiffness(np.ones(cells.count)))
+    K = basis.film.comm.allreduce(cells.stiffness(np.ones(cells.count)))
     L = _factor(K)
+    # Forces are scaled by those that the waves of the shape would need, so that work and energy have
+    # the same size.
     wave = c.copy()
     wave[: basis.fixed] = 0
-    size = max(float(wave.ravel() @ K @ wave.ravel()), 1e-300) ** 0.5
-    for first in range(0, count, CHUNK):
-        ζ = rng.standard_normal((3 * r, min(CHUNK, count - first)))
+    wave_energy = float(wave.ravel() @ K @ wave.ravel())
+    size = max(wave_energy, TINY) ** 0.5
+    for first in range(0, count, MOTIONS_AT_ONCE):
+        number = min(MOTIONS_AT_ONCE, count - first)
+        ζ = random.standard_normal((3 * r, number))
         z = np.linalg.solve(L.T, ζ / (3 * r) ** 0.5)
         energies, work = cells.motions(z.T.reshape(-1, r, 3))
         yield np.vstack([energies, work / size])
 
 
 def _factor(K: Array) -> Array:
-    """L with LLᵀ = K and a little of the softest stiffness, which rigid motions lack."""
-    λ = np.linalg.eigvalsh((K + K.T) / 2)
-    return np.linalg.cholesky((K + K.T) / 2 + max(λ[RIGID], 1e-12 * λ[-1]) * np.eye(len(K)))
+    """Cholesky factor L of K plus a multiple of 1, so that rigid motions have a stiffness too.
+
+    The multiple is the softest stiffness of K.
+    """
+    symmetric = (K + K.T) / 2
+    eigenvalues = np.linalg.eigvalsh(symmetric)
+    shift = max(eigenvalues[RIGID_MOTIONS], MIN_STIFFNESS_RATIO * eigenvalues[-1])
+    return np.linalg.cholesky(symmetric + shift * np.eye(len(K)))
+
+
+# ---- weights -------------------------------------------------------------------------------------
 
 
 def fewest_weights(Y: Array, wanted: Array, most: int) -> Array:
-    """Weights w ≥ 0, at most `most` of them positive, with Y w near `wanted`.
+    """Weights w ≥ 0, at most `most` of them positive, such that Y w is near `wanted`.
 
-    Lawson & Hanson's active set (Solving Least Squares Problems, 1974, ch. 23), ended early.
+    The active set method of Lawson and Hanson (Solving Least Squares Problems, 1974, ch. 23,
+    doi:10.1137/1.9781611971217), ended early; `scipy.optimize.nnls` cannot be.
+
+    1. Take the column of Y along which the residual falls fastest.
+    2. Solve the least squares problem of the columns that are taken.
+    3. If weights are negative, go from the last weights towards the solution until the first of them
+       vanishes, leave it out, and repeat step 2.
+    4. Repeat from step 1 until enough columns are taken or none reduces the residual.
+
+    Args:
+        Y: (equations, n).
+        wanted: right-hand side (equations,).
+        most: largest number of positive weights.
+
+    Returns:
+        The weights (n,).
     """
-    size = np.maximum(np.linalg.norm(Y, axis=0), 1e-300)
+    sizes = np.maximum(np.linalg.norm(Y, axis=0), TINY)
     taken: list[int] = []
-    w: Array = np.zeros(0)
+    weights: Array = np.zeros(0)
+    # Columns that step 3 has left out at once; they are not tried again before another is taken.
     refused: set[int] = set()
     missing = wanted
     while len(taken) < most:
-        gain = (missing @ Y) / size
+        gain = (missing @ Y) / sizes
         gain[[*taken, *refused]] = -np.inf
-        best = int(gain.argmax()) if len(gain) else -1
-        if best < 0 or gain[best] <= 1e-12 * np.linalg.norm(wanted):
+        # A rank may have no cells.
+        if len(gain) == 0:
             break
-        taken, w = [*taken, best], np.append(w, 0.0)
-        while taken:
-            part = Y[:, taken]
-            new = np.linalg.lstsq(part.T @ part, part.T @ wanted, rcond=1e-13)[0]
-            falls = new <= 0
-            if not falls.any():
-                w = new
-                break
-            # only as far as the first weight that vanishes, which is left out
-            share = (w[falls] / np.maximum(w[falls] - new[falls], 1e-300)).min()
-            w = w + share * (new - w)
-            w[falls] = np.where(w[falls] <= 1e-12 * w.max(initial=0.0), 0.0, w[falls])
-            if share == 0.0:
-                w[-1] = 0.0
-            taken, w = [cell for cell, weight in zip(taken, w, strict=True) if weight > 0], w[w > 0]
-        refused = refused | {best} if best not in taken else set()
-        missing = wanted - Y[:, taken] @ w
+        best = int(gain.argmax())
+        if gain[best] <= MIN_GAIN * np.linalg.norm(wanted):
+            break
+        taken, weights = _solve([*taken, best], np.append(weights, 0.0), Y, wanted)
+        refused.add(best)
+        if best in taken:
+            refused.clear()
+        missing = wanted - Y[:, taken] @ weights
     result = np.zeros(Y.shape[1])
-    result[taken] = w
+    result[taken] = weights
     return result
 
 
+def _solve(
+    taken: Sequence[int],
+    weights: Array,
+    Y: Array,
+    wanted: Array,
+) -> tuple[list[int], Array]:
+    """Steps 2 and 3 of `fewest_weights`: the columns that stay, and their positive weights."""
+    taken = list(taken)
+    while taken:
+        part = Y[:, taken]
+        # Normal equations are faster by the ratio of equations to columns; the weights need not be exact.
+        normal = part.T @ part
+        solution = np.linalg.lstsq(normal, part.T @ wanted, rcond=LEAST_SQUARES_CUTOFF)[0]
+        negative = solution <= 0
+        if not negative.any():
+            return taken, solution
+        decrease = np.maximum(weights[negative] - solution[negative], TINY)
+        share = (weights[negative] / decrease).min()
+        weights = weights + share * (solution - weights)
+        smallest = MIN_WEIGHT_RATIO * weights.max(initial=0.0)
+        weights[negative & (weights <= smallest)] = 0.0
+        # The new column, whose weight was zero, has to go if nothing else can: else the loop is endless.
+        if share == 0.0:
+            weights[-1] = 0.0
+        positive = weights > 0
+        taken = [column for column, stays in zip(taken, positive, strict=True) if stays]
+        weights = weights[positive]
+    return taken, weights
+
+
+# ---- cells ---------------------------------------------------------------------------------------
+
+
 class CellEnergies:
-    """What each owned cell adds to forces and stiffness of the modes about given coefficients."""
+    """Forces f_e and stiffness k_e of each own cell of a film, about given coefficients.
+
+    Args:
+        basis: modes.
+
+    Attributes:
+        count: number of own cells.
+        areas: reference areas (count,) [m²].
+
+    Sizes below: q quadrature points of all own cells, r modes, k motions.
+    """
 
     def __init__(self, basis: Basis) -> None:
-        film = self._film = basis.film
-        self._Φ = basis.values
+        film = basis.film
+        self._film = film
+        self._modes = basis.values
         points, dA = points_and_areas(film)
         self.count, self._points = dA.shape
         self.areas = dA.sum(axis=1)
         self._dA = dA.ravel()
         self._G = mode_gradients(film, basis.values, points)
         self._x = fem.Function(film.space)
-        e, F = ufl.variable(film.measure(self._x)), film.deformation(self._x)
-        S = ufl.diff(film.density(e), e)
-        D = ufl.diff(S, e)
-        numbers = [F[i, a] for a in range(2) for i in range(3)]
-        numbers += [S[i] for i in range(3)] + [D[i, j] for i in range(3) for j in range(3)]
-        self._state = compile_expression(ufl.as_vector(numbers), points)
+        strain = ufl.variable(film.measure(self._x))
+        F = film.deformation(self._x)
+        S = ufl.diff(film.density(strain), strain)
+        D = ufl.diff(S, strain)
+        # One expression for all that is needed at a point: F (6), S (3) and D (9)
+        components = [F[i, a] for a in range(2) for i in range(3)]
+        components += [S[i] for i in range(3)]
+        components += [D[i, j] for i in range(3) for j in range(3)]
+        self._state = compile_expression(ufl.as_vector(components), points)
 
     def take(self, c: Array) -> None:
-        """Choose coefficients (r, 3)."""
-        self._x.x.array[:] = (self._Φ @ c).ravel()
-        values = (
-            evaluate(self._state, self._film.space.mesh, own_cells(self._film)).reshape(-1, 18).T
-        )
-        self._F = values[:6].reshape(2, 3, -1)
-        self._S, self._D = values[6:9] * self._dA, values[9:].reshape(3, 3, -1) * self._dA
+        """Evaluate the film in the shape of the coefficients (r, 3) [m]."""
+        self._x.x.array[:] = (self._modes @ c).ravel()
+        values = evaluate(self._state, self._film.space.mesh, own_cells(self._film))
+        by_component = values.reshape(-1, 18).T
+        self._F = by_component[:6].reshape(2, 3, -1)
+        # Stress and derivatives have the area in them from here on.
+        self._S = by_component[6:9] * self._dA
+        self._D = by_component[9:].reshape(3, 3, -1) * self._dA
 
     def stiffness(self, weights: Array) -> Array:
-        """Σ ξ_e k_e (3r, 3r)."""
+        """Σ ξ_e k_e (3r, 3r) for weights ξ (count,)."""
+        # Only points of cells that count
         on = np.repeat(weights > 0, self._points)
         ξ = np.repeat(weights, self._points)[on]
         B = strain_operator(self._F[:, :, on])
-        return project(
-            stress_derivatives(B, self._D[:, :, on] * ξ, B, self._S[:, on] * ξ), self._G[on]
-        )
+        D = self._D[:, :, on] * ξ
+        S = self._S[:, on] * ξ
+        return project(stress_derivatives(B, D, B, S), self._G[on])
 
     def motions(self, z: Array) -> tuple[Array, Array]:
-        """Energies z·k_e z and work z·f_e (k, cells) of motions z (k, r, 3)."""
+        """Energies z·k_e z and work z·f_e (k, count) of motions z (k, r, 3)."""
+        F1, F2 = self._F
+        S11, S22, S12 = self._S[:, None]
+        H1 = self._gradients(z, 0)
+        H2 = self._gradients(z, 1)
+        # Changes of the strains (3, k, q), to first order in the motion
+        de = np.stack([_dot(F1, H1), _dot(F2, H2), _dot(F1, H2) + _dot(F2, H1)])
+        material = (de * np.einsum("ijq,jkq->ikq", self._D, de)).sum(axis=0)
+        energy = material + S11 * _product(H1, H1) + S22 * _product(H2, H2)
+        energy = energy + 2 * S12 * _product(H1, H2)
+        work = (np.stack([S11, S22, S12]) * de).sum(axis=0)
+        return self._in_cells(energy), self._in_cells(work)
+
+    def _gradients(self, z: Array, a: int) -> Array:
+        """Gradients (q, k, 3) of motions z (k, r, 3) along frame vector a."""
         k = len(z)
-        H = [
-            (self._G[:, a] @ z.transpose(1, 0, 2).reshape(-1, 3 * k)).reshape(-1, k, 3)
-            for a in range(2)
-        ]
-        F = self._F
-        de = np.stack(
-            [_dot(F[0], H[0]), _dot(F[1], H[1]), _dot(F[0], H[1]) + _dot(F[1], H[0])]
-        )  # (3, k, q)
-        S, D = self._S[:, None], self._D
-        products = [(H[a] * H[b]).sum(axis=2).T for a, b in ((0, 0), (1, 1), (0, 1))]
-        energy = (de * np.einsum("ijq,jkq->ikq", D, de)).sum(axis=0)
-        energy = energy + S[0] * products[0] + S[1] * products[1] + 2 * S[2] * products[2]
-        work = (S * de).sum(axis=0)
-        return tuple(
-            part.reshape(k, self.count, self._points).sum(axis=2) for part in (energy, work)
-        )
+        columns = z.transpose(1, 0, 2).reshape(-1, 3 * k)
+        return (self._G[:, a] @ columns).reshape(-1, k, 3)
+
+    def _in_cells(self, values: Array) -> Array:
+        """Sums (k, count) over the points of each cell of values (k, q)."""
+        return values.reshape(len(values), self.count, self._points).sum(axis=2)
 
 
 def _dot(F: Array, H: Array) -> Array:
-    """F (3, q) times each of H (q, k, 3): (k, q)."""
+    """Products (k, q) of F (3, q) and H (q, k, 3) at each point."""
     return np.einsum("iq,qki->kq", F, H)
+
+
+def _product(A: Array, B: Array) -> Array:
+    """Products (k, q) of A and B (q, k, 3) at each point."""
+    return (A * B).sum(axis=2).T
