@@ -1,4 +1,8 @@
-"""From the motions of a film to its reduced model."""
+"""The function `reduce`: from recorded motions of a film to its reduced model.
+
+Steps: 1. check that the film has strains and mass only; 2. compute the modes (`basis`); 3. choose
+the cells over which strains are integrated (`sampling`); 4. make the body (`reduced_membrane`).
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,11 @@ from gossamer_fx.reduction.sampling import every_cell, sample_cells
 
 @runtime_checkable
 class Motion(Protocol):
-    """Shapes of a film, e.g. `Snapshots`: owned positions (n, 3) each."""
+    """Recorded shapes of a film, e.g. `Snapshots` or `RecordedShapes`.
+
+    Attributes:
+        positions: positions (n, 3) [m] of this rank's nodes, one array for each shape.
+    """
 
     positions: Sequence[Array]
 
@@ -25,30 +33,43 @@ class Motion(Protocol):
 def reduce(
     body: Membrane, motions: Sequence[Motion], *, modes: int, cells: int | None = None
 ) -> ReducedMembrane:
-    """A film with 3·(modes + 3) unknowns (12 instead of 9 if it is not plane) that moves as it did in `motions`.
+    """A reduced model of a film: 3 · (modes + 3) unknowns that move as the film did in `motions`.
 
-    Mass-weighted singular vectors of all shapes, scalar modes times vectors, so that every conservation law is kept;
-    see `reduction.basis`.  It has the film's initial state, law and name, and takes its place in a new scene.
+    A film that is not plane has 3 · (modes + 4) unknowns.  The modes are mass-weighted singular
+    vectors of all shapes, scalar fields with vectors as unknowns, so that energy, momentum and
+    angular momentum are conserved; see `reduction.basis`.  The reduced film has the initial state,
+    law and name of the film, and takes its place in a new scene.  Collective.
 
     Args:
-        body: what is reduced; its `bending`, creases and contact cannot be.
-        motions: `Snapshots` of runs in which it took part, `RecordedShapes` of their folders, or `ModeShapes`.
-        modes: how many singular vectors are taken, beside those that make all homogeneous motions exact.
-        cells: most cells of each rank over which strains are integrated, see `reduction.sampling`; None: all.
+        body: the film; it may not have bending stiffness, creases or contact.
+        motions: `Snapshots` of runs, `RecordedShapes` of their folders, or `ModeShapes`.
+        modes: number of singular vectors, in addition to those of homogeneous motions; ≥ 1.
+        cells: largest number of cells of each rank over which strains are integrated, see
+            `reduction.sampling`; None for all cells.
 
     Raises:
-        InputError: no shapes, of another mesh, fewer modes in them than asked for, or a film with more than strains.
+        InputError: there are no shapes, they are of another mesh or hold fewer modes, or the film has
+            more than strains and mass.
+
+    Example:
+        >>> shapes = gx.reduction.Snapshots(film)
+        >>> scene = gx.Scene(film, gx.Fixed(film, "left"), gx.Gravity(film))
+        >>> gx.Simulation(scene, gx.Midpoint(dt=1e-3), outputs=[shapes]).run(until=5e-3)
+        >>> reduced = gx.reduction.reduce(film, [shapes], modes=2)
+        >>> reduced.block.size
+        15
     """
     check_reducible(body)
     check(
         isinstance(motions, Sequence) and all(isinstance(motion, Motion) for motion in motions),
         f"reduce: motions is {motions!r}; give a list of `Snapshots` or `RecordedShapes`.",
     )
-    shapes = [x for motion in motions for x in motion.positions]
+    shapes = [shape for motion in motions for shape in motion.positions]
     basis = make_basis(body, shapes, modes)
     check(
         cells is None or cells >= 1,
         f"reduce: cells is {cells!r}; take one or more, or None for all.",
     )
+    # Without sampling the strains are integrated over all cells, each with the weight one.
     sample = every_cell(body) if cells is None else sample_cells(basis, cells)
     return ReducedMembrane(basis, sample, body.name)

@@ -1,4 +1,14 @@
-"""Shapes of a film from the folder of a run, for `reduce`."""
+"""Shapes of a film from the folder of a run, for `reduce`.
+
+Problem.  The run may have been made on another number of ranks, and may have been restarted, so the
+field files list the nodes in another order than the film at hand.
+
+Algorithm.
+
+1. A node is identified by its point on the mesh, rounded to a cube of a small edge (`_names`).
+2. Each rank reads a share of the points and displacements of each file (`_Part`).
+3. Ranks exchange displacements by the names of their nodes (`algebra.rendezvous.fetch`).
+"""
 
 from __future__ import annotations
 
@@ -19,108 +29,156 @@ from gossamer_fx.outputs.field_files import noted_steps
 from gossamer_fx.outputs.file_names import file_name, segments
 from gossamer_fx.outputs.run_file import read_run_file
 
-# Places that are nearer to each other, over the largest coordinate, are one.  They are sorted into cubes of that size,
-# whose corners lie where no regular mesh has nodes.
-ALIKE, CORNER = 1e-6, 0.2718
+# Edge of the cubes as a share of the largest coordinate: points in the same cube are the same node.
+CUBE_SIZE_RATIO = 1e-6
+
+# Offset of the cubes, as a share of their edge.  A regular mesh has no nodes at the corners that it
+# gives, where round-off would move them to another cube.
+CUBE_OFFSET = 0.2718
 
 
 @check_arguments
 class RecordedShapes:
-    """Positions of a film's nodes at the times at which a `Recording` wrote its fields, for `reduce`.
+    """Shapes of a film at the times at which a `Recording` wrote its fields.
 
-    The run may have been made on another number of ranks, and have been continued; each rank reads a part of the files,
-    and ends with the positions of its own nodes.  Nodes are known by their places in the mesh: no two may coincide.
+    The run may have been made on another number of ranks, and restarted.  Nodes are identified by
+    their points on the mesh, so no two of them may coincide.  Collective.
 
     Args:
-        body: with the mesh and the name of the one in the run.
+        body: a film with the mesh and the name of the one in the run.
         folder: of the run.
 
     Attributes:
         times: of the shapes [s].
-        positions: (n, 3) [m], at each of them.
+        positions: of this rank's nodes (n, 3) [m], one array for each shape.
 
     Raises:
-        InputError: no such folder or film, a mesh with other nodes, damaged files.
+        InputError: the folder does not exist or has no fields of the film, the mesh has other nodes,
+            or files are damaged.
+
+    Example:
+        >>> shapes = gx.reduction.RecordedShapes(film, "out/sail")  # doctest: +SKIP
+        >>> reduced = gx.reduction.reduce(film, [shapes], modes=20)  # doctest: +SKIP
     """
 
     def __init__(self, body: Membrane, folder: str | Path) -> None:
-        self.body, self.folder = body, Path(folder)
-        comm = body.comm
-        path = self.folder / "fields" / f"{file_name(body.name)}.bp"
-        recorded, paths = comm.bcast(
-            on_rank_zero(comm, lambda: (list(read_run_file(self.folder)["fields"]), segments(path)))
-        )
-        check(
-            body.name in recorded and bool(paths),
-            f"RecordedShapes: the run in '{folder}' has no fields of '{body.name}', but of: "
-            f"{', '.join(recorded) or 'none'}; give the film the name that it had there.",
-        )
-        X = body.space.tabulate_dof_coordinates()[: body.space.dofmap.index_map.size_local]
-        self._pitch = ALIKE * (comm.allreduce(float(np.abs(X).max(initial=0.0)), MPI.MAX) or 1.0)
-        names = self._names(X)
-        self._check_apart(names)
+        self.body = body
+        self.folder = Path(folder)
         self.times: list[float] = []
         self.positions: list[Array] = []
-        for one in paths:
-            part = _Part(comm, one)
-            lacks = f"RecordedShapes: '{one}' is of another mesh than '{body.name}'; give the film that was recorded."
-            moved = fetch(comm, self._names(part.X), part.displacements, names, lacks)
+        comm = body.comm
+        owned = body.space.dofmap.index_map.size_local
+        X = body.space.tabulate_dof_coordinates()[:owned]
+        paths = self._files()
+        largest = comm.allreduce(float(np.abs(X).max(initial=0.0)), MPI.MAX)
+        self._cube_size = CUBE_SIZE_RATIO * (largest or 1.0)
+        names = self._names(X)
+        self._check_distinct(names)
+        for path in paths:
+            part = _Part(comm, path)
+            other_mesh = (
+                f"RecordedShapes: '{path}' is of another mesh than '{body.name}'; give the film that was "
+                "recorded."
+            )
+            displacements = fetch(comm, self._names(part.X), part.displacements, names, other_mesh)
+            by_time = displacements.reshape(owned, len(part.times), 3).transpose(1, 0, 2)
             self.times += part.times
-            self.positions += list(X + moved.reshape(len(X), len(part.times), 3).transpose(1, 0, 2))
+            self.positions += list(X + by_time)
+
+    def _files(self) -> list[Path]:
+        """The field files of the film, one for each part of a run that was restarted."""
+        comm = self.body.comm
+        name = self.body.name
+        path = self.folder / "fields" / f"{file_name(name)}.bp"
+
+        def read() -> tuple[list[str], list[Path]]:
+            return list(read_run_file(self.folder)["fields"]), segments(path)
+
+        recorded, paths = comm.bcast(on_rank_zero(comm, read))
+        check(
+            name in recorded and bool(paths),
+            f"RecordedShapes: the run in '{self.folder}' has no fields of '{name}', but of: "
+            f"{', '.join(recorded) or 'none'}; give the film the name that it had there.",
+        )
+        return list(paths)
 
     def _names(self, X: Array) -> Names:
-        return hash_rows(np.floor(X / self._pitch + CORNER).astype(np.int64))
+        """Names of the nodes at points X (n, 3) [m], equal for equal points."""
+        cubes = np.floor(X / self._cube_size + CUBE_OFFSET)
+        return hash_rows(cubes.astype(np.int64))
 
-    def _check_apart(self, names: Names) -> None:
-        """See that no two nodes have the same place."""
-        twice = (
+    def _check_distinct(self, names: Names) -> None:
+        """Check that no two nodes have the same name.  Collective."""
+        coincide = (
             f"RecordedShapes: nodes of '{self.body.name}' lie on each other, so that they cannot be told apart in "
             "files; keep its shapes in memory by `Snapshots`."
         )
-        fetch(
-            self.body.comm, names, np.zeros((len(names), 0)), names[:0], "", twice
-        )  # where names meet
+        # All names of the same cube meet on one rank, which compares them; no values are exchanged.
+        no_values = np.zeros((len(names), 0))
+        fetch(self.body.comm, names, no_values, names[:0], "", coincide)
 
 
 class _Part:
-    """This rank's share of the points of one file: X (n, 3), and their displacements (n, 3 · times)."""
+    """This rank's share of the points of one field file.  Collective.
+
+    Attributes:
+        times: of the shapes [s].
+        X: points (n, 3) on the mesh [m].
+        displacements: (n, 3 · times) [m].
+    """
 
     def __init__(self, comm: MPI.Intracomm, path: Path) -> None:
         adios2 = adios2_for(path)
         on_rank_zero(comm, lambda: noted_steps(path))
-        whole = True
+        readable = True
         try:
             file = adios2.FileReader(str(path))
-            steps = file.num_steps()
-            self.times = [float(t) for t in np.ravel(file.read("step", step_selection=[0, steps]))]
-            counts = [
-                int(block["Count"].split(",")[0]) for block in file.all_blocks_info("geometry")[0]
-            ]
-            ends = np.cumsum([0, *counts])
-            share = ends[-1] * np.array([comm.rank, comm.rank + 1]) // comm.size
-            rows = [
-                (block, max(share[0] - first, 0), min(share[1], last) - max(share[0], first))
-                for block, (first, last) in enumerate(pairwise(ends))
-                if max(share[0], first) < min(share[1], last)
-            ]
-
-            def read(name: str, **which: Any) -> Array:
-                parts = [
-                    np.asarray(
-                        file.read(
-                            name, start=[int(at), 0], count=[int(n), 3], block_id=block, **which
-                        )
-                    )
-                    for block, at, n in rows
-                ]
-                return np.concatenate([np.zeros((0, 3)), *[part.reshape(-1, 3) for part in parts]])
-
-            self.X = read("geometry")
-            shapes = [read("displacement", step_selection=[k, 1]) for k in range(steps)]
-            self.displacements = np.concatenate([np.zeros((len(self.X), 0)), *shapes], axis=1)
+            self._read(file, comm)
             file.close()
-        except Exception:  # adios2 raises what its C++ side throws
-            whole = False
+        # adios2 raises whatever its C++ side throws.
+        except Exception:
+            readable = False
         check_on_all(
-            comm, whole, f"'{path}' cannot be read; it is damaged, or holds no displacement."
+            comm, readable, f"'{path}' cannot be read; it is damaged, or holds no displacement."
         )
+
+    def _read(self, file: Any, comm: MPI.Intracomm) -> None:
+        """Read this rank's share of an open file."""
+        steps = file.num_steps()
+        times = file.read("step", step_selection=[0, steps])
+        self.times = [float(t) for t in np.ravel(times)]
+        rows = self._own_rows(file, comm)
+
+        def read(name: str, **which: Any) -> Array:
+            parts: list[Array] = [np.zeros((0, 3))]
+            for block, first, count in rows:
+                values = file.read(
+                    name, start=[first, 0], count=[count, 3], block_id=block, **which
+                )
+                parts.append(np.asarray(values).reshape(-1, 3))
+            return np.concatenate(parts)
+
+        self.X = read("geometry")
+        displacements: list[Array] = [np.zeros((len(self.X), 0))]
+        for k in range(steps):
+            displacements.append(read("displacement", step_selection=[k, 1]))
+        self.displacements = np.concatenate(displacements, axis=1)
+
+    def _own_rows(self, file: Any, comm: MPI.Intracomm) -> list[tuple[int, int, int]]:
+        """Blocks of a file with the first row and the number of rows that this rank reads.
+
+        Each rank that wrote the file wrote one block; ranks that read it take equal shares of all rows.
+        """
+        blocks = file.all_blocks_info("geometry")[0]
+        counts = [int(block["Count"].split(",")[0]) for block in blocks]
+        ends = np.cumsum([0, *counts])
+        share_start = int(ends[-1]) * comm.rank // comm.size
+        share_end = int(ends[-1]) * (comm.rank + 1) // comm.size
+        rows = []
+        bounds = [int(end) for end in ends]
+        for block, (start, end) in enumerate(pairwise(bounds)):
+            first = max(share_start, start)
+            last = min(share_end, end)
+            if first < last:
+                rows.append((block, first - start, last - first))
+        return rows

@@ -1,10 +1,14 @@
 """The stored energy of a reduced film: forces and tangents of its modes as products of full matrices.
 
-    forces    f = Σ_a G_aᵀ N_a,         N_a = Σ_b S_ab F̄_b dA
-    tangent   K = Σ_ac G_aᵀ T_ac G_c,   T_ac = (Σ_bd D_abcd F̄_b ⊗ F_d + α S_ac 1) dA
+    forces    f = Σ_a G_aᵀ N_a,         N_a = Σ_b S_ab F̄_b dA                               (1)
+    tangent   K = Σ_ac G_aᵀ T_ac G_c,   T_ac = (Σ_bd D_abcd F̄_b ⊗ F_d + α S_ac 1) dA        (2)
 
-with the gradients G_a of the modes, see `mode_gradients`.  S and D are those of the mixed iteration of
-`terms.element_energies`; what happens at the points is in `points`.
+G are the gradients of the modes (`mode_gradients`), F and F̄ the gradients at q1 and at q̄.  The
+stress S and its derivatives D are those of the mixed iteration in strains, which
+`terms.element_energies` describes; `points` evaluates them at the quadrature points.
+
+Each rank has the points of its own sampled cells.  Sums over ranks go to rank 0, which owns the
+unknowns.
 """
 
 from __future__ import annotations
@@ -42,18 +46,21 @@ from gossamer_fx.terms.element_energies import (
     with_derivative,
 )
 
+# Weight α of the midpoint rules; only they switch between strains, see `terms.element_energies`.
+MIDPOINT = 0.5
+
 
 class ReducedEnergies(
     StepObserver, IterateObserver, StateObserver, Forces, Tangents, StoredEnergies, CompiledTerms
 ):
-    """All `ReducedEnergy` terms of a scene."""
+    """All `ReducedEnergy` terms of a scene, compiled; `model.roles` describes its methods."""
 
     def __init__(self, terms: Sequence[ReducedEnergy], system: Assembly) -> None:
         self._system = system
-        self._forces = [
-            (term.body, ModeForces(term, coordinates_of(system, term), system.rule))
-            for term in terms
-        ]
+        self._forces = []
+        for term in terms:
+            forces = ModeForces(term, coordinates_of(system, term), system.rule)
+            self._forces.append((term.body, forces))
 
     def begin_step(self, t: float) -> None:
         for _, force in self._forces:
@@ -79,38 +86,44 @@ class ReducedEnergies(
     def add_tangents(self, A: PETSc.Mat) -> None:
         for body, force in self._forces:
             block = self._system.block(body)
-            owned = block.owned
             K = self._on_rank_zero(force.tangents(self._system.geometric))
-            if (
-                A.getType() == PETSc.Mat.Type.SEQDENSE
-            ):  # PETSc's way of entering numbers takes ten times as long
-                A.getDenseArray()[owned, owned] += K
-                continue
-            A.setValues(block.rows, block.rows, K, addv=PETSc.InsertMode.ADD_VALUES)
+            # PETSc takes ten times as long to enter a full block number by number.
+            if A.getType() == PETSc.Mat.Type.SEQDENSE:
+                A.getDenseArray()[block.owned, block.owned] += K
+            else:
+                A.setValues(block.rows, block.rows, K, addv=PETSc.InsertMode.ADD_VALUES)
 
     def _on_rank_zero(self, values: Array) -> Array:
-        """The sum of all ranks' values on rank 0, which owns the coefficients, and nothing on the others."""
+        """The sum over all ranks on rank 0, which owns the coefficients; an empty array on the others."""
         comm = self._system.comm
         if comm.size == 1:
             return values
-        total: Array = np.zeros_like(values) if comm.rank == 0 else np.zeros((0, 0))
-        comm.Reduce(np.ascontiguousarray(values), total if comm.rank == 0 else None)
-        return total
+        own = np.ascontiguousarray(values)
+        if comm.rank == 0:
+            total: Array = np.zeros_like(values)
+            comm.Reduce(own, total)
+            return total
+        comm.Reduce(own, None)
+        return np.zeros((0, 0))
 
 
 def coordinates_of(system: Assembly, term: ReducedEnergy) -> ReducedCoordinates:
     """The coordinates of a reduced film in a system."""
-    at = system.fields[term.body]
-    assert isinstance(at, ReducedCoordinates)
-    return at
+    coordinates = system.fields[term.body]
+    # Its body is a reduced film, which makes such coordinates.
+    assert isinstance(coordinates, ReducedCoordinates)
+    return coordinates
 
 
 @dataclass(frozen=True, eq=False)
 class ReducedEnergy(StoredEnergy):
     """The stored energy of a reduced film.
 
-    modes    (n, r) at the owned and ghost nodes of the body's space
-    weights  (cells,) of its own cells
+    Args:
+        modes: φ (n, r) at the owned and ghost nodes of the body's space.
+        weights: ξ (cells,) of the cells that this rank owns.
+
+    The other arguments are those of `StoredEnergy`.
     """
 
     modes: Array | None = None
@@ -119,43 +132,53 @@ class ReducedEnergy(StoredEnergy):
 
 
 class ModeForces:
-    """Forces and tangents of the modes on this rank's cells."""
+    """Forces (1) and tangents (2) of the modes on this rank's cells.
+
+    Args:
+        term: the stored energy.
+        at: coordinates of the reduced film.
+        rule: stress rule of the time stepping.
+
+    Attributes:
+        name: of the energy in the energy balance.
+        points: the quadrature points.
+    """
 
     def __init__(self, term: ReducedEnergy, at: ReducedCoordinates, rule: StressRule) -> None:
-        film: Any = term.body
-        mesh, cells = film.space.mesh, own_cells(film)
-        Q = fem.functionspace(mesh, quadrature_element(mesh, term.dx.metadata(), (3,)))
-        strains = fem.Function(Q), fem.Function(Q)
-        e0, e_chosen = strains[0], ufl.variable(strains[1])
-        cases, points = rule.cases(term, e0, e_chosen), interpolation_points(Q)
-        stresses = [rule.stress(term, e0, e_chosen), *(S for _, S in cases)]
-        law = Law(
-            strains,
-            [compile_expression(with_derivative(S, e_chosen), points) for S in stresses],
-            compile_expression(first_that_holds(cases), points) if cases else None,
-            compile_expression(term.density(e0), points),
-            cells,
-        )
-        at_points, dA = points_and_areas(film)
         assert term.modes is not None and term.weights is not None
-        x = mesh.geometry.x[mesh.geometry.dofmap[cells]]
-        G = mode_gradients(film, term.modes, at_points)
-        self.name, self._at = term.name, at
-        self.points = Points(law, x, dA * term.weights[:, None], G)
-        self._switches = not term.quadratic and rule.alpha == 0.5
-        self._known, self._chooses = 0, self._switches
-        self._α = rule.alpha
+        film: Any = term.body
+        mesh = film.space.mesh
+        cells = own_cells(film)
+        reference_points, dA = points_and_areas(film)
+        self.name = term.name
+        self.points = Points(
+            _law(term, rule),
+            x=mesh.geometry.x[mesh.geometry.dofmap[cells]],
+            dA=dA * term.weights[:, None],
+            G=mode_gradients(film, term.modes, reference_points),
+        )
+        self._at = at
+        self._alpha = rule.alpha
+        # A quadratic energy has one linear stress: there is nothing to choose.
+        self._may_choose = not term.quadratic and rule.alpha == MIDPOINT
+        self.begin()
 
     def begin(self) -> None:
         """Start a step."""
-        self._known, self._chooses = 0, self._switches
+        # Iterations of the step so far, and whether strains are still chosen in it
+        self._iteration = 0
+        self._chooses = self._may_choose
         self.points.begin()
 
     def move(self, linearly: bool) -> None:
-        """Strains after q1 was set, as those of `terms.element_energies.ElementForces` follow.
+        """Set the strains after q1 was set, as `terms.element_energies` does for a whole film.
 
-        But for the first ones, which go on as in the last step: a small basis has no modes that alternate from step to
-        step, and a sail takes half an iteration less.
+        There is one difference: the first strains of a step continue those of the last step,
+        2 e0 - e_past.  A small basis has no modes that alternate from step to step, and a sail takes
+        half an iteration less.
+
+        Args:
+            linearly: whether strains may follow linearly from the last iterate.
         """
         points = self.points
         points.move(self._at.end)
@@ -164,18 +187,46 @@ class ModeForces:
             return
         if not self._chooses:
             points.set_strains(LINEAR, self._at.change)
-        elif not self._known:
+        elif self._iteration == 0:
             points.strain[:] = 2 * points.start - points.past
             points.set_strains(GIVEN)
         else:
             far = points.choose_strains(self._at.change)
-            self._chooses = self._known <= MAX_FRUITLESS_CHOICES or far
-        self._known += 1
+            # After some choices that changed little, strains stay linear for the rest of the step.
+            self._chooses = self._iteration <= MAX_FRUITLESS_CHOICES or far
+        self._iteration += 1
 
     def forces(self) -> Array:
-        """Forces (r, 3) on the coefficients."""
-        return self.points.forces(self._α)
+        """Forces (r, 3) [N] on the coefficients."""
+        return self.points.forces(self._alpha)
 
     def tangents(self, geometric: float) -> Array:
-        """Their derivatives (3r, 3r), with a share of the `geometric` stiffness."""
-        return self.points.stiffness(self._α, self._α * geometric)
+        """Derivatives (3r, 3r) [N/m] of the forces by q1, with a share of the geometric stiffness."""
+        return self.points.stiffness(self._alpha, self._alpha * geometric)
+
+
+def _law(term: ReducedEnergy, rule: StressRule) -> Law:
+    """Compile the expressions of a law at the quadrature points."""
+    film: Any = term.body
+    mesh = film.space.mesh
+    Q = fem.functionspace(mesh, quadrature_element(mesh, term.dx.metadata(), (3,)))
+    start = fem.Function(Q)
+    end = fem.Function(Q)
+    chosen = ufl.variable(end)
+    points = interpolation_points(Q)
+    # The first stress serves all points; the others are cheaper and serve points in certain states.
+    cases = rule.cases(term, start, chosen)
+    stresses = [rule.stress(term, start, chosen)]
+    stresses += [stress for _, stress in cases]
+    sort = None
+    if cases:
+        sort = compile_expression(first_that_holds(cases), points)
+    return Law(
+        strains=(start, end),
+        expressions=[
+            compile_expression(with_derivative(stress, chosen), points) for stress in stresses
+        ],
+        sort=sort,
+        energy=compile_expression(term.density(start), points),
+        cells=own_cells(film),
+    )

@@ -1,4 +1,4 @@
-"""A film whose shape is a combination of modes: the reduced model of a sail."""
+"""A reduced film: a film whose shape is a combination of modes."""
 
 from __future__ import annotations
 
@@ -30,22 +30,34 @@ from gossamer_fx.terms.masses import KineticEnergy, NodeKineticEnergy
 
 
 class WeightedMeasure:
-    """∫ ξ · dx with the weights ξ of sampled cells: integrals over few cells that stand for those over all."""
+    """The measure ξ dx with the weights ξ of sampled cells; it multiplies integrands like a UFL measure.
+
+    Args:
+        dx: measure on the sampled cells.
+        weight: ξ, constant in each cell.
+    """
 
     def __init__(self, dx: ufl.Measure, weight: Expr) -> None:
-        self._dx, self._weight = dx, weight
+        self._dx = dx
+        self._weight = weight
 
     def __rmul__(self, integrand: Expr) -> ufl.Form:
         return (self._weight * integrand) * self._dx
 
     def metadata(self) -> Any:
+        """Metadata of the measure, e.g. its quadrature degree."""
         return self._dx.metadata()
 
 
 class SampledMesh(Mesh):
-    """The sampled cells: what the groups of the whole mesh name is not among them."""
+    """The mesh of the sampled cells, without named groups: the groups' cells may not be in it."""
 
     def group(self, name: str) -> Any:
+        """Refuse a group by name.
+
+        Raises:
+            InputError: always.
+        """
         raise InputError(
             f"A reduced film has no group '{name}': supports, creases and loads on groups need the film itself; tie "
             "points of a reduced one by `port_at`."
@@ -53,42 +65,61 @@ class SampledMesh(Mesh):
 
 
 class ReducedMembrane(Membrane):
-    """A film with few unknowns: x(X, t) = Σ φ_i(X) c_i(t); made by `reduce`.
+    """A film with the unknowns c_i in x(X, t) = Σ φ_i(X) c_i(t); `reduce` makes it.
 
-    It takes the place of the film in a scene: ports, joints, loads on its faces and outputs are as the film's.  Its
-    strains and the loads on its faces are integrated over the sampled cells.  Its node is c = (c_0, ..., c_{r-1}) with
-    φ_0 = 1, so linear momentum is that of c_0, as in a rigid body.
+    It replaces the film in a scene: ports, joints, loads on its faces and outputs are those of the
+    film.  Strains and loads on faces are integrated over the sampled cells.  The body has one node on
+    rank 0 with the vectors c_0, ..., c_{r-1}; φ_0 = 1, so linear momentum is that of c_0 as in a
+    rigid body.
 
-    `full` is the film that was reduced; `basis` holds its modes; `sample` the cells, with the error of sampling.
+    Args:
+        made_from: the modes.
+        over: the sampled cells.
+        name: name in messages and outputs.
+
+    Attributes:
+        basis: the modes.
+        sample: the sampled cells, with the error of sampling.
+        outside: share of the initial shape that the modes do not represent, see `Basis.project`.
+        port_nodes: global nodes of the film to which ports are attached.
     """
 
     def __init__(self, made_from: Basis, over: Sample, name: str) -> None:
-        basis, sample = made_from, over
-        full = basis.film
-        whole = full.space.mesh
-        part, parents = backend.part_of(whole, sample.cells)
-        super().__init__(SampledMesh(part), full.law, order=full.order, name=name)
-        self._full = full
-        self.basis = basis
-        self.sample = sample
-        self._modes = _at_nodes_of(self.space, basis, parents)
-        weight = np.zeros(
-            whole.topology.index_map(2).size_local + whole.topology.index_map(2).num_ghosts
-        )
-        weight[sample.cells] = sample.weights
-        self._weights = weight[parents][: part.topology.index_map(2).size_local]
-        weights = _in_cells(part, weight[parents])
-        for number, value in vars(full.constants).items():
-            if isinstance(value, fem.Function):  # a property that varies from cell to cell
-                there = value.x.array[cell_nodes(value.function_space).ravel()]
-                setattr(self.constants, number, _in_cells(part, there[parents]))
-        self.dx = WeightedMeasure(self.dx, weights)
-        self.mass_dx = WeightedMeasure(self.mass_dx, weights)
-        self.block = Block(IndexMap(self.comm, 1 if self.comm.rank == 0 else 0), 3 * basis.size)
-        q, v = full.initial_state()
-        self.outside = basis.project(q.reshape(-1, 3))[1]
-        self._reduced_start = self.reduced(q), self.reduced(v)
-        self.port_nodes: set[int] = set()  # of the full film
+        film = made_from.film
+        part, parents = backend.part_of(film.space.mesh, over.cells)
+        super().__init__(SampledMesh(part), film.law, order=film.order, name=name)
+        self._full = film
+        self.basis = made_from
+        self.sample = over
+        self._modes = _modes_at_nodes(self.space, made_from, parents)
+        self._restrict(parents)
+        # One node, on rank 0
+        self.block = Block(IndexMap(self.comm, int(self.comm.rank == 0)), 3 * made_from.size)
+        q, v = film.initial_state()
+        _, self.outside = made_from.project(q.reshape(-1, 3))
+        self._reduced_start = (self.reduced(q), self.reduced(v))
+        self.port_nodes: set[int] = set()
+
+    def _restrict(self, parents: Any) -> None:
+        """Weight the measures, and take the film's properties on the sampled cells.
+
+        Args:
+            parents: the film's cells, for each owned and ghost cell of the sample.
+        """
+        film = self._full
+        cells = film.space.mesh.topology.index_map(2)
+        weights = np.zeros(cells.size_local + cells.num_ghosts)
+        weights[self.sample.cells] = self.sample.weights
+        sampled = self.space.mesh
+        self._weights = weights[parents][: sampled.topology.index_map(2).size_local]
+        weight = _in_cells(sampled, weights[parents])
+        self.dx = WeightedMeasure(self.dx, weight)
+        self.mass_dx = WeightedMeasure(self.mass_dx, weight)
+        for name, value in vars(film.constants).items():
+            # Properties that vary from cell to cell are functions; others were set with the law.
+            if isinstance(value, fem.Function):
+                of_film = value.x.array[cell_nodes(value.function_space).ravel()]
+                setattr(self.constants, name, _in_cells(sampled, of_film[parents]))
 
     @property
     def full(self) -> Membrane:
@@ -96,21 +127,28 @@ class ReducedMembrane(Membrane):
         return self._full
 
     def coordinates(self, alpha: float) -> ReducedCoordinates:
+        """The coordinates of the body for a rule of weight alpha."""
         return ReducedCoordinates(self.space, alpha, self._modes)
 
     def initial_state(self) -> tuple[Array, Array]:
+        """Owned coefficients [m] and their rates [m/s] that are nearest to the film's initial state."""
         return self._reduced_start
 
     def reduced(self, values: Array) -> Array:
-        """Owned coefficients of owned positions or velocities of the full film: the nearest in the norm of the mass."""
+        """Owned coefficients nearest to positions or velocities, in the norm of the mass.  Collective.
+
+        Args:
+            values: at the owned nodes of the film that was reduced, flattened.
+        """
         c, _ = self.basis.project(values.reshape(-1, 3))
-        return c.ravel()[: self.block.size * self.block.index_map.size_local].copy()
+        owned = self.block.size * self.block.index_map.size_local
+        return c.ravel()[:owned].copy()
 
     def terms(self, start: State) -> Iterable[Term]:
+        """Kinetic and stored energy; the mass matrix is m times the identity, by (2) of `basis`."""
         mass = self.basis.mass * np.eye(self.basis.size)
-        yield NodeKineticEnergy(
-            self, np.repeat(mass[None], self.block.index_map.size_local, axis=0)
-        )
+        nodes = self.block.index_map.size_local
+        yield NodeKineticEnergy(self, np.repeat(mass[None], nodes, axis=0))
         yield ReducedEnergy(
             self.name,
             self,
@@ -124,28 +162,29 @@ class ReducedMembrane(Membrane):
         )
 
     def describe(self, node: int) -> str:
+        """Where a node is, for messages."""
         return "its modes"
 
     def port(self, group: str) -> Port:
-        return self._combined((global_node(self.full, self.full.mesh, group),), (1.0,))
+        """The point of a named group of one vertex of the film.  Collective."""
+        node = global_node(self.full, self.full.mesh, group)
+        return self._combined((node,), (1.0,))
 
     def port_at(self, point: Sequence[float]) -> Port:
-        there = interpolated(self.full, point)
-        return self._combined(there.nodes, there.weights)
+        """The point of the film at the coordinates (3,) [m] of its stress-free shape.  Collective."""
+        on_film = interpolated(self.full, point)
+        return self._combined(on_film.nodes, on_film.weights)
 
     def _combined(self, nodes: Sequence[int], weights: Sequence[float]) -> Port:
-        """Σ_k weights[k] x(nodes[k]) as a combination of the coefficients; the same on every rank."""
+        """The port Σ_k weights[k] x(nodes[k]) as a combination of the coefficients.  Collective."""
         self.port_nodes.update(nodes)
         start, end = self.full.block.index_map.local_range
-        own = [
-            (node - start, weight)
-            for node, weight in zip(nodes, weights, strict=True)
-            if start <= node < end
-        ]
-        values = sum(
-            (weight * self.basis.values[node] for node, weight in own), np.zeros(self.basis.size)
-        )
-        values = self.comm.allreduce(values)
+        own = np.zeros(self.basis.size)
+        for node, weight in zip(nodes, weights, strict=True):
+            if start <= node < end:
+                own += weight * self.basis.values[node - start]
+        values = self.comm.allreduce(own)
+        # All coefficients are vectors of the body's only node.
         return Port(
             self,
             (0,) * len(values),
@@ -154,35 +193,54 @@ class ReducedMembrane(Membrane):
         )
 
     def reconstruct(self, function: fem.Function, unknowns: Array) -> None:
-        """Set a function on the full film's space from the unknowns, which rank 0 has."""
-        function.x.array[:] = (self.basis.values @ coefficients(self.comm, unknowns)).ravel()
+        """Set a function on the film's space from the unknowns, which rank 0 has.  Collective."""
+        c = coefficients(self.comm, unknowns)
+        function.x.array[:] = (self.basis.values @ c).ravel()
+
+
+def check_reducible(film: Membrane) -> None:
+    """Check that a film has strains and mass only.
+
+    Raises:
+        InputError: it has other terms, for which the reduced film has no form.
+    """
+    start = InitialState([film], film.comm)
+    has_own_terms = type(film).terms is not Membrane.terms
+    check(
+        not has_own_terms
+        and all(isinstance(term, KineticEnergy | StoredEnergy) for term in film.terms(start)),
+        f"reduce: '{film.name}' has more than strains and mass (bending, creases, contact); those cannot be reduced.",
+    )
 
 
 def _in_cells(mesh: dmesh.Mesh, values: Array) -> fem.Function:
-    """A function that is constant in each cell; those of ghosts are fetched."""
+    """A function that is constant in each cell; ghost values come from the owners.  Collective."""
     function = fem.Function(fem.functionspace(mesh, ("Discontinuous Lagrange", 0)))
     function.x.array[cell_nodes(function.function_space).ravel()] = values
     function.x.scatter_forward()
     return function
 
 
-def _at_nodes_of(space: fem.FunctionSpace, basis: Basis, parents: Any) -> Array:
-    """Φ at the owned and ghost nodes of a space on some cells of the film; `parents` are the cells there."""
-    there, here = cell_nodes(basis.film.space), cell_nodes(space)
-    x, X = space.tabulate_dof_coordinates(), basis.film.space.tabulate_dof_coordinates()
-    values = np.zeros((len(x), basis.size))
+def _modes_at_nodes(space: fem.FunctionSpace, basis: Basis, parents: Any) -> Array:
+    """Φ (n, r) at the owned and ghost nodes of the sampled cells.
+
+    Args:
+        space: on the sampled cells.
+        basis: modes on the film.
+        parents: the film's cell of each sampled cell.
+    """
+    film_space = basis.film.space
+    film_nodes = cell_nodes(film_space)
+    nodes = cell_nodes(space)
+    film_points = film_space.tabulate_dof_coordinates()
+    points = space.tabulate_dof_coordinates()
+    values = np.zeros((len(points), basis.size))
     for cell, parent in enumerate(parents):
-        # a cell may list its nodes in another order than its parent does
-        distance = np.linalg.norm(x[here[cell]][:, None] - X[there[parent]][None], axis=2)
-        values[here[cell]] = basis.values[there[parent][distance.argmin(axis=1)]]
+        # A sampled cell may list its nodes in another order than the film's cell: they are matched by
+        # their coordinates.
+        here = points[nodes[cell]]
+        there = film_points[film_nodes[parent]]
+        distance = np.linalg.norm(here[:, None] - there[None], axis=2)
+        nearest = film_nodes[parent][distance.argmin(axis=1)]
+        values[nodes[cell]] = basis.values[nearest]
     return values
-
-
-def check_reducible(film: Membrane) -> None:
-    """Refuse what the reduced model has no form for."""
-    start = InitialState([film], film.comm)
-    check(
-        type(film).terms is Membrane.terms
-        and all(isinstance(t, KineticEnergy | StoredEnergy) for t in film.terms(start)),
-        f"reduce: '{film.name}' has more than strains and mass (bending, creases, contact); those cannot be reduced.",
-    )
