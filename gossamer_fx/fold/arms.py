@@ -13,8 +13,11 @@ from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.fold.fold_map import FoldMap
 from gossamer_fx.model.body import Array
 
-STAGGER = 5.0  # by how much turns are shorter than those around them, over the distance of layers
-AJAR = 1e-2  # thickness of the layers over the radius of the hub at which mountain and valley can be told
+# By how much a turn back is shorter than the one that encloses it, over the distance of layers.
+STAGGER = 5.0
+# Thickness of the layers over the radius of the hub at which mountains and valleys are distinguished:
+# far above round-off, and small enough for the shape to stay the same.
+AJAR = 1e-2
 
 
 @check_arguments
@@ -45,7 +48,12 @@ class Ikaros(FoldMap):
         out: columns of the tips that stand out from the roll.
 
     Raises:
-        InputError: numbers out of these ranges.
+        InputError: a number is out of its range.
+
+    Example:
+        >>> folds = gx.fold.Ikaros(4, 4, outer=12, pitch=0.05, bends=2)
+        >>> round(folds.radius, 3)
+        0.128
     """
 
     called: ClassVar[str] = "fold.Ikaros"

@@ -1,9 +1,22 @@
-"""Fold lines on a mesh: its edges at which a fold map has a kink, by groups of one angle."""
+"""Fold lines on a mesh: its edges at which a fold map has a kink, in groups of one angle.
+
+Algorithm, for a fold map and a mesh of the flat film:
+
+1. Place the vertices by the map with all layers on each other (`pressed`).  A triangle whose edges
+   change their length lies on both sides of a fold line; such a mesh is refused.
+2. The dihedral angle at each edge inside the mesh gives the size of its fold.  Its sign cannot be
+   read there, as a fold that is shut has ±π; it comes from a second placement, of the map with no
+   fold shut (`ajar`).
+3. Sort the kinked edges into groups: by number of the fold, sheet, sign and angle.
+4. Exchange the groups of edges with the ranks that have them as ghosts.
+
+Cost: two placements and angles of all edges, once.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from dolfinx import la
@@ -13,30 +26,74 @@ from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import Array, Indices
 
-ISOMETRIC = 1e-6  # strain of a triangle that is on both sides of a fold, at least
-FOLDED = 1e-4  # rad: the least angle of a fold
+# Strain of an edge from which a triangle lies on both sides of a fold line; round-off of a map is
+# 1e-9 at most.
+MIN_STRAIN = 1e-6
+
+# Smallest angle [rad] of a fold
+MIN_ANGLE = 1e-4
+
+# Decimals of an angle [rad] by which edges are sorted into groups: ranks compute with different
+# round-off.
+ANGLE_DECIMALS = 5
+
+# Height of the vertices over the size of the mesh up to which a mesh is flat
+FLATNESS = 1e-9
+
+# Groups of a mesh with two sheets, the upper one first
 SHEETS = ("top", "bottom")
-_ENDS = np.array([[1, 2], [2, 0], [0, 1]])  # vertices from and to which a triangle passes its edges
-Key = tuple[int, int, int, float]  # number of the fold, sheet, sense, angle
+
+# Corners from and to which a triangle passes its edges, counter-clockwise
+_EDGE_ENDS = np.array([[1, 2], [2, 0], [0, 1]])
 
 
 class Map(Protocol):
-    """What is asked of a fold map."""
+    """The part of a fold map that this module uses; see `fold_map.FoldMap`."""
 
     called: ClassVar[str]
 
-    def place(self, X: Array, side: Array) -> Array: ...
+    def place(self, X: Array, side: Array) -> Array:
+        """Folded positions (n, 3) [m] of points X (n, 3) on sheets `side` (n,)."""
+        ...
 
-    def pressed(self) -> Map: ...
+    def pressed(self) -> Map:
+        """The same folds without any distance of layers."""
+        ...
 
-    def ajar(self) -> Map: ...
+    def ajar(self) -> Map:
+        """The same folds with no fold shut."""
+        ...
 
-    def label(self, X: Array) -> Indices: ...
+    def label(self, X: Array) -> Indices:
+        """Number of the fold at points X (n, 3); 0 if folds have no numbers."""
+        ...
+
+
+class Key(NamedTuple):
+    """What edges of one fold line have in common.
+
+    Attributes:
+        fold: number of the fold, or 0.
+        sheet: 1 for "top", 2 for "bottom", 0 for a film of one sheet.
+        sign: 1 for a valley, -1 for a mountain.
+        angle: its size [rad].
+    """
+
+    fold: int
+    sheet: int
+    sign: int
+    angle: float
 
 
 @dataclass(frozen=True)
 class FoldLine:
-    """Edges with one angle [rad], positive for a valley: `name` of the group, local `edges` (owned and ghost)."""
+    """Edges of a mesh with one fold angle.
+
+    Attributes:
+        name: of the group.
+        angle: [rad], positive for a valley.
+        edges: local edges (owned and ghost), in rising order.
+    """
 
     name: str
     angle: float
@@ -44,74 +101,136 @@ class FoldLine:
 
 
 def find_lines(folds: Map, mesh: Mesh) -> list[FoldLine]:
-    """The fold lines of a map on a mesh, in the order of their names; collective.
+    """The fold lines of a map on a mesh, in an order that is the same on every rank.  Collective.
 
     Raises:
-        InputError: no plane triangles, or some that lie on both sides of a fold line.
+        InputError: the mesh has no plane triangles, is not flat, has nodes outside of the map, or has
+            triangles on both sides of a fold line.
     """
-    domain, who = mesh.domain, folds.called
-    check(
-        domain.topology.dim == 2 and domain.geometry.cmap.degree == 1,
-        f"{who}: the mesh has no plane triangles; mesh the flat film with triangles of order 1.",
-    )
+    domain = mesh.domain
+    _check_mesh(folds, mesh)
     X = domain.geometry.x
-    flat = np.abs(X[:, 2]).max(initial=0.0) <= 1e-9 * max(np.abs(X).max(initial=0.0), 1e-30)
-    check(
-        mesh.comm.allreduce(int(not flat)) == 0,
-        f"{who}: the mesh is not flat; mesh the film in the plane z = 0.",
-    )
     corners = domain.geometry.dofmap[:, :3]
-    shut, ajar = (
-        each.place(X, np.zeros(len(X))) for each in (folds.pressed(), folds.ajar().pressed())
-    )
+    # Step 1 of the module
+    one_sheet = np.zeros(len(X))
+    shut = folds.pressed().place(X, one_sheet)
+    ajar = folds.ajar().pressed().place(X, one_sheet)
     check_on_all(
         mesh.comm,
         bool(np.isfinite(shut).all() and np.isfinite(ajar).all()),
-        f"{who}: nodes of the mesh lie where the map folds nothing, as within its hub; mesh the film of the map.",
+        f"{folds.called}: nodes of the mesh lie where the map folds nothing, as within its hub; mesh the film of the "
+        "map.",
     )
     _refuse_cut_triangles(folds, mesh, X[corners], shut[corners])
-
-    table = mesh.edges
-    inside = np.flatnonzero(table.is_inside[: table.owned] & table.is_known[: table.owned])
-    cells, sides = table.cells[inside], table.sides[inside]
-    size, sense = np.abs(_angles(shut, corners, cells, sides)), _angles(ajar, corners, cells, sides)
-    sheet = _sheets(mesh)[cells]
-    seam = (sheet[:, 0] != sheet[:, 1]) & (sheet > 0).all(axis=1)
-    kinked = (np.abs(sense) > FOLDED) & (size > FOLDED) & ~seam
-    ends = corners[cells[:, 0, None], _ENDS[sides[:, 0]]]
-    number = folds.label(X[ends].mean(axis=1))
-    keys: list[Key] = [
-        (int(n), int(s), 1 if t > 0 else -1, round(float(a), 5))
-        for n, s, t, a in zip(
-            number[kinked], sheet[kinked, 0], sense[kinked], size[kinked], strict=True
-        )
-    ]
-    known = sorted({key for part in mesh.comm.allgather(sorted(set(keys))) for key in part})
-    code = la.vector(domain.topology.index_map(1))
-    code.array[inside[kinked]] = [known.index(key) + 1 for key in keys]
-    code.scatter_forward()
+    # Steps 2 and 3
+    edges, keys = _kinked_edges(folds, mesh, shut, ajar)
+    of_ranks = mesh.comm.allgather(sorted(set(keys)))
+    known = sorted({key for part in of_ranks for key in part})
+    # Step 4: a number for each edge of a fold line, 0 for all others
+    numbers = la.vector(domain.topology.index_map(1))
+    numbers.array[edges] = [known.index(key) + 1 for key in keys]
+    numbers.scatter_forward()
+    of_edges = np.rint(numbers.array)
     names = _names(known)
-    return [
-        FoldLine(
-            names[key],
-            key[2] * key[3],
-            np.flatnonzero(np.rint(code.array) == i + 1).astype(np.int32),
+    lines = []
+    for i, key in enumerate(known):
+        line = FoldLine(
+            name=names[key],
+            angle=key.sign * key.angle,
+            edges=np.flatnonzero(of_edges == i + 1).astype(np.int32),
         )
-        for i, key in enumerate(known)
-    ]
+        lines.append(line)
+    return lines
+
+
+def has_two_sheets(mesh: Mesh) -> bool:
+    """Whether a mesh has both groups of `SHEETS`, of triangles."""
+    return all(name in mesh.groups and mesh.groups[name][0] == 2 for name in SHEETS)
+
+
+def _check_mesh(folds: Map, mesh: Mesh) -> None:
+    """Check that a mesh has triangles of order 1 in the plane z = 0."""
+    domain = mesh.domain
+    check(
+        domain.topology.dim == 2 and domain.geometry.cmap.degree == 1,
+        f"{folds.called}: the mesh has no plane triangles; mesh the flat film with triangles of order 1.",
+    )
+    X = domain.geometry.x
+    height = np.abs(X[:, 2]).max(initial=0.0)
+    size = np.abs(X).max(initial=0.0)
+    # A rank may have no nodes: its size is zero.
+    flat = height <= FLATNESS * max(size, 1e-30)
+    check(
+        mesh.comm.allreduce(int(not flat)) == 0,
+        f"{folds.called}: the mesh is not flat; mesh the film in the plane z = 0.",
+    )
+
+
+def _kinked_edges(
+    folds: Map,
+    mesh: Mesh,
+    shut: Array,
+    ajar: Array,
+) -> tuple[Indices, list[Key]]:
+    """Owned edges at which the map has a kink, and the key of each.
+
+    Args:
+        folds: the map.
+        mesh: of the flat film.
+        shut: positions (n, 3) of the vertices with all layers on each other.
+        ajar: positions (n, 3) of the vertices with no fold shut.
+    """
+    corners = mesh.domain.geometry.dofmap[:, :3]
+    table = mesh.edges
+    is_inside = table.is_inside[: table.owned] & table.is_known[: table.owned]
+    inside: Indices = np.flatnonzero(is_inside).astype(np.int32)
+    cells = table.cells[inside]
+    sides = table.sides[inside]
+    size = np.abs(_angles(shut, corners, cells, sides))
+    signed = _angles(ajar, corners, cells, sides)
+    sheet = _sheets(mesh)[cells]
+    # Two sheets are joined at a seam, which is not a fold.
+    seam = (sheet[:, 0] != sheet[:, 1]) & (sheet > 0).all(axis=1)
+    kinked = np.flatnonzero((np.abs(signed) > MIN_ANGLE) & (size > MIN_ANGLE) & ~seam)
+    ends = corners[cells[:, 0, None], _EDGE_ENDS[sides[:, 0]]]
+    middles = mesh.domain.geometry.x[ends].mean(axis=1)
+    fold = folds.label(middles)
+    keys = []
+    for k in kinked:
+        key = Key(
+            fold=int(fold[k]),
+            sheet=int(sheet[k, 0]),
+            sign=int(np.sign(signed[k])),
+            angle=round(float(size[k]), ANGLE_DECIMALS),
+        )
+        keys.append(key)
+    return inside[kinked], keys
 
 
 def _refuse_cut_triangles(folds: Map, mesh: Mesh, flat: Array, folded: Array) -> None:
-    """Those of which an edge changes its length."""
+    """Check that no edge of a triangle changes its length.
+
+    Args:
+        folds: the map.
+        mesh: of the flat film.
+        flat: corners (triangles, 3, 3) [m] on the flat film.
+        folded: corners (triangles, 3, 3) [m] with all layers on each other.
+
+    Raises:
+        InputError: there are such triangles; the message has the centre of one.
+    """
     owned = mesh.domain.topology.index_map(2).size_local
-    before, after = (
-        np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-        for corners in (flat[:owned], folded[:owned])
-    )
-    cut = np.flatnonzero((np.abs(after - before) > ISOMETRIC * before).any(axis=1))
+    before = _edge_lengths(flat[:owned])
+    after = _edge_lengths(folded[:owned])
+    strained = np.abs(after - before) > MIN_STRAIN * before
+    cut = np.flatnonzero(strained.any(axis=1))
     count = mesh.comm.allreduce(len(cut))
-    places = mesh.comm.allgather(flat[cut[:1]].mean(axis=1).tolist())
-    where = next((f"({p[0][0]:.4g}, {p[0][1]:.4g}) m" for p in places if p), "")
+    centres = mesh.comm.allgather(flat[cut[:1]].mean(axis=1).tolist())
+    where = ""
+    for of_rank in centres:
+        if of_rank and not where:
+            x, y, _ = of_rank[0]
+            where = f"({x:.4g}, {y:.4g}) m"
     check(
         count == 0,
         f"{folds.called}: {count} triangles lie on both sides of a fold line, one of them at {where}; mesh the film "
@@ -119,38 +238,72 @@ def _refuse_cut_triangles(folds: Map, mesh: Mesh, flat: Array, folded: Array) ->
     )
 
 
+def _edge_lengths(corners: Array) -> Array:
+    """Lengths (n, 3) [m] of the edges of triangles with corners (n, 3, 3)."""
+    lengths: Array = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    return lengths
+
+
 def _angles(x: Array, corners: Indices, cells: Indices, sides: Indices) -> Array:
-    """Signed fold angles (n,) of edges with triangles `cells` (n, 2) on the left and right, at positions x."""
+    """Signed fold angles (n,) [rad] of edges.
+
+    Args:
+        x: positions of the vertices (v, 3) [m].
+        corners: vertices (triangles, 3) of all triangles.
+        cells: the two triangles of each edge (n, 2), left and right of it.
+        sides: number of the edge in each of them (n, 2).
+    """
     n = np.arange(len(cells))
-    T = x[corners[cells]]  # (n, 2, 3, 3)
-    ends = _ENDS[sides[:, 0]]
-    t = T[n, 0, ends[:, 1]] - T[n, 0, ends[:, 0]]
-    t /= np.linalg.norm(t, axis=1)[:, None]
-    away = [T[n, i, sides[:, i]] - T[n, i, _ENDS[sides[:, i], 0]] for i in range(2)]
-    inwards = [a - np.einsum("nc,nc->n", a, t)[:, None] * t for a in away]
-    vectors: Any = np.stack([t, *inwards], axis=1)
+    triangles = x[corners[cells]]  # (n, 2, 3, 3)
+    ends = _EDGE_ENDS[sides[:, 0]]
+    tangent = triangles[n, 0, ends[:, 1]] - triangles[n, 0, ends[:, 0]]
+    tangent /= np.linalg.norm(tangent, axis=1)[:, None]
+    inwards = []
+    for i in range(2):
+        # The corner of an edge with the same number is opposite to it.
+        opposite = triangles[n, i, sides[:, i]]
+        on_edge = triangles[n, i, _EDGE_ENDS[sides[:, i], 0]]
+        away = opposite - on_edge
+        along = np.einsum("nc,nc->n", away, tangent)
+        inwards.append(away - along[:, None] * tangent)
+    vectors: Any = np.stack([tangent, *inwards], axis=1)
     return np.asarray(dihedral_angle.angle(vectors))
 
 
 def _sheets(mesh: Mesh) -> Indices:
-    """1 and 2 in cells (n,) of the groups "top" and "bottom", 0 elsewhere, and where there is one sheet only."""
+    """1 and 2 in cells (n,) of "top" and "bottom", else 0, also on a film of one sheet."""
     index_map = mesh.domain.topology.index_map(2)
     sheet = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
-    if all(mesh.groups.get(name, (0,))[0] == 2 for name in SHEETS):
+    if has_two_sheets(mesh):
         for k, name in enumerate(SHEETS):
-            sheet[mesh.groups[name][1]] = k + 1
+            _, cells = mesh.groups[name]
+            sheet[cells] = k + 1
     return sheet
 
 
 def _names(keys: list[Key]) -> dict[Key, str]:
-    """Of folds with numbers "fold 1", of others "valley" or "mountain"; the sheet; a number of angles, if several."""
-    plain: dict[str, list[Key]] = {}
+    """Names of fold lines, e.g. "fold 1", "valley", "fold 1 top", or "valley 1" if there are several."""
+    by_name: dict[str, list[Key]] = {}
     for key in keys:
-        number, sheet, sense, _ = key
-        word = f"fold {number}" if number else ("valley" if sense > 0 else "mountain")
-        plain.setdefault(f"{word} {SHEETS[sheet - 1]}" if sheet else word, []).append(key)
+        by_name.setdefault(_plain_name(key), []).append(key)
     names = {}
-    for word, same in plain.items():
-        for i, key in enumerate(sorted(same, key=lambda key: -key[3])):
-            names[key] = word if len(same) == 1 else f"{word} {i + 1}"
+    for name, same in by_name.items():
+        # The sharpest fold is the first.
+        same.sort(key=lambda key: -key.angle)
+        for i, key in enumerate(same):
+            names[key] = f"{name} {i + 1}"
+        if len(same) == 1:
+            names[same[0]] = name
     return names
+
+
+def _plain_name(key: Key) -> str:
+    """Name of a fold line by its number or sign, and its sheet."""
+    name = "valley"
+    if key.fold:
+        name = f"fold {key.fold}"
+    elif key.sign < 0:
+        name = "mountain"
+    if key.sheet:
+        name = f"{name} {SHEETS[key.sheet - 1]}"
+    return name

@@ -1,4 +1,4 @@
-"""What all fold maps have in common: fold lines on a mesh, creases, and the start of a scene."""
+"""The base of fold maps: fold lines on a mesh, creases, and a film that starts folded."""
 
 from __future__ import annotations
 
@@ -21,57 +21,69 @@ from gossamer_fx.model.body import Array, Indices, Vector
 
 @dataclass(frozen=True)
 class FoldMap(ABC):
-    """An isometric map of a flat film, given in z = 0, to a folded one.
+    """An isometric map of a flat film in the plane z = 0 to a folded one.
 
-    Where two sheets lie on each other, as in a tube that is pressed flat, `side` is 1 on the upper one, -1 on the lower
-    one and 0 where they are joined: the map keeps them apart.  Sheets are told by the groups "top" and "bottom" of the
-    mesh.
+    Two sheets may lie on each other, as in a tube that is pressed flat.  The mesh then has the groups
+    "top" and "bottom", and `side` is 1 on the upper sheet, -1 on the lower one and 0 where they are
+    joined; the map keeps the sheets apart.
 
-    A film with folds is made in this order:
+    A film with folds is made in this order: mark the fold lines on the mesh, make the film, give the
+    scene the folded start and the creases.
 
-        folds = gx.fold.Zigzag(length=0.8, panels=5, angle=1.4)
-        film = gx.Membrane(folds.mark(mesh), law)
-        scene = gx.Scene(film, folds.start(film), *folds.creases(film, stiffness=1e-3))
+    Example:
+        >>> folds = gx.fold.Zigzag(length=1.0, panels=2, angle=1.4)
+        >>> marked = gx.Membrane(folds.mark(mesh), film.law)
+        >>> creases = folds.creases(marked, stiffness=1e-3)
+        >>> scene = gx.Scene(marked, folds.start(marked), *creases)
     """
 
-    called: ClassVar[str]  # what users call it, in messages
+    # Name in messages
+    called: ClassVar[str]
 
     @abstractmethod
     def place(self, X: Array, side: Array) -> Array:
-        """Folded positions (n, 3) [m] of points X (n, 3) of the flat film on sheets `side` (n,)."""
+        """Folded positions (n, 3) [m].
+
+        Args:
+            X: points (n, 3) of the flat film [m].
+            side: 1 on the upper sheet, -1 on the lower one, else 0, (n,).
+        """
 
     @abstractmethod
     def pressed(self) -> FoldMap:
-        """The same folds with layers that lie on each other: this one is isometric."""
+        """The same folds without any distance of layers: this map is isometric to round-off."""
 
     def ajar(self) -> FoldMap:
-        """The same folds, none of them shut: it tells mountain from valley."""
+        """The same folds with no fold shut, so that mountains and valleys can be distinguished."""
         return self
 
     def label(self, X: Array) -> Indices:
-        """Number of the fold at points X (n, 3) of its lines; 0 where folds have no numbers."""
+        """Number of the fold (n,) at points X (n, 3) [m] of fold lines; 0 if folds have no numbers."""
         return np.zeros(len(X), dtype=np.int32)
 
     def lines(self, mesh: Mesh) -> list[FoldLine]:
-        """The fold lines as edges of a mesh, with their angles; collective.
+        """The fold lines as edges of a mesh, with their angles.  Collective.
 
         Raises:
-            InputError: triangles that lie on both sides of a fold line.
+            InputError: a triangle lies on both sides of a fold line.
         """
         return find_lines(self, mesh)
 
     def mark(self, mesh: Mesh) -> Mesh:
-        """The mesh with its fold lines as groups: "fold 1" and so on, or "valley" and "mountain".
+        """The mesh with its fold lines as additional groups of curves.  Collective.
 
-        On two sheets "fold 1 top" and "fold 1 bottom".  A valley is folded towards the normal of the film.  Where folds
-        of one sense have several angles, "valley 1" is the sharpest.
+        Their names are "fold 1" and so on, or "valley" and "mountain" for maps without numbered
+        folds; on two sheets "fold 1 top" and "fold 1 bottom".  A valley is folded towards the normal
+        of the film.  If valleys have several angles, "valley 1" is the sharpest.
+
+        Args:
+            mesh: of the flat film, in the plane z = 0.
 
         Raises:
-            InputError: triangles that lie on both sides of a fold line.
+            InputError: a triangle lies on both sides of a fold line.
         """
-        return replace(
-            mesh, groups=mesh.groups | {line.name: (1, line.edges) for line in self.lines(mesh)}
-        )
+        fold_lines = {line.name: (1, line.edges) for line in self.lines(mesh)}
+        return replace(mesh, groups=mesh.groups | fold_lines)
 
     def start(
         self, film: Membrane, origin: Vector = (0.0, 0.0, 0.0), turn: Vector = (0.0, 0.0, 0.0)
@@ -80,8 +92,11 @@ class FoldMap(ABC):
 
         Args:
             film: on a mesh for which the map is made.
-            origin: where the origin of the folded shape comes to lie [m].
+            origin: position of the origin of the folded shape [m].
             turn: rotation vector [rad] about that point.
+
+        Raises:
+            InputError: origin or turn is not three finite numbers.
         """
         return Folded(film, self, tuple(origin), tuple(turn), f"{film.name} folded")
 
@@ -93,16 +108,17 @@ class FoldMap(ABC):
         set_angle_ratio: float = 1.0,
         yield_angle: float | None = None,
     ) -> Sequence[Crease]:
-        """A `Crease` for every group of `mark`, with branch and rest angle of this map.
+        """A `Crease` for every group of `mark`, folded and with a rest angle as in this map.
 
         Args:
-            film: on a mesh that was marked; of a `Plate` the groups are also its hinges.
-            stiffness: k [N m/m/rad], moment per length and angle.
-            set_angle_ratio: rest angle over the angle of the fold, 0 to 1: 0 is flat at rest.
-            yield_angle: [rad], as of `Crease`.
+            film: on a mesh that `mark` returned; of a `Plate` the groups are also its hinges.
+            stiffness: moment per length and angle [N m/m/rad].
+            set_angle_ratio: rest angle over the angle of the fold, 0 to 1; 0 is flat at rest.
+            yield_angle: [rad], see `Crease`.
 
         Raises:
-            InputError: a mesh without the groups, a share that is not between 0 and 1, and what `Crease` raises.
+            InputError: the mesh does not have the groups, the ratio is out of its range, or `Crease`
+                refuses an argument.
         """
         check(
             0 <= set_angle_ratio <= 1,
@@ -114,23 +130,28 @@ class FoldMap(ABC):
                 line.name in film.mesh.groups,
                 f"{self.called}: the mesh of '{film.name}' has no group '{line.name}'; make the film on mark(mesh).",
             )
-        return [
-            Crease(
+        creases = []
+        for line in lines:
+            # A fold that is shut has an angle near ±π: the crease has to know from which side it comes.
+            initial_fold = VALLEY if line.angle > 0 else MOUNTAIN
+            crease = Crease(
                 film,
                 line.name,
                 stiffness=stiffness,
                 rest_angle=set_angle_ratio * line.angle,
                 yield_angle=yield_angle,
-                initial_fold=VALLEY if line.angle > 0 else MOUNTAIN,
+                initial_fold=initial_fold,
                 name=f"{film.name} {line.name}",
             )
-            for line in lines
-        ]
+            creases.append(crease)
+        return creases
 
     def _check(self, condition: bool, message: str) -> None:
+        """Check a condition; the message starts with the name of the map."""
         check(condition, f"{self.called}: {message}")
 
     def _check_positive(self, *lengths: str) -> None:
+        """Check that lengths, given by the names of the map's arguments, are positive numbers."""
         for what in lengths:
             value = getattr(self, what)
             self._check(
@@ -139,6 +160,7 @@ class FoldMap(ABC):
             )
 
     def _check_not_negative(self, *lengths: str) -> None:
+        """Check that lengths, given by the names of the map's arguments, are zero or positive."""
         for what in lengths:
             value = getattr(self, what)
             self._check(

@@ -1,4 +1,4 @@
-"""A film that starts folded."""
+"""An initial condition: a film that starts folded by a fold map."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from dolfinx import fem
 from gossamer_fx.algebra.rotations import rotations
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check, check_on_all, is_vector
-from gossamer_fx.fold.fold_lines import SHEETS, Map
+from gossamer_fx.fold.fold_lines import SHEETS, Map, has_two_sheets
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.model.body import Array
 from gossamer_fx.model.state import InitialState
@@ -20,12 +20,19 @@ from gossamer_fx.model.state import InitialState
 
 @dataclass(frozen=True, eq=False)
 class Folded:
-    """Places a film as a fold map says; `FoldMap.start` makes it.  Its velocities stay.
+    """Initial positions of a film by a fold map; velocities do not change.  `FoldMap.start` makes it.
 
-    Ports, joints, tethers, contact and probes see the folded film.
+    Ports, joints, tethers, contact and probes start with the folded film.
+
+    Args:
+        film: the film.
+        folds: the map.
+        origin: position of the origin of the folded shape [m].
+        turn: rotation vector [rad] about that point.
+        name: in messages.
 
     Raises:
-        InputError: an origin or a rotation vector that is not three numbers; positions that are not finite.
+        InputError: origin or turn is not three finite numbers, or positions are not finite.
     """
 
     film: Membrane
@@ -35,57 +42,68 @@ class Folded:
     name: str = "folded"
 
     def __post_init__(self) -> None:
-        for what in ("origin", "turn"):
-            value = getattr(self, what)
+        for what, value in (("origin", self.origin), ("turn", self.turn)):
             check(
                 is_vector(value),
                 f"Folded '{self.name}': {what} is {value!r}; give three finite numbers.",
             )
 
     def requires(self) -> Iterable[Any]:
+        """The film, which joins the scene."""
         yield self.film
 
     def initialise(self, start: InitialState) -> None:
+        """Set the film's positions in the initial state."""
         start.place(self.film, self.positions())
 
     def positions(self) -> Array:
-        """Places (n, 3) [m] of this rank's nodes."""
-        index_map = self.film.block.index_map
-        n = index_map.size_local
-        X = self.film.space.tabulate_dof_coordinates()[:n]
-        x = self.folds.place(X, self._sides()[:n])
+        """Folded positions (n, 3) [m] of this rank's nodes.  Collective.
+
+        Raises:
+            InputError: they are not finite, because the map is for another film.
+        """
+        owned = self.film.block.index_map.size_local
+        X = self.film.space.tabulate_dof_coordinates()[:owned]
+        folded = self.folds.place(X, self._sides()[:owned])
         check_on_all(
             self.film.comm,
-            x.shape == X.shape and bool(np.isfinite(x).all()),
+            folded.shape == X.shape and bool(np.isfinite(folded).all()),
             f"'{self.name}': the fold map gives positions that are not finite; make it for the mesh of this film.",
         )
-        placed: Array = x @ _rotation(np.asarray(self.turn, dtype=float)).T + np.asarray(
-            self.origin, dtype=float
-        )
+        R = _rotation(np.asarray(self.turn, dtype=float))
+        placed: Array = folded @ R.T + np.asarray(self.origin, dtype=float)
         return placed
 
     def strain_energy(self) -> float:
-        """∫ W(E) dA [J] of the start: zero but for what keeps layers apart, and round-off.  Collective."""
+        """∫ ψ(E) dA [J] of the start.  Collective.
+
+        It is zero but for round-off and for what keeps layers apart.
+        """
         film = self.film
         x = fem.Function(film.space)
-        x.x.array[: 3 * film.block.index_map.size_local] = self.positions().ravel()
+        owned = 3 * film.block.index_map.size_local
+        x.x.array[:owned] = self.positions().ravel()
         x.x.scatter_forward()
         energy = compile_form(film.density(film.measure(x)) * film.dx)
-        return float(film.comm.allreduce(float(np.real(fem.assemble_scalar(energy)))))
+        own = float(np.real(fem.assemble_scalar(energy)))
+        return float(film.comm.allreduce(own))
 
     def _sides(self) -> Array:
         """1 on the upper sheet, -1 on the lower one, 0 where they are joined, at local nodes (n,)."""
-        index_map, mesh = self.film.block.index_map, self.film.mesh
+        index_map = self.film.block.index_map
         side = np.zeros(index_map.size_local + index_map.num_ghosts)
-        if all(mesh.groups.get(name, (0,))[0] == 2 for name in SHEETS):
-            for sign, name in zip((1.0, -1.0), SHEETS, strict=True):
-                side[self.film.nodes(name)] += sign
+        if has_two_sheets(self.film.mesh):
+            top, bottom = SHEETS
+            # Nodes of both sheets add up to zero.
+            side[self.film.nodes(top)] += 1.0
+            side[self.film.nodes(bottom)] -= 1.0
         return side
 
 
 def _rotation(turn: Array) -> Array:
     """The rotation (3, 3) by a rotation vector [rad]."""
     angle = float(np.linalg.norm(turn))
+    # A rotation by nothing has no axis.
     if angle == 0:
         return np.eye(3)
     return rotations(turn / angle, angle)

@@ -1,4 +1,4 @@
-"""Miura's fold."""
+"""The map `Miura`: rows of parallelograms."""
 
 from __future__ import annotations
 
@@ -39,7 +39,11 @@ class Miura(FoldMap):
         lift: half of their distance along z [m].
 
     Raises:
-        InputError: numbers out of these ranges.
+        InputError: a number is out of its range.
+
+    Example:
+        >>> folds = gx.fold.Miura(0.1, 0.1, gamma=1.0, theta=0.5)
+        >>> folded = folds.place(np.array([[0.05, 0.05, 0.0]]), np.zeros(1))
 
     Source: Schenk & Guest, Proc. Natl. Acad. Sci. 110 (2013) 3276, doi:10.1073/pnas.1217998110, equations 1 to 4.
     """

@@ -1,4 +1,4 @@
-"""Rings whose pleats wind round a polygonal hub: the skew fold of spinning discs."""
+"""The map `Star`: a ring whose pleats wind round a polygonal hub, as spinning discs are folded."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.fold.fold_map import FoldMap
 from gossamer_fx.model.body import Array
 
-AJAR = 0.01  # thickness of the roll over its radius at which mountain and valley can be told
+# Thickness of the roll over its radius at which mountains and valleys are distinguished: far above
+# round-off, and small enough for the shape to stay the same.
+AJAR = 0.01
 
 
 @check_arguments
@@ -38,7 +40,12 @@ class Star(FoldMap):
         gap: distance of layers [m].
 
     Raises:
-        InputError: numbers out of these ranges.
+        InputError: a number is out of its range.
+
+    Example:
+        >>> folds = gx.fold.Star(6, 0.1, columns=2, reach=8)
+        >>> round(folds.radius, 3)
+        0.097
 
     Source: of the pattern, Guest & Pellegrino, "Inextensional wrapping of flat membranes", Proc. First Int. Seminar on
     Structural Morphology (1992) 203.

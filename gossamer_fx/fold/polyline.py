@@ -13,8 +13,11 @@ from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.fold.fold_map import FoldMap
 from gossamer_fx.model.body import Array, Indices
 
-SAME = 1e-7  # of a length: places that differ by less are one
-AJAR = 0.5  # part of its angles at which an accordion tells mountain from valley
+# Share of the length: points that differ by less are the same.
+SAME = 1e-7
+# Share of its angles at which the mountains and valleys of an accordion are distinguished: no fold is
+# shut then.
+AJAR = 0.5
 
 
 @dataclass(frozen=True)
@@ -115,7 +118,13 @@ class Zigzag(Strip):
         spacing: distance of these rows [m].
 
     Raises:
-        InputError: numbers out of these ranges, folds that overlap.
+        InputError: a number is out of its range, or folds overlap.
+
+    Example:
+        >>> folds = gx.fold.Zigzag(0.8, 4, angle=1.4, width=0.05, opening=1e-4)
+        >>> flat = np.array([[0.8, 0.0, 0.0]])
+        >>> round(float(folds.pressed().place(flat, np.zeros(1))[0, 0]), 3)
+        0.136
     """
 
     called: ClassVar[str] = "fold.Zigzag"
@@ -198,7 +207,12 @@ class Roll(Strip):
         opening: half of the distance of the sheets [m].
 
     Raises:
-        InputError: numbers out of these ranges; rows farther apart than two thirds of the radius.
+        InputError: a number is out of its range, or rows are farther apart than two thirds of the
+            radius.
+
+    Example:
+        >>> folds = gx.fold.Roll(0.5, 100, radius=0.02, pitch=1e-3)
+        >>> folded = folds.place(np.array([[0.5, 0.0, 0.0]]), np.zeros(1))
     """
 
     called: ClassVar[str] = "fold.Roll"

@@ -1,4 +1,4 @@
-"""Strips that are folded along and wound round a hub."""
+"""The map `Spiral`: a strip that is folded lengthwise and wound round a hub."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.fold.fold_map import FoldMap
 from gossamer_fx.model.body import Array
 
-AJAR = 1e-2  # thickness of the roll over its radius at which mountain and valley can be told
+# Thickness of the roll over its radius at which mountains and valleys are distinguished: far above
+# round-off, and small enough for the shape to stay the same.
+AJAR = 1e-2
 
 
 @check_arguments
@@ -34,7 +36,12 @@ class Spiral(FoldMap):
         gap: distance of layers [m].
 
     Raises:
-        InputError: numbers out of these ranges.
+        InputError: a number is out of its range.
+
+    Example:
+        >>> folds = gx.fold.Spiral(2.0, 24, around=12, rows=4, pitch=0.05)
+        >>> round(folds.radius, 3)
+        0.161
     """
 
     called: ClassVar[str] = "fold.Spiral"
