@@ -21,7 +21,17 @@ from meshes.sheet import sheet
 COMM = MPI.COMM_SELF
 FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 # Rooms of the package whose public names all have an example.
-COMPLETE = {"bodies", "connectors", "constraints", "gas", "loads", "materials"}
+COMPLETE = {
+    "bodies",
+    "connectors",
+    "constraints",
+    "fields",
+    "fold",
+    "gas",
+    "loads",
+    "materials",
+    "reduction",
+}
 
 
 @pytest.fixture(scope="module")
