@@ -40,7 +40,7 @@ class Cut:
     kinds: Integers
 
 
-class Section:
+class PlaneCut:
     """Cuts the films of a recorded run by a plane.
 
     Args:
