@@ -253,16 +253,20 @@ def kind_of(hint: Any) -> Kind | None:
     Raises:
         TypeError: a type that cannot be tested, e.g. a protocol that is not `runtime_checkable`.
     """
-    if isinstance(hint, typing.TypeAliasType):
-        return kind_of(hint.__value__)
     if hint is Any or hint is object or isinstance(hint, TypeVar):
         return None
+    # Before other aliases: newer versions of NumPy define it as an alias of a union of protocols, which says
+    # less than "numbers".
     if hint is npt.ArrayLike:
         return Kind(_is_numeric, "numbers")
+    if isinstance(hint, typing.TypeAliasType):
+        return kind_of(hint.__value__)
     if hint in _SIMPLE:
         return _SIMPLE[hint]
     origin = get_origin(hint)
     arguments = get_args(hint)
+    if isinstance(origin, typing.TypeAliasType):  # e.g. NDArray[int32] of newer versions of NumPy
+        return kind_of(origin.__value__[arguments])
     if origin is Annotated:
         return _annotated(arguments[0], arguments[1:])
     if origin in (Union, types.UnionType):
