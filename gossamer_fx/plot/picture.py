@@ -23,9 +23,9 @@ from gossamer_fx.outputs.schedule import Schedule
 from gossamer_fx.plot.colours import by_state, colouring
 from gossamer_fx.plot.curve_panels import run_curves
 from gossamer_fx.plot.page import Views, write_page
+from gossamer_fx.plot.plane_cut import PlaneCut, check_section
 from gossamer_fx.plot.plot import field_views
 from gossamer_fx.plot.run_reader import RunReader
-from gossamer_fx.plot.plane_cut import PlaneCut, check_section
 from gossamer_fx.plot.viewpoint import View
 from gossamer_fx.probes.run import Run
 
