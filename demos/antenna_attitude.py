@@ -28,8 +28,8 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.meshes import antenna as meshes
 from gossamer_fx.outputs.output import Output, Probe
-from meshes import antenna as meshes
 
 SIDE = 2.1  # m
 FILM = gx.Miyazaki(E=2.3e9, nu=0.3, density=1400.0, thickness=2e-5, residual_stiffness=1e-8 / 35)

@@ -20,8 +20,8 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.studies.crease import folded
 from gossamer_fx.analysis.crease_identification import GRAVITY
+from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.model.body import Array
-from meshes.creased_strip import creased_strip
 
 LENGTH, WIDTH = 0.05, 0.015  # of a panel [m]
 LAW = gx.Linear(E=3.0e9, nu=0.3, density=1420.0, thickness=50e-6)  # polyimide

@@ -31,11 +31,11 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import books, deploy, say_books, square_millimetres
+from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Probe
 from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import AIR, NITROGEN
-from meshes.tube import flat_tube
 
 TITLE = "A folded tube, deployed from a tank"
 VIEW = gx.plot.View(azimuth=math.radians(-30), elevation=math.radians(15), zoom=True)

@@ -17,8 +17,8 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.meshes.sheet import CORNERS, EDGES, sheet
 from gossamer_fx.model.body import Array
-from meshes.sheet import CORNERS, EDGES, sheet
 
 TENSION, HEIGHT = 10.0, 0.4  # N/m, m
 FILM = gx.analysis.Prestress(E=1e9, nu=0.3, density=1000.0, thickness=1e-5, tension=TENSION)

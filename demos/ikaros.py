@@ -35,10 +35,10 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import books, by_cause, deploy, keep, losses, say_books
+from gossamer_fx.meshes.sails import trapezoids
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Probe
 from gossamer_fx.system.totals import relative_drift
-from meshes.sails import trapezoids
 
 TITLE = "IKAROS, stage 2: from the cross to the square"
 VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(50))

@@ -33,10 +33,10 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.common.deployment import books, by_cause, keep, losses, say_books
 from demos.ikaros import HUB_HEIGHT, HUB_INERTIA, HUB_MASS, PETALS, RPM, TIP
+from gossamer_fx.meshes.line import line
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Output, Probe
 from gossamer_fx.system.totals import relative_drift
-from meshes.line import line
 
 TITLE = "IKAROS, stage 1: arms are let out by guides"
 VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(60))

@@ -31,9 +31,9 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.outputs.output import Output
 from gossamer_fx.outputs.schedule import Schedule
-from meshes.tube import flat_tube
 
 TITLE = "A tube pressed flat, deployed from a tank"
 LENGTH, DIAMETER = 0.8, 0.058  # m

@@ -16,9 +16,9 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.meshes.sheet import crossed_sheet
 from gossamer_fx.orbit.optics import JPL_SAIL
 from gossamer_fx.outputs.output import Output
-from meshes.sheet import crossed_sheet
 
 SIDE, GAP, SPIN, ALTITUDE, STRETCH = 10.0, 0.2, 0.01, 8e5, 1e-4  # m, m, rad/s, m, 1
 RADIUS = 6378137.0 + ALTITUDE

@@ -26,9 +26,9 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.fields.body_shape import BodyShape
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.outputs.output import Output
 from gossamer_fx.system.totals import relative_drift
-from meshes.sheet import sheet
 
 SIDE, SPIN = 14.0, 2.5 * 2 * np.pi / 60  # m, rad/s
 CENTRE = (SIDE / 2, SIDE / 2, 0.0)

@@ -27,11 +27,11 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import books, by_cause, deploy, keep, losses, say_books
+from gossamer_fx.meshes.sails import pinwheel
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Probe
 from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.system.totals import relative_drift
-from meshes.sails import pinwheel
 
 TITLE = "A disc of film, deployed by its spin"
 VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(35), zoom=True)

@@ -19,9 +19,9 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.outputs.output import Output
 from gossamer_fx.system.totals import relative_drift
-from meshes.sheet import sheet
 
 SPIN = 10.0  # rad/s
 TITLE = "A free film, spinning and fluttering"

@@ -34,12 +34,12 @@ from scipy.spatial.transform import Rotation
 
 import gossamer_fx as gx
 from demos.common.deployment import books, deploy, losses, say_books, square_millimetres
+from gossamer_fx.meshes.creased import creased_film, creased_tube
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Probe
 from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import NITROGEN
 from gossamer_fx.system.totals import relative_drift
-from meshes.creased import creased_film, creased_tube
 
 TITLE = "Two tubes in V unfold a film from a cube"
 VIEW = gx.plot.View(azimuth=math.radians(-60), elevation=math.radians(35), zoom=True)

@@ -25,10 +25,10 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.common.deployment import keep
+from gossamer_fx.meshes.line import line
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Output
 from gossamer_fx.system.totals import relative_drift
-from meshes.line import line
 
 TITLE = "A hub is stopped by two masses on cords"
 RADIUS, MASS, SPIN = 0.1, 0.02, 10.0  # m, kg, rad/s

@@ -46,8 +46,8 @@ class InflatableTube:
         scene = gx.Scene(tube, tube.inlet(tank, area=1e-7))
 
     Args:
-        mesh: of the film, with the groups of `meshes.tube.flat_tube`: "compartment 1" and so on and "ring 1" and so on,
-            if there are several compartments.
+        mesh: of the film, with the groups of `gossamer_fx.meshes.tube.flat_tube`: if there are several
+            compartments, "compartment 1" and so on and "ring 1" and so on.
         law: of the film.
         gas: in it.
         pressure, temperature: of the gas at the start [Pa], [K].
@@ -98,7 +98,7 @@ class InflatableTube:
         who = f"InflatableTube '{name}'"
         check(
             isinstance(mesh, Mesh),
-            f"{who}: the mesh is {mesh!r}; give that of `meshes.tube.flat_tube`.",
+            f"{who}: the mesh is {mesh!r}; give that of `gossamer_fx.meshes.tube.flat_tube`.",
         )
         check(
             contact_distance > 0 or not obstacles,

@@ -28,9 +28,9 @@ class Star(FoldMap):
         s = k a + ρ cos ψ'   along the circumference,   z = -ρ sin ψ'.
 
     The bounds are valleys at z = 0, the bisectors mountains below.  The roll has corners at columns s = const of the
-    mesh, `column` apart, which are edges of the mesh of `meshes.sails.pinwheel`.  Layers are `gap` apart: they wind
-    outwards at 2 gap a side.  Their corners are in line, and the outermost layer has its length: those within are
-    slack.
+    mesh, `column` apart, which are edges of the mesh of `gossamer_fx.meshes.sails.pinwheel`.  Layers are `gap`
+    apart: they wind outwards at 2 gap a side.  Their corners are in line, and the outermost layer has its
+    length: those within are slack.
 
     Args:
         n: sides of the polygon, at least 3.

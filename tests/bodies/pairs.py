@@ -9,8 +9,8 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.line import line
-from meshes.sheet import sheet
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import sheet
 
 COMM = MPI.COMM_WORLD
 STEPS, DT = 200, 5e-3

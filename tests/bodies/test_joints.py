@@ -9,8 +9,8 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.line import line
-from meshes.sheet import sheet
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import sheet
 
 COMM = MPI.COMM_WORLD
 LAW = gx.Linear(E=1e6, nu=0.3, density=1000.0, thickness=1e-3)

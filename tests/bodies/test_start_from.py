@@ -7,8 +7,8 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.meshes.line import line
 from gossamer_fx.model.body import Array
-from meshes.line import line
 
 COMM = MPI.COMM_WORLD
 TIP = (0.0, 1.0, 0.0)

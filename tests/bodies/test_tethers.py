@@ -9,8 +9,8 @@ import pytest
 
 import gossamer_fx as gx
 from gossamer_fx.connectors.paid_out_ropes import PaidOutRopes
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.presets.films import KAPTON_HN
-from meshes.sheet import sheet
 
 K, MASS, L, BRAKE = 400.0, 0.5, 1.0, 2.0
 

@@ -9,8 +9,8 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.tube import flat_tube
-from meshes.tube_section import capped_cylinder
+from gossamer_fx.meshes.tube import flat_tube
+from gossamer_fx.meshes.tube_section import capped_cylinder
 
 FILM = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual_stiffness=1e-6)
 NITROGEN = gx.IdealGas(gamma=1.4, R=296.8)

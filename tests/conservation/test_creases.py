@@ -14,7 +14,7 @@ import gossamer_fx as gx
 from gossamer_fx.connectors.crease import MOUNTAIN, VALLEY
 from gossamer_fx.connectors.crease_energies import CreaseEnergies
 from gossamer_fx.fields.fields import FieldFunctions
-from meshes.creased_strip import creased_strip
+from gossamer_fx.meshes.creased_strip import creased_strip
 
 WORLD = MPI.COMM_WORLD
 LAW = gx.Linear(E=2.5e9, nu=0.3, density=1400.0, thickness=50e-6)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 
 STEPS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
 FAR = 7e6  # m: the radius of an orbit; its unit in the last place is 1e-9 m

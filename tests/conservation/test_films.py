@@ -9,9 +9,9 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.airbag import airbag
-from meshes.sheet import EDGES, sheet
-from meshes.sphere import sphere
+from gossamer_fx.meshes.airbag import airbag
+from gossamer_fx.meshes.sheet import EDGES, sheet
+from gossamer_fx.meshes.sphere import sphere
 
 LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
 MASS = 1400.0 * 1e-4  # kg/m²

@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 
 COMM = MPI.COMM_WORLD
 LAW = gx.Linear(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.spinning_sheet import throw
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 
 LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
 

@@ -19,7 +19,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.forms.backend import interpolation_points
 from gossamer_fx.forms.kinematics import area_vector, half_trace_and_radius
-from meshes.airbag import airbag
+from gossamer_fx.meshes.airbag import airbag
 
 EDGE = 1.2 / math.sqrt(2)
 LAW = gx.Miyazaki(E=588e6, nu=0.4, density=1000.0, thickness=6e-4, residual_stiffness=1e-6)

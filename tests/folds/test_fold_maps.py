@@ -12,10 +12,10 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.creased import creased_film, creased_tube
-from meshes.sails import parallelograms, pinwheel, trapezoids
-from meshes.sheet import sheet
-from meshes.tube import flat_tube
+from gossamer_fx.meshes.creased import creased_film, creased_tube
+from gossamer_fx.meshes.sails import parallelograms, pinwheel, trapezoids
+from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.tube import flat_tube
 
 LAW = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual_stiffness=1e-6)
 WIDTH = math.pi * 0.03 / 2  # of a tube of 30 mm that is pressed flat

@@ -9,7 +9,7 @@ import pytest
 
 import gossamer_fx as gx
 from demos import ikaros, ikaros_swing
-from meshes.sails import trapezoids
+from gossamer_fx.meshes.sails import trapezoids
 
 RPM = ikaros.RPM
 

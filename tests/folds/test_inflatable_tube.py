@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
+from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import NITROGEN
-from meshes.tube import flat_tube
 
 LENGTH, DIAMETER = 0.16, 0.03
 FOLDS = gx.fold.Zigzag(

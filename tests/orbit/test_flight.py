@@ -9,11 +9,11 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.orbit.elements import Elements, elements_of
 from gossamer_fx.orbit.gravity_field import J2, MU, RADIUS
 from gossamer_fx.orbit.mass_points import equivalent_points
 from gossamer_fx.orbit.orbit import Orbit
-from meshes.sheet import sheet
 
 A = 7e6
 RATE = math.sqrt(MU / A**3)

@@ -12,6 +12,7 @@ import gossamer_fx as gx
 from gossamer_fx.extend import InitialState
 from gossamer_fx.forms.backend import evaluate, interpolation_points
 from gossamer_fx.forms.compilation import compile_expression
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.reduction.mode_gradients import (
     mode_gradients,
     own_cells,
@@ -23,7 +24,6 @@ from gossamer_fx.reduction.mode_gradients import (
 from gossamer_fx.reduction.points import TRUE, Points
 from gossamer_fx.terms.discrete_gradient import PathAverage
 from gossamer_fx.terms.element_energies import quadrature_element, with_derivative
-from meshes.sheet import sheet
 
 LAW = gx.Miyazaki(E=2e8, nu=0.3, density=1400.0, thickness=1e-5)
 HEAVY = {"thickness": lambda X: np.where(X[0] > 1.0, 3e-5, 1e-5)}

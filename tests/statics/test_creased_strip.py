@@ -21,7 +21,7 @@ import gossamer_fx as gx
 from demos import crease_identification
 from demos.studies import crease
 from demos.studies.crease import LENGTH, REST, STIFFNESS, STRIP, WIDTH
-from meshes.creased_strip import creased_strip
+from gossamer_fx.meshes.creased_strip import creased_strip
 
 # force [N/m], angle between the panels (180° - θ) [deg], distance of the ends [mm], depth of the V [mm]
 TABLE = (

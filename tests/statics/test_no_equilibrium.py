@@ -7,7 +7,7 @@ import pytest
 
 import gossamer_fx as gx
 from gossamer_fx import Equilibrium, NoEquilibrium
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 
 LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1000.0, thickness=1e-4)
 STRETCHED = {"displacement": lambda X: 0.01 * X}

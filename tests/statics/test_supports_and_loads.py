@@ -7,8 +7,8 @@ import pytest
 from dolfinx.mesh import locate_entities
 
 import gossamer_fx as gx
-from meshes.line import line
-from meshes.sheet import sheet
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import sheet
 
 E, THICKNESS = 1e9, 1e-4
 LAW = gx.Linear(E, 0.0, density=1000.0, thickness=THICKNESS)

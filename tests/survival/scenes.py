@@ -8,10 +8,10 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.line import line
-from meshes.plates import irregular_sheet
-from meshes.sheet import sheet
-from meshes.tube import flat_tube
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.plates import irregular_sheet
+from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.tube import flat_tube
 
 LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual_stiffness=1e-6)
 GAS = gx.IdealGas(gamma=1.4, R=296.8)

@@ -13,9 +13,9 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.outputs.arguments import describe
 from gossamer_fx.run.same_scene import differences
-from meshes.sheet import sheet
 from tests.survival.scenes import DT, GAS, LAW
 
 COMM = MPI.COMM_WORLD

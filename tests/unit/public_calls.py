@@ -12,10 +12,10 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.creased_strip import creased_strip
-from meshes.line import line
-from meshes.sheet import EDGES, sheet
-from meshes.tube import flat_tube
+from gossamer_fx.meshes.creased_strip import creased_strip
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import EDGES, sheet
+from gossamer_fx.meshes.tube import flat_tube
 
 WORLD = MPI.COMM_WORLD
 Call = dict[str, Any]

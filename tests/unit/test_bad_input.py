@@ -17,10 +17,10 @@ from gossamer_fx.checks.lazy_names import public_names
 from gossamer_fx.cli.command import main
 from gossamer_fx.cli.user_files import guarded
 from gossamer_fx.contact.obstacles import Obstacle
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.sphere import sphere
 from gossamer_fx.scene.scene import Item
-from meshes.line import line
-from meshes.sheet import sheet
-from meshes.sphere import sphere
 from tests.unit.public_calls import UNCALLED, Inputs, make_inputs, spoiled, valid_calls
 
 AIR = gx.IdealGas(gamma=1.4, R=287.0)
@@ -464,7 +464,7 @@ def test_pictures_and_reports_do_not_fall_on_folders(tmp_path: Path) -> None:
 
 GOOD = """
 import gossamer_fx as gx
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 def build(comm, cells=2, until=2e-3):
     law = gx.Linear(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
     return gx.Case(gx.Scene(gx.Membrane(sheet(comm, cells, cells), law)), gx.Midpoint(dt=1e-3), until=until)

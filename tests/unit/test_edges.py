@@ -10,8 +10,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.mesh.edges import EdgeTable, edges_of
-from meshes.airbag import airbag
-from meshes.sheet import sheet
+from gossamer_fx.meshes.airbag import airbag
+from gossamer_fx.meshes.sheet import sheet
 
 WORLD = MPI.COMM_WORLD
 

@@ -13,9 +13,9 @@ from gossamer_fx import Linear, Membrane
 from gossamer_fx.extend import InitialState
 from gossamer_fx.forms.backend import evaluate
 from gossamer_fx.forms.kinematics import area_vector, tension
-from meshes.airbag import airbag
-from meshes.sheet import sheet
-from meshes.sphere import sphere
+from gossamer_fx.meshes.airbag import airbag
+from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.sphere import sphere
 
 LAW = Linear(E=1.0, nu=0.3, density=1.0, thickness=1.0)
 SURFACES = {

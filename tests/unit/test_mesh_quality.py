@@ -10,12 +10,12 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.meshes.airbag import airbag
+from gossamer_fx.meshes.plates import slit_ring
+from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.sphere import sphere
+from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.scene.validation import self_intersections, validate, warnings
-from meshes.airbag import airbag
-from meshes.plates import slit_ring
-from meshes.sheet import sheet
-from meshes.sphere import sphere
-from meshes.tube import flat_tube
 
 WORLD = MPI.COMM_WORLD
 LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)

@@ -18,8 +18,8 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.fields.fields import AreaFractions, FieldFunctions
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.plot.rasterise import Canvas
-from meshes.sheet import sheet
 from tests.hanging import HANG_TIMEOUT
 
 adios2 = pytest.importorskip("adios2", exc_type=ImportError)  # the light install has none
@@ -455,7 +455,7 @@ def test_matplotlib_is_loaded_by_pictures_only(folder: Path) -> None:
 import sys
 import gossamer_fx as gx
 from mpi4py import MPI
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 
 film = gx.Membrane(sheet(MPI.COMM_SELF, 2, 2), gx.Linear(E=1e9, nu=0.3, density=1e3, thickness=1e-4))
 outputs = [gx.outputs.VTX({str(folder / "a.bp")!r}), gx.Ledger({str(folder / "a.csv")!r}), gx.outputs.Progress()]

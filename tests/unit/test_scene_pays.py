@@ -14,7 +14,7 @@ FILM_ALONE = """
 import json, sys
 from mpi4py import MPI
 import gossamer_fx as gx
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 
 film = gx.Membrane(sheet(MPI.COMM_WORLD, 2, 2), gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4))
 run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3))

@@ -18,8 +18,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.fields.fields import FIELDS
+from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.outputs.run_file import read_run_file
-from meshes.tube import flat_tube
 
 ALONE = MPI.COMM_SELF
 LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
