@@ -30,7 +30,7 @@ from gossamer_fx.model.roles import (
     StoredEnergies,
     Tangents,
 )
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
 Names = np.ndarray[Any, np.dtype[np.int64]]
 
@@ -47,7 +47,7 @@ class CreaseEnergies(
     Dissipation,
     CellFields,
     HistoryVariables,
-    CompiledTerms,
+    CompiledTerms["CreaseEnergy"],
 ):
     """All `CreaseEnergy` terms of a scene; those with as many nodes a point are one array."""
 
@@ -156,7 +156,7 @@ class CreaseEnergy:
     slip: float
     shut: int
     names: Names
-    compiler: ClassVar[type[CompiledTerms]] = CreaseEnergies
+    compiler: ClassVar[Compiler] = CreaseEnergies
 
 
 class _Points:

@@ -30,7 +30,7 @@ from gossamer_fx.model.roles import (
     Supply,
     Tangents,
 )
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
 
 class ContactItem(Protocol):
@@ -56,7 +56,7 @@ class CompiledContacts(
     Dissipation,
     NodeFields,
     Drawable,
-    CompiledTerms,
+    CompiledTerms["ContactEnergy"],
 ):
     """All `ContactEnergy` terms of a scene; the roles of `model.roles` are shared out to contact sets.
 
@@ -173,7 +173,7 @@ class ContactEnergy:
     friction: float = 0.0
     slip_velocity: float = 1e-3
     history: ContactHistory = field(default_factory=ContactHistory)
-    compiler: ClassVar[type[CompiledTerms]] = CompiledContacts
+    compiler: ClassVar[Compiler] = CompiledContacts
 
 
 def _contact_set(term: ContactEnergy, system: ContactAssembly) -> ContactSet:

@@ -13,11 +13,13 @@ from gossamer_fx.algebra.numbering import GlobalIndices
 from gossamer_fx.algebra.point_measures import Gather, add_blocks, attach_all, evaluated_here
 from gossamer_fx.model.body import Array, Body, Port
 from gossamer_fx.model.roles import ExternalLoads, Forces, OnMeshes, StepObserver, Supply, Tangents
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.terms.point_masses import AttachedKineticEnergy
 
 
-class AttachedLoads(OnMeshes, ExternalLoads, StepObserver, Forces, Tangents, Supply, CompiledTerms):
+class AttachedLoads(
+    OnMeshes, ExternalLoads, StepObserver, Forces, Tangents, Supply, CompiledTerms["AttachedLoad"]
+):
     """All `AttachedLoad` terms of a scene: forces M (a + A (X - c)) on the attached vectors X of masses M."""
 
     def __init__(self, terms: Sequence[AttachedLoad], system: Assembly) -> None:
@@ -109,7 +111,7 @@ class AttachedLoad:
     acceleration: Array
     gradient: Array
     centre: Array
-    compiler: ClassVar[type[CompiledTerms]] = AttachedLoads
+    compiler: ClassVar[Compiler] = AttachedLoads
 
 
 def _of_points(port: Port, body: Body) -> float:

@@ -36,7 +36,7 @@ from gossamer_fx.model.roles import (
 from gossamer_fx.reduction.coordinates import ReducedCoordinates
 from gossamer_fx.reduction.mode_gradients import mode_gradients, own_cells, points_and_areas
 from gossamer_fx.reduction.points import GIVEN, LINEAR, TRUE, Law, Points
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.terms.discrete_gradient import StressRule
 from gossamer_fx.terms.element_energies import (
     MAX_FRUITLESS_CHOICES,
@@ -51,7 +51,13 @@ MIDPOINT = 0.5
 
 
 class ReducedEnergies(
-    StepObserver, IterateObserver, StateObserver, Forces, Tangents, StoredEnergies, CompiledTerms
+    StepObserver,
+    IterateObserver,
+    StateObserver,
+    Forces,
+    Tangents,
+    StoredEnergies,
+    CompiledTerms["ReducedEnergy"],
 ):
     """All `ReducedEnergy` terms of a scene, compiled; `model.roles` describes its methods."""
 
@@ -128,7 +134,7 @@ class ReducedEnergy(StoredEnergy):
 
     modes: Array | None = None
     weights: Array | None = None
-    compiler: ClassVar[type[CompiledTerms]] = ReducedEnergies
+    compiler: ClassVar[Compiler] = ReducedEnergies
 
 
 class ModeForces:

@@ -6,6 +6,7 @@ The system knows the roles that terms play (`model.roles`), but no kind of term 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Never, cast
 
 import numpy as np
 from dolfinx import fem
@@ -21,7 +22,7 @@ from gossamer_fx.model.terms import Term
 from gossamer_fx.system.increment import Increment
 from gossamer_fx.system.tangent import Tangent
 from gossamer_fx.system.totals import Totals
-from gossamer_fx.terms.assembly import CompiledConstraints, CompiledTerms, Part
+from gossamer_fx.terms.assembly import CompiledConstraints, Compiler, Part
 from gossamer_fx.terms.coordinates import Coordinates
 from gossamer_fx.terms.discrete_gradient import StressRule
 from gossamer_fx.terms.scalar_unknowns import ScalarUnknowns
@@ -84,7 +85,7 @@ class System:
         self.geometric = 1.0
         self.supplied_energy = 0.0
 
-        kinds: dict[type[CompiledTerms], list[Term]] = {}
+        kinds: dict[Compiler, list[Term]] = {}
         for term in self.terms:
             kinds.setdefault(term.compiler, []).append(term)
         multipliers = [
@@ -112,7 +113,8 @@ class System:
         supports = [term for term in kinds.pop(Supports, []) if isinstance(term, Support)]
         self.supports = Supports(supports, self)
         self.increment = Increment(numbering, self.supports)
-        self.compiled = [kind(alike, self) for kind, alike in kinds.items()]
+        # The terms of a kind are those that name it as their compiler, which the type of `kinds` cannot say.
+        self.compiled = [kind(cast("list[Never]", alike), self) for kind, alike in kinds.items()]
         self._sort_by_role()
         self.losses = {name: 0.0 for kind in self._dissipating for name in kind.losses}
 

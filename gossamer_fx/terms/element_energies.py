@@ -59,7 +59,7 @@ from gossamer_fx.model.roles import (
     StoredEnergies,
     TangentForms,
 )
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.terms.coordinates import Coordinates
 from gossamer_fx.terms.discrete_gradient import StressRule
 
@@ -83,7 +83,7 @@ class ElementEnergies(
     TangentForms,
     StoredEnergies,
     Dissipation,
-    CompiledTerms,
+    CompiledTerms["StoredEnergy | ViscousDissipation"],
 ):
     """All `StoredEnergy` and `ViscousDissipation` terms of a scene."""
 
@@ -152,7 +152,7 @@ class StoredEnergy:
     quadratic: bool = False
     pieces: Callable[[Expr, Expr], list[Piece]] | None = None
     pulling: Callable[[Expr], Expr] | None = None
-    compiler: ClassVar[type[CompiledTerms]] = ElementEnergies
+    compiler: ClassVar[Compiler] = ElementEnergies
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +164,7 @@ class ViscousDissipation:
     measure: Callable[[Expr], Expr]
     density: Callable[[Expr], Expr]
     dx: ufl.Measure
-    compiler: ClassVar[type[CompiledTerms]] = ElementEnergies
+    compiler: ClassVar[Compiler] = ElementEnergies
 
 
 class ElementForces:

@@ -23,12 +23,19 @@ from gossamer_fx.model.roles import (
     Supply,
     TangentForms,
 )
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.terms.coordinates import Coordinates
 
 
 class Loads(
-    OnMeshes, ExternalLoads, StepObserver, Forces, TangentForms, Supply, Resultants, CompiledTerms
+    OnMeshes,
+    ExternalLoads,
+    StepObserver,
+    Forces,
+    TangentForms,
+    Supply,
+    Resultants,
+    CompiledTerms["Load"],
 ):
     """All `Load` terms of a scene."""
 
@@ -87,7 +94,7 @@ class Load:
     work: Callable[[Expr, Expr], ufl.Form]
     follows: bool = False  # whether the work form depends on the configuration q
     at: Callable[[float], None] | None = None
-    compiler: ClassVar[type[CompiledTerms]] = Loads
+    compiler: ClassVar[Compiler] = Loads
 
 
 class RateWork(Protocol):

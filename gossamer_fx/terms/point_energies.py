@@ -31,7 +31,7 @@ from gossamer_fx.model.roles import (
     StoredEnergies,
     Tangents,
 )
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
 
 class PointDensity(Protocol):
@@ -156,7 +156,7 @@ class PointEnergies(
     Tangents,
     StoredEnergies,
     Dissipation,
-    CompiledTerms,
+    CompiledTerms["PointStoredEnergy | PointDissipation"],
 ):
     """All `PointStoredEnergy` and `PointDissipation` terms of a scene."""
 
@@ -239,7 +239,7 @@ class PointStoredEnergy:
     name: str
     measure: PointMeasure
     density: PointDensity
-    compiler: ClassVar[type[CompiledTerms]] = PointEnergies
+    compiler: ClassVar[Compiler] = PointEnergies
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +249,7 @@ class PointDissipation:
     name: str
     measure: PointMeasure
     density: PointDamping
-    compiler: ClassVar[type[CompiledTerms]] = PointEnergies
+    compiler: ClassVar[Compiler] = PointEnergies
 
 
 def _kind(term: PointStoredEnergy | PointDissipation) -> Any:

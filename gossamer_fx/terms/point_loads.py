@@ -19,7 +19,7 @@ from gossamer_fx.model.roles import (
     Supply,
     Tangents,
 )
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
 
 class PointForce(Protocol):
@@ -38,7 +38,9 @@ class PointForce(Protocol):
         ...
 
 
-class PointLoads(ExternalLoads, StepObserver, Forces, Tangents, Supply, Resultants, CompiledTerms):
+class PointLoads(
+    ExternalLoads, StepObserver, Forces, Tangents, Supply, Resultants, CompiledTerms["PointLoad"]
+):
     """All `PointLoad` terms of a scene: force f(X̄) on attached vectors X = P q + o, work f·(X1 - X0)."""
 
     def __init__(self, terms: Sequence[PointLoad], system: Assembly) -> None:
@@ -112,4 +114,4 @@ class PointLoad:
     name: str
     ports: tuple[Attached, ...]
     law: PointForce
-    compiler: ClassVar[type[CompiledTerms]] = PointLoads
+    compiler: ClassVar[Compiler] = PointLoads

@@ -14,10 +14,10 @@ from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.model.body import MeshBody
 from gossamer_fx.model.roles import ConstantStiffness, StoredEnergies
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
 
-class QuadraticEnergies(ConstantStiffness, StoredEnergies, CompiledTerms):
+class QuadraticEnergies(ConstantStiffness, StoredEnergies, CompiledTerms["QuadraticEnergy"]):
     """All `QuadraticEnergy` terms of a scene: a constant matrix, and nothing in an iteration."""
 
     def __init__(self, terms: Sequence[QuadraticEnergy], system: Assembly) -> None:
@@ -49,4 +49,4 @@ class QuadraticEnergy:
     name: str
     body: MeshBody
     form: Callable[[Expr, Expr], ufl.Form]
-    compiler: ClassVar[type[CompiledTerms]] = QuadraticEnergies
+    compiler: ClassVar[Compiler] = QuadraticEnergies
