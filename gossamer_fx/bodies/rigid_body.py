@@ -102,7 +102,7 @@ class RigidBody:
             R.shape == (3, 3)
             and bool(np.allclose(R.T @ R, np.eye(3), atol=1e-12))
             and np.linalg.det(R) > 0,
-            f"RigidBody '{name}': the attitude is no rotation matrix; give orthonormal columns of determinant 1.",
+            f"RigidBody '{name}': the attitude is not a rotation matrix; give orthonormal columns of determinant 1.",
         )
         self.mass, self.name, self.comm = mass, name, comm
         # arguments that a restart compares, see `outputs.arguments`

@@ -145,7 +145,7 @@ class Elastica(FilmLaw):
     A film has no bending stiffness: under this compressive stress its cells buckle in turn, the
     more so the smaller they are.  Take cells of not much less than half_wavelength/4: on the airbag
     of `demos/studies/airbag.py` 0.1 m comes to rest with edges of 27 mm, while with 13 mm cells
-    beside the seam fold up and no equilibrium is found.
+    next to the seam fold up and no equilibrium is found.
 
     Args:
         E: Young's modulus [Pa], positive.

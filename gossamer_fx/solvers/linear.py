@@ -1,4 +1,4 @@
-"""The linear system of a Newton iteration: sparse coordinates, bordered by a few scalar unknowns.
+"""The linear system of a Newton iteration: sparse coordinates and a few scalar unknowns.
 
 Problem.  With the tangent A (n, n) of the coordinates z [m], sparse, and m scalar unknowns y (gas
 pressures and the like), m being of the order of ten,
@@ -168,7 +168,7 @@ class Bordered:
         self._out = composite.fields.duplicate()
 
     def set(self, G: list[Array | None], H: list[Array | None], C: Array) -> None:
-        """Set the borders: parts (n,) of this rank of the columns of G and H (None: zero), and C (m, m)."""
+        """Set G and H, by this rank's parts (n,) of their columns (None: zero), and C (m, m)."""
         self.G = Columns(G)
         self.H = Columns(H)
         self.C = C

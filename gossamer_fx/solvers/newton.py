@@ -230,7 +230,7 @@ class Newton:
         return parts.matrix
 
     def _set_up_bordered(self) -> PETSc.Mat:
-        """Solve with scalar unknowns or couplings of contact; returns the bordered matrix."""
+        """Solve with scalar unknowns or couplings of contact; returns the matrix of both."""
         system = self.system
         self._bordered = linear.Bordered(self._composite, system.coupled_tangent)
         sizes = self._x.getSizes()
@@ -504,7 +504,7 @@ class Newton:
         system = self.system
         forces = self._r.array_r
         if system.constraints:
-            # Rows of multipliers hold violations of constraints, which are no forces.
+            # Rows of multipliers hold violations of constraints, which are not forces.
             forces = forces[: system.constraints.owned.start]
         n = forces.size
         moved = system.q1.array_r[:n] - system.q0.array_r[:n]
