@@ -40,7 +40,7 @@ class RigidBody:
     """A rigid body: position x of its centre of mass and three directors, its axes d1, d2, d3.
 
     Kinetic energy ½ m |ẋ|² + ½ Σ_ij E_ij ḋ_i·ḋ_j with Euler's tensor E = ½ tr(I) 1 - I (∫X Xᵀ dm in body axes); the
-    directors stay orthonormal by six multipliers (Betsch & Steinmann, IJNME 50 (2001) 1931, doi:10.1002/nme.103).
+    directors stay orthonormal by six multipliers (Betsch & Steinmann, IJNME 50 (2001) 1931).
 
     Args:
         mass: [kg].

@@ -26,8 +26,7 @@ Algorithm.
 3. `Elastica` uses the cubic as the stress below buckling, in closed form, so that UFL can derive
    the stress and the tangent.
 
-Source: A. Magnusson, M. Ristinmaa & C. Ljung, Int. J. Solids Struct. 38 (2001) 8441,
-doi:10.1016/S0020-7683(01)00089-0.
+Source: A. Magnusson, M. Ristinmaa & C. Ljung, Int. J. Solids Struct. 38 (2001) 8441.
 """
 
 from __future__ import annotations

@@ -8,9 +8,8 @@ pressures and the like), m being of the order of ten,
 
 A pressure acts on all nodes of a film, so that a column of G is dense and must not enter the pattern of A.
 
-Idea.  Block elimination (bordering, Govaerts & Pryce, IMA J. Numer. Anal. 13 (1993) 161,
-doi:10.1093/imanum/13.2.161) with any preconditioner P ≈ A.  With Z = P⁻¹ G and the dense Schur
-complement Σ = C - Hᵀ Z (m, m),
+Idea.  Block elimination (Govaerts & Pryce, IMA J. Numer. Anal. 13 (1993) 161) with any preconditioner
+P ≈ A.  With Z = P⁻¹ G and the dense Schur complement Σ = C - Hᵀ Z (m, m),
 
     δy = Σ⁻¹ (s - Hᵀ P⁻¹ r)                                                                   (2)
     δz = P⁻¹ r - Z δy                                                                         (3)

@@ -9,7 +9,7 @@ The predicted increment p comes from the stepper.  A film switches between taut,
 that a plain Newton iteration cycles or diverges at steps of practical length.
 
 Idea.  The strains ε at the quadrature points are unknowns in addition to w, and are eliminated point
-by point (Magisano, Leonetti & Garcea, IJNME 109 (2017) 1237, doi:10.1002/nme.5328).  An iterate k has
+by point (Magisano, Leonetti & Garcea, IJNME 109 (2017) 1237).  An iterate k has
 the strain that is linear in the last update, not the true strain e(q1):
 
     ε_k = e(q_{k-1}) + De(q_{k-1}) (w_k - w_{k-1})                                            (3)
