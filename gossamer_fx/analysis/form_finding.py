@@ -4,8 +4,9 @@ Problem.  A film in uniform tension n0 is a minimal surface; its shape follows f
 not known before.
 
 Idea (updated reference strategy, Bletzinger & Ramm, Int. J. Space Structures 14 (1999) 131).  With
-n0 as constant second Piola-Kirchhoff stress, equilibrium is a linear problem, that of a force-density net.  Its solution is the next reference shape.  Where the solution and
-the reference coincide, the Cauchy stress is n0.
+n0 as constant second Piola-Kirchhoff stress, equilibrium is a linear problem, that of a
+force-density net.  Its solution is the next reference shape.  Where the solution and the reference
+coincide, the Cauchy stress is n0.
 
 Algorithm.
 
