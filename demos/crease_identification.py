@@ -28,7 +28,7 @@ LAW = gx.Linear(E=3.0e9, nu=0.3, density=1420.0, thickness=50e-6)  # polyimide
 REST, STIFFNESS = math.radians(105.0), 3e-3  # what is to be found
 WEIGHTS = (0.0, 2e-4, 5e-4, 1e-3, 2e-3, 4e-3)  # N
 ANGLE_ERROR, DISTANCE_ERROR = math.radians(0.5), 2e-4
-# a strip whose width is large beside √(radius × thickness) bends as a wide plate does
+# a strip whose width is large compared with √(radius × thickness) bends as a wide plate does
 STRIP = gx.analysis.HangingStrip(
     LENGTH,
     WIDTH,

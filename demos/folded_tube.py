@@ -1,6 +1,6 @@
 """An inflatable tube is folded, and deployed from a tank: it touches itself, and chokes where it is folded.
 
-The film is pressed flat and folded to a zigzag, or rolled up.  Each panel is a compartment with gas of its own; gas
+The film is pressed flat and folded to a zigzag, or rolled up.  Each panel is a compartment, a separate chamber; gas
 passes to the next one through the deformed ring of film between them, which a fold all but closes.  Contact keeps the
 layers apart.  The compartments open one after the other, the tube unfolds and stiffens, and its end strikes the end of
 its way.  Nothing acts from outside but the clamp at the inlet, so the energy of film, contact, creases and gas stays as
@@ -30,7 +30,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import books, deploy, say_books, square_millimetres
+from demos.common.deployment import print_run_figures, run_case, run_figures, square_millimetres
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Probe
@@ -141,7 +141,7 @@ def build(
     control = gx.StepControl(
         target_iterations=iterations or (12 if start == "zigzag" else 10), max_step=2 * dt
     )
-    # the first guess of a step may press layers together: its residual is no measure of the forces
+    # the first guess of a step may press layers together: its residual is not a measure of the forces
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
     return gx.Case(
         gx.Scene(*items),
@@ -173,13 +173,12 @@ def main(
 ) -> dict[str, float]:
     """Deploy the tube; what `build` takes may be `given`.  With `output`, a folder: a recording and a picture.
 
-    Returns energy_error, mass_error, halved, steps, iterations (a step), seconds, penetrations (the most edges that
-    pierced triangles at any step), opening times [ms], pressures at the end [Pa], and speed [m/s] and distance [m] of
-    the tip.
+    Returns the figures of `run_figures`, mass_error (of the gas, relative), opening times of the rings
+    [ms], pressures at the end [Pa], and speed [m/s] and distance [m] of the tip.
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.08, 0.2, 0.35, 0.6, 1.0)
-    run, series = deploy(case, output, "folded_tube", parts, VIEW)
+    run, series = run_case(case, output, "folded_tube", parts, VIEW)
     names = list(case.probes)
     rings = [series[name] for name in names if name.startswith("ring")]
     diameter = float(given.get("diameter", 0.03))  # type: ignore[arg-type]
@@ -190,7 +189,7 @@ def main(
         if name.startswith("p") and "[Pa]" in name
     }
     found = {
-        **books(run, series),
+        **run_figures(run, series),
         "mass_error": abs(run.mass_error),
         "tip_speed": float(series["tip speed [m/s]"].max()),
         "tip_distance": float(math.hypot(*(series[f"tip {axis} [m]"][-1] for axis in "xz"))),
@@ -210,7 +209,7 @@ def say(found: dict[str, float]) -> None:
     print(
         f"The tip reached {found['tip_speed']:.0f} m/s and is {1e3 * found['tip_distance']:.0f} mm from the clamp."
     )
-    say_books(found, "the mass of the gas", "mass_error")
+    print_run_figures(found, "the mass of the gas", "mass_error")
 
 
 if __name__ == "__main__":

@@ -34,7 +34,14 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import books, by_cause, deploy, keep, losses, say_books
+from demos.common.deployment import (
+    dissipation,
+    dissipation_by_part,
+    print_run_figures,
+    run_case,
+    run_figures,
+    write_figure,
+)
 from gossamer_fx.meshes.sails import trapezoids
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Probe
@@ -108,7 +115,7 @@ def build(
         friction: coefficient of the film on itself and the hub.
         crease: stiffness of folds with memory [N m/m/rad]; 0: none.
         largest: step [s].
-        growth: by which a step may be longer than the last one; steps that grow by half are halved more often.
+        growth: by which a step may be longer than the last one; steps that grow by half are rejected more often.
     """
     inner, outer, bends = rows(pitch)
     folds = gx.fold.Ikaros(
@@ -154,7 +161,7 @@ def build(
     else:
         probes["penetrations"] = gx.probes.Crossings(film)
     control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
-    # of the steps that do not end after 25 iterations most never do: they are halved sooner
+    # Most steps that do not converge in 25 iterations never do: they are rejected sooner.
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13, max_iterations=25))
     return gx.Case(
         gx.Scene(*items),
@@ -281,14 +288,14 @@ def main(
 ) -> dict[str, float]:
     """Open the sail; what `build` takes may be `given`.  With `output`, a folder: a recording and pictures.
 
-    Returns energy_error, angular_momentum_drift (relative), halved, steps, iterations (a step), seconds, penetrations
-    (the most edges that pierced triangles at any step), spins at the end [rpm] and that of the closed form, radius of
-    the tips at the end and at most [m], when the middles of the edges are 6 m out [s], energy at the start, dissipated,
-    by each cause, and that still has to go [J].
+    Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative), spins at
+    the end and of the closed form [rpm], radius of the tips at the end and its largest value [m], the
+    time at which the middles of the edges are 6 m out [s], the energy at the start [J], and the energy
+    that is still to be dissipated before hub and sail spin as one [J].
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.06, 0.12, 0.2, 0.28, 0.4, 0.55, 0.7, 0.85, 1.0)
-    run, series = deploy(case, output, "ikaros", parts, VIEW)
+    run, series = run_case(case, output, "ikaros", parts, VIEW)
     radius = np.mean([series[name] for name in case.probes if name.startswith("radius")], axis=0)
     if output is not None and comm.rank == 0:
         draw(series, radius, Path(output) / "ikaros_spin.png")
@@ -297,7 +304,7 @@ def main(
     steady = float(first[2]) / inertia
     out = np.flatnonzero(series["middle [m]"] > OUT)
     return {
-        **books(run, series),
+        **run_figures(run, series),
         "angular_momentum_drift": relative_drift(now, first),
         "spin_of_hub": float(series["spin of the hub [rpm]"][-1]),
         "spin_of_sail": float(series["spin of the sail [rpm]"][-1]),
@@ -306,7 +313,7 @@ def main(
         "largest_radius": float(radius.max()),
         "opened": float(series.time[out[0]]) if len(out) else math.inf,
         "energy": run.first.energy,
-        **losses(run),
+        **dissipation(run),
         "to_be_lost": run.totals.energy - inertia * steady**2 / 2,
     }
 
@@ -339,7 +346,7 @@ def draw(series: gx.Series, radius: Array, path: Path) -> None:
         axes.grid(alpha=0.3)
     left.legend(frameon=False)
     middle.legend(frameon=False)
-    keep(figure, TITLE, path)
+    write_figure(figure, TITLE, path)
 
 
 def say(found: dict[str, float]) -> None:
@@ -352,10 +359,10 @@ def say(found: dict[str, float]) -> None:
         f"will be {found['spin_in_the_end']:.2f} rpm."
     )
     print(
-        f"Of {found['energy']:.1f} J {found['dissipated']:.1f} J are lost{by_cause(found)}; "
+        f"Of {found['energy']:.1f} J {found['dissipated']:.1f} J are lost{dissipation_by_part(found)}; "
         f"{found['to_be_lost']:.1f} J have still to go."
     )
-    say_books(found, "angular momentum", "angular_momentum_drift")
+    print_run_figures(found, "angular momentum", "angular_momentum_drift")
 
 
 if __name__ == "__main__":

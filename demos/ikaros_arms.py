@@ -31,7 +31,13 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import books, by_cause, keep, losses, say_books
+from demos.common.deployment import (
+    dissipation,
+    dissipation_by_part,
+    print_run_figures,
+    run_figures,
+    write_figure,
+)
 from demos.ikaros import HUB_HEIGHT, HUB_INERTIA, HUB_MASS, PETALS, RPM, TIP
 from gossamer_fx.meshes.line import line
 from gossamer_fx.model.body import Array
@@ -104,7 +110,7 @@ def build(
     drum = gx.contact.Cylinder(
         start=(0.0, 0.0, -half), end=(0.0, 0.0, half), radius=radius, body=hub, name="drum"
     )
-    # the axis of a rod is beside the free part of its arm, and outside of its roll
+    # the axis of a rod is next to the free part of its arm, and outside of its roll
     away = ROD + CORD + 1.1 * TOUCH
     c, s = math.cos(angle), math.sin(angle)
     exit_radius = float(np.linalg.norm(corners[-1 - FREE]))
@@ -184,10 +190,9 @@ def main(
 ) -> dict[str, float]:
     """Let the arms out; what `build` takes may be `given`.  With `output`, a folder: a recording and a picture.
 
-    Returns energy_error, angular_momentum_drift (relative), halved, steps, iterations (a step), seconds, penetrations
-    (the most edges that pierced at any step), radius of the tips at the end [m], the hub's spin there and that of the
-    closed form [rpm], their largest relative difference in the run, energy at the start, dissipated, and by each
-    cause [J].
+    Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative), radius of
+    the tips at the end [m], spin of the hub then and that of the closed form [rpm], their largest
+    relative difference in the run, and the energy at the start [J].
     """
     case = build(comm, cells, until=until, **given)  # type: ignore[arg-type]
     series = gx.Series(case.probes)
@@ -208,14 +213,14 @@ def main(
     if output is not None and comm.rank == 0:
         draw(looks, series, radius, budget, Path(output) / "ikaros_arms.png")
     return {
-        **books(run, series),
+        **run_figures(run, series),
         "angular_momentum_drift": relative_drift(now, first),
         "radius": float(radius[-1]),
         "spin": float(spin[-1]),
         "budget": float(budget[-1]),
         "difference": float(np.abs(spin / budget - 1).max()),
         "energy": run.first.energy,
-        **losses(run),
+        **dissipation(run),
     }
 
 
@@ -249,7 +254,7 @@ def draw(
     left.set(xlabel="t [s]", ylabel="spin [rpm]")
     right.set(xlabel="length of the arms that is out [m]", ylabel="spin [rpm]")
     right.legend(frameon=False)
-    keep(figure, TITLE, path)
+    write_figure(figure, TITLE, path)
 
 
 def say(found: dict[str, float]) -> None:
@@ -258,8 +263,10 @@ def say(found: dict[str, float]) -> None:
     print(
         f"If all turned as one it would be {found['budget']:.2f} rpm; at most {found['difference']:.1%} between them."
     )
-    print(f"Of {found['energy']:.0f} J {found['dissipated']:.0f} J are lost{by_cause(found)}.")
-    say_books(found, "angular momentum", "angular_momentum_drift", "something")
+    print(
+        f"Of {found['energy']:.0f} J {found['dissipated']:.0f} J are lost{dissipation_by_part(found)}."
+    )
+    print_run_figures(found, "angular momentum", "angular_momentum_drift", "something")
 
 
 if __name__ == "__main__":

@@ -32,7 +32,14 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import books, by_cause, deploy, keep, losses, say_books
+from demos.common.deployment import (
+    dissipation,
+    dissipation_by_part,
+    print_run_figures,
+    run_case,
+    run_figures,
+    write_figure,
+)
 from demos.ikaros import (
     FLIGHT,
     HUB_HEIGHT,
@@ -245,15 +252,15 @@ def main(
 ) -> dict[str, float]:
     """Deploy the sail; what `build` takes may be `given`.  With `output`, a folder: a recording and pictures.
 
-    Returns energy_error, angular_momentum_drift (relative), halved, steps, iterations (a step), seconds, penetrations
-    (the most edges that pierced triangles at any step), radius of the tips and spin of the hub and as one [m, rpm] at
-    the release, spins of hub and sail at the end and of the closed form there [rpm], radius of the tips at the end and
-    at most [m], energy at the start, dissipated, and by each cause [J].
+    Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative); at the
+    release the radius of the tips [m], the spin of the hub, and the spin if all turned as one [rpm]; at
+    the end the spins of hub and sail and that of the closed form [rpm], and the radius of the tips [m];
+    its largest value [m], and the energy at the start [J].
     """
     case = build(comm, until=until, release=release, **given)  # type: ignore[arg-type]
     stage2 = [release + part * (until - release) for part in (0.0, 0.15, 0.3, 0.6, 0.8, 1.0)]
     looks = [part * release for part in (0.0, 0.15, 0.3, 0.5, 0.65, 0.8)] + stage2
-    run, series = deploy(
+    run, series = run_case(
         case, output, "ikaros_stages", [t / until for t in looks if t <= until], VIEW
     )
     pitch = float(given.get("pitch", 0.64))  # type: ignore[arg-type]
@@ -266,7 +273,7 @@ def main(
     inertia = HUB_INERTIA[2] + RING * (roll_radius(pitch) + ROD) ** 2 + square_inertia(pitch)
     k = min(int(np.searchsorted(series.time, release)), len(radius) - 1)
     return {
-        **books(run, series),
+        **run_figures(run, series),
         "angular_momentum_drift": relative_drift(now, first),
         "released_radius": float(radius[k]),
         "released_spin": float(series["spin of the hub [rpm]"][k]),
@@ -277,7 +284,7 @@ def main(
         "radius": float(radius[-1]),
         "largest_radius": float(radius.max()),
         "energy": run.first.energy,
-        **losses(run),
+        **dissipation(run),
     }
 
 
@@ -326,7 +333,7 @@ def draw(
         axes.legend(frameon=False)
     for axes in (left, middle):
         axes.axvline(release, color="black", linewidth=0.6)
-    keep(figure, TITLE, path)
+    write_figure(figure, TITLE, path)
 
 
 def say(found: dict[str, float]) -> None:
@@ -342,8 +349,10 @@ def say(found: dict[str, float]) -> None:
         f"Hub and sail spin at {found['spin_of_hub']:.2f} and {found['spin_of_sail']:.2f} rpm; without swing it "
         f"will be {found['spin_in_the_end']:.2f} rpm."
     )
-    print(f"Of {found['energy']:.0f} J {found['dissipated']:.0f} J are lost{by_cause(found)}.")
-    say_books(found, "angular momentum", "angular_momentum_drift")
+    print(
+        f"Of {found['energy']:.0f} J {found['dissipated']:.0f} J are lost{dissipation_by_part(found)}."
+    )
+    print_run_figures(found, "angular momentum", "angular_momentum_drift")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Two inflatable tubes in V unfold the film between them from a cube satellite that is free in space.
 
 Tubes and film lie in one plane, and one Miura fold goes through all of them: the tubes are pressed flat, and have two
-sheets at each crease.  The fold is not quite shut, so no layer is in the place of another, and it costs no strain but
+sheets at each crease.  The fold is not quite shut, so no two layers coincide, and it costs no strain but
 for the room between the two sheets.  The parallelogram at the roots lies as it will when all is open; the others are
 stacked in front of the cube.  At t = 0 nothing holds the stack any more, and two valves open from a tank in the cube.
 Each tube has compartments; gas passes from one to the next through the deformed ring of film between them, at a fold.
@@ -33,7 +33,13 @@ from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
 import gossamer_fx as gx
-from demos.common.deployment import books, deploy, losses, say_books, square_millimetres
+from demos.common.deployment import (
+    dissipation,
+    print_run_figures,
+    run_case,
+    run_figures,
+    square_millimetres,
+)
 from gossamer_fx.meshes.creased import creased_film, creased_tube
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Probe
@@ -243,7 +249,7 @@ def build(
     }
     probes["penetrations"] = gx.probes.Penetrations(touching)
     control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
-    # the first guess of a step may press layers together: its residual is no measure of the forces
+    # the first guess of a step may press layers together: its residual is not a measure of the forces
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
     scene = gx.Scene(*items)  # type: ignore[arg-type]
     return gx.Case(
@@ -267,20 +273,20 @@ def main(
 ) -> dict[str, float]:
     """Deploy tubes and film; what `build` takes may be `given`.  With `output`, a folder: a recording and a picture.
 
-    Returns energy_error, mass_error, angular_momentum_drift (relative to the most that the cube had), halved,
-    steps, iterations (a step), seconds, penetrations (the most edges that pierced triangles at any step), the
-    distance between the tips and of their middle from the roots' line [m], spin of the cube at the end [rad/s],
-    pressures at the end [Pa], and energy dissipated, and by each cause [J].
+    Returns the figures of `run_figures` and `dissipation`, mass_error (of the gas, relative),
+    angular_momentum_drift (over the largest angular momentum of the cube), the distance between the
+    tips and of their middle from the line of the roots [m], the spin of the cube at the end [rad/s],
+    and pressures at the end [Pa].
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.08, 0.16, 0.22, 0.27, 0.31, 0.4, 0.5, 0.7, 1.0)
-    run, series = deploy(case, output, "sprout", parts, VIEW)
+    run, series = run_case(case, output, "sprout", parts, VIEW)
     left, right = tips(series).values()
     ends = {name: float(series[name][-1]) for name in case.probes if name.endswith("[Pa]")}
     spin = np.linalg.norm([series[f"spin {axis} [rad/s]"] for axis in "xyz"], axis=0)
     most = INERTIA * float(spin.max())
     return {
-        **books(run, series),
+        **run_figures(run, series),
         "mass_error": abs(run.mass_error),
         "angular_momentum_drift": relative_drift(
             run.totals.angular_momentum, run.first.angular_momentum, most
@@ -288,7 +294,7 @@ def main(
         "span": float(np.linalg.norm(right[-1] - left[-1])),
         "reach": float((left[-1] + right[-1])[1] / 2 - CUBE / 2 - STAND),
         "spin": float(spin[-1]),
-        **losses(run),
+        **dissipation(run),
         **{f"pressure_{name[:-5].replace(' ', '_')}": p for name, p in ends.items()},
     }
 
@@ -302,7 +308,7 @@ def say(found: dict[str, float]) -> None:
     print(
         f"The compartments of both tubes have {pressures}; the cube turns at {found['spin']:.2g} rad/s."
     )
-    say_books(found, "angular momentum", "angular_momentum_drift")
+    print_run_figures(found, "angular momentum", "angular_momentum_drift")
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import keep
+from demos.common.deployment import write_figure
 from gossamer_fx.meshes.line import line
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Output
@@ -176,7 +176,7 @@ def draw(t: Array, spin: Array, cells: int, path: Path) -> None:
     right.set(xlabel="t [ms]", ylabel="difference [% of the first spin]")
     for axes in (left, right):
         axes.grid(alpha=0.3)
-    keep(figure, TITLE, path)
+    write_figure(figure, TITLE, path)
 
 
 if __name__ == "__main__":

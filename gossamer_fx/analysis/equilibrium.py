@@ -427,8 +427,8 @@ class Equilibrium:
     def _unbalanced(self) -> tuple[float, float]:
         """Residual without inertia over the external force, and the external force [N], now.
 
-        If that force is less than a thousand times the round-off of the inner forces, this takes its
-        place: a scene without loads is in equilibrium when only round-off is left.
+        If that force is less than a thousand times the round-off of the inner forces, this replaces
+        it: a scene without loads is in equilibrium when only round-off is left.
         """
         system = self.system
         system.set_inertia(0.0)

@@ -3,10 +3,10 @@
 Problem.  A film in uniform tension n0 is a minimal surface; its shape follows from its supports and is
 not known before.
 
-Idea (updated reference strategy, Bletzinger & Ramm, Int. J. Space Structures 14 (1999) 131,
-doi:10.1260/0266351991494759).  With n0 as constant second Piola-Kirchhoff stress, equilibrium is a linear
-problem, that of a force-density net.  Its solution is the next reference shape.  Where the solution and
-the reference coincide, the Cauchy stress is n0.
+Idea (updated reference strategy, Bletzinger & Ramm, Int. J. Space Structures 14 (1999) 131).  With
+n0 as constant second Piola-Kirchhoff stress, equilibrium is a linear problem, that of a
+force-density net.  Its solution is the next reference shape.  Where the solution and the reference
+coincide, the Cauchy stress is n0.
 
 Algorithm.
 

@@ -29,7 +29,7 @@ class RotationGuides:
     """Upright rods on a ring that turns about the z axis of a hub against a brake.
 
     Each arm of a sail is wound on the hub as far as its rod and stands out from there.  Its pull turns the ring, and as
-    far as the ring turns arms are unwound; the brake has the moment c (ω_ring - ω_hub), and what it takes is booked as
+    far as the ring turns arms are unwound; the brake has the moment c (ω_ring - ω_hub), and its loss counts as
     dissipated.  Between ring and hub nothing acts but the brake: the angular momentum of the whole is kept.  To release
     the arms a reel on the axis draws ring and rods down along the hub, out of their way, against a damper.
 
@@ -46,7 +46,7 @@ class RotationGuides:
         brake_damping: c [N m s/rad].
         first_angle: angle of the first rod against the x axis [rad].
         drawn: how far the reel has drawn the ring down [m], a function of time [s] that is zero at the start; none: the
-            ring keeps its height.
+            height of the ring is constant.
         reel_depth: of the reel below the ring [m]; `drawn` stays below it.
         name: name in messages and output; parts have names that begin with it.
 

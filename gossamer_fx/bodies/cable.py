@@ -96,7 +96,7 @@ class Cable(Curve):
         law: `CableLaw` or `TensionOnly`.
         order: 1 (constant strain) or 2.
         displacement: initial displacement [m], a function of the points (3, n) that returns (3, n); default none.
-        velocity: initial velocity [m/s], likewise.
+        velocity: initial velocity [m/s], given in the same way.
         name: name in messages and output.
 
     Example:

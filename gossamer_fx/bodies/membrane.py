@@ -34,11 +34,11 @@ class Membrane(Meshed):
         mesh: triangles in space, flat or curved.
         law: energy per unit area, e.g. `Miyazaki`.
         order: 1 (constant strain) or 2.
-        properties: numbers of the law that differ from place to place, by "E", "nu", "density", "thickness": {group:
+        properties: numbers of the law that differ from cell to cell, by "E", "nu", "density", "thickness": {group:
             value} for surfaces of the mesh (elsewhere the law's own), or a function of the cells' midpoints (3, n) that
             returns (n,).  E.g. devices on a sail: {"density": {"device": 2000.0}, "thickness": {"device": 25e-6}}.
         displacement: initial displacement [m], a function of the points (3, n) that returns (3, n); default none.
-        velocity: initial velocity [m/s], likewise.
+        velocity: initial velocity [m/s], given in the same way.
         name: name in messages and output.
 
     Example:

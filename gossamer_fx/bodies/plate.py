@@ -59,7 +59,8 @@ class Plate(Membrane):
         name: name in messages and output.
 
     Raises:
-        InputError: a mesh that is curved, a group that is no line of interior edges, a rest curvature out of the plane.
+        InputError: a mesh that is curved, a group that is not a line of interior edges, a rest
+            curvature out of the plane.
 
     Example:
         >>> law = gx.Linear(70e9, 0.3, density=2700.0, thickness=1e-3)
@@ -199,7 +200,7 @@ class Plate(Membrane):
                 tensor = np.zeros(0)
             check(
                 tensor.shape == (3, 3),
-                f"{what} is no array (3, 3); give a tensor in 1/m, a function of the points, or those of groups.",
+                f"{what} is not an array (3, 3); give a tensor in 1/m, a function of the points, or those of groups.",
             )
             given = _Uniform(tensor)
         H = cellwise(self.mesh, given, np.zeros((3, 3)), (3, 3), what)
@@ -215,7 +216,7 @@ class Plate(Membrane):
                 np.abs(values - values.transpose(0, 2, 1)).max(initial=0.0) <= size
                 and out_of_plane <= size
             ),
-            f"{what} is no symmetric tensor in the plane of the mesh; give κ e⊗e with e in that plane.",
+            f"{what} is not a symmetric tensor in the plane of the mesh; give κ e⊗e with e in that plane.",
         )
         return ufl.dot(self._frame.T, ufl.dot(H, self._frame))
 
@@ -234,7 +235,7 @@ def interior_edges(plate: Membrane, table: EdgeTable, group: str, what: str) -> 
     """Local edges of a group, each between two cells.
 
     Raises:
-        InputError: it is no group of edges, or holds edges of the rim.
+        InputError: it is not a group of edges, or holds edges of the rim.
     """
     edges = plate.mesh.curve(group, f"'{plate.name}', {what}")
     check_on_all(

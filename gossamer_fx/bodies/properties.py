@@ -1,4 +1,4 @@
-"""Numbers of a film law that differ from place to place: devices, patches, seams."""
+"""Numbers of a film law that differ from cell to cell: devices, patches, seams."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def _cells(mesh: Mesh, group: str, what: str) -> Indices:
     dim, cells = mesh.group(group)
     check(
         dim == 2,
-        f"{what}: the group '{group}' is no group of triangles; name a surface of the mesh.",
+        f"{what}: the group '{group}' is not a group of triangles; name a surface of the mesh.",
     )
     return cells
 

@@ -57,7 +57,7 @@ class MessageFilter:
             pass
 
     def close(self) -> None:
-        """Pass on what is left, and what was removed if nothing else was written."""
+        """Pass on the remaining text, and the removed text if nothing else was written."""
         self._pass_on(self._waiting)
         self._waiting = b""
         if not self._anything_passed:

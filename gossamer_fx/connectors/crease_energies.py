@@ -5,7 +5,8 @@ With ψ = ½ k (θ - θr)² at each point the force of a step is m̄ G, G the di
 A fold that yields holds |θ - θr| ≤ φ: beyond it the rest
 angle θr slips along, at the constant moment k φ, and what the step dissipates, k φ |Δθr|, closes the balance exactly.
 
-θ counts on from step to step: what is more than half a turn from flat, or pressed shut at ±π, keeps its sign and turns.
+θ is continuous from step to step: a fold that is more than half a turn from flat, or pressed shut
+at ±π, retains its sign and its number of turns.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Tapes: cables bonded to a film, with no unknowns of their own."""
+"""Tapes: cables bonded to a film, without additional unknowns."""
 
 from __future__ import annotations
 

@@ -170,7 +170,7 @@ class TorsionSpring(AboutHinge):
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class TorsionDamper(AboutHinge):
-    """A torsional damper about the axis of a hinge: the moment is -c dφ/dt; its loss is booked.
+    """A torsional damper about the axis of a hinge: the moment is -c dφ/dt; its loss counts as dissipated.
 
     Args:
         a, b: frames, also `ground_frame()`, joined by a `RevoluteJoint` of this axis.

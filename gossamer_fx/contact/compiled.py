@@ -158,7 +158,7 @@ class ContactEnergy:
         law: of the energy.
         activation_distance: largest gap [m] at which pairs have energy.
         stiffness: K [N/m³]; None: derived from the closing speed.
-        friction: coefficient of bodies with each other, and with obstacles that have none of their own.
+        friction: coefficient of bodies with each other, and with obstacles without a coefficient.
         slip_velocity: speed [m/s] below which what sticks may creep.
         history: history variables.
     """

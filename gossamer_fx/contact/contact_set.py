@@ -149,7 +149,7 @@ class ContactSet:
         self.x0 = self.points.at(self._system.q0, time)
         if not len(history.activation_distance):
             self.set_initial_state()
-        # A state that was restored since then has a history of its own.
+        # A state that was restored since then has a separate history.
         if self.pairs is not None and history.restored == self._restored:
             parameters = self._known_parameters(self.pairs)
             self._energy, scaled = energy_of_pairs(self.pairs, self.x0, self.law, parameters)
@@ -245,7 +245,7 @@ class ContactSet:
         """Let the candidates of a mask (n,) take part in the step."""
         squared_distance, parameters = self._start.closest_points(active)
         pairs = self._activated(active)
-        # Pairs that have energy keep their stiffness: with another one energy would appear.
+        # The stiffness of pairs that have energy is constant: with another one energy would appear.
         has_energy, stiffness = self.history.stiffness_of(pairs.identifier)
         chosen = self._stiffness.choose(
             self.candidates.rows(active),

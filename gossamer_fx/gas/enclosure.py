@@ -191,7 +191,7 @@ class FilmEnclosure:
             For each loop the sign, +1 or -1, with which its strips close the surface.
 
         Raises:
-            InputError: the surface has open edges, a ring is not on its border, or neighbouring
+            InputError: the surface has open edges, a ring is not on its boundary, or neighbouring
                 triangles have opposite normals.
         """
         comm = self.film.comm
@@ -208,8 +208,8 @@ class FilmEnclosure:
             found, film_direction = comm.allreduce(own_sums)
             check(
                 found == len(loop.vertices),
-                f"Chamber '{self.chamber}': its ring '{ring.edges}' is not a border of its surface; give the groups of "
-                "triangles on one side of it.",
+                f"Chamber '{self.chamber}': its ring '{ring.edges}' is not a boundary of its surface; "
+                "give the groups of triangles on one side of it.",
             )
             # The strips pass the edges of the ring against the film, as a neighbour triangle would.
             sign = -float(np.sign(film_direction))

@@ -1,4 +1,4 @@
-"""Forces of a medium through which a body moves: what it takes is lost, and what a wind gives is supplied."""
+"""Forces of a medium through which a body moves: its drag dissipates, and the work of a wind is supplied."""
 
 from __future__ import annotations
 

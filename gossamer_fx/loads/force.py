@@ -124,7 +124,7 @@ class TorqueInTime(Couple):
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Force:
-    """A force on a point of a body; its work is booked as supplied.
+    """A force on a point of a body; its work counts as supplied.
 
     Args:
         port: the point, e.g. `film.port("tip")`.
@@ -161,7 +161,7 @@ class Force:
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Torque:
-    """A torque on a rigid body, a beam's section or a `RigidRegion`; its work is booked as supplied.
+    """A torque on a rigid body, a beam's section or a `RigidRegion`; its work counts as supplied.
 
     Args:
         frame: what it turns, e.g. `body.frame()`, or the line of a straight region, on which the torque

@@ -26,8 +26,7 @@ Algorithm.
 3. `Elastica` uses the cubic as the stress below buckling, in closed form, so that UFL can derive
    the stress and the tangent.
 
-Source: A. Magnusson, M. Ristinmaa & C. Ljung, Int. J. Solids Struct. 38 (2001) 8441,
-doi:10.1016/S0020-7683(01)00089-0.
+Source: A. Magnusson, M. Ristinmaa & C. Ljung, Int. J. Solids Struct. 38 (2001) 8441.
 """
 
 from __future__ import annotations
@@ -145,7 +144,7 @@ class Elastica(FilmLaw):
     A film has no bending stiffness: under this compressive stress its cells buckle in turn, the
     more so the smaller they are.  Take cells of not much less than half_wavelength/4: on the airbag
     of `demos/studies/airbag.py` 0.1 m comes to rest with edges of 27 mm, while with 13 mm cells
-    beside the seam fold up and no equilibrium is found.
+    next to the seam fold up and no equilibrium is found.
 
     Args:
         E: Young's modulus [Pa], positive.

@@ -154,8 +154,7 @@ class Miyazaki(FilmLaw):
         0.0001
 
     Source: Y. Miyazaki, Wrinkle/slack model and finite element dynamics of membrane, IJNME 66
-        (2006) 1179,
-    doi:10.1002/nme.1580, eqs. 13-20.
+        (2006) 1179, eqs. 13-20.
     """
 
     _: KW_ONLY
@@ -286,7 +285,7 @@ class TensionField(Miyazaki):
 
     Source: A. C. Pipkin, The relaxed energy density for isotropic elastic membranes, IMA J. Appl.
         Math. 36
-    (1986) 85, doi:10.1093/imamat/36.1.85.
+        (1986) 85.
     """
 
     _: KW_ONLY

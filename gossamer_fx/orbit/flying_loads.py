@@ -134,7 +134,7 @@ def axes_of(body: Any) -> tuple[Port, ...]:
 
 
 class FacesForce:
-    """A force on flat faces of a rigid body at its place and directors (..., 4, 3).
+    """A force on flat faces of a rigid body at its position and directors (..., 4, 3).
 
     Args:
         areas: area vectors (n, 3), centres (n, 3) in body axes.

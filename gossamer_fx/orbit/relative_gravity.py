@@ -194,7 +194,7 @@ class CompiledOrbit(
         held = max(system.comm.allgather(next(_names_of_holders(system.terms), "")))
         check(
             not held,
-            f"'{held}' holds a body to a place, but the frame of '{terms[0].name}' falls round the Earth: there is "
+            f"'{held}' fixes a body in space, but the frame of '{terms[0].name}' falls round the Earth: there is "
             "nothing to hold on to; tie bodies to each other, e.g. to a RigidBody.",
         )
         kinetic = [t for t in system.terms if isinstance(t, KineticEnergy)]

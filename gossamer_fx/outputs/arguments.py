@@ -32,7 +32,7 @@ Known = Any  # None, bool, int, float, str, and lists and dicts of them
 UNKNOWN = (
     "unknown"  # the only key of what stands for a value that is not stored; its value is the class
 )
-MEASURED = "measured"  # key of numbers that are computed from a mesh, beside their tolerance
+MEASURED = "measured"  # key of numbers that are computed from a mesh, next to their tolerance
 TOLERANCE = "tolerance"
 
 # Meshes are compared by themselves, and the communicator may be another one.

@@ -19,7 +19,7 @@ class Ledger:
 
     `energy_error` is (H - H0) - (supplied - dissipated) over the largest energy so far, H kinetic and stored energy
     (that of the gas included); supplied and dissipated are counted from the start.  Where several parts dissipate, each
-    has a column beside their sum.
+    has a column in addition to their sum.
     """
 
     times: Sequence[float] = ()

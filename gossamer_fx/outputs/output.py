@@ -43,7 +43,7 @@ class Output(Protocol):
 
 @runtime_checkable
 class Continued(Output, Protocol):
-    """An output that goes on where it was when a checkpoint was written; others begin anew after a restart."""
+    """An output that goes on where it was when a checkpoint was written; others begin again after a restart."""
 
     def cursor(self) -> dict[str, Any]:
         """Where it stands: numbers, words and lists of them, the same on every rank."""
@@ -195,7 +195,7 @@ def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> No
         file: whether it is to be a file (True) or a folder (False), if that is known.
 
     Raises:
-        InputError: the folder cannot be made or written, or a folder stands in the place of a file, or the other way.
+        InputError: the folder cannot be made or written, or a folder has the name of the file, or the other way.
     """
 
     def task() -> None:
@@ -234,7 +234,7 @@ def evaluate_probe(run: Run, name: str, probe: Probe) -> float:
 
 
 def replace_file(path: Path, text: str) -> None:
-    """Write a new file beside the old one, which it then replaces: what is read is always whole; on one rank.
+    """Write a new file next to the old one, which it then replaces: what is read is always whole; on one rank.
 
     Raises:
         InputError: it cannot be written.

@@ -80,7 +80,7 @@ class Progress:
         steps = max(run.step, 1)
         summary = (
             f"{run.step} steps in {run.seconds:.1f} s, {run.iterations / steps:.1f} iterations a step, "
-            f"{run.substeps} halved; energy closes to {run.energy_error:.1e}"
+            f"{run.substeps} steps rejected; energy closes to {run.energy_error:.1e}"
         )
         if run.totals.mass:
             summary += f", gas mass to {run.mass_error:.1e}"

@@ -150,7 +150,7 @@ class Recording:
     # ---- its parts ---------------------------------------------------------------------------------------------
 
     def _outputs(self) -> Iterator[tuple[str, VTX | Probes | Ledger]]:
-        """The outputs for the files, by the names under which checkpoints keep their cursors."""
+        """The outputs for the files, by the names under which checkpoints store their cursors."""
         for name, output in self._fields.items():
             yield f"fields of {name}", output
         yield from self._tables.items()

@@ -13,9 +13,9 @@ from typing import Any
 
 from gossamer_fx.checks.errors import InputError, check
 
-FORMAT = 1  # of run.json and the files beside it
+FORMAT = 1  # of run.json and the other files of its folder
 _REMEDY = "write the run again, or put back a copy of the file."
-_MAX_INTEGER = 2**63  # beyond it, integers are no numbers of anything, and do not fit into arrays
+_MAX_INTEGER = 2**63  # beyond it, integers are not quantities of a run, and do not fit into arrays
 _MAX_SHOWN = 60  # characters of a value in a message
 
 
@@ -36,7 +36,7 @@ class Several:
 
 @dataclass(frozen=True)
 class Row:
-    """Kind of a list whose elements have kinds of their own."""
+    """Kind of a list whose elements have different kinds."""
 
     kinds: tuple[Any, ...]
 

@@ -90,7 +90,7 @@ class VTX:
             return bodies[0]
         check(
             self.body in bodies,
-            f"VTX '{self.path}': '{self.body.name}' is no body of the scene on a mesh; those are: {names}.",
+            f"VTX '{self.path}': '{self.body.name}' is not a body of the scene on a mesh; those are: {names}.",
         )
         return self.body
 

@@ -1,7 +1,7 @@
 """Pictures that are drawn at the end of a run: of a deployment with the curves of what happened.
 
 A picture asked for during a run is drawn from a recording, as pictures of a run's folder are: the output records what
-it needs in a hidden folder beside the picture, and removes that folder when the program ends.
+it needs in a hidden folder next to the picture, and removes that folder when the program ends.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ NEVER = 10**9  # steps between records of the fields: only the first and the las
 
 
 class DrawnRun:
-    """An output that records a run beside a picture and, whenever the run ends, draws the picture from the record.
+    """An output that records a run next to a picture and, whenever the run ends, draws the picture from the record.
 
     Args:
         path: `.png`.

@@ -7,7 +7,7 @@ G are the gradients of the modes (`mode_gradients`), F and F̄ the gradients at 
 stress S and its derivatives D are those of the mixed iteration in strains, which
 `terms.element_energies` describes; `points` evaluates them at the quadrature points.
 
-Each rank has the points of its own sampled cells.  Sums over ranks go to rank 0, which owns the
+Each rank has the points of the sampled cells that it owns.  Sums over ranks go to rank 0, which owns the
 unknowns.
 """
 

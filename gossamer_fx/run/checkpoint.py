@@ -5,7 +5,8 @@ A checkpoint is a folder `step-00000100`:
     run.json        numbers and words: time, gas, ledger sums, controllers, step control, where the outputs stand
     rank-0000.npz   the values of one rank: for each block the names of its nodes, coordinates and velocities
 
-It is written as `.step-00000100` beside and renamed when all is on the disk, so it exists completely or not at all.
+It is written as `.step-00000100` in the same folder and renamed when all is on the disk, so it exists
+completely or not at all.
 `run.json` holds a checksum of itself and of every other file.  Nodes are found by `node_names`, not by their order.
 """
 
@@ -304,7 +305,7 @@ def _open(path: Path) -> tuple[Path, dict[str, Any]]:
 def _damaged(path: Path, reason: str) -> str:
     """A sentence about a damaged checkpoint, with the remedy."""
     others = [p for p in complete(path.parent) if p.resolve() != path.resolve()]
-    remedy = f"restart from another one, e.g. '{others[-1]}'" if others else "start anew"
+    remedy = f"restart from another one, e.g. '{others[-1]}'" if others else "start again"
     return f"The checkpoint '{path}' is damaged ({reason}); {remedy}."
 
 
@@ -357,7 +358,7 @@ def _page(state: dict[str, Any]) -> bytes:
 
 
 def _checksum_of(state: dict[str, Any]) -> str:
-    """Of all that `run.json` holds beside it."""
+    """Checksum of everything else in `run.json`."""
     text = json.dumps(json.loads(json.dumps(state)), sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 

@@ -76,7 +76,7 @@ class When:
     def __post_init__(self) -> None:
         check(
             callable(self.probe),
-            f"When '{self.name}': {self.probe!r} is no function of the run; give one.",
+            f"When '{self.name}': {self.probe!r} is not a function of the run; give one.",
         )
         check(
             self.tolerance is None or self.tolerance > 0,
@@ -103,7 +103,8 @@ class EventMonitor:
         self._run, self._history = run, history
         for event in events:
             check(
-                isinstance(event, At | When), f"{event!r} is no event; give At(...) or When(...)."
+                isinstance(event, At | When),
+                f"{event!r} is not an event; give At(...) or When(...).",
             )
         self._at = [e for e in events if isinstance(e, At)]
         self._when = [e for e in events if isinstance(e, When)]
@@ -166,7 +167,7 @@ class EventMonitor:
         before: dict[When, float],
         happened: list[When],
     ) -> list[When]:
-        """Make the step anew until it ends at its first event, by false position and bisection."""
+        """Repeat the step until it ends at its first event, by false position and bisection."""
         run, a, b, turn = self._run, 0.0, self._run.time - start, 0
         tolerance = min(e.tolerance or 1e-6 * run.stepper.dt for e in happened)
         left = {e: _beyond(e, before[e]) for e in waiting}
@@ -193,7 +194,7 @@ class EventMonitor:
         waiting: list[When],
         before: dict[When, float],
     ) -> list[When]:
-        """Make the step anew with another length; what happened in it."""
+        """Repeat the step with another length; returns the events in it."""
         run = self._run
         self._history.rollback()
         self._last |= before

@@ -70,7 +70,7 @@ def all_names(system: System) -> list[Names]:
 
 
 def _after_nodes(system: System, names: list[Names], places: list[tuple[Attached, ...]]) -> Names:
-    """Of each place: the first node that it ties, and how many places before it have the same one."""
+    """For each constraint: the first node that it ties, and how many constraints before it have the same one."""
     words, seen = [], dict[tuple[int, int], int]()
     for place in places:
         port = next(p for p in place if isinstance(p, Port))

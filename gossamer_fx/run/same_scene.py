@@ -32,10 +32,10 @@ from gossamer_fx.system.totals import Totals
 # Relative difference of arguments that counts as round-off: a script that is run again computes the same numbers, on
 # another machine up to the last digits.
 SAME_ARGUMENT = 1e-9
-# The same of a component of a vector, over the vector's largest one: a cosine of π/2 is 6e-17, or zero.
+# Relative difference of a component of a vector, over the vector's largest one: a cosine of π/2 is 6e-17, or zero.
 SAME_COMPONENT = 1e-15
-# The same of an energy that is computed again from the coordinates: sums on other ranks are in another order, and the
-# strains of a stiff film are small differences.
+# Relative difference of an energy that is computed again from the coordinates: sums on other ranks
+# are in another order, and the strains of a stiff film are small differences.
 SAME_ENERGY = 1e-6
 # Of the largest energy: what a smaller energy may differ by.
 NEGLIGIBLE_ENERGY = 1e-9

@@ -294,7 +294,7 @@ class Simulation:
     def _save(self) -> None:
         """After an error: the outputs see the good state if they have not, and a checkpoint keeps it.
 
-        What cannot be written now must not hide the error.  If it is an output that fails, the checkpoint tells where
+        What cannot be written now must not hide the error.  If it is an output that fails, the checkpoint holds where
         the outputs stood before, and a restart begins with recording the state.
         """
         if not self._offered:
@@ -350,7 +350,7 @@ class Simulation:
     # ---- checkpoints -------------------------------------------------------------------------------------------
 
     def get_state(self) -> dict[str, Any]:
-        """What a checkpoint keeps beside the history."""
+        """What a checkpoint stores in addition to the history."""
         first = {
             name: v.tolist() if isinstance(v, np.ndarray) else v
             for name, v in asdict(self.first).items()

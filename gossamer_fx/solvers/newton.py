@@ -9,7 +9,7 @@ The predicted increment p comes from the stepper.  A film switches between taut,
 that a plain Newton iteration cycles or diverges at steps of practical length.
 
 Idea.  The strains ε at the quadrature points are unknowns in addition to w, and are eliminated point
-by point (Magisano, Leonetti & Garcea, IJNME 109 (2017) 1237, doi:10.1002/nme.5328).  An iterate k has
+by point (Magisano, Leonetti & Garcea, IJNME 109 (2017) 1237).  An iterate k has
 the strain that is linear in the last update, not the true strain e(q1):
 
     ε_k = e(q_{k-1}) + De(q_{k-1}) (w_k - w_{k-1})                                            (3)
@@ -230,7 +230,7 @@ class Newton:
         return parts.matrix
 
     def _set_up_bordered(self) -> PETSc.Mat:
-        """Solve with scalar unknowns or couplings of contact; returns the bordered matrix."""
+        """Solve with scalar unknowns or couplings of contact; returns the matrix of both."""
         system = self.system
         self._bordered = linear.Bordered(self._composite, system.coupled_tangent)
         sizes = self._x.getSizes()
@@ -504,7 +504,7 @@ class Newton:
         system = self.system
         forces = self._r.array_r
         if system.constraints:
-            # Rows of multipliers hold violations of constraints, which are no forces.
+            # Rows of multipliers hold violations of constraints, which are not forces.
             forces = forces[: system.constraints.owned.start]
         n = forces.size
         moved = system.q1.array_r[:n] - system.q0.array_r[:n]

@@ -360,7 +360,7 @@ class System:
         return columns, rows, corner
 
     def commit(self, v1: PETSc.Vec) -> None:
-        """Accept the step: q1 and v1 are the state now, and its works and losses are booked."""
+        """Accept the step: q1 and v1 are the state now, and its works and losses are added to the totals."""
         change = self.q1.array_r - self.q0.array_r
         self.supplied_energy += self.supports.work(change)
         self.supplied_energy += sum(kind.supplied() for kind in self._supplying)

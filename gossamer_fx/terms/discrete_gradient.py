@@ -89,7 +89,7 @@ class PathAverage(StressRule):
         if energy.quadratic:
             return gradient(ψ, (e0 + e1) / 2)
         S = ufl.zero(Δe.ufl_shape)
-        # where the pieces meet they have the same stress, so that the places need not be derived
+        # where the pieces meet they have the same stress, so that the points need not be derived
         pieces = energy.pieces(e0, e1.expression()) if energy.pieces else []
         for piece in pieces:
             S += (piece.end - piece.start) * piece.stress(

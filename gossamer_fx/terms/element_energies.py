@@ -4,7 +4,7 @@ Problem.  A film's strain is quadratic in the coordinates.  Newton's iteration o
 sees, after each update, stresses of the second-order strain that the update brings with it.  In a stiff,
 thin film they are many times the stresses of the solution, and the iteration zigzags.
 
-Idea (D. Magisano, L. Leonetti & G. Garcea, IJNME 109 (2017) 1237, doi:10.1002/nme.5328).  The strain ê at
+Idea (D. Magisano, L. Leonetti & G. Garcea, IJNME 109 (2017) 1237).  The strain ê at
 the quadrature points is a separate unknown, which is condensed at each point.  In the next iterate ê
 follows the *linearised* strain, so that the second-order part never produces stress.  At convergence ê is
 the true strain, and the solution is that of the original equations.

@@ -232,7 +232,7 @@ class PointConstraints(Multipliers, StateObserver, Forces, CompiledConstraints["
         names = ", ".join(f"'{name}'" for name in sorted(involved))
         return (
             f"{null.shape[1]} of the constraints {names} follow from the others; free one of the joints, e.g. by a "
-            "ball joint in the place of a revolute one."
+            "ball joint instead of a revolute one."
         )
 
 

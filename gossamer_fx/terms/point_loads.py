@@ -109,7 +109,7 @@ class PointLoads(
 
 @dataclass(frozen=True, eq=False)
 class PointLoad:
-    """A load on attached vectors; its work is booked as supplied."""
+    """A load on attached vectors; its work counts as supplied."""
 
     name: str
     ports: tuple[Attached, ...]

@@ -96,7 +96,7 @@ def _restricted(motion: Motion, mine: npt.NDArray[np.bool_]) -> Motion:
 
 @dataclass(frozen=True, eq=False)
 class Support:
-    """Coordinates that keep their initial values, or take the values `motion(t)` [m], (n,) like `dofs`.
+    """Coordinates that are fixed at their initial values, or have the values `motion(t)` [m], (n,) like `dofs`.
 
     `dofs` are owned and ghost scalar indices of the body's block.
     """

@@ -110,7 +110,7 @@ def joint(kind: str, a: Any, b: Any) -> Any:
     return kinds[kind](full, other, axis=AXIS)
 
 
-# ---- what may act on a body; `loose` is a mass at rest nearby, so that the motion is no rigid one ----------------
+# ---- what may act on a body; `loose` is a mass at rest nearby, so that the motion is not rigid ----------------
 
 
 def loose_mass() -> gx.PointMass:

@@ -1,4 +1,4 @@
-"""Scenes that start where another one ended: joints, springs and probes see the places of the start."""
+"""Scenes that start where another one ended: joints, springs and probes see the positions at the start."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A part whose places change from step to step: spheres that collide, found anew before each step."""
+"""A part whose pairs change from step to step: spheres that collide, found before each step."""
 
 from __future__ import annotations
 

@@ -149,7 +149,7 @@ def test_fold_lines_and_their_angles(comm, name: str) -> None:
     "name", [name for name in SAMPLES if name not in ("zigzag", "miura", "fold with a radius")]
 )
 def test_layers_are_apart(comm, name: str) -> None:
-    """Contact takes the start, nothing pierces anything, and films that hang together nowhere near are not in touch."""
+    """Contact accepts the start, nothing intersects, and unconnected layers of film do not touch."""
     sample = SAMPLES[name]
     film = gx.Membrane(sample.mesh(comm), LAW)
     contact = gx.Contact(film, distance=2e-4)
@@ -218,7 +218,7 @@ def test_a_turned_start(comm) -> None:
 
 
 def test_sizes_of_miuras_fold() -> None:
-    """A parallelogram keeps its sides and its angle."""
+    """Sides and angle of a parallelogram are constant."""
     H, S, L, V = MIURA.sizes
     a, b = np.array([0.0, L, H]), np.array([S, V, 0.0])
     assert [np.linalg.norm(a), np.linalg.norm(b)] == pytest.approx([0.05, 0.05], rel=1e-12)
@@ -298,7 +298,7 @@ def test_what_cannot_be_folded_is_refused(
 
 
 def test_contact_starts_from_layers_that_meet_at_folds() -> None:
-    """At a fold line edges lie in the next panel's triangles to round-off, and pierce none."""
+    """At a fold line edges lie in the next panel's triangles to round-off, and intersect none."""
     film = gx.Membrane(sheet(MPI.COMM_WORLD, 20, 4, 0.8, 0.1), LAW)
     fold = gx.fold.Zigzag(length=0.8, panels=5, angle=1.4)
     contact = gx.Contact(film, distance=2e-4)

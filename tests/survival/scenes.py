@@ -31,7 +31,7 @@ def fluttering_sheet(comm: MPI.Comm, n: int = 4, order: int = 1, law: Any = LAW)
 
 
 def filled_tube(comm: MPI.Comm, cells: int = 4) -> gx.Scene:
-    """A tube pressed flat, with a tank and a valve: film, gas, and a border."""
+    """A tube pressed flat, with a tank and a valve: film, gas, and scalar unknowns."""
     law = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual_stiffness=1e-6)
     film = gx.Membrane(flat_tube(comm, 0.2, 0.058, cells), law)
     tube = gx.Chamber(film, gas=GAS, pressure=1.0, temperature=293.0, dead_volume=1e-6, name="tube")

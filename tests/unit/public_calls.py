@@ -544,7 +544,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
 
 
 def spoiled(call: Call) -> Iterator[tuple[str, Any]]:
-    """Arguments and values that no call of this project can take in their place."""
+    """Arguments and values that no call of this project accepts instead of them."""
     for argument, value in call.items():
         if argument in ("build", "scene") and callable(value):
             continue
