@@ -31,7 +31,10 @@ COMPLETE = {
     "gas",
     "loads",
     "materials",
+    "probes",
     "reduction",
+    "run",
+    "sweep",
 }
 
 
