@@ -172,9 +172,14 @@ def find_form(
         NoEquilibrium: the shape still moves after the last update, as that of a film that pinches off.
 
     Example:
-        law = gx.analysis.Prestress(1e9, 0.3, density=1400.0, thickness=1e-4, tension=100.0)
-        film = gx.Membrane(mesh, law)
-        gx.analysis.find_form(film, lambda: gx.Scene(film, gx.Fixed(film, "boundary")))
+        >>> law = gx.analysis.Prestress(1e9, 0.3, density=1400.0, thickness=1e-4, tension=100.0)
+        >>> canopy = gx.Membrane(mesh, law, name="canopy")
+        >>> def scene():
+        ...     edges = ("left", "right", "bottom", "top")
+        ...     return gx.Scene(canopy, *[gx.Fixed(canopy, edge) for edge in edges])
+        >>> result = gx.analysis.find_form(canopy, scene)
+        >>> result.regular
+        True
     """
     check(
         isinstance(body.law, Prestress),
