@@ -133,9 +133,14 @@ def _status(about: Mapping[str, Any]) -> str:
     status = about["status"]
     numbers = about["statistics"]
     kind = "status" if status in ("finished", "running") else "status bad"
+    # Recordings of earlier versions do not say it.
+    if numbers.get("at rest", False):
+        closes = "at rest"
+    else:
+        closes = f"energy closes to {abs(numbers['energy error']):.1e}"
     words = (
         f"{status} at t = {numbers['time']:.6g} s of {numbers['until']:.6g} s, {numbers['steps']} steps, "
-        f"energy closes to {abs(numbers['energy error']):.1e}"
+        f"{closes}"
     )
     return f'<p class="{kind}">{escape(words)}</p>'
 

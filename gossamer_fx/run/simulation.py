@@ -178,12 +178,23 @@ class Simulation:
         return self._totals
 
     @property
+    def at_rest(self) -> bool:
+        """Whether no energy of the run so far was larger than what round-off gives to a scene at rest."""
+        return self._largest_energy() <= self.solver.newton.round_off_energy
+
+    @property
     def energy_error(self) -> float:
-        """Closing error of the ledger, over the largest energy that a step so far has ended with."""
-        now, first = self.totals, self.first
-        largest = max(self.solver.newton.energy, now.size)
+        """Closing error of the ledger, over the largest energy that a step so far has ended with; zero at rest."""
+        if self.at_rest:
+            return 0.0
+        now = self.totals
+        first = self.first
         missing = (now.energy - first.energy) - (now.supplied - now.dissipated)
-        return missing / largest if largest else 0.0
+        return missing / self._largest_energy()
+
+    def _largest_energy(self) -> float:
+        """Largest energy so far [J]: kinetic and stored, or supplied and lost, whichever is more."""
+        return max(self.solver.newton.energy, self.totals.size)
 
     @property
     def mass_error(self) -> float:
@@ -359,6 +370,7 @@ class Simulation:
             **{name: getattr(self, name) for name in _COUNTS},
             "first": first,
             "largest energy": self.solver.newton.energy,
+            "round-off energy": self.solver.newton.round_off_energy,
             "recorded": self.recorded,
             "events": self._watch.get_state() if self._watch else {"done": [], "last": []},
         }
@@ -371,7 +383,10 @@ class Simulation:
             n: np.array(v) if isinstance(v, list) else v for n, v in state["first"].items()
         }
         self.first = Totals(**first)
-        self.solver.newton.energy, self._totals = state["largest energy"], self.system.totals()
+        self.solver.newton.energy = state["largest energy"]
+        # Checkpoints of earlier versions have none.
+        self.solver.newton.round_off_energy = state.get("round-off energy", 0.0)
+        self._totals = self.system.totals()
         self.recorded = state["recorded"]
         if self._watch:
             self._watch.set_state(state["events"])
