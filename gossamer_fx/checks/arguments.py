@@ -418,10 +418,13 @@ def _are_whole_numbers(value: Any) -> bool:
 
 
 def _is_numeric(value: Any) -> bool:
-    """Whether NumPy makes an array of finite numbers of it."""
+    """Whether NumPy makes an array of finite real numbers of it."""
     if isinstance(value, str | bytes):
         return False
     try:
+        # NumPy would drop the imaginary part of an array.
+        if np.iscomplexobj(value):
+            return False
         numbers = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
         return False

@@ -94,6 +94,9 @@ def _numbers(
     values = np.zeros(shape)
     if not problem:
         try:
+            if np.iscomplexobj(result):
+                # NumPy would drop the imaginary part.
+                raise TypeError("complex numbers")
             found = np.asarray(result, dtype=float)
             is_finite = bool(np.isfinite(found).all())
             # NumPy converts the text "1.0" to a number.

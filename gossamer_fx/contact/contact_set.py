@@ -37,6 +37,7 @@ from gossamer_fx.contact.narrow_phase.closest_points import PairDistances
 from gossamer_fx.contact.narrow_phase.initial_check import (
     refuse_coincident,
     refuse_intersections,
+    refuse_points_inside,
 )
 from gossamer_fx.contact.pair_stiffness import PairStiffness
 from gossamer_fx.contact.pair_table import ActivePairs, CandidatePairs, is_wall
@@ -134,6 +135,7 @@ class ContactSet:
         system = self._system
         x = self.points.at(system.q0, system.time)
         refuse_intersections(self.mesh, x, self._comm)
+        refuse_points_inside(self.mesh, x)
         self.search.find_at_rest(x, system.time)
         gap = PairDistances.of(self.candidates, x).gap
         nearest = nearest_gaps(self.candidates, gap, self.points.count, self._comm)

@@ -67,6 +67,9 @@ class Strip(FoldMap):
         p = p + (side * self.thickness(X))[:, None] * normal
         return np.stack([p[:, 0], X[:, 1], p[:, 1] + side * self.shift(X)], axis=1)
 
+    def film_sizes(self) -> tuple[float, ...]:
+        return (self.length,)
+
     def thickness(self, X: Array) -> Array:
         """Half of the distance (n,) [m] of the sheets."""
         return np.zeros(len(X))

@@ -255,15 +255,22 @@ class Simulation:
         return self._totals
 
     @property
+    def at_rest(self) -> bool:
+        """Whether no energy of the run so far was larger than what round-off gives to a scene at rest."""
+        return self._largest_energy() <= self.solver.newton.round_off_energy
+
+    @property
     def energy_error(self) -> float:
-        """Closing error of the energy balance, over the largest energy at the end of a step so far."""
-        now = self.totals
-        largest = max(self.solver.newton.energy, now.size)
-        # A scene at rest without energies has no scale, and no error.
-        if not largest:
+        """Closing error of the energy balance, over the largest energy at the end of a step so far; zero at rest."""
+        if self.at_rest:
             return 0.0
+        now = self.totals
         missing = (now.energy - self.first.energy) - (now.supplied - now.dissipated)
-        return missing / largest
+        return missing / self._largest_energy()
+
+    def _largest_energy(self) -> float:
+        """Largest energy so far [J]: kinetic and stored, or supplied and dissipated, whichever is more."""
+        return max(self.solver.newton.energy, self.totals.size)
 
     @property
     def mass_error(self) -> float:
@@ -488,6 +495,7 @@ class Simulation:
             **counts,
             "first": first,
             "largest energy": self.solver.newton.energy,
+            "round-off energy": self.solver.newton.round_off_energy,
             "recorded": self.recorded,
             "events": events,
         }
@@ -503,6 +511,8 @@ class Simulation:
             first[name] = value
         self.first = Totals(**first)
         self.solver.newton.energy = state["largest energy"]
+        # Checkpoints of earlier versions have none.
+        self.solver.newton.round_off_energy = state.get("round-off energy", 0.0)
         # `totals` compares times only, and the restored state may have that of the start.
         self._totals = self.system.totals()
         self.recorded = state["recorded"]

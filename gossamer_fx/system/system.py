@@ -441,6 +441,10 @@ class System:
         """
         return self.increment.force_scale(self.M, diagonal, self.q1)
 
+    def round_off_energy(self, diagonal: PETSc.Vec) -> float:
+        """Energy [J] that round-off gives to a scene at rest; the diagonal is that of the tangent."""
+        return self.increment.round_off_energy(self.M, diagonal, self.q1)
+
     def imbalance(self, r: PETSc.Vec) -> tuple[float, float]:
         """Norm of the forces in r [N], and the largest violation of a constraint."""
         if self.constraints is None:
