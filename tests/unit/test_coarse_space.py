@@ -9,8 +9,8 @@ from scipy.sparse.csgraph import connected_components
 
 import gossamer_fx as gx
 from demos.spinning_sheet import throw
+from gossamer_fx.checks.failures import NotConverged
 from gossamer_fx.solvers.coarse_space import NODES_PER_PATCH, patches, prolongation
-from gossamer_fx.solvers.failures import NotConverged
 from meshes.line import line
 from meshes.sheet import sheet
 from meshes.tube import flat_tube
