@@ -33,6 +33,7 @@ import numpy as np
 import numpy.typing as npt
 
 from gossamer_fx.checks.errors import InputError
+from gossamer_fx.checks.real_numbers import real_numbers
 
 # What messages ask for in place of the name of a class.
 _DESCRIPTIONS = {
@@ -415,13 +416,8 @@ def _are_whole_numbers(value: Any) -> bool:
 
 def _is_numeric(value: Any) -> bool:
     """Whether NumPy makes an array of finite numbers of it."""
-    if isinstance(value, str | bytes):
-        return False
-    try:
-        numbers = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        return False
-    return bool(np.isfinite(numbers).all())
+    numbers = real_numbers(value)
+    return numbers is not None and bool(np.isfinite(numbers).all())
 
 
 def _is_path(value: Any) -> bool:
