@@ -13,6 +13,7 @@ from dolfinx.mesh import compute_midpoints
 
 from gossamer_fx.bodies.meshed import Property
 from gossamer_fx.checks.errors import InputError, check, check_on_all
+from gossamer_fx.checks.user_functions import ask_points
 from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.mesh.mesh import Mesh
@@ -77,12 +78,8 @@ def cellwise(mesh: Mesh, given: Any, base: Any, shape: tuple[int, ...], what: st
     values = np.tile(np.asarray(base, dtype=float).ravel(), (len(cells), 1))
     if callable(given):
         points = compute_midpoints(mesh.domain, 2, cells.astype(np.int32)).T
-        found = np.asarray(given(points), dtype=float)
-        check(
-            found.shape == (*shape, points.shape[1]),
-            f"{what} function returns an array {found.shape} for points {points.shape}; it must return "
-            f"{(*shape, 'n')}.",
-        )
+        wanted = (*shape, points.shape[1])
+        found = ask_points(mesh.comm, f"{what} function", lambda: given(points), wanted)
         values[:] = found.reshape(size, -1).T
     else:
         for group, value in given.items():

@@ -19,7 +19,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import InputError
-from gossamer_fx.checks.real_numbers import real_numbers
+from gossamer_fx.checks.real_numbers import LARGEST, real_numbers
 
 # Seconds for which a rank with an error waits for the others.
 PATIENCE = 10.0
@@ -95,11 +95,18 @@ def _numbers(
     values = np.zeros(shape)
     if not problem:
         found = real_numbers(result)
-        if found is not None and found.shape == shape and np.isfinite(found).all():
+        if found is not None and found.shape == shape and _is_below_limit(found):
             values = found
         else:
             problem = f"it returns {_shown(result)}; it must return {wanted}."
+            if found is not None and np.isfinite(found).all() and not _is_below_limit(found):
+                problem = f"it returns {_shown(result)}; it must return numbers up to {LARGEST:g}."
     return problem, cause, values
+
+
+def _is_below_limit(numbers: Numbers) -> bool:
+    """Whether all numbers are finite, and can be computed with."""
+    return bool((np.abs(numbers) <= LARGEST).all())
 
 
 def _call(function: Callable[[], Any]) -> tuple[Any, str, Exception | None]:
