@@ -13,6 +13,7 @@ from .checks.errors import check as check
 from .checks.errors import check_on_all as check_on_all
 from .checks.errors import check_positive as check_positive
 from .checks.errors import is_vector as is_vector
+from .checks.user_functions import ask as ask
 from .checks.user_functions import ask_numbers as ask_numbers
 from .checks.user_functions import ask_points as ask_points
 from .drawing.solids import Solid as Solid

@@ -44,10 +44,10 @@ from mpi4py import MPI
 from gossamer_fx.analysis.rigid_motions import free_motions
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import NoEquilibrium, check
+from gossamer_fx.checks.failures import NotConverged
 from gossamer_fx.model.body import Array
 from gossamer_fx.scene.scene import Scene
 from gossamer_fx.solvers import factorisation
-from gossamer_fx.solvers.failures import NotConverged
 from gossamer_fx.solvers.newton import Newton
 from gossamer_fx.solvers.tolerances import Tolerances
 from gossamer_fx.system.reactions import Joint, NamedPart, joint_force, support_force

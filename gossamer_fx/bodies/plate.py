@@ -12,10 +12,11 @@ from dolfinx.mesh import meshtags
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.bodies.meshed import PointFunction, Property
-from gossamer_fx.bodies.properties import cellwise, real_numbers
+from gossamer_fx.bodies.properties import cellwise
 from gossamer_fx.bodies.triple_products import TripleProductEnergy
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_on_all
+from gossamer_fx.checks.real_numbers import real_numbers
 from gossamer_fx.forms.bending import DEGREE, EDGE_DEGREE, PENALTY, Bending, curvature, moment
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr
@@ -201,7 +202,7 @@ class Plate(Membrane):
         if not callable(given) and not isinstance(given, Mapping):
             tensor = real_numbers(given)
             check(
-                tensor.shape == (3, 3),
+                tensor is not None and tensor.shape == (3, 3),
                 f"{what} is not an array (3, 3) of real numbers; give a tensor in 1/m, a function of the "
                 "points, or those of groups.",
             )

@@ -13,7 +13,8 @@ from dolfinx.mesh import compute_midpoints
 
 from gossamer_fx.bodies.meshed import Property
 from gossamer_fx.checks.errors import InputError, check, check_on_all
-from gossamer_fx.checks.user_functions import ask
+from gossamer_fx.checks.real_numbers import real_numbers
+from gossamer_fx.checks.user_functions import ask_points
 from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.mesh.mesh import Mesh
@@ -78,14 +79,8 @@ def cellwise(mesh: Mesh, given: Any, base: Any, shape: tuple[int, ...], what: st
     values = np.tile(np.asarray(base, dtype=float).ravel(), (len(cells), 1))
     if callable(given):
         points = compute_midpoints(mesh.domain, 2, cells.astype(np.int32)).T
-        returned = ask(mesh.comm, f"{what} function", lambda: given(points))
-        found = real_numbers(returned)
-        check_on_all(
-            mesh.comm,
-            found.shape == (*shape, points.shape[1]),
-            f"{what} function returns {_kind_of(returned)} for points {points.shape}; it must return real numbers "
-            f"{(*shape, 'n')}.",
-        )
+        wanted = (*shape, points.shape[1])
+        found = ask_points(mesh.comm, f"{what} function", lambda: given(points), wanted)
         values[:] = found.reshape(size, -1).T
     else:
         for group, value in given.items():
@@ -112,31 +107,8 @@ def _cells(mesh: Mesh, group: str, what: str) -> Indices:
 
 def _numbers(value: Any, shape: tuple[int, ...], what: str) -> Array:
     numbers = real_numbers(value)
-    if numbers.shape != shape:
+    if numbers is None or numbers.shape != shape:
         raise InputError(
             f"{what} is {value!r}; give {'a number' if not shape else f'numbers of shape {shape}'}."
         )
     return numbers
-
-
-def real_numbers(value: Any) -> Array:
-    """Real numbers as an array; empty, of shape (0,), if there are complex numbers or texts among them.
-
-    NumPy by itself drops the imaginary part, and reads the text "1.0" as a number.
-    """
-    try:
-        given = np.asarray(value)
-        if given.dtype.kind in "biuf":
-            return given.astype(float)
-    except (TypeError, ValueError):
-        # Rows of different lengths.
-        pass
-    return np.zeros(0)
-
-
-def _kind_of(value: Any) -> str:
-    """What a function returned, in a few words."""
-    if isinstance(value, np.ndarray):
-        kind = "a complex array" if np.iscomplexobj(value) else "an array"
-        return f"{kind} {value.shape}"
-    return f"{value!r:.60}"

@@ -63,8 +63,8 @@ import gossamer_fx.solvers.factorisation as factorisation
 import gossamer_fx.solvers.linear as linear
 from gossamer_fx.algebra.numbering import PREFIX
 from gossamer_fx.checks.errors import check
+from gossamer_fx.checks.failures import Inadmissible, NotConverged
 from gossamer_fx.model.body import Array
-from gossamer_fx.solvers.failures import Inadmissible, NotConverged
 from gossamer_fx.solvers.tolerances import Tolerances
 from gossamer_fx.system.system import System
 
