@@ -48,6 +48,7 @@ from gossamer_fx.forms.compilation import compile_expression, compile_form
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.forms.strain_path import Piece, gradient, with_derivative
+from gossamer_fx.materials.c_law import CLaw
 from gossamer_fx.model.body import Array, Body, MeshBody
 from gossamer_fx.model.roles import (
     Dissipation,
@@ -137,7 +138,7 @@ class StoredEnergy:
     """Stored energy ∫ψ(e(q)) dx: `measure` is quadratic in q, `density` ψ is a function of the strain alone.
 
     `pieces` cuts the path between two strains where ψ is not smooth; `pulling` is the part of a stress of which the
-    geometric stiffness is positive.
+    geometric stiffness is positive; `c_law` computes stresses in place of derivatives of `density`.
     """
 
     name: str
@@ -148,6 +149,7 @@ class StoredEnergy:
     quadratic: bool = False
     pieces: Callable[[Expr, Expr], list[Piece]] | None = None
     pulling: Callable[[Expr], Expr] | None = None
+    c_law: CLaw | None = None
     compiler: ClassVar[type[CompiledTerms]] = ElementEnergies
 
 

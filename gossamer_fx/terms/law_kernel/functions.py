@@ -7,18 +7,20 @@ law kernel calls these by their addresses.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem
 from ufl.algorithms.analysis import extract_coefficients, extract_constants
 
-from gossamer_fx.forms.backend import interpolation_points
+from gossamer_fx.forms.backend import interpolation_points, tabulate
 from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.strain_path import with_derivative
+from gossamer_fx.materials.c_law import CLaw
 from gossamer_fx.model.body import Array
 from gossamer_fx.terms.discrete_gradient import PathEnergy, StressRule
 from gossamer_fx.terms.law_kernel.library import library
@@ -52,6 +54,7 @@ class LawFunctions:
             cheaper and serve points in certain cases.
         sort: which response is the cheapest for each point; None if there is one.
         density: ψ(start) per unit reference area or length.
+        refresh: called when a step begins, before functions are read.
     """
 
     start: fem.Function
@@ -59,6 +62,7 @@ class LawFunctions:
     responses: tuple[CellFunction, ...]
     sort: CellFunction | None
     density: CellFunction
+    refresh: Callable[[], None]
 
 
 def cell_function(expression: fem.Expression) -> CellFunction:
@@ -94,6 +98,8 @@ def law_functions(
     """
     # Rank 0 compiles the kernel here, where all ranks are.
     library(strain.function_space.mesh.comm)
+    if energy.c_law is not None:
+        return _in_c(energy.c_law, rule, start, strain)
     points = interpolation_points(strain.function_space)
 
     def compiled(expression: Expr) -> CellFunction:
@@ -113,6 +119,34 @@ def law_functions(
         responses=tuple(compiled(with_derivative(stress, variable)) for stress in stresses),
         sort=sort,
         density=compiled(energy.density(start)),
+        refresh=lambda: None,
+    )
+
+
+def _in_c(c_law: CLaw, rule: StressRule, start: fem.Function, strain: fem.Function) -> LawFunctions:
+    """The functions of a law that is written in C; they take its numbers at the points."""
+    space = strain.function_space
+    mesh = space.mesh
+    points = interpolation_points(space)
+    element = basix.ufl.quadrature_element(
+        mesh.basix_cell(), value_shape=c_law.numbers.ufl_shape, degree=space.ufl_element().degree
+    )
+    numbers = fem.Function(fem.functionspace(mesh, element))
+    expression = compile_expression(c_law.numbers, points)
+    index_map = mesh.topology.index_map(mesh.topology.dim)
+    cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+    count = np.array([len(points)], dtype=float)
+
+    def function(address: int) -> CellFunction:
+        return CellFunction(address, (start, strain, numbers), (count,), owner=c_law.owner)
+
+    return LawFunctions(
+        start=start,
+        strain=strain,
+        responses=(function(rule.function_of(c_law)),),
+        sort=None,
+        density=function(c_law.density),
+        refresh=lambda: tabulate(expression, numbers, cells),
     )
 
 

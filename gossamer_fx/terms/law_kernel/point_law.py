@@ -81,6 +81,7 @@ class PointLaw:
 
     def begin_step(self) -> None:
         """Start a step: read constants and functions again, and forget all choices."""
+        self._functions.refresh()
         for constants, values in self._constants:
             if values:
                 np.concatenate(values, out=constants)
@@ -238,7 +239,7 @@ class PointLaw:
             "equations": self._work(m * (m + 1)),
         }
 
-    def _constant(self, name: str, values: Array, shape: tuple[int, ...]) -> Any:
+    def _constant(self, name: str, values: npt.NDArray[Any], shape: tuple[int, ...]) -> Any:
         """An array that the kernel reads."""
         return self._c.array(name, values, "float64", shape)
 
