@@ -37,7 +37,7 @@ from gossamer_fx.checks.errors import NoEquilibrium, check
 from gossamer_fx.connectors.tape import Tape
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.spaces import cell_nodes
-from gossamer_fx.materials.film import FilmLaw
+from gossamer_fx.materials.film import IsotropicFilm
 from gossamer_fx.model.body import Array
 from gossamer_fx.model.ports import combine
 from gossamer_fx.model.state import State
@@ -48,7 +48,7 @@ from gossamer_fx.terms.point_energies import PointStoredEnergy
 
 @check_arguments
 @dataclass(frozen=True)
-class Prestress(FilmLaw):
+class Prestress(IsotropicFilm):
     """Film whose stress is the same in all directions and at every strain: W = n0 tr E.
 
     E and nu are not used; density and thickness give the mass.

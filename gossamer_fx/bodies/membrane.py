@@ -84,6 +84,7 @@ class Membrane(Meshed):
 
             vary(self.constants, law, self.mesh, properties, name)
         self._frame = frame(domain)
+        self._orient()
         self._displacement = checked(
             displacement, f"Membrane '{name}': its displacement", mesh.comm
         )
@@ -91,6 +92,15 @@ class Membrane(Meshed):
         degree = max(2 * (order - 1), 1)
         self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": degree})
         self.mass_dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2 * order})
+
+    def _orient(self) -> None:
+        """Add the axes of an orthotropic law to the constants."""
+        direction = getattr(self.law, "direction", None)
+        if direction is not None:
+            from gossamer_fx.bodies.directions import direction_field, set_axes
+
+            field = direction_field(self.mesh, direction, self.name)
+            set_axes(self.constants, field, self._frame)
 
     def measure(self, x: Expr) -> Expr:
         """Green-Lagrange strain (E11, E22, 2 E12) of the positions x."""
@@ -126,6 +136,7 @@ class Membrane(Meshed):
             self.law.quadratic,
             self.pieces,
             pulling,
+            c_law=self.law.c_law(self.constants, self.comm),
         )
 
     @cached_property

@@ -22,6 +22,9 @@ from gossamer_fx.model.body import Array, Indices
 
 LIMITS = {
     "E": (0.0, np.inf),
+    "E1": (0.0, np.inf),
+    "E2": (0.0, np.inf),
+    "G12": (0.0, np.inf),
     "nu": (-1.0, 0.5),
     "density": (0.0, np.inf),
     "thickness": (0.0, np.inf),
@@ -41,10 +44,11 @@ def vary(
         InputError: a number that the law has not, or that would change derived ones; values out of their limits.
     """
     derived = [f.name for f in fields(law) if not f.init]
+    may_vary = [what for what in LIMITS if hasattr(law, what)]
     for what, given in properties.items():
         check(
-            what in LIMITS,
-            f"Membrane '{name}': there is no property {what!r} that may vary; choose from {', '.join(LIMITS)}.",
+            what in may_vary,
+            f"Membrane '{name}': there is no property {what!r} that may vary; choose from {', '.join(may_vary)}.",
         )
         check(
             not derived or what == "density",

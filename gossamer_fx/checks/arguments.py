@@ -59,6 +59,7 @@ _DESCRIPTIONS = {
     "Event": "an At or a When",
     "Motion": "a recording of shapes, e.g. Snapshots",
     "FilmLaw": "a law of films, e.g. Miyazaki",
+    "IsotropicFilm": "a law of isotropic films, e.g. Miyazaki",
     "Obstacle": "an obstacle, e.g. a Plane",
     "Assembly": "the system of an Equilibrium or a Simulation, or scene.compile()",
     "Enclosure": "a Piston",

@@ -103,6 +103,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     tube = {"E": 1e11, "nu": 0.3, "density": 1560.0}
     section = gx.sections.tube(0.02, 5e-4, **tube)
     film_law = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
+    fabric = {"E1": 1e9, "E2": 1e8, "nu12": 0.3, "G12": 1e8, "density": 1400.0, "thickness": 1e-4}
     law = gx.Miyazaki(**film_law)
     film, beam = gx.Membrane(mesh, law), gx.Beam(curve, section)
     plate = gx.Plate(mesh, gx.Linear(**film_law))
@@ -280,9 +281,16 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "constraints.Link": {"a": P, "b": Q},
         "probes.MeanSpin": {"body": film, "axis": "z"},
         "Membrane": {"mesh": mesh, "law": law, "order": 1, "name": "film"},
+        "LinearOrthotropic": {**fabric, "direction": (1.0, 0.0, 0.0)},
+        "materials.AroundAxis": {"axis": (0.0, 0.0, 1.0), "point": (0.0, 0.0, 0.0)},
         "Midpoint": {"dt": 1e-3, "rule": gx.steppers.PathAverage(), "tolerances": gx.Tolerances()},
         "probes.LoadResultant": {"orbit": orbit, "load": "drag", "action": "force", "axis": "x"},
         "Miyazaki": {**film_law, "residual_stiffness": 1e-6},
+        "Orthotropic": {
+            **fabric,
+            "direction": (1.0, 0.0, 0.0),
+            "residual_stiffness": 1e-6,
+        },
         "Orifice": {
             "a": tank,
             "b": gx.gas.Ambient(),
