@@ -33,6 +33,7 @@ from .bodies.membrane import Membrane as Membrane
 from .bodies.plate import Plate as Plate
 from .bodies.point_mass import PointMass as PointMass
 from .bodies.rigid_body import RigidBody as RigidBody
+from .bodies.tabulated_cable import TabulatedCable as TabulatedCable
 from .checks.errors import InputError as InputError
 from .checks.errors import NoEquilibrium as NoEquilibrium
 from .checks.errors import OutputFailure as OutputFailure
