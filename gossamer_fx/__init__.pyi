@@ -41,6 +41,7 @@ from .checks.errors import StepFailure as StepFailure
 from .cli.case import Case as Case
 from .constraints.fixed import Fixed as Fixed
 from .constraints.rigid_region import RigidRegion as RigidRegion
+from .constraints.seam import Seam as Seam
 from .constraints.tie import Tie as Tie
 from .contact.contact import Contact as Contact
 from .gas.ideal_gas import IdealGas as IdealGas
