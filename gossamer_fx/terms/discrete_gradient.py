@@ -121,8 +121,11 @@ class PathAverage(StressRule):
         """Paths that stay in one state: six of ten in the iterations of a film that flutters, seven before it does."""
         if energy.quadratic or not energy.pieces:
             return []
+        pieces = energy.pieces(e0, e1.expression())
+        if len(pieces) <= 1:
+            return []  # one expression serves every path
         lengths: dict[Callable[[Expr, Expr], Expr], list[Expr]] = {}
-        for piece in energy.pieces(e0, e1.expression()):
+        for piece in pieces:
             lengths.setdefault(piece.stress, []).append(piece.end - piece.start)
         found = []
         for stress, parts in lengths.items():

@@ -425,6 +425,8 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "total_length": 2.0,
         },
         "TensionField": film_law,
+        "Seam": {"a": film, "edge_a": "left", "b": film, "edge_b": "right", "closing": (0.0, 1.0)},
+        "TabulatedCable": {"strain": [0.0, 0.1], "force": [0.0, 50.0], "line_density": 0.1},
         "TensionOnly": cable_law,
         "Tie": {"a": film, "group_a": "left", "b": plate, "group_b": "left"},
         "Tolerances": {
