@@ -16,7 +16,7 @@ from gossamer_fx.bodies.meshed import PointFunction, checked, positions
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, bar_strain
-from gossamer_fx.materials.film import constants
+from gossamer_fx.materials.film import constants, parameters
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import Array
 from gossamer_fx.model.state import State
@@ -124,10 +124,21 @@ class Cable(Curve):
         self._velocity = checked(velocity, f"Cable '{name}': its velocity", mesh.comm)
 
     def terms(self, start: State) -> Iterable[Term]:
+        numbers = parameters(self.law, self.constants)
         yield KineticEnergy(
-            self, lambda v, w: self.constants.line_density * ufl.inner(v, w) * self.mass_dx
+            self,
+            lambda v, w: self.constants.line_density * ufl.inner(v, w) * self.mass_dx,
+            parameters=numbers,
         )
-        yield StoredEnergy(self.name, self, bar_strain, self.density, self.dx, self.law.quadratic)
+        yield StoredEnergy(
+            self.name,
+            self,
+            bar_strain,
+            self.density,
+            self.dx,
+            self.law.quadratic,
+            parameters=numbers,
+        )
 
     def density(self, e: Expr) -> Expr:
         """Stored energy per unit reference length."""

@@ -28,7 +28,14 @@ from gossamer_fx.algebra.point_measures import (
 )
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array, Attached, Block
-from gossamer_fx.model.roles import Forces, Multipliers, StateObserver
+from gossamer_fx.model.roles import (
+    Forces,
+    IndependentOfShape,
+    Multipliers,
+    Reversible,
+    StateObserver,
+    WithoutParameters,
+)
 from gossamer_fx.terms.assembly import Assembly, CompiledConstraints, CompiledTerms
 
 # Largest violation at the start, in units of the constraint: the bound for "these points coincide".
@@ -46,7 +53,15 @@ NULL_EIGENVALUE = 1e-12
 TAKES_PART = 1e-6
 
 
-class PointConstraints(Multipliers, StateObserver, Forces, CompiledConstraints):
+class PointConstraints(
+    Multipliers,
+    StateObserver,
+    Forces,
+    WithoutParameters,
+    Reversible,
+    IndependentOfShape,
+    CompiledConstraints,
+):
     """All `PointConstraint` terms of a scene; those that are alike are one array.
 
     The multipliers of term k are the k-th block behind those of the bodies.
