@@ -14,7 +14,7 @@ from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, frame, green_lagrange, surface_gradient, tension
 from gossamer_fx.forms.strain_path import Piece
-from gossamer_fx.materials.film import FilmLaw, constants
+from gossamer_fx.materials.film import FilmLaw, constants, parameters
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import Array, Block
 from gossamer_fx.model.state import State
@@ -124,7 +124,12 @@ class Membrane(Meshed):
         return self.constants.density * self.constants.thickness
 
     def terms(self, start: State) -> Iterable[Term]:
-        yield KineticEnergy(self, lambda v, w: self.area_density * ufl.inner(v, w) * self.mass_dx)
+        numbers = parameters(self.law, self.constants)
+        yield KineticEnergy(
+            self,
+            lambda v, w: self.area_density * ufl.inner(v, w) * self.mass_dx,
+            parameters=numbers,
+        )
         # laws that wrinkle never push, so that only of the others a part pulls
         pulling = tension if self.law.quadratic else None
         yield StoredEnergy(
@@ -137,6 +142,7 @@ class Membrane(Meshed):
             self.pieces,
             pulling,
             c_law=self.law.c_law(self.constants, self.comm),
+            parameters=numbers,
         )
 
     @cached_property

@@ -201,8 +201,10 @@ class Plate(Membrane):
         what = f"Plate '{self.name}': its rest_curvature"
         if not callable(given) and not isinstance(given, Mapping):
             tensor = real_numbers(given)
+            if tensor is None:
+                tensor = np.zeros(0)
             check(
-                tensor is not None and tensor.shape == (3, 3),
+                tensor.shape == (3, 3),
                 f"{what} is not an array (3, 3) of real numbers; give a tensor in 1/m, a function of the "
                 "points, or those of groups.",
             )

@@ -28,6 +28,7 @@ from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.forms.strain_path import Piece, gradient, mean_gradient, within_cone
 from gossamer_fx.materials.c_law import CLaw
+from gossamer_fx.model.parameters import Parameter
 
 # Values of `FilmLaw.state`.
 SLACK = 0
@@ -49,6 +50,30 @@ def constants(law: Any, mesh: Mesh) -> SimpleNamespace:
         if isinstance(value, Real):
             setattr(result, field.name, constant(mesh, float(value)))
     return result
+
+
+# SI units of the numbers of laws, by name; numbers of other names are taken for pure numbers.
+UNITS = {
+    "E": "Pa",
+    "density": "kg/m³",
+    "thickness": "m",
+    "EA": "N",
+    "line_density": "kg/m",
+}
+
+
+def parameters(law: Any, coefficients: SimpleNamespace) -> tuple[Parameter, ...]:
+    """The numbers of a law as parameters of its terms.
+
+    A law with numbers that are derived from others has none but its density: the forms do not tell how
+    the derived ones change.
+    """
+    has_derived = any(not field.init for field in fields(law))
+    return tuple(
+        Parameter(field.name, UNITS.get(field.name, ""), getattr(coefficients, field.name))
+        for field in fields(law)
+        if not has_derived or field.name == "density"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

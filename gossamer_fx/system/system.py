@@ -5,6 +5,7 @@ The system knows the roles that terms play (`model.roles`), but no kind of term 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Never, cast
 
@@ -155,6 +156,11 @@ class System:
 
     # ---- look-ups ------------------------------------------------------------------------------------
 
+    @property
+    def items(self) -> list[object]:
+        """The items of the scene that bring terms."""
+        return [part.item for part in self._parts]
+
     def block(self, body: Body) -> NumberedBlock:
         """The unknowns of a body in the numbering of the system."""
         return self._block_of[body]
@@ -189,6 +195,25 @@ class System:
         for q in (self.previous, self.q0):
             self.set_end(q)
             self._commit()
+
+    def parameters_changed(self) -> None:
+        """Assemble again what depends on coefficients of forms: masses, constant stiffness and loads."""
+        for kind in self.compiled:
+            if isinstance(kind, roles.ResidualForms):
+                kind.parameters_changed()
+        self.M.zeroEntries()
+        for mass in self._masses:
+            mass.add_mass(self.M)
+        self.M.assemble()
+        self.increment.mass_changed()
+        if self.K is not None:
+            self.K.zeroEntries()
+            for stiffness in self._stiffnesses:
+                stiffness.add_stiffness(self.K)
+            self.K.assemble()
+            # No step has an infinite c, so that the base is built at the next tangent.
+            self._base_inertia = math.inf
+        self.set_end(self.q0)
 
     def _build_matrices(self) -> None:
         """Mass matrix M, constant stiffness K if there is one, and tangent A, with one pattern.
@@ -300,6 +325,20 @@ class System:
                 scalars.add_force(values)
         self.supports.take(r)
         return np.concatenate([np.zeros(0), *s])
+
+    def stored_forces(self) -> PETSc.Vec:
+        """Derivatives ψ'(q0) [N] of all stored energies of bodies in the accepted state.
+
+        They are the forces of a step that goes nowhere.  The step that the terms know is set to q0.
+        """
+        out = self.numbering.vector()
+        self.set_end(self.q0)
+        if self.K is not None:
+            self.K.mult(self.q0, out)
+        for kind in self._forces:
+            if isinstance(kind, roles.StoredEnergies) and not isinstance(kind, roles.ExternalLoads):
+                kind.add_forces(out)
+        return out
 
     def external_forces(self) -> PETSc.Vec:
         """Forces [N] of loads, scalar unknowns and supports at the last residual."""

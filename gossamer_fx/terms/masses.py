@@ -15,6 +15,7 @@ from gossamer_fx.algebra.numbering import GlobalIndices
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.model.body import Array, Body, MeshBody
+from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.roles import Mass, MassForms, OnMeshes
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
@@ -33,6 +34,9 @@ class Masses(OnMeshes, Mass, MassForms, CompiledTerms["KineticEnergy"]):
                 at = self._system.fields[term.body]
                 found.append(compile_form(term.mass(at.dq, at.w)))
         return found
+
+    def kinetic_forms(self, body: Body, v: Expr, w: Expr) -> list[ufl.Form]:
+        return [term.mass(v, w) for term in self._terms if term.body is body]
 
     def add_mass(self, M: PETSc.Mat) -> None:
         for body in dict.fromkeys(term.body for term in self._terms):
@@ -56,6 +60,7 @@ class KineticEnergy:
 
     body: MeshBody
     mass: Callable[[Expr, Expr], ufl.Form]
+    parameters: tuple[Parameter, ...] = ()
     compiler: ClassVar[Compiler] = Masses
 
 

@@ -36,7 +36,16 @@ from gossamer_fx.algebra.point_measures import (
 )
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array, Attached, Block
-from gossamer_fx.model.roles import Forces, Multipliers, StateObserver, StepObserver, Supply
+from gossamer_fx.model.roles import (
+    Forces,
+    IndependentOfShape,
+    Multipliers,
+    Reversible,
+    StateObserver,
+    StepObserver,
+    Supply,
+    WithoutParameters,
+)
 from gossamer_fx.terms.assembly import Assembly, CompiledConstraints, Compiler
 
 # Largest violation at the start, in units of the constraint: the bound for "these points coincide".
@@ -64,6 +73,9 @@ class PointConstraints(
     StateObserver,
     Forces,
     Supply,
+    WithoutParameters,
+    Reversible,
+    IndependentOfShape,
     CompiledConstraints["PointConstraint"],
 ):
     """All `PointConstraint` terms of a scene; those that are alike are one array.
