@@ -179,8 +179,9 @@ def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[
     """
     edges_at: dict[int, list[int]] = {}
     point: dict[int, Array] = {}
-    pairs: list[list[int]] = vertices.tolist()
-    for i, (first, last) in enumerate(pairs):
+    for i, pair in enumerate(vertices):
+        first = int(pair[0])
+        last = int(pair[1])
         edges_at.setdefault(first, []).append(i)
         edges_at.setdefault(last, []).append(i)
         point[first] = X[i, 0]
