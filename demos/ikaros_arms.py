@@ -1,16 +1,18 @@
 """The arms of IKAROS are let out: stage 1, from arms wound round the hub to the cross.
 
-The four strips of folded film are wound round the hub, one and a quarter turns each, with a mass of 0.5 kg at the end.
-Rods on a ring guide them.  Their tension turns the ring against a brake, and the arms are let out as it turns.  If this
-takes days, as in flight, hub, arms and masses rotate as one body:
+The four strips of folded film are wound round the hub, one and a quarter turns each, with a mass of
+0.5 kg at the end. Rods on a ring guide them.  Their tension turns the ring against a brake, and the
+arms are let out as it turns.  If this takes days, as in flight, hub, arms and masses rotate as one
+body:
 
     ω = L/(I + J),    J = Σ (∫ λ R² ds of the wound part + ∫ λ r² dr of the free part + m r_tip²)
 
-If it takes seconds, as here, the arms lag behind, stop the hub like the cords of a yo-yo, and turn it backwards
-before they stand out; the curves show both.  The demo ends with the cross: the undamped swings of the arms after it are not part
-of stage 1.  With a stronger brake the arms are let out one by one.  An arm is a cable with the mass of its two half
-strips, wound in a spiral between those of its neighbours.  Arms, hub and rods are in contact.  `demos/ikaros.py` is
-stage 2, from the cross.
+If it takes seconds, as here, the arms lag behind, stop the hub like the cords of a yo-yo, and turn
+it backwards before they stand out; the curves show both.  The demo ends with the cross: the
+undamped swings of the arms after it are not part of stage 1.  With a stronger brake the arms are
+let out one by one.  An arm is a cable with the mass of its two half strips, wound in a spiral
+between those of its neighbours.  Arms, hub and rods are in contact.  `demos/ikaros.py` is stage 2,
+from the cross.
 
 Where the values come from:
     3.5 kg a trapezoid with its devices, 0.5 kg at a tip, hub of 290 kg and 85 kg m², 25 rpm before stage 1
