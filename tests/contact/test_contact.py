@@ -1,4 +1,4 @@
-"""Contact in scenes: conservation, nothing passes through, order 2, lines, restart, ranks, bad input."""
+"""Contact in scenes: conservation, no penetration, second order, lines, restart, ranks, bad input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What has no equilibrium is refused, and what is free to move is named: parts of a scene apart, about any centre."""
+"""Scenes without equilibrium are refused, and their free rigid motions are named."""
 
 from __future__ import annotations
 
