@@ -19,7 +19,7 @@ Gas
 Runs
     `Run`, `Output`, `Probe`
 Checks
-    `check`, `check_on_all`, `check_positive`, `is_vector`, `ask_numbers`, `InputError`
+    `check`, `check_on_all`, `check_positive`, `is_vector`, `ask`, `ask_numbers`, `InputError`
 """
 
 from gossamer_fx.checks.lazy_names import lazy_names

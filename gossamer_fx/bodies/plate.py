@@ -16,6 +16,7 @@ from gossamer_fx.bodies.properties import cellwise
 from gossamer_fx.bodies.triple_products import TripleProductEnergy
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_on_all
+from gossamer_fx.checks.real_numbers import real_numbers
 from gossamer_fx.forms.bending import DEGREE, EDGE_DEGREE, PENALTY, Bending, curvature, moment
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr
@@ -105,6 +106,11 @@ class Plate(Membrane):
             "edges (order 1).",
         )
         self.hinges = tuple(hinges)
+        repeated = sorted({group for group in self.hinges if self.hinges.count(group) > 1})
+        check(
+            not repeated,
+            f"Plate '{name}': the hinge group '{repeated[0] if repeated else ''}' is given twice; give it once.",
+        )
         self._rest_curvature = rest_curvature  # a restart compares it, see `outputs.arguments`
         table = self.mesh.edges
         folds = [interior_edges(self, table, group, "hinge") for group in self.hinges]
@@ -194,13 +200,13 @@ class Plate(Membrane):
         """H0 (2, 2) in the frame of the mesh."""
         what = f"Plate '{self.name}': its rest_curvature"
         if not callable(given) and not isinstance(given, Mapping):
-            try:
-                tensor = np.asarray(given, dtype=float)
-            except (TypeError, ValueError):
+            tensor = real_numbers(given)
+            if tensor is None:
                 tensor = np.zeros(0)
             check(
                 tensor.shape == (3, 3),
-                f"{what} is not an array (3, 3); give a tensor in 1/m, a function of the points, or those of groups.",
+                f"{what} is not an array (3, 3) of real numbers; give a tensor in 1/m, a function of the "
+                "points, or those of groups.",
             )
             given = _Uniform(tensor)
         H = cellwise(self.mesh, given, np.zeros((3, 3)), (3, 3), what)

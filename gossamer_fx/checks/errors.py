@@ -15,6 +15,8 @@ from typing import Any, cast
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.checks.real_numbers import real_numbers
+
 
 class InputError(ValueError):
     """A scene, mesh or option that cannot be computed; the message names the culprit and the
@@ -104,11 +106,8 @@ def is_vector(value: Any) -> bool:
     >>> is_vector((0, 0, 9.81)), is_vector([1.0, 2.0])
     (True, False)
     """
-    try:
-        numbers = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        return False
-    return numbers.shape == (3,) and bool(np.isfinite(numbers).all())
+    numbers = real_numbers(value)
+    return numbers is not None and numbers.shape == (3,) and bool(np.isfinite(numbers).all())
 
 
 def on_rank_zero[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T | None:

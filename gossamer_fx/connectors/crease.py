@@ -184,6 +184,7 @@ class Crease:
             math.inf if self.yield_angle is None else self.yield_angle,
             self.initial_fold or (MOUNTAIN if self.rest_angle < 0 else VALLEY),
             names.astype(np.int64),
+            self.stiffness,
         )
 
     def _derivatives(self, cells: Indices, sides: Indices, points: Array, backwards: bool) -> Array:

@@ -31,7 +31,7 @@ from gossamer_fx.model.roles import (
     Supply,
     Tangents,
 )
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.terms.point_energies import Stencil
 
 
@@ -44,7 +44,7 @@ class PaidOutRopes(
     Supply,
     Dissipation,
     HistoryVariables,
-    CompiledTerms,
+    CompiledTerms["PaidOutRope"],
 ):
     """All `PaidOutRope` terms of a scene, as arrays over those of this rank."""
 
@@ -210,4 +210,4 @@ class PaidOutRope:
     history: Callable[[float], float] | None = None
     brake: float = np.inf
     most: float = np.inf
-    compiler: ClassVar[type[CompiledTerms]] = PaidOutRopes
+    compiler: ClassVar[Compiler] = PaidOutRopes

@@ -25,6 +25,10 @@ LAWS = {"barrier": ContactLaw.BARRIER, "penalty": ContactLaw.PENALTY}
 # otherwise begin to touch each other.
 MAX_REACH = 0.5
 
+# Least and largest slip velocity [m/s].  Below, all that sticks would slide by round-off; nothing that is
+# above ever rubs fully.
+SLIP_VELOCITIES = (1e-12, 1e6)
+
 
 @check_arguments
 class Contact:
@@ -56,8 +60,8 @@ class Contact:
 
     Raises:
         InputError: no body, one twice, a distance that is not positive or larger than half an edge, a
-            negative stiffness or friction, a cable without a radius; when the scene is compiled: layers
-            that intersect, or that coincide and are not tied.
+            negative stiffness or friction, a slip velocity out of its range, a cable without a radius;
+            when the scene is compiled: layers that intersect, or that coincide and are not tied.
 
     Example:
         >>> import gossamer_fx as gx
@@ -91,7 +95,12 @@ class Contact:
             self._check_positive("stiffness", stiffness, "N/m³")
         check(law in LAWS, f"Contact '{name}': law is {law!r}; use 'barrier' or 'penalty'.")
         check_friction(f"Contact '{name}'", friction)
-        self._check_positive("slip_velocity", slip_velocity, "m/s")
+        slowest, fastest = SLIP_VELOCITIES
+        check(
+            slowest <= slip_velocity <= fastest,
+            f"Contact '{name}': slip_velocity is {slip_velocity!r} m/s; give a speed between {slowest:g} and "
+            f"{fastest:g} m/s.",
+        )
         self._check_bodies(bodies)
         self.bodies = [body for body in bodies if not isinstance(body, Obstacle)]
         self.obstacles = [body for body in bodies if isinstance(body, Obstacle)]

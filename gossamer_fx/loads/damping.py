@@ -15,7 +15,6 @@ from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, bar_strain
-from gossamer_fx.materials.film import Linear
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.element_energies import ViscousDissipation
@@ -118,8 +117,7 @@ def _inertia(body: Body) -> list[Expr]:
 def _unwrinkled(body: Body) -> tuple[Callable[[Expr], Expr], Callable[[Expr], Expr]]:
     """The measure of a body, and the density of its stored energy as it is in tension."""
     if isinstance(body, Membrane):
-        law = body.law
-        linear = Linear(law.E, law.nu, density=law.density, thickness=law.thickness)
+        linear = body.law.unwrinkled()
         return body.measure, lambda e: linear.energy(e, body.constants)
     if isinstance(body, Cable):
         return bar_strain, lambda e: body.constants.EA / 2 * e[0] ** 2

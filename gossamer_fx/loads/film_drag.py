@@ -14,7 +14,7 @@ from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.model.body import Array, MeshBody
 from gossamer_fx.model.roles import Dissipation
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, Compiler
 from gossamer_fx.terms.loads import Loads, at_rate, rate_of
 
 
@@ -63,4 +63,4 @@ class FilmDrag:
     body: MeshBody
     work: Callable[[Expr, Expr, Expr], ufl.Form]
     wind: Expr | None = None
-    compiler: ClassVar[type[CompiledTerms]] = Drags
+    compiler: ClassVar[Compiler] = Drags

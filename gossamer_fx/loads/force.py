@@ -15,6 +15,7 @@ from gossamer_fx.bodies.frames import Frame, Line
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.model.body import Array, Attached, Port, Vector
+from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_loads import PointForce, PointLoad
@@ -27,6 +28,7 @@ class ConstantForce:
     """Forces (3k,) that never change."""
 
     value: Array
+    depends_on_position_only = True
 
     def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
         pass
@@ -40,6 +42,8 @@ class ConstantForce:
 
 class ForceInTime:
     """Force (3,) as a function of time, taken where forces act, e.g. at the middle of the step."""
+
+    depends_on_position_only = True
 
     def __init__(self, comm: MPI.Intracomm, name: str, value: History) -> None:
         self._comm, self._name, self._value = comm, name, value
@@ -69,6 +73,8 @@ class Couple:
     also at the middle of a step, where directors are shorter than 1.  One vector alone takes the torque across it,
     f = T × r/|r|².
     """
+
+    depends_on_position_only = True
 
     def __init__(self) -> None:
         self.torque: Array = np.zeros(3)
@@ -155,7 +161,10 @@ class Force:
             if callable(value)
             else ConstantForce(np.asarray(value, dtype=float))
         )
-        yield PointLoad(self.name, (self.port,), law)
+        parameters: tuple[Parameter, ...] = ()
+        if not callable(value):
+            parameters = (Parameter("force", "N", "value"),)
+        yield PointLoad(self.name, (self.port,), law, parameters)
 
 
 @check_arguments

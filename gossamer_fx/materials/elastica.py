@@ -41,7 +41,7 @@ import ufl
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
-from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED, FilmLaw
+from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED, IsotropicFilm
 from gossamer_fx.model.body import Array
 
 # Shortening δ up to which the cubic is fitted to the elastica.
@@ -123,7 +123,7 @@ def cubic(e_E: float) -> tuple[float, float, float]:
 
 @check_arguments
 @dataclass(frozen=True)
-class Elastica(FilmLaw):
+class Elastica(IsotropicFilm):
     """Film whose wrinkles resist as buckled strips of half wavelength L = `half_wavelength` [m] and
     its thickness do.
 

@@ -13,7 +13,7 @@ from gossamer_fx.extend import (
     Array,
     Assembly,
     Attached,
-    CompiledTerms,
+    Compiler,
     Expr,
     Loads,
     MeshBody,
@@ -58,7 +58,7 @@ class FlyingLoad:
     orbit: Orbit
     work: Callable[[Expr, Expr, Expr], ufl.Form]
     prepare: Callable[[Flight, Assembly], None]
-    compiler: ClassVar[type[CompiledTerms]] = FlyingLoads
+    compiler: ClassVar[Compiler] = FlyingLoads
 
 
 class FlyingForce(Protocol):
@@ -125,7 +125,7 @@ class FlyingPointLoad:
     ports: tuple[Attached, ...]
     orbit: Orbit
     law: FlyingForce
-    compiler: ClassVar[type[CompiledTerms]] = FlyingPointLoads
+    compiler: ClassVar[Compiler] = FlyingPointLoads
 
 
 def axes_of(body: Any) -> tuple[Port, ...]:

@@ -36,6 +36,7 @@ from gossamer_fx.extend import (
     AttachedKineticEnergy,
     Body,
     CompiledTerms,
+    Compiler,
     Expr,
     Forces,
     FrameMomenta,
@@ -172,7 +173,7 @@ class CompiledOrbit(
     Supply,
     Resultants,
     FrameMomenta,
-    CompiledTerms,
+    CompiledTerms["RelativeGravity"],
 ):
     """Gravity on all bodies of a flying scene, and the energy of their common motion.
 
@@ -391,7 +392,7 @@ class RelativeGravity:
         flights: dictionary of the orbit, into which the flight is entered under its system.
     """
 
-    compiler: ClassVar[type[CompiledTerms]] = CompiledOrbit
+    compiler: ClassVar[Compiler] = CompiledOrbit
 
     def __init__(
         self, name: str, flight: Flight, flights: MutableMapping[Assembly, Flight]

@@ -18,8 +18,8 @@ class Ledger:
     """CSV with a row for every step: energies [J], momenta, gas masses [kg], the closing errors, iterations.
 
     `energy_error` is (H - H0) - (supplied - dissipated) over the largest energy so far, H kinetic and stored energy
-    (that of the gas included); supplied and dissipated are counted from the start.  Where several parts dissipate, each
-    has a column in addition to their sum.
+    (that of the gas included); supplied and dissipated are counted from the start.  It is zero at rest, while all
+    energies are round-off.  Where several parts dissipate, each has a column in addition to their sum.
     """
 
     times: Sequence[float] = ()

@@ -246,6 +246,7 @@ class Recording:
             "iterations a step": run.iterations / max(run.step, 1),
             "seconds": run.seconds,
             "seconds of compilation": run.compile_seconds,
+            "at rest": run.at_rest,
             "energy error": run.energy_error,
             "mass error": run.mass_error,
         }

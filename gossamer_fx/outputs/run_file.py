@@ -96,6 +96,7 @@ _RUN = {
         "iterations a step": NUMBER,
         "seconds": NUMBER,
         "seconds of compilation": NUMBER,
+        "at rest?": bool,
         "energy error": NUMBER,
         "mass error": NUMBER,
     },

@@ -24,6 +24,7 @@ from gossamer_fx.mesh.quality import (
     crossings,
     extent,
     folded,
+    folded_in_plane,
     open_seams,
     shape_quality,
     sizes,
@@ -144,7 +145,14 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
                 "model.mesh.reverse)."
             )
         upside_down = folded(table)
-        if upside_down:
+        in_plane, share = folded_in_plane(table)
+        if in_plane:
+            yield (
+                f"'{body.name}' has {in_plane} triangles upside down in its plane, {share:.2g} of its area, so that it "
+                "covers a part of the plane more than once and has a wrong stiffness; mesh it again, or move back the "
+                "nodes that crossed an edge."
+            )
+        elif upside_down:
             yield f"'{body.name}' has {upside_down} triangles upside down on their neighbours; look at its mesh."
         thickness = getattr(getattr(body, "law", None), "thickness", 0.0)
         smallest = comm.allreduce(float(np.sqrt(sizes(corners)).min(initial=np.inf)), op=MPI.MIN)

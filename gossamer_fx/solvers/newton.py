@@ -63,8 +63,8 @@ import gossamer_fx.solvers.factorisation as factorisation
 import gossamer_fx.solvers.linear as linear
 from gossamer_fx.algebra.numbering import PREFIX
 from gossamer_fx.checks.errors import check
+from gossamer_fx.checks.failures import Inadmissible, NotConverged
 from gossamer_fx.model.body import Array
-from gossamer_fx.solvers.failures import Inadmissible, NotConverged
 from gossamer_fx.solvers.tolerances import Tolerances
 from gossamer_fx.system.system import System
 
@@ -141,6 +141,7 @@ class Newton:
         geometric_stiffness_delay: number of tangents at the start of a step without geometric
             stiffness; a stepper sets it.
         energy: largest energy so far [J], the reference of (5); zero: (5) is not asked.
+        round_off_energy: energy [J] that round-off gives to a scene at rest, the largest of all steps.
         iterations: of the last solve, also if it failed.
         all_iterations: of all solves.
         linear_iterations: Krylov iterations of all solves.
@@ -161,6 +162,7 @@ class Newton:
         self.tolerances = tolerances
         self.geometric_stiffness_delay = 0
         self.energy = 0.0
+        self.round_off_energy = 0.0
         self.iterations = 0
         self.all_iterations = 0
         self.linear_iterations = 0
@@ -403,12 +405,16 @@ class Newton:
         Once a step, but at each tangent with contact: bodies that penetrate each other in the
         predictor have stiffnesses there that are far too large, so the smallest estimate counts.
         """
-        if self._round_off_floor and not self.system.active_sets:
+        is_first = self._round_off_floor == 0
+        if not is_first and not self.system.active_sets:
             return
         A.getDiagonal(self._diagonal)
         units = self.tolerances.floor * np.finfo(float).eps
         floor = units * self.system.force_scale(self._diagonal)
         self._round_off_floor = min(floor, self._round_off_floor or math.inf)
+        if is_first:
+            energy = self.system.round_off_energy(self._diagonal)
+            self.round_off_energy = max(self.round_off_energy, energy)
 
     def _choose_linear_tolerance(self) -> None:
         """Solve tightly if this is likely to be the last linear system of the step."""

@@ -22,6 +22,7 @@ COMM = MPI.COMM_SELF
 FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
 # Rooms of the package whose public names all have an example.
 COMPLETE = {
+    "analysis",
     "bodies",
     "connectors",
     "constraints",
@@ -30,7 +31,10 @@ COMPLETE = {
     "gas",
     "loads",
     "materials",
+    "probes",
     "reduction",
+    "run",
+    "sweep",
 }
 
 

@@ -49,6 +49,18 @@ _STRAIGHT = 2 * math.asin(
 )
 
 
+def begun_at(comm: MPI.Intracomm, x: float, y: float) -> gx.Mesh:
+    """A sheet of 0.3 by 0.1 m that begins at (x, y)."""
+    mesh = sheet(comm, 9, 2, 0.3, 0.1)
+    mesh.domain.geometry.x[:] += (x, y, 0.0)
+    return mesh
+
+
+def placed(comm: MPI.Intracomm, folds: Any, film: gx.Membrane) -> gx.Simulation:
+    """A run in which a film starts folded, without creases."""
+    return gx.Simulation(gx.Scene(film, folds.start(film)), gx.Midpoint(dt=1e-5))
+
+
 def oblique_tube(comm: MPI.Intracomm) -> gx.Mesh:
     """A flat tube that Miura's lines cross at any angle, in two compartments."""
     corners = ((0.02, 0.03), (0.07, 0.03), (0.17, 0.27), (0.12, 0.27))
@@ -275,6 +287,27 @@ def test_a_polygon_along_miuras_lines(comm) -> None:
             "take more than a panel",
         ),
         (lambda c: gx.fold.Roll(length=0.3, bends=3, radius=0.02), "do not go round"),
+        # a map that is longer than its film, and films that begin elsewhere
+        (
+            lambda c: ZIGZAG.mark(sheet(c, 8, 2, 0.2, 0.1)),
+            "from x = 0 to 0.3 m, but the mesh reaches from 0 to 0.2 m",
+        ),
+        (
+            lambda c: gx.fold.Roll(length=0.3, bends=30, radius=0.02).mark(begun_at(c, 0.1, 0.0)),
+            "but the mesh reaches from 0.1 to 0.4 m",
+        ),
+        (
+            lambda c: placed(c, ZIGZAG, gx.Membrane(begun_at(c, -0.15, 0.0), LAW)),
+            "but the mesh reaches from -0.15 to 0.15 m",
+        ),
+        (
+            lambda c: placed(
+                c,
+                gx.fold.Spiral(0.3, 9, around=6, rows=2, pitch=0.05),
+                gx.Membrane(begun_at(c, 0.0, 0.05), LAW),
+            ),
+            "from y = 0 to 0.1 m, but the mesh reaches from 0.05 to 0.15 m",
+        ),
         (lambda c: replace(CROSS, wound=True, out=7), "out is 7"),
         (lambda c: replace(CROSS, out=2), "give wound=True"),
         (

@@ -45,6 +45,7 @@ FLOORS = (
     "scene",
     "solvers",
     "steppers",
+    "sensitivity",
     "analysis",
     "fields",
     "probes",

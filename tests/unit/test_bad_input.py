@@ -308,6 +308,37 @@ CASES: dict[str, tuple[Callable[[], object], str]] = {
         lambda: gx.analysis.Continuation(inner_tolerance=1.0),
         "below 1",
     ),
+    "crease of a cable": (
+        lambda: gx.connectors.Crease(cable(), "line", stiffness=1.0),
+        "body is of the kind Cable; give a Membrane",
+    ),
+    "start from a point mass": (lambda: gx.StartFrom(gx.PointMass(1.0)), "the system of an"),
+    "radius that is a word": (
+        lambda: gx.Contact(cable(), distance=1e-3, radius={"cable": "thin"}),
+        "values are each a number",
+    ),
+    "slip velocity of no body": (
+        lambda: gx.Contact(film(), distance=1e-3, friction=0.1, slip_velocity=1e90),
+        "slip_velocity is 1e+90 m/s",
+    ),
+    "number whose square overflows": (lambda: gx.PointMass(1e300), "a size between 1e-100 and"),
+    "whole number beyond all floats": (lambda: gx.PointMass(10**400), "a size between 1e-100 and"),
+    "rest curvature that returns words": (
+        lambda: gx.Plate(
+            sheet(WORLD, 2, 2),
+            gx.Linear(1e9, 0.3, density=1400.0, thickness=1e-4),
+            rest_curvature=lambda X: ["a", "b", "c"],
+        ),
+        "its rest_curvature function: it returns ['a', 'b', 'c']",
+    ),
+    "complex rest curvature": (
+        lambda: gx.Plate(
+            sheet(WORLD, 2, 2),
+            gx.Linear(1e9, 0.3, density=1400.0, thickness=1e-4),
+            rest_curvature=lambda X: 1j * np.zeros((3, 3, X.shape[1])),
+        ),
+        "its rest_curvature function: it returns an array (3, 3, ",
+    ),
     "piston without area": (
         lambda: gx.gas.Piston(gx.PointMass(1.0).port(), 0.0, direction=(1, 0, 0)),
         "area",
