@@ -179,7 +179,8 @@ def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[
     """
     edges_at: dict[int, list[int]] = {}
     point: dict[int, Array] = {}
-    for i, (first, last) in enumerate(vertices.tolist()):
+    pairs: list[list[int]] = vertices.tolist()
+    for i, (first, last) in enumerate(pairs):
         edges_at.setdefault(first, []).append(i)
         edges_at.setdefault(last, []).append(i)
         point[first] = X[i, 0]

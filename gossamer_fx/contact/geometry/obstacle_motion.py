@@ -65,7 +65,7 @@ class ObstacleMotion:
         start = self.at(time)
         way = self.at(time + step) - start
         deviations = [
-            np.linalg.norm(self.at(time + float(part) * step) - (start + part * way))
+            float(np.linalg.norm(self.at(time + float(part) * step) - (start + part * way)))
             for part in SAMPLES
         ]
-        return float(max(deviations))
+        return max(deviations)
