@@ -1,10 +1,10 @@
-"""An inflatable tube is folded, and deployed from a tank: it touches itself, and chokes where it is folded.
+"""A folded inflatable tube is deployed from a tank, with contact with itself and choked flow at its folds.
 
 The film is pressed flat and folded to a zigzag, or rolled up.  Each panel is a compartment, a separate chamber; gas
-passes to the next one through the deformed ring of film between them, which a fold all but closes.  Contact keeps the
-layers apart.  The compartments open one after the other, the tube unfolds and stiffens, and its end strikes the end of
-its way.  Nothing acts from outside but the clamp at the inlet, so the energy of film, contact, creases and gas stays as
-it was.
+passes to the next one through the deformed ring of film between them, which a fold almost closes.  Layers are in
+contact.  The compartments open one after the other, the tube unfolds and stiffens, and its tip is stopped abruptly when
+it is straight.  The only external force is that of the clamp at the inlet, so the energy of film, contact, creases and
+gas is constant.
 
 Where the values come from:
     length 0.25, 0.8 m   the short and the long tube of the deployment tests in Miyazaki, KAKENHI 19360384 final report
@@ -39,7 +39,7 @@ from gossamer_fx.presets.gases import AIR, NITROGEN
 
 TITLE = "A folded tube, deployed from a tank"
 VIEW = gx.plot.View(azimuth=math.radians(-30), elevation=math.radians(15), zoom=True)
-OPEN = 0.5  # part of the area of the round tube at which a ring counts as open
+OPEN = 0.5  # a ring counts as open at this part of the area of the round tube
 
 
 def rows_of(length: float, diameter: float, cells: int, compartments: int) -> int:
@@ -77,18 +77,21 @@ def build(
 
     Args:
         start: "zigzag", with panels that rise by `angle_degrees`, or "roll".
-        lift: half of the distance of the layers at the folds [m].
+        lift: half of the distance between the layers at the folds [m].
         thickness: of the film [m].
-        tank, pressure: its volume [m³], and the pressure in it at the start [Pa].
-        dead_volume: that each compartment cannot be pressed out of [m³].
-        bore: of the valve [m], which opens softly.
-        crease: stiffness of folds with memory [N m/m/rad]; 0: none.
-        contact: distance at which it begins [m]; 0: none.
+        tank, pressure: volume of the tank [m³] and its initial pressure [Pa].
+        dead_volume: rigid volume of each compartment in addition to that of the film [m³].
+        bore: diameter of the valve [m], which opens gradually.
+        crease: stiffness of creases with a rest angle [N m/m/rad]; 0: none.
+        contact: activation distance [m]; 0: no contact.
         gravity: downwards, along -z [m/s²].
         air: pressure outside [Pa]; 0: vacuum.
-        drag: coefficient of the drag of that air, of 293 K; 0: none.
-        residual: pressure over it of the gas that is left in the tube at the start [Pa].
-        iterations: aimed at in a step; 0: 12, and 10 for a roll, which longer steps would press shut.
+        drag: drag coefficient in that air, at 293 K; 0: none.
+        residual: initial pressure of the gas in the tube above that outside [Pa].
+        until: end of the run [s].
+        dt: first step [s]; the largest is twice as long.
+        iterations: Newton iterations that the step control aims at; 0: 12 for the zigzag, and 10 for the
+            roll, which longer steps would press shut.
     """
     width, half = math.pi * diameter / 2, length / panels
     if start == "zigzag":
@@ -141,7 +144,7 @@ def build(
     control = gx.StepControl(
         target_iterations=iterations or (12 if start == "zigzag" else 10), max_step=2 * dt
     )
-    # the first guess of a step may press layers together: its residual is not a measure of the forces
+    # The first guess of a step may press layers together: its residual is not a measure of the forces.
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
     return gx.Case(
         gx.Scene(*items),
@@ -171,7 +174,7 @@ def main(
     comm: MPI.Comm = MPI.COMM_WORLD,
     **given: object,
 ) -> dict[str, float]:
-    """Deploy the tube; what `build` takes may be `given`.  With `output`, a folder: a recording and a picture.
+    """Deploy the tube; `given` are arguments of `build`.  With `output`, a folder: a recording and a picture.
 
     Returns the figures of `run_figures`, mass_error (of the gas, relative), opening times of the rings
     [ms], pressures at the end [Pa], and speed [m/s] and distance [m] of the tip.
@@ -200,7 +203,7 @@ def main(
 
 
 def say(found: dict[str, float]) -> None:
-    """What happened, in words."""
+    """Print the results."""
     order = ", ".join(f"{v:.1f} ms" for k, v in found.items() if k.startswith("opening"))
     pressures = ", ".join(f"{v:.0f} Pa" for k, v in found.items() if k.startswith("pressure"))
     print(

@@ -1,15 +1,18 @@
 """The sail of IKAROS from the roll to the square: both stages of its deployment in one scene.
 
-Four trapezoids of film are folded to strips and wound round the hub; 16 tethers hold their inner edges, masses of
-0.5 kg their tips, of which 1.9 m stand out at the start.  Rods on a ring hold the roll.  In stage 1 the pull of what
-stands out turns the ring against a brake, and as it turns arms are unwound.  At the `release` the ring is drawn down
-along the hub and the tethers are paid out, and stage 2 goes on to the open sail, as `demos/ikaros.py` has it from the
-cross.  Contact keeps layers, hub and rods apart; nothing acts from outside.
+Four trapezoids of film are folded to strips and wound round the hub; 16 tethers hold their inner
+edges, masses of 0.5 kg their tips, of which 1.9 m stand out at the start.  Rods on a ring guide the
+roll.  In stage 1 the tension of the free arms turns the ring against a brake, and arms are unwound
+as it turns.  At the `release` the ring is drawn down along the hub and the tethers are paid out.
+Stage 2 ends with the open sail; `demos/ikaros.py` starts it from the cross. Layers, hub and rods
+are in contact; there are no external loads.
 
-Where all turns as one the spin is ω = L/(I + J), with the hub's I and the J of the sail as far as it is out.  The
-flight took days for stage 1 and was close to that.  In seconds, as here, the arms lag behind the hub, swing ahead of it
-and back, and stop it little by little, like the cords of a yo-yo.  A weak brake lets them lag so far that they pull
-less than the hub flings out of the roll, and the film leaves the rods before the arms are out (`brake=10.0`).
+If all bodies rotate as one, the spin is ω = L/(I + J), with the moments of inertia I of the hub and
+J of the present shape of the sail.  The flight took days for stage 1 and was close to that.  If it
+takes seconds, as here, the arms lag behind the hub, swing ahead of it and back, and stop it
+gradually, like the cords of a yo-yo.  With a weak brake they lag so far that their tension is less
+than the centrifugal force on the roll, and the film leaves the rods before the arms are out
+(`brake=10.0`).
 
 Where the values come from:
     sail, hub, tethers, film
@@ -60,12 +63,19 @@ from gossamer_fx.system.totals import relative_drift
 
 TITLE = "IKAROS, from the roll to the square"
 VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(50), zoom=True)
-START = 25.0  # rpm before stage 1
-WOUND, HELD = (0.0, START), (5.2, 7.4)  # length of arms out [m] and rpm of the flight
-RING, ROD, HEIGHT = 2.0, 0.03, 0.9  # kg; radius and height of a rod [m]
-DRAWN, IN = 1.0, 0.5  # how far the ring is drawn down [m], and in what time [s]
-OUT, RODS = 1.92, 16  # m of the tips that stand out at the start; number of rods
-GAP = 1.5e-3  # of the layers [m]
+START = 25.0  # spin before stage 1 [rpm]
+# In flight: length of arms that stand out [m] and spin [rpm], before and after stage 1.
+WOUND = (0.0, START)
+HELD = (5.2, 7.4)
+RING = 2.0  # mass of the ring with its rods [kg]
+ROD = 0.03  # radius of a rod [m]
+HEIGHT = 0.9  # of a rod [m]
+RODS = 16  # number of rods
+# To release the sail the ring is drawn down along the hub by this distance [m] in this time [s].
+DRAWN = 1.0
+IN = 0.5
+OUT = 1.92  # length of the tips that stand out at the start [m]
+GAP = 1.5e-3  # between the layers [m]
 
 
 def folded(pitch: float, gap: float = GAP, out: float = OUT) -> gx.fold.Ikaros:
@@ -250,7 +260,7 @@ def main(
     comm: MPI.Comm = MPI.COMM_WORLD,
     **given: object,
 ) -> dict[str, float]:
-    """Deploy the sail; what `build` takes may be `given`.  With `output`, a folder: a recording and pictures.
+    """Deploy the sail; `given` are arguments of `build`.  With `output`, a folder: a recording and pictures.
 
     Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative); at the
     release the radius of the tips [m], the spin of the hub, and the spin if all turned as one [rpm]; at
@@ -337,7 +347,7 @@ def draw(
 
 
 def say(found: dict[str, float]) -> None:
-    """What happened, in words."""
+    """Print the results."""
     print(
         f"At the release the tips are at {found['released_radius']:.2f} m, and the hub spins at "
         f"{found['released_spin']:.2f} rpm; {found['released_as_one']:.2f} rpm if all turned as one."

@@ -104,7 +104,7 @@ def fit(t: Array, s: Array) -> tuple[float, float, float]:
 
 
 def say(found: dict[str, float]) -> None:
-    """What happened, in words."""
+    """Print the results."""
     print(
         f"The hub swings with {1e3 * found['frequency']:.2f} mHz (closed form {1e3 * found['closed_form']:.2f} mHz); "
         f"its swing dies away with {found['decay']:.1e}/s. The fit leaves {100 * found['misfit']:.1f} % of the motion."

@@ -1,9 +1,10 @@
 """A disc of film, folded round a hub, is deployed by its spin.
 
-The film is pleated and wound round a polygonal hub (skew fold), its inner edge fixed to it; masses sit at its tips.
-Hub and roll turn as one, and at t = 0 nothing holds the roll any more.  Free particles would go off along tangents; the
-layers strike each other and the hub, waves run through the film, and the hub hands its angular momentum to the sail,
-or a motor keeps the rate constant.  Contact keeps layers and hub apart; with `crease` the folds have a rest angle.
+The film is pleated and wound round a polygonal hub (skew fold), its inner edge fixed to it; masses
+sit at its tips. Hub and roll spin together; at t = 0 the roll is released.  Free particles would
+move along tangents.  Layers collide with each other and with the hub, waves run through the film,
+and angular momentum passes from the hub to the sail, unless a motor keeps the rate constant.
+Layers and hub are in contact; with `crease` the folds have a rest angle.
 
 Where the values come from:
     diameter 1, 2 m      the spinning films with rigid parts of Miyazaki, KAKENHI 19360384 final report (2009), §4(4);
@@ -42,8 +43,8 @@ from gossamer_fx.system.totals import relative_drift
 
 TITLE = "A disc of film, deployed by its spin"
 VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(35), zoom=True)
-HUB = 0.1  # its diameter over that of the disc
-CLEAR = 2.0  # distance of the hub from the film on it, over that of contact
+HUB = 0.1  # diameter of the hub over that of the disc
+CLEAR = 2.0  # distance of the hub from the film on it, over the activation distance
 
 
 def pattern(diameter: float, n: int) -> tuple[float, int]:
@@ -93,15 +94,17 @@ def build(
         held: whether a motor keeps this rate; else the hub is free.
         tip: mass at each tip [kg].
         inertia: of the hub about its axis [kg m²].
-        contact: distance at which it begins [m].
-        gap: of the layers [m].
-        crease: stiffness of folds with memory [N m/m/rad]; 0: none.
+        contact: activation distance [m].
+        gap: between the layers [m].
+        friction: coefficient of the film on itself and the hub.
+        crease: stiffness of creases with a rest angle [N m/m/rad]; 0: none.
         damping: viscosity of the film over its stiffness [s]; 0: none.
         gravity: along -z [m/s²].
         air: density of residual air [kg/m³], which drags on the film; p/(287 T) at the pressure p. 0: vacuum.
-        sense: 1 spins as the roll winds outwards, so that it opens; -1 against it.
-        largest: step [s].
-        growth: by which a step may be longer than the last one; steps that grow by half are rejected more often.
+        sense: 1: spin in the direction in which the roll opens; -1: against it.
+        until: end of the run [s].
+        dt, largest: first and largest step [s].
+        growth: factor by which a step may be longer than the last one; steps that grow by half are rejected more often.
     """
     side, count = pattern(diameter, n)
     folds = gx.fold.Star(n=n, side=side, columns=cells, reach=count * cells, gap=gap)
@@ -148,7 +151,7 @@ def build(
         "penetrations": gx.probes.Penetrations(touching),
     }
     control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
-    # the first guess of a step may press layers together: its residual is not a measure of the forces
+    # The first guess of a step may press layers together: its residual is not a measure of the forces.
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
     scene = gx.Scene(*items)  # type: ignore[arg-type]
     return gx.Case(
@@ -162,7 +165,7 @@ def main(
     comm: MPI.Comm = MPI.COMM_WORLD,
     **given: object,
 ) -> dict[str, float]:
-    """Deploy the sail; what `build` takes may be `given`.  With `output`, a folder: a recording and pictures.
+    """Deploy the sail; `given` are arguments of `build`.  With `output`, a folder: a recording and pictures.
 
     Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative, of a free
     hub), the largest mean radius of the tips [m] and its time [s], the spins at the end [rad/s], and
@@ -207,7 +210,7 @@ def draw(series: gx.Series, radius: Array, path: Path) -> None:
 
 
 def say(found: dict[str, float]) -> None:
-    """What happened, in words."""
+    """Print the results."""
     print(
         f"The tips come to {1e3 * found['largest_radius']:.0f} mm after {1e3 * found['when']:.0f} ms."
     )

@@ -332,7 +332,7 @@ def _rigid_motions(
     R = np.zeros((6, system.numbering.size_local))
     for i, axis in enumerate(np.eye(3)):
         for one in nodes:
-            # A translation moves positions; directors keep their directions.
+            # A translation moves positions and does not turn directors.
             translation = np.zeros_like(one.vectors)
             translation[:, 0] = axis
             # Translations and rotations of the same size make (1) independent of the unit of length.

@@ -1,6 +1,6 @@
 """Lines of edges of films, in order, with their arc length: what is sewn to what.
 
-A line is a named group of curves of a film's mesh that hangs together without branches, open or
+A line is a named group of curves of a film's mesh that is connected and has no branches, open or
 closed.  Points of it are found by the fraction σ of its arc length on the mesh, 0 <= σ <= 1, which is
 the cut pattern.  Every rank knows all of a line, in the same order for any number of ranks.
 """

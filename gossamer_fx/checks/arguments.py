@@ -3,7 +3,7 @@
 `check_arguments` is put on a class or function where it is defined, so that the check is the same by
 every import path and comes before the function does anything.  It refuses, in one sentence, arguments
 that are missing or unknown, and values of another type, infinite numbers and NaN included, and numbers so
-large or small that their powers are no numbers.  What values mean is checked by those who take them.
+large or small that their powers overflow.  What values mean is checked by those who take them.
 
 Annotations are read as a user of NumPy reads them: an integer is a float, a NumPy number a number,
 a list or an array is a tuple.  Type checkers such as beartype refuse these, and take 130 ms to
@@ -431,7 +431,7 @@ def _range(value: Any) -> str:
     """The sizes that numbers may have, for a message about a value that has another one; else nothing."""
     numbers = real_numbers(value)
     if isinstance(value, bool) or numbers is None or not np.isfinite(numbers).all():
-        # A whole number beyond all floats is no array.
+        # A whole number beyond all floats cannot be an array.
         if not isinstance(value, Integral):
             return ""
     elif are_usual_sizes(numbers):

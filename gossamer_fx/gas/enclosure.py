@@ -161,7 +161,7 @@ class FilmEnclosure:
         signs = self.check_closed(cells, loops)
         # Each triangle is integrated by the rank that owns it.
         owned = cells[cells < self.film.mesh.domain.topology.index_map(2).size_local]
-        # Parts that a ring closes have no volume of their own.
+        # A part that a ring closes has no separate volume.
         if not loops:
             self._check_parts(cells, system)
         return _CompiledFilm(geometry.surface(self.film), Side(owned, loops, signs))

@@ -46,7 +46,7 @@ def constants(law: Any, mesh: Mesh) -> SimpleNamespace:
     result = SimpleNamespace()
     for field in fields(law):
         value = getattr(law, field.name)
-        # Directions of axes are no numbers; bodies add them, see `bodies.directions`.
+        # Directions of axes are not numbers; bodies add them, see `bodies.directions`.
         if isinstance(value, Real):
             setattr(result, field.name, constant(mesh, float(value)))
     return result
@@ -65,7 +65,7 @@ UNITS = {
 def parameters(law: Any, coefficients: SimpleNamespace) -> tuple[Parameter, ...]:
     """The numbers of a law as parameters of its terms.
 
-    A law with numbers that are derived from others has none but its density: the forms do not tell how
+    A law with numbers that are derived from others has none but its density: the forms do not show how
     the derived ones change.
     """
     has_derived = any(not field.init for field in fields(law))

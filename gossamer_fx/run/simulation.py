@@ -376,7 +376,7 @@ class Simulation:
                 if remaining <= _SAME_TIME * self.stepping.wanted:
                     break
                 try:
-                    # The control may have changed the wanted length: divide what remains again.
+                    # The control may have changed the wanted length: divide the remaining time again.
                     h = even_step(remaining, self.stepping.wanted)
                     ended = self._advance(h, milestone)
                     signal = signals.heard(self.comm)

@@ -6,7 +6,7 @@
 A multiplier whose measure touches held coordinates only has nothing to do: it is held too.
 
 A constraint may close over time: e(q1) = f(t1) e(q_start), with f falling from 1 to 0.  The work
--λ·(e(q1) - e(q0)) of its force is booked as supplied.
+-λ·(e(q1) - e(q0)) of its force counts as supplied.
 
 Where seams meet, a tie may follow from others: three points that are tied in a circle need two ties.
 Such ties are found in the graph whose vertices are coordinates and whose edges are constraints

@@ -1,4 +1,4 @@
-"""Pairs of bodies that share the origin, what can act on them, and what must not be lost in their motion."""
+"""Pairs of bodies with a common point, the items that can act on them, and the invariants of their motion."""
 
 from __future__ import annotations
 

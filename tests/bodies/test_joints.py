@@ -1,4 +1,4 @@
-"""What cannot be joined is refused with one sentence; closed loops are solved where they are not redundant."""
+"""Invalid joints are refused with one sentence; closed loops are solved if their constraints are not redundant."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ropes with viscosity: damped while they are taut, free while they are slack, and they never push."""
+"""Ropes with viscosity: damped while they are taut, without force while they are slack, and never in compression."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Chambers that share a film: rings, the strips that close them, and what passes through."""
+"""Chambers that share a film: rings, the strips that close them, and the flow between them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Creases on films: energy and angular momentum through flat, yielding, folds that start pressed shut, checkpoints."""
+"""Creases on films: conservation through the flat state, with yielding and folds pressed shut; checkpoints."""
 
 from __future__ import annotations
 

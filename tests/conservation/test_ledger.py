@@ -1,4 +1,4 @@
-"""Nothing is lost: energy and momenta of films that switch, with loads, supports, damping and gas."""
+"""Energy and momenta of films that switch their state, with loads, supports, damping and gas."""
 
 from __future__ import annotations
 

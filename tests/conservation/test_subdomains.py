@@ -1,4 +1,4 @@
-"""Domain decomposition gives what a factorisation gives."""
+"""Domain decomposition has the results of a factorisation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contact in scenes: conservation, nothing passes through, order 2, lines, restart, ranks, bad input."""
+"""Contact in scenes: conservation, no penetration, second order, lines, restart, ranks, bad input."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ def test_bad_input_is_refused():
         gx.Contact(one, distance=1e-3, stiffness=-1.0)
     with pytest.raises(gx.InputError, match="distance is 0"):
         gx.Contact(one, distance=0.0)
-    with pytest.raises(gx.InputError, match="no film"):
+    with pytest.raises(gx.InputError, match="has no film"):
         gx.Contact(gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 1)), distance=1e-3)
     with pytest.raises(gx.InputError, match="give a body on a mesh or an obstacle"):
         gx.Contact(one, gx.PointMass(1.0), distance=1e-3)

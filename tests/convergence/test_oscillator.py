@@ -1,4 +1,4 @@
-"""The integrator on exact toy systems, without any finite element: a mass on a spring, and masses that fly freely."""
+"""The integrator on problems with exact solutions, without finite elements: a mass on a spring, and free masses."""
 
 from __future__ import annotations
 

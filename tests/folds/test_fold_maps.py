@@ -1,4 +1,4 @@
-"""Fold maps: isometric on lines of the mesh, apart for contact, and seen by all that asks for positions."""
+"""Fold maps: isometric on lines of the mesh, layers separated for contact, and used by all that reads positions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Arms that are wound round a hub are held and let out by guides on a braked ring."""
+"""Arms wound round a hub are let out by guides on a braked ring."""
 
 from __future__ import annotations
 

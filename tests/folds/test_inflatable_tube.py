@@ -1,4 +1,4 @@
-"""The inflatable tube in one call: its parts, and folded it deploys, touches itself, and closes its balance."""
+"""The inflatable tube in one call: its parts, its deployment from the folded state with contact, and its balances."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The compiled kernel of reduced films against the same in NumPy and dolfinx."""
+"""The compiled kernel of reduced films compared with NumPy and dolfinx."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plates at rest: closed forms, limits of thinness, and what their forms promise."""
+"""Plates at rest: closed forms, thin limits, and the invariance of their forms."""
 
 from __future__ import annotations
 

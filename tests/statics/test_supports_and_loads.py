@@ -1,4 +1,4 @@
-"""Supports of any body in any direction, loads along edges, weights of what is attached, damping of lines."""
+"""Supports of any body in any direction, loads along edges, weights of attached masses, damping of lines."""
 
 from __future__ import annotations
 

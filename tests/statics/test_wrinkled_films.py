@@ -1,4 +1,4 @@
-"""Films that wrinkle in a part of them, against tension-field solutions."""
+"""Partly wrinkled films compared with tension-field solutions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A restart goes on with the scene that wrote the checkpoint: other parameters are refused, unless they are meant."""
+"""A restart compares the scene with that of the checkpoint and refuses other parameters, unless they are named."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checkpoints: a run that goes on from one is the run that was never interrupted, on any number of ranks."""
+"""Checkpoints: a restarted run equals the uninterrupted run, on any number of ranks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run may meet: a full disk, a folder that is gone, a function that fails.  It is named, and nothing is lost."""
+"""Faults of a run: a full disk, a removed folder, a function that fails. They are named, and no data are lost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run of 1e5 steps: nothing drifts beyond round-off, and the memory stays as it is."""
+"""A run of 1e5 steps: invariants drift by round-off only, and memory is constant."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is wrong with a scene is said in one sentence, by name, before anything is computed; on any number of ranks."""
+"""Invalid input is refused in one sentence that names it, before anything is computed, on any number of ranks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The coarse space of large meshes: what it holds, and that it keeps Krylov's iterations few."""
+"""The coarse space of large meshes: the functions that it contains, and the number of Krylov iterations with it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The launcher, from inside an environment: it passes everything through and misuse is told in one sentence."""
+"""The launcher inside an environment: it passes arguments through, and misuse is reported in one sentence."""
 
 import os
 import pty

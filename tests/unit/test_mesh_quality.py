@@ -1,4 +1,4 @@
-"""The look at meshes and numbers before a run: what is found, what is not, on any number of ranks."""
+"""Checks of meshes and parameters before a run, on any number of ranks."""
 
 from __future__ import annotations
 

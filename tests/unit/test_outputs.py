@@ -1,4 +1,4 @@
-"""What a run leaves behind: fields, probes, pictures; complete also after a failure, nothing where it is refused."""
+"""Outputs of a run: fields, probes, pictures; complete also after a failure, and no files if the run is refused."""
 
 from __future__ import annotations
 

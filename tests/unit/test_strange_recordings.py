@@ -1,4 +1,4 @@
-"""Recordings from strangers: every key of run.json is checked when it is read, and no name becomes part of a page."""
+"""Recordings from other users: every key of run.json is checked, and no name is executed as part of a page."""
 
 from __future__ import annotations
 

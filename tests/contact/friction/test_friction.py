@@ -1,4 +1,4 @@
-"""Friction of contact: closed forms of sliding, stopping and sticking; conservation; what turns a ball."""
+"""Friction of contact: closed forms of sliding, stopping and sticking; conservation; rolling of a ball."""
 
 from __future__ import annotations
 
