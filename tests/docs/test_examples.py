@@ -31,6 +31,7 @@ COMPLETE = {
     "gas",
     "loads",
     "materials",
+    "outputs",
     "probes",
     "reduction",
     "run",
@@ -39,8 +40,8 @@ COMPLETE = {
 
 
 @pytest.fixture(scope="module")
-def scene() -> dict[str, Any]:
-    """What examples may use without making it: meshes, one body of each kind, gas, and a run, on COMM_SELF."""
+def scene(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """What examples may use without making it: meshes, one body of each kind, gas, a run, a folder."""
     mesh = sheet(COMM, 4, 4)
     curve = line(COMM, [(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], 4)
     law = gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6)
@@ -54,6 +55,7 @@ def scene() -> dict[str, Any]:
         "gx": gx,
         "np": np,
         "comm": COMM,
+        "folder": tmp_path_factory.mktemp("examples"),
         "mesh": mesh,
         "curve": curve,
         "film": gx.Membrane(mesh, law),
