@@ -68,7 +68,14 @@ def _positive(section: str, **numbers: float) -> None:
 
 
 def _of_shape(
-    E: float, nu: float, density: float, A: float, I2: float, I3: float, J: float, k: float
+    E: float,
+    nu: float,
+    density: float,
+    A: float,
+    I2: float,
+    I3: float,
+    J: float,
+    k: float,
 ) -> Section:
     check(-1 < nu <= 0.5, f"Section: nu is {nu!r}; Poisson's ratio lies in (-1, 0.5].")
     G = E / (2 * (1 + nu))
@@ -86,7 +93,13 @@ def _of_shape(
 
 
 @check_arguments
-def solid_circle(radius: float, *, E: float, nu: float, density: float) -> Section:
+def solid_circle(
+    radius: float,
+    *,
+    E: float,
+    nu: float,
+    density: float,
+) -> Section:
     """Circular section; shear coefficient 6(1+ν)/(7+6ν) (Cowper, J. Appl. Mech. 33 (1966) 335).
 
     Args:
@@ -108,7 +121,12 @@ def solid_circle(radius: float, *, E: float, nu: float, density: float) -> Secti
 
 @check_arguments
 def tube(
-    outer_radius: float, wall_thickness: float, *, E: float, nu: float, density: float
+    outer_radius: float,
+    wall_thickness: float,
+    *,
+    E: float,
+    nu: float,
+    density: float,
 ) -> Section:
     """Section of a circular tube.
 
@@ -147,7 +165,14 @@ def tube(
 
 
 @check_arguments
-def rectangle(width2: float, width3: float, *, E: float, nu: float, density: float) -> Section:
+def rectangle(
+    width2: float,
+    width3: float,
+    *,
+    E: float,
+    nu: float,
+    density: float,
+) -> Section:
     """Rectangular section; shear coefficient 10(1+ν)/(12+11ν) (Cowper 1966).
 
     Its torsion constant is J = a b³ (1/3 - 64 b/(π⁵ a) Σ tanh(nπa/(2b))/n⁵), odd n, a ≥ b (Saint-Venant's

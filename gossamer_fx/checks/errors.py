@@ -100,7 +100,12 @@ def check_positive(item: Any, quantity: str, unit: str) -> None:
     require_positive(what, getattr(item, quantity), unit)
 
 
-def require_positive(what: str, value: float, unit: str, hint: str = "") -> None:
+def require_positive(
+    what: str,
+    value: float,
+    unit: str,
+    hint: str = "",
+) -> None:
     """Raise `InputError` unless a value is a finite, positive number.
 
     Args:

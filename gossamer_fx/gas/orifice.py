@@ -25,7 +25,11 @@ MAX_LAMINAR = 0.1
 
 
 def isentropic_flow(
-    gas: IdealGas, pu: complex, Tu: complex, pd: complex, laminar: float
+    gas: IdealGas,
+    pu: complex,
+    Tu: complex,
+    pd: complex,
+    laminar: float,
 ) -> complex:
     """Mass flow per effective area [kg/(s m²)] of an isentropic nozzle, from pu and Tu to pd ≤ pu.
 
@@ -160,7 +164,11 @@ class Orifice:
         return opening
 
     def flow(
-        self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]
+        self,
+        gas: IdealGas,
+        area: float,
+        p: tuple[complex, complex],
+        T: tuple[complex, complex],
     ) -> complex:
         """Mass flow [kg/s] from a to b.
 

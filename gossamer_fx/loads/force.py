@@ -28,7 +28,13 @@ class ConstantForce:
 
     value: Array
 
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
         pass
 
     def force(self, X: Array) -> Array:
@@ -45,7 +51,13 @@ class ForceInTime:
         self._comm, self._name, self._value = comm, name, value
         self._now: Array = np.zeros(3)
 
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
         self._now = at_time(self._comm, self._name, self._value, t + lag)
 
     def force(self, X: Array) -> Array:
@@ -55,7 +67,12 @@ class ForceInTime:
         return np.zeros((3, 3))
 
 
-def at_time(comm: MPI.Intracomm, name: str, value: History, t: float) -> Array:
+def at_time(
+    comm: MPI.Intracomm,
+    name: str,
+    value: History,
+    t: float,
+) -> Array:
     """value(t) as three finite numbers, the same on every rank."""
     return ask_numbers(comm, f"'{name}' at t = {t:.6g} s", lambda: value(t), (3,))
 
@@ -73,7 +90,13 @@ class Couple:
     def __init__(self) -> None:
         self.torque: Array = np.zeros(3)
 
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
         pass
 
     def _spread(self, r: Array) -> tuple[Array, Array]:
@@ -117,7 +140,13 @@ class TorqueInTime(Couple):
         super().__init__()
         self._comm, self._name, self._value = comm, name, value
 
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
         self.torque = at_time(self._comm, self._name, self._value, t + lag)
 
 

@@ -91,7 +91,14 @@ class Accommodation:
         )
 
 
-def coefficients(c: Any, s: Any, σn: Any, σt: Any, wall: Any, maths: Any) -> tuple[Any, Any]:
+def coefficients(
+    c: Any,
+    s: Any,
+    σn: Any,
+    σt: Any,
+    wall: Any,
+    maths: Any,
+) -> tuple[Any, Any]:
     """(A, B): the flow of mass density ρ and velocity U exerts per area ½ρU² (A n + B u) on one
     side.
 

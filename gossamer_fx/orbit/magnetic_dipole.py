@@ -44,7 +44,12 @@ class MagneticDipole:
     """
 
     def __init__(
-        self, frame: Frame, orbit: Orbit, *, moment: Vector | MomentHistory, name: str = "magnet"
+        self,
+        frame: Frame,
+        orbit: Orbit,
+        *,
+        moment: Vector | MomentHistory,
+        name: str = "magnet",
     ) -> None:
         self.frame, self.orbit, self.moment, self.name = frame, orbit, moment, name
         check(

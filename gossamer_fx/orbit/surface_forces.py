@@ -55,7 +55,13 @@ class Rows:
         return np.where(np.real(where_positive) > 0, a, b)
 
 
-def light_force(a: Any, u: Any, front: Any, back: Any, maths: Any) -> Any:
+def light_force(
+    a: Any,
+    u: Any,
+    front: Any,
+    back: Any,
+    maths: Any,
+) -> Any:
     """Force of light on a face, divided by the pressure of light; equation of `Optics`.
 
     Args:

@@ -148,7 +148,12 @@ def read_run_file(folder: Path) -> dict[str, Any]:
     return dict(about)
 
 
-def _check_kind(path: Path, where: str, value: Any, kind: Any) -> None:
+def _check_kind(
+    path: Path,
+    where: str,
+    value: Any,
+    kind: Any,
+) -> None:
     """Raise `InputError` unless a value is of a kind."""
     if isinstance(kind, dict):
         _refuse_unless(isinstance(value, dict), path, where, value, "an object")
@@ -187,7 +192,13 @@ def _check_kind(path: Path, where: str, value: Any, kind: Any) -> None:
         _refuse_unless(fits, path, where, value, words)
 
 
-def _refuse_unless(right: bool, path: Path, where: str, value: Any, expected: str) -> None:
+def _refuse_unless(
+    right: bool,
+    path: Path,
+    where: str,
+    value: Any,
+    expected: str,
+) -> None:
     """Raise `InputError` unless a value is right; names its key, the value, and what it must be."""
     shown = repr(value)
     if len(shown) > _MAX_SHOWN:

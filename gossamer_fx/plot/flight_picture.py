@@ -68,7 +68,12 @@ class FlightPicture(DrawnRun):
     """
 
     def __init__(
-        self, path: str | Path, orbit: Orbit, *, probes: Mapping[str, Probe], title: str = ""
+        self,
+        path: str | Path,
+        orbit: Orbit,
+        *,
+        probes: Mapping[str, Probe],
+        title: str = "",
     ) -> None:
         super().__init__(path)
         self.orbit = orbit
@@ -175,7 +180,12 @@ def _draw_scene(axes: Axes, run: RunReader, table: Tables) -> None:
 
 
 def _draw_direction(
-    axes: Axes, camera: Camera, image: Array, name: str, direction: Array, colour: Any
+    axes: Axes,
+    camera: Camera,
+    image: Array,
+    name: str,
+    direction: Array,
+    colour: Any,
 ) -> None:
     """An arrow from the middle of an image."""
     height, width = image.shape[:2]
@@ -192,7 +202,11 @@ def _draw_direction(
 
 
 def _draw_arrow(
-    axes: Axes, start: tuple[float, float], tip: tuple[float, float], name: str, colour: Any
+    axes: Axes,
+    start: tuple[float, float],
+    tip: tuple[float, float],
+    name: str,
+    colour: Any,
 ) -> None:
     style = {"arrowstyle": "-|>", "color": colour, "lw": 2}
     axes.annotate("", xy=tip, xytext=start, arrowprops=style)

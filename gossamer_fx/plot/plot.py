@@ -277,7 +277,12 @@ def animate(
         _write_mp4(path, images, len(frames) / seconds)
 
 
-def _camera_for_all(run: RunReader, field: str, colours: Colouring, view: View) -> Camera:
+def _camera_for_all(
+    run: RunReader,
+    field: str,
+    colours: Colouring,
+    view: View,
+) -> Camera:
     """A camera for one picture at a time, which sees the whole run, or follows each shape."""
     shapes = [run.shape(frame, field, colours.kinds) for frame in sampled(run)]
     if not view.follow:

@@ -53,7 +53,13 @@ class Canvas:
         far: the largest distance.
     """
 
-    def __init__(self, height: int, width: int, near: float, far: float) -> None:
+    def __init__(
+        self,
+        height: int,
+        width: int,
+        near: float,
+        far: float,
+    ) -> None:
         self.height = height
         self.width = width
         self._near = near

@@ -156,7 +156,12 @@ def gonzalez_correction(
     return [missing / squares * change for change in changes]
 
 
-def defect(ψ: Any, S: Expr, e0: Expr, e1: Expr) -> Expr:
+def defect(
+    ψ: Any,
+    S: Expr,
+    e0: Expr,
+    e1: Expr,
+) -> Expr:
     """Gonzalez correction of the stress S along Δe: ((Δψ - S·Δe)/|Δe|²) Δe.
 
     There is no correction within the round-off of the energies, or for |Δe| < 1e-5 |e|: it would only
