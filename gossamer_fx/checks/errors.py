@@ -19,10 +19,15 @@ from gossamer_fx.checks.real_numbers import real_numbers
 
 
 class InputError(ValueError):
-    """A scene, mesh or option that cannot be computed; the message names the culprit and the
-    remedy.
+    """A scene, mesh or option that cannot be computed; the message names the culprit, the value and the remedy.
 
-    It is one line, also if a name in it has line breaks or other characters that cannot be shown.
+    The message is one line, also if a name in it has line breaks or other characters that cannot be shown.
+
+    Example:
+        >>> gx.PointMass(-1.0, comm=comm)
+        Traceback (most recent call last):
+            ...
+        gossamer_fx.checks.errors.InputError: ...
     """
 
     def __init__(self, message: str) -> None:
@@ -39,6 +44,13 @@ class StepFailure(RuntimeError):
     """A time step did not converge, also not in sub-steps.
 
     The message names the time, the step, the reason and the location.
+
+    Example:
+        >>> try:
+        ...     fall = gx.Simulation(gx.Scene(mass), gx.Midpoint(dt=0.1), halvings=3)
+        ...     fall.run(until=0.1)
+        ... except gx.StepFailure as failure:
+        ...     print(f"Take shorter steps: {failure}")
     """
 
 
@@ -46,11 +58,27 @@ class NoEquilibrium(RuntimeError):
     """The equilibrium of a static problem was not found.
 
     The message names the residual that was reached, the reason and the location.
+
+    Example:
+        >>> adrift = gx.Scene(mass, gx.Gravity(mass, (0.0, 0.0, -9.81)))
+        >>> try:
+        ...     gx.Equilibrium(adrift).find()
+        ... except gx.NoEquilibrium as failure:
+        ...     print(str(failure)[:14])
+        No equilibrium
     """
 
 
 class OutputFailure(RuntimeError):
-    """A file could not be written during a run; the message names it, the reason and the remedy."""
+    """A file could not be written during a run; the message names it, the reason and the remedy.
+
+    Example:
+        >>> try:
+        ...     fall = gx.Simulation(gx.Scene(mass), gx.Midpoint(dt=0.1))
+        ...     fall.run(until=0.1)
+        ... except gx.OutputFailure as failure:
+        ...     print(f"The disk is full: {failure}")
+    """
 
 
 def check(condition: bool, message: str) -> None:
@@ -74,7 +102,12 @@ def check_positive(item: Any, quantity: str, unit: str) -> None:
     require_positive(what, getattr(item, quantity), unit)
 
 
-def require_positive(what: str, value: float, unit: str, hint: str = "") -> None:
+def require_positive(
+    what: str,
+    value: float,
+    unit: str,
+    hint: str = "",
+) -> None:
     """Raise `InputError` unless a value is a finite, positive number.
 
     Args:
