@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gossamer_fx.checks.arguments import check_arguments
-from gossamer_fx.checks.errors import check, on_rank_zero, write_on_all
+from gossamer_fx.checks.errors import OutputFailure, check, on_rank_zero, write_on_all
 from gossamer_fx.fields.fields import FieldFunctions, check_fields
 from gossamer_fx.model.body import MeshBody, is_on_mesh
 from gossamer_fx.outputs import field_files
@@ -104,7 +105,11 @@ class VTX:
             on_rank_zero(run.comm, self._remove_later)
         if self._writer is None:
             write_on_all(run.comm, path, lambda: field_files.clear(path) if first_rank else None)
-        write_on_all(run.comm, path, lambda: self._write(run))
+        try:
+            write_on_all(run.comm, path, lambda: self._write(run))
+        except OutputFailure:
+            self._abandon()
+            raise
         steps = self._steps + 1
         lengths = write_on_all(
             run.comm, path, lambda: field_files.note_steps(path, steps) if first_rank else {}
@@ -130,8 +135,18 @@ class VTX:
     def close(self, run: Run) -> None:
         if self._writer is not None:
             writer, self._writer = self._writer, None
-            write_on_all(run.comm, segment(self.path, self._segment), writer.close)
+            try:
+                write_on_all(run.comm, segment(self.path, self._segment), writer.close)
+            except OutputFailure:
+                _keep_for_ever(writer)
+                raise
             self._next_segment()
+
+    def _abandon(self) -> None:
+        """Drop a writer that has failed."""
+        if self._writer is not None:
+            _keep_for_ever(self._writer)
+            self._writer = None
 
     def _next_segment(self) -> None:
         if self._steps:
@@ -242,3 +257,12 @@ class Probes:
 
     def close(self, run: Run) -> None:
         pass
+
+
+def _keep_for_ever(writer: VTXWriter) -> None:
+    """Add a reference that is never given back.
+
+    The destructor of ADIOS2 closes the files once more; where they cannot be written it throws, which
+    ends the program by a signal.
+    """
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(writer))
