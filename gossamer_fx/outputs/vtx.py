@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gossamer_fx.checks.arguments import check_arguments
-from gossamer_fx.checks.errors import check, on_rank_zero, write_on_all
+from gossamer_fx.checks.errors import OutputFailure, check, on_rank_zero, write_on_all
 from gossamer_fx.fields.fields import FieldFunctions, check_fields
 from gossamer_fx.model.body import MeshBody, is_on_mesh
 from gossamer_fx.outputs import field_files
@@ -130,6 +131,19 @@ class VTX:
         self._functions.update()
         comm = run.comm
         path = segment(self.path, self._segment)
+<<<<<<< HEAD
+=======
+        first_rank = run.comm.rank == 0
+        if self._segment == 0 and self._steps == 0:  # a run from the start has no later segments
+            on_rank_zero(run.comm, self._remove_later)
+        if self._writer is None:
+            write_on_all(run.comm, path, lambda: field_files.clear(path) if first_rank else None)
+        try:
+            write_on_all(run.comm, path, lambda: self._write(run))
+        except OutputFailure:
+            self._abandon()
+            raise
+>>>>>>> refs/heads/edgesB
         steps = self._steps + 1
 
         def clear() -> None:
@@ -146,7 +160,11 @@ class VTX:
             on_rank_zero(comm, self._remove_later)
         if self._writer is None:
             write_on_all(comm, path, clear)
-        write_on_all(comm, path, lambda: self._write(run))
+        try:
+            write_on_all(comm, path, lambda: self._write(run))
+        except OutputFailure:
+            self._abandon()
+            raise
         # After the writing: a restart cuts the file at these lengths.
         lengths = write_on_all(comm, path, note_steps)
         self._lengths = comm.bcast(lengths)
@@ -172,11 +190,26 @@ class VTX:
     def close(self, run: Run) -> None:
         """Close the file; a run that continues begins the next segment."""
         if self._writer is not None:
+<<<<<<< HEAD
             writer = self._writer
             # Also if closing fails, the file must not be closed again.
             self._writer = None
             write_on_all(run.comm, segment(self.path, self._segment), writer.close)
+=======
+            writer, self._writer = self._writer, None
+            try:
+                write_on_all(run.comm, segment(self.path, self._segment), writer.close)
+            except OutputFailure:
+                _keep_for_ever(writer)
+                raise
+>>>>>>> refs/heads/edgesB
             self._next_segment()
+
+    def _abandon(self) -> None:
+        """Drop a writer that has failed."""
+        if self._writer is not None:
+            _keep_for_ever(self._writer)
+            self._writer = None
 
     def _next_segment(self) -> None:
         """Begin the next segment, unless the present one is empty."""
@@ -320,4 +353,17 @@ class Probes:
             self._table.append(run.comm, row)
 
     def close(self, run: Run) -> None:
+<<<<<<< HEAD
         """Nothing to close: each row is written completely."""
+=======
+        pass
+
+
+def _keep_for_ever(writer: VTXWriter) -> None:
+    """Add a reference that is never given back.
+
+    The destructor of ADIOS2 closes the files once more; where they cannot be written it throws, which
+    ends the program by a signal.
+    """
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(writer))
+>>>>>>> refs/heads/edgesB
