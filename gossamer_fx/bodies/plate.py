@@ -237,7 +237,12 @@ class _Uniform:
         return np.repeat(self._tensor[..., None], points.shape[1], axis=-1)
 
 
-def interior_edges(plate: Membrane, table: EdgeTable, group: str, what: str) -> Indices:
+def interior_edges(
+    plate: Membrane,
+    table: EdgeTable,
+    group: str,
+    what: str,
+) -> Indices:
     """Local edges of a group, each between two cells.
 
     Raises:

@@ -69,7 +69,13 @@ def vary(
         setattr(constants, what, function)
 
 
-def cellwise(mesh: Mesh, given: Any, base: Any, shape: tuple[int, ...], what: str) -> fem.Function:
+def cellwise(
+    mesh: Mesh,
+    given: Any,
+    base: Any,
+    shape: tuple[int, ...],
+    what: str,
+) -> fem.Function:
     """A function, constant in each cell, of values by group or of a function of the cells' midpoints.
 
     Args:

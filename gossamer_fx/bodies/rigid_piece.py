@@ -30,7 +30,12 @@ class RigidPiece:
     """
 
     def __init__(
-        self, name: str, owner: Body, start: Array, rates: Array, rigid: bool = True
+        self,
+        name: str,
+        owner: Body,
+        start: Array,
+        rates: Array,
+        rigid: bool = True,
     ) -> None:
         self.name, self.comm, self._owner, self._rigid = name, owner.comm, owner, rigid
         self._q, self._v = start, rates

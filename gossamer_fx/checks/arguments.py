@@ -166,7 +166,10 @@ def _labelled(parameter: inspect.Parameter, value: Any) -> list[tuple[str, Any]]
 
 
 def _wrong_call(
-    signature: inspect.Signature, args: tuple[Any, ...], kwargs: dict[str, Any], error: TypeError
+    signature: inspect.Signature,
+    args: tuple[Any, ...],
+    kwargs: dict[str, Any],
+    error: TypeError,
 ) -> str:
     """Why arguments do not fit a signature."""
     parameters = [p for p in signature.parameters.values() if p.name != "self"]

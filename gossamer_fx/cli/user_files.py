@@ -44,7 +44,12 @@ def load(path: Path) -> ModuleType:
     return module
 
 
-def guarded[T](comm: MPI.Intracomm, path: Path, debug: bool, act: Callable[[], T]) -> T:
+def guarded[T](
+    comm: MPI.Intracomm,
+    path: Path,
+    debug: bool,
+    act: Callable[[], T],
+) -> T:
     """What `act` returns; an error of the user's code is reported with its line in the file."""
     try:
         return act()

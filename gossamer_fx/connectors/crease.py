@@ -187,7 +187,13 @@ class Crease:
             self.stiffness,
         )
 
-    def _derivatives(self, cells: Indices, sides: Indices, points: Array, backwards: bool) -> Array:
+    def _derivatives(
+        self,
+        cells: Indices,
+        sides: Indices,
+        points: Array,
+        backwards: bool,
+    ) -> Array:
         """Gradients (n, g, 3, k) on the mesh of the k shape functions of triangles, at points along their edges."""
         domain, element = self.body.mesh.domain, self.body.space.element.basix_element
         s = 1 - points if backwards else points

@@ -68,7 +68,13 @@ class Tape:
     name: str = "tape"
 
     @staticmethod
-    def along_edges(body: Membrane, law: BarLaw, *, edges: str, name: str = "tape") -> Tape:
+    def along_edges(
+        body: Membrane,
+        law: BarLaw,
+        *,
+        edges: str,
+        name: str = "tape",
+    ) -> Tape:
         """Along the edges of the mesh in a named group of curves."""
         table, space = body.mesh.edges, body.space
         lines = body.mesh.curve(edges, f"Tape '{name}' on '{body.name}'")

@@ -92,7 +92,13 @@ def _box(box: Box) -> DrawnSurface:
     return X, faces, np.array(lines, dtype=np.int32)
 
 
-def _capsule(start: Array, end: Array, axis: Array, radius: float, inside: bool) -> DrawnSurface:
+def _capsule(
+    start: Array,
+    end: Array,
+    axis: Array,
+    radius: float,
+    inside: bool,
+) -> DrawnSurface:
     """Return a ball, or a cylinder with half a ball at each end.
 
     Its lines are the circles around both ends and four lines along it.

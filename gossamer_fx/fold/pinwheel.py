@@ -121,7 +121,13 @@ class Star(FoldMap):
                 known[here] = new[here]
         return found[0], found[1], found[2], found[3]
 
-    def _corner(self, k: Array, column: Array, depth: Array, second: Array) -> Array:
+    def _corner(
+        self,
+        k: Array,
+        column: Array,
+        depth: Array,
+        second: Array,
+    ) -> Array:
         """Positions (n, 2) on columns, at depths from 0 (z = 0) to 1 (the bisector)."""
         j = column / self.columns
         layer = 2 * j - np.where(second > 0, 2 - depth, depth) * np.minimum(j, 1.0)

@@ -168,7 +168,13 @@ class Bending:
         work_of_test_moments = ufl.dot(moment_w, jump_x)
         return (penalty_term - work_of_moments - work_of_test_moments) * dS
 
-    def clamp(self, x: Expr, w: Expr, d: Expr, ds: ufl.Measure) -> ufl.Form:
+    def clamp(
+        self,
+        x: Expr,
+        w: Expr,
+        d: Expr,
+        ds: ufl.Measure,
+    ) -> ufl.Form:
         """Integral of a(x, w) over boundary edges where the plate is tangent to a given direction
         [J].
 

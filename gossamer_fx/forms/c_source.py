@@ -184,7 +184,11 @@ def compile_library(
 
 
 def _build(
-    module: str, path: Path, header: Path, sources: Sequence[str], arguments: Sequence[str]
+    module: str,
+    path: Path,
+    header: Path,
+    sources: Sequence[str],
+    arguments: Sequence[str],
 ) -> None:
     """Compile a module in a separate folder, and rename it when it is complete.
 

@@ -80,7 +80,13 @@ class _ByComplexSteps:
         self._law, self._lag = law, 1.0
         self._X0: Array = np.zeros(0)
 
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
         self._lag, self._X0 = lag, X
 
     def _forces(self, X: Any) -> Any:

@@ -61,7 +61,12 @@ from gossamer_fx.orbit.flight import Flight, Moments
 from gossamer_fx.orbit.mass_points import MassPoints
 
 
-def growth(R: Any, x: Any, dot: Any, root: Any) -> tuple[Any, Any]:
+def growth(
+    R: Any,
+    x: Any,
+    dot: Any,
+    root: Any,
+) -> tuple[Any, Any]:
     """|R| and |R + x| - |R|, by equation (3).
 
     Args:
@@ -80,7 +85,12 @@ def growth(R: Any, x: Any, dot: Any, root: Any) -> tuple[Any, Any]:
     return r, longer / (r + root(r**2 + longer))
 
 
-def excess(r0: Any, r1: Any, d0: Any, d1: Any) -> Any:
+def excess(
+    r0: Any,
+    r1: Any,
+    d0: Any,
+    d1: Any,
+) -> Any:
     """γ of equation (2), from the distances r and their growths d at the start and the end of a
     step.
     """

@@ -178,7 +178,12 @@ def _image_height(views: Views, rows: int, columns: int) -> float:
     return min(width * views.size[1] / views.size[0], _MAX_IMAGES / rows - _CAPTION)
 
 
-def _frames(part: SubFigure, views: Views, rows: int, columns: int) -> list[Axes]:
+def _frames(
+    part: SubFigure,
+    views: Views,
+    rows: int,
+    columns: int,
+) -> list[Axes]:
     """Empty axes with captions, for the images."""
     grid = part.subplots(rows, columns, squeeze=False).ravel()
     for axes in grid:

@@ -232,7 +232,12 @@ def window(cuts: Sequence[Cut]) -> tuple[tuple[float, float], list[Array]]:
     return (float(size[0]), float(size[1])), [(low + high) / 2 for low, high in boxes]
 
 
-def draw_cut(cut: Cut, size: tuple[float, float], middle: Array, scale: float) -> Array:
+def draw_cut(
+    cut: Cut,
+    size: tuple[float, float],
+    middle: Array,
+    scale: float,
+) -> Array:
     """The image (height, width, 3) in [0, 1] of a cut.
 
     Args:

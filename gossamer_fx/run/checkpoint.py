@@ -98,9 +98,7 @@ class Checkpoints:
         InputError: a value is out of its range.
 
     Example:
-        >>> import tempfile
-        >>> folder = tempfile.TemporaryDirectory()
-        >>> checkpoints = gx.Checkpoints(folder.name, every=50)
+        >>> checkpoints = gx.Checkpoints(folder / "checkpoints", every=50)
         >>> free = gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=comm, name="free body")
         >>> swing = gx.Simulation(gx.Scene(free), gx.Midpoint(dt=0.1), checkpoints=checkpoints)
         >>> swing.run(until=1.0)

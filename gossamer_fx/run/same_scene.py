@@ -115,7 +115,12 @@ def scene_of(run: Run, events: list[Description]) -> Description:
     }
 
 
-def compare(path: Path, there: Description, here: Description, changes: Sequence[str]) -> str:
+def compare(
+    path: Path,
+    there: Description,
+    here: Description,
+    changes: Sequence[str],
+) -> str:
     """Compare the description of this scene with that of a checkpoint.
 
     Args:
@@ -210,7 +215,12 @@ def _compare_events(
         )
 
 
-def _refuse_difference(refusal: str, owner: str, there: Known, here: Known) -> None:
+def _refuse_difference(
+    refusal: str,
+    owner: str,
+    there: Known,
+    here: Known,
+) -> None:
     """Raise `InputError` for the first difference between the arguments of an item or event."""
     found = next(differences(there, here), None)
     if found is None:

@@ -273,7 +273,12 @@ class BorderedPreconditioner:
         operator.composite.join(self._out, δy, out)
 
 
-def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> None:
+def configure(
+    ksp: PETSc.KSP,
+    pc: PETSc.PC,
+    system: System,
+    direct: bool,
+) -> None:
     """Choose the Krylov method and the preconditioner of the sparse part; PETSc's options may override.
 
     A matrix is factorised if `direct`, if it is small, or if it has Lagrange multipliers: these have

@@ -362,7 +362,13 @@ class Newton:
             self.system.limit_update(values[: self._composite.n])
         return True
 
-    def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
+    def _jacobian(
+        self,
+        snes: PETSc.SNES,
+        x: PETSc.Vec,
+        J: PETSc.Mat,
+        P: PETSc.Mat,
+    ) -> None:
         """Tangent at the iterate, unless an earlier one of the step is good enough."""
         iteration = snes.getIterationNumber()
         is_near = self._norm < min(

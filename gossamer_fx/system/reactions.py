@@ -145,7 +145,11 @@ def _multipliers(system: System, name: str) -> Array:
 
 
 def _tied(
-    system: System, measure: PointMeasure, λ: Array, counts: Callable[[Port], bool], centre: Array
+    system: System,
+    measure: PointMeasure,
+    λ: Array,
+    counts: Callable[[Port], bool],
+    centre: Array,
 ) -> Array:
     """This rank's share of what a constraint exerts on those of its ports that count: -De(q̄)ᵀλ."""
     α = system.rule.alpha

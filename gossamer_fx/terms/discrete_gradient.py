@@ -84,9 +84,14 @@ class StressRule(Protocol):
 @check_arguments
 @dataclass(frozen=True)
 class PathAverage(StressRule):
-    """Stress averaged along the straight path in strain space; see the module.
+    """Stress rule of `Midpoint`: the stress averaged along the straight path in strain space; see the module.
 
-    `points` of Gauss serve the laws that do not tell the pieces of the path.
+    Args:
+        points: of Gauss quadrature, for laws that do not give the smooth pieces of the path.
+
+    Example:
+        >>> gx.steppers.PathAverage(points=4).points
+        4
     """
 
     points: int = 10
@@ -139,7 +144,12 @@ class PathAverage(StressRule):
 @check_arguments
 @dataclass(frozen=True)
 class EndPoint(StressRule):
-    """Stress at the end of the step."""
+    """Stress rule of backward Euler: the stress at the end of the step.
+
+    Example:
+        >>> gx.steppers.EndPoint()
+        EndPoint()
+    """
 
     alpha = 1.0
 
@@ -169,7 +179,12 @@ def gonzalez_correction(
     return [missing / squares * change for change in changes]
 
 
-def defect(ψ: Any, S: Expr, e0: Expr, e1: Expr) -> Expr:
+def defect(
+    ψ: Any,
+    S: Expr,
+    e0: Expr,
+    e1: Expr,
+) -> Expr:
     """Gonzalez correction of the stress S along Δe: ((Δψ - S·Δe)/|Δe|²) Δe.
 
     There is no correction within the round-off of the energies, or for |Δe| < 1e-5 |e|: it would only

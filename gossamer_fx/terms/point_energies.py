@@ -70,7 +70,13 @@ class Stencil:
     With pairs that change from step to step, a new one is made for each list of them.
     """
 
-    def __init__(self, at: PointMeasures, density: Any, dissipates: bool, alpha: float) -> None:
+    def __init__(
+        self,
+        at: PointMeasures,
+        density: Any,
+        dissipates: bool,
+        alpha: float,
+    ) -> None:
         self.at, self.density, self._dissipates, self._α = at, density, dissipates, alpha
         self.h = 1.0
         self._known: tuple[Array, Array, Array, tuple[Array, Array]] | None = (

@@ -30,7 +30,13 @@ from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 class PointForce(Protocol):
     """Force on attached vectors, evaluated alike on every rank."""
 
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
         """Start a step at time t from the vectors X (3k,) and their rates V; forces act `lag` seconds later."""
         ...
 

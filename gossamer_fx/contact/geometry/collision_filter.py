@@ -28,7 +28,10 @@ POINT_DIFFERENCE = np.hstack([np.eye(3), -np.eye(3)])
 
 
 def filter_labels(
-    system: Assembly, bodies: Sequence[Body], nodes: Sequence[Int64Array], point_count: int
+    system: Assembly,
+    bodies: Sequence[Body],
+    nodes: Sequence[Int64Array],
+    point_count: int,
 ) -> Int32Array | None:
     """Return labels (m, w) of points, the same on every rank; None if nothing is tied.  Collective.
 
