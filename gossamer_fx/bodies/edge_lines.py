@@ -179,9 +179,9 @@ def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[
     """
     edges_at: dict[int, list[int]] = {}
     point: dict[int, Array] = {}
-    for i, pair in enumerate(vertices):
-        first = int(pair[0])
-        last = int(pair[1])
+    for i in range(len(vertices)):
+        first = int(vertices[i, 0])
+        last = int(vertices[i, 1])
         edges_at.setdefault(first, []).append(i)
         edges_at.setdefault(last, []).append(i)
         point[first] = X[i, 0]

@@ -131,19 +131,6 @@ class VTX:
         self._functions.update()
         comm = run.comm
         path = segment(self.path, self._segment)
-<<<<<<< HEAD
-=======
-        first_rank = run.comm.rank == 0
-        if self._segment == 0 and self._steps == 0:  # a run from the start has no later segments
-            on_rank_zero(run.comm, self._remove_later)
-        if self._writer is None:
-            write_on_all(run.comm, path, lambda: field_files.clear(path) if first_rank else None)
-        try:
-            write_on_all(run.comm, path, lambda: self._write(run))
-        except OutputFailure:
-            self._abandon()
-            raise
->>>>>>> refs/heads/edgesB
         steps = self._steps + 1
 
         def clear() -> None:
@@ -190,19 +177,14 @@ class VTX:
     def close(self, run: Run) -> None:
         """Close the file; a run that continues begins the next segment."""
         if self._writer is not None:
-<<<<<<< HEAD
             writer = self._writer
             # Also if closing fails, the file must not be closed again.
             self._writer = None
-            write_on_all(run.comm, segment(self.path, self._segment), writer.close)
-=======
-            writer, self._writer = self._writer, None
             try:
                 write_on_all(run.comm, segment(self.path, self._segment), writer.close)
             except OutputFailure:
                 _keep_for_ever(writer)
                 raise
->>>>>>> refs/heads/edgesB
             self._next_segment()
 
     def _abandon(self) -> None:
@@ -353,10 +335,7 @@ class Probes:
             self._table.append(run.comm, row)
 
     def close(self, run: Run) -> None:
-<<<<<<< HEAD
         """Nothing to close: each row is written completely."""
-=======
-        pass
 
 
 def _keep_for_ever(writer: VTXWriter) -> None:
@@ -366,4 +345,3 @@ def _keep_for_ever(writer: VTXWriter) -> None:
     ends the program by a signal.
     """
     ctypes.pythonapi.Py_IncRef(ctypes.py_object(writer))
->>>>>>> refs/heads/edgesB
