@@ -6,7 +6,7 @@ any masses of film and booms,
     θ'' = (12 g/(7 d)) cos θ,    d = √2 · 2.1 m,    tip A at depth d sin θ
 
 (all masses on squares and diagonals of the same d give the same ratio of moment to inertia).  What depends on the
-discretisation is the deviation from it: the two booms cross without a joint of their own, so that the plane of the
+discretisation is the deviation from it: the two booms cross without a joint between them, so that the plane of the
 antenna is saddled, slowly, against the film alone; and the film sags between the booms.  The figures of the paper agree
 with a commercial code within 0.02 m.
 

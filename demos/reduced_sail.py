@@ -26,11 +26,12 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.fields.body_shape import BodyShape
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.outputs.output import Output
 from gossamer_fx.system.totals import relative_drift
-from meshes.sheet import sheet
 
-SIDE, SPIN = 14.0, 2.5 * 2 * np.pi / 60  # m, rad/s
+SIDE = 14.0  # of the sail [m]
+SPIN = 2.5 * 2 * np.pi / 60  # 2.5 rpm [rad/s]
 CENTRE = (SIDE / 2, SIDE / 2, 0.0)
 CORNERS = [(x, y, 0.0) for x in (0.0, SIDE) for y in (0.0, SIDE)]
 LAW = gx.Miyazaki(E=2.5e9, nu=0.34, density=1e4, thickness=7.5e-6)

@@ -20,9 +20,13 @@ from gossamer_fx.orbit.eclipse import AU
 from gossamer_fx.orbit.sky import MU_SUN
 from gossamer_fx.outputs.output import Output
 
-AREA, INERTIA, ARM, MASS, DISTANCE = 173.0, 770.0, 4.7, 300.0, 1.03  # m², kg m², m, kg, au
+AREA = 173.0  # of the sail [m²]
+INERTIA = 770.0  # about the axis of spin [kg m²]
+ARM = 4.7  # from the axis to the centre of a petal [m]
+MASS = 300.0  # kg
+DISTANCE = 1.03  # from the sun [au]
 RPM = 2 * math.pi / 60
-FLIGHT = -2.7e-5  # N m
+FLIGHT = -2.7e-5  # torque about the axis of spin in flight [N m]
 OPTICS = gx.orbit.Optics(0.8, 0.9, emissivity=0.05, lambertian=0.79)
 
 

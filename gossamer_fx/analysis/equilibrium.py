@@ -44,10 +44,10 @@ from mpi4py import MPI
 from gossamer_fx.analysis.rigid_motions import free_motions
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import NoEquilibrium, check
+from gossamer_fx.checks.failures import NotConverged
 from gossamer_fx.model.body import Array
 from gossamer_fx.scene.scene import Scene
 from gossamer_fx.solvers import factorisation
-from gossamer_fx.solvers.failures import NotConverged
 from gossamer_fx.solvers.newton import Newton
 from gossamer_fx.solvers.tolerances import Tolerances
 from gossamer_fx.system.reactions import Joint, NamedPart, joint_force, support_force
@@ -440,8 +440,8 @@ class Equilibrium:
     def _unbalanced(self) -> tuple[float, float]:
         """Residual without inertia over the external force, and the external force [N], now.
 
-        If that force is less than a thousand times the round-off of the inner forces, this takes its
-        place: a scene without loads is in equilibrium when only round-off is left.
+        If that force is less than a thousand times the round-off of the inner forces, this replaces
+        it: a scene without loads is in equilibrium when only round-off is left.
         """
         system = self.system
         system.set_inertia(0.0)

@@ -332,7 +332,7 @@ def _rigid_motions(
     R = np.zeros((6, system.numbering.size_local))
     for i, axis in enumerate(np.eye(3)):
         for one in nodes:
-            # A translation moves positions; directors keep their directions.
+            # A translation moves positions and does not turn directors.
             translation = np.zeros_like(one.vectors)
             translation[:, 0] = axis
             # Translations and rotations of the same size make (1) independent of the unit of length.
@@ -380,7 +380,7 @@ def _null_space(forces: Array, moved: Array, n: int) -> Array:
     unit_motions = moved_svd.Vh[kept].T / σ[kept] * n**0.5
     # Among these, the combinations that satisfy the first one.
     forces_svd = np.linalg.svd(forces @ unit_motions)
-    is_free = forces_svd.S**2 < n
+    is_free = n > forces_svd.S**2
     found: Array = unit_motions @ forces_svd.Vh[is_free].T
     return found
 
@@ -396,7 +396,7 @@ def _describe(motions: Array, centre: Array) -> list[str]:
     rank = 0
     if svd.S.max(initial=0.0) > NO_ROTATION:
         threshold = NEGLIGIBLE_ROTATION * np.abs(ω).max()
-        rank = int((svd.S > threshold).sum())
+        rank = int((threshold < svd.S).sum())
     translations = motions @ svd.Vh[rank:].T
     rotations = _aligned(motions @ svd.Vh[:rank].T)
 
@@ -483,7 +483,7 @@ def _reduced(vectors: Array) -> list[Array]:
         return []
     svd = np.linalg.svd(vectors, full_matrices=False)
     threshold = NEGLIGIBLE_TRANSLATION * max(svd.S.max(), TINY)
-    basis = svd.U[:, svd.S > threshold]
+    basis = svd.U[:, threshold < svd.S]
     # `_aligned` works on the last three components.
     padded = np.vstack([np.zeros_like(basis), basis])
     return list(_aligned(padded)[3:].T)

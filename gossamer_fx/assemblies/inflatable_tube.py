@@ -39,8 +39,8 @@ class InflatableTube:
     Attributes that were not asked for are None or empty.  In a scene the tube brings all of them.
 
     Args:
-        mesh: of the film, with the groups of `meshes.tube.flat_tube`: "compartment 1", ... and "ring 1", ...
-            if there are several compartments.
+        mesh: of the film, with the groups of `gossamer_fx.meshes.tube.flat_tube`: if there are several
+            compartments, "compartment 1" and so on and "ring 1" and so on.
         law: of the film.
         gas: in it.
         pressure: of the gas at the start [Pa].
@@ -76,7 +76,7 @@ class InflatableTube:
             positive mass, or what the parts refuse.
 
     Example:
-        >>> from meshes.tube import flat_tube
+        >>> from gossamer_fx.meshes.tube import flat_tube
         >>> law = gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6)
         >>> tube = gx.assemblies.InflatableTube(flat_tube(comm, 0.25, 0.03, 6, compartments=3), law, gas=air)
         >>> supply = gx.Tank(2e-6, gas=air, pressure=1.5e6, temperature=293.0, name="supply")
@@ -112,7 +112,7 @@ class InflatableTube:
         who = f"InflatableTube '{name}'"
         check(
             isinstance(mesh, Mesh),
-            f"{who}: the mesh is {mesh!r}; give that of `meshes.tube.flat_tube`.",
+            f"{who}: the mesh is {mesh!r}; give that of `gossamer_fx.meshes.tube.flat_tube`.",
         )
         check(
             contact_distance > 0 or not obstacles,

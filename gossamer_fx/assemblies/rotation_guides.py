@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from gossamer_fx.contact.obstacles import Cylinder
 
 REEL = 1e4  # N/m
+# Largest number of rods: each is a rigid body with joints, a reel and a tether.
+MAX_RODS = 1000
+
 SLOWS = 0.1  # s in which the damper takes the ring's speed along the axis
 
 
@@ -80,7 +83,10 @@ class RotationGuides:
         name: str = "guides",
     ) -> None:
         self.name = name
-        check(count >= 1, f"RotationGuides '{name}': count is {count!r}; give at least 1 rod.")
+        check(
+            1 <= count <= MAX_RODS,
+            f"RotationGuides '{name}': count is {count!r}; give between 1 and {MAX_RODS} rods.",
+        )
         values = {
             "radius": (radius, "m"),
             "rod_radius": (rod_radius, "m"),

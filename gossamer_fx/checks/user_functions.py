@@ -19,6 +19,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import InputError
+from gossamer_fx.checks.real_numbers import LARGEST, real_numbers
 
 # Seconds for which a rank with an error waits for the others.
 PATIENCE = 10.0
@@ -99,18 +100,19 @@ def _numbers(
     result, problem, cause = _call(function)
     values = np.zeros(shape)
     if not problem:
-        try:
-            found = np.asarray(result, dtype=float)
-            is_finite = bool(np.isfinite(found).all())
-            # NumPy converts the text "1.0" to a number.
-            good = found.shape == shape and is_finite and not isinstance(result, str)
-        except (TypeError, ValueError):
-            good = False
-        if good:
+        found = real_numbers(result)
+        if found is not None and found.shape == shape and _is_below_limit(found):
             values = found
         else:
             problem = f"it returns {_shown(result)}; it must return {wanted}."
+            if found is not None and np.isfinite(found).all() and not _is_below_limit(found):
+                problem = f"it returns {_shown(result)}; it must return numbers up to {LARGEST:g}."
     return problem, cause, values
+
+
+def _is_below_limit(numbers: Numbers) -> bool:
+    """Whether all numbers are finite, and can be computed with."""
+    return bool((np.abs(numbers) <= LARGEST).all())
 
 
 def _call(function: Callable[[], Any]) -> tuple[Any, str, Exception | None]:

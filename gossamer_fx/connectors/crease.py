@@ -40,7 +40,7 @@ class Crease:
     are conserved exactly; see `algebra.dihedral_angle`.
 
     With a yield angle φ the rest angle follows as soon as |θ - θr| > φ, at the moment k φ; the loss is
-    booked as dissipated.  On a `Plate` the edges are also one of its `hinges`: then the crease alone
+    counted as dissipated.  On a `Plate` the edges are also one of its `hinges`: then the crease alone
     carries the moment.
 
     Args:
@@ -184,6 +184,7 @@ class Crease:
             math.inf if self.yield_angle is None else self.yield_angle,
             self.initial_fold or (MOUNTAIN if self.rest_angle < 0 else VALLEY),
             names.astype(np.int64),
+            self.stiffness,
         )
 
     def _derivatives(
@@ -228,7 +229,7 @@ def _inwards(corners: Array, t: Array, sides: Indices) -> Array:
 
 
 def _without_twins(nodes: Indices, maps: Array, k: int) -> tuple[Indices, Array]:
-    """Nodes (n, 2k) of the left and right triangle and their maps, those of both in the place of the left one's."""
+    """Nodes (n, 2k) of the left and right triangle and their maps, those of both instead of the left one's."""
     twins = nodes[:, k:, None] == nodes[:, None, :k]
     maps[..., :k] += np.einsum("egvj,eji->egvi", maps[..., k:], twins)
     kept = np.concatenate([np.ones((len(nodes), k), dtype=bool), ~twins.any(axis=2)], axis=1)

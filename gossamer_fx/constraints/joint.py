@@ -57,7 +57,7 @@ def product(name: str, u: Attached, v: Attached) -> PointConstraint:
 
 
 def coincidence(name: str, *places: tuple[Attached, Attached]) -> PointConstraint:
-    """x_a - x_b = 0 at each of the places (a, b)."""
+    """x_a - x_b = 0 at each of the pairs of points (a, b)."""
     L = np.hstack([np.eye(3), -np.eye(3)])
     return PointConstraint(name, PointMeasure(places, np.zeros((3, 6, 6)), L, np.zeros(3)))
 
@@ -125,7 +125,7 @@ class BallJoint(Between):
     """Two points coincide; the bodies turn freely about them.
 
     Args:
-        a, b: ports of two bodies that are in one place at the start; one of them may be a `Ground`.
+        a, b: ports of two bodies that are at one point at the start; one of them may be a `Ground`.
         name: name in messages and output.
 
     Raises:
@@ -194,7 +194,7 @@ class Link(Between):
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class FixedJoint(FrameJoint):
-    """Two frames keep their relative position and rotation: a weld.
+    """The relative position and rotation of two frames are constant: a weld.
 
     Args:
         a, b: frames of two bodies that have one origin at the start; one may be `ground_frame()`.  One of

@@ -1,4 +1,4 @@
-"""Sections of beams that keep their rotation, or turn as prescribed."""
+"""Sections of beams whose rotation is fixed or prescribed."""
 
 from __future__ import annotations
 

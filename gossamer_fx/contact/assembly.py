@@ -2,7 +2,7 @@
 
 Which block rows are coupled changes from step to step, and most of what may touch does not.  Blocks on
 the diagonal go into the matrix of the system, whose pattern stays that of a scene without contact.
-Blocks between two block rows make a matrix of their own, which is built in every iteration of those
+Blocks between two block rows make a separate matrix, which is built in every iteration of those
 that are not zero, and multiplied in addition to the other.
 
 A *block row* is a vector of three unknowns (`geometry.contact_points`).  A *block index* is the row of

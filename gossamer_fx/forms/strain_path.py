@@ -122,6 +122,25 @@ def gradient(ψ: Callable[[Expr], Expr], e: Expr) -> Expr:
     return ufl.diff(ψ(e), e)
 
 
+def with_derivative(S: Expr, e: Expr) -> Expr:
+    """A stress S (m,) and its derivative dS/de, row after row, as one vector (m + m²,).
+
+    Args:
+        S: stress as an expression of e.
+        e: strain (m,), made by `ufl.variable`.
+
+    >>> import ufl
+    >>> e = ufl.variable(ufl.as_vector([3.0, 1.0]))
+    >>> with_derivative(2 * e, e).ufl_shape
+    (6,)
+    """
+    m = S.ufl_shape[0]
+    D = ufl.diff(S, e)
+    components = [S[i] for i in range(m)]
+    components += [D[i, j] for i in range(m) for j in range(m)]
+    return ufl.as_vector(components)
+
+
 def within_cone(
     e0: Expr,
     e1: Expr,

@@ -23,6 +23,9 @@ from gossamer_fx.gas.volumes import Chamber
 # would replace (3) in flows that are far from rest.
 MAX_LAMINAR = 0.1
 
+# Least laminar range: a part of the pressure that is well above its round-off.
+MIN_LAMINAR = 1e-12
+
 
 def isentropic_flow(
     gas: IdealGas,
@@ -131,7 +134,7 @@ class Orifice:
             f"Orifice '{self.name}': discharge_coefficient is {self.discharge_coefficient!r}; it lies in (0, 1].",
         )
         check(
-            0 < self.laminar < MAX_LAMINAR,
+            MIN_LAMINAR <= self.laminar < MAX_LAMINAR,
             f"Orifice '{self.name}': laminar is {self.laminar!r}; give a small fraction such as 1e-5.",
         )
 

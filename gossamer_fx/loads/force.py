@@ -15,6 +15,7 @@ from gossamer_fx.bodies.frames import Frame, Line
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.model.body import Array, Attached, Port, Vector
+from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_loads import PointForce, PointLoad
@@ -27,6 +28,7 @@ class ConstantForce:
     """Forces (3k,) that never change."""
 
     value: Array
+    depends_on_position_only = True
 
     def begin(
         self,
@@ -46,6 +48,8 @@ class ConstantForce:
 
 class ForceInTime:
     """Force (3,) as a function of time, taken where forces act, e.g. at the middle of the step."""
+
+    depends_on_position_only = True
 
     def __init__(self, comm: MPI.Intracomm, name: str, value: History) -> None:
         self._comm, self._name, self._value = comm, name, value
@@ -86,6 +90,8 @@ class Couple:
     also at the middle of a step, where directors are shorter than 1.  One vector alone takes the torque across it,
     f = T × r/|r|².
     """
+
+    depends_on_position_only = True
 
     def __init__(self) -> None:
         self.torque: Array = np.zeros(3)
@@ -153,7 +159,7 @@ class TorqueInTime(Couple):
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Force:
-    """A force on a point of a body; its work is booked as supplied.
+    """A force on a point of a body; its work counts as supplied.
 
     Args:
         port: the point, e.g. `film.port("tip")`.
@@ -184,13 +190,16 @@ class Force:
             if callable(value)
             else ConstantForce(np.asarray(value, dtype=float))
         )
-        yield PointLoad(self.name, (self.port,), law)
+        parameters: tuple[Parameter, ...] = ()
+        if not callable(value):
+            parameters = (Parameter("force", "N", "value"),)
+        yield PointLoad(self.name, (self.port,), law, parameters)
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Torque:
-    """A torque on a rigid body, a beam's section or a `RigidRegion`; its work is booked as supplied.
+    """A torque on a rigid body, a beam's section or a `RigidRegion`; its work counts as supplied.
 
     Args:
         frame: what it turns, e.g. `body.frame()`, or the line of a straight region, on which the torque

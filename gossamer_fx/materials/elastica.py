@@ -26,8 +26,7 @@ Algorithm.
 3. `Elastica` uses the cubic as the stress below buckling, in closed form, so that UFL can derive
    the stress and the tangent.
 
-Source: A. Magnusson, M. Ristinmaa & C. Ljung, Int. J. Solids Struct. 38 (2001) 8441,
-doi:10.1016/S0020-7683(01)00089-0.
+Source: A. Magnusson, M. Ristinmaa & C. Ljung, Int. J. Solids Struct. 38 (2001) 8441.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ import ufl
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
-from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED, FilmLaw
+from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED, IsotropicFilm
 from gossamer_fx.model.body import Array
 
 # Shortening δ up to which the cubic is fitted to the elastica.
@@ -133,7 +132,7 @@ def cubic(e_E: float) -> tuple[float, float, float]:
 
 @check_arguments
 @dataclass(frozen=True)
-class Elastica(FilmLaw):
+class Elastica(IsotropicFilm):
     """Film whose wrinkles resist like buckled strips of its thickness and a given half wavelength L.
 
     With f = γ2 + ν γ1, the strain that bears on the strips, and σ1 = E γ1 + ν ψ'(f) the larger

@@ -16,9 +16,11 @@ from gossamer_fx.extend import (
     Array,
     Assembly,
     Expr,
+    InputError,
     State,
     Term,
     area_vector,
+    ask,
     check,
     check_arguments,
     constant,
@@ -125,11 +127,15 @@ class Drag:
     def flow(self, flight: Flight) -> tuple[Air, Array]:
         """The air, and its velocity (3,) as seen from the origin of the frame."""
         altitude = float(np.linalg.norm(flight.R)) - self.orbit.radius
-        air = self.atmosphere(altitude)
-        check(
-            isinstance(air, Air),
-            f"'{self.name}': the atmosphere returns {air!r} at {altitude:.6g} m; return Air.",
-        )
+
+        def air_there() -> Air:
+            air = self.atmosphere(altitude)
+            if isinstance(air, Air):
+                return air
+            raise InputError(f"it returns {air!r}; return Air.")
+
+        what = f"'{self.name}': the atmosphere at {altitude:.6g} m"
+        air = ask(self.body.comm, what, air_there)
         wind: Array = np.cross([0.0, 0.0, self.rotation], flight.R) - flight.V
         return air, wind
 

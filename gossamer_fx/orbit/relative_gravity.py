@@ -36,6 +36,7 @@ from gossamer_fx.extend import (
     AttachedKineticEnergy,
     Body,
     CompiledTerms,
+    Compiler,
     Expr,
     Forces,
     FrameMomenta,
@@ -182,7 +183,7 @@ class CompiledOrbit(
     Supply,
     Resultants,
     FrameMomenta,
-    CompiledTerms,
+    CompiledTerms["RelativeGravity"],
 ):
     """Gravity on all bodies of a flying scene, and the energy of their common motion.
 
@@ -203,7 +204,7 @@ class CompiledOrbit(
         held = max(system.comm.allgather(next(_names_of_holders(system.terms), "")))
         check(
             not held,
-            f"'{held}' holds a body to a place, but the frame of '{terms[0].name}' falls round the Earth: there is "
+            f"'{held}' fixes a body in space, but the frame of '{terms[0].name}' falls round the Earth: there is "
             "nothing to hold on to; tie bodies to each other, e.g. to a RigidBody.",
         )
         kinetic = [t for t in system.terms if isinstance(t, KineticEnergy)]
@@ -401,7 +402,7 @@ class RelativeGravity:
         flights: dictionary of the orbit, into which the flight is entered under its system.
     """
 
-    compiler: ClassVar[type[CompiledTerms]] = CompiledOrbit
+    compiler: ClassVar[Compiler] = CompiledOrbit
 
     def __init__(
         self, name: str, flight: Flight, flights: MutableMapping[Assembly, Flight]

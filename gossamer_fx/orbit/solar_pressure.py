@@ -29,6 +29,9 @@ from gossamer_fx.orbit.orbit import Orbit
 from gossamer_fx.orbit.shadow_map import ShadowMap
 from gossamer_fx.orbit.surface_forces import Rows, Surface, Symbolic, light_force
 
+# Largest number of pixels across the map of shadows: their square has to fit in memory on every rank.
+MAX_SHADOW_PIXELS = 8192
+
 
 @check_arguments
 class SolarPressure:
@@ -77,6 +80,10 @@ class SolarPressure:
         check(
             shadow_pixels >= 0 and (not shadow_pixels or isinstance(body, Membrane)),
             f"'{self.name}': shadow_pixels is {shadow_pixels!r}; give pixels across a film, or zero.",
+        )
+        check(
+            shadow_pixels <= MAX_SHADOW_PIXELS,
+            f"'{self.name}': shadow_pixels is {shadow_pixels!r}; give at most {MAX_SHADOW_PIXELS}.",
         )
 
     def requires(self) -> Iterable[Any]:

@@ -218,7 +218,7 @@ def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> No
         file: whether it is to be a file (True) or a folder (False), if that is known.
 
     Raises:
-        InputError: the folder cannot be made or written, or a folder stands in the place of a file, or the other way.
+        InputError: the folder cannot be made or written, or a folder has the name of the file, or the other way.
     """
 
     def task() -> None:

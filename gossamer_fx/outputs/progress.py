@@ -69,15 +69,15 @@ class Progress:
         if run.comm.bcast(is_early):
             return
         self._shown = now
-        error = run.energy_error
+        balance = energy_balance(run)
         if self._live:
-            self._draw(run, error)
+            self._draw(run, balance)
         else:
-            counts = f"step {run.step}   iterations {run.last_iterations}   ledger {error:+.1e}"
+            counts = f"step {run.step}   iterations {run.last_iterations}   {balance}"
             self._print(run, f"t = {run.time:.6g} of {run.until:.6g} s   {counts}\n")
 
-    def _draw(self, run: Run, error: float) -> None:
-        """Update the bar, with the error of the energy balance."""
+    def _draw(self, run: Run, balance: str) -> None:
+        """Update the bar, with the error of the energy balance in words."""
         if run.comm.rank > 0:
             return
         if self._bar is None:
@@ -88,7 +88,7 @@ class Progress:
         h = run.stepping.wanted
         if run.step:
             h = run.system.h
-        counts = f"step {run.step}  {run.last_iterations} it.  ledger {error:+.0e}"
+        counts = f"step {run.step}  {run.last_iterations} it.  {balance}"
         words = f"{run.time:.4g}/{run.until:.4g} s  h {h:.2g} s  {counts}"
         self._bar.update(
             self._bar.task_ids[0], completed=run.time, total=run.until, description=words
@@ -101,14 +101,20 @@ class Progress:
             self._bar.stop()
             self._bar = None
         steps = max(run.step, 1)
+        closes = "at rest" if run.at_rest else f"energy closes to {run.energy_error:.1e}"
         summary = (
             f"{run.step} steps in {run.seconds:.1f} s, {run.iterations / steps:.1f} iterations a step, "
-            f"{run.substeps} halved; energy closes to {run.energy_error:.1e}"
+            f"{run.substeps} steps rejected; {closes}"
         )
         if run.totals.mass:
             summary += f", gas mass to {run.mass_error:.1e}"
         spent = f"{run.solver.newton.summary()}; output {run.output_seconds:.1f} s"
         self._print(run, f"{summary}\n{spent}\n")
+
+
+def energy_balance(run: Run) -> str:
+    """The closing error of the energy in words; a share of energies that are round-off would mean nothing."""
+    return "at rest" if run.at_rest else f"ledger {run.energy_error:+.1e}"
 
 
 def _bar(stream: IO[str]) -> Bar:

@@ -175,7 +175,7 @@ class Recording:
     # ---- outputs for the files ---------------------------------------------------------------------------------
 
     def _outputs(self) -> Iterator[tuple[str, VTX | Probes | Ledger]]:
-        """The outputs for the files, by the names under which checkpoints keep their cursors."""
+        """The outputs for the files, by the names under which checkpoints store their cursors."""
         for name, output in self._fields.items():
             yield f"fields of {name}", output
         yield from self._tables.items()
@@ -285,6 +285,7 @@ class Recording:
             "iterations a step": run.iterations / max(run.step, 1),
             "seconds": run.seconds,
             "seconds of compilation": run.compile_seconds,
+            "at rest": run.at_rest,
             "energy error": run.energy_error,
             "mass error": run.mass_error,
         }

@@ -42,7 +42,7 @@ class Several:
 
 @dataclass(frozen=True)
 class Row:
-    """Kind of a list whose elements have kinds of their own."""
+    """Kind of a list whose elements have different kinds."""
 
     kinds: tuple[Any, ...]
 
@@ -102,6 +102,7 @@ _RUN = {
         "iterations a step": NUMBER,
         "seconds": NUMBER,
         "seconds of compilation": NUMBER,
+        "at rest?": bool,
         "energy error": NUMBER,
         "mass error": NUMBER,
     },

@@ -8,7 +8,6 @@ from numbers import Real
 
 from gossamer_fx.checks.errors import check
 
-
 # A time is met if it differs by less than this from the one asked for, relatively above 1 s [s].
 TIME_TOLERANCE = 1e-12
 

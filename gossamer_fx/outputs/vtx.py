@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gossamer_fx.checks.arguments import check_arguments
-from gossamer_fx.checks.errors import check, on_rank_zero, write_on_all
+from gossamer_fx.checks.errors import OutputFailure, check, on_rank_zero, write_on_all
 from gossamer_fx.fields.fields import FieldFunctions, check_fields
 from gossamer_fx.model.body import MeshBody, is_on_mesh
 from gossamer_fx.outputs import field_files
@@ -115,7 +116,7 @@ class VTX:
             return bodies[0]
         check(
             self.body in bodies,
-            f"VTX '{self.path}': '{self.body.name}' is no body of the scene on a mesh; those are: {names}.",
+            f"VTX '{self.path}': '{self.body.name}' is not a body of the scene on a mesh; those are: {names}.",
         )
         return self.body
 
@@ -146,7 +147,11 @@ class VTX:
             on_rank_zero(comm, self._remove_later)
         if self._writer is None:
             write_on_all(comm, path, clear)
-        write_on_all(comm, path, lambda: self._write(run))
+        try:
+            write_on_all(comm, path, lambda: self._write(run))
+        except OutputFailure:
+            self._abandon()
+            raise
         # After the writing: a restart cuts the file at these lengths.
         lengths = write_on_all(comm, path, note_steps)
         self._lengths = comm.bcast(lengths)
@@ -175,8 +180,18 @@ class VTX:
             writer = self._writer
             # Also if closing fails, the file must not be closed again.
             self._writer = None
-            write_on_all(run.comm, segment(self.path, self._segment), writer.close)
+            try:
+                write_on_all(run.comm, segment(self.path, self._segment), writer.close)
+            except OutputFailure:
+                _keep_for_ever(writer)
+                raise
             self._next_segment()
+
+    def _abandon(self) -> None:
+        """Drop a writer that has failed."""
+        if self._writer is not None:
+            _keep_for_ever(self._writer)
+            self._writer = None
 
     def _next_segment(self) -> None:
         """Begin the next segment, unless the present one is empty."""
@@ -321,3 +336,12 @@ class Probes:
 
     def close(self, run: Run) -> None:
         """Nothing to close: each row is written completely."""
+
+
+def _keep_for_ever(writer: VTXWriter) -> None:
+    """Add a reference that is never given back.
+
+    The destructor of ADIOS2 closes the files once more; where they cannot be written it throws, which
+    ends the program by a signal.
+    """
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(writer))

@@ -33,7 +33,7 @@ _MAX_LABEL = 20  # letters of a name at the end of a curve
 _SHOWN_SHARE = 0.02  # share of the area from which on a state is named
 _SMALLEST_ERROR = 1e-17
 _USUAL_ERROR = 1e-12  # to which the axis of errors goes at least
-_STORED = "stored "  # before the names of what stores energy
+_STORED = "stored "  # before the names of parts that store energy
 _PROBE = re.compile(r"(.+) (\S+)( \[[^]]*\])")  # a probe's name with a unit: "tip x [m]"
 
 Panel = Callable[["Axes"], None]

@@ -38,7 +38,7 @@ _LONG = 3 * 3600.0  # s from which on the time is shown in hours
 _ALONG_VIEW = (
     0.7  # part of a unit vector towards the eye from which on an arrow is too short to show it
 )
-# Columns of the record that a flight needs beside the probes that were asked for.
+# Columns of the record that a flight needs in addition to the probes that were asked for.
 _POSITION = ("flight x", "flight y", "flight z")  # of the origin from the attracting centre [m]
 _VELOCITY = ("flight vx", "flight vy", "flight vz")  # [m/s]
 _TO_SUN = ("flight sun x", "flight sun y", "flight sun z")  # from the attracting centre [m]

@@ -1,7 +1,7 @@
 """The page of a picture: a title, images of the scene with a key and a scale bar, and curves below.
 
-matplotlib lays the page out (its engine "constrained").  Images are drawn when their place is known, with as many
-pixels as the place has, so that they are not resampled.
+matplotlib lays the page out (its engine "constrained").  Images are drawn when their position is known, with as many
+pixels as that rectangle has, so that they are not resampled.
 """
 
 from __future__ import annotations
@@ -196,7 +196,7 @@ def _frames(
 
 
 def _draw_images(figure: Figure, frames: Sequence[Axes], views: Views) -> Place:
-    """Draw images to whole pixels in the places that the layout has found."""
+    """Draw images to whole pixels in the rectangles that the layout has found."""
     boxes = [axes.get_window_extent() for axes in frames]
     scale = boxes[0].width / views.size[0]
     first: Place | None = None

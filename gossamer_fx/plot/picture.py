@@ -23,9 +23,9 @@ from gossamer_fx.outputs.schedule import Schedule
 from gossamer_fx.plot.colours import by_state, colouring
 from gossamer_fx.plot.curve_panels import run_curves
 from gossamer_fx.plot.page import Views, write_page
+from gossamer_fx.plot.plane_cut import PlaneCut, check_section
 from gossamer_fx.plot.plot import field_views
 from gossamer_fx.plot.run_reader import RunReader
-from gossamer_fx.plot.section import Section, check_section
 from gossamer_fx.plot.viewpoint import View
 from gossamer_fx.probes.run import Run
 
@@ -190,7 +190,7 @@ class Picture(DrawnRun):
             return None
         if self.section is not None and run.films:
             point, normal = self.section
-            return Section(run, point, normal).views(frames)
+            return PlaneCut(run, point, normal).views(frames)
         # Cables and masses have no field that could give colours.
         colours = by_state(False)
         if run.films:

@@ -136,9 +136,13 @@ def _status(about: Mapping[str, Any]) -> str:
     status = about["status"]
     numbers = about["statistics"]
     kind = "status" if status in ("finished", "running") else "status bad"
+    closes = "at rest"
+    # Recordings of earlier versions do not say it.
+    if not numbers.get("at rest", False):
+        closes = f"energy closes to {abs(numbers['energy error']):.1e}"
     words = (
         f"{status} at t = {numbers['time']:.6g} s of {numbers['until']:.6g} s, {numbers['steps']} steps, "
-        f"energy closes to {abs(numbers['energy error']):.1e}"
+        f"{closes}"
     )
     return f'<p class="{kind}">{escape(words)}</p>'
 

@@ -42,7 +42,7 @@ def reduce(
     A film that is not plane has 3 · (modes + 4) unknowns.  The modes are mass-weighted singular
     vectors of all shapes, scalar fields with vectors as unknowns, so that energy, momentum and
     angular momentum are conserved; see `reduction.basis`.  The reduced film has the initial state,
-    law and name of the film, and takes its place in a new scene.  Collective.
+    law and name of the film, and replaces it in a new scene.  Collective.
 
     Args:
         body: the film; it may not have bending stiffness, creases or contact.

@@ -460,7 +460,7 @@ def _open(path: Path) -> tuple[Path, dict[str, Any]]:
 def _damaged(path: Path, reason: str) -> str:
     """A sentence about a damaged checkpoint, with the remedy."""
     others = [other for other in complete(path.parent) if other.resolve() != path.resolve()]
-    remedy = "start anew"
+    remedy = "start again"
     if others:
         remedy = f"restart from another one, e.g. '{others[-1]}'"
     return f"The checkpoint '{path}' is damaged ({reason}); {remedy}."

@@ -41,7 +41,7 @@ SAME_TIME = 1e-9
 # Default tolerance of an instant over the step of the stepper.
 INSTANT_TOLERANCE = 1e-6
 
-# What is left of a step, over its length, that counts as round-off.
+# A remainder of a step that counts as round-off, over its length.
 STEP_ROUND_OFF = 1e-12
 
 # Each third turn of the search is a bisection: false position alone approaches from one side only, and
@@ -121,7 +121,7 @@ class When:
     def __post_init__(self) -> None:
         check(
             callable(self.probe),
-            f"When '{self.name}': {self.probe!r} is no function of the run; give one.",
+            f"When '{self.name}': {self.probe!r} is not a function of the run; give one.",
         )
         check(
             self.tolerance is None or self.tolerance > 0,
@@ -177,7 +177,8 @@ class EventMonitor:
         self._history = history
         for event in events:
             check(
-                isinstance(event, At | When), f"{event!r} is no event; give At(...) or When(...)."
+                isinstance(event, At | When),
+                f"{event!r} is not an event; give At(...) or When(...).",
             )
         self._at = [event for event in events if isinstance(event, At)]
         self._when = [event for event in events if isinstance(event, When)]

@@ -282,7 +282,7 @@ def _differences_of_dicts(
     """All differences of two dictionaries: of arguments, of a measured position, or of an unknown."""
     if UNKNOWN in there and UNKNOWN in here:
         return
-    # A position that was computed has an error of its own, which its description states.
+    # A position that was computed has a known error, which its description states.
     if MEASURED in there and MEASURED in here:
         near = np.allclose(there[MEASURED], here[MEASURED], rtol=0.0, atol=here[TOLERANCE])
         if not near:

@@ -29,12 +29,12 @@ from petsc4py import PETSc
 
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, OutputFailure, check
+from gossamer_fx.checks.failures import NotConverged
 from gossamer_fx.checks.lone_errors import abort_on_lone_error, agree_on_error
 from gossamer_fx.outputs.output import Output, Writing, begin, cursors_of
 from gossamer_fx.run.interruption import Interrupted, Listener
 from gossamer_fx.run.log import LOGGER
 from gossamer_fx.scene.scene import Scene
-from gossamer_fx.solvers.failures import NotConverged
 from gossamer_fx.steppers.history import History
 from gossamer_fx.steppers.stepping import Control, EqualSteps, Stepper, Stepping, even_step
 from gossamer_fx.system.totals import Totals
@@ -255,15 +255,22 @@ class Simulation:
         return self._totals
 
     @property
+    def at_rest(self) -> bool:
+        """Whether no energy of the run so far was larger than what round-off gives to a scene at rest."""
+        return self._largest_energy() <= self.solver.newton.round_off_energy
+
+    @property
     def energy_error(self) -> float:
-        """Closing error of the energy balance, over the largest energy at the end of a step so far."""
-        now = self.totals
-        largest = max(self.solver.newton.energy, now.size)
-        # A scene at rest without energies has no scale, and no error.
-        if not largest:
+        """Closing error of the energy balance, over the largest energy at the end of a step so far; zero at rest."""
+        if self.at_rest:
             return 0.0
+        now = self.totals
         missing = (now.energy - self.first.energy) - (now.supplied - now.dissipated)
-        return missing / largest
+        return missing / self._largest_energy()
+
+    def _largest_energy(self) -> float:
+        """Largest energy so far [J]: kinetic and stored, or supplied and dissipated, whichever is more."""
+        return max(self.solver.newton.energy, self.totals.size)
 
     @property
     def mass_error(self) -> float:
@@ -369,7 +376,7 @@ class Simulation:
                 if remaining <= _SAME_TIME * self.stepping.wanted:
                     break
                 try:
-                    # The control may have changed the wanted length: divide what remains again.
+                    # The control may have changed the wanted length: divide the remaining time again.
                     h = even_step(remaining, self.stepping.wanted)
                     ended = self._advance(h, milestone)
                     signal = signals.heard(self.comm)
@@ -488,6 +495,7 @@ class Simulation:
             **counts,
             "first": first,
             "largest energy": self.solver.newton.energy,
+            "round-off energy": self.solver.newton.round_off_energy,
             "recorded": self.recorded,
             "events": events,
         }
@@ -503,6 +511,8 @@ class Simulation:
             first[name] = value
         self.first = Totals(**first)
         self.solver.newton.energy = state["largest energy"]
+        # Checkpoints of earlier versions have none.
+        self.solver.newton.round_off_energy = state.get("round-off energy", 0.0)
         # `totals` compares times only, and the restored state may have that of the start.
         self._totals = self.system.totals()
         self.recorded = state["recorded"]

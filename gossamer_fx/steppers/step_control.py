@@ -48,7 +48,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
-from gossamer_fx.solvers.failures import NotConverged
+from gossamer_fx.checks.failures import NotConverged
 from gossamer_fx.steppers.history import History
 from gossamer_fx.steppers.stepping import StepSolver, step_failure
 from gossamer_fx.system.system import System

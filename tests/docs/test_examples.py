@@ -15,9 +15,9 @@ from mpi4py import MPI
 import gossamer_fx as gx
 import gossamer_fx.extend
 from gossamer_fx.checks.lazy_names import public_names
-from meshes.creased_strip import creased_strip
-from meshes.line import line
-from meshes.sheet import sheet
+from gossamer_fx.meshes.creased_strip import creased_strip
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import sheet
 
 COMM = MPI.COMM_SELF
 FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS

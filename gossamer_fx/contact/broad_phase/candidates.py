@@ -102,7 +102,7 @@ class CandidateSearch:
         vertices = self._mesh.surface.vertices
         drift = RigidDrift.of(x[vertices], v[vertices], time)
         velocities = v - drift.velocities(x)
-        # Points of walls are no part of a primitive: their pairs are candidates wherever they are.
+        # Points of walls do not belong to a primitive: their pairs are candidates wherever they are.
         margin = np.full(len(x), np.inf)
         way = duration * np.linalg.norm(velocities[vertices], axis=1)
         margin[vertices] = self._activation_distance / 2 + WAY_MARGIN * way

@@ -1,4 +1,4 @@
-"""The collision filter: parts that constraints keep together are no pairs.
+"""The collision filter: parts that constraints keep together do not form pairs.
 
 Cells of one film that share a node cannot be kept apart.  The same holds where a `Tie` or a `BallJoint`
 joins bodies.  Every point therefore gets labels: two primitives with a label in common are connected.

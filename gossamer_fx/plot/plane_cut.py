@@ -40,7 +40,7 @@ class Cut:
     kinds: Integers
 
 
-class Section:
+class PlaneCut:
     """Cuts the films of a recorded run by a plane.
 
     Args:
@@ -176,8 +176,8 @@ def _chains(ends: npt.NDArray[np.integer], count: int) -> Iterator[tuple[list[in
         for point in ends[line]:
             lines_at[point].append(line)
     left = np.ones(len(ends), dtype=bool)
-    # Open chains before closed ones; of each kind the one whose end comes first in the mesh, so that layers keep their
-    # colours in the course of a run.
+    # Open chains before closed ones; of each kind the one whose end comes first in the mesh, so that
+    # layers have the same colours in all pictures of a run.
     starts = sorted(range(count), key=lambda i: (len(lines_at[i]) != 1, lines_at[i]))
     for start in starts:
         chain: list[int] = []
