@@ -299,11 +299,18 @@ class System:
         self.supports.take(r)
         return np.concatenate([np.zeros(0), *s])
 
-    def external_forces(self) -> PETSc.Vec:
-        """Forces [N] of loads, scalar unknowns and supports at the last residual."""
+    def load_forces(self) -> PETSc.Vec:
+        """Forces [N] of loads at the last residual, with the opposite sign; zero at fixed coordinates."""
         out = self.numbering.vector()
         for load in self._loads:
             load.add_forces(out)
+        with out as values:
+            values[self.supports.held] = 0.0
+        return out
+
+    def external_forces(self) -> PETSc.Vec:
+        """Forces [N] of loads, scalar unknowns and supports at the last residual."""
+        out = self.load_forces()
         with out as values:
             for scalars in self.scalar_unknowns:
                 scalars.add_force(values)
