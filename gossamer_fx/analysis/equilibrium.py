@@ -32,6 +32,7 @@ one that is found depends on the first guess and on the pseudo-steps.
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from dataclasses import KW_ONLY, dataclass, replace
@@ -88,6 +89,12 @@ FINAL_REDUCTION = 1e-2
 FINAL_ITERATIONS = 10
 
 TINY = 1e-300  # against division by zero [N]
+
+# Loads over the estimated round-off of the inner forces, below which the equilibrium may not show them.  Cantilevers
+# of thin plates were right down to 6e-6, and had not moved at 5e-6 and less.
+LOST_LOAD = 1e-4
+
+LOG = logging.getLogger("gossamer_fx")
 
 
 @check_arguments
@@ -263,6 +270,7 @@ class Equilibrium:
         self.result = None
         self.system.q0.copy(self._start)
         self._continue(at)
+        self._warn_of_lost_loads()
         free, is_regular = self._assess(at)
         residual, _ = self._unbalanced()
         self.result = EquilibriumResult(
@@ -450,6 +458,23 @@ class Equilibrium:
         load = max(external, self.newton.round_off / MAX_ROUND_OFF, TINY)
         unbalanced, _ = system.imbalance(self._residual)
         return unbalanced / load, load
+
+    def _warn_of_lost_loads(self) -> None:
+        """Warn if the loads are so small that the round-off of the inner forces hides them.
+
+        The residual is then small wherever the scene is, so that an equilibrium is found that is too stiff by any
+        factor: a plate bends with the cube of its thickness, and round-off is that of its membrane forces.
+        """
+        load = float(self.system.load_forces().norm())
+        round_off = self.newton.round_off
+        if 0 < load < LOST_LOAD * round_off and self.comm.rank == 0:
+            LOG.warning(
+                "The equilibrium does not show the loads: their %.1e N are far below the round-off of the inner "
+                "forces, %.1e N, so that displacements may be too small by any factor; a plate this thin needs cells "
+                "of aspect near one, or is a Membrane.",
+                load,
+                round_off,
+            )
 
     def _measure_scene(self) -> float:
         """Largest coordinate of the initial state [m]: the size of the scene and its distance from the origin."""

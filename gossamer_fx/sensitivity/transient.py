@@ -62,8 +62,8 @@ class TransientGradients:
             is_reversible = isinstance(kind, roles.Reversible | roles.Mass)
             check(
                 is_reversible,
-                f"gradient: '{type(kind).__name__}' of the scene has forces that are not the same in the reversed step; "
-                "leave it out of the scene.",
+                f"gradient: '{type(kind).__name__}' of the scene has forces that are not the same in the reversed "
+                "step; leave it out of the scene.",
             )
         self._tape = tape
         self._system = system
@@ -140,8 +140,8 @@ class TransientGradients:
         rate = math.log(growth) / duration
         if self._system.comm.rank == 0:
             LOGGER.warning(
-                "gradient: changes of the motion grow by a factor of %.1e in this run, %.3g per second in the exponent; "
-                "a relative change of 1e-4 is predicted for about %.3g s",
+                "gradient: changes of the motion grow by a factor of %.1e in this run, %.3g per second in the "
+                "exponent; a relative change of 1e-4 is predicted for about %.3g s",
                 growth,
                 rate,
                 math.log(1e4) / rate,

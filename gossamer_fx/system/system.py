@@ -235,8 +235,8 @@ class System:
                 observer.commit()
         for kind in roles.playing(roles.ExchangesEnds, self.compiled):
             kind.exchange_ends()
-        for observer in self._step_observers:
-            observer.begin_step(t + self.rule.alpha * self.h)
+        for one in self._step_observers:
+            one.begin_step(t + self.rule.alpha * self.h)
         end_vector = self._scratch
         end_vector.array[:] = end
         self.set_end(end_vector)
@@ -366,11 +366,18 @@ class System:
                 kind.add_forces(out)
         return out
 
-    def external_forces(self) -> PETSc.Vec:
-        """Forces [N] of loads, scalar unknowns and supports at the last residual."""
+    def load_forces(self) -> PETSc.Vec:
+        """Forces [N] of loads at the last residual, with the opposite sign; zero at fixed coordinates."""
         out = self.numbering.vector()
         for load in self._loads:
             load.add_forces(out)
+        with out as values:
+            values[self.supports.held] = 0.0
+        return out
+
+    def external_forces(self) -> PETSc.Vec:
+        """Forces [N] of loads, scalar unknowns and supports at the last residual."""
+        out = self.load_forces()
         with out as values:
             for scalars in self.scalar_unknowns:
                 scalars.add_force(values)
