@@ -88,7 +88,9 @@ FINAL_TOLERANCE = 1e-10
 FINAL_REDUCTION = 1e-2
 FINAL_ITERATIONS = 10
 
-TINY = 1e-300  # against division by zero [N]
+# Smallest load [N]: against division by zero, and so that a tolerance times it is still a number of a
+# size that `Tolerances` accepts.
+TINY = 1e-80
 
 # Loads over the estimated round-off of the inner forces, below which the equilibrium may not show them.  Cantilevers
 # of thin plates were right down to 6e-6, and had not moved at 5e-6 and less.

@@ -220,7 +220,7 @@ class System:
     def reverse_step(self, start: Array, rates: Array, t: float, end: Array) -> None:
         """Turn the present step round, of length h: it is to go from `start` at t to `end`, of length -h.
 
-        Kinds with active sets keep their pairs (`roles.ExchangesEnds`); the others take the start as if
+        Kinds with active sets retain the pairs (`roles.ExchangesEnds`); the others take the start as if
         it had been accepted.
         """
         self.time = t
@@ -453,7 +453,7 @@ class System:
             recorder()
 
     def restore(self, q: Array, v: Array, t: float) -> None:
-        """Take an earlier accepted state, of this rank's coordinates and velocities, without booking.
+        """Take an earlier accepted state: this rank's coordinates and velocities; totals do not change.
 
         Kinds with history variables need theirs, too (`roles.StepHistory`).
         """
