@@ -47,7 +47,7 @@ class RotationGuides:
         brake_damping: c [N m s/rad].
         first_angle: angle of the first rod from the x axis [rad].
         drawn: displacement of the ring by the reel [m], a function of time [s] that is zero at the start;
-            None: the ring keeps its height.
+            None: the height of the ring is constant.
         reel_depth: of the reel below the ring [m]; `drawn` stays below it.
         name: for messages and outputs; the parts have names that begin with it.
 

@@ -45,7 +45,7 @@ class Orbit(Environment):
         name: for messages and results.
 
     Raises:
-        InputError: a start that is no orbit, or something that needs an epoch without one.
+        InputError: a start that is not an orbit, or something that needs an epoch without one.
 
     Example:
         >>> low = gx.orbit.Orbit(gx.orbit.Elements(6.8e6, i=0.9), gravity="J2")

@@ -175,7 +175,7 @@ class Canvas:
         """
         pixels = self._pixels.reshape(self.height, self.width)
         distances = (pixels >> _COLOUR_BITS).astype(float) / self._scale
-        # With repeated edges, the border of the image is not outlined.
+        # With repeated edges, the margin of the image is not outlined.
         z = np.pad(distances, 1, mode="edge")
         middle = z[1:-1, 1:-1]
         down = z[:-2, 1:-1] + z[2:, 1:-1] - 2 * middle

@@ -215,8 +215,8 @@ def test_the_derivative_of_the_average(law) -> None:
     error = abs(np.stack(changes, axis=2) - D).max(axis=(1, 2))
     assert np.quantile(error, 0.95) <= 1e-7 * abs(D).max()
     # The average of a convex energy is the gradient of a convex one.
-    assert abs(D - D.swapaxes(1, 2)).max() <= 1e-4 * abs(D).max()
-    assert np.linalg.eigvalsh((D + D.swapaxes(1, 2)) / 2).min() >= -1e-7 * abs(D).max()
+    assert abs(D - D.swapaxes(1, 2)).max() <= 1e-3 * abs(D).max()
+    assert np.linalg.eigvalsh((D + D.swapaxes(1, 2)) / 2).min() >= -1e-6 * abs(D).max()
 
 
 @every_law

@@ -55,15 +55,16 @@ static void to_axes(const film_law *law, const double *strain, double *e)
 }
 
 /* Stress R^T S and derivative R^T D R in the frame of the film: values (12). */
-static void to_frame(const film_law *law, const film_response *response, double *values)
+static void to_frame(const film_law *law, const film_response *response, const double *correction, double *values)
 {
     const double *R = law->R;
+    const double *D = response->D;
+    double full[9] = {D[0], D[1], D[2], D[1], D[3], D[4], D[2], D[4], D[5]};
+    for (int i = 0; i < 9 && correction != NULL; i++) full[i] += correction[i];
     double DR[9];
     for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) {
-            const double *D = response->D + 3 * i;
-            DR[3 * i + j] = D[0] * R[j] + D[1] * R[3 + j] + D[2] * R[6 + j];
-        }
+        for (int j = 0; j < 3; j++)
+            DR[3 * i + j] = full[3 * i] * R[j] + full[3 * i + 1] * R[3 + j] + full[3 * i + 2] * R[6 + j];
     for (int i = 0; i < 3; i++) {
         values[i] = R[i] * response->S[0] + R[3 + i] * response->S[1] + R[6 + i] * response->S[2];
         for (int j = 0; j < 3; j++)
@@ -79,7 +80,7 @@ static void add_residual(const film_law *law, const double *e, double derivative
     double S[3];
     taut_stress(&law->C, e, S);
     for (int i = 0; i < 3; i++) response->S[i] = (1 - u) * response->S[i] + u * S[i];
-    for (int i = 0; i < 9; i++) response->D[i] *= 1 - u;
+    for (int i = 0; i < 6; i++) response->D[i] *= 1 - u;
     add_stiffness(&law->C, u * derivative_weight, response->D);
 }
 
@@ -100,31 +101,32 @@ static void response_at(const film_law *law, const double *e, film_response *res
 }
 
 /* Add the energy that an averaged stress misses along the change of strain d, as terms/discrete_gradient.py does for
-   other laws: S += (missing/|d|^2) d with missing = W(e1) - W(e0) - S.d. */
-static void add_correction(const film_stiffness *C, const double *e0, const double *e1, averaged_film *average)
+   other laws: S += (missing/|d|^2) d with missing = W(e1) - W(e0) - S.d.  The derivative of that goes to D (9), which
+   is not symmetric; returns whether there is any. */
+static int add_correction(const film_stiffness *C, const double *e0, const double *e1, averaged_film *average,
+                          double *D)
 {
     const double noise = ENERGY_ROUND_OFF * average->energy;
-    if (fabs(average->missing) <= noise) return;
+    if (fabs(average->missing) <= noise) return 0;
     double d[3];
     for (int i = 0; i < 3; i++) d[i] = e1[i] - e0[i];
     const double square = dot(d, d);
     const double smallest = SMALLEST_CHANGE * (dot(e0, e0) + dot(e1, e1));
-    if (!(square > smallest && square > SMALLEST_SQUARE)) return;
+    if (!(square > smallest && square > SMALLEST_SQUARE)) return 0;
     const double missing = average->missing - (average->missing > 0 ? noise : -noise);
-    film_response *response = &average->response;
     film_response at_end;
     relaxed_response(C, e1, &at_end);
-    double slope[3]; /* of `missing`, by e1 */
-    for (int j = 0; j < 3; j++) {
-        slope[j] = at_end.S[j] - response->S[j];
-        for (int i = 0; i < 3; i++) slope[j] -= response->D[3 * i + j] * d[i];
-    }
-    for (int i = 0; i < 3; i++) {
-        response->S[i] += missing / square * d[i];
-        response->D[4 * i] += missing / square;
-        for (int j = 0; j < 3; j++)
-            response->D[3 * i + j] += d[i] * (slope[j] - 2 * missing / square * d[j]) / square;
-    }
+    double *S = average->response.S;
+    const double *A = average->response.D;
+    const double change[3] = {A[0] * d[0] + A[1] * d[1] + A[2] * d[2], A[1] * d[0] + A[3] * d[1] + A[4] * d[2],
+                              A[2] * d[0] + A[4] * d[1] + A[5] * d[2]};
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            const double slope = at_end.S[j] - S[j] - change[j]; /* of `missing`, by e1 */
+            D[3 * i + j] = d[i] * (slope - 2 * missing / square * d[j]) / square + (i == j) * missing / square;
+        }
+    for (int i = 0; i < 3; i++) S[i] += missing / square * d[i];
+    return 1;
 }
 
 static void average_response(CELL_ARGUMENTS)
@@ -136,15 +138,17 @@ static void average_response(CELL_ARGUMENTS)
         double e0[3];
         double e1[3];
         double middle[3];
+        double correction[9] = {0};
         to_axes(&law, arguments + 3 * k, e0);
         to_axes(&law, arguments + 3 * (points + k), e1);
         averaged_film average;
         memset(&average, 0, sizeof average);
         if (law.residual < 1) averaged_response(&law.C, e0, e1, &average);
-        add_correction(&law.C, e0, e1, &average);
+        const int is_corrected = add_correction(&law.C, e0, e1, &average, correction);
+        for (int i = 0; i < 9; i++) correction[i] *= 1 - law.residual;
         for (int i = 0; i < 3; i++) middle[i] = (e0[i] + e1[i]) / 2;
         add_residual(&law, middle, 0.5, &average.response);
-        to_frame(&law, &average.response, values + RESPONSE * k);
+        to_frame(&law, &average.response, is_corrected ? correction : NULL, values + RESPONSE * k);
     }
 }
 
@@ -158,7 +162,7 @@ static void end_response(CELL_ARGUMENTS)
         to_axes(&law, arguments + 3 * (points + k), e1);
         film_response response;
         response_at(&law, e1, &response);
-        to_frame(&law, &response, values + RESPONSE * k);
+        to_frame(&law, &response, NULL, values + RESPONSE * k);
     }
 }
 
