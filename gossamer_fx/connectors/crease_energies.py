@@ -32,6 +32,7 @@ from gossamer_fx.model.roles import (
     Reversible,
     StateObserver,
     StepCheck,
+    StepHistory,
     StoredEnergies,
     Tangents,
 )
@@ -54,6 +55,7 @@ class CreaseEnergies(
     HistoryVariables,
     PointParameters,
     GradientLimits,
+    StepHistory,
     Reversible,
     CompiledTerms["CreaseEnergy"],
 ):
@@ -157,7 +159,16 @@ class CreaseEnergies(
         return np.array([by_number[points.owner == i].sum()])
 
     def without_gradient(self) -> str:
-        return next((self.terms[i].name for i in self._yielding), "")
+        for i in self._yielding:
+            return f"'{self.terms[i].name}' yields, so that its rest angle depends on the path; give it no yield_angle"
+        return ""
+
+    def save_history(self) -> list[Array]:
+        return [points.θ.copy() for points in self._arrays]
+
+    def load_history(self, saved: list[Array]) -> None:
+        for points, angles in zip(self._arrays, saved, strict=True):
+            points.θ = angles.copy()
 
     def _find(self, term: CreaseEnergy) -> tuple[_Points, int]:
         """The array of points of a term, and the number of the term."""

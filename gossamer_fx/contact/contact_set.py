@@ -27,7 +27,7 @@ from gossamer_fx.contact.active_set import (
     grown_activation,
     initial_activation,
 )
-from gossamer_fx.contact.arrays import Array, ByteArray, Int32Array, MaskArray
+from gossamer_fx.contact.arrays import Array, ByteArray, Int32Array, Int64Array, MaskArray
 from gossamer_fx.contact.assembly import BlockAssembly
 from gossamer_fx.contact.broad_phase.candidates import CandidateSearch, nearest_gaps
 from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
@@ -43,9 +43,11 @@ from gossamer_fx.contact.narrow_phase.large_turns import LargeTurns
 from gossamer_fx.contact.pair_stiffness import PairStiffness
 from gossamer_fx.contact.pair_table import ActivePairs, CandidatePairs, is_wall
 from gossamer_fx.contact.potential import (
+    PUSH_BACK,
     ContactLaw,
     PairState,
     activate,
+    closest_points,
     energy_of_pairs,
     evaluate,
     pair_starts,
@@ -87,6 +89,7 @@ class ContactSet:
         pairs: the active pairs of the step; None between steps.
         point_forces: forces (m, 3) [N] of this rank's pairs at the last residual.
         acting_count: number of pairs with a force there.
+        has_given_stiffness: whether the stiffness is a number and not derived from closing speeds.
         closest: least gap [m] at the start of any step so far.
     """
 
@@ -112,6 +115,7 @@ class ContactSet:
         self._comm = system.comm
         self._alpha = system.rule.alpha
         self.search = CandidateSearch(mesh, activation_distance)
+        self.has_given_stiffness = stiffness is not None
         self._stiffness = PairStiffness(mesh, stiffness, activation_distance, system)
         self._activation = Activation()
         self.assembly = BlockAssembly(self.points, system)
@@ -123,6 +127,7 @@ class ContactSet:
         self._turns = LargeTurns(mesh, activation_distance, system)
         self._start_time = 0.0  # of x0
         self._end_time = 0.0
+        self._push_back = PUSH_BACK
         # Distances at both ends of the last step: its end is the start of the next one.
         self._known_distances: list[PairDistances] = []
 
@@ -171,6 +176,23 @@ class ContactSet:
             history.stiffness = self.pairs.stiffness[has_energy][order]
         self.pairs = None
 
+    def save_history(self) -> tuple[Array, Int64Array, Array, float]:
+        """Return the history of this rank; its arrays are replaced and never changed."""
+        history = self.history
+        return (
+            history.activation_distance,
+            history.identifier,
+            history.stiffness,
+            history.reference_speed,
+        )
+
+    def load_history(self, saved: tuple[Array, Int64Array, Array, float]) -> None:
+        """Restore what `save_history` returned."""
+        history = self.history
+        history.activation_distance, history.identifier, history.stiffness, speed = saved
+        history.reference_speed = speed
+        history.restored += 1
+
     def _known_parameters(self, pairs: ActivePairs) -> Array | None:
         """Return the parameters (n, 2) of the active pairs' closest points at x0, if they are known."""
         distances = self._distances_at(self.x0)
@@ -217,6 +239,7 @@ class ContactSet:
         Raises:
             Inadmissible: the motion of an obstacle jumps in the step.
         """
+        self._push_back = PUSH_BACK
         system = self._system
         self.stored_energy()
         self._end_time = system.time + system.h
@@ -297,6 +320,28 @@ class ContactSet:
         self._obstacle_blocks: Int32Array = block_index[1]
         if self.friction is not None:
             self.friction.set_block_index(block_index[2:])
+
+    def exchange_ends(self) -> None:
+        """Reverse the step: q0 and the time of the system are its new start, and the pairs stay.
+
+        The force is symmetric in the ends of a step if pairs, stiffness and activation distances are.
+        """
+        pairs = self.pairs
+        if pairs is None:
+            return
+        self.x0 = self.points.at(self._system.q0, self._system.time)
+        self._end_time = self._system.time + self._system.h
+        start = pair_starts(pairs, self.x0, *closest_points(pairs, self.x0))
+        if pairs.start is not None:
+            # The closest points of the original start stay the origin of the pairs' vectors: the force
+            # depends on that origin where it is corrected along the change of the measures.
+            start[:, :2] = pairs.start[:, :2]
+        pairs.start = start
+        self._lay_out(pairs)
+        self._last_end = self.x0
+        self._last_states = None
+        # Pairs that separate fast would count as too steep when they approach as fast.
+        self._push_back = 0.0
 
     def extend_active_set(self) -> bool:
         """Add pairs that are near at the end of a step, or were passed on the way, and were left out.
@@ -386,7 +431,13 @@ class ContactSet:
         self.point_forces = np.zeros((self.points.count, 3))
         of_bodies, of_obstacles = (
             evaluate(
-                pairs, self.x0, x1, self.law, self._alpha, point_forces=self.point_forces
+                pairs,
+                self.x0,
+                x1,
+                self.law,
+                self._alpha,
+                point_forces=self.point_forces,
+                push_back=self._push_back,
             ).state
             for pairs in (self._body_pairs, self._obstacle_pairs)
         )
@@ -416,6 +467,7 @@ class ContactSet:
             blocks=blocks,
             geometric_share=self._system.geometric,
             known_state=of_bodies,
+            push_back=self._push_back,
         )
         if len(self._obstacle_pairs):
             response = evaluate(
@@ -427,6 +479,7 @@ class ContactSet:
                 tangents_by_pair=True,
                 geometric_share=self._system.geometric,
                 known_state=of_obstacles,
+                push_back=self._push_back,
             )
             self._add_through_block_rows(np.asarray(response.tangents))
         if self.friction is not None:

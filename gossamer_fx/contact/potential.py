@@ -214,6 +214,7 @@ def evaluate(
     tangents_by_pair: bool = False,
     geometric_share: float = 1.0,
     known_state: ByteArray | None = None,
+    push_back: float = PUSH_BACK,
 ) -> PairResponse:
     """Compute forces and tangents of n pairs in a step.
 
@@ -230,6 +231,8 @@ def evaluate(
         tangents_by_pair: whether tangents are, too.
         geometric_share: share of the geometric stiffness in tangents, which may make them indefinite.
         known_state: of an earlier call for the same step; pairs without contact are then left out.
+        push_back: stiffness of pairs that passed through, over their own; zero for a step that was
+            accepted, whose pairs are then treated alike in both directions of time.
     """
     c = library()
     count = len(pairs)
@@ -249,7 +252,7 @@ def evaluate(
             "x1": c.array("x1", x1, "float64", (points, 3)),
             "alpha": alpha,
             "geometric_share": geometric_share,
-            "push_back": PUSH_BACK,
+            "push_back": push_back,
         },
     )
     response = c.struct(

@@ -121,7 +121,9 @@ class AttachedLoads(
 
     def without_gradient(self) -> str:
         # Its accelerations are numbers of loads, which it does not derive.
-        return self._name if self._masses else ""
+        if not self._masses:
+            return ""
+        return f"'{self._name}' acts on masses that are attached to its body; leave them out of the scene"
 
     def supplied(self) -> float:
         ends = zip(self._forces(), self._X0, self._vectors(self._system.q1), strict=True)

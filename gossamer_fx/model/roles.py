@@ -342,7 +342,7 @@ class GradientLimits(Protocol):
 
     @abstractmethod
     def without_gradient(self) -> str:
-        """Name of a term that has no gradient; empty if all have."""
+        """In words, which term has no gradient, why, and what to do; empty if all have one."""
         ...
 
 
@@ -352,6 +352,31 @@ class Reversible:
     The derivative of these forces with respect to the start of a step is then the tangent of the
     reversed step.
     """
+
+
+@runtime_checkable
+class ExchangesEnds(Protocol):
+    """Has an active set that stays when the ends of a step change places; see `Reversible`."""
+
+    @abstractmethod
+    def exchange_ends(self) -> None:
+        """Take q0 and the time of the system as the start of the reversed step, with the same pairs."""
+        ...
+
+
+@runtime_checkable
+class StepHistory(Protocol):
+    """Has history variables that a tape of steps saves on each rank, without communication."""
+
+    @abstractmethod
+    def save_history(self) -> Any:
+        """The history variables of the accepted state, as an object that does not change."""
+        ...
+
+    @abstractmethod
+    def load_history(self, saved: Any) -> None:
+        """Restore what `save_history` returned; coordinates and velocities have been restored."""
+        ...
 
 
 class IndependentOfShape:

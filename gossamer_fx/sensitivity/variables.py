@@ -164,13 +164,18 @@ class FormVariable(Variable):
     def add_residual(self, μ: PETSc.Vec, with_inertia: bool) -> None:
         for derivative in self._forces:
             self.sum -= derivative.assemble()
-        if not with_inertia:
-            return
+        if with_inertia:
+            self.sum -= self.inertia_derivative()
+
+    def inertia_derivative(self) -> Array:
+        """∂(μ·M z)/∂θ (k,) of the vectors that the adjoint fields have; compiled at the first use."""
         if self._inertia is None:
             masses = self._adjoint.inertia_forms()
             self._inertia = [FormDerivative(masses, one) for one in self.coefficients]
+        found = np.zeros(len(self.sum))
         for derivative in self._inertia:
-            self.sum -= derivative.assemble()
+            found += derivative.assemble()
+        return found
 
     def function(self, values: Array) -> fem.Function | None:
         first = self.coefficients[0]
@@ -292,17 +297,15 @@ def refuse_unknown_kinds(system: System) -> None:
             kind,
             roles.ResidualForms | roles.PointParameters | roles.Mass | roles.WithoutParameters,
         )
-        culprit = ""
+        words = ""
         if not is_known:
-            culprit = _brought_by(system, kind)
+            words = (
+                f"'{_brought_by(system, kind)}' has no gradient, as the derivatives of its forces by parameters are not "
+                "known; leave it out of the scene"
+            )
         elif isinstance(kind, roles.GradientLimits):
-            culprit = kind.without_gradient()
-        check_on_all(
-            system.comm,
-            not culprit,
-            f"gradient: '{culprit}' has no gradient, as its forces depend on more than coordinates and parameters of "
-            "the step; leave it out of the scene.",
-        )
+            words = kind.without_gradient()
+        check_on_all(system.comm, not words, f"gradient: {words}.")
 
 
 def _brought_by(system: System, kind: object) -> str:

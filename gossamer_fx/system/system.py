@@ -6,7 +6,7 @@ The system knows the roles that terms play (`model.roles`), but no kind of term 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Never, cast
 
 import numpy as np
@@ -70,6 +70,7 @@ class System:
         h: length of the step [s].
         geometric: share of the geometric stiffness in tangents, 0 or 1.
         supplied_energy: since the start [J], this rank's share.
+        recorders: called after each accepted step.
         losses: dissipated energies since the start [J] by name, this rank's share.
     """
 
@@ -81,6 +82,7 @@ class System:
         self._parts = parts
         self.terms: list[Term] = [term for part in parts for term in part.terms]
         self.scalar_unknowns: list[ScalarUnknowns] = []
+        self.recorders: list[Callable[[], None]] = []
         self.time = 0.0
         self.h = 1.0
         self.geometric = 1.0
@@ -213,7 +215,31 @@ class System:
             self.K.assemble()
             # No step has an infinite c, so that the base is built at the next tangent.
             self._base_inertia = math.inf
+        self.restart()
+
+    def reverse_step(self, start: Array, rates: Array, t: float, end: Array) -> None:
+        """Turn the present step round, of length h: it is to go from `start` at t to `end`, of length -h.
+
+        Kinds with active sets keep their pairs (`roles.ExchangesEnds`); the others take the start as if
+        it had been accepted.
+        """
+        self.time = t
+        self.v0.array[:] = rates
+        self.q0.array[:] = start
+        self.h = -self.h
         self.set_end(self.q0)
+        for field in self.fields.values():
+            field.q0.x.array[:] = field.q1.x.array
+        for observer in self._state_observers:
+            if not isinstance(observer, roles.ExchangesEnds):
+                observer.commit()
+        for kind in roles.playing(roles.ExchangesEnds, self.compiled):
+            kind.exchange_ends()
+        for observer in self._step_observers:
+            observer.begin_step(t + self.rule.alpha * self.h)
+        end_vector = self._scratch
+        end_vector.array[:] = end
+        self.set_end(end_vector)
 
     def _build_matrices(self) -> None:
         """Mass matrix M, constant stiffness K if there is one, and tangent A, with one pattern.
@@ -416,6 +442,20 @@ class System:
             self.v0.array[self.constraints.owned] = 0
         self._commit()
         self.time += self.h
+        for recorder in self.recorders:
+            recorder()
+
+    def restore(self, q: Array, v: Array, t: float) -> None:
+        """Take an earlier accepted state, of this rank's coordinates and velocities, without booking.
+
+        Kinds with history variables need theirs, too (`roles.StepHistory`).
+        """
+        self.time = t
+        self.v0.array[:] = v
+        self.q0.array[:] = q
+        self.q0.copy(self.previous)
+        self.set_end(self.q0)
+        self._commit()
 
     def _commit(self) -> None:
         """q1 and its strains are the start of the next step."""

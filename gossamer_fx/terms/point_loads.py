@@ -139,7 +139,10 @@ class PointLoads(
         return np.zeros(3 * len(term.ports))
 
     def without_gradient(self) -> str:
-        return next((term.name for term in self._terms if not _is_of_position(term.law)), "")
+        for term in self._terms:
+            if not _is_of_position(term.law):
+                return f"'{term.name}' depends on more than positions and time; leave it out of the scene"
+        return ""
 
     def supplied(self) -> float:
         total = 0.0

@@ -47,7 +47,7 @@ class QuadraticEnergies(
         for term in self._terms:
             if term.body is body:
                 at = self._system.fields[term.body]
-                found.append(term.form(at.q1, at.q1) / 2)
+                found.append(0.5 * term.form(at.q1, at.q1))
         return found
 
     def energies(self) -> dict[str, float]:

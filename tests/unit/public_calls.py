@@ -24,7 +24,10 @@ Call = dict[str, Any]
 UNCALLED = {
     "orbit.MagneticDipole",  # needs ERFA
     "steppers.EndPoint",
+    "analysis.Derivative",
+    "analysis.Tape",
     "analysis.EquilibriumResult",
+    "analysis.Gradient",
     "InputError",
     "run.Interrupted",
     "Mesh",
@@ -523,6 +526,11 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "ground_frame": {"point": z},
         "run.latest_checkpoint": {"folder": folder},
         "run.log_to": {"comm": WORLD, "file": folder / "log.txt", "quiet": False},
+        "analysis.gradient": {
+            "source": inputs.equilibrium,
+            "of": gx.analysis.Energy(),
+            "by": [f"{inputs.film.name}.E"],
+        },
         "analysis.modes": {
             "equilibrium": inputs.equilibrium,
             "count": 1,
