@@ -26,6 +26,11 @@ class Derivative:
         function: the same as a function on the mesh, which can be drawn; None for numbers.  Its values
             are derivatives with respect to single entries, so that they are the smaller, the finer the
             mesh is.
+
+    Example:
+        >>> stiffness = gx.analysis.Derivative("spring.stiffness", "m²/N", np.array([-1e-3]), None)
+        >>> stiffness.along(10.0)
+        -0.01
     """
 
     name: str
@@ -60,6 +65,12 @@ class Gradient:
         derivatives: in the order in which they were asked for.
         growth: of a run: by how much the adjoint grew from the end to the start, as a factor; None for
             an equilibrium.  See `gx.analysis.gradient`.
+
+    Example:
+        >>> stiffness = gx.analysis.Derivative("spring.stiffness", "m²/N", np.array([-1e-3]), None)
+        >>> gradient = gx.analysis.Gradient(0.1, "m", (stiffness,))
+        >>> gradient["spring.stiffness"].unit
+        'm²/N'
     """
 
     value: float
