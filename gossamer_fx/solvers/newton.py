@@ -38,7 +38,7 @@ round-off floor: no iteration can reduce r below it.  In scenes with contact, F_
 stops all motion within the step; R is at most the larger one of F_stop and of the force of loads and
 supports, which contact carries when nothing moves.  A residual that no longer falls, by a
 factor of `STAGNATION_RATIO` from one iterate to the next, counts as solved up to `STAGNATION_FACTOR`
-times the round-off floor.  While it falls, the work of the residual in the step, which is the error of the
+times the round-off floor, or, with contact and (5), `CONTACT_STAGNATION_FACTOR` times.  While it falls, the work of the residual in the step, which is the error of the
 total energy, must also be small:
 
     |r·(q1 - q0)| <= energy tolerance × largest energy so far                                 (5)
@@ -101,6 +101,10 @@ CONTACT_FLOOR_RATIO = 1e-12
 # below STAGNATION_FACTOR times the round-off floor.  The floor is an estimate, hence a margin of four.
 STAGNATION_RATIO = 0.5
 STAGNATION_FACTOR = 4.0
+
+# With contact the margin is wider, provided that the residual passes (5): a gap is the difference of two
+# squared distances, so that friction and steep barriers have ten times the round-off of their stiffness.
+CONTACT_STAGNATION_FACTOR = 32.0
 
 
 def _weak_method[**P, T](method: Callable[P, T]) -> Callable[P, T]:
@@ -504,6 +508,9 @@ class Newton:
             stagnates or residual <= self._round_off_floor or self._energy_error_is_small()
         )
         is_balanced = is_small or (stagnates and residual <= self.round_off)
+        if self.system.active_sets and stagnates and not is_balanced:
+            contact_round_off = CONTACT_STAGNATION_FACTOR * self._round_off_floor
+            is_balanced = residual <= contact_round_off and self._energy_error_is_small()
         satisfies_constraints = self._violation <= self.tolerances.constraint
         satisfies_scalars = bool((abs(self._s) <= self.tolerances.scalars).all())
         return is_balanced and satisfies_constraints and satisfies_scalars
