@@ -1,6 +1,6 @@
 """What an own part, load, law, probe, output or chamber is made of: the promised interface for extensions.
 
-Names of this module keep their meaning from one minor version to the next; everything else below
+Names of this module do not change their meaning from one minor version to the next; everything else below
 the rooms of the package may move.  The orbit room is written against this module and other public
 names only, as the proof that it suffices.
 

@@ -74,6 +74,7 @@ from .probes.run import Run as Run
 from .terms.assembly import Assembly as Assembly
 from .terms.assembly import CompiledConstraints as CompiledConstraints
 from .terms.assembly import CompiledTerms as CompiledTerms
+from .terms.assembly import Compiler as Compiler
 from .terms.coordinates import Coordinates as Coordinates
 from .terms.discrete_gradient import StressRule as StressRule
 from .terms.element_energies import StoredEnergy as StoredEnergy

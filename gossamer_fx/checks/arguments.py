@@ -3,7 +3,7 @@
 `check_arguments` is put on a class or function where it is defined, so that the check is the same by
 every import path and comes before the function does anything.  It refuses, in one sentence, arguments
 that are missing or unknown, and values of another type, infinite numbers and NaN included, and numbers so
-large or small that their powers are no numbers.  What values mean is checked by those who take them.
+large or small that their powers overflow.  What values mean is checked by those who take them.
 
 Annotations are read as a user of NumPy reads them: an integer is a float, a NumPy number a number,
 a list or an array is a tuple.  Type checkers such as beartype refuse these, and take 130 ms to
@@ -59,6 +59,7 @@ _DESCRIPTIONS = {
     "Event": "an At or a When",
     "Motion": "a recording of shapes, e.g. Snapshots",
     "FilmLaw": "a law of films, e.g. Miyazaki",
+    "IsotropicFilm": "a law of isotropic films, e.g. Miyazaki",
     "Obstacle": "an obstacle, e.g. a Plane",
     "Assembly": "the system of an Equilibrium or a Simulation, or scene.compile()",
     "Enclosure": "a Piston",
@@ -165,7 +166,10 @@ def _labelled(parameter: inspect.Parameter, value: Any) -> list[tuple[str, Any]]
 
 
 def _wrong_call(
-    signature: inspect.Signature, args: tuple[Any, ...], kwargs: dict[str, Any], error: TypeError
+    signature: inspect.Signature,
+    args: tuple[Any, ...],
+    kwargs: dict[str, Any],
+    error: TypeError,
 ) -> str:
     """Why arguments do not fit a signature."""
     parameters = [p for p in signature.parameters.values() if p.name != "self"]
@@ -262,16 +266,20 @@ def kind_of(hint: Any) -> Kind | None:
     Raises:
         TypeError: a type that cannot be tested, e.g. a protocol that is not `runtime_checkable`.
     """
-    if isinstance(hint, typing.TypeAliasType):
-        return kind_of(hint.__value__)
     if hint is Any or hint is object or isinstance(hint, TypeVar):
         return None
+    # Before other aliases: newer versions of NumPy define it as an alias of a union of protocols, which says
+    # less than "numbers".
     if hint is npt.ArrayLike:
         return Kind(_is_numeric, "numbers")
+    if isinstance(hint, typing.TypeAliasType):
+        return kind_of(hint.__value__)
     if hint in _SIMPLE:
         return _SIMPLE[hint]
     origin = get_origin(hint)
     arguments = get_args(hint)
+    if isinstance(origin, typing.TypeAliasType):  # e.g. NDArray[int32] of newer versions of NumPy
+        return kind_of(origin.__value__[arguments])
     if origin is Annotated:
         return _annotated(arguments[0], arguments[1:])
     if origin in (Union, types.UnionType):
@@ -426,7 +434,7 @@ def _range(value: Any) -> str:
     """The sizes that numbers may have, for a message about a value that has another one; else nothing."""
     numbers = real_numbers(value)
     if isinstance(value, bool) or numbers is None or not np.isfinite(numbers).all():
-        # A whole number beyond all floats is no array.
+        # A whole number beyond all floats cannot be an array.
         if not isinstance(value, Integral):
             return ""
     elif are_usual_sizes(numbers):

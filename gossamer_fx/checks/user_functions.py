@@ -54,7 +54,10 @@ def ask[T](comm: MPI.Intracomm, what: str, function: Callable[[], T]) -> T:
 
 
 def ask_numbers(
-    comm: MPI.Intracomm, what: str, function: Callable[[], Any], shape: tuple[int, ...] = ()
+    comm: MPI.Intracomm,
+    what: str,
+    function: Callable[[], Any],
+    shape: tuple[int, ...] = (),
 ) -> Numbers:
     """Call a function of the user that returns finite numbers, the same on all ranks.  Collective.
 
@@ -74,7 +77,10 @@ def ask_numbers(
 
 
 def ask_points(
-    comm: MPI.Intracomm, what: str, function: Callable[[], Any], shape: tuple[int, ...]
+    comm: MPI.Intracomm,
+    what: str,
+    function: Callable[[], Any],
+    shape: tuple[int, ...],
 ) -> Numbers:
     """Call a function of the user that returns vectors (3, n) at this rank's points.  Collective.
 
@@ -135,7 +141,11 @@ def _shown(value: Any) -> str:
 
 
 def _agree(
-    comm: MPI.Intracomm, what: str, problem: str, cause: Exception | None, values: Numbers
+    comm: MPI.Intracomm,
+    what: str,
+    problem: str,
+    cause: Exception | None,
+    values: Numbers,
 ) -> Numbers:
     """Return the values if no rank has a problem and the values of all ranks are the same.
     Collective.

@@ -68,7 +68,7 @@ class Contact:
         >>> import gossamer_fx as gx
         >>> from mpi4py import MPI
         >>> from gossamer_fx.presets.films import KAPTON_HN
-        >>> from meshes.sheet import sheet
+        >>> from gossamer_fx.meshes.sheet import sheet
         >>> film = gx.Membrane(sheet(MPI.COMM_WORLD, 2, 2, 0.1, 0.1), KAPTON_HN.law(25e-6))
         >>> floor = gx.contact.Plane(point=(0.0, 0.0, -0.01), normal=(0.0, 0.0, 1.0))
         >>> scene = gx.Scene(gx.Contact(film, floor, distance=1e-3, friction=0.3))

@@ -37,6 +37,7 @@ from gossamer_fx.contact.narrow_phase.closest_points import PairDistances
 from gossamer_fx.contact.narrow_phase.initial_check import (
     refuse_coincident,
     refuse_intersections,
+    refuse_points_inside,
 )
 from gossamer_fx.contact.narrow_phase.large_turns import LargeTurns
 from gossamer_fx.contact.pair_stiffness import PairStiffness
@@ -141,6 +142,7 @@ class ContactSet:
         system = self._system
         x = self.points.at(system.q0, system.time)
         refuse_intersections(self.mesh, x, self._comm)
+        refuse_points_inside(self.mesh, x)
         self.search.find_at_rest(x, system.time)
         gap = PairDistances.of(self.candidates, x).gap
         nearest = nearest_gaps(self.candidates, gap, self.points.count, self._comm)
@@ -158,7 +160,7 @@ class ContactSet:
         self._start_time = time
         if not len(history.activation_distance):
             self.set_initial_state()
-        # A state that was restored since then has a history of its own.
+        # A state that was restored since then has a separate history.
         if self.pairs is not None and history.restored == self._restored:
             parameters = self._known_parameters(self.pairs)
             self._energy, scaled = energy_of_pairs(self.pairs, self.x0, self.law, parameters)
@@ -270,7 +272,7 @@ class ContactSet:
         """Let the candidates of a mask (n,) take part in the step."""
         squared_distance, parameters = self._start.closest_points(active)
         pairs = self._activated(active)
-        # Pairs that have energy keep their stiffness: with another one energy would appear.
+        # The stiffness of pairs that have energy is constant: with another one energy would appear.
         has_energy, stiffness = self.history.stiffness_of(pairs.identifier)
         chosen = self._stiffness.choose(
             self.candidates.rows(active),

@@ -85,7 +85,7 @@ class Obstacle:
             check_friction(owner, self.friction)
         check(
             self.body is None or self.motion is None,
-            f"{owner}: a part of a rigid body has no motion of its own; leave out one of 'body' and 'motion'.",
+            f"{owner}: a part of a rigid body moves with that body; leave out one of 'body' and 'motion'.",
         )
         for attribute in ("point", "normal", "centre", "start", "end", "sizes"):
             value = getattr(self, attribute, (0.0, 0.0, 0.0))

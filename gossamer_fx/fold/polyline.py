@@ -35,13 +35,13 @@ class Bent:
 
     @cached_property
     def _knots(self) -> tuple[Array, Array, Array]:
-        """Places x (m + 1,) on the straight line where pieces begin, there (m + 1, 2), and tangents (m + 1, 2)."""
+        """Coordinates x (m + 1,) on the straight line where pieces begin, there (m + 1, 2), and tangents (m + 1, 2)."""
         t = np.stack([np.cos(self.rise), np.sin(self.rise)], axis=1)
         x = np.concatenate([[0.0], self.corners])
         return x, np.vstack([[0.0, 0.0], np.cumsum(np.diff(x)[:, None] * t[:-1], axis=0)]), t
 
     def at(self, x: Array) -> tuple[Array, Array]:
-        """Places (n, 2) of points x (n,) of the straight line, and unit normals; at corners the mean of both."""
+        """Positions (n, 2) of points x (n,) of the straight line, and unit normals; at corners the mean of both."""
         begin, there, t = self._knots
         tiny = SAME * max(float(np.abs(begin).max()), float(np.abs(x).max(initial=0.0)))
         i = np.clip(np.searchsorted(begin, x + tiny, side="right") - 1, 0, len(t) - 1)
@@ -69,6 +69,9 @@ class Strip(FoldMap):
         p, normal = self.bent.at(X[:, 0])
         p = p + (side * self.thickness(X))[:, None] * normal
         return np.stack([p[:, 0], X[:, 1], p[:, 1] + side * self.shift(X)], axis=1)
+
+    def film_sizes(self) -> tuple[float, ...]:
+        return (self.length,)
 
     def thickness(self, X: Array) -> Array:
         """Half of the distance (n,) [m] of the sheets."""

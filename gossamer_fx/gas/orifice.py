@@ -28,7 +28,11 @@ MIN_LAMINAR = 1e-12
 
 
 def isentropic_flow(
-    gas: IdealGas, pu: complex, Tu: complex, pd: complex, laminar: float
+    gas: IdealGas,
+    pu: complex,
+    Tu: complex,
+    pd: complex,
+    laminar: float,
 ) -> complex:
     """Mass flow per effective area [kg/(s m²)] of an isentropic nozzle, from pu and Tu to pd ≤ pu.
 
@@ -163,7 +167,11 @@ class Orifice:
         return opening
 
     def flow(
-        self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]
+        self,
+        gas: IdealGas,
+        area: float,
+        p: tuple[complex, complex],
+        T: tuple[complex, complex],
     ) -> complex:
         """Mass flow [kg/s] from a to b.
 

@@ -96,7 +96,13 @@ class EqualSteps:
         InputError: halvings is negative.
     """
 
-    def __init__(self, system: System, solver: StepSolver, dt: float, halvings: int) -> None:
+    def __init__(
+        self,
+        system: System,
+        solver: StepSolver,
+        dt: float,
+        halvings: int,
+    ) -> None:
         check(
             halvings >= 0,
             f"halvings is {halvings!r}; give the number of times that a step may be halved, or zero.",

@@ -5,7 +5,9 @@ The system knows the roles that terms play (`model.roles`), but no kind of term 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from typing import Never, cast
 
 import numpy as np
 from dolfinx import fem
@@ -21,7 +23,7 @@ from gossamer_fx.model.terms import Term
 from gossamer_fx.system.increment import Increment
 from gossamer_fx.system.tangent import Tangent
 from gossamer_fx.system.totals import Totals
-from gossamer_fx.terms.assembly import CompiledConstraints, CompiledTerms, Part
+from gossamer_fx.terms.assembly import CompiledConstraints, Compiler, Part
 from gossamer_fx.terms.coordinates import Coordinates
 from gossamer_fx.terms.discrete_gradient import StressRule
 from gossamer_fx.terms.scalar_unknowns import ScalarUnknowns
@@ -84,7 +86,7 @@ class System:
         self.geometric = 1.0
         self.supplied_energy = 0.0
 
-        kinds: dict[type[CompiledTerms], list[Term]] = {}
+        kinds: dict[Compiler, list[Term]] = {}
         for term in self.terms:
             kinds.setdefault(term.compiler, []).append(term)
         multipliers = [
@@ -112,7 +114,8 @@ class System:
         supports = [term for term in kinds.pop(Supports, []) if isinstance(term, Support)]
         self.supports = Supports(supports, self)
         self.increment = Increment(numbering, self.supports)
-        self.compiled = [kind(alike, self) for kind, alike in kinds.items()]
+        # The terms of a kind are those that name it as their compiler, which the type of `kinds` cannot say.
+        self.compiled = [kind(cast("list[Never]", alike), self) for kind, alike in kinds.items()]
         self._sort_by_role()
         self.losses = {name: 0.0 for kind in self._dissipating for name in kind.losses}
 
@@ -153,6 +156,11 @@ class System:
 
     # ---- look-ups ------------------------------------------------------------------------------------
 
+    @property
+    def items(self) -> list[object]:
+        """The items of the scene that bring terms."""
+        return [part.item for part in self._parts]
+
     def block(self, body: Body) -> NumberedBlock:
         """The unknowns of a body in the numbering of the system."""
         return self._block_of[body]
@@ -187,6 +195,25 @@ class System:
         for q in (self.previous, self.q0):
             self.set_end(q)
             self._commit()
+
+    def parameters_changed(self) -> None:
+        """Assemble again what depends on coefficients of forms: masses, constant stiffness and loads."""
+        for kind in self.compiled:
+            if isinstance(kind, roles.ResidualForms):
+                kind.parameters_changed()
+        self.M.zeroEntries()
+        for mass in self._masses:
+            mass.add_mass(self.M)
+        self.M.assemble()
+        self.increment.mass_changed()
+        if self.K is not None:
+            self.K.zeroEntries()
+            for stiffness in self._stiffnesses:
+                stiffness.add_stiffness(self.K)
+            self.K.assemble()
+            # No step has an infinite c, so that the base is built at the next tangent.
+            self._base_inertia = math.inf
+        self.set_end(self.q0)
 
     def _build_matrices(self) -> None:
         """Mass matrix M, constant stiffness K if there is one, and tangent A, with one pattern.
@@ -299,6 +326,20 @@ class System:
         self.supports.take(r)
         return np.concatenate([np.zeros(0), *s])
 
+    def stored_forces(self) -> PETSc.Vec:
+        """Derivatives ψ'(q0) [N] of all stored energies of bodies in the accepted state.
+
+        They are the forces of a step that goes nowhere.  The step that the terms know is set to q0.
+        """
+        out = self.numbering.vector()
+        self.set_end(self.q0)
+        if self.K is not None:
+            self.K.mult(self.q0, out)
+        for kind in self._forces:
+            if isinstance(kind, roles.StoredEnergies) and not isinstance(kind, roles.ExternalLoads):
+                kind.add_forces(out)
+        return out
+
     def external_forces(self) -> PETSc.Vec:
         """Forces [N] of loads, scalar unknowns and supports at the last residual."""
         out = self.numbering.vector()
@@ -358,7 +399,7 @@ class System:
         return columns, rows, corner
 
     def commit(self, v1: PETSc.Vec) -> None:
-        """Accept the step: q1 and v1 are the state now, and its works and losses are booked."""
+        """Accept the step: q1 and v1 are the state now, and its works and losses are added to the totals."""
         change = self.q1.array_r - self.q0.array_r
         self.supplied_energy += self.supports.work(change)
         self.supplied_energy += sum(kind.supplied() for kind in self._supplying)
@@ -438,6 +479,10 @@ class System:
         The diagonal is that of the tangent.
         """
         return self.increment.force_scale(self.M, diagonal, self.q1)
+
+    def round_off_energy(self, diagonal: PETSc.Vec) -> float:
+        """Energy [J] that round-off gives to a scene at rest; the diagonal is that of the tangent."""
+        return self.increment.round_off_energy(self.M, diagonal, self.q1)
 
     def imbalance(self, r: PETSc.Vec) -> tuple[float, float]:
         """Norm of the forces in r [N], and the largest violation of a constraint."""

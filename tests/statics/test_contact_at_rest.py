@@ -9,7 +9,7 @@ from mpi4py import MPI
 from scipy.optimize import brentq
 
 import gossamer_fx as gx
-from meshes.tube_section import cylinder
+from gossamer_fx.meshes.tube_section import cylinder
 from tests.contact.scenes import SIGMA, film
 
 DISTANCE = 1e-3

@@ -1,4 +1,4 @@
-"""Extreme cases: each ends well or with its reason, never with a wrong answer."""
+"""Extreme cases: each run ends with small errors of its balances, or with the reason of its failure."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Every argument of every public class is replaced by hostile values, and what is made is run.
 
 A call or a run may take a value, or refuse it in one sentence; it never ends in a traceback, and it never
-takes what is no real number.  The default test takes some of the values; all of them, about four minutes:
+accepts a value that is not a real number.  The default test takes some of the values; all of them, about four minutes:
 
     ./gossamer python -m pytest -m slow -s tests/unit/test_hostile_arguments.py
 """
@@ -36,7 +36,7 @@ REFUSED = (gx.InputError, gx.StepFailure, gx.NoEquilibrium, gx.OutputFailure)
 # Longest sentence [characters] that refuses a value.
 LONGEST_SENTENCE = 600
 
-# Words are good names, and what is compared with others has tests of its own.
+# Words are good names, and values that are compared with others have separate tests.
 NOT_REPLACED = ("name", "title", "comm", "path", "folder")
 
 # These act on scenes or recordings that they are given, for minutes.
@@ -47,7 +47,7 @@ def fail(*given: Any) -> Any:
     raise ZeroDivisionError("of the user")
 
 
-# Values that are no real numbers, and functions that do not return any: nobody may take them for numbers.
+# Values that are not real numbers, and functions that do not return any: none may be accepted as numbers.
 NOT_REAL: dict[str, Any] = {
     "nan": math.nan,
     "complex": 1j,
@@ -150,7 +150,7 @@ def run(made: Any) -> None:
     try:
         scene = gx.Scene(*items, *others)
     except gx.InputError as error:
-        if "is no item" in str(error) or "is not an item" in str(error):
+        if "is not an item" in str(error):
             return
         raise
     simulation = gx.Simulation(scene, gx.Midpoint(dt=1e-4), events=events, halvings=1)

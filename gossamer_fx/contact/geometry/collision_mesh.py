@@ -157,7 +157,11 @@ class CollisionMesh:
         return start
 
     def _add_solid(
-        self, solid: ObstacleSolid, edge_area: float, start: int, found: _Primitives
+        self,
+        solid: ObstacleSolid,
+        edge_area: float,
+        start: int,
+        found: _Primitives,
     ) -> int:
         """Add a solid whose points begin at `start`; return where they end."""
         end = start + len(solid.corners)

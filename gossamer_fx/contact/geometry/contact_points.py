@@ -231,7 +231,7 @@ class ContactPoints:
             for p in range(4):
                 weight = self.weights.data[entry[:, p]]
                 weights[:, p, p, j] = np.where(exists[:, p], weight, 0.0)
-        # The first point may be one of an obstacle, whose number is no block row: a node of the pair is.
+        # The first point may be one of an obstacle, whose number is not a block row: a node of the pair is.
         is_node = points[:, 0] < self.body_count
         node = np.where(is_node, points[:, 0], points.min(axis=1))
         is_used = weights.any(axis=1)

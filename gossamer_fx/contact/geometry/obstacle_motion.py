@@ -13,7 +13,7 @@ from gossamer_fx.contact.arrays import Array
 PrescribedMotion = Callable[[float], Sequence[float]]
 
 # Parts of a step at which the motion is asked for.  Multiples of the golden ratio, less whole numbers, are
-# spread evenly and are no multiples of each other, so that a motion of a short period does not hide between
+# spread evenly and are not multiples of each other, so that a motion of a short period does not hide between
 # them.
 GOLDEN_RATIO = (1 + 5**0.5) / 2
 SAMPLES = np.modf(GOLDEN_RATIO * np.arange(1, 9))[0]
@@ -65,7 +65,7 @@ class ObstacleMotion:
         start = self.at(time)
         way = self.at(time + step) - start
         deviations = [
-            np.linalg.norm(self.at(time + float(part) * step) - (start + part * way))
+            float(np.linalg.norm(self.at(time + float(part) * step) - (start + part * way)))
             for part in SAMPLES
         ]
-        return float(max(deviations))
+        return max(deviations)

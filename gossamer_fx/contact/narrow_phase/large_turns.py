@@ -1,4 +1,4 @@
-"""Bodies that turn so far in a step that straight lines are no picture of their motion.
+"""Bodies that turn so far in a step that straight lines do not approximate their motion.
 
 Collision detection lets points move on straight lines from the start to the end of a step.  A film that
 turns by θ about its middle is shorter by the factor cos(θ/2) on the way, so that with a large angle it

@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.line import line
+from gossamer_fx.meshes.line import line
 
 RADIUS = 0.05
 WRAP = math.radians(120)
