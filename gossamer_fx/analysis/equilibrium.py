@@ -271,6 +271,8 @@ class Equilibrium:
         self._cuts = 0
         self.result = None
         self.system.q0.copy(self._start)
+        if self.system.active_sets:
+            self._announce_load(at)
         self._continue(at)
         self._warn_of_lost_loads()
         free, is_regular = self._assess(at)
@@ -413,6 +415,24 @@ class Equilibrium:
                     f"unbalanced force is {residual:.1e} of the load, pseudo-step {h:.1e} s, largest in "
                     f"{self.system.locate(self._residual)}; last failure: {reason}."
                 )
+
+    def _announce_load(self, at: float) -> None:
+        """Tell contact the norm of the loads of time `at` [s], which it may have to carry."""
+        system = self.system
+        duration = self.search.first_step
+        system.time = at - duration
+        y = system.begin_step(duration)
+        system.time = at
+        system.set_inertia(0.0)
+        system.set_end(system.q0)
+        system.residual(y, self._residual)
+        # Supports are left out: their reactions are those of the first guess.
+        external = system.external_forces()
+        with external as values:
+            values[system.supports.held] = 0.0
+        load, _ = system.imbalance(external)
+        for active_set in system.active_sets:
+            active_set.set_static_load(load)
 
     def _step(self, h: float, at: float, tolerances: Tolerances) -> int:
         """Make one pseudo-step (1) of length h [s], under the loads of time `at` [s].

@@ -9,7 +9,7 @@ import pytest
 
 import gossamer_fx as gx
 from gossamer_fx.materials.film import WRINKLED
-from meshes.sheet import EDGES, sheet
+from gossamer_fx.meshes.sheet import EDGES, sheet
 
 E1, E2, NU12, G12 = 4e9, 1e9, 0.3, 0.4e9
 THICKNESS = 1e-4

@@ -15,9 +15,9 @@ import gossamer_fx as gx
 from gossamer_fx.gas.parts import label_parts
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.mesh.quality import folded_in_plane
-from meshes.arrays import mesh_of_arrays
-from meshes.sheet import sheet
-from meshes.tube import flat_tube
+from gossamer_fx.meshes.arrays import mesh_of_arrays
+from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.tube import flat_tube
 
 LAW = gx.Linear(2.5e9, 0.34, density=1420.0, thickness=25e-6)
 DISTANCE = 1e-3
