@@ -12,10 +12,11 @@ from dolfinx.mesh import meshtags
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.bodies.meshed import PointFunction, Property
-from gossamer_fx.bodies.properties import cellwise, real_numbers
+from gossamer_fx.bodies.properties import cellwise
 from gossamer_fx.bodies.triple_products import TripleProductEnergy
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_on_all
+from gossamer_fx.checks.real_numbers import real_numbers
 from gossamer_fx.forms.bending import DEGREE, EDGE_DEGREE, PENALTY, Bending, curvature, moment
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr
@@ -59,7 +60,8 @@ class Plate(Membrane):
         name: name in messages and output.
 
     Raises:
-        InputError: a mesh that is curved, a group that is no line of interior edges, a rest curvature out of the plane.
+        InputError: a mesh that is curved, a group that is not a line of interior edges, a rest
+            curvature out of the plane.
 
     Example:
         >>> law = gx.Linear(70e9, 0.3, density=2700.0, thickness=1e-3)
@@ -199,6 +201,8 @@ class Plate(Membrane):
         what = f"Plate '{self.name}': its rest_curvature"
         if not callable(given) and not isinstance(given, Mapping):
             tensor = real_numbers(given)
+            if tensor is None:
+                tensor = np.zeros(0)
             check(
                 tensor.shape == (3, 3),
                 f"{what} is not an array (3, 3) of real numbers; give a tensor in 1/m, a function of the "
@@ -218,7 +222,7 @@ class Plate(Membrane):
                 np.abs(values - values.transpose(0, 2, 1)).max(initial=0.0) <= size
                 and out_of_plane <= size
             ),
-            f"{what} is no symmetric tensor in the plane of the mesh; give κ e⊗e with e in that plane.",
+            f"{what} is not a symmetric tensor in the plane of the mesh; give κ e⊗e with e in that plane.",
         )
         return ufl.dot(self._frame.T, ufl.dot(H, self._frame))
 
@@ -233,11 +237,16 @@ class _Uniform:
         return np.repeat(self._tensor[..., None], points.shape[1], axis=-1)
 
 
-def interior_edges(plate: Membrane, table: EdgeTable, group: str, what: str) -> Indices:
+def interior_edges(
+    plate: Membrane,
+    table: EdgeTable,
+    group: str,
+    what: str,
+) -> Indices:
     """Local edges of a group, each between two cells.
 
     Raises:
-        InputError: it is no group of edges, or holds edges of the rim.
+        InputError: it is not a group of edges, or holds edges of the rim.
     """
     edges = plate.mesh.curve(group, f"'{plate.name}', {what}")
     check_on_all(

@@ -18,15 +18,22 @@ from typing import Any, cast
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.checks.real_numbers import real_numbers
+
 # Seconds for which a rank that could not write a file waits for the others: longer than a large file takes.
 WRITE_PATIENCE = 60.0
 
 
 class InputError(ValueError):
-    """A scene, mesh or option that cannot be computed; the message names the culprit and the
-    remedy.
+    """A scene, mesh or option that cannot be computed; the message names the culprit, the value and the remedy.
 
-    It is one line, also if a name in it has line breaks or other characters that cannot be shown.
+    The message is one line, also if a name in it has line breaks or other characters that cannot be shown.
+
+    Example:
+        >>> gx.PointMass(-1.0, comm=comm)
+        Traceback (most recent call last):
+            ...
+        gossamer_fx.checks.errors.InputError: ...
     """
 
     def __init__(self, message: str) -> None:
@@ -43,6 +50,13 @@ class StepFailure(RuntimeError):
     """A time step did not converge, also not in sub-steps.
 
     The message names the time, the step, the reason and the location.
+
+    Example:
+        >>> try:
+        ...     fall = gx.Simulation(gx.Scene(mass), gx.Midpoint(dt=0.1), halvings=3)
+        ...     fall.run(until=0.1)
+        ... except gx.StepFailure as failure:
+        ...     print(f"Take shorter steps: {failure}")
     """
 
 
@@ -50,11 +64,27 @@ class NoEquilibrium(RuntimeError):
     """The equilibrium of a static problem was not found.
 
     The message names the residual that was reached, the reason and the location.
+
+    Example:
+        >>> adrift = gx.Scene(mass, gx.Gravity(mass, (0.0, 0.0, -9.81)))
+        >>> try:
+        ...     gx.Equilibrium(adrift).find()
+        ... except gx.NoEquilibrium as failure:
+        ...     print(str(failure)[:14])
+        No equilibrium
     """
 
 
 class OutputFailure(RuntimeError):
-    """A file could not be written during a run; the message names it, the reason and the remedy."""
+    """A file could not be written during a run; the message names it, the reason and the remedy.
+
+    Example:
+        >>> try:
+        ...     fall = gx.Simulation(gx.Scene(mass), gx.Midpoint(dt=0.1))
+        ...     fall.run(until=0.1)
+        ... except gx.OutputFailure as failure:
+        ...     print(f"The disk is full: {failure}")
+    """
 
 
 def check(condition: bool, message: str) -> None:
@@ -78,7 +108,12 @@ def check_positive(item: Any, quantity: str, unit: str) -> None:
     require_positive(what, getattr(item, quantity), unit)
 
 
-def require_positive(what: str, value: float, unit: str, hint: str = "") -> None:
+def require_positive(
+    what: str,
+    value: float,
+    unit: str,
+    hint: str = "",
+) -> None:
     """Raise `InputError` unless a value is a finite, positive number.
 
     Args:
@@ -110,11 +145,8 @@ def is_vector(value: Any) -> bool:
     >>> is_vector((0, 0, 9.81)), is_vector([1.0, 2.0])
     (True, False)
     """
-    try:
-        numbers = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        return False
-    return numbers.shape == (3,) and bool(np.isfinite(numbers).all())
+    numbers = real_numbers(value)
+    return numbers is not None and numbers.shape == (3,) and bool(np.isfinite(numbers).all())
 
 
 def on_rank_zero[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T | None:

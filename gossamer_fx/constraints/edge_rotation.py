@@ -1,7 +1,7 @@
-"""Edges of plates that keep their slope, or turn as prescribed: clamped edges.
+"""Clamped edges: edges of plates whose slope is fixed or prescribed.
 
 The slope is held by Nitsche's method (`forms.bending`).  The energy of that is part of the plate's bending
-energy; the work of what turns the edge is booked as supplied.
+energy; the work of what turns the edge counts as supplied.
 """
 
 from __future__ import annotations

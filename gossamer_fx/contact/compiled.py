@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Protocol, cast
+from typing import Any, ClassVar, Protocol, cast
 
 import numpy as np
 from petsc4py import PETSc
@@ -24,15 +24,20 @@ from gossamer_fx.model.roles import (
     ActiveSet,
     Dissipation,
     Drawable,
+    ExchangesEnds,
     Forces,
+    GradientLimits,
     NodeFields,
+    Reversible,
     StateObserver,
     StepCheck,
+    StepHistory,
     StoredEnergies,
     Supply,
     Tangents,
+    WithoutParameters,
 )
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
 LOG = logging.getLogger("gossamer_fx")
 
@@ -60,7 +65,12 @@ class CompiledContacts(
     Dissipation,
     NodeFields,
     Drawable,
-    CompiledTerms,
+    WithoutParameters,
+    GradientLimits,
+    StepHistory,
+    ExchangesEnds,
+    Reversible,
+    CompiledTerms["ContactEnergy"],
 ):
     """All `ContactEnergy` terms of a scene; the roles of `model.roles` are shared out to contact sets.
 
@@ -127,6 +137,27 @@ class CompiledContacts(
             item.name: contact_set.stored_energy()
             for item, contact_set in self.contact_sets.items()
         }
+
+    # ---- sensitivities ---------------------------------------------------------------------------------
+
+    def without_gradient(self) -> str:
+        for item, contact_set in self.contact_sets.items():
+            if contact_set.friction is not None:
+                return f"'{item.name}' has friction, which has no gradient yet; set its friction to zero"
+            if not contact_set.has_given_stiffness:
+                return f"'{item.name}' derives its stiffness from the motion, which has no gradient; give it a stiffness"
+        return ""
+
+    def save_history(self) -> list[Any]:
+        return [contact_set.save_history() for contact_set in self.contact_sets.values()]
+
+    def load_history(self, saved: list[Any]) -> None:
+        for contact_set, of_set in zip(self.contact_sets.values(), saved, strict=True):
+            contact_set.load_history(of_set)
+
+    def exchange_ends(self) -> None:
+        for contact_set in self.contact_sets.values():
+            contact_set.exchange_ends()
 
     def node_values(self, field: str, body: Body) -> tuple[Int64Array, Array] | None:
         if field != "contact_pressure":
@@ -197,7 +228,7 @@ class ContactEnergy:
         law: of the energy.
         activation_distance: largest gap [m] at which pairs have energy.
         stiffness: K [N/m³]; None: derived from the closing speed.
-        friction: coefficient of bodies with each other, and with obstacles that have none of their own.
+        friction: coefficient of bodies with each other, and with obstacles without a coefficient.
         slip_velocity: speed [m/s] below which what sticks may creep.
         history: history variables.
     """
@@ -212,7 +243,7 @@ class ContactEnergy:
     friction: float = 0.0
     slip_velocity: float = 1e-3
     history: ContactHistory = field(default_factory=ContactHistory)
-    compiler: ClassVar[type[CompiledTerms]] = CompiledContacts
+    compiler: ClassVar[Compiler] = CompiledContacts
 
 
 def _contact_set(term: ContactEnergy, system: ContactAssembly) -> ContactSet:

@@ -213,7 +213,12 @@ def _kinked_edges(
     return inside[kinked], keys
 
 
-def _refuse_cut_triangles(folds: Map, mesh: Mesh, flat: Array, folded: Array) -> None:
+def _refuse_cut_triangles(
+    folds: Map,
+    mesh: Mesh,
+    flat: Array,
+    folded: Array,
+) -> None:
     """Check that no edge of a triangle changes its length.
 
     Args:
@@ -250,7 +255,12 @@ def _edge_lengths(corners: Array) -> Array:
     return lengths
 
 
-def _angles(x: Array, corners: Indices, cells: Indices, sides: Indices) -> Array:
+def _angles(
+    x: Array,
+    corners: Indices,
+    cells: Indices,
+    sides: Indices,
+) -> Array:
     """Signed fold angles (n,) [rad] of edges.
 
     Args:

@@ -161,7 +161,7 @@ class FilmEnclosure:
         signs = self.check_closed(cells, loops)
         # Each triangle is integrated by the rank that owns it.
         owned = cells[cells < self.film.mesh.domain.topology.index_map(2).size_local]
-        # Parts that a ring closes have no volume of their own.
+        # A part that a ring closes has no separate volume.
         if not loops:
             self._check_parts(cells, system)
         return _CompiledFilm(geometry.surface(self.film), Side(owned, loops, signs))
@@ -208,7 +208,7 @@ class FilmEnclosure:
             For each loop the sign, +1 or -1, with which its strips close the surface.
 
         Raises:
-            InputError: the surface has open edges, a ring is not on its border, or neighbouring
+            InputError: the surface has open edges, a ring is not on its boundary, or neighbouring
                 triangles have opposite normals.
         """
         comm = self.film.comm
@@ -225,8 +225,8 @@ class FilmEnclosure:
             found, film_direction = comm.allreduce(own_sums)
             check(
                 found == len(loop.vertices),
-                f"Chamber '{self.chamber}': its ring '{ring.edges}' is not a border of its surface; give the groups of "
-                "triangles on one side of it.",
+                f"Chamber '{self.chamber}': its ring '{ring.edges}' is not a boundary of its surface; "
+                "give the groups of triangles on one side of it.",
             )
             # The strips pass the edges of the ring against the film, as a neighbour triangle would.
             sign = -float(np.sign(film_direction))

@@ -54,18 +54,21 @@ _JSON_ESCAPES = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
 
 @check_arguments
 def write_report(run: RunReader, path: str | Path) -> None:
-    """Write the page.
+    """Write an HTML page about a run: a view to turn, pictures, curves and tables.
 
     Args:
-        run: what was recorded; it may come from a stranger.
-        path: `.html`.
+        run: a recorded run; it may come from a stranger.
+        path: of the file, ending in `.html`.
 
     Raises:
         InputError: nothing was recorded yet, or the path is a folder.
         OutputFailure: the file cannot be written.
 
     Example:
-        `gx.write_report(gx.plot.RunReader("out/run"), "out/run/report.html")`
+        >>> page = folder / "report.html"
+        >>> gx.write_report(recorded, page)
+        >>> "A fall" in page.read_text()
+        True
     """
     check(
         bool(run.table("ledger.csv")),

@@ -115,7 +115,7 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
     flat, slivers = comm.allreduce(counts).tolist()
     check(
         flat == 0,
-        f"'{body.name}' has {flat} {kind}{'s' * (flat > 1)} of no size, the nodes of which are in one place or on a "
+        f"'{body.name}' has {flat} {kind}{'s' * (flat > 1)} of no size, the nodes of which are at one point or on a "
         "line; mesh it again, or remove duplicate nodes.",
     )
     if not _EXTENT[0] <= size <= _EXTENT[1]:
@@ -204,7 +204,7 @@ def self_intersections(bodies: list[Body]) -> Iterator[str]:
         corners = _positions(body)[dofs]
         pierced = crossings(body.comm, corners, nodes.astype(np.int64))
         if pierced:
-            yield f"'{body.name}' pierces itself at the start in {pierced} triangles; nothing keeps them apart."
+            yield f"'{body.name}' penetrates itself at the start in {pierced} triangles; nothing keeps them apart."
 
 
 def _positions(body: MeshBody) -> Array:

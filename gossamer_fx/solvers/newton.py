@@ -9,7 +9,7 @@ The predicted increment p comes from the stepper.  A film switches between taut,
 that a plain Newton iteration cycles or diverges at steps of practical length.
 
 Idea.  The strains ε at the quadrature points are unknowns in addition to w, and are eliminated point
-by point (Magisano, Leonetti & Garcea, IJNME 109 (2017) 1237, doi:10.1002/nme.5328).  An iterate k has
+by point (Magisano, Leonetti & Garcea, IJNME 109 (2017) 1237).  An iterate k has
 the strain that is linear in the last update, not the true strain e(q1):
 
     ε_k = e(q_{k-1}) + De(q_{k-1}) (w_k - w_{k-1})                                            (3)
@@ -63,8 +63,8 @@ import gossamer_fx.solvers.factorisation as factorisation
 import gossamer_fx.solvers.linear as linear
 from gossamer_fx.algebra.numbering import PREFIX
 from gossamer_fx.checks.errors import check
+from gossamer_fx.checks.failures import Inadmissible, NotConverged
 from gossamer_fx.model.body import Array
-from gossamer_fx.solvers.failures import Inadmissible, NotConverged
 from gossamer_fx.solvers.tolerances import Tolerances
 from gossamer_fx.system.system import System
 
@@ -232,7 +232,7 @@ class Newton:
         return parts.matrix
 
     def _set_up_bordered(self) -> PETSc.Mat:
-        """Solve with scalar unknowns or couplings of contact; returns the bordered matrix."""
+        """Solve with scalar unknowns or couplings of contact; returns the matrix of both."""
         system = self.system
         self._bordered = linear.Bordered(self._composite, system.coupled_tangent)
         sizes = self._x.getSizes()
@@ -362,7 +362,13 @@ class Newton:
             self.system.limit_update(values[: self._composite.n])
         return True
 
-    def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
+    def _jacobian(
+        self,
+        snes: PETSc.SNES,
+        x: PETSc.Vec,
+        J: PETSc.Mat,
+        P: PETSc.Mat,
+    ) -> None:
         """Tangent at the iterate, unless an earlier one of the step is good enough."""
         iteration = snes.getIterationNumber()
         is_near = self._norm < min(
@@ -510,7 +516,7 @@ class Newton:
         system = self.system
         forces = self._r.array_r
         if system.constraints:
-            # Rows of multipliers hold violations of constraints, which are no forces.
+            # Rows of multipliers hold violations of constraints, which are not forces.
             forces = forces[: system.constraints.owned.start]
         n = forces.size
         moved = system.q1.array_r[:n] - system.q0.array_r[:n]

@@ -70,6 +70,10 @@ class Increment:
             M.mult(self._scratch, r)
         r.scale(self._c)
 
+    def mass_changed(self) -> None:
+        """Forget the masses of the last `force_scale`."""
+        self._masses = None
+
     def force_scale(self, M: PETSc.Mat, diagonal: PETSc.Vec, q1: PETSc.Vec) -> float:
         """Reference force [N] for the round-off of a residual: the norm of what cancels in it.
 

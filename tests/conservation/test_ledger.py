@@ -1,4 +1,4 @@
-"""Nothing is lost: energy and momenta of films that switch, with loads, supports, damping and gas."""
+"""Energy and momenta of films that switch their state, with loads, supports, damping and gas."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos import inflate_tube, spinning_sheet
+from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.outputs.output import Output
 from gossamer_fx.outputs.run_file import read_run_file
-from meshes.sheet import sheet
-from meshes.tube import flat_tube
 
 LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
 SHEET = sheet(MPI.COMM_WORLD, 5, 5)

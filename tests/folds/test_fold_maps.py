@@ -1,4 +1,4 @@
-"""Fold maps: isometric on lines of the mesh, apart for contact, and seen by all that asks for positions."""
+"""Fold maps: isometric on lines of the mesh, layers separated for contact, and used by all that reads positions."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.creased import creased_film, creased_tube
-from meshes.sails import parallelograms, pinwheel, trapezoids
-from meshes.sheet import sheet
-from meshes.tube import flat_tube
+from gossamer_fx.meshes.creased import creased_film, creased_tube
+from gossamer_fx.meshes.sails import parallelograms, pinwheel, trapezoids
+from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.tube import flat_tube
 
 LAW = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual_stiffness=1e-6)
 WIDTH = math.pi * 0.03 / 2  # of a tube of 30 mm that is pressed flat
@@ -161,7 +161,7 @@ def test_fold_lines_and_their_angles(comm, name: str) -> None:
     "name", [name for name in SAMPLES if name not in ("zigzag", "miura", "fold with a radius")]
 )
 def test_layers_are_apart(comm, name: str) -> None:
-    """Contact takes the start, nothing pierces anything, and films that hang together nowhere near are not in touch."""
+    """Contact accepts the start, nothing intersects, and unconnected layers of film do not touch."""
     sample = SAMPLES[name]
     film = gx.Membrane(sample.mesh(comm), LAW)
     contact = gx.Contact(film, distance=2e-4)
@@ -230,7 +230,7 @@ def test_a_turned_start(comm) -> None:
 
 
 def test_sizes_of_miuras_fold() -> None:
-    """A parallelogram keeps its sides and its angle."""
+    """Sides and angle of a parallelogram are constant."""
     H, S, L, V = MIURA.sizes
     a, b = np.array([0.0, L, H]), np.array([S, V, 0.0])
     assert [np.linalg.norm(a), np.linalg.norm(b)] == pytest.approx([0.05, 0.05], rel=1e-12)
@@ -331,7 +331,7 @@ def test_what_cannot_be_folded_is_refused(
 
 
 def test_contact_starts_from_layers_that_meet_at_folds() -> None:
-    """At a fold line edges lie in the next panel's triangles to round-off, and pierce none."""
+    """At a fold line edges lie in the next panel's triangles to round-off, and intersect none."""
     film = gx.Membrane(sheet(MPI.COMM_WORLD, 20, 4, 0.8, 0.1), LAW)
     fold = gx.fold.Zigzag(length=0.8, panels=5, angle=1.4)
     contact = gx.Contact(film, distance=2e-4)

@@ -1,4 +1,4 @@
-"""A run that meets something bad, as a program of its own: python3 -m tests.survival.faults FOLDER WHAT."""
+"""A run that meets a fault, as a separate program: python3 -m tests.survival.faults FOLDER WHAT."""
 
 from __future__ import annotations
 

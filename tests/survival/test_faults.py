@@ -1,4 +1,4 @@
-"""What a run may meet: a full disk, a folder that is gone, a function that fails.  It is named, and nothing is lost."""
+"""Faults of a run: a full disk, a removed folder, a function that fails. They are named, and no data are lost."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.survival.scenes import DT, filled_tube, fluttering_sheet
 
 COMM = MPI.COMM_WORLD
 ROOT = Path(gx.__file__).parent.parent
-# A command that may mount file systems of its own; others need a user name space for that.
+# A command that may mount file systems in a separate name space; others need a user name space for that.
 MOUNTING = ["unshare", "--mount"]
 if os.geteuid() != 0:
     MOUNTING.insert(1, "--map-root-user")

@@ -33,7 +33,7 @@ def refuse_intersections(mesh: CollisionMesh, x: Array, comm: MPI.Intracomm) -> 
         return
     one, other, middle = next(example for _, example in counts if example)
     raise InputError(
-        f"Contact: layers pierce each other at the start, {count} edges of the mesh, the first of '{one}' through "
+        f"Contact: layers penetrate each other at the start, {count} edges of the mesh, the first of '{one}' through "
         f"'{other}' near {_point(middle)} m; open them, or leave one of the bodies out."
     )
 
