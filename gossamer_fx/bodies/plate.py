@@ -136,14 +136,21 @@ class Plate(Membrane):
             hasattr(c, "cosine"),
             f"Plate '{self.name}': bending is given, but {type(self.law).__name__} has no axes; use LinearOrthotropic.",
         )
-        D11, D12, D22, D66 = (float(D) for D in bending)
+        D11, D12, D22, D66 = bending
         check(
             D11 > 0 and D22 > 0 and D66 > 0 and D12**2 < D11 * D22,
             f"Plate '{self.name}': its bending stiffnesses {bending!r} N m are not positive definite; give D11, D22, "
             "D66 > 0 and D12² < D11 D22.",
         )
-        stiffnesses = [constant(self.mesh.domain, D) for D in (D11, D12, D22, D66)]
-        return OrthotropicBending(*stiffnesses, c.cosine, c.sine)
+        domain = self.mesh.domain
+        return OrthotropicBending(
+            D11=constant(domain, D11),
+            D12=constant(domain, D12),
+            D22=constant(domain, D22),
+            D66=constant(domain, D66),
+            cosine=c.cosine,
+            sine=c.sine,
+        )
 
     def measure(self, x: Expr) -> Expr:
         """Tied Green-Lagrange strain (E11, E22, 2 E12) of the positions x."""

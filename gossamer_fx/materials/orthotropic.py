@@ -233,8 +233,8 @@ class LinearOrthotropic(FilmLaw):
         return ufl.dot(_taut_stress(e, c), e) / 2
 
     def bending_stiffness(self, c: Any) -> BendingStiffness:
-        D = [stiffness * c.thickness**2 / 12 for stiffness in _stiffnesses(c)]
-        return OrthotropicBending(*D, c.cosine, c.sine)
+        D11, D12, D22, D66 = (stiffness * c.thickness**2 / 12 for stiffness in _stiffnesses(c))
+        return OrthotropicBending(D11, D12, D22, D66, c.cosine, c.sine)
 
     def unwrinkled(self) -> FilmLaw:
         return self

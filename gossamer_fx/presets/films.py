@@ -34,7 +34,9 @@ class FilmMaterial:
     source: str
     yield_stress: float | None = None
 
-    def law(self, thickness: float, kind: type[IsotropicFilm] = Miyazaki, **numbers: Any) -> IsotropicFilm:
+    def law(
+        self, thickness: float, kind: type[IsotropicFilm] = Miyazaki, **numbers: Any
+    ) -> IsotropicFilm:
         """The law of a film of this material.
 
         Args:
