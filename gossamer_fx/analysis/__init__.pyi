@@ -10,3 +10,11 @@ from .form_finding import find_form as find_form
 from .mode_shapes import ModeShapes as ModeShapes
 from .natural_modes import Mode as Mode
 from .natural_modes import modes as modes
+from .sensitivities import Derivative as Derivative
+from .sensitivities import EnclosedVolume as EnclosedVolume
+from .sensitivities import Energy as Energy
+from .sensitivities import Functional as Functional
+from .sensitivities import Gradient as Gradient
+from .sensitivities import Integral as Integral
+from .sensitivities import Tape as Tape
+from .sensitivities import gradient as gradient

@@ -14,7 +14,7 @@ from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, frame, green_lagrange, surface_gradient, tension
 from gossamer_fx.forms.strain_path import Piece
-from gossamer_fx.materials.film import FilmLaw, constants
+from gossamer_fx.materials.film import FilmLaw, constants, parameters
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import Array, Block
 from gossamer_fx.model.state import State
@@ -34,11 +34,11 @@ class Membrane(Meshed):
         mesh: triangles in space, flat or curved.
         law: energy per unit area, e.g. `Miyazaki`.
         order: 1 (constant strain) or 2.
-        properties: numbers of the law that differ from place to place, by "E", "nu", "density", "thickness": {group:
+        properties: numbers of the law that differ from cell to cell, by "E", "nu", "density", "thickness": {group:
             value} for surfaces of the mesh (elsewhere the law's own), or a function of the cells' midpoints (3, n) that
             returns (n,).  E.g. devices on a sail: {"density": {"device": 2000.0}, "thickness": {"device": 25e-6}}.
         displacement: initial displacement [m], a function of the points (3, n) that returns (3, n); default none.
-        velocity: initial velocity [m/s], likewise.
+        velocity: initial velocity [m/s], given in the same way.
         name: name in messages and output.
 
     Example:
@@ -124,7 +124,12 @@ class Membrane(Meshed):
         return self.constants.density * self.constants.thickness
 
     def terms(self, start: State) -> Iterable[Term]:
-        yield KineticEnergy(self, lambda v, w: self.area_density * ufl.inner(v, w) * self.mass_dx)
+        numbers = parameters(self.law, self.constants)
+        yield KineticEnergy(
+            self,
+            lambda v, w: self.area_density * ufl.inner(v, w) * self.mass_dx,
+            parameters=numbers,
+        )
         # laws that wrinkle never push, so that only of the others a part pulls
         pulling = tension if self.law.quadratic else None
         yield StoredEnergy(
@@ -137,6 +142,7 @@ class Membrane(Meshed):
             self.pieces,
             pulling,
             c_law=self.law.c_law(self.constants, self.comm),
+            parameters=numbers,
         )
 
     @cached_property

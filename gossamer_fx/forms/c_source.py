@@ -7,6 +7,7 @@ given are the header's lines that do not begin with `#`.
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import importlib.util
 import os
@@ -29,6 +30,11 @@ from gossamer_fx.forms.compiler import require_compiler
 
 # Names of C's types of array elements, by NumPy's.
 C_TYPES = {"float64": "double", "int32": "int32_t", "int64": "int64_t", "uint8": "uint8_t"}
+# The same types as NumPy compares them: contact hands over some seventy arrays an iteration, and the name of
+# a type is composed again at each request for it.
+NUMPY_TYPES = {name: np.dtype(name) for name in C_TYPES}
+# How the arrays are declared to cffi.
+ARRAY_TYPES = {name: f"{c_type}[]" for name, c_type in C_TYPES.items()}
 
 OPTIMISATION = (
     "-O3",
@@ -75,16 +81,15 @@ class CLibrary:
         """
         if values is None:
             return self.ffi.NULL
-        wanted = f"give a contiguous array of {dtype} with the shape {shape}"
-        if values.dtype.name != dtype:
-            raise ValueError(f"{name} is of type {values.dtype.name}; {wanted}.")
+        if values.dtype != NUMPY_TYPES[dtype]:
+            raise _unsuitable(f"{name} is of type {values.dtype.name}", dtype, shape)
         if values.shape != shape:
-            raise ValueError(f"{name} has the shape {values.shape}; {wanted}.")
+            raise _unsuitable(f"{name} has the shape {values.shape}", dtype, shape)
         if not values.flags.c_contiguous:
-            raise ValueError(f"{name} is not contiguous; {wanted}.")
+            raise _unsuitable(f"{name} is not contiguous", dtype, shape)
         if writable and not values.flags.writeable:
-            raise ValueError(f"{name} is read-only; {wanted} that can be written.")
-        return self.ffi.from_buffer(f"{C_TYPES[dtype]}[]", values, require_writable=writable)
+            raise _unsuitable(f"{name} is read-only, and C writes into it", dtype, shape)
+        return self.ffi.from_buffer(ARRAY_TYPES[dtype], values, require_writable=writable)
 
     def struct(self, type_name: str, fields: Mapping[str, Any]) -> CStruct:
         """Return a new C structure with values for all of its fields."""
@@ -99,13 +104,24 @@ class CStruct:
     """
 
     def __init__(self, ffi: Any, type_name: str, fields: Mapping[str, Any]) -> None:
-        known = {name for name, _ in ffi.typeof(type_name).fields}
-        if known != set(fields):
+        known = _field_names(ffi, type_name)
+        if known != fields.keys():
             raise ValueError(
                 f"The fields of {type_name} are {sorted(known)}, given are {sorted(fields)}."
             )
         self._kept = fields
         self.pointer = ffi.new(f"{type_name} *", fields)
+
+
+@functools.cache
+def _field_names(ffi: Any, type_name: str) -> frozenset[str]:
+    """Names of the fields of a C structure."""
+    return frozenset(name for name, _ in ffi.typeof(type_name).fields)
+
+
+def _unsuitable(problem: str, dtype: str, shape: tuple[int, ...]) -> ValueError:
+    """The error of an array that C cannot take."""
+    return ValueError(f"{problem}; give a contiguous array of {dtype} with the shape {shape}.")
 
 
 def check_indices(name: str, indices: npt.NDArray[np.integer], count: int) -> None:
@@ -168,9 +184,13 @@ def compile_library(
 
 
 def _build(
-    module: str, path: Path, header: Path, sources: Sequence[str], arguments: Sequence[str]
+    module: str,
+    path: Path,
+    header: Path,
+    sources: Sequence[str],
+    arguments: Sequence[str],
 ) -> None:
-    """Compile a module in a folder of its own, and rename it when it is complete.
+    """Compile a module in a separate folder, and rename it when it is complete.
 
     Two runs may compile the same library at the same time; renaming is atomic, so that neither sees half a file.
     """

@@ -141,7 +141,12 @@ def with_derivative(S: Expr, e: Expr) -> Expr:
     return ufl.as_vector(components)
 
 
-def within_cone(e0: Expr, e1: Expr, m: Expr, margin: float) -> tuple[Expr, Expr]:
+def within_cone(
+    e0: Expr,
+    e1: Expr,
+    m: Expr,
+    margin: float,
+) -> tuple[Expr, Expr]:
     """Interval (start, end) of the path from e0 to e1 on which h + margin ≥ m r.
 
     Here h and r are centre and radius of Mohr's circle, equation (2) of the module.  A path that

@@ -1,4 +1,4 @@
-"""Damping of films, cables and beams, off unless it is part of the scene; what it takes is booked as dissipated."""
+"""Damping of films, cables and beams, off unless it is part of the scene; its loss counts as dissipated."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Body = Membrane | Cable | Beam
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Damping:
-    """Mass- and stiffness-proportional damping of a film, plate, cable or beam; its loss is booked.
+    """Mass- and stiffness-proportional damping of a film, plate, cable or beam; its loss counts as dissipated.
 
     A mode of angular frequency ω loses the fraction ζ = α/(2ω) + β ω/2 of critical damping.
 

@@ -29,6 +29,7 @@ from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.forms.strain_path import Piece, gradient, mean_gradient, within_cone
 from gossamer_fx.materials.c_law import CLaw
+from gossamer_fx.model.parameters import Parameter
 
 # Values of `FilmLaw.state`.
 SLACK = 0
@@ -46,10 +47,34 @@ def constants(law: Any, mesh: Mesh) -> SimpleNamespace:
     result = SimpleNamespace()
     for field in fields(law):
         value = getattr(law, field.name)
-        # Directions of axes are no numbers; bodies add them, see `bodies.directions`.
+        # Directions of axes are not numbers; bodies add them, see `bodies.directions`.
         if isinstance(value, Real):
             setattr(result, field.name, constant(mesh, float(value)))
     return result
+
+
+# SI units of the numbers of laws, by name; numbers of other names are taken for pure numbers.
+UNITS = {
+    "E": "Pa",
+    "density": "kg/m³",
+    "thickness": "m",
+    "EA": "N",
+    "line_density": "kg/m",
+}
+
+
+def parameters(law: Any, coefficients: SimpleNamespace) -> tuple[Parameter, ...]:
+    """The numbers of a law as parameters of its terms.
+
+    A law with numbers that are derived from others has none but its density: the forms do not show how
+    the derived ones change.
+    """
+    has_derived = any(not field.init for field in fields(law))
+    return tuple(
+        Parameter(field.name, UNITS.get(field.name, ""), getattr(coefficients, field.name))
+        for field in fields(law)
+        if not has_derived or field.name == "density"
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,8 +225,7 @@ class Miyazaki(IsotropicFilm):
         0.0001
 
     Source: Y. Miyazaki, Wrinkle/slack model and finite element dynamics of membrane, IJNME 66
-        (2006) 1179,
-    doi:10.1002/nme.1580, eqs. 13-20.
+        (2006) 1179, eqs. 13-20.
     """
 
     _: KW_ONLY
@@ -332,7 +356,7 @@ class TensionField(Miyazaki):
 
     Source: A. C. Pipkin, The relaxed energy density for isotropic elastic membranes, IMA J. Appl.
         Math. 36
-    (1986) 85, doi:10.1093/imamat/36.1.85.
+        (1986) 85.
     """
 
     _: KW_ONLY

@@ -49,7 +49,7 @@ class FilmMaterial:
         """
         check(
             isinstance(kind, type) and issubclass(kind, IsotropicFilm),
-            f"{self.name}: {kind!r} is no law of a film; give a class, e.g. Miyazaki.",
+            f"{self.name}: {kind!r} is not a law of a film; give a class, e.g. Miyazaki.",
         )
         return kind(E=self.E, nu=self.nu, density=self.density, thickness=thickness, **numbers)
 

@@ -7,7 +7,7 @@ G are the gradients of the modes (`mode_gradients`), F and F̄ the gradients at 
 stress S and its derivatives D are those of the mixed iteration in strains, which
 `terms.element_energies` describes; `points` evaluates them at the quadrature points.
 
-Each rank has the points of its own sampled cells.  Sums over ranks go to rank 0, which owns the
+Each rank has the points of the sampled cells that it owns.  Sums over ranks go to rank 0, which owns the
 unknowns.
 """
 
@@ -33,14 +33,20 @@ from gossamer_fx.model.roles import (
 from gossamer_fx.reduction.coordinates import ReducedCoordinates
 from gossamer_fx.reduction.mode_gradients import mode_gradients, own_cells, points_and_areas
 from gossamer_fx.reduction.points import Points
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.terms.discrete_gradient import StressRule
 from gossamer_fx.terms.element_energies import MIDPOINT, StoredEnergy, quadrature_element
 from gossamer_fx.terms.law_kernel.functions import LawFunctions, law_functions
 
 
 class ReducedEnergies(
-    StepObserver, IterateObserver, StateObserver, Forces, Tangents, StoredEnergies, CompiledTerms
+    StepObserver,
+    IterateObserver,
+    StateObserver,
+    Forces,
+    Tangents,
+    StoredEnergies,
+    CompiledTerms["ReducedEnergy"],
 ):
     """All `ReducedEnergy` terms of a scene, compiled; `model.roles` describes its methods."""
 
@@ -117,7 +123,7 @@ class ReducedEnergy(StoredEnergy):
 
     modes: Array | None = None
     weights: Array | None = None
-    compiler: ClassVar[type[CompiledTerms]] = ReducedEnergies
+    compiler: ClassVar[Compiler] = ReducedEnergies
 
 
 class ModeForces:

@@ -84,9 +84,14 @@ class StressRule(Protocol):
 @check_arguments
 @dataclass(frozen=True)
 class PathAverage(StressRule):
-    """Stress averaged along the straight path in strain space; see the module.
+    """Stress rule of `Midpoint`: the stress averaged along the straight path in strain space; see the module.
 
-    `points` of Gauss serve the laws that do not tell the pieces of the path.
+    Args:
+        points: of Gauss quadrature, for laws that do not give the smooth pieces of the path.
+
+    Example:
+        >>> gx.steppers.PathAverage(points=4).points
+        4
     """
 
     points: int = 10
@@ -103,7 +108,7 @@ class PathAverage(StressRule):
         if energy.quadratic:
             return gradient(ψ, (e0 + e1) / 2)
         S = ufl.zero(Δe.ufl_shape)
-        # where the pieces meet they have the same stress, so that the places need not be derived
+        # where the pieces meet they have the same stress, so that the points need not be derived
         pieces = energy.pieces(e0, e1.expression()) if energy.pieces else []
         for piece in pieces:
             S += (piece.end - piece.start) * piece.stress(
@@ -121,8 +126,11 @@ class PathAverage(StressRule):
         """Paths that stay in one state: six of ten in the iterations of a film that flutters, seven before it does."""
         if energy.quadratic or not energy.pieces:
             return []
+        pieces = energy.pieces(e0, e1.expression())
+        if len(pieces) <= 1:
+            return []  # one expression serves every path
         lengths: dict[Callable[[Expr, Expr], Expr], list[Expr]] = {}
-        for piece in energy.pieces(e0, e1.expression()):
+        for piece in pieces:
             lengths.setdefault(piece.stress, []).append(piece.end - piece.start)
         found = []
         for stress, parts in lengths.items():
@@ -136,7 +144,12 @@ class PathAverage(StressRule):
 @check_arguments
 @dataclass(frozen=True)
 class EndPoint(StressRule):
-    """Stress at the end of the step."""
+    """Stress rule of backward Euler: the stress at the end of the step.
+
+    Example:
+        >>> gx.steppers.EndPoint()
+        EndPoint()
+    """
 
     alpha = 1.0
 
@@ -166,7 +179,12 @@ def gonzalez_correction(
     return [missing / squares * change for change in changes]
 
 
-def defect(ψ: Any, S: Expr, e0: Expr, e1: Expr) -> Expr:
+def defect(
+    ψ: Any,
+    S: Expr,
+    e0: Expr,
+    e1: Expr,
+) -> Expr:
     """Gonzalez correction of the stress S along Δe: ((Δψ - S·Δe)/|Δe|²) Δe.
 
     There is no correction within the round-off of the energies, or for |Δe| < 1e-5 |e|: it would only

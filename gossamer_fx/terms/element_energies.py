@@ -4,7 +4,7 @@ Problem.  A film's strain is quadratic in the coordinates.  Newton's iteration o
 sees, after each update, stresses of the second-order strain that the update brings with it.  In a stiff,
 thin film they are many times the stresses of the solution, and the iteration zigzags.
 
-Idea (D. Magisano, L. Leonetti & G. Garcea, IJNME 109 (2017) 1237, doi:10.1002/nme.5328).  The strain ê at
+Idea (D. Magisano, L. Leonetti & G. Garcea, IJNME 109 (2017) 1237).  The strain ê at
 the quadrature points is a separate unknown, which is condensed at each point.  In the next iterate ê
 follows the *linearised* strain, so that the second-order part never produces stress.  At convergence ê is
 the true strain, and the solution is that of the original equations.
@@ -50,17 +50,20 @@ from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.forms.strain_path import Piece, gradient, with_derivative
 from gossamer_fx.materials.c_law import CLaw
 from gossamer_fx.model.body import Array, Body, MeshBody
+from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.roles import (
     Dissipation,
     Forces,
     IterateObserver,
     OnMeshes,
+    ResidualForms,
+    Reversible,
     StateObserver,
     StepObserver,
     StoredEnergies,
     TangentForms,
 )
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.terms.coordinates import Coordinates
 from gossamer_fx.terms.discrete_gradient import StressRule
 
@@ -80,7 +83,9 @@ class ElementEnergies(
     TangentForms,
     StoredEnergies,
     Dissipation,
-    CompiledTerms,
+    ResidualForms,
+    Reversible,
+    CompiledTerms["StoredEnergy | ViscousDissipation"],
 ):
     """All `StoredEnergy` and `ViscousDissipation` terms of a scene."""
 
@@ -132,13 +137,24 @@ class ElementEnergies(
     def energies(self) -> dict[str, float]:
         return {f.term.name: f.energy() for f in self.elements if isinstance(f.term, StoredEnergy)}
 
+    def residual_forms(self, body: Body, w: Expr) -> list[ufl.Form]:
+        return [force.residual_form(w) for force in self.elements if force.term.body is body]
+
+    def energy_forms(self, body: Body) -> list[ufl.Form]:
+        return [
+            force.energy_form()
+            for force in self.elements
+            if force.term.body is body and isinstance(force.term, StoredEnergy)
+        ]
+
 
 @dataclass(frozen=True, eq=False)
 class StoredEnergy:
     """Stored energy ∫ψ(e(q)) dx: `measure` is quadratic in q, `density` ψ is a function of the strain alone.
 
     `pieces` cuts the path between two strains where ψ is not smooth; `pulling` is the part of a stress of which the
-    geometric stiffness is positive; `c_law` computes stresses in place of derivatives of `density`.
+    geometric stiffness is positive; `c_law` computes stresses in place of derivatives of `density`; `parameters`
+    are coefficients of the density.
     """
 
     name: str
@@ -150,7 +166,8 @@ class StoredEnergy:
     pieces: Callable[[Expr, Expr], list[Piece]] | None = None
     pulling: Callable[[Expr], Expr] | None = None
     c_law: CLaw | None = None
-    compiler: ClassVar[type[CompiledTerms]] = ElementEnergies
+    parameters: tuple[Parameter, ...] = ()
+    compiler: ClassVar[Compiler] = ElementEnergies
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +179,8 @@ class ViscousDissipation:
     measure: Callable[[Expr], Expr]
     density: Callable[[Expr], Expr]
     dx: ufl.Measure
-    compiler: ClassVar[type[CompiledTerms]] = ElementEnergies
+    parameters: tuple[Parameter, ...] = ()
+    compiler: ClassVar[Compiler] = ElementEnergies
 
 
 class ElementForces:
@@ -181,6 +199,8 @@ class ElementForces:
         self, term: StoredEnergy | ViscousDissipation, at: Coordinates, rule: StressRule
     ) -> None:
         self.term = term
+        self._at = at
+        self._rule = rule
         e = term.measure(at.q1)
         self._size = m = e.ufl_shape[0]
         mesh = at.q1.function_space.mesh
@@ -321,6 +341,30 @@ class ElementForces:
     def dissipated(self) -> float:
         """Energy [J] dissipated in the step, this rank's share; asked before `commit`."""
         return float(fem.assemble_scalar(self._work))
+
+    # ---- sensitivities ---------------------------------------------------------------------------------
+
+    def residual_form(self, w: Expr) -> ufl.Form:
+        """The forces of the converged step, ∫ S̄·De(q_mid)[w] dx, with its true strains.
+
+        The compiled residual reads strains and stresses as numbers at points; here they are expressions,
+        so that UFL can derive them with respect to anything.
+        """
+        at = self._at
+        term = self.term
+        e0 = term.measure(at.q0)
+        e1 = ufl.variable(term.measure(at.q1))
+        if isinstance(term, StoredEnergy):
+            S_mean = self._rule.stress(term, e0, e1)
+        else:
+            S_mean = gradient(term.density, (e1 - e0) / at.h)
+        first_variation = ufl.derivative(term.measure(at.q1), at.q1, w)
+        at_middle = ufl.replace(first_variation, {at.q1: at.mid})
+        return ufl.dot(S_mean, at_middle) * term.dx
+
+    def energy_form(self) -> ufl.Form:
+        """The stored energy at q1."""
+        return self.term.density(self.term.measure(self._at.q1)) * self.term.dx
 
     @property
     def strain(self) -> Array:

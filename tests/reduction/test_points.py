@@ -1,4 +1,4 @@
-"""The compiled kernel of reduced films against the same in NumPy and dolfinx."""
+"""The compiled kernel of reduced films compared with NumPy and dolfinx."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from gossamer_fx.extend import InitialState
 from gossamer_fx.forms.backend import evaluate, interpolation_points
 from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.forms.strain_path import with_derivative
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.reduction.mode_gradients import (
     mode_gradients,
     own_cells,
@@ -24,7 +25,6 @@ from gossamer_fx.reduction.mode_gradients import (
 from gossamer_fx.reduction.points import Points
 from gossamer_fx.terms.discrete_gradient import PathAverage
 from gossamer_fx.terms.element_energies import quadrature_element
-from meshes.sheet import sheet
 
 LAW = gx.Miyazaki(E=2e8, nu=0.3, density=1400.0, thickness=1e-5)
 HEAVY = {"thickness": lambda X: np.where(X[0] > 1.0, 3e-5, 1e-5)}

@@ -12,10 +12,10 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.creased_strip import creased_strip
-from meshes.line import line
-from meshes.sheet import EDGES, sheet
-from meshes.tube import flat_tube
+from gossamer_fx.meshes.creased_strip import creased_strip
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import EDGES, sheet
+from gossamer_fx.meshes.tube import flat_tube
 
 WORLD = MPI.COMM_WORLD
 Call = dict[str, Any]
@@ -24,7 +24,10 @@ Call = dict[str, Any]
 UNCALLED = {
     "orbit.MagneticDipole",  # needs ERFA
     "steppers.EndPoint",
+    "analysis.Derivative",
+    "analysis.Tape",
     "analysis.EquilibriumResult",
+    "analysis.Gradient",
     "InputError",
     "run.Interrupted",
     "Mesh",
@@ -214,6 +217,14 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "rotation": 1e-5,
         },
         "constraints.Driven": {"body": block, "axis": z, "angle": lambda t: t},
+        "analysis.EnclosedVolume": {"film": film},
+        "analysis.Energy": {},
+        "analysis.Functional": {
+            "value": lambda run: 0.0,
+            "derivative": lambda run: {},
+            "unit": "m",
+        },
+        "analysis.Integral": {"body": film, "form": lambda q: q[2] * film.dx, "unit": "m³"},
         "analysis.EdgeCable": {"body": film, "edges": "left", "force": 1.0},
         "loads.EdgeLoad": {"body": film, "edges": "left", "force": z},
         "loads.EdgeMoment": {"body": plate, "edges": "left", "moment": 1.0},
@@ -425,6 +436,8 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "total_length": 2.0,
         },
         "TensionField": film_law,
+        "Seam": {"a": film, "edge_a": "left", "b": film, "edge_b": "right", "closing": (0.0, 1.0)},
+        "TabulatedCable": {"strain": [0.0, 0.1], "force": [0.0, 50.0], "line_density": 0.1},
         "TensionOnly": cable_law,
         "Tie": {"a": film, "group_a": "left", "b": plate, "group_b": "left"},
         "Tolerances": {
@@ -513,6 +526,11 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "ground_frame": {"point": z},
         "run.latest_checkpoint": {"folder": folder},
         "run.log_to": {"comm": WORLD, "file": folder / "log.txt", "quiet": False},
+        "analysis.gradient": {
+            "source": inputs.equilibrium,
+            "of": gx.analysis.Energy(),
+            "by": [f"{inputs.film.name}.E"],
+        },
         "analysis.modes": {
             "equilibrium": inputs.equilibrium,
             "count": 1,
@@ -552,7 +570,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
 
 
 def spoiled(call: Call) -> Iterator[tuple[str, Any]]:
-    """Arguments and values that no call of this project can take in their place."""
+    """Arguments and values that no call of this project accepts instead of them."""
     for argument, value in call.items():
         if argument in ("build", "scene") and callable(value):
             continue

@@ -174,7 +174,7 @@ def test_stress_and_stiffness_are_derivatives_of_the_energy(law) -> None:
     slopes = [(energy(law, up) - energy(law, down)) / (2 * δ) for up, down in ends]
     assert abs(np.stack(slopes, axis=1) - S).max() <= 1e-8 * abs(S).max()
     changes = [(response(law, up)[0] - response(law, down)[0]) / (2 * δ) for up, down in ends]
-    # At a border of two states a difference over both of them is no derivative.
+    # At the boundary of two states a difference over both of them is not a derivative.
     error = abs(np.stack(changes, axis=2) - D).max(axis=(1, 2))
     assert np.quantile(error, 0.99) <= 1e-7 * abs(D).max()
 

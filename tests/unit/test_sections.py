@@ -1,4 +1,4 @@
-"""Sections through films: where a plane cuts them, layers by colour, and what cannot be cut."""
+"""Sections through films: lines in a plane, layers by colour, and refused input."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from gossamer_fx.plot.section import Section, layers
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.plot.plane_cut import PlaneCut, layers
 
 LAW = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
 
@@ -57,7 +57,7 @@ def test_a_plane_cuts_films_where_they_are(comm, folder) -> None:
     run.run(until=2e-3)
     if comm.rank == 0:
         read = gx.plot.RunReader(folder / "run")
-        section = Section(read, (0.0, 0.45, 0.0), (0.0, -1.0, 0.0))
+        section = PlaneCut(read, (0.0, 0.45, 0.0), (0.0, -1.0, 0.0))
         cut = section.cut(len(read.times) - 1)
         assert (folder / "section.png").stat().st_size > 5000
         for k, height in enumerate((0.0, 0.1)):
