@@ -45,6 +45,7 @@ from ufl.variable import Variable
 
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
+from gossamer_fx.forms.bending import BendingStiffness, OrthotropicBending
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.materials.c_law import CLaw
 from gossamer_fx.materials.film import ROUND_OFF, SLACK, TAUT, WRINKLED, FilmLaw
@@ -230,6 +231,10 @@ class LinearOrthotropic(FilmLaw):
     def energy(self, e: Expr, c: Any) -> Expr:
         e = in_axes(e, c)
         return ufl.dot(_taut_stress(e, c), e) / 2
+
+    def bending_stiffness(self, c: Any) -> BendingStiffness:
+        D11, D12, D22, D66 = (stiffness * c.thickness**2 / 12 for stiffness in _stiffnesses(c))
+        return OrthotropicBending(D11, D12, D22, D66, c.cosine, c.sine)
 
     def unwrinkled(self) -> FilmLaw:
         return self
