@@ -159,9 +159,7 @@ class CreaseEnergies(
 
     def without_gradient(self) -> str:
         for i in self._yielding:
-            return (
-                f"'{self.terms[i].name}' yields, so that its rest angle depends on the path; give it no yield_angle"
-            )
+            return f"'{self.terms[i].name}' yields, so that its rest angle depends on the path; give it no yield_angle"
         return ""
 
     def save_history(self) -> list[Array]:

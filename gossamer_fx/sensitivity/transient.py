@@ -62,7 +62,7 @@ class TransientGradients:
             is_reversible = isinstance(kind, roles.Reversible | roles.Mass)
             check(
                 is_reversible,
-                f"gradient: '{type(kind).__name__}' of the scene has forces that are not the same in the reversed step; "
+                f"gradient: '{type(kind).__name__}' of the scene has forces that differ in the reversed step; "
                 "leave it out of the scene.",
             )
         self._tape = tape
@@ -140,7 +140,7 @@ class TransientGradients:
         rate = math.log(growth) / duration
         if self._system.comm.rank == 0:
             LOGGER.warning(
-                "gradient: changes of the motion grow by a factor of %.1e in this run, %.3g per second in the exponent; "
+                "gradient: changes of the motion grow by a factor of %.1e in this run, as exp(%.3g t); "
                 "a relative change of 1e-4 is predicted for about %.3g s",
                 growth,
                 rate,
@@ -165,4 +165,3 @@ class _View:
 
     def __init__(self, tape: Tape) -> None:
         self.system = tape.system
-

@@ -1,4 +1,4 @@
-"""Gradients through conserving steps: energy taken back to the start, second-order remainders, products of both modes."""
+"""Gradients through conserving steps: energy taken back to the start, remainders, products of both modes."""
 
 from __future__ import annotations
 
@@ -393,7 +393,7 @@ def test_friction_and_derived_stiffness_are_refused(comm):
         )
         floor = gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 1))
         scene = gx.Scene(gx.Contact(body, floor, distance=1e-3, **more))
-        run, tape = recorded(scene, 1e-4, 2)
+        _, tape = recorded(scene, 1e-4, 2)
         with pytest.raises(gx.InputError, match=words):
             gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["film.E"])
 
@@ -401,7 +401,7 @@ def test_friction_and_derived_stiffness_are_refused(comm):
 def test_a_yielding_crease_is_refused(comm):
     plate = gx.Membrane(creased_strip(comm, 2, 1, 0.05, 0.02), gx.Linear(**SOFT))
     crease = gx.connectors.Crease(plate, "crease", stiffness=2e-3, yield_angle=0.1)
-    run, tape = recorded(gx.Scene(crease), 1e-4, 2)
+    _, tape = recorded(gx.Scene(crease), 1e-4, 2)
     with pytest.raises(gx.InputError, match="'crease' yields"):
         gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["crease.stiffness"])
 
