@@ -23,7 +23,7 @@ from gossamer_fx.analysis.equilibrium import Equilibrium
 from gossamer_fx.analysis.natural_modes import Mode, modes
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
-from gossamer_fx.forms.compilation import compile_form
+from gossamer_fx.forms.compilation import compile_form, constant
 from gossamer_fx.model import roles
 from gossamer_fx.model.body import MeshBody, has_nodal_unknowns, is_on_mesh
 from gossamer_fx.system.system import System
@@ -103,8 +103,8 @@ class Frequency:
             q = system.fields[body].q1
             mesh = body.space.mesh
             φ = fem.Function(body.space)
-            factor = fem.Constant(mesh, 0.0)
-            ω2 = fem.Constant(mesh, 0.0)
+            factor = constant(mesh, 0.0)
+            ω2 = constant(mesh, 0.0)
             self._shapes[body] = φ
             self._numbers[body] = (factor, ω2)
             own = []

@@ -262,13 +262,13 @@ class _Problem:
         for variable, scale in zip(self._variables, self._scales, strict=True):
             low, high = bounds.get(variable.name, (-math.inf, math.inf))
             size = len(variable.get())
-            lows = np.broadcast_to(np.asarray(low, dtype=float) / scale, size)
-            highs = np.broadcast_to(np.asarray(high, dtype=float) / scale, size)
+            lows = np.full(size, np.asarray(low, dtype=float) / scale)
+            highs = np.full(size, np.asarray(high, dtype=float) / scale)
             check(
                 bool((lows <= highs).all()),
                 f"minimise: the bounds of '{variable.name}' are {low!r} and {high!r}; give the smaller one first.",
             )
-            found += list(zip(lows.tolist(), highs.tolist(), strict=True))
+            found += [(float(a), float(b)) for a, b in zip(lows, highs, strict=True)]
         return found
 
     def constraints(self) -> list[dict[str, Any]]:

@@ -33,7 +33,7 @@ from gossamer_fx.contact.broad_phase.candidates import CandidateSearch, nearest_
 from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.contact.history import ContactHistory
 from gossamer_fx.contact.kernels.library import library
-from gossamer_fx.contact.narrow_phase.closest_points import PairDistances
+from gossamer_fx.contact.narrow_phase.closest_points import PairDistances, closest_points
 from gossamer_fx.contact.narrow_phase.initial_check import (
     refuse_coincident,
     refuse_intersections,
@@ -45,7 +45,6 @@ from gossamer_fx.contact.potential import (
     ContactLaw,
     PairState,
     activate,
-    closest_points,
     energy_of_pairs,
     evaluate,
     pair_starts,
