@@ -33,6 +33,7 @@ from .bodies.membrane import Membrane as Membrane
 from .bodies.plate import Plate as Plate
 from .bodies.point_mass import PointMass as PointMass
 from .bodies.rigid_body import RigidBody as RigidBody
+from .bodies.tabulated_cable import TabulatedCable as TabulatedCable
 from .checks.errors import InputError as InputError
 from .checks.errors import NoEquilibrium as NoEquilibrium
 from .checks.errors import OutputFailure as OutputFailure
@@ -40,6 +41,7 @@ from .checks.errors import StepFailure as StepFailure
 from .cli.case import Case as Case
 from .constraints.fixed import Fixed as Fixed
 from .constraints.rigid_region import RigidRegion as RigidRegion
+from .constraints.seam import Seam as Seam
 from .constraints.tie import Tie as Tie
 from .contact.contact import Contact as Contact
 from .gas.ideal_gas import IdealGas as IdealGas
@@ -53,6 +55,8 @@ from .materials.elastica import Elastica as Elastica
 from .materials.film import Linear as Linear
 from .materials.film import Miyazaki as Miyazaki
 from .materials.film import TensionField as TensionField
+from .materials.orthotropic import LinearOrthotropic as LinearOrthotropic
+from .materials.orthotropic import Orthotropic as Orthotropic
 from .mesh.mesh import Mesh as Mesh
 from .mesh.mesh import gmsh_mesh as gmsh_mesh
 from .mesh.mesh import read_mesh as read_mesh

@@ -19,7 +19,7 @@ from gossamer_fx.contact.broad_phase.candidates import nearest_gaps
 from gossamer_fx.contact.compiled import CompiledContacts
 from gossamer_fx.contact.contact_set import ContactSet
 from gossamer_fx.contact.narrow_phase.closest_points import PairDistances
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 
 CELL, DISTANCE, STEP, LAYERS = 5e-3, 1e-3, 1e-4, 5  # m, m, s
 SPEED, GAP = (

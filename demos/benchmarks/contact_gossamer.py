@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from contact_scene import DENSITY, DISTANCE, NU, THICKNESS, E, grid, pierced, thrown
+from contact_scene import DENSITY, DISTANCE, NU, THICKNESS, E, grid, penetrations, thrown
 from contestants import words
 from mpi4py import MPI
 from stopwatch import Stopwatch, show
 
 import gossamer_fx as gx
 from gossamer_fx.contact.geometry.facets import facets_of
+from gossamer_fx.meshes.arrays import mesh_of_arrays
 from gossamer_fx.system.totals import relative_drift
-from meshes.arrays import mesh_of_arrays
 
 case = words({"n": 10, "dt": 1e-4, "until": 0.01, "law": "barrier"})
 watch = Stopwatch()
@@ -48,6 +48,8 @@ show(
         },
         "ΔP/P": relative_drift(run.totals.momentum, run.first.momentum),
         "ΔL/L": relative_drift(run.totals.angular_momentum, run.first.angular_momentum),
-        "pierced": pierced(x, np.vstack([films[0].triangles, films[1].triangles + len(places[0])])),
+        "penetrations": penetrations(
+            x, np.vstack([films[0].triangles, films[1].triangles + len(places[0])])
+        ),
     }
 )

@@ -10,8 +10,8 @@ from mpi4py import MPI
 from plate_problems import CASES
 
 import gossamer_fx as gx
-from meshes.plates import slit_ring
-from meshes.sheet import sheet
+from gossamer_fx.meshes.plates import slit_ring
+from gossamer_fx.meshes.sheet import sheet
 
 case = words({"shape": "strip", "n": 16, "step": 50.0})
 shape, n = CASES[case["shape"]], case["n"]

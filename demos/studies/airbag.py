@@ -17,7 +17,7 @@ import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
 from gossamer_fx.fields.fields import AreaFractions, FieldFunctions
 from gossamer_fx.materials.film import FilmLaw
-from meshes.sheet import crossed_sheet
+from gossamer_fx.meshes.sheet import crossed_sheet
 
 PRESSURE = 5000.0
 HALF_EDGE = 0.6 / math.sqrt(2)

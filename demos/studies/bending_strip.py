@@ -23,7 +23,7 @@ from demos.studies.airbag import displacement
 from demos.studies.engine.study import Measure, Study
 from gossamer_fx.fields.fields import AreaFractions
 from gossamer_fx.materials.film import FilmLaw
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 
 H, L, THICKNESS, E, NU, TENSION = 1.0, 1.5, 2e-5, 2.3e9, 0.3, 0.23e6
 P = TENSION * H * THICKNESS

@@ -21,8 +21,8 @@ from scipy.optimize import brentq
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
 from gossamer_fx.fields.fields import AreaFractions
+from gossamer_fx.meshes.tube_section import cylinder
 from gossamer_fx.model.body import Array
-from meshes.tube_section import cylinder
 
 RADIUS, LENGTH, E, NU, THICKNESS = 1.0, 1.0, 1e9, 0.3, 1e-3
 LAW = gx.Miyazaki(E=E, nu=NU, density=1000.0, thickness=THICKNESS, residual_stiffness=1e-6)

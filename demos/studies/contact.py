@@ -31,11 +31,11 @@ import gossamer_fx as gx
 from demos.studies import stability
 from demos.studies.engine.study import Result, Study
 from gossamer_fx.checks.errors import check
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import NITROGEN
-from meshes.line import line
-from meshes.sheet import sheet
-from meshes.tube import flat_tube
 
 LAW = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
 ENERGY, MOMENTUM = 1e-10, 1e-12

@@ -15,8 +15,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
+from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.probes.crease_angle import FoldAngle
-from meshes.creased_strip import creased_strip
 
 LENGTH, WIDTH, THICKNESS, E = 0.05, 0.01, 50e-6, 2.5e9
 STIFFNESS, REST = 2e-3, math.radians(120.0)

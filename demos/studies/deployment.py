@@ -14,7 +14,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import books
+from demos.common.deployment import run_figures
 from demos.folded_tube import build, opening_times
 from demos.studies.engine.deployments import STARTS, nudged
 from demos.studies.engine.study import Study
@@ -38,7 +38,7 @@ def problem(comm: MPI.Comm, start: str, cells: int, h: float) -> dict[str, float
         "p1 at the end [Pa]": float(series["p1 [Pa]"][-1]),
         "distance [mm]": 1e3 * math.hypot(x[-1], z[-1]),
         "mean speed [m/s]": float(np.trapezoid(speed, t) / t[-1]),
-        **books(run, series),
+        **run_figures(run, series),
         "unknowns": run.system.q0.getSize(),
     }
 

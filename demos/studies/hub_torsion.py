@@ -27,7 +27,7 @@ import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
 from gossamer_fx.fields.fields import FieldFunctions
 from gossamer_fx.materials.film import FilmLaw
-from meshes.disc import ring
+from gossamer_fx.meshes.disc import ring
 
 HUB, RIM, THICKNESS, E, NU = 0.2, 1.0, 2e-5, 2.3e9, 0.3
 TENSION = 1e-5 * E

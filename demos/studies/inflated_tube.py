@@ -18,8 +18,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
+from gossamer_fx.meshes.tube_section import capped_cylinder
 from gossamer_fx.model.body import Array
-from meshes.tube_section import capped_cylinder
 
 RADIUS, LENGTH = 1.0, 4.0
 FILM = {"E": 1e9, "nu": 0.3, "density": 1000.0, "thickness": 1e-3}

@@ -30,8 +30,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
-from meshes.plates import free_slit_ring, irregular_sheet, slit_ring, whole_disc
-from meshes.sheet import EDGES, sheet
+from gossamer_fx.meshes.plates import free_slit_ring, irregular_sheet, slit_ring, whole_disc
+from gossamer_fx.meshes.sheet import EDGES, sheet
 
 NU = 0.3
 SZE_A = {  # P/P_max: (-U, W)

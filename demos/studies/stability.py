@@ -27,7 +27,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.studies.engine.study import Result, Study
 from gossamer_fx.checks.errors import check
-from meshes.tube import flat_tube
+from gossamer_fx.meshes.tube import flat_tube
 
 STEPS, H = 30, 1e-4
 LENGTH, DIAMETER, CELLS = 0.2, 0.058, 4

@@ -19,7 +19,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 
 RADIUS, ANGLE, HALF = 13.3e-3, math.radians(80), 0.1
 STEEL = gx.Linear(E=210e9, nu=0.3, density=7850.0, thickness=1e-4)

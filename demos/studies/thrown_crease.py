@@ -17,7 +17,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.studies.crease import folded
 from demos.studies.engine.study import Measure, Study
-from meshes.creased_strip import creased_strip
+from gossamer_fx.meshes.creased_strip import creased_strip
 
 LENGTH, WIDTH, STIFFNESS, UNTIL = 0.05, 0.02, 2e-3, 0.06
 LAW = gx.Linear(E=2.5e9, nu=0.3, density=1400.0, thickness=50e-6)

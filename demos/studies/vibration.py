@@ -18,8 +18,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study, Trial
-from meshes.disc import quarter_disc, ring
-from meshes.sheet import EDGES, sheet
+from gossamer_fx.meshes.disc import quarter_disc, ring
+from gossamer_fx.meshes.sheet import EDGES, sheet
 
 N0, THICKNESS, E, NU = 10.0, 2e-5, 2.3e9, 0.3
 TENSIONED = gx.Miyazaki(E, NU, density=0.028 / THICKNESS, thickness=THICKNESS)

@@ -26,8 +26,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.engine.study import Measure, Study
-from meshes.plates import leaning_sheet
-from meshes.sheet import sheet
+from gossamer_fx.meshes.plates import leaning_sheet
+from gossamer_fx.meshes.sheet import sheet
 
 LENGTH, HEIGHT, SHEAR = 0.38, 0.128, 3e-3
 FILM = {"E": 3.5e9, "nu": 0.31, "density": 1420.0, "thickness": 25e-6}

@@ -90,7 +90,10 @@ def attach(
 
 
 def attach_all(
-    numbering: Numbering, bodies: list[Body], tuples: Sequence[Ports], rows: int
+    numbering: Numbering,
+    bodies: list[Body],
+    tuples: Sequence[Ports],
+    rows: int,
 ) -> tuple[GlobalIndices, Array, Array]:
     """The same for n tuples of ports, as arrays.
 
@@ -210,7 +213,13 @@ class PointMeasures:
         self.is_linear = not any(measure.H.any() for measure in measures)
         self._constant_slope = self.forces(self._L) if self.is_linear else None
 
-    def _stationary(self, P: Array, H: Array, L: Array, offset: Array) -> Array:
+    def _stationary(
+        self,
+        P: Array,
+        H: Array,
+        L: Array,
+        offset: Array,
+    ) -> Array:
         """z (n, D): zero without ground; with it, the least-squares stationary point of the measures."""
         z = np.zeros((self.n, self.D))
         slope = np.einsum("nax,nma->nmx", P, np.einsum("nmab,nb->nma", H, offset) + L)
@@ -310,7 +319,12 @@ class Gather:
         ]
 
 
-def add_blocks(A: PETSc.Mat, rows: GlobalIndices, columns: GlobalIndices, values: Array) -> None:
+def add_blocks(
+    A: PETSc.Mat,
+    rows: GlobalIndices,
+    columns: GlobalIndices,
+    values: Array,
+) -> None:
     """Add dense blocks values (n, r, c) at global rows (n, r) and columns (n, c) of A."""
     n, r, c = values.shape
     if n == 0:  # nothing on this rank

@@ -44,10 +44,10 @@ from mpi4py import MPI
 from gossamer_fx.analysis.rigid_motions import free_motions
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import NoEquilibrium, check
+from gossamer_fx.checks.failures import NotConverged
 from gossamer_fx.model.body import Array
 from gossamer_fx.scene.scene import Scene
 from gossamer_fx.solvers import factorisation
-from gossamer_fx.solvers.failures import NotConverged
 from gossamer_fx.solvers.newton import Newton
 from gossamer_fx.solvers.tolerances import Tolerances
 from gossamer_fx.system.reactions import Joint, NamedPart, joint_force, support_force
@@ -169,6 +169,16 @@ class EquilibriumResult:
         regular: whether Newton's iteration converges without inertia and the tangent is not singular.
         free: rigid motions that no support or load resists, of each part that moves independently; the
             equilibrium is unique at most up to these.
+
+    Example:
+        >>> weight = gx.Gravity(mass, (0.0, 0.0, -10.0))
+        >>> top = gx.Ground((0.0, 0.0, 0.0))
+        >>> spring = gx.connectors.Spring(mass.port(), top, stiffness=100.0, length=1.0)
+        >>> result = gx.Equilibrium(gx.Scene(weight, spring)).find()
+        >>> result.free
+        ()
+        >>> result.residual < 1e-8
+        True
     """
 
     residual: float
@@ -219,11 +229,10 @@ class Equilibrium:
         self.comm = scene.comm
         self.system: System = scene.compile(EndPoint())
         self.newton = Newton(self.system, Tolerances(), direct=True)
-        self._zero = (
-            self.system.numbering.vector()
-        )  # increment predicted, and velocity after a step
-        self._residual = self.system.numbering.vector()
-        self._start = self.system.numbering.vector()  # coordinates at the start of `find`
+        numbering = self.system.numbering
+        self._zero = numbering.vector()  # increment predicted, and velocity after a step
+        self._residual = numbering.vector()
+        self._start = numbering.vector()  # coordinates at the start of `find`
         self._scene_size = self._measure_scene()
         self._resists_compression = any(
             isinstance(term, StoredEnergy) and term.pulling for term in self.system.terms
@@ -380,7 +389,11 @@ class Equilibrium:
                 # A pseudo-step need not be solved better than the equilibrium; half, for safety.
                 tolerances = replace(tolerances, absolute=search.tolerance * load / 2)
                 is_very_fast = used <= search.fast_iterations // 3
-                ceiling *= search.cap_growth ** (3 if is_very_fast else 1)
+                exponent = 1
+                if is_very_fast:
+                    # The ceiling is far too low for such a step: let it rise within a few steps.
+                    exponent = 3
+                ceiling *= search.cap_growth**exponent
                 if used <= search.fast_iterations:
                     h = min(h * search.growth_factor, ceiling, MAX_STEP_RATIO * search.first_step)
             is_exhausted = max(self._iterations, self._steps) > search.total_iterations
@@ -427,8 +440,8 @@ class Equilibrium:
     def _unbalanced(self) -> tuple[float, float]:
         """Residual without inertia over the external force, and the external force [N], now.
 
-        If that force is less than a thousand times the round-off of the inner forces, this takes its
-        place: a scene without loads is in equilibrium when only round-off is left.
+        If that force is less than a thousand times the round-off of the inner forces, this replaces
+        it: a scene without loads is in equilibrium when only round-off is left.
         """
         system = self.system
         system.set_inertia(0.0)

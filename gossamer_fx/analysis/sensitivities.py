@@ -30,7 +30,7 @@ def gradient(source: Equilibrium | Tape, *, of: Objective, by: Sequence[str]) ->
     Parameters are named "item.parameter".  They are numbers and fields of the laws of films and cables
     (E, nu, thickness, density, EA, ...), "shape", the stress-free places of the nodes of a mesh, constant
     loads (pressure, force, g), stiffness and length of springs and ropes, stiffness and rest angle of
-    creases and torsion springs.  Fixed coordinates keep their places when the stress-free shape changes.
+    creases and torsion springs.  Fixed coordinates do not move when the stress-free shape changes.
     Of a run, "body.initial_position" and "body.initial_velocity" are parameters, too.
 
     In a run the derivative of fluttering or touching films grows exponentially, as the distance of

@@ -8,3 +8,4 @@ from .membrane import Membrane as Membrane
 from .plate import Plate as Plate
 from .point_mass import PointMass as PointMass
 from .rigid_body import RigidBody as RigidBody
+from .tabulated_cable import TabulatedCable as TabulatedCable

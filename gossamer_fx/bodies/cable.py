@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from types import SimpleNamespace
 from typing import Any
 
 import ufl
@@ -16,6 +17,7 @@ from gossamer_fx.bodies.meshed import PointFunction, checked, positions
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, bar_strain
+from gossamer_fx.forms.strain_path import Piece
 from gossamer_fx.materials.film import constants, parameters
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import Array
@@ -25,9 +27,40 @@ from gossamer_fx.terms.element_energies import StoredEnergy
 from gossamer_fx.terms.masses import KineticEnergy
 
 
+class BarLaw:
+    """Base of the laws of cables: an energy per reference length of ε = ½(λ² - 1).
+
+    Attributes:
+        line_density: mass per reference length [kg/m].
+        quadratic: whether the energy is quadratic in ε.
+    """
+
+    line_density: float
+    quadratic: bool = False
+
+    def energy(self, e: Expr, c: Any) -> Expr:
+        """Stored energy per unit reference length [J/m] of e = (ε,)."""
+        raise NotImplementedError
+
+    def constants(self, mesh: DolfinxMesh) -> SimpleNamespace:
+        """The numbers of the law as constants `c` of a mesh."""
+        return constants(self, mesh)
+
+    def pieces(self, e0: Expr, e1: Expr, c: Any) -> list[Piece]:
+        """Pieces of the path from e0 to e1 with exact averages; none: Gauss points take them."""
+        return []
+
+    def _check_line_density(self) -> None:
+        value = self.line_density
+        check(
+            math.isfinite(value) and value > 0,
+            f"{type(self).__name__}: line_density is {value!r}; give a positive number.",
+        )
+
+
 @check_arguments
 @dataclass(frozen=True)
-class CableLaw:
+class CableLaw(BarLaw):
     """St. Venant-Kirchhoff bar: W = ½ EA ε² per reference length, ε = ½(λ² - 1); its tension is N = EA ε λ.
 
     Args:
@@ -48,13 +81,11 @@ class CableLaw:
     quadratic = True
 
     def __post_init__(self) -> None:
-        law = type(self).__name__
-        for name in ("EA", "line_density"):
-            value = getattr(self, name)
-            check(
-                math.isfinite(value) and value > 0,
-                f"{law}: {name} is {value!r}; give a positive number.",
-            )
+        check(
+            math.isfinite(self.EA) and self.EA > 0,
+            f"{type(self).__name__}: EA is {self.EA!r}; give a positive number.",
+        )
+        self._check_line_density()
 
     def energy(self, e: Expr, c: Any) -> Expr:
         """Stored energy per unit reference length [J/m] of e = (ε,)."""
@@ -93,10 +124,10 @@ class Cable(Curve):
 
     Args:
         mesh: line elements in space.
-        law: `CableLaw` or `TensionOnly`.
+        law: `CableLaw`, `TensionOnly` or `TabulatedCable`.
         order: 1 (constant strain) or 2.
         displacement: initial displacement [m], a function of the points (3, n) that returns (3, n); default none.
-        velocity: initial velocity [m/s], likewise.
+        velocity: initial velocity [m/s], given in the same way.
         name: name in messages and output.
 
     Example:
@@ -109,7 +140,7 @@ class Cable(Curve):
     def __init__(
         self,
         mesh: Mesh | DolfinxMesh,
-        law: CableLaw,
+        law: BarLaw,
         *,
         order: int = 1,
         displacement: PointFunction | None = None,
@@ -119,7 +150,7 @@ class Cable(Curve):
         check(order in (1, 2), f"Cable '{name}': order is {order!r}; use 1 or 2.")
         super().__init__("Cable", name, mesh, order, 3)
         self.law = law
-        self.constants = constants(law, self.mesh.domain)
+        self.constants = law.constants(self.mesh.domain)
         self._displacement = checked(displacement, f"Cable '{name}': its displacement", mesh.comm)
         self._velocity = checked(velocity, f"Cable '{name}': its velocity", mesh.comm)
 
@@ -137,6 +168,7 @@ class Cable(Curve):
             self.density,
             self.dx,
             self.law.quadratic,
+            lambda e0, e1: self.law.pieces(e0, e1, self.constants),
             parameters=numbers,
         )
 

@@ -16,6 +16,7 @@ from gossamer_fx.bodies.properties import cellwise
 from gossamer_fx.bodies.triple_products import TripleProductEnergy
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_on_all
+from gossamer_fx.checks.real_numbers import real_numbers
 from gossamer_fx.forms.bending import DEGREE, EDGE_DEGREE, PENALTY, Bending, curvature, moment
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr
@@ -59,7 +60,8 @@ class Plate(Membrane):
         name: name in messages and output.
 
     Raises:
-        InputError: a mesh that is curved, a group that is no line of interior edges, a rest curvature out of the plane.
+        InputError: a mesh that is curved, a group that is not a line of interior edges, a rest
+            curvature out of the plane.
 
     Example:
         >>> law = gx.Linear(70e9, 0.3, density=2700.0, thickness=1e-3)
@@ -104,6 +106,11 @@ class Plate(Membrane):
             "edges (order 1).",
         )
         self.hinges = tuple(hinges)
+        repeated = sorted({group for group in self.hinges if self.hinges.count(group) > 1})
+        check(
+            not repeated,
+            f"Plate '{name}': the hinge group '{repeated[0] if repeated else ''}' is given twice; give it once.",
+        )
         self._rest_curvature = rest_curvature  # a restart compares it, see `outputs.arguments`
         table = self.mesh.edges
         folds = [interior_edges(self, table, group, "hinge") for group in self.hinges]
@@ -193,13 +200,13 @@ class Plate(Membrane):
         """H0 (2, 2) in the frame of the mesh."""
         what = f"Plate '{self.name}': its rest_curvature"
         if not callable(given) and not isinstance(given, Mapping):
-            try:
-                tensor = np.asarray(given, dtype=float)
-            except (TypeError, ValueError):
+            tensor = real_numbers(given)
+            if tensor is None:
                 tensor = np.zeros(0)
             check(
                 tensor.shape == (3, 3),
-                f"{what} is no array (3, 3); give a tensor in 1/m, a function of the points, or those of groups.",
+                f"{what} is not an array (3, 3) of real numbers; give a tensor in 1/m, a function of the "
+                "points, or those of groups.",
             )
             given = _Uniform(tensor)
         H = cellwise(self.mesh, given, np.zeros((3, 3)), (3, 3), what)
@@ -215,7 +222,7 @@ class Plate(Membrane):
                 np.abs(values - values.transpose(0, 2, 1)).max(initial=0.0) <= size
                 and out_of_plane <= size
             ),
-            f"{what} is no symmetric tensor in the plane of the mesh; give κ e⊗e with e in that plane.",
+            f"{what} is not a symmetric tensor in the plane of the mesh; give κ e⊗e with e in that plane.",
         )
         return ufl.dot(self._frame.T, ufl.dot(H, self._frame))
 
@@ -230,11 +237,16 @@ class _Uniform:
         return np.repeat(self._tensor[..., None], points.shape[1], axis=-1)
 
 
-def interior_edges(plate: Membrane, table: EdgeTable, group: str, what: str) -> Indices:
+def interior_edges(
+    plate: Membrane,
+    table: EdgeTable,
+    group: str,
+    what: str,
+) -> Indices:
     """Local edges of a group, each between two cells.
 
     Raises:
-        InputError: it is no group of edges, or holds edges of the rim.
+        InputError: it is not a group of edges, or holds edges of the rim.
     """
     edges = plate.mesh.curve(group, f"'{plate.name}', {what}")
     check_on_all(

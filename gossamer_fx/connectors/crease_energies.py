@@ -5,7 +5,8 @@ With ψ = ½ k (θ - θr)² at each point the force of a step is m̄ G, G the di
 A fold that yields holds |θ - θr| ≤ φ: beyond it the rest
 angle θr slips along, at the constant moment k φ, and what the step dissipates, k φ |Δθr|, closes the balance exactly.
 
-θ counts on from step to step: what is more than half a turn from flat, or pressed shut at ±π, keeps its sign and turns.
+θ is continuous from step to step: a fold that is more than half a turn from flat, or pressed shut
+at ±π, retains its sign and its number of turns.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from gossamer_fx.model.roles import (
     StoredEnergies,
     Tangents,
 )
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
 Names = np.ndarray[Any, np.dtype[np.int64]]
 
@@ -56,7 +57,7 @@ class CreaseEnergies(
     GradientLimits,
     StepHistory,
     Reversible,
-    CompiledTerms,
+    CompiledTerms["CreaseEnergy"],
 ):
     """All `CreaseEnergy` terms of a scene; those with as many nodes a point are one array."""
 
@@ -216,7 +217,7 @@ class CreaseEnergy:
         Parameter("stiffness", "N m/m/rad", "stiffness"),
         Parameter("rest_angle", "rad", "rest"),
     )
-    compiler: ClassVar[type[CompiledTerms]] = CreaseEnergies
+    compiler: ClassVar[Compiler] = CreaseEnergies
 
 
 class _Points:

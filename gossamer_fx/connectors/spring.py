@@ -275,7 +275,7 @@ class Stop(Between):
 class Damper(Between):
     """An axial damper between two points: a force c dl/dt along the line between them, l their distance.
 
-    Its loss is booked as dissipated.
+    Its loss counts as dissipated.
 
     Args:
         a, b: ports of bodies; one of them may be a `Ground`.

@@ -1,4 +1,4 @@
-"""Tapes: cables bonded to a film, with no unknowns of their own."""
+"""Tapes: cables bonded to a film, without additional unknowns."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from gossamer_fx.algebra.point_measures import PointMeasure
-from gossamer_fx.bodies.cable import CableLaw, TensionOnly
+from gossamer_fx.algebra.point_measures import PointMeasure, evaluated_here
+from gossamer_fx.bodies.cable import BarLaw, CableLaw, TensionOnly
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
@@ -20,7 +20,7 @@ from gossamer_fx.model.ports import combine
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.one_sided import one_sided_average, one_sided_energy
-from gossamer_fx.terms.point_energies import PointStoredEnergy
+from gossamer_fx.terms.point_energies import PointDensity, PointStoredEnergy
 from gossamer_fx.terms.point_masses import AttachedKineticEnergy
 
 
@@ -46,7 +46,7 @@ class Tape:
 
     Args:
         body: the film or plate that it is bonded to.
-        law: `CableLaw` or `TensionOnly`.
+        law: `CableLaw`, `TensionOnly` or `TabulatedCable`.
         bars: pairs of points of the film.
         lengths: natural length of each bar [m], positive, shape (n,) for n bars.
         name: name in messages and output.
@@ -61,14 +61,20 @@ class Tape:
     """
 
     body: Membrane
-    law: CableLaw
+    law: BarLaw
     _: KW_ONLY
     bars: Sequence[tuple[Port, Port]]
     lengths: Sequence[float] | Array
     name: str = "tape"
 
     @staticmethod
-    def along_edges(body: Membrane, law: CableLaw, *, edges: str, name: str = "tape") -> Tape:
+    def along_edges(
+        body: Membrane,
+        law: BarLaw,
+        *,
+        edges: str,
+        name: str = "tape",
+    ) -> Tape:
         """Along the edges of the mesh in a named group of curves."""
         table, space = body.mesh.edges, body.space
         lines = body.mesh.curve(edges, f"Tape '{name}' on '{body.name}'")
@@ -88,7 +94,7 @@ class Tape:
     @staticmethod
     def through(
         body: Membrane,
-        law: CableLaw,
+        law: BarLaw,
         *,
         points: Sequence[Sequence[float]],
         bars_per_segment: int,
@@ -128,14 +134,32 @@ class Tape:
         L = np.asarray(self.lengths)
         consistent = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6
         yield AttachedKineticEnergy(self.bars, law.line_density * L[:, None, None] * consistent)
-        # e = √(EA L) ε, so that the energy of every bar is ½ e²
-        scale = np.sqrt(law.EA * L)
+        # e = √(EA L) ε, so that the energy of every bar is ½ e²; with a table e = ε.
+        scale = np.sqrt(law.EA * L) if isinstance(law, CableLaw) else np.ones(len(L))
         vectors = [
             (_stretch(a, b, float(k)),) for (a, b), k in zip(self.bars, scale / L**2, strict=True)
         ]
         measure = PointMeasure(vectors, np.eye(3)[None], np.zeros((1, 3)), -scale[:, None] / 2)
-        density = OneSided() if isinstance(law, TensionOnly) else Quadratic(1.0)
+        # Of the bars, a rank has the lengths of those that it evaluates.
+        density = _density(law, L[evaluated_here(vectors)])
         yield PointStoredEnergy(self.name, measure, density)
+
+
+def _density(law: BarLaw, lengths: Array) -> PointDensity:
+    """The energy of bars of natural lengths [m], a function of the measures in `Tape.terms`."""
+    if isinstance(law, TensionOnly):
+        return OneSided()
+    if isinstance(law, CableLaw):
+        return Quadratic(1.0)
+    # Imported here: a scene without tables does not load them.
+    from gossamer_fx.bodies.tabulated_cable import TabulatedBars, TabulatedCable
+
+    check(
+        isinstance(law, TabulatedCable),
+        f"Tape: the law is a {type(law).__name__}; give a CableLaw, TensionOnly or TabulatedCable.",
+    )
+    assert isinstance(law, TabulatedCable)
+    return TabulatedBars(law.corners, lengths)
 
 
 def _stretch(a: Port, b: Port, square: float) -> Port:

@@ -38,7 +38,13 @@ def angles(e0: Array, e1: Array) -> tuple[Array, Array]:
     return φ0, np.remainder(φ1 - φ0 + np.pi, 2 * np.pi) - np.pi
 
 
-def stress(m: Array, slope: Array, φ0: Array, Δφ: Array, e1: Array) -> tuple[Array, Array]:
+def stress(
+    m: Array,
+    slope: Array,
+    φ0: Array,
+    Δφ: Array,
+    e1: Array,
+) -> tuple[Array, Array]:
     """S̄ (n, 2) of the moment m and its derivative with respect to e1, with slope = dm/dφ1."""
     half, φm = Δφ / 2, φ0 + Δφ / 2
     small = np.abs(half) < 1e-4
@@ -88,7 +94,12 @@ def across(axis: Vector, side: Frame) -> Frame:
     return side if is_normal(unit(axis), side) else side.complete
 
 
-def hinge_angle(a: Frame, b: Frame, axis: Vector, rest: float) -> PointMeasure:
+def hinge_angle(
+    a: Frame,
+    b: Frame,
+    axis: Vector,
+    rest: float,
+) -> PointMeasure:
     """(cos, sin) of the angle of b against a about the axis, zero where b is turned by `rest` from the start."""
     p, q = perpendicular_pair(unit(axis))
     moving = along(p, b)
@@ -177,7 +188,7 @@ class TorsionSpring(AboutHinge):
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class TorsionDamper(AboutHinge):
-    """A torsional damper about the axis of a hinge: the moment is -c dφ/dt; its loss is booked.
+    """A torsional damper about the axis of a hinge: the moment is -c dφ/dt; its loss counts as dissipated.
 
     Args:
         a, b: frames, also `ground_frame()`, joined by a `RevoluteJoint` of this axis.

@@ -7,4 +7,5 @@ from .joint import Link as Link
 from .joint import PrismaticJoint as PrismaticJoint
 from .joint import RevoluteJoint as RevoluteJoint
 from .rigid_region import RigidRegion as RigidRegion
+from .seam import Seam as Seam
 from .tie import Tie as Tie

@@ -25,6 +25,10 @@ LAWS = {"barrier": ContactLaw.BARRIER, "penalty": ContactLaw.PENALTY}
 # otherwise begin to touch each other.
 MAX_REACH = 0.5
 
+# Least and largest slip velocity [m/s].  Below, all that sticks would slide by round-off; nothing that is
+# above ever rubs fully.
+SLIP_VELOCITIES = (1e-12, 1e6)
+
 
 @check_arguments
 class Contact:
@@ -56,14 +60,14 @@ class Contact:
 
     Raises:
         InputError: no body, one twice, a distance that is not positive or larger than half an edge, a
-            negative stiffness or friction, a cable without a radius; when the scene is compiled: layers
-            that intersect, or that coincide and are not tied.
+            negative stiffness or friction, a slip velocity out of its range, a cable without a radius;
+            when the scene is compiled: layers that intersect, or that coincide and are not tied.
 
     Example:
         >>> import gossamer_fx as gx
         >>> from mpi4py import MPI
         >>> from gossamer_fx.presets.films import KAPTON_HN
-        >>> from meshes.sheet import sheet
+        >>> from gossamer_fx.meshes.sheet import sheet
         >>> film = gx.Membrane(sheet(MPI.COMM_WORLD, 2, 2, 0.1, 0.1), KAPTON_HN.law(25e-6))
         >>> floor = gx.contact.Plane(point=(0.0, 0.0, -0.01), normal=(0.0, 0.0, 1.0))
         >>> scene = gx.Scene(gx.Contact(film, floor, distance=1e-3, friction=0.3))
@@ -91,7 +95,12 @@ class Contact:
             self._check_positive("stiffness", stiffness, "N/m³")
         check(law in LAWS, f"Contact '{name}': law is {law!r}; use 'barrier' or 'penalty'.")
         check_friction(f"Contact '{name}'", friction)
-        self._check_positive("slip_velocity", slip_velocity, "m/s")
+        slowest, fastest = SLIP_VELOCITIES
+        check(
+            slowest <= slip_velocity <= fastest,
+            f"Contact '{name}': slip_velocity is {slip_velocity!r} m/s; give a speed between {slowest:g} and "
+            f"{fastest:g} m/s.",
+        )
         self._check_bodies(bodies)
         self.bodies = [body for body in bodies if not isinstance(body, Obstacle)]
         self.obstacles = [body for body in bodies if isinstance(body, Obstacle)]

@@ -37,7 +37,9 @@ from gossamer_fx.contact.narrow_phase.closest_points import PairDistances, close
 from gossamer_fx.contact.narrow_phase.initial_check import (
     refuse_coincident,
     refuse_intersections,
+    refuse_points_inside,
 )
+from gossamer_fx.contact.narrow_phase.large_turns import LargeTurns
 from gossamer_fx.contact.pair_stiffness import PairStiffness
 from gossamer_fx.contact.pair_table import ActivePairs, CandidatePairs, is_wall
 from gossamer_fx.contact.potential import (
@@ -58,6 +60,10 @@ if TYPE_CHECKING:
 # Way of a node in one Newton update, over the activation distance, at most.  Longer updates put layers on
 # the wrong side of others, and the iteration does not come back: docs/theory/contact.md has the figures.
 MAX_UPDATE = 4.0
+
+# How far the motion of an obstacle may be from a straight and uniform one in a step, over the activation
+# distance.  A jump of half of this distance is refused, however short the step is.
+MAX_DEVIATION = 0.25
 
 # No length: divisions by smaller ones are meaningless.
 TINY = 1e-300
@@ -117,6 +123,8 @@ class ContactSet:
         self.acting_count = 0
         self.closest = math.inf
         self._restored = history.restored
+        self._turns = LargeTurns(mesh, activation_distance, system)
+        self._start_time = 0.0  # of x0
         self._end_time = 0.0
         self._push_back = PUSH_BACK
         # Distances at both ends of the last step: its end is the start of the next one.
@@ -138,12 +146,14 @@ class ContactSet:
         system = self._system
         x = self.points.at(system.q0, system.time)
         refuse_intersections(self.mesh, x, self._comm)
+        refuse_points_inside(self.mesh, x)
         self.search.find_at_rest(x, system.time)
         gap = PairDistances.of(self.candidates, x).gap
         nearest = nearest_gaps(self.candidates, gap, self.points.count, self._comm)
         refuse_coincident(self.mesh, x, nearest, self.activation_distance)
         self.history.activation_distance = initial_activation(self.activation_distance, nearest)
         self.x0 = x
+        self._start_time = system.time
 
     def commit(self) -> None:
         """Take q0 as the start of the next step."""
@@ -151,9 +161,10 @@ class ContactSet:
         is_step = self.pairs is not None
         time = self._end_time if is_step else self._system.time
         self.x0 = self.points.at(self._system.q0, time)
+        self._start_time = time
         if not len(history.activation_distance):
             self.set_initial_state()
-        # A state that was restored since then has a history of its own.
+        # A state that was restored since then has a separate history.
         if self.pairs is not None and history.restored == self._restored:
             parameters = self._known_parameters(self.pairs)
             self._energy, scaled = energy_of_pairs(self.pairs, self.x0, self.law, parameters)
@@ -204,6 +215,7 @@ class ContactSet:
         if history.restored != self._restored:
             self._restored = history.restored
             self.x0 = self.points.at(self._system.q0, self._system.time)
+            self._start_time = self._system.time
             # A checkpoint has the pairs of all ranks.
             own = self.points.owned(self.mesh.first_points(history.identifier))
             history.identifier = history.identifier[own]
@@ -221,11 +233,18 @@ class ContactSet:
     # ---- the active set of a step ----
 
     def begin_step(self) -> None:
-        """Find what may touch in the step."""
+        """Find what may touch in the step.
+
+        Raises:
+            Inadmissible: the motion of an obstacle jumps in the step.
+        """
         self._push_back = PUSH_BACK
         system = self._system
         self.stored_energy()
         self._end_time = system.time + system.h
+        if self._alpha < 1:
+            limit = MAX_DEVIATION * self.activation_distance
+            self.points.refuse_jumps(system.time, system.h, limit)
         self._v = self.points.rates(system.v0, system.time, system.h)
         predicted = np.ascontiguousarray(self.x0 + system.h * self._v)
         if not self.history.reference_speed:
@@ -267,7 +286,7 @@ class ContactSet:
         """Let the candidates of a mask (n,) take part in the step."""
         squared_distance, parameters = self._start.closest_points(active)
         pairs = self._activated(active)
-        # Pairs that have energy keep their stiffness: with another one energy would appear.
+        # The stiffness of pairs that have energy is constant: with another one energy would appear.
         has_energy, stiffness = self.history.stiffness_of(pairs.identifier)
         chosen = self._stiffness.choose(
             self.candidates.rows(active),
@@ -310,6 +329,7 @@ class ContactSet:
         if pairs is None:
             return
         self.x0 = self.points.at(self._system.q0, self._system.time)
+        self._start_time = self._system.time
         self._end_time = self._system.time + self._system.h
         start = pair_starts(pairs, self.x0, *closest_points(pairs, self.x0))
         if pairs.start is not None:
@@ -369,7 +389,10 @@ class ContactSet:
             other = self.mesh.name_of(candidates.second_point[first])
             x, y, z = x1[point]
             message = f"'{one}' would pass through '{other}' near ({x:.4g}, {y:.4g}, {z:.4g}) m"
-        return next(filter(None, self._comm.allgather(message)), "")
+        message = next(filter(None, self._comm.allgather(message)), "")
+        if message or self._alpha == 1:
+            return message
+        return self._turns.find(self._start, x1)
 
     def _identifiers_of_passed(self, x1: Array) -> np.ndarray:
         """Return the identifiers of active pairs that passed through each other in a step to x1."""

@@ -95,7 +95,11 @@ class PairStiffness:
         return self._density
 
     def _rate_of_distance(
-        self, pairs: CandidatePairs, squared_distance: Array, x0: Array, v: Array
+        self,
+        pairs: CandidatePairs,
+        squared_distance: Array,
+        x0: Array,
+        v: Array,
     ) -> Array:
         """Return by how much distances grow (n,) [m/s], taken over a short time."""
         duration = SHORT_TIME * self._system.h

@@ -141,7 +141,12 @@ def infinite_at_crossings(kind: ByteArray, width: Array, offset: Array) -> tuple
     return new_width, offset + rounded * new_width
 
 
-def pair_starts(pairs: ActivePairs, x: Array, squared_distance: Array, parameters: Array) -> Array:
+def pair_starts(
+    pairs: ActivePairs,
+    x: Array,
+    squared_distance: Array,
+    parameters: Array,
+) -> Array:
     """Return the column `start` (n, 4) of pairs from their closest points at the start.
 
     Args:
@@ -168,7 +173,10 @@ def pair_starts(pairs: ActivePairs, x: Array, squared_distance: Array, parameter
 
 
 def energy_of_pairs(
-    pairs: ActivePairs, x: Array, law: ContactLaw, parameters: Array | None = None
+    pairs: ActivePairs,
+    x: Array,
+    law: ContactLaw,
+    parameters: Array | None = None,
 ) -> tuple[float, Array]:
     """Return the energy [J] of n pairs at points x (m, 3), and the scaled distance x of each (n,).
 

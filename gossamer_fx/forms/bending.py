@@ -36,8 +36,7 @@ Limits.  Positions of order 1 leave only the angles between cells.  The usual en
 cantilever under PL²/EI = 10 rises to 0.65 L on parallel and alternating diagonals, 0.56 L on
 crossed ones and 0.60 L on an irregular mesh, instead of 0.81 L.
 
-Source: G. Engel et al., Comput. Methods Appl. Mech. Eng. 191 (2002) 3669,
-doi:10.1016/S0045-7825(02)00286-4.
+Source: G. Engel et al., Comput. Methods Appl. Mech. Eng. 191 (2002) 3669.
 """
 
 from __future__ import annotations
@@ -169,7 +168,13 @@ class Bending:
         work_of_test_moments = ufl.dot(moment_w, jump_x)
         return (penalty_term - work_of_moments - work_of_test_moments) * dS
 
-    def clamp(self, x: Expr, w: Expr, d: Expr, ds: ufl.Measure) -> ufl.Form:
+    def clamp(
+        self,
+        x: Expr,
+        w: Expr,
+        d: Expr,
+        ds: ufl.Measure,
+    ) -> ufl.Form:
         """Integral of a(x, w) over boundary edges where the plate is tangent to a given direction
         [J].
 

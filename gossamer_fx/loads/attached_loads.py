@@ -24,7 +24,7 @@ from gossamer_fx.model.roles import (
     Tangents,
     WithoutParameters,
 )
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.terms.point_masses import AttachedKineticEnergy
 
 
@@ -39,7 +39,7 @@ class AttachedLoads(
     GradientLimits,
     Reversible,
     IndependentOfShape,
-    CompiledTerms,
+    CompiledTerms["AttachedLoad"],
 ):
     """All `AttachedLoad` terms of a scene: forces M (a + A (X - c)) on the attached vectors X of masses M."""
 
@@ -139,7 +139,7 @@ class AttachedLoad:
     acceleration: Array
     gradient: Array
     centre: Array
-    compiler: ClassVar[type[CompiledTerms]] = AttachedLoads
+    compiler: ClassVar[Compiler] = AttachedLoads
 
 
 def _of_points(port: Port, body: Body) -> float:

@@ -30,7 +30,13 @@ class ConstantForce:
     value: Array
     depends_on_position_only = True
 
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
         pass
 
     def force(self, X: Array) -> Array:
@@ -49,7 +55,13 @@ class ForceInTime:
         self._comm, self._name, self._value = comm, name, value
         self._now: Array = np.zeros(3)
 
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
         self._now = at_time(self._comm, self._name, self._value, t + lag)
 
     def force(self, X: Array) -> Array:
@@ -59,7 +71,12 @@ class ForceInTime:
         return np.zeros((3, 3))
 
 
-def at_time(comm: MPI.Intracomm, name: str, value: History, t: float) -> Array:
+def at_time(
+    comm: MPI.Intracomm,
+    name: str,
+    value: History,
+    t: float,
+) -> Array:
     """value(t) as three finite numbers, the same on every rank."""
     return ask_numbers(comm, f"'{name}' at t = {t:.6g} s", lambda: value(t), (3,))
 
@@ -79,7 +96,13 @@ class Couple:
     def __init__(self) -> None:
         self.torque: Array = np.zeros(3)
 
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
         pass
 
     def _spread(self, r: Array) -> tuple[Array, Array]:
@@ -123,14 +146,20 @@ class TorqueInTime(Couple):
         super().__init__()
         self._comm, self._name, self._value = comm, name, value
 
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
         self.torque = at_time(self._comm, self._name, self._value, t + lag)
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Force:
-    """A force on a point of a body; its work is booked as supplied.
+    """A force on a point of a body; its work counts as supplied.
 
     Args:
         port: the point, e.g. `film.port("tip")`.
@@ -170,7 +199,7 @@ class Force:
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Torque:
-    """A torque on a rigid body, a beam's section or a `RigidRegion`; its work is booked as supplied.
+    """A torque on a rigid body, a beam's section or a `RigidRegion`; its work counts as supplied.
 
     Args:
         frame: what it turns, e.g. `body.frame()`, or the line of a straight region, on which the torque

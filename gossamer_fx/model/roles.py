@@ -268,7 +268,7 @@ class Resultants(Protocol):
 
 @runtime_checkable
 class FrameMomenta(Protocol):
-    """Describes the bodies in a moving frame, which has a momentum of its own."""
+    """Describes the bodies in a moving frame, which has momentum itself."""
 
     @abstractmethod
     def momenta(self) -> Array:

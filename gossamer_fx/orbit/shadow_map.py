@@ -75,7 +75,12 @@ class ShadowMap:
         self.lit.x.scatter_forward()
 
 
-def lit_parts(comm: MPI.Intracomm, triangles: Array, u: Array, pixels: int) -> Array:
+def lit_parts(
+    comm: MPI.Intracomm,
+    triangles: Array,
+    u: Array,
+    pixels: int,
+) -> Array:
     """Part (n,) of each triangle that light reaches, from 0 to 1.  Collective.
 
     Args:

@@ -93,7 +93,12 @@ def strain_operator(F: Array) -> Array:
     return B.reshape(3, 6, -1)
 
 
-def stress_derivatives(B_mean: Array, D: Array, B: Array, S: Array) -> Array:
+def stress_derivatives(
+    B_mean: Array,
+    D: Array,
+    B: Array,
+    S: Array,
+) -> Array:
     """T (q, 2, 3, 2, 3) of (2), for stresses that act at the mean of two gradients.
 
     Args:

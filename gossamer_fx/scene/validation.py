@@ -24,6 +24,7 @@ from gossamer_fx.mesh.quality import (
     crossings,
     extent,
     folded,
+    folded_in_plane,
     open_seams,
     shape_quality,
     sizes,
@@ -108,7 +109,7 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
     flat, slivers = comm.allreduce(counts).tolist()
     check(
         flat == 0,
-        f"'{body.name}' has {flat} {kind}{'s' * (flat > 1)} of no size, the nodes of which are in one place or on a "
+        f"'{body.name}' has {flat} {kind}{'s' * (flat > 1)} of no size, the nodes of which are at one point or on a "
         "line; mesh it again, or remove duplicate nodes.",
     )
     if not _EXTENT[0] <= size <= _EXTENT[1]:
@@ -144,7 +145,14 @@ def _of_mesh(body: MeshBody) -> Iterator[str]:
                 "model.mesh.reverse)."
             )
         upside_down = folded(table)
-        if upside_down:
+        in_plane, share = folded_in_plane(table)
+        if in_plane:
+            yield (
+                f"'{body.name}' has {in_plane} triangles upside down in its plane, {share:.2g} of its area, so that it "
+                "covers a part of the plane more than once and has a wrong stiffness; mesh it again, or move back the "
+                "nodes that crossed an edge."
+            )
+        elif upside_down:
             yield f"'{body.name}' has {upside_down} triangles upside down on their neighbours; look at its mesh."
         thickness = getattr(getattr(body, "law", None), "thickness", 0.0)
         smallest = comm.allreduce(float(np.sqrt(sizes(corners)).min(initial=np.inf)), op=MPI.MIN)
@@ -181,7 +189,7 @@ def self_intersections(bodies: list[Body]) -> Iterator[str]:
         corners = _positions(body)[dofs]
         pierced = crossings(body.comm, corners, nodes.astype(np.int64))
         if pierced:
-            yield f"'{body.name}' pierces itself at the start in {pierced} triangles; nothing keeps them apart."
+            yield f"'{body.name}' penetrates itself at the start in {pierced} triangles; nothing keeps them apart."
 
 
 def _positions(body: MeshBody) -> Array:

@@ -1,4 +1,4 @@
-"""Derivatives of integrals with respect to what they depend on: constants, fields, the places of mesh nodes."""
+"""Derivatives of integrals with respect to what they depend on: constants, fields, positions of mesh nodes."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from gossamer_fx.model.body import Array
 
 
 class MeshNodes:
-    """The places of the nodes of a mesh [m], as a function of a space on the same mesh."""
+    """The positions of the nodes of a mesh [m], as a function of a space on the same mesh."""
 
     def __init__(self, mesh: Mesh) -> None:
         self.mesh = mesh
         degree = mesh.geometry.cmap.degree
         self.space = fem.functionspace(mesh, ("Lagrange", degree, (3,)))
-        # For each node of the space the row of the mesh's array of places.
+        # For each node of the space the row of the mesh's array of positions.
         self._row = np.zeros(self._count, dtype=np.int64)
         self._row[self.space.dofmap.list.ravel()] = mesh.geometry.dofmap.ravel()
 
@@ -32,13 +32,13 @@ class MeshNodes:
         return int(nodes.size_local + nodes.num_ghosts)
 
     def get(self) -> Array:
-        """Places (k,) of the owned nodes, flattened."""
+        """Positions (k,) of the owned nodes, flattened."""
         owned = self.space.dofmap.index_map.size_local
         places: Array = self.mesh.geometry.x[self._row[:owned]]
         return places.ravel()
 
     def set(self, values: Array) -> None:
-        """Move the owned nodes to places (k,), and their ghosts with them.  Collective."""
+        """Move the owned nodes to positions (k,), and their ghosts with them.  Collective."""
         moved = fem.Function(self.space)
         moved.x.array[: len(values)] = values
         moved.x.scatter_forward()

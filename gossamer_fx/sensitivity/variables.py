@@ -30,7 +30,7 @@ from gossamer_fx.sensitivity.form_derivative import (
 )
 from gossamer_fx.system.system import System
 
-# Names of variables that are no parameters of terms.
+# Names of variables that are not parameters of terms.
 SHAPE = "shape"
 INITIAL_VELOCITY = "initial_velocity"
 INITIAL_POSITION = "initial_position"
@@ -186,7 +186,7 @@ class FormVariable(Variable):
 
 
 class PointVariable(Variable):
-    """Numbers of terms that are no forms: of springs, ropes, creases and point forces."""
+    """Numbers of terms that are not forms: of springs, ropes, creases and point forces."""
 
     def __init__(
         self,

@@ -9,7 +9,7 @@ The predicted increment p comes from the stepper.  A film switches between taut,
 that a plain Newton iteration cycles or diverges at steps of practical length.
 
 Idea.  The strains ε at the quadrature points are unknowns in addition to w, and are eliminated point
-by point (Magisano, Leonetti & Garcea, IJNME 109 (2017) 1237, doi:10.1002/nme.5328).  An iterate k has
+by point (Magisano, Leonetti & Garcea, IJNME 109 (2017) 1237).  An iterate k has
 the strain that is linear in the last update, not the true strain e(q1):
 
     ε_k = e(q_{k-1}) + De(q_{k-1}) (w_k - w_{k-1})                                            (3)
@@ -63,8 +63,8 @@ import gossamer_fx.solvers.factorisation as factorisation
 import gossamer_fx.solvers.linear as linear
 from gossamer_fx.algebra.numbering import PREFIX
 from gossamer_fx.checks.errors import check
+from gossamer_fx.checks.failures import Inadmissible, NotConverged
 from gossamer_fx.model.body import Array
-from gossamer_fx.solvers.failures import Inadmissible, NotConverged
 from gossamer_fx.solvers.tolerances import Tolerances
 from gossamer_fx.system.system import System
 
@@ -141,6 +141,7 @@ class Newton:
         geometric_stiffness_delay: number of tangents at the start of a step without geometric
             stiffness; a stepper sets it.
         energy: largest energy so far [J], the reference of (5); zero: (5) is not asked.
+        round_off_energy: energy [J] that round-off gives to a scene at rest, the largest of all steps.
         iterations: of the last solve, also if it failed.
         all_iterations: of all solves.
         linear_iterations: Krylov iterations of all solves.
@@ -161,6 +162,7 @@ class Newton:
         self.tolerances = tolerances
         self.geometric_stiffness_delay = 0
         self.energy = 0.0
+        self.round_off_energy = 0.0
         self.iterations = 0
         self.all_iterations = 0
         self.linear_iterations = 0
@@ -230,7 +232,7 @@ class Newton:
         return parts.matrix
 
     def _set_up_bordered(self) -> PETSc.Mat:
-        """Solve with scalar unknowns or couplings of contact; returns the bordered matrix."""
+        """Solve with scalar unknowns or couplings of contact; returns the matrix of both."""
         system = self.system
         self._bordered = linear.Bordered(self._composite, system.coupled_tangent)
         sizes = self._x.getSizes()
@@ -360,7 +362,13 @@ class Newton:
             self.system.limit_update(values[: self._composite.n])
         return True
 
-    def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
+    def _jacobian(
+        self,
+        snes: PETSc.SNES,
+        x: PETSc.Vec,
+        J: PETSc.Mat,
+        P: PETSc.Mat,
+    ) -> None:
         """Tangent at the iterate, unless an earlier one of the step is good enough."""
         iteration = snes.getIterationNumber()
         is_near = self._norm < min(
@@ -403,12 +411,16 @@ class Newton:
         Once a step, but at each tangent with contact: bodies that penetrate each other in the
         predictor have stiffnesses there that are far too large, so the smallest estimate counts.
         """
-        if self._round_off_floor and not self.system.active_sets:
+        is_first = self._round_off_floor == 0
+        if not is_first and not self.system.active_sets:
             return
         A.getDiagonal(self._diagonal)
         units = self.tolerances.floor * np.finfo(float).eps
         floor = units * self.system.force_scale(self._diagonal)
         self._round_off_floor = min(floor, self._round_off_floor or math.inf)
+        if is_first:
+            energy = self.system.round_off_energy(self._diagonal)
+            self.round_off_energy = max(self.round_off_energy, energy)
 
     def _choose_linear_tolerance(self) -> None:
         """Solve tightly if this is likely to be the last linear system of the step."""
@@ -504,7 +516,7 @@ class Newton:
         system = self.system
         forces = self._r.array_r
         if system.constraints:
-            # Rows of multipliers hold violations of constraints, which are no forces.
+            # Rows of multipliers hold violations of constraints, which are not forces.
             forces = forces[: system.constraints.owned.start]
         n = forces.size
         moved = system.q1.array_r[:n] - system.q0.array_r[:n]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from typing import Never, cast
 
 import numpy as np
 from dolfinx import fem
@@ -22,7 +23,7 @@ from gossamer_fx.model.terms import Term
 from gossamer_fx.system.increment import Increment
 from gossamer_fx.system.tangent import Tangent
 from gossamer_fx.system.totals import Totals
-from gossamer_fx.terms.assembly import CompiledConstraints, CompiledTerms, Part
+from gossamer_fx.terms.assembly import CompiledConstraints, Compiler, Part
 from gossamer_fx.terms.coordinates import Coordinates
 from gossamer_fx.terms.discrete_gradient import StressRule
 from gossamer_fx.terms.scalar_unknowns import ScalarUnknowns
@@ -87,7 +88,7 @@ class System:
         self.geometric = 1.0
         self.supplied_energy = 0.0
 
-        kinds: dict[type[CompiledTerms], list[Term]] = {}
+        kinds: dict[Compiler, list[Term]] = {}
         for term in self.terms:
             kinds.setdefault(term.compiler, []).append(term)
         multipliers = [
@@ -115,7 +116,8 @@ class System:
         supports = [term for term in kinds.pop(Supports, []) if isinstance(term, Support)]
         self.supports = Supports(supports, self)
         self.increment = Increment(numbering, self.supports)
-        self.compiled = [kind(alike, self) for kind, alike in kinds.items()]
+        # The terms of a kind are those that name it as their compiler, which the type of `kinds` cannot say.
+        self.compiled = [kind(cast("list[Never]", alike), self) for kind, alike in kinds.items()]
         self._sort_by_role()
         self.losses = {name: 0.0 for kind in self._dissipating for name in kind.losses}
 
@@ -423,7 +425,7 @@ class System:
         return columns, rows, corner
 
     def commit(self, v1: PETSc.Vec) -> None:
-        """Accept the step: q1 and v1 are the state now, and its works and losses are booked."""
+        """Accept the step: q1 and v1 are the state now, and its works and losses are added to the totals."""
         change = self.q1.array_r - self.q0.array_r
         self.supplied_energy += self.supports.work(change)
         self.supplied_energy += sum(kind.supplied() for kind in self._supplying)
@@ -517,6 +519,10 @@ class System:
         The diagonal is that of the tangent.
         """
         return self.increment.force_scale(self.M, diagonal, self.q1)
+
+    def round_off_energy(self, diagonal: PETSc.Vec) -> float:
+        """Energy [J] that round-off gives to a scene at rest; the diagonal is that of the tangent."""
+        return self.increment.round_off_energy(self.M, diagonal, self.q1)
 
     def imbalance(self, r: PETSc.Vec) -> tuple[float, float]:
         """Norm of the forces in r [N], and the largest violation of a constraint."""

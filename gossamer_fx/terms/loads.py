@@ -26,7 +26,7 @@ from gossamer_fx.model.roles import (
     Supply,
     TangentForms,
 )
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.terms.coordinates import Coordinates
 
 
@@ -40,7 +40,7 @@ class Loads(
     Resultants,
     ResidualForms,
     Reversible,
-    CompiledTerms,
+    CompiledTerms["Load"],
 ):
     """All `Load` terms of a scene."""
 
@@ -118,7 +118,7 @@ class Load:
     follows: bool = False  # whether the work form depends on the configuration q
     at: Callable[[float], None] | None = None
     parameters: tuple[Parameter, ...] = ()
-    compiler: ClassVar[type[CompiledTerms]] = Loads
+    compiler: ClassVar[Compiler] = Loads
 
 
 class RateWork(Protocol):

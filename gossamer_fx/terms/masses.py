@@ -17,10 +17,10 @@ from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.model.body import Array, Body, MeshBody
 from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.roles import Mass, MassForms, OnMeshes
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
 
-class Masses(OnMeshes, Mass, MassForms, CompiledTerms):
+class Masses(OnMeshes, Mass, MassForms, CompiledTerms["KineticEnergy"]):
     """All `KineticEnergy` terms of a scene."""
 
     def __init__(self, terms: Sequence[KineticEnergy], system: Assembly) -> None:
@@ -61,10 +61,10 @@ class KineticEnergy:
     body: MeshBody
     mass: Callable[[Expr, Expr], ufl.Form]
     parameters: tuple[Parameter, ...] = ()
-    compiler: ClassVar[type[CompiledTerms]] = Masses
+    compiler: ClassVar[Compiler] = Masses
 
 
-class NodeMasses(Mass, CompiledTerms):
+class NodeMasses(Mass, CompiledTerms["NodeKineticEnergy"]):
     """All `NodeKineticEnergy` terms of a scene."""
 
     def __init__(self, terms: Sequence[NodeKineticEnergy], system: Assembly) -> None:
@@ -96,4 +96,4 @@ class NodeKineticEnergy:
 
     body: Body
     mass: Array
-    compiler: ClassVar[type[CompiledTerms]] = NodeMasses
+    compiler: ClassVar[Compiler] = NodeMasses

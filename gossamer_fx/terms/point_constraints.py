@@ -4,11 +4,19 @@
                                             [ De(q1)     0    ]
 
 A multiplier whose measure touches held coordinates only has nothing to do: it is held too.
+
+A constraint may close over time: e(q1) = f(t1) e(q_start), with f falling from 1 to 0.  The work
+-λ·(e(q1) - e(q0)) of its force counts as supplied.
+
+Where seams meet, a tie may follow from others: three points that are tied in a circle need two ties.
+Such ties are found in the graph whose vertices are coordinates and whose edges are constraints
+between two coordinates each; fixed coordinates are one vertex.  A tie that closes a circle in this
+graph is left out, if it says that it may be (`may_repeat`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -34,9 +42,11 @@ from gossamer_fx.model.roles import (
     Multipliers,
     Reversible,
     StateObserver,
+    StepObserver,
+    Supply,
     WithoutParameters,
 )
-from gossamer_fx.terms.assembly import Assembly, CompiledConstraints, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledConstraints, Compiler
 
 # Largest violation at the start, in units of the constraint: the bound for "these points coincide".
 MAX_INITIAL_VIOLATION = 1e-8
@@ -53,14 +63,20 @@ NULL_EIGENVALUE = 1e-12
 TAKES_PART = 1e-6
 
 
+# The vertex of all fixed coordinates in the graph of ties.
+GROUND = -1
+
+
 class PointConstraints(
     Multipliers,
+    StepObserver,
     StateObserver,
     Forces,
+    Supply,
     WithoutParameters,
     Reversible,
     IndependentOfShape,
-    CompiledConstraints,
+    CompiledConstraints["PointConstraint"],
 ):
     """All `PointConstraint` terms of a scene; those that are alike are one array.
 
@@ -94,13 +110,52 @@ class PointConstraints(
         self._rows = [(local + numbering.start).astype(PETSc.IntType) for local in self._local]
         self._q0: list[Array] = [np.zeros((at.n, at.D)) for at in self._measures]
         self._gather = Gather(numbering, [at.indices for at in self._measures])
+        self._closes = any(term.closing for term in terms)
+        # e at the start of the scene, and the right-hand side e(q1) = target of the step.
+        self._initial: list[Array] = [np.zeros((at.n, at.m)) for at in self._measures]
+        self._targets: list[Array] = [np.zeros((at.n, at.m)) for at in self._measures]
         self.owned = slice(numbering.owned(len(system.bodies)).start, numbering.size_local)
 
     def tied_ports(self) -> list[list[tuple[Attached, ...]]]:
         return [[t.measure.ports[i] for i in evaluated_here(t.measure.ports)] for t in self._terms]
 
+    def begin_step(self, t: float) -> None:
+        if self._closes:
+            self._targets = self._targets_at(self._system.time + self._system.h)
+
     def commit(self) -> None:
         self._q0 = self._gather(self._system.q0)
+
+    def supplied(self) -> float:
+        """Work of the constraints that close, -λ·(e(q1) - e(q0))."""
+        if not self._closes:
+            return 0.0
+        values = self._system.q1.array_r.copy()
+        work = 0.0
+        for k, (at, q) in enumerate(
+            zip(self._measures, self._gather(self._system.q1), strict=True)
+        ):
+            closes = np.array([term.closing is not None for term in self._terms])[self._term_of[k]]
+            change = at.strain(q) - at.strain(self._q0[k])
+            work -= float((values[self._local[k]] * change)[closes].sum())
+        return work
+
+    def _targets_at(self, t: float) -> list[Array]:
+        """Right-hand sides f(t) e(q_start) (n, m) at a time [s]."""
+        openness = np.array(
+            [term.closing.openness(t) if term.closing else 0.0 for term in self._terms]
+        )
+        return [
+            openness[term_of][:, None] * initial
+            for term_of, initial in zip(self._term_of, self._initial, strict=True)
+        ]
+
+    def _take_initial(self, q0: PETSc.Vec) -> None:
+        """Measure where the constraints that close begin.  Collective."""
+        if self._closes:
+            self._initial = [
+                at.strain(q) for at, q in zip(self._measures, self._gather(q0), strict=True)
+            ]
 
     def add_forces(self, r: PETSc.Vec) -> None:
         """r += De(q̄)ᵀλ, and e(q1) in the rows of the multipliers."""
@@ -110,9 +165,8 @@ class PointConstraints(
         ):
             force = values[self._local[k]][:, None] @ self._middle_gradient(k, q)
             r.setValues(at.indices.ravel(), force.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
-            r.setValues(
-                self._rows[k].ravel(), at.strain(q).ravel(), addv=PETSc.InsertMode.ADD_VALUES
-            )
+            excess = at.strain(q) - self._targets[k]
+            r.setValues(self._rows[k].ravel(), excess.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
         r.assemble()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
@@ -147,9 +201,10 @@ class PointConstraints(
 
     def violation(self, q: PETSc.Vec) -> float:
         """Largest violation of a constraint in a state, in its own units; the same on every rank."""
+        targets = self._targets_at(self._system.time)
         worst = [
-            float(np.abs(at.strain(x)).max(initial=0.0))
-            for at, x in zip(self._measures, self._gather(q), strict=True)
+            float(np.abs(at.strain(x) - target).max(initial=0.0))
+            for at, x, target in zip(self._measures, self._gather(q), targets, strict=True)
         ]
         return float(self._comm.allreduce(max(worst), op=MPI.MAX))
 
@@ -161,6 +216,7 @@ class PointConstraints(
         `free` is 1 at coordinates that may move and 0 at fixed ones.
         """
         found: list[npt.NDArray[np.int64]] = [np.zeros(0, dtype=np.int64)]
+        stuck = 0
         for k, (at, q, mask) in enumerate(
             zip(self._measures, self._gather(q0), self._gather(free), strict=True)
         ):
@@ -168,7 +224,53 @@ class PointConstraints(
                 axis=2, initial=0.0
             ) < NO_GRADIENT
             found.append(self._local[k][nothing])
-        return np.concatenate(found)
+            open_rows = np.abs(self._targets[k]) > MAX_INITIAL_VIOLATION
+            stuck += int((nothing & open_rows).sum())
+        check(
+            self._comm.allreduce(stuck) == 0,
+            "A seam cannot close: nodes on both of its sides are fixed; free one side, or move its support.",
+        )
+        return np.union1d(np.concatenate(found), self._repeated(free, q0))
+
+    def _repeated(self, free: PETSc.Vec, q0: PETSc.Vec) -> npt.NDArray[np.int64]:
+        """Positions in this rank's part of a vector of the ties that follow from others.  Collective."""
+        none = np.zeros(0, dtype=np.int64)
+        if not any(term.may_repeat for term in self._terms):
+            return none
+        # Of each tie: whether it may be left out, term, two coordinates, rank and position.
+        mine: list[tuple[bool, int, int, int, int, int]] = []
+        rank = self._comm.rank
+        for k, (at, q, mask) in enumerate(
+            zip(self._measures, self._gather(q0), self._gather(free), strict=True)
+        ):
+            G = at.gradient(q)
+            for i, j in np.argwhere((np.abs(G) > NO_GRADIENT).sum(axis=2) == 2):
+                columns = np.flatnonzero(np.abs(G[i, j]) > NO_GRADIENT)
+                ends = [int(at.indices[i, c]) if mask[i, c] else GROUND for c in columns]
+                number = int(self._term_of[k][i])
+                may_repeat = self._terms[number].may_repeat
+                position = int(self._local[k][i, j])
+                mine.append((may_repeat, number, min(ends), max(ends), rank, position))
+        gathered = self._comm.allgather(mine)
+        # Ties that must stay come first, so that only others close circles.
+        ties = sorted(tie for of_rank in gathered for tie in of_rank)
+        root: dict[int, int] = {}
+
+        def root_of(vertex: int) -> int:
+            while (above := root.setdefault(vertex, vertex)) != vertex:
+                root[vertex] = root[above]
+                vertex = above
+            return vertex
+
+        found = []
+        for may_repeat, _, a, b, of_rank, position in ties:
+            first = root_of(a)
+            second = root_of(b)
+            if first != second:
+                root[first] = second
+            elif may_repeat and of_rank == rank:
+                found.append(position)
+        return np.array(found, dtype=np.int64)
 
     def validate(self, q0: PETSc.Vec, v0: PETSc.Vec, free: PETSc.Vec) -> None:
         """Check that the initial state satisfies all constraints, and that none follows from the others.
@@ -176,13 +278,15 @@ class PointConstraints(
         Raises:
             InputError: a constraint is violated or redundant, by name.
         """
+        self._take_initial(q0)
+        self._targets = self._targets_at(0.0)
         violations = np.zeros(len(self._terms))
         rates = np.zeros(len(self._terms))
         speed = 1.0  # scale of the rates; 1 per second where everything is at rest
         groups = zip(self._term_of, self._measures, self._gather(q0), self._gather(v0), strict=True)
-        for term_of, at, q, v in groups:
+        for (term_of, at, q, v), target in zip(groups, self._targets, strict=True):
             De = at.gradient(q)
-            violation = np.abs(at.strain(q)).max(axis=1, initial=0.0)
+            violation = np.abs(at.strain(q) - target).max(axis=1, initial=0.0)
             rate = np.abs(np.einsum("nmx,nx->nm", De, v)).max(axis=1, initial=0.0)
             np.maximum.at(violations, term_of, violation)
             np.maximum.at(rates, term_of, rate)
@@ -208,6 +312,7 @@ class PointConstraints(
         n = self._comm.allreduce(sum(at.n * at.m for at in self._measures))
         if n > MAX_CHECKED_CONSTRAINTS:
             return
+        repeated = self._repeated(free, q0)
         mine: list[tuple[int, Array, Array]] = []
         for k, (at, q, mask) in enumerate(
             zip(self._measures, self._gather(q0), self._gather(free), strict=True)
@@ -217,7 +322,7 @@ class PointConstraints(
                 (int(self._term_of[k][i]), at.indices[i], De[i, j])
                 for i in range(at.n)
                 for j in range(at.m)
-                if np.any(De[i, j])
+                if np.any(De[i, j]) and self._local[k][i, j] not in repeated
             ]
         message = ""
         gathered = self._comm.gather(mine)
@@ -247,8 +352,19 @@ class PointConstraints(
         names = ", ".join(f"'{name}'" for name in sorted(involved))
         return (
             f"{null.shape[1]} of the constraints {names} follow from the others; free one of the joints, e.g. by a "
-            "ball joint in the place of a revolute one."
+            "ball joint instead of a revolute one."
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Closing:
+    """How a constraint closes: e(q1) = f(t1) e(q_start).
+
+    Attributes:
+        openness: f, a function of time [s]; 1 at the start of the scene, and without a rate there.
+    """
+
+    openness: Callable[[float], float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,8 +373,16 @@ class PointConstraint:
 
     The force does no work: De(q_mid)(q1 - q0) = e(q1) - e(q0) = 0.  It conserves momentum and angular
     momentum if e is invariant to translations and rotations.
+
+    Attributes:
+        name: in messages and output.
+        measure: e(q).
+        closing: how e goes to zero from what it is at the start; None: it is zero from the start.
+        may_repeat: whether a tie of two nodes that follows from others is left out, instead of refused.
     """
 
     name: str
     measure: PointMeasure
-    compiler: ClassVar[type[CompiledTerms]] = PointConstraints
+    closing: Closing | None = None
+    may_repeat: bool = False
+    compiler: ClassVar[Compiler] = PointConstraints

@@ -35,7 +35,7 @@ from gossamer_fx.model.roles import (
     StoredEnergies,
     Tangents,
 )
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
 # Complex steps do not cancel, so that the step is so small that its square is round-off of any number.
 COMPLEX_STEP = 1e-30
@@ -70,7 +70,13 @@ class Stencil:
     With pairs that change from step to step, a new one is made for each list of them.
     """
 
-    def __init__(self, at: PointMeasures, density: Any, dissipates: bool, alpha: float) -> None:
+    def __init__(
+        self,
+        at: PointMeasures,
+        density: Any,
+        dissipates: bool,
+        alpha: float,
+    ) -> None:
         self.at, self.density, self._dissipates, self._α = at, density, dissipates, alpha
         self.h = 1.0
         self._known: tuple[Array, Array, Array, tuple[Array, Array]] | None = (
@@ -114,14 +120,14 @@ class Stencil:
             add_blocks(A, at.indices, at.indices, self.tangent(q1))
 
     def _stiffness(self, q1: Array) -> tuple[Array, Any]:
-        """The same of the vectors that are measured (k, 3k, 3k), and of which places it is."""
+        """Stiffness with respect to the measured vectors (k, 3k, 3k), and the k rows that have one."""
         Y, _, (S, D) = self._end(q1)
         on = _all_or_some(S.any(axis=1) | D.any(axis=(1, 2)))
         B, B1 = self.at.slope(self._middle(Y, on), on), self.at.slope(Y[on], on)
         return B.transpose(0, 2, 1) @ (D[on] @ B1) + self._α * self.at.geometric(S[on], on), on
 
     def _middle(self, Y: Array, on: Any) -> Array:
-        """The vectors of the configuration in which forces act, of the places `on`."""
+        """The vectors of the configuration in which forces act, of the rows `on`."""
         return (1 - self._α) * self._Y0[on] + self._α * Y[on]
 
     def _end(self, q1: Array) -> tuple[Array, Array, tuple[Array, Array]]:
@@ -180,7 +186,7 @@ class Stencil:
         return replace(self.density, **{key: getattr(self.density, key) + change})
 
     def loss(self, q1: Array) -> Array:
-        """What each place (n,) of a dissipation takes in the step."""
+        """Dissipated energy of each row of the measure (n,) in the step [J]."""
         _, e1, (S, _) = self._end(q1)
         return np.einsum("nm,nm->n", S, e1 - self.e0)
 
@@ -201,7 +207,7 @@ class PointEnergies(
     PointParameters,
     Reversible,
     IndependentOfShape,
-    CompiledTerms,
+    CompiledTerms["PointStoredEnergy | PointDissipation"],
 ):
     """All `PointStoredEnergy` and `PointDissipation` terms of a scene."""
 
@@ -321,7 +327,7 @@ class PointStoredEnergy:
     measure: PointMeasure
     density: PointDensity
     parameters: tuple[Parameter, ...] = ()
-    compiler: ClassVar[type[CompiledTerms]] = PointEnergies
+    compiler: ClassVar[Compiler] = PointEnergies
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,7 +338,7 @@ class PointDissipation:
     measure: PointMeasure
     density: PointDamping
     parameters: tuple[Parameter, ...] = ()
-    compiler: ClassVar[type[CompiledTerms]] = PointEnergies
+    compiler: ClassVar[Compiler] = PointEnergies
 
 
 def _kind(term: PointStoredEnergy | PointDissipation) -> Any:
@@ -347,7 +353,7 @@ def _kind(term: PointStoredEnergy | PointDissipation) -> Any:
 
 
 def _stacked(densities: Sequence[Any], of: Array) -> Any:
-    """One density for places, each of which belongs to the one that `of` (n,) says."""
+    """One density for all rows; row k belongs to densities[of[k]]."""
     first = densities[0]
     if len(densities) == 1:
         return first

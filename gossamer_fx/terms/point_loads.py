@@ -24,13 +24,19 @@ from gossamer_fx.model.roles import (
     Supply,
     Tangents,
 )
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
 
 class PointForce(Protocol):
     """Force on attached vectors, evaluated alike on every rank."""
 
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
         """Start a step at time t from the vectors X (3k,) and their rates V; forces act `lag` seconds later."""
         ...
 
@@ -65,7 +71,7 @@ class PointLoads(
     GradientLimits,
     Reversible,
     IndependentOfShape,
-    CompiledTerms,
+    CompiledTerms["PointLoad"],
 ):
     """All `PointLoad` terms of a scene: force f(X̄) on attached vectors X = P q + o, work f·(X1 - X0)."""
 
@@ -160,10 +166,10 @@ class PointLoads(
 
 @dataclass(frozen=True, eq=False)
 class PointLoad:
-    """A load on attached vectors; its work is booked as supplied."""
+    """A load on attached vectors; its work counts as supplied."""
 
     name: str
     ports: tuple[Attached, ...]
     law: PointForce
     parameters: tuple[Parameter, ...] = ()
-    compiler: ClassVar[type[CompiledTerms]] = PointLoads
+    compiler: ClassVar[Compiler] = PointLoads

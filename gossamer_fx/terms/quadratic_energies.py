@@ -14,11 +14,11 @@ from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.model.body import Body, MeshBody
 from gossamer_fx.model.roles import ConstantStiffness, ResidualForms, Reversible, StoredEnergies
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
 
 class QuadraticEnergies(
-    ConstantStiffness, StoredEnergies, ResidualForms, Reversible, CompiledTerms
+    ConstantStiffness, StoredEnergies, ResidualForms, Reversible, CompiledTerms["QuadraticEnergy"]
 ):
     """All `QuadraticEnergy` terms of a scene: a constant matrix, and nothing in an iteration."""
 
@@ -67,4 +67,4 @@ class QuadraticEnergy:
     name: str
     body: MeshBody
     form: Callable[[Expr, Expr], ufl.Form]
-    compiler: ClassVar[type[CompiledTerms]] = QuadraticEnergies
+    compiler: ClassVar[Compiler] = QuadraticEnergies

@@ -1,4 +1,4 @@
-"""Pairs of bodies that share the origin, what can act on them, and what must not be lost in their motion."""
+"""Pairs of bodies with a common point, the items that can act on them, and the invariants of their motion."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.line import line
-from meshes.sheet import sheet
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import sheet
 
 COMM = MPI.COMM_WORLD
 STEPS, DT = 200, 5e-3
@@ -110,7 +110,7 @@ def joint(kind: str, a: Any, b: Any) -> Any:
     return kinds[kind](full, other, axis=AXIS)
 
 
-# ---- what may act on a body; `loose` is a mass at rest nearby, so that the motion is no rigid one ----------------
+# ---- what may act on a body; `loose` is a mass at rest nearby, so that the motion is not rigid ----------------
 
 
 def loose_mass() -> gx.PointMass:

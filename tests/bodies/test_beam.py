@@ -21,7 +21,7 @@ from spectrum import angular_frequencies
 import gossamer_fx as gx
 from gossamer_fx.analysis.equilibrium import Continuation, Equilibrium
 from gossamer_fx.bodies.ports import global_node
-from meshes.line import line
+from gossamer_fx.meshes.line import line
 
 COMM = MPI.COMM_WORLD
 

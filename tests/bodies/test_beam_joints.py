@@ -1,4 +1,4 @@
-"""Sections of beams joined to each other: as if grown together, in every relative direction, and conserving."""
+"""Joints between sections of beams: equal to a continuous beam, in every relative direction, and conserving."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from mpi4py import MPI
 from pairs import DT, Motion, conserves
 
 import gossamer_fx as gx
+from gossamer_fx.meshes.line import line
 from gossamer_fx.outputs.description import describe, lines
-from meshes.line import line
 
 COMM = MPI.COMM_WORLD
 SECTION = gx.sections.rectangle(0.03, 0.05, E=1e7, nu=0.3, density=1000.0)

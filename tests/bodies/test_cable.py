@@ -19,7 +19,7 @@ from spectrum import angular_frequencies
 
 import gossamer_fx as gx
 from gossamer_fx.analysis.equilibrium import Equilibrium
-from meshes.line import line
+from gossamer_fx.meshes.line import line
 
 COMM = MPI.COMM_WORLD
 

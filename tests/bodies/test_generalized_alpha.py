@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos import antenna_free
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 from tests.rates import observed_order
 
 COMM = MPI.COMM_WORLD

@@ -15,7 +15,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.line import line
+from gossamer_fx.meshes.line import line
 
 TIGHT = gx.Tolerances(relative=1e-13)
 RADIUS, STIFFNESS = 0.1, 1e4

@@ -8,8 +8,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.analysis.equilibrium import Equilibrium
-from meshes.line import line
-from meshes.sheet import sheet
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import sheet
 
 COMM = MPI.COMM_WORLD
 SPIN = (0.0, 0.0, 5.0)

@@ -1,4 +1,4 @@
-"""What cannot be joined is refused with one sentence; closed loops are solved where they are not redundant."""
+"""Invalid joints are refused with one sentence; closed loops are solved if their constraints are not redundant."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.line import line
-from meshes.sheet import sheet
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import sheet
 
 COMM = MPI.COMM_WORLD
 LAW = gx.Linear(E=1e6, nu=0.3, density=1000.0, thickness=1e-3)

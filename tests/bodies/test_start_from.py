@@ -1,4 +1,4 @@
-"""Scenes that start where another one ended: joints, springs and probes see the places of the start."""
+"""Scenes that start from the end of another scene: joints, springs and probes use the initial positions."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.meshes.line import line
 from gossamer_fx.model.body import Array
-from meshes.line import line
 
 COMM = MPI.COMM_WORLD
 TIP = (0.0, 1.0, 0.0)

@@ -12,7 +12,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.analysis.equilibrium import Equilibrium
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 
 COMM = MPI.COMM_WORLD
 WIDTH, LENGTH, STRETCH = 0.1, 0.5, 1.01

@@ -1,4 +1,4 @@
-"""Tethers that are paid out along a history or against a brake, masses at points, driven hubs, probes of spin."""
+"""Tethers with prescribed length or brake, attached masses, driven hubs, probes of spin."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import pytest
 
 import gossamer_fx as gx
 from gossamer_fx.connectors.paid_out_ropes import PaidOutRopes
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.presets.films import KAPTON_HN
-from meshes.sheet import sheet
 
 K, MASS, L, BRAKE = 400.0, 0.5, 1.0, 2.0
 

@@ -1,4 +1,4 @@
-"""Films and cables that are tied along lines move as one, and keep energy and both momenta."""
+"""Films and cables that are tied along lines: common motion, and conservation of energy and momenta."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from meshes.line import line
-from meshes.sheet import sheet
-from meshes.tube import flat_tube
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.tube import flat_tube
 
 LAW = gx.Linear(E=1e6, nu=0.3, density=1000.0, thickness=1e-3)
 

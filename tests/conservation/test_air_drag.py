@@ -1,4 +1,4 @@
-"""Air that slows films: closed forms of a fall and a throw, books that close, moments that symmetry forbids."""
+"""Air that slows films: closed forms of a fall and a throw, energy balance, moments that vanish by symmetry."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.scene.validation import warnings
-from meshes.sheet import sheet
 from tests.survival.scenes import flutter
 
 THIN = {"E": 1e6, "nu": 0.3, "density": 1400.0, "thickness": 1e-5}

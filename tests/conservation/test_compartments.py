@@ -1,4 +1,4 @@
-"""Chambers that share a film: rings, the strips that close them, and what passes through."""
+"""Chambers that share a film: rings, the strips that close them, and the flow between them."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.tube import flat_tube
-from meshes.tube_section import capped_cylinder
+from gossamer_fx.meshes.tube import flat_tube
+from gossamer_fx.meshes.tube_section import capped_cylinder
 
 FILM = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual_stiffness=1e-6)
 NITROGEN = gx.IdealGas(gamma=1.4, R=296.8)
@@ -137,7 +137,7 @@ def test_a_ring_inside_of_a_surface_is_refused():
         dead_volume=1e-6,
         rings=(gx.gas.Ring(film, "ring 1"),),
     )
-    with pytest.raises(gx.InputError, match="its ring 'ring 1' is not a border of its surface"):
+    with pytest.raises(gx.InputError, match="its ring 'ring 1' is not a boundary of its surface"):
         gx.Simulation(gx.Scene(film, bag), gx.Midpoint(dt=1e-4))
 
 

@@ -1,4 +1,4 @@
-"""Energy and momenta are kept whatever the step: round-off grows neither as 1/h² nor with the distance from 0."""
+"""Energy and momenta are conserved for every step: round-off grows neither as 1/h² nor with the distance to 0."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 
 STEPS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
 FAR = 7e6  # m: the radius of an orbit; its unit in the last place is 1e-9 m

@@ -1,4 +1,4 @@
-"""What is lost is told by what took it: each loss against its own closed form, in files and over restarts."""
+"""Dissipation by cause: each loss compared with its closed form, in files and over restarts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 
 COMM = MPI.COMM_WORLD
 LAW = gx.Linear(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)

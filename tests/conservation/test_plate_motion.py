@@ -1,4 +1,4 @@
-"""Balances of plates: what bends conserves, and what turns a clamp is booked."""
+"""Balances of plates: bending conserves energy, and the work of a turning clamp counts as supplied."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from meshes.plates import irregular_sheet
-from meshes.sheet import sheet
+from gossamer_fx.meshes.plates import irregular_sheet
+from gossamer_fx.meshes.sheet import sheet
 
 LAW = gx.Linear(E=1e9, nu=0.3, density=1000.0, thickness=1e-3)
 

@@ -1,4 +1,4 @@
-"""The same scene on all ranks and on one gives the same answer."""
+"""A scene on all ranks has the results of the scene on one rank."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos.inflate_tube import FILM, NITROGEN
 from demos.spinning_sheet import throw
-from meshes.sheet import sheet
-from meshes.tube import flat_tube
+from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.tube import flat_tube
 
 
 def spinning(comm: MPI.Intracomm) -> gx.Scene:

@@ -1,4 +1,4 @@
-"""Scenes of contact for tests, and what they are asked for."""
+"""Scenes of contact for tests, and functions that evaluate them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import gossamer_fx as gx
 from gossamer_fx.contact.compiled import CompiledContacts
 from gossamer_fx.contact.contact_set import ContactSet
 from gossamer_fx.contact.narrow_phase.intersections import find_intersections
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 
 FILM = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
 

@@ -10,8 +10,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.contact import problem
-from meshes.line import line
-from meshes.sheet import sheet
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import sheet
 from tests.contact.scenes import (
     FILM,
     assert_conserved,

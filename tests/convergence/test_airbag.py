@@ -1,4 +1,4 @@
-"""The inflated square airbag of the literature: mostly wrinkled, found as the rest of damped dynamics.
+"""The inflated square airbag of the literature, mostly wrinkled, as the rest state of damped dynamics.
 
 Two flat square sheets, diagonal 1.2 m, thickness 0.6 mm, E = 588 MPa, ν = 0.4, joined along their edges, follower
 pressure 5 kPa inside.  M is the centre of a sheet, A a corner, B the middle of an edge.  Converged solutions of several
@@ -19,7 +19,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.forms.backend import interpolation_points
 from gossamer_fx.forms.kinematics import area_vector, half_trace_and_radius
-from meshes.airbag import airbag
+from gossamer_fx.meshes.airbag import airbag
 
 EDGE = 1.2 / math.sqrt(2)
 LAW = gx.Miyazaki(E=588e6, nu=0.4, density=1000.0, thickness=6e-4, residual_stiffness=1e-6)

@@ -15,7 +15,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.sphere import sphere
+from gossamer_fx.meshes.sphere import sphere
 from tests.rates import observed_order
 
 TABLE = {  # t: r [m], p [Pa], T [K], m [kg], elastic energy [J]

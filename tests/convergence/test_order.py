@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.sheet import EDGES, sheet
+from gossamer_fx.meshes.sheet import EDGES, sheet
 from tests.rates import observed_order
 
 FILM = {"E": 2.3e9, "nu": 0.3, "density": 1400.0, "thickness": 20e-6}

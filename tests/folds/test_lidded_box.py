@@ -1,4 +1,4 @@
-"""The lid of a box: held by its latch, opened by its spring as the closed form says, held up by its stop."""
+"""The lid of a box: closed by its latch, opened by its spring according to the closed form, limited by its stop."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 
 SIZES = (0.1, 0.08, 0.05)
 INERTIA = 0.1 / 12 * (0.1**2 + 2e-3**2) + 0.1 * 0.05**2  # of the lid about its hinge

@@ -1,4 +1,4 @@
-"""Scenes in orbit: Kepler's motion, conservation of the whole, tides, perturbations, strains untouched by 7000 km."""
+"""Scenes in orbit: Kepler's motion, conservation, tides, perturbations, and strains without round-off of 7000 km."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.orbit.elements import Elements, elements_of
 from gossamer_fx.orbit.gravity_field import J2, MU, RADIUS
 from gossamer_fx.orbit.mass_points import equivalent_points
 from gossamer_fx.orbit.orbit import Orbit
-from meshes.sheet import sheet
 
 A = 7e6
 RATE = math.sqrt(MU / A**3)

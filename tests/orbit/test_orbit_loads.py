@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.extend import InitialState, Resultants
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.model.roles import playing
 from gossamer_fx.orbit.drag import Drag, ExponentialAtmosphere
 from gossamer_fx.orbit.flying_loads import _ByComplexSteps, axes_of
@@ -19,7 +20,6 @@ from gossamer_fx.orbit.optics import JPL_SAIL, MIRROR, PRESSURE, Optics
 from gossamer_fx.orbit.shadow_map import lit_parts
 from gossamer_fx.orbit.solar_pressure import SolarPressure
 from gossamer_fx.orbit.surface_forces import Rows, Surface, flow_force, light_force
-from meshes.sheet import sheet
 from tests.orbit.test_flight import drift
 
 A = 7e6
@@ -267,7 +267,7 @@ def test_a_folded_film_shades_itself() -> None:
     assert np.allclose(lit_parts(MPI.COMM_SELF, aside, u, 256)[2:].mean(), 0.5, atol=0.01)
     assert np.allclose(
         lit_parts(MPI.COMM_SELF, layer, np.array([0.9, 0.0, -0.436]), 64), 1
-    )  # no shade of its own
+    )  # it casts no shade
 
 
 def test_wrong_loads_are_refused() -> None:

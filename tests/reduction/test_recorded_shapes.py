@@ -9,8 +9,8 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.airbag import airbag
-from meshes.sheet import sheet
+from gossamer_fx.meshes.airbag import airbag
+from gossamer_fx.meshes.sheet import sheet
 
 WORLD = MPI.COMM_WORLD
 LAW = gx.Miyazaki(E=2e8, nu=0.3, density=1400.0, thickness=1e-5)

@@ -1,4 +1,4 @@
-"""Reduced films: what they conserve, how close they are to the film, and what they refuse."""
+"""Reduced films: conservation, error compared with the film, and refused input."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from demos.reduced_sail import SPIN as DEMO_SPIN
 from demos.reduced_sail import film as demo_film
 from demos.reduced_sail import main, saddle, steady
 from gossamer_fx.fields.fields import AreaFractions, FieldFunctions
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 
 COMM = MPI.COMM_WORLD
 SPIN, SIDE = 1.0, 2.0

@@ -1,4 +1,4 @@
-"""Ends of beams and cables that are held in a direction, turned, twisted or moved."""
+"""Ends of beams and cables with prescribed direction, twist or motion."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from meshes.line import line
+from gossamer_fx.meshes.line import line
 
 TUBE = gx.sections.tube(0.002, 5e-5, E=1e11, nu=0.3, density=1560.0)
 L = 1.0

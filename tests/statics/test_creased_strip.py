@@ -21,7 +21,7 @@ import gossamer_fx as gx
 from demos import crease_identification
 from demos.studies import crease
 from demos.studies.crease import LENGTH, REST, STIFFNESS, STRIP, WIDTH
-from meshes.creased_strip import creased_strip
+from gossamer_fx.meshes.creased_strip import creased_strip
 
 # force [N/m], angle between the panels (180° - θ) [deg], distance of the ends [mm], depth of the V [mm]
 TABLE = (
@@ -106,7 +106,7 @@ def test_a_crease_alone_carries_the_moment_at_its_hinge(comm) -> None:
 
 
 def test_own_weight_opens_a_hanging_strip() -> None:
-    """Half of the weight of a strip that is light beside its weight acts at its end."""
+    """Half of the weight of a strip that is light compared with its load acts at its end."""
     heavy = gx.analysis.HangingStrip(
         LENGTH, WIDTH, bending_stiffness=STRIP.bending_stiffness, area_density=0.07
     )

@@ -1,4 +1,4 @@
-"""Static equilibria with known answers, reactions and work, and what is said when there is none."""
+"""Static equilibria with known solutions, reactions and work, and the message if there is none."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import gossamer_fx as gx
 from demos.studies import airbag
 from gossamer_fx import Equilibrium, NoEquilibrium
 from gossamer_fx.analysis import Continuation
-from meshes.disc import quarter_disc
-from meshes.sheet import sheet
+from gossamer_fx.meshes.disc import quarter_disc
+from gossamer_fx.meshes.sheet import sheet
 
 FILM = {"E": 1e9, "nu": 0.3, "density": 1000.0, "thickness": 1e-4}
 LAWS = [gx.Linear(**FILM), gx.Miyazaki(**FILM, residual_stiffness=1e-6), gx.TensionField(**FILM)]

@@ -8,7 +8,7 @@ import pytest
 import gossamer_fx as gx
 from demos import four_corner_film
 from gossamer_fx.analysis import Prestress, find_form
-from meshes.sheet import CORNERS, EDGES, sheet
+from gossamer_fx.meshes.sheet import CORNERS, EDGES, sheet
 
 TENSION = Prestress(E=1e9, nu=0.3, density=1000.0, thickness=1e-5, tension=10.0)
 

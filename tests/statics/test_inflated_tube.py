@@ -9,7 +9,7 @@ from dolfinx import fem
 import gossamer_fx as gx
 from demos.studies import bent_tube, inflated_tube
 from gossamer_fx.forms.kinematics import area_vector
-from meshes.tube_section import capped_cylinder
+from gossamer_fx.meshes.tube_section import capped_cylinder
 
 
 @pytest.mark.mpi

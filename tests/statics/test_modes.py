@@ -9,9 +9,9 @@ import gossamer_fx as gx
 from gossamer_fx import Equilibrium
 from gossamer_fx.analysis import modes
 from gossamer_fx.loads import Centrifugal
-from meshes.disc import quarter_disc, ring
-from meshes.line import line
-from meshes.sheet import EDGES, sheet
+from gossamer_fx.meshes.disc import quarter_disc, ring
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import EDGES, sheet
 
 N0, THICKNESS, E, NU = 10.0, 2e-5, 2.3e9, 0.3  # N/m, m, Pa
 TENSIONED = gx.Miyazaki(E, NU, density=0.028 / THICKNESS, thickness=THICKNESS)
@@ -125,7 +125,7 @@ def test_coriolis_matrix_of_a_film(comm):
 
 
 def test_modes_of_a_scene_with_gas_are_refused(comm):
-    from meshes.airbag import airbag
+    from gossamer_fx.meshes.airbag import airbag
 
     film = gx.Membrane(airbag(comm, 1.0, 2), TENSIONED)
     gas = gx.Chamber(

@@ -1,4 +1,4 @@
-"""Plates at rest: closed forms, limits of thinness, and what their forms promise."""
+"""Plates at rest: closed forms, thin limits, and the invariance of their forms."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from gossamer_fx.forms.bending import Bending
 from gossamer_fx.forms.compilation import compile_form, constant
 from gossamer_fx.forms.kinematics import frame, green_lagrange, surface_gradient
 from gossamer_fx.forms.tied_strain import tied_strain
-from meshes.plates import irregular_sheet
-from meshes.sheet import sheet
-from meshes.sphere import sphere
+from gossamer_fx.meshes.plates import irregular_sheet
+from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.sphere import sphere
 
 WORLD = MPI.COMM_WORLD
 LAW = gx.Linear(E=1e9, nu=0.3, density=1000.0, thickness=1e-3)

@@ -1,4 +1,4 @@
-"""What an equilibrium tells through public names: positions, stresses, reactions, joint forces; probes on it."""
+"""Results of an equilibrium by public names: positions, stresses, reactions, joint forces, probes."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
-from meshes.line import line
-from meshes.sheet import sheet
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import sheet
 
 E, THICKNESS = 1e9, 1e-4
 LAW = gx.Linear(E, 0.0, density=1000.0, thickness=THICKNESS)

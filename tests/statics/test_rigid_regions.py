@@ -9,10 +9,10 @@ import pytest
 
 import gossamer_fx as gx
 from demos.studies import bent_tube
-from meshes.disc import ring
-from meshes.line import line
-from meshes.sheet import sheet
-from meshes.tube_section import cylinder
+from gossamer_fx.meshes.disc import ring
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.tube_section import cylinder
 
 E, THICKNESS, DENSITY = 1e9, 1e-4, 1000.0
 TUBE = gx.sections.tube(0.02, 5e-4, E=1e11, nu=0.3, density=1560.0)

@@ -1,4 +1,4 @@
-"""Checkpoints: a run that goes on from one is the run that was never interrupted, on any number of ranks."""
+"""Checkpoints: a restarted run equals the uninterrupted run, on any number of ranks."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_other_number_of_ranks(folder: Path, kind: str) -> None:
 
 @pytest.mark.mpi
 def test_coordinates_find_their_nodes_on_other_ranks(folder: Path) -> None:
-    """Every node of the state that is read has the place and velocity that its point of the mesh has."""
+    """Every node of the state that is read has the position and velocity that its point of the mesh has."""
     run_to(3, fluttering_sheet(COMM, 5, order=2), checkpoints=gx.Checkpoints(folder))
     COMM.barrier()
     for comm in (COMM, MPI.COMM_SELF):
@@ -142,7 +142,7 @@ def table(path: Path) -> np.ndarray:
 
 @pytest.mark.mpi
 def test_outputs_go_on_without_gap_or_duplicate(folder: Path) -> None:
-    """A run that came to step 7, 13 is taken up at step 5, 10: what was written later is cut off and written anew."""
+    """A run that came to step 7, 13 is restarted at step 5, 10: later rows are cut off and written again."""
     run_to(15, fluttering_sheet(COMM), outputs=outputs(folder / "whole"))
     broken, saves = folder / "broken", {"every": 5, "keep": 9}
     run_to(

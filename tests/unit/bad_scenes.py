@@ -11,10 +11,10 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.creased_strip import creased_strip
-from meshes.line import line
-from meshes.sheet import sheet
-from meshes.tube import flat_tube
+from gossamer_fx.meshes.creased_strip import creased_strip
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.tube import flat_tube
 
 ALONE = MPI.COMM_SELF
 LAW = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
@@ -791,7 +791,7 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
             ),
             "damping",
         ),
-        "a damper of one place": (
+        "a damper between one point and itself": (
             lambda: run(A, B, gx.connectors.Damper(A.port(), B.port(), damping=1.0)),
             "coincide",
         ),

@@ -12,10 +12,10 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.creased_strip import creased_strip
-from meshes.line import line
-from meshes.sheet import EDGES, sheet
-from meshes.tube import flat_tube
+from gossamer_fx.meshes.creased_strip import creased_strip
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import EDGES, sheet
+from gossamer_fx.meshes.tube import flat_tube
 
 WORLD = MPI.COMM_WORLD
 Call = dict[str, Any]
@@ -107,6 +107,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     tube = {"E": 1e11, "nu": 0.3, "density": 1560.0}
     section = gx.sections.tube(0.02, 5e-4, **tube)
     film_law = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
+    fabric = {"E1": 1e9, "E2": 1e8, "nu12": 0.3, "G12": 1e8, "density": 1400.0, "thickness": 1e-4}
     law = gx.Miyazaki(**film_law)
     film, beam = gx.Membrane(mesh, law), gx.Beam(curve, section)
     plate = gx.Plate(mesh, gx.Linear(**film_law))
@@ -294,9 +295,16 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "constraints.Link": {"a": P, "b": Q},
         "probes.MeanSpin": {"body": film, "axis": "z"},
         "Membrane": {"mesh": mesh, "law": law, "order": 1, "name": "film"},
+        "LinearOrthotropic": {**fabric, "direction": (1.0, 0.0, 0.0)},
+        "materials.AroundAxis": {"axis": (0.0, 0.0, 1.0), "point": (0.0, 0.0, 0.0)},
         "Midpoint": {"dt": 1e-3, "rule": gx.steppers.PathAverage(), "tolerances": gx.Tolerances()},
         "probes.LoadResultant": {"orbit": orbit, "load": "drag", "action": "force", "axis": "x"},
         "Miyazaki": {**film_law, "residual_stiffness": 1e-6},
+        "Orthotropic": {
+            **fabric,
+            "direction": (1.0, 0.0, 0.0),
+            "residual_stiffness": 1e-6,
+        },
         "Orifice": {
             "a": tank,
             "b": gx.gas.Ambient(),
@@ -431,6 +439,8 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "total_length": 2.0,
         },
         "TensionField": film_law,
+        "Seam": {"a": film, "edge_a": "left", "b": film, "edge_b": "right", "closing": (0.0, 1.0)},
+        "TabulatedCable": {"strain": [0.0, 0.1], "force": [0.0, 50.0], "line_density": 0.1},
         "TensionOnly": cable_law,
         "Tie": {"a": film, "group_a": "left", "b": plate, "group_b": "left"},
         "Tolerances": {
@@ -572,7 +582,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
 
 
 def spoiled(call: Call) -> Iterator[tuple[str, Any]]:
-    """Arguments and values that no call of this project can take in their place."""
+    """Arguments and values that no call of this project accepts instead of them."""
     for argument, value in call.items():
         if argument in ("build", "scene") and callable(value):
             continue

@@ -1,4 +1,4 @@
-"""The seam to dolfinx: one file knows what differs between versions; sheets meet where dolfinx allows it."""
+"""The interface to dolfinx: one file contains all that depends on its version; sheets meet where dolfinx allows it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.forms import backend
 from gossamer_fx.forms.compilation import compile_expression, constant
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 
 PACKAGE = Path(gx.__file__).parent
 SEAM = Path(backend.__file__)

@@ -95,7 +95,7 @@ library()
 FILM = """
 from mpi4py import MPI
 import gossamer_fx as gx
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 
 law = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
 film = gx.Membrane(sheet(MPI.COMM_WORLD, 1, 1), law)

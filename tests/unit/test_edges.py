@@ -10,8 +10,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.mesh.edges import EdgeTable, edges_of
-from meshes.airbag import airbag
-from meshes.sheet import sheet
+from gossamer_fx.meshes.airbag import airbag
+from gossamer_fx.meshes.sheet import sheet
 
 WORLD = MPI.COMM_WORLD
 
@@ -94,7 +94,7 @@ def test_nodes_go_from_end_to_end(order: int) -> None:
 
 @pytest.mark.mpi
 def test_groups_of_edges() -> None:
-    """The seam of an airbag is inside its closed surface, and the border of each of its sheets."""
+    """The seam of an airbag is inside its closed surface, and the boundary of each of its sheets."""
     mesh = airbag(WORLD, 1.0, 6)
     table, seam = mesh.edges, mesh.curve("seam", "test")
     assert owned(table, np.isin(np.arange(len(table.count)), seam)) == 24

@@ -1,4 +1,4 @@
-"""Names of files: one to one, and no file takes another one for its own."""
+"""Names of files are one to one: two outputs never share a file."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.outputs.file_names import file_name, segment, segment_number, segments
-from meshes.sheet import sheet
 from tests.survival.scenes import DT, LAW
 
 COMM = MPI.COMM_WORLD

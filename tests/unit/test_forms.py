@@ -14,7 +14,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.forms import compilation as forms
 from gossamer_fx.forms.backend import evaluate
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 
 
 @pytest.fixture

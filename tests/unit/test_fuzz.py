@@ -23,8 +23,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.mesh import gmsh_reader as raw_mesh
+from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.scene.validation import warnings
-from meshes.airbag import airbag
 
 pytestmark = pytest.mark.skipif(MPI.COMM_WORLD.size > 1, reason="files are read by one rank")
 
@@ -253,7 +253,7 @@ def run_pillow(mesh: gx.Mesh, n: dict[str, Any]) -> str:
         return str(error)
     except TypeError as error:  # of the division above
         assert "unsupported operand" in str(error)
-        return "until and dt are no numbers."
+        return "until and dt are not numbers."
     assert math.isfinite(run.totals.energy) and np.isfinite(run.system.q0.array_r).all()
     return ""
 

@@ -1,4 +1,4 @@
-"""How gas and bodies see each other: signs of volumes, derivatives, rings, and steps that failed."""
+"""Coupling of gas and bodies: signs of volumes, derivatives, rings, and rejected steps."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.meshes.airbag import airbag
 from gossamer_fx.run.simulation import Simulation
-from meshes.airbag import airbag
 
 WORLD = MPI.COMM_WORLD
 AIR = gx.IdealGas(gamma=1.4, R=287.0)

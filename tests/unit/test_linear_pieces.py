@@ -1,4 +1,4 @@
-"""Cells as straight pieces: they fill the cell, keep its orientation, and know VTK's order of nodes."""
+"""Cells as straight pieces: they fill the cell, have its orientation, and agree with VTK's order of nodes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 from mpi4py import MPI
 
 from gossamer_fx.mesh.linear_pieces import from_vtk, linear_pieces, middles
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 
 CORNERS = np.array([[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]])
 

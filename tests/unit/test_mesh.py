@@ -11,9 +11,9 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from gossamer_fx import InputError, Membrane, Mesh, Miyazaki, gmsh_mesh, read_mesh
-from meshes.airbag import airbag
-from meshes.sheet import CORNERS, EDGES, sheet
-from meshes.sphere import sphere
+from gossamer_fx.meshes.airbag import airbag
+from gossamer_fx.meshes.sheet import CORNERS, EDGES, sheet
+from gossamer_fx.meshes.sphere import sphere
 
 LAW = Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
 

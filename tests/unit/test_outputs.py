@@ -1,4 +1,4 @@
-"""What a run leaves behind: fields, probes, pictures; complete also after a failure, nothing where it is refused."""
+"""Outputs of a run: fields, probes, pictures; complete also after a failure, and no files if the run is refused."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from gossamer_fx.fields.fields import AreaFractions, FieldFunctions
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.plot.rasterise import Canvas
-from meshes.sheet import sheet
 from tests.hanging import HANG_TIMEOUT
 
 adios2 = pytest.importorskip("adios2", exc_type=ImportError)  # the light install has none
@@ -87,7 +87,7 @@ def test_principal_values_of_a_uniform_strain(
 ) -> None:
     """A film that is stretched and then turned in space; the direction of stress turns with it.
 
-    The stresses are those of the potential of `Miyazaki` (IJNME 66 (2006) 1179, doi:10.1002/nme.1580, eqs. 13-20, with
+    The stresses are those of the potential of `Miyazaki` (IJNME 66 (2006) 1179, eqs. 13-20, with
     the ratios (1, u) where the film is wrinkled and (u, u) where it is slack), evaluated by hand for u = 1e-4.
     """
     U = np.diag(np.sqrt(1 + 2 * np.array([E11, E22, 0.0])))
@@ -455,7 +455,7 @@ def test_matplotlib_is_loaded_by_pictures_only(folder: Path) -> None:
 import sys
 import gossamer_fx as gx
 from mpi4py import MPI
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 
 film = gx.Membrane(sheet(MPI.COMM_SELF, 2, 2), gx.Linear(E=1e9, nu=0.3, density=1e3, thickness=1e-4))
 outputs = [gx.outputs.VTX({str(folder / "a.bp")!r}), gx.Ledger({str(folder / "a.csv")!r}), gx.outputs.Progress()]

@@ -1,4 +1,4 @@
-"""The folder of a run, and what is made of it: values, pictures, curves, animation, report."""
+"""The folder of a run, and what is drawn from it: values, pictures, curves, animation, report."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.meshes.airbag import airbag
+from gossamer_fx.meshes.line import line
 from gossamer_fx.plot.colours import scale
 from gossamer_fx.plot.curve_panels import grouped
 from gossamer_fx.plot.viewer import view_data
-from meshes.airbag import airbag
-from meshes.line import line
 
 WORLD = MPI.COMM_WORLD
 AIR = gx.IdealGas(gamma=1.4, R=287.0)

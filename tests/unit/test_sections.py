@@ -1,4 +1,4 @@
-"""Sections through films: where a plane cuts them, layers by colour, and what cannot be cut."""
+"""Sections through films: lines in a plane, layers by colour, and refused input."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import gossamer_fx as gx
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.plot.plane_cut import PlaneCut, layers
-from meshes.sheet import sheet
 
 LAW = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
 

@@ -1,4 +1,4 @@
-"""Films that are seen through, and coloured by group."""
+"""Pictures of transparent films, and of films coloured by group."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import pytest
 
 import gossamer_fx as gx
 from gossamer_fx.fields.groups import groups_of
+from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.plot.camera import aim, render
 from gossamer_fx.plot.colours import colouring, group_table
-from meshes.sheet import sheet
-from meshes.tube import flat_tube
 
 ABOVE = {"azimuth": 0.0, "elevation": np.pi / 2}
 

@@ -1,4 +1,4 @@
-"""Obstacles in pictures and recordings: their surfaces, and where they are as they move."""
+"""Obstacles in pictures and recordings: their surfaces and positions."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.contact.obstacle_drawing import solid_of
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.plot.run_reader import RunReader
 from gossamer_fx.plot.shapes import SOLID
 from gossamer_fx.plot.viewer import view_data
-from meshes.sheet import sheet
 
 NEAR = np.array([[-1.0, -1.0, 0.0], [1.0, 1.0, 0.5]])
 LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)

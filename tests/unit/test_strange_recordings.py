@@ -1,4 +1,4 @@
-"""Recordings from strangers: every key of run.json is checked when it is read, and no name becomes part of a page."""
+"""Recordings from other users: every key of run.json is checked, and no name is executed as part of a page."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.fields.fields import FIELDS
+from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.outputs.run_file import read_run_file
-from meshes.tube import flat_tube
 
 ALONE = MPI.COMM_SELF
 LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
@@ -124,7 +124,7 @@ def check_page(text: str, name: str) -> None:
 def test_names_are_texts_in_a_report(
     tmp_path: Path, attack: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Names of bodies, groups, chambers, probes, the title, and of a field, in every place of the page and the data."""
+    """Names of bodies, groups, chambers, probes, the title, and of a field, in every part of the page and the data."""
     fields: tuple[str, ...] = ()
     if attack.isprintable():
         field = attack.replace("(", "`").replace(")", "`")  # dolfinx cuts names at parentheses
@@ -183,7 +183,7 @@ def places(tree: Any, way: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
 
 
 def changed(tree: Any, way: tuple[Any, ...], value: Any) -> Any:
-    """A copy in which one place has another value, or is removed (None)."""
+    """A copy in which one entry has another value, or is removed (None)."""
     found = copy.deepcopy(tree)
     inner = found
     for key in way[:-1]:

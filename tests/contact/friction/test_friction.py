@@ -1,4 +1,4 @@
-"""Friction of contact: closed forms of sliding, stopping and sticking; conservation; what turns a ball."""
+"""Friction of contact: closed forms of sliding, stopping and sticking; conservation; rolling of a ball."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.sheet import EDGES as EDGES_OF_SHEET
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import EDGES as EDGES_OF_SHEET
+from gossamer_fx.meshes.sheet import sheet
 from tests.contact.scenes import (
     FILM,
     SIGMA,

@@ -1,0 +1,253 @@
+"""Lines of edges of films, in order, with their arc length: what is sewn to what.
+
+A line is a named group of curves of a film's mesh that is connected and has no branches, open or
+closed.  Points of it are found by the fraction σ of its arc length on the mesh, 0 <= σ <= 1, which is
+the cut pattern.  Every rank knows all of a line, in the same order for any number of ranks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from gossamer_fx.bodies.meshed import Meshed
+from gossamer_fx.checks.errors import check
+from gossamer_fx.model.body import Array, Port
+from gossamer_fx.model.state import State
+
+Numbers = npt.NDArray[np.int64]
+
+# A point this near to a node, as a fraction of the edge, is taken to be the node.  Generators of
+# meshes place the nodes of like lines with relative differences of 1e-6 to 1e-4.
+NODE_FRACTION = 1e-3
+
+# Coordinates that differ by less than this fraction of the size of a line count as equal.
+COORDINATE_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeLine:
+    """A line of n edges of a body of order p, in the order of a walk along it.
+
+    Attributes:
+        body: the film or plate.
+        group: name of the group of curves.
+        vertices: global vertices (n, 2) of the mesh, start and end of each edge.
+        nodes: global nodes (n, p + 1) of the body along each edge.
+        X: their coordinates (n, p + 1, 3) on the mesh [m].
+        is_closed: whether the line ends where it begins.
+    """
+
+    body: Meshed
+    group: str
+    vertices: Numbers
+    nodes: Numbers
+    X: Array
+    is_closed: bool
+
+    @cached_property
+    def edge_lengths(self) -> Array:
+        """Length (n,) [m] of each edge on the mesh; curved ones as the chords between their nodes."""
+        chords: Array = np.linalg.norm(np.diff(self.X, axis=1), axis=2)
+        return chords.sum(axis=1)
+
+    @property
+    def length(self) -> float:
+        """Length of the line on the mesh [m]."""
+        return float(self.edge_lengths.sum())
+
+    @cached_property
+    def fractions(self) -> Array:
+        """σ (n + 1,) at the ends of the edges, from 0 to 1."""
+        sums = np.concatenate([[0.0], np.cumsum(self.edge_lengths)])
+        found: Array = sums / sums[-1]
+        return found
+
+    @property
+    def order(self) -> int:
+        return int(self.nodes.shape[1]) - 1
+
+    def reversed(self) -> EdgeLine:
+        """The same line, walked in the opposite direction."""
+        return replace(
+            self,
+            vertices=self.vertices[::-1, ::-1],
+            nodes=self.nodes[::-1, ::-1],
+            X=self.X[::-1, ::-1],
+        )
+
+    def begun_at(self, k: int) -> EdgeLine:
+        """The same closed line, beginning with its edge k."""
+        return replace(
+            self,
+            vertices=np.roll(self.vertices, -k, axis=0),
+            nodes=np.roll(self.nodes, -k, axis=0),
+            X=np.roll(self.X, -k, axis=0),
+        )
+
+    def all_nodes(self) -> tuple[Numbers, Array]:
+        """Global nodes (m,) of the line without repetition, and σ (m,) of each."""
+        local = np.linspace(0.0, 1.0, self.order + 1)[:-1]
+        nodes = self.nodes[:, :-1].ravel()
+        widths = np.diff(self.fractions)
+        at = (self.fractions[:-1, None] + widths[:, None] * local).ravel()
+        if self.is_closed:
+            return nodes, at
+        return np.append(nodes, self.nodes[-1, -1]), np.append(at, 1.0)
+
+    def locate(self, fraction: float) -> tuple[int, float]:
+        """The edge at σ, and the position on it from 0 to 1."""
+        k = int(np.searchsorted(self.fractions, fraction, side="right")) - 1
+        k = min(max(k, 0), len(self.nodes) - 1)
+        start = self.fractions[k]
+        width = self.fractions[k + 1] - start
+        return k, float(np.clip((fraction - start) / width, 0.0, 1.0))
+
+    def port(self, fraction: float) -> Port:
+        """The point at σ as a combination of the nodes of its edge; a node, if it is next to one."""
+        k, ξ = self.locate(fraction)
+        nearest = round(ξ * self.order)
+        if abs(ξ - nearest / self.order) < NODE_FRACTION:
+            return Port(self.body, (int(self.nodes[k, nearest]),))
+        weights = shape_functions(self.order, np.array([ξ]))[0][0]
+        return Port(
+            self.body,
+            tuple(int(node) for node in self.nodes[k]),
+            weights=tuple(float(weight) for weight in weights),
+        )
+
+    def positions(self, state: State) -> Array:
+        """Positions (n + 1, 3) [m] of the ends of its edges in a state.  Collective."""
+        ends = np.append(self.nodes[:, 0], self.nodes[-1, -1])
+        first, last = self.body.block.index_map.local_range
+        mine = np.flatnonzero((ends >= first) & (ends < last))
+        own = state[self.body].positions()[ends[mine] - first]
+        found = np.zeros((len(ends), 3))
+        for which, there in self.body.comm.allgather((mine, own.copy())):
+            found[which] = there
+        return found
+
+
+def shape_functions(order: int, ξ: Array) -> tuple[Array, Array]:
+    """Lagrange functions (k, order + 1) on [0, 1] at ξ (k,), nodes from start to end, and their slopes."""
+    one = np.ones_like(ξ)
+    if order == 1:
+        return np.stack([1 - ξ, ξ], axis=1), np.stack([-one, one], axis=1)
+    values = [(1 - ξ) * (1 - 2 * ξ), 4 * ξ * (1 - ξ), ξ * (2 * ξ - 1)]
+    slopes = [4 * ξ - 3, 4 - 8 * ξ, 4 * ξ - 1]
+    return np.stack(values, axis=1), np.stack(slopes, axis=1)
+
+
+def edge_line(body: Meshed, group: str, user: str) -> EdgeLine:
+    """The line that a named group of curves of a film is.  Collective.
+
+    Args:
+        user: the item that needs the line, the first words of messages.
+
+    Raises:
+        InputError: the group has no edges, branches, or consists of several lines.
+    """
+    table = body.mesh.edges
+    curve = body.mesh.curve(group, user)
+    own = curve[curve < table.owned]
+    local = table.nodes(body.space, own)
+    nodes = body.block.index_map.local_to_global(local.ravel()).reshape(local.shape)
+    X = body.space.tabulate_dof_coordinates()[local]
+    parts = body.comm.allgather((table.ends[own], nodes, X))
+    vertices = np.concatenate([part[0] for part in parts])
+    nodes = np.concatenate([part[1] for part in parts])
+    X = np.concatenate([part[2] for part in parts])
+    check(
+        len(nodes) > 0, f"{user}: the group '{group}' of '{body.name}' has no edges; name a line."
+    )
+    order, forwards, is_closed = _walk(vertices, X, f"{user}: '{group}' of '{body.name}'")
+    turned = np.where(forwards[:, None], vertices[order], vertices[order, ::-1])
+    turned_nodes = np.where(forwards[:, None], nodes[order], nodes[order, ::-1])
+    turned_X = np.where(forwards[:, None, None], X[order], X[order, ::-1])
+    return EdgeLine(body, group, turned, turned_nodes, turned_X, is_closed)
+
+
+def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[np.bool_], bool]:
+    """The edges (n,) in the order of a walk, whether each is passed forwards, and whether it is closed.
+
+    The walk begins at the end with the lowest coordinates, or at the lowest vertex of a closed line,
+    there along the edge to the lower neighbour: that is the same for any numbering.
+    """
+    edges_at: dict[int, list[int]] = {}
+    point: dict[int, Array] = {}
+    for i in range(len(vertices)):
+        first = int(vertices[i, 0])
+        last = int(vertices[i, 1])
+        edges_at.setdefault(first, []).append(i)
+        edges_at.setdefault(last, []).append(i)
+        point[first] = X[i, 0]
+        point[last] = X[i, -1]
+    most = max(len(meeting) for meeting in edges_at.values())
+    ends = [vertex for vertex, meeting in edges_at.items() if len(meeting) == 1]
+    check(
+        most <= 2 and len(ends) in (0, 2),
+        f"{what} is not one line: it branches or has several parts; name one line for each side of a seam.",
+    )
+    coordinates = np.array(list(point.values()))
+    low = coordinates.min(axis=0)
+    resolution = COORDINATE_TOLERANCE * float(np.linalg.norm(np.ptp(coordinates, axis=0))) or 1.0
+
+    def height(vertex: int) -> tuple[float, ...]:
+        return tuple(np.rint((point[vertex] - low) / resolution).tolist())
+
+    def other(edge: int, vertex: int) -> int:
+        first, last = vertices[edge].tolist()
+        return int(last if vertex == first else first)
+
+    start = min(ends or point, key=height)
+    edge = min(edges_at[start], key=lambda one: height(other(one, start)))
+    walk = []
+    forwards = []
+    vertex = start
+    while True:
+        walk.append(edge)
+        forwards.append(bool(vertices[edge, 0] == vertex))
+        vertex = other(edge, vertex)
+        further = [one for one in edges_at[vertex] if one != edge]
+        if not further or vertex == start:
+            break
+        edge = further[0]
+    check(
+        len(walk) == len(vertices),
+        f"{what} is not one line: it has several parts; name one line for each side of a seam.",
+    )
+    return np.array(walk), np.array(forwards), not ends
+
+
+def aligned(a: EdgeLine, b: EdgeLine, start: State) -> EdgeLine:
+    """The line b, turned so that points of like σ are near those of a in the initial state.  Collective.
+
+    Of a closed line the beginning is chosen, too: the vertex for which the mean squared distance is
+    least.
+    """
+    x_a = a.positions(start)
+    x_b = b.positions(start)
+    best = (np.inf, b)
+    for line, x in ((b, x_b), (b.reversed(), x_b[::-1])):
+        shifts: Sequence[int] = range(len(line.nodes)) if b.is_closed else (0,)
+        for k in shifts:
+            candidate = line.begun_at(k) if k else line
+            points = np.roll(x[:-1], -k, axis=0)
+            last = points[:1] if b.is_closed else x[-1:]
+            distance = _mean_square(
+                a.fractions, x_a, candidate.fractions, np.vstack([points, last])
+            )
+            # Round-off must not choose between two that are equally far.
+            if distance < best[0] * (1 - COORDINATE_TOLERANCE):
+                best = (distance, candidate)
+    return best[1]
+
+
+def _mean_square(σ_a: Array, x_a: Array, σ_b: Array, x_b: Array) -> float:
+    """Mean of |x_a - x_b|² [m²] at the points of a."""
+    there = np.stack([np.interp(σ_a, σ_b, component) for component in x_b.T], axis=1)
+    return float(((x_a - there) ** 2).sum(axis=1).mean())
