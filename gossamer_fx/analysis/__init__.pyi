@@ -20,5 +20,5 @@ from .sensitivities import Energy as Energy
 from .sensitivities import Functional as Functional
 from .sensitivities import Gradient as Gradient
 from .sensitivities import Integral as Integral
-from .sensitivities import Tape as Tape
+from .sensitivities import RunTape as RunTape
 from .sensitivities import gradient as gradient

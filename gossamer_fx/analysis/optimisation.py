@@ -71,6 +71,10 @@ class Optimum:
         converged: whether the method ended by its tolerance.
         message: how it ended, in words of SciPy.
         values: the result after each iteration, that of the start first.
+
+    Example:
+        >>> gx.analysis.Optimum(0.0, {}, iterations=3, converged=True, message="").iterations
+        3
     """
 
     value: float

@@ -22,7 +22,7 @@ from gossamer_fx.sensitivity.backward import BackwardSteps
 from gossamer_fx.sensitivity.form_derivative import FormDerivative
 from gossamer_fx.sensitivity.objectives import Energy, FormObjective, Objective
 from gossamer_fx.sensitivity.results import Gradient, collected
-from gossamer_fx.sensitivity.tape import Tape
+from gossamer_fx.sensitivity.tape import RunTape
 from gossamer_fx.sensitivity.variables import (
     AdjointFields,
     FormVariable,
@@ -48,7 +48,7 @@ class TransientGradients:
         InputError: a name that the scene has not, a part of the scene without a gradient, or no step.
     """
 
-    def __init__(self, tape: Tape, by: Sequence[str]) -> None:
+    def __init__(self, tape: RunTape, by: Sequence[str]) -> None:
         system = tape.system
         check(
             len(tape.nodes) > 1,
@@ -163,5 +163,5 @@ def growth_of(norms: Sequence[float]) -> float:
 class _View:
     """The last state of a tape as a run, for objectives."""
 
-    def __init__(self, tape: Tape) -> None:
+    def __init__(self, tape: RunTape) -> None:
         self.system = tape.system

@@ -25,7 +25,7 @@ UNCALLED = {
     "orbit.MagneticDipole",  # needs ERFA
     "steppers.EndPoint",
     "analysis.Derivative",
-    "analysis.Tape",
+    "analysis.RunTape",
     "analysis.EquilibriumResult",
     "analysis.Gradient",
     "analysis.Optimum",
