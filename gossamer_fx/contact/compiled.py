@@ -149,8 +149,7 @@ class CompiledContacts(
             if contact_set.friction is not None:
                 return f"'{item.name}' has friction, which has no gradient yet; set its friction to zero"
             if not contact_set.has_given_stiffness:
-                return f"'{item.name}' derives its stiffness from the motion, which has no gradient; give it a "
-                "stiffness"
+                return f"'{item.name}' derives its stiffness from the motion, without a gradient; give it a stiffness"
         return ""
 
     def save_history(self) -> list[Any]:

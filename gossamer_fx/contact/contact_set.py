@@ -340,6 +340,7 @@ class ContactSet:
         if pairs is None:
             return
         self.x0 = self.points.at(self._system.q0, self._system.time)
+        self._start_time = self._system.time
         self._end_time = self._system.time + self._system.h
         start = pair_starts(pairs, self.x0, *closest_points(pairs, self.x0))
         if pairs.start is not None:

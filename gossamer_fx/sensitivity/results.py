@@ -28,9 +28,9 @@ class Derivative:
             mesh is.
 
     Example:
-        >>> stiffness = gx.analysis.Derivative("spring.stiffness", "m²/N", np.array([-1e-3]), None)
-        >>> stiffness.along(10.0)
-        -0.01
+        >>> found = gx.analysis.Derivative("spring.length", "m/m", np.array([-1.0]), None)
+        >>> found.along(0.1)
+        -0.1
     """
 
     name: str
@@ -67,10 +67,10 @@ class Gradient:
             an equilibrium.  See `gx.analysis.gradient`.
 
     Example:
-        >>> stiffness = gx.analysis.Derivative("spring.stiffness", "m²/N", np.array([-1e-3]), None)
-        >>> gradient = gx.analysis.Gradient(0.1, "m", (stiffness,))
-        >>> gradient["spring.stiffness"].unit
-        'm²/N'
+        >>> by_length = gx.analysis.Derivative("spring.length", "m/m", np.array([-1.0]), None)
+        >>> found = gx.analysis.Gradient(-1.1, "m", (by_length,))
+        >>> found["spring.length"].values
+        array([-1.])
     """
 
     value: float

@@ -230,9 +230,9 @@ class System:
         self.set_end(self.q0)
         for field in self.fields.values():
             field.q0.x.array[:] = field.q1.x.array
-        for observer in self._state_observers:
-            if not isinstance(observer, roles.ExchangesEnds):
-                observer.commit()
+        for state_observer in self._state_observers:
+            if not isinstance(state_observer, roles.ExchangesEnds):
+                state_observer.commit()
         for kind in roles.playing(roles.ExchangesEnds, self.compiled):
             kind.exchange_ends()
         for one in self._step_observers:
