@@ -1,15 +1,17 @@
 """Nodes that move as one piece: an edge that stays straight, a hub, an end plate.
 
-With the piece's position x̄ and directors d, and the coordinates ξ_k of node k along them at the start:
+With the piece's position x_c and directors d, and the coordinates ξ_k of node k along them at the
+start:
 
-    rigid                  x_k = x̄ + Σ ξ_ki d_i
-    sliding in a plane     (x_k - x̄)·n = 0, and the means Σ (x_k - x̄)·p = Σ (x_k - x̄)·q = 0,
-                           Σ (ξ_kq p - ξ_kp q)·x_k = 0, the position and angle of the piece in its plane; n = p × q
-    sliding along a line   x_k = x̄ + ξ_k d, where d may change its length
+    rigid                  x_k = x_c + Σ ξ_ki d_i
+    sliding in a plane     (x_k - x_c)·n = 0                                with n = p × q,
+                           Σ (x_k - x_c)·p = Σ (x_k - x_c)·q = 0            the position of the piece,
+                           Σ (ξ_kq p - ξ_kp q)·x_k = 0                      and its angle in its plane
+    sliding along a line   x_k = x_c + ξ_k d, where d may change its length
 
-All are linear or quadratic measures that rigid motions leave as they are: the multipliers do no work, and both momenta
-are kept, but where the piece is held.  The region is loaded by `Force` on its port and by `Torque` on its frame: force
-and moment are given, and the motion is found.
+All are linear or quadratic measures that rigid motions do not change: the multipliers do no work,
+and both momenta are conserved, except where the piece is fixed.  The region is loaded by `Force` on
+its port and by `Torque` on its frame: force and moment are given, and the motion is found.
 """
 
 from __future__ import annotations
@@ -77,6 +79,7 @@ class RigidRegion:
     name: str = ""
 
     def __post_init__(self) -> None:
+        """Check the region, and name it after its group if it has no name."""
         object.__setattr__(self, "fixed_components", tuple(map(int, self.fixed_components)))
         check(
             not isinstance(self.body, Beam),
@@ -102,11 +105,9 @@ class RigidRegion:
 
     def port(self) -> Port:
         """The centre of its nodes."""
-        return (
-            self.piece.port()
-            if self.rigid_body is None
-            else self.rigid_body.port_at(self._fit[0][0].tolist())
-        )
+        if self.rigid_body is None:
+            return self.piece.port()
+        return self.rigid_body.port_at(self._centre)
 
     @cached_property
     def frame(self) -> Frame:
@@ -116,7 +117,7 @@ class RigidRegion:
             InputError: its nodes are on one line, about which it has no rotation: see `line`.
         """
         if self.rigid_body is not None:
-            return self.rigid_body.frame_at(self._fit[0][0].tolist())
+            return self.rigid_body.frame_at(self._centre)
         directors = self.piece.directors
         check(
             len(directors) > 1,
@@ -140,9 +141,10 @@ class RigidRegion:
     @property
     def a(self) -> Port:
         """A node of the body, as the first side of a joint."""
-        return Port(
-            self.body, (self.body.comm.allreduce(min(self._nodes(), default=sys.maxsize), MPI.MIN),)
-        )
+        # The lowest node of all ranks; a rank without nodes must not win.
+        lowest = min(self._nodes(), default=sys.maxsize)
+        node = self.body.comm.allreduce(lowest, MPI.MIN)
+        return Port(self.body, (node,))
 
     @property
     def b(self) -> Port:
@@ -153,91 +155,131 @@ class RigidRegion:
 
     @cached_property
     def piece(self) -> RigidPiece:
-        """What the nodes are tied to, if not to a rigid body."""
+        """The piece without mass that the nodes are tied to, if not to a rigid body."""
         start, rates, _ = self._fit
         if self.sliding and len(start) == 3:
-            start, rates = (
-                np.vstack([start, np.cross(*start[1:])]),
-                np.vstack([rates, np.cross(rates[1], start[2]) + np.cross(start[1], rates[2])]),
-            )
+            # Nodes in a plane have the directors p and q; sliding also needs n = p × q.
+            p, q = start[1:]
+            p_rate, q_rate = rates[1:]
+            n_rate = np.cross(p_rate, q) + np.cross(p, q_rate)
+            start = np.vstack([start, np.cross(p, q)])
+            rates = np.vstack([rates, n_rate])
+        # The one director of nodes that slide along a line may change its length.
+        slides_along_line = self.sliding and len(start) == 2
         return RigidPiece(
-            f"piece of {self.name}", self.body, start, rates, not (self.sliding and len(start) == 2)
+            name=f"piece of {self.name}",
+            owner=self.body,
+            start=start,
+            rates=rates,
+            rigid=not slides_along_line,
         )
 
     @cached_property
     def _own(self) -> Array:
+        """Local nodes (n,) of the region that this rank owns."""
         nodes = self.body.nodes(self.group)
         own: Array = nodes[nodes < self.body.block.index_map.size_local]
         return own
 
     @cached_property
     def _fit(self) -> tuple[Array, Array, Array]:
+        """Frame, rates of the frame and coordinates of the nodes at the start, see `fitted`."""
         size = self.body.block.size
-        x, v = (values.reshape(-1, size)[self._own, :3] for values in self.body.initial_state())
+        coordinates, velocities = self.body.initial_state()
+        x = coordinates.reshape(-1, size)[self._own, :3]
+        v = velocities.reshape(-1, size)[self._own, :3]
         return fitted(self.body.comm, x, v)
+
+    @property
+    def _centre(self) -> list[float]:
+        """Mean position [m] of the nodes at the start."""
+        frame, _, _ = self._fit
+        centre: list[float] = frame[0].tolist()
+        return centre
 
     def _nodes(self) -> Sequence[int]:
         """Global numbers of this rank's nodes."""
         return [int(node) for node in self.body.block.index_map.local_to_global(self._own)]
 
-    def _places(self, start: State) -> list[tuple[Port, Port]]:
+    def _pairs(self, start: State) -> list[tuple[Port, Port]]:
+        """This rank's nodes, each with the point of the piece or rigid body that it is tied to."""
         if self.rigid_body is None:
-            targets = [self.piece.port(*map(float, ξ)) for ξ in self._fit[2]]
-        else:  # where a fold map or another start has placed them
-            placed = start[self.body].positions()[self._own]
-            targets = [self.rigid_body.port_at(list(map(float, place))) for place in placed]
-        return [
-            (Port(self.body, (node,)), target)
-            for node, target in zip(self._nodes(), targets, strict=True)
-        ]
+            _, _, coordinates = self._fit
+            targets = [self.piece.port(*map(float, ξ)) for ξ in coordinates]
+        else:
+            # A fold map or another initial condition may have moved the nodes from the mesh.
+            positions = start[self.body].positions()[self._own]
+            targets = [self.rigid_body.port_at(list(map(float, x))) for x in positions]
+        nodes = [Port(self.body, (node,)) for node in self._nodes()]
+        return list(zip(nodes, targets, strict=True))
+
+    @property
+    def _carrier(self) -> RigidPiece | RigidBody:
+        """The body that the nodes are tied to."""
+        if self.rigid_body is None:
+            return self.piece
+        return self.rigid_body
 
     def requires(self) -> Iterable[Any]:
+        """The body of the nodes, and the one that they are tied to."""
         yield self.body
-        yield self.piece if self.rigid_body is None else self.rigid_body
+        yield self._carrier
 
     def terms(self, start: State) -> Iterable[Term]:
+        """The constraints of the nodes, and the support of the piece."""
         if self.fixed_components:
-            piece = self.piece if self.rigid_body is None else self.rigid_body
+            piece = self._carrier
+            # The components of the position and of all directors.
             vectors = np.arange(piece.block.index_map.size_local * piece.block.size // 3)
             dofs = (3 * vectors[:, None] + np.array(self.fixed_components)).ravel().astype(np.int32)
             yield Support(f"{self.name} held", piece, dofs)
         if self.sliding and len(self.piece.directors) == 3:
             yield from self._slides()
             return
-        yield coincidence(self.name, *self._places(start))
+        yield coincidence(self.name, *self._pairs(start))
 
     def _slides(self) -> Iterable[Term]:
-        # (x_k - x̄)·n of the stacked vectors (x_k, x̄, n)
-        H = np.zeros((3, 3))
-        H[0, 2] = H[2, 0] = 1.0
-        H[1, 2] = H[2, 1] = -1.0
+        """The constraints of nodes that slide in a plane, see the module.  Collective."""
         p, q, n = self.piece.directors
-        places = [(Port(self.body, (node,)), self.piece.port(), n) for node in self._nodes()]
-        plane = np.kron(H, np.eye(3))[None], np.zeros((1, 9)), np.zeros(1)
-        yield PointConstraint(self.name, PointMeasure(places, *plane))
-        nodes, along = (
-            [one for part in self.body.comm.allgather(values) for one in part]
-            for values in (self._nodes(), self._fit[2].tolist())
-        )
-        ξ = np.array(along) / np.linalg.norm(along)
-        mean = Port(self.body, tuple(nodes), weights=(1.0 / len(nodes),) * len(nodes))
+        centre = self.piece.port()
+
+        # The product (x_k - x_c)·n of the stacked vectors (x_k, x_c, n).
+        product = np.zeros((3, 3))
+        product[0, 2] = product[2, 0] = 1.0
+        product[1, 2] = product[2, 1] = -1.0
+        H = np.kron(product, np.eye(3))[None]
+        L = np.zeros((1, 9))
+        c = np.zeros(1)
+        heights = [(Port(self.body, (node,)), centre, n) for node in self._nodes()]
+        yield PointConstraint(self.name, PointMeasure(heights, H, L, c))
+
+        # The means are over the nodes of all ranks: one port depends on all of them.
+        _, _, own_coordinates = self._fit
+        nodes: list[int] = []
+        coordinates: list[list[float]] = []
+        for nodes_of_rank, coordinates_of_rank in self.body.comm.allgather(
+            (self._nodes(), own_coordinates.tolist())
+        ):
+            nodes += nodes_of_rank
+            coordinates += coordinates_of_rank
+        count = len(nodes)
+        mean = Port(self.body, tuple(nodes), weights=(1.0 / count,) * count)
         for k, d in enumerate((p, q)):
-            yield PointConstraint(
-                f"{self.name} centre {k + 1}", PointMeasure([(mean, self.piece.port(), d)], *plane)
-            )
-        # (Σ ξ_q x_k)·p - (Σ ξ_p x_k)·q, two products in one measure
-        of_p, of_q = (
-            Port(self.body, tuple(nodes), weights=tuple(map(float, column))) for column in ξ.T
+            measure = PointMeasure([(mean, centre, d)], H, L, c)
+            yield PointConstraint(f"{self.name} centre {k + 1}", measure)
+
+        # The angle (Σ ξ_q x_k)·p - (Σ ξ_p x_k)·q: two products in one measure.  Its weights are
+        # divided by their norm, so that the measure has the unit of a length, as the others.
+        ξ = np.array(coordinates) / np.linalg.norm(coordinates)
+        of_p = Port(self.body, tuple(nodes), weights=tuple(map(float, ξ[:, 0])))
+        of_q = Port(self.body, tuple(nodes), weights=tuple(map(float, ξ[:, 1])))
+        rotation = np.zeros((4, 4))
+        rotation[0, 2] = rotation[2, 0] = 1.0
+        rotation[1, 3] = rotation[3, 1] = -1.0
+        measure = PointMeasure(
+            ports=[(of_q, of_p, p, q)],
+            H=np.kron(rotation, np.eye(3))[None],
+            L=np.zeros((1, 12)),
+            c=np.zeros(1),
         )
-        turned = np.zeros((4, 4))
-        turned[0, 2] = turned[2, 0] = 1.0
-        turned[1, 3] = turned[3, 1] = -1.0
-        yield PointConstraint(
-            f"{self.name} spin",
-            PointMeasure(
-                [(of_q, of_p, p, q)],
-                np.kron(turned, np.eye(3))[None],
-                np.zeros((1, 12)),
-                np.zeros(1),
-            ),
-        )
+        yield PointConstraint(f"{self.name} spin", measure)

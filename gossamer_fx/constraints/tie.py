@@ -20,7 +20,9 @@ from gossamer_fx.model.body import Array, Port, is_on_mesh
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 
-NODE = 1e-9  # part of a segment from its end that counts as its end
+# Distance from the end of a segment, over its length, below which a point counts as the end.  A
+# point on a node then depends on this node only.
+NODE = 1e-9
 
 
 @check_arguments
@@ -60,7 +62,9 @@ class Tie:
     name: str = ""
 
     def __post_init__(self) -> None:
-        for body, group in ((self.a, self.group_a), (self.b, self.group_b)):
+        """Check bodies and groups, and name the tie after them if it has no name."""
+        sides = ((self.a, self.group_a), (self.b, self.group_b))
+        for body, group in sides:
             check(
                 not isinstance(body, Beam) and is_on_mesh(body),
                 f"Tie: '{body.name}' is not a film or cable; join others by joints.",
@@ -74,32 +78,37 @@ class Tie:
             f"Tie: '{self.group_a}' of '{self.a.name}' is tied to itself; name another line.",
         )
         if not self.name:
-            words = [
-                f"{body.name}/{group or 'all'}"
-                for body, group in ((self.a, self.group_a), (self.b, self.group_b))
-            ]
+            words = [f"{body.name}/{group or 'all'}" for body, group in sides]
             object.__setattr__(self, "name", " tied to ".join(words))
+        # Groups that do not exist are refused here, before a scene is compiled.
         if self.group_a is not None:
             self.a.mesh.group(self.group_a)
         if self.group_b is not None:
             self.b.mesh.curve(self.group_b, f"'{self.name}'")
 
     def requires(self) -> Iterable[Any]:
+        """The bodies of both lines."""
         yield self.a
         yield self.b
 
     def terms(self, start: State) -> Iterable[Term]:
-        yield coincidence(self.name, *self._places(start))
+        """The constraint that each node of the first line stays at its point of the second one."""
+        yield coincidence(self.name, *self._pairs(start))
 
-    def _places(self, start: State) -> list[tuple[Port, Port]]:
-        """Of this rank's nodes: each, and where it is on the other line."""
-        comm, index_map = self.a.comm, self.a.block.index_map
-        nodes = (
-            np.arange(index_map.size_local) if self.group_a is None else self.a.nodes(self.group_a)
-        )
+    def _pairs(self, start: State) -> list[tuple[Port, Port]]:
+        """This rank's nodes of the first line, each with its point of the second line.  Collective.
+
+        Raises:
+            InputError: a line is empty, or nodes are not on the second line in the initial state.
+        """
+        comm = self.a.comm
+        index_map = self.a.block.index_map
+        nodes = np.arange(index_map.size_local)
+        if self.group_a is not None:
+            nodes = self.a.nodes(self.group_a)
         own = np.asarray(nodes[nodes < index_map.size_local], dtype=np.int32)
         x = start[self.a].positions()[own]
-        ends, at = self._segments(start)
+        ends, segments = self._segments(start)
         check(
             len(ends) > 0,
             f"'{self.name}': the group '{self.group_b}' has no edges; name a line of '{self.b.name}'.",
@@ -109,7 +118,7 @@ class Tie:
             count > 0,
             f"'{self.name}': the group '{self.group_a}' has no nodes; name a line of '{self.a.name}'.",
         )
-        which, s, distance = _nearest(x, at)
+        which, fractions, distance = _nearest(x, segments)
         far = comm.allreduce(float(distance.max(initial=0.0)), op=MPI.MAX)
         check_on_all(
             comm,
@@ -118,50 +127,78 @@ class Tie:
             "lie on it.",
         )
         numbers = index_map.local_to_global(own)
-        return [
-            (Port(self.a, (int(node),)), _between(self.b, ends[i], float(t)))
-            for node, i, t in zip(numbers, which, s, strict=True)
-        ]
+        pairs = []
+        for node, segment, fraction in zip(numbers, which, fractions, strict=True):
+            point = _between(self.b, ends[segment], float(fraction))
+            pairs.append((Port(self.a, (int(node),)), point))
+        return pairs
 
     def _segments(self, start: State) -> tuple[npt.NDArray[np.int64], Array]:
-        """The second line, on every rank: global nodes (n, 2) of its pieces, and their end points (n, 2, 3)."""
-        body, space = self.b, self.b.space
+        """The straight pieces of the second line, on every rank.  Collective.
+
+        Returns:
+            global nodes (n, 2) of the ends of the pieces, and their positions (n, 2, 3) [m] at the
+            start.
+        """
+        body = self.b
+        space = body.space
         mesh = space.mesh
         if mesh.topology.dim == 2:
             edges = body.mesh.curve(str(self.group_b), self.name)
             local = body.mesh.edges.nodes(space, edges[edges < body.mesh.edges.owned])
         else:
             own = mesh.topology.index_map(1).size_local
-            cells = (
-                np.arange(own) if self.group_b is None else body.mesh.curve(self.group_b, self.name)
-            )
+            cells = np.arange(own)
+            if self.group_b is not None:
+                cells = body.mesh.curve(self.group_b, self.name)
             local = cell_nodes(space)[cells[cells < own]]
-            local = local if local.shape[1] == 2 else local[:, [0, 2, 1]]
+            # dolfinx has the middle of a quadratic line after its ends.
+            if local.shape[1] == 3:
+                local = local[:, [0, 2, 1]]
+        # A quadratic edge is two straight pieces.
         pieces = np.concatenate([local[:, k : k + 2] for k in range(local.shape[1] - 1)])
-        numbers = body.block.index_map.local_to_global(pieces.ravel().astype(np.int32)).reshape(
-            -1, 2
-        )
-        parts = body.comm.allgather(
-            (numbers, start[body].local_positions()[pieces].reshape(-1, 2, 3))
-        )
-        return np.concatenate([n for n, _ in parts]), np.concatenate([x for _, x in parts])
+        local_nodes = pieces.ravel().astype(np.int32)
+        mine = body.block.index_map.local_to_global(local_nodes).reshape(-1, 2)
+        x_mine = start[body].local_positions()[pieces].reshape(-1, 2, 3)
+        # Lines are short compared with films: every rank may know all of the second one.
+        parts = body.comm.allgather((mine, x_mine))
+        nodes = np.concatenate([nodes_of_rank for nodes_of_rank, _ in parts])
+        positions = np.concatenate([x_of_rank for _, x_of_rank in parts])
+        return nodes, positions
 
 
 def _nearest(x: Array, segments: Array) -> tuple[npt.NDArray[np.intp], Array, Array]:
-    """Of points (n, 3) the nearest of segments (m, 2, 3), the position on it between 0 and 1, and the distance [m]."""
-    a, d = segments[:, 0], segments[:, 1] - segments[:, 0]
-    square = np.einsum("mc,mc->m", d, d)
-    found, places, distances = np.zeros(len(x), dtype=np.intp), np.zeros(len(x)), np.zeros(len(x))
-    for k, p in enumerate(x):
-        s = np.clip(np.einsum("mc,mc->m", p - a, d) / square, 0, 1)
-        r = np.linalg.norm(a + s[:, None] * d - p, axis=1)
-        i = int(r.argmin())
-        found[k], places[k], distances[k] = i, s[i], r[i]
-    return found, places, distances
+    """Find the nearest segment of each point.
+
+    Args:
+        x: points (n, 3) [m].
+        segments: ends (m, 2, 3) [m].
+
+    Returns:
+        (n,) index of the segment, position on it between 0 and 1, and distance [m].
+    """
+    a = segments[:, 0]
+    d = segments[:, 1] - a
+    squared_length = np.einsum("mc,mc->m", d, d)
+    found = np.zeros(len(x), dtype=np.intp)
+    fractions = np.zeros(len(x))
+    distances = np.zeros(len(x))
+    # Point by point: arrays over all pairs would need memory for n m of them.
+    for k, point in enumerate(x):
+        along = np.einsum("mc,mc->m", point - a, d)
+        s = np.clip(along / squared_length, 0, 1)
+        distance = np.linalg.norm(a + s[:, None] * d - point, axis=1)
+        i = int(distance.argmin())
+        found[k] = i
+        fractions[k] = s[i]
+        distances[k] = distance[i]
+    return found, fractions, distances
 
 
 def _between(body: Meshed, ends: npt.NDArray[np.int64], s: float) -> Port:
-    """The point at s between two nodes; a node, if it is one."""
-    if s < NODE or s > 1 - NODE:
-        return Port(body, (int(ends[0] if s < NODE else ends[1]),))
+    """The point at s, from 0 to 1, between two global nodes (2,); the node itself at an end."""
+    if s < NODE:
+        return Port(body, (int(ends[0]),))
+    if s > 1 - NODE:
+        return Port(body, (int(ends[1]),))
     return Port(body, (int(ends[0]), int(ends[1])), weights=(1 - s, s))
