@@ -17,7 +17,7 @@ from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, area_vector
-from gossamer_fx.model.body import Vector
+from gossamer_fx.model.body import Indices, Vector
 from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
@@ -59,16 +59,21 @@ class EdgeLoad:
     name: str = ""
 
     def __post_init__(self) -> None:
+        """Check the edges and forces, and name the load after its edges if it has no name."""
         film = self.body
         edges = film.mesh.curve(self.edges, f"EdgeLoad on '{film.name}'")
         check(
             (self.force is None) != (self.normal_force is None),
             f"EdgeLoad on '{self.edges}': give either a force or a normal one.",
         )
+        # The normal of an edge in its sheet is defined on the rim only.
+        most_sheets = 2
+        if self.normal_force is not None:
+            most_sheets = 1
         sheets = film.mesh.edges.count[edges]
         check_on_all(
             film.comm,
-            bool((sheets <= (2 if self.normal_force is None else 1)).all()),
+            bool((sheets <= most_sheets).all()),
             f"EdgeLoad: the group '{self.edges}' of '{film.name}' has edges where several sheets meet, or inside the "
             "film where a load has no normal; name edges of the rim, or give a force in space.",
         )
@@ -76,67 +81,94 @@ class EdgeLoad:
             object.__setattr__(self, "name", f"{film.name}/{self.edges} load")
 
     def requires(self) -> Iterable[Any]:
+        """The film."""
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
+        """The load as a term of the equations."""
         if self.normal_force is None:
             yield self._in_space()
         else:
             yield self._across()
 
     def _measures(self) -> tuple[ufl.Measure | None, ufl.Measure | None]:
-        """Of the edges on the rim, and of those inside; none if there are none."""
-        film, domain = self.body, self.body.mesh.domain
+        """Measures ds of the edges on the rim, and dS of those inside; None where there are none."""
+        film = self.body
+        domain = film.mesh.domain
+        # Integrals over edges need the triangles next to them.
         domain.topology.create_connectivity(1, 2)
         edges = film.mesh.curve(self.edges, "EdgeLoad")
-        rim = film.mesh.edges.is_boundary[edges]
-        found: list[ufl.Measure | None] = []
-        for kind, own in (("ds", edges[rim]), ("dS", edges[~rim])):
-            tags = meshtags(domain, 1, own, np.ones(len(own), dtype=np.int32))
-            measure = ufl.Measure(
-                kind, domain, subdomain_data=tags, metadata={"quadrature_degree": film.order}
-            )
-            found.append(measure(1) if film.comm.allreduce(len(own)) else None)
-        return found[0], found[1]
+        is_on_rim = film.mesh.edges.is_boundary[edges]
+        ds = self._measure("ds", edges[is_on_rim])
+        dS = self._measure("dS", edges[~is_on_rim])
+        return ds, dS
+
+    def _measure(self, kind: str, edges: Indices) -> ufl.Measure | None:
+        """Measure of these local edges (n,), or None if no rank has any.  Collective."""
+        film = self.body
+        if film.comm.allreduce(len(edges)) == 0:
+            return None
+        domain = film.mesh.domain
+        tags = meshtags(domain, 1, edges, np.ones(len(edges), dtype=np.int32))
+        # Exact for a constant force: test functions have the order of the film.
+        metadata = {"quadrature_degree": film.order}
+        measure = ufl.Measure(kind, domain, subdomain_data=tags, metadata=metadata)
+        return measure(1)
 
     def _in_space(self) -> Term:
-        force, name, (ds, dS) = self.force, self.name, self._measures()
-        given = (
-            (0.0, 0.0, 0.0) if force is None or callable(force) else tuple(float(c) for c in force)
-        )
+        """The load of a force f [N/m] in space: δW = ∫f·w ds."""
+        force = self.force
+        name = self.name
+        ds, dS = self._measures()
+        given: tuple[float, ...] = (0.0, 0.0, 0.0)
+        if force is not None and not callable(force):
+            given = tuple(float(component) for component in force)
         f = fem.Constant(self.body.mesh.domain, given)
 
         def at(t: float) -> None:
+            """Set f to its value at a time t [s]."""
             if callable(force):
-                f.value[:] = ask_numbers(
-                    self.body.comm, f"'{name}' at t = {t:.6g} s", lambda: force(t), (3,)
-                )
+                source = f"'{name}' at t = {t:.6g} s"
+                f.value[:] = ask_numbers(self.body.comm, source, lambda: force(t), (3,))
 
         def work(x: Expr, w: Expr) -> ufl.Form:
-            both = [] if ds is None else [ufl.dot(f, w) * ds]
-            both += [] if dS is None else [ufl.dot(f, ufl.avg(w)) * dS]
-            return sum(both[1:], both[0])
+            """δW [J] along test functions w."""
+            parts = []
+            if ds is not None:
+                parts.append(ufl.dot(f, w) * ds)
+            if dS is not None:
+                parts.append(ufl.dot(f, ufl.avg(w)) * dS)
+            return sum(parts[1:], parts[0])
 
         if callable(force):
             return Load(name, self.body, work, at=at)
         return Load(name, self.body, work, parameters=(Parameter("force", "N/m", f),))
 
     def _across(self) -> Term:
-        film, value, (ds, _) = self.body, self.normal_force, self._measures()
-        f = constant(film.mesh.domain, 0.0 if callable(value) else float(value or 0.0))
+        """The load of a force p ν normal to the rim: δW = ∫p ν·w ds."""
+        film = self.body
+        value = self.normal_force
+        ds, _ = self._measures()
+        given = 0.0
+        if value is not None and not callable(value):
+            given = float(value)
+        f = constant(film.mesh.domain, given)
         ν = ufl.FacetNormal(film.mesh.domain)
 
         def at(t: float) -> None:
+            """Set p to its value at a time t [s]."""
             if callable(value):
-                f.value = float(
-                    ask_numbers(film.comm, f"'{self.name}' at t = {t:.6g} s", lambda: value(t))
-                )
+                source = f"'{self.name}' at t = {t:.6g} s"
+                f.value = float(ask_numbers(film.comm, source, lambda: value(t)))
 
         def work(x: Expr, w: Expr) -> ufl.Form:
+            """δW [J] at positions x along test functions w."""
             if not self.following:
                 return f * ufl.dot(ν, w) * ds
+            # The deformed edge has this tangent; its product with the film's normal is along -ν.
             a = area_vector(film.deformation(x))
-            along = ufl.cross(a, ufl.dot(ufl.grad(x), ufl.cross(_normal(film), ν)))
+            tangent = ufl.dot(ufl.grad(x), ufl.cross(_normal(film), ν))
+            along = ufl.cross(a, tangent)
             return -f * ufl.dot(along, w) / ufl.sqrt(ufl.dot(along, along)) * ds
 
         if callable(value):
@@ -146,6 +178,6 @@ class EdgeLoad:
 
 
 def _normal(film: Membrane) -> Expr:
-    """Unit normal of the mesh."""
+    """Unit normal of the undeformed film."""
     n = area_vector(film.deformation(ufl.SpatialCoordinate(film.mesh.domain)))
     return n / ufl.sqrt(ufl.dot(n, n))
