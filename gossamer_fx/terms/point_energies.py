@@ -1,7 +1,8 @@
-"""Energies and dissipation of measures between points, as arrays: all terms of one kind are evaluated at once.
+"""Energies and dissipation of measures between points, as arrays.
 
-The rule is that of `discrete_gradient`: force S̄·De(q̄) with S̄·(e1 - e0) = ψ(e1) - ψ(e0), or the loss of the step.
-With α = 1 the forces are those of the end of the step, S̄ = ψ'(e1).  Measures are evaluated on the rank of
+All terms of one kind are evaluated at once.  The rule is that of `discrete_gradient`: the force is
+S_mean·De(q_mid) with S_mean·(e1 - e0) = ψ(e1) - ψ(e0), or the loss of the step.  With α = 1 the
+forces are those of the end of the step, S_mean = ψ'(e1).  Measures are evaluated on the rank of
 their first port.
 """
 
@@ -42,9 +43,10 @@ COMPLEX_STEP = 1e-30
 
 
 class PointDensity(Protocol):
-    """Energy of the m strains e of a point measure; all arguments and results are arrays over n tuples of ports.
+    """Energy of the m strains e of a point measure.
 
-    A density whose numbers named in `stacks` may also be arrays (n,) shares one evaluation with others of its class.
+    All arguments and results are arrays over n tuples of ports.  A density whose numbers named in
+    `stacks` may also be arrays (n,) shares one evaluation with others of its class.
     """
 
     def energy(self, e: Array) -> Array:
@@ -52,7 +54,10 @@ class PointDensity(Protocol):
         ...
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        """S̄ (n, m) and dS̄/de1 (n, m, m) with S̄·(e1 - e0) = ψ(e1) - ψ(e0); at e0 = e1 they are (ψ', ψ''/2)."""
+        """S_mean (n, m) with S_mean·(e1 - e0) = ψ(e1) - ψ(e0), and dS_mean/de1 (n, m, m).
+
+        At e0 = e1 they are ψ' and ψ''/2.
+        """
         ...
 
 
@@ -60,7 +65,10 @@ class PointDamping(Protocol):
     """Stress against the rate of the m strains of a point measure, never with negative loss."""
 
     def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
-        """S̄ (n, m) and dS̄/de1 (n, m, m) with S̄·(e1 - e0) ≥ 0, the loss in a step of h seconds."""
+        """S_mean (n, m) and dS_mean/de1 (n, m, m) in a step of h seconds.
+
+        The loss S_mean·(e1 - e0) [J] is never negative.
+        """
         ...
 
 
@@ -68,6 +76,12 @@ class Stencil:
     """Measures of one kind with one density: their forces, tangents and energies.
 
     With pairs that change from step to step, a new one is made for each list of them.
+
+    Args:
+        at: the measures.
+        density: `PointDensity` or `PointDamping` of all of them.
+        dissipates: whether it is a `PointDamping`.
+        alpha: the forces act at q_mid = (1 - α) q0 + α q1.
     """
 
     def __init__(
@@ -77,23 +91,32 @@ class Stencil:
         dissipates: bool,
         alpha: float,
     ) -> None:
-        self.at, self.density, self._dissipates, self._α = at, density, dissipates, alpha
+        self.at = at
+        self.density = density
+        self._dissipates = dissipates
+        self._α = alpha
         self.h = 1.0
-        self._known: tuple[Array, Array, Array, tuple[Array, Array]] | None = (
-            None  # of the unknowns last asked for
-        )
+        # Unknowns, vectors, strains and stresses of the last evaluation: forces and tangent of one
+        # iterate use the same ones.
+        self._known: tuple[Array, Array, Array, tuple[Array, Array]] | None = None
         self.keep(np.zeros((at.n, at.D)))
 
     def keep(self, q0: Array) -> None:
-        """Unknowns (n, D) at the start of a step."""
-        self._Y0, self._known = self.at.vectors(q0), None
+        """Set the unknowns q0 (n, D) at the start of a step."""
+        self._Y0 = self.at.vectors(q0)
+        self._known = None
         self.e0 = self.at.measure(self._Y0)
 
     def force(self, q1: Array) -> Array:
-        """S̄·De(q̄) (n, D), computed where there is stress: slack ropes and open stops cost little."""
+        """Forces S_mean·De(q_mid) (n, D) of a step to the unknowns q1 (n, D).
+
+        They are computed where there is stress: slack ropes and open stops cost little.
+        """
         Y, _, (S, _) = self._end(q1)
         on = _all_or_some(S.any(axis=1))
-        forces = self.at.forces(S[on][:, None] @ self.at.slope(self._middle(Y, on), on), on)[:, 0]
+        slope = self.at.slope(self._middle(Y, on), on)
+        forces_on_vectors = S[on][:, None] @ slope
+        forces = self.at.forces(forces_on_vectors, on)[:, 0]
         if isinstance(on, slice):
             return forces
         found = np.zeros_like(q1)
@@ -101,7 +124,7 @@ class Stencil:
         return found
 
     def tangent(self, q1: Array) -> Array:
-        """De(q̄)ᵀ dS̄/de1 De(q1) + α S̄·D²e (n, D, D), computed where it is not zero."""
+        """De(q_mid)ᵀ dS_mean/de1 De(q1) + α S_mean·D²e (n, D, D), computed where it is not zero."""
         K, on = self._stiffness(q1)
         if isinstance(on, slice):
             return self.at.stiffness(K)
@@ -110,28 +133,37 @@ class Stencil:
         return found
 
     def add_tangent(self, A: PETSc.Mat, q1: Array) -> None:
-        """Add the same to a matrix."""
+        """Add `tangent` to a matrix."""
         at = self.at
         if at.share_unknowns:
-            add_blocks(
-                A, at.indices[:1], at.indices[:1], at.sum_of_stiffness(*self._stiffness(q1))[None]
-            )
+            # One block is entered instead of n at the same rows.
+            K, on = self._stiffness(q1)
+            total = at.sum_of_stiffness(K, on)
+            add_blocks(A, at.indices[:1], at.indices[:1], total[None])
         else:
             add_blocks(A, at.indices, at.indices, self.tangent(q1))
 
     def _stiffness(self, q1: Array) -> tuple[Array, Any]:
-        """Stiffness with respect to the measured vectors (k, 3k, 3k), and the k rows that have one."""
-        Y, _, (S, D) = self._end(q1)
-        on = _all_or_some(S.any(axis=1) | D.any(axis=(1, 2)))
-        B, B1 = self.at.slope(self._middle(Y, on), on), self.at.slope(Y[on], on)
-        return B.transpose(0, 2, 1) @ (D[on] @ B1) + self._α * self.at.geometric(S[on], on), on
+        """Stiffness (r, 3k, 3k) of the measured vectors, and the indices of the r rows that have
+        one.
+        """
+        Y, _, (S, dS) = self._end(q1)
+        on = _all_or_some(S.any(axis=1) | dS.any(axis=(1, 2)))
+        slope_mid = self.at.slope(self._middle(Y, on), on)
+        slope_end = self.at.slope(Y[on], on)
+        material = slope_mid.transpose(0, 2, 1) @ (dS[on] @ slope_end)
+        geometric = self._α * self.at.geometric(S[on], on)
+        return material + geometric, on
 
     def _middle(self, Y: Array, on: Any) -> Array:
-        """The vectors of the configuration in which forces act, of the rows `on`."""
+        """Vectors (r, 3k) of the configuration in which forces act, of the rows `on`."""
         return (1 - self._α) * self._Y0[on] + self._α * Y[on]
 
     def _end(self, q1: Array) -> tuple[Array, Array, tuple[Array, Array]]:
-        """Vectors and strain at the end of the step; its stress, and the derivative with respect to the end strain."""
+        """Vectors Y (n, 3k) and strain e1 (n, m) at the end of the step, and the pair of
+        `_average`.
+        """
+        # The same array object, not equal numbers: a comparison would cost as much as it saves.
         if self._known is None or self._known[0] is not q1:
             Y = self.at.vectors(q1)
             e1 = self.at.measure(Y)
@@ -139,16 +171,20 @@ class Stencil:
         return self._known[1:]
 
     def _average(self, e1: Array) -> tuple[Array, Array]:
+        """Stress S_mean (n, m) of a step to the strain e1 (n, m), and dS_mean/de1 (n, m, m)."""
         if self._dissipates:
             return self.density.average(self.e0, e1, self.h)
         if self._α == 0.5:
             return self.density.average(self.e0, e1)
+        # At equal strains the derivative of the average is half of ψ''.
         S, half = self.density.average(e1, e1)
         return S, 2 * half
 
     def energy(self) -> Array:
         """ψ (n,) at the start of the step."""
-        return np.zeros(self.at.n) if self._dissipates else self.density.energy(self.e0)
+        if self._dissipates:
+            return np.zeros(self.at.n)
+        return self.density.energy(self.e0)
 
     def force_by_number(self, q1: Array, key: str) -> Array:
         """∂force/∂number (n, D) of a number of the density, by a complex step.
@@ -193,7 +229,9 @@ class Stencil:
 
 def _all_or_some(on: Any) -> Any:
     """Indices where it is true (n,); a slice, which copies nothing, where it is true everywhere."""
-    return slice(None) if on.all() else np.flatnonzero(on)
+    if on.all():
+        return slice(None)
+    return np.flatnonzero(on)
 
 
 class PointEnergies(
@@ -214,10 +252,8 @@ class PointEnergies(
     def __init__(
         self, terms: Sequence[PointStoredEnergy | PointDissipation], system: Assembly
     ) -> None:
-        self._system, self._names = (
-            system,
-            [t.name for t in terms if isinstance(t, PointStoredEnergy)],
-        )
+        self._system = system
+        self._names = [term.name for term in terms if isinstance(term, PointStoredEnergy)]
         groups: dict[Any, list[PointStoredEnergy | PointDissipation]] = {}
         for term in terms:
             groups.setdefault(_kind(term), []).append(term)
@@ -225,50 +261,56 @@ class PointEnergies(
         for alike in groups.values():
             at = PointMeasures(system.numbering, system.bodies, [term.measure for term in alike])
             density = _stacked([term.density for term in alike], at.owner)
-            stencil = Stencil(
-                at, density, isinstance(alike[0], PointDissipation), system.rule.alpha
-            )
+            dissipates = isinstance(alike[0], PointDissipation)
+            stencil = Stencil(at, density, dissipates=dissipates, alpha=system.rule.alpha)
             self._groups.append((alike, stencil))
         self._stencils = [stencil for _, stencil in self._groups]
-        self.losses = [
-            t.name for alike, _ in self._groups for t in alike if isinstance(t, PointDissipation)
-        ]
+        # In the order of groups, as `dissipated` reports them.
+        self.losses = []
+        for alike, _ in self._groups:
+            self.losses += [term.name for term in alike if isinstance(term, PointDissipation)]
         self._gather = Gather(system.numbering, [stencil.at.indices for stencil in self._stencils])
-        self._ends: list[Array] | None = None  # unknowns of the stencils in q1
+        # Unknowns of the stencils in q1, fetched once in an iteration.
+        self._ends: list[Array] | None = None
         # Numbers of terms that were changed after the compilation, by the identity of the term.
         self._numbers: dict[tuple[int, str], float] = {}
 
     def begin_step(self, t: float) -> None:
+        """Start a step of length `system.h` [s]."""
         self._ends = None
         for stencil in self._stencils:
             stencil.h = self._system.h
 
     def update(self, linearly: bool) -> None:
+        """Forget the unknowns of the last iterate."""
         self._ends = None
 
     def _at_end(self) -> list[Array]:
+        """Unknowns (n, D) of each stencil at the end of the step.  Collective."""
         if self._ends is None:
             self._ends = self._gather(self._system.q1)
         return self._ends
 
     def commit(self) -> None:
+        """Make the accepted coordinates those at the start of the next step."""
         for stencil, q in zip(self._stencils, self._gather(self._system.q0), strict=True):
             stencil.keep(q)
 
     def add_forces(self, r: PETSc.Vec) -> None:
+        """Add the forces [N] of all terms to r."""
         for stencil, q in zip(self._stencils, self._at_end(), strict=True):
-            r.setValues(
-                stencil.at.indices.ravel(),
-                stencil.force(q).ravel(),
-                addv=PETSc.InsertMode.ADD_VALUES,
-            )
+            indices = stencil.at.indices.ravel()
+            forces = stencil.force(q).ravel()
+            r.setValues(indices, forces, addv=PETSc.InsertMode.ADD_VALUES)
         r.assemble()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
+        """Add the tangents [N/m] of all terms to A."""
         for stencil, q in zip(self._stencils, self._at_end(), strict=True):
             stencil.add_tangent(A, q)
 
     def energies(self) -> dict[str, float]:
+        """This rank's share of the stored energy [J] at the start of the step, by name."""
         found = dict.fromkeys(self._names, 0.0)
         for terms, stencil in self._groups:
             if isinstance(terms[0], PointStoredEnergy):
@@ -280,11 +322,14 @@ class PointEnergies(
     # ---- sensitivities ---------------------------------------------------------------------------------
 
     def get_number(self, term: PointStoredEnergy | PointDissipation, key: str) -> Array:
-        return np.atleast_1d(self._numbers.get((id(term), key), getattr(term.density, key)))
+        """Present value (1,) of the number `key` of a term's density."""
+        given = getattr(term.density, key)
+        return np.atleast_1d(self._numbers.get((id(term), key), given))
 
     def set_number(
         self, term: PointStoredEnergy | PointDissipation, key: str, value: Array
     ) -> None:
+        """Change the number `key` of a term's density to `value` (1,)."""
         stencil, i = self._find(term)
         self._numbers[id(term), key] = float(value[0])
         stencil.set_number(key, float(value[0]), stencil.at.owner == i)
@@ -292,6 +337,7 @@ class PointEnergies(
     def work_by_number(
         self, term: PointStoredEnergy | PointDissipation, key: str, w: PETSc.Vec
     ) -> Array:
+        """Derivative (1,) of w·forces by the number `key`, this rank's share."""
         stencil, i = self._find(term)
         k = self._stencils.index(stencil)
         forces = stencil.force_by_number(self._at_end()[k], key)
@@ -299,8 +345,10 @@ class PointEnergies(
         return np.array([work[stencil.at.owner == i].sum()])
 
     def energy_by_number(self, term: PointStoredEnergy | PointDissipation, key: str) -> Array:
+        """Derivative (1,) of the stored energy by the number `key`, this rank's share."""
         stencil, i = self._find(term)
-        energies = stencil.energy_by_number(self._at_end()[self._stencils.index(stencil)], key)
+        k = self._stencils.index(stencil)
+        energies = stencil.energy_by_number(self._at_end()[k], key)
         return np.array([energies[stencil.at.owner == i].sum()])
 
     def _find(self, term: PointStoredEnergy | PointDissipation) -> tuple[Stencil, int]:
@@ -312,6 +360,7 @@ class PointEnergies(
         raise ValueError(f"'{term.name}' is not in this scene")
 
     def dissipated(self) -> Array:
+        """Energy [J] that each term of `losses` dissipates on this rank in the step."""
         found: list[float] = []
         for (terms, stencil), q in zip(self._groups, self._at_end(), strict=True):
             if isinstance(terms[0], PointDissipation):
@@ -343,13 +392,17 @@ class PointDissipation:
 
 def _kind(term: PointStoredEnergy | PointDissipation) -> Any:
     """What terms must have in common to be one array."""
-    density, stacks = term.density, getattr(term.density, "stacks", None)
+    density = term.density
+    stacks = getattr(density, "stacks", None)
+    # A density that cannot be stacked is an array of one term.
     if stacks is None:
         return id(term)
-    others = tuple(
-        (name, value) for name, value in sorted(vars(density).items()) if name not in stacks
-    )
-    return type(term), type(density), others, term.measure.H.shape, nodes_of(term.measure)
+    others = []
+    for name, value in sorted(vars(density).items()):
+        if name not in stacks:
+            others.append((name, value))
+    shape = term.measure.H.shape
+    return type(term), type(density), tuple(others), shape, nodes_of(term.measure)
 
 
 def _stacked(densities: Sequence[Any], of: Array) -> Any:
@@ -357,7 +410,8 @@ def _stacked(densities: Sequence[Any], of: Array) -> Any:
     first = densities[0]
     if len(densities) == 1:
         return first
-    return replace(
-        first,
-        **{name: np.array([getattr(d, name) for d in densities])[of] for name in first.stacks},
-    )
+    stacked = {}
+    for name in first.stacks:
+        numbers = np.array([getattr(density, name) for density in densities])
+        stacked[name] = numbers[of]
+    return replace(first, **stacked)
