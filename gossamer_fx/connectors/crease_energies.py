@@ -492,6 +492,6 @@ def _unknowns(system: Assembly, term: CreaseEnergy) -> Any:
     n, k = term.nodes.shape
     local_nodes = term.nodes.ravel().astype(np.int32)
     nodes = term.body.block.index_map.local_to_global(local_nodes)
-    # A plate has further unknowns after the positions of a node.
+    # The first three unknowns of a node are its position.
     positions = system.block(term.body).to_global(nodes)[:, :3]
     return positions.reshape(n, 3 * k)
