@@ -1,9 +1,9 @@
 """Constraints between points, kept exactly by multipliers that are unknowns of the sparse matrix.
 
-    e(q1) = 0,    force De(q̄)ᵀλ,    tangent [ α λ·D²e  De(q̄)ᵀ ]
-                                            [ De(q1)     0    ]
+    e(q1) = 0,    force De(q_mid)ᵀλ,    tangent [ α λ·D²e  De(q_mid)ᵀ ]
+                                                [ De(q1)       0      ]
 
-A multiplier whose measure touches held coordinates only has nothing to do: it is held too.
+A multiplier whose measure depends on fixed coordinates only is fixed too.
 
 A constraint may close over time: e(q1) = f(t1) e(q_start), with f falling from 1 to 0.  The work
 -λ·(e(q1) - e(q0)) of its force counts as supplied.
@@ -16,7 +16,7 @@ graph is left out, if it says that it may be (`may_repeat`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -50,18 +50,23 @@ from gossamer_fx.terms.assembly import Assembly, CompiledConstraints, Compiler
 
 # Largest violation at the start, in units of the constraint: the bound for "these points coincide".
 MAX_INITIAL_VIOLATION = 1e-8
+
 # Largest rate of violation at the start, as a fraction of the rates of the measures involved.
 MAX_INITIAL_RATE = 1e-8
-# Constraints up to which redundant ones are looked for: the eigenvalue problem is dense, on rank 0.  With more of
-# them a redundant constraint shows as a singular matrix.
-MAX_CHECKED_CONSTRAINTS = 1500
-# Of a row of the gradient of all constraints: what counts as nothing, when no free coordinate is touched.
-NO_GRADIENT = 1e-12
-# Eigenvalues of the normalised Gram matrix of the constraints below which one of them follows from others.
-NULL_EIGENVALUE = 1e-12
-# Components of a null vector from which a constraint takes part in it.
-TAKES_PART = 1e-6
 
+# Number of constraints up to which redundant ones are looked for: the eigenvalue problem is dense,
+# on rank 0.  With more of them a redundant constraint shows as a singular matrix.
+MAX_CHECKED_CONSTRAINTS = 1500
+
+# Entry of the gradient of a constraint below which it does not depend on a coordinate.
+NO_GRADIENT = 1e-12
+
+# Eigenvalue of the normalised Gram matrix of the constraints below which one of them follows from
+# others.
+NULL_EIGENVALUE = 1e-12
+
+# Component of a null vector from which a constraint takes part in it.
+TAKES_PART = 1e-6
 
 # The vertex of all fixed coordinates in the graph of ties.
 GROUND = -1
@@ -86,14 +91,19 @@ class PointConstraints(
     @classmethod
     def multipliers(cls, terms: Sequence[PointConstraint], comm: MPI.Intracomm) -> list[Block]:
         """One multiplier for each measure, on the rank that evaluates it."""
-        return [
-            Block(IndexMap(comm, len(evaluated_here(t.measure.ports))), t.measure.H.shape[0])
-            for t in terms
-        ]
+        blocks = []
+        for term in terms:
+            own = len(evaluated_here(term.measure.ports))
+            measures_of_tuple = term.measure.H.shape[0]
+            blocks.append(Block(IndexMap(comm, own), measures_of_tuple))
+        return blocks
 
     def __init__(self, terms: Sequence[PointConstraint], system: Assembly) -> None:
         numbering = system.numbering
-        self._system, self._comm, self._terms = system, system.comm, terms
+        self._system = system
+        self._comm = system.comm
+        self._terms = terms
+        # Terms with equal shapes and numbers of nodes are one array.
         groups: dict[tuple[int, ...], list[int]] = {}
         for k, term in enumerate(terms):
             groups.setdefault((*term.measure.H.shape, nodes_of(term.measure)), []).append(k)
@@ -104,9 +114,10 @@ class PointConstraints(
             at = PointMeasures(numbering, system.bodies, [terms[k].measure for k in alike])
             self._measures.append(at)
             self._term_of.append(np.array(alike)[at.owner])
+            # The multipliers of term k are the block behind those of the bodies.
             owned = [numbering.owned(len(system.bodies) + k) for k in alike]
-            local = np.concatenate([np.arange(o.start, o.stop) for o in owned]).reshape(at.n, at.m)
-            self._local.append(local)
+            local = np.concatenate([np.arange(block.start, block.stop) for block in owned])
+            self._local.append(local.reshape(at.n, at.m))
         self._rows = [(local + numbering.start).astype(PETSc.IntType) for local in self._local]
         self._q0: list[Array] = [np.zeros((at.n, at.D)) for at in self._measures]
         self._gather = Gather(numbering, [at.indices for at in self._measures])
@@ -117,52 +128,62 @@ class PointConstraints(
         self.owned = slice(numbering.owned(len(system.bodies)).start, numbering.size_local)
 
     def tied_ports(self) -> list[list[tuple[Attached, ...]]]:
-        return [[t.measure.ports[i] for i in evaluated_here(t.measure.ports)] for t in self._terms]
+        """The tuples of ports of each term that this rank evaluates."""
+        found = []
+        for term in self._terms:
+            ports = term.measure.ports
+            found.append([ports[i] for i in evaluated_here(ports)])
+        return found
 
     def begin_step(self, t: float) -> None:
+        """Set the right-hand sides of constraints that close to those at the end of the step."""
         if self._closes:
             self._targets = self._targets_at(self._system.time + self._system.h)
 
     def commit(self) -> None:
+        """Fetch the accepted coordinates, at which the next step starts."""
         self._q0 = self._gather(self._system.q0)
 
     def supplied(self) -> float:
-        """Work of the constraints that close, -λ·(e(q1) - e(q0))."""
+        """Work [J] of the constraints that close, -λ·(e(q1) - e(q0)), this rank's share."""
         if not self._closes:
             return 0.0
         values = self._system.q1.array_r.copy()
+        term_closes = np.array([term.closing is not None for term in self._terms])
         work = 0.0
-        for k, (at, q) in enumerate(
-            zip(self._measures, self._gather(self._system.q1), strict=True)
-        ):
-            closes = np.array([term.closing is not None for term in self._terms])[self._term_of[k]]
+        for k, at, q in self._at_end():
+            closes = term_closes[self._term_of[k]]
             change = at.strain(q) - at.strain(self._q0[k])
-            work -= float((values[self._local[k]] * change)[closes].sum())
+            work_of_rows = values[self._local[k]] * change
+            work -= float(work_of_rows[closes].sum())
         return work
+
+    def _at_end(self) -> Iterator[tuple[int, PointMeasures, Array]]:
+        """Number, measures and unknowns (n, D) in q1 of each array of constraints.  Collective."""
+        unknowns = self._gather(self._system.q1)
+        return zip(range(len(self._measures)), self._measures, unknowns, strict=True)
 
     def _targets_at(self, t: float) -> list[Array]:
         """Right-hand sides f(t) e(q_start) (n, m) at a time [s]."""
-        openness = np.array(
-            [term.closing.openness(t) if term.closing else 0.0 for term in self._terms]
-        )
-        return [
-            openness[term_of][:, None] * initial
-            for term_of, initial in zip(self._term_of, self._initial, strict=True)
-        ]
+        openness = np.zeros(len(self._terms))
+        for k, term in enumerate(self._terms):
+            if term.closing:
+                openness[k] = term.closing.openness(t)
+        targets: list[Array] = []
+        for term_of, initial in zip(self._term_of, self._initial, strict=True):
+            targets.append(openness[term_of][:, None] * initial)
+        return targets
 
     def _take_initial(self, q0: PETSc.Vec) -> None:
         """Measure where the constraints that close begin.  Collective."""
         if self._closes:
-            self._initial = [
-                at.strain(q) for at, q in zip(self._measures, self._gather(q0), strict=True)
-            ]
+            groups = zip(self._measures, self._gather(q0), strict=True)
+            self._initial = [at.strain(q) for at, q in groups]
 
     def add_forces(self, r: PETSc.Vec) -> None:
-        """r += De(q̄)ᵀλ, and e(q1) in the rows of the multipliers."""
+        """Add De(q_mid)ᵀλ to r, and e(q1) in the rows of the multipliers."""
         values = self._system.q1.array_r.copy()
-        for k, (at, q) in enumerate(
-            zip(self._measures, self._gather(self._system.q1), strict=True)
-        ):
+        for k, at, q in self._at_end():
             force = values[self._local[k]][:, None] @ self._middle_gradient(k, q)
             r.setValues(at.indices.ravel(), force.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
             excess = at.strain(q) - self._targets[k]
@@ -170,23 +191,23 @@ class PointConstraints(
         r.assemble()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
+        """Add the blocks of the tangent of the module's docstring to A."""
         values = self._system.q1.array_r.copy()
-        for k, (at, q) in enumerate(
-            zip(self._measures, self._gather(self._system.q1), strict=True)
-        ):
-            λ, rows = values[self._local[k]], self._rows[k]
+        for k, at, q in self._at_end():
+            λ = values[self._local[k]]
+            rows = self._rows[k]
             if not at.is_linear:
-                add_blocks(
-                    A,
-                    at.indices,
-                    at.indices,
-                    self._system.rule.alpha * at.stiffness(at.geometric(λ)),
-                )
-            add_blocks(A, at.indices, rows, self._middle_gradient(k, q).transpose(0, 2, 1))
+                stiffness = self._system.rule.alpha * at.stiffness(at.geometric(λ))
+                add_blocks(A, at.indices, at.indices, stiffness)
+            force_gradient = self._middle_gradient(k, q).transpose(0, 2, 1)
+            add_blocks(A, at.indices, rows, force_gradient)
             add_blocks(A, rows, at.indices, at.gradient(q))
+            # A factorisation needs the diagonal in the sparsity pattern, though its entries are
+            # zero.
             add_blocks(A, rows, rows, np.zeros((at.n, at.m, at.m)))
 
     def _middle_gradient(self, k: int, q: Array) -> Array:
+        """De(q_mid) (n, m, D) of array k at unknowns q (n, D) at the end of the step."""
         at = self._measures[k]
         if at.is_linear:
             return at.gradient(q)
@@ -202,10 +223,10 @@ class PointConstraints(
     def violation(self, q: PETSc.Vec) -> float:
         """Largest violation of a constraint in a state, in its own units; the same on every rank."""
         targets = self._targets_at(self._system.time)
-        worst = [
-            float(np.abs(at.strain(x) - target).max(initial=0.0))
-            for at, x, target in zip(self._measures, self._gather(q), targets, strict=True)
-        ]
+        worst = []
+        for at, x, target in zip(self._measures, self._gather(q), targets, strict=True):
+            violations = np.abs(at.strain(x) - target)
+            worst.append(float(violations.max(initial=0.0)))
         return float(self._comm.allreduce(max(worst), op=MPI.MAX))
 
     # ---- before the first step ---------------------------------------------------------------------------------
@@ -217,20 +238,25 @@ class PointConstraints(
         """
         found: list[npt.NDArray[np.int64]] = [np.zeros(0, dtype=np.int64)]
         stuck = 0
-        for k, (at, q, mask) in enumerate(
-            zip(self._measures, self._gather(q0), self._gather(free), strict=True)
-        ):
-            nothing = (np.abs(at.gradient(q)) * mask[:, None, :]).max(
-                axis=2, initial=0.0
-            ) < NO_GRADIENT
-            found.append(self._local[k][nothing])
-            open_rows = np.abs(self._targets[k]) > MAX_INITIAL_VIOLATION
-            stuck += int((nothing & open_rows).sum())
+        for k, at, q, mask in self._at_start(free, q0):
+            gradient_of_free = np.abs(at.gradient(q)) * mask[:, None, :]
+            is_idle = gradient_of_free.max(axis=2, initial=0.0) < NO_GRADIENT
+            found.append(self._local[k][is_idle])
+            is_open = np.abs(self._targets[k]) > MAX_INITIAL_VIOLATION
+            stuck += int((is_idle & is_open).sum())
         check(
             self._comm.allreduce(stuck) == 0,
             "A seam cannot close: nodes on both of its sides are fixed; free one side, or move its support.",
         )
         return np.union1d(np.concatenate(found), self._repeated(free, q0))
+
+    def _at_start(
+        self, free: PETSc.Vec, q0: PETSc.Vec
+    ) -> Iterator[tuple[int, PointMeasures, Array, Array]]:
+        """Number, measures, unknowns (n, D) and `free` (n, D) of each array at q0.  Collective."""
+        unknowns = self._gather(q0)
+        masks = self._gather(free)
+        return zip(range(len(self._measures)), self._measures, unknowns, masks, strict=True)
 
     def _repeated(self, free: PETSc.Vec, q0: PETSc.Vec) -> npt.NDArray[np.int64]:
         """Positions in this rank's part of a vector of the ties that follow from others.  Collective."""
@@ -240,10 +266,9 @@ class PointConstraints(
         # Of each tie: whether it may be left out, term, two coordinates, rank and position.
         mine: list[tuple[bool, int, int, int, int, int]] = []
         rank = self._comm.rank
-        for k, (at, q, mask) in enumerate(
-            zip(self._measures, self._gather(q0), self._gather(free), strict=True)
-        ):
+        for k, at, q, mask in self._at_start(free, q0):
             G = at.gradient(q)
+            # A tie is a constraint between two coordinates.
             for i, j in np.argwhere((np.abs(G) > NO_GRADIENT).sum(axis=2) == 2):
                 columns = np.flatnonzero(np.abs(G[i, j]) > NO_GRADIENT)
                 ends = [int(at.indices[i, c]) if mask[i, c] else GROUND for c in columns]
@@ -257,6 +282,7 @@ class PointConstraints(
         root: dict[int, int] = {}
 
         def root_of(vertex: int) -> int:
+            """The vertex that stands for all that are connected with this one; paths are shortened."""
             while (above := root.setdefault(vertex, vertex)) != vertex:
                 root[vertex] = root[above]
                 vertex = above
@@ -282,7 +308,8 @@ class PointConstraints(
         self._targets = self._targets_at(0.0)
         violations = np.zeros(len(self._terms))
         rates = np.zeros(len(self._terms))
-        speed = 1.0  # scale of the rates; 1 per second where everything is at rest
+        # Scale of the rates; 1 per second where everything is at rest.
+        speed = 1.0
         groups = zip(self._term_of, self._measures, self._gather(q0), self._gather(v0), strict=True)
         for (term_of, at, q, v), target in zip(groups, self._targets, strict=True):
             De = at.gradient(q)
@@ -314,41 +341,46 @@ class PointConstraints(
             return
         repeated = self._repeated(free, q0)
         mine: list[tuple[int, Array, Array]] = []
-        for k, (at, q, mask) in enumerate(
-            zip(self._measures, self._gather(q0), self._gather(free), strict=True)
-        ):
+        for k, at, q, mask in self._at_start(free, q0):
             De = at.gradient(q) * mask[:, None, :]
-            mine += [
-                (int(self._term_of[k][i]), at.indices[i], De[i, j])
-                for i in range(at.n)
-                for j in range(at.m)
-                if np.any(De[i, j]) and self._local[k][i, j] not in repeated
-            ]
+            for i in range(at.n):
+                for j in range(at.m):
+                    is_repeated = self._local[k][i, j] in repeated
+                    if np.any(De[i, j]) and not is_repeated:
+                        mine.append((int(self._term_of[k][i]), at.indices[i], De[i, j]))
         message = ""
         gathered = self._comm.gather(mine)
         if gathered is not None:
-            message = self._redundancy([row for rows in gathered for row in rows])
+            rows: list[tuple[int, Array, Array]] = []
+            for rows_of_rank in gathered:
+                rows += rows_of_rank
+            message = self._redundancy(rows)
         message = self._comm.bcast(message)
         check(not message, message)
 
     def _redundancy(self, rows: list[tuple[int, Array, Array]]) -> str:
-        """A sentence that names the constraints that depend on each other, or nothing."""
+        """A sentence that names the constraints that depend on each other, or an empty one.
+
+        Args:
+            rows: for each constraint its term, and the indices (D,) and values (D,) of its
+                gradient.
+        """
         if not rows:
             return ""
         columns = np.unique(np.concatenate([indices for _, indices, _ in rows]))
         G = np.zeros((len(rows), len(columns)))
         for i, (_, indices, values) in enumerate(rows):
             np.add.at(G[i], np.searchsorted(columns, indices), values)
+        # Rows of unit length, so that the eigenvalues do not depend on the units of the
+        # constraints.
         length = np.linalg.norm(G, axis=1)
         G /= np.where(length > 0, length, 1.0)[:, None]
         eigenvalues, vectors = np.linalg.eigh(G @ G.T)
         null = vectors[:, eigenvalues < NULL_EIGENVALUE]
         if not null.size:
             return ""
-        involved = {
-            self._terms[rows[i][0]].name
-            for i in np.flatnonzero(np.abs(null).max(axis=1) > TAKES_PART)
-        }
+        takes_part = np.abs(null).max(axis=1) > TAKES_PART
+        involved = {self._terms[rows[i][0]].name for i in np.flatnonzero(takes_part)}
         names = ", ".join(f"'{name}'" for name in sorted(involved))
         return (
             f"{null.shape[1]} of the constraints {names} follow from the others; free one of the joints, e.g. by a "
