@@ -1,4 +1,6 @@
-"""Creases: lines along which a film or plate is folded, with stiffness and memory."""
+"""Creases: lines along which a film or plate is folded, with a stiffness and a rest angle that may
+yield.
+"""
 
 from __future__ import annotations
 
@@ -21,10 +23,19 @@ from gossamer_fx.model.body import Array, Indices
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 
-VALLEY, MOUNTAIN = 1, -1
-_CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])  # of the reference triangle
-_ENDS = np.array([[1, 2], [2, 0], [0, 1]])  # vertices from and to which a triangle passes its edges
-# points and weights along an edge: the order of the film is exact for the energy of a fold of constant angle
+# Signs of the angle of a fold.
+VALLEY = 1
+MOUNTAIN = -1
+
+# Corners of the reference triangle.
+_CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+
+# Corners from which and to which a triangle that is walked counterclockwise passes its edges 0, 1,
+# 2.
+_ENDS = np.array([[1, 2], [2, 0], [0, 1]])
+
+# Points and weights along an edge, by the order of the film.  They integrate the energy of a fold
+# of constant angle exactly.
 _GAUSS = {1: ([0.5], [1.0]), 2: ([0.5 - 12**-0.5, 0.5 + 12**-0.5], [0.5, 0.5])}
 
 
@@ -76,6 +87,7 @@ class Crease:
     name: str = "crease"
 
     def __post_init__(self) -> None:
+        """Check the arguments and the edges.  Collective."""
         check_positive(self, "stiffness", "N m/m/rad")
         who = f"Crease '{self.name}'"
         check(
@@ -103,11 +115,14 @@ class Crease:
         )
 
     def _check_edges(self, who: str) -> None:
-        table, lines = self.body.mesh.edges, self.body.mesh.curve(self.edges, who)
+        """Check that the edges lie between two triangles with normals on one side.  Collective."""
+        table = self.body.mesh.edges
+        lines = self.body.mesh.curve(self.edges, who)
         owned = lines[lines < table.owned]
-        n, rim, unknown = self.body.comm.allreduce(
-            np.array([len(owned), (~table.is_inside[owned]).sum(), (~table.is_known[owned]).sum()])
-        ).tolist()
+        on_rim = (~table.is_inside[owned]).sum()
+        without_neighbours = (~table.is_known[owned]).sum()
+        counts = np.array([len(owned), on_rim, without_neighbours])
+        n, rim, unknown = self.body.comm.allreduce(counts).tolist()
         check(
             n > 0,
             f"{who}: the group '{self.edges}' has no edges; name a line between triangles of the mesh.",
@@ -130,13 +145,16 @@ class Crease:
         )
 
     def requires(self) -> Iterable[Any]:
+        """The film."""
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
+        """The energy of the crease."""
         yield self.energy
 
     @property
     def _owned(self) -> Indices:
+        """Local edges (n,) of the crease that this rank owns."""
         table = self.body.mesh.edges
         lines = self.body.mesh.curve(self.edges, self.name)
         return lines[lines < table.owned]
@@ -144,47 +162,65 @@ class Crease:
     @cached_property
     def energy(self) -> CreaseEnergy:
         """The crease as a term of the equations."""
-        table, owned = self.body.mesh.edges, self._owned
-        points, weights = (np.array(a) for a in _GAUSS[self.body.order])
-        cells, sides = table.cells[owned], table.sides[owned]
+        table = self.body.mesh.edges
+        owned = self._owned
+        cells = table.cells[owned]
+        sides = table.sides[owned]
+        points = np.array(_GAUSS[self.body.order][0])
+        weights = np.array(_GAUSS[self.body.order][1])
+        g = len(points)
+
+        # Start and end of each edge as the left panel passes it, and the direction t along it.
         geometry = self.body.mesh.domain.geometry
-        vertices = geometry.dofmap[:, :3][
-            cells[:, 0, None], _ENDS[sides[:, 0]]
-        ]  # of the left panel: start and end
+        corners = geometry.dofmap[:, :3]
+        vertices = corners[cells[:, 0, None], _ENDS[sides[:, 0]]]
         along = geometry.x[vertices[:, 1]] - geometry.x[vertices[:, 0]]
         length = np.linalg.norm(along, axis=1)
         t = along / length[:, None]
-        left, right = (
-            self._derivatives(cells[:, i], sides[:, i], points, i == 1) for i in range(2)
-        )
-        inwards = [
-            _inwards(geometry.x[geometry.dofmap[cells[:, i], :3]], t, sides[:, i]) for i in range(2)
-        ]
-        maps: Array = np.zeros((len(owned), len(points), 3, 2 * left.shape[-1]))
+
+        # Three vectors at each point as maps of the nodes of both panels: along the fold, into the
+        # left panel, into the right one.
+        left = self._derivatives(cells[:, 0], sides[:, 0], points, backwards=False)
+        right = self._derivatives(cells[:, 1], sides[:, 1], points, backwards=True)
+        into_left = _inwards(geometry.x[corners[cells[:, 0]]], t, sides[:, 0])
+        into_right = _inwards(geometry.x[corners[cells[:, 1]]], t, sides[:, 1])
         k = left.shape[-1]
+        maps: Array = np.zeros((len(owned), g, 3, 2 * k))
         maps[:, :, 0, :k] = np.einsum("egck,ec->egk", left, t)
-        maps[:, :, 1, :k] = np.einsum("egck,ec->egk", left, inwards[0])
-        maps[:, :, 2, k:] = np.einsum("egck,ec->egk", right, inwards[1])
+        maps[:, :, 1, :k] = np.einsum("egck,ec->egk", left, into_left)
+        maps[:, :, 2, k:] = np.einsum("egck,ec->egk", right, into_right)
         nodes: Indices = cell_nodes(self.body.space)[cells].reshape(len(owned), 2 * k)
         nodes, maps = _without_twins(nodes, maps, k)
+
+        # Points are named by the numbers of the mesh file, which are the same for any number of
+        # ranks: the vertices of the edge, the lower one first, and the position of the point from
+        # there.
         numbers = geometry.input_global_indices[vertices]
-        swapped = (numbers[:, 0] > numbers[:, 1])[:, None]
-        order = np.where(swapped, np.arange(len(points))[::-1], np.arange(len(points)))
-        names = np.concatenate(
-            [np.repeat(np.sort(numbers, axis=1), len(points), axis=0), order.reshape(-1, 1)], axis=1
-        )
+        is_reversed = (numbers[:, 0] > numbers[:, 1])[:, None]
+        order = np.where(is_reversed, np.arange(g)[::-1], np.arange(g))
+        edge_names = np.repeat(np.sort(numbers, axis=1), g, axis=0)
+        names = np.concatenate([edge_names, order.reshape(-1, 1)], axis=1)
+
+        slip = math.inf
+        if self.yield_angle is not None:
+            slip = self.yield_angle
+        shut = VALLEY
+        if self.rest_angle < 0:
+            shut = MOUNTAIN
+        if self.initial_fold is not None:
+            shut = self.initial_fold
         return CreaseEnergy(
-            self.name,
-            self.body,
-            np.repeat(nodes, len(points), axis=0),
-            np.repeat(cells, len(points), axis=0),
-            maps.reshape(-1, *maps.shape[2:]),
-            (self.stiffness * length[:, None] * weights).ravel(),
-            self.rest_angle,
-            math.inf if self.yield_angle is None else self.yield_angle,
-            self.initial_fold or (MOUNTAIN if self.rest_angle < 0 else VALLEY),
-            names.astype(np.int64),
-            self.stiffness,
+            name=self.name,
+            body=self.body,
+            nodes=np.repeat(nodes, g, axis=0),
+            cells=np.repeat(cells, g, axis=0),
+            maps=maps.reshape(-1, *maps.shape[2:]),
+            stiffness=(self.stiffness * length[:, None] * weights).ravel(),
+            rest=self.rest_angle,
+            slip=slip,
+            shut=shut,
+            names=names.astype(np.int64),
+            moment_per_angle=self.stiffness,
         )
 
     def _derivatives(
@@ -194,26 +230,41 @@ class Crease:
         points: Array,
         backwards: bool,
     ) -> Array:
-        """Gradients (n, g, 3, k) on the mesh of the k shape functions of triangles, at points along their edges."""
-        domain, element = self.body.mesh.domain, self.body.space.element.basix_element
-        s = 1 - points if backwards else points
-        a, b = _CORNERS[_ENDS[:, 0]], _CORNERS[_ENDS[:, 1]]
-        reference = a[:, None] + s[None, :, None] * (b - a)[:, None]
-        table = element.tabulate(1, reference.reshape(-1, 2))[1:, :, :, 0]  # (2, 3 g, k)
-        table = table.reshape(2, 3, len(points), -1)[:, sides]  # (2, n, g, k)
-        corners = domain.geometry.x[domain.geometry.dofmap[cells, :3]]
-        J = np.stack(
-            [corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=1
-        )  # (n, 2, 3)
+        """Gradients (n, g, 3, k) [1/m] on the mesh of the shape functions at points along edges.
+
+        Args:
+            cells: local triangles (n,) with k nodes.
+            sides: number (n,) from 0 to 2 of the edge of each triangle.
+            points: positions (g,) along the edge, from 0 to 1.
+            backwards: whether the triangle passes the edge from its end to its start.
+        """
+        geometry = self.body.mesh.domain.geometry
+        element = self.body.space.element.basix_element
+        s = points
+        if backwards:
+            s = 1 - points
+        # The points of all three edges of the reference triangle are tabulated once.
+        start = _CORNERS[_ENDS[:, 0]]
+        end = _CORNERS[_ENDS[:, 1]]
+        reference = start[:, None] + s[None, :, None] * (end - start)[:, None]
+        of_edges = element.tabulate(1, reference.reshape(-1, 2))[1:, :, :, 0]
+        table = of_edges.reshape(2, 3, len(points), -1)[:, sides]
+        # Rows of J (n, 2, 3) are two edges of a triangle; `dual` are their dual vectors in its
+        # plane.
+        corners = geometry.x[geometry.dofmap[cells, :3]]
+        J = np.stack([corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]], axis=1)
         dual = np.linalg.solve(J @ np.swapaxes(J, 1, 2), J)
         gradients: Array = np.einsum("nac,angk->ngck", dual, table)
         return gradients
 
 
 def _passed_both_ways(table: EdgeTable, edges: Indices) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    """Of interior edges: whether the left triangle passes them forwards and the right one backwards."""
+    """Whether (n,) the left triangle of interior edges passes them forwards, and so the right one
+    backwards.
+    """
     corners = table.domain.topology.connectivity(2, 0).array.reshape(-1, 3)
-    cells, sides = table.cells[edges], table.sides[edges]
+    cells = table.cells[edges]
+    sides = table.sides[edges]
     first = corners[cells, _ENDS[sides, 0]]
     same: np.ndarray[Any, np.dtype[np.bool_]] = (first == table.vertices[edges]).all(axis=1)
     return same
@@ -229,15 +280,28 @@ def _inwards(corners: Array, t: Array, sides: Indices) -> Array:
 
 
 def _without_twins(nodes: Indices, maps: Array, k: int) -> tuple[Indices, Array]:
-    """Nodes (n, 2k) of the left and right triangle and their maps, those of both instead of the left one's."""
+    """Remove nodes that both triangles have from those of the right one, and add up their maps.
+
+    Args:
+        nodes: (n, 2k) of the left and of the right triangle.
+        maps: (n, g, 3, 2k) of these nodes; changed in place.
+        k: nodes of a triangle.
+
+    Returns:
+        Nodes (n, r) and maps (n, g, 3, r), r = 4 for order 1 and 9 for order 2.
+    """
+    n = len(nodes)
     twins = nodes[:, k:, None] == nodes[:, None, :k]
     maps[..., :k] += np.einsum("egvj,eji->egvi", maps[..., k:], twins)
-    kept = np.concatenate([np.ones((len(nodes), k), dtype=bool), ~twins.any(axis=2)], axis=1)
-    shared = 2 if k == 3 else 3  # nodes on an edge, of order 1 and 2
-    columns = (
-        np.flatnonzero(kept.ravel()).reshape(len(nodes), 2 * k - shared)
-        - 2 * k * np.arange(len(nodes))[:, None]
-    )
-    return np.take_along_axis(nodes, columns, axis=1), np.take_along_axis(
-        maps, columns[:, None, None], axis=3
-    )
+    is_of_left = np.ones((n, k), dtype=bool)
+    is_kept = np.concatenate([is_of_left, ~twins.any(axis=2)], axis=1)
+    # Nodes on an edge, of order 1 and 2.
+    shared = 3
+    if k == 3:
+        shared = 2
+    # Every row has the same number of kept columns, so their indices are an array.
+    flat = np.flatnonzero(is_kept.ravel()).reshape(n, 2 * k - shared)
+    columns = flat - 2 * k * np.arange(n)[:, None]
+    kept_nodes = np.take_along_axis(nodes, columns, axis=1)
+    kept_maps = np.take_along_axis(maps, columns[:, None, None], axis=3)
+    return kept_nodes, kept_maps
