@@ -88,6 +88,7 @@ def buckled_strip(e_E: float, α: float) -> tuple[float, float]:
     (0.0025, 1.001251)
     """
     points, point_weights = np.polynomial.legendre.leggauss(INTEGRATION_POINTS)
+    # From [-1, 1] to [0, π/2].
     φ = (points + 1) * math.pi / 4
     weights = point_weights * math.pi / 4
     k = math.sin(α / 2)
@@ -110,7 +111,8 @@ def buckled_strip(e_E: float, α: float) -> tuple[float, float]:
     c = 2 * math.sqrt(2 * e_E) / (math.pi * math.sqrt(p))
     projected_stretch = (1 - p * cos_θ) * cos_θ
     δ = 1 - c * integral(projected_stretch, p)
-    return δ, p / onset(e_E)
+    relative_load = p / onset(e_E)
+    return δ, relative_load
 
 
 def cubic(e_E: float) -> tuple[float, float, float]:
@@ -198,11 +200,12 @@ class Elastica(IsotropicFilm):
         h, r = half_trace_and_radius(e)
         γ1 = h + r
         γ2 = h - r
-        tr = e[0] + e[1]
-        det = e[0] * e[1] - e[2] ** 2 / 4
         f = γ2 + c.nu * γ1
-        # Taut energy by tr and det, which are smooth where the principal strains coincide.
-        taut = c.E / (2 * (1 - c.nu**2)) * (tr**2 - 2 * (1 - c.nu) * det)
+        # Taut energy by trace and determinant, which are smooth where the principal strains coincide.
+        trace = e[0] + e[1]
+        det = e[0] * e[1] - e[2] ** 2 / 4
+        biaxial = trace**2 - 2 * (1 - c.nu) * det
+        taut = c.E / (2 * (1 - c.nu**2)) * biaxial
         wrinkled = c.E * γ1**2 / 2 + _buckled(f, c)
         tensile = ufl.conditional(ufl.ge(f, -c.onset), taut, wrinkled)
         one_way = _unloaded(γ2, c)
@@ -226,8 +229,11 @@ class Elastica(IsotropicFilm):
         buckled.
         """
         buckled = c.onset * _relative_load(f, c)
-        compression = ufl.conditional(ufl.ge(f, -c.onset), -f, buckled)
-        return c.E * γ1 - c.nu * c.E / (1 - c.nu**2) * compression
+        is_straight = ufl.ge(f, -c.onset)
+        compression = ufl.conditional(is_straight, -f, buckled)
+        along = c.E * γ1
+        # The second term is ν ψ'(f): the stress of the strips, by Poisson's effect.
+        return along - c.nu * c.E / (1 - c.nu**2) * compression
 
 
 def _stretch(f: Expr) -> Expr:
@@ -242,18 +248,22 @@ def _relative_load(f: Expr, c: Any) -> Expr:
     λ_w = ufl.sqrt(1 - 2 * c.onset)
     λ = _stretch(f)
     x = λ_w - λ
+    nominal_load = 1 + x * (c.c1 + x * (c.c2 + x * c.c3))
     # λ_w/λ turns the nominal load of the strip into the stress that is conjugate to f.
-    return λ_w / λ * (1 + x * (c.c1 + x * (c.c2 + x * c.c3)))
+    return λ_w / λ * nominal_load
 
 
 def _buckled(f: Expr, c: Any) -> Expr:
     """Energy density ψ(f) [J/m³] of a buckled strip, for f below the onset -e_w."""
     λ_w = ufl.sqrt(1 - 2 * c.onset)
     x = λ_w - _stretch(f)
-    work = λ_w * x * (1 + x * (c.c1 / 2 + x * (c.c2 / 3 + x * c.c3 / 4)))
+    # The integral of the cubic, as of the nominal load over the shortening.
+    mean_load = 1 + x * (c.c1 / 2 + x * (c.c2 / 3 + x * c.c3 / 4))
+    work = λ_w * x * mean_load
     # Below `STEEPEST` the stress is constant.
     beyond = _relative_load(f, c) * (ufl.max_value(f, STEEPEST) - f)
-    return c.E / (1 - c.nu**2) * (c.onset**2 / 2 + c.onset * (work + beyond))
+    straight = c.onset**2 / 2
+    return c.E / (1 - c.nu**2) * (straight + c.onset * (work + beyond))
 
 
 def _unloaded(γ: Expr, c: Any) -> Expr:
@@ -263,9 +273,12 @@ def _unloaded(γ: Expr, c: Any) -> Expr:
     the second one would change the stress by less than E e_w³.
     """
     κ = c.nu**2 * c.onset / (1 - c.nu**2)
+    # The iteration starts with the load at the onset of buckling, where the relative load is 1.
     f = γ + κ * _relative_load(γ + κ, c)
+    # The strain γ1 across the strips at which σ1 vanishes.
     γ1 = c.nu * c.onset / (1 - c.nu**2) * _relative_load(f, c)
     straight = c.E * γ**2 / 2
     buckled = c.E * γ1**2 / 2 + _buckled(f, c)
-    is_straight = ufl.ge(γ, -c.onset / (1 - c.nu**2))
+    onset_without_stress = -c.onset / (1 - c.nu**2)
+    is_straight = ufl.ge(γ, onset_without_stress)
     return ufl.conditional(is_straight, straight, buckled)
