@@ -46,9 +46,8 @@ class AttachedLoads(
     def __init__(self, terms: Sequence[AttachedLoad], system: Assembly) -> None:
         self._system = system
         self._name = terms[0].name
-        self._masses: list[
-            tuple[Array, Array, Array, Array]
-        ] = []  # P, offsets, M and A of one kinetic energy
+        # P, offsets, M and A of one kinetic energy.
+        self._masses: list[tuple[Array, Array, Array, Array]] = []
         self._indices: list[GlobalIndices] = []
         self._constant: list[Array] = []
         for term in terms:
@@ -59,60 +58,63 @@ class AttachedLoads(
         self._gather = Gather(system.numbering, self._indices) if self._indices else None
 
     def _add(self, term: AttachedLoad, masses: AttachedKineticEnergy, system: Assembly) -> None:
+        """Prepare the load of a body on one term of attached masses, if any is on it."""
         if not any(port.body is term.body for place in masses.ports for port in place):
             return
         own = evaluated_here(masses.ports)
         k = masses.mass.shape[1]
-        indices, P, o = attach_all(
-            system.numbering, system.bodies, [masses.ports[i] for i in own], 3 * k
-        )
-        # of each port, what it has of the body's positions, and whether it is on the body at all
-        points = np.array(
-            [[_of_points(port, term.body) for port in masses.ports[i]] for i in own]
-        ).reshape(-1, k)
-        here = np.array(
-            [[port.body is term.body for port in masses.ports[i]] for i in own]
-        ).reshape(-1, k)
-        M = np.einsum("nij,ab->niajb", masses.mass[own], np.eye(3)).reshape(len(own), 3 * k, 3 * k)
-        A = np.einsum("nj,ij,ab->niajb", here * 1.0, np.eye(k), term.gradient).reshape(
-            len(own), 3 * k, 3 * k
-        )
-        a = (points[:, :, None] * (term.acceleration - term.gradient @ term.centre)).reshape(
-            len(own), 3 * k
-        )
+        n = len(own)
+        tuples = [masses.ports[i] for i in own]
+        indices, P, o = attach_all(system.numbering, system.bodies, tuples, 3 * k)
+        # The weight of the body's positions in each port: a director has no weight.
+        points = np.array([[_of_points(port, term.body) for port in ports] for ports in tuples])
+        points = points.reshape(n, k)
+        # A tuple may have ports of several bodies; the load acts on those of this one.
+        is_on_body = np.array([[port.body is term.body for port in ports] for ports in tuples])
+        is_on_body = is_on_body.reshape(n, k)
+        M = np.einsum("nij,ab->niajb", masses.mass[own], np.eye(3))
+        M = M.reshape(n, 3 * k, 3 * k)
+        A = np.einsum("nj,ij,ab->niajb", is_on_body * 1.0, np.eye(k), term.gradient)
+        A = A.reshape(n, 3 * k, 3 * k)
+        at_origin = term.acceleration - term.gradient @ term.centre
+        a = (points[:, :, None] * at_origin).reshape(n, 3 * k)
         self._masses.append((P, o, M, A))
         self._indices.append(indices)
         self._constant.append(a)
 
     def _vectors(self, q: PETSc.Vec) -> list[Array]:
+        """Attached vectors (n, 3k) of each term at unknowns q.  Collective."""
         if self._gather is None:
             return []
         pairs = zip(self._masses, self._gather(q), strict=True)
         return [np.einsum("nax,nx->na", P, values) + o for (P, o, _, _), values in pairs]
 
     def _forces(self) -> list[Array]:
+        """Forces (n, 3k) [N] on the attached vectors of each term in the middle of the step."""
         α = self._system.rule.alpha
         found = []
-        for (_, _, M, A), a, X0, X1 in zip(
-            self._masses, self._constant, self._X0, self._vectors(self._system.q1), strict=True
-        ):
+        X1_of_all = self._vectors(self._system.q1)
+        groups = zip(self._masses, self._constant, self._X0, X1_of_all, strict=True)
+        for (_, _, M, A), a, X0, X1 in groups:
             X = (1 - α) * X0 + α * X1
-            found.append(np.einsum("nab,nb->na", M, a + np.einsum("nab,nb->na", A, X)))
+            acceleration = a + np.einsum("nab,nb->na", A, X)
+            found.append(np.einsum("nab,nb->na", M, acceleration))
         return found
 
     def begin_step(self, t: float) -> None:
         self._X0 = self._vectors(self._system.q0)
 
     def add_forces(self, r: PETSc.Vec) -> None:
-        for (P, _, _, _), indices, F in zip(
-            self._masses, self._indices, self._forces(), strict=True
-        ):
+        """Subtract the loads [N] on all attached masses from r."""
+        groups = zip(self._masses, self._indices, self._forces(), strict=True)
+        for (P, _, _, _), indices, F in groups:
             force = -np.einsum("nax,na->nx", P, F)
             r.setValues(indices.ravel(), force.ravel(), addv=PETSc.InsertMode.ADD_VALUES)
         if self._masses:
             r.assemble()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
+        """Subtract the derivatives [N/m] of these loads from A, where they depend on positions."""
         α = self._system.rule.alpha
         for (P, _, M, gradient), indices in zip(self._masses, self._indices, strict=True):
             if gradient.any():
