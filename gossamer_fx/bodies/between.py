@@ -34,6 +34,7 @@ class Between:
     name: str
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         check(
             bool(list(bodies_of(self.a, self.b))),
             f"{type(self).__name__} '{self.name}' joins the ground to itself; give a port of a body.",
@@ -44,6 +45,7 @@ class Between:
         return self.a, self.b
 
     def requires(self) -> Iterable[Any]:
+        """The items that it refers to."""
         yield from bodies_of(*self._sides)
 
 
@@ -54,6 +56,7 @@ class FrameJoint(Between):
     b: Frame
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         super().__post_init__()
         a, b = self.a.origin, self.b.origin
         if isinstance(a, Port) and isinstance(b, Port):

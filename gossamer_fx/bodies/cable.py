@@ -51,6 +51,7 @@ class BarLaw:
         return []
 
     def _check_line_density(self) -> None:
+        """Check that the mass per length [kg/m] is positive."""
         value = self.line_density
         check(
             math.isfinite(value) and value > 0,
@@ -81,6 +82,7 @@ class CableLaw(BarLaw):
     quadratic = True
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         check(
             math.isfinite(self.EA) and self.EA > 0,
             f"{type(self).__name__}: EA is {self.EA!r}; give a positive number.",
@@ -155,6 +157,7 @@ class Cable(Curve):
         self._velocity = checked(velocity, f"Cable '{name}': its velocity", mesh.comm)
 
     def terms(self, start: State) -> Iterable[Term]:
+        """Kinetic and stored energy of the cable."""
         numbers = parameters(self.law, self.constants)
         yield KineticEnergy(
             self,

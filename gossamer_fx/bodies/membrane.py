@@ -124,6 +124,7 @@ class Membrane(Meshed):
         return self.constants.density * self.constants.thickness
 
     def terms(self, start: State) -> Iterable[Term]:
+        """Kinetic and stored energy of the film."""
         numbers = parameters(self.law, self.constants)
         yield KineticEnergy(
             self,

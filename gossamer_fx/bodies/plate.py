@@ -175,6 +175,7 @@ class Plate(Membrane):
         return self.bending_stiffness.moment(κ)
 
     def terms(self, start: State) -> Iterable[Term]:
+        """The energies of the film, the bending energy, and that of a curvature at rest."""
         yield from super().terms(start)
         b, domain, name = self.bending, self.mesh.domain, f"{self.name} bending"
         dx, dS = (
@@ -190,6 +191,10 @@ class Plate(Membrane):
             def scaled(
                 vectors: Callable[[Expr], Any], scale: Expr
             ) -> Callable[[Expr], tuple[Expr, Expr, Expr]]:
+                """Vectors (u, v, s/scale), which are dimensionless, as a function of the
+                coordinates.
+                """
+
                 def dimensionless(x: Expr) -> tuple[Expr, Expr, Expr]:
                     u, v, s = vectors(x)
                     return u, v, s / scale

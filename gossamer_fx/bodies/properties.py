@@ -107,6 +107,7 @@ def cellwise(
 
 
 def _cells(mesh: Mesh, group: str, what: str) -> Indices:
+    """Local triangles (n,) of a named group; `what` begins the message about another group."""
     dim, cells = mesh.group(group)
     check(
         dim == 2,
@@ -116,6 +117,7 @@ def _cells(mesh: Mesh, group: str, what: str) -> Indices:
 
 
 def _numbers(value: Any, shape: tuple[int, ...], what: str) -> Array:
+    """The value as an array of this shape; `what` begins the message about another value."""
     numbers = real_numbers(value)
     if numbers is None or numbers.shape != shape:
         raise InputError(

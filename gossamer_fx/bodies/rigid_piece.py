@@ -54,6 +54,7 @@ class RigidPiece:
         self.block = Block(IndexMap(self.comm, owned_nodes), start.size)
 
     def requires(self) -> Iterable[Any]:
+        """The items that it refers to."""
         yield self._owner
 
     def initial_state(self) -> tuple[Array, Array]:

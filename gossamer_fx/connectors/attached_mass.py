@@ -43,6 +43,7 @@ class AttachedMass:
     name: str = "attached mass"
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         check(
             bool(np.isclose(translation_weight(self.port), 1.0)),
             f"AttachedMass '{self.name}': its port is not a point of a body; give one, as film.port('tip').",
@@ -50,6 +51,7 @@ class AttachedMass:
         check_positive(self, "mass", "kg")
 
     def requires(self) -> Iterable[Any]:
+        """The items that it refers to."""
         yield self.port.body
 
     def terms(self, start: State) -> Iterable[Term]:

@@ -55,6 +55,7 @@ class RopeBundle:
     name: str = "ropes"
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         check(
             bool(len(self.ends)) and len(self.ends) == len(self.lengths),
             f"RopeBundle '{self.name}' has {len(self.ends)} pairs and {len(self.lengths)} lengths; give as many of "
@@ -73,10 +74,12 @@ class RopeBundle:
         )
 
     def requires(self) -> Iterable[Any]:
+        """The items that it refers to."""
         for pair in self.ends:
             yield from bodies_of(*pair)
 
     def terms(self, start: State) -> Iterable[Term]:
+        """Stored energy and, with damping, dissipation of each rope."""
         for k, (pair, length) in enumerate(zip(self.ends, self.lengths, strict=True)):
             measure = half_distance_squared(*pair)
             density = LengthSpring(self.stiffness, float(length), side=1)

@@ -36,6 +36,7 @@ class Quadratic:
         return self.k * np.sum(e * e, axis=1) / 2
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        """Mean stress k (e0 + e1)/2 (n, m), and its derivative by e1 (n, m, m)."""
         k = np.reshape(self.k, (-1, 1))
         return k * (e0 + e1) / 2, np.broadcast_to(
             k[:, :, None] / 2 * np.eye(e0.shape[1]), (*e0.shape, e0.shape[1])
@@ -56,12 +57,14 @@ class LengthSpring:
     stacks: ClassVar[tuple[str, ...]] = ("k", "L")
 
     def energy(self, e: Array) -> Array:
+        """ψ (n,) [J] of strains e (n, 1) [m²]."""
         stretch = _length(e) - self.L
         if self.side:
             return self.k * one_sided_energy(self.side * stretch)
         return self.k * stretch**2 / 2
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
+        """Mean stress (n, 1) [N/m] from e0 to e1 [m²], and its derivative by e1 (n, 1, 1)."""
         l0 = _length(e0)
         l1 = _length(e1)
         mean_length = (l0 + l1) / 2
@@ -85,6 +88,7 @@ class LengthDamper:
     stacks: ClassVar[tuple[str, ...]] = ("c",)
 
     def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
+        """Mean stress (n, 1) [N/m] in a step of h seconds, and its derivative by e1 (n, 1, 1)."""
         l0 = _length(e0)
         l1 = _length(e1)
         S = 2 * self.c / h * (l1 - l0) / (l0 + l1)
@@ -104,6 +108,7 @@ class RopeDamper:
     stacks: ClassVar[tuple[str, ...]] = ("c", "k", "L")
 
     def average(self, e0: Array, e1: Array, h: float) -> tuple[Array, Array]:
+        """Mean stress (n, 1) [N/m] in a step of h seconds, and its derivative by e1 (n, 1, 1)."""
         l0 = _length(e0)
         l1 = _length(e1)
         both = l0 + l1
@@ -162,6 +167,7 @@ class Spring(Between):
     name: str = "spring"
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         super().__post_init__()
         check_positive(self, "stiffness", "N/m")
         check(
@@ -208,6 +214,7 @@ class Rope(Between):
     name: str = "rope"
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         super().__post_init__()
         check_positive(self, "stiffness", "N/m")
         check_positive(self, "length", "m")
@@ -217,6 +224,7 @@ class Rope(Between):
         )
 
     def terms(self, start: State) -> Iterable[Term]:
+        """Stored energy and, with damping, dissipation of the rope."""
         density, measure = (
             LengthSpring(self.stiffness, self.length, side=1),
             half_distance_squared(self.a, self.b),
@@ -302,6 +310,7 @@ class Damper(Between):
         check_positive(self, "damping", "N s/m")
 
     def terms(self, start: State) -> Iterable[Term]:
+        """The dissipation of the damper."""
         distance = float(np.linalg.norm(start.vector(self.a) - start.vector(self.b)))
         check(
             distance > 0,
@@ -339,6 +348,7 @@ class AxialSpring:
     name: str = "spring"
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         check_positive(self, "stiffness", "N/m")
         check(
             any(self.direction),
@@ -346,9 +356,11 @@ class AxialSpring:
         )
 
     def requires(self) -> Iterable[Any]:
+        """The items that it refers to."""
         yield self.port.body
 
     def terms(self, start: State) -> Iterable[Term]:
+        """The stored energy, with a measure along the direction."""
         n = unit(self.direction)
         rest = -float(n @ np.asarray(self.origin, dtype=float))
         measure = PointMeasure([(self.port,)], np.zeros((1, 3, 3)), n[None], np.array([rest]))

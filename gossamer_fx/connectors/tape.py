@@ -115,6 +115,7 @@ class Tape:
         return Tape(body, law, bars=list(pairwise(ports)), lengths=lengths, name=name)
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         lengths = np.asarray(self.lengths, dtype=float)
         object.__setattr__(self, "lengths", lengths)
         check(
@@ -127,9 +128,11 @@ class Tape:
         )
 
     def requires(self) -> Iterable[Any]:
+        """The items that it refers to."""
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
+        """Kinetic and stored energy of the bars between points of the tape."""
         law = self.law
         L = np.asarray(self.lengths)
         consistent = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6

@@ -58,6 +58,7 @@ class Tether(Between):
     name: str = "tether"
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         super().__post_init__()
         check_positive(self, "stiffness", "N/m")
         if callable(self.length):
@@ -79,6 +80,7 @@ class Tether(Between):
         )
 
     def terms(self, start: State) -> Iterable[Term]:
+        """The rope, with a given length or a brake."""
         measure, given = half_distance_squared(self.a, self.b), self.length
         if not callable(given):
             assert self.brake_force is not None
@@ -89,6 +91,7 @@ class Tether(Between):
         comm = next(port.body.comm for port in (self.a, self.b) if isinstance(port, Port))
 
         def history(t: float) -> float:
+            """Length L [m] at a time t [s]; the same on every rank, and positive."""
             what = f"Length of '{self.name}' at t = {t:.6g} s"
             length = float(ask_numbers(comm, what, lambda: given(t)))
             if length <= 0:

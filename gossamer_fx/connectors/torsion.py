@@ -166,6 +166,7 @@ class TorsionSpring(AboutHinge):
     name: str = "torsion spring"
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         super().__post_init__()
         check_positive(self, "stiffness", "N m/rad")
         check(
@@ -174,6 +175,7 @@ class TorsionSpring(AboutHinge):
         )
 
     def terms(self, start: State) -> Iterable[Term]:
+        """The stored energy of the angle about the axis."""
         yield PointStoredEnergy(
             self.name,
             hinge_angle(*self._sides, self.axis, self.rest_angle),

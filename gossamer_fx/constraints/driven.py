@@ -50,19 +50,23 @@ class Driven:
     name: str = "motor"
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         check(
             any(self.axis),
             f"Driven '{self.name}': axis is {self.axis!r}; give three numbers, not all zero.",
         )
 
     def requires(self) -> Iterable[Any]:
+        """The items that it refers to."""
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
+        """The support whose directors turn with time."""
         body, axis = self.body, unit(self.axis)
         first = start[body].coordinates().copy()
 
         def path(t: float) -> Array:
+            """Coordinates of the body on this rank at a time t [s]."""
             angle = ask_numbers(
                 body.comm, f"Angle of '{self.name}' at t = {t:.6g} s", lambda: self.angle(t)
             )

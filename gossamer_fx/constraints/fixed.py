@@ -86,6 +86,7 @@ class Fixed:
     name: str = ""
 
     def __post_init__(self) -> None:
+        """Check the arguments, and name the item if it has no name."""
         object.__setattr__(self, "components", tuple(map(int, self.components)))
         check_support("Fixed", self.body, self.group, self.components)
         turns = self.direction is not None or callable(self.twist) or self.twist != 0
@@ -110,6 +111,7 @@ class Fixed:
             self._check_rotation()
 
     def _default_name(self) -> str:
+        """Name of the support from its body, its group and what it fixes."""
         where = f"{self.body.name}/{self.group}"
         if self.rotation:
             return f"{where} clamped"
@@ -146,9 +148,11 @@ class Fixed:
             )
 
     def requires(self) -> Iterable[Any]:
+        """The items that it refers to."""
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
+        """The support, or the constraints of sections and slopes where rotations are fixed."""
         nodes = self.body.nodes(self.group)
         if self.rotation:
             from gossamer_fx.bodies.beam import Beam

@@ -42,6 +42,7 @@ def check_coincide(
     b: Attached,
     start: State,
 ) -> None:
+    """Check that the two points of a joint coincide in the initial state, within `COINCIDE`."""
     distance = float(np.linalg.norm(start.vector(a) - start.vector(b)))
     check(
         distance <= COINCIDE,
@@ -176,6 +177,7 @@ class Link(Between):
     name: str = "link"
 
     def terms(self, start: State) -> Iterable[Term]:
+        """The constraint that the distance of the points stays that of the initial state."""
         length = float(np.linalg.norm(start.vector(self.a) - start.vector(self.b)))
         check(
             length > 0,

@@ -56,6 +56,7 @@ class MovingEnergies(
             _set(c.after, c.term, self._system.time + self._system.h)
 
     def add_forces(self, r: PETSc.Vec) -> None:
+        """Add the forces [N] of all terms to r."""
         for c in self._compiled:
             c.force.array[:] = 0
             fem.assemble_vector(c.force.array, c.residual)
@@ -71,6 +72,7 @@ class MovingEnergies(
         return sum(float(fem.assemble_scalar(c.work)) / 4 for c in self._compiled)
 
     def energies(self) -> dict[str, float]:
+        """This rank's share of the stored energy [J] at the start of the step, by name."""
         found: dict[str, float] = {}
         for c in self._compiled:
             _set(c.before, c.term, self._system.time)

@@ -4,9 +4,9 @@ With the piece's position x_c and directors d, and the coordinates ξ_k of node 
 start:
 
     rigid                  x_k = x_c + Σ ξ_ki d_i
-    sliding in a plane     (x_k - x_c)·n = 0                                with n = p × q,
-                           Σ (x_k - x_c)·p = Σ (x_k - x_c)·q = 0            the position of the piece,
-                           Σ (ξ_kq p - ξ_kp q)·x_k = 0                      and its angle in its plane
+    sliding in a plane     (x_k - x_c)·n = 0                     with n = p × q,
+                           Σ (x_k - x_c)·p = Σ (x_k - x_c)·q = 0   the position of the piece,
+                           Σ (ξ_kq p - ξ_kp q)·x_k = 0             and its angle in its plane
     sliding along a line   x_k = x_c + ξ_k d, where d may change its length
 
 All are linear or quadratic measures that rigid motions do not change: the multipliers do no work,

@@ -49,6 +49,9 @@ class SectionRotation:
         motion = self.motion
 
         def path(t: float) -> Array:
+            """Coordinates (9 n,) of the n nodes at a time t [s]: moved, with directors that are
+            turned.
+            """
             q = start.copy()
             if motion is not None:
                 what = f"Motion of '{self.name}' at t = {t:.6g} s"

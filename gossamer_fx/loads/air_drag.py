@@ -63,6 +63,7 @@ class AirDrag:
     name: str = "air drag"
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         check_positive(self, "density", "kg/m³")
         check(
             math.isfinite(self.drag_coefficient) and self.drag_coefficient > 0,
@@ -70,15 +71,18 @@ class AirDrag:
         )
 
     def requires(self) -> Iterable[Any]:
+        """The items that it refers to."""
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
+        """The drag as a load that depends on velocities."""
         film, mesh = self.body, self.body.space.mesh
         half_ρC = constant(mesh, self.density * self.drag_coefficient / 2)
         u = fem.Constant(mesh, tuple(map(float, self.wind))) if any(self.wind) else None
         dx = ufl.Measure("dx", mesh, metadata={"quadrature_degree": 3 * film.order})
 
         def work(x: Expr, v: Expr, w: Expr) -> ufl.Form:
+            """Virtual work [J] at positions x and velocities v [m/s] along test functions w."""
             a = area_vector(film.deformation(x))  # n da/dA
             va = ufl.dot(v if u is None else v - u, a)  # vₙ da/dA
             return (

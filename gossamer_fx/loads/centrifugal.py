@@ -77,6 +77,7 @@ class Centrifugal:
     name: str = ""
 
     def __post_init__(self) -> None:
+        """Check the arguments, and name the item if it has no name."""
         check(
             any(self.spin),
             f"Centrifugal force on '{self.body.name}': spin is zero; give Ω in rad/s.",
@@ -85,9 +86,11 @@ class Centrifugal:
             object.__setattr__(self, "name", f"centrifugal force on {self.body.name}")
 
     def requires(self) -> Iterable[Any]:
+        """The items that it refers to."""
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
+        """The load on every mass: of meshes, nodes, and masses attached to the body."""
         Ω, c = np.asarray(self.spin, dtype=float), np.asarray(self.centre, dtype=float)
         A = Ω @ Ω * np.eye(3) - np.outer(Ω, Ω)
         for part in terms_of(self.body, start):
@@ -104,6 +107,7 @@ class Centrifugal:
         yield AttachedLoad(f"{self.name} (attached)", self.body, np.zeros(3), A, c)
 
     def _on_mesh(self, part: KineticEnergy, A: Array, c: Array) -> Term:
+        """The load on a mass of a mesh: the body's mass form applied to the acceleration."""
         mesh, size = part.body.space.mesh, part.body.block.size
         turning, centre = (
             fem.Constant(mesh, A),
@@ -111,6 +115,7 @@ class Centrifugal:
         )
 
         def work(q: Expr, w: Expr) -> ufl.Form:
+            """Virtual work [J] at coordinates q along test functions w."""
             r = q - centre
             vectors = [
                 ufl.dot(turning, ufl.as_vector([r[k + i] for i in range(3)]))

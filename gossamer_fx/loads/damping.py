@@ -56,6 +56,7 @@ class Damping:
     name: str = "damping"
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         check(
             self.mass_factor >= 0
             and self.stiffness_factor >= 0
@@ -70,9 +71,11 @@ class Damping:
         )
 
     def requires(self) -> Iterable[Any]:
+        """The items that it refers to."""
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
+        """Dissipation by the mass and by the stiffness, for factors above zero."""
         body = self.body
         both = self.mass_factor > 0 and self.stiffness_factor > 0
         by_mass, by_stiffness = (

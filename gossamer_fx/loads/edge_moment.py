@@ -50,6 +50,7 @@ class EdgeMoment:
     name: str = ""
 
     def __post_init__(self) -> None:
+        """Check the arguments, and name the item if it has no name."""
         edges = self.body.mesh.curve(self.edges, "EdgeMoment")
         check_on_all(
             self.body.comm,
@@ -64,9 +65,11 @@ class EdgeMoment:
         )
 
     def requires(self) -> Iterable[Any]:
+        """The items that it refers to."""
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
+        """The moment as a load that follows the edge."""
         plate, value = self.body, self.moment
         domain = plate.mesh.domain
         edges = plate.mesh.curve(self.edges, "EdgeMoment")
@@ -75,6 +78,7 @@ class EdgeMoment:
         m = constant(domain, 0.0 if callable(value) else value)
 
         def at(t: float) -> None:
+            """Set the moment per length [N] to its value at a time t [s]."""
             if callable(value):
                 m.value = float(
                     ask_numbers(

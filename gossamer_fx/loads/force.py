@@ -117,6 +117,7 @@ class Couple:
         return forces
 
     def tangent(self, X: Array) -> Array:
+        """Derivative (3k, 3k) of the forces on the k vectors X (3k,) of the torque."""
         r = X.reshape(-1, 3)
         inverse, F = self._spread(r)
         K: Array = np.kron(np.eye(len(r)), cross_matrices(F))
@@ -181,9 +182,11 @@ class Force:
     name: str = "force"
 
     def requires(self) -> Iterable[Any]:
+        """The items that it refers to."""
         yield self.port.body
 
     def terms(self, start: State) -> Iterable[Term]:
+        """The force as a load on its port."""
         value, comm = self.force, self.port.body.comm
         law: PointForce = (
             ForceInTime(comm, self.name, value)
@@ -221,9 +224,11 @@ class Torque:
     name: str = "torque"
 
     def requires(self) -> Iterable[Any]:
+        """The items that it refers to."""
         yield from bodies_of(self.frame)
 
     def terms(self, start: State) -> Iterable[Term]:
+        """The torque as a load on the directors of its frame."""
         vectors: tuple[Attached, ...] = self.frame.directors
         value, comm = self.torque, next(iter(self.requires())).comm
         law: PointForce = (

@@ -47,6 +47,7 @@ class Gravity:
     name: str = ""
 
     def __post_init__(self) -> None:
+        """Check the arguments, and name the item if it has no name."""
         if not self.name:
             object.__setattr__(self, "name", f"gravity of {self.body.name}")
         check(
@@ -55,9 +56,11 @@ class Gravity:
         )
 
     def requires(self) -> Iterable[Any]:
+        """The items that it refers to."""
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
+        """The weight of every mass: of meshes, nodes, and masses attached to the body."""
         for part in terms_of(self.body, start):
             if isinstance(part, KineticEnergy):
                 yield self._on_mesh(part)
@@ -67,6 +70,7 @@ class Gravity:
         yield AttachedLoad(f"{self.name} (attached)", self.body, g, np.zeros((3, 3)), np.zeros(3))
 
     def _on_mesh(self, part: KineticEnergy) -> Term:
+        """The weight of a mass of a mesh: the body's mass form applied to g."""
         size, g = part.body.block.size, tuple(float(c) for c in self.g)
         acceleration = fem.Constant(part.body.space.mesh, g + (0.0,) * (size - 3))
 
@@ -80,6 +84,7 @@ class Gravity:
         return Load(self.name, part.body, work, parameters=parameters)
 
     def _on_points(self, part: NodeKineticEnergy) -> Iterable[Term]:
+        """The weight of the masses of nodes without a mesh.  Collective."""
         masses = np.concatenate(part.body.comm.allgather(part.mass))
         for node, mass in enumerate(masses):
             ports = tuple(

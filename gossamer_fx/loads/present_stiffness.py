@@ -54,6 +54,7 @@ class PresentStiffness:
     compiler: ClassVar[Compiler] = PresentStiffnesses
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         mesh = self.body.space.mesh
         element = basix.ufl.quadrature_element(
             mesh.basix_cell(),

@@ -48,15 +48,18 @@ class Pressure:
     name: str = "pressure"
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         check(
             callable(self.pressure) or math.isfinite(self.pressure),
             f"Pressure '{self.name}': pressure is {self.pressure!r} Pa; give a finite number or a function of time.",
         )
 
     def requires(self) -> Iterable[Any]:
+        """The items that it refers to."""
         yield self.body
 
     def terms(self, start: State) -> Iterable[Term]:
+        """The pressure as a load that follows the film."""
         film, value = self.body, self.pressure
         p = constant(film.space.mesh, 0.0 if callable(value) else value)
         dx = ufl.Measure(
@@ -64,6 +67,7 @@ class Pressure:
         )
 
         def at(t: float) -> None:
+            """Set the pressure [Pa] to its value at a time t [s]."""
             if callable(value):
                 p.value = ask_numbers(
                     film.comm, f"Pressure '{self.name}' at t = {t:.6g} s", lambda: value(t)

@@ -98,12 +98,16 @@ class PathAverage(StressRule):
     alpha = 0.5
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         check(
             self.points >= 1,
             f"PathAverage: points is {self.points!r}; take at least one Gauss point.",
         )
 
     def stress(self, energy: PathEnergy, e0: Expr, e1: Expr) -> Expr:
+        """Mean stress S_mean of the step from strain e0 to e1, with S_mean·(e1 - e0) = ψ(e1) -
+        ψ(e0).
+        """
         ψ, Δe = energy.density, e1 - e0
         if energy.quadratic:
             return gradient(ψ, (e0 + e1) / 2)

@@ -54,6 +54,7 @@ class Loads(
                 load.term.at(t)
 
     def add_forces(self, r: PETSc.Vec) -> None:
+        """Subtract the loads [N] from r."""
         with r as values:
             for load in self._loads:
                 load.assemble()
@@ -65,6 +66,7 @@ class Loads(
         return [load.tangent for load in self._loads if load.term.body is body and load.tangent]
 
     def residual_forms(self, body: Body, w: Expr) -> list[ufl.Form]:
+        """Forms of the loads on a body, with the sign they have in the residual."""
         found = []
         for load in self._loads:
             if load.term.body is body:
@@ -80,6 +82,7 @@ class Loads(
             load.forget()
 
     def supplied(self) -> float:
+        """Work [J] of the loads in the step, this rank's share."""
         work = 0.0
         Δq = self._system.q1.array_r - self._system.q0.array_r
         for load in self._loads:
@@ -91,6 +94,9 @@ class Loads(
         return work
 
     def resultants(self) -> dict[str, Array]:
+        """Force [N] and moment about the origin [N m] (2, 3) of each load in the last step, by
+        name.
+        """
         system, found = self._system, dict[str, Array]()
         α = system.rule.alpha
         for load in self._loads:
@@ -162,6 +168,7 @@ class LoadForces:
         self._assembled = False
 
     def assemble(self) -> None:
+        """Assemble the forces, unless they are known and cannot have changed."""
         if self._changes or not self._assembled:
             self.force.array[:] = 0
             fem.assemble_vector(self.force.array, self.form)

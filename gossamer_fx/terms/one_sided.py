@@ -28,9 +28,13 @@ def one_sided_average(y0: Array, y1: Array) -> tuple[Array, Array]:
     pull0 = np.maximum(y0, 0.0)
     pull1 = np.maximum(y1, 0.0)
     passes_zero = (y0 > 0) != (y1 > 0)
+    # Elsewhere the divisor is 1: its quotient is not read, and must not divide by zero.
     change = np.where(passes_zero, y1 - y0, 1.0)
     quotient = (pull1**2 - pull0**2) / (2 * change)
     slope_of_quotient = (pull1 - quotient) / change
-    mean = np.where(passes_zero, quotient, (pull0 + pull1) / 2)
-    slope = np.where(passes_zero, slope_of_quotient, np.where(y1 > 0, 0.5, 0.0))
+    # Where T is linear all the way, the trapezoidal rule is exact.
+    trapezoidal_mean = (pull0 + pull1) / 2
+    trapezoidal_slope = np.where(y1 > 0, 0.5, 0.0)
+    mean = np.where(passes_zero, quotient, trapezoidal_mean)
+    slope = np.where(passes_zero, slope_of_quotient, trapezoidal_slope)
     return mean, slope

@@ -96,6 +96,7 @@ class PointLoads(
         ]
 
     def begin_step(self, t: float) -> None:
+        """Give every law the state at the start of the step."""
         system = self._system
         self._X0 = self._vectors(system.q0)
         rates = [
@@ -113,6 +114,7 @@ class PointLoads(
         r.assemble()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
+        """Subtract the derivatives [N/m] of the loads from A."""
         for k, X in enumerate(self._middle()):
             if self._mine[k]:
                 P = self._maps[k][0]
@@ -139,12 +141,16 @@ class PointLoads(
         return np.zeros(3 * len(term.ports))
 
     def without_gradient(self) -> str:
+        """Why the scene has no gradient: a load depends on velocities or on its history.  Empty if
+        none does.
+        """
         for term in self._terms:
             if not _is_of_position(term.law):
                 return f"'{term.name}' depends on more than positions and time; leave it out of the scene"
         return ""
 
     def supplied(self) -> float:
+        """Work [J] of the loads in the step, this rank's share."""
         total = 0.0
         ends = zip(self._X0, self._vectors(self._system.q1), self._middle(), strict=True)
         for k, (X0, X1, X) in enumerate(ends):
@@ -153,6 +159,9 @@ class PointLoads(
         return total
 
     def resultants(self) -> dict[str, Array]:
+        """Force [N] and moment about the origin [N m] (2, 3) of each load in the last step, by
+        name.
+        """
         found: dict[str, Array] = {}
         for k, X in enumerate(self._middle()):
             if self._mine[k]:

@@ -36,6 +36,7 @@ class QuadraticEnergies(
             self._system.block(body).assemble(K, [form])
 
     def residual_forms(self, body: Body, w: Expr) -> list[ufl.Form]:
+        """Forms of the forces on a body in the middle of the step."""
         found = []
         for term in self._terms:
             if term.body is body:
@@ -43,6 +44,7 @@ class QuadraticEnergies(
         return found
 
     def energy_forms(self, body: Body) -> list[ufl.Form]:
+        """Forms of the stored energy [J] of a body at the end of the step."""
         found = []
         for term in self._terms:
             if term.body is body:
@@ -51,6 +53,7 @@ class QuadraticEnergies(
         return found
 
     def energies(self) -> dict[str, float]:
+        """This rank's share of the stored energy [J] at the start of the step, by name."""
         found: dict[str, float] = {}
         for name, form in self._energies:
             found[name] = found.get(name, 0.0) + float(fem.assemble_scalar(form)) / 2
