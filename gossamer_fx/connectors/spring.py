@@ -37,10 +37,12 @@ class Quadratic:
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
         """Mean stress k (e0 + e1)/2 (n, m), and its derivative by e1 (n, m, m)."""
+        # k may be one number, or one for each of n springs.
         k = np.reshape(self.k, (-1, 1))
-        return k * (e0 + e1) / 2, np.broadcast_to(
-            k[:, :, None] / 2 * np.eye(e0.shape[1]), (*e0.shape, e0.shape[1])
-        )
+        m = e0.shape[1]
+        stress = k * (e0 + e1) / 2
+        derivative = k[:, :, None] / 2 * np.eye(m)
+        return stress, np.broadcast_to(derivative, (*e0.shape, m))
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,10 @@ class LengthSpring:
         l1 = _length(e1)
         mean_length = (l0 + l1) / 2
         if self.side:
-            pull, slope = one_sided_average(self.side * (l0 - self.L), self.side * (l1 - self.L))
+            y0 = self.side * (l0 - self.L)
+            y1 = self.side * (l1 - self.L)
+            pull, slope = one_sided_average(y0, y1)
+            # The side is ±1, so that the slope has the same sign on both.
             pull = self.side * pull
         else:
             pull = mean_length - self.L
@@ -118,15 +123,24 @@ class RopeDamper:
         tension = self.k * pull
         stiffness = self.k * slope
         viscous = self.c * (s1 - s0) / h
+        # A rope does not push: its whole force, tension and viscous, is zero at the least.
         pulls = viscous > -tension
         f = np.where(pulls, viscous, -tension)
-        df = np.where(pulls, np.where(s1 > 0, self.c / h, 0.0), -stiffness)
-        return (2 * f / both)[:, None], (2 * (df - f / both) / both / l1)[:, None, None]
+        viscous_slope = np.where(s1 > 0, self.c / h, 0.0)
+        df = np.where(pulls, viscous_slope, -stiffness)
+        # The mean length is both/2, and dl1/de1 = 1/l1.
+        S = 2 * f / both
+        D = 2 * (df - f / both) / both / l1
+        return S[:, None], D[:, None, None]
+
+
+# [m²] Lower bound of e = ½ l², so that a spring whose ends coincide has no division by zero.
+SMALLEST_MEASURE = 1e-300
 
 
 def _length(e: Array) -> Array:
-    """Lengths (n,) of the measures e = ½ l² (n, 1); the floor keeps a length of zero from dividing by zero."""
-    return np.sqrt(2 * np.maximum(e[:, 0], 1e-300))
+    """Lengths (n,) [m] of the measures e = ½ l² (n, 1) [m²]."""
+    return np.sqrt(2 * np.maximum(e[:, 0], SMALLEST_MEASURE))
 
 
 def half_distance_squared(a: Attached, b: Attached) -> PointMeasure:

@@ -31,11 +31,22 @@ from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_energies import PointDissipation, PointStoredEnergy
 
+# [rad] Half of the change of the angle below which x/sin x and its derivative are their series: the
+# derivative loses digits there, and 1 + x²/6 is exact to 2e-18.
+SMALL_ANGLE = 1e-4
+
 
 def angles(e0: Array, e1: Array) -> tuple[Array, Array]:
-    """Angle at the start in (-π, π], and its change to the end, less than half a turn."""
-    φ0, φ1 = (np.arctan2(e[:, 1], e[:, 0]) for e in (e0, e1))
-    return φ0, np.remainder(φ1 - φ0 + np.pi, 2 * np.pi) - np.pi
+    """Angle (n,) [rad] at the start in (-π, π], and its change to the end, less than half a turn.
+
+    Args:
+        e0, e1: measures (n, 2) in proportion to cosine and sine of the angle, at both ends of the
+            step.
+    """
+    φ0 = np.arctan2(e0[:, 1], e0[:, 0])
+    φ1 = np.arctan2(e1[:, 1], e1[:, 0])
+    Δφ = np.remainder(φ1 - φ0 + np.pi, 2 * np.pi) - np.pi
+    return φ0, Δφ
 
 
 def stress(
@@ -45,18 +56,30 @@ def stress(
     Δφ: Array,
     e1: Array,
 ) -> tuple[Array, Array]:
-    """S̄ (n, 2) of the moment m and its derivative with respect to e1, with slope = dm/dφ1."""
-    half, φm = Δφ / 2, φ0 + Δφ / 2
-    small = np.abs(half) < 1e-4
-    safe = np.where(small, 1.0, half)
-    ratio = np.where(small, 1 + half**2 / 6, safe / np.sin(safe))
-    growth = np.where(small, half / 3, (np.sin(safe) - safe * np.cos(safe)) / np.sin(safe) ** 2) / 2
-    direction = np.stack([-np.sin(φm), np.cos(φm)], axis=1)
-    turned = np.stack([-np.cos(φm), -np.sin(φm)], axis=1) / 2
+    """Mean stress (n, 2) of a mean moment, and its derivative by e1 (n, 2, 2).
+
+    Args:
+        m: mean moment (n,) [N m] of the step.
+        slope: its derivative (n,) by the angle at the end.
+        φ0, Δφ: of `angles`.
+        e1: measures (n, 2) at the end.
+    """
+    half = Δφ / 2
+    φ_mid = φ0 + Δφ / 2
+    # The stress m t has the work m Δφ: t is along the chord of the step, longer by half/sin(half).
+    is_small = np.abs(half) < SMALL_ANGLE
+    safe = np.where(is_small, 1.0, half)
+    ratio = np.where(is_small, 1 + half**2 / 6, safe / np.sin(safe))
+    exact_growth = (np.sin(safe) - safe * np.cos(safe)) / np.sin(safe) ** 2
+    growth = np.where(is_small, half / 3, exact_growth) / 2
+    direction = np.stack([-np.sin(φ_mid), np.cos(φ_mid)], axis=1)
+    direction_slope = np.stack([-np.cos(φ_mid), -np.sin(φ_mid)], axis=1) / 2
     t = ratio[:, None] * direction
-    dt = growth[:, None] * direction + ratio[:, None] * turned
-    dφ = np.stack([-e1[:, 1], e1[:, 0]], axis=1) / np.sum(e1 * e1, axis=1)[:, None]
-    D = np.einsum("ni,nj->nij", slope[:, None] * t + m[:, None] * dt, dφ)
+    dt = growth[:, None] * direction + ratio[:, None] * direction_slope
+    squared_radius = np.sum(e1 * e1, axis=1)[:, None]
+    dφ = np.stack([-e1[:, 1], e1[:, 0]], axis=1) / squared_radius
+    dS_dφ = slope[:, None] * t + m[:, None] * dt
+    D = np.einsum("ni,nj->nij", dS_dφ, dφ)
     return m[:, None] * t, D
 
 
@@ -69,7 +92,9 @@ class AngularSpring:
     stacks: ClassVar[tuple[str, ...]] = ("k", "change")
 
     def energy(self, e: Array) -> Array:
-        return self.k * (np.arctan2(e[:, 1], e[:, 0]) - self.change) ** 2 / 2
+        """ψ (n,) [J] of measures e (n, 2)."""
+        φ = np.arctan2(e[:, 1], e[:, 0])
+        return self.k * (φ - self.change) ** 2 / 2
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
         φ0, Δφ = angles(e0, e1)
