@@ -183,14 +183,18 @@ class Link(Between):
             length > 0,
             f"Link '{self.name}' has no length; use a BallJoint for points that coincide.",
         )
+        # e = (|x_a - x_b|² - l²)/2l, whose gradient is a unit vector as those of other joints: the
+        # multiplier is the force of the rod.
         difference = np.hstack([np.eye(3), -np.eye(3)])
-        H, c = difference.T @ difference, -(length**2) / 2
-        yield PointConstraint(
-            self.name,
-            PointMeasure(
-                [(self.a, self.b)], H[None] / length, np.zeros((1, 6)), np.array([c / length])
-            ),
+        H = difference.T @ difference
+        c = -(length**2) / 2
+        measure = PointMeasure(
+            ports=[(self.a, self.b)],
+            H=H[None] / length,
+            L=np.zeros((1, 6)),
+            c=np.array([c / length]),
         )
+        yield PointConstraint(self.name, measure)
 
 
 @check_arguments
