@@ -38,7 +38,14 @@ from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.quadratic_energies import QuadraticEnergy
 
-FLAT = 1e-6  # sine of the angle between neighbouring cells that counts as none
+# Sine of the angle between neighbouring cells below which they count as lying in one plane.
+FLAT = 1e-6
+
+# Share of a given curvature below which its antisymmetric and its normal part count as zero.
+CURVATURE_TOLERANCE = 1e-6
+
+# [m²] Lower bound of lengths of normals, so that a cell without area has no division by zero.
+SMALLEST_NORMAL = 1e-300
 
 Tensor = Sequence[Sequence[float]]  # 3x3
 
@@ -122,7 +129,8 @@ class Plate(Membrane):
             not repeated,
             f"Plate '{name}': the hinge group '{repeated[0] if repeated else ''}' is given twice; give it once.",
         )
-        self._rest_curvature = rest_curvature  # a restart compares it, see `outputs.arguments`
+        # A restart compares this argument, see `outputs.arguments`.
+        self._rest_curvature = rest_curvature
         table = self.mesh.edges
         folds = [interior_edges(self, table, group, "hinge") for group in self.hinges]
         self._hinged = np.unique(np.concatenate([np.zeros(0, dtype=np.int32), *folds]))
@@ -227,7 +235,7 @@ class Plate(Membrane):
         domain = self.mesh.domain
         corners = domain.geometry.x[domain.geometry.dofmap[:, :3]]
         normals = area_vectors(corners)
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), SMALLEST_NORMAL)
         left, right = normals[table.cells[edges]].transpose(1, 0, 2)
         check_on_all(
             self.comm,
@@ -254,14 +262,12 @@ class Plate(Membrane):
         values = H.x.array.reshape(-1, 3, 3)[cell_nodes(H.function_space)[:n].ravel()]
         normals = area_vectors(corner_points(self.mesh.domain))
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        size = 1e-6 * np.abs(values).max(initial=0.0)
+        size = CURVATURE_TOLERANCE * np.abs(values).max(initial=0.0)
+        asymmetry = np.abs(values - values.transpose(0, 2, 1)).max(initial=0.0)
         out_of_plane = np.abs(np.einsum("nij,nj->ni", values, normals)).max(initial=0.0)
         check_on_all(
             self.comm,
-            bool(
-                np.abs(values - values.transpose(0, 2, 1)).max(initial=0.0) <= size
-                and out_of_plane <= size
-            ),
+            bool(asymmetry <= size and out_of_plane <= size),
             f"{what} is not a symmetric tensor in the plane of the mesh; give κ e⊗e with e in that plane.",
         )
         return ufl.dot(self._frame.T, ufl.dot(H, self._frame))
