@@ -108,19 +108,20 @@ class Centrifugal:
 
     def _on_mesh(self, part: KineticEnergy, A: Array, c: Array) -> Term:
         """The load on a mass of a mesh: the body's mass form applied to the acceleration."""
-        mesh, size = part.body.space.mesh, part.body.block.size
-        turning, centre = (
-            fem.Constant(mesh, A),
-            fem.Constant(mesh, np.concatenate([c, np.zeros(size - 3)])),
-        )
+        mesh = part.body.space.mesh
+        size = part.body.block.size
+        # Constants, so that another spin needs no new kernel.  Directors have no centre.
+        rotation = fem.Constant(mesh, A)
+        centre = fem.Constant(mesh, np.concatenate([c, np.zeros(size - 3)]))
 
         def work(q: Expr, w: Expr) -> ufl.Form:
             """Virtual work [J] at coordinates q along test functions w."""
             r = q - centre
-            vectors = [
-                ufl.dot(turning, ufl.as_vector([r[k + i] for i in range(3)]))
-                for k in range(0, size, 3)
-            ]
-            return part.mass(ufl.as_vector([vector[i] for vector in vectors for i in range(3)]), w)
+            components = []
+            for first in range(0, size, 3):
+                vector = ufl.as_vector([r[first + i] for i in range(3)])
+                acceleration = ufl.dot(rotation, vector)
+                components += [acceleration[i] for i in range(3)]
+            return part.mass(ufl.as_vector(components), w)
 
         return Load(self.name, part.body, work, follows=True)

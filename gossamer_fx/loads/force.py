@@ -106,9 +106,13 @@ class Couple:
         pass
 
     def _spread(self, r: Array) -> tuple[Array, Array]:
-        """(tr S 1 - S)⁻¹ and F."""
+        """The matrix (tr S 1 - S)⁻¹ (3, 3) and F (3,) of vectors r (k, 3)."""
         S = r.T @ r
-        inverse = np.linalg.inv(np.trace(S) * np.eye(3) - (S if len(r) > 1 else 0.0))
+        matrix = np.trace(S) * np.eye(3)
+        # With one vector the matrix would be singular: S is left out, which gives T × r/|r|².
+        if len(r) > 1:
+            matrix = matrix - S
+        inverse = np.linalg.inv(matrix)
         return inverse, inverse @ self.torque
 
     def force(self, X: Array) -> Array:
