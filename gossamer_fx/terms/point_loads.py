@@ -88,25 +88,24 @@ class PointLoads(
         return [P @ values + o for (P, o), values in zip(self._maps, self._gather(q), strict=True)]
 
     def _middle(self) -> list[Array]:
-        """The vectors at which forces act."""
+        """Vectors (3k,) of each load in the configuration in which forces act.  Collective."""
         α = self._system.rule.alpha
-        return [
-            (1 - α) * X0 + α * X1
-            for X0, X1 in zip(self._X0, self._vectors(self._system.q1), strict=True)
-        ]
+        ends = zip(self._X0, self._vectors(self._system.q1), strict=True)
+        return [(1 - α) * X0 + α * X1 for X0, X1 in ends]
 
     def begin_step(self, t: float) -> None:
         """Give every law the state at the start of the step."""
         system = self._system
         self._X0 = self._vectors(system.q0)
-        rates = [
-            P @ values for (P, _), values in zip(self._maps, self._gather(system.v0), strict=True)
-        ]
+        # Rates of the ports have no offset: the ground does not move.
+        rates = []
+        for (P, _), values in zip(self._maps, self._gather(system.v0), strict=True):
+            rates.append(P @ values)
         for law, X, V in zip(self._laws, self._X0, rates, strict=True):
             law.begin(system.time, system.rule.alpha * system.h, X, V)
 
     def add_forces(self, r: PETSc.Vec) -> None:
-        """r -= Pᵀ f."""
+        """Subtract the forces Pᵀ f [N] of all loads from r."""
         for k, X in enumerate(self._middle()):
             if self._mine[k]:
                 force = self._maps[k][0].T @ self._laws[k].force(X)
@@ -117,9 +116,10 @@ class PointLoads(
         """Subtract the derivatives [N/m] of the loads from A."""
         for k, X in enumerate(self._middle()):
             if self._mine[k]:
-                P = self._maps[k][0]
+                P, _ = self._maps[k]
                 K = -self._system.rule.alpha * P.T @ self._laws[k].tangent(X) @ P
-                A.setValues(self._indices[k], self._indices[k], K, addv=PETSc.InsertMode.ADD_VALUES)
+                indices = self._indices[k]
+                A.setValues(indices, indices, K, addv=PETSc.InsertMode.ADD_VALUES)
 
     # ---- sensitivities ---------------------------------------------------------------------------------
 

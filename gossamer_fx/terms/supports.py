@@ -18,9 +18,11 @@ Motion = Callable[[float], Array]
 
 
 class Supports(CompiledTerms["Support"]):
-    """All `Support` terms of a scene; positions count in this rank's part of a vector.
+    """All `Support` terms of a scene.
 
-    held (n,): positions that the equations do not govern;  reactions (n,): the forces [N] that hold them.
+    Attributes:
+        held: indices (n,) of the fixed coordinates in this rank's part of a vector, sorted.
+        reactions: forces [N] (n,) on them.
     """
 
     def __init__(self, terms: Sequence[Support], system: Assembly) -> None:
@@ -65,32 +67,36 @@ class Supports(CompiledTerms["Support"]):
         return np.setdiff1d(self.held, moved)
 
     def prescribe(self, z: PETSc.Vec, t: float) -> None:
-        """Give the moved coordinates of z their values at time t."""
+        """Set the moved coordinates of z to their values at a time t [s]."""
         with z as values:
             for at, motion in self._moved:
                 values[at] = motion(t)
 
     def take(self, r: PETSc.Vec) -> None:
-        """Read the reactions off a residual, and take them out of it."""
+        """Save the reactions from the residual r, and set its rows to zero."""
         with r as values:
             self.reactions = values[self.held]
             values[self.held] = 0
 
     def work(self, Δq: Array) -> float:
-        """What the moved supports supply in a step Δq."""
-        return sum(
-            float(Δq[at] @ self.reactions[np.searchsorted(self.held, at)]) for at, _ in self._moved
-        )
+        """Work [J] that the moved supports supply in a step Δq, this rank's share."""
+        work = 0.0
+        for at, _ in self._moved:
+            # `held` is sorted, so this finds the reactions of the moved coordinates.
+            reactions = self.reactions[np.searchsorted(self.held, at)]
+            work += float(Δq[at] @ reactions)
+        return work
 
     def clear(self, matrix: PETSc.Mat, diagonal: float) -> None:
         """Replace rows and columns of the held coordinates by `diagonal` times the identity."""
+        # Skipped where no rank has a fixed coordinate, as the call is collective and takes time.
         if self._any:
-            matrix.zeroRowsColumns(
-                (self.held + self._numbering.start).astype(PETSc.IntType), diag=diagonal
-            )
+            rows = (self.held + self._numbering.start).astype(PETSc.IntType)
+            matrix.zeroRowsColumns(rows, diag=diagonal)
 
 
 def _restricted(motion: Motion, mine: npt.NDArray[np.bool_]) -> Motion:
+    """The motion of those coordinates for which `mine` is true."""
     return lambda t: motion(t)[mine]
 
 
