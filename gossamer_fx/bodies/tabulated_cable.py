@@ -34,6 +34,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import Mesh as DolfinxMesh
@@ -295,7 +296,7 @@ def _check_table(strain: Array, force: Array) -> None:
     )
 
 
-def _first(found: Array) -> int:
+def _first(found: npt.NDArray[np.integer]) -> int:
     """The first of some numbers, counted from one; zero if there is none."""
     return int(found[0]) + 1 if len(found) else 0
 

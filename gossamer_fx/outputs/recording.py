@@ -270,5 +270,6 @@ def _usual_fields(body: Body, run: Run) -> tuple[str, ...]:
     if not isinstance(body, Membrane):
         return ("displacement",)
     enclosures = [state.chamber.enclosure for state in run.chambers.values()]
-    bounds_gas = any(enclosure is not None and enclosure.film is body for enclosure in enclosures)
+    films = [film for enclosure in enclosures if enclosure for film in enclosure.films]
+    bounds_gas = any(film is body for film in films)
     return (*FILM_FIELDS, "pressure") if bounds_gas else FILM_FIELDS

@@ -30,6 +30,7 @@ COMPLETE = {
     "gas",
     "loads",
     "materials",
+    "patterns",
     "reduction",
 }
 
@@ -52,6 +53,7 @@ def scene() -> dict[str, Any]:
         "comm": COMM,
         "mesh": mesh,
         "curve": curve,
+        "law": law,
         "film": gx.Membrane(mesh, law),
         "plate": gx.Plate(mesh, stiff),
         "creased": gx.Membrane(creased_strip(COMM, 2, 1, 0.1, 0.1), law, name="creased"),

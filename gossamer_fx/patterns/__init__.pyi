@@ -1,0 +1,2 @@
+from .panels import Gores as Gores
+from .panels import gores as gores
