@@ -108,15 +108,20 @@ class Gores:
         )
         return gmsh_mesh(lambda model: self._build(model, along, across), comm)
 
-    def placed(self, X: Array) -> Array:
+    def placed(self, X: Array, apart: float = 0.0) -> Array:
         """Displacement [m] (3, n) of mesh points (3, n) by which each gore goes to its place, without strain.
 
         It is the `displacement` of the film, equation (2) of the module.
+
+        Args:
+            X: points of the mesh [m].
+            apart: distance [m] by which each gore is farther from the axis, for a look at the sewing.
         """
         number = np.rint(X[1] / self.pitch)
         y = X[1] - number * self.pitch
         angle = 2 * np.pi * number / self.count
         radius, height = self.meridian(X[0])
+        radius = radius + apart
         x1 = radius * np.cos(angle) - y * np.sin(angle)
         x2 = radius * np.sin(angle) + y * np.cos(angle)
         moved: Array = np.stack([x1, x2, height]) - X
