@@ -15,17 +15,17 @@ from gossamer_fx.sensitivity.objectives import Objective
 from gossamer_fx.sensitivity.results import Derivative as Derivative
 from gossamer_fx.sensitivity.results import Gradient as Gradient
 from gossamer_fx.sensitivity.static import StaticGradients
-from gossamer_fx.sensitivity.tape import Tape as Tape
+from gossamer_fx.sensitivity.tape import RunTape as RunTape
 from gossamer_fx.sensitivity.transient import TransientGradients
 
 
 @check_arguments
-def gradient(source: Equilibrium | Tape, *, of: Objective, by: Sequence[str]) -> Gradient:
+def gradient(source: Equilibrium | RunTape, *, of: Objective, by: Sequence[str]) -> Gradient:
     """The exact gradient of a result with respect to any number of parameters.
 
     Of an equilibrium it takes one solve with the transposed tangent, Kᵀ λ = ∂J/∂q, and
     dJ/dθ = ∂J/∂θ - λ·∂r/∂θ for each parameter θ.  Of a run it takes one such solve for each step of its
-    `Tape`, from the last to the first.  The lengths of the steps count as given.
+    `RunTape`, from the last to the first.  The lengths of the steps count as given.
 
     Parameters are named "item.parameter".  They are numbers and fields of the laws of films and cables
     (E, nu, thickness, density, EA, ...), "shape", the stress-free places of the nodes of a mesh, constant
@@ -63,7 +63,7 @@ def gradient(source: Equilibrium | Tape, *, of: Objective, by: Sequence[str]) ->
         f"gradient: of is {of!r}, which has no derivative; give a Position, Integral, EnclosedVolume, Energy or "
         "Functional.",
     )
-    if isinstance(source, Tape):
+    if isinstance(source, RunTape):
         return TransientGradients(source, by).of(of)
     gradients = StaticGradients(source, by)
     gradients.factorise()

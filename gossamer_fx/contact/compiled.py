@@ -104,6 +104,10 @@ class CompiledContacts(
         for contact_set in self.contact_sets.values():
             contact_set.limit_update(update)
 
+    def set_static_load(self, force: float) -> None:
+        for contact_set in self.contact_sets.values():
+            contact_set.set_static_load(force)
+
     def inadmissible(self) -> str:
         messages = [contact_set.find_penetration() for contact_set in self.contact_sets.values()]
         return next(filter(None, messages), "")
@@ -145,7 +149,7 @@ class CompiledContacts(
             if contact_set.friction is not None:
                 return f"'{item.name}' has friction, which has no gradient yet; set its friction to zero"
             if not contact_set.has_given_stiffness:
-                return f"'{item.name}' derives its stiffness from the motion, which has no gradient; give it a stiffness"
+                return f"'{item.name}' derives its stiffness from the motion, without a gradient; give it a stiffness"
         return ""
 
     def save_history(self) -> list[Any]:

@@ -33,7 +33,7 @@ from gossamer_fx.contact.broad_phase.candidates import CandidateSearch, nearest_
 from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.contact.history import ContactHistory
 from gossamer_fx.contact.kernels.library import library
-from gossamer_fx.contact.narrow_phase.closest_points import PairDistances
+from gossamer_fx.contact.narrow_phase.closest_points import PairDistances, closest_points
 from gossamer_fx.contact.narrow_phase.initial_check import (
     refuse_coincident,
     refuse_intersections,
@@ -47,7 +47,6 @@ from gossamer_fx.contact.potential import (
     ContactLaw,
     PairState,
     activate,
-    closest_points,
     energy_of_pairs,
     evaluate,
     pair_starts,
@@ -86,7 +85,7 @@ class ContactSet:
         mesh, points, history, friction: the parts.
         search: the candidate pairs.
         x0: points (m, 3) [m] at the start of the step.
-        pairs: the active pairs of the step; None between steps.
+        pairs: the active pairs of the step; None between steps, except in statics.
         point_forces: forces (m, 3) [N] of this rank's pairs at the last residual.
         acting_count: number of pairs with a force there.
         has_given_stiffness: whether the stiffness is a number and not derived from closing speeds.
@@ -174,7 +173,9 @@ class ContactSet:
             order = np.argsort(identifier)
             history.identifier = identifier[order]
             history.stiffness = self.pairs.stiffness[has_energy][order]
-        self.pairs = None
+        # In statics the residual of the accepted state is asked for, too: whether it is in equilibrium.
+        if self._alpha < 1:
+            self.pairs = None
 
     def save_history(self) -> tuple[Array, Int64Array, Array, float]:
         """Return the history of this rank; its arrays are replaced and never changed."""
@@ -258,6 +259,12 @@ class ContactSet:
         step = StepDistances(self._start, predicted, FAR * self.activation_distance)
         self._set_active(step.may_touch(self._activation_distances()))
 
+    def set_static_load(self, force: float) -> None:
+        """Take the norm [N] of all loads of an equilibrium, for which stiffness is derived."""
+        of_bodies = self.mesh.area[: self.points.body_count]
+        # A pressure p on nodes that stand for the areas A is the force p |A|.
+        self._stiffness.static_pressure = force / float(np.linalg.norm(of_bodies))
+
     def _are_within_bounds(self, end: Array) -> bool:
         """Return whether the candidates are complete for a step from x0 to points (m, 3)."""
         bounds = self.search.bounds
@@ -297,6 +304,9 @@ class ContactSet:
             self.history.reference_speed,
         )
         pairs.stiffness = np.where(has_energy, stiffness, chosen)
+        if self._alpha == 1:
+            # In statics no energy has to be conserved, and the load may have grown.
+            pairs.stiffness = np.maximum(stiffness, chosen)
         pairs.start = pair_starts(pairs, self.x0, squared_distance, parameters)
         self._active = active
         self.pairs = pairs
@@ -330,6 +340,7 @@ class ContactSet:
         if pairs is None:
             return
         self.x0 = self.points.at(self._system.q0, self._system.time)
+        self._start_time = self._system.time
         self._end_time = self._system.time + self._system.h
         start = pair_starts(pairs, self.x0, *closest_points(pairs, self.x0))
         if pairs.start is not None:

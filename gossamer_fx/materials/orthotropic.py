@@ -28,7 +28,7 @@ quadratics; wrinkled pieces are integrated by Gauss points.
 The C functions of `materials.kernels` do this in the iterations of a step.  `Orthotropic.energy` is
 the same energy in UFL, for fields that are drawn and for user's forms.
 
-Source of equation (1): A. C. Pipkin, IMA J. Appl. Math. 36 (1986) 85, doi:10.1093/imamat/36.1.85.
+Source of equation (1): A. C. Pipkin, IMA J. Appl. Math. 36 (1986) 85.
 """
 
 from __future__ import annotations
@@ -264,7 +264,7 @@ class Orthotropic(LinearOrthotropic):
         0.0
 
     Source: A. C. Pipkin, The relaxed energy density for isotropic elastic membranes, IMA J. Appl.
-        Math. 36 (1986) 85, doi:10.1093/imamat/36.1.85; its equation (1) holds for any stiffness.
+        Math. 36 (1986) 85; its equation (1) holds for any stiffness.
     """
 
     _: KW_ONLY

@@ -29,7 +29,7 @@ from petsc4py import PETSc
 from gossamer_fx.checks.errors import StepFailure
 from gossamer_fx.model import roles
 from gossamer_fx.model.body import Array
-from gossamer_fx.sensitivity.tape import Node, Tape
+from gossamer_fx.sensitivity.tape import Node, RunTape
 from gossamer_fx.sensitivity.transposed import TransposedSolver
 from gossamer_fx.system.system import System
 
@@ -52,7 +52,7 @@ class BackwardSteps:
         residual: the largest residual of the steps so far, over the inertia in it.
     """
 
-    def __init__(self, tape: Tape) -> None:
+    def __init__(self, tape: RunTape) -> None:
         self._tape = tape
         self._system: System = tape.system
         numbering = self._system.numbering
@@ -108,7 +108,7 @@ class BackwardSteps:
         if forces > MAX_RESIDUAL * max(scale, TINY):
             raise StepFailure(
                 f"gradient: the step from t = {start.time:.9g} s cannot be repeated, its residual is "
-                f"{forces / max(scale, TINY):.1e} of its momenta; an event or a change of a parameter between the steps "
+                f"{forces / max(scale, TINY):.1e} of its momenta; an event or a change of a parameter between steps "
                 "has no gradient."
             )
 

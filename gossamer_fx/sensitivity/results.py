@@ -26,6 +26,11 @@ class Derivative:
         function: the same as a function on the mesh, which can be drawn; None for numbers.  Its values
             are derivatives with respect to single entries, so that they are the smaller, the finer the
             mesh is.
+
+    Example:
+        >>> found = gx.analysis.Derivative("spring.length", "m/m", np.array([-1.0]), None)
+        >>> found.along(0.1)
+        -0.1
     """
 
     name: str
@@ -60,6 +65,12 @@ class Gradient:
         derivatives: in the order in which they were asked for.
         growth: of a run: by how much the adjoint grew from the end to the start, as a factor; None for
             an equilibrium.  See `gx.analysis.gradient`.
+
+    Example:
+        >>> by_length = gx.analysis.Derivative("spring.length", "m/m", np.array([-1.0]), None)
+        >>> found = gx.analysis.Gradient(-1.1, "m", (by_length,))
+        >>> found["spring.length"].values
+        array([-1.])
     """
 
     value: float

@@ -57,7 +57,7 @@ class StaticGradients:
         )
         check(
             not system.active_sets,
-            "gradient: contact at an equilibrium has no gradient yet; take the gradient of a run, or leave contact out.",
+            "gradient: contact at an equilibrium has no gradient yet; take that of a run, or leave contact out.",
         )
         self._equilibrium = equilibrium
         self._system = system

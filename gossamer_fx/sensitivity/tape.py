@@ -56,7 +56,7 @@ class Node:
 
 
 @check_arguments
-class Tape:
+class RunTape:
     """Records the steps of a run from now on, for `gx.analysis.gradient`.
 
     It keeps coordinates and velocities of every accepted step, 16 bytes for each unknown and step, and
@@ -75,7 +75,7 @@ class Tape:
 
     Example:
         >>> run = gx.Simulation(gx.Scene(mass), gx.Midpoint(dt=0.1))
-        >>> tape = gx.analysis.Tape(run)
+        >>> tape = gx.analysis.RunTape(run)
         >>> run.run(until=1.0)
         >>> len(tape.nodes)
         11
@@ -85,9 +85,9 @@ class Tape:
         stepper = run.stepper
         check(
             isinstance(stepper, Midpoint) and isinstance(stepper.rule, PathAverage),
-            f"Tape: the run makes steps of {stepper!r}, which are not the same backwards; use Midpoint(dt=...).",
+            f"RunTape: the run makes steps of {stepper!r}, which are not the same backwards; use Midpoint(dt=...).",
         )
-        check(memory > 0, f"Tape: memory is {memory!r} bytes; give a positive number.")
+        check(memory > 0, f"RunTape: memory is {memory!r} bytes; give a positive number.")
         self.system = run.system
         self.memory = memory
         self._keepers = roles.playing(roles.StepHistory, self.system.compiled)
@@ -135,7 +135,7 @@ class Tape:
         check_on_all(
             system.comm,
             (len(self.nodes) + 1) * per_node <= self.memory,
-            f"Tape: step {len(self.nodes)} needs more than {self.memory:.3g} bytes on a rank; record fewer steps, or "
+            f"RunTape: step {len(self.nodes)} needs more than {self.memory:.3g} bytes on a rank; record fewer steps, or "
             "give the tape more memory.",
         )
         self.nodes.append(self._present(system.h))

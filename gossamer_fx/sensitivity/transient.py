@@ -22,7 +22,7 @@ from gossamer_fx.sensitivity.backward import BackwardSteps
 from gossamer_fx.sensitivity.form_derivative import FormDerivative
 from gossamer_fx.sensitivity.objectives import Energy, FormObjective, Objective
 from gossamer_fx.sensitivity.results import Gradient, collected
-from gossamer_fx.sensitivity.tape import Tape
+from gossamer_fx.sensitivity.tape import RunTape
 from gossamer_fx.sensitivity.variables import (
     AdjointFields,
     FormVariable,
@@ -48,7 +48,7 @@ class TransientGradients:
         InputError: a name that the scene has not, a part of the scene without a gradient, or no step.
     """
 
-    def __init__(self, tape: Tape, by: Sequence[str]) -> None:
+    def __init__(self, tape: RunTape, by: Sequence[str]) -> None:
         system = tape.system
         check(
             len(tape.nodes) > 1,
@@ -62,7 +62,7 @@ class TransientGradients:
             is_reversible = isinstance(kind, roles.Reversible | roles.Mass)
             check(
                 is_reversible,
-                f"gradient: '{type(kind).__name__}' of the scene has forces that are not the same in the reversed step; "
+                f"gradient: '{type(kind).__name__}' of the scene has forces that differ in the reversed step; "
                 "leave it out of the scene.",
             )
         self._tape = tape
@@ -140,7 +140,7 @@ class TransientGradients:
         rate = math.log(growth) / duration
         if self._system.comm.rank == 0:
             LOGGER.warning(
-                "gradient: changes of the motion grow by a factor of %.1e in this run, %.3g per second in the exponent; "
+                "gradient: changes of the motion grow by a factor of %.1e in this run, as exp(%.3g t); "
                 "a relative change of 1e-4 is predicted for about %.3g s",
                 growth,
                 rate,
@@ -163,5 +163,5 @@ def growth_of(norms: Sequence[float]) -> float:
 class _View:
     """The last state of a tape as a run, for objectives."""
 
-    def __init__(self, tape: Tape) -> None:
+    def __init__(self, tape: RunTape) -> None:
         self.system = tape.system

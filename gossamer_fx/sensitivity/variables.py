@@ -300,8 +300,8 @@ def refuse_unknown_kinds(system: System) -> None:
         words = ""
         if not is_known:
             words = (
-                f"'{_brought_by(system, kind)}' has no gradient, as the derivatives of its forces by parameters are not "
-                "known; leave it out of the scene"
+                f"'{_brought_by(system, kind)}' has no gradient, as the derivatives of its forces are not known; "
+                "leave it out of the scene"
             )
         elif isinstance(kind, roles.GradientLimits):
             words = kind.without_gradient()

@@ -54,6 +54,7 @@ from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.roles import (
     Dissipation,
     Forces,
+    GradientLimits,
     IterateObserver,
     OnMeshes,
     ResidualForms,
@@ -84,6 +85,7 @@ class ElementEnergies(
     StoredEnergies,
     Dissipation,
     ResidualForms,
+    GradientLimits,
     Reversible,
     CompiledTerms["StoredEnergy | ViscousDissipation"],
 ):
@@ -136,6 +138,12 @@ class ElementEnergies(
 
     def energies(self) -> dict[str, float]:
         return {f.term.name: f.energy() for f in self.elements if isinstance(f.term, StoredEnergy)}
+
+    def without_gradient(self) -> str:
+        for force in self.elements:
+            if isinstance(force.term, StoredEnergy) and force.term.c_law is not None:
+                return f"the law of '{force.term.name}' is written in C, without derivatives; use one of UFL"
+        return ""
 
     def residual_forms(self, body: Body, w: Expr) -> list[ufl.Form]:
         return [force.residual_form(w) for force in self.elements if force.term.body is body]

@@ -1,4 +1,4 @@
-"""Gradients through conserving steps: energy taken back to the start, second-order remainders, products of both modes."""
+"""Gradients through conserving steps: energy taken back to the start, remainders, products of both modes."""
 
 from __future__ import annotations
 
@@ -118,9 +118,9 @@ CONSERVING = {
 }
 
 
-def recorded(scene: gx.Scene, h: float, steps: int) -> tuple[gx.Simulation, gx.analysis.Tape]:
+def recorded(scene: gx.Scene, h: float, steps: int) -> tuple[gx.Simulation, gx.analysis.RunTape]:
     run = gx.Simulation(scene, gx.Midpoint(dt=h, tolerances=SOLVED))
-    tape = gx.analysis.Tape(run)
+    tape = gx.analysis.RunTape(run)
     run.run(until=steps * h)
     assert len(tape.nodes) == steps + 1
     return run, tape
@@ -334,7 +334,7 @@ SIZES = {"film.shape": 1e-5, "film.initial_position": 2e-6, "film.initial_veloci
 def test_remainders_are_of_second_order(comm, make, name):
     """J(θ + δ) - J(θ) - δ dJ/dθ falls with δ², until round-off hides it."""
     with _fresh(make, comm, name) as (run, variable, until):
-        tape = gx.analysis.Tape(run)
+        tape = gx.analysis.RunTape(run)
         run.run(until=until)
         found = gx.analysis.gradient(tape, of=result_of(run), by=[name])
         change = change_of(variable, run)
@@ -393,7 +393,7 @@ def test_friction_and_derived_stiffness_are_refused(comm):
         )
         floor = gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 1))
         scene = gx.Scene(gx.Contact(body, floor, distance=1e-3, **more))
-        run, tape = recorded(scene, 1e-4, 2)
+        _, tape = recorded(scene, 1e-4, 2)
         with pytest.raises(gx.InputError, match=words):
             gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["film.E"])
 
@@ -401,7 +401,7 @@ def test_friction_and_derived_stiffness_are_refused(comm):
 def test_a_yielding_crease_is_refused(comm):
     plate = gx.Membrane(creased_strip(comm, 2, 1, 0.05, 0.02), gx.Linear(**SOFT))
     crease = gx.connectors.Crease(plate, "crease", stiffness=2e-3, yield_angle=0.1)
-    run, tape = recorded(gx.Scene(crease), 1e-4, 2)
+    _, tape = recorded(gx.Scene(crease), 1e-4, 2)
     with pytest.raises(gx.InputError, match="'crease' yields"):
         gx.analysis.gradient(tape, of=gx.analysis.Energy(), by=["crease.stiffness"])
 
@@ -409,13 +409,13 @@ def test_a_yielding_crease_is_refused(comm):
 def test_a_tape_keeps_to_its_memory_and_to_conserving_steps(comm):
     mass = gx.PointMass(1.0, (0.0, 0.0, 0.0), velocity=(1.0, 0.0, 0.0))
     run = gx.Simulation(gx.Scene(mass), gx.Midpoint(dt=0.1))
-    tape = gx.analysis.Tape(run, memory=5 * 48)
+    tape = gx.analysis.RunTape(run, memory=5 * 48)
     with pytest.raises(gx.InputError, match="more than 240 bytes"):
         run.run(until=1.0)
     assert tape.bytes == 240
     dissipating = gx.Simulation(gx.Scene(mass), gx.steppers.GeneralizedAlpha(dt=0.1))
     with pytest.raises(gx.InputError, match="not the same backwards"):
-        gx.analysis.Tape(dissipating)
+        gx.analysis.RunTape(dissipating)
 
 
 def test_steps_that_an_event_undid_leave_the_tape(comm):
@@ -423,7 +423,7 @@ def test_steps_that_an_event_undid_leave_the_tape(comm):
     mass = gx.PointMass(1.0, (0.0, 0.0, 0.0), velocity=(1.0, 0.0, 0.0))
     crossing = gx.When(lambda run: run.system.state[mass].positions()[0, 0], 0.25, tolerance=1e-9)
     run = gx.Simulation(gx.Scene(mass), gx.Midpoint(dt=0.1), events=[crossing])
-    tape = gx.analysis.Tape(run)
+    tape = gx.analysis.RunTape(run)
     run.run(until=1.0)
     times = [node.time for node in tape.nodes]
     assert times == sorted(times)

@@ -25,9 +25,10 @@ UNCALLED = {
     "orbit.MagneticDipole",  # needs ERFA
     "steppers.EndPoint",
     "analysis.Derivative",
-    "analysis.Tape",
+    "analysis.RunTape",
     "analysis.EquilibriumResult",
     "analysis.Gradient",
+    "analysis.Optimum",
     "InputError",
     "run.Interrupted",
     "Mesh",
@@ -219,6 +220,8 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "constraints.Driven": {"body": block, "axis": z, "angle": lambda t: t},
         "analysis.EnclosedVolume": {"film": film},
         "analysis.Energy": {},
+        "analysis.Frequency": {"equilibrium": inputs.equilibrium, "number": 1},
+        "analysis.Limit": {"of": gx.analysis.Energy(), "low": 0.0, "high": 1.0},
         "analysis.Functional": {
             "value": lambda run: 0.0,
             "derivative": lambda run: {},
@@ -530,6 +533,15 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "source": inputs.equilibrium,
             "of": gx.analysis.Energy(),
             "by": [f"{inputs.film.name}.E"],
+        },
+        "analysis.minimise": {
+            "equilibrium": inputs.equilibrium,
+            "of": gx.analysis.Energy(),
+            "by": [f"{inputs.film.name}.E"],
+            "bounds": {f"{inputs.film.name}.E": (1e9, 3e9)},
+            "limits": [gx.analysis.Limit(gx.analysis.Energy(), high=1e9)],
+            "iterations": 1,
+            "tolerance": 0.1,
         },
         "analysis.modes": {
             "equilibrium": inputs.equilibrium,

@@ -16,8 +16,8 @@ from gossamer_fx.forms.kinematics import frame
 from gossamer_fx.forms.strain_path import with_derivative
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED, constants
 from gossamer_fx.materials.kernels.library import library
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.reduction.mode_gradients import own_cells
-from meshes.sheet import sheet
 from tests.strain_samples import CENTRE, SQUARE, Samples, random_strains
 
 FABRIC = {"density": 1.0, "thickness": 1.0, "direction": (1.0, 0.0, 0.0)}
