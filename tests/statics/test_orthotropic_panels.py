@@ -100,7 +100,9 @@ def test_a_strip_across_its_stiff_axis_is_softer(comm) -> None:
     def energy(direction) -> float:
         law = gx.LinearOrthotropic(E1, E2, NU12, G12, direction=direction, **NUMBERS)
         film = gx.Membrane(
-            sheet(comm, 4, 4), law, displacement=lambda X: np.vstack([(stretch - 1) * X[0], *(0 * X[1:])])
+            sheet(comm, 4, 4),
+            law,
+            displacement=lambda X: np.vstack([(stretch - 1) * X[0], *(0 * X[1:])]),
         )
         fixed = [gx.Fixed(film, edge) for edge in EDGES]
         return gx.Equilibrium(gx.Scene(*fixed)).find().totals.stored["film"]
