@@ -104,6 +104,10 @@ class CompiledContacts(
         for contact_set in self.contact_sets.values():
             contact_set.limit_update(update)
 
+    def set_static_load(self, force: float) -> None:
+        for contact_set in self.contact_sets.values():
+            contact_set.set_static_load(force)
+
     def inadmissible(self) -> str:
         messages = [contact_set.find_penetration() for contact_set in self.contact_sets.values()]
         return next(filter(None, messages), "")

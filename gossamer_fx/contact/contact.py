@@ -50,7 +50,8 @@ class Contact:
             that packed layers shall keep.
         stiffness: K [N/m³], pressure over closing: k = K d² A of a pair that stands for the area A.
             None: k = 4 σ v² A of each pair, with the area density σ and the closing speed v, which stops
-            what comes at this speed within d.
+            what comes at this speed within d; in an equilibrium k = 10 p d A, with the mean pressure p of
+            the loads.
         law: "barrier" or "penalty".
         friction: coefficient μ of Coulomb friction; obstacles may have their own.  The work of friction is
             dissipated, in the ledger under the name of the contact.  An equilibrium has no friction.

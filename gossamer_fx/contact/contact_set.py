@@ -85,7 +85,7 @@ class ContactSet:
         mesh, points, history, friction: the parts.
         search: the candidate pairs.
         x0: points (m, 3) [m] at the start of the step.
-        pairs: the active pairs of the step; None between steps.
+        pairs: the active pairs of the step; None between steps, except in statics.
         point_forces: forces (m, 3) [N] of this rank's pairs at the last residual.
         acting_count: number of pairs with a force there.
         has_given_stiffness: whether the stiffness is a number and not derived from closing speeds.
@@ -173,7 +173,9 @@ class ContactSet:
             order = np.argsort(identifier)
             history.identifier = identifier[order]
             history.stiffness = self.pairs.stiffness[has_energy][order]
-        self.pairs = None
+        # In statics the residual of the accepted state is asked for, too: whether it is in equilibrium.
+        if self._alpha < 1:
+            self.pairs = None
 
     def save_history(self) -> tuple[Array, Int64Array, Array, float]:
         """Return the history of this rank; its arrays are replaced and never changed."""
@@ -257,6 +259,12 @@ class ContactSet:
         step = StepDistances(self._start, predicted, FAR * self.activation_distance)
         self._set_active(step.may_touch(self._activation_distances()))
 
+    def set_static_load(self, force: float) -> None:
+        """Take the norm [N] of all loads of an equilibrium, for which stiffness is derived."""
+        of_bodies = self.mesh.area[: self.points.body_count]
+        # A pressure p on nodes that stand for the areas A is the force p |A|.
+        self._stiffness.static_pressure = force / float(np.linalg.norm(of_bodies))
+
     def _are_within_bounds(self, end: Array) -> bool:
         """Return whether the candidates are complete for a step from x0 to points (m, 3)."""
         bounds = self.search.bounds
@@ -296,6 +304,9 @@ class ContactSet:
             self.history.reference_speed,
         )
         pairs.stiffness = np.where(has_energy, stiffness, chosen)
+        if self._alpha == 1:
+            # In statics no energy has to be conserved, and the load may have grown.
+            pairs.stiffness = np.maximum(stiffness, chosen)
         pairs.start = pair_starts(pairs, self.x0, squared_distance, parameters)
         self._active = active
         self.pairs = pairs

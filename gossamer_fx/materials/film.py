@@ -24,6 +24,7 @@ from mpi4py import MPI
 
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
+from gossamer_fx.forms.bending import BendingStiffness, IsotropicBending
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.forms.strain_path import Piece, gradient, mean_gradient, within_cone
@@ -130,6 +131,10 @@ class FilmLaw:
         """The law of this film without wrinkles, for energies that are quadratic in the strain."""
         raise TypeError(f"{type(self).__name__} has no law without wrinkles")
 
+    def bending_stiffness(self, c: Any) -> BendingStiffness:
+        """The bending stiffness of a plate of this material, uniform across its thickness."""
+        raise TypeError(f"{type(self).__name__} has no bending stiffness")
+
 
 @dataclass(frozen=True)
 class IsotropicFilm(FilmLaw):
@@ -151,6 +156,9 @@ class IsotropicFilm(FilmLaw):
         )
         super().__post_init__()
         check(-1 < self.nu <= 0.5, f"{law}: nu is {self.nu!r}; Poisson's ratio lies in (-1, 0.5].")
+
+    def bending_stiffness(self, c: Any) -> BendingStiffness:
+        return IsotropicBending(c.E * c.thickness**3 / (12 * (1 - c.nu**2)), c.nu)
 
     def unwrinkled(self) -> FilmLaw:
         return Linear(self.E, self.nu, density=self.density, thickness=self.thickness)

@@ -28,7 +28,7 @@ quadratics; wrinkled pieces are integrated by Gauss points.
 The C functions of `materials.kernels` do this in the iterations of a step.  `Orthotropic.energy` is
 the same energy in UFL, for fields that are drawn and for user's forms.
 
-Source of equation (1): A. C. Pipkin, IMA J. Appl. Math. 36 (1986) 85, doi:10.1093/imamat/36.1.85.
+Source of equation (1): A. C. Pipkin, IMA J. Appl. Math. 36 (1986) 85.
 """
 
 from __future__ import annotations
@@ -45,6 +45,7 @@ from ufl.variable import Variable
 
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
+from gossamer_fx.forms.bending import BendingStiffness, OrthotropicBending
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.materials.c_law import CLaw
 from gossamer_fx.materials.film import ROUND_OFF, SLACK, TAUT, WRINKLED, FilmLaw
@@ -231,6 +232,10 @@ class LinearOrthotropic(FilmLaw):
         e = in_axes(e, c)
         return ufl.dot(_taut_stress(e, c), e) / 2
 
+    def bending_stiffness(self, c: Any) -> BendingStiffness:
+        D11, D12, D22, D66 = (stiffness * c.thickness**2 / 12 for stiffness in _stiffnesses(c))
+        return OrthotropicBending(D11, D12, D22, D66, c.cosine, c.sine)
+
     def unwrinkled(self) -> FilmLaw:
         return self
 
@@ -259,7 +264,7 @@ class Orthotropic(LinearOrthotropic):
         0.0
 
     Source: A. C. Pipkin, The relaxed energy density for isotropic elastic membranes, IMA J. Appl.
-        Math. 36 (1986) 85, doi:10.1093/imamat/36.1.85; its equation (1) holds for any stiffness.
+        Math. 36 (1986) 85; its equation (1) holds for any stiffness.
     """
 
     _: KW_ONLY

@@ -105,6 +105,20 @@ def shape_quality(corners: Array) -> Array:
     return quality
 
 
+def aspects(corners: Array) -> Array:
+    """Aspect ratios c²/(4A) of triangles (n, 3, 3) with longest edges c: 1 for half a square.
+
+    >>> import numpy as np
+    >>> aspects(np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]]))
+    array([1.])
+    """
+    edges = corners - np.roll(corners, 1, axis=1)
+    longest = (edges**2).sum(axis=2).max(axis=1)
+    # A cell without area is refused elsewhere.
+    ratio: Array = np.maximum(longest / np.maximum(4 * sizes(corners), 1e-300), 1.0)
+    return ratio
+
+
 def turned_inside(domain: dmesh.Mesh) -> int:
     """Number of curved triangles (order 2) whose normal reverses within the cell.
 

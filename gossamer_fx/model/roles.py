@@ -177,6 +177,9 @@ class ActiveSet(Protocol):
         """Shorten a Newton update (n,) of this rank's coordinates, in place (step-length control)."""
         ...
 
+    def set_static_load(self, force: float) -> None:
+        """Take the norm [N] of all loads of an equilibrium, which pairs may have to carry."""
+
     @abstractmethod
     def coupling_matrices(self, diagonal: PETSc.Vec | None) -> list[PETSc.Mat]:
         """Its part of the tangent at the last residual, zero at fixed coordinates, as new matrices.

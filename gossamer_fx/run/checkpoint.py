@@ -271,7 +271,9 @@ class Checkpoints:
         others = [path for path in complete(self.folder) if path != newest]
         # Later steps belong to a run that this one has replaced.
         earlier = [path for path in others if _step(path) < _step(newest)]
-        kept = earlier[len(earlier) - self.keep + 1 :]
+        # The newest one counts.  A negative start would count from the end of the list.
+        first_kept = max(len(earlier) - self.keep + 1, 0)
+        kept = earlier[first_kept:]
         for path in others:
             if path not in kept:
                 shutil.rmtree(path, ignore_errors=True)

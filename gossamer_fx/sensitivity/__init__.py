@@ -1,4 +1,4 @@
 """Exact derivatives of results with respect to parameters, by adjoint equations.
 
-The entry points are `gx.analysis.gradient` and `gx.analysis.minimise`.
+The entry point is `gx.analysis.gradient`.
 """

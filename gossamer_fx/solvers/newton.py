@@ -35,10 +35,11 @@ Convergence.  With R the reference force, the norm of the first residual, |r| mu
 
 F is the scale of the forces that cancel in r (`System.force_scale`), so that the third number is the
 round-off floor: no iteration can reduce r below it.  In scenes with contact, F_stop is the force that
-stops all motion within the step; R is at most F_stop there.  A residual that no longer falls, by a
+stops all motion within the step; R is at most the larger one of F_stop and of the force of loads and
+supports, which contact carries when nothing moves.  A residual that no longer falls, by a
 factor of `STAGNATION_RATIO` from one iterate to the next, counts as solved up to `STAGNATION_FACTOR`
-times the round-off floor.  While it falls, the work of the residual in the step, which is the error of the
-total energy, must also be small:
+times the round-off floor, or, with contact and (5), `CONTACT_STAGNATION_FACTOR` times.  While it falls,
+the work of the residual in the step, which is the error of the total energy, must also be small:
 
     |r·(q1 - q0)| <= energy tolerance × largest energy so far                                 (5)
 
@@ -100,6 +101,10 @@ CONTACT_FLOOR_RATIO = 1e-12
 # below STAGNATION_FACTOR times the round-off floor.  The floor is an estimate, hence a margin of four.
 STAGNATION_RATIO = 0.5
 STAGNATION_FACTOR = 4.0
+
+# With contact the margin is wider, provided that the residual passes (5): a gap is the difference of two
+# squared distances, so that friction and steep barriers have ten times the round-off of their stiffness.
+CONTACT_STAGNATION_FACTOR = 32.0
 
 
 def _weak_method[**P, T](method: Callable[P, T]) -> Callable[P, T]:
@@ -479,23 +484,33 @@ class Newton:
         return 0
 
     def _set_reference(self) -> None:
-        """Choose the reference force R of (4) from the first residual."""
-        stopping = self._stopping_force()
-        self._reference = min(self._norm, stopping)
-        self._contact_floor = 0.0
-        if math.isfinite(stopping):
-            self._contact_floor = CONTACT_FLOOR_RATIO * stopping
-
-    def _stopping_force(self) -> float:
-        """Force [N] that stops and returns all that moves within the step; infinite without contact.
+        """Choose the reference force R of (4) from the first residual.
 
         With contact the predictor may have passed through an obstacle.  Its forces are then thousands
         of times larger than those of the solution, and are not a scale for the residual.
         """
+        self._reference = self._norm
+        self._contact_floor = 0.0
         if not self.system.active_sets:
-            return math.inf
+            return
+        stopping = self._stopping_force()
+        self._contact_floor = CONTACT_FLOOR_RATIO * stopping
+        if stopping < self._norm:
+            largest = max(stopping, self._external_force())
+            self._reference = min(self._norm, largest or math.inf)
+
+    def _stopping_force(self) -> float:
+        """Force [N] that stops and returns all that moves within the step."""
         self.system.M.mult(self.system.v0, self._diagonal)
-        return self.system.c * self.system.h * float(self._diagonal.norm()) or math.inf
+        return self.system.c * self.system.h * float(self._diagonal.norm())
+
+    def _external_force(self) -> float:
+        """Norm [N] of the forces of loads, gas and supports at the last residual.
+
+        What rests on something has no motion to stop: then these are the scale of the contact forces.
+        """
+        external, _ = self.system.imbalance(self.system.external_forces())
+        return external
 
     def _is_solved(self) -> bool:
         """Whether the residual evaluated last passes (4) and (5), and constraints and scalars theirs."""
@@ -505,6 +520,9 @@ class Newton:
             stagnates or residual <= self._round_off_floor or self._energy_error_is_small()
         )
         is_balanced = is_small or (stagnates and residual <= self.round_off)
+        if self.system.active_sets and stagnates and not is_balanced:
+            contact_round_off = CONTACT_STAGNATION_FACTOR * self._round_off_floor
+            is_balanced = residual <= contact_round_off and self._energy_error_is_small()
         satisfies_constraints = self._violation <= self.tolerances.constraint
         satisfies_scalars = bool((abs(self._s) <= self.tolerances.scalars).all())
         return is_balanced and satisfies_constraints and satisfies_scalars

@@ -220,7 +220,7 @@ class System:
     def reverse_step(self, start: Array, rates: Array, t: float, end: Array) -> None:
         """Turn the present step round, of length h: it is to go from `start` at t to `end`, of length -h.
 
-        Kinds with active sets keep their pairs (`roles.ExchangesEnds`); the others take the start as if
+        Kinds with active sets retain the pairs (`roles.ExchangesEnds`); the others take the start as if
         it had been accepted.
         """
         self.time = t
@@ -235,8 +235,8 @@ class System:
                 state_observer.commit()
         for kind in roles.playing(roles.ExchangesEnds, self.compiled):
             kind.exchange_ends()
-        for observer in self._step_observers:
-            observer.begin_step(t + self.rule.alpha * self.h)
+        for one in self._step_observers:
+            one.begin_step(t + self.rule.alpha * self.h)
         end_vector = self._scratch
         end_vector.array[:] = end
         self.set_end(end_vector)
@@ -366,11 +366,18 @@ class System:
                 kind.add_forces(out)
         return out
 
-    def external_forces(self) -> PETSc.Vec:
-        """Forces [N] of loads, scalar unknowns and supports at the last residual."""
+    def load_forces(self) -> PETSc.Vec:
+        """Forces [N] of loads at the last residual, with the opposite sign; zero at fixed coordinates."""
         out = self.numbering.vector()
         for load in self._loads:
             load.add_forces(out)
+        with out as values:
+            values[self.supports.held] = 0.0
+        return out
+
+    def external_forces(self) -> PETSc.Vec:
+        """Forces [N] of loads, scalar unknowns and supports at the last residual."""
+        out = self.load_forces()
         with out as values:
             for scalars in self.scalar_unknowns:
                 scalars.add_force(values)
@@ -446,7 +453,7 @@ class System:
             recorder()
 
     def restore(self, q: Array, v: Array, t: float) -> None:
-        """Take an earlier accepted state, of this rank's coordinates and velocities, without booking.
+        """Take an earlier accepted state: this rank's coordinates and velocities; totals do not change.
 
         Kinds with history variables need theirs, too (`roles.StepHistory`).
         """

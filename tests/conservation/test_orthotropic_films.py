@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 
 NUMBERS = {"density": 1400.0, "thickness": 1e-4}
 FABRIC = gx.Orthotropic(1e9, 1e8, 0.3, 5e7, direction=(1.0, 0.3, 0.0), **NUMBERS)

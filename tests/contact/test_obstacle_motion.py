@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from meshes.sheet import sheet
+from gossamer_fx.meshes.sheet import sheet
 from tests.contact.scenes import FILM, assert_conserved, film, simulate
 
 # Gap [m] at which contact begins in these scenes.

@@ -12,10 +12,10 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos import sail_thickness
 from demos.studies.crease import folded
+from gossamer_fx.meshes.creased_strip import creased_strip
+from gossamer_fx.meshes.line import line
+from gossamer_fx.meshes.sheet import EDGES, crossed_sheet
 from gossamer_fx.sensitivity.static import StaticGradients
-from meshes.creased_strip import creased_strip
-from meshes.line import line
-from meshes.sheet import EDGES, crossed_sheet
 
 SIDE = 0.5  # m
 # Relative changes of a parameter for differences; the best of them is compared.

@@ -9,7 +9,7 @@ import pytest
 
 import gossamer_fx as gx
 from gossamer_fx.materials.film import WRINKLED
-from meshes.sheet import EDGES, sheet
+from gossamer_fx.meshes.sheet import EDGES, sheet
 
 E1, E2, NU12, G12 = 4e9, 1e9, 0.3, 0.4e9
 THICKNESS = 1e-4
@@ -28,7 +28,7 @@ def test_a_sheared_panel_carries_diagonal_tension(comm, side: int) -> None:
     """Of film with E1 = E2 the tension is at 45 degrees to the axes: W = e_tt²/(2 F_tt), S = e_tt/F_tt."""
     law = gx.Orthotropic(E2, E2, NU12, G12, direction=(1.0, 0.0, 0.0), **NUMBERS)
     E12 = side * 5e-3
-    # Green-Lagrange strain E11 = E22 = 0 and E12: both sides keep their lengths.
+    # Green-Lagrange strain E11 = E22 = 0 and E12: the lengths of both sides are constant.
     angle = math.asin(2 * E12)
     c, s = math.cos(angle), math.sin(angle)
 

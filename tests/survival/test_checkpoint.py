@@ -218,6 +218,22 @@ def test_minutes(folder: Path) -> None:
     assert len(list(folder.iterdir())) == 4
 
 
+@pytest.mark.mpi
+@pytest.mark.parametrize(("keep", "steps"), [(1, [5]), (4, [2, 3, 4, 5]), (9, [0, 1, 2, 3, 4, 5])])
+def test_as_many_checkpoints_are_kept_as_were_asked_for(
+    folder: Path, keep: int, steps: list[int]
+) -> None:
+    ball = gx.PointMass(1.0, comm=COMM)
+    run = gx.Simulation(
+        gx.Scene(ball),
+        gx.Midpoint(dt=DT),
+        checkpoints=gx.Checkpoints(folder, every=1, keep=keep),
+    )
+    run.run(until=5 * DT)
+    COMM.barrier()
+    assert sorted(int(path.name[5:]) for path in folder.iterdir()) == steps
+
+
 # ---- refusals ------------------------------------------------------------------------------------------------------
 
 

@@ -9,6 +9,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from gossamer_fx.extend import InitialState
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.terms.discrete_gradient import PathAverage
 from gossamer_fx.terms.element_energies import quadrature_element
 from gossamer_fx.terms.law_kernel.functions import law_functions
@@ -20,7 +21,6 @@ from gossamer_fx.terms.law_kernel.point_law import (
     PointLaw,
     PointValues,
 )
-from meshes.sheet import sheet
 
 THICKNESS = {"thickness": lambda X: np.where(X[0] > 0.5, 3e-4, 1e-4)}
 

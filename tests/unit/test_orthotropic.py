@@ -16,8 +16,8 @@ from gossamer_fx.forms.kinematics import frame
 from gossamer_fx.forms.strain_path import with_derivative
 from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED, constants
 from gossamer_fx.materials.kernels.library import library
+from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.reduction.mode_gradients import own_cells
-from meshes.sheet import sheet
 from tests.strain_samples import CENTRE, SQUARE, Samples, random_strains
 
 FABRIC = {"density": 1.0, "thickness": 1.0, "direction": (1.0, 0.0, 0.0)}
@@ -246,6 +246,37 @@ def test_states_are_those_of_the_stress(law) -> None:
     assert abs(relaxed[state == SLACK]).max() <= 1e-14 * size
     assert abs(determinant[state == WRINKLED]).max() <= 1e-13 * size**2
     assert determinant[state == TAUT].min() > 0
+
+
+@every_law
+def test_paths_between_strains_of_special_shape_are_finite_and_do_the_work(law) -> None:
+    """Zero, equal and opposite strains, uniaxial ones, borders of states, round-off, and very different sizes."""
+    special = np.array(
+        [
+            [0.0, 0.0, 0.0],
+            [1e-17, -1e-17, 1e-17],
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.0, 0.0, 1.0],
+            [1.0, 1.0, 0.0],
+            [1.0, -1.0, 0.0],
+            [1.0, 1.0, 2.0],
+            [1.0, -law.nu12, 0.0],
+            [-law.nu21, 1.0, 0.0],
+            [1e-6, 1e-9, -1e-7],
+            [1.0, 1e-12, 1e-12],
+        ]
+    )
+    strains = np.vstack([special, -special, 1e-8 * special])
+    e0 = np.repeat(strains, len(strains), axis=0)
+    e1 = np.tile(strains, (len(strains), 1))
+    S, D = average(law, e0, e1)
+    assert np.isfinite(S).all()
+    assert np.isfinite(D).all()
+    assert np.isfinite(response(law, strains)[1]).all()
+    work = np.einsum("ni,ni->n", S, e1 - e0)
+    energies = energy(law, e0), energy(law, e1)
+    assert abs(work - energies[1] + energies[0]).max() <= 1e-12 * energies[0].max()
 
 
 def test_film_without_strain_is_taut_and_free_of_stress() -> None:

@@ -15,9 +15,9 @@ import gossamer_fx as gx
 from gossamer_fx.gas.parts import label_parts
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.mesh.quality import folded_in_plane
-from meshes.arrays import mesh_of_arrays
-from meshes.sheet import sheet
-from meshes.tube import flat_tube
+from gossamer_fx.meshes.arrays import mesh_of_arrays
+from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.tube import flat_tube
 
 LAW = gx.Linear(2.5e9, 0.34, density=1420.0, thickness=25e-6)
 DISTANCE = 1e-3
@@ -106,6 +106,41 @@ def test_a_clamped_edge_with_a_direction_along_it_is_refused(comm, direction: An
 def test_a_clamped_edge_may_have_an_oblique_direction(comm) -> None:
     plate = gx.Plate(sheet(comm, 4, 4), LAW)
     compiled(gx.Fixed(plate, "left", direction=(-1.0, 0.5, 1.0)))
+
+
+def stiffness_of_cantilever(aspect: float, thickness: float) -> float:
+    """Stiffness over exact of a strip of unit length, clamped at x = 0, with eight columns of cells."""
+    width = 1 / 8 / aspect
+    law = gx.Linear(1e9, 0.0, density=1000.0, thickness=thickness)
+    plate = gx.Plate(sheet(MPI.COMM_SELF, 8, 1, 1.0, width), law, name=f"{aspect} {thickness}")
+    deflection = 1e-3
+    line_force = 3 * 1e9 * thickness**3 / 12 * deflection
+    load = gx.loads.EdgeLoad(plate, "right", force=(0.0, 0.0, line_force))
+    equilibrium = gx.Equilibrium(gx.Scene(plate, load, gx.Fixed(plate, "left", rotation=True)))
+    equilibrium.find()
+    tip = plate.nodes("right")
+    return float(deflection / equilibrium.system.q0.array_r.reshape(-1, 3)[tip, 2].mean())
+
+
+@pytest.mark.parametrize(("aspect", "thickness"), [(1, 1e-2), (1, 1e-6), (30, 1e-5), (100, 1e-4)])
+def test_thin_plates_and_oblong_cells_are_right(
+    aspect: float, thickness: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.WARNING):
+        stiffness = stiffness_of_cantilever(aspect, thickness)
+    assert stiffness == pytest.approx(1.0, rel=0.01)
+    assert "round-off" not in caplog.text
+
+
+@pytest.mark.parametrize(("aspect", "thickness"), [(1000, 1e-5), (30, 1e-7), (1, 1e-8)])
+def test_a_plate_whose_bending_is_below_round_off_is_warned_of(
+    aspect: float, thickness: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.WARNING):
+        stiffness = stiffness_of_cantilever(aspect, thickness)
+    assert abs(stiffness) > 100
+    assert "bending forces are less than the round-off of its membrane forces" in caplog.text
+    assert "The equilibrium does not show the loads" in caplog.text
 
 
 CURVATURE = np.diag((0.5, 0.0, 0.0))

@@ -91,6 +91,10 @@ static interval within_cone(const double *first, const double *last)
     /* Of the two forms of each root the one whose terms have the same sign. */
     double entry = B < 0 ? fraction(root - B, A) : fraction(-q0, B + root);
     double exit = B < 0 ? fraction(q0, root - B) : fraction(-B - root, A);
+    /* The cone ends where h = 0; a path along the border of the opposite cone has its roots in there. */
+    const double apex = fraction(first[0], first[0] - last[0]);
+    if (first[0] < 0 && entry < apex) entry = apex;
+    if (last[0] < 0 && exit > apex) exit = apex;
     if (starts_inside) entry = 0;
     if (ends_inside) exit = 1;
     return (interval){entry, exit > entry ? exit : entry};
@@ -159,7 +163,7 @@ static wrinkled_end slack_border(const strain_path *path, double s)
     return (wrinkled_end){s, direction_of_largest_strain(e), 0};
 }
 
-static wrinkled_end interval_end(const strain_path *path, double s, interval taut, interval slack)
+static wrinkled_end interval_end(const strain_path *path, double s, interval taut)
 {
     if (s > 0 && s < 1) return s == taut.start || s == taut.end ? taut_border(path, s) : slack_border(path, s);
     return end_at(path, s);
@@ -341,8 +345,8 @@ void averaged_response(const film_stiffness *C, const double *e0, const double *
         if (contains(taut, middle)) {
             add_taut_interval(&path, piece);
         } else if (!contains(slack, middle)) {
-            const wrinkled_end start = interval_end(&path, piece.start, taut, slack);
-            const wrinkled_end end = interval_end(&path, piece.end, taut, slack);
+            const wrinkled_end start = interval_end(&path, piece.start, taut);
+            const wrinkled_end end = interval_end(&path, piece.end, taut);
             path.tolerance = TOLERATED_DEFECT * (start.energy + end.energy);
             add_wrinkled_interval(&path, start, end, 0);
         }
