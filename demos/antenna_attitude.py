@@ -35,7 +35,9 @@ SIDE = 2.1  # m
 FILM = gx.Miyazaki(E=2.3e9, nu=0.3, density=1400.0, thickness=2e-5, residual_stiffness=1e-8 / 35)
 BOOM = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
 TARGETS = {1: (0.0, 0.0, 8.0), 2: (8.0, 0.0, 0.0)}  # degrees
-RATE, DAMPING = 0.6, 1.0  # of the controlled motion: Ω [rad/s], ζ
+# Of the controlled motion: natural frequency Ω [rad/s] and damping ratio ζ.
+RATE = 0.6
+DAMPING = 1.0
 
 
 @dataclass(frozen=True)

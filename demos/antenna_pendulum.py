@@ -5,10 +5,10 @@ any masses of film and booms,
 
     θ'' = (12 g/(7 d)) cos θ,    d = √2 · 2.1 m,    tip A at depth d sin θ
 
-(all masses on squares and diagonals of the same d give the same ratio of moment to inertia).  What depends on the
-discretisation is the deviation from it: the two booms cross without a joint of their own, so that the plane of the
-antenna is saddled, slowly, against the film alone; and the film sags between the booms.  The figures of the paper agree
-with a commercial code within 0.02 m.
+(all masses on squares and diagonals of the same d give the same ratio of moment to inertia).  Only
+the deviation from it depends on the discretisation: the two booms cross without a joint between
+them, so that the antenna slowly becomes a saddle, with the film alone as resistance; and the film
+sags between the booms.  The figures of the paper agree with a commercial code within 0.02 m.
 
 `./gossamer demo antenna_pendulum` runs the resolutions of the paper and finer ones, with linear and quadratic films,
 and draws errors against unknowns and run time.  One of them, to look at:
@@ -30,7 +30,7 @@ from gossamer_fx.outputs.output import Output
 from gossamer_fx.steppers.stepping import Stepper
 
 G = 1.0  # m/s²
-# order of the film, cells of a side, elements of a boom; the last one is the reference
+# Order of the film, cells of a side, elements of a boom; the last one is the reference.
 RESOLUTIONS = (
     *((1, n, 2 * n) for n in (2, 3, 4, 6, 9)),
     *((2, n, 2 * n) for n in (2, 3, 4, 6, 9, 12)),
@@ -44,7 +44,8 @@ def rigid_angle(t: np.ndarray, substeps: int = 200) -> np.ndarray:
     def slope(y: np.ndarray) -> np.ndarray:
         return np.array([y[1], rate * np.cos(y[0])])
 
-    y, angles = np.zeros(2), [0.0]
+    y = np.zeros(2)
+    angles = [0.0]
     for h in np.repeat(np.diff(t) / substeps, substeps).reshape(-1, substeps):
         for k in h:
             k1 = slope(y)
@@ -57,35 +58,32 @@ def rigid_angle(t: np.ndarray, substeps: int = 200) -> np.ndarray:
 
 
 class FilmDeflection:
-    """How far a film is from the surface that its corners span [m], a probe.
+    """A probe: deflection of a film [m] from the bilinear surface that its corners A, B, C, D span.
 
-    That is the root of the mean square, over the film, of the distance along the normal to the plane of B, C and D.
+    It is the root mean square, over the mass of the film, of the distance along the normal to the plane of B, C and D.
     """
 
     def __init__(self, film: gx.Membrane, corners: Sequence[gx.Port]) -> None:
-        self._film, self._corners = film, corners
-        x, y, _ = film.space.tabulate_dof_coordinates()[: film.block.index_map.size_local].T / (
-            SIDE / 2
-        )
-        self._bilinear = np.array(
-            [(1 + a * x) * (1 + b * y) / 4 for a, b in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
-        ).T
+        self._film = film
+        self._corners = corners
+        owned_points = film.space.tabulate_dof_coordinates()[: film.block.index_map.size_local]
+        x, y, _ = owned_points.T / (SIDE / 2)
+        # Bilinear shape functions of the corners, one a column.
+        signs = ((1, 1), (-1, 1), (-1, -1), (1, -1))
+        self._bilinear = np.array([(1 + a * x) * (1 + b * y) / 4 for a, b in signs]).T
 
     def __call__(self, run: gx.Simulation) -> float:
         system = run.system
-        owned, distance = (
-            system.state[self._film].part,
-            system.numbering.vector(),
-        )
+        owned = system.state[self._film].part
+        distance = system.numbering.vector()
         corners = system.state.vectors(self._corners)
         _, B, C, D = corners
         normal = np.cross(D - C, B - C)
         normal /= np.linalg.norm(normal)
         positions = system.q0.array_r[owned].reshape(-1, 3)
         with distance as values:
-            values[owned] = np.outer(
-                (positions - self._bilinear @ corners) @ normal, normal
-            ).ravel()
+            heights = (positions - self._bilinear @ corners) @ normal
+            values[owned] = np.outer(heights, normal).ravel()
         mass = FILM.density * FILM.thickness * SIDE**2
         return float(distance.dot(system.M * distance) / mass) ** 0.5
 
@@ -98,7 +96,7 @@ def build(
     dt: float = 5e-3,
     order: int = 1,
 ) -> gx.Case:
-    """The antenna with cells × cells squares of film and `elements` of each boom, hung at C; it tells tip and film."""
+    """The antenna with cells × cells squares of film and `elements` a boom, hinged at C; probes of both."""
     model = antenna(comm, cells, elements, order)
     corners = [model.film.port_at(point) for point in model.points[:4]]
     hinge = gx.constraints.BallJoint(
@@ -125,19 +123,21 @@ def main(
     comm: MPI.Comm = MPI.COMM_WORLD,
     **given: float,
 ) -> dict:
-    """Swing what `build` makes of the numbers given; heights and deflections in m over the time.
+    """Run the pendulum; `given` are arguments of `build`.  Returns heights and deflections [m] over the time.
 
     With `output`, a folder: the recording of the run.
     """
     case = build(comm, **given)
     series = gx.Series(case.probes)
-    outputs: list[Output] = [gx.outputs.Progress(), series] + (
-        [case.recording(output)] if output is not None else []
-    )
+    outputs: list[Output] = [gx.outputs.Progress(), series]
+    if output is not None:
+        outputs.append(case.recording(output))
     run = gx.Simulation(case.scene, stepper or case.stepper, outputs=outputs)
     run.run(until=case.until)
 
-    time, tip, film = series.time, series["tip [m]"], series["film [m]"]
+    time = series.time
+    tip = series["tip [m]"]
+    film = series["film [m]"]
     rigid = -SIDE * 2**0.5 * np.sin(rigid_angle(time))
     return {
         "time": time,

@@ -23,12 +23,17 @@ from gossamer_fx.analysis.crease_identification import GRAVITY
 from gossamer_fx.meshes.creased_strip import creased_strip
 from gossamer_fx.model.body import Array
 
-LENGTH, WIDTH = 0.05, 0.015  # of a panel [m]
+LENGTH = 0.05  # of a panel [m]
+WIDTH = 0.015  # of a panel [m]
 LAW = gx.Linear(E=3.0e9, nu=0.3, density=1420.0, thickness=50e-6)  # polyimide
-REST, STIFFNESS = math.radians(105.0), 3e-3  # what is to be found
-WEIGHTS = (0.0, 2e-4, 5e-4, 1e-3, 2e-3, 4e-3)  # N
-ANGLE_ERROR, DISTANCE_ERROR = math.radians(0.5), 2e-4
-# a strip whose width is large beside √(radius × thickness) bends as a wide plate does
+# The values that are to be identified: rest angle [rad] and stiffness [N m/m/rad].
+REST = math.radians(105.0)
+STIFFNESS = 3e-3
+WEIGHTS = (0.0, 2e-4, 5e-4, 1e-3, 2e-3, 4e-3)  # at the end of the strip [N]
+# Standard deviations of the measured angle [rad] and distance [m].
+ANGLE_ERROR = math.radians(0.5)
+DISTANCE_ERROR = 2e-4
+# a strip whose width is large compared with √(radius × thickness) bends as a wide plate does
 STRIP = gx.analysis.HangingStrip(
     LENGTH,
     WIDTH,

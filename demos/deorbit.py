@@ -1,7 +1,8 @@
-"""A de-orbit sail: a shuttlecock of four panels turns into the wind by itself and falls from its orbit by drag.
+"""A de-orbit sail: four panels like a shuttlecock align with the flow, and drag lowers the orbit.
 
-10 kg with 25 m² from 400 km; the panels are swept back by 30°, so that free-molecular flow brings the axis back to the
-motion.  A circle of semi-major axis a falls by da/dt = -2 F/(m n), F the drag.
+The satellite has 10 kg and 25 m² and starts at 400 km.  The panels are swept back by 30°, so that free-molecular flow
+turns the axis towards the velocity.  The semi-major axis a of a circular orbit falls by da/dt = -2 F/(m n), with the
+drag F and the mean motion n.
 
     ./gossamer demo deorbit
 """
@@ -19,8 +20,15 @@ from gossamer_fx.orbit.free_molecular import coefficients
 from gossamer_fx.orbit.surface_forces import Rows
 from gossamer_fx.outputs.output import Output
 
-ALTITUDE, MASS, AREA, SWEEP = 4e5, 10.0, 25.0, math.radians(30)
-RADIUS = 6378137.0 + ALTITUDE
+ALTITUDE = 4e5  # m
+MASS = 10.0  # kg
+AREA = 25.0  # of all panels [m²]
+SWEEP = math.radians(30)  # of the panels, towards the rear
+RADIUS = 6378137.0 + ALTITUDE  # of the orbit [m]; equatorial radius of the Earth (WGS 84)
+PANEL_DISTANCE = 1.3  # from the root of a panel to its centre [m]
+MAST = np.array([-0.6, 0.0, 0.0])  # from the centre of mass to the roots of the panels [m]
+WALL_TEMPERATURE = 300.0  # of the panels [K]
+# Mean atmosphere at 400 km: density [kg/m³], scale height [m] and temperature [K].
 AIR = gx.orbit.ExponentialAtmosphere(
     density=2.8e-12, altitude=ALTITUDE, scale_height=5.8e4, temperature=1000.0
 )
@@ -31,24 +39,24 @@ def panels() -> list[gx.orbit.Surface]:
     found = []
     for k in range(4):
         out = np.array([0.0, math.cos(k * math.pi / 2), math.sin(k * math.pi / 2)])
-        normal = math.cos(SWEEP) * np.array([1.0, 0, 0]) + math.sin(SWEEP) * out
-        centre = 1.3 * (math.cos(SWEEP) * out - math.sin(SWEEP) * np.array([1.0, 0, 0])) - np.array(
-            [0.6, 0, 0]
-        )
-        found.append(
-            gx.orbit.Surface(AREA / 4, tuple(normal), centre=tuple(centre), two_sided=True)
-        )
+        forward = np.array([1.0, 0, 0])
+        normal = math.cos(SWEEP) * forward + math.sin(SWEEP) * out
+        along_panel = math.cos(SWEEP) * out - math.sin(SWEEP) * forward
+        centre = PANEL_DISTANCE * along_panel + MAST
+        panel = gx.orbit.Surface(AREA / 4, tuple(normal), centre=tuple(centre), two_sided=True)
+        found.append(panel)
     return found
 
 
 def drag_area(air: gx.orbit.Air, speed: float) -> float:
     """F/(½ρU²) [m²] of the panels in flow along their axis."""
-    s = speed / air.thermal_speed
-    wall = math.sqrt(300.0 / air.temperature)
+    speed_ratio = speed / air.thermal_speed
+    wall = math.sqrt(WALL_TEMPERATURE / air.temperature)
     total = 0.0
-    for c in (math.cos(SWEEP), -math.cos(SWEEP)):
-        A, B = coefficients(c, s, 1.0, 1.0, wall, Rows)
-        total += AREA * float(A * c + B)
+    # Cosine of the angle between flow and normal, of the front and the rear side.
+    for cosine in (math.cos(SWEEP), -math.cos(SWEEP)):
+        A, B = coefficients(cosine, speed_ratio, 1.0, 1.0, wall, Rows)
+        total += AREA * float(A * cosine + B)
     return total
 
 
@@ -67,7 +75,9 @@ def main(
     start = gx.orbit.Elements(RADIUS, 0.0, i=0.9)
     orbit = gx.orbit.Orbit(start, sun=(1.0, 0.0, 0.0))
     out, along, across = orbit.local_axes.T
-    c, s = math.cos(tilt), math.sin(tilt)
+    # Body axes: the first is the axis of the panels, turned by the tilt from the velocity.
+    c = math.cos(tilt)
+    s = math.sin(tilt)
     attitude = np.column_stack([c * along + s * across, -out, -s * along + c * across])
     attitude[:, 1] = np.cross(attitude[:, 2], attitude[:, 0])
     rate = start.motion(orbit.mu)
@@ -97,19 +107,20 @@ def main(
         )
     run = gx.Simulation(gx.Scene(drag), gx.Midpoint(dt=dt), outputs=outputs)
     run.run(until=3600 * hours)
-    # the circle's fall by the formula, a few minutes at a time
-    a, step = RADIUS, 60.0
+    # The fall of a circular orbit by the formula, with explicit Euler steps [s].
+    a = RADIUS
+    step = 60.0
     for _ in range(round(3600 * hours / step)):
         speed = math.sqrt(orbit.mu / a)
         air = AIR(a - orbit.radius)
         force = air.density * speed**2 / 2 * drag_area(air, speed)
         a -= step * 2 * force / MASS / math.sqrt(orbit.mu / a**3)
-    quarter = len(series.time) * 3 // 4
+    last_quarter = len(series.time) * 3 // 4
     return {
         "fall [m]": float(series["a"][0] - series["a"][-1]),
         "fall by the formula [m]": RADIUS - a,
         "largest angle to the motion, late [rad]": float(
-            series["angle to the motion [rad]"][quarter:].max()
+            series["angle to the motion [rad]"][last_quarter:].max()
         ),
         "energy_error": run.energy_error,
         "newton_per_step": run.iterations / run.step,

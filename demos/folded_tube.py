@@ -1,10 +1,10 @@
-"""An inflatable tube is folded, and deployed from a tank: it touches itself, and chokes where it is folded.
+"""A folded inflatable tube is deployed from a tank, with contact with itself and choked flow at its folds.
 
-The film is pressed flat and folded to a zigzag, or rolled up.  Each panel is a compartment with gas of its own; gas
-passes to the next one through the deformed ring of film between them, which a fold all but closes.  Contact keeps the
-layers apart.  The compartments open one after the other, the tube unfolds and stiffens, and its end strikes the end of
-its way.  Nothing acts from outside but the clamp at the inlet, so the energy of film, contact, creases and gas stays as
-it was.
+The film is pressed flat and folded to a zigzag, or rolled up.  Each panel is a compartment, a separate chamber; gas
+passes to the next one through the deformed ring of film between them, which a fold almost closes.  Layers are in
+contact.  The compartments open one after the other, the tube unfolds and stiffens, and its tip is stopped abruptly when
+it is straight.  The only external force is that of the clamp at the inlet, so the energy of film, contact, creases and
+gas is constant.
 
 Where the values come from:
     length 0.25, 0.8 m   the short and the long tube of the deployment tests in Miyazaki, KAKENHI 19360384 final report
@@ -30,7 +30,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import books, deploy, say_books, square_millimetres
+from demos.common.deployment import print_run_figures, run_case, run_figures, square_millimetres
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Probe
@@ -39,7 +39,7 @@ from gossamer_fx.presets.gases import AIR, NITROGEN
 
 TITLE = "A folded tube, deployed from a tank"
 VIEW = gx.plot.View(azimuth=math.radians(-30), elevation=math.radians(15), zoom=True)
-OPEN = 0.5  # part of the area of the round tube at which a ring counts as open
+OPEN = 0.5  # a ring counts as open at this part of the area of the round tube
 
 
 def rows_of(length: float, diameter: float, cells: int, compartments: int) -> int:
@@ -77,18 +77,21 @@ def build(
 
     Args:
         start: "zigzag", with panels that rise by `angle_degrees`, or "roll".
-        lift: half of the distance of the layers at the folds [m].
+        lift: half of the distance between the layers at the folds [m].
         thickness: of the film [m].
-        tank, pressure: its volume [m³], and the pressure in it at the start [Pa].
-        dead_volume: that each compartment cannot be pressed out of [m³].
-        bore: of the valve [m], which opens softly.
-        crease: stiffness of folds with memory [N m/m/rad]; 0: none.
-        contact: distance at which it begins [m]; 0: none.
+        tank, pressure: volume of the tank [m³] and its initial pressure [Pa].
+        dead_volume: rigid volume of each compartment in addition to that of the film [m³].
+        bore: diameter of the valve [m], which opens gradually.
+        crease: stiffness of creases with a rest angle [N m/m/rad]; 0: none.
+        contact: activation distance [m]; 0: no contact.
         gravity: downwards, along -z [m/s²].
         air: pressure outside [Pa]; 0: vacuum.
-        drag: coefficient of the drag of that air, of 293 K; 0: none.
-        residual: pressure over it of the gas that is left in the tube at the start [Pa].
-        iterations: aimed at in a step; 0: 12, and 10 for a roll, which longer steps would press shut.
+        drag: drag coefficient in that air, at 293 K; 0: none.
+        residual: initial pressure of the gas in the tube above that outside [Pa].
+        until: end of the run [s].
+        dt: first step [s]; the largest is twice as long.
+        iterations: Newton iterations that the step control aims at; 0: 12 for the zigzag, and 10 for the
+            roll, which longer steps would press shut.
     """
     width, half = math.pi * diameter / 2, length / panels
     if start == "zigzag":
@@ -141,7 +144,7 @@ def build(
     control = gx.StepControl(
         target_iterations=iterations or (12 if start == "zigzag" else 10), max_step=2 * dt
     )
-    # the first guess of a step may press layers together: its residual is no measure of the forces
+    # The first guess of a step may press layers together: its residual is not a measure of the forces.
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
     return gx.Case(
         gx.Scene(*items),
@@ -171,15 +174,14 @@ def main(
     comm: MPI.Comm = MPI.COMM_WORLD,
     **given: object,
 ) -> dict[str, float]:
-    """Deploy the tube; what `build` takes may be `given`.  With `output`, a folder: a recording and a picture.
+    """Deploy the tube; `given` are arguments of `build`.  With `output`, a folder: a recording and a picture.
 
-    Returns energy_error, mass_error, halved, steps, iterations (a step), seconds, penetrations (the most edges that
-    pierced triangles at any step), opening times [ms], pressures at the end [Pa], and speed [m/s] and distance [m] of
-    the tip.
+    Returns the figures of `run_figures`, mass_error (of the gas, relative), opening times of the rings
+    [ms], pressures at the end [Pa], and speed [m/s] and distance [m] of the tip.
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.08, 0.2, 0.35, 0.6, 1.0)
-    run, series = deploy(case, output, "folded_tube", parts, VIEW)
+    run, series = run_case(case, output, "folded_tube", parts, VIEW)
     names = list(case.probes)
     rings = [series[name] for name in names if name.startswith("ring")]
     diameter = float(given.get("diameter", 0.03))  # type: ignore[arg-type]
@@ -190,7 +192,7 @@ def main(
         if name.startswith("p") and "[Pa]" in name
     }
     found = {
-        **books(run, series),
+        **run_figures(run, series),
         "mass_error": abs(run.mass_error),
         "tip_speed": float(series["tip speed [m/s]"].max()),
         "tip_distance": float(math.hypot(*(series[f"tip {axis} [m]"][-1] for axis in "xz"))),
@@ -201,7 +203,7 @@ def main(
 
 
 def say(found: dict[str, float]) -> None:
-    """What happened, in words."""
+    """Print the results."""
     order = ", ".join(f"{v:.1f} ms" for k, v in found.items() if k.startswith("opening"))
     pressures = ", ".join(f"{v:.0f} Pa" for k, v in found.items() if k.startswith("pressure"))
     print(
@@ -210,7 +212,7 @@ def say(found: dict[str, float]) -> None:
     print(
         f"The tip reached {found['tip_speed']:.0f} m/s and is {1e3 * found['tip_distance']:.0f} mm from the clamp."
     )
-    say_books(found, "the mass of the gas", "mass_error")
+    print_run_figures(found, "the mass of the gas", "mass_error")
 
 
 if __name__ == "__main__":

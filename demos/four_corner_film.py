@@ -1,7 +1,8 @@
 """The form of a film between four corners and edge cables: a saddle.
 
-A film of the tension n0 = 10 N/m in all directions spans a square of 1 m whose opposite corners stand 0.4 m high; its
-edges are cables of the force N.  Nothing is stiff: the form is the one in which these forces are in equilibrium, with
+A film with the isotropic tension n0 = 10 N/m spans a square of 1 m, two opposite corners of which are 0.4 m high.  Its
+edges are cables with the force N.  No elastic stiffness is involved: the form is the one in which these forces are in
+equilibrium, with
 
     mean curvature 0 of the film,    curvature n0/N of the cables in the tangent plane of the film.
 
@@ -20,7 +21,9 @@ import gossamer_fx as gx
 from gossamer_fx.meshes.sheet import CORNERS, EDGES, sheet
 from gossamer_fx.model.body import Array
 
-TENSION, HEIGHT = 10.0, 0.4  # N/m, m
+TENSION = 10.0  # n0 of the film [N/m]
+HEIGHT = 0.4  # of two opposite corners [m]
+# Stiffness and density have no part in the form; they are required by the law.
 FILM = gx.analysis.Prestress(E=1e9, nu=0.3, density=1000.0, thickness=1e-5, tension=TENSION)
 
 
@@ -30,40 +33,54 @@ def main(
     output: str | Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> dict[str, float]:
-    """Form for cables of `force` [N]; with `output`, a folder, its picture."""
-    began = time.process_time()
+    """Find the form for edge cables with the `force` [N]; compare the radius of a cable with force/tension.
+
+    Args:
+        force: of the edge cables [N].
+        cells: along an edge; each has four triangles.
+        output: folder for a picture; None: no picture.
+        comm: communicator of the mesh.
+    """
+    start_time = time.process_time()
     film = gx.Membrane(sheet(comm, cells, cells, crossed=True), FILM)
-    X = film.space.mesh.geometry.x
-    X[:, 2] = HEIGHT * (X[:, 0] + X[:, 1] - 2 * X[:, 0] * X[:, 1])
+    # The first shape is a hyperbolic paraboloid through the four corners.
+    points = film.space.mesh.geometry.x
+    x = points[:, 0]
+    y = points[:, 1]
+    points[:, 2] = HEIGHT * (x + y - 2 * x * y)
 
     def scene() -> gx.Scene:
-        held = [gx.Fixed(film, corner) for corner in CORNERS]
-        return gx.Scene(
-            film, *held, *(gx.analysis.EdgeCable(film, edge, force=force) for edge in EDGES)
-        )
+        supports = [gx.Fixed(film, corner) for corner in CORNERS]
+        cables = [gx.analysis.EdgeCable(film, edge, force=force) for edge in EDGES]
+        return gx.Scene(film, *supports, *cables)
 
     found = gx.analysis.find_form(film, scene, change=2e-4)
     nodes = film.nodes("bottom")
-    cable = np.concatenate(comm.allgather(X[nodes[nodes < film.space.dofmap.index_map.size_local]]))
+    owned_nodes = nodes[nodes < film.space.dofmap.index_map.size_local]
+    cable = np.concatenate(comm.allgather(points[owned_nodes]))
     radius = radius_of_arc(cable[cable[:, 0].argsort()])
     if output is not None and comm.size == 1:
-        draw(X, film.space.mesh.geometry.dofmap, Path(output) / "four_corner_film.png")
+        draw(points, film.space.mesh.geometry.dofmap, Path(output) / "four_corner_film.png")
     return {
         "radius of a cable [m]": radius,
         "force/tension [m]": force / TENSION,
         "residual": found.residual,
-        "seconds": time.process_time() - began,
+        "seconds": time.process_time() - start_time,
     }
 
 
 def radius_of_arc(x: Array) -> float:
     """Radius of the circle through the ends and the middle of a line of points (n, 3)."""
-    a, b, c = x[0], x[len(x) // 2], x[-1]
+    a = x[0]
+    b = x[len(x) // 2]
+    c = x[-1]
     area = np.linalg.norm(np.cross(b - a, c - a)) / 2
-    return float(np.linalg.norm(b - a) * np.linalg.norm(c - b) * np.linalg.norm(a - c) / (4 * area))
+    product_of_sides = np.linalg.norm(b - a) * np.linalg.norm(c - b) * np.linalg.norm(a - c)
+    return float(product_of_sides / (4 * area))
 
 
 def draw(x: Array, cells: Array, path: Path) -> None:
+    """Draw the film with points x (n, 3) and triangles `cells` as PNG."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -1,13 +1,14 @@
 """The sail of IKAROS opens: stage 2, from the cross of four arms to the square, and the steady spin after it.
 
 Four trapezoids of film are folded to strips, which stand out from the hub as a cross, two half strips in each arm; 16
-tethers hold their inner edges, masses of 0.5 kg their tips.  Guides that held the arms are released at t = 0: the
-middles of the trapezoids fly out, the tips are drawn along, and the film opens.  Contact keeps layers and hub apart.
-Nothing acts from outside: the spin falls as the moment of inertia grows,
+tethers hold their inner edges, masses of 0.5 kg their tips.  The guides of the arms are removed at t = 0: the
+middles of the trapezoids move outwards, the tips are drawn along, and the film opens.  Layers and hub are in contact.
+There are no external loads: the spin falls as the moment of inertia grows,
 
     ω = ω0 (I + J0)/(I + J1)
 
-with the hub's I and the sail's J folded and open, once the swing between hub and sail has died away.
+with the moments of inertia I of the hub and J0, J1 of the sail folded and open, after the oscillation between hub and
+sail has decayed.
 
 Where the values come from:
     square 14.1 m, inner edge 3.2 m, 4 trapezoids of 3.5 kg with devices, 4 masses of 0.5 kg, hub of 290 kg, φ1.6 m
@@ -34,7 +35,14 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import books, by_cause, deploy, keep, losses, say_books
+from demos.common.deployment import (
+    dissipation,
+    dissipation_by_part,
+    print_run_figures,
+    run_case,
+    run_figures,
+    write_figure,
+)
 from gossamer_fx.meshes.sails import trapezoids
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Probe
@@ -43,22 +51,24 @@ from gossamer_fx.system.totals import relative_drift
 TITLE = "IKAROS, stage 2: from the cross to the square"
 VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(50))
 RPM = 2 * math.pi / 60
-HALF, INNER = 7.05, 1.6  # m: half of the sides of the sail and of its hole
-PETALS, TIP = 14.0, 0.5  # kg: four trapezoids with their devices; a tip mass
-HUB_MASS, HUB_INERTIA, HUB_RADIUS, HUB_HEIGHT = (
-    290.0,
-    (70.0, 70.0, 85.0),
-    0.79,
-    0.95,
-)  # kg, kg m², m
+HALF = 7.05  # half of the side of the sail [m]
+INNER = 1.6  # half of the side of its hole [m]
+PETALS = 14.0  # mass of the four trapezoids with their devices [kg]
+TIP = 0.5  # mass at each tip [kg]
+HUB_MASS = 290.0  # kg
+HUB_INERTIA = (70.0, 70.0, 85.0)  # kg m²
+HUB_RADIUS = 0.79  # m
+HUB_HEIGHT = 0.95  # m
 FILM = {"E": 3e9, "nu": 0.34, "thickness": 7.5e-6}
-TETHER = 1e4  # N/m
-OUT = 6.0  # m: the sail counts as open when the middles of its edges are as far out
-ARM_END = 7.4  # rpm at the end of stage 1
+TETHER = 1e4  # stiffness of a tether [N/m]
+# The sail counts as open when the middles of its edges are at this radius.
+OUT = 6.0  # m
+ARM_END = 7.4  # spin at the end of stage 1 [rpm]
+# In flight: radius of the tips [m], if known, and spin [rpm].
 FLIGHT = {
     "end of stage 1 (6 June 2010)": (None, ARM_END),
     "open (16 June 2010)": (9.97, 2.5),
-}  # tips' radius [m], rpm
+}
 
 
 def rows(pitch: float) -> tuple[int, int, int]:
@@ -74,7 +84,8 @@ def rows(pitch: float) -> tuple[int, int, int]:
 def square_inertia(pitch: float) -> float:
     """J1 [kg m²] of the flat square with its tip masses."""
     inner, outer, _ = rows(pitch)
-    a, b = outer * pitch, inner * pitch
+    a = outer * pitch
+    b = inner * pitch
     return PETALS / (4 * (a**2 - b**2)) * 8 / 3 * (a**4 - b**4) + 4 * TIP * 2 * a**2
 
 
@@ -96,19 +107,20 @@ def build(
     growth: float = 1.1,
     iterations: int = 10,
 ) -> gx.Case:
-    """The sail in the cross, released.
+    """The sail in the cross, at the time of its release.
 
     Args:
         pitch: between folds [m]; 0.32 has as many as the sail of the flight has rows of devices.
         refine: cells between folds.
-        contact: distance at which it begins [m]; 0: none.
-        gap: of the layers [m].
+        contact: activation distance [m]; 0: no contact.
+        gap: between the layers [m].
         damping: viscosity of the film over its stiffness [s]; with `tension_only` none where it is slack.
-        tether_damping: [N s/m].
+        tether_damping: damping of a tether [N s/m].
         friction: coefficient of the film on itself and the hub.
-        crease: stiffness of folds with memory [N m/m/rad]; 0: none.
-        largest: step [s].
-        growth: by which a step may be longer than the last one; steps that grow by half are halved more often.
+        crease: stiffness of creases with a rest angle [N m/m/rad]; 0: none.
+        until: end of the run [s].
+        dt, largest: first and largest step [s].
+        growth: factor by which a step may be longer than the last one; steps that grow by half are rejected more often.
     """
     inner, outer, bends = rows(pitch)
     folds = gx.fold.Ikaros(
@@ -154,7 +166,7 @@ def build(
     else:
         probes["penetrations"] = gx.probes.Crossings(film)
     control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
-    # of the steps that do not end after 25 iterations most never do: they are halved sooner
+    # Most steps that do not converge in 25 iterations never do: they are rejected sooner.
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13, max_iterations=25))
     return gx.Case(
         gx.Scene(*items),
@@ -194,18 +206,26 @@ def tethers(
     damping: float = 0.0,
     height: float = 0.0,
 ) -> gx.connectors.RopeBundle:
-    """Four from each inner edge to the hub, where it has this radius, at a height: as long as in the open sail."""
+    """Four tethers from each inner edge of the film to the hub, stress-free in the open sail.
+
+    Args:
+        film, hub: the bodies.
+        pitch: between folds [m].
+        radius, height: of the ends on the hub [m].
+        damping: of a tether [N s/m].
+    """
     inner = rows(pitch)[0]
     ends, lengths = [], []
     for k in range(4):
-        c, d = math.cos(math.pi / 2 * k), math.sin(math.pi / 2 * k)
+        c = math.cos(math.pi / 2 * k)
+        d = math.sin(math.pi / 2 * k)
         for i in (-2, -1, 0, 1) if inner < 4 else (-4, -2, 2, 4):
-            place = pitch * np.array([c * i + d * inner, d * i - c * inner, 0.0])
-            far = float(np.linalg.norm(place))
-            x, y, z = map(float, place)
-            rim = hub.port((x * radius / far, y * radius / far, height))
+            edge_point = pitch * np.array([c * i + d * inner, d * i - c * inner, 0.0])
+            distance = float(np.linalg.norm(edge_point))
+            x, y, z = map(float, edge_point)
+            rim = hub.port((x * radius / distance, y * radius / distance, height))
             ends.append((film.port_at((x, y, z)), rim))
-            lengths.append(far - radius)
+            lengths.append(distance - radius)
     return gx.connectors.RopeBundle(
         ends, lengths=lengths, stiffness=TETHER, damping=damping, name="tethers"
     )
@@ -264,9 +284,10 @@ def arm_inertia(
     """Moment of inertia [kg m²] of hub, wound strips and arms of which the length `out` [m] stands out from the hub.
 
     A half strip has at the distance s from the middle of its trapezoid the mass ρ (a - max(s, b)) ds, with the half
-    edges (a, b); what is not out lies at the radius of the hub.
+    edges (a, b); its wound part lies at the radius of the hub.
     """
     a, b = half_edges
+    # Midpoint rule along the half strip.
     s = (np.arange(parts) + 0.5) / parts * a
     mass = 8 * PETALS / (4 * (a**2 - b**2)) * (a - np.maximum(s, b)) * a / parts
     r = radius + np.clip(s - (a - out), 0.0, None)
@@ -279,16 +300,16 @@ def main(
     comm: MPI.Comm = MPI.COMM_WORLD,
     **given: object,
 ) -> dict[str, float]:
-    """Open the sail; what `build` takes may be `given`.  With `output`, a folder: a recording and pictures.
+    """Open the sail; `given` are arguments of `build`.  With `output`, a folder: a recording and pictures.
 
-    Returns energy_error, angular_momentum_drift (relative), halved, steps, iterations (a step), seconds, penetrations
-    (the most edges that pierced triangles at any step), spins at the end [rpm] and that of the closed form, radius of
-    the tips at the end and at most [m], when the middles of the edges are 6 m out [s], energy at the start, dissipated,
-    by each cause, and that still has to go [J].
+    Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative), spins at
+    the end and of the closed form [rpm], radius of the tips at the end and its largest value [m], the
+    time at which the middles of the edges are 6 m out [s], the energy at the start [J], and the energy
+    that is still to be dissipated before hub and sail spin as one [J].
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.06, 0.12, 0.2, 0.28, 0.4, 0.55, 0.7, 0.85, 1.0)
-    run, series = deploy(case, output, "ikaros", parts, VIEW)
+    run, series = run_case(case, output, "ikaros", parts, VIEW)
     radius = np.mean([series[name] for name in case.probes if name.startswith("radius")], axis=0)
     if output is not None and comm.rank == 0:
         draw(series, radius, Path(output) / "ikaros_spin.png")
@@ -297,7 +318,7 @@ def main(
     steady = float(first[2]) / inertia
     out = np.flatnonzero(series["middle [m]"] > OUT)
     return {
-        **books(run, series),
+        **run_figures(run, series),
         "angular_momentum_drift": relative_drift(now, first),
         "spin_of_hub": float(series["spin of the hub [rpm]"][-1]),
         "spin_of_sail": float(series["spin of the sail [rpm]"][-1]),
@@ -306,7 +327,7 @@ def main(
         "largest_radius": float(radius.max()),
         "opened": float(series.time[out[0]]) if len(out) else math.inf,
         "energy": run.first.energy,
-        **losses(run),
+        **dissipation(run),
         "to_be_lost": run.totals.energy - inertia * steady**2 / 2,
     }
 
@@ -339,11 +360,11 @@ def draw(series: gx.Series, radius: Array, path: Path) -> None:
         axes.grid(alpha=0.3)
     left.legend(frameon=False)
     middle.legend(frameon=False)
-    keep(figure, TITLE, path)
+    write_figure(figure, TITLE, path)
 
 
 def say(found: dict[str, float]) -> None:
-    """What happened, in words."""
+    """Print the results."""
     print(
         f"The tips are at {found['radius']:.2f} m; they were at most at {found['largest_radius']:.2f} m."
     )
@@ -352,10 +373,10 @@ def say(found: dict[str, float]) -> None:
         f"will be {found['spin_in_the_end']:.2f} rpm."
     )
     print(
-        f"Of {found['energy']:.1f} J {found['dissipated']:.1f} J are lost{by_cause(found)}; "
+        f"Of {found['energy']:.1f} J {found['dissipated']:.1f} J are lost{dissipation_by_part(found)}; "
         f"{found['to_be_lost']:.1f} J have still to go."
     )
-    say_books(found, "angular momentum", "angular_momentum_drift")
+    print_run_figures(found, "angular momentum", "angular_momentum_drift")
 
 
 if __name__ == "__main__":

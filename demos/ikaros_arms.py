@@ -1,16 +1,18 @@
 """The arms of IKAROS are let out: stage 1, from arms wound round the hub to the cross.
 
-The four strips of folded film are wound round the hub, one and a quarter turns each, with a mass of 0.5 kg at the end.
-Rods on a ring hold them; their pull turns the ring against a brake, and as it turns they are let out.  In days, as in
-flight, hub, arms and masses turn as one:
+The four strips of folded film are wound round the hub, one and a quarter turns each, with a mass of
+0.5 kg at the end. Rods on a ring guide them.  Their tension turns the ring against a brake, and the
+arms are let out as it turns.  If this takes days, as in flight, hub, arms and masses rotate as one
+body:
 
-    ω = L/(I + J),    J = Σ (∫ λ R² ds of the wound part + ∫ λ r² dr of what stands out + m r_tip²)
+    ω = L/(I + J),    J = Σ (∫ λ R² ds of the wound part + ∫ λ r² dr of the free part + m r_tip²)
 
-In seconds, as here, the arms lag and stop the hub like the cords of a yo-yo, and turn it backwards before they stand
-out; the curves show both.  What follows, swings of the arms that no damping ends, is not stage 1 any more, so the demo
-ends with the cross.  A stronger brake lets the arms out one by one, each when its pull happens to overcome it.  An arm
-here is a cable with the mass of its two half strips, wound in a spiral
-between those of its neighbours; contact keeps arms, hub and rods apart.  `demos/ikaros.py` is stage 2, from the cross.
+If it takes seconds, as here, the arms lag behind, stop the hub like the cords of a yo-yo, and turn
+it backwards before they stand out; the curves show both.  The demo ends with the cross: the
+undamped swings of the arms after it are not part of stage 1.  With a stronger brake the arms are
+let out one by one.  An arm is a cable with the mass of its two half strips, wound in a spiral
+between those of its neighbours.  Arms, hub and rods are in contact.  `demos/ikaros.py` is stage 2,
+from the cross.
 
 Where the values come from:
     3.5 kg a trapezoid with its devices, 0.5 kg at a tip, hub of 290 kg and 85 kg m², 25 rpm before stage 1
@@ -31,7 +33,13 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import books, by_cause, keep, losses, say_books
+from demos.common.deployment import (
+    dissipation,
+    dissipation_by_part,
+    print_run_figures,
+    run_figures,
+    write_figure,
+)
 from demos.ikaros import HUB_HEIGHT, HUB_INERTIA, HUB_MASS, PETALS, RPM, TIP
 from gossamer_fx.meshes.line import line
 from gossamer_fx.model.body import Array
@@ -40,14 +48,20 @@ from gossamer_fx.system.totals import relative_drift
 
 TITLE = "IKAROS, stage 1: arms are let out by guides"
 VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(60))
-START, ARM, HUB_RADIUS = 25.0, 6.4, 0.8  # rpm; length of an arm and radius of the hub [m]
-CORD, TOUCH, ROD = 4e-3, 5e-3, 0.06  # radius of an arm, distance of contact, radius of a rod [m]
-EA = 2e4  # N
-PRESSING = 4e8  # N/m³: the arms' pull presses them into contact by some hundredths of its distance
-LAYER = 2 * CORD + 1.05 * TOUCH  # distance of neighbouring turns
+START = 25.0  # spin before stage 1 [rpm]
+ARM = 6.4  # length of an arm [m]
+HUB_RADIUS = 0.8  # m
+ARM_RADIUS = 4e-3  # m
+CONTACT_DISTANCE = 5e-3  # m
+ROD = 0.06  # radius of a rod [m]
+EA = 2e4  # of an arm [N]
+# The tension of the arms reduces their gap by some hundredths of the contact distance.
+CONTACT_STIFFNESS = 4e8  # N/m³
+# Distance of neighbouring turns: five per cent outside of contact.
+LAYER = 2 * ARM_RADIUS + 1.05 * CONTACT_DISTANCE  # m
 FREE = 2  # cells that stand out at the start
-RING = 2.0  # kg
-FLIGHT = ((0.0, 25.0), (5.2, 7.4))  # length out [m] and spin [rpm] of the flight
+RING = 2.0  # mass of the ring with its rods [kg]
+FLIGHT = ((0.0, 25.0), (5.2, 7.4))  # length of arms that stood out [m] and spin in flight [rpm]
 
 
 def winding(cells: int) -> tuple[float, int]:
@@ -62,18 +76,18 @@ def wound(cells: int) -> tuple[Array, float]:
     angles = -step * np.arange(count + 1)
     radii = HUB_RADIUS + LAYER * (-angles) / (math.pi / 2)
     roll = radii[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    last, out = roll[-1], np.array([math.cos(angles[-1]), math.sin(angles[-1])])
-    free = last + np.outer(np.arange(1, FREE + 1) * ARM / cells, out)
+    outwards = np.array([math.cos(angles[-1]), math.sin(angles[-1])])
+    free = roll[-1] + np.outer(np.arange(1, FREE + 1) * ARM / cells, outwards)
     return np.vstack([roll, free]), float(angles[-1])
 
 
 def closed_form(tips: Array, momentum: float, cells: int) -> Array:
     """ω [rad/s] of hub, ring and arms that stand out radially, with their masses at the radii `tips` (n,) [m]."""
     step, count = winding(cells)
-    φ = np.linspace(step * count, 0.0, 2000)  # what is still wound
+    φ = np.linspace(step * count, 0.0, 2000)  # wound angle [rad], falling
     radius = HUB_RADIUS + LAYER * φ / (math.pi / 2)
     ring = RING * (radius[0] + ROD) ** 2
-    # along the spiral, from the knot: length, and inertia for a line density of one
+    # Along the spiral, from the knot: length, and moment of inertia for a line density of one.
     length = HUB_RADIUS * φ + LAYER * φ**2 / math.pi
     on_hub = (radius**4 - HUB_RADIUS**4) * math.pi / (8 * LAYER)
     tip = radius + length[0] + FREE * ARM / cells - length
@@ -99,40 +113,37 @@ def build(
     along = np.concatenate([[0.0], np.cumsum(lengths)])
     hub = gx.RigidBody(HUB_MASS, HUB_INERTIA, name="hub")
     step = winding(cells)[0]
-    radius = HUB_RADIUS * math.cos(step / 2) - CORD - 1.05 * TOUCH
+    radius = HUB_RADIUS * math.cos(step / 2) - ARM_RADIUS - 1.05 * CONTACT_DISTANCE
     half = HUB_HEIGHT / 4
     drum = gx.contact.Cylinder(
         start=(0.0, 0.0, -half), end=(0.0, 0.0, half), radius=radius, body=hub, name="drum"
     )
-    # the axis of a rod is beside the free part of its arm, and outside of its roll
-    away = ROD + CORD + 1.1 * TOUCH
-    c, s = math.cos(angle), math.sin(angle)
+    # The axis of a rod is next to the free part of its arm, and outside of its roll.
+    clearance = ROD + ARM_RADIUS + 1.1 * CONTACT_DISTANCE
+    outwards = np.array([math.cos(angle), math.sin(angle)])
+    sideways = np.array([-math.sin(angle), math.cos(angle)])
     exit_radius = float(np.linalg.norm(corners[-1 - FREE]))
-    place = np.array([c, s]) * (exit_radius + away) + np.array([-s, c]) * away / math.cos(step / 2)
+    axis = outwards * (exit_radius + clearance) + sideways * clearance / math.cos(step / 2)
     guides = gx.assemblies.RotationGuides(
         hub,
         4,
-        radius=float(np.linalg.norm(place)),
+        radius=float(np.linalg.norm(axis)),
         rod_radius=ROD,
         height=2 * half,
         mass=RING,
         brake_damping=brake,
-        first_angle=math.atan2(place[1], place[0]),
+        first_angle=math.atan2(axis[1], axis[0]),
     )
     items: list[object] = [hub, guides]
     arms: list[gx.Cable] = []
     for k in range(4):
-        turn = np.array(
-            [
-                [math.cos(math.pi / 2 * k), -math.sin(math.pi / 2 * k)],
-                [math.sin(math.pi / 2 * k), 0.0],
-            ]
-        )
-        turn[1, 1] = turn[0, 0]
-        placed = corners @ turn.T
+        c = math.cos(math.pi / 2 * k)
+        s = math.sin(math.pi / 2 * k)
+        turned = corners @ np.array([[c, -s], [s, c]]).T
 
-        def places(X: Array, placed: Array = placed) -> Array:
-            x, y = (np.interp(X[0], along, placed[:, i]) for i in range(2))
+        def wind(X: Array, turned: Array = turned) -> Array:
+            x = np.interp(X[0], along, turned[:, 0])
+            y = np.interp(X[0], along, turned[:, 1])
             return np.vstack([x, y, 0 * x]) - X
 
         mesh = line(comm, [(float(x), 0.0, 0.0) for x in along], 1)
@@ -140,16 +151,20 @@ def build(
             mesh,
             gx.TensionOnly(EA=EA, line_density=PETALS / 4 / ARM),
             name=f"arm {k}",
-            displacement=places,
+            displacement=wind,
         )
-        held = hub.port((float(placed[0, 0]), float(placed[0, 1]), 0.0))
-        items += [arm, gx.constraints.BallJoint(arm.port("start"), held, name=f"knot {k}")]
+        root = hub.port((float(turned[0, 0]), float(turned[0, 1]), 0.0))
+        items += [arm, gx.constraints.BallJoint(arm.port("start"), root, name=f"knot {k}")]
         items += [gx.connectors.AttachedMass(arm.port("end"), TIP, name=f"mass {k}")]
         items.append(gx.Damping(arm, stiffness_factor=damping, name=f"damping {k}"))
         arms.append(arm)
-    radii = dict.fromkeys((a.name for a in arms), CORD)
     contact = gx.Contact(
-        *arms, drum, *guides.rods, distance=TOUCH, stiffness=PRESSING, radius=radii
+        *arms,
+        drum,
+        *guides.rods,
+        distance=CONTACT_DISTANCE,
+        stiffness=CONTACT_STIFFNESS,
+        radius=dict.fromkeys((arm.name for arm in arms), ARM_RADIUS),
     )
     scene = gx.Scene(*items, contact, gx.RigidMotion(spin=(0.0, 0.0, rpm * RPM)))  # type: ignore[arg-type]
     spin = gx.probes.AngularVelocity(hub.frame(), "z")
@@ -182,12 +197,11 @@ def main(
     comm: MPI.Comm = MPI.COMM_WORLD,
     **given: object,
 ) -> dict[str, float]:
-    """Let the arms out; what `build` takes may be `given`.  With `output`, a folder: a recording and a picture.
+    """Let the arms out; `given` are arguments of `build`.  With `output`, a folder: a recording and a picture.
 
-    Returns energy_error, angular_momentum_drift (relative), halved, steps, iterations (a step), seconds, penetrations
-    (the most edges that pierced at any step), radius of the tips at the end [m], the hub's spin there and that of the
-    closed form [rpm], their largest relative difference in the run, energy at the start, dissipated, and by each
-    cause [J].
+    Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative), radius of
+    the tips at the end [m], spin of the hub then and that of the closed form [rpm], their largest
+    relative difference in the run, and the energy at the start [J].
     """
     case = build(comm, cells, until=until, **given)  # type: ignore[arg-type]
     series = gx.Series(case.probes)
@@ -208,14 +222,14 @@ def main(
     if output is not None and comm.rank == 0:
         draw(looks, series, radius, budget, Path(output) / "ikaros_arms.png")
     return {
-        **books(run, series),
+        **run_figures(run, series),
         "angular_momentum_drift": relative_drift(now, first),
         "radius": float(radius[-1]),
         "spin": float(spin[-1]),
         "budget": float(budget[-1]),
         "difference": float(np.abs(spin / budget - 1).max()),
         "energy": run.first.energy,
-        **losses(run),
+        **dissipation(run),
     }
 
 
@@ -249,17 +263,19 @@ def draw(
     left.set(xlabel="t [s]", ylabel="spin [rpm]")
     right.set(xlabel="length of the arms that is out [m]", ylabel="spin [rpm]")
     right.legend(frameon=False)
-    keep(figure, TITLE, path)
+    write_figure(figure, TITLE, path)
 
 
 def say(found: dict[str, float]) -> None:
-    """What happened, in words."""
+    """Print the results."""
     print(f"The tips are at {found['radius']:.2f} m, and the hub spins at {found['spin']:.2f} rpm.")
     print(
         f"If all turned as one it would be {found['budget']:.2f} rpm; at most {found['difference']:.1%} between them."
     )
-    print(f"Of {found['energy']:.0f} J {found['dissipated']:.0f} J are lost{by_cause(found)}.")
-    say_books(found, "angular momentum", "angular_momentum_drift", "something")
+    print(
+        f"Of {found['energy']:.0f} J {found['dissipated']:.0f} J are lost{dissipation_by_part(found)}."
+    )
+    print_run_figures(found, "angular momentum", "angular_momentum_drift", "something")
 
 
 if __name__ == "__main__":

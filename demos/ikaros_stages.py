@@ -1,15 +1,18 @@
 """The sail of IKAROS from the roll to the square: both stages of its deployment in one scene.
 
-Four trapezoids of film are folded to strips and wound round the hub; 16 tethers hold their inner edges, masses of
-0.5 kg their tips, of which 1.9 m stand out at the start.  Rods on a ring hold the roll.  In stage 1 the pull of what
-stands out turns the ring against a brake, and as it turns arms are unwound.  At the `release` the ring is drawn down
-along the hub and the tethers are paid out, and stage 2 goes on to the open sail, as `demos/ikaros.py` has it from the
-cross.  Contact keeps layers, hub and rods apart; nothing acts from outside.
+Four trapezoids of film are folded to strips and wound round the hub; 16 tethers hold their inner
+edges, masses of 0.5 kg their tips, of which 1.9 m stand out at the start.  Rods on a ring guide the
+roll.  In stage 1 the tension of the free arms turns the ring against a brake, and arms are unwound
+as it turns.  At the `release` the ring is drawn down along the hub and the tethers are paid out.
+Stage 2 ends with the open sail; `demos/ikaros.py` starts it from the cross. Layers, hub and rods
+are in contact; there are no external loads.
 
-Where all turns as one the spin is ω = L/(I + J), with the hub's I and the J of the sail as far as it is out.  The
-flight took days for stage 1 and was close to that.  In seconds, as here, the arms lag behind the hub, swing ahead of it
-and back, and stop it little by little, like the cords of a yo-yo.  A weak brake lets them lag so far that they pull
-less than the hub flings out of the roll, and the film leaves the rods before the arms are out (`brake=10.0`).
+If all bodies rotate as one, the spin is ω = L/(I + J), with the moments of inertia I of the hub and
+J of the present shape of the sail.  The flight took days for stage 1 and was close to that.  If it
+takes seconds, as here, the arms lag behind the hub, swing ahead of it and back, and stop it
+gradually, like the cords of a yo-yo.  With a weak brake they lag so far that their tension is less
+than the centrifugal force on the roll, and the film leaves the rods before the arms are out
+(`brake=10.0`).
 
 Where the values come from:
     sail, hub, tethers, film
@@ -32,7 +35,14 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import books, by_cause, deploy, keep, losses, say_books
+from demos.common.deployment import (
+    dissipation,
+    dissipation_by_part,
+    print_run_figures,
+    run_case,
+    run_figures,
+    write_figure,
+)
 from demos.ikaros import (
     FLIGHT,
     HUB_HEIGHT,
@@ -53,12 +63,19 @@ from gossamer_fx.system.totals import relative_drift
 
 TITLE = "IKAROS, from the roll to the square"
 VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(50), zoom=True)
-START = 25.0  # rpm before stage 1
-WOUND, HELD = (0.0, START), (5.2, 7.4)  # length of arms out [m] and rpm of the flight
-RING, ROD, HEIGHT = 2.0, 0.03, 0.9  # kg; radius and height of a rod [m]
-DRAWN, IN = 1.0, 0.5  # how far the ring is drawn down [m], and in what time [s]
-OUT, RODS = 1.92, 16  # m of the tips that stand out at the start; number of rods
-GAP = 1.5e-3  # of the layers [m]
+START = 25.0  # spin before stage 1 [rpm]
+# In flight: length of arms that stand out [m] and spin [rpm], before and after stage 1.
+WOUND = (0.0, START)
+HELD = (5.2, 7.4)
+RING = 2.0  # mass of the ring with its rods [kg]
+ROD = 0.03  # radius of a rod [m]
+HEIGHT = 0.9  # of a rod [m]
+RODS = 16  # number of rods
+# To release the sail the ring is drawn down along the hub by this distance [m] in this time [s].
+DRAWN = 1.0
+IN = 0.5
+OUT = 1.92  # length of the tips that stand out at the start [m]
+GAP = 1.5e-3  # between the layers [m]
 
 
 def folded(pitch: float, gap: float = GAP, out: float = OUT) -> gx.fold.Ikaros:
@@ -243,17 +260,17 @@ def main(
     comm: MPI.Comm = MPI.COMM_WORLD,
     **given: object,
 ) -> dict[str, float]:
-    """Deploy the sail; what `build` takes may be `given`.  With `output`, a folder: a recording and pictures.
+    """Deploy the sail; `given` are arguments of `build`.  With `output`, a folder: a recording and pictures.
 
-    Returns energy_error, angular_momentum_drift (relative), halved, steps, iterations (a step), seconds, penetrations
-    (the most edges that pierced triangles at any step), radius of the tips and spin of the hub and as one [m, rpm] at
-    the release, spins of hub and sail at the end and of the closed form there [rpm], radius of the tips at the end and
-    at most [m], energy at the start, dissipated, and by each cause [J].
+    Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative); at the
+    release the radius of the tips [m], the spin of the hub, and the spin if all turned as one [rpm]; at
+    the end the spins of hub and sail and that of the closed form [rpm], and the radius of the tips [m];
+    its largest value [m], and the energy at the start [J].
     """
     case = build(comm, until=until, release=release, **given)  # type: ignore[arg-type]
     stage2 = [release + part * (until - release) for part in (0.0, 0.15, 0.3, 0.6, 0.8, 1.0)]
     looks = [part * release for part in (0.0, 0.15, 0.3, 0.5, 0.65, 0.8)] + stage2
-    run, series = deploy(
+    run, series = run_case(
         case, output, "ikaros_stages", [t / until for t in looks if t <= until], VIEW
     )
     pitch = float(given.get("pitch", 0.64))  # type: ignore[arg-type]
@@ -266,7 +283,7 @@ def main(
     inertia = HUB_INERTIA[2] + RING * (roll_radius(pitch) + ROD) ** 2 + square_inertia(pitch)
     k = min(int(np.searchsorted(series.time, release)), len(radius) - 1)
     return {
-        **books(run, series),
+        **run_figures(run, series),
         "angular_momentum_drift": relative_drift(now, first),
         "released_radius": float(radius[k]),
         "released_spin": float(series["spin of the hub [rpm]"][k]),
@@ -277,7 +294,7 @@ def main(
         "radius": float(radius[-1]),
         "largest_radius": float(radius.max()),
         "energy": run.first.energy,
-        **losses(run),
+        **dissipation(run),
     }
 
 
@@ -326,11 +343,11 @@ def draw(
         axes.legend(frameon=False)
     for axes in (left, middle):
         axes.axvline(release, color="black", linewidth=0.6)
-    keep(figure, TITLE, path)
+    write_figure(figure, TITLE, path)
 
 
 def say(found: dict[str, float]) -> None:
-    """What happened, in words."""
+    """Print the results."""
     print(
         f"At the release the tips are at {found['released_radius']:.2f} m, and the hub spins at "
         f"{found['released_spin']:.2f} rpm; {found['released_as_one']:.2f} rpm if all turned as one."
@@ -342,8 +359,10 @@ def say(found: dict[str, float]) -> None:
         f"Hub and sail spin at {found['spin_of_hub']:.2f} and {found['spin_of_sail']:.2f} rpm; without swing it "
         f"will be {found['spin_in_the_end']:.2f} rpm."
     )
-    print(f"Of {found['energy']:.0f} J {found['dissipated']:.0f} J are lost{by_cause(found)}.")
-    say_books(found, "angular momentum", "angular_momentum_drift")
+    print(
+        f"Of {found['energy']:.0f} J {found['dissipated']:.0f} J are lost{dissipation_by_part(found)}."
+    )
+    print_run_figures(found, "angular momentum", "angular_momentum_drift")
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ from scipy.optimize import curve_fit
 
 import gossamer_fx as gx
 from demos import ikaros
-from demos.common.deployment import by_cause, losses
+from demos.common.deployment import dissipation, dissipation_by_part
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array
 
@@ -78,7 +78,7 @@ def main(
         "misfit": found[2],
         "swing": (extra * ikaros.RPM) ** 2 / (1 / inertia + 1 / J) / 2,
         "energy_error": abs(run.energy_error),
-        **losses(run),
+        **dissipation(run),
         "steps": run.step,
         "iterations": run.iterations / run.step,
         "seconds": run.seconds,
@@ -86,7 +86,7 @@ def main(
 
 
 def fit(t: Array, s: Array) -> tuple[float, float, float]:
-    """δ [1/s] and ω [rad/s] of exp(-δ t) (a cos ωt + b sin ωt) + c through s, and what is left over, rms over rms."""
+    """Fit of exp(-δ t) (a cos ωt + b sin ωt) + c to s: δ [1/s], ω [rad/s], and the residual, rms over rms."""
 
     def damped(t: Array, δ: float, ω: float, a: float, b: float, c: float) -> Array:
         swing: Array = np.exp(-δ * t) * (a * np.cos(ω * t) + b * np.sin(ω * t)) + c
@@ -104,13 +104,13 @@ def fit(t: Array, s: Array) -> tuple[float, float, float]:
 
 
 def say(found: dict[str, float]) -> None:
-    """What happened, in words."""
+    """Print the results."""
     print(
         f"The hub swings with {1e3 * found['frequency']:.2f} mHz (closed form {1e3 * found['closed_form']:.2f} mHz); "
         f"its swing dies away with {found['decay']:.1e}/s. The fit leaves {100 * found['misfit']:.1f} % of the motion."
     )
     print(
-        f"Of {1e3 * found['swing']:.3g} mJ {1e3 * found['dissipated']:.3g} mJ are lost{by_cause(found)}."
+        f"Of {1e3 * found['swing']:.3g} mJ {1e3 * found['dissipated']:.3g} mJ are lost{dissipation_by_part(found)}."
     )
     print(
         f"Energy closes to {found['energy_error']:.0e}; {found['steps']:.0f} steps, {found['iterations']:.1f} "

@@ -36,10 +36,13 @@ from gossamer_fx.outputs.output import Output
 from gossamer_fx.outputs.schedule import Schedule
 
 TITLE = "A tube pressed flat, deployed from a tank"
-LENGTH, DIAMETER = 0.8, 0.058  # m
+LENGTH = 0.8  # m
+DIAMETER = 0.058  # of the round tube [m]
 FILM = gx.Miyazaki(E=2.5e9, nu=0.34, density=1420.0, thickness=25e-6, residual_stiffness=1e-6)
 NITROGEN = gx.IdealGas(gamma=1.4, R=296.8)
-BLEED, BORE, SOFT = 0.2e-3, 1e-3, (0.02, 0.03)  # m, m, s
+BLEED = 0.2e-3  # diameter of the first opening of the valve [m]
+BORE = 1e-3  # diameter of its main opening [m]
+SOFT = (0.02, 0.03)  # start and end of the opening of the main bore [s]
 
 
 def valve_area(t: float) -> float:

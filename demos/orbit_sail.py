@@ -20,8 +20,12 @@ from gossamer_fx.meshes.sheet import crossed_sheet
 from gossamer_fx.orbit.optics import JPL_SAIL
 from gossamer_fx.outputs.output import Output
 
-SIDE, GAP, SPIN, ALTITUDE, STRETCH = 10.0, 0.2, 0.01, 8e5, 1e-4  # m, m, rad/s, m, 1
-RADIUS = 6378137.0 + ALTITUDE
+SIDE = 10.0  # of the sail [m]
+GAP = 0.2  # between the sail and the frame, bridged by the springs [m]
+SPIN = 0.01  # rad/s
+ALTITUDE = 8e5  # m
+STRETCH = 1e-4  # of the film in both directions [1]
+RADIUS = 6378137.0 + ALTITUDE  # of the orbit [m]; equatorial radius of the Earth (WGS 84)
 FILM = gx.Miyazaki(E=2.5e9, nu=0.3, density=1400.0, thickness=7.5e-6)
 # Green-Lagrange strain ½(λ²-1) of both directions, and the force on a length of an edge as it was: λ S t
 STRAIN = STRETCH + STRETCH**2 / 2

@@ -1,8 +1,9 @@
 """A square pillow of two films is blown up from a tank: the first scene to try.
 
 Two sheets of polyimide film, 0.2 m × 0.2 m × 25 µm, are joined along their edges and lie flat on each other.  Nitrogen
-flows in through an orifice, choked at first; the film wrinkles towards the corners, and a little damping calms it.
-Nothing else acts, so what the energy of film, gas and tank loses is what the damping takes, and no gas is lost.
+flows in through an orifice, choked at first.  The film wrinkles towards the corners, and weak damping ends its
+vibrations.  No other load acts: the energy of film, gas and tank decreases by the dissipated energy only, and the mass
+of the gas is constant.
 
 Where the values come from:
     film, gas          `gossamer_fx.presets`, which names its sources
@@ -26,27 +27,32 @@ from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import NITROGEN
 
 TITLE = "A pillow blown up from a tank"
-
-
-EDGE = 0.2  # m
+EDGE = 0.2  # of the squares [m]
 
 
 def two_squares(model: Any, cells: int) -> None:
     """Two squares in z = 0 that share their rim, with `cells` triangles along an edge, as a gmsh model."""
-    geo, a = model.geo, EDGE / 2
-    corners = [geo.addPoint(x, y, 0) for x, y in ((-a, -a), (a, -a), (a, a), (-a, a))]
+    geo = model.geo
+    half = EDGE / 2
+    corners = [
+        geo.addPoint(-half, -half, 0),
+        geo.addPoint(half, -half, 0),
+        geo.addPoint(half, half, 0),
+        geo.addPoint(-half, half, 0),
+    ]
     rim = [geo.addLine(corners[i], corners[(i + 1) % 4]) for i in range(4)]
-    top, bottom = (geo.addPlaneSurface([geo.addCurveLoop(rim)]) for _ in range(2))
+    top = geo.addPlaneSurface([geo.addCurveLoop(rim)])
+    bottom = geo.addPlaneSurface([geo.addCurveLoop(rim)])
     for line in rim:
         geo.mesh.setTransfiniteCurve(line, cells + 1)
-    for sheet in (top, bottom):
-        geo.mesh.setTransfiniteSurface(
-            sheet, "AlternateLeft"
-        )  # no triangle has all its nodes on the rim
-    geo.mesh.setReverse(2, bottom)  # normals point outwards
+    for square in (top, bottom):
+        # With this pattern no triangle has all its nodes on the rim, where it could not move.
+        geo.mesh.setTransfiniteSurface(square, "AlternateLeft")
+    # Normals of a closed film point outwards.
+    geo.mesh.setReverse(2, bottom)
     geo.synchronize()
-    for name, sheet in (("top", top), ("bottom", bottom)):
-        model.addPhysicalGroup(2, [sheet], name=name)
+    model.addPhysicalGroup(2, [top], name="top")
+    model.addPhysicalGroup(2, [bottom], name="bottom")
     model.mesh.generate(2)
 
 
@@ -57,20 +63,19 @@ def build(comm: MPI.Intracomm, cells: int = 8, until: float = 0.1, dt: float = 5
     bag = gx.Chamber(film, gas=NITROGEN, pressure=10.0, temperature=293.0, dead_volume=1e-6)
     tank = gx.Tank(volume=4e-6, gas=NITROGEN, pressure=1e6, temperature=293.0)
     valve = gx.Orifice(tank, bag, area=5e-7, discharge_coefficient=0.8)
-    rubbing = gx.Damping(film, mass_factor=100.0, stiffness_factor=1e-5)
-    return gx.Case(
-        gx.Scene(film, bag, valve, rubbing), gx.Midpoint(dt=dt), until=until, title=TITLE
-    )
+    damping = gx.Damping(film, mass_factor=100.0, stiffness_factor=1e-5)
+    scene = gx.Scene(film, bag, valve, damping)
+    return gx.Case(scene, gx.Midpoint(dt=dt), until=until, title=TITLE)
 
 
 def main(
     comm: MPI.Intracomm, output: str | Path = "out/pillow", cells: int = 8, until: float = 0.1
 ) -> gx.Simulation:
-    """Blow it up, with the ledger and pictures in the folder `output`.  Returns the simulation at its end."""
-    folder, case = Path(output), build(comm, cells, until)
-    picture = gx.plot.Picture(
-        folder / "pillow.png", times=[0.1 * until, 0.3 * until, until], title=TITLE
-    )
+    """Inflate the pillow; write ledger and picture to the folder `output`; return the finished simulation."""
+    folder = Path(output)
+    case = build(comm, cells, until)
+    times = [0.1 * until, 0.3 * until, until]
+    picture = gx.plot.Picture(folder / "pillow.png", times=times, title=TITLE)
     run = case.simulation([gx.outputs.Progress(), gx.Ledger(folder / "ledger.csv"), picture])
     run.run(until=case.until)
     if comm.rank == 0:

@@ -53,10 +53,11 @@ def distance_of(probes: Any) -> Probe:
 
 
 def outcome(comm: MPI.Comm, folder: Path, **levels: Any) -> dict[str, float]:
-    """What one run gives; killed, it goes on from its checkpoint.
+    """Figures of one run, which continues from its newest checkpoint if there is one.
 
-    Time [s] that the tip takes (all there is, if it does not arrive), its angle [degrees] from the tube's axis and its
-    speed [m/s] then, the most edges that pierced the film, and closing errors of the books.
+    Time [s] at which the tip arrives (the end of the run, if it does not), its angle [degrees] from the
+    tube's axis and its speed [m/s] then, most edges that intersect the film after any step, errors of
+    the balances of energy and gas mass, steps, and rejected steps ("halved").
     """
     case, saves = build(comm, **levels), folder / "checkpoints"
     begun = comm.bcast(gx.run.latest_checkpoint(saves) is not None)

@@ -1,9 +1,10 @@
 """A disc of film, folded round a hub, is deployed by its spin.
 
-The film is pleated and wound round a polygonal hub (skew fold), its inner edge fixed to it; masses sit at its tips.
-Hub and roll turn as one, and at t = 0 nothing holds the roll any more.  Free particles would go off along tangents; the
-layers strike each other and the hub, waves run through the film, and the hub hands its angular momentum to the sail,
-or a motor keeps its rate.  Contact keeps layers and hub apart; with `crease` the folds remember.
+The film is pleated and wound round a polygonal hub (skew fold), its inner edge fixed to it; masses
+sit at its tips. Hub and roll spin together; at t = 0 the roll is released.  Free particles would
+move along tangents.  Layers collide with each other and with the hub, waves run through the film,
+and angular momentum passes from the hub to the sail, unless a motor keeps the rate constant.
+Layers and hub are in contact; with `crease` the folds have a rest angle.
 
 Where the values come from:
     diameter 1, 2 m      the spinning films with rigid parts of Miyazaki, KAKENHI 19360384 final report (2009), §4(4);
@@ -26,7 +27,14 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import books, by_cause, deploy, keep, losses, say_books
+from demos.common.deployment import (
+    dissipation,
+    dissipation_by_part,
+    print_run_figures,
+    run_case,
+    run_figures,
+    write_figure,
+)
 from gossamer_fx.meshes.sails import pinwheel
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Probe
@@ -35,8 +43,8 @@ from gossamer_fx.system.totals import relative_drift
 
 TITLE = "A disc of film, deployed by its spin"
 VIEW = gx.plot.View(azimuth=0.3, elevation=math.radians(35), zoom=True)
-HUB = 0.1  # its diameter over that of the disc
-CLEAR = 2.0  # distance of the hub from the film on it, over that of contact
+HUB = 0.1  # diameter of the hub over that of the disc
+CLEAR = 2.0  # distance of the hub from the film on it, over the activation distance
 
 
 def pattern(diameter: float, n: int) -> tuple[float, int]:
@@ -86,15 +94,17 @@ def build(
         held: whether a motor keeps this rate; else the hub is free.
         tip: mass at each tip [kg].
         inertia: of the hub about its axis [kg m²].
-        contact: distance at which it begins [m].
-        gap: of the layers [m].
-        crease: stiffness of folds with memory [N m/m/rad]; 0: none.
+        contact: activation distance [m].
+        gap: between the layers [m].
+        friction: coefficient of the film on itself and the hub.
+        crease: stiffness of creases with a rest angle [N m/m/rad]; 0: none.
         damping: viscosity of the film over its stiffness [s]; 0: none.
         gravity: along -z [m/s²].
         air: density of residual air [kg/m³], which drags on the film; p/(287 T) at the pressure p. 0: vacuum.
-        sense: 1 spins as the roll winds outwards, so that it opens; -1 against it.
-        largest: step [s].
-        growth: by which a step may be longer than the last one; steps that grow by half are halved more often.
+        sense: 1: spin in the direction in which the roll opens; -1: against it.
+        until: end of the run [s].
+        dt, largest: first and largest step [s].
+        growth: factor by which a step may be longer than the last one; steps that grow by half are rejected more often.
     """
     side, count = pattern(diameter, n)
     folds = gx.fold.Star(n=n, side=side, columns=cells, reach=count * cells, gap=gap)
@@ -141,7 +151,7 @@ def build(
         "penetrations": gx.probes.Penetrations(touching),
     }
     control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
-    # the first guess of a step may press layers together: its residual is no measure of the forces
+    # The first guess of a step may press layers together: its residual is not a measure of the forces.
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
     scene = gx.Scene(*items)  # type: ignore[arg-type]
     return gx.Case(
@@ -155,29 +165,29 @@ def main(
     comm: MPI.Comm = MPI.COMM_WORLD,
     **given: object,
 ) -> dict[str, float]:
-    """Deploy the sail; what `build` takes may be `given`.  With `output`, a folder: a recording and pictures.
+    """Deploy the sail; `given` are arguments of `build`.  With `output`, a folder: a recording and pictures.
 
-    Returns energy_error, angular_momentum_drift (of a free hub: relative), halved, steps, iterations (a step), seconds,
-    penetrations (the most edges that pierced triangles at any step), largest_radius (mean of the tips [m]) and when
-    [s], the spins at the end [rad/s], and energy at the start, dissipated, and dissipated by each cause [J].
+    Returns the figures of `run_figures` and `dissipation`, angular_momentum_drift (relative, of a free
+    hub), the largest mean radius of the tips [m] and its time [s], the spins at the end [rad/s], and
+    the energy at the start [J].
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.75, 0.85, 1.0)
-    run, series = deploy(case, output, "spin_deployment", parts, VIEW)
+    run, series = run_case(case, output, "spin_deployment", parts, VIEW)
     radius = np.mean([series[name] for name in case.probes if name.startswith("radius")], axis=0)
     if output is not None and comm.rank == 0:
         draw(series, radius, Path(output) / "spin_deployment_curves.png")
     first, now = run.first.angular_momentum, run.totals.angular_momentum
     widest = int(radius.argmax())
     return {
-        **books(run, series),
+        **run_figures(run, series),
         "angular_momentum_drift": relative_drift(now, first),
         "largest_radius": float(radius[widest]),
         "when": float(series.time[widest]),
         "spin_of_hub": float(series["spin of the hub [rad/s]"][-1]),
         "spin_of_sail": float(series["spin of the sail [rad/s]"][-1]),
         "energy": run.first.energy,
-        **losses(run),
+        **dissipation(run),
     }
 
 
@@ -196,19 +206,21 @@ def draw(series: gx.Series, radius: Array, path: Path) -> None:
     left.legend(frameon=False)
     for axes in (left, right):
         axes.grid(alpha=0.3)
-    keep(figure, TITLE, path)
+    write_figure(figure, TITLE, path)
 
 
 def say(found: dict[str, float]) -> None:
-    """What happened, in words."""
+    """Print the results."""
     print(
         f"The tips come to {1e3 * found['largest_radius']:.0f} mm after {1e3 * found['when']:.0f} ms."
     )
     print(
         f"Hub and sail then spin at {found['spin_of_hub']:.1f} and {found['spin_of_sail']:.1f} rad/s."
     )
-    print(f"Of {found['energy']:.3f} J {found['dissipated']:.3f} J are lost{by_cause(found)}.")
-    say_books(found, "angular momentum", "angular_momentum_drift")
+    print(
+        f"Of {found['energy']:.3f} J {found['dissipated']:.3f} J are lost{dissipation_by_part(found)}."
+    )
+    print_run_figures(found, "angular momentum", "angular_momentum_drift")
 
 
 if __name__ == "__main__":

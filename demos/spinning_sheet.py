@@ -1,4 +1,4 @@
-"""A free square film, spinning and fluttering: nothing may be lost, however it wrinkles.
+"""A free square film spins and flutters; energy and momenta are conserved while it wrinkles.
 
 Film of 1 m × 1 m × 0.1 mm, E = 1 GPa, ν = 0.3, 1400 kg/m³, stress-free, thrown into a spin Ω = 10 rad/s with an
 out-of-plane velocity sin πx sin πy m/s.  Without load or damping
@@ -29,8 +29,10 @@ TITLE = "A free film, spinning and fluttering"
 
 def throw(x: np.ndarray) -> np.ndarray:
     """Initial velocity [m/s] at the points x (3, n)."""
-    X, Y, _ = x
-    return np.vstack([-SPIN * (Y - 0.5), SPIN * (X - 0.5), np.sin(np.pi * X) * np.sin(np.pi * Y)])
+    X = x[0]
+    Y = x[1]
+    out_of_plane = np.sin(np.pi * X) * np.sin(np.pi * Y)
+    return np.vstack([-SPIN * (Y - 0.5), SPIN * (X - 0.5), out_of_plane])
 
 
 def build(
@@ -41,7 +43,16 @@ def build(
     residual: float = 1e-6,
     order: int = 1,
 ) -> gx.Case:
-    """The film of n × n × 2 triangles, until the time `until` [s] in steps of `dt` [s]."""
+    """The free film and its run.
+
+    Args:
+        comm: communicator of the mesh.
+        n: cells along an edge; each has two triangles.
+        until: end of the run [s].
+        dt: step [s].
+        residual: stiffness of the wrinkled and slack film over that of the taut film.
+        order: of the elements, 1 or 2.
+    """
     law = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4, residual_stiffness=residual)
     film = gx.Membrane(sheet(comm, n, n), law, order=order, velocity=throw)
     return gx.Case(gx.Scene(film), gx.Midpoint(dt=dt), until=until, title=TITLE)
@@ -56,28 +67,29 @@ def main(
     comm: MPI.Comm = MPI.COMM_WORLD,
     stepper: gx.Midpoint | None = None,
 ) -> dict[str, float]:
-    """Run `steps` steps of `dt` [s] on n × n × 2 triangles and return the drifts, relative to the start's values.
+    """Run `steps` steps of `dt` [s] on n × n × 2 triangles; returns drifts relative to the initial values, and counts.
 
     With `output`, a folder: the recording of the run, and a picture.
     """
     case = build(comm, n, steps * dt, dt, order=order)
     outputs: list[Output] = [gx.outputs.Progress()]
     if output is not None:
-        out, looks = Path(output), np.linspace(0, case.until, 5)[1:].tolist()
-        outputs += [
-            case.recording(out),
-            gx.plot.Picture(out / "sheet.png", times=looks, title=TITLE),
-        ]
+        folder = Path(output)
+        times = np.linspace(0, case.until, 5)[1:].tolist()
+        picture = gx.plot.Picture(folder / "sheet.png", times=times, title=TITLE)
+        outputs += [case.recording(folder), picture]
     run = gx.Simulation(case.scene, stepper or case.stepper, outputs=outputs)
     run.run(until=case.until)
 
-    first, last = run.first, run.totals
+    first = run.first
+    last = run.totals
+    # The momentum is zero at the start.  It is compared with that of the whole film [kg] at the
+    # velocity of the middle of an edge [m/s].
     mass = 1400.0 * 1e-4
+    scale = mass * SPIN * 0.5
     return {
         "energy_drift": abs(last.energy / first.energy - 1),
-        "linear_momentum_drift": relative_drift(
-            last.momentum, first.momentum, scale=mass * SPIN * 0.5
-        ),
+        "linear_momentum_drift": relative_drift(last.momentum, first.momentum, scale=scale),
         "angular_momentum_drift": relative_drift(last.angular_momentum, first.angular_momentum),
         "newton_per_step": run.iterations / run.step,
         "substeps": run.substeps,

@@ -1,7 +1,7 @@
 """Two inflatable tubes in V unfold the film between them from a cube satellite that is free in space.
 
 Tubes and film lie in one plane, and one Miura fold goes through all of them: the tubes are pressed flat, and have two
-sheets at each crease.  The fold is not quite shut, so no layer is in the place of another, and it costs no strain but
+sheets at each crease.  The fold is not quite shut, so no two layers coincide, and it costs no strain but
 for the room between the two sheets.  The parallelogram at the roots lies as it will when all is open; the others are
 stacked in front of the cube.  At t = 0 nothing holds the stack any more, and two valves open from a tank in the cube.
 Each tube has compartments; gas passes from one to the next through the deformed ring of film between them, at a fold.
@@ -33,7 +33,13 @@ from mpi4py import MPI
 from scipy.spatial.transform import Rotation
 
 import gossamer_fx as gx
-from demos.common.deployment import books, deploy, losses, say_books, square_millimetres
+from demos.common.deployment import (
+    dissipation,
+    print_run_figures,
+    run_case,
+    run_figures,
+    square_millimetres,
+)
 from gossamer_fx.meshes.creased import creased_film, creased_tube
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Probe
@@ -43,14 +49,15 @@ from gossamer_fx.system.totals import relative_drift
 
 TITLE = "Two tubes in V unfold a film from a cube"
 VIEW = gx.plot.View(azimuth=math.radians(-60), elevation=math.radians(35), zoom=True)
-CUBE, MASS = 0.2, 7.0  # m, kg
-INERTIA = MASS * CUBE**2 / 6
+CUBE = 0.2  # edge of the cube [m]
+MASS = 7.0  # of the cube [kg]
+INERTIA = MASS * CUBE**2 / 6  # of the cube [kg m²]
 HALF = math.radians(30)  # half of the angle between the tubes
 GAP = 0.1  # between the roots of the tubes [m]
-STAND = 0.05  # of the roots from the cube [m]
-BELOW = 0.055  # what the first parallelogram has before the roots [m]
+STAND = 0.05  # distance of the roots from the cube [m]
+BELOW = 0.055  # part of the first parallelogram before the roots [m]
 SIDES = {"left": -1, "right": 1}
-Place = tuple[float, float]
+Point = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -62,7 +69,7 @@ class Figure:
 
     length: float
     diameter: float
-    centre: Place
+    centre: Point
     inset: float
 
     @property
@@ -70,34 +77,34 @@ class Figure:
         """Of a tube that is pressed flat [m]."""
         return math.pi * self.diameter / 2
 
-    def at(self, side: int, along: float, out: float) -> Place:
+    def at(self, side: int, along: float, out: float) -> Point:
         """The point `along` a leg of the V, from the line of the roots, and `out` of it [m]."""
         x = GAP / 2 + out / math.cos(HALF) + along * math.sin(HALF)
         return self.centre[0] + side * x, self.centre[1] + along * math.cos(HALF)
 
-    def tube(self, side: int) -> list[Place]:
+    def tube(self, side: int) -> list[Point]:
         """Outline of a tube, from its root; its sides 1 and 3 are its ends."""
         first, last = (0.0, self.width) if side > 0 else (self.width, 0.0)
         ends = ((0.0, first), (0.0, last), (self.length, last), (self.length, first))
         return [self.at(side, along, out) for along, out in ends]
 
-    def axis(self, side: int) -> tuple[Place, Place]:
+    def axis(self, side: int) -> tuple[Point, Point]:
         """Root and tip of a tube."""
         return self.at(side, 0.0, self.width / 2), self.at(side, self.length, self.width / 2)
 
-    def film(self) -> list[Place]:
+    def film(self) -> list[Point]:
         """Outline of the film; its side 1 is at the roots."""
         ends = ((-1, 0.0), (1, 0.0), (1, self.length), (-1, self.length))
         return [self.at(side, along, -self.inset) for side, along in ends]
 
-    def legs(self, count: int) -> list[tuple[int, Place, Place]]:
-        """Where tethers are: side, point of the film, point of the tube."""
-        places = [self.length * (k + 1) / (count + 1) for k in range(count)]
-        return [
-            (side, self.at(side, s, -self.inset), self.at(side, s, 0.0))
-            for side in SIDES.values()
-            for s in places
-        ]
+    def legs(self, count: int) -> list[tuple[int, Point, Point]]:
+        """Return side, point of the film and point of the tube of every tether, `count` on each side."""
+        found = []
+        for side in SIDES.values():
+            for k in range(count):
+                along = self.length * (k + 1) / (count + 1)
+                found.append((side, self.at(side, along, -self.inset), self.at(side, along, 0.0)))
+        return found
 
 
 def build(
@@ -243,7 +250,7 @@ def build(
     }
     probes["penetrations"] = gx.probes.Penetrations(touching)
     control = gx.StepControl(target_iterations=iterations, max_step=largest, max_factor=growth)
-    # the first guess of a step may press layers together: its residual is no measure of the forces
+    # The first guess of a step may press layers together: its residual is not a measure of the forces.
     stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
     scene = gx.Scene(*items)  # type: ignore[arg-type]
     return gx.Case(
@@ -265,22 +272,22 @@ def main(
     comm: MPI.Comm = MPI.COMM_WORLD,
     **given: object,
 ) -> dict[str, float]:
-    """Deploy tubes and film; what `build` takes may be `given`.  With `output`, a folder: a recording and a picture.
+    """Deploy tubes and film; `given` are arguments of `build`.  With `output`, a folder: a recording and a picture.
 
-    Returns energy_error, mass_error, angular_momentum_drift (relative to the most that the cube had), halved,
-    steps, iterations (a step), seconds, penetrations (the most edges that pierced triangles at any step), the
-    distance between the tips and of their middle from the roots' line [m], spin of the cube at the end [rad/s],
-    pressures at the end [Pa], and energy dissipated, and by each cause [J].
+    Returns the figures of `run_figures` and `dissipation`, mass_error (of the gas, relative),
+    angular_momentum_drift (over the largest angular momentum of the cube), the distance between the
+    tips and of their middle from the line of the roots [m], the spin of the cube at the end [rad/s],
+    and pressures at the end [Pa].
     """
     case = build(comm, until=until, **given)  # type: ignore[arg-type]
     parts = (0.0, 0.08, 0.16, 0.22, 0.27, 0.31, 0.4, 0.5, 0.7, 1.0)
-    run, series = deploy(case, output, "sprout", parts, VIEW)
+    run, series = run_case(case, output, "sprout", parts, VIEW)
     left, right = tips(series).values()
     ends = {name: float(series[name][-1]) for name in case.probes if name.endswith("[Pa]")}
     spin = np.linalg.norm([series[f"spin {axis} [rad/s]"] for axis in "xyz"], axis=0)
     most = INERTIA * float(spin.max())
     return {
-        **books(run, series),
+        **run_figures(run, series),
         "mass_error": abs(run.mass_error),
         "angular_momentum_drift": relative_drift(
             run.totals.angular_momentum, run.first.angular_momentum, most
@@ -288,13 +295,13 @@ def main(
         "span": float(np.linalg.norm(right[-1] - left[-1])),
         "reach": float((left[-1] + right[-1])[1] / 2 - CUBE / 2 - STAND),
         "spin": float(spin[-1]),
-        **losses(run),
+        **dissipation(run),
         **{f"pressure_{name[:-5].replace(' ', '_')}": p for name, p in ends.items()},
     }
 
 
 def say(found: dict[str, float]) -> None:
-    """What happened, in words."""
+    """Print the results."""
     pressures = ", ".join(f"{v:.0f} Pa" for k, v in found.items() if k.startswith("pressure"))
     print(
         f"The tips are {found['span']:.2f} m apart and {found['reach']:.2f} m in front of the roots."
@@ -302,7 +309,7 @@ def say(found: dict[str, float]) -> None:
     print(
         f"The compartments of both tubes have {pressures}; the cube turns at {found['spin']:.2g} rad/s."
     )
-    say_books(found, "angular momentum", "angular_momentum_drift")
+    print_run_figures(found, "angular momentum", "angular_momentum_drift")
 
 
 if __name__ == "__main__":

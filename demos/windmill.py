@@ -1,8 +1,9 @@
-"""Windmill torque of sunlight: petals that are pitched a little brake the spin of a sail, as that of IKAROS.
+"""Windmill torque of sunlight: slightly pitched petals brake the spin of a sail, as that of IKAROS.
 
-Four petals, 173 m² and 770 kg m² together, at 1.03 au and a sun angle of 1°.  Each is turned about its radius by the
-pitch δ, as a mean of what curved devices and wrinkles do.  Sunlight pushes each along its normal, hence with 2 P A δ r
-about the axis.  In June 2011 IKAROS lost 0.6 rpm in 21 days, a torque of -2.7e-5 N m (or more): 0.16 % of 2 P A · 10 m.
+Four petals, 173 m² and 770 kg m² together, at 1.03 au and a sun angle of 1°.  Each is turned about
+its radius by the pitch δ, which represents the mean effect of curved devices and wrinkles.  The
+pressure of sunlight along its normal has the torque 2 P A δ r about the axis.  In June 2011 IKAROS
+lost 0.6 rpm in 21 days, a torque of -2.7e-5 N m (or more): 0.16 % of 2 P A · 10 m.
 
     ./gossamer demo windmill
 """
@@ -20,23 +21,26 @@ from gossamer_fx.orbit.eclipse import AU
 from gossamer_fx.orbit.sky import MU_SUN
 from gossamer_fx.outputs.output import Output
 
-AREA, INERTIA, ARM, MASS, DISTANCE = 173.0, 770.0, 4.7, 300.0, 1.03  # m², kg m², m, kg, au
+AREA = 173.0  # of the sail [m²]
+INERTIA = 770.0  # about the axis of spin [kg m²]
+ARM = 4.7  # from the axis to the centre of a petal [m]
+MASS = 300.0  # kg
+DISTANCE = 1.03  # from the sun [au]
 RPM = 2 * math.pi / 60
-FLIGHT = -2.7e-5  # N m
+FLIGHT = -2.7e-5  # torque about the axis of spin in flight [N m]
 OPTICS = gx.orbit.Optics(0.8, 0.9, emissivity=0.05, lambertian=0.79)
 
 
 def petals(pitch: float) -> list[gx.orbit.Surface]:
-    """Four petals whose front looks along -z but for a turn of `pitch` [rad] about their radius."""
+    """Four petals with the normal -z, turned by `pitch` [rad] about their radius."""
     found = []
     for k in range(4):
-        c, s = math.cos(k * math.pi / 2), math.sin(k * math.pi / 2)
+        c = math.cos(k * math.pi / 2)
+        s = math.sin(k * math.pi / 2)
         normal = (-s * math.sin(pitch), c * math.sin(pitch), -math.cos(pitch))
-        found.append(
-            gx.orbit.Surface(
-                AREA / 4, normal, centre=(ARM * c, ARM * s, 0.0), optics=OPTICS, two_sided=True
-            )
-        )
+        centre = (ARM * c, ARM * s, 0.0)
+        petal = gx.orbit.Surface(AREA / 4, normal, centre=centre, optics=OPTICS, two_sided=True)
+        found.append(petal)
     return found
 
 
@@ -55,9 +59,8 @@ def main(
     """
     start = gx.orbit.Elements(DISTANCE * AU)
     orbit = gx.orbit.Orbit(start, mu=MU_SUN, sun=(0.0, 0.0, 0.0), shadow="none", radius=6.957e8)
-    # light goes along x at the start: the spin axis z' is turned there, and tilted by the sun angle
-    c, s = math.cos(sun_angle), math.sin(sun_angle)
-    axis = np.array([c, s, 0.0])
+    # Light travels along x at the start.  The axis of spin is tilted from it by the sun angle.
+    axis = np.array([math.cos(sun_angle), math.sin(sun_angle), 0.0])
     attitude = np.column_stack([(0.0, 0.0, 1.0), np.cross(axis, (0.0, 0.0, 1.0)), axis])
     body = gx.RigidBody(
         MASS,
@@ -92,16 +95,16 @@ def main(
     frame = body.frame()
 
     def spin(system: object) -> float:
-        d = run.system.state.vectors(frame.directors[:2])
-        rate = run.system.state.rates(frame.directors[:2])
-        return float(rate[0] @ d[1])
+        directors = run.system.state.vectors(frame.directors[:2])
+        rates = run.system.state.rates(frame.directors[:2])
+        return float(rates[0] @ directors[1])
 
     before = spin(run.system)
     run.run(until=steps * dt)
     braked = INERTIA * (spin(run.system) - before) / run.time
     P = orbit.pressure / DISTANCE**2
     mirrored, both, _ = OPTICS.coefficients()
-    # dF/dδ along the petal's way: of the part along the normal alone
+    # dF/dδ along the motion of a petal: only the part of the force along the normal has one.
     formula = -P * AREA * ARM * math.sin(pitch) * (mirrored + both)
     return {
         "torque [N m]": braked,

@@ -1,10 +1,10 @@
-"""Where a film wrinkles, and how the wrinkles run: state and direction of tension on two static problems.
+"""State of a film and direction of its wrinkles in two static problems.
 
     bent strip       a tensioned film, bent in its plane until two fifths of its height wrinkle
     square airbag    two square sheets under pressure, seen from above
 
-Cells are coloured by their state; a line in each wrinkled cell runs along the tension, as crests and troughs of the
-wrinkles do, the bolder the more the film is shortened across it.
+Cells are coloured by their state.  A line in each wrinkled cell has the direction of tension, which is
+that of crests and troughs; its width grows with the shortening of the film across it.
 
     ./gossamer demo wrinkle_fields
 """
@@ -25,8 +25,9 @@ from gossamer_fx.materials.film import WRINKLED
 from gossamer_fx.model.body import Array
 from gossamer_fx.plot.colours import STATE_COLOURS
 
-LAW = "Miyazaki 1e-6"
-K = 3.0
+LAW = "Miyazaki 1e-6"  # name of a law in both studies
+K = 3.0  # curvature of the strip, E t H² κ/(2 P)
+# Signs of x and y by which a quarter of the airbag becomes the whole.
 MIRRORS = ((1, 1), (-1, 1), (1, -1), (-1, -1))
 
 
@@ -50,14 +51,17 @@ def wrinkles(film: gx.Membrane, search: gx.Equilibrium) -> Wrinkles:
     fields = FieldFunctions(search.system, film, ["state", "direction", "strain2"])
     fields.update()
     x = search.system.q0.array_r.reshape(-1, 3)
-    state, direction, strain2 = (
-        f.x.array.reshape(-1, f.function_space.dofmap.bs)[f.function_space.dofmap.list[:, 0]]
-        for f in fields.functions
-    )
+    # Each field has one vector a cell.
+    by_cell = []
+    for function in fields.functions:
+        dofs = function.function_space.dofmap
+        by_cell.append(function.x.array.reshape(-1, dofs.bs)[dofs.list[:, 0]])
+    state, direction, strain2 = by_cell
     return Wrinkles(x[film.space.dofmap.list], state[:, 0], direction, strain2[:, 0])
 
 
 def bent_strip(cells: int = 32) -> Wrinkles:
+    """The strip of the study, with `cells` cells over its height."""
     moved, search = bending_strip.bent_strip(MPI.COMM_SELF, bending_strip.LAWS[LAW], 1, K, cells)
     search.find()
     return wrinkles(moved.body, search)
@@ -80,11 +84,12 @@ def draw(scenes: dict[str, list[Wrinkles]], path: Path) -> None:
 
     figure = Figure(figsize=(11, 5.3), dpi=100, facecolor="white", layout="constrained")
     canvas = FigureCanvasAgg(figure)
-    extents = [
-        np.ptp(np.concatenate([p.corners.reshape(-1, 3) for p in parts]), axis=0)
-        for parts in scenes.values()
-    ]
-    panels = figure.subplots(1, len(scenes), width_ratios=[e[0] / e[1] for e in extents])
+    aspect_ratios = []
+    for parts in scenes.values():
+        corners = np.concatenate([part.corners.reshape(-1, 3) for part in parts])
+        width, height, _ = np.ptp(corners, axis=0)
+        aspect_ratios.append(width / height)
+    panels = figure.subplots(1, len(scenes), width_ratios=aspect_ratios)
     for axes, (title, parts) in zip(panels, scenes.items(), strict=True):
         for part in parts:
             _draw_part(axes, part)
@@ -94,32 +99,37 @@ def draw(scenes: dict[str, list[Wrinkles]], path: Path) -> None:
         axes.set_title(title, fontsize=11)
     key = [Patch(color=_pale(STATES[name]), label=name) for name in ("taut", "wrinkled", "slack")]
     figure.legend(handles=key, loc="outside lower center", ncols=3, frameon=False)
+    # The first drawing computes the layout that the second one uses.
     canvas.draw()
-    canvas.draw()  # the first one only lays out
+    canvas.draw()
     path.parent.mkdir(parents=True, exist_ok=True)
-    # a palette keeps the file small
-    Image.fromarray(np.asarray(canvas.buffer_rgba())[:, :, :3]).quantize(
-        48, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE
-    ).save(path, optimize=True)
+    # With a palette of 48 colours the file is small.
+    pixels = np.asarray(canvas.buffer_rgba())[:, :, :3]
+    image = Image.fromarray(pixels)
+    image = image.quantize(48, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    image.save(path, optimize=True)
 
 
 def _draw_part(axes: Any, part: Wrinkles) -> None:
     from matplotlib.collections import LineCollection, PolyCollection
 
-    flat = part.corners[:, :, :2]
-    colours = [_pale(round(s)) for s in part.state]
-    axes.add_collection(
-        PolyCollection(flat, facecolors=colours, edgecolors="white", linewidths=0.3)
-    )
-    shown = part.state == WRINKLED
-    size = np.linalg.norm(flat - np.roll(flat, 1, axis=1), axis=2).mean(axis=1)
-    centre, half = flat.mean(axis=1)[shown], 0.33 * (part.direction[:, :2] * size[:, None])[shown]
-    shortening = -part.strain2[shown]
-    bold = np.clip(shortening / np.percentile(shortening, 90), 0.1, 1.0)
-    lines = np.stack([centre - half, centre + half], axis=1)
-    axes.add_collection(
-        LineCollection(lines, colors=(0.30, 0.14, 0.0), linewidths=0.3 + 0.8 * bold)
-    )
+    corners = part.corners[:, :, :2]
+    colours = [_pale(round(state)) for state in part.state]
+    cells = PolyCollection(corners, facecolors=colours, edgecolors="white", linewidths=0.3)
+    axes.add_collection(cells)
+
+    is_wrinkled = part.state == WRINKLED
+    edge_lengths = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    cell_size = edge_lengths.mean(axis=1)
+    # A line is two thirds as long as the edges of its cell.
+    half_line = 0.33 * (part.direction[:, :2] * cell_size[:, None])[is_wrinkled]
+    centre = corners.mean(axis=1)[is_wrinkled]
+    lines = np.stack([centre - half_line, centre + half_line], axis=1)
+    # The largest tenth of the shortening has the full line width.
+    shortening = -part.strain2[is_wrinkled]
+    weight = np.clip(shortening / np.percentile(shortening, 90), 0.1, 1.0)
+    wrinkles = LineCollection(lines, colors=(0.30, 0.14, 0.0), linewidths=0.3 + 0.8 * weight)
+    axes.add_collection(wrinkles)
 
 
 def _pale(state: int) -> tuple[float, ...]:
@@ -127,8 +137,9 @@ def _pale(state: int) -> tuple[float, ...]:
 
 
 def main(output: str | Path | None = None) -> dict[str, float]:
-    """Wrinkled parts of the cells; a picture in a folder `output`."""
-    strip, bag = bent_strip(), square_airbag()
+    """Return the share of wrinkled cells of both films; with `output`, a folder, draw a picture."""
+    strip = bent_strip()
+    bag = square_airbag()
     if output is not None:
         scenes = {f"Tensioned film, bent by K = {K:g}": [strip], "Square airbag under 5 kPa": bag}
         draw(scenes, Path(output) / "wrinkle_fields.png")

@@ -1,6 +1,6 @@
 """A spinning hub is stopped by two masses on cords that unwind from it: the yo-yo of satellites.
 
-Two cords are wound half way round a cylinder each, held there by contact alone; a mass at the end of each is let go.
+Two cords are wound half way round a cylinder each and touch it by contact only.  A mass at the end of each is released.
 With cords without mass that leave the cylinder along its tangent (Fedor, NASA TN D-708, 1961, from the conservation of
 energy and angular momentum), the unwound length is s = R ω0 t and the spin of the hub
 
@@ -24,25 +24,33 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import keep
+from demos.common.deployment import write_figure
 from gossamer_fx.meshes.line import line
 from gossamer_fx.model.body import Array
 from gossamer_fx.outputs.output import Output
 from gossamer_fx.system.totals import relative_drift
 
 TITLE = "A hub is stopped by two masses on cords"
-RADIUS, MASS, SPIN = 0.1, 0.02, 10.0  # m, kg, rad/s
-CORD, TOUCH = 1e-4, 4e-4  # radius of the cords and distance of contact [m]
-LINE_DENSITY, EA = 1e-4, 5e3  # kg/m, N
-PRESSING = 5e9  # N/m³: the cords' tension presses them into contact by a hundredth of its distance
-DAMPING = 1e-3  # s, of the cords' stretch: without it the masses bounce on them for ever
-UNWOUND = 0.98  # of half a turn: a cord ends before the other one begins
+RADIUS = 0.1  # of the cylinder [m]
+MASS = 0.02  # at the end of a cord [kg]
+SPIN = 10.0  # of the hub at the start [rad/s]
+CORD_RADIUS = 1e-4  # m
+CONTACT_DISTANCE = 4e-4  # m
+LINE_DENSITY = 1e-4  # of a cord [kg/m]
+EA = 5e3  # of a cord [N]
+# The tension of the cords reduces their gap by a hundredth of the contact distance at this stiffness.
+CONTACT_STIFFNESS = 5e9  # N/m³
+# Of the stretch of the cords: without damping the masses bounce on them for ever.
+DAMPING = 1e-3  # s
+# Part of half a turn that a cord is wound: it ends before the other one begins.
+WOUND_PART = 0.98
 
 
 def wound(cells: int) -> tuple[float, float, float]:
     """Radius of a cord's corners, its length [m] and the angle of a cell [rad]: its cells lie outside of contact."""
-    step = UNWOUND * math.pi / cells
-    corners = (RADIUS + CORD + 1.01 * TOUCH) / math.cos(step / 2)
+    step = WOUND_PART * math.pi / cells
+    # The middle of a cell is the nearest to the cylinder: one per cent outside of contact.
+    corners = (RADIUS + CORD_RADIUS + 1.01 * CONTACT_DISTANCE) / math.cos(step / 2)
     return corners, cells * 2 * corners * math.sin(step / 2), step
 
 
@@ -80,20 +88,20 @@ def build(
     items: list[object] = [hub]
     for k in range(2):
 
-        def places(X: Array, first: float = math.pi * k) -> Array:
+        def wind(X: Array, first: float = math.pi * k) -> Array:
             angle = first - X[0] / length * cells * step
             return np.vstack([R * np.cos(angle), R * np.sin(angle), 0 * angle]) - X
 
         mesh = line(comm, [(0.0, 0.0, 0.0), (length, 0.0, 0.0)], cells)
         law = gx.TensionOnly(EA=EA, line_density=LINE_DENSITY)
-        cord = gx.Cable(mesh, law, name=f"cord {k + 1}", displacement=places)
+        cord = gx.Cable(mesh, law, name=f"cord {k + 1}", displacement=wind)
         end = math.pi * k - cells * step
         tip = gx.PointMass(MASS, (R * math.cos(end), R * math.sin(end), 0.0), name=f"mass {k + 1}")
-        held = hub.port((R * math.cos(math.pi * k), R * math.sin(math.pi * k), 0.0))
+        root = hub.port((R * math.cos(math.pi * k), R * math.sin(math.pi * k), 0.0))
         items += [
             cord,
             tip,
-            gx.constraints.BallJoint(cord.port("start"), held, name=f"knot {k + 1}"),
+            gx.constraints.BallJoint(cord.port("start"), root, name=f"knot {k + 1}"),
         ]
         items.append(gx.constraints.BallJoint(cord.port("end"), tip.port(), name=f"end {k + 1}"))
         items.append(gx.Damping(cord, stiffness_factor=DAMPING, name=f"damping {k + 1}"))
@@ -101,21 +109,22 @@ def build(
     contact = gx.Contact(
         *cords,
         drum,
-        distance=TOUCH,
-        stiffness=PRESSING,
-        radius=dict.fromkeys((c.name for c in cords), CORD),
+        distance=CONTACT_DISTANCE,
+        stiffness=CONTACT_STIFFNESS,
+        radius=dict.fromkeys((c.name for c in cords), CORD_RADIUS),
     )
     scene = gx.Scene(*items, contact, gx.RigidMotion(spin=(0.0, 0.0, SPIN)))  # type: ignore[arg-type]
     probes = {
         "spin of the hub [rad/s]": gx.probes.AngularVelocity(hub.frame(), "z"),
         "penetrations": gx.probes.Penetrations(contact),
     }
-    whole = UNWOUND * math.pi / SPIN if until is None else until
+    # In the closed form, s = R ω0 t, the cords are unwound at this time.
+    end_time = WOUND_PART * math.pi / SPIN if until is None else until
     control = gx.StepControl(target_iterations=10, max_step=largest)
     return gx.Case(
         scene,
         gx.Midpoint(dt=dt),
-        until=whole,
+        until=end_time,
         title=TITLE,
         probes=probes,
         control=control,
@@ -176,7 +185,7 @@ def draw(t: Array, spin: Array, cells: int, path: Path) -> None:
     right.set(xlabel="t [ms]", ylabel="difference [% of the first spin]")
     for axes in (left, right):
         axes.grid(alpha=0.3)
-    keep(figure, TITLE, path)
+    write_figure(figure, TITLE, path)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """gossamer_fx: films that wrinkle, inflatables and what holds them, moved with exact conservation.
 
 The public names are listed in `__init__.pyi`: core names, e.g. `gx.Scene`, and namespaces, e.g.
-`gx.gas`, each with a list of its own.  A name is imported when it is used.
+`gx.gas`, each with its own list.  A name is imported when it is used.
 """
 
 from gossamer_fx.checks.lazy_names import lazy_names

@@ -56,6 +56,8 @@ from .materials.elastica import Elastica as Elastica
 from .materials.film import Linear as Linear
 from .materials.film import Miyazaki as Miyazaki
 from .materials.film import TensionField as TensionField
+from .materials.orthotropic import LinearOrthotropic as LinearOrthotropic
+from .materials.orthotropic import Orthotropic as Orthotropic
 from .mesh.mesh import Mesh as Mesh
 from .mesh.mesh import gmsh_mesh as gmsh_mesh
 from .mesh.mesh import read_mesh as read_mesh

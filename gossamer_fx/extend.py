@@ -1,6 +1,6 @@
 """What an own part, load, law, probe, output or chamber is made of: the promised interface for extensions.
 
-Names of this module keep their meaning from one minor version to the next; everything else below
+Names of this module do not change their meaning from one minor version to the next; everything else below
 the rooms of the package may move.  The orbit room is written against this module and other public
 names only, as the proof that it suffices.
 
@@ -19,7 +19,7 @@ Gas
 Runs
     `Run`, `Output`, `Probe`
 Checks
-    `check`, `check_on_all`, `check_positive`, `is_vector`, `ask_numbers`, `InputError`
+    `check`, `check_on_all`, `check_positive`, `is_vector`, `ask`, `ask_numbers`, `InputError`
 """
 
 from gossamer_fx.checks.lazy_names import lazy_names

@@ -13,6 +13,7 @@ from .checks.errors import check as check
 from .checks.errors import check_on_all as check_on_all
 from .checks.errors import check_positive as check_positive
 from .checks.errors import is_vector as is_vector
+from .checks.user_functions import ask as ask
 from .checks.user_functions import ask_numbers as ask_numbers
 from .checks.user_functions import ask_points as ask_points
 from .drawing.solids import Solid as Solid
@@ -73,6 +74,7 @@ from .probes.run import Run as Run
 from .terms.assembly import Assembly as Assembly
 from .terms.assembly import CompiledConstraints as CompiledConstraints
 from .terms.assembly import CompiledTerms as CompiledTerms
+from .terms.assembly import Compiler as Compiler
 from .terms.coordinates import Coordinates as Coordinates
 from .terms.discrete_gradient import StressRule as StressRule
 from .terms.element_energies import StoredEnergy as StoredEnergy

@@ -18,11 +18,25 @@ class Section:
 
     Args:
         EA: axial stiffness [N].
-        GA2, GA3: shear stiffness along d2 and d3 [N], shear correction included.
-        EI2, EI3: bending stiffness [N m²], EI2 = E∫X2² dA: bending in the plane of the tangent and d2.
+        GA2: shear stiffness along d2 [N], including the shear coefficient.
+        GA3: shear stiffness along d3 [N].
+        EI2: E∫X2² dA [N m²]: bending in the plane of the tangent and d2.
+        EI3: E∫X3² dA [N m²].
         GJ: torsional stiffness [N m²].
         line_density: mass per length [kg/m].
-        rotary2, rotary3: ρ∫X2² dA and ρ∫X3² dA [kg m].
+        rotary2: ρ∫X2² dA [kg m].
+        rotary3: ρ∫X3² dA [kg m].
+
+    Raises:
+        InputError: a value is not positive.
+
+    Example:
+        >>> boom = gx.sections.Section(
+        ...     EA=1e6, GA2=2e5, GA3=2e5, EI2=50.0, EI3=50.0, GJ=10.0,
+        ...     line_density=0.1, rotary2=1e-5, rotary3=1e-5,
+        ... )
+        >>> boom.EI2
+        50.0
     """
 
     _: KW_ONLY
@@ -54,7 +68,14 @@ def _positive(section: str, **numbers: float) -> None:
 
 
 def _of_shape(
-    E: float, nu: float, density: float, A: float, I2: float, I3: float, J: float, k: float
+    E: float,
+    nu: float,
+    density: float,
+    A: float,
+    I2: float,
+    I3: float,
+    J: float,
+    k: float,
 ) -> Section:
     check(-1 < nu <= 0.5, f"Section: nu is {nu!r}; Poisson's ratio lies in (-1, 0.5].")
     G = E / (2 * (1 + nu))
@@ -72,8 +93,26 @@ def _of_shape(
 
 
 @check_arguments
-def solid_circle(radius: float, *, E: float, nu: float, density: float) -> Section:
-    """Circle of `radius` [m]; shear coefficient 6(1+ν)/(7+6ν) (Cowper, J. Appl. Mech. 33 (1966) 335)."""
+def solid_circle(
+    radius: float,
+    *,
+    E: float,
+    nu: float,
+    density: float,
+) -> Section:
+    """Circular section; shear coefficient 6(1+ν)/(7+6ν) (Cowper, J. Appl. Mech. 33 (1966) 335).
+
+    Args:
+        radius: [m].
+        E: Young's modulus [Pa].
+        nu: Poisson's ratio.
+        density: [kg/m³].
+
+    Example:
+        >>> section = gx.sections.solid_circle(0.01, E=70e9, nu=0.33, density=2700.0)
+        >>> round(section.line_density, 3)
+        0.848
+    """
     _positive("solid_circle", radius=radius, E=E, density=density)
     second = math.pi * radius**4 / 4
     k = 6 * (1 + nu) / (7 + 6 * nu)
@@ -82,11 +121,32 @@ def solid_circle(radius: float, *, E: float, nu: float, density: float) -> Secti
 
 @check_arguments
 def tube(
-    outer_radius: float, wall_thickness: float, *, E: float, nu: float, density: float
+    outer_radius: float,
+    wall_thickness: float,
+    *,
+    E: float,
+    nu: float,
+    density: float,
 ) -> Section:
-    """Tube of outer radius and wall thickness [m].
+    """Section of a circular tube.
 
-    With m the ratio of the radii, the shear coefficient is 6(1+ν)(1+m²)²/((7+6ν)(1+m²)² + (20+12ν)m²) (Cowper 1966).
+    With the ratio m of inner and outer radius, the shear coefficient is
+    6(1+ν)(1+m²)²/((7+6ν)(1+m²)² + (20+12ν)m²) (Cowper 1966).
+
+    Args:
+        outer_radius: [m].
+        wall_thickness: [m].
+        E: Young's modulus [Pa].
+        nu: Poisson's ratio.
+        density: [kg/m³].
+
+    Raises:
+        InputError: the wall is thicker than the radius, or a value is not positive.
+
+    Example:
+        >>> section = gx.sections.tube(0.02, 5e-4, E=100e9, nu=0.3, density=1560.0)
+        >>> round(section.line_density, 4)
+        0.0968
     """
     _positive(
         "tube", outer_radius=outer_radius, wall_thickness=wall_thickness, E=E, density=density
@@ -105,11 +165,30 @@ def tube(
 
 
 @check_arguments
-def rectangle(width2: float, width3: float, *, E: float, nu: float, density: float) -> Section:
-    """Rectangle of widths along d2 and d3 [m]; shear coefficient 10(1+ν)/(12+11ν) (Cowper 1966).
+def rectangle(
+    width2: float,
+    width3: float,
+    *,
+    E: float,
+    nu: float,
+    density: float,
+) -> Section:
+    """Rectangular section; shear coefficient 10(1+ν)/(12+11ν) (Cowper 1966).
 
-    Torsion constant J = a b³ (1/3 - 64 b/(π⁵ a) Σ tanh(nπa/(2b))/n⁵), odd n, a ≥ b (Saint-Venant's series; Timoshenko
-    & Goodier, Theory of Elasticity, § 109).
+    Its torsion constant is J = a b³ (1/3 - 64 b/(π⁵ a) Σ tanh(nπa/(2b))/n⁵), odd n, a ≥ b (Saint-Venant's
+    series; Timoshenko & Goodier, Theory of Elasticity, § 109).
+
+    Args:
+        width2: along d2 [m].
+        width3: along d3 [m].
+        E: Young's modulus [Pa].
+        nu: Poisson's ratio.
+        density: [kg/m³].
+
+    Example:
+        >>> section = gx.sections.rectangle(0.02, 0.01, E=70e9, nu=0.33, density=2700.0)
+        >>> round(section.EA)
+        14000000
     """
     _positive("rectangle", width2=width2, width3=width3, E=E, density=density)
     a, b = max(width2, width3), min(width2, width3)

@@ -23,7 +23,7 @@ def film(comm: MPI.Intracomm, cells: int, side: float) -> Mesh:
     """`cells` × `cells` squares on [-side/2, side/2]² in z = 0, each of four triangles around its centre.
 
     So the mesh has the film's symmetries, and its edges lie along both diagonals, where it folds.  From 3 cells on it
-    has nodes at E to H: two outer thirds of a side hold the same number of cells, the middle third what is left.
+    has nodes at E to H: two outer thirds of a side hold the same number of cells, the middle third the others.
 
     Group: "film".
     """

@@ -42,7 +42,7 @@ def mesh_of_arrays(
 def joined(
     points: Points, triangles: Numbers, tolerance: float = 1e-9
 ) -> tuple[Points, Numbers, Numbers]:
-    """Points in one place made one; and where each of the points went."""
+    """Merge points that coincide; returns also the new number of each point."""
     _, first, where = np.unique(
         np.rint(points / tolerance), axis=0, return_index=True, return_inverse=True
     )

@@ -25,7 +25,7 @@ from mpi4py import MPI
 PATIENCE = 60.0  # s that a failed rank waits for the others
 TALK = (
     MPI.COMM_WORLD.Dup()
-)  # what is left of a test that stopped half-way is not mistaken for one of our messages
+)  # output of a test that stopped half-way is not mistaken for one of our messages
 
 _TESTS = itertools.count(1)
 

@@ -1,4 +1,4 @@
-"""Any expression of strains at as many strains as wanted: one of them in every cell of a mesh, by the compiled code."""
+"""Evaluation of compiled expressions at many strains: each cell of a mesh has one strain."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from gossamer_fx.forms.backend import evaluate
 from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.model.body import Array
 
-CELLS = 2048
+CELLS = 2048  # of SQUARE
 CENTRE = np.array([[1 / 3, 1 / 3]])
 SQUARE = mesh.create_unit_square(MPI.COMM_SELF, 32, 32)
 STRAINS = fem.functionspace(SQUARE, ("Discontinuous Lagrange", 0, (3,)))
@@ -38,11 +38,16 @@ class Samples:
 def random_strains(n: int, size: float, seed: int) -> Array:
     """Strains of every state: principal values in [-size, size] and any direction, as (E11, E22, 2 E12)."""
     rng = np.random.default_rng(seed)
-    γ = rng.uniform(-size, size, (n, 2))
-    return strain(γ[:, 0], γ[:, 1], rng.uniform(0, np.pi, n))
+    principal = rng.uniform(-size, size, (n, 2))
+    direction = rng.uniform(0, np.pi, n)
+    return strain(principal[:, 0], principal[:, 1], direction)
 
 
 def strain(γ1: Array, γ2: Array, φ: Array) -> Array:
     """The strains (n, 3) with principal values γ1, γ2, the first in direction φ."""
-    c, s = np.cos(φ), np.sin(φ)
-    return np.stack([γ1 * c**2 + γ2 * s**2, γ1 * s**2 + γ2 * c**2, 2 * (γ1 - γ2) * c * s], axis=-1)
+    c = np.cos(φ)
+    s = np.sin(φ)
+    E11 = γ1 * c**2 + γ2 * s**2
+    E22 = γ1 * s**2 + γ2 * c**2
+    E12 = (γ1 - γ2) * c * s
+    return np.stack([E11, E22, 2 * E12], axis=-1)

@@ -1,4 +1,4 @@
-"""Run a program as a child of this one, as if it had taken its place."""
+"""Run a program as a child of this one, as if this process had been replaced."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ def environment_with_wheels() -> Path:
 
 def _pip(*words: str) -> None:
     CACHE.mkdir(parents=True, exist_ok=True)
-    # what pip prints is no output of the command
+    # What pip prints does not belong to the output of the command.
     done = subprocess.run([*PIP, *words], stdout=sys.stderr)
     if done.returncode:
         packages = " ".join(word for word in words if word[0].isalpha() and word != "install")

@@ -37,7 +37,7 @@ OWN_FILES = (
 # Folders of a tree that stand over the machine's; the last one so that no apt-get inside changes
 # what the machine knows of its packages.
 REPLACED = ("/usr", "/etc", "/var/lib/dpkg")
-# links into /usr, or folders beside it on machines that were installed long ago
+# links into /usr, or separate folders on machines that were installed long ago
 OUTSIDE_USR = ("/bin", "/sbin", "/lib", "/lib32", "/lib64", "/libx32")
 PATH_IN_A_WORD = re.compile(r"/(?:usr|etc)/[^][ ,:;=(){}<>|&\"']+")
 UNUSED_AFTER = 24 * 3600.0  # s
@@ -74,7 +74,7 @@ def finish(tree: Path) -> None:
 
 
 def unused_trees(tree: Path) -> list[Path]:
-    """Trees beside this one that no process uses, and nobody has used for a day."""
+    """Other trees in the same folder that no process uses, and nobody has used for a day."""
     found = []
     for other in sorted(tree.parent.glob("debian13-*/")):
         used = other / ".used"
@@ -111,7 +111,7 @@ def remove_in_background(trees: Sequence[Path]) -> None:
 
 
 def bindings(tree: str, words: Sequence[str]) -> Iterator[Binding]:
-    """What is mounted where, in this order: pairs of a path of the machine and the place for it.
+    """What is mounted where, in this order: pairs of a path of the machine and its path in the tree.
 
     Args:
         tree: of Debian 13.
@@ -163,7 +163,7 @@ def named_paths(words: Sequence[str]) -> list[str]:
 
 
 def is_filled(path: str) -> bool:
-    """Whether a folder or file of a tree has content of its own."""
+    """Whether a folder or file of a tree has content itself."""
     try:
         if os.path.isdir(path):
             return bool(os.listdir(path))
@@ -187,7 +187,7 @@ def make_place(path: str, is_folder: bool) -> None:
 def enter_as_root(tree: str, command: Sequence[str]) -> NoReturn:
     """Mount and change the root; the command replaces this process, so that it gets its signals.
 
-    The launcher has put this process into a mount namespace of its own.
+    The launcher has put this process into a separate mount namespace.
     """
     stage = f"{tree}/mnt"
     mount("--rbind", "/", stage)

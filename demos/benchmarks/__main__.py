@@ -1,4 +1,4 @@
-"""Run times beside those of others: ./gossamer bench NAME [--quick] [--runs N]; NAME `all` runs every problem.
+"""Run times compared with those of others: ./gossamer bench NAME [--quick] [--runs N]; NAME `all` runs every problem.
 
 `contact` runs `contact_cost`, too.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from contact_scene import DENSITY, DISTANCE, NU, THICKNESS, E, grid, pierced, thrown
+from contact_scene import DENSITY, DISTANCE, NU, THICKNESS, E, grid, penetrations, thrown
 from contestants import words
 from mpi4py import MPI
 from stopwatch import Stopwatch, show
@@ -48,6 +48,8 @@ show(
         },
         "ΔP/P": relative_drift(run.totals.momentum, run.first.momentum),
         "ΔL/L": relative_drift(run.totals.angular_momentum, run.first.angular_momentum),
-        "pierced": pierced(x, np.vstack([films[0].triangles, films[1].triangles + len(places[0])])),
+        "penetrations": penetrations(
+            x, np.vstack([films[0].triangles, films[1].triangles + len(places[0])])
+        ),
     }
 )

@@ -8,7 +8,7 @@ import time
 import newton
 import numpy as np
 import warp as wp
-from contact_scene import DISTANCE, LAME, SIGMA, elastic_energy, films, pierced
+from contact_scene import DISTANCE, LAME, SIGMA, elastic_energy, films, penetrations
 from contestants import words
 
 case = words({"n": 10, "dt": 1e-4, "until": 0.01, "iterations": 20, "stiffness": 0.0})
@@ -86,7 +86,7 @@ print(
             "ΔE/E": abs(last[0] / first[0] - 1),
             "ΔP/P": float(np.linalg.norm(last[1] - first[1]) / np.linalg.norm(first[1])),
             "ΔL/L": float(np.linalg.norm(last[2] - first[2])) / spin,
-            "pierced": pierced(q.astype(float), triangles),
+            "penetrations": penetrations(q.astype(float), triangles),
         }
     )
 )

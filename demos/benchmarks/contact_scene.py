@@ -1,74 +1,110 @@
-"""A film thrown at another: the same places, speeds and constants for every program, and what is asked of the end."""
+"""A film is thrown at another one: the scene that all programs compute, and its measures at the end.
+
+Two square films of the same mesh.  The lower one rests in z = 0; the upper one is turned about z,
+spins, and moves towards the lower one.  This module uses numpy only, as it also runs in environments
+without dolfinx.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-SIZE, DISTANCE, SPEED = 0.2, 1e-3, 2.0
-E, NU, DENSITY, THICKNESS = 1e7, 0.3, 1400.0, 1e-4
-SIGMA = DENSITY * THICKNESS
-LAME = (
-    E * THICKNESS / (2 * (1 + NU)),
-    E * THICKNESS * NU / (1 - NU**2),
-)  # of plane stress, over the thickness [N/m]
+SIZE = 0.2  # edge of the films [m]
+DISTANCE = 1e-3  # gap at which contact begins [m]
+SPEED = 2.0  # of the upper film towards the lower one [m/s]
+SLIP = (0.2, 0.1)  # its velocity along the lower film [m/s]
+SPIN = 5.0  # of the upper film about z [rad/s]
+TURN = 0.4  # of the upper film about z at the start [rad], so that no edges are parallel
+OFFSET = (0.02, 0.01, 2e-3)  # of the upper film at the start [m]
+
+# A soft film [Pa, 1, kg/m³, m]: explicit programs can afford its waves.
+E = 1e7
+NU = 0.3
+DENSITY = 1400.0
+THICKNESS = 1e-4
+SIGMA = DENSITY * THICKNESS  # mass per area [kg/m²]
+# Lamé's constants μ and λ of plane stress, times the thickness [N/m].
+LAME = (E * THICKNESS / (2 * (1 + NU)), E * THICKNESS * NU / (1 - NU**2))
+
+# Below this determinant [m³] an edge is parallel to a triangle: they have no single common point.
+PARALLEL = 1e-30
 
 
 def grid(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points (p, 3) and triangles (t, 3) of a square film about the origin."""
-    a = np.linspace(-SIZE / 2, SIZE / 2, n + 1)
-    x, y = np.meshgrid(a, a, indexing="ij")
+    """Points (p, 3) [m] and triangles (t, 3) of a square film about the origin, n × n × 2 triangles."""
+    ticks = np.linspace(-SIZE / 2, SIZE / 2, n + 1)
+    x, y = np.meshgrid(ticks, ticks, indexing="ij")
+    points = np.stack([x, y, np.zeros_like(x)], axis=2).reshape(-1, 3)
+
+    # Corners of each square cell, counterclockwise.
     number = np.arange(x.size).reshape(x.shape)
-    p, q, r, s = (
-        c.ravel() for c in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
-    )
-    return np.stack([x, y, 0 * x], axis=2).reshape(-1, 3), np.vstack(
-        [np.stack([p, q, r], 1), np.stack([p, r, s], 1)]
-    )
+    p = number[:-1, :-1].ravel()
+    q = number[1:, :-1].ravel()
+    r = number[1:, 1:].ravel()
+    s = number[:-1, 1:].ravel()
+    triangles = np.vstack([np.stack([p, q, r], axis=1), np.stack([p, r, s], axis=1)])
+    return points, triangles
 
 
 def thrown(X: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places and velocities of the upper film, of its stress-free places (p, 3): turned about z, and turning."""
-    c, s = np.cos(0.4), np.sin(0.4)
-    x = X @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) + np.array([0.02, 0.01, 2e-3])
-    return x, np.cross([0, 0, 5.0], X) + np.array([0.2, 0.1, -SPEED])
+    """Initial positions [m] and velocities [m/s] of the upper film, from its stress-free positions X (p, 3)."""
+    c = np.cos(TURN)
+    s = np.sin(TURN)
+    rotation = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+    positions = X @ rotation + np.array(OFFSET)
+    velocities = np.cross([0, 0, SPIN], X) + np.array([*SLIP, -SPEED])
+    return positions, velocities
 
 
 def films(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Stress-free places, places, velocities (p, 3) of both, and triangles (t, 3)."""
+    """Both films: stress-free positions, positions, velocities (p, 3), and triangles (t, 3)."""
     X, triangles = grid(n)
     x, v = thrown(X)
-    return (
-        np.vstack([X, X]),
-        np.vstack([X, x]),
-        np.vstack([0 * X, v]),
-        np.vstack([triangles, triangles + len(X)]),
-    )
+    stress_free = np.vstack([X, X])
+    positions = np.vstack([X, x])
+    velocities = np.vstack([np.zeros_like(X), v])
+    return stress_free, positions, velocities, np.vstack([triangles, triangles + len(X)])
 
 
 def elastic_energy(X: np.ndarray, x: np.ndarray, triangles: np.ndarray) -> float:
-    """[J], of Newton's neo-Hookean membrane: ½ μ (tr FᵀF - 2) + ½ (λ + μ)(J - 1 - μ/(λ + μ))², zero at rest."""
-    D = np.stack([X[triangles[:, k]] - X[triangles[:, 0]] for k in (1, 2)], axis=2)[:, :2]
-    d = np.stack([x[triangles[:, k]] - x[triangles[:, 0]] for k in (1, 2)], axis=2)
-    F = d @ np.linalg.inv(D)
+    """Elastic energy [J] of films at positions x with the stress-free positions X (p, 3).
+
+    The neo-Hookean membrane of Newton, with F the deformation gradient, J the ratio of areas, and zero
+    energy and stress at rest:
+
+        ψ = ½ μ (tr FᵀF - 2) + ½ (λ + μ) (J - α)² - ½ (λ + μ) (1 - α)²,    α = 1 + μ/(λ + μ)
+    """
+    first = triangles[:, 0]
+    rest_edges = np.stack([X[triangles[:, k]] - X[first] for k in (1, 2)], axis=2)[:, :2]
+    edges = np.stack([x[triangles[:, k]] - x[first] for k in (1, 2)], axis=2)
+    F = edges @ np.linalg.inv(rest_edges)
     C = np.einsum("nci,ncj->nij", F, F)
-    μ, λ = LAME[0], LAME[0] + LAME[1]
-    α = 1 + μ / λ
     J = np.sqrt(np.linalg.det(C))
-    ψ = μ / 2 * (np.trace(C, axis1=1, axis2=2) - 2) + λ / 2 * ((J - α) ** 2 - (1 - α) ** 2)
-    return float((ψ * np.abs(np.linalg.det(D)) / 2).sum())
+    trace = np.trace(C, axis1=1, axis2=2)
+
+    μ = LAME[0]
+    bulk = LAME[0] + LAME[1]
+    α = 1 + μ / bulk
+    density = μ / 2 * (trace - 2) + bulk / 2 * ((J - α) ** 2 - (1 - α) ** 2)
+    areas = np.abs(np.linalg.det(rest_edges)) / 2
+    return float((density * areas).sum())
 
 
-def pierced(x: np.ndarray, triangles: np.ndarray) -> int:
-    """How many edges pierce triangles, by all pairs."""
-    edges = np.unique(
-        np.sort(triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1), axis=0
-    )
-    count = 0
+def penetrations(x: np.ndarray, triangles: np.ndarray) -> int:
+    """Number of edges that intersect triangles without a common node, among all pairs; x (p, 3) [m]."""
+    sides = triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2)
+    edges = np.unique(np.sort(sides, axis=1), axis=0)
     a, b, c = (x[triangles[:, k]] for k in range(3))
+    count = 0
     for p, q in edges:
-        apart = ~((triangles == p) | (triangles == q)).any(axis=1)
-        M = np.stack([np.broadcast_to(x[q] - x[p], a.shape), a - b, a - c], axis=2)
-        good = apart & (np.abs(np.linalg.det(M)) > 1e-30)
-        s, u, v = np.linalg.solve(M[good], (a - x[p])[good][..., None])[..., 0].T
-        count += int(((s > 0) & (s < 1) & (u > 0) & (v > 0) & (u + v < 1)).sum())
+        # x_p + s (x_q - x_p) = a + u (b - a) + v (c - a), for every triangle (a, b, c)
+        direction = np.broadcast_to(x[q] - x[p], a.shape)
+        M = np.stack([direction, a - b, a - c], axis=2)
+        shares_node = ((triangles == p) | (triangles == q)).any(axis=1)
+        solvable = ~shares_node & (np.abs(np.linalg.det(M)) > PARALLEL)
+        right = (a - x[p])[solvable][..., None]
+        s, u, v = np.linalg.solve(M[solvable], right)[..., 0].T
+        on_edge = (s > 0) & (s < 1)
+        in_triangle = (u > 0) & (v > 0) & (u + v < 1)
+        count += int((on_edge & in_triangle).sum())
     return count

@@ -1,4 +1,4 @@
-"""The programs that are compared: this one, and peers from PyPI in an environment of their own.
+"""The programs that are compared: this one, and peers from PyPI in a separate environment.
 
 A contestant in a problem is the script PROBLEM_PROGRAM.py of this folder.  It takes words `key=value`, and prints as
 its last line a JSON object with `cpu` and `wall` [s] of the computing alone (no start-up, no compilation), `dofs`,
@@ -28,7 +28,7 @@ PACKAGES = {
 SELF = "gossamer"
 PREFIXED = (
     "ngsolve",
-)  # its libraries lie beside the folder of modules, where pip puts them with a prefix only
+)  # its libraries lie next to the folder of modules, where pip puts them with a prefix only
 
 
 class Failed(Exception):

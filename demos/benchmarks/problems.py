@@ -208,6 +208,17 @@ PROBLEMS = {
         },
         quick={"1k, 1 packed": {SELF: {"vertices": 1000, "part": 1.0}}},
     ),
+    "gradient": Problem(
+        title="A gradient by thousands of parameters, the pass backwards over the run",
+        cost=lambda r: r["ratio"],
+        unit="times the run",
+        cases={
+            f"{scene}, {n} x {n} cells": {SELF: {"scene": scene, "n": n}}
+            for scene in ("sheet", "contact")
+            for n in (10, 20, 40)
+        },
+        quick={"sheet, 6 x 6 cells": {SELF: {"scene": "sheet", "n": 6, "steps": 10}}},
+    ),
     "ranks": Problem(
         title="Free spinning sheet on two ranks and on one",
         cost=lambda r: r["wall"] / r["steps"],

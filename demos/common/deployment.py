@@ -1,4 +1,4 @@
-"""What deployment demos share: how a case is run to its end, what its books say, how curves are kept, and units."""
+"""Shared by the deployment demos: run a case, collect and print the figures of the run, write curves."""
 
 from __future__ import annotations
 
@@ -13,63 +13,97 @@ from gossamer_fx.outputs.output import Output, Probe
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-BY = "dissipated by "  # before the name of a cause
+# Prefix of the figures that `dissipation` returns for the single parts of a scene.
+DISSIPATED_BY = "dissipated by "
 
 
-def deploy(
-    case: gx.Case, output: str | Path | None, name: str, parts: Sequence[float], view: gx.plot.View
+def run_case(
+    case: gx.Case,
+    output: str | Path | None,
+    name: str,
+    fractions: Sequence[float],
+    view: gx.plot.View,
 ) -> tuple[gx.Simulation, gx.Series]:
-    """Run a case to its end; with `output`, a folder: its recording, and NAME.png at these parts of its time."""
+    """Run a case to its end; returns the run and the values of its probes.
+
+    Args:
+        case: the case.
+        output: folder for the recording and the picture; None: nothing is written.
+        name: of the picture, without its suffix.
+        fractions: times of the picture, as fractions of the case's duration.
+        view: from which the picture is drawn.
+    """
     series = gx.Series(case.probes)
     outputs: list[Output] = [gx.outputs.Progress(), series]
     if output is not None:
-        folder, looks = Path(output), [part * case.until for part in parts]
-        outputs += [
-            case.recording(folder),
-            gx.plot.Picture(folder / f"{name}.png", looks, title=case.title, view=view),
-        ]
+        folder = Path(output)
+        times = [fraction * case.until for fraction in fractions]
+        picture = gx.plot.Picture(folder / f"{name}.png", times, title=case.title, view=view)
+        outputs += [case.recording(folder), picture]
     run = case.simulation(outputs)
     run.run(until=case.until)
     return run, series
 
 
-def books(run: gx.Simulation, series: gx.Series) -> dict[str, float]:
-    """Closing error of the energy, halved steps, steps, iterations a step, seconds, and the most edges that pierced."""
+def run_figures(run: gx.Simulation, series: gx.Series) -> dict[str, float]:
+    """Figures of a whole run.
+
+    Returns:
+        energy_error: error of the energy balance over the largest energy, without sign.
+        halved: number of rejected steps, each of which was made of two halves instead.
+        steps: number of steps.
+        iterations: Newton iterations per step.
+        seconds: wall time [s].
+        penetrations: largest number of edges that intersect triangles after any step; nan if the
+            case has no probe of this name.
+    """
+    penetrations = math.nan
+    if "penetrations" in series.probes:
+        penetrations = float(series["penetrations"].max())
     return {
         "energy_error": abs(run.energy_error),
         "halved": run.substeps,
         "steps": run.step,
         "iterations": run.iterations / run.step,
         "seconds": run.seconds,
-        "penetrations": float(series["penetrations"].max())
-        if "penetrations" in series.probes
-        else math.nan,
+        "penetrations": penetrations,
     }
 
 
-def losses(run: gx.Simulation) -> dict[str, float]:
-    """Energy dissipated [J], and by each cause."""
-    each = {f"{BY}{name}": loss for name, loss in run.totals.losses.items()}
-    return {"dissipated": run.totals.dissipated, **each}
+def dissipation(run: gx.Simulation) -> dict[str, float]:
+    """Energy that a run has dissipated [J]: in all, and by each part of the scene that dissipates."""
+    by_part = {f"{DISSIPATED_BY}{name}": loss for name, loss in run.totals.losses.items()}
+    return {"dissipated": run.totals.dissipated, **by_part}
 
 
-def by_cause(found: Mapping[str, float]) -> str:
-    """The losses of a run in words, behind their sum."""
-    each = [
-        f"{loss:.3g} J by {name.removeprefix(BY)}"
-        for name, loss in found.items()
-        if name.startswith(BY)
+def dissipation_by_part(figures: Mapping[str, float]) -> str:
+    """The figures of `dissipation` of each part as text in parentheses, e.g. " (3 J by friction)"."""
+    parts = [
+        f"{loss:.3g} J by {name.removeprefix(DISSIPATED_BY)}"
+        for name, loss in figures.items()
+        if name.startswith(DISSIPATED_BY)
     ]
-    return f" ({', '.join(each)})" if each else ""
+    if not parts:
+        return ""
+    return f" ({', '.join(parts)})"
 
 
-def say_books(found: Mapping[str, float], kept: str, error: str, pierced: str = "the film") -> None:
-    """The books in words; beside the energy, `kept` closes to the number `error`."""
-    print(f"Edges that pierced {pierced} in any step: {found['penetrations']:.0f}.")
+def print_run_figures(
+    figures: Mapping[str, float], conserved: str, error: str, obstacle: str = "the film"
+) -> None:
+    """Print the figures of `run_figures` and the error of a second conserved quantity.
+
+    Args:
+        figures: of the run.
+        conserved: name of the second quantity, e.g. "angular momentum".
+        error: name of its error among the figures.
+        obstacle: what edges may intersect.
+    """
+    print(f"Edges that intersect {obstacle} in any step: {figures['penetrations']:.0f}.")
     print(
-        f"Energy closes to {found['energy_error']:.0e}, {kept} to {found[error]:.0e}; "
-        f"{found['steps']:.0f} steps, {found['iterations']:.1f} iterations each, {found['halved']:.0f} halved, "
-        f"{found['seconds']:.0f} s."
+        f"Energy closes to {figures['energy_error']:.0e}, {conserved} to {figures[error]:.0e}; "
+        f"{figures['steps']:.0f} steps, {figures['iterations']:.1f} iterations each, "
+        f"{figures['halved']:.0f} rejected, {figures['seconds']:.0f} s."
     )
 
 
@@ -78,8 +112,8 @@ def square_millimetres(area: Probe) -> Probe:
     return lambda run: 1e6 * area(run)
 
 
-def keep(figure: Figure, title: str, path: Path) -> None:
-    """Write a figure of curves with a title."""
+def write_figure(figure: Figure, title: str, path: Path) -> None:
+    """Write a figure of curves with a title as PNG."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     figure.suptitle(title)

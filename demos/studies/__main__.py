@@ -43,7 +43,8 @@ def main() -> int:
     for name in names:
         study: Study = importlib.import_module(f"demos.studies.{name}").STUDY
         if wanted.fresh and comm.rank == 0:
-            (wanted.out / f"{name}.csv").unlink(missing_ok=True)
+            for kept in (f"{name}.csv", f"{name}-quick.csv"):
+                (wanted.out / kept).unlink(missing_ok=True)
         comm.barrier()
         results = run(study, wanted.out, comm, wanted.quick)
         missing += [f"{name}: {words}" for words in shortfalls(study, results) if not wanted.quick]

@@ -14,7 +14,7 @@ import numpy as np
 from mpi4py import MPI
 
 import gossamer_fx as gx
-from demos.common.deployment import books
+from demos.common.deployment import run_figures
 from demos.folded_tube import build, opening_times
 from demos.studies.engine.deployments import STARTS, nudged
 from demos.studies.engine.study import Study
@@ -22,11 +22,13 @@ from demos.studies.engine.study import Study
 UNTIL = 12e-3
 
 
-def problem(comm: MPI.Comm, start: str, cells: int, h: float) -> dict[str, float]:
-    case = build(comm, cells=cells, dt=h, until=UNTIL, pressure=nudged(1.5e6, start))
+def problem(
+    comm: MPI.Comm, start: str, cells: int, h: float, until: float = UNTIL
+) -> dict[str, float]:
+    case = build(comm, cells=cells, dt=h, until=until, pressure=nudged(1.5e6, start))
     series = gx.Series(case.probes)
     run = gx.Simulation(case.scene, case.stepper, outputs=[series])
-    run.run(until=UNTIL)
+    run.run(until=until)
     t = series.time
     opened = opening_times(t, [series["ring1 [mm2]"], series["ring2 [mm2]"]], 0.03)
     x, z = series["tip x [m]"], series["tip z [m]"]
@@ -38,7 +40,7 @@ def problem(comm: MPI.Comm, start: str, cells: int, h: float) -> dict[str, float
         "p1 at the end [Pa]": float(series["p1 [Pa]"][-1]),
         "distance [mm]": 1e3 * math.hypot(x[-1], z[-1]),
         "mean speed [m/s]": float(np.trapezoid(speed, t) / t[-1]),
-        **books(run, series),
+        **run_figures(run, series),
         "unknowns": run.system.q0.getSize(),
     }
 
@@ -50,6 +52,7 @@ STUDY = Study(
     {"start": STARTS, "cells": [4, 6, 8], "h": [1e-4, 5e-5, 2.5e-5]},
     lambda case: case["h"],
     quick={"start": ["usual"], "cells": [4], "h": [1e-4]},
+    quick_options={"until": 4e-3},
     columns=(
         *(
             "opened1 [ms]",

@@ -14,8 +14,8 @@ from demos.studies.engine.deployments import BOOKS
 from demos.studies.engine.study import Study
 
 
-def problem(comm: MPI.Comm, pitch: float, h: float) -> dict[str, float]:
-    return main(pitch=pitch, largest=h, comm=comm)
+def problem(comm: MPI.Comm, pitch: float, h: float, **options: float) -> dict[str, float]:
+    return main(pitch=pitch, largest=h, comm=comm, **options)
 
 
 STUDY = Study(
@@ -25,6 +25,7 @@ STUDY = Study(
     {"pitch": [0.64, 0.32], "h": [2e-2, 1e-2, 5e-3]},
     lambda case: case["h"],
     quick={"pitch": [0.8], "h": [2e-2]},
+    quick_options={"until": 1.0},
     columns=("opened", "largest_radius", "radius", "spin_of_hub", "spin_of_sail", *BOOKS),
     may_fail=True,
 )

@@ -14,8 +14,9 @@ from demos.studies.engine.deployments import BOOKS, STARTS, nudged
 from demos.studies.engine.study import Study
 
 
-def problem(comm: MPI.Comm, start: str, cells: int, h: float) -> dict[str, float]:
-    return main(cells=cells, largest=h, dt=min(h, 4e-4), rev=nudged(8.0, start), comm=comm)
+def problem(comm: MPI.Comm, start: str, cells: int, h: float, **options: float) -> dict[str, float]:
+    rev = nudged(8.0, start)
+    return main(cells=cells, largest=h, dt=min(h, 4e-4), rev=rev, comm=comm, **options)
 
 
 STUDY = Study(
@@ -25,6 +26,7 @@ STUDY = Study(
     {"start": STARTS, "cells": [1, 2], "h": [2e-3, 1e-3, 5e-4]},
     lambda case: case["h"],
     quick={"start": ["usual"], "cells": [1], "h": [1e-3]},
+    quick_options={"until": 0.05},
     columns=("largest_radius", "when", "spin_of_hub", "spin_of_sail", *BOOKS),
     may_fail=True,
 )

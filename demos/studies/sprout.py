@@ -14,9 +14,11 @@ from demos.studies.engine.deployments import BOOKS, STARTS, nudged
 from demos.studies.engine.study import Study
 
 
-def problem(comm: MPI.Comm, start: str, cell: float, h: float) -> dict[str, float]:
+def problem(
+    comm: MPI.Comm, start: str, cell: float, h: float, until: float = 0.12
+) -> dict[str, float]:
     found = main(
-        until=0.12,
+        until=until,
         length=0.6,
         rows=1,
         tank=5e-4,
@@ -40,6 +42,7 @@ STUDY = Study(
     {"start": STARTS, "cell": [0.06, 0.045], "h": [2e-4, 1e-4, 5e-5]},
     lambda case: case["h"],
     quick={"start": ["usual"], "cell": [0.06], "h": [4e-4]},
+    quick_options={"until": 5e-3},
     columns=("span", "reach", "spin", "least pressure", "largest pressure", *BOOKS),
     may_fail=True,
 )

@@ -28,7 +28,12 @@ def thrown(speed: float, X: np.ndarray) -> np.ndarray:
 
 
 def problem(
-    comm: MPI.Comm, stiffness: float, speed: float, h: float, cells: int
+    comm: MPI.Comm,
+    stiffness: float,
+    speed: float,
+    h: float,
+    cells: int,
+    until: float = UNTIL,
 ) -> dict[str, float]:
     """Stiffness and speed as multiples of the softest and slowest; time step h [s]; cells along a panel."""
     mesh = creased_strip(comm, cells, 3, LENGTH, WIDTH)
@@ -43,13 +48,13 @@ def problem(
     run = gx.Simulation(gx.Scene(plate, crease), gx.Midpoint(dt=h))
     least, most, began = math.inf, -math.inf, time.process_time()
     angle = gx.probes.FoldAngle(crease)
-    for end in np.linspace(0, UNTIL, round(UNTIL / (4 * h)) + 1)[1:]:
+    for end in np.linspace(0, until, round(until / (4 * h)) + 1)[1:]:
         run.run(until=float(end))
         θ = math.degrees(angle(run))
         least, most = min(least, θ), max(most, θ)
     drift = run.totals.angular_momentum - run.first.angular_momentum
     return {
-        "halved": run.substeps / (UNTIL / h),
+        "halved": run.substeps / (until / h),
         "energy": run.energy_error,
         "angular momentum": float(np.abs(drift).max() / np.abs(run.first.angular_momentum).max()),
         "iterations": run.iterations / run.step,
@@ -70,6 +75,7 @@ STUDY = Study(
         Measure("energy", 0.0, 1e-9),
         Measure("angular momentum", 0.0, 1e-10),
     ),
-    quick={"stiffness": [1.0], "h": [2e-4]},
+    quick={"stiffness": [1.0], "speed": [1.0], "h": [2e-4]},
+    quick_options={"until": 4e-3},
     columns=("least angle", "largest angle", "iterations", "seconds"),
 )

@@ -87,7 +87,12 @@ def gradient(X: Numbers) -> Numbers:
     return (_v(_v(C)) * gS - _v(_v(S)) * gC) / _v(_v(C * C + S * S))
 
 
-def discrete_gradient(X0: Array, X1: Numbers, θ0: Array, θ1: Numbers) -> Numbers:
+def discrete_gradient(
+    X0: Array,
+    X1: Numbers,
+    θ0: Array,
+    θ1: Numbers,
+) -> Numbers:
     """Discrete gradient G (..., 3, 3) of the angle over a step, equation (4) of the module.
 
     It satisfies G·(X1 - X0) = θ1 - θ0 and Σ X_mid × G = 0; at X1 = X0 it is the gradient.
@@ -146,7 +151,12 @@ def discrete_gradient(X0: Array, X1: Numbers, θ0: Array, θ1: Numbers) -> Numbe
     return weight_of_sine * gS - weight_of_cosine * gC
 
 
-def discrete_gradient_derivative(X0: Array, X1: Array, θ0: Array, θ1: Array) -> Array:
+def discrete_gradient_derivative(
+    X0: Array,
+    X1: Array,
+    θ0: Array,
+    θ1: Array,
+) -> Array:
     """Derivative ∂G/∂X1 (n, 3, 3, 3, 3) of the discrete gradient of n folds, exact to round-off.
 
     The arguments are those of `discrete_gradient`, with the shapes (n, 3, 3) and (n,).  The

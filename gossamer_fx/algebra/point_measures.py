@@ -30,6 +30,9 @@ from gossamer_fx.model.body import Array, Attached, Body, Ground, Port
 # the call with all of them first sorts the rows.
 LARGE_BLOCK = 50
 
+# Singular values below this fraction of the largest one count as zero.
+RANK_TOLERANCE = 1e-12
+
 Ports = tuple[Attached, ...]
 
 
@@ -49,8 +52,13 @@ def translation_weight(port: Attached) -> float:
     """How far a port moves when all bodies move by one: 1 for a point, 0 for a director or a difference."""
     if isinstance(port, Ground):
         return 1.0
+    # A port without vectors means the positions of its nodes.
     vectors = port.vectors or (0,) * len(port.nodes)
-    return sum(w for w, vector in zip(port.weights, vectors, strict=True) if vector == 0)
+    weight_of_positions = 0.0
+    for weight, vector in zip(port.weights, vectors, strict=True):
+        if vector == 0:
+            weight_of_positions += weight
+    return weight_of_positions
 
 
 def attach(
@@ -85,12 +93,17 @@ def attach(
         columns += [(j, weight) for weight in port.weights]
     P = np.zeros((3 * len(ports), 3 * len(columns)))
     for k, (j, weight) in enumerate(columns):
-        P[3 * j : 3 * j + 3, 3 * k : 3 * k + 3] = weight * np.eye(3)
+        rows_of_port = slice(3 * j, 3 * j + 3)
+        columns_of_node = slice(3 * k, 3 * k + 3)
+        P[rows_of_port, columns_of_node] = weight * np.eye(3)
     return np.concatenate(indices), P, offset
 
 
 def attach_all(
-    numbering: Numbering, bodies: list[Body], tuples: Sequence[Ports], rows: int
+    numbering: Numbering,
+    bodies: list[Body],
+    tuples: Sequence[Ports],
+    rows: int,
 ) -> tuple[GlobalIndices, Array, Array]:
     """The same for n tuples of ports, as arrays.
 
@@ -104,12 +117,18 @@ def attach_all(
     """
     attached = [attach(numbering, bodies, ports) for ports in tuples]
     n = len(attached)
-    D = max((len(indices) for indices, _, _ in attached), default=0)
-    padded = [np.pad(i, (0, D - len(i)), constant_values=i[0]) for i, _, _ in attached]
-    indices = np.array(padded, dtype=PETSc.IntType)
-    P = np.array([np.pad(p, ((0, 0), (0, D - p.shape[1]))) for _, p, _ in attached])
-    offsets = np.array([offset for _, _, offset in attached])
-    return indices.reshape(n, D), P.reshape(n, rows, D), offsets.reshape(n, rows)
+    D = max((len(unknowns) for unknowns, _, _ in attached), default=0)
+    # Arrays of this shape also exist where a rank has no tuple.
+    indices = np.zeros((n, D), dtype=PETSc.IntType)
+    P = np.zeros((n, rows, D))
+    offsets = np.zeros((n, rows))
+    for k, (unknowns, map_of_tuple, offset) in enumerate(attached):
+        count = len(unknowns)
+        indices[k] = unknowns[0]
+        indices[k, :count] = unknowns
+        P[k, :, :count] = map_of_tuple
+        offsets[k] = offset
+    return indices, P, offsets
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,24 +194,29 @@ class PointMeasures:
     def __init__(
         self, numbering: Numbering, bodies: list[Body], measures: Sequence[PointMeasure]
     ) -> None:
-        own = [evaluated_here(measure.ports) for measure in measures]
-        self.owner = np.repeat(np.arange(len(measures)), [len(here) for here in own])
         self.m = measures[0].H.shape[0]
-        tuples = [m.ports[i] for m, here in zip(measures, own, strict=True) for i in here]
         rows = measures[0].H.shape[1]
+        tuples: list[Ports] = []
+        constants = []
+        counts = []
+        for measure in measures:
+            here = evaluated_here(measure.ports)
+            tuples += [measure.ports[i] for i in here]
+            # Constants of a measure may differ from tuple to tuple.
+            all_constants = np.broadcast_to(measure.c, (len(measure.ports), self.m))
+            constants.append(all_constants[here])
+            counts.append(len(here))
+        self.owner = np.repeat(np.arange(len(measures)), counts)
         self.indices, P, offset = attach_all(numbering, bodies, tuples, rows)
         self.n, self.D = self.indices.shape
         H = np.array([measure.H for measure in measures])[self.owner]
         L = np.array([measure.L for measure in measures])[self.owner]
-        constants = [
-            np.broadcast_to(measure.c, (len(measure.ports), self.m))[here]
-            for measure, here in zip(measures, own, strict=True)
-        ]
         self._z = self._stationary(P, H, L, offset)
         # The measures of X = P (q - z) + X_z, with X_z the vectors at q = z.
         X_z = np.einsum("nax,nx->na", P, self._z) + offset
         HX_z = np.einsum("nmab,nb->nma", H, X_z)
-        self.c = np.concatenate(constants) + np.einsum("na,nma->nm", X_z, HX_z / 2 + L)
+        value_at_z = np.einsum("na,nma->nm", X_z, HX_z / 2 + L)
+        self.c = np.concatenate(constants) + value_at_z
         L = HX_z + L
         self._P: Array | None
         self._H: Array
@@ -208,15 +232,26 @@ class PointMeasures:
         many = self._P is not None and self.n > 1
         self.share_unknowns = many and bool((self.indices == self.indices[:1]).all())
         self.is_linear = not any(measure.H.any() for measure in measures)
-        self._constant_slope = self.forces(self._L) if self.is_linear else None
+        # The gradient of linear measures is the same in every state; it is computed once.
+        self._constant_slope: Array | None = None
+        if self.is_linear:
+            self._constant_slope = self.forces(self._L)
 
-    def _stationary(self, P: Array, H: Array, L: Array, offset: Array) -> Array:
+    def _stationary(
+        self,
+        P: Array,
+        H: Array,
+        L: Array,
+        offset: Array,
+    ) -> Array:
         """z (n, D): zero without ground; with it, the least-squares stationary point of the measures."""
         z = np.zeros((self.n, self.D))
-        slope = np.einsum("nax,nma->nmx", P, np.einsum("nmab,nb->nma", H, offset) + L)
+        slope_of_vectors = np.einsum("nmab,nb->nma", H, offset) + L
+        slope = np.einsum("nax,nma->nmx", P, slope_of_vectors)
         for k in np.flatnonzero(offset.any(axis=1)):
             stiffness = (P[k].T @ H[k] @ P[k]).reshape(-1, self.D)
-            z[k] = np.linalg.lstsq(stiffness, -slope[k].ravel(), rcond=1e-12)[0]
+            # The stiffness is singular where a measure does not depend on a direction.
+            z[k] = np.linalg.lstsq(stiffness, -slope[k].ravel(), rcond=RANK_TOLERANCE)[0]
         return z
 
     def vectors(self, q: Array) -> Array:
@@ -228,14 +263,16 @@ class PointMeasures:
 
     def measure(self, Y: Array) -> Array:
         """e (n, m) of Y (n, 3k)."""
-        found: Array = ((self._times(Y) / 2 + self._L) @ Y[..., None])[..., 0] + self.c
+        mean_slope = self._times(Y) / 2 + self._L
+        found: Array = (mean_slope @ Y[..., None])[..., 0] + self.c
         return found
 
     def strain(self, q: Array) -> Array:
         """e (n, m) at the unknowns q (n, D)."""
         if self._constant_slope is None:
             return self.measure(self.vectors(q))
-        found: Array = (self._constant_slope @ (q - self._z)[..., None])[..., 0] + self.c
+        u = q - self._z
+        found: Array = (self._constant_slope @ u[..., None])[..., 0] + self.c
         return found
 
     def gradient(self, q: Array) -> Array:
@@ -262,19 +299,24 @@ class PointMeasures:
         """Stiffness (n, D, D) of the unknowns of stiffness K (n, 3k, 3k) of Y."""
         if self._P is None:
             return K
-        return self._P[on].transpose(0, 2, 1) @ (K @ self._P[on])
+        P = self._P[on]
+        return P.transpose(0, 2, 1) @ (K @ P)
 
     def sum_of_stiffness(self, K: Array, on: Any = slice(None)) -> Array:
         """The sum (D, D) of the stiffness of tuples that share their unknowns."""
         whole: Any = self._P
         P = whole[on]
+        # The sum over the tuples is part of one product of matrices.
         rows = P.shape[0] * P.shape[1]
-        total: Array = P.reshape(rows, self.D).T @ (K @ P).reshape(rows, self.D)
+        KP = (K @ P).reshape(rows, self.D)
+        total: Array = P.reshape(rows, self.D).T @ KP
         return total
 
     def second(self, v: Array) -> Array:
         """Second derivative D²e[v, v] (n, m) along rates v (n, D)."""
-        Y = v if self._P is None else (self._P @ v[..., None])[..., 0]
+        Y = v
+        if self._P is not None:
+            Y = (self._P @ v[..., None])[..., 0]
         return np.einsum("na,nmab,nb->nm", Y, self._H, Y, optimize=True)
 
     def _times(self, Y: Array, on: Any = slice(None)) -> Array:
@@ -292,9 +334,11 @@ class Gather:
     """
 
     def __init__(self, numbering: Numbering, indices: Sequence[GlobalIndices]) -> None:
-        self._shapes = [i.shape for i in indices]
-        needed = np.concatenate([np.zeros(0, dtype=PETSc.IntType), *[i.ravel() for i in indices]])
-        ends = itertools.accumulate((i.size for i in indices), initial=0)
+        self._shapes = [some.shape for some in indices]
+        # The empty array gives the result a type if there are no others.
+        nothing = np.zeros(0, dtype=PETSc.IntType)
+        needed = np.concatenate([nothing, *[some.ravel() for some in indices]])
+        ends = itertools.accumulate((some.size for some in indices), initial=0)
         self._parts = list(itertools.pairwise(ends))
         self._values = PETSc.Vec().createSeq(len(needed))
         source = PETSc.IS().createGeneral(needed.astype(PETSc.IntType))
@@ -304,24 +348,33 @@ class Gather:
         """The values of a vector at the indices, in arrays of their shapes.  Collective."""
         self._scatter.scatter(q, self._values)
         values = self._values.array_r.copy()
-        return [
-            values[a:b].reshape(shape)
-            for (a, b), shape in zip(self._parts, self._shapes, strict=True)
-        ]
+        found = []
+        for (start, end), shape in zip(self._parts, self._shapes, strict=True):
+            found.append(values[start:end].reshape(shape))
+        return found
 
 
-def add_blocks(A: PETSc.Mat, rows: GlobalIndices, columns: GlobalIndices, values: Array) -> None:
+def add_blocks(
+    A: PETSc.Mat,
+    rows: GlobalIndices,
+    columns: GlobalIndices,
+    values: Array,
+) -> None:
     """Add dense blocks values (n, r, c) at global rows (n, r) and columns (n, c) of A."""
     n, r, c = values.shape
-    if n == 0:  # nothing on this rank
+    # This rank has nothing to add.
+    if n == 0:
         return
     if r * c >= LARGE_BLOCK * n:
         for row, column, block in zip(rows, columns, values, strict=True):
             A.setValues(row, column, np.ascontiguousarray(block), addv=PETSc.InsertMode.ADD_VALUES)
         return
+    # All rows of all blocks as one compressed sparse matrix, with c entries in each row.
+    row_starts = np.arange(0, n * r * c + 1, c, dtype=PETSc.IntType)
+    columns_of_rows = np.repeat(columns, r, axis=0)
     A.setValuesIJV(
-        np.arange(0, n * r * c + 1, c, dtype=PETSc.IntType),
-        np.repeat(columns, r, axis=0).ravel().astype(PETSc.IntType),
+        row_starts,
+        columns_of_rows.ravel().astype(PETSc.IntType),
         values.ravel(),
         addv=PETSc.InsertMode.ADD_VALUES,
         rowmap=rows.ravel().astype(PETSc.IntType),

@@ -16,7 +16,12 @@ def cross_matrices(a: Array) -> Array:
     array([0., 0., 1.])
     """
     result = np.zeros((*a.shape, 3))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+    cyclic_permutations = (
+        (0, 1, 2),
+        (1, 2, 0),
+        (2, 0, 1),
+    )
+    for i, j, k in cyclic_permutations:
         result[..., i, j] = -a[..., k]
         result[..., j, i] = a[..., k]
     return result
@@ -35,13 +40,14 @@ def rotations(axes: Array, angle: float) -> Array:
     array([0., 1., 0.])
     """
     K = cross_matrices(axes)
-    result: Array = np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
+    sine_part = np.sin(angle) * K
+    cosine_part = (1 - np.cos(angle)) * K @ K
+    result: Array = np.eye(3) + sine_part + cosine_part
     return result
 
 
 def perpendicular_pair(n: Array) -> tuple[Array, Array]:
-    """Two unit vectors p and q (3,) that form a right-handed triad (p, q, n) with a unit vector n
-    (3,).
+    """Two unit vectors p and q (3,) that form a right-handed triad (p, q, n) with a unit vector n (3,).
 
     >>> import numpy as np
     >>> p, q = perpendicular_pair(np.array([0.0, 0.0, 1.0]))
@@ -49,6 +55,8 @@ def perpendicular_pair(n: Array) -> tuple[Array, Array]:
     1.0
     """
     # The coordinate axis that is farthest from n gives the best conditioned cross product.
-    axis = np.eye(3)[np.argmin(np.abs(n))]
+    farthest = np.argmin(np.abs(n))
+    axis = np.eye(3)[farthest]
     p = unit(np.cross(n, axis))
-    return p, np.cross(n, p)
+    q = np.cross(n, p)
+    return p, q

@@ -198,6 +198,18 @@ class IdentifiedCrease:
         correlation: of both errors, between -1 and 1.
         misfit: √(Σ ((measured - computed)/uncertainty)²/(2n - 2)) for n weights; about 1 if the model
             and the uncertainties are right.
+
+    Example:
+        >>> crease = gx.analysis.IdentifiedCrease(
+        ...     rest_angle=1.2,
+        ...     stiffness=2e-3,
+        ...     rest_angle_error=0.01,
+        ...     stiffness_error=1e-4,
+        ...     correlation=-0.6,
+        ...     misfit=0.9,
+        ... )
+        >>> crease.stiffness_error / crease.stiffness
+        0.05
     """
 
     rest_angle: float

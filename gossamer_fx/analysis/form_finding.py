@@ -3,10 +3,10 @@
 Problem.  A film in uniform tension n0 is a minimal surface; its shape follows from its supports and is
 not known before.
 
-Idea (updated reference strategy, Bletzinger & Ramm, Int. J. Space Structures 14 (1999) 131,
-doi:10.1260/0266351991494759).  With n0 as constant second Piola-Kirchhoff stress, equilibrium is a linear
-problem, that of a force-density net.  Its solution is the next reference shape.  Where the solution and
-the reference coincide, the Cauchy stress is n0.
+Idea (updated reference strategy, Bletzinger & Ramm, Int. J. Space Structures 14 (1999) 131).  With
+n0 as constant second Piola-Kirchhoff stress, equilibrium is a linear problem, that of a
+force-density net.  Its solution is the next reference shape.  Where the solution and the reference
+coincide, the Cauchy stress is n0.
 
 Algorithm.
 
@@ -34,10 +34,10 @@ from gossamer_fx.bodies.cable import CableLaw
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import NoEquilibrium, check
-from gossamer_fx.connectors.tape import Tape
+from gossamer_fx.connectors.tape import RunTape
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.spaces import cell_nodes
-from gossamer_fx.materials.film import FilmLaw
+from gossamer_fx.materials.film import IsotropicFilm
 from gossamer_fx.model.body import Array
 from gossamer_fx.model.ports import combine
 from gossamer_fx.model.state import State
@@ -48,7 +48,7 @@ from gossamer_fx.terms.point_energies import PointStoredEnergy
 
 @check_arguments
 @dataclass(frozen=True)
-class Prestress(FilmLaw):
+class Prestress(IsotropicFilm):
     """Film whose stress is the same in all directions and at every strain: W = n0 tr E.
 
     E and nu are not used; density and thickness give the mass.
@@ -138,7 +138,7 @@ class EdgeCable:
     def terms(self, start: State) -> Iterable[Term]:
         """One stored energy ψ = ½ |√(N/L) (x_b - x_a)|² - ½ N L for each edge with ends a and b."""
         # The law of the tape is not used, only its edges and their lengths.
-        bars = Tape.along_edges(
+        bars = RunTape.along_edges(
             self.body, CableLaw(self.force, 1.0), edges=self.edges, name=self.name
         )
         lengths = np.asarray(bars.lengths)
@@ -172,9 +172,14 @@ def find_form(
         NoEquilibrium: the shape still moves after the last update, as that of a film that pinches off.
 
     Example:
-        law = gx.analysis.Prestress(1e9, 0.3, density=1400.0, thickness=1e-4, tension=100.0)
-        film = gx.Membrane(mesh, law)
-        gx.analysis.find_form(film, lambda: gx.Scene(film, gx.Fixed(film, "boundary")))
+        >>> law = gx.analysis.Prestress(1e9, 0.3, density=1400.0, thickness=1e-4, tension=100.0)
+        >>> canopy = gx.Membrane(mesh, law, name="canopy")
+        >>> def scene():
+        ...     edges = ("left", "right", "bottom", "top")
+        ...     return gx.Scene(canopy, *[gx.Fixed(canopy, edge) for edge in edges])
+        >>> result = gx.analysis.find_form(canopy, scene)
+        >>> result.regular
+        True
     """
     check(
         isinstance(body.law, Prestress),

@@ -41,7 +41,15 @@ class ModeShapes:
         InputError: the film is not in the scene, or the height is not positive.
 
     Example:
-        shapes = gx.analysis.ModeShapes(film, equilibrium, modes=modes, height=0.01)
+        >>> law = gx.analysis.Prestress(1e9, 0.3, density=1400.0, thickness=1e-4, tension=100.0)
+        >>> drum = gx.Membrane(mesh, law, name="drum")
+        >>> supports = [gx.Fixed(drum, edge) for edge in ("left", "right", "bottom", "top")]
+        >>> equilibrium = gx.Equilibrium(gx.Scene(drum, *supports))
+        >>> result = equilibrium.find()
+        >>> modes = gx.analysis.modes(equilibrium, 1)
+        >>> shapes = gx.analysis.ModeShapes(drum, equilibrium, modes=modes, height=0.01)
+        >>> len(shapes.positions)
+        2
     """
 
     def __init__(

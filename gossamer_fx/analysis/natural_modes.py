@@ -57,6 +57,11 @@ class Mode:
         frequency: [Hz], zero or positive.
         growth: [1/s]; positive for an equilibrium that is not stable.
         shape: this rank's part of φ, (unknowns of this rank,); complex in a turning frame.
+
+    Example:
+        >>> mode = gx.analysis.Mode(frequency=2.0, growth=0.0, shape=np.ones(3, dtype=complex))
+        >>> mode.frequency
+        2.0
     """
 
     frequency: float

@@ -111,10 +111,12 @@ def free_motions(system: System, K: PETSc.Mat, unbalanced: float) -> tuple[str, 
     for bodies, centre, motions in _motions(system, K, part, count, unbalanced):
         if not motions.size:
             continue
+        # In a scene of one part there is nothing to distinguish.
         owner = ""
         if count > 1:
             owner = f" of {' and '.join(bodies)}"
-        found += [words + owner for words in _describe(motions, centre)]
+        for description in _describe(motions, centre):
+            found.append(description + owner)
     return tuple(found)
 
 
@@ -123,32 +125,24 @@ def free_motions(system: System, K: PETSc.Mat, unbalanced: float) -> tuple[str, 
 
 def parts(system: System, K: PETSc.Mat) -> tuple[Labels, int]:
     """The part of every unknown of this rank, -1 where it is fixed, and the number of parts on all ranks."""
-    start = system.numbering.start
-    n = system.numbering.size_local
+    numbering = system.numbering
+    n = numbering.size_local
     rows, columns, _ = _entries(K)
     is_fixed = np.zeros(n, dtype=bool)
     is_fixed[system.supports.held] = True
 
     # Edges between unknowns of this rank, numbered from 0, and those of other ranks, numbered from n.
-    is_own = (columns >= start) & (columns < start + n)
+    is_own = (columns >= numbering.start) & (columns < numbering.start + n)
     others, index = np.unique(columns[~is_own], return_inverse=True)
     targets = columns.copy()
-    targets[is_own] -= start
+    targets[is_own] -= numbering.start
     targets[~is_own] = n + index
-    all_sources = [rows]
-    all_targets = [targets]
-    # The components of a node belong together, even if no stiffness couples them.
-    for body in system.bodies:
-        owned = system.block(body).owned
-        unknowns = np.arange(owned.start, owned.stop).reshape(-1, body.block.size)
-        for i in range(1, body.block.size):
-            first = unknowns[:, i - 1]
-            second = unknowns[:, i]
-            are_free = ~is_fixed[first] & ~is_fixed[second]
-            all_sources.append(first[are_free])
-            all_targets.append(second[are_free])
-    sources = np.concatenate(all_sources)
-    targets = np.concatenate(all_targets)
+
+    # The components of a node belong together, even if no stiffness couples them.  Fixed components
+    # are left out: a support would otherwise connect parts that share it.
+    node_sources, node_targets = _edges_within_nodes(system, is_fixed)
+    sources = np.concatenate([rows, node_sources])
+    targets = np.concatenate([targets, node_targets])
     size = n + len(others)
     ones = np.ones(len(sources), dtype=np.int8)
     graph = csr_matrix((ones, (sources, targets)), shape=(size, size))
@@ -163,7 +157,32 @@ def parts(system: System, K: PETSc.Mat) -> tuple[Labels, int]:
     return part, len(known)
 
 
-def _common_labels(system: System, component: Labels, count: int, others: Labels) -> Labels:
+def _edges_within_nodes(
+    system: System,
+    is_fixed: npt.NDArray[np.bool_],
+) -> tuple[Labels, Labels]:
+    """Edges between consecutive free components of each node: local indices of both ends, (m,) each."""
+    sources: list[Labels] = []
+    targets: list[Labels] = []
+    for body in system.bodies:
+        owned = system.block(body).owned
+        unknowns = np.arange(owned.start, owned.stop)
+        components = unknowns.reshape(-1, body.block.size)
+        for i in range(1, body.block.size):
+            first = components[:, i - 1]
+            second = components[:, i]
+            are_free = ~is_fixed[first] & ~is_fixed[second]
+            sources.append(first[are_free])
+            targets.append(second[are_free])
+    return np.concatenate(sources), np.concatenate(targets)
+
+
+def _common_labels(
+    system: System,
+    component: Labels,
+    count: int,
+    others: Labels,
+) -> Labels:
     """Labels of the parts that agree on all ranks: the smallest index of an unknown in the part.
 
     Args:
@@ -211,7 +230,11 @@ def _entries(K: PETSc.Mat) -> tuple[Labels, Labels, Array]:
 
 
 def _motions(
-    system: System, K: PETSc.Mat, part: Labels, count: int, unbalanced: float
+    system: System,
+    K: PETSc.Mat,
+    part: Labels,
+    count: int,
+    unbalanced: float,
 ) -> Iterator[tuple[list[str], Array, Array]]:
     """The free motions of each part.
 
@@ -228,7 +251,10 @@ def _motions(
     # Fixed unknowns do not move; what is tied to them resists.
     is_free = part >= 0
     R[:, ~is_free] = 0
-    D = _round_off(system, K, unbalanced / radius.min(initial=1.0))
+    # A rotation by one over the radius moves the farthest node by one: the smallest part has the
+    # largest error.
+    error = unbalanced / radius.min(initial=1.0)
+    D = _round_off(system, K, error)
     Y = np.zeros_like(R)  # D⁻¹ K R
     vector = system.numbering.vector()
     product = system.numbering.vector()
@@ -276,9 +302,12 @@ def _centres(comm: MPI.Intracomm, nodes: Sequence[_Nodes], count: int) -> Array:
     for one in nodes:
         positions = one.vectors[one.is_free, 0]
         ones = np.ones(len(positions))
-        np.add.at(sums, one.part[one.is_free], np.column_stack([positions, ones]))
+        contributions = np.column_stack([positions, ones])
+        np.add.at(sums, one.part[one.is_free], contributions)
     comm.Allreduce(MPI.IN_PLACE, sums)
-    centres: Array = sums[:, :3] / np.maximum(sums[:, 3:], 1)
+    # A part of multipliers only has no node; its centre is not used.
+    node_counts = np.maximum(sums[:, 3:], 1)
+    centres: Array = sums[:, :3] / node_counts
     return centres
 
 
@@ -293,13 +322,20 @@ def _radii(comm: MPI.Intracomm, nodes: Sequence[_Nodes], centre: Array) -> Array
     return np.where(radius > 0, radius, 1.0)
 
 
-def _rigid_motions(system: System, nodes: Sequence[_Nodes], centre: Array, radius: Array) -> Array:
+def _rigid_motions(
+    system: System,
+    nodes: Sequence[_Nodes],
+    centre: Array,
+    radius: Array,
+) -> Array:
     """Rᵀ (6, unknowns): three translations, and three rotations that move the farthest node by one."""
     R = np.zeros((6, system.numbering.size_local))
     for i, axis in enumerate(np.eye(3)):
         for one in nodes:
+            # A translation moves positions and does not turn directors.
             translation = np.zeros_like(one.vectors)
             translation[:, 0] = axis
+            # Translations and rotations of the same size make (1) independent of the unit of length.
             scale = radius[np.maximum(one.part, 0)]
             rotation = np.cross(axis, one.arms(centre)) / scale[:, None, None]
             unknowns = one.unknowns[one.is_free]
@@ -316,8 +352,10 @@ def _round_off(system: System, K: PETSc.Mat, unbalanced: float) -> Array:
     D: Array = ROW_ROUND_OFF * sum_of_row
     if system.constraints is not None:
         D[system.constraints.owned] += CONSTRAINT_ROUND_OFF
+    # Multipliers follow the coordinates of the bodies, and have no unbalanced force.
     end_of_coordinates = system.block(system.bodies[-1]).owned.stop
     D[:end_of_coordinates] += 2 * unbalanced
+    # Rows of zeros give zeros, whatever they are divided by.
     return np.where(D > 0, D, 1.0)
 
 
@@ -335,12 +373,15 @@ def _triangle(comm: MPI.Intracomm, columns: Array) -> Array:
 
 def _null_space(forces: Array, moved: Array, n: int) -> Array:
     """Motions c (6, k) of (1), from the triangular factors of D⁻¹ K R and R, (6, 6) each."""
-    _, σ, Vt = np.linalg.svd(moved)
+    # Combinations of the six motions that satisfy the second condition of (1).
+    moved_svd = np.linalg.svd(moved)
+    σ = moved_svd.S
     kept = σ > NO_MOTION * max(float(σ.max()), TINY)
-    unit_motions = Vt[kept].T / σ[kept] * n**0.5
-    _, τ, Wt = np.linalg.svd(forces @ unit_motions)
-    is_free = τ**2 < n
-    found: Array = unit_motions @ Wt[is_free].T
+    unit_motions = moved_svd.Vh[kept].T / σ[kept] * n**0.5
+    # Among these, the combinations that satisfy the first one.
+    forces_svd = np.linalg.svd(forces @ unit_motions)
+    is_free = n > forces_svd.S**2
+    found: Array = unit_motions @ forces_svd.Vh[is_free].T
     return found
 
 
@@ -349,13 +390,15 @@ def _null_space(forces: Array, moved: Array, n: int) -> Array:
 
 def _describe(motions: Array, centre: Array) -> list[str]:
     """Translations and rotations that span some motions (6, k), along axes where these do."""
+    # Combinations whose angular velocity is zero are translations, all others rotations.
     ω = motions[3:]
-    _, σ, Vt = np.linalg.svd(ω, full_matrices=True)
+    svd = np.linalg.svd(ω, full_matrices=True)
     rank = 0
-    if σ.max(initial=0.0) > NO_ROTATION:
-        rank = int((σ > NEGLIGIBLE_ROTATION * np.abs(ω).max()).sum())
-    translations = motions @ Vt[rank:].T
-    rotations = _aligned(motions @ Vt[:rank].T)
+    if svd.S.max(initial=0.0) > NO_ROTATION:
+        threshold = NEGLIGIBLE_ROTATION * np.abs(ω).max()
+        rank = int((threshold < svd.S).sum())
+    translations = motions @ svd.Vh[rank:].T
+    rotations = _aligned(motions @ svd.Vh[:rank].T)
 
     directions = _reduced(translations[:3])
     words = [f"translation {_direction(direction)}" for direction in directions]
@@ -363,13 +406,22 @@ def _describe(motions: Array, centre: Array) -> list[str]:
     if directions:
         span = np.column_stack(directions)
     for k in range(rotations.shape[1]):
-        velocity = rotations[:3, k]
-        axis = rotations[3:, k]
-        words.append(_describe_rotation(velocity, axis, centre, span))
+        description = _describe_rotation(
+            velocity=rotations[:3, k],
+            axis=rotations[3:, k],
+            centre=centre,
+            span=span,
+        )
+        words.append(description)
     return words
 
 
-def _describe_rotation(velocity: Array, axis: Array, centre: Array, span: Array) -> str:
+def _describe_rotation(
+    velocity: Array,
+    axis: Array,
+    centre: Array,
+    span: Array,
+) -> str:
     """A rotation in words, with a point on its axis.
 
     Args:
@@ -381,13 +433,16 @@ def _describe_rotation(velocity: Array, axis: Array, centre: Array, span: Array)
     words = f"rotation {_direction(axis)}"
     if span.size:
         # A free translation may be added to the rotation: take the smallest velocity.
-        velocity = velocity - span @ np.linalg.lstsq(span, velocity, rcond=None)[0]
+        coefficients = np.linalg.lstsq(span, velocity, rcond=None)[0]
+        velocity = velocity - span @ coefficients
+    # The point of zero velocity on the perpendicular through the centre: ω × (point - centre) = -v.
     square = axis @ axis
     point = centre + np.cross(axis, velocity) / square
     # The point of the axis that is nearest to the origin.
     point -= (point @ axis) / square * axis
     if span.shape[1] >= 2:
-        spanned = np.linalg.matrix_rank(np.column_stack([span, axis]), tol=NEGLIGIBLE_ROTATION)
+        translations_and_axis = np.column_stack([span, axis])
+        spanned = np.linalg.matrix_rank(translations_and_axis, tol=NEGLIGIBLE_ROTATION)
         if spanned == 3:
             # Free translations across the axis: it may pass through any point.
             return words
@@ -406,6 +461,8 @@ def _aligned(motions: Array) -> Array:
     pivots: list[int] = []
     for i in range(len(rows)):
         remaining = [j for j in range(3) if j not in pivots]
+        # The largest of all entries that are left is the pivot: division by a small one would
+        # enlarge round-off.
         rotations = np.abs(rows[i:, 3:])
         pivot = max(remaining, key=lambda j: float(rotations[:, j].max()))
         k = i + int(rotations[:, pivot].argmax())
@@ -424,8 +481,9 @@ def _reduced(vectors: Array) -> list[Array]:
     """A basis of the span of vectors (3, k), along coordinate axes if possible."""
     if not vectors.size:
         return []
-    U, σ, _ = np.linalg.svd(vectors, full_matrices=False)
-    basis = U[:, σ > NEGLIGIBLE_TRANSLATION * max(σ.max(), TINY)]
+    svd = np.linalg.svd(vectors, full_matrices=False)
+    threshold = NEGLIGIBLE_TRANSLATION * max(svd.S.max(), TINY)
+    basis = svd.U[:, threshold < svd.S]
     # `_aligned` works on the last three components.
     padded = np.vstack([np.zeros_like(basis), basis])
     return list(_aligned(padded)[3:].T)
@@ -437,7 +495,9 @@ def _direction(d: Array) -> str:
     k = int(np.abs(d).argmax())
     if abs(d[k]) > 1 - ALONG_AXIS:
         return "xyz"[k]
-    return f"({_numbers(d * np.sign(d[k]))})"
+    # A direction and its opposite are the same motion.
+    upwards = d * np.sign(d[k])
+    return f"({_numbers(upwards)})"
 
 
 def _numbers(values: Array) -> str:

@@ -14,8 +14,8 @@ For an imaginary σ = iω, the real part of the operator is used.  It has the ei
 
     ½ (1/(λ - iω) + 1/(λ + iω))                                                               (3)
 
-which are largest near ±iω (Parlett & Saad, Linear Algebra Appl. 88 (1987) 575,
-doi:10.1016/0024-3795(87)90126-1).  Q(iω) is factorised as a real matrix of twice the size,
+which are largest near ±iω (Parlett & Saad, Linear Algebra Appl. 88 (1987) 575).  Q(iω)
+is factorised as a real matrix of twice the size,
 
     [ K - ω² M    -ω G     ]
     [ ω G         K - ω² M ]                                                                  (4)

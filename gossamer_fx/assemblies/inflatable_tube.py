@@ -34,41 +34,55 @@ if TYPE_CHECKING:
 
 @check_arguments
 class InflatableTube:
-    """A closed tube of film with gas in compartments: film, chambers, passages, clamp, caps, folds, creases, contact.
+    """A closed tube of film with gas in compartments: an assembly of film, chambers, passages and supports.
 
-    It is made of the parts that one would write out: `film`, `rings`, `chambers` (one a compartment, from the inlet),
-    `passages` (orifices as wide as the deformed rings between chambers: a tube chokes where it is folded), `clamp`,
-    `caps` (a `RigidRegion` for each end with a cap), `start`, `creases`, `contact`; what was not asked for is None or
-    empty.  In a scene it brings all of them:
-
-        tube = gx.assemblies.InflatableTube(flat_tube(comm, 0.25, 0.03, 6, compartments=3), law, gas=NITROGEN)
-        tank = gx.Tank(2e-6, gas=NITROGEN, pressure=1.5e6, temperature=293.0)
-        scene = gx.Scene(tube, tube.inlet(tank, area=1e-7))
+    Attributes that were not asked for are None or empty.  In a scene the tube brings all of them.
 
     Args:
         mesh: of the film, with the groups of `gossamer_fx.meshes.tube.flat_tube`: if there are several
             compartments, "compartment 1" and so on and "ring 1" and so on.
         law: of the film.
         gas: in it.
-        pressure, temperature: of the gas at the start [Pa], [K].
-        dead_volume: of each compartment [m³], as of `Chamber`.
-        discharge_coefficient, laminar: of the passages, as of `Orifice`.
-        outside: what acts on the outer side; default vacuum.
-        clamp: group of the mesh that is held; None: the tube is free.
-        caps: what ends of the tube are fixed to, by the group of the end: a rigid body, e.g. a satellite; or the mass
-            [kg] of a bar along the flat end, which is made, and lies where the tube starts.
+        pressure: of the gas at the start [Pa].
+        temperature: of the gas at the start [K].
+        dead_volume: of each compartment [m³], see `Chamber`.
+        discharge_coefficient: of the passages, see `Orifice`.
+        laminar: relative difference of pressures below which passages are laminar, see `Orifice`.
+        outside: gas outside; default vacuum.
+        clamp: group of the mesh that is fixed; None: the tube is free.
+        caps: what ends of the tube are fixed to, by the group of the end: a rigid body, e.g. a satellite, or
+            the mass [kg] of a bar along the flat end, which is made.
         rod_width: side of the square section of such bars [m].
         folds: map with which the tube starts folded; default flat.
-        origin, turn: where the folded shape comes to lie [m], and its rotation vector [rad], as of `FoldMap.start`.
-        crease_stiffness: stiffness of the creases at its fold lines [N m/m/rad]; zero: none.
+        origin: position of the folded shape [m], see `FoldMap.start`.
+        turn: its rotation vector [rad].
+        crease_stiffness: of creases at the fold lines [N m/m/rad]; zero: none.
         set_angle_ratio: rest angle of creases over the angle of their folds, 0 to 1.
-        contact_distance: distance at which contact of the film with itself begins [m]; zero: no contact.
-        obstacles: solids that the film touches too.
-        name: name in messages and output; parts have names that begin with it.
+        contact_distance: activation distance of contact of the film with itself [m]; zero: no contact.
+        obstacles: solids that the film touches, too.
+        name: for messages and outputs; the parts have names that begin with it.
+
+    Attributes:
+        film: the membrane.
+        rings: `Ring` of each passage.
+        chambers: one for each compartment, from the inlet.
+        passages: orifices as wide as the deformed rings: a tube chokes where it is folded.
+        clamp: support of the inlet.
+        caps: a `RigidRegion` for each end with a cap.
+        start, creases, contact: initial shape, creases and contact.
 
     Raises:
-        InputError: obstacles without contact, a crease without folds, a cap that is neither a rigid body nor a positive
-            mass, and what the parts refuse.
+        InputError: obstacles without contact, creases without folds, a cap that is neither a rigid body nor a
+            positive mass, or what the parts refuse.
+
+    Example:
+        >>> from gossamer_fx.meshes.tube import flat_tube
+        >>> law = gx.Miyazaki(2.5e9, 0.34, density=1420.0, thickness=25e-6)
+        >>> tube = gx.assemblies.InflatableTube(flat_tube(comm, 0.25, 0.03, 6, compartments=3), law, gas=air)
+        >>> supply = gx.Tank(2e-6, gas=air, pressure=1.5e6, temperature=293.0, name="supply")
+        >>> scene = gx.Scene(tube, tube.inlet(supply, area=1e-7))
+        >>> len(tube.chambers)
+        3
     """
 
     def __init__(

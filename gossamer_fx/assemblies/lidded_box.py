@@ -26,29 +26,38 @@ if TYPE_CHECKING:
 
 @check_arguments
 class LiddedBox:
-    """A box that is open at the top, +z, and a lid on a hinge that a latch holds shut until it lets go.
+    """A box that is open at the top, +z, with a lid on a hinge, which a latch holds shut until it is released.
 
-    The hinge is along y at the edge -x of the opening; a spring turns the lid about it, by φ(t) = φr (1 - cos ωt) if
-    there is nothing else, ω² = k/I with the lid's moment of inertia about the hinge.  The stop is a cord from rim to
-    lid, tight at the largest angle.  The latch bears the spring's moment, and does no work.  The box stands still.
-
-    Parts: `lid` (a body), `hinge`, `spring`, `damper`, `latch`, `stop`; `obstacles` are walls and lid for a `Contact`.
+    The hinge is along y at the edge -x of the opening.  A spring turns the lid about it; without other forces
+    by φ(t) = φr (1 - cos ωt), ω² = k/I with the lid's moment of inertia I about the hinge.  The stop is a cord
+    from rim to lid, which is tight at the largest angle.  The latch bears the spring's moment, and does no
+    work.  The box is fixed in space.
 
     Args:
-        sizes: lengths of the room within along x, y, z [m].
-        centre: of the room [m].
-        wall_thickness: thickness of walls and lid [m].
-        mass: of the lid [kg], spread evenly.
+        sizes: inner lengths along x, y, z [m].
+        centre: of the inner space [m].
+        wall_thickness: of walls and lid [m].
+        mass: of the lid [kg], evenly distributed.
         stiffness: k of the spring [N m/rad].
-        rest_angle: φr, angle of the lid at which the spring is at rest [rad].
-        release_time: when the latch lets go [s].
+        rest_angle: φr, angle of the lid at which the spring is relaxed [rad].
+        release_time: of the latch [s].
         damping: of the hinge [N m s/rad].
         max_angle: angle at the stop [rad]; None: no stop.
-        stop_stiffness: stiffness of the stop's cord [N/m].
-        name: name in messages and output; parts have names that begin with it.
+        stop_stiffness: of the stop's cord [N/m].
+        name: for messages and outputs; the parts have names that begin with it.
+
+    Attributes:
+        lid: the body that moves.
+        hinge, spring, damper, latch, stop: the parts between lid and space; None if not asked for.
+        obstacles: walls and lid, for a `Contact`.
 
     Raises:
-        InputError: sizes, mass or stiffness that are not positive, angles that are not between 0 and π.
+        InputError: a size, mass or stiffness is not positive, or an angle is not between 0 and π.
+
+    Example:
+        >>> box = gx.assemblies.LiddedBox((0.2, 0.1, 0.1), mass=0.05, release_time=0.1)
+        >>> box.lid.name
+        'box lid'
     """
 
     def __init__(

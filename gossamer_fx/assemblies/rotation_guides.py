@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from gossamer_fx.contact.obstacles import Cylinder
 
 REEL = 1e4  # N/m
+# Largest number of rods: each is a rigid body with joints, a reel and a tether.
+MAX_RODS = 1000
+
 SLOWS = 0.1  # s in which the damper takes the ring's speed along the axis
 
 
@@ -28,30 +31,40 @@ SLOWS = 0.1  # s in which the damper takes the ring's speed along the axis
 class RotationGuides:
     """Upright rods on a ring that turns about the z axis of a hub against a brake.
 
-    Each arm of a sail is wound on the hub as far as its rod and stands out from there.  Its pull turns the ring, and as
-    far as the ring turns arms are unwound; the brake has the moment c (ω_ring - ω_hub), and what it takes is booked as
-    dissipated.  Between ring and hub nothing acts but the brake: the angular momentum of the whole is kept.  To release
-    the arms a reel on the axis draws ring and rods down along the hub, out of their way, against a damper.
-
-    Parts: `ring` (a body), `joint`, `brake`, `reel` (a `Tether` and a `Damper`, or nothing); `rods` are obstacles for a
-    `Contact`.
+    Each arm of a sail is wound on the hub up to its rod, and stands out from there.  Its pull turns the ring,
+    and as far as the ring turns, arms are unwound.  The brake has the moment c (ω_ring - ω_hub), whose work is
+    dissipated.  Nothing else acts between ring and hub about the axis, so that the angular momentum of the
+    whole is conserved.  To release the arms, a reel on the axis draws ring and rods down along the hub, against
+    a damper.
 
     Args:
         hub: a rigid body whose axes are those of space at the start.
         count: number of rods, evenly spaced.
-        radius: of the circle on which their axes are [m].
+        radius: of the circle of their axes [m].
         rod_radius: radius of a rod [m].
         height: of the rods [m].
-        mass: of the ring and its rods [kg], on that circle.
+        mass: of the ring with its rods [kg], on that circle.
         brake_damping: c [N m s/rad].
-        first_angle: angle of the first rod against the x axis [rad].
-        drawn: how far the reel has drawn the ring down [m], a function of time [s] that is zero at the start; none: the
-            ring keeps its height.
+        first_angle: angle of the first rod from the x axis [rad].
+        drawn: displacement of the ring by the reel [m], a function of time [s] that is zero at the start;
+            None: the height of the ring is constant.
         reel_depth: of the reel below the ring [m]; `drawn` stays below it.
-        name: name in messages and output; parts have names that begin with it.
+        name: for messages and outputs; the parts have names that begin with it.
+
+    Attributes:
+        ring: the body that turns.
+        joint, brake: between ring and hub.
+        reel: a `Tether` and a `Damper`, or nothing.
+        rods: obstacles, for a `Contact`.
 
     Raises:
-        InputError: numbers that are not positive; rods that reach into the axis of the hub; `drawn` no function.
+        InputError: a number is not positive, the rods reach into the axis of the hub, or `drawn` is not a
+            function.
+
+    Example:
+        >>> guides = gx.assemblies.RotationGuides(hub, 4, radius=0.8, mass=2.0)
+        >>> len(guides.rods)
+        4
     """
 
     def __init__(
@@ -70,7 +83,10 @@ class RotationGuides:
         name: str = "guides",
     ) -> None:
         self.name = name
-        check(count >= 1, f"RotationGuides '{name}': count is {count!r}; give at least 1 rod.")
+        check(
+            1 <= count <= MAX_RODS,
+            f"RotationGuides '{name}': count is {count!r}; give between 1 and {MAX_RODS} rods.",
+        )
         values = {
             "radius": (radius, "m"),
             "rod_radius": (rod_radius, "m"),

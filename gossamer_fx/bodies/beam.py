@@ -41,7 +41,7 @@ class Beam(Curve):
 
     less those of the stress-free shape; W = ½(EA ε² + GA_i γ_i² + EI_i κ_i² + GJ τ²) per length; kinetic energy
     ½∫(μ|ẋ|² + ρI_i |ḋ_i|²) dS.  The directors stay orthonormal at the nodes, by multipliers: imposed between nodes it
-    would lock.  See Simo, CMAME 49 (1985) 55, and Betsch & Steinmann, IJNME 54 (2002) 1775, doi:10.1002/nme.487, for
+    would lock.  See Simo, CMAME 49 (1985) 55, and Betsch & Steinmann, IJNME 54 (2002) 1775, for
     beams in directors.
 
     Args:

@@ -18,7 +18,7 @@ from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, bar_strain
 from gossamer_fx.forms.strain_path import Piece
-from gossamer_fx.materials.film import constants
+from gossamer_fx.materials.film import constants, parameters
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import Array
 from gossamer_fx.model.state import State
@@ -127,7 +127,7 @@ class Cable(Curve):
         law: `CableLaw`, `TensionOnly` or `TabulatedCable`.
         order: 1 (constant strain) or 2.
         displacement: initial displacement [m], a function of the points (3, n) that returns (3, n); default none.
-        velocity: initial velocity [m/s], likewise.
+        velocity: initial velocity [m/s], given in the same way.
         name: name in messages and output.
 
     Example:
@@ -155,8 +155,11 @@ class Cable(Curve):
         self._velocity = checked(velocity, f"Cable '{name}': its velocity", mesh.comm)
 
     def terms(self, start: State) -> Iterable[Term]:
+        numbers = parameters(self.law, self.constants)
         yield KineticEnergy(
-            self, lambda v, w: self.constants.line_density * ufl.inner(v, w) * self.mass_dx
+            self,
+            lambda v, w: self.constants.line_density * ufl.inner(v, w) * self.mass_dx,
+            parameters=numbers,
         )
         yield StoredEnergy(
             self.name,
@@ -166,6 +169,7 @@ class Cable(Curve):
             self.dx,
             self.law.quadratic,
             lambda e0, e1: self.law.pieces(e0, e1, self.constants),
+            parameters=numbers,
         )
 
     def density(self, e: Expr) -> Expr:

@@ -16,7 +16,12 @@ class Curve(Meshed):
     """A body on line elements: `size` numbers a node, Lagrange elements of an `order`."""
 
     def __init__(
-        self, kind: str, name: str, mesh: Mesh | DolfinxMesh, order: int, size: int
+        self,
+        kind: str,
+        name: str,
+        mesh: Mesh | DolfinxMesh,
+        order: int,
+        size: int,
     ) -> None:
         self.mesh = mesh if isinstance(mesh, Mesh) else Mesh(mesh)
         domain = self.mesh.domain

@@ -1,6 +1,6 @@
 """Lines of edges of films, in order, with their arc length: what is sewn to what.
 
-A line is a named group of curves of a film's mesh that hangs together without branches, open or
+A line is a named group of curves of a film's mesh that is connected and has no branches, open or
 closed.  Points of it are found by the fraction σ of its arc length on the mesh, 0 <= σ <= 1, which is
 the cut pattern.  Every rank knows all of a line, in the same order for any number of ranks.
 """
@@ -194,8 +194,14 @@ def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[
     """
     edges_at: dict[int, list[int]] = {}
     point: dict[int, Array] = {}
+<<<<<<< HEAD
     ends_of: list[tuple[int, int]] = [(int(pair[0]), int(pair[1])) for pair in vertices]
     for i, (first, last) in enumerate(ends_of):
+=======
+    for i in range(len(vertices)):
+        first = int(vertices[i, 0])
+        last = int(vertices[i, 1])
+>>>>>>> refs/heads/main
         edges_at.setdefault(first, []).append(i)
         edges_at.setdefault(last, []).append(i)
         point[first] = X[i, 0]

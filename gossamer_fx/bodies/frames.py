@@ -20,6 +20,13 @@ from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_constraints import PointConstraint
 
+# Components of unit vectors that differ by less are equal.  The round-off of a direction that a user
+# computes is far below, an error of the direction far above.
+SAME_DIRECTION = 1e-9
+
+# Coordinates of a frame: a point and three directors.
+FRAME_SIZE = 12
+
 # Vectors as bodies have them by themselves, outside of any scene.
 INITIAL: Callable[[Attached], Array] = methodcaller("initial")
 
@@ -78,7 +85,12 @@ def ground_frame(point: Vector = (0.0, 0.0, 0.0)) -> Frame:
         Ground(vector=(0.0, 0.0, 1.0))
     """
     x, y, z = point
-    return Frame(Ground((x, y, z)), (Ground((1, 0, 0)), Ground((0, 1, 0)), Ground((0, 0, 1))))
+    axes = (
+        Ground((1, 0, 0)),
+        Ground((0, 1, 0)),
+        Ground((0, 0, 1)),
+    )
+    return Frame(Ground((x, y, z)), axes)
 
 
 def along(direction: Array, frame: Frame, where: Callable[[Attached], Array] = INITIAL) -> Attached:
@@ -91,66 +103,97 @@ def along(direction: Array, frame: Frame, where: Callable[[Attached], Array] = I
         lies_in(direction, frame, where),
         f"A frame has no direction {direction.tolist()} in the plane of its directors; give one with three directors.",
     )
-    return combine([float(where(d) @ direction) for d in frame.directors], frame.directors)
+    components = [float(where(director) @ direction) for director in frame.directors]
+    return combine(components, frame.directors)
 
 
 def lies_in(direction: Array, frame: Frame, where: Callable[[Attached], Array] = INITIAL) -> bool:
     """Whether a direction (3,) is a combination of the directors of a frame at the start."""
-    directors = np.array([where(d) for d in frame.directors])
-    return bool(np.allclose(directors @ direction @ directors, direction, atol=1e-9))
+    directors = np.array([where(director) for director in frame.directors])
+    # The sum of the components along orthonormal directors.
+    projection = directors @ direction @ directors
+    return bool(np.allclose(projection, direction, atol=SAME_DIRECTION))
 
 
 def is_normal(axis: Array, side: Frame, where: Callable[[Attached], Array] = INITIAL) -> bool:
     """Whether an axis is normal to all directors of a frame: the normal of a beam's section."""
-    return bool(np.allclose([where(d) @ axis for d in side.directors], 0, atol=1e-9))
+    components = [where(director) @ axis for director in side.directors]
+    return bool(np.allclose(components, 0, atol=SAME_DIRECTION))
 
 
 class SectionFrame:
-    """Point x and directors n, d2, d3 without mass that follow a section (x_s, s2, s3) of a beam, n its normal:
+    """A massless body that follows a section of a beam and has its normal as third director.
 
-        x - x_s = 0   d2 - s2 = 0   d3 - s3 = 0   ½(n·n - 1) = 0   n·s2 = n·s3 = 0
+    Problem.  Products of the directors of two sections in one plane do not change to first order when
+    one of them tilts; a joint needs products with the normal of a section.
 
-    Two sections in one plane have no products of their directors that change to first order when one of them tilts; of
-    the normal of the one and the directors of the other there are.  As these measures are quadratic and objective, the
-    joints of beams conserve what those of rigid bodies do.
+    Idea.  The body has a point x and directors n, d2, d3, which are constrained to the point x_s and the
+    directors s2, s3 of the section:
+
+        x - x_s = 0   d2 - s2 = 0   d3 - s3 = 0   ½(n·n - 1) = 0   n·s2 = n·s3 = 0                 (1)
+
+    These measures are quadratic and objective, so that joints of beams conserve the same quantities as
+    those of rigid bodies.
+
+    Args:
+        section: frame with the two directors s2, s3.
+        origin: the point x_s of the section.
     """
 
     def __init__(self, section: Frame, origin: Port) -> None:
-        self._section, self._origin = (origin, *section.directors), origin
-        self.name, self.comm = f"frame of {section.name or origin.body.name}", origin.body.comm
-        self.block = Block(IndexMap(self.comm, 1 if self.comm.rank == 0 else 0), 12)
+        self._section = (origin, *section.directors)
+        self._origin = origin
+        self.name = f"frame of {section.name or origin.body.name}"
+        self.comm = origin.body.comm
+        # One node with four vectors, on rank 0.
+        node_count = int(self.comm.rank == 0)
+        self.block = Block(IndexMap(self.comm, node_count), FRAME_SIZE)
 
     @property
     def frame(self) -> Frame:
+        """The frame with three directors n, d2, d3."""
         x, *directors = self._vectors()
         return Frame(x, tuple(directors))
 
     def _vectors(self) -> tuple[Port, ...]:
+        """Ports of x, n, d2, d3."""
         return tuple(Port(self, (0,), weights=(1.0,), vectors=(k,)) for k in range(4))
 
     def requires(self) -> Iterable[Any]:
+        """The items that must be in the scene with this one."""
         yield self._origin.body
 
     def initial_state(self) -> tuple[Array, Array]:
+        """This rank's coordinates and velocities, (12,) each on rank 0."""
         x, s2, s3 = (port.initial() for port in self._section)
-        vx, v2, v3 = (port.initial_rate() for port in self._section)
-        q = np.concatenate([x, np.cross(s2, s3), s2, s3])
-        v = np.concatenate([vx, np.cross(v2, s3) + np.cross(s2, v3), v2, v3])
-        here = 12 * self.block.index_map.size_local
-        return q[:here], v[:here]
+        x_rate, s2_rate, s3_rate = (port.initial_rate() for port in self._section)
+        normal = np.cross(s2, s3)
+        normal_rate = np.cross(s2_rate, s3) + np.cross(s2, s3_rate)
+        q = np.concatenate([x, normal, s2, s3])
+        v = np.concatenate([x_rate, normal_rate, s2_rate, s3_rate])
+        own_size = FRAME_SIZE * self.block.index_map.size_local
+        return q[:own_size], v[:own_size]
 
     def terms(self, start: State) -> Iterable[Term]:
-        # of the stacked vectors (x, n, d2, d3, x_s, s2, s3)
-        same = np.eye(7)[[0, 2, 3]] - np.eye(7)[[4, 5, 6]]
+        """The constraints (1)."""
+        # Indices in the stacked vectors (x, n, d2, d3, x_s, s2, s3).
+        followers = [0, 2, 3]
+        followed = [4, 5, 6]
+        normal = 1
+        unit_rows = np.eye(7)
+        same = unit_rows[followers] - unit_rows[followed]
+        # n·n, n·s2, n·s3; the symmetric matrix of ½ X·H X has a product twice.
         products = np.zeros((3, 7, 7))
-        for k, other in enumerate((1, 5, 6)):
-            products[k, 1, other] = products[k, other, 1] = 1.0
+        for k, other in enumerate((normal, 5, 6)):
+            products[k, normal, other] = 1.0
+            products[k, other, normal] = 1.0
         H = np.concatenate([np.zeros((9, 21, 21)), np.kron(products, np.eye(3))])
         L = np.concatenate([np.kron(same, np.eye(3)), np.zeros((3, 21))])
         c = np.concatenate([np.zeros(9), [-0.5, 0.0, 0.0]])
-        yield PointConstraint(
-            f"{self.name} follows", PointMeasure([(*self._vectors(), *self._section)], H, L, c)
-        )
+        ports = (*self._vectors(), *self._section)
+        measure = PointMeasure([ports], H, L, c)
+        yield PointConstraint(f"{self.name} follows", measure)
 
     def describe(self, node: int) -> str:
+        """The location of a node, for messages."""
         return "the frame of the section"

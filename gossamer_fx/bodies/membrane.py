@@ -14,7 +14,7 @@ from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, frame, green_lagrange, surface_gradient, tension
 from gossamer_fx.forms.strain_path import Piece
-from gossamer_fx.materials.film import FilmLaw, constants
+from gossamer_fx.materials.film import FilmLaw, constants, parameters
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import Array, Block
 from gossamer_fx.model.state import State
@@ -34,11 +34,11 @@ class Membrane(Meshed):
         mesh: triangles in space, flat or curved.
         law: energy per unit area, e.g. `Miyazaki`.
         order: 1 (constant strain) or 2.
-        properties: numbers of the law that differ from place to place, by "E", "nu", "density", "thickness": {group:
+        properties: numbers of the law that differ from cell to cell, by "E", "nu", "density", "thickness": {group:
             value} for surfaces of the mesh (elsewhere the law's own), or a function of the cells' midpoints (3, n) that
             returns (n,).  E.g. devices on a sail: {"density": {"device": 2000.0}, "thickness": {"device": 25e-6}}.
         displacement: initial displacement [m], a function of the points (3, n) that returns (3, n); default none.
-        velocity: initial velocity [m/s], likewise.
+        velocity: initial velocity [m/s], given in the same way.
         name: name in messages and output.
 
     Example:
@@ -84,6 +84,7 @@ class Membrane(Meshed):
 
             vary(self.constants, law, self.mesh, properties, name)
         self._frame = frame(domain)
+        self._orient()
         self._displacement = checked(
             displacement, f"Membrane '{name}': its displacement", mesh.comm
         )
@@ -91,6 +92,15 @@ class Membrane(Meshed):
         degree = max(2 * (order - 1), 1)
         self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": degree})
         self.mass_dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2 * order})
+
+    def _orient(self) -> None:
+        """Add the axes of an orthotropic law to the constants."""
+        direction = getattr(self.law, "direction", None)
+        if direction is not None:
+            from gossamer_fx.bodies.directions import direction_field, set_axes
+
+            field = direction_field(self.mesh, direction, self.name)
+            set_axes(self.constants, field, self._frame)
 
     def measure(self, x: Expr) -> Expr:
         """Green-Lagrange strain (E11, E22, 2 E12) of the positions x."""
@@ -114,7 +124,12 @@ class Membrane(Meshed):
         return self.constants.density * self.constants.thickness
 
     def terms(self, start: State) -> Iterable[Term]:
-        yield KineticEnergy(self, lambda v, w: self.area_density * ufl.inner(v, w) * self.mass_dx)
+        numbers = parameters(self.law, self.constants)
+        yield KineticEnergy(
+            self,
+            lambda v, w: self.area_density * ufl.inner(v, w) * self.mass_dx,
+            parameters=numbers,
+        )
         # laws that wrinkle never push, so that only of the others a part pulls
         pulling = tension if self.law.quadratic else None
         yield StoredEnergy(
@@ -126,6 +141,8 @@ class Membrane(Meshed):
             self.law.quadratic,
             self.pieces,
             pulling,
+            c_law=self.law.c_law(self.constants, self.comm),
+            parameters=numbers,
         )
 
     @cached_property

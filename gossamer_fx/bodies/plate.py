@@ -16,7 +16,15 @@ from gossamer_fx.bodies.properties import cellwise
 from gossamer_fx.bodies.triple_products import TripleProductEnergy
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_on_all
-from gossamer_fx.forms.bending import DEGREE, EDGE_DEGREE, PENALTY, Bending, curvature, moment
+from gossamer_fx.checks.real_numbers import real_numbers
+from gossamer_fx.forms.bending import (
+    DEGREE,
+    EDGE_DEGREE,
+    PENALTY,
+    Bending,
+    OrthotropicBending,
+    curvature,
+)
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.spaces import cell_nodes
@@ -48,10 +56,13 @@ class Plate(Membrane):
 
     Args:
         mesh: plane triangles with straight edges; neighbours lie in one plane unless a hinge is between them.
-        law: energy per unit area, e.g. `Linear`; its E, nu and thickness give the bending stiffness.
+        law: energy per unit area, e.g. `Linear` or `LinearOrthotropic`; its moduli and thickness give the bending
+            stiffness, D_ij = A_ij t²/12 of an orthotropic one.
         order: 2.  (Order 1 is refused: D²x is zero in its cells, and the jumps of the slope alone converge to a
             stiffness that depends on the pattern of the mesh.)
         hinges: names of groups of interior edges that transmit no bending moment.
+        bending: D11, D12, D22, D66 [N m] in the axes of an orthotropic law, for laminates and sandwiches; there is no
+            coupling of bending with membrane strain (B = 0, a symmetric laminate).
         rest_curvature: H0 [1/m], a symmetric tensor (3, 3) in the plane of the mesh; or {group: tensor} of surfaces
             of the mesh; or a function of points (3, n) that returns (3, 3, n).  H0 is positive where the plate without
             moments bends towards the normal of the mesh.
@@ -59,7 +70,8 @@ class Plate(Membrane):
         name: name in messages and output.
 
     Raises:
-        InputError: a mesh that is curved, a group that is no line of interior edges, a rest curvature out of the plane.
+        InputError: a mesh that is curved, a group that is not a line of interior edges, a rest
+            curvature out of the plane.
 
     Example:
         >>> law = gx.Linear(70e9, 0.3, density=2700.0, thickness=1e-3)
@@ -77,6 +89,7 @@ class Plate(Membrane):
         *,
         order: int = 2,
         hinges: Sequence[str] = (),
+        bending: tuple[float, float, float, float] | None = None,
         rest_curvature: Tensor | Mapping[str, Tensor] | Callable[[Array], Array] | None = None,
         properties: Mapping[str, Property] | None = None,
         displacement: PointFunction | None = None,
@@ -104,15 +117,46 @@ class Plate(Membrane):
             "edges (order 1).",
         )
         self.hinges = tuple(hinges)
+        repeated = sorted({group for group in self.hinges if self.hinges.count(group) > 1})
+        check(
+            not repeated,
+            f"Plate '{name}': the hinge group '{repeated[0] if repeated else ''}' is given twice; give it once.",
+        )
         self._rest_curvature = rest_curvature  # a restart compares it, see `outputs.arguments`
         table = self.mesh.edges
         folds = [interior_edges(self, table, group, "hinge") for group in self.hinges]
         self._hinged = np.unique(np.concatenate([np.zeros(0, dtype=np.int32), *folds]))
         self._check_flat(table)
-        self.bending_stiffness = c.E * c.thickness**3 / (12 * (1 - c.nu**2))
+        self._bending = bending  # a restart compares it, see `outputs.arguments`
+        self.bending_stiffness = self.law.bending_stiffness(c)
+        if bending is not None:
+            self.bending_stiffness = self._given_bending(bending)
         rest = None if rest_curvature is None else self._rest(rest_curvature)
         self.bending = Bending(
-            domain, self._frame, self.bending_stiffness, c.nu, constant(domain, PENALTY), rest
+            domain, self._frame, self.bending_stiffness, constant(domain, PENALTY), rest
+        )
+
+    def _given_bending(self, bending: tuple[float, float, float, float]) -> OrthotropicBending:
+        """The bending stiffness that was given, in the axes of the law."""
+        c = self.constants
+        check(
+            hasattr(c, "cosine"),
+            f"Plate '{self.name}': bending is given, but {type(self.law).__name__} has no axes; use LinearOrthotropic.",
+        )
+        D11, D12, D22, D66 = bending
+        check(
+            D11 > 0 and D22 > 0 and D66 > 0 and D12**2 < D11 * D22,
+            f"Plate '{self.name}': its bending stiffnesses {bending!r} N m are not positive definite; give D11, D22, "
+            "D66 > 0 and D12² < D11 D22.",
+        )
+        domain = self.mesh.domain
+        return OrthotropicBending(
+            D11=constant(domain, D11),
+            D12=constant(domain, D12),
+            D22=constant(domain, D22),
+            D66=constant(domain, D66),
+            cosine=c.cosine,
+            sine=c.sine,
         )
 
     def measure(self, x: Expr) -> Expr:
@@ -124,13 +168,11 @@ class Plate(Membrane):
         return curvature(x, self._frame)
 
     def moment(self, x: Expr) -> Expr:
-        """Bending moment per length (2, 2) [N m/m] of the positions x: D ((1-ν)(κ - H0) + ν tr(κ - H0) I)."""
+        """Bending moment per length (2, 2) [N m/m] of the positions x: D:(κ - H0)."""
         κ = self.curvature(x)
-        return moment(
-            κ if self.bending.rest is None else κ - self.bending.rest,
-            self.bending_stiffness,
-            self.constants.nu,
-        )
+        if self.bending.rest is not None:
+            κ -= self.bending.rest
+        return self.bending_stiffness.moment(κ)
 
     def terms(self, start: State) -> Iterable[Term]:
         yield from super().terms(start)
@@ -142,7 +184,7 @@ class Plate(Membrane):
         yield QuadraticEnergy(name, self, lambda x, w: b.cells(x, w, dx) + b.edges(x, w, dS))
         if b.rest is not None:
             area, length = ufl.CellVolume(domain), ufl.FacetArea(domain)("+")
-            D = self.bending_stiffness
+            D = self.bending_stiffness.reference
             mean = (D("+") + D("-")) / 2
 
             def scaled(
@@ -193,13 +235,13 @@ class Plate(Membrane):
         """H0 (2, 2) in the frame of the mesh."""
         what = f"Plate '{self.name}': its rest_curvature"
         if not callable(given) and not isinstance(given, Mapping):
-            try:
-                tensor = np.asarray(given, dtype=float)
-            except (TypeError, ValueError):
+            tensor = real_numbers(given)
+            if tensor is None:
                 tensor = np.zeros(0)
             check(
                 tensor.shape == (3, 3),
-                f"{what} is no array (3, 3); give a tensor in 1/m, a function of the points, or those of groups.",
+                f"{what} is not an array (3, 3) of real numbers; give a tensor in 1/m, a function of the "
+                "points, or those of groups.",
             )
             given = _Uniform(tensor)
         H = cellwise(self.mesh, given, np.zeros((3, 3)), (3, 3), what)
@@ -215,7 +257,7 @@ class Plate(Membrane):
                 np.abs(values - values.transpose(0, 2, 1)).max(initial=0.0) <= size
                 and out_of_plane <= size
             ),
-            f"{what} is no symmetric tensor in the plane of the mesh; give κ e⊗e with e in that plane.",
+            f"{what} is not a symmetric tensor in the plane of the mesh; give κ e⊗e with e in that plane.",
         )
         return ufl.dot(self._frame.T, ufl.dot(H, self._frame))
 
@@ -230,11 +272,16 @@ class _Uniform:
         return np.repeat(self._tensor[..., None], points.shape[1], axis=-1)
 
 
-def interior_edges(plate: Membrane, table: EdgeTable, group: str, what: str) -> Indices:
+def interior_edges(
+    plate: Membrane,
+    table: EdgeTable,
+    group: str,
+    what: str,
+) -> Indices:
     """Local edges of a group, each between two cells.
 
     Raises:
-        InputError: it is no group of edges, or holds edges of the rim.
+        InputError: it is not a group of edges, or holds edges of the rim.
     """
     edges = plate.mesh.curve(group, f"'{plate.name}', {what}")
     check_on_all(

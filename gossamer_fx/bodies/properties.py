@@ -1,4 +1,4 @@
-"""Numbers of a film law that differ from place to place: devices, patches, seams."""
+"""Numbers of a film law that differ from cell to cell: devices, patches, seams."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ from dolfinx.mesh import compute_midpoints
 
 from gossamer_fx.bodies.meshed import Property
 from gossamer_fx.checks.errors import InputError, check, check_on_all
+from gossamer_fx.checks.real_numbers import real_numbers
+from gossamer_fx.checks.user_functions import ask_points
 from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.materials.film import FilmLaw
 from gossamer_fx.mesh.mesh import Mesh
@@ -20,6 +22,9 @@ from gossamer_fx.model.body import Array, Indices
 
 LIMITS = {
     "E": (0.0, np.inf),
+    "E1": (0.0, np.inf),
+    "E2": (0.0, np.inf),
+    "G12": (0.0, np.inf),
     "nu": (-1.0, 0.5),
     "density": (0.0, np.inf),
     "thickness": (0.0, np.inf),
@@ -39,10 +44,11 @@ def vary(
         InputError: a number that the law has not, or that would change derived ones; values out of their limits.
     """
     derived = [f.name for f in fields(law) if not f.init]
+    may_vary = [what for what in LIMITS if hasattr(law, what)]
     for what, given in properties.items():
         check(
-            what in LIMITS,
-            f"Membrane '{name}': there is no property {what!r} that may vary; choose from {', '.join(LIMITS)}.",
+            what in may_vary,
+            f"Membrane '{name}': there is no property {what!r} that may vary; choose from {', '.join(may_vary)}.",
         )
         check(
             not derived or what == "density",
@@ -63,7 +69,13 @@ def vary(
         setattr(constants, what, function)
 
 
-def cellwise(mesh: Mesh, given: Any, base: Any, shape: tuple[int, ...], what: str) -> fem.Function:
+def cellwise(
+    mesh: Mesh,
+    given: Any,
+    base: Any,
+    shape: tuple[int, ...],
+    what: str,
+) -> fem.Function:
     """A function, constant in each cell, of values by group or of a function of the cells' midpoints.
 
     Args:
@@ -77,12 +89,8 @@ def cellwise(mesh: Mesh, given: Any, base: Any, shape: tuple[int, ...], what: st
     values = np.tile(np.asarray(base, dtype=float).ravel(), (len(cells), 1))
     if callable(given):
         points = compute_midpoints(mesh.domain, 2, cells.astype(np.int32)).T
-        found = np.asarray(given(points), dtype=float)
-        check(
-            found.shape == (*shape, points.shape[1]),
-            f"{what} function returns an array {found.shape} for points {points.shape}; it must return "
-            f"{(*shape, 'n')}.",
-        )
+        wanted = (*shape, points.shape[1])
+        found = ask_points(mesh.comm, f"{what} function", lambda: given(points), wanted)
         values[:] = found.reshape(size, -1).T
     else:
         for group, value in given.items():
@@ -102,17 +110,14 @@ def _cells(mesh: Mesh, group: str, what: str) -> Indices:
     dim, cells = mesh.group(group)
     check(
         dim == 2,
-        f"{what}: the group '{group}' is no group of triangles; name a surface of the mesh.",
+        f"{what}: the group '{group}' is not a group of triangles; name a surface of the mesh.",
     )
     return cells
 
 
 def _numbers(value: Any, shape: tuple[int, ...], what: str) -> Array:
-    try:
-        numbers: Array = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        numbers = np.zeros(0)
-    if numbers.shape != shape:
+    numbers = real_numbers(value)
+    if numbers is None or numbers.shape != shape:
         raise InputError(
             f"{what} is {value!r}; give {'a number' if not shape else f'numbers of shape {shape}'}."
         )

@@ -40,7 +40,7 @@ class RigidBody:
     """A rigid body: position x of its centre of mass and three directors, its axes d1, d2, d3.
 
     Kinetic energy ½ m |ẋ|² + ½ Σ_ij E_ij ḋ_i·ḋ_j with Euler's tensor E = ½ tr(I) 1 - I (∫X Xᵀ dm in body axes); the
-    directors stay orthonormal by six multipliers (Betsch & Steinmann, IJNME 50 (2001) 1931, doi:10.1002/nme.103).
+    directors stay orthonormal by six multipliers (Betsch & Steinmann, IJNME 50 (2001) 1931).
 
     Args:
         mass: [kg].
@@ -102,7 +102,7 @@ class RigidBody:
             R.shape == (3, 3)
             and bool(np.allclose(R.T @ R, np.eye(3), atol=1e-12))
             and np.linalg.det(R) > 0,
-            f"RigidBody '{name}': the attitude is no rotation matrix; give orthonormal columns of determinant 1.",
+            f"RigidBody '{name}': the attitude is not a rotation matrix; give orthonormal columns of determinant 1.",
         )
         self.mass, self.name, self.comm = mass, name, comm
         # arguments that a restart compares, see `outputs.arguments`

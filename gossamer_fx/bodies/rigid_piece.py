@@ -26,11 +26,16 @@ class RigidPiece:
         owner: the body that is tied to it.
         start: positions (1 + k, 3) of x and the k directors, orthonormal.
         rates: their velocities.
-        rigid: whether the directors keep their lengths and angles; one director alone may else change its length.
+        rigid: whether lengths and angles of the directors are constant; one director alone may else change its length.
     """
 
     def __init__(
-        self, name: str, owner: Body, start: Array, rates: Array, rigid: bool = True
+        self,
+        name: str,
+        owner: Body,
+        start: Array,
+        rates: Array,
+        rigid: bool = True,
     ) -> None:
         self.name, self.comm, self._owner, self._rigid = name, owner.comm, owner, rigid
         self._q, self._v = start, rates

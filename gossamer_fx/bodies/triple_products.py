@@ -26,7 +26,7 @@ from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.model.body import Body, MeshBody
 from gossamer_fx.model.roles import Forces, StoredEnergies, TangentForms
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.terms.discrete_gradient import gonzalez_correction
 
 SMALLEST = 1e-24  # of the sum of squares; vectors are dimensionless
@@ -34,7 +34,9 @@ SMALLEST = 1e-24  # of the sum of squares; vectors are dimensionless
 Vectors = tuple[Expr, Expr, Expr]
 
 
-class TripleProductEnergies(Forces, TangentForms, StoredEnergies, CompiledTerms):
+class TripleProductEnergies(
+    Forces, TangentForms, StoredEnergies, CompiledTerms["TripleProductEnergy"]
+):
     """All `TripleProductEnergy` terms of a scene."""
 
     def __init__(self, terms: Sequence[TripleProductEnergy], system: Assembly) -> None:
@@ -94,7 +96,7 @@ class TripleProductEnergy:
     body: MeshBody
     products: Iterable[tuple[Expr, Callable[[Expr], Vectors], ufl.Measure]]
     constant: ufl.Form
-    compiler: ClassVar[type[CompiledTerms]] = TripleProductEnergies
+    compiler: ClassVar[Compiler] = TripleProductEnergies
 
 
 def _triple(u: Expr, v: Expr, s: Expr) -> Expr:

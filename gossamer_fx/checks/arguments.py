@@ -2,8 +2,8 @@
 
 `check_arguments` is put on a class or function where it is defined, so that the check is the same by
 every import path and comes before the function does anything.  It refuses, in one sentence, arguments
-that are missing or unknown, and values of another type, infinite numbers and NaN included.  What values
-mean is checked by those who take them.
+that are missing or unknown, and values of another type, infinite numbers and NaN included, and numbers so
+large or small that their powers overflow.  What values mean is checked by those who take them.
 
 Annotations are read as a user of NumPy reads them: an integer is a float, a NumPy number a number,
 a list or an array is a tuple.  Type checkers such as beartype refuse these, and take 130 ms to
@@ -33,6 +33,13 @@ import numpy as np
 import numpy.typing as npt
 
 from gossamer_fx.checks.errors import InputError
+from gossamer_fx.checks.real_numbers import (
+    LARGEST,
+    LARGEST_COUNT,
+    SMALLEST,
+    are_usual_sizes,
+    real_numbers,
+)
 
 # What messages ask for in place of the name of a class.
 _DESCRIPTIONS = {
@@ -52,6 +59,7 @@ _DESCRIPTIONS = {
     "Event": "an At or a When",
     "Motion": "a recording of shapes, e.g. Snapshots",
     "FilmLaw": "a law of films, e.g. Miyazaki",
+    "IsotropicFilm": "a law of isotropic films, e.g. Miyazaki",
     "Obstacle": "an obstacle, e.g. a Plane",
     "Assembly": "the system of an Equilibrium or a Simulation, or scene.compile()",
     "Enclosure": "a Piston",
@@ -138,9 +146,11 @@ def _checking(function: Callable[..., Any]) -> Callable[..., Any]:
                 if allowed is None or allowed.accepts(one):
                     continue
                 # Infinity is a value where it is the default, e.g. for "without limit".
-                if parameter.default == math.inf and one == math.inf:
+                if parameter.default is math.inf and _is_infinite(one):
                     continue
-                raise InputError(f"{name}: {label} is {_shown(one)}; give {allowed.words}.")
+                raise InputError(
+                    f"{name}: {label} is {_shown(one)}; give {allowed.words}{_range(one)}."
+                )
         return function(*args, **kwargs)
 
     return call
@@ -156,7 +166,10 @@ def _labelled(parameter: inspect.Parameter, value: Any) -> list[tuple[str, Any]]
 
 
 def _wrong_call(
-    signature: inspect.Signature, args: tuple[Any, ...], kwargs: dict[str, Any], error: TypeError
+    signature: inspect.Signature,
+    args: tuple[Any, ...],
+    kwargs: dict[str, Any],
+    error: TypeError,
 ) -> str:
     """Why arguments do not fit a signature."""
     parameters = [p for p in signature.parameters.values() if p.name != "self"]
@@ -395,16 +408,38 @@ def _class(kind: type) -> Kind:
 
 def _is_number(value: Any) -> bool:
     """Whether a value is a finite number; True and False, which Python counts as numbers, are not."""
-    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    if not isinstance(value, Real) or isinstance(value, bool):
+        return False
+    number = real_numbers(value)
+    return number is not None and are_usual_sizes(number)
 
 
 def _is_whole_number(value: Any) -> bool:
-    return isinstance(value, Integral) and not isinstance(value, bool)
+    if not isinstance(value, Integral) or isinstance(value, bool):
+        return False
+    return abs(int(value)) <= LARGEST_COUNT
 
 
 def _is_collection(value: Any) -> bool:
     """Whether a value has entries and a length; a word, which has both, is one value."""
     return isinstance(value, Collection) and not isinstance(value, str | bytes | Mapping)
+
+
+def _is_infinite(value: Any) -> bool:
+    """Whether a value is plus infinity."""
+    return isinstance(value, Real) and value == math.inf
+
+
+def _range(value: Any) -> str:
+    """The sizes that numbers may have, for a message about a value that has another one; else nothing."""
+    numbers = real_numbers(value)
+    if isinstance(value, bool) or numbers is None or not np.isfinite(numbers).all():
+        # A whole number beyond all floats cannot be an array.
+        if not isinstance(value, Integral):
+            return ""
+    elif are_usual_sizes(numbers):
+        return ""
+    return f" of a size between {SMALLEST:g} and {LARGEST:g}, or zero"
 
 
 def _are_numbers(value: Any) -> bool:
@@ -419,13 +454,8 @@ def _are_whole_numbers(value: Any) -> bool:
 
 def _is_numeric(value: Any) -> bool:
     """Whether NumPy makes an array of finite numbers of it."""
-    if isinstance(value, str | bytes):
-        return False
-    try:
-        numbers = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        return False
-    return bool(np.isfinite(numbers).all())
+    numbers = real_numbers(value)
+    return numbers is not None and are_usual_sizes(numbers)
 
 
 def _is_path(value: Any) -> bool:

@@ -8,6 +8,9 @@ together.
 from __future__ import annotations
 
 import math
+import re
+import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
@@ -15,12 +18,22 @@ from typing import Any, cast
 import numpy as np
 from mpi4py import MPI
 
+from gossamer_fx.checks.real_numbers import real_numbers
+
+# Seconds for which a rank that could not write a file waits for the others: longer than a large file takes.
+WRITE_PATIENCE = 60.0
+
 
 class InputError(ValueError):
-    """A scene, mesh or option that cannot be computed; the message names the culprit and the
-    remedy.
+    """A scene, mesh or option that cannot be computed; the message names the culprit, the value and the remedy.
 
-    It is one line, also if a name in it has line breaks or other characters that cannot be shown.
+    The message is one line, also if a name in it has line breaks or other characters that cannot be shown.
+
+    Example:
+        >>> gx.PointMass(-1.0, comm=comm)
+        Traceback (most recent call last):
+            ...
+        gossamer_fx.checks.errors.InputError: ...
     """
 
     def __init__(self, message: str) -> None:
@@ -37,6 +50,13 @@ class StepFailure(RuntimeError):
     """A time step did not converge, also not in sub-steps.
 
     The message names the time, the step, the reason and the location.
+
+    Example:
+        >>> try:
+        ...     fall = gx.Simulation(gx.Scene(mass), gx.Midpoint(dt=0.1), halvings=3)
+        ...     fall.run(until=0.1)
+        ... except gx.StepFailure as failure:
+        ...     print(f"Take shorter steps: {failure}")
     """
 
 
@@ -44,11 +64,27 @@ class NoEquilibrium(RuntimeError):
     """The equilibrium of a static problem was not found.
 
     The message names the residual that was reached, the reason and the location.
+
+    Example:
+        >>> adrift = gx.Scene(mass, gx.Gravity(mass, (0.0, 0.0, -9.81)))
+        >>> try:
+        ...     gx.Equilibrium(adrift).find()
+        ... except gx.NoEquilibrium as failure:
+        ...     print(str(failure)[:14])
+        No equilibrium
     """
 
 
 class OutputFailure(RuntimeError):
-    """A file could not be written during a run; the message names it, the reason and the remedy."""
+    """A file could not be written during a run; the message names it, the reason and the remedy.
+
+    Example:
+        >>> try:
+        ...     fall = gx.Simulation(gx.Scene(mass), gx.Midpoint(dt=0.1))
+        ...     fall.run(until=0.1)
+        ... except gx.OutputFailure as failure:
+        ...     print(f"The disk is full: {failure}")
+    """
 
 
 def check(condition: bool, message: str) -> None:
@@ -72,7 +108,12 @@ def check_positive(item: Any, quantity: str, unit: str) -> None:
     require_positive(what, getattr(item, quantity), unit)
 
 
-def require_positive(what: str, value: float, unit: str, hint: str = "") -> None:
+def require_positive(
+    what: str,
+    value: float,
+    unit: str,
+    hint: str = "",
+) -> None:
     """Raise `InputError` unless a value is a finite, positive number.
 
     Args:
@@ -104,11 +145,8 @@ def is_vector(value: Any) -> bool:
     >>> is_vector((0, 0, 9.81)), is_vector([1.0, 2.0])
     (True, False)
     """
-    try:
-        numbers = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        return False
-    return numbers.shape == (3,) and bool(np.isfinite(numbers).all())
+    numbers = real_numbers(value)
+    return numbers is not None and numbers.shape == (3,) and bool(np.isfinite(numbers).all())
 
 
 def on_rank_zero[T](comm: MPI.Intracomm, task: Callable[[], T]) -> T | None:
@@ -157,19 +195,58 @@ def write_on_all[T](comm: MPI.Intracomm, path: Path, task: Callable[[], T]) -> T
 
     Raises:
         OutputFailure: on all ranks, if the task raised OSError or RuntimeError on one of them.
+
+    The task may itself wait for other ranks, as those of ADIOS2 do.  Where it has failed on one rank and the others
+    have not returned from it after `WRITE_PATIENCE`, that rank prints the message and ends the program.
     """
     result = None
     reason = ""
     try:
         result = task()
     except (OSError, RuntimeError) as error:
-        system_message = getattr(error, "strerror", None)
-        one_line = " ".join(str(error).split())
-        reason = system_message or one_line or type(error).__name__
-    reasons = [text for text in comm.allgather(reason) if text]
-    if reasons:
-        raise OutputFailure(
-            f"Cannot write '{path}' ({reasons[0]}); what was written before is kept: make room or mend the folder, and "
-            "restart from the last checkpoint."
-        )
+        reason = _reason(error)
+    # A first message only asks whether there is a reason at all, so that a rank with one can stop waiting.
+    has_reason = np.array([bool(reason)])
+    request = comm.Iallreduce(MPI.IN_PLACE, has_reason, op=MPI.LOR)
+    if reason:
+        _wait_for_others(comm, request, _cannot_write(path, reason))
+    else:
+        request.Wait()
+    if has_reason[0]:
+        reasons = [text for text in comm.allgather(reason) if text]
+        raise OutputFailure(_cannot_write(path, reasons[0]))
     return cast(T, result)
+
+
+def _cannot_write(path: Path, reason: str) -> str:
+    return (
+        f"Cannot write '{path}' ({reason}); what was written before is kept: make room or mend the folder, then "
+        "restart from the last checkpoint, or start again if there is none."
+    )
+
+
+def _reason(error: Exception) -> str:
+    """Why something could not be written, in the words of the operating system if they are known."""
+    system_message = getattr(error, "strerror", None)
+    if system_message:
+        return str(system_message)
+    # ADIOS2 colours its messages, and has the system's words behind a number.
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", str(error))
+    found = re.search(r"errno = \d+: ([^:]+)", plain)
+    if found is not None:
+        return found[1].strip()
+    return " ".join(plain.split()) or type(error).__name__
+
+
+def _wait_for_others(comm: MPI.Intracomm, request: MPI.Request, message: str) -> None:
+    """Wait for the other ranks; after `WRITE_PATIENCE` print the error and end the program."""
+    deadline = time.monotonic() + WRITE_PATIENCE
+    while not request.Test():
+        if time.monotonic() > deadline:
+            sys.stderr.write(
+                f"gossamer: {message} Rank {comm.rank} failed alone, and the run ends.\n"
+            )
+            sys.stderr.flush()
+            comm.Abort(1)
+        # Poll, since a blocking wait could not end after `WRITE_PATIENCE`.
+        time.sleep(1e-3)

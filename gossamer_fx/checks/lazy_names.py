@@ -29,7 +29,7 @@ def lazy_names(
 
     Args:
         package: name of the package, `__name__` in its `__init__.py`.
-        init_file: path of its `__init__.py`; the stub `__init__.pyi` lies beside it.
+        init_file: path of its `__init__.py`; the stub `__init__.pyi` lies in the same folder.
         module: name of the module that has the names, if that is not the package itself.
 
     Raises, when a name is used:

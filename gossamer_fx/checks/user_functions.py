@@ -19,6 +19,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 from gossamer_fx.checks.errors import InputError
+from gossamer_fx.checks.real_numbers import LARGEST, real_numbers
 
 # Seconds for which a rank with an error waits for the others.
 PATIENCE = 10.0
@@ -53,7 +54,10 @@ def ask[T](comm: MPI.Intracomm, what: str, function: Callable[[], T]) -> T:
 
 
 def ask_numbers(
-    comm: MPI.Intracomm, what: str, function: Callable[[], Any], shape: tuple[int, ...] = ()
+    comm: MPI.Intracomm,
+    what: str,
+    function: Callable[[], Any],
+    shape: tuple[int, ...] = (),
 ) -> Numbers:
     """Call a function of the user that returns finite numbers, the same on all ranks.  Collective.
 
@@ -73,7 +77,10 @@ def ask_numbers(
 
 
 def ask_points(
-    comm: MPI.Intracomm, what: str, function: Callable[[], Any], shape: tuple[int, ...]
+    comm: MPI.Intracomm,
+    what: str,
+    function: Callable[[], Any],
+    shape: tuple[int, ...],
 ) -> Numbers:
     """Call a function of the user that returns vectors (3, n) at this rank's points.  Collective.
 
@@ -93,18 +100,19 @@ def _numbers(
     result, problem, cause = _call(function)
     values = np.zeros(shape)
     if not problem:
-        try:
-            found = np.asarray(result, dtype=float)
-            is_finite = bool(np.isfinite(found).all())
-            # NumPy converts the text "1.0" to a number.
-            good = found.shape == shape and is_finite and not isinstance(result, str)
-        except (TypeError, ValueError):
-            good = False
-        if good:
+        found = real_numbers(result)
+        if found is not None and found.shape == shape and _is_below_limit(found):
             values = found
         else:
             problem = f"it returns {_shown(result)}; it must return {wanted}."
+            if found is not None and np.isfinite(found).all() and not _is_below_limit(found):
+                problem = f"it returns {_shown(result)}; it must return numbers up to {LARGEST:g}."
     return problem, cause, values
+
+
+def _is_below_limit(numbers: Numbers) -> bool:
+    """Whether all numbers are finite, and can be computed with."""
+    return bool((np.abs(numbers) <= LARGEST).all())
 
 
 def _call(function: Callable[[], Any]) -> tuple[Any, str, Exception | None]:
@@ -133,7 +141,11 @@ def _shown(value: Any) -> str:
 
 
 def _agree(
-    comm: MPI.Intracomm, what: str, problem: str, cause: Exception | None, values: Numbers
+    comm: MPI.Intracomm,
+    what: str,
+    problem: str,
+    cause: Exception | None,
+    values: Numbers,
 ) -> Numbers:
     """Return the values if no rank has a problem and the values of all ranks are the same.
     Collective.

@@ -25,21 +25,32 @@ if TYPE_CHECKING:
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Case:
-    """What the function `build(comm)` of a scene file returns, for `./gossamer run`.
+    """A case for `./gossamer run`: the return value of the function `build(comm)` of a scene file.
 
     Args:
-        scene: what there is.
-        stepper: e.g. `Midpoint(dt=1e-3)`.
+        scene: bodies, gas, constraints, loads, contacts.
+        stepper: time stepping rule, e.g. `Midpoint(dt=1e-3)`.
         until: end time [s].
         title: a line for pictures and reports.
-        fields: names for films by their names, see `Recording`.
-        probes: numbers by name, see `Probes`; "tip x [m]" and "tip y [m]" are drawn as the curves x and y of "tip [m]".
-        frames: about how often fields are written.
-        control, events, halvings: see `Simulation`.
+        fields: names of fields by the names of films, see `Recording`.
+        probes: functions of the run by name, see `outputs.Probes`; "tip x [m]" and "tip y [m]" are drawn as
+            the curves x and y of "tip [m]".
+        frames: approximate number of times at which fields are written.
+        control: see `Simulation`.
+        events: see `Simulation`.
+        halvings: see `Simulation`.
         outputs: others than the recording.
 
     Raises:
-        InputError: an end time or a number of frames that cannot be.
+        InputError: the end time is not positive, or the number of frames is below one.
+
+    Example:
+        >>> def build(comm):
+        ...     ball = gx.PointMass(2.0, position=(0.0, 0.0, 1.0), comm=comm, name="ball")
+        ...     scene = gx.Scene(ball, gx.Gravity(ball, (0.0, 0.0, -9.81)))
+        ...     return gx.Case(scene, gx.Midpoint(dt=0.01), until=0.4, title="A fall")
+        >>> build(comm).until
+        0.4
     """
 
     scene: Scene

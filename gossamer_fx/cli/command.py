@@ -238,7 +238,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _positive(word: str) -> int:
     if not word.isdigit() or int(word) < 1:
-        raise argparse.ArgumentTypeError(f"'{word}' is no positive number")
+        raise argparse.ArgumentTypeError(f"'{word}' is not a positive number")
     return int(word)
 
 

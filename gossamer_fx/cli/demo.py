@@ -44,7 +44,7 @@ def main(words: Sequence[str]) -> int:
     if name not in names:
         sys.stderr.write(f"gossamer: there is no demo '{name}'; give one of {', '.join(names)}.\n")
         return 2
-    # demos import each other and the folder demos/common by their place in the clone
+    # demos import each other and the folder demos/common by their path in the clone
     paths = [str(folder.parent), os.environ.get("PYTHONPATH", "")]
     os.environ["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
     os.execv(sys.executable, [sys.executable, str(folder / f"{name}.py"), *rest])

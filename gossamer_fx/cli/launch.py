@@ -54,12 +54,12 @@ def launch(ranks: int, program: Sequence[str]) -> int:
     mpirun = find_mpirun()
     if mpirun is None:
         print(
-            f"gossamer: there is no mpirun beside {sys.executable} or on PATH, which {ranks} ranks "
+            f"gossamer: there is no mpirun in the folder of {sys.executable} or on PATH, which {ranks} ranks "
             "need; install the MPI of mpi4py, or activate its environment.",
             file=sys.stderr,
         )
         return 1
-    # A terminal sends Ctrl-C to all processes of the group: mpirun has one of its own, which cannot
+    # A terminal sends Ctrl-C to all processes of the group: mpirun has a separate one, which cannot
     # read from the terminal.
     stdin = None
     if os.isatty(0):

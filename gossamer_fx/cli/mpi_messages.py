@@ -17,8 +17,13 @@ REPETITIONS = (
     b"MPI_ABORT was invoked on rank",
     b'prterun has exited due to process rank N with PID N on node N calling "abort"',
 )
-# MPICH writes one line, in one piece, and nothing for a code that is not zero.
-ABORT_OF_MPICH = re.compile(rb"Abort\(\d+\) on node \d+ [^\n]*application called MPI_Abort[^\n]*\n")
+# Messages of one line, which are written in one piece:
+# 1. of MPICH about MPI_Abort; it writes nothing about a code that is not zero;
+# 2. of PMIx, which starts Open MPI's ranks, where a rank that has ended cannot be told that others have.
+LINES = re.compile(
+    rb"Abort\(\d+\) on node \d+ [^\n]*application called MPI_Abort[^\n]*\n"
+    rb"|\[\S+:\d+\] PMIX ERROR: PMIX_ERR_UNREACH in file [^\n]*\n"
+)
 # By its first letters a message is one of the above or is certainly not; by this much of it, it is
 # or is not.
 FIRST = 12
@@ -52,7 +57,7 @@ class MessageFilter:
             pass
 
     def close(self) -> None:
-        """Pass on what is left, and what was removed if nothing else was written."""
+        """Pass on the remaining text, and the removed text if nothing else was written."""
         self._pass_on(self._waiting)
         self._waiting = b""
         if not self._anything_passed:
@@ -92,8 +97,8 @@ class MessageFilter:
 
     def _take(self, length: int) -> None:
         taken = self._waiting[:length]
-        self._removed += b"".join(ABORT_OF_MPICH.findall(taken))
-        self._pass_on(ABORT_OF_MPICH.sub(b"", taken))
+        self._removed += b"".join(LINES.findall(taken))
+        self._pass_on(LINES.sub(b"", taken))
         self._waiting = self._waiting[length:]
 
     def _pass_on(self, data: bytes) -> None:

@@ -1,4 +1,4 @@
-"""Python files of users: they are executed, and what is wrong with them is told in one sentence, with its place."""
+"""Python files of users: they are executed, and what is wrong with them is reported in one sentence, with its line."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def option(word: str) -> tuple[str, Any]:
     name, equals, text = word.partition("=")
     check(
         bool(equals) and name.isidentifier(),
-        f"'{word}' is no NAME=VALUE; give arguments of build like cells=20.",
+        f"'{word}' is not of the form NAME=VALUE; give arguments of build like cells=20.",
     )
     try:
         return name, ast.literal_eval(text)
@@ -31,21 +31,26 @@ def option(word: str) -> tuple[str, Any]:
 
 
 def load(path: Path) -> ModuleType:
-    """Execute a Python file; what stands beside it can be imported."""
+    """Execute a Python file; other files of its folder can be imported."""
     from importlib.util import module_from_spec, spec_from_file_location
 
     sys.path.insert(0, str(path.resolve().parent))
     spec = spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None:
-        raise InputError(f"'{path}' is no Python file; give one with a function build(comm).")
+        raise InputError(f"'{path}' is not a Python file; give one with a function build(comm).")
     module = module_from_spec(spec)
     sys.modules[path.stem] = module
     spec.loader.exec_module(module)
     return module
 
 
-def guarded[T](comm: MPI.Intracomm, path: Path, debug: bool, act: Callable[[], T]) -> T:
-    """What `act` returns; an error of the user's code is told with its place in the file."""
+def guarded[T](
+    comm: MPI.Intracomm,
+    path: Path,
+    debug: bool,
+    act: Callable[[], T],
+) -> T:
+    """What `act` returns; an error of the user's code is reported with its line in the file."""
     try:
         return act()
     except (InputError, Interrupted):

@@ -22,7 +22,7 @@ from gossamer_fx.terms.point_masses import AttachedKineticEnergy
 class AttachedMass:
     """A mass at a point of a body, e.g. at the tip of a sail: kinetic energy ½ m |v|² of the point.
 
-    It has no unknowns of its own.  `Gravity` and `Centrifugal` of the body act on it, too.
+    It adds no unknowns.  `Gravity` and `Centrifugal` of the body act on it, too.
 
     Args:
         port: a point of a film, plate, cable, beam or rigid body.
@@ -45,7 +45,7 @@ class AttachedMass:
     def __post_init__(self) -> None:
         check(
             bool(np.isclose(translation_weight(self.port), 1.0)),
-            f"AttachedMass '{self.name}': its port is no point of a body; give one, as film.port('tip').",
+            f"AttachedMass '{self.name}': its port is not a point of a body; give one, as film.port('tip').",
         )
         check_positive(self, "mass", "kg")
 

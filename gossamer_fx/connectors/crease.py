@@ -40,7 +40,7 @@ class Crease:
     are conserved exactly; see `algebra.dihedral_angle`.
 
     With a yield angle φ the rest angle follows as soon as |θ - θr| > φ, at the moment k φ; the loss is
-    booked as dissipated.  On a `Plate` the edges are also one of its `hinges`: then the crease alone
+    counted as dissipated.  On a `Plate` the edges are also one of its `hinges`: then the crease alone
     carries the moment.
 
     Args:
@@ -184,9 +184,16 @@ class Crease:
             math.inf if self.yield_angle is None else self.yield_angle,
             self.initial_fold or (MOUNTAIN if self.rest_angle < 0 else VALLEY),
             names.astype(np.int64),
+            self.stiffness,
         )
 
-    def _derivatives(self, cells: Indices, sides: Indices, points: Array, backwards: bool) -> Array:
+    def _derivatives(
+        self,
+        cells: Indices,
+        sides: Indices,
+        points: Array,
+        backwards: bool,
+    ) -> Array:
         """Gradients (n, g, 3, k) on the mesh of the k shape functions of triangles, at points along their edges."""
         domain, element = self.body.mesh.domain, self.body.space.element.basix_element
         s = 1 - points if backwards else points
@@ -222,7 +229,7 @@ def _inwards(corners: Array, t: Array, sides: Indices) -> Array:
 
 
 def _without_twins(nodes: Indices, maps: Array, k: int) -> tuple[Indices, Array]:
-    """Nodes (n, 2k) of the left and right triangle and their maps, those of both in the place of the left one's."""
+    """Nodes (n, 2k) of the left and right triangle and their maps, those of both instead of the left one's."""
     twins = nodes[:, k:, None] == nodes[:, None, :k]
     maps[..., :k] += np.einsum("egvj,eji->egvi", maps[..., k:], twins)
     kept = np.concatenate([np.ones((len(nodes), k), dtype=bool), ~twins.any(axis=2)], axis=1)

@@ -5,7 +5,8 @@ With ψ = ½ k (θ - θr)² at each point the force of a step is m̄ G, G the di
 A fold that yields holds |θ - θr| ≤ φ: beyond it the rest
 angle θr slips along, at the constant moment k φ, and what the step dissipates, k φ |Δθr|, closes the balance exactly.
 
-θ counts on from step to step: what is more than half a turn from flat, or pressed shut at ±π, keeps its sign and turns.
+θ is continuous from step to step: a fold that is more than half a turn from flat, or pressed shut
+at ±π, retains its sign and its number of turns.
 """
 
 from __future__ import annotations
@@ -20,17 +21,22 @@ from petsc4py import PETSc
 from gossamer_fx.algebra import dihedral_angle
 from gossamer_fx.algebra.point_measures import Gather, add_blocks
 from gossamer_fx.model.body import Array, Body, Indices, MeshBody
+from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.roles import (
     CellFields,
     Dissipation,
     Forces,
+    GradientLimits,
     HistoryVariables,
+    PointParameters,
+    Reversible,
     StateObserver,
     StepCheck,
+    StepHistory,
     StoredEnergies,
     Tangents,
 )
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
 Names = np.ndarray[Any, np.dtype[np.int64]]
 
@@ -47,7 +53,11 @@ class CreaseEnergies(
     Dissipation,
     CellFields,
     HistoryVariables,
-    CompiledTerms,
+    PointParameters,
+    GradientLimits,
+    StepHistory,
+    Reversible,
+    CompiledTerms["CreaseEnergy"],
 ):
     """All `CreaseEnergy` terms of a scene; those with as many nodes a point are one array."""
 
@@ -60,6 +70,8 @@ class CreaseEnergies(
         self._gather = Gather(system.numbering, [points.indices for points in self._arrays])
         self._yielding = [i for i, term in enumerate(terms) if np.isfinite(term.slip)]
         self.losses = [terms[i].name for i in self._yielding]
+        # Numbers of terms that were changed after the compilation, by the identity of the term.
+        self._numbers: dict[tuple[int, str], float] = {}
 
     def commit(self) -> None:
         for points, q in zip(self._arrays, self._gather(self._system.q0), strict=True):
@@ -119,6 +131,50 @@ class CreaseEnergies(
         cells = np.concatenate([term.cells.ravel() for term in mine])
         return cells, np.concatenate([np.repeat(self.angles(term)[0], 2) for term in mine])
 
+    # ---- sensitivities ---------------------------------------------------------------------------------
+
+    def get_number(self, term: CreaseEnergy, key: str) -> Array:
+        given = term.rest if key == "rest" else term.moment_per_angle
+        return np.atleast_1d(self._numbers.get((id(term), key), given))
+
+    def set_number(self, term: CreaseEnergy, key: str, value: Array) -> None:
+        before = float(self.get_number(term, key)[0])
+        now = float(value[0])
+        points, i = self._find(term)
+        points.set_number(i, key, before, now)
+        self._numbers[id(term), key] = now
+
+    def work_by_number(self, term: CreaseEnergy, key: str, w: PETSc.Vec) -> Array:
+        points, i = self._find(term)
+        k = self._arrays.index(points)
+        q = self._gather(self._system.q1)[k]
+        by_number = points.forces_by_number(q, key, float(self.get_number(term, "stiffness")[0]))
+        work = np.sum(by_number * self._gather(w)[k], axis=1)
+        return np.array([work[points.owner == i].sum()])
+
+    def energy_by_number(self, term: CreaseEnergy, key: str) -> Array:
+        points, i = self._find(term)
+        q = self._gather(self._system.q1)[self._arrays.index(points)]
+        by_number = points.energy_by_number(q, key, float(self.get_number(term, "stiffness")[0]))
+        return np.array([by_number[points.owner == i].sum()])
+
+    def without_gradient(self) -> str:
+        for i in self._yielding:
+            return f"'{self.terms[i].name}' yields, so that its rest angle depends on the path; give it no yield_angle"
+        return ""
+
+    def save_history(self) -> list[Array]:
+        return [points.θ.copy() for points in self._arrays]
+
+    def load_history(self, saved: list[Array]) -> None:
+        for points, angles in zip(self._arrays, saved, strict=True):
+            points.θ = angles.copy()
+
+    def _find(self, term: CreaseEnergy) -> tuple[_Points, int]:
+        """The array of points of a term, and the number of the term."""
+        i = next(k for k, known in enumerate(self.terms) if known is term)
+        return next(points for points in self._arrays if i in points.of), i
+
     def get_state(self) -> dict[str, Any]:
         """The points whose angle or rest angle is not what positions and input tell, by the names of their edges."""
         unusual = [row for points in self._arrays for row in points.unusual()]
@@ -156,7 +212,12 @@ class CreaseEnergy:
     slip: float
     shut: int
     names: Names
-    compiler: ClassVar[type[CompiledTerms]] = CreaseEnergies
+    moment_per_angle: float = 1.0  # k [N m/m/rad], to which `stiffness` is proportional
+    parameters: tuple[Parameter, ...] = (
+        Parameter("stiffness", "N m/m/rad", "stiffness"),
+        Parameter("rest_angle", "rad", "rest"),
+    )
+    compiler: ClassVar[Compiler] = CreaseEnergies
 
 
 class _Points:
@@ -219,6 +280,32 @@ class _Points:
         B = self._maps
         blocks = np.einsum("nvk,nvcwd,nwl->nkcld", B, K.reshape(n, 3, 3, 3, 3), B, optimize=True)
         return blocks.reshape(n, 3 * B.shape[2], 3 * B.shape[2])
+
+    def forces_by_number(self, q: Array, key: str, stiffness: float) -> Array:
+        """Derivatives (n, D) of the forces of folds that do not yield; their moment is k (θ_mean - θr)."""
+        X = self.vectors(q)
+        θ1 = self._end(X)
+        moment = -self._k
+        if key == "stiffness":
+            moment = self._moment(θ1)[0] / stiffness
+        return self._to_nodes(moment[:, None, None] * self._direction(X, θ1))
+
+    def energy_by_number(self, q: Array, key: str, stiffness: float) -> Array:
+        """Derivatives (n,) of ½ k (θ - θr)² at the end of the step."""
+        angle = self._end(self.vectors(q)) - self.rest
+        if key == "stiffness":
+            energy: Array = self._k * angle**2 / (2 * stiffness)
+            return energy
+        return -self._k * angle
+
+    def set_number(self, i: int, key: str, before: float, now: float) -> None:
+        """Change the stiffness or the rest angle of term i."""
+        here = self.owner == i
+        if key == "stiffness":
+            self._k = np.where(here, self._k * (now / before), self._k)
+        else:
+            self.rest = np.where(here, now, self.rest)
+            self._first_rest = np.where(here, now, self._first_rest)
 
     def turned(self, q: Array) -> tuple[float, str]:
         """The largest change of angle in the step, and whose it is."""

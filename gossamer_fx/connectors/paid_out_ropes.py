@@ -6,7 +6,7 @@ In a step from (l0, L0) to (l1, L1) the mean tension T̄ is the average of T(y) 
     given L(t)   y1 = l1 - L1, T = k y       T̄ Δl = Δψ + T̄ ΔL     -T̄ ΔL is supplied by the reel
     brake B      y1 = l1 - L0, T ≤ B         T̄ Δl = Δψ + B ΔL      B ΔL is dissipated, ΔL = max(y1 - B/k, 0)
 
-exactly.  Both are the slope of a convex potential of l1.  What is left on the reel ends at the length `most`; from
+exactly.  Both are the slope of a convex potential of l1.  The rope on the reel ends at the length `most`; from
 there on the rope is stretched beyond B.
 """
 
@@ -31,7 +31,7 @@ from gossamer_fx.model.roles import (
     Supply,
     Tangents,
 )
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.terms.point_energies import Stencil
 
 
@@ -44,7 +44,7 @@ class PaidOutRopes(
     Supply,
     Dissipation,
     HistoryVariables,
-    CompiledTerms,
+    CompiledTerms["PaidOutRope"],
 ):
     """All `PaidOutRope` terms of a scene, as arrays over those of this rank."""
 
@@ -158,7 +158,7 @@ class PaidOutRopes(
         return l
 
     def _room(self) -> Array:
-        """What is left on the reels [m]."""
+        """Lengths that remain on the reels [m]."""
         return np.where(self._brakes, np.maximum(self._most - self.length, 0.0), 0.0)
 
     def _slip(self, l1: Array) -> Array:
@@ -210,4 +210,4 @@ class PaidOutRope:
     history: Callable[[float], float] | None = None
     brake: float = np.inf
     most: float = np.inf
-    compiler: ClassVar[type[CompiledTerms]] = PaidOutRopes
+    compiler: ClassVar[Compiler] = PaidOutRopes

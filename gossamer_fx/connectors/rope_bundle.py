@@ -10,8 +10,14 @@ from typing import Any
 from gossamer_fx.bodies.between import bodies_of
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_positive, require_positive
-from gossamer_fx.connectors.spring import LengthSpring, RopeDamper, half_distance_squared
+from gossamer_fx.connectors.spring import (
+    STIFFNESS,
+    LengthSpring,
+    RopeDamper,
+    half_distance_squared,
+)
 from gossamer_fx.model.body import Attached
+from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_energies import PointDissipation, PointStoredEnergy
@@ -71,11 +77,11 @@ class RopeBundle:
             yield from bodies_of(*pair)
 
     def terms(self, start: State) -> Iterable[Term]:
-        for pair, length in zip(self.ends, self.lengths, strict=True):
+        for k, (pair, length) in enumerate(zip(self.ends, self.lengths, strict=True)):
             measure = half_distance_squared(*pair)
-            yield PointStoredEnergy(
-                self.name, measure, LengthSpring(self.stiffness, float(length), side=1)
-            )
+            density = LengthSpring(self.stiffness, float(length), side=1)
+            numbers = (STIFFNESS, Parameter("lengths", "m", "L", entry=k))
+            yield PointStoredEnergy(self.name, measure, density, numbers)
             if self.damping:
                 loss = RopeDamper(self.damping, self.stiffness, float(length))
-                yield PointDissipation(f"{self.name} damping", measure, loss)
+                yield PointDissipation(f"{self.name} damping", measure, loss, numbers)

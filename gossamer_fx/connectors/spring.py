@@ -14,11 +14,15 @@ from gossamer_fx.bodies.between import Between
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_positive
 from gossamer_fx.model.body import Array, Attached, Port
+from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.ports import unit
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.one_sided import one_sided_average, one_sided_energy
 from gossamer_fx.terms.point_energies import PointDissipation, PointStoredEnergy
+
+STIFFNESS = Parameter("stiffness", "N/m", "k")
+LENGTH = Parameter("length", "m", "L")
 
 
 @dataclass(frozen=True)
@@ -167,7 +171,8 @@ class Spring(Between):
 
     def terms(self, start: State) -> Iterable[Term]:
         density = LengthSpring(self.stiffness, self.length)
-        yield PointStoredEnergy(self.name, half_distance_squared(self.a, self.b), density)
+        measure = half_distance_squared(self.a, self.b)
+        yield PointStoredEnergy(self.name, measure, density, (STIFFNESS, LENGTH))
 
 
 @check_arguments
@@ -216,10 +221,11 @@ class Rope(Between):
             LengthSpring(self.stiffness, self.length, side=1),
             half_distance_squared(self.a, self.b),
         )
-        yield PointStoredEnergy(self.name, measure, density)
+        yield PointStoredEnergy(self.name, measure, density, (STIFFNESS, LENGTH))
         if self.damping:
             loss = RopeDamper(self.damping, self.stiffness, self.length)
-            yield PointDissipation(f"{self.name} damping", measure, loss)
+            numbers = (STIFFNESS, LENGTH, Parameter("damping", "N s/m", "c"))
+            yield PointDissipation(f"{self.name} damping", measure, loss, numbers)
 
 
 @check_arguments
@@ -260,7 +266,8 @@ class Stop(Between):
 
     def terms(self, start: State) -> Iterable[Term]:
         density = LengthSpring(self.stiffness, self.length, side=-1)
-        yield PointStoredEnergy(self.name, half_distance_squared(self.a, self.b), density)
+        measure = half_distance_squared(self.a, self.b)
+        yield PointStoredEnergy(self.name, measure, density, (STIFFNESS, LENGTH))
 
 
 @check_arguments
@@ -268,7 +275,7 @@ class Stop(Between):
 class Damper(Between):
     """An axial damper between two points: a force c dl/dt along the line between them, l their distance.
 
-    Its loss is booked as dissipated.
+    Its loss counts as dissipated.
 
     Args:
         a, b: ports of bodies; one of them may be a `Ground`.
@@ -301,7 +308,10 @@ class Damper(Between):
             f"Damper '{self.name}': its two points coincide, so it has no direction; separate them.",
         )
         yield PointDissipation(
-            self.name, half_distance_squared(self.a, self.b), LengthDamper(self.damping)
+            self.name,
+            half_distance_squared(self.a, self.b),
+            LengthDamper(self.damping),
+            (Parameter("damping", "N s/m", "c"),),
         )
 
 
@@ -342,4 +352,4 @@ class AxialSpring:
         n = unit(self.direction)
         rest = -float(n @ np.asarray(self.origin, dtype=float))
         measure = PointMeasure([(self.port,)], np.zeros((1, 3, 3)), n[None], np.array([rest]))
-        yield PointStoredEnergy(self.name, measure, Quadratic(self.stiffness))
+        yield PointStoredEnergy(self.name, measure, Quadratic(self.stiffness), (STIFFNESS,))

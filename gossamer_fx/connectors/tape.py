@@ -1,4 +1,4 @@
-"""Tapes: cables bonded to a film, with no unknowns of their own."""
+"""Tapes: cables bonded to a film, without additional unknowns."""
 
 from __future__ import annotations
 
@@ -70,6 +70,7 @@ class Tape:
 
     @staticmethod
     def along_edges(
+<<<<<<< HEAD
         body: Membrane, law: BarLaw, *, edges: str, length_factor: float = 1.0, name: str = "tape"
     ) -> Tape:
         """Along the edges of the mesh in a named group of curves.
@@ -81,6 +82,15 @@ class Tape:
             0 < length_factor < math.inf,
             f"Tape '{name}': length_factor is {length_factor!r}; give a positive number.",
         )
+=======
+        body: Membrane,
+        law: BarLaw,
+        *,
+        edges: str,
+        name: str = "tape",
+    ) -> Tape:
+        """Along the edges of the mesh in a named group of curves."""
+>>>>>>> refs/heads/main
         table, space = body.mesh.edges, body.space
         lines = body.mesh.curve(edges, f"Tape '{name}' on '{body.name}'")
         chains = table.nodes(space, lines[lines < table.owned])

@@ -22,9 +22,9 @@ from gossamer_fx.model.terms import Term
 class Tether(Between):
     """A rope without mass from a reel at one of two points: tension k (l - L) beyond its length L, else none.
 
-    Either L is a function of time, and the work of the reel is booked as supplied (negative while it pays
+    Either L is a function of time, and the work of the reel counts as supplied (negative while it pays
     out under tension), or a brake holds the reel and slips where the tension would exceed B: the loss
-    B ΔL is booked as dissipated.  A brake torque M on a reel of radius r is B = M/r.  Energy closes
+    B ΔL counts as dissipated.  A brake torque M on a reel of radius r is B = M/r.  Energy closes
     exactly; momentum and angular momentum are kept.
 
     Args:
@@ -36,7 +36,7 @@ class Tether(Between):
         name: name in messages and output.
 
     Raises:
-        InputError: a length that is not positive, a brake beside a function, a number without a brake.
+        InputError: a length that is not positive, a brake in addition to a function, a number without a brake.
 
     Example:
         >>> reel = hub.port((0.0, 0.0, 0.1))

@@ -25,6 +25,7 @@ from gossamer_fx.bodies.frames import Frame, along, is_normal
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_positive
 from gossamer_fx.model.body import Array, Vector
+from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.ports import unit
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
@@ -37,7 +38,13 @@ def angles(e0: Array, e1: Array) -> tuple[Array, Array]:
     return φ0, np.remainder(φ1 - φ0 + np.pi, 2 * np.pi) - np.pi
 
 
-def stress(m: Array, slope: Array, φ0: Array, Δφ: Array, e1: Array) -> tuple[Array, Array]:
+def stress(
+    m: Array,
+    slope: Array,
+    φ0: Array,
+    Δφ: Array,
+    e1: Array,
+) -> tuple[Array, Array]:
     """S̄ (n, 2) of the moment m and its derivative with respect to e1, with slope = dm/dφ1."""
     half, φm = Δφ / 2, φ0 + Δφ / 2
     small = np.abs(half) < 1e-4
@@ -55,17 +62,19 @@ def stress(m: Array, slope: Array, φ0: Array, Δφ: Array, e1: Array) -> tuple[
 
 @dataclass(frozen=True)
 class AngularSpring:
-    """ψ = ½ k φ², |φ| < π."""
+    """ψ = ½ k (φ - change)², |φ| < π; `change` [rad] is that of the rest angle, which φ counts from."""
 
     k: float
-    stacks: ClassVar[tuple[str, ...]] = ("k",)
+    change: float = 0.0
+    stacks: ClassVar[tuple[str, ...]] = ("k", "change")
 
     def energy(self, e: Array) -> Array:
-        return self.k * np.arctan2(e[:, 1], e[:, 0]) ** 2 / 2
+        return self.k * (np.arctan2(e[:, 1], e[:, 0]) - self.change) ** 2 / 2
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
         φ0, Δφ = angles(e0, e1)
-        return stress(self.k * (φ0 + Δφ / 2), self.k / 2 + 0 * φ0, φ0, Δφ, e1)
+        moment = self.k * (φ0 - self.change + Δφ / 2)
+        return stress(moment, self.k / 2 + 0 * φ0, φ0, Δφ, e1)
 
 
 @dataclass(frozen=True)
@@ -85,7 +94,12 @@ def across(axis: Vector, side: Frame) -> Frame:
     return side if is_normal(unit(axis), side) else side.complete
 
 
-def hinge_angle(a: Frame, b: Frame, axis: Vector, rest: float) -> PointMeasure:
+def hinge_angle(
+    a: Frame,
+    b: Frame,
+    axis: Vector,
+    rest: float,
+) -> PointMeasure:
     """(cos, sin) of the angle of b against a about the axis, zero where b is turned by `rest` from the start."""
     p, q = perpendicular_pair(unit(axis))
     moving = along(p, b)
@@ -164,13 +178,17 @@ class TorsionSpring(AboutHinge):
             self.name,
             hinge_angle(*self._sides, self.axis, self.rest_angle),
             AngularSpring(self.stiffness),
+            (
+                Parameter("stiffness", "N m/rad", "k"),
+                Parameter("rest_angle_change", "rad", "change"),
+            ),
         )
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class TorsionDamper(AboutHinge):
-    """A torsional damper about the axis of a hinge: the moment is -c dφ/dt; its loss is booked.
+    """A torsional damper about the axis of a hinge: the moment is -c dφ/dt; its loss counts as dissipated.
 
     Args:
         a, b: frames, also `ground_frame()`, joined by a `RevoluteJoint` of this axis.
@@ -201,4 +219,5 @@ class TorsionDamper(AboutHinge):
 
     def terms(self, start: State) -> Iterable[Term]:
         measure = hinge_angle(*self._sides, self.axis, 0.0)
-        yield PointDissipation(self.name, measure, AngularDamper(self.damping))
+        damping = Parameter("damping", "N m s/rad", "c")
+        yield PointDissipation(self.name, measure, AngularDamper(self.damping), (damping,))

@@ -1,7 +1,7 @@
-"""Edges of plates that keep their slope, or turn as prescribed: clamped edges.
+"""Clamped edges: edges of plates whose slope is fixed or prescribed.
 
 The slope is held by Nitsche's method (`forms.bending`).  The energy of that is part of the plate's bending
-energy; the work of what turns the edge is booked as supplied.
+energy; the work of what turns the edge counts as supplied.
 """
 
 from __future__ import annotations
@@ -15,15 +15,19 @@ from dolfinx import fem
 from dolfinx.mesh import meshtags
 
 from gossamer_fx.bodies.plate import Plate
-from gossamer_fx.checks.errors import check_on_all
+from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.constraints.moving_energies import MovingEnergy
 from gossamer_fx.forms.bending import EDGE_DEGREE
 from gossamer_fx.forms.kinematics import Expr
+from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.model.body import Array, Vector
 from gossamer_fx.model.ports import unit
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.quadratic_energies import QuadraticEnergy
+
+# Smallest sine of the angle between a clamped edge and the direction of the plate across it: 6 degrees.
+MIN_SINE = 0.1
 
 
 def check_is_rim(plate: Plate, edges: str) -> None:
@@ -53,6 +57,7 @@ class EdgeRotation:
         if callable(self.direction):
             nodes = self.plate.nodes(self.edges)
             X = self.plate.space.tabulate_dof_coordinates()[nodes].T
+            self._check_is_across(start, lambda midpoints: self._directions(midpoints, 0.0))
             return MovingEnergy(
                 name=name,
                 body=self.plate,
@@ -63,7 +68,11 @@ class EdgeRotation:
         if self.direction is None:
             d = self._initial_direction()
         else:
-            d = fem.Constant(self.plate.mesh.domain, unit(self.direction))
+            direction = unit(self.direction)
+            self._check_is_across(
+                start, lambda midpoints: np.tile(direction, (midpoints.shape[1], 1))
+            )
+            d = fem.Constant(self.plate.mesh.domain, direction)
         return QuadraticEnergy(name, self.plate, lambda x, w: clamp(x, w, d, ds))
 
     def _directions(self, X: Array, t: float) -> Array:
@@ -79,6 +88,43 @@ class EdgeRotation:
         )
         unit_directions: Array = (d / np.linalg.norm(d, axis=0)).T
         return unit_directions
+
+    def _check_is_across(self, start: State, directions: Callable[[Array], Array]) -> None:
+        """Refuse a direction that lies along the edge, to which the plate is tangent there in any case.
+
+        Args:
+            start: the initial state.
+            directions: unit directions (n, 3) at midpoints (3, n) of edges of the stress-free mesh.
+        """
+        mesh = self.plate.mesh
+        edges = mesh.curve(self.edges, "Fixed")
+        edges = edges[edges < mesh.edges.owned]
+        x = fem.Function(self.plate.space)
+        self.plate.reconstruct(x, start[self.plate].positions().ravel())
+        positions = x.x.array.reshape(-1, 3)
+        reference = self.plate.space.tabulate_dof_coordinates()
+        # An edge on the rim has one triangle, in either column.
+        column = mesh.edges.cells[edges].argmax(axis=1)
+        cells = mesh.edges.cells[edges, column]
+        sides = mesh.edges.sides[edges, column]
+        nodes = cell_nodes(self.plate.space)[cells]
+        first = nodes[np.arange(len(edges)), (sides + 1) % 3]
+        second = nodes[np.arange(len(edges)), (sides + 2) % 3]
+        tangents = positions[second] - positions[first]
+        tangents /= np.linalg.norm(tangents, axis=1, keepdims=True)
+        midpoints = (reference[first] + reference[second]) / 2
+        along = directions(midpoints.T)
+        sines = np.linalg.norm(np.cross(tangents, along), axis=1)
+        worst: tuple[float, list[float], list[float]] = (np.inf, [], [])
+        if len(sines):
+            k = int(sines.argmin())
+            worst = (float(sines[k]), along[k].tolist(), midpoints[k].tolist())
+        sine, direction, point = min(self.plate.comm.allgather(worst))
+        check(
+            sine >= MIN_SINE,
+            f"'{self.name}': its direction ({_three(direction)}) lies along the edge at ({_three(point)}) m; give the "
+            "direction across the edge, to which the plate is tangent there.",
+        )
 
     def _measure(self) -> ufl.Measure:
         """The measure of the edge."""
@@ -98,3 +144,7 @@ class EdgeRotation:
         self.plate.reconstruct(start, positions)
         slope = ufl.dot(ufl.grad(start), ufl.FacetNormal(self.plate.mesh.domain))
         return slope / ufl.sqrt(ufl.dot(slope, slope))
+
+
+def _three(vector: list[float]) -> str:
+    return ", ".join(f"{value:.4g}" for value in vector)

@@ -1,4 +1,4 @@
-"""Supports: nodes that keep their position or rotation, or move and turn as prescribed."""
+"""Supports: nodes whose position or rotation is fixed or prescribed."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ ALL_COMPONENTS = (0, 1, 2)
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Fixed:
-    """A support: nodes of a group keep their position, and their rotation if asked, or move as prescribed.
+    """A support: positions of the nodes of a group, and rotations if asked, are fixed or prescribed.
 
-    The work of what moves or turns the nodes is booked as supplied.  Their initial velocity is that of the
+    The work of what moves or turns the nodes counts as supplied.  Their initial velocity is that of the
     body; where it differs from the rate of the motion, the midpoint rule carries the difference on as an
     oscillation of the velocity from step to step.
 

@@ -36,7 +36,12 @@ from gossamer_fx.terms.point_constraints import PointConstraint
 COINCIDE = 1e-8  # m
 
 
-def check_coincide(name: str, a: Attached, b: Attached, start: State) -> None:
+def check_coincide(
+    name: str,
+    a: Attached,
+    b: Attached,
+    start: State,
+) -> None:
     distance = float(np.linalg.norm(start.vector(a) - start.vector(b)))
     check(
         distance <= COINCIDE,
@@ -52,12 +57,17 @@ def product(name: str, u: Attached, v: Attached) -> PointConstraint:
 
 
 def coincidence(name: str, *places: tuple[Attached, Attached]) -> PointConstraint:
-    """x_a - x_b = 0 at each of the places (a, b)."""
+    """x_a - x_b = 0 at each of the pairs of points (a, b)."""
     L = np.hstack([np.eye(3), -np.eye(3)])
     return PointConstraint(name, PointMeasure(places, np.zeros((3, 6, 6)), L, np.zeros(3)))
 
 
-def same_rotation(name: str, a: Frame, b: Frame, start: State) -> Iterable[PointConstraint]:
+def same_rotation(
+    name: str,
+    a: Frame,
+    b: Frame,
+    start: State,
+) -> Iterable[PointConstraint]:
     """Three products that keep the relative rotation of two frames, one of which has three directors."""
     full, other = (a, b) if len(a.directors) == 3 else (b, a)
     g2, g3 = other.directors[-2:]
@@ -69,7 +79,11 @@ def same_rotation(name: str, a: Frame, b: Frame, start: State) -> Iterable[Point
 
 
 def same_axis(
-    name: str, n: Array, full: Frame, other: Frame, start: State
+    name: str,
+    n: Array,
+    full: Frame,
+    other: Frame,
+    start: State,
 ) -> Iterable[PointConstraint]:
     """Two products that keep a direction n of both frames alike; the first has three directors."""
     if is_normal(n, other, start.vector):
@@ -82,7 +96,12 @@ def same_axis(
 
 
 def on_axis(
-    kind: str, name: str, n: Array, a: Frame, b: Frame, start: State
+    kind: str,
+    name: str,
+    n: Array,
+    a: Frame,
+    b: Frame,
+    start: State,
 ) -> Iterable[PointConstraint]:
     """The point of b stays on the axis n through that of a, which carries it: (x_b - x_a)·p = 0 for two normals p."""
     gap = start.vector(b.origin) - start.vector(a.origin)
@@ -106,7 +125,7 @@ class BallJoint(Between):
     """Two points coincide; the bodies turn freely about them.
 
     Args:
-        a, b: ports of two bodies that are in one place at the start; one of them may be a `Ground`.
+        a, b: ports of two bodies that are at one point at the start; one of them may be a `Ground`.
         name: name in messages and output.
 
     Raises:
@@ -175,7 +194,7 @@ class Link(Between):
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class FixedJoint(FrameJoint):
-    """Two frames keep their relative position and rotation: a weld.
+    """The relative position and rotation of two frames are constant: a weld.
 
     Args:
         a, b: frames of two bodies that have one origin at the start; one may be `ground_frame()`.  One of

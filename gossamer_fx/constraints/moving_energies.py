@@ -15,10 +15,12 @@ from gossamer_fx.forms.compilation import compile_form, constant
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.model.body import Array, Body, Indices, MeshBody
 from gossamer_fx.model.roles import Forces, StepObserver, StoredEnergies, Supply, TangentForms
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
 
-class MovingEnergies(StepObserver, Forces, TangentForms, StoredEnergies, Supply, CompiledTerms):
+class MovingEnergies(
+    StepObserver, Forces, TangentForms, StoredEnergies, Supply, CompiledTerms["MovingEnergy"]
+):
     """All `MovingEnergy` terms of a scene.
 
     With the matrices K0, K1 of both ends of a step the force is ½ (K0 + K1) q̄; what changes the form supplies
@@ -90,7 +92,7 @@ class MovingEnergy:
     form: Callable[[Expr, Expr, Expr], ufl.Form]
     nodes: Indices
     values: Callable[[float], Array]
-    compiler: ClassVar[type[CompiledTerms]] = MovingEnergies
+    compiler: ClassVar[Compiler] = MovingEnergies
 
 
 @dataclass(frozen=True, eq=False)

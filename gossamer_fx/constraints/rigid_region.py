@@ -4,7 +4,7 @@ With the piece's position x̄ and directors d, and the coordinates ξ_k of node 
 
     rigid                  x_k = x̄ + Σ ξ_ki d_i
     sliding in a plane     (x_k - x̄)·n = 0, and the means Σ (x_k - x̄)·p = Σ (x_k - x̄)·q = 0,
-                           Σ (ξ_kq p - ξ_kp q)·x_k = 0, which tell where the piece is in its plane; n = p × q
+                           Σ (ξ_kq p - ξ_kp q)·x_k = 0, the position and angle of the piece in its plane; n = p × q
     sliding along a line   x_k = x̄ + ξ_k d, where d may change its length
 
 All are linear or quadratic measures that rigid motions leave as they are: the multipliers do no work, and both momenta
@@ -51,8 +51,8 @@ class RigidRegion:
         rigid_body: a rigid body that the nodes are fixed to, e.g. a hub with its mass; None: a piece
             without mass.
         sliding: whether the nodes slide in the plane that the piece carries, as on an end plate without
-            friction; those on a straight line stay on it and spread evenly.  Else they keep their
-            distances.
+            friction; those on a straight line stay on it and spread evenly.  Otherwise the
+            distances between them are constant.
         fixed_components: which of x, y, z (0, 1, 2) the piece does not move along, nor its axes: (2,)
             where all of the body is held in the plane z = const.
         name: name in messages and output.

@@ -9,7 +9,7 @@ distance of a pair shrinks as a function of time,
     x_a(σ, t) - x_b(σ, t) = (1 - s(t)) (X_a(σ) - X_b(σ)),                                         (1)
 
 with X the positions at the start of the scene and s rising from 0 to 1.  This is a linear constraint
-with a moving right-hand side: its multipliers do the work that is booked as supplied, and it keeps
+with a moving right-hand side: the work of its multipliers counts as supplied, and it keeps
 momentum, as both sides bear opposite forces.  An open gap has the direction that it had at the start,
 so that something outside bears a moment until it is closed.  With s = 1 it is the ordinary tie.
 
@@ -50,7 +50,7 @@ class Seam:
         x_a - x_b = (1 - s(t)) (X_a - X_b),    s = 0 before and 1 after `closing`
 
     Points belong together by the fraction of arc length on the mesh, the cut pattern.  The work of
-    drawing them together is booked as supplied.  Meshes may differ.  `Contact` takes both edges as
+    drawing them together counts as supplied.  Meshes may differ.  `Contact` takes both edges as
     connected, and `Chamber(seams=...)` takes the seam as closed.  Where several seams meet, one of
     their ties follows from the others and is left out.
 

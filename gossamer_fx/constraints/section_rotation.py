@@ -1,4 +1,4 @@
-"""Sections of beams that keep their rotation, or turn as prescribed."""
+"""Sections of beams whose rotation is fixed or prescribed."""
 
 from __future__ import annotations
 
@@ -79,7 +79,13 @@ class SectionRotation:
         turned: Array = rotations(wanted, self._angle(t, when)) @ shortest
         return turned
 
-    def _directions(self, X: Array, normals: Array, t: float, when: str) -> Array:
+    def _directions(
+        self,
+        X: Array,
+        normals: Array,
+        t: float,
+        when: str,
+    ) -> Array:
         """Directions (n, 3) that the normals are to have, of any length."""
         given = self.direction
         if given is None:

@@ -9,7 +9,12 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Indices
 
 
-def check_support(kind: str, body: Meshed, group: str, components: tuple[int, ...]) -> None:
+def check_support(
+    kind: str,
+    body: Meshed,
+    group: str,
+    components: tuple[int, ...],
+) -> None:
     """Raise `InputError`, on all ranks, if a support would hold nothing.
 
     Args:

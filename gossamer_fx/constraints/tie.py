@@ -1,4 +1,4 @@
-"""Ties: edges of films that hang together, cables along edges of films."""
+"""Ties: edges of films that are connected, cables along edges of films."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Tie:
 
     Meshes may differ: tie the finer line to the coarser one.  Three films on a line: tie two of them to
     the third.  Multipliers do no work and keep both momenta.  Matching lines are found where the scene
-    starts, also of a folded film, as long as no other part of the second line is in the same place.
+    starts, also of a folded film, as long as no other part of the second line is at the same point.
     `Contact` takes what is tied as connected.
 
     Args:
@@ -124,7 +124,7 @@ class Tie:
         ]
 
     def _segments(self, start: State) -> tuple[npt.NDArray[np.int64], Array]:
-        """The second line, on every rank: global nodes (n, 2) of its straight pieces, and their places (n, 2, 3)."""
+        """The second line, on every rank: global nodes (n, 2) of its pieces, and their end points (n, 2, 3)."""
         body, space = self.b, self.b.space
         mesh = space.mesh
         if mesh.topology.dim == 2:
@@ -148,7 +148,7 @@ class Tie:
 
 
 def _nearest(x: Array, segments: Array) -> tuple[npt.NDArray[np.intp], Array, Array]:
-    """Of points (n, 3) the nearest of segments (m, 2, 3), the place on it between 0 and 1, and the distance [m]."""
+    """Of points (n, 3) the nearest of segments (m, 2, 3), the position on it between 0 and 1, and the distance [m]."""
     a, d = segments[:, 0], segments[:, 1] - segments[:, 0]
     square = np.einsum("mc,mc->m", d, d)
     found, places, distances = np.zeros(len(x), dtype=np.intp), np.zeros(len(x)), np.zeros(len(x))

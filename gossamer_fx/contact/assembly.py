@@ -2,7 +2,7 @@
 
 Which block rows are coupled changes from step to step, and most of what may touch does not.  Blocks on
 the diagonal go into the matrix of the system, whose pattern stays that of a scene without contact.
-Blocks between two block rows make a matrix of their own, which is built in every iteration of those
+Blocks between two block rows make a separate matrix, which is built in every iteration of those
 that are not zero, and multiplied in addition to the other.
 
 A *block row* is a vector of three unknowns (`geometry.contact_points`).  A *block index* is the row of
@@ -264,7 +264,10 @@ class BlockAssembly:
 
 
 def _unrolled(
-    columns: Int64Array, blocks: Array, first: Int64Array, counts: Int64Array
+    columns: Int64Array,
+    blocks: Array,
+    first: Int64Array,
+    counts: Int64Array,
 ) -> tuple[Int64Array, Array]:
     """Return columns (9 k,) and values (9 k,) of blocks in the order of scalar rows.
 

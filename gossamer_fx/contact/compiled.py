@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar, Protocol, cast
+from typing import Any, ClassVar, Protocol, cast
 
 import numpy as np
 from petsc4py import PETSc
 
+from gossamer_fx.checks.errors import check
 from gossamer_fx.contact.arrays import Array, Int64Array
 from gossamer_fx.contact.contact_set import ContactSet
 from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
@@ -22,15 +24,22 @@ from gossamer_fx.model.roles import (
     ActiveSet,
     Dissipation,
     Drawable,
+    ExchangesEnds,
     Forces,
+    GradientLimits,
     NodeFields,
+    Reversible,
     StateObserver,
     StepCheck,
+    StepHistory,
     StoredEnergies,
     Supply,
     Tangents,
+    WithoutParameters,
 )
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
+
+LOG = logging.getLogger("gossamer_fx")
 
 
 class ContactItem(Protocol):
@@ -56,7 +65,12 @@ class CompiledContacts(
     Dissipation,
     NodeFields,
     Drawable,
-    CompiledTerms,
+    WithoutParameters,
+    GradientLimits,
+    StepHistory,
+    ExchangesEnds,
+    Reversible,
+    CompiledTerms["ContactEnergy"],
 ):
     """All `ContactEnergy` terms of a scene; the roles of `model.roles` are shared out to contact sets.
 
@@ -68,6 +82,7 @@ class CompiledContacts(
     def __init__(self, terms: Sequence[ContactEnergy], system: Assembly) -> None:
         # The system has a mass matrix and supports when contacts are asked for them.
         whole = cast(ContactAssembly, system)
+        _examine_repeated_contacts(terms, system)
         self.contact_sets = {term.item: _contact_set(term, whole) for term in terms}
         self._with_friction = {
             item.name: contact_set
@@ -88,6 +103,10 @@ class CompiledContacts(
     def limit_update(self, update: Array) -> None:
         for contact_set in self.contact_sets.values():
             contact_set.limit_update(update)
+
+    def set_static_load(self, force: float) -> None:
+        for contact_set in self.contact_sets.values():
+            contact_set.set_static_load(force)
 
     def inadmissible(self) -> str:
         messages = [contact_set.find_penetration() for contact_set in self.contact_sets.values()]
@@ -123,6 +142,27 @@ class CompiledContacts(
             for item, contact_set in self.contact_sets.items()
         }
 
+    # ---- sensitivities ---------------------------------------------------------------------------------
+
+    def without_gradient(self) -> str:
+        for item, contact_set in self.contact_sets.items():
+            if contact_set.friction is not None:
+                return f"'{item.name}' has friction, which has no gradient yet; set its friction to zero"
+            if not contact_set.has_given_stiffness:
+                return f"'{item.name}' derives its stiffness from the motion, without a gradient; give it a stiffness"
+        return ""
+
+    def save_history(self) -> list[Any]:
+        return [contact_set.save_history() for contact_set in self.contact_sets.values()]
+
+    def load_history(self, saved: list[Any]) -> None:
+        for contact_set, of_set in zip(self.contact_sets.values(), saved, strict=True):
+            contact_set.load_history(of_set)
+
+    def exchange_ends(self) -> None:
+        for contact_set in self.contact_sets.values():
+            contact_set.exchange_ends()
+
     def node_values(self, field: str, body: Body) -> tuple[Int64Array, Array] | None:
         if field != "contact_pressure":
             return None
@@ -146,6 +186,40 @@ class CompiledContacts(
         return [solid for solid in found if solid is not None]
 
 
+def _examine_repeated_contacts(terms: Sequence[ContactEnergy], system: Assembly) -> None:
+    """Refuse a contact that is in the scene twice; warn of films that two contacts keep apart from themselves.
+
+    Raises:
+        InputError: all bodies and obstacles of one contact are in another one, too.
+    """
+    for k, term in enumerate(terms):
+        for other in terms[:k]:
+            names = f"'{other.item.name}' and '{term.item.name}'"
+            shared = [body for body in term.bodies if body in other.bodies]
+            obstacles = [_arguments(obstacle) for obstacle in term.obstacles]
+            others = [_arguments(obstacle) for obstacle in other.obstacles]
+            has_all = len(shared) == len(term.bodies) and all(o in others for o in obstacles)
+            is_in_all = len(shared) == len(other.bodies) and all(o in obstacles for o in others)
+            check(
+                not has_all and not is_in_all,
+                f"Contacts {names} are the same: all of one is in the other, so that pairs would repel each other "
+                "twice; leave one of them out.",
+            )
+            if shared and system.comm.rank == 0:
+                LOG.warning(
+                    "Contacts %s both keep '%s' apart from itself, which doubles the stiffness there; put all bodies "
+                    "and obstacles into one contact.",
+                    names,
+                    shared[0].name,
+                )
+
+
+def _arguments(obstacle: Obstacle) -> tuple[type[Obstacle], str]:
+    """What makes two obstacles the same: their kind and all arguments but the name."""
+    arguments = {key: value for key, value in vars(obstacle).items() if key != "name"}
+    return type(obstacle), repr(sorted(arguments.items()))
+
+
 @dataclass(frozen=True, eq=False)
 class ContactEnergy:
     """Stored energy and friction of the pairs between bodies and obstacles; see `contact.potential`.
@@ -158,7 +232,7 @@ class ContactEnergy:
         law: of the energy.
         activation_distance: largest gap [m] at which pairs have energy.
         stiffness: K [N/m³]; None: derived from the closing speed.
-        friction: coefficient of bodies with each other, and with obstacles that have none of their own.
+        friction: coefficient of bodies with each other, and with obstacles without a coefficient.
         slip_velocity: speed [m/s] below which what sticks may creep.
         history: history variables.
     """
@@ -173,7 +247,7 @@ class ContactEnergy:
     friction: float = 0.0
     slip_velocity: float = 1e-3
     history: ContactHistory = field(default_factory=ContactHistory)
-    compiler: ClassVar[type[CompiledTerms]] = CompiledContacts
+    compiler: ClassVar[Compiler] = CompiledContacts
 
 
 def _contact_set(term: ContactEnergy, system: ContactAssembly) -> ContactSet:

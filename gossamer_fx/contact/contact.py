@@ -25,6 +25,10 @@ LAWS = {"barrier": ContactLaw.BARRIER, "penalty": ContactLaw.PENALTY}
 # otherwise begin to touch each other.
 MAX_REACH = 0.5
 
+# Least and largest slip velocity [m/s].  Below, all that sticks would slide by round-off; nothing that is
+# above ever rubs fully.
+SLIP_VELOCITIES = (1e-12, 1e6)
+
 
 @check_arguments
 class Contact:
@@ -46,7 +50,8 @@ class Contact:
             that packed layers shall keep.
         stiffness: K [N/m³], pressure over closing: k = K d² A of a pair that stands for the area A.
             None: k = 4 σ v² A of each pair, with the area density σ and the closing speed v, which stops
-            what comes at this speed within d.
+            what comes at this speed within d; in an equilibrium k = 10 p d A, with the mean pressure p of
+            the loads.
         law: "barrier" or "penalty".
         friction: coefficient μ of Coulomb friction; obstacles may have their own.  The work of friction is
             dissipated, in the ledger under the name of the contact.  An equilibrium has no friction.
@@ -56,8 +61,8 @@ class Contact:
 
     Raises:
         InputError: no body, one twice, a distance that is not positive or larger than half an edge, a
-            negative stiffness or friction, a cable without a radius; when the scene is compiled: layers
-            that intersect, or that coincide and are not tied.
+            negative stiffness or friction, a slip velocity out of its range, a cable without a radius;
+            when the scene is compiled: layers that intersect, or that coincide and are not tied.
 
     Example:
         >>> import gossamer_fx as gx
@@ -91,7 +96,12 @@ class Contact:
             self._check_positive("stiffness", stiffness, "N/m³")
         check(law in LAWS, f"Contact '{name}': law is {law!r}; use 'barrier' or 'penalty'.")
         check_friction(f"Contact '{name}'", friction)
-        self._check_positive("slip_velocity", slip_velocity, "m/s")
+        slowest, fastest = SLIP_VELOCITIES
+        check(
+            slowest <= slip_velocity <= fastest,
+            f"Contact '{name}': slip_velocity is {slip_velocity!r} m/s; give a speed between {slowest:g} and "
+            f"{fastest:g} m/s.",
+        )
         self._check_bodies(bodies)
         self.bodies = [body for body in bodies if not isinstance(body, Obstacle)]
         self.obstacles = [body for body in bodies if isinstance(body, Obstacle)]

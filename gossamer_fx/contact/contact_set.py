@@ -27,20 +27,23 @@ from gossamer_fx.contact.active_set import (
     grown_activation,
     initial_activation,
 )
-from gossamer_fx.contact.arrays import Array, ByteArray, Int32Array, MaskArray
+from gossamer_fx.contact.arrays import Array, ByteArray, Int32Array, Int64Array, MaskArray
 from gossamer_fx.contact.assembly import BlockAssembly
 from gossamer_fx.contact.broad_phase.candidates import CandidateSearch, nearest_gaps
 from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
 from gossamer_fx.contact.history import ContactHistory
 from gossamer_fx.contact.kernels.library import library
-from gossamer_fx.contact.narrow_phase.closest_points import PairDistances
+from gossamer_fx.contact.narrow_phase.closest_points import PairDistances, closest_points
 from gossamer_fx.contact.narrow_phase.initial_check import (
     refuse_coincident,
     refuse_intersections,
+    refuse_points_inside,
 )
+from gossamer_fx.contact.narrow_phase.large_turns import LargeTurns
 from gossamer_fx.contact.pair_stiffness import PairStiffness
 from gossamer_fx.contact.pair_table import ActivePairs, CandidatePairs, is_wall
 from gossamer_fx.contact.potential import (
+    PUSH_BACK,
     ContactLaw,
     PairState,
     activate,
@@ -57,6 +60,10 @@ if TYPE_CHECKING:
 # Way of a node in one Newton update, over the activation distance, at most.  Longer updates put layers on
 # the wrong side of others, and the iteration does not come back: docs/theory/contact.md has the figures.
 MAX_UPDATE = 4.0
+
+# How far the motion of an obstacle may be from a straight and uniform one in a step, over the activation
+# distance.  A jump of half of this distance is refused, however short the step is.
+MAX_DEVIATION = 0.25
 
 # No length: divisions by smaller ones are meaningless.
 TINY = 1e-300
@@ -78,9 +85,10 @@ class ContactSet:
         mesh, points, history, friction: the parts.
         search: the candidate pairs.
         x0: points (m, 3) [m] at the start of the step.
-        pairs: the active pairs of the step; None between steps.
+        pairs: the active pairs of the step; None between steps, except in statics.
         point_forces: forces (m, 3) [N] of this rank's pairs at the last residual.
         acting_count: number of pairs with a force there.
+        has_given_stiffness: whether the stiffness is a number and not derived from closing speeds.
         closest: least gap [m] at the start of any step so far.
     """
 
@@ -106,6 +114,7 @@ class ContactSet:
         self._comm = system.comm
         self._alpha = system.rule.alpha
         self.search = CandidateSearch(mesh, activation_distance)
+        self.has_given_stiffness = stiffness is not None
         self._stiffness = PairStiffness(mesh, stiffness, activation_distance, system)
         self._activation = Activation()
         self.assembly = BlockAssembly(self.points, system)
@@ -114,7 +123,10 @@ class ContactSet:
         self.acting_count = 0
         self.closest = math.inf
         self._restored = history.restored
+        self._turns = LargeTurns(mesh, activation_distance, system)
+        self._start_time = 0.0  # of x0
         self._end_time = 0.0
+        self._push_back = PUSH_BACK
         # Distances at both ends of the last step: its end is the start of the next one.
         self._known_distances: list[PairDistances] = []
 
@@ -134,12 +146,14 @@ class ContactSet:
         system = self._system
         x = self.points.at(system.q0, system.time)
         refuse_intersections(self.mesh, x, self._comm)
+        refuse_points_inside(self.mesh, x)
         self.search.find_at_rest(x, system.time)
         gap = PairDistances.of(self.candidates, x).gap
         nearest = nearest_gaps(self.candidates, gap, self.points.count, self._comm)
         refuse_coincident(self.mesh, x, nearest, self.activation_distance)
         self.history.activation_distance = initial_activation(self.activation_distance, nearest)
         self.x0 = x
+        self._start_time = system.time
 
     def commit(self) -> None:
         """Take q0 as the start of the next step."""
@@ -147,9 +161,10 @@ class ContactSet:
         is_step = self.pairs is not None
         time = self._end_time if is_step else self._system.time
         self.x0 = self.points.at(self._system.q0, time)
+        self._start_time = time
         if not len(history.activation_distance):
             self.set_initial_state()
-        # A state that was restored since then has a history of its own.
+        # A state that was restored since then has a separate history.
         if self.pairs is not None and history.restored == self._restored:
             parameters = self._known_parameters(self.pairs)
             self._energy, scaled = energy_of_pairs(self.pairs, self.x0, self.law, parameters)
@@ -158,7 +173,26 @@ class ContactSet:
             order = np.argsort(identifier)
             history.identifier = identifier[order]
             history.stiffness = self.pairs.stiffness[has_energy][order]
-        self.pairs = None
+        # In statics the residual of the accepted state is asked for, too: whether it is in equilibrium.
+        if self._alpha < 1:
+            self.pairs = None
+
+    def save_history(self) -> tuple[Array, Int64Array, Array, float]:
+        """Return the history of this rank; its arrays are replaced and never changed."""
+        history = self.history
+        return (
+            history.activation_distance,
+            history.identifier,
+            history.stiffness,
+            history.reference_speed,
+        )
+
+    def load_history(self, saved: tuple[Array, Int64Array, Array, float]) -> None:
+        """Restore what `save_history` returned."""
+        history = self.history
+        history.activation_distance, history.identifier, history.stiffness, speed = saved
+        history.reference_speed = speed
+        history.restored += 1
 
     def _known_parameters(self, pairs: ActivePairs) -> Array | None:
         """Return the parameters (n, 2) of the active pairs' closest points at x0, if they are known."""
@@ -183,6 +217,7 @@ class ContactSet:
         if history.restored != self._restored:
             self._restored = history.restored
             self.x0 = self.points.at(self._system.q0, self._system.time)
+            self._start_time = self._system.time
             # A checkpoint has the pairs of all ranks.
             own = self.points.owned(self.mesh.first_points(history.identifier))
             history.identifier = history.identifier[own]
@@ -200,10 +235,18 @@ class ContactSet:
     # ---- the active set of a step ----
 
     def begin_step(self) -> None:
-        """Find what may touch in the step."""
+        """Find what may touch in the step.
+
+        Raises:
+            Inadmissible: the motion of an obstacle jumps in the step.
+        """
+        self._push_back = PUSH_BACK
         system = self._system
         self.stored_energy()
         self._end_time = system.time + system.h
+        if self._alpha < 1:
+            limit = MAX_DEVIATION * self.activation_distance
+            self.points.refuse_jumps(system.time, system.h, limit)
         self._v = self.points.rates(system.v0, system.time, system.h)
         predicted = np.ascontiguousarray(self.x0 + system.h * self._v)
         if not self.history.reference_speed:
@@ -215,6 +258,12 @@ class ContactSet:
         self._grow_activation()
         step = StepDistances(self._start, predicted, FAR * self.activation_distance)
         self._set_active(step.may_touch(self._activation_distances()))
+
+    def set_static_load(self, force: float) -> None:
+        """Take the norm [N] of all loads of an equilibrium, for which stiffness is derived."""
+        of_bodies = self.mesh.area[: self.points.body_count]
+        # A pressure p on nodes that stand for the areas A is the force p |A|.
+        self._stiffness.static_pressure = force / float(np.linalg.norm(of_bodies))
 
     def _are_within_bounds(self, end: Array) -> bool:
         """Return whether the candidates are complete for a step from x0 to points (m, 3)."""
@@ -245,7 +294,7 @@ class ContactSet:
         """Let the candidates of a mask (n,) take part in the step."""
         squared_distance, parameters = self._start.closest_points(active)
         pairs = self._activated(active)
-        # Pairs that have energy keep their stiffness: with another one energy would appear.
+        # The stiffness of pairs that have energy is constant: with another one energy would appear.
         has_energy, stiffness = self.history.stiffness_of(pairs.identifier)
         chosen = self._stiffness.choose(
             self.candidates.rows(active),
@@ -255,6 +304,9 @@ class ContactSet:
             self.history.reference_speed,
         )
         pairs.stiffness = np.where(has_energy, stiffness, chosen)
+        if self._alpha == 1:
+            # In statics no energy has to be conserved, and the load may have grown.
+            pairs.stiffness = np.maximum(stiffness, chosen)
         pairs.start = pair_starts(pairs, self.x0, squared_distance, parameters)
         self._active = active
         self.pairs = pairs
@@ -278,6 +330,29 @@ class ContactSet:
         self._obstacle_blocks: Int32Array = block_index[1]
         if self.friction is not None:
             self.friction.set_block_index(block_index[2:])
+
+    def exchange_ends(self) -> None:
+        """Reverse the step: q0 and the time of the system are its new start, and the pairs stay.
+
+        The force is symmetric in the ends of a step if pairs, stiffness and activation distances are.
+        """
+        pairs = self.pairs
+        if pairs is None:
+            return
+        self.x0 = self.points.at(self._system.q0, self._system.time)
+        self._start_time = self._system.time
+        self._end_time = self._system.time + self._system.h
+        start = pair_starts(pairs, self.x0, *closest_points(pairs, self.x0))
+        if pairs.start is not None:
+            # The closest points of the original start stay the origin of the pairs' vectors: the force
+            # depends on that origin where it is corrected along the change of the measures.
+            start[:, :2] = pairs.start[:, :2]
+        pairs.start = start
+        self._lay_out(pairs)
+        self._last_end = self.x0
+        self._last_states = None
+        # Pairs that separate fast would count as too steep when they approach as fast.
+        self._push_back = 0.0
 
     def extend_active_set(self) -> bool:
         """Add pairs that are near at the end of a step, or were passed on the way, and were left out.
@@ -325,7 +400,10 @@ class ContactSet:
             other = self.mesh.name_of(candidates.second_point[first])
             x, y, z = x1[point]
             message = f"'{one}' would pass through '{other}' near ({x:.4g}, {y:.4g}, {z:.4g}) m"
-        return next(filter(None, self._comm.allgather(message)), "")
+        message = next(filter(None, self._comm.allgather(message)), "")
+        if message or self._alpha == 1:
+            return message
+        return self._turns.find(self._start, x1)
 
     def _identifiers_of_passed(self, x1: Array) -> np.ndarray:
         """Return the identifiers of active pairs that passed through each other in a step to x1."""
@@ -364,7 +442,13 @@ class ContactSet:
         self.point_forces = np.zeros((self.points.count, 3))
         of_bodies, of_obstacles = (
             evaluate(
-                pairs, self.x0, x1, self.law, self._alpha, point_forces=self.point_forces
+                pairs,
+                self.x0,
+                x1,
+                self.law,
+                self._alpha,
+                point_forces=self.point_forces,
+                push_back=self._push_back,
             ).state
             for pairs in (self._body_pairs, self._obstacle_pairs)
         )
@@ -394,6 +478,7 @@ class ContactSet:
             blocks=blocks,
             geometric_share=self._system.geometric,
             known_state=of_bodies,
+            push_back=self._push_back,
         )
         if len(self._obstacle_pairs):
             response = evaluate(
@@ -405,6 +490,7 @@ class ContactSet:
                 tangents_by_pair=True,
                 geometric_share=self._system.geometric,
                 known_state=of_obstacles,
+                push_back=self._push_back,
             )
             self._add_through_block_rows(np.asarray(response.tangents))
         if self.friction is not None:

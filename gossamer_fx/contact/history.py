@@ -23,7 +23,7 @@ def _no_identifiers() -> Int64Array:
 class ContactHistory:
     """History variables of one contact.
 
-    Energy is conserved if a pair that has energy keeps its stiffness, and if the activation distance of
+    Energy is conserved if a pair that has energy has a constant stiffness, and if the activation distance of
     a pair changes only while it has none.
 
     Attributes:

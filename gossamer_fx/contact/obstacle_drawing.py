@@ -1,4 +1,4 @@
-"""Obstacles as pictures show them."""
+"""Obstacles as solids for pictures: points, triangles and lines."""
 
 from __future__ import annotations
 
@@ -16,12 +16,24 @@ from gossamer_fx.model.ports import unit
 CIRCLE_POINTS = 32
 CIRCLES = 9
 
-# A plane is drawn as a square grid with so many fields along each side, a little larger than what it is for.
+# A plane is drawn as a square grid with this number of fields along each side.
 GRID_FIELDS = 6
+
+# Side of the grid over the largest size of the shapes for which it is drawn: they should not reach its edge.
 GRID_SIZE = 1.2
 
+# Lines along a cylinder, evenly spaced.
+MERIDIANS = 4
+
 # The faces of a box by the numbers of its corners, in the order around each face.
-BOX_FACES = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+BOX_FACES = [
+    (0, 1, 3, 2),
+    (4, 6, 7, 5),
+    (0, 4, 5, 1),
+    (2, 3, 7, 6),
+    (0, 2, 6, 4),
+    (1, 5, 7, 3),
+]
 
 NO_TRIANGLES: Indices = np.zeros((0, 3), dtype=np.int32)
 
@@ -42,18 +54,28 @@ def solid_of(obstacle: Obstacle, near: Array) -> Solid | None:
         return None
     X, triangles, lines = surface
     if obstacle.body is not None:
-        # Of a part of a rigid body, points count along the directors of the body.
+        # Points of a rigid body are given by their components along its directors.
         X = np.array([obstacle.body.port_at(x).weights[1:] for x in X])
-    return Solid(obstacle.name, X, triangles, lines, obstacle.body, obstacle.motion)
+    return Solid(
+        obstacle.name,
+        X,
+        triangles,
+        lines,
+        obstacle.body,
+        obstacle.motion,
+    )
 
 
 def _surface_of(obstacle: Obstacle, near: Array) -> DrawnSurface | None:
+    """The surface of an obstacle in its initial position; None for a kind without a picture."""
     if isinstance(obstacle, Plane):
-        return _grid(np.asarray(obstacle.point, dtype=float), unit(obstacle.normal), near)
+        point = np.asarray(obstacle.point, dtype=float)
+        return _grid(point, unit(obstacle.normal), near)
     if isinstance(obstacle, Box):
         return _box(obstacle)
     if isinstance(obstacle, Sphere):
         centre = np.asarray(obstacle.centre, dtype=float)
+        # A ball is a capsule without length; any axis will do.
         upwards = np.array([0.0, 0.0, 1.0])
         return _capsule(centre, centre, upwards, obstacle.radius, obstacle.inside)
     if isinstance(obstacle, Cylinder):
@@ -64,38 +86,67 @@ def _surface_of(obstacle: Obstacle, near: Array) -> DrawnSurface | None:
 
 
 def _grid(point: Array, normal: Array, near: Array) -> DrawnSurface:
-    """Return lines on a plane where the points near (n, 3) are."""
+    """Return a square grid of lines on a plane.
+
+    Args:
+        point: of the plane, (3,) [m].
+        normal: unit vector (3,).
+        near: points (n, 3) [m], in the middle of which the grid is drawn.
+    """
     middle = (near.max(axis=0) + near.min(axis=0)) / 2
+    # Projected onto the plane.
     middle = middle - (middle - point) @ normal * normal
     half = GRID_SIZE * float(np.ptp(near, axis=0).max()) / 2
     u, v = perpendicular_pair(normal)
-    positions = np.linspace(-half, half, GRID_FIELDS + 1)[:, None]
-    ends = [
-        [position * across - half * along, position * across + half * along]
-        for position, (across, along) in product(positions, ((u, v), (v, u)))
-    ]
+    ends = []
+    for position in np.linspace(-half, half, GRID_FIELDS + 1):
+        for across, along in ((u, v), (v, u)):
+            start = position * across - half * along
+            end = position * across + half * along
+            ends.append([start, end])
     X = middle + np.concatenate(ends)
     lines = np.arange(len(X), dtype=np.int32).reshape(len(ends), 2)
     return X, NO_TRIANGLES, lines
 
 
 def _box(box: Box) -> DrawnSurface:
+    """Return the edges of a box and, unless it is a room, its faces."""
     axes = np.asarray(box.axes, dtype=float)
     half = np.asarray(box.sizes, dtype=float) / 2
     signs = np.array(list(product((-1, 1), repeat=3)))
     X = np.asarray(box.centre, dtype=float) + signs * half @ axes
-    lines = [(corner, corner | bit) for corner in range(8) for bit in AXIS_BITS if not corner & bit]
-    triangles = []
-    for a, b, c, d in BOX_FACES:
-        triangles += [(a, b, c), (a, c, d)]
-    faces: Indices = NO_TRIANGLES if box.inside else np.array(triangles, dtype=np.int32)
+    # The number of a corner has a bit for each axis; two corners of an edge differ in one bit.
+    lines = []
+    for corner in range(8):
+        for bit in AXIS_BITS:
+            if not corner & bit:
+                lines.append((corner, corner | bit))
+    faces = NO_TRIANGLES
+    if not box.inside:
+        triangles = []
+        for a, b, c, d in BOX_FACES:
+            triangles += [(a, b, c), (a, c, d)]
+        faces = np.array(triangles, dtype=np.int32)
     return X, faces, np.array(lines, dtype=np.int32)
 
 
-def _capsule(start: Array, end: Array, axis: Array, radius: float, inside: bool) -> DrawnSurface:
+def _capsule(
+    start: Array,
+    end: Array,
+    axis: Array,
+    radius: float,
+    inside: bool,
+) -> DrawnSurface:
     """Return a ball, or a cylinder with half a ball at each end.
 
-    Its lines are the circles around both ends and four lines along it.
+    Its lines are the circles around both ends, and `MERIDIANS` lines along it.
+
+    Args:
+        start: centre of one end, (3,) [m].
+        end: centre of the other end, (3,) [m].
+        axis: unit vector from start to end, (3,).
+        radius: [m].
+        inside: whether it is a room, which is drawn without triangles.
     """
     angles = np.linspace(0, 2 * np.pi, CIRCLE_POINTS, endpoint=False)
     u, v = perpendicular_pair(axis)
@@ -104,18 +155,28 @@ def _capsule(start: Array, end: Array, axis: Array, radius: float, inside: bool)
     latitudes = np.linspace(0, np.pi / 2, CIRCLES)
     circles = [(start, -latitude) for latitude in latitudes[::-1]]
     circles += [(end, latitude) for latitude in latitudes]
-    X = np.vstack(
-        [
-            centre + radius * (np.cos(latitude) * circle + np.sin(latitude) * axis)
-            for centre, latitude in circles
-        ]
-    )
+    points = []
+    for centre, latitude in circles:
+        outward = np.cos(latitude) * circle + np.sin(latitude) * axis
+        points.append(centre + radius * outward)
+    X = np.vstack(points)
+
     number = np.arange(len(X), dtype=np.int32).reshape(len(circles), CIRCLE_POINTS)
     following = np.roll(number, -1, axis=1)
-    lines = [np.column_stack([number[k], following[k]]) for k in (CIRCLES - 1, CIRCLES)]
-    for meridian in number[:, :: CIRCLE_POINTS // 4].T:
+    lines = []
+    # The last circle before the start and the first one after the end are those of latitude zero.
+    for k in (CIRCLES - 1, CIRCLES):
+        lines.append(np.column_stack([number[k], following[k]]))
+    for meridian in number[:, :: CIRCLE_POINTS // MERIDIANS].T:
         lines.append(np.column_stack([meridian[:-1], meridian[1:]]))
-    corners = (number[:-1], following[:-1], following[1:], number[1:])
-    a, b, c, d = (part.ravel() for part in corners)
-    triangles = np.vstack([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
-    return X, NO_TRIANGLES if inside else triangles, np.vstack(lines)
+    if inside:
+        return X, NO_TRIANGLES, np.vstack(lines)
+
+    # Two triangles for each field between two circles.
+    a = number[:-1].ravel()
+    b = following[:-1].ravel()
+    c = following[1:].ravel()
+    d = number[1:].ravel()
+    first = np.column_stack([a, b, c])
+    second = np.column_stack([a, c, d])
+    return X, np.vstack([first, second]), np.vstack(lines)

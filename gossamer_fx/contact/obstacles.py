@@ -8,7 +8,7 @@ radius, a cylinder an edge with a radius, a box eight corners.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
@@ -20,10 +20,9 @@ from gossamer_fx.bodies.frames import along, ground_frame
 from gossamer_fx.bodies.rigid_body import RigidBody
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, is_vector
+from gossamer_fx.contact.geometry.obstacle_motion import PrescribedMotion
 from gossamer_fx.contact.pair_table import PairKind
 from gossamer_fx.model.body import Array, Attached, Ground, Port, Vector
-
-PrescribedMotion = Callable[[float], Sequence[float]]
 
 # Largest error of the products of a box's axes: they are orthonormal to round-off.
 ORTHONORMALITY = 1e-9
@@ -64,13 +63,15 @@ class Obstacle:
 
     Args:
         body: the rigid body of which it is a part; None: it stays, or moves as prescribed.
-        motion: displacement [m] of the obstacle over the time [s]; its work is supplied energy.
+        motion: displacement [m] of the obstacle, three numbers, over the time [s]; its work is supplied
+            energy.  It is continuous: steps in which it jumps are refused.
         friction: coefficient of Coulomb friction with it; None: that of the contact.
         name: in messages and outputs.
 
     Raises:
         InputError: a vector that is not three finite numbers, a radius that is not positive, a negative
-            friction, or both `body` and `motion`.
+            friction, or both `body` and `motion`; in a run: a motion that raises or returns something
+            other than three finite numbers.
     """
 
     body: RigidBody | None = None
@@ -84,7 +85,7 @@ class Obstacle:
             check_friction(owner, self.friction)
         check(
             self.body is None or self.motion is None,
-            f"{owner}: a part of a rigid body has no motion of its own; leave out one of 'body' and 'motion'.",
+            f"{owner}: a part of a rigid body moves with that body; leave out one of 'body' and 'motion'.",
         )
         for attribute in ("point", "normal", "centre", "start", "end", "sizes"):
             value = getattr(self, attribute, (0.0, 0.0, 0.0))

@@ -21,6 +21,10 @@ REFERENCE_WAY = 0.5
 # Part of a step over which the closing speed is a difference quotient.
 SHORT_TIME = 1e-3
 
+# Pressure of pairs that are closed by the whole activation distance, over that of the loads of an
+# equilibrium, of which a small area may have to carry much.
+STATIC_FACTOR = 10.0
+
 # No density: divisions by smaller ones are meaningless.
 TINY = 1e-300
 
@@ -34,6 +38,9 @@ class PairStiffness:
             area density σ of both sides and the closing speed v.
         activation_distance: d [m].
         system: with the masses of the bodies.
+
+    Attributes:
+        static_pressure: pressure [N/m²] of the loads of an equilibrium; zero in dynamics.
     """
 
     def __init__(
@@ -51,6 +58,7 @@ class PairStiffness:
             stiffness or 0.0, activation_distance, mesh.names, system.comm
         )
         self._density: Array | None = None
+        self.static_pressure = 0.0
 
     def reference_speed(self, step: float) -> float:
         """Return the least closing speed [m/s] for which stiffness is derived; step is its length [s]."""
@@ -82,6 +90,8 @@ class PairStiffness:
                 speed=np.maximum(-rate, 0),
             )
             return self._stiffness * self._activation_distance**2 * pairs.area
+        if self.static_pressure:
+            return STATIC_FACTOR * self.static_pressure * self._activation_distance * pairs.area
         # The density that acts between two free sides, twice the harmonic sum; that of one side, doubled,
         # against an obstacle.
         both_sides = 2 / np.maximum((1 / density[sides]).sum(axis=1), TINY)
@@ -95,7 +105,11 @@ class PairStiffness:
         return self._density
 
     def _rate_of_distance(
-        self, pairs: CandidatePairs, squared_distance: Array, x0: Array, v: Array
+        self,
+        pairs: CandidatePairs,
+        squared_distance: Array,
+        x0: Array,
+        v: Array,
     ) -> Array:
         """Return by how much distances grow (n,) [m/s], taken over a short time."""
         duration = SHORT_TIME * self._system.h

@@ -141,7 +141,12 @@ def infinite_at_crossings(kind: ByteArray, width: Array, offset: Array) -> tuple
     return new_width, offset + rounded * new_width
 
 
-def pair_starts(pairs: ActivePairs, x: Array, squared_distance: Array, parameters: Array) -> Array:
+def pair_starts(
+    pairs: ActivePairs,
+    x: Array,
+    squared_distance: Array,
+    parameters: Array,
+) -> Array:
     """Return the column `start` (n, 4) of pairs from their closest points at the start.
 
     Args:
@@ -168,7 +173,10 @@ def pair_starts(pairs: ActivePairs, x: Array, squared_distance: Array, parameter
 
 
 def energy_of_pairs(
-    pairs: ActivePairs, x: Array, law: ContactLaw, parameters: Array | None = None
+    pairs: ActivePairs,
+    x: Array,
+    law: ContactLaw,
+    parameters: Array | None = None,
 ) -> tuple[float, Array]:
     """Return the energy [J] of n pairs at points x (m, 3), and the scaled distance x of each (n,).
 
@@ -206,6 +214,7 @@ def evaluate(
     tangents_by_pair: bool = False,
     geometric_share: float = 1.0,
     known_state: ByteArray | None = None,
+    push_back: float = PUSH_BACK,
 ) -> PairResponse:
     """Compute forces and tangents of n pairs in a step.
 
@@ -222,6 +231,8 @@ def evaluate(
         tangents_by_pair: whether tangents are, too.
         geometric_share: share of the geometric stiffness in tangents, which may make them indefinite.
         known_state: of an earlier call for the same step; pairs without contact are then left out.
+        push_back: stiffness of pairs that passed through, over their own; zero for a step that was
+            accepted, whose pairs are then treated alike in both directions of time.
     """
     c = library()
     count = len(pairs)
@@ -241,7 +252,7 @@ def evaluate(
             "x1": c.array("x1", x1, "float64", (points, 3)),
             "alpha": alpha,
             "geometric_share": geometric_share,
-            "push_back": PUSH_BACK,
+            "push_back": push_back,
         },
     )
     response = c.struct(

@@ -72,7 +72,13 @@ class _SampledTorque(Couple):
         self._reference = reference
         self._next_sample: float | None = None  # time [s]; None before the first sample
 
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
         """Start a step at time t [s]: compute a new torque if a sample is due."""
         control = self._control
         if self._next_sample is None:
@@ -118,7 +124,13 @@ class _ContinuousTorque(Couple):
         self._h = 1.0
         self._X0: Array = reference.ravel()
 
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
         """Start a step from the vectors X (3k,) and their rates V; its middle is `lag` seconds later."""
         self._h = 2 * lag
         self._X0 = X

@@ -183,7 +183,7 @@ FIELDS = {
     "curvature2": Field((), _smaller(_curvatures), of_films=True, of_plates=True),
     "moment1": Field((), _larger(_moments), of_films=True, of_plates=True),
     "moment2": Field((), _smaller(_moments), of_films=True, of_plates=True),
-    # The gas has a state of its own, and a fold may have turned more than once: neither is a function
+    # The gas has a separate state, and a fold may have turned more than once: neither is a function
     # of the film's coordinates.
     "group": Field((), of_films=True),
     "pressure": Field((), of_films=True),

@@ -13,8 +13,12 @@ from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.fold.fold_map import FoldMap
 from gossamer_fx.model.body import Array
 
+# Round-off of a point's column, in columns: a node on a column must not count as left of it.
+COLUMN_ROUND_OFF = 1e-9
+
 # By how much a turn back is shorter than the one that encloses it, over the distance of layers.
 STAGGER = 5.0
+
 # Thickness of the layers over the radius of the hub at which mountains and valleys are distinguished:
 # far above round-off, and small enough for the shape to stay the same.
 AJAR = 1e-2
@@ -100,9 +104,18 @@ class Ikaros(FoldMap):
 
     @property
     def radius(self) -> float:
-        """Of the corners of the innermost layer on the hub [m]."""
-        layers = self._height_of_roll if self.wound else self.outer
-        return self.column / 2 / math.sin(math.pi / self.n / self.bends / 2) - self.hub_gap * layers
+        """Radius of the corners of the innermost layer on the hub [m]."""
+        # A column of the outermost layer is a chord of its circle, and is not stretched.
+        angle_of_column = math.pi / self.n / self.bends
+        outermost = self.column / 2 / math.sin(angle_of_column / 2)
+        return outermost - self.hub_gap * self._layers
+
+    @property
+    def _layers(self) -> float:
+        """Number of layers on the hub."""
+        if self.wound:
+            return self._height_of_roll
+        return self.outer
 
     def pressed(self) -> Ikaros:
         return replace(self, gap=0.0, hub_gap=0.0)
@@ -111,21 +124,35 @@ class Ikaros(FoldMap):
         return _Tilted(**vars(self.pressed()))
 
     def place(self, X: Array, side: Array) -> Array:
-        k = np.round((np.arctan2(X[:, 1], X[:, 0]) + np.pi / 2) / (2 * np.pi / self.n))
-        c, d = np.cos(2 * np.pi * k / self.n), np.sin(2 * np.pi * k / self.n)
-        s, y = c * X[:, 0] + d * X[:, 1], d * X[:, 0] - c * X[:, 1]
-        row = y / self.pitch
+        # The trapezoid of each point, and its turn from the one whose middle is at negative y.
+        angle = np.arctan2(X[:, 1], X[:, 0]) + np.pi / 2
+        trapezoid = np.round(angle / (2 * np.pi / self.n))
+        turn = 2 * np.pi * trapezoid / self.n
+        cos = np.cos(turn)
+        sin = np.sin(turn)
+        along = cos * X[:, 0] + sin * X[:, 1]
+        outward = sin * X[:, 0] - cos * X[:, 1]
+
+        # Rows and columns of the flat sail; a point lies between the columns i and i + 1.
+        row = outward / self.pitch
         z = self._height(row - self.inner)
-        u = s / self.column
-        i = np.floor(u + 1e-9)
+        u = along / self.column
+        i = np.floor(u + COLUMN_ROUND_OFF)
         part = (u - i)[:, None]
         if self.wound:
-            back = u < -self.bends - 1e-9
-            p = (1 - part) * self._wound(i, row, back) + part * self._wound(i + 1, row, back)
+            back = u < -self.bends - COLUMN_ROUND_OFF
+            at_column = self._wound(i, row, back)
+            at_next = self._wound(i + 1, row, back)
         else:
             layer = np.maximum(row - np.abs(u), 0.0)
-            p = (1 - part) * self._corner(i, layer) + part * self._corner(i + 1, layer)
-        return np.column_stack([c * p[:, 0] - d * p[:, 1], d * p[:, 0] + c * p[:, 1], z])
+            at_column = self._corner(i, layer)
+            at_next = self._corner(i + 1, layer)
+        p = (1 - part) * at_column + part * at_next
+
+        # Turned back to the trapezoid.
+        x = cos * p[:, 0] - sin * p[:, 1]
+        y = sin * p[:, 0] + cos * p[:, 1]
+        return np.column_stack([x, y, z])
 
     def _height(self, row: Array) -> Array:
         """z (n,) of rows counted from the inner edge."""
@@ -134,16 +161,25 @@ class Ikaros(FoldMap):
 
     def _corner(self, i: Array, layer: Array) -> Array:
         """The line C (n, 2) at columns i, of layers, in the frame of a trapezoid whose middle is at (0, -radius)."""
-        side, far = np.sign(i), np.maximum(np.abs(i) - self.bends, 0) * self.column
+        side = np.sign(i)
+        far = np.maximum(np.abs(i) - self.bends, 0) * self.column
+        # The gap changes smoothly from that on the hub to that of the arm, over the length `ramp`.
         w = np.clip(far / self.ramp, 0, 1)
-        η = (self.hub_gap + (self.gap - self.hub_gap) * w * w * (3 - 2 * w)) * layer
+        gap = self.hub_gap + (self.gap - self.hub_gap) * w * w * (3 - 2 * w)
+        η = gap * layer  # distance from the innermost layer [m]
+
         half = math.pi / self.n
-        out = np.stack([side * math.sin(half), np.full_like(i, -math.cos(half))], axis=1)
-        across = np.stack([-side * math.cos(half), np.full_like(i, -math.sin(half))], axis=1)
+        cos = np.full_like(i, -math.cos(half))
+        sin = np.full_like(i, -math.sin(half))
+        out = np.stack([side * math.sin(half), cos], axis=1)
+        across = np.stack([-side * math.cos(half), sin], axis=1)
         on_arm = (self.radius + far)[:, None] * out + η[:, None] * across
+
         angle = half * i / self.bends
-        on_hub = (self.radius + η)[:, None] * np.stack([np.sin(angle), -np.cos(angle)], axis=1)
-        return np.where((np.abs(i) < self.bends)[:, None], on_hub, on_arm)
+        radial = np.stack([np.sin(angle), -np.cos(angle)], axis=1)
+        on_hub = (self.radius + η)[:, None] * radial
+        is_on_hub = np.abs(i) < self.bends
+        return np.where(is_on_hub[:, None], on_hub, on_arm)
 
     # ---- wound arms: heights count in layers ------------------------------------------------------------------------
 
@@ -165,42 +201,51 @@ class Ikaros(FoldMap):
 
     @property
     def _height_of_roll(self) -> float:
+        """Height of the highest strip of the roll, in layers."""
         j = np.arange(1, self._arm - self.out + 1)
-        front, back = (
-            self._rise(j + 2.0 * self.bends) + self._arm - j,
-            self._rise(1.0 * j) + 2 * self._arm + 1,
-        )
+        # Of the strip as it goes out, and of its half that has turned back.
+        front = self._rise(j + 2.0 * self.bends) + self._arm - j
+        back = self._rise(1.0 * j) + 2 * self._arm + 1
         return float(max(front.max(), back.max()))
 
     def _wound(self, i: Array, row: Array, back: npt.NDArray[np.bool_]) -> Array:
         """Columns i of rows in the roll (n, 2); `back` where the strip has turned back at the column -bends.
 
         The strip and its half that turned back lie above each other with their outer edges together, the seams outside.
-        Of the turns, which enclose each other, the inner ones are shorter.  Tips stand out radially; outer layers bend
-        outwards `early`, so that layers stay apart and none is stretched.
+        Of the turns, which enclose each other, the inner ones are shorter.  Tips stand out radially; outer
+        layers bend outwards earlier, so that layers stay apart and none is stretched.
         """
-        N, corner, side = self._arm, self.outer - self.out, np.where(back, -1, 1)
-        p = np.minimum(np.where(back, -self.bends - i, self.bends + i), corner + side * self.bends)
-        of = np.maximum(row - np.maximum(np.abs(i), self.bends), 0.0)
+        N = self._arm
+        corner = self.outer - self.out  # column from which on the tip stands out
+        side = np.where(back, -1, 1)
+        # Columns from where the trapezoid begins; those of a standing tip are at its corner.
+        columns = np.where(back, -self.bends - i, self.bends + i)
+        p = np.minimum(columns, corner + side * self.bends)
+        from_seam = np.maximum(row - np.maximum(np.abs(i), self.bends), 0.0)
+
+        # Heights, in layers.
         seam = self._rise(p) + np.where(back, 2 * N + 1, 0)
-        turn = p < 0.5
+        is_turn = p < 0.5
         beyond = np.maximum(np.abs(i) - corner, 0.0)
-        layer = np.where(turn, N + 0.5, np.where(beyond > 0, seam - self.out - 1, seam + side * of))
+        on_strip = np.where(beyond > 0, seam - self.out - 1, seam + side * from_seam)
+        layer = np.where(is_turn, N + 0.5, on_strip)
         r = self.radius + self.hub_gap * layer + self.column * beyond
-        standing = (np.abs(i) >= corner) & (self.out > 0)
-        early = np.where(standing, self.hub_gap * (self.out + 1 + side * of), 0.0)
 
         def at(p: Array) -> Array:
+            """Unit vectors (n, 2) from the axis to points of the hub, p columns on."""
             angle = math.pi / self.n * (p / self.bends - 1)
             return np.stack([np.sin(angle), -np.cos(angle)], axis=1)
 
-        short = np.where(turn, STAGGER * self.hub_gap / self.column * (row - self.inner), 0.0)[
-            :, None
-        ]
-        across = at(p) @ np.array([[0.0, 1.0], [-1.0, 0.0]])
-        result: Array = (
-            r[:, None] * ((1 - short) * at(p) + short * at(p + 1)) - early[:, None] * across
-        )
+        # Turns end this part of a column before the next one.
+        stagger = STAGGER * self.hub_gap / self.column * (row - self.inner)
+        short = np.where(is_turn, stagger, 0.0)[:, None]
+        direction = (1 - short) * at(p) + short * at(p + 1)
+        # Outer layers of a standing tip bend outwards earlier.
+        is_standing = (np.abs(i) >= corner) & (self.out > 0)
+        early = np.where(is_standing, self.hub_gap * (self.out + 1 + side * from_seam), 0.0)
+        quarter_turn = np.array([[0.0, 1.0], [-1.0, 0.0]])
+        across = at(p) @ quarter_turn
+        result: Array = r[:, None] * direction - early[:, None] * across
         return result
 
 
@@ -211,5 +256,5 @@ class _Tilted(Ikaros):
         return self
 
     def place(self, X: Array, side: Array) -> Array:
-        gap = AJAR * self.radius / (self._height_of_roll if self.wound else self.outer)
+        gap = AJAR * self.radius / self._layers
         return replace(Ikaros(**vars(self)), gap=gap, hub_gap=gap).place(X, side)

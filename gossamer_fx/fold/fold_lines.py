@@ -24,6 +24,7 @@ from dolfinx import la
 from gossamer_fx.algebra import dihedral_angle
 from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.mesh.mesh import Mesh
+from gossamer_fx.mesh.quality import box
 from gossamer_fx.model.body import Array, Indices
 
 # Strain of an edge from which a triangle lies on both sides of a fold line; round-off of a map is
@@ -62,6 +63,10 @@ class Map(Protocol):
 
     def ajar(self) -> Map:
         """The same folds with no fold shut."""
+        ...
+
+    def check_fits(self, low: Array, high: Array) -> None:
+        """Raise `InputError` unless the map is for a film from `low` to `high` (3,) [m]."""
         ...
 
     def label(self, X: Array) -> Indices:
@@ -164,6 +169,7 @@ def _check_mesh(folds: Map, mesh: Mesh) -> None:
         mesh.comm.allreduce(int(not flat)) == 0,
         f"{folds.called}: the mesh is not flat; mesh the film in the plane z = 0.",
     )
+    folds.check_fits(*box(mesh.comm, X))
 
 
 def _kinked_edges(
@@ -207,7 +213,12 @@ def _kinked_edges(
     return inside[kinked], keys
 
 
-def _refuse_cut_triangles(folds: Map, mesh: Mesh, flat: Array, folded: Array) -> None:
+def _refuse_cut_triangles(
+    folds: Map,
+    mesh: Mesh,
+    flat: Array,
+    folded: Array,
+) -> None:
     """Check that no edge of a triangle changes its length.
 
     Args:
@@ -244,7 +255,12 @@ def _edge_lengths(corners: Array) -> Array:
     return lengths
 
 
-def _angles(x: Array, corners: Indices, cells: Indices, sides: Indices) -> Array:
+def _angles(
+    x: Array,
+    corners: Indices,
+    cells: Indices,
+    sides: Indices,
+) -> Array:
     """Signed fold angles (n,) [rad] of edges.
 
     Args:

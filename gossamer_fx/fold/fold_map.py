@@ -18,6 +18,9 @@ from gossamer_fx.fold.folded import Folded
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import Array, Indices, Vector
 
+# Misfit of a film and its fold map, over the size of the film, that counts as round-off.
+FIT = 1e-6
+
 
 @dataclass(frozen=True)
 class FoldMap(ABC):
@@ -60,6 +63,28 @@ class FoldMap(ABC):
     def label(self, X: Array) -> Indices:
         """Number of the fold (n,) at points X (n, 3) [m] of fold lines; 0 if folds have no numbers."""
         return np.zeros(len(X), dtype=np.int32)
+
+    def film_sizes(self) -> tuple[float, ...]:
+        """Sizes [m] along x, then y, of the film for which the map is; of none if every film fits."""
+        return ()
+
+    def check_fits(self, low: Array, high: Array) -> None:
+        """Check that the map is for a film of this extent.
+
+        Args:
+            low, high: smallest and largest coordinates (3,) [m] of the flat film.
+
+        Raises:
+            InputError: the film has other `film_sizes`, or does not begin at the origin.
+        """
+        for axis, size in enumerate(self.film_sizes()):
+            name = "xy"[axis]
+            misfit = max(abs(float(low[axis])), abs(float(high[axis]) - size))
+            self._check(
+                misfit <= FIT * size,
+                f"it is for a film from {name} = 0 to {size:.6g} m, but the mesh reaches from {low[axis]:.6g} to "
+                f"{high[axis]:.6g} m; give the map the size of the film, and mesh the film from {name} = 0 on.",
+            )
 
     def lines(self, mesh: Mesh) -> list[FoldLine]:
         """The fold lines as edges of a mesh, with their angles.  Collective.

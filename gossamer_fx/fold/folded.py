@@ -14,6 +14,7 @@ from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.errors import check, check_on_all, is_vector
 from gossamer_fx.fold.fold_lines import SHEETS, Map, has_two_sheets
 from gossamer_fx.forms.compilation import compile_form
+from gossamer_fx.mesh.quality import box
 from gossamer_fx.model.body import Array
 from gossamer_fx.model.state import InitialState
 
@@ -60,10 +61,11 @@ class Folded:
         """Folded positions (n, 3) [m] of this rank's nodes.  Collective.
 
         Raises:
-            InputError: they are not finite, because the map is for another film.
+            InputError: the map is for a film of another size, or they are not finite.
         """
         owned = self.film.block.index_map.size_local
         X = self.film.space.tabulate_dof_coordinates()[:owned]
+        self.folds.check_fits(*box(self.film.comm, X))
         folded = self.folds.place(X, self._sides()[:owned])
         check_on_all(
             self.film.comm,

@@ -102,7 +102,7 @@ class Star(FoldMap):
     def _unrolled(self, X: Array) -> tuple[Array, Array, Array, Array]:
         """Of points (n, 3): corner k, way s - k a from it, depth -z, and whether they are behind the bisector.
 
-        Points within the hub's polygon are no numbers.
+        Points within the hub's polygon have no coordinates.
         """
         step, apothem = 2 * math.pi / self.n, self.side / 2 / math.tan(math.pi / self.n)
         found = [np.full(len(X), np.nan) for _ in range(4)]
@@ -121,8 +121,14 @@ class Star(FoldMap):
                 known[here] = new[here]
         return found[0], found[1], found[2], found[3]
 
-    def _corner(self, k: Array, column: Array, depth: Array, second: Array) -> Array:
-        """Places (n, 2) on columns, at depths from 0 (z = 0) to 1 (the bisector)."""
+    def _corner(
+        self,
+        k: Array,
+        column: Array,
+        depth: Array,
+        second: Array,
+    ) -> Array:
+        """Positions (n, 2) on columns, at depths from 0 (z = 0) to 1 (the bisector)."""
         j = column / self.columns
         layer = 2 * j - np.where(second > 0, 2 - depth, depth) * np.minimum(j, 1.0)
         angle = 2 * math.pi / self.n * (k + j + 0.5)

@@ -19,6 +19,9 @@ SAME = 1e-7
 # shut then.
 AJAR = 0.5
 
+# Largest number of rows at which a strip is bent: each is solved for.
+MAX_BENDS = 100_000
+
 
 @dataclass(frozen=True)
 class Bent:
@@ -32,13 +35,13 @@ class Bent:
 
     @cached_property
     def _knots(self) -> tuple[Array, Array, Array]:
-        """Places x (m + 1,) on the straight line where pieces begin, there (m + 1, 2), and tangents (m + 1, 2)."""
+        """Coordinates x (m + 1,) on the straight line where pieces begin, there (m + 1, 2), and tangents (m + 1, 2)."""
         t = np.stack([np.cos(self.rise), np.sin(self.rise)], axis=1)
         x = np.concatenate([[0.0], self.corners])
         return x, np.vstack([[0.0, 0.0], np.cumsum(np.diff(x)[:, None] * t[:-1], axis=0)]), t
 
     def at(self, x: Array) -> tuple[Array, Array]:
-        """Places (n, 2) of points x (n,) of the straight line, and unit normals; at corners the mean of both."""
+        """Positions (n, 2) of points x (n,) of the straight line, and unit normals; at corners the mean of both."""
         begin, there, t = self._knots
         tiny = SAME * max(float(np.abs(begin).max()), float(np.abs(x).max(initial=0.0)))
         i = np.clip(np.searchsorted(begin, x + tiny, side="right") - 1, 0, len(t) - 1)
@@ -66,6 +69,9 @@ class Strip(FoldMap):
         p, normal = self.bent.at(X[:, 0])
         p = p + (side * self.thickness(X))[:, None] * normal
         return np.stack([p[:, 0], X[:, 1], p[:, 1] + side * self.shift(X)], axis=1)
+
+    def film_sizes(self) -> tuple[float, ...]:
+        return (self.length,)
 
     def thickness(self, X: Array) -> Array:
         """Half of the distance (n,) [m] of the sheets."""
@@ -144,7 +150,10 @@ class Zigzag(Strip):
             0 < self.angle <= math.pi / 2,
             f"angle is {self.angle!r} rad; give a number above 0 and up to π/2, at which panels are pressed shut.",
         )
-        self._check(self.bends >= 1, f"bends is {self.bends!r}; give at least 1.")
+        self._check(
+            1 <= self.bends <= MAX_BENDS,
+            f"bends is {self.bends!r}; give between 1 and {MAX_BENDS}.",
+        )
         self._check(
             (self.spacing > 0) == (self.bends > 1),
             "spacing is the distance of several bends; give both or none.",
@@ -226,7 +235,10 @@ class Roll(Strip):
 
     def __post_init__(self) -> None:
         self._check_strip(("radius", "pitch", "width", "opening"))
-        self._check(self.bends >= 1, f"bends is {self.bends!r}; give at least 1.")
+        self._check(
+            1 <= self.bends <= MAX_BENDS,
+            f"bends is {self.bends!r}; give between 1 and {MAX_BENDS}.",
+        )
         self._check(
             self.flat is None or 0 < self.flat < self.length,
             f"flat is {self.flat!r} m; give a part of the length, above zero.",

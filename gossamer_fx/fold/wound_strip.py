@@ -53,6 +53,9 @@ class Spiral(FoldMap):
     pitch: float
     gap: float = 0.0
 
+    def film_sizes(self) -> tuple[float, ...]:
+        return (self.length, self.rows * self.pitch)
+
     def __post_init__(self) -> None:
         self._check_positive("length", "pitch")
         for what, least in (("columns", 1), ("around", 6), ("rows", 1)):

@@ -31,7 +31,7 @@ from gossamer_fx.forms.compiler import require_compiler
 # Names of C's types of array elements, by NumPy's.
 C_TYPES = {"float64": "double", "int32": "int32_t", "int64": "int64_t", "uint8": "uint8_t"}
 # The same types as NumPy compares them: contact hands over some seventy arrays an iteration, and the name of
-# a type is composed anew at each question for it.
+# a type is composed again at each request for it.
 NUMPY_TYPES = {name: np.dtype(name) for name in C_TYPES}
 # How the arrays are declared to cffi.
 ARRAY_TYPES = {name: f"{c_type}[]" for name, c_type in C_TYPES.items()}
@@ -184,9 +184,13 @@ def compile_library(
 
 
 def _build(
-    module: str, path: Path, header: Path, sources: Sequence[str], arguments: Sequence[str]
+    module: str,
+    path: Path,
+    header: Path,
+    sources: Sequence[str],
+    arguments: Sequence[str],
 ) -> None:
-    """Compile a module in a folder of its own, and rename it when it is complete.
+    """Compile a module in a separate folder, and rename it when it is complete.
 
     Two runs may compile the same library at the same time; renaming is atomic, so that neither sees half a file.
     """

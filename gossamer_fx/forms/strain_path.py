@@ -122,7 +122,31 @@ def gradient(ψ: Callable[[Expr], Expr], e: Expr) -> Expr:
     return ufl.diff(ψ(e), e)
 
 
-def within_cone(e0: Expr, e1: Expr, m: Expr, margin: float) -> tuple[Expr, Expr]:
+def with_derivative(S: Expr, e: Expr) -> Expr:
+    """A stress S (m,) and its derivative dS/de, row after row, as one vector (m + m²,).
+
+    Args:
+        S: stress as an expression of e.
+        e: strain (m,), made by `ufl.variable`.
+
+    >>> import ufl
+    >>> e = ufl.variable(ufl.as_vector([3.0, 1.0]))
+    >>> with_derivative(2 * e, e).ufl_shape
+    (6,)
+    """
+    m = S.ufl_shape[0]
+    D = ufl.diff(S, e)
+    components = [S[i] for i in range(m)]
+    components += [D[i, j] for i in range(m) for j in range(m)]
+    return ufl.as_vector(components)
+
+
+def within_cone(
+    e0: Expr,
+    e1: Expr,
+    m: Expr,
+    margin: float,
+) -> tuple[Expr, Expr]:
     """Interval (start, end) of the path from e0 to e1 on which h + margin ≥ m r.
 
     Here h and r are centre and radius of Mohr's circle, equation (2) of the module.  A path that

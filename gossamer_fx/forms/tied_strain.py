@@ -21,8 +21,7 @@ is replaced by a linear function, and its mean over the cell is kept:
 Strains that are linear in a cell are reproduced, so small motions in the plane have the stiffness
 of a film of order 2.  Each strain is quadratic in x and does not change under rigid motions.
 
-Source: M. Neunteufel & J. Schöberl, Comput. Methods Appl. Mech. Eng. 373 (2021) 113524,
-doi:10.1016/j.cma.2020.113524.
+Source: M. Neunteufel & J. Schöberl, Comput. Methods Appl. Mech. Eng. 373 (2021) 113524.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ Idea.  The weight θ of each chamber blends two rules:
     1 - θ = 1/(1/(1 - θ_e) + 40 z⁴/(1 + z²))                                      (5)
 
 (4) is the weight with which relaxation at the rate ζ/h is exact (exponential fitting, Liniger and
-Willoughby 1970, doi:10.1137/0707002); it is ½ + O(h), so the rule is of second order.  The second
+Willoughby 1970); it is ½ + O(h), so the rule is of second order.  The second
 term of (5), with z = h ṁ γ R T/(V Δp) summed over the openings of the chamber, is of fourth order for
 short steps; it damps the oscillation of steps that are longer than the time in which pressures
 equalise.  Why its size suffices: the flow is a concave function of Δp that begins as √(2Δp/p) and

@@ -14,12 +14,15 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+from dolfinx import fem
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.gas.geometry import Geometry
+from gossamer_fx.gas.parts import check_normals, label_parts
 from gossamer_fx.gas.ring import Loop, Ring
 from gossamer_fx.gas.surface import FilmSurface, Side
 from gossamer_fx.model.body import Array, Port
@@ -151,16 +154,34 @@ class FilmEnclosure:
         """The enclosure in a running scene.  Collective.
 
         Raises:
-            InputError: see `check_closed`.
+            InputError: see `check_closed`; or one of several parts is inside out.
         """
         loops = [geometry.loop(ring) for ring in self.rings]
         cells = self.cells(self.film)
         signs = self.check_closed(cells, loops)
         # Each triangle is integrated by the rank that owns it.
         owned = cells[cells < self.film.mesh.domain.topology.index_map(2).size_local]
+        # A part that a ring closes has no separate volume.
+        if not loops:
+            self._check_parts(cells, system)
         return _CompiledFilm(geometry.surface(self.film), Side(owned, loops, signs))
 
+<<<<<<< HEAD
     def cells(self, film: Membrane) -> np.ndarray:
+=======
+    def _check_parts(self, cells: np.ndarray, system: Assembly) -> None:
+        """Refuse a surface of several parts, one of which is inside out.  Collective."""
+        labels = label_parts(self.film.mesh.edges, cells)
+        lowest = self.film.comm.allreduce(float(labels.min(initial=np.inf)), op=MPI.MIN)
+        has_several = bool((labels != lowest).any())
+        if not self.film.comm.allreduce(has_several, op=MPI.LOR):
+            return
+        x = fem.Function(self.film.space)
+        self.film.reconstruct(x, system.initial[self.film].positions().ravel())
+        check_normals(self.film, self.chamber, cells, labels, x.x.array.reshape(-1, 3))
+
+    def cells(self) -> np.ndarray:
+>>>>>>> refs/heads/main
         """Local triangles (owned and ghost) of the bounding surface, in rising order.
 
         Raises:
@@ -189,7 +210,7 @@ class FilmEnclosure:
             For each loop the sign, +1 or -1, with which its strips close the surface.
 
         Raises:
-            InputError: the surface has open edges, a ring is not on its border, or neighbouring
+            InputError: the surface has open edges, a ring is not on its boundary, or neighbouring
                 triangles have opposite normals.
         """
         comm = self.film.comm
@@ -206,8 +227,8 @@ class FilmEnclosure:
             found, film_direction = comm.allreduce(own_sums)
             check(
                 found == len(loop.vertices),
-                f"Chamber '{self.chamber}': its ring '{ring.edges}' is not a border of its surface; give the groups of "
-                "triangles on one side of it.",
+                f"Chamber '{self.chamber}': its ring '{ring.edges}' is not a boundary of its surface; "
+                "give the groups of triangles on one side of it.",
             )
             # The strips pass the edges of the ring against the film, as a neighbour triangle would.
             sign = -float(np.sign(film_direction))

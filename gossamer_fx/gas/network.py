@@ -303,7 +303,7 @@ class GasNetwork:
         self._geometry.follow()
         self._geometry.accept()
         for chamber, row in zip(self._chambers, state["chambers"], strict=True):
-            # The name is for readers of the file; chambers keep their order.
+            # The name is for readers of the file; the order of chambers does not change.
             _, chamber.pressure, chamber.mass, chamber.internal_energy, chamber.volume = row
         self._accepted_magnitude = self._magnitudes()
         self._supplied = state["supplied"]

@@ -23,9 +23,16 @@ from gossamer_fx.gas.volumes import Chamber
 # would replace (3) in flows that are far from rest.
 MAX_LAMINAR = 0.1
 
+# Least laminar range: a part of the pressure that is well above its round-off.
+MIN_LAMINAR = 1e-12
+
 
 def isentropic_flow(
-    gas: IdealGas, pu: complex, Tu: complex, pd: complex, laminar: float
+    gas: IdealGas,
+    pu: complex,
+    Tu: complex,
+    pd: complex,
+    laminar: float,
 ) -> complex:
     """Mass flow per effective area [kg/(s m²)] of an isentropic nozzle, from pu and Tu to pd ≤ pu.
 
@@ -127,7 +134,7 @@ class Orifice:
             f"Orifice '{self.name}': discharge_coefficient is {self.discharge_coefficient!r}; it lies in (0, 1].",
         )
         check(
-            0 < self.laminar < MAX_LAMINAR,
+            MIN_LAMINAR <= self.laminar < MAX_LAMINAR,
             f"Orifice '{self.name}': laminar is {self.laminar!r}; give a small fraction such as 1e-5.",
         )
 
@@ -160,7 +167,11 @@ class Orifice:
         return opening
 
     def flow(
-        self, gas: IdealGas, area: float, p: tuple[complex, complex], T: tuple[complex, complex]
+        self,
+        gas: IdealGas,
+        area: float,
+        p: tuple[complex, complex],
+        T: tuple[complex, complex],
     ) -> complex:
         """Mass flow [kg/s] from a to b.
 

@@ -143,7 +143,7 @@ class FilmSurface:
         """The sum over the triangles of each chamber, node by node, as a sparse matrix of ones.
 
         Its rows are the nodes of one chamber after another: chamber c has the rows from starts[c] to
-        starts[c + 1], and a node on the border of two chambers has two rows.
+        starts[c + 1], and a node shared by two chambers has two rows.
         """
         # Imported here, as chambers that are rigid or have a piston do not need SciPy.
         from scipy.sparse import csr_matrix

@@ -1,4 +1,4 @@
-"""Loads, whose work is booked as supplied, and damping, whose loss is booked as dissipated."""
+"""Loads, whose work counts as supplied, and damping, whose loss counts as dissipated."""
 
 from gossamer_fx.checks.lazy_names import lazy_names
 

@@ -31,7 +31,7 @@ class AirDrag:
         δW = -½ ρ C ∫|vₙ| vₙ n·w da,    vₙ = n·(v - u),    da the deformed area
 
     v is the velocity of the film at the middle of the step, (x1 - x0)/h, so that the loss ½ ρ C ∫|vₙ|³ da closes the
-    balance of energy exactly; what the wind u gives is booked as supplied.  |vₙ| vₙ has a continuous derivative, at
+    balance of energy exactly; the work of the wind u counts as supplied.  |vₙ| vₙ has a continuous derivative, at
     zero, too.  Each piece of film is slowed as if it were alone in the flow: there is no friction along it, no wake, no
     shelter behind other pieces, and no air that is carried along, whose mass per area is about ρ times the width of the
     film.  In an `Equilibrium` still air has no part, and wind presses with ½ ρ C uₙ².  (`Drag` is the free-molecular
@@ -42,7 +42,7 @@ class AirDrag:
         density: ρ [kg/m³]; of air with the pressure p and the temperature T it is p/(287 T).
         drag_coefficient: C of a piece across the flow, for both faces; 1.2 is about that of a square or round plate at
             Reynolds numbers from 1000 on (S. F. Hoerner, Fluid-Dynamic Drag, 1965, chapter 3).  Where the mean free
-            path, 7 mm at 1 Pa, is not short beside the film, air takes more, in proportion to vₙ.
+            path, 7 mm at 1 Pa, is not short compared with the film, air takes more, in proportion to vₙ.
         wind: velocity u of the air [m/s].
 
     Exact solution: a flat film of areal mass σ that is thrown along its normal has 1/v = 1/v0 + ρ C t/(2 σ); one that

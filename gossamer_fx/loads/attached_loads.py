@@ -12,16 +12,40 @@ from petsc4py import PETSc
 from gossamer_fx.algebra.numbering import GlobalIndices
 from gossamer_fx.algebra.point_measures import Gather, add_blocks, attach_all, evaluated_here
 from gossamer_fx.model.body import Array, Body, Port
-from gossamer_fx.model.roles import ExternalLoads, Forces, OnMeshes, StepObserver, Supply, Tangents
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.model.roles import (
+    ExternalLoads,
+    Forces,
+    GradientLimits,
+    IndependentOfShape,
+    OnMeshes,
+    Reversible,
+    StepObserver,
+    Supply,
+    Tangents,
+    WithoutParameters,
+)
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.terms.point_masses import AttachedKineticEnergy
 
 
-class AttachedLoads(OnMeshes, ExternalLoads, StepObserver, Forces, Tangents, Supply, CompiledTerms):
+class AttachedLoads(
+    OnMeshes,
+    ExternalLoads,
+    StepObserver,
+    Forces,
+    Tangents,
+    Supply,
+    WithoutParameters,
+    GradientLimits,
+    Reversible,
+    IndependentOfShape,
+    CompiledTerms["AttachedLoad"],
+):
     """All `AttachedLoad` terms of a scene: forces M (a + A (X - c)) on the attached vectors X of masses M."""
 
     def __init__(self, terms: Sequence[AttachedLoad], system: Assembly) -> None:
         self._system = system
+        self._name = terms[0].name
         self._masses: list[
             tuple[Array, Array, Array, Array]
         ] = []  # P, offsets, M and A of one kinetic energy
@@ -95,6 +119,12 @@ class AttachedLoads(OnMeshes, ExternalLoads, StepObserver, Forces, Tangents, Sup
                 K = -α * np.einsum("nax,nab,nbc,ncy->nxy", P, M, gradient, P, optimize=True)
                 add_blocks(A, indices, indices, K)
 
+    def without_gradient(self) -> str:
+        # Its accelerations are numbers of loads, which it does not derive.
+        if not self._masses:
+            return ""
+        return f"'{self._name}' acts on masses that are attached to its body; leave them out of the scene"
+
     def supplied(self) -> float:
         ends = zip(self._forces(), self._X0, self._vectors(self._system.q1), strict=True)
         return sum(float(np.sum(F * (X1 - X0))) for F, X0, X1 in ends)
@@ -109,7 +139,7 @@ class AttachedLoad:
     acceleration: Array
     gradient: Array
     centre: Array
-    compiler: ClassVar[type[CompiledTerms]] = AttachedLoads
+    compiler: ClassVar[Compiler] = AttachedLoads
 
 
 def _of_points(port: Port, body: Body) -> float:

@@ -1,4 +1,4 @@
-"""Damping of films, cables and beams, off unless it is part of the scene; what it takes is booked as dissipated."""
+"""Damping of films, cables and beams, off unless it is part of the scene; its loss counts as dissipated."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, bar_strain
-from gossamer_fx.materials.film import Linear
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.element_energies import ViscousDissipation
@@ -26,7 +25,7 @@ Body = Membrane | Cable | Beam
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Damping:
-    """Mass- and stiffness-proportional damping of a film, plate, cable or beam; its loss is booked.
+    """Mass- and stiffness-proportional damping of a film, plate, cable or beam; its loss counts as dissipated.
 
     A mode of angular frequency ω loses the fraction ζ = α/(2ω) + β ω/2 of critical damping.
 
@@ -118,8 +117,7 @@ def _inertia(body: Body) -> list[Expr]:
 def _unwrinkled(body: Body) -> tuple[Callable[[Expr], Expr], Callable[[Expr], Expr]]:
     """The measure of a body, and the density of its stored energy as it is in tension."""
     if isinstance(body, Membrane):
-        law = body.law
-        linear = Linear(law.E, law.nu, density=law.density, thickness=law.thickness)
+        linear = body.law.unwrinkled()
         return body.measure, lambda e: linear.energy(e, body.constants)
     if isinstance(body, Cable):
         return bar_strain, lambda e: body.constants.EA / 2 * e[0] ** 2

@@ -18,6 +18,7 @@ from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, area_vector
 from gossamer_fx.model.body import Vector
+from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.loads import Load
@@ -116,7 +117,9 @@ class EdgeLoad:
             both += [] if dS is None else [ufl.dot(f, ufl.avg(w)) * dS]
             return sum(both[1:], both[0])
 
-        return Load(name, self.body, work, at=at if callable(force) else None)
+        if callable(force):
+            return Load(name, self.body, work, at=at)
+        return Load(name, self.body, work, parameters=(Parameter("force", "N/m", f),))
 
     def _across(self) -> Term:
         film, value, (ds, _) = self.body, self.normal_force, self._measures()
@@ -136,9 +139,10 @@ class EdgeLoad:
             along = ufl.cross(a, ufl.dot(ufl.grad(x), ufl.cross(_normal(film), ν)))
             return -f * ufl.dot(along, w) / ufl.sqrt(ufl.dot(along, along)) * ds
 
-        return Load(
-            self.name, film, work, follows=self.following, at=at if callable(value) else None
-        )
+        if callable(value):
+            return Load(self.name, film, work, follows=self.following, at=at)
+        parameters = (Parameter("normal_force", "N/m", f),)
+        return Load(self.name, film, work, follows=self.following, parameters=parameters)
 
 
 def _normal(film: Membrane) -> Expr:

@@ -1,4 +1,4 @@
-"""Forces of a medium through which a body moves: what it takes is lost, and what a wind gives is supplied."""
+"""Forces of a medium through which a body moves: its drag dissipates, and the work of a wind is supplied."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.model.body import Array, MeshBody
 from gossamer_fx.model.roles import Dissipation
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, Compiler
 from gossamer_fx.terms.loads import Loads, at_rate, rate_of
 
 
@@ -63,4 +63,4 @@ class FilmDrag:
     body: MeshBody
     work: Callable[[Expr, Expr, Expr], ufl.Form]
     wind: Expr | None = None
-    compiler: ClassVar[type[CompiledTerms]] = Drags
+    compiler: ClassVar[Compiler] = Drags

@@ -15,6 +15,7 @@ from gossamer_fx.bodies.frames import Frame, Line
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.model.body import Array, Attached, Port, Vector
+from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_loads import PointForce, PointLoad
@@ -27,8 +28,15 @@ class ConstantForce:
     """Forces (3k,) that never change."""
 
     value: Array
+    depends_on_position_only = True
 
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
         pass
 
     def force(self, X: Array) -> Array:
@@ -41,11 +49,19 @@ class ConstantForce:
 class ForceInTime:
     """Force (3,) as a function of time, taken where forces act, e.g. at the middle of the step."""
 
+    depends_on_position_only = True
+
     def __init__(self, comm: MPI.Intracomm, name: str, value: History) -> None:
         self._comm, self._name, self._value = comm, name, value
         self._now: Array = np.zeros(3)
 
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
         self._now = at_time(self._comm, self._name, self._value, t + lag)
 
     def force(self, X: Array) -> Array:
@@ -55,7 +71,12 @@ class ForceInTime:
         return np.zeros((3, 3))
 
 
-def at_time(comm: MPI.Intracomm, name: str, value: History, t: float) -> Array:
+def at_time(
+    comm: MPI.Intracomm,
+    name: str,
+    value: History,
+    t: float,
+) -> Array:
     """value(t) as three finite numbers, the same on every rank."""
     return ask_numbers(comm, f"'{name}' at t = {t:.6g} s", lambda: value(t), (3,))
 
@@ -70,10 +91,18 @@ class Couple:
     f = T × r/|r|².
     """
 
+    depends_on_position_only = True
+
     def __init__(self) -> None:
         self.torque: Array = np.zeros(3)
 
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
         pass
 
     def _spread(self, r: Array) -> tuple[Array, Array]:
@@ -117,14 +146,20 @@ class TorqueInTime(Couple):
         super().__init__()
         self._comm, self._name, self._value = comm, name, value
 
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
         self.torque = at_time(self._comm, self._name, self._value, t + lag)
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Force:
-    """A force on a point of a body; its work is booked as supplied.
+    """A force on a point of a body; its work counts as supplied.
 
     Args:
         port: the point, e.g. `film.port("tip")`.
@@ -155,13 +190,16 @@ class Force:
             if callable(value)
             else ConstantForce(np.asarray(value, dtype=float))
         )
-        yield PointLoad(self.name, (self.port,), law)
+        parameters: tuple[Parameter, ...] = ()
+        if not callable(value):
+            parameters = (Parameter("force", "N", "value"),)
+        yield PointLoad(self.name, (self.port,), law, parameters)
 
 
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Torque:
-    """A torque on a rigid body, a beam's section or a `RigidRegion`; its work is booked as supplied.
+    """A torque on a rigid body, a beam's section or a `RigidRegion`; its work counts as supplied.
 
     Args:
         frame: what it turns, e.g. `body.frame()`, or the line of a straight region, on which the torque

@@ -16,6 +16,7 @@ from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.loads.attached_loads import AttachedLoad
 from gossamer_fx.loads.force import ConstantForce
 from gossamer_fx.model.body import Body, Port
+from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term, terms_of
 from gossamer_fx.terms.loads import Load
@@ -72,7 +73,11 @@ class Gravity:
         def work(q: Expr, w: Expr) -> ufl.Form:
             return part.mass(acceleration, w)
 
-        return Load(self.name, part.body, work)
+        # The acceleration of a beam has entries for its directors, too; those are not parameters.
+        parameters: tuple[Parameter, ...] = ()
+        if size == 3:
+            parameters = (Parameter("g", "m/s²", acceleration),)
+        return Load(self.name, part.body, work, parameters=parameters)
 
     def _on_points(self, part: NodeKineticEnergy) -> Iterable[Term]:
         masses = np.concatenate(part.body.comm.allgather(part.mass))

@@ -17,12 +17,12 @@ from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.strain_path import gradient
 from gossamer_fx.model.body import MeshBody
 from gossamer_fx.model.roles import OnMeshes, StateObserver
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
 STRAINS = 3  # E11, E22, 2 E12
 
 
-class PresentStiffnesses(OnMeshes, StateObserver, CompiledTerms):
+class PresentStiffnesses(OnMeshes, StateObserver, CompiledTerms["PresentStiffness"]):
     """All `PresentStiffness` terms of a scene: evaluated whenever a state is accepted."""
 
     def __init__(self, terms: Sequence[PresentStiffness], system: Assembly) -> None:
@@ -51,7 +51,7 @@ class PresentStiffness:
     density: Callable[[Expr], Expr]
     dx: ufl.Measure
     values: Any = field(init=False)
-    compiler: ClassVar[type[CompiledTerms]] = PresentStiffnesses
+    compiler: ClassVar[Compiler] = PresentStiffnesses
 
     def __post_init__(self) -> None:
         mesh = self.body.space.mesh

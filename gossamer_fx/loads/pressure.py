@@ -15,6 +15,7 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.checks.user_functions import ask_numbers
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import area_vector
+from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.loads import Load
@@ -73,5 +74,6 @@ class Pressure:
             film,
             lambda x, w: p * ufl.dot(area_vector(film.deformation(x)), w) * dx,
             follows=True,
-            at=at,
+            at=at if callable(value) else None,
+            parameters=() if callable(value) else (Parameter("pressure", "Pa", p),),
         )

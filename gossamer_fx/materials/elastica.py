@@ -26,8 +26,7 @@ Algorithm.
 3. `Elastica` uses the cubic as the stress below buckling, in closed form, so that UFL can derive
    the stress and the tangent.
 
-Source: A. Magnusson, M. Ristinmaa & C. Ljung, Int. J. Solids Struct. 38 (2001) 8441,
-doi:10.1016/S0020-7683(01)00089-0.
+Source: A. Magnusson, M. Ristinmaa & C. Ljung, Int. J. Solids Struct. 38 (2001) 8441.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ import ufl
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
-from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED, FilmLaw
+from gossamer_fx.materials.film import SLACK, TAUT, WRINKLED, IsotropicFilm
 from gossamer_fx.model.body import Array
 
 # Shortening δ up to which the cubic is fitted to the elastica.
@@ -92,19 +91,25 @@ def buckled_strip(e_E: float, α: float) -> tuple[float, float]:
     φ = (points + 1) * math.pi / 4
     weights = point_weights * math.pi / 4
     k = math.sin(α / 2)
-    cos_θ = 1 - 2 * (k * np.sin(φ)) ** 2
+    sin_half_θ = k * np.sin(φ)
+    cos_θ = 1 - 2 * sin_half_θ**2
+    first_root = np.sqrt(1 - sin_half_θ**2)
 
     def integral(f: Array, p: float) -> float:
         """I[f], equation (4)."""
-        root = np.sqrt(1 - (k * np.sin(φ)) ** 2) * np.sqrt(2 - p * (cos_θ + math.cos(α)))
+        second_root = np.sqrt(2 - p * (cos_θ + math.cos(α)))
+        root = first_root * second_root
         return float(weights @ (f / root))
 
     # The first of equations (3) as p = (2√(2 e_E)/π I[1](p))².
+    one = np.ones_like(φ)
     p = onset(e_E)
     for _ in range(FIXED_POINT_STEPS):
-        p = (2 * math.sqrt(2 * e_E) / math.pi * integral(np.ones_like(φ), p)) ** 2
+        square_root = 2 * math.sqrt(2 * e_E) / math.pi * integral(one, p)
+        p = square_root**2
     c = 2 * math.sqrt(2 * e_E) / (math.pi * math.sqrt(p))
-    δ = 1 - c * integral((1 - p * cos_θ) * cos_θ, p)
+    projected_stretch = (1 - p * cos_θ) * cos_θ
+    δ = 1 - c * integral(projected_stretch, p)
     return δ, p / onset(e_E)
 
 
@@ -115,18 +120,20 @@ def cubic(e_E: float) -> tuple[float, float, float]:
     """
     curve: Array = np.array([buckled_strip(e_E, α) for α in END_SLOPES])
     curve = curve[curve[:, 0] < FITTED_UP_TO]
-    x = curve[:, 0] - onset(e_E)
+    shortenings = curve[:, 0]
+    loads = curve[:, 1]
+    x = shortenings - onset(e_E)
+    # Without a constant: the load is continuous at the onset of buckling.
     powers = np.column_stack([x, x**2, x**3])
-    coefficients = np.linalg.lstsq(powers, curve[:, 1] - 1, rcond=None)[0]
+    coefficients = np.linalg.lstsq(powers, loads - 1, rcond=None)[0]
     c1, c2, c3 = (float(c) for c in coefficients)
     return c1, c2, c3
 
 
 @check_arguments
 @dataclass(frozen=True)
-class Elastica(FilmLaw):
-    """Film whose wrinkles resist as buckled strips of half wavelength L = `half_wavelength` [m] and
-    its thickness do.
+class Elastica(IsotropicFilm):
+    """Film whose wrinkles resist like buckled strips of its thickness and a given half wavelength L.
 
     With f = γ2 + ν γ1, the strain that bears on the strips, and σ1 = E γ1 + ν ψ'(f) the larger
     stress,
@@ -144,8 +151,8 @@ class Elastica(FilmLaw):
 
     A film has no bending stiffness: under this compressive stress its cells buckle in turn, the
     more so the smaller they are.  Take cells of not much less than half_wavelength/4: on the airbag
-    of `demos/studies/airbag.py` 0.1 m comes to rest with edges of 27 mm, while with 13 mm cells
-    beside the seam fold up and no equilibrium is found.
+    of `demos/studies/airbag.py`, L = 0.1 m has an equilibrium with edges of 27 mm; with 13 mm, cells
+    next to the seam fold up and no equilibrium is found.
 
     Args:
         E: Young's modulus [Pa], positive.
@@ -178,7 +185,8 @@ class Elastica(FilmLaw):
             f"Elastica: half_wavelength is {self.half_wavelength!r} m; a strip needs more than {shortest:.3g} m, ten "
             "times pi its thickness.",
         )
-        e_E = (math.pi * self.thickness / self.half_wavelength) ** 2 / 12
+        slenderness = math.pi * self.thickness / self.half_wavelength
+        e_E = slenderness**2 / 12
         c1, c2, c3 = cubic(e_E)
         derived = {"onset": onset(e_E), "c1": c1, "c2": c2, "c3": c3}
         # The dataclass is frozen; these fields follow from the others.
@@ -186,6 +194,7 @@ class Elastica(FilmLaw):
             object.__setattr__(self, name, value)
 
     def energy(self, e: Expr, c: Any) -> Expr:
+        """W [J/m²] of the strains e = (E11, E22, 2 E12), with the constants c of the law."""
         h, r = half_trace_and_radius(e)
         γ1 = h + r
         γ2 = h - r
@@ -203,10 +212,13 @@ class Elastica(FilmLaw):
         return c.thickness * ufl.conditional(is_tensile, tensile, slack)
 
     def state(self, e: Expr, c: Any) -> Expr:
+        """`TAUT`, `WRINKLED` or `SLACK` at the strains e = (E11, E22, 2 E12)."""
         h, r = half_trace_and_radius(e)
-        f = h - r + c.nu * (h + r)
+        γ1 = h + r
+        γ2 = h - r
+        f = γ2 + c.nu * γ1
         tensile = ufl.conditional(ufl.ge(f, -c.onset), TAUT, WRINKLED)
-        is_tensile = ufl.ge(self._larger_stress(h + r, f, c), 0)
+        is_tensile = ufl.ge(self._larger_stress(γ1, f, c), 0)
         return ufl.conditional(is_tensile, tensile, SLACK)
 
     def _larger_stress(self, γ1: Expr, f: Expr, c: Any) -> Expr:

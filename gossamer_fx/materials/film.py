@@ -1,4 +1,4 @@
-"""Laws of isotropic films: stored energy per unit reference area as a function of the strain.
+"""Laws of films: stored energy per unit reference area as a function of the strain.
 
 A film law is a frozen dataclass of numbers.  Its method `energy(e, c)` returns the energy per unit
 reference area [J/m²] of the Green-Lagrange strain e = (E11, E22, 2 E12), as a UFL expression.  The
@@ -14,17 +14,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import KW_ONLY, dataclass, fields
+from numbers import Real
 from types import SimpleNamespace
 from typing import Any
 
 import ufl
 from dolfinx.mesh import Mesh
+from mpi4py import MPI
 
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
+from gossamer_fx.forms.bending import BendingStiffness, IsotropicBending
 from gossamer_fx.forms.compilation import constant
 from gossamer_fx.forms.kinematics import Expr, half_trace_and_radius
 from gossamer_fx.forms.strain_path import Piece, gradient, mean_gradient, within_cone
+from gossamer_fx.materials.c_law import CLaw
+from gossamer_fx.model.parameters import Parameter
 
 # Values of `FilmLaw.state`.
 SLACK = 0
@@ -41,26 +46,48 @@ def constants(law: Any, mesh: Mesh) -> SimpleNamespace:
     """The numbers of a law (a dataclass) as UFL constants on a mesh, under the same names."""
     result = SimpleNamespace()
     for field in fields(law):
-        setattr(result, field.name, constant(mesh, getattr(law, field.name)))
+        value = getattr(law, field.name)
+        # Directions of axes are not numbers; bodies add them, see `bodies.directions`.
+        if isinstance(value, Real):
+            setattr(result, field.name, constant(mesh, float(value)))
     return result
 
 
-@dataclass(frozen=True)
+# SI units of the numbers of laws, by name; numbers of other names are taken for pure numbers.
+UNITS = {
+    "E": "Pa",
+    "density": "kg/m³",
+    "thickness": "m",
+    "EA": "N",
+    "line_density": "kg/m",
+}
+
+
+def parameters(law: Any, coefficients: SimpleNamespace) -> tuple[Parameter, ...]:
+    """The numbers of a law as parameters of its terms.
+
+    A law with numbers that are derived from others has none but its density: the forms do not show how
+    the derived ones change.
+    """
+    has_derived = any(not field.init for field in fields(law))
+    return tuple(
+        Parameter(field.name, UNITS.get(field.name, ""), getattr(coefficients, field.name))
+        for field in fields(law)
+        if not has_derived or field.name == "density"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class FilmLaw:
-    """Base of all laws of isotropic films; a law of your own defines `energy`.
+    """Base of all laws of films; a law of your own defines `energy`.
 
     Attributes:
-        E: Young's modulus [Pa].
-        nu: Poisson's ratio.
         density: mass density [kg/m³].
         thickness: thickness [m].
         quadratic: whether the energy is quadratic in the strain.  The stress at the middle of a
             path is then its average.
     """
 
-    E: float
-    nu: float
-    _: KW_ONLY
     density: float
     thickness: float
 
@@ -68,13 +95,12 @@ class FilmLaw:
 
     def __post_init__(self) -> None:
         law = type(self).__name__
-        for name in ("E", "density", "thickness"):
+        for name in ("density", "thickness"):
             value = getattr(self, name)
             check(
                 math.isfinite(value) and value > 0,
                 f"{law}: {name} is {value!r}; give a positive number.",
             )
-        check(-1 < self.nu <= 0.5, f"{law}: nu is {self.nu!r}; Poisson's ratio lies in (-1, 0.5].")
 
     def energy(self, e: Expr, c: Any) -> Expr:
         """Stored energy per unit reference area [J/m²] of the strain e = (E11, E22, 2 E12)."""
@@ -92,10 +118,55 @@ class FilmLaw:
         """State of the film at a strain e: 0 slack, 1 wrinkled, 2 taut, as a UFL expression."""
         return ufl.as_ufl(TAUT)
 
+    def c_law(self, c: Any, comm: MPI.Intracomm) -> CLaw | None:
+        """The C functions of a law that UFL cannot write as one expression; None of all others.
+
+        Args:
+            c: the numbers of the law as UFL constants.
+            comm: the ranks; collective.
+        """
+        return None
+
+    def unwrinkled(self) -> FilmLaw:
+        """The law of this film without wrinkles, for energies that are quadratic in the strain."""
+        raise TypeError(f"{type(self).__name__} has no law without wrinkles")
+
+    def bending_stiffness(self, c: Any) -> BendingStiffness:
+        """The bending stiffness of a plate of this material, uniform across its thickness."""
+        raise TypeError(f"{type(self).__name__} has no bending stiffness")
+
+
+@dataclass(frozen=True)
+class IsotropicFilm(FilmLaw):
+    """Base of laws with a Young's modulus and a Poisson's ratio.
+
+    Attributes:
+        E: Young's modulus [Pa].
+        nu: Poisson's ratio.
+    """
+
+    E: float
+    nu: float
+
+    def __post_init__(self) -> None:
+        law = type(self).__name__
+        check(
+            math.isfinite(self.E) and self.E > 0,
+            f"{law}: E is {self.E!r}; give a positive number.",
+        )
+        super().__post_init__()
+        check(-1 < self.nu <= 0.5, f"{law}: nu is {self.nu!r}; Poisson's ratio lies in (-1, 0.5].")
+
+    def bending_stiffness(self, c: Any) -> BendingStiffness:
+        return IsotropicBending(c.E * c.thickness**3 / (12 * (1 - c.nu**2)), c.nu)
+
+    def unwrinkled(self) -> FilmLaw:
+        return Linear(self.E, self.nu, density=self.density, thickness=self.thickness)
+
 
 @check_arguments
 @dataclass(frozen=True)
-class Linear(FilmLaw):
+class Linear(IsotropicFilm):
     """St. Venant-Kirchhoff film that never wrinkles.
 
         W = E t/(2(1-ν²)) [tr² - 2(1-ν) det]   with the Green-Lagrange strain of the surface
@@ -123,7 +194,7 @@ class Linear(FilmLaw):
 
 @check_arguments
 @dataclass(frozen=True)
-class Miyazaki(FilmLaw):
+class Miyazaki(IsotropicFilm):
     """Film with reduced compressive stiffness, which stands for wrinkles that are not resolved.
 
     With f1 = γ2 + ν γ1, f2 = γ1 + u ν γ2 and the stiffness ratio u = `residual_stiffness` in [0,
@@ -154,8 +225,7 @@ class Miyazaki(FilmLaw):
         0.0001
 
     Source: Y. Miyazaki, Wrinkle/slack model and finite element dynamics of membrane, IJNME 66
-        (2006) 1179,
-    doi:10.1002/nme.1580, eqs. 13-20.
+        (2006) 1179, eqs. 13-20.
     """
 
     _: KW_ONLY
@@ -286,7 +356,7 @@ class TensionField(Miyazaki):
 
     Source: A. C. Pipkin, The relaxed energy density for isotropic elastic membranes, IMA J. Appl.
         Math. 36
-    (1986) 85, doi:10.1093/imamat/36.1.85.
+        (1986) 85.
     """
 
     _: KW_ONLY

@@ -109,7 +109,7 @@ def extract(model: Any) -> RawMesh:
     _check(
         len(np.unique(np.sort(cells, axis=1), axis=0)) == len(cells),
         "Two cells of the mesh have the same nodes: where two sheets meet at a corner, choose the triangles so that "
-        "each has a node of its own.",
+        "each has a separate node.",
     )
 
     # Only the nodes of cells become points, in rising order of their tags.
@@ -118,7 +118,7 @@ def extract(model: Any) -> RawMesh:
     points = coordinates.reshape(-1, 3)[rows]
     _check(
         bool((abs(points) < _FARTHEST).all()),
-        f"Nodes of the mesh have coordinates that are no numbers below {_FARTHEST:g} m; mesh it again.",
+        f"Nodes of the mesh have coordinates that are not numbers below {_FARTHEST:g} m; mesh it again.",
     )
     return RawMesh(
         kind=kind,

@@ -33,13 +33,17 @@ def linear_pieces(cells: npt.NDArray[np.integer], dimension: int) -> Integers:
     Example:
         `linear_pieces(np.array([[7, 8, 9]]), 1)` is `[[7, 9], [9, 8]]`.
     """
-    pieces = np.array(_PIECES[dimension, cells.shape[1]])
-    return cells[:, pieces].reshape(-1, dimension + 1).astype(np.int64)
+    nodes_of_cell = cells.shape[1]
+    pieces = np.array(_PIECES[dimension, nodes_of_cell])
+    nodes = cells[:, pieces]
+    return nodes.reshape(-1, dimension + 1).astype(np.int64)
 
 
 def from_vtk(cells: npt.NDArray[np.integer]) -> Integers:
     """Cells (n, k) whose nodes are in VTK's order, with the nodes in the order of dolfinx."""
-    return cells[:, _FROM_VTK[cells.shape[1]]].astype(np.int64)
+    nodes_of_cell = cells.shape[1]
+    order = _FROM_VTK[nodes_of_cell]
+    return cells[:, order].astype(np.int64)
 
 
 def middles(corners: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
@@ -47,4 +51,9 @@ def middles(corners: npt.NDArray[np.floating]) -> npt.NDArray[np.floating]:
     a = corners[:, 0]
     b = corners[:, 1]
     c = corners[:, 2]
-    return np.stack([a, b, c, (b + c) / 2, (c + a) / 2, (a + b) / 2], axis=1)
+    # In the order of dolfinx: the middle of an edge has the position of the opposite corner.
+    opposite_a = (b + c) / 2
+    opposite_b = (c + a) / 2
+    opposite_c = (a + b) / 2
+    nodes = [a, b, c, opposite_a, opposite_b, opposite_c]
+    return np.stack(nodes, axis=1)

@@ -97,6 +97,10 @@ def read_mesh(path: str | Path, comm: MPI.Intracomm) -> Mesh:
     Raises:
         InputError: the file does not exist, is damaged, is in another format, or contains a mesh
             that cannot be used, such as one of quadrilaterals.
+
+    Example:
+        >>> def load(path):
+        ...     return gx.read_mesh(path, comm).groups
     """
 
     def read() -> RawMesh:

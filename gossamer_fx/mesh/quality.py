@@ -28,6 +28,10 @@ ALIKE = 1e-9
 # than 154 degrees.
 UPSIDE_DOWN_COSINE = -0.9
 
+# Share of the area of a plane mesh from which what lies upside down is taken for the second layer of a
+# film that is folded, and not for a defect.
+FOLDED_FILM_SHARE = 0.4
+
 # Triangles of one batch in the search for intersections, so that the list of pairs stays small.
 BATCH = 2000
 
@@ -101,6 +105,20 @@ def shape_quality(corners: Array) -> Array:
     return quality
 
 
+def aspects(corners: Array) -> Array:
+    """Aspect ratios c²/(4A) of triangles (n, 3, 3) with longest edges c: 1 for half a square.
+
+    >>> import numpy as np
+    >>> aspects(np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]]))
+    array([1.])
+    """
+    edges = corners - np.roll(corners, 1, axis=1)
+    longest = (edges**2).sum(axis=2).max(axis=1)
+    # A cell without area is refused elsewhere.
+    ratio: Array = np.maximum(longest / np.maximum(4 * sizes(corners), 1e-300), 1.0)
+    return ratio
+
+
 def turned_inside(domain: dmesh.Mesh) -> int:
     """Number of curved triangles (order 2) whose normal reverses within the cell.
 
@@ -163,6 +181,53 @@ def folded(table: EdgeTable) -> int:
     all_opposite = (is_opposite | ~has_neighbour).all(axis=1)
     found = (has_neighbour.sum(axis=1) >= 2) & all_opposite
     return int(domain.comm.allreduce(int(found.sum())))
+
+
+def folded_in_plane(table: EdgeTable) -> tuple[int, float]:
+    """Number of triangles of a plane mesh that lie upside down, and their share of the area.
+
+    Nodes that were moved across edges turn triangles over, which then cover a part of the plane again.  A film
+    that is folded once, such as a tube that is pressed flat, has as much area on either side; neither side counts
+    as upside down there.
+
+    Args:
+        table: edges of the mesh, `Mesh.edges`.
+
+    Returns:
+        number and share in the whole mesh, on all ranks; zero for a mesh that is not plane, or whose neighbouring
+        triangles pass edges in the same direction.
+    """
+    domain = table.domain
+    comm = domain.comm
+    vectors = area_vectors(corner_points(domain))
+    areas = np.linalg.norm(vectors, axis=1)
+    # Squares of the components have no sign, so that triangles on both sides add up.
+    products = comm.allreduce(np.einsum("ni,nj->ij", vectors, vectors))
+    normal = np.linalg.eigh(products)[1][:, -1]
+    heights = vectors @ normal
+    is_plane = bool((abs(heights) >= (1 - ALIKE) * areas).all())
+    count, directions = table.tally(np.arange(len(areas), dtype=np.int32))
+    agrees = not ((count == 2) & (directions != 0)).any()
+    is_turned = heights < 0
+    sums = np.array(
+        [
+            float(not is_plane or not agrees),
+            len(areas),
+            is_turned.sum(),
+            areas.sum(),
+            areas[is_turned].sum(),
+        ]
+    )
+    excluded, total, turned, area, turned_area = comm.allreduce(sums).tolist()
+    if excluded:
+        return 0, 0.0
+    if turned_area > area / 2:
+        turned = total - turned
+        turned_area = area - turned_area
+    share = turned_area / area
+    if share > FOLDED_FILM_SHARE:
+        return 0, 0.0
+    return int(turned), share
 
 
 def open_seams(domain: dmesh.Mesh, groups: Mapping[str, tuple[int, npt.NDArray[np.int32]]]) -> int:

@@ -108,10 +108,21 @@ def has_nodal_unknowns(body: Body) -> TypeGuard[MeshBody]:
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class Port:
-    """A vector attached to a body: Σ_k weights[k] q[nodes[k], vectors[k]], a constant linear map of its coordinates.
+    """A vector attached to a body: Σ_k weights[k] q[nodes[k], vectors[k]], linear in its coordinates q.
 
-    `nodes` are global nodes of the body's block; `vectors` says which of a node's vectors is meant: 0 the position
-    (the default), 1, 2, ... the directors.  With weights of sum 1 on positions it is a point of the body.
+    With weights of sum 1 on positions it is a point of the body.  Bodies return ports, e.g. `film.point`
+    and `hub.port`.
+
+    Args:
+        body: to which the vector is attached.
+        nodes: global indices of nodes of the body's block.
+        weights: one for each node.
+        vectors: which vector of each node is meant: 0 the position (default), 1, 2, ... the directors.
+
+    Example:
+        >>> middle = gx.Port(cable, (0, 1), weights=(0.5, 0.5))
+        >>> middle.weights
+        (0.5, 0.5)
     """
 
     body: Body
@@ -154,7 +165,16 @@ class Port:
 @check_arguments
 @dataclass(frozen=True)
 class Ground:
-    """A vector that stays what it is: a point [m] or a direction of inertial space."""
+    """A constant vector of inertial space: a point [m] or a direction.
+
+    Args:
+        vector: its components, (3,).
+
+    Example:
+        >>> hook = gx.Ground((0.0, 0.0, 2.0))
+        >>> gx.connectors.Spring(mass.port(), hook, stiffness=100.0, length=1.0).stiffness
+        100.0
+    """
 
     vector: tuple[float, float, float]
 

@@ -17,19 +17,35 @@ def unit(direction: Vector | Array) -> Array:
 
 
 def combine(weights: Sequence[float], ports: Sequence[Attached]) -> Attached:
-    """Σ weights[k] ports[k], of ports of one body or of the ground."""
-    if all(isinstance(p, Ground) for p in ports):
-        x, y, z = np.asarray(weights) @ np.array([p.initial() for p in ports])
+    """The linear combination Σ_k weights[k] ports[k] of ports of one body, or of the ground.
+
+    Args:
+        weights: one for each port.
+        ports: all of one body, or all of the ground.
+
+    Raises:
+        InputError: the ports are of several bodies, or of a body and of the ground.
+    """
+    if all(isinstance(port, Ground) for port in ports):
+        vectors_of_ground = np.array([port.initial() for port in ports])
+        x, y, z = np.asarray(weights) @ vectors_of_ground
         return Ground((float(x), float(y), float(z)))
-    parts = [(w, p) for w, p in zip(weights, ports, strict=True) if isinstance(p, Port)]
-    body = parts[0][1].body
-    check(
-        len(parts) == len(ports) and all(p.body is body for _, p in parts),
-        "Only ports of one body can be combined.",
-    )
+    # The first one exists: not all are of the ground.
+    body = next(port.body for port in ports if isinstance(port, Port))
+    nodes: list[int] = []
+    node_weights: list[float] = []
+    vectors: list[int] = []
+    for weight, port in zip(weights, ports, strict=True):
+        is_of_body = isinstance(port, Port) and port.body is body
+        check(is_of_body, "Only ports of one body can be combined.")
+        assert isinstance(port, Port)
+        nodes += port.nodes
+        node_weights += [weight * each for each in port.weights]
+        # A port without vectors means the positions of its nodes.
+        vectors += port.vectors or (0,) * len(port.nodes)
     return Port(
         body,
-        tuple(n for _, p in parts for n in p.nodes),
-        weights=tuple(w * each for w, p in parts for each in p.weights),
-        vectors=tuple(v for _, p in parts for v in p.vectors or (0,) * len(p.nodes)),
+        tuple(nodes),
+        weights=tuple(node_weights),
+        vectors=tuple(vectors),
     )

@@ -54,6 +54,11 @@ class MassForms(Protocol):
         """Bilinear forms of the mass of a body; an empty list for bodies that it does not concern."""
         ...
 
+    @abstractmethod
+    def kinetic_forms(self, body: Body, v: Any, w: Any) -> list[Any]:
+        """The same as UFL forms, of given velocities v and test functions w."""
+        ...
+
 
 @runtime_checkable
 class ConstantStiffness(Protocol):
@@ -172,6 +177,9 @@ class ActiveSet(Protocol):
         """Shorten a Newton update (n,) of this rank's coordinates, in place (step-length control)."""
         ...
 
+    def set_static_load(self, force: float) -> None:
+        """Take the norm [N] of all loads of an equilibrium, which pairs may have to carry."""
+
     @abstractmethod
     def coupling_matrices(self, diagonal: PETSc.Vec | None) -> list[PETSc.Mat]:
         """Its part of the tangent at the last residual, zero at fixed coordinates, as new matrices.
@@ -263,7 +271,7 @@ class Resultants(Protocol):
 
 @runtime_checkable
 class FrameMomenta(Protocol):
-    """Describes the bodies in a moving frame, which has a momentum of its own."""
+    """Describes the bodies in a moving frame, which has momentum itself."""
 
     @abstractmethod
     def momenta(self) -> Array:
@@ -272,6 +280,114 @@ class FrameMomenta(Protocol):
         This rank's share.
         """
         ...
+
+
+# ---- sensitivities ---------------------------------------------------------------------------------
+
+
+@runtime_checkable
+class ResidualForms(Protocol):
+    """Its forces are forms on meshes, which UFL can derive with respect to their coefficients.
+
+    The forms must be complete: a kind with other forces, or with history variables, does not play
+    this role.
+    """
+
+    @abstractmethod
+    def residual_forms(self, body: Body, w: Any) -> list[Any]:
+        """UFL forms of its part of the residual on a body, linear in the test function w.
+
+        They are functions of the coordinates `fields[body]` at both ends of the step.
+        """
+        ...
+
+    @abstractmethod
+    def energy_forms(self, body: Body) -> list[Any]:
+        """UFL forms of its stored energy at q1; an empty list for loads and dissipation."""
+        ...
+
+    def parameters_changed(self) -> None:
+        """Forget what was computed with coefficients that have other values now."""
+        return
+
+
+@runtime_checkable
+class PointParameters(Protocol):
+    """Its forces are arrays, and it knows their derivatives with respect to numbers of its terms.
+
+    Keys are those of `Parameter.source`.  All methods are collective.
+    """
+
+    @abstractmethod
+    def get_number(self, term: Any, key: str) -> Array:
+        """The present value of a number or vector of a term, (k,)."""
+        ...
+
+    @abstractmethod
+    def set_number(self, term: Any, key: str, value: Array) -> None:
+        """Give a number of a term another value (k,)."""
+        ...
+
+    @abstractmethod
+    def work_by_number(self, term: Any, key: str, w: PETSc.Vec) -> Array:
+        """w·∂r/∂number (k,), r its residual in the present step; this rank's share."""
+        ...
+
+    @abstractmethod
+    def energy_by_number(self, term: Any, key: str) -> Array:
+        """∂ψ/∂number (k,) of its stored energy at q1; this rank's share."""
+        ...
+
+
+@runtime_checkable
+class GradientLimits(Protocol):
+    """Some of its terms may have no gradient, e.g. because their forces depend on the path of the state."""
+
+    @abstractmethod
+    def without_gradient(self) -> str:
+        """In words, which term has no gradient, why, and what to do; empty if all have one."""
+        ...
+
+
+class Reversible:
+    """Marks a kind whose forces of a step stay the same when its ends change places and h changes sign.
+
+    The derivative of these forces with respect to the start of a step is then the tangent of the
+    reversed step.
+    """
+
+
+@runtime_checkable
+class ExchangesEnds(Protocol):
+    """Has an active set that stays when the ends of a step change places; see `Reversible`."""
+
+    @abstractmethod
+    def exchange_ends(self) -> None:
+        """Take q0 and the time of the system as the start of the reversed step, with the same pairs."""
+        ...
+
+
+@runtime_checkable
+class StepHistory(Protocol):
+    """Has history variables that a tape of steps saves on each rank, without communication."""
+
+    @abstractmethod
+    def save_history(self) -> Any:
+        """The history variables of the accepted state, as an object that does not change."""
+        ...
+
+    @abstractmethod
+    def load_history(self, saved: Any) -> None:
+        """Restore what `save_history` returned; coordinates and velocities have been restored."""
+        ...
+
+
+class IndependentOfShape:
+    """Marks a kind of which nothing depends on the stress-free shape of a mesh."""
+
+
+class WithoutParameters:
+    """Marks a kind whose forces depend on coordinates, and on no parameter of any item."""
 
 
 # ---- output ----------------------------------------------------------------------------------------

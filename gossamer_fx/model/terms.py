@@ -5,10 +5,10 @@ A *term* plays one of five roles:
     kinetic energy   a constant mass matrix
     stored energy    ψ(e(q)) of a measure e that rigid motions leave as it is, and a density ψ
     dissipation      a stress against the rate of a measure
-    load             a force whose work is booked as supplied
+    load             a force whose work counts as supplied
     constraint       coordinates that are fixed, or measures that stay zero
 
-The general kinds of terms are in `terms/`; a kind with one user lies beside its user.  Each kind
+The general kinds of terms are in `terms/`; a kind with one user lies in the folder of its user.  Each kind
 names the class that compiles all terms of the kind in a scene, see `terms.assembly`.
 """
 

@@ -16,9 +16,11 @@ from gossamer_fx.extend import (
     Array,
     Assembly,
     Expr,
+    InputError,
     State,
     Term,
     area_vector,
+    ask,
     check,
     check_arguments,
     constant,
@@ -37,13 +39,18 @@ Atmosphere = Callable[[float], Air]  # of the altitude [m]
 @check_arguments
 @dataclass(frozen=True)
 class ExponentialAtmosphere:
-    """Density that falls by e over a scale height.
+    """Atmosphere whose density falls by a factor e over a scale height.
 
     Args:
         density: at `altitude` [kg/m³].
-        altitude: [m].
+        altitude: reference [m].
         scale_height: [m].
-        temperature: [K].
+        temperature: at all altitudes [K].
+
+    Example:
+        >>> atmosphere = gx.orbit.ExponentialAtmosphere(3e-12, 400e3, scale_height=60e3)
+        >>> atmosphere(400e3).density
+        3e-12
     """
 
     density: float
@@ -67,21 +74,26 @@ class ExponentialAtmosphere:
 
 @check_arguments
 class Drag:
-    """Free-molecular flow on the deformed faces of a film, or on the surfaces of a rigid body; nothing shades.
+    """Drag of free-molecular flow on the deformed triangles of a film, or on the surfaces of a rigid body.
 
-    Each face meets the air with its own velocity.  The air has the state of the altitude of the scene, that over a
-    sphere, and turns with the Earth about z.
+    Each triangle or surface meets the air with its own velocity; none shades another.  The air has the state
+    at the altitude of the scene over a sphere, and turns with the Earth about z.
 
     Args:
         body: a film or a rigid body.
-        orbit: where it flies.
+        orbit: the orbit of the scene.
         atmosphere: a function of the altitude [m] that returns `Air`, e.g. `ExponentialAtmosphere`.
-        accommodation: how molecules leave the surface.
+        accommodation: exchange of momentum with the surface; default: diffuse.
         surfaces: of a rigid body.
         rotation: of the atmosphere [rad/s].
+        name: for messages and results; default from the body.
 
     Raises:
-        InputError: surfaces of a film, or none of a rigid body.
+        InputError: a film with surfaces, or a rigid body without.
+
+    Example:
+        >>> air = gx.orbit.ExponentialAtmosphere(3e-12, 400e3, scale_height=60e3)
+        >>> drag = gx.orbit.Drag(film, orbit, atmosphere=air)
     """
 
     def __init__(
@@ -115,11 +127,15 @@ class Drag:
     def flow(self, flight: Flight) -> tuple[Air, Array]:
         """The air, and its velocity (3,) as seen from the origin of the frame."""
         altitude = float(np.linalg.norm(flight.R)) - self.orbit.radius
-        air = self.atmosphere(altitude)
-        check(
-            isinstance(air, Air),
-            f"'{self.name}': the atmosphere returns {air!r} at {altitude:.6g} m; return Air.",
-        )
+
+        def air_there() -> Air:
+            air = self.atmosphere(altitude)
+            if isinstance(air, Air):
+                return air
+            raise InputError(f"it returns {air!r}; return Air.")
+
+        what = f"'{self.name}': the atmosphere at {altitude:.6g} m"
+        air = ask(self.body.comm, what, air_there)
         wind: Array = np.cross([0.0, 0.0, self.rotation], flight.R) - flight.V
         return air, wind
 

@@ -26,7 +26,7 @@ _LARGE_ECCENTRICITY = 0.8
 @check_arguments
 @dataclass(frozen=True)
 class Elements:
-    """Osculating elements of an ellipse (e < 1, a > 0) or a hyperbola (e > 1, a < 0).
+    """Osculating elements of an orbit: an ellipse (e < 1, a > 0) or a hyperbola (e > 1, a < 0).
 
     Args:
         a: semi-major axis [m].
@@ -35,6 +35,13 @@ class Elements:
         node: right ascension of the ascending node [rad].
         perigee: argument of perigee [rad].
         anomaly: true anomaly [rad].
+
+    Raises:
+        InputError: a and e are of no orbit, or a value is not finite.
+
+    Example:
+        >>> gx.orbit.Elements(6.8e6, 0.001, i=0.9).e
+        0.001
     """
 
     a: float

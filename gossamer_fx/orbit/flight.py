@@ -40,8 +40,8 @@ class Flight:
         origin: its position and velocity at the ends of the step.
         time: of the middle of the step [s].
         R, V: there (3,).
-        field: acceleration [m/s²] that the origin has there by what attracts beside the central
-            body's 1/r.
+        field: acceleration [m/s²] that the origin has there by all attraction in addition to the
+            central body's 1/r.
         gradient: its derivative (3, 3) [1/s²].
         pushed: acceleration of the origin by which it is kept near the bodies.
         centre: of mass in the middle of the last step, from the origin (3,) [m].

@@ -13,7 +13,7 @@ from gossamer_fx.extend import (
     Array,
     Assembly,
     Attached,
-    CompiledTerms,
+    Compiler,
     Expr,
     Loads,
     MeshBody,
@@ -58,7 +58,7 @@ class FlyingLoad:
     orbit: Orbit
     work: Callable[[Expr, Expr, Expr], ufl.Form]
     prepare: Callable[[Flight, Assembly], None]
-    compiler: ClassVar[type[CompiledTerms]] = FlyingLoads
+    compiler: ClassVar[Compiler] = FlyingLoads
 
 
 class FlyingForce(Protocol):
@@ -80,7 +80,13 @@ class _ByComplexSteps:
         self._law, self._lag = law, 1.0
         self._X0: Array = np.zeros(0)
 
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
         self._lag, self._X0 = lag, X
 
     def _forces(self, X: Any) -> Any:
@@ -125,7 +131,7 @@ class FlyingPointLoad:
     ports: tuple[Attached, ...]
     orbit: Orbit
     law: FlyingForce
-    compiler: ClassVar[type[CompiledTerms]] = FlyingPointLoads
+    compiler: ClassVar[Compiler] = FlyingPointLoads
 
 
 def axes_of(body: Any) -> tuple[Port, ...]:
@@ -134,7 +140,7 @@ def axes_of(body: Any) -> tuple[Port, ...]:
 
 
 class FacesForce:
-    """A force on flat faces of a rigid body at its place and directors (..., 4, 3).
+    """A force on flat faces of a rigid body at its position and directors (..., 4, 3).
 
     Args:
         areas: area vectors (n, 3), centres (n, 3) in body axes.

@@ -19,13 +19,17 @@ ATOM = 16 * 1.66053906660e-27
 @check_arguments
 @dataclass(frozen=True)
 class Air:
-    """State of the atmosphere.
+    """State of the atmosphere at a point.
 
     Args:
         density: [kg/m³].
         temperature: [K].
-        molecule: mean mass of a molecule [kg]; default that of atomic oxygen, the air between 200
-            and 600 km.
+        molecule: mean mass of a molecule [kg]; default: atomic oxygen, the main component between 200 and
+            600 km.
+
+    Example:
+        >>> gx.orbit.Air(1e-11, 1100.0).temperature
+        1100.0
     """
 
     density: float
@@ -53,14 +57,20 @@ class Air:
 @check_arguments
 @dataclass(frozen=True)
 class Accommodation:
-    """How molecules leave a surface: σ_n and σ_t are the parts of normal and tangential momentum
-    that are taken up.
+    """Exchange of momentum between molecules and a surface.
 
     Args:
-        normal: σ_n.
-        tangential: σ_t; 1, 1: all molecules leave at the temperature of the wall in all directions;
-            0, 0: a mirror.
+        normal: σ_n, accommodated fraction of the normal momentum, 0 to 1.
+        tangential: σ_t, accommodated fraction of the tangential momentum, 0 to 1.  With σ_n = σ_t = 1 all
+            molecules leave diffusely at the temperature of the wall, with 0 they are mirrored.
         wall_temperature: [K].
+
+    Raises:
+        InputError: a value is out of its range.
+
+    Example:
+        >>> gx.orbit.Accommodation(0.9, 0.95, wall_temperature=350.0).normal
+        0.9
     """
 
     normal: float = 1.0
@@ -81,7 +91,14 @@ class Accommodation:
         )
 
 
-def coefficients(c: Any, s: Any, σn: Any, σt: Any, wall: Any, maths: Any) -> tuple[Any, Any]:
+def coefficients(
+    c: Any,
+    s: Any,
+    σn: Any,
+    σt: Any,
+    wall: Any,
+    maths: Any,
+) -> tuple[Any, Any]:
     """(A, B): the flow of mass density ρ and velocity U exerts per area ½ρU² (A n + B u) on one
     side.
 

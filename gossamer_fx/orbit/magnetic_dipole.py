@@ -19,21 +19,37 @@ MomentHistory = Callable[[float], Sequence[float]]
 
 @check_arguments
 class MagneticDipole:
-    """Torque m × B on a dipole m that is fixed in a frame with three directors; B by IGRF-14 at the frame's flight.
+    """Torque m × B of the Earth's magnetic field B on a dipole m that is fixed in a frame.
 
-    As a torque on the directors it is spread as that of `Torque`, so that the angular momentum grows by exactly h m×B.
+    B is that of IGRF-14 at the position of the frame.  The torque is distributed to the directors as by
+    `Torque`, so that a step h changes the angular momentum by exactly h m × B.
 
     Args:
-        frame: of a rigid body.
-        orbit: where it flies; B needs its epoch.
-        moment: components along the directors [A m²], three numbers or a function of time [s] that returns them.
+        frame: of a rigid body, with three directors.
+        orbit: the orbit of the scene, with an epoch.
+        moment: components along the directors [A m²]: three numbers, or a function of time [s] that returns
+            them.
+        name: for messages and results.
 
     Raises:
-        InputError: no three directors, an orbit without epoch, or a year that IGRF-14 does not cover.
+        InputError: the frame has not three directors, the orbit has no epoch, or IGRF-14 does not cover the
+            year.
+
+    Example:
+        >>> try:
+        ...     magnet = gx.orbit.MagneticDipole(hub.frame(), orbit, moment=(0.0, 0.0, 1.5))
+        ... except gx.InputError as error:
+        ...     print("epoch" in str(error))
+        True
     """
 
     def __init__(
-        self, frame: Frame, orbit: Orbit, *, moment: Vector | MomentHistory, name: str = "magnet"
+        self,
+        frame: Frame,
+        orbit: Orbit,
+        *,
+        moment: Vector | MomentHistory,
+        name: str = "magnet",
     ) -> None:
         self.frame, self.orbit, self.moment, self.name = frame, orbit, moment, name
         check(

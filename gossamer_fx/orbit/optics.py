@@ -12,20 +12,30 @@ PRESSURE = 4.563e-6  # N/m² at 1 AU (1368 W/m²; McInnes 1999)
 @check_arguments
 @dataclass(frozen=True)
 class Optics:
-    """A surface under light of pressure P that comes along u at an angle α to the normal n of the side away from it:
+    """Optical properties of a surface, for the pressure of light.
+
+    Light of pressure P comes along u, at an angle α to the normal n of the side away from it.  The force per
+    area on the lit side is
 
         f/P = cos α {[2 r s cos α + B (1-s) r + (1-r) (ε B - ε' B')/(ε + ε')] n + (1 - r s) u}
 
-    for the lit side; ε', B' are those of the other.  What is absorbed is radiated at once.
+    with ε', B' of the other side.  Absorbed light is radiated at once (C. R. McInnes, Solar Sailing, 1999,
+    section 2.6, also for the coefficients `JPL_SAIL`).
 
     Args:
-        reflectivity: r, part of the light that is reflected.
-        specular: s, part of it that is mirrored; the rest is scattered.
+        reflectivity: r, fraction of the light that is reflected, 0 to 1.
+        specular: s, fraction of the reflected light that is mirrored; the remainder is scattered.
         emissivity: ε.
-        lambertian: B, 2/3 of an ideal scatterer.
-        other_side: optics of the back; none: that of the front.
+        lambertian: B, 2/3 for an ideal scatterer.
+        other_side: optics of the back; None: as the front.
 
-    Source: McInnes, Solar Sailing (1999), section 2.6; coefficients `JPL_SAIL` from there.
+    Raises:
+        InputError: a value is out of its range.
+
+    Example:
+        >>> sail = gx.orbit.Optics(0.88, 0.94, emissivity=0.05, lambertian=0.79)
+        >>> sail.reflectivity
+        0.88
     """
 
     reflectivity: float = 1.0

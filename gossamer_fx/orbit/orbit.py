@@ -16,33 +16,41 @@ from gossamer_fx.orbit.relative_gravity import RelativeGravity
 
 @check_arguments
 class Orbit(Environment):
-    """The scene flies: coordinates are relative to an origin in orbit, in axes that do not turn.
+    """An orbit for the whole scene: coordinates are relative to an origin in orbit, in axes that do not turn.
 
-    Each mass m at x, the origin being at R from the attracting centre, has the force of gravity less the frame's:
+    A mass m at x has the force of gravity less that of the accelerated frame, R being the position of the
+    origin from the attracting centre:
 
         m [-μ X/|X|³ + μ R/|R|³ + a(X) - a(R)],   X = R + x
 
-    a: oblateness or harmonics, Sun and Moon, to first order in |x|/|R|.  Energy and angular momentum of the whole,
-    orbit and deformation, are kept to the tolerance of the solve under 1/r gravity, whatever the step; the rule is that
-    of `origin`.  Rigid bodies have their mass, centre and inertia, so that forces on them lack terms of order
-    (size/|X|)³.  Initial positions and velocities of bodies are relative to the origin.
+    a contains oblateness or harmonics, Sun and Moon, to first order in |x|/|R|.  Under 1/r gravity, energy
+    and angular momentum of orbit and deformation together are conserved to the tolerance of the solver, for
+    every step; `orbit.origin` describes how.  Rigid bodies have mass, centre and inertia, so that the forces
+    on them lack terms of order (size/|X|)³.  Initial positions and velocities are relative to the origin.
 
     Args:
         start: `Elements`, or position [m] and velocity [m/s] of the origin, (3,) each.
-        gravity: "point"; "J2"; or the degree 2 to 20 of EGM2008, which needs an epoch.
-        epoch: UTC, e.g. "2026-01-01T12:00:00", of the time 0; needs ERFA (extra `orbit`).
-        sun: from the attracting centre to the Sun [au], three numbers or a function of time [s] that returns them;
-            default that of the epoch.  (0, 0, 0): it is the centre.
+        gravity: "point", "J2", or the degree 2 to 20 of EGM2008, which needs an epoch.
+        epoch: UTC of the time 0, e.g. "2026-01-01T12:00:00"; needs ERFA (extra `orbit`).
+        sun: from the attracting centre to the Sun [au]: three numbers, or a function of time [s] that
+            returns them; default that of the epoch.  (0, 0, 0): the Sun is the centre.
         third_bodies: "sun", "moon"; need an epoch.
         shadow: of the centre: "cylinder", "cone" (with penumbra) or "none".
-        mu: [m³/s²] of the centre; default that of the gravity field.
+        mu: gravity parameter of the centre [m³/s²]; default that of the gravity field.
         radius: of the centre, for shadow and altitude [m].
         pressure: of sunlight at 1 au on a black surface [N/m²].
         ut1_utc: [s].
-        following: time in which the origin comes back to the centre of mass [s]; of no influence on the motion.
+        following: time in which the origin returns to the centre of mass [s]; the motion does not depend
+            on it.
+        name: for messages and results.
 
     Raises:
-        InputError: no orbit, or something that needs an epoch without one.
+        InputError: a start that is not an orbit, or something that needs an epoch without one.
+
+    Example:
+        >>> low = gx.orbit.Orbit(gx.orbit.Elements(6.8e6, i=0.9), gravity="J2")
+        >>> low.radius
+        6378137.0
     """
 
     def __init__(

@@ -36,6 +36,7 @@ from gossamer_fx.extend import (
     AttachedKineticEnergy,
     Body,
     CompiledTerms,
+    Compiler,
     Expr,
     Forces,
     FrameMomenta,
@@ -60,7 +61,12 @@ from gossamer_fx.orbit.flight import Flight, Moments
 from gossamer_fx.orbit.mass_points import MassPoints
 
 
-def growth(R: Any, x: Any, dot: Any, root: Any) -> tuple[Any, Any]:
+def growth(
+    R: Any,
+    x: Any,
+    dot: Any,
+    root: Any,
+) -> tuple[Any, Any]:
     """|R| and |R + x| - |R|, by equation (3).
 
     Args:
@@ -79,7 +85,12 @@ def growth(R: Any, x: Any, dot: Any, root: Any) -> tuple[Any, Any]:
     return r, longer / (r + root(r**2 + longer))
 
 
-def excess(r0: Any, r1: Any, d0: Any, d1: Any) -> Any:
+def excess(
+    r0: Any,
+    r1: Any,
+    d0: Any,
+    d1: Any,
+) -> Any:
     """γ of equation (2), from the distances r and their growths d at the start and the end of a
     step.
     """
@@ -172,7 +183,7 @@ class CompiledOrbit(
     Supply,
     Resultants,
     FrameMomenta,
-    CompiledTerms,
+    CompiledTerms["RelativeGravity"],
 ):
     """Gravity on all bodies of a flying scene, and the energy of their common motion.
 
@@ -193,7 +204,7 @@ class CompiledOrbit(
         held = max(system.comm.allgather(next(_names_of_holders(system.terms), "")))
         check(
             not held,
-            f"'{held}' holds a body to a place, but the frame of '{terms[0].name}' falls round the Earth: there is "
+            f"'{held}' fixes a body in space, but the frame of '{terms[0].name}' falls round the Earth: there is "
             "nothing to hold on to; tie bodies to each other, e.g. to a RigidBody.",
         )
         kinetic = [t for t in system.terms if isinstance(t, KineticEnergy)]
@@ -391,7 +402,7 @@ class RelativeGravity:
         flights: dictionary of the orbit, into which the flight is entered under its system.
     """
 
-    compiler: ClassVar[type[CompiledTerms]] = CompiledOrbit
+    compiler: ClassVar[Compiler] = CompiledOrbit
 
     def __init__(
         self, name: str, flight: Flight, flights: MutableMapping[Assembly, Flight]

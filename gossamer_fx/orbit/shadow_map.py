@@ -70,12 +70,18 @@ class ShadowMap:
         Collective.
         """
         x = system.fields[self._film].q0.x.array.reshape(-1, 3)
-        lit = lit_parts(self._film.comm, x[self._corners], u, self._pixels)
+        triangles = x[self._corners]
+        lit = lit_parts(self._film.comm, triangles, u, self._pixels)
         self.lit.x.array[: self._owned] = lit
         self.lit.x.scatter_forward()
 
 
-def lit_parts(comm: MPI.Intracomm, triangles: Array, u: Array, pixels: int) -> Array:
+def lit_parts(
+    comm: MPI.Intracomm,
+    triangles: Array,
+    u: Array,
+    pixels: int,
+) -> Array:
     """Part (n,) of each triangle that light reaches, from 0 to 1.  Collective.
 
     Args:
@@ -92,8 +98,9 @@ def lit_parts(comm: MPI.Intracomm, triangles: Array, u: Array, pixels: int) -> A
     array([1., 0.])
     """
     # The right singular vectors of one row are that row and a basis across it.
-    across = np.linalg.svd(u[None])[2][1:]
-    flat = triangles @ np.column_stack(list(across))
+    right_vectors = np.linalg.svd(u[None])[2]
+    across = np.column_stack([right_vectors[1], right_vectors[2]])
+    flat = triangles @ across
     depth = triangles @ u
 
     # Map of square pixels around the points of all ranks; one reduction finds both of its corners.
@@ -109,11 +116,15 @@ def lit_parts(comm: MPI.Intracomm, triangles: Array, u: Array, pixels: int) -> A
     longest = np.ptp(flat, axis=1).max(axis=-1, initial=0.0)
     counts = np.ceil(_SAMPLES_PER_PIXEL * longest / pixel).astype(int)
     counts = np.maximum(counts, _SAMPLES)
-    groups = [(np.flatnonzero(counts == n), _barycentric(n)) for n in np.unique(counts)]
+    groups = []
+    for n in np.unique(counts):
+        members = np.flatnonzero(counts == n)
+        groups.append((members, _barycentric(n)))
 
     def samples(which: Indices, weights: Array) -> tuple[Indices, Indices, Array]:
         """Pixel indices i and j, and depths, of the sample points of some triangles."""
-        indices = ((weights @ flat[which] - low) / pixel).astype(int)
+        positions = weights @ flat[which]
+        indices = ((positions - low) / pixel).astype(int)
         depths = np.einsum("pk,nk->np", weights, depth[which])
         return indices[..., 0], indices[..., 1], depths
 
@@ -149,10 +160,15 @@ def _slopes(triangles: Array, u: Array) -> Array:
 
 def _barycentric(n: int) -> Array:
     """Barycentric coordinates (n², 3) of the centres of the n² equal triangles of a triangle."""
-    i, j = (k.ravel() for k in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
+    i = np.repeat(np.arange(n), n)
+    j = np.tile(np.arange(n), n)
     # Small triangles with the orientation of the large one, and those that are upside down.
     up = i + j < n
     down = i + j < n - 1
-    a = np.concatenate([i[up] + 1 / 3, i[down] + 2 / 3]) / n
-    b = np.concatenate([j[up] + 1 / 3, j[down] + 2 / 3]) / n
+    a_up = i[up] + 1 / 3
+    a_down = i[down] + 2 / 3
+    b_up = j[up] + 1 / 3
+    b_down = j[down] + 2 / 3
+    a = np.concatenate([a_up, a_down]) / n
+    b = np.concatenate([b_up, b_down]) / n
     return np.column_stack([1 - a - b, a, b])

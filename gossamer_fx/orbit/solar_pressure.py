@@ -29,23 +29,33 @@ from gossamer_fx.orbit.orbit import Orbit
 from gossamer_fx.orbit.shadow_map import ShadowMap
 from gossamer_fx.orbit.surface_forces import Rows, Surface, Symbolic, light_force
 
+# Largest number of pixels across the map of shadows: their square has to fit in memory on every rank.
+MAX_SHADOW_PIXELS = 8192
+
 
 @check_arguments
 class SolarPressure:
-    """Sunlight on the deformed faces of a film, or on the surfaces of a rigid body; both sides, see `Optics`.
+    """Pressure of sunlight on the deformed triangles of a film, or on the surfaces of a rigid body; see `Optics`.
 
-    Distance and shadow are those of the middle of the body's flight in the step.
+    Both sides of a film are considered.  Distance from the Sun and shadow of the central body are those at
+    the middle of the step.
 
     Args:
         body: a film or a rigid body.
-        orbit: where it flies.
-        optics: of a film; the front is where the normal of the mesh points to.
-        groups: optics of named groups of its triangles.
+        orbit: the orbit of the scene.
+        optics: of a film; the front is the side to which the normal of the mesh points.
+        groups: optics by the names of groups of its triangles.
         surfaces: of a rigid body.
-        shadow_pixels: a film shades itself, found at the start of each step on a map of so many pixels across; 0: no.
+        shadow_pixels: pixels across the map by which a film's shadow on itself is found at the start of each
+            step; 0: none.
+        name: for messages and results; default from the body.
 
     Raises:
-        InputError: surfaces of a film, none of a rigid body, or groups that are not of triangles.
+        InputError: a film with surfaces, a rigid body without, or a group that is not of triangles.
+
+    Example:
+        >>> sail = gx.orbit.Optics(0.88, 0.94)
+        >>> light = gx.orbit.SolarPressure(film, orbit, optics=sail)
     """
 
     def __init__(
@@ -70,6 +80,10 @@ class SolarPressure:
         check(
             shadow_pixels >= 0 and (not shadow_pixels or isinstance(body, Membrane)),
             f"'{self.name}': shadow_pixels is {shadow_pixels!r}; give pixels across a film, or zero.",
+        )
+        check(
+            shadow_pixels <= MAX_SHADOW_PIXELS,
+            f"'{self.name}': shadow_pixels is {shadow_pixels!r}; give at most {MAX_SHADOW_PIXELS}.",
         )
 
     def requires(self) -> Iterable[Any]:

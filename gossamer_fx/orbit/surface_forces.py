@@ -55,7 +55,13 @@ class Rows:
         return np.where(np.real(where_positive) > 0, a, b)
 
 
-def light_force(a: Any, u: Any, front: Any, back: Any, maths: Any) -> Any:
+def light_force(
+    a: Any,
+    u: Any,
+    front: Any,
+    back: Any,
+    maths: Any,
+) -> Any:
     """Force of light on a face, divided by the pressure of light; equation of `Optics`.
 
     Args:
@@ -125,14 +131,22 @@ def flow_force(
 @check_arguments
 @dataclass(frozen=True)
 class Surface:
-    """A flat face of a rigid body.
+    """A flat surface of a rigid body, for light and air.
 
     Args:
         area: [m²].
-        normal: outward, in body axes.
-        centre: its centroid in body axes, from the centre of mass [m].
-        optics: of the front, where the normal points to, and of the back.
-        two_sided: whether light and air reach the back, too: a plate instead of a side of a box.
+        normal: outward, in body axes, (3,).
+        centre: centroid in body axes, from the centre of mass [m], (3,).
+        optics: of the front, to which the normal points, and of the back.
+        two_sided: whether light and air reach the back: a plate instead of a side of a box.
+
+    Raises:
+        InputError: a value is out of its range.
+
+    Example:
+        >>> panel = gx.orbit.Surface(2.0, (0.0, 0.0, 1.0), centre=(1.5, 0.0, 0.0), two_sided=True)
+        >>> panel.area
+        2.0
     """
 
     area: float

@@ -1,13 +1,18 @@
-"""The arguments of a scene's items, as data that recordings and checkpoints store and a restart compares.
+"""The arguments of a scene's items as data, which recordings and checkpoints store and a restart compares.
 
-Numbers, words and collections of them are stored by value, other items of the scene by their class and name, attached
-points by their position.  Other objects of this package, e.g. laws, optics or obstacles, are stored by their own
-arguments.
+Stored are
 
-A function is stored by its qualified name, the numbers and words in its body, the names of what it uses (`sin` for
-`np.sin`), its default arguments, and the numbers and words that it takes from outside.  So another constant or another
-parameter is noticed.  Not noticed are changes of the body that leave all these as they are, e.g. `a - b` for `b - a`.
-A list, an array or an object that a function takes from outside may change during a run, and is reported as unknown.
+1. numbers, words and collections of them by value,
+2. other items of the scene by class and name, attached points by their position,
+3. other objects of this package, e.g. laws, optics or obstacles, by their own arguments,
+4. functions by their qualified name, the numbers and words in their body, the names of what they use
+   (`sin` for `np.sin`), their default arguments, and the numbers and words that they read from outside.
+
+Another constant or parameter of a function is therefore noticed.
+
+Limits.  Changes of a function that leave all these as they are, e.g. `a - b` for `b - a`, are not noticed.
+A list, an array or an object that a function reads from outside may change during a run, and is reported
+as unknown.
 """
 
 from __future__ import annotations
@@ -27,26 +32,39 @@ from mpi4py import MPI
 from gossamer_fx.model.body import Ground, Port
 from gossamer_fx.terms.scalar_unknowns import InitialCondition
 
-Known = Any  # None, bool, int, float, str, and lists and dicts of them
+# A value for JSON: None, bool, int, float, str, and lists and dictionaries of them.
+Known = Any
 
-UNKNOWN = (
-    "unknown"  # the only key of what stands for a value that is not stored; its value is the class
-)
-MEASURED = "measured"  # key of numbers that are computed from a mesh, beside their tolerance
+# The only key of a dictionary in place of a value that is not stored; its value is the name of the class.
+UNKNOWN = "unknown"
+
+# Keys of numbers that are computed from a mesh, and of their tolerance.
+MEASURED = "measured"
 TOLERANCE = "tolerance"
 
-# Meshes are compared by themselves, and the communicator may be another one.
+# Names are the keys of items, meshes are compared by their cells, and the communicator may differ.
 _NOT_COMPARED = ("name", "comm", "mesh")
-_MAX_DEPTH = 6  # of functions that use functions, and of objects in objects
-_MAX_ARRAY = 1000  # numbers of an array that is stored
-_POSITION_TOLERANCE = 1e-9  # of the body's size: points on cells are interpolated
+
+# Levels of objects in objects, and of functions that use functions: some refer to each other in a circle.
+_MAX_DEPTH = 6
+
+# Numbers of an array that is stored: larger ones would make the file long.
+_MAX_ARRAY = 1000
+
+# Over the body's size: points on cells are interpolated.
+_POSITION_TOLERANCE = 1e-9
 
 
 def arguments_of(items: Sequence[Any]) -> dict[str, dict[str, Known]]:
-    """The arguments of the items of a scene, by the items' names; of all but initial conditions.  Collective."""
-    return {
-        item.name: of_item(item, items) for item in items if not isinstance(item, InitialCondition)
-    }
+    """The arguments of the items of a scene, by the items' names.  Collective.
+
+    Initial conditions are left out: a restart replaces them by the state of the checkpoint.
+    """
+    arguments = {}
+    for item in items:
+        if not isinstance(item, InitialCondition):
+            arguments[item.name] = of_item(item, items)
+    return arguments
 
 
 def of_item(item: Any, items: Iterable[Any]) -> dict[str, Known]:
@@ -60,11 +78,20 @@ def of_item(item: Any, items: Iterable[Any]) -> dict[str, Known]:
 
 
 def describe(value: Any, items: Iterable[Any] = (), depth: int = 0) -> Known:
-    """A value as data; `{"unknown": class}` where it has none."""
+    """Convert a value to data; `{"unknown": class}` stands for one that cannot be converted.
+
+    Args:
+        value: any object.
+        items: of the scene, which are described by class and name.
+        depth: number of objects in which the value is.
+    """
     known_items = tuple(items)
     inner = functools.partial(describe, items=known_items, depth=depth + 1)
-    if value is None or isinstance(value, bool | np.bool_ | str):
-        return bool(value) if isinstance(value, np.bool_) else value
+    if isinstance(value, np.bool_):
+        return bool(value)
+    # Before the numbers, as Python counts True and False as integers.
+    if value is None or isinstance(value, bool | str):
+        return value
     if isinstance(value, Integral):
         return int(value)
     if isinstance(value, Real):
@@ -75,11 +102,14 @@ def describe(value: Any, items: Iterable[Any] = (), depth: int = 0) -> Known:
         return _of_port(value)
     if isinstance(value, Ground):
         return {"ground": [float(x) for x in value.vector]}
-    if isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and value.size <= _MAX_ARRAY:
-        return value.tolist()
+    if isinstance(value, np.ndarray):
+        is_numeric = value.dtype.kind in "fiub"
+        if is_numeric and value.size <= _MAX_ARRAY:
+            return value.tolist()
     if isinstance(value, list | tuple):
         return [inner(one) for one in value]
-    if isinstance(value, set | frozenset):  # the order of a set of words differs from run to run
+    if isinstance(value, set | frozenset):
+        # Sorted, as the order of a set of words differs from run to run.
         return sorted((inner(one) for one in value), key=repr)
     if isinstance(value, Mapping):
         return {str(key): inner(one) for key, one in value.items()}
@@ -92,13 +122,24 @@ def describe(value: Any, items: Iterable[Any] = (), depth: int = 0) -> Known:
 
 
 def unknown(known: Known, where: str = "") -> list[str]:
-    """Where in a description values are unknown, in words."""
+    """Keys, joined to words, that lead to the unknown values of a description.
+
+    Args:
+        known: a description.
+        where: words that lead to it.
+    """
     if isinstance(known, dict):
         if UNKNOWN in known:
             return [where]
-        return [place for key, one in known.items() for place in unknown(one, f"{where} {key}")]
+        found = []
+        for key, value in known.items():
+            found += unknown(value, f"{where} {key}")
+        return found
     if isinstance(known, list):
-        return [place for one in known for place in unknown(one, where)]
+        found = []
+        for value in known:
+            found += unknown(value, where)
+        return found
     return []
 
 
@@ -106,17 +147,21 @@ def unknown(known: Known, where: str = "") -> list[str]:
 
 
 def _is_of_package(value: Any) -> bool:
+    """Whether a value is an object, not a class or function, of this package."""
     own = type(value).__module__.startswith("gossamer_fx.")
     return own and not isinstance(value, type | FunctionType | MethodType)
 
 
 def _attributes(thing: Any, inner: Callable[[Any], Known]) -> dict[str, Known]:
-    """The arguments with which an object was made, as far as it keeps them, and further plain attributes."""
+    """The arguments with which an object was made, if it keeps them, and other plain attributes."""
     if is_dataclass(thing):
         arguments = [field.name for field in fields(thing)]
     else:
         arguments = list(inspect.signature(type(thing)).parameters)
-    attributes = vars(thing) if hasattr(thing, "__dict__") else {}
+    # Objects with slots have no dictionary.
+    attributes: dict[str, Any] = {}
+    if hasattr(thing, "__dict__"):
+        attributes = vars(thing)
     found: dict[str, Known] = {}
     for name in arguments:
         for kept in (name, f"_{name}"):
@@ -130,14 +175,14 @@ def _attributes(thing: Any, inner: Callable[[Any], Known]) -> dict[str, Known]:
 
 
 def _is_plain(value: Any) -> bool:
-    """Whether an attribute that is not an argument says something about the object: not what is made of meshes."""
+    """Whether an attribute that is not an argument is data of the object, and nothing made of a mesh."""
     if isinstance(value, list | tuple):
         return all(_is_plain(one) or _is_of_package(one) for one in value)
     return value is None or isinstance(value, bool | str | Real)
 
 
 def _of_port(port: Port) -> Known:
-    """A vector that is attached to a body: its value at the start, whatever the numbering of the nodes."""
+    """A vector attached to a body: its initial value, which does not depend on the numbering of nodes."""
     body = port.body
     coordinates = body.initial_state()[0]
     largest = body.comm.allreduce(float(np.abs(coordinates).max(initial=0.0)), MPI.MAX)
@@ -152,6 +197,7 @@ def _of_port(port: Port) -> Known:
 
 
 def _of_function(function: Callable[..., Any], inner: Callable[[Any], Known]) -> Known:
+    """A function, method, partial function, or object that can be called."""
     if isinstance(function, functools.partial):
         return {
             "function": inner(function.func),
@@ -164,39 +210,47 @@ def _of_function(function: Callable[..., Any], inner: Callable[[Any], Known]) ->
     call = vars(type(function)).get("__call__")
     if isinstance(call, FunctionType):
         return {"function": inner(call), "of": inner(dict(vars(function)))}
-    # a function of a compiled library, e.g. a ufunc of NumPy
+    # A function of a compiled library, e.g. a ufunc of NumPy, has a name only.
     name = getattr(function, "__qualname__", getattr(function, "__name__", ""))
     return {"function": f"{getattr(function, '__module__', '')}.{name}"}
 
 
 def _of_python_function(function: FunctionType, inner: Callable[[Any], Known]) -> Known:
+    """A function that is written in Python, by what its code contains and uses."""
     code = function.__code__
     cells = function.__closure__ or ()
-    outside = {name: _contents(cell) for name, cell in zip(code.co_freevars, cells, strict=True)}
+    outside: dict[str, Any] = {}
+    for name, cell in zip(code.co_freevars, cells, strict=True):
+        outside[name] = _contents(cell)
+    # A dictionary removes repetitions and keeps the order.
     used = list(dict.fromkeys(_names(code)))
-    outside |= {name: function.__globals__[name] for name in used if name in function.__globals__}
+    for name in used:
+        if name in function.__globals__:
+            outside[name] = function.__globals__[name]
+    # Modules and classes are known by their names, and the communicator may differ.
+    described = {}
+    for name, value in outside.items():
+        if not isinstance(value, ModuleType | type | MPI.Comm):
+            described[name] = _from_outside(value, inner)
     return {
         "function": function.__qualname__,
         "constants": [inner(constant) for constant in _constants(code)],
         "names": used,
         "defaults": [inner(function.__defaults__), inner(function.__kwdefaults__)],
-        "outside": {
-            name: _from_outside(value, inner)
-            for name, value in outside.items()
-            if not isinstance(value, ModuleType | type | MPI.Comm)
-        },
+        "outside": described,
     }
 
 
 def _contents(cell: Any) -> Any:
+    """The value of a variable of an enclosing function; None if it is not assigned yet."""
     try:
         return cell.cell_contents
-    except ValueError:  # a variable that is not assigned yet
+    except ValueError:
         return None
 
 
 def _from_outside(value: Any, inner: Callable[[Any], Known]) -> Known:
-    """A variable that a function uses and does not own: only of constant kinds is its value that of the whole run."""
+    """A variable that a function reads from outside, by its value if that cannot change during the run."""
     if isinstance(value, bool | str | Real | tuple | FunctionType) or value is None:
         return inner(value)
     return {UNKNOWN: type(value).__name__}
@@ -229,8 +283,12 @@ def _constants(code: CodeType) -> Iterator[Known]:
 
 
 def _plain_constants(value: Any) -> Sequence[Known]:
+    """The numbers and words in a constant of a function; none in e.g. None or a slice."""
     if isinstance(value, tuple | frozenset):
-        return [plain for one in value for plain in _plain_constants(one)]
+        found: list[Known] = []
+        for element in value:
+            found += _plain_constants(element)
+        return found
     if isinstance(value, str | Real) and not isinstance(value, bool):
         return [value]
     if isinstance(value, complex | bytes):

@@ -1,4 +1,4 @@
-"""What a compiled scene contains, as data for a file, and as lines for people."""
+"""Description of a compiled scene: as data for a file, and as lines of text."""
 
 from __future__ import annotations
 
@@ -18,38 +18,49 @@ from gossamer_fx.version import VERSION
 
 Description = dict[str, Any]
 
+# Packages whose versions may change results; they are recorded with a run.
 _PACKAGES = ("fenics-dolfinx", "fenics-ufl", "petsc4py", "mpi4py", "numpy", "gmsh", "adios2")
 
 
 def describe(run: Run) -> Description:
-    """Bodies, roles, gas, energies and momenta of the present state; the same on every rank.  Collective.
+    """Bodies, terms, gas, energies and momenta of the present state; the same on every rank.  Collective.
 
-    Bodies are what has a mass; the frames that joints add to sections of beams are named apart from them.
-
-    Masses [kg], areas [m²], lengths [m], boxes [m], pressures [Pa], temperatures [K], volumes [m³], energies [J].
+    Masses [kg], areas [m²], lengths [m], boxes [m], pressures [Pa], temperatures [K], volumes [m³],
+    energies [J], momenta [kg m/s, kg m²/s].
     """
     system = run.system
     totals = run.totals
-    massive = {
-        part.body for part in system.terms if isinstance(part, KineticEnergy | NodeKineticEnergy)
-    }
-    roles = Counter(type(part).__name__ for part in system.terms)
+    massive = set()
+    for term in system.terms:
+        if isinstance(term, KineticEnergy | NodeKineticEnergy):
+            massive.add(term.body)
+    # Joints add frames to sections of beams, which have no mass and which a user does not know as bodies.
+    bodies = {}
+    section_frames = []
+    for body in system.bodies:
+        if body in massive:
+            bodies[body.name] = _body(run, body)
+        else:
+            section_frames.append(body.name)
+    chambers = {}
+    for name, state in run.chambers.items():
+        chambers[name] = {
+            "pressure": state.pressure,
+            "temperature": state.temperature,
+            "volume": state.volume,
+            "mass": state.mass,
+        }
+    items = {item.name: type(item).__name__ for item in run.scene.items if not is_body(item)}
+    roles = Counter(type(term).__name__ for term in system.terms)
+    scalar_unknowns = sum(scalars.size for scalars in system.scalar_unknowns)
     return {
-        "unknowns": system.numbering.size + sum(border.size for border in system.scalar_unknowns),
+        "unknowns": system.numbering.size + scalar_unknowns,
         "ranks": run.comm.size,
-        "bodies": {body.name: _body(run, body) for body in system.bodies if body in massive},
-        "section frames": [body.name for body in system.bodies if body not in massive],
+        "bodies": bodies,
+        "section frames": section_frames,
         "roles": dict(sorted(roles.items())),
-        "items": {item.name: type(item).__name__ for item in run.scene.items if not is_body(item)},
-        "chambers": {
-            name: {
-                "pressure": state.pressure,
-                "temperature": state.temperature,
-                "volume": state.volume,
-                "mass": state.mass,
-            }
-            for name, state in run.chambers.items()
-        },
+        "items": items,
+        "chambers": chambers,
         "energies": {"kinetic": totals.kinetic, **totals.stored},
         "momentum": totals.momentum.tolist(),
         "angular momentum": totals.angular_momentum.tolist(),
@@ -57,6 +68,7 @@ def describe(run: Run) -> Description:
 
 
 def _body(run: Run, body: Body) -> Description:
+    """Kind, size, mass and law of a body.  Collective."""
     nodes = body.block.index_map.size_global
     positions = run.system.state[body].positions()
     found: Description = {
@@ -69,10 +81,14 @@ def _body(run: Run, body: Body) -> Description:
     if is_on_mesh(body):
         domain = body.space.mesh
         dimension = domain.topology.dim
-        size = run.comm.allreduce(float(sizes(corner_points(domain)).sum()))
+        own_size = float(sizes(corner_points(domain)).sum())
         found["cells"] = domain.topology.index_map(dimension).size_global
         found["order"] = body.space.ufl_element().degree
-        found["area" if dimension == 2 else "length"] = size
+        measure = "length"
+        if dimension == 2:
+            measure = "area"
+        found[measure] = run.comm.allreduce(own_size)
+    # Films and cables have a law, beams a section.
     for name in ("law", "section"):
         law = getattr(body, name, None)
         if is_dataclass(law):
@@ -86,7 +102,7 @@ def _mass(run: Run, body: Body) -> float:
     system = run.system
     owned = system.block(body).owned
     along_x = np.zeros(owned.stop - owned.start)
-    # the first vector of each node is its position
+    # The first vector of each node is its position; others are directors, which do not move.
     along_x.reshape(-1, 3)[:: body.block.size // 3, 0] = 1.0
     motion = system.numbering.vector()
     motion.array[owned] = along_x
@@ -96,7 +112,7 @@ def _mass(run: Run, body: Body) -> float:
 
 
 def versions() -> dict[str, str]:
-    """Versions of this package and of those that it is built on, as far as they are installed."""
+    """Versions of this package and of those that it is built on; what is not installed is left out."""
     found = {"gossamer_fx": VERSION}
     for name in _PACKAGES:
         try:
@@ -107,8 +123,14 @@ def versions() -> dict[str, str]:
 
 
 def lines(about: Mapping[str, Any]) -> list[str]:
-    """A description for people: a line for each body, gas and kind of part."""
-    ranks = "1 rank" if about["ranks"] == 1 else f"{about['ranks']} ranks"
+    """A description as lines of text: one for each body, chamber and kind of term.
+
+    Args:
+        about: as `describe` returns it, or as it was read from a run.json.
+    """
+    ranks = f"{about['ranks']} ranks"
+    if about["ranks"] == 1:
+        ranks = "1 rank"
     rows = [("unknowns", f"{about['unknowns']} on {ranks}")]
     for name, body in about["bodies"].items():
         rows.append((f"body '{name}'", ", ".join(_body_words(body))))
@@ -116,8 +138,10 @@ def lines(about: Mapping[str, Any]) -> list[str]:
             law, numbers = body["law"]
             values = [f"{key} {number_text(value)}" for key, value in numbers.items()]
             rows.append(("", f"{law}: {', '.join(values)}"))
-    if about.get("section frames"):  # descriptions of older runs have none
-        rows.append(("section frames", ", ".join(f"'{name}'" for name in about["section frames"])))
+    # Descriptions of older runs have no such key.
+    if about.get("section frames"):
+        names = [f"'{name}'" for name in about["section frames"]]
+        rows.append(("section frames", ", ".join(names)))
     roles = [f"{role} {count}" for role, count in about["roles"].items()]
     rows.append(("parts per role", ", ".join(roles) or "none"))
     if about["items"]:
@@ -135,6 +159,7 @@ def lines(about: Mapping[str, Any]) -> list[str]:
 
 
 def _body_words(body: Mapping[str, Any]) -> list[str]:
+    """The kind, size and mass of a body in words."""
     words = [body["kind"]]
     if "cells" in body:
         words.append(f"{body['cells']} cells of order {body.get('order', '?')}")
@@ -147,5 +172,7 @@ def _body_words(body: Mapping[str, Any]) -> list[str]:
 
 
 def number_text(value: Any) -> str:
-    """A number in six digits; anything else as it is."""
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    """A number with six digits; any other value as it is."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return str(value)

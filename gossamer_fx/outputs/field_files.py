@@ -77,7 +77,12 @@ def check_lengths(folder: Path, lengths: Lengths) -> None:
         )
 
 
-def cut(folder: Path, steps: int, lengths: Lengths, time: float) -> None:
+def cut(
+    folder: Path,
+    steps: int,
+    lengths: Lengths,
+    time: float,
+) -> None:
     """Cut a field output back to a number of steps, the last of which was at a time [s].
 
     Raises:

@@ -2,7 +2,7 @@
 
 The lock on `out/ledger.csv` is the file `out/.ledger.csv.lock`, which rank 0 holds by the library filelock.  The
 operating system releases it when the process ends, also after kill -9, so that a lock file that is left behind blocks
-nobody.  `out/.ledger.csv.owner` beside it says who holds the lock, for the message that refuses another run.
+nobody.  `out/.ledger.csv.owner` next to it says who holds the lock, for the message that refuses another run.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Names of files: of anything that has a name, one to one, and of the segments of a file that a run goes on in.
+"""Names of files for objects with any name, and for the segments of a file.
 
-A run that goes on, also after a restart, leaves `film.bp`, `film_0001.bp`, `film_0002.bp`, ...
+A run that continues, also after a restart, leaves the segments `film.bp`, `film_0001.bp`, ...
 """
 
 from __future__ import annotations
@@ -9,49 +9,80 @@ import hashlib
 import re
 from pathlib import Path
 
-_LONGEST = 100  # characters of a name that stay
+# Characters of a name that are kept: file systems allow 255 bytes, and endings are added.
+_MAX_CHARACTERS = 100
+
+# Hexadecimal digits of the hash that ends a long name.
+_HASH_DIGITS = 16
+
+# The end of the name of a segment.
 _SEGMENT = re.compile(r"_(\d{4,})")
+
+# A point in front hides a file, blanks and points at an end are lost on some systems, and `_` before four
+# digits at the end would make the name that of a segment of another file.
+_MISLEADING = re.compile(r"^[. ]|[. ]$|_(?=\d{4,}$)")
 
 
 def file_name(name: str) -> str:
-    """A name that a file may have; other names have other files.
+    """A file name for an object's name; different names give different file names.
 
-    Letters, digits, blanks and `- _ .` stay, other characters become % and the hexadecimal digits of their UTF-8.  So
-    does what would make a segment of another file of it (`_` before four digits at the end), hide it (`.` in front), or
-    be lost (a blank at an end).  A long name ends in a hash.
+    Letters, digits, blanks and `- _ .` are kept.  Other characters, and those that would mislead, become
+    % and the hexadecimal digits of their UTF-8.  A long name is cut and ends in a hash.
+
+    Example:
+        >>> file_name("film/left")
+        'film%2Fleft'
     """
-
-    def escaped(text: str) -> str:
-        return "".join(f"%{byte:02X}" for byte in text.encode("utf-8", errors="surrogatepass"))
-
-    safe = "".join(c if (c.isascii() and c.isalnum()) or c in " -_." else escaped(c) for c in name)
-    safe = re.sub(r"^[. ]|[. ]$|_(?=\d{4,}$)", lambda found: escaped(found[0]), safe)
-    if len(safe) > _LONGEST:
-        return f"{safe[:_LONGEST]}%{hashlib.sha256(name.encode(errors='surrogatepass')).hexdigest()[:16]}"
+    characters = []
+    for character in name:
+        is_alphanumeric = character.isascii() and character.isalnum()
+        if is_alphanumeric or character in " -_.":
+            characters.append(character)
+        else:
+            characters.append(_escaped(character))
+    safe = _MISLEADING.sub(lambda found: _escaped(found[0]), "".join(characters))
+    if len(safe) > _MAX_CHARACTERS:
+        # Of the full name, as long names may differ at their ends only.
+        digest = hashlib.sha256(name.encode(errors="surrogatepass")).hexdigest()
+        return f"{safe[:_MAX_CHARACTERS]}%{digest[:_HASH_DIGITS]}"
     return safe or "%"
 
 
+def _escaped(text: str) -> str:
+    """% and two hexadecimal digits for each byte of a text in UTF-8, also of half a surrogate pair."""
+    encoded = text.encode("utf-8", errors="surrogatepass")
+    return "".join(f"%{byte:02X}" for byte in encoded)
+
+
 def segment(path: Path, number: int) -> Path:
-    """The file that a run begins when it goes on for the `number`-th time; at first it is `path`."""
-    return path.with_stem(f"{path.stem}_{number:04d}") if number else path
+    """The segment of a file that a run begins when it continues for the `number`-th time."""
+    if number == 0:
+        return path
+    return path.with_stem(f"{path.stem}_{number:04d}")
 
 
 def segment_number(path: Path, other: Path) -> int | None:
-    """Which segment of `path` another file in the same folder is; None: it is another file's."""
-    if (
-        other.parent != path.parent
-        or other.suffix != path.suffix
-        or not other.stem.startswith(path.stem)
-    ):
+    """The number of another file as a segment of `path`; None if it is not a segment of it."""
+    if other == path:
+        return 0
+    if other.parent != path.parent or other.suffix != path.suffix:
         return None
-    found = _SEGMENT.fullmatch(other.stem[len(path.stem) :])
-    return 0 if other == path else int(found[1]) if found else None
+    if not other.stem.startswith(path.stem):
+        return None
+    ending = other.stem[len(path.stem) :]
+    found = _SEGMENT.fullmatch(ending)
+    if found is None:
+        return None
+    return int(found[1])
 
 
 def segments(path: Path) -> list[Path]:
-    """The segments of a file that there are, in their order."""
-    beside = path.parent.iterdir() if path.parent.is_dir() else ()
-    found = [
-        (number, other) for other in beside if (number := segment_number(path, other)) is not None
-    ]
+    """The existing segments of a file, in their order."""
+    if not path.parent.is_dir():
+        return []
+    found = []
+    for other in path.parent.iterdir():
+        number = segment_number(path, other)
+        if number is not None:
+            found.append((number, other))
     return [other for _, other in sorted(found)]

@@ -1,4 +1,4 @@
-"""The ledger of energy, momentum and mass, as a file."""
+"""The ledger of a run as a file: energies, momenta, gas masses and their closing errors."""
 
 from __future__ import annotations
 
@@ -10,16 +10,32 @@ from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.outputs.output import Table
 from gossamer_fx.probes.run import Run
 
-LOST = "dissipated "  # before the name of a cause
+# Beginning of the columns of single causes of dissipation; readers of the table know them by it.
+LOST = "dissipated "
 
 
 @check_arguments
 class Ledger:
-    """CSV with a row for every step: energies [J], momenta, gas masses [kg], the closing errors, iterations.
+    """CSV file with a row for every step: energies [J], momenta, gas masses [kg], closing errors, iterations.
 
-    `energy_error` is (H - H0) - (supplied - dissipated) over the largest energy so far, H kinetic and stored energy
-    (that of the gas included); supplied and dissipated are counted from the start.  Where several parts dissipate, each
-    has a column beside their sum.
+    `energy_error` is (H - H0) - (supplied - dissipated) over the largest energy so far; it is zero at rest,
+    while all energies are round-off.  H is the kinetic and stored energy, including that of the gas; supplied
+    and dissipated energies are sums from the start.  If several items dissipate, each has a column in addition
+    to the sum.
+
+    Args:
+        path: of the file.
+
+    Raises:
+        InputError: when the run is made: the folder cannot be made or written.
+
+    Example:
+        >>> thrown = gx.PointMass(2.0, comm=comm, name="thrown mass")
+        >>> ledger = gx.Ledger(folder / "ledger.csv")
+        >>> throw = gx.Simulation(gx.Scene(thrown), gx.Midpoint(dt=0.1), outputs=[ledger])
+        >>> throw.run(until=0.3)
+        >>> (folder / "ledger.csv").read_text().splitlines()[0][:36]
+        'time,step,iterations,substeps,kineti'
     """
 
     times: Sequence[float] = ()

@@ -21,7 +21,7 @@ Probe = Callable[[Run], float]
 
 @runtime_checkable
 class Output(Protocol):
-    """A record of a run: a function of its state, unknown to the solver."""
+    """A record of a run: it reads the state after each step, and does not change it."""
 
     @property
     def times(self) -> Sequence[float]:
@@ -43,14 +43,14 @@ class Output(Protocol):
 
 @runtime_checkable
 class Continued(Output, Protocol):
-    """An output that goes on where it was when a checkpoint was written; others begin anew after a restart."""
+    """An output that continues at its position in a checkpoint; others start again after a restart."""
 
     def cursor(self) -> dict[str, Any]:
-        """Where it stands: numbers, words and lists of them, the same on every rank."""
+        """Its position, for JSON: numbers, words, lists and dictionaries, the same on every rank."""
         ...
 
     def resume(self, run: Run, cursor: dict[str, Any]) -> None:
-        """Instead of `open`: cut off what came after the cursor, and go on there."""
+        """Remove what was written after the cursor, and continue there; called instead of `open`."""
         ...
 
 
@@ -65,18 +65,19 @@ class Writing(Output, Protocol):
 
 
 def cursors_of(outputs: Iterable[Output]) -> list[tuple[str, dict[str, Any]]]:
-    """Kinds and cursors of those that go on after a restart."""
-    return [
-        (type(output).__name__, output.cursor())
-        for output in outputs
-        if isinstance(output, Continued)
-    ]
+    """Kinds and cursors of the outputs that continue after a restart."""
+    cursors = []
+    for output in outputs:
+        if isinstance(output, Continued):
+            cursors.append((type(output).__name__, output.cursor()))
+    return cursors
 
 
 def begin(run: Run, output: Output, cursors: list[tuple[str, dict[str, Any]]]) -> None:
-    """Open an output, or let it go on where the first cursor of its kind says, which is then taken off the list."""
+    """Open an output, or let it continue at the first cursor of its kind, which is removed from the list."""
     kind = type(output).__name__
-    mine = next((c for c in cursors if c[0] == kind), None)
+    # Outputs have no names: those of one kind are matched in the order in which they are given.
+    mine = next((cursor for cursor in cursors if cursor[0] == kind), None)
     if mine is not None and isinstance(output, Continued):
         cursors.remove(mine)
         output.resume(run, mine[1])
@@ -85,13 +86,19 @@ def begin(run: Run, output: Output, cursors: list[tuple[str, dict[str, Any]]]) -
 
 
 class Table:
-    """A CSV file that rank 0 writes row by row; a row is in it completely or not at all."""
+    """A CSV file that rank 0 writes row by row; a row is in it completely or not at all.
+
+    Args:
+        path: of the file.
+
+    Attributes:
+        end: length of the file after the last complete row [bytes].
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        # What the file holds when the last row is whole: bytes, and rows without the head.
         self.end = 0
-        self._rows = 0
+        self._rows = 0  # complete rows, without the head
         self._head: Sequence[str] = ()  # columns that are written with the first row
 
     def create(self, comm: MPI.Intracomm, head: Sequence[str]) -> None:
@@ -112,6 +119,7 @@ class Table:
             OutputFailure: the disk is full or the folder is gone; the rows before are whole.
         """
         lines = _csv_line(row)
+        # The head comes with the first row, so that a run that fails before keeps an older file.
         if self._head:
             lines = _csv_line(self._head) + lines
 
@@ -142,7 +150,14 @@ class Table:
         self._rows = cursor["rows"]
 
     def _cut(self, head: Sequence[str], end: int, rows: int) -> None:
-        content = self.path.read_bytes() if self.path.is_file() else b""
+        """Cut off the bytes after `end`, if the file is the one that the checkpoint knows; on one rank.
+
+        Raises:
+            InputError: the file is shorter, or has other columns or another number of rows.
+        """
+        content = b""
+        if self.path.is_file():
+            content = self.path.read_bytes()
         check(
             len(content) >= end,
             f"'{self.path}' is shorter than it was when the checkpoint was written, {len(content)} instead of {end} "
@@ -168,6 +183,7 @@ def append_bytes(path: Path, end: int, content: bytes) -> None:
     Raises:
         OSError: the disk is full, or there is no such file.
     """
+    # Without a buffer, a full disk is noticed here and not when the file is closed.
     with path.open("r+b", buffering=0) as file:
         file.seek(end)
         try:
@@ -180,9 +196,16 @@ def append_bytes(path: Path, end: int, content: bytes) -> None:
 
 def _csv_line(values: Iterable[Any]) -> bytes:
     """A row of a CSV file; floating-point numbers are written so that they are read back to the last bit."""
+    entries = []
+    for value in values:
+        if isinstance(value, float):
+            # The type of NumPy would be part of its representation.
+            entries.append(repr(float(value)))
+        else:
+            entries.append(value)
     line = io.StringIO()
-    csv.writer(line).writerow([repr(float(v)) if isinstance(v, float) else v for v in values])
-    # names may hold half of a surrogate pair, e.g. from a file name, which has no UTF-8
+    csv.writer(line).writerow(entries)
+    # Names may contain half of a surrogate pair, e.g. from a file name, which has no UTF-8.
     return line.getvalue().encode(errors="backslashreplace")
 
 
@@ -195,7 +218,7 @@ def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> No
         file: whether it is to be a file (True) or a folder (False), if that is known.
 
     Raises:
-        InputError: the folder cannot be made or written, or a folder stands in the place of a file, or the other way.
+        InputError: the folder cannot be made or written, or a folder has the name of the file, or the other way.
     """
 
     def task() -> None:
@@ -203,7 +226,8 @@ def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> No
             path.parent.mkdir(parents=True, exist_ok=True)
             probe = path.parent / f".{path.name}.try"
             try:
-                probe.write_bytes(bytes(4096))  # an empty file finds room on a full disk, too
+                # An empty file can be made on a full disk; a page cannot.
+                probe.write_bytes(bytes(4096))
             finally:
                 probe.unlink(missing_ok=True)
             if path.is_file():
@@ -225,23 +249,32 @@ def make_parent(comm: MPI.Intracomm, path: Path, file: bool | None = None) -> No
 
 
 def evaluate_probe(run: Run, name: str, probe: Probe) -> float:
-    """The value of a probe.
+    """The value of a probe in the state of a run.  Collective.
+
+    Args:
+        run: whose state is read.
+        name: of the probe, for messages.
+        probe: a function of the run.
 
     Raises:
-        InputError: it raises, or returns something else than a finite number, or different ones on different ranks.
+        InputError: the probe fails, or does not return the same finite number on every rank.
     """
     return float(ask_numbers(run.comm, f"{name} at t = {run.time:.6g} s", lambda: probe(run)))
 
 
 def replace_file(path: Path, text: str) -> None:
-    """Write a new file beside the old one, which it then replaces: what is read is always whole; on one rank.
+    """Replace the contents of a file at once, so that a reader never finds half of them; on one rank.
+
+    Args:
+        path: of the file, which need not exist.
+        text: its new contents.
 
     Raises:
-        InputError: it cannot be written.
+        InputError: the file cannot be written.
     """
     try:
         new = path.with_suffix(".new")
-        # JSON reads the replacement of half of a surrogate pair, \ud800, as that half
+        # JSON reads the replacement of half of a surrogate pair, \ud800, as that half.
         new.write_text(text, encoding="utf-8", errors="backslashreplace")
         new.replace(path)
     except OSError as error:

@@ -1,7 +1,7 @@
-"""The file `run.json` in a run's folder: what it must contain, and how it is read.
+"""The file `run.json` in a run's folder: its contents, and their check when it is read.
 
-The file may come from a stranger.  It is checked as a whole when it is read, so that whoever uses it finds keys and
-kinds as expected; what is wrong with it is said in one sentence.
+The file may come from a stranger.  It is checked as a whole when it is read, so that its readers find the
+keys and types that they expect.  An error names the key, the value and the expected type.
 """
 
 from __future__ import annotations
@@ -13,10 +13,16 @@ from typing import Any
 
 from gossamer_fx.checks.errors import InputError, check
 
-FORMAT = 1  # of run.json and the files beside it
+# Number of the format of run.json and of the other files in the folder.
+FORMAT = 1
+
 _REMEDY = "write the run again, or put back a copy of the file."
-_MAX_INTEGER = 2**63  # beyond it, integers are no numbers of anything, and do not fit into arrays
-_MAX_SHOWN = 60  # characters of a value in a message
+
+# Larger integers do not fit into the arrays of NumPy.
+_MAX_INTEGER = 2**63
+
+# Characters of a value in a message: the file may contain a text of any length.
+_MAX_SHOWN = 60
 
 
 @dataclass(frozen=True)
@@ -36,7 +42,7 @@ class Several:
 
 @dataclass(frozen=True)
 class Row:
-    """Kind of a list whose elements have kinds of their own."""
+    """Kind of a list whose elements have different kinds."""
 
     kinds: tuple[Any, ...]
 
@@ -96,6 +102,7 @@ _RUN = {
         "iterations a step": NUMBER,
         "seconds": NUMBER,
         "seconds of compilation": NUMBER,
+        "at rest?": bool,
         "energy error": NUMBER,
         "mass error": NUMBER,
     },
@@ -109,7 +116,8 @@ def read_run_file(folder: Path) -> dict[str, Any]:
         folder: of the run.
 
     Raises:
-        InputError: there is none, it is not JSON, of another format, or has other keys and kinds than a run writes.
+        InputError: there is no file, or it is not JSON, of another format, or has other keys or types than
+            a run writes.
     """
     path = folder / "run.json"
     check(
@@ -120,22 +128,33 @@ def read_run_file(folder: Path) -> dict[str, Any]:
         about = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"'{path}' cannot be read ({error}); {_REMEDY}") from error
-    version = about.get("format") if isinstance(about, dict) else None
+    version = None
+    if isinstance(about, dict):
+        version = about.get("format")
+    # The format comes before all else: in another one, other keys are right.
     check(
         not isinstance(version, int) or version == FORMAT,
         f"'{path}' is of format {version}, not {FORMAT}; read it with the program that wrote it.",
     )
     _check_kind(path, "the file", about, _RUN)
     for solid in about.get("solids", []):
-        indices = [index for row in (*solid["triangles"], *solid["lines"]) for index in row]
+        point_count = len(solid["X"])
+        indices = []
+        for face in (*solid["triangles"], *solid["lines"]):
+            indices += face
         check(
-            all(0 <= index < len(solid["X"]) for index in indices),
-            f"'{path}': a solid has {len(solid['X'])} points, but its faces use others; {_REMEDY}",
+            all(0 <= index < point_count for index in indices),
+            f"'{path}': a solid has {point_count} points, but its faces use others; {_REMEDY}",
         )
     return dict(about)
 
 
-def _check_kind(path: Path, where: str, value: Any, kind: Any) -> None:
+def _check_kind(
+    path: Path,
+    where: str,
+    value: Any,
+    kind: Any,
+) -> None:
     """Raise `InputError` unless a value is of a kind."""
     if isinstance(kind, dict):
         _refuse_unless(isinstance(value, dict), path, where, value, "an object")
@@ -160,16 +179,28 @@ def _check_kind(path: Path, where: str, value: Any, kind: Any) -> None:
         for inner, inner_kind in zip(value, kind.kinds, strict=True):
             _check_kind(path, where, inner, inner_kind)
     elif kind is bool or kind is str:
-        words = "true or false" if kind is bool else "a text"
+        words = "a text"
+        if kind is bool:
+            words = "true or false"
         _refuse_unless(isinstance(value, kind), path, where, value, words)
     elif kind is not _ANYTHING:
-        # bool is a subclass of int in Python
+        # In Python, bool is a subclass of int.
         is_number = isinstance(value, kind) and not isinstance(value, bool)
         fits = is_number and (isinstance(value, float) or abs(value) < _MAX_INTEGER)
-        _refuse_unless(fits, path, where, value, "an integer" if kind is int else "a number")
+        words = "a number"
+        if kind is int:
+            words = "an integer"
+        _refuse_unless(fits, path, where, value, words)
 
 
-def _refuse_unless(right: bool, path: Path, where: str, value: Any, expected: str) -> None:
+def _refuse_unless(
+    right: bool,
+    path: Path,
+    where: str,
+    value: Any,
+    expected: str,
+) -> None:
+    """Raise `InputError` unless a value is right; names its key, the value, and what it must be."""
     shown = repr(value)
     if len(shown) > _MAX_SHOWN:
         shown = f"{shown[:_MAX_SHOWN]}..."

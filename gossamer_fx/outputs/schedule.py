@@ -1,4 +1,4 @@
-"""When an output is due."""
+"""Steps and times at which an output is due."""
 
 from __future__ import annotations
 
@@ -8,10 +8,21 @@ from numbers import Real
 
 from gossamer_fx.checks.errors import check
 
+# A time is met if it differs by less than this from the one asked for, relatively above 1 s [s].
+TIME_TOLERANCE = 1e-12
+
 
 @dataclass(frozen=True)
 class Schedule:
-    """Every n-th step, or at given times [s]; the first and the last state are always due."""
+    """Every n-th step, or given times; the first and the last state are always due.
+
+    Args:
+        every: steps between two records.
+        times: of records, instead [s].
+
+    Raises:
+        InputError: a value is out of its range.
+    """
 
     every: int = 1
     times: tuple[float, ...] = ()
@@ -28,10 +39,19 @@ class Schedule:
             )
 
     def due(self, step: int, time: float, last: bool) -> bool:
+        """Whether a record is due after a step.
+
+        Args:
+            step: its number, 0 for the start.
+            time: [s].
+            last: whether the run ends with it.
+        """
         if step == 0 or last:
             return True
-        return self.meets(time) if self.times else step % self.every == 0
+        if self.times:
+            return self.meets(time)
+        return step % self.every == 0
 
     def meets(self, time: float) -> bool:
-        """Whether `time` is one of the given ones."""
-        return any(abs(time - t) <= 1e-12 * max(abs(t), 1.0) for t in self.times)
+        """Whether a time [s] is one of the given ones."""
+        return any(abs(time - t) <= TIME_TOLERANCE * max(abs(t), 1.0) for t in self.times)

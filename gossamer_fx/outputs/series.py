@@ -1,4 +1,4 @@
-"""Numbers of a run in memory."""
+"""Values of probes in memory."""
 
 from __future__ import annotations
 
@@ -15,17 +15,25 @@ from gossamer_fx.probes.run import Run
 
 @check_arguments
 class Series:
-    """Values of probes at the start and after every step, for scripts that compute or draw with them.
+    """Values of probes at the start and after every step, as arrays for scripts.
 
-    `series["tip"]` is the array of a probe's values, `series.time` that of the times [s]; the same on every rank.  What
-    is to be read from a file is written by `Probes`.
+    `series[name]` is the array (n,) of the values of a probe, and `series.time` that of the times [s]; the
+    same on every rank.  `outputs.Probes` writes the same values to a file.
 
     Args:
         probes: functions of the run that return a number, the same on every rank, by name.
 
     Raises:
-        InputError: a probe that raises, or returns something else than a finite number, or different ones on
-            different ranks; a name that is not among them.
+        InputError: a probe is not a function; in the run, it fails, or does not return the same finite
+            number on every rank; `series[name]` of an unknown name.
+
+    Example:
+        >>> ball = gx.PointMass(2.0, comm=comm, name="ball")
+        >>> series = gx.Series({"height": gx.probes.Position(ball.port(), "z")})
+        >>> scene = gx.Scene(ball, gx.Gravity(ball, (0.0, 0.0, -9.81)))
+        >>> gx.Simulation(scene, gx.Midpoint(dt=0.1), outputs=[series]).run(until=0.2)
+        >>> [round(z, 4) for z in series["height"].tolist()]
+        [0.0, -0.0491, -0.1962]
     """
 
     times: Sequence[float] = ()
@@ -40,25 +48,21 @@ class Series:
         self._rows: list[list[float]] = []
 
     def open(self, run: Run) -> None:
-        pass
+        """Nothing to prepare; rows of an earlier run with the same series are kept."""
 
     def record(self, run: Run, last: bool) -> None:
-        self._rows.append(
-            [
-                run.time,
-                *(
-                    evaluate_probe(run, f"Probe '{name}'", probe)
-                    for name, probe in self.probes.items()
-                ),
-            ]
-        )
+        """Add a row with the present values."""
+        row = [run.time]
+        for name, probe in self.probes.items():
+            row.append(evaluate_probe(run, f"Probe '{name}'", probe))
+        self._rows.append(row)
 
     def close(self, run: Run) -> None:
-        pass
+        """Nothing to close."""
 
     @property
     def time(self) -> Array:
-        """[s], at the start and after every step so far."""
+        """Times [s] of the start and of every step so far, (n,)."""
         return self._column(0)
 
     def __getitem__(self, name: str) -> Array:
@@ -69,4 +73,5 @@ class Series:
         return self._column(1 + list(self.probes).index(name))
 
     def _column(self, k: int) -> Array:
+        """The values of a column, (n,); the first one is the time."""
         return np.array([row[k] for row in self._rows])

@@ -1,4 +1,4 @@
-"""Solids of a run that are drawn and recorded: where their frames are."""
+"""Positions and orientations of the solids of a scene, for pictures and recordings."""
 
 from __future__ import annotations
 
@@ -12,38 +12,49 @@ from gossamer_fx.model.roles import Drawable, playing
 from gossamer_fx.probes.run import Run
 from gossamer_fx.system.system import System
 
-REST = np.vstack([np.zeros(3), np.eye(3)])  # origin and axes of what stays
+# Origin and axes of a solid that is not moved, (4, 3).
+REST = np.vstack([np.zeros(3), np.eye(3)])
 
 
 def solids_of(system: System) -> list[Solid]:
-    """What the terms of a scene bring."""
-    return [solid for kind in playing(Drawable, system.compiled) for solid in kind.solids()]
+    """The solids of all terms of a scene, e.g. rigid bodies and obstacles."""
+    solids: list[Solid] = []
+    for kind in playing(Drawable, system.compiled):
+        solids += kind.solids()
+    return solids
 
 
 def frame_of(solid: Solid, system: System) -> Array:
-    """Origin [m] and axes (4, 3) of a solid in the accepted state; collective, the same on every rank."""
+    """Origin [m] and axes of a solid in the accepted state, (4, 3); the same on every rank.  Collective."""
     if solid.on is not None:
-        return np.concatenate(system.comm.allgather(system.state[solid.on].coordinates().copy()))[0]
-    origin = (
-        np.zeros(3) if solid.motion is None else np.asarray(solid.motion(system.time), dtype=float)
-    )
+        # One rank has the body's only node, and all others an empty array.
+        own = system.state[solid.on].coordinates().copy()
+        frames = np.concatenate(system.comm.allgather(own))
+        return np.asarray(frames[0])
+    origin: Array = np.zeros(3)
+    if solid.motion is not None:
+        origin = np.asarray(solid.motion(system.time), dtype=float)
     return np.vstack([REST[:1] + origin, REST[1:]])
 
 
 def placed(X: Array, frame: Array) -> Array:
-    """Points (n, 3) in space of those in a frame (4, 3)."""
+    """Positions in space (n, 3) [m] of points X in a frame (4, 3)."""
     return frame[0] + X @ frame[1:]
 
 
 def moves(solid: Solid) -> bool:
+    """Whether a solid is on a body, or has a prescribed motion."""
     return solid.on is not None or solid.motion is not None
 
 
 def as_data(solid: Solid) -> dict[str, Any]:
-    """For a file."""
-    X = [[float(f"{x:.6g}") for x in point] for point in solid.X]
+    """The shape of a solid as lists, for JSON."""
+    points = []
+    for point in solid.X:
+        # Six digits are enough for pictures, and keep the file short.
+        points.append([float(f"{x:.6g}") for x in point])
     return {
-        "X": X,
+        "X": points,
         "triangles": solid.triangles.tolist(),
         "lines": solid.lines.tolist(),
         "moves": moves(solid),
@@ -51,10 +62,18 @@ def as_data(solid: Solid) -> dict[str, Any]:
 
 
 class FramePart:
-    """A number of a solid's frame, as a probe."""
+    """A component of a solid's frame, as a probe.
+
+    Args:
+        solid: of the scene.
+        part: index of the component in the frame (4, 3), row by row.
+    """
 
     def __init__(self, solid: Solid, part: int) -> None:
-        self._solid, self._part = solid, part
+        self._solid = solid
+        self._part = part
 
     def __call__(self, run: Run) -> float:
-        return float(frame_of(self._solid, run.system).ravel()[self._part])
+        """The component in the state of a run."""
+        frame = frame_of(self._solid, run.system)
+        return float(frame.ravel()[self._part])

@@ -1,14 +1,15 @@
-"""What a run leaves in files: fields for ParaView, numbers as a table."""
+"""Fields of a body as files for ParaView, and values of probes as a table."""
 
 from __future__ import annotations
 
+import ctypes
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gossamer_fx.checks.arguments import check_arguments
-from gossamer_fx.checks.errors import check, on_rank_zero, write_on_all
+from gossamer_fx.checks.errors import OutputFailure, check, on_rank_zero, write_on_all
 from gossamer_fx.fields.fields import FieldFunctions, check_fields
 from gossamer_fx.model.body import MeshBody, is_on_mesh
 from gossamer_fx.outputs import field_files
@@ -23,21 +24,33 @@ if TYPE_CHECKING:
 
 @check_arguments
 class VTX:
-    """Fields of one body as an ADIOS2 file that ParaView shows over time; "Warp By Vector" deforms the mesh.
+    """Fields of one body in an ADIOS2 file, which ParaView shows over time.
 
-    One file holds functions of one element.  Displacement and velocity alone are continuous; with a field that jumps
-    between cells all are discontinuous of the body's order, since ParaView does not follow cell data in time
-    (ADIOS2 issue 4179).  The mesh is written once.  A run that goes on, also after a restart, begins another file:
-    `film.bp`, `film_0001.bp`, ...; none of them holds a time that another one has.
+    In ParaView, "Warp By Vector" deforms the mesh.  One file contains functions of one element.
+    Displacement and velocity alone are continuous.  With a field that jumps between cells, all are
+    discontinuous of the body's order, since ParaView does not follow cell data in time (ADIOS2 issue 4179).
+    The mesh is written once.  A run that continues, also after a restart, begins another file, `film.bp`,
+    `film_0001.bp`, ...; each time is in one of them only.
 
     Args:
-        path: `.bp`; made at the first record, so that a run that is refused destroys nothing.
+        path: of the file, ending in `.bp`.  It is made at the first record, so that a run that is refused
+            destroys nothing.
         body: a body on a mesh; it may be left out if the scene has just one.
-        fields: names, see `fields`.
-        every, times: every n-th step, or at these times [s]; the first and the last state always.
+        fields: names, see `gx.fields`.
+        every: steps between two records; the first and the last state are always recorded.
+        times: at which fields are recorded instead [s].
+
+    Attributes:
+        last_time: of the last record [s]; None before the first.
 
     Raises:
-        InputError: an unknown field or body, a folder that cannot be written.
+        InputError: the path has another ending; when the run is made: an unknown field or body, or a
+            folder that cannot be written.
+
+    Example:
+        >>> fields = gx.outputs.VTX(folder / "film.bp", film, fields=["displacement"], every=5)
+        >>> fields.schedule.every
+        5
     """
 
     def __init__(
@@ -49,7 +62,9 @@ class VTX:
         every: int = 1,
         times: Sequence[float] = (),
     ) -> None:
-        self.path, self.body, self.fields = Path(path), body, fields
+        self.path = Path(path)
+        self.body = body
+        self.fields = fields
         self.schedule = Schedule(every, tuple(times))
         check(
             self.path.suffix == ".bp", f"VTX cannot write '{path}'; give a name that ends in .bp."
@@ -59,29 +74,40 @@ class VTX:
             f"VTX '{path}': fields is {fields!r}; give a tuple of names, ({fields!r},).",
         )
         self._writer: VTXWriter | None = None
-        # Number of the segment that is or was written last, and what it holds.
-        self._segment = 0
-        self._steps = 0
-        self.last_time: float | None = None  # [s] of the last step that was written
-        self._lengths: field_files.Lengths = {}
+        self._segment = 0  # number of the segment that is or was written last
+        self._steps = 0  # records in it
+        self.last_time: float | None = None
+        self._lengths: field_files.Lengths = {}  # of the segment's files, after the last record
 
     @property
     def times(self) -> Sequence[float]:
+        """Times that the run must meet [s]."""
         return self.schedule.times
 
     @property
     def writes(self) -> Sequence[Path]:
+        """Files that no other run may write."""
         return [self.path]
 
     def open(self, run: Run) -> None:
+        """Check the request and make functions of the fields.
+
+        Raises:
+            InputError: an unknown field or body, or a folder that cannot be written.
+        """
         body = self._chosen(run)
         check_fields(body, self.fields)
         make_parent(run.comm, self.path, file=False)
         self._functions = FieldFunctions(run.system, body, self.fields)
 
     def _chosen(self, run: Run) -> MeshBody:
-        bodies = [b for b in run.system.bodies if is_on_mesh(b)]
-        names = ", ".join(f"'{b.name}'" for b in bodies) or "none"
+        """The body whose fields are recorded.
+
+        Raises:
+            InputError: it is not in the scene, or none was given and the scene has several.
+        """
+        bodies = [body for body in run.system.bodies if is_on_mesh(body)]
+        names = ", ".join(f"'{body.name}'" for body in bodies) or "none"
         if self.body is None:
             check(
                 len(bodies) == 1,
@@ -90,31 +116,52 @@ class VTX:
             return bodies[0]
         check(
             self.body in bodies,
-            f"VTX '{self.path}': '{self.body.name}' is no body of the scene on a mesh; those are: {names}.",
+            f"VTX '{self.path}': '{self.body.name}' is not a body of the scene on a mesh; those are: {names}.",
         )
         return self.body
 
     def record(self, run: Run, last: bool) -> None:
+        """Write the fields of the state if they are due; `last`: in any case.
+
+        Raises:
+            OutputFailure: the file cannot be written; earlier records are whole.
+        """
         if not self.schedule.due(run.step, run.time, last):
             return
         self._functions.update()
+        comm = run.comm
         path = segment(self.path, self._segment)
-        first_rank = run.comm.rank == 0
-        if self._segment == 0 and self._steps == 0:  # a run from the start has no later segments
-            on_rank_zero(run.comm, self._remove_later)
-        if self._writer is None:
-            write_on_all(run.comm, path, lambda: field_files.clear(path) if first_rank else None)
-        write_on_all(run.comm, path, lambda: self._write(run))
         steps = self._steps + 1
-        lengths = write_on_all(
-            run.comm, path, lambda: field_files.note_steps(path, steps) if first_rank else {}
-        )
-        self._lengths = run.comm.bcast(lengths)
+
+        def clear() -> None:
+            if comm.rank == 0:
+                field_files.clear(path)
+
+        def note_steps() -> field_files.Lengths:
+            if comm.rank == 0:
+                return field_files.note_steps(path, steps)
+            return {}
+
+        # A run from the start replaces all segments of an earlier one.
+        if self._segment == 0 and self._steps == 0:
+            on_rank_zero(comm, self._remove_later)
+        if self._writer is None:
+            write_on_all(comm, path, clear)
+        try:
+            write_on_all(comm, path, lambda: self._write(run))
+        except OutputFailure:
+            self._abandon()
+            raise
+        # After the writing: a restart cuts the file at these lengths.
+        lengths = write_on_all(comm, path, note_steps)
+        self._lengths = comm.bcast(lengths)
         self._steps = steps
         self.last_time = run.time
 
     def _write(self, run: Run) -> None:
+        """Write the functions at the time of the run; the first call makes the file."""
         if self._writer is None:
+            # Imported here: reading the options of a run must not load ADIOS2.
             from dolfinx.io import VTXWriter
             from dolfinx.io.utils import VTXMeshPolicy
 
@@ -128,17 +175,32 @@ class VTX:
         self._writer.write(run.time)
 
     def close(self, run: Run) -> None:
+        """Close the file; a run that continues begins the next segment."""
         if self._writer is not None:
-            writer, self._writer = self._writer, None
-            write_on_all(run.comm, segment(self.path, self._segment), writer.close)
+            writer = self._writer
+            # Also if closing fails, the file must not be closed again.
+            self._writer = None
+            try:
+                write_on_all(run.comm, segment(self.path, self._segment), writer.close)
+            except OutputFailure:
+                _keep_for_ever(writer)
+                raise
             self._next_segment()
 
+    def _abandon(self) -> None:
+        """Drop a writer that has failed."""
+        if self._writer is not None:
+            _keep_for_ever(self._writer)
+            self._writer = None
+
     def _next_segment(self) -> None:
+        """Begin the next segment, unless the present one is empty."""
         if self._steps:
             self._segment += 1
             self._steps = 0
 
     def cursor(self) -> dict[str, Any]:
+        """Position for a checkpoint: segment, its records and lengths, and time of the last record [s]."""
         return {
             "segment": self._segment,
             "steps": self._steps,
@@ -147,6 +209,11 @@ class VTX:
         }
 
     def resume(self, run: Run, cursor: dict[str, Any]) -> None:
+        """Continue after a restart: remove records after the cursor, and begin the next segment.
+
+        Raises:
+            InputError: the file of the cursor is gone or was replaced.
+        """
         self.open(run)
         self._segment = cursor["segment"]
         self._steps = cursor["steps"]
@@ -168,22 +235,33 @@ class VTX:
     def _remove_later(self) -> None:
         """Remove the segments after the present one."""
         for other in segments(self.path):
-            if (segment_number(self.path, other) or 0) > self._segment and other.is_dir():
+            number = segment_number(self.path, other) or 0
+            if number > self._segment and other.is_dir():
                 shutil.rmtree(other)
 
 
 @check_arguments
 class Probes:
-    """CSV of named numbers: columns time [s], step, and a probe each.
+    """CSV file with values of probes: columns time [s], step, and one for each probe.
 
     Args:
-        path: of the table.
-        probes: functions of the run that return a number, the same on every rank; see `probes` for ready-made ones.
-        every, times: every n-th step, or at these times [s]; the first and the last state always.
+        path: of the file.
+        probes: functions of the run that return a number, the same on every rank, by the names of their
+            columns; see `gx.probes`.
+        every: steps between two rows; the first and the last state are always recorded.
+        times: at which rows are written instead [s].
 
     Raises:
-        InputError: a probe that raises, or returns something else than a finite number, or different ones on
-            different ranks; tried before the first step.
+        InputError: a probe is not a function, or has the name of another column; before the first step and
+            in the run: a probe fails, or does not return the same finite number on every rank.
+
+    Example:
+        >>> ball = gx.PointMass(2.0, comm=comm, name="ball")
+        >>> height = gx.probes.Position(ball.port(), "z")
+        >>> table = gx.outputs.Probes(folder / "ball.csv", {"height": height}, every=2)
+        >>> gx.Simulation(gx.Scene(ball), gx.Midpoint(dt=0.1), outputs=[table]).run(until=0.2)
+        >>> (folder / "ball.csv").read_text().splitlines()
+        ['time,step,height', '0.0,0,0.0', '0.2,2,0.0']
     """
 
     def __init__(
@@ -194,7 +272,8 @@ class Probes:
         every: int = 1,
         times: Sequence[float] = (),
     ) -> None:
-        self.path, self.probes = Path(path), dict(probes)
+        self.path = Path(path)
+        self.probes = dict(probes)
         self.schedule = Schedule(every, tuple(times))
         check(
             bool(self.probes),
@@ -209,36 +288,60 @@ class Probes:
                 name not in ("time", "step"),
                 f"Probe '{name}' has the name of a column that exists; rename it.",
             )
-        self._table, self._head = Table(self.path), ["time", "step", *self.probes]
+        self._table = Table(self.path)
+        self._head = ["time", "step", *self.probes]
 
     @property
     def times(self) -> Sequence[float]:
+        """Times that the run must meet [s]."""
         return self.schedule.times
 
     @property
     def writes(self) -> Sequence[Path]:
+        """Files that no other run may write."""
         return [self.path]
 
     def open(self, run: Run) -> None:
+        """Try the probes, and make the table."""
         make_parent(run.comm, self.path)
+        # A probe that fails must do so before the first step, and before an older table is lost.
         self._row(run)
         self._table.create(run.comm, self._head)
 
     def cursor(self) -> dict[str, Any]:
+        """Position in the table, for a checkpoint."""
         return self._table.cursor()
 
     def resume(self, run: Run, cursor: dict[str, Any]) -> None:
+        """Continue after a restart: remove rows after the cursor.
+
+        Raises:
+            InputError: the table is gone, or has other columns.
+        """
         self._row(run)
         self._table.cut(run.comm, self._head, cursor)
 
     def _row(self, run: Run) -> list[float]:
-        return [
-            evaluate_probe(run, f"Probe '{name}'", probe) for name, probe in self.probes.items()
-        ]
+        """The values of all probes."""
+        row = []
+        for name, probe in self.probes.items():
+            row.append(evaluate_probe(run, f"Probe '{name}'", probe))
+        return row
 
     def record(self, run: Run, last: bool) -> None:
+        """Add a row if it is due; `last`: in any case."""
         if self.schedule.due(run.step, run.time, last):
-            self._table.append(run.comm, [float(run.time), run.step, *self._row(run)])
+            row = [float(run.time), run.step, *self._row(run)]
+            self._table.append(run.comm, row)
 
     def close(self, run: Run) -> None:
-        pass
+        """Nothing to close: each row is written completely."""
+
+
+def _keep_for_ever(writer: VTXWriter) -> None:
+    """Add a reference that is never given back.
+
+    The destructor of ADIOS2 closes the files once more; where they cannot be written it throws, which
+    ends the program by a signal.
+    """
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(writer))

@@ -84,7 +84,7 @@ def read_dxf(
     if scale is not None:
         require_positive("read_dxf: scale", scale, "m")
     panels = on_rank_zero(comm, lambda: panels_of(_read(Path(path), scale), str(path)))
-    return gmsh_mesh(lambda model: _build(model, panels, size), comm)
+    return gmsh_mesh(lambda model: _build(model, panels or [], size), comm)
 
 
 def panels_of(drawing: Drawing, path: str) -> list[Panel]:
@@ -203,11 +203,11 @@ def _loops(curves: Sequence[Curve], tolerance: float, path: str) -> list[list[Cu
             meeting[near[0]].append(i)
             both.append(near[0])
         ends.append((both[0], both[1]))
-    for place, there in zip(places, meeting, strict=True):
+    for point, there in zip(places, meeting, strict=True):
         layer = curves[there[0]].layer
         check(
             len(there) == 2,
-            f"The drawing '{path}' has an outline that is open, or branches, at ({place[0]:.6g}, {place[1]:.6g}) m on "
+            f"The drawing '{path}' has an outline that is open, or branches, at ({point[0]:.6g}, {point[1]:.6g}) m on "
             f"the layer '{layer}'; let two curves meet there.",
         )
     loops = []

@@ -150,7 +150,10 @@ class _Triangles(NamedTuple):
 
 
 def render(
-    camera: Camera, shapes: Iterable[Shape], scale: float, colours: Array
+    camera: Camera,
+    shapes: Iterable[Shape],
+    scale: float,
+    colours: Array,
 ) -> Iterator[Array]:
     """Draw shapes.
 
@@ -185,7 +188,12 @@ def render(
         yield image.reshape(height // n, n, width // n, n, 3).mean(axis=(1, 3))
 
 
-def _image(canvas: Canvas, parts: Sequence[_Triangles], palette: Colours, opacity: float) -> Array:
+def _image(
+    canvas: Canvas,
+    parts: Sequence[_Triangles],
+    palette: Colours,
+    opacity: float,
+) -> Array:
     """What is nearest and, through it, what is behind: the image (height, width, 3) of a canvas.
 
     Layers are drawn from front to back (depth peeling), each with the light that those before it let through.

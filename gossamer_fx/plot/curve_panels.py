@@ -33,7 +33,7 @@ _MAX_LABEL = 20  # letters of a name at the end of a curve
 _SHOWN_SHARE = 0.02  # share of the area from which on a state is named
 _SMALLEST_ERROR = 1e-17
 _USUAL_ERROR = 1e-12  # to which the axis of errors goes at least
-_STORED = "stored "  # before the names of what stores energy
+_STORED = "stored "  # before the names of parts that store energy
 _PROBE = re.compile(r"(.+) (\S+)( \[[^]]*\])")  # a probe's name with a unit: "tip x [m]"
 
 Panel = Callable[["Axes"], None]
@@ -152,7 +152,12 @@ def _line_colours(curves: Mapping[str, Array]) -> dict[str, str]:
 
 
 def _lines(
-    t: Array, curves: Tables, colours: Mapping[str, str], title: str, unit: str, axes: Axes
+    t: Array,
+    curves: Tables,
+    colours: Mapping[str, str],
+    title: str,
+    unit: str,
+    axes: Axes,
 ) -> None:
     """Curves on one axis; if their sizes are far apart, their magnitudes on a logarithmic one."""
     peaks = {name: float(abs(values).max()) for name, values in curves.items()}
@@ -218,7 +223,12 @@ def _iterations(t: Array, iterations: Array, axes: Axes) -> None:
     axes.set_title("Newton iterations of a step")
 
 
-def _probes(t: Array, title: str, curves: Tables, axes: Axes) -> None:
+def _probes(
+    t: Array,
+    title: str,
+    curves: Tables,
+    axes: Axes,
+) -> None:
     ends: dict[str, tuple[float, str]] = {}
     for (name, values), colour in zip(curves.items(), cycle(LINES), strict=False):
         axes.plot(t, values, color=colour)

@@ -38,7 +38,7 @@ _LONG = 3 * 3600.0  # s from which on the time is shown in hours
 _ALONG_VIEW = (
     0.7  # part of a unit vector towards the eye from which on an arrow is too short to show it
 )
-# Columns of the record that a flight needs beside the probes that were asked for.
+# Columns of the record that a flight needs in addition to the probes that were asked for.
 _POSITION = ("flight x", "flight y", "flight z")  # of the origin from the attracting centre [m]
 _VELOCITY = ("flight vx", "flight vy", "flight vz")  # [m/s]
 _TO_SUN = ("flight sun x", "flight sun y", "flight sun z")  # from the attracting centre [m]
@@ -47,19 +47,33 @@ _LIT = "flight lit"  # part of the Sun that is seen
 
 @check_arguments
 class FlightPicture(DrawnRun):
-    """PNG of a flight, made at the end of a run: its orbit, the scene as it is then, and probes over time.
+    """PNG of a flight, drawn at the end of a run: its orbit, the last shapes, and probes over time.
 
-    The orbit is seen from the normal of its plane at the start, bright in the light and dark in the shadow.
+    The orbit is seen along the normal of its plane at the start, bright in sunlight and dark in the shadow.
 
     Args:
-        path: `.png`.
-        orbit: of the scene.
-        probes: functions of the run by the words under which they are drawn, a curve each, e.g. "altitude [m]".
+        path: of the file, ending in `.png`.
+        orbit: the orbit of the scene.
+        probes: functions of the run by the labels of their curves, e.g. "altitude [m]".
         title: a line on top.
+
+    Raises:
+        InputError: the path has another ending.
+
+    Example:
+        >>> curves = {"altitude [m]": gx.probes.OrbitState(orbit, "altitude")}
+        >>> picture = gx.plot.FlightPicture(folder / "flight.png", orbit, probes=curves)
+        >>> picture.writes[0].name
+        'flight.png'
     """
 
     def __init__(
-        self, path: str | Path, orbit: Orbit, *, probes: Mapping[str, Probe], title: str = ""
+        self,
+        path: str | Path,
+        orbit: Orbit,
+        *,
+        probes: Mapping[str, Probe],
+        title: str = "",
     ) -> None:
         super().__init__(path)
         self.orbit = orbit
@@ -166,7 +180,12 @@ def _draw_scene(axes: Axes, run: RunReader, table: Tables) -> None:
 
 
 def _draw_direction(
-    axes: Axes, camera: Camera, image: Array, name: str, direction: Array, colour: Any
+    axes: Axes,
+    camera: Camera,
+    image: Array,
+    name: str,
+    direction: Array,
+    colour: Any,
 ) -> None:
     """An arrow from the middle of an image."""
     height, width = image.shape[:2]
@@ -183,7 +202,11 @@ def _draw_direction(
 
 
 def _draw_arrow(
-    axes: Axes, start: tuple[float, float], tip: tuple[float, float], name: str, colour: Any
+    axes: Axes,
+    start: tuple[float, float],
+    tip: tuple[float, float],
+    name: str,
+    colour: Any,
 ) -> None:
     style = {"arrowstyle": "-|>", "color": colour, "lw": 2}
     axes.annotate("", xy=tip, xytext=start, arrowprops=style)

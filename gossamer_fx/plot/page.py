@@ -1,7 +1,7 @@
 """The page of a picture: a title, images of the scene with a key and a scale bar, and curves below.
 
-matplotlib lays the page out (its engine "constrained").  Images are drawn when their place is known, with as many
-pixels as the place has, so that they are not resampled.
+matplotlib lays the page out (its engine "constrained").  Images are drawn when their position is known, with as many
+pixels as that rectangle has, so that they are not resampled.
 """
 
 from __future__ import annotations
@@ -178,7 +178,12 @@ def _image_height(views: Views, rows: int, columns: int) -> float:
     return min(width * views.size[1] / views.size[0], _MAX_IMAGES / rows - _CAPTION)
 
 
-def _frames(part: SubFigure, views: Views, rows: int, columns: int) -> list[Axes]:
+def _frames(
+    part: SubFigure,
+    views: Views,
+    rows: int,
+    columns: int,
+) -> list[Axes]:
     """Empty axes with captions, for the images."""
     grid = part.subplots(rows, columns, squeeze=False).ravel()
     for axes in grid:
@@ -191,7 +196,7 @@ def _frames(part: SubFigure, views: Views, rows: int, columns: int) -> list[Axes
 
 
 def _draw_images(figure: Figure, frames: Sequence[Axes], views: Views) -> Place:
-    """Draw images to whole pixels in the places that the layout has found."""
+    """Draw images to whole pixels in the rectangles that the layout has found."""
     boxes = [axes.get_window_extent() for axes in frames]
     scale = boxes[0].width / views.size[0]
     first: Place | None = None

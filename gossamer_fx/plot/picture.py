@@ -1,7 +1,7 @@
-"""Pictures that are drawn at the end of a run: of a deployment with the curves of what happened.
+"""Pictures that are drawn at the end of a run: its shapes, and curves over time.
 
-A picture asked for during a run is drawn from a recording, as pictures of a run's folder are: the output records what
-it needs in a hidden folder beside the picture, and removes that folder when the program ends.
+They are drawn from a recording, by the code that draws pictures of a run's folder.  The output records
+what it needs in a hidden folder next to the picture, and removes that folder when the program ends.
 """
 
 from __future__ import annotations
@@ -29,15 +29,21 @@ from gossamer_fx.plot.run_reader import RunReader
 from gossamer_fx.plot.viewpoint import View
 from gossamer_fx.probes.run import Run
 
+# Shapes in one picture: more would be too small.
 MAX_SHAPES = 24
-NEVER = 10**9  # steps between records of the fields: only the first and the last state
+
+# So many steps between records of the fields that only the first and the last state are recorded.
+NEVER = 10**9
 
 
 class DrawnRun:
-    """An output that records a run beside a picture and, whenever the run ends, draws the picture from the record.
+    """Base of outputs that record a run and draw a picture from the record when the run ends.
 
     Args:
-        path: `.png`.
+        path: of the picture, ending in `.png`.
+
+    Raises:
+        InputError: the path has another ending.
     """
 
     times: Sequence[float] = ()
@@ -52,19 +58,27 @@ class DrawnRun:
 
     @property
     def folder(self) -> Path:
-        """Of the record."""
+        """Folder of the recording."""
         return self.path.with_name(f".{self.path.name}.run")
 
     @property
     def writes(self) -> Sequence[Path]:
+        """Files and folders that no other run may write."""
         return [self.path, self.folder]
 
     def open(self, run: Run) -> None:
+        """Make the recording.
+
+        Raises:
+            InputError: the folder cannot be written, or this Python cannot read a recording.
+        """
         make_parent(run.comm, self.path, file=True)
 
         def prepare() -> None:
-            adios2_for(self.folder)  # refuses a Python that could not read the record
-            shutil.rmtree(self.folder, ignore_errors=True)  # of a run that was killed
+            # Refuses, before anything is computed, a Python that could not read the recording.
+            adios2_for(self.folder)
+            # A run that was killed may have left its recording.
+            shutil.rmtree(self.folder, ignore_errors=True)
             weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
 
         on_rank_zero(run.comm, prepare)
@@ -72,16 +86,18 @@ class DrawnRun:
         self._recording.open(run)
 
     def record(self, run: Run, last: bool) -> None:
+        """Record the state where it is due; `last`: in any case."""
         assert self._recording is not None
         self._recording.record(run, last)
 
     def close(self, run: Run) -> None:
+        """Close the recording, and draw the picture on rank 0."""
         recording = self._recording
         if recording is None or not recording.has_begun:
             return
         if run.time < run.until:
-            # The run was stopped; the picture ends with its last state.  If that cannot be written, there is a failure
-            # already, and the picture shows the states before.
+            # The run was stopped; the picture ends with its last state.  If that cannot be written, there
+            # is a failure already, and the picture shows the states before.
             with suppress(OutputFailure):
                 recording.record_fields(run)
         recording.close(run)
@@ -98,23 +114,26 @@ class DrawnRun:
 
 @check_arguments
 class Picture(DrawnRun):
-    """PNG of a run, made at its end or failure: deformed films at given times, energies, gas, states, ledger errors.
+    """PNG of a run, drawn at its end or failure: deformed films, energies, gas, states, ledger errors.
 
     Args:
-        path: `.png`.
-        times: when the films are drawn [s]; by default at the start and the end.  If the run stops early, its last
-            state is added.
+        path: of the file, ending in `.png`.
+        times: at which the films are drawn [s]; default: the start and the end.  If the run stops early, its
+            last state is added.
         title: a line on top.
-        view: from where the films are seen; default as `View` chooses it.
-        section: a point [m] and a normal: instead of the films, the lines in which this plane cuts them are drawn, in
-            the colours of the films and their groups, or of the layers of a film that has none.
-        colour: "state" of the film (taut, wrinkled, slack), or "group": films, and the groups of their cells.
+        view: camera and transparency; default as `View` chooses it.
+        section: a point [m] and a normal.  Instead of the films, the lines in which this plane cuts them are
+            drawn, in the colours of the films and their groups, or of the layers of a film without groups.
+        colour: "state" of the film (taut, wrinkled, slack), or "group" (films, and groups of their cells).
 
     Raises:
-        InputError: too many times, a section without a normal, a folder that cannot be written.
+        InputError: too many times, a section without a normal, or another colour; when the run is made: a
+            folder that cannot be written.
 
     Example:
-        `gx.plot.Picture("out/tube.png", times=[0.0, 0.1, 0.2], title="A tube is inflated")`
+        >>> picture = gx.plot.Picture(folder / "tube.png", times=[0.0, 0.1], title="A tube is inflated")
+        >>> picture.writes[0].name
+        'tube.png'
     """
 
     def __init__(
@@ -145,8 +164,9 @@ class Picture(DrawnRun):
         self.section = section
 
     def recording(self, run: Run) -> Recording:
-        field = "state" if self.section is None else "group"
-        if self.colour == "group":
+        """The recording that the picture needs: displacements, and the field that gives the colours."""
+        field = "state"
+        if self.section is not None or self.colour == "group":
             field = "group"
         films = [body.name for body in run.system.bodies if isinstance(body, Membrane)]
         return Recording(
@@ -159,26 +179,37 @@ class Picture(DrawnRun):
         )
 
     def draw(self, run: RunReader) -> None:
-        write_page(self.path, self.title, self._views(run), run_curves(run, solver=False))
+        """Write the picture from its recording."""
+        curves = run_curves(run, solver=False)
+        write_page(self.path, self.title, self._views(run), curves)
 
     def _views(self, run: RunReader) -> Views | None:
+        """The shapes or sections to draw; None for a run without recorded states."""
         frames = self._frames(run)
         if not frames:
             return None
         if self.section is not None and run.films:
             point, normal = self.section
             return PlaneCut(run, point, normal).views(frames)
-        colours = colouring(run, self.colour) if run.films else by_state(False)
+        # Cables and masses have no field that could give colours.
+        colours = by_state(False)
+        if run.films:
+            colours = colouring(run, self.colour)
         return field_views(run, self.colour, colours, frames, self.view)
 
     def _frames(self, run: RunReader) -> list[int]:
-        """Numbers of the recorded states that are drawn: those that were asked for, and the last of a stopped run."""
-        last = len(run.times) - 1
+        """Indices of the states to draw: those that were asked for, and the last one of a stopped run."""
+        count = len(run.times)
+        if count == 0:
+            return []
+        last = count - 1
         schedule = Schedule(times=tuple(self.times))
         chosen = {k for k, time in enumerate(run.times) if schedule.meets(float(time))}
         if not self.times:
-            chosen = {k for k in (0, last) if k >= 0}
-        stopped = run.about["statistics"]["time"] < run.about["statistics"]["until"]
-        if not chosen or stopped:
-            chosen |= {last} - {-1}
+            chosen = {0, last}
+        statistics = run.about["statistics"]
+        was_stopped = statistics["time"] < statistics["until"]
+        # A run that stopped before the first time that was asked for has a picture, too.
+        if not chosen or was_stopped:
+            chosen.add(last)
         return sorted(chosen)

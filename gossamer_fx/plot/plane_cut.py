@@ -176,8 +176,8 @@ def _chains(ends: npt.NDArray[np.integer], count: int) -> Iterator[tuple[list[in
         for point in ends[line]:
             lines_at[point].append(line)
     left = np.ones(len(ends), dtype=bool)
-    # Open chains before closed ones; of each kind the one whose end comes first in the mesh, so that layers keep their
-    # colours in the course of a run.
+    # Open chains before closed ones; of each kind the one whose end comes first in the mesh, so that
+    # layers have the same colours in all pictures of a run.
     starts = sorted(range(count), key=lambda i: (len(lines_at[i]) != 1, lines_at[i]))
     for start in starts:
         chain: list[int] = []
@@ -232,7 +232,12 @@ def window(cuts: Sequence[Cut]) -> tuple[tuple[float, float], list[Array]]:
     return (float(size[0]), float(size[1])), [(low + high) / 2 for low, high in boxes]
 
 
-def draw_cut(cut: Cut, size: tuple[float, float], middle: Array, scale: float) -> Array:
+def draw_cut(
+    cut: Cut,
+    size: tuple[float, float],
+    middle: Array,
+    scale: float,
+) -> Array:
     """The image (height, width, 3) in [0, 1] of a cut.
 
     Args:

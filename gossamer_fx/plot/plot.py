@@ -25,15 +25,35 @@ from gossamer_fx.plot.viewpoint import View
 
 Image = np.ndarray  # (height, width, 3) of bytes
 
+# A picture that is enlarged by less than this factor counts as of the scale of the others.
+_SAME_SCALE = 1.05
+
 # ---- animations
+
+# Enough for a smooth motion; more frames make the file larger.
 _FRAMES_PER_SECOND = 20
-_ANIMATION_DPI = 80  # of a page that is 12 inches wide: 960 pixels
-_TIME_SIZE = 0.13  # height of the letters of the time [inches]
-_TIME_ABOVE = 0.24  # above the image [inches]
+
+# Pixels per inch of a page that is 12 inches wide: 960 pixels.
+_ANIMATION_DPI = 80
+
+# Height of the letters of the time, and their distance above the image [inches].
+_TIME_SIZE = 0.13
+_TIME_ABOVE = 0.24
+
+# Colour of the time: that of the text on the page.
 _INK = (51, 56, 61)
-_MIN_PAUSE = 20  # ms; browsers slow down animations with shorter ones
-_SHORT_OF_WHITE = 250  # brightness of pixels on which something is drawn
-_PALETTE_FRAMES = 6  # whose colours make the palette of a GIF
+
+# Shortest pause between frames [ms]: browsers slow down animations with shorter ones.
+_MIN_PAUSE = 20
+
+# Pixels with a channel below this number are drawn on; all others are nearly white.
+_SHORT_OF_WHITE = 250
+
+# Frames whose colours make the palette of a GIF: a few have all colours of the run.
+_PALETTE_FRAMES = 6
+
+# Smallest interval of recorded times whose digits are shown, in the unit of the times.
+_MIN_INTERVAL = 1e-6
 
 
 @check_arguments
@@ -48,44 +68,95 @@ def field(
     """Write a PNG of a field at some times, with the same colours and scale.
 
     Args:
-        run: what was recorded.
+        run: a recorded run.
         field: name of a recorded field, e.g. "state".
         times: [s].
-        path: `.png`.
-        view: from where the scene is seen; default: chosen for all times.
+        path: of the file, ending in `.png`.
+        view: camera and transparency; default: chosen for all times.
 
     Raises:
-        InputError: an unknown field, a time outside the run.
+        InputError: an unknown field, or a time outside the run.
         OutputFailure: the file cannot be written.
 
     Example:
-        `gx.plot.field(gx.plot.RunReader("out/run"), "stress1", times=[0.0, 0.1], path="s.png")`
+        >>> picture = folder / "stress.png"
+        >>> gx.plot.field(recorded, "stress1", times=[0.0, 0.02], path=picture)
+        >>> picture.is_file()
+        True
     """
     check(
         bool(len(times)),
         "There are no times of which to draw a picture; give one or more in seconds.",
     )
-    _write_frames(run, field, [run.frame(time) for time in times], path, view)
+    frames = [run.frame(time) for time in times]
+    _write_frames(run, field, frames, path, view)
 
 
 @check_arguments
 def strip(
-    run: RunReader, field: str, *, path: str | Path, count: int = 6, view: View | None = None
+    run: RunReader,
+    field: str,
+    *,
+    path: str | Path,
+    count: int = 6,
+    view: View | None = None,
 ) -> None:
-    """Write a PNG of a field at `count` times that are evenly spread over the run; else as `field`."""
+    """Write a PNG of a field at times that are evenly spread over the run.
+
+    Args:
+        run: a recorded run.
+        field: name of a recorded field, e.g. "state".
+        path: of the file, ending in `.png`.
+        count: number of times.
+        view: camera and transparency; default: chosen for all times.
+
+    Raises:
+        InputError: an unknown field, a count below one, or a run without fields.
+        OutputFailure: the file cannot be written.
+
+    Example:
+        >>> picture = folder / "fall.png"
+        >>> gx.plot.strip(recorded, "displacement", path=picture, count=2)
+        >>> picture.is_file()
+        True
+    """
     check(count >= 1, f"The number of pictures is {count!r}; give one or more.")
-    run.frame(run.times[0] if len(run.times) else 0.0)  # refuses a run without fields
+    _require_fields(run)
     evenly = np.rint(np.linspace(0, len(run.times) - 1, count))
-    _write_frames(run, field, np.unique(evenly.astype(int)).tolist(), path, view)
+    # A run may have fewer records than pictures were asked for.
+    frames = np.unique(evenly.astype(int)).tolist()
+    _write_frames(run, field, frames, path, view)
+
+
+def _require_fields(run: RunReader) -> None:
+    """Refuse a run without fields.
+
+    Raises:
+        InputError: the run has no recorded state.
+    """
+    first_time = 0.0
+    if len(run.times):
+        first_time = run.times[0]
+    run.frame(first_time)
 
 
 @check_arguments
 def curves(run: RunReader, path: str | Path) -> None:
     """Write a PNG of ledger, gas, states of films, iterations and probes over the time.
 
+    Args:
+        run: a recorded run.
+        path: of the file, ending in `.png`.
+
     Raises:
         InputError: the run has fewer than two steps.
         OutputFailure: the file cannot be written.
+
+    Example:
+        >>> picture = folder / "curves.png"
+        >>> gx.plot.curves(recorded, picture)
+        >>> picture.is_file()
+        True
     """
     found = run_curves(run)
     check(
@@ -96,17 +167,37 @@ def curves(run: RunReader, path: str | Path) -> None:
 
 
 def _write_frames(
-    run: RunReader, field: str, frames: Sequence[int], path: str | Path, view: View | None
+    run: RunReader,
+    field: str,
+    frames: Sequence[int],
+    path: str | Path,
+    view: View | None,
 ) -> None:
-    title = f"{run.title}: {NAMES[field].lower()}" if field in NAMES else run.title
-    views = field_views(run, field, colouring(run, field), frames, view or View())
+    """Write a PNG of a field in recorded states, which are given by their indices."""
+    title = run.title
+    if field in NAMES:
+        title = f"{run.title}: {NAMES[field].lower()}"
+    colours = colouring(run, field)
+    views = field_views(run, field, colours, frames, view or View())
     write_page(file_to_write(path), title, views)
 
 
 def field_views(
-    run: RunReader, field: str, colours: Colouring, frames: Sequence[int], view: View
+    run: RunReader,
+    field: str,
+    colours: Colouring,
+    frames: Sequence[int],
+    view: View,
 ) -> Views:
-    """The scene in some recorded states, coloured by a field."""
+    """Pictures of the scene in recorded states, coloured by a field.
+
+    Args:
+        run: a recorded run.
+        field: name of a recorded field.
+        colours: its colours, the same in all pictures.
+        frames: indices of the states in `run.times`.
+        view: camera and transparency.
+    """
     shapes = [run.shape(frame, field, colours.kinds) for frame in frames]
     camera = aim(shapes, view)
     return Views(
@@ -118,11 +209,13 @@ def field_views(
 
 
 def captions(run: RunReader, frames: Sequence[int], zooms: Sequence[float]) -> list[str]:
-    """The times of recorded states, and how much larger than the scale bar says their pictures are."""
+    """Captions: times of recorded states, and the enlargement of pictures relative to the scale bar."""
     factor, prefix = scaled(float(run.times[-1]))
     found = []
     for frame, zoom in zip(frames, zooms, strict=True):
-        enlarged = f", {zoom:.2g} times larger" if zoom > 1.05 else ""
+        enlarged = ""
+        if zoom > _SAME_SCALE:
+            enlarged = f", {zoom:.2g} times larger"
         found.append(f"t = {run.times[frame] / factor:.4g} {prefix}s{enlarged}")
     return found
 
@@ -132,21 +225,32 @@ def captions(run: RunReader, frames: Sequence[int], zooms: Sequence[float]) -> l
 
 @check_arguments
 def animate(
-    run: RunReader, field: str, *, path: str | Path, seconds: float = 6.0, view: View | None = None
+    run: RunReader,
+    field: str,
+    *,
+    path: str | Path,
+    seconds: float = 6.0,
+    view: View | None = None,
 ) -> None:
-    """Write a GIF, or an MP4 if `ffmpeg` is installed, of a field over the run.
+    """Write a GIF of a field over the run, or an MP4 if `ffmpeg` is installed.
 
     Args:
-        run: what was recorded.
-        field: as of `field`.
-        path: `.gif` or `.mp4`.
-        seconds: length of the animation.
-        view: from where the scene is seen; `follow` keeps it in the middle, `zoom` has no effect.  Default: a camera
-            that stands still and sees the whole run.
+        run: a recorded run.
+        field: name of a recorded field, e.g. "state".
+        path: of the file, ending in `.gif` or `.mp4`.
+        seconds: length of the animation [s].
+        view: camera and transparency; `follow` keeps the scene in the middle, `zoom` has no effect.
+            Default: a camera that stands still and sees the whole run.
 
     Raises:
-        InputError: a name that ends in neither, no ffmpeg, an unknown field.
+        InputError: a path with another ending, no ffmpeg for an MP4, or an unknown field.
         OutputFailure: the file cannot be written.
+
+    Example:
+        >>> animation = folder / "fall.gif"
+        >>> gx.plot.animate(recorded, "displacement", path=animation, seconds=0.2)
+        >>> animation.is_file()
+        True
     """
     path = file_to_write(path)
     check(
@@ -158,7 +262,8 @@ def animate(
         f"'{path}' needs ffmpeg, which is not on the PATH; install it, or write a .gif.",
     )
     check(seconds > 0, f"An animation of {seconds!r} s cannot be made; give its length in seconds.")
-    run.frame(run.times[0] if len(run.times) else 0.0)  # refuses a run without fields
+    _require_fields(run)
+    # No more frames than there are records, but the first and the last one in any case.
     count = min(len(run.times), max(round(seconds * _FRAMES_PER_SECOND), 2))
     times = np.linspace(run.times[0], run.times[-1], count)
     frames = np.unique([run.frame(time) for time in times])
@@ -172,11 +277,16 @@ def animate(
         _write_mp4(path, images, len(frames) / seconds)
 
 
-def _camera_for_all(run: RunReader, field: str, colours: Colouring, view: View) -> Camera:
-    """A camera for one picture at a time: it sees the whole run and stands still or, if it follows, each shape."""
+def _camera_for_all(
+    run: RunReader,
+    field: str,
+    colours: Colouring,
+    view: View,
+) -> Camera:
+    """A camera for one picture at a time, which sees the whole run, or follows each shape."""
     shapes = [run.shape(frame, field, colours.kinds) for frame in sampled(run)]
     if not view.follow:
-        # all points of the run as those of one shape
+        # A camera that stands still sees all points of the run as those of one shape.
         shapes = [Shape(time=0.0, dots=np.concatenate([shape.points for shape in shapes]))]
     camera = aim(shapes, view)
     return replace(camera, centres=camera.centres[:1], zooms=[1.0])
@@ -191,51 +301,57 @@ def _images(
     follow: bool,
 ) -> Iterator[Image]:
     """The frames of an animation; the page is laid out once, then pictures and times are put into it."""
+    # Imported here, as most plots need no images in memory.
     from matplotlib import get_data_path
     from PIL import Image, ImageDraw, ImageFont
 
     def blank(scale: float) -> list[Array]:
-        return [np.ones((round(camera.size[1] * scale), round(camera.size[0] * scale), 3))]
+        width, height = camera.size
+        return [np.ones((round(height * scale), round(width * scale), 3))]
 
     file = BytesIO()
     views = Views(captions=[" "], size=camera.size, draw=blank, key=colours.key)
     place = write_page(file, run.title, views, dpi=_ANIMATION_DPI)
     assert place is not None
     written = Image.open(file).convert("RGB")
-    # MP4 needs an even number of rows
-    page = Image.new("RGB", (written.width, 2 * ((written.height + 1) // 2)), "white")
+    # MP4 needs an even number of rows.
+    even_height = 2 * ((written.height + 1) // 2)
+    page = Image.new("RGB", (written.width, even_height), "white")
     page.paste(written, (0, 0))
     letters = round(_TIME_SIZE * _ANIMATION_DPI)
     font = ImageFont.truetype(f"{get_data_path()}/fonts/ttf/DejaVuSans.ttf", letters)
     caption = (place.left, place.top - _TIME_ABOVE * _ANIMATION_DPI)
     factor, prefix = scaled(float(run.times[-1]))
-    shortest = max(np.diff(run.times).min(initial=1.0) / factor, 1e-6)
+    # As many digits as tell two records from each other, the same in all frames.
+    shortest = max(np.diff(run.times).min(initial=1.0) / factor, _MIN_INTERVAL)
     digits = max(0, 1 - int(np.floor(np.log10(shortest))))
     for frame in frames:
         shape = run.shape(int(frame), field, colours.kinds)
         if follow:
             seen = shape.points @ camera.axes[:2].T
             middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
-            camera = replace(camera, centres=[(float(middle[0]), float(middle[1]))])
+            centre = (float(middle[0]), float(middle[1]))
+            camera = replace(camera, centres=[centre])
         whole = page.copy()
         for image in render(camera, [shape], place.scale, colours.table):
-            whole.paste(
-                Image.fromarray(np.rint(255 * image).astype(np.uint8)), (place.left, place.top)
-            )
+            bytes_of_image = np.rint(255 * image).astype(np.uint8)
+            whole.paste(Image.fromarray(bytes_of_image), (place.left, place.top))
         words = f"t = {shape.time / factor:.{digits}f} {prefix}s"
         ImageDraw.Draw(whole).text(caption, words, fill=_INK, font=font)
         yield np.asarray(whole)
 
 
 def _write_gif(path: Path, images: Iterable[Image], pause: float) -> None:
-    """Write a GIF whose frames stand for `pause` seconds."""
+    """Write a GIF with a pause [s] between its frames."""
     from PIL import Image
 
     frames = [Image.fromarray(image) for image in images]
-    # One palette for all frames, so that colours do not flicker: white, and what is drawn on some of them.
-    some = frames[:: max(len(frames) // _PALETTE_FRAMES, 1)]
-    pixels = np.concatenate([np.asarray(frame).reshape(-1, 3) for frame in some])
-    drawn = Image.fromarray(pixels[(pixels < _SHORT_OF_WHITE).any(axis=1)][None])
+    # One palette for all frames, so that colours do not flicker: white, and the colours of some frames.
+    interval = max(len(frames) // _PALETTE_FRAMES, 1)
+    pixels = np.concatenate([np.asarray(frame).reshape(-1, 3) for frame in frames[::interval]])
+    # Without the white, which would take most colours of the palette.
+    is_drawn = (pixels < _SHORT_OF_WHITE).any(axis=1)
+    drawn = Image.fromarray(pixels[is_drawn][None])
     colours = drawn.quantize(255, method=Image.Quantize.MEDIANCUT).getpalette() or []
     palette = Image.new("P", (1, 1))
     palette.putpalette([255, 255, 255, *colours[: 3 * 255]])
@@ -256,13 +372,17 @@ def _write_gif(path: Path, images: Iterable[Image], pause: float) -> None:
 
 
 def _write_mp4(path: Path, images: Iterator[Image], rate: float) -> None:
-    """Write an MP4 with `rate` frames a second."""
+    """Write an MP4 with `rate` frames a second, by ffmpeg.
+
+    Raises:
+        OutputFailure: ffmpeg failed; the text contains its last message.
+    """
     first = next(images)
     height, width = first.shape[:2]
     command = ["ffmpeg", "-y", "-loglevel", "error"]
     command += ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}"]
     command += ["-r", f"{rate:.6g}", "-i", "-"]
-    # colours that all players know, and the index in front, so that a browser plays while it loads
+    # Colours that all players know, and the index in front, so that a browser plays while it loads.
     command += ["-pix_fmt", "yuv420p", "-movflags", "+faststart", str(path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as encoder:
         assert encoder.stdin is not None
@@ -271,11 +391,14 @@ def _write_mp4(path: Path, images: Iterator[Image], rate: float) -> None:
             for image in (first, *images):
                 encoder.stdin.write(image.tobytes())
             encoder.stdin.close()
-        except BrokenPipeError:  # it has ended; the reason is in its messages
+        except BrokenPipeError:
+            # ffmpeg has ended; the reason is in its messages.
             pass
         messages = encoder.stderr.read().decode(errors="replace").strip().splitlines()
     if encoder.returncode:
-        reason = messages[-1] if messages else "no reason given"
+        reason = "no reason given"
+        if messages:
+            reason = messages[-1]
         raise OutputFailure(f"ffmpeg could not write '{path}' ({reason}); try a .gif.")
 
 

@@ -1,8 +1,19 @@
-"""Triangles to pixels, in NumPy: of what covers a pixel, the nearest is kept.
+"""Rasterisation of triangles with hidden surfaces, in NumPy.
 
-A pixel is one 64-bit number, the distance from the eye in its high 40 bits and the colour (red, green, blue) in its low
-24.  The nearer of two is then the smaller number, so that drawing is a minimum and the order of triangles does not
-matter.  The background is the largest number: infinitely far, and white.
+Problem.  Of all triangles that cover a pixel, the nearest is visible; loops over triangles or pixels in
+Python would be slow.
+
+Idea.  A pixel is one integer of 64 bits: the distance from the eye in its high 40 bits, the colour (red,
+green, blue) in its low 24.  The nearer of two is then the smaller integer, so that drawing is a minimum and
+does not depend on the order of the triangles.  The background is the largest integer: farthest, and white.
+
+Algorithm of `Canvas.draw`.
+
+1. Find the rows of pixels that each triangle covers, and in each row its span of columns.
+2. For each span, the distance and the brightness are linear functions of the column.
+3. Pack distance and colour of all pixels of all spans, and take the minimum with the image.
+
+Cost.  Proportional to the pixels that are covered, in batches of bounded memory.
 """
 
 from __future__ import annotations
@@ -16,10 +27,18 @@ Colours = npt.NDArray[np.uint8]
 Integers = npt.NDArray[np.int64]
 
 _BACKGROUND = np.uint64(0xFFFF_FFFF_FFFF_FFFF)
+
+# The largest distance of a triangle as an integer, one less than that of the background.
 _FARTHEST = float(2**40 - 2)
+
 _COLOUR_BITS = np.uint64(24)
+
+# Bits of red, green and blue above the lowest one.
 _CHANNEL_SHIFTS = np.array([16, 8, 0], dtype=np.uint64)
-_MAX_SAMPLES = 2_000_000  # pixels that are drawn at once, to bound the memory
+
+# Pixels that are drawn at once, to bound the memory.
+_MAX_SAMPLES = 2_000_000
+
 # Twice the area [pixels²] below which a triangle is seen on edge: it covers nothing, and has no slopes.
 _MIN_TWICE_AREA = 1e-9
 
@@ -34,28 +53,41 @@ class Canvas:
         far: the largest distance.
     """
 
-    def __init__(self, height: int, width: int, near: float, far: float) -> None:
+    def __init__(
+        self,
+        height: int,
+        width: int,
+        near: float,
+        far: float,
+    ) -> None:
         self.height = height
         self.width = width
         self._near = near
         self._scale = _FARTHEST / (far - near)
         self._pixels = np.full(height * width, _BACKGROUND)
-        # distances of the layer in front, up to which nothing is drawn
+        # Distances of the layer in front, up to which nothing is drawn.
         self._in_front: npt.NDArray[np.uint64] | None = None
 
     def behind(self) -> Canvas | None:
         """A canvas for what is behind all that this one shows; None if this one shows nothing."""
         if (self._pixels == _BACKGROUND).all():
             return None
-        other = Canvas(self.height, self.width, self._near, self._near + _FARTHEST / self._scale)
+        far = self._near + _FARTHEST / self._scale
+        other = Canvas(self.height, self.width, self._near, far)
         other._in_front = self._pixels >> _COLOUR_BITS
         return other
 
-    def draw(self, corners: Array, shades: Array, kinds: Integers, palette: Colours) -> None:
+    def draw(
+        self,
+        corners: Array,
+        shades: Array,
+        kinds: Integers,
+        palette: Colours,
+    ) -> None:
         """Draw triangles.
 
-        A triangle owns the pixels whose centres lie in it.  Of two triangles that share an edge, one owns a centre on
-        that edge.
+        A triangle owns the pixels whose centres lie in it.  Of two triangles that share an edge, exactly one
+        owns a centre on that edge.
 
         Args:
             corners: (n, 3, 3), x to the right and y down in pixels, and the distance from the eye.
@@ -65,16 +97,21 @@ class Canvas:
         """
         x = corners[..., 0]
         y = corners[..., 1]
-        # rows whose centres are in the triangle: top <= row < bottom
+        # Rows whose centres are in the triangle: top <= row < bottom.
         top = np.ceil(y.min(axis=1) - 0.5).clip(0, self.height).astype(np.int64)
         bottom = np.ceil(y.max(axis=1) - 0.5).clip(0, self.height).astype(np.int64)
-        in_picture = (bottom > top) & (x.max(axis=1) > 0) & (x.min(axis=1) < self.width)
-        seen = np.flatnonzero(in_picture & (abs(_twice_area(x, y)) > _MIN_TWICE_AREA))
-        colours = (palette.astype(np.uint64) << _CHANNEL_SHIFTS).sum(axis=2, dtype=np.uint64)
-        # a triangle covers about half of its box
-        boxes = (bottom - top)[seen] * np.ptp(x[seen].clip(0, self.width), axis=1)
+        is_in_rows = bottom > top
+        is_in_columns = (x.max(axis=1) > 0) & (x.min(axis=1) < self.width)
+        has_area = abs(_twice_area(x, y)) > _MIN_TWICE_AREA
+        seen = np.flatnonzero(is_in_rows & is_in_columns & has_area)
+        channels = palette.astype(np.uint64) << _CHANNEL_SHIFTS
+        colours = channels.sum(axis=2, dtype=np.uint64)
+        # A triangle covers about half of the box around it.
+        widths = np.ptp(x[seen].clip(0, self.width), axis=1)
+        boxes = (bottom - top)[seen] * widths
         batch_of = np.floor(np.cumsum(boxes) / (2 * _MAX_SAMPLES))
-        for batch in np.split(seen, np.flatnonzero(np.diff(batch_of)) + 1):
+        first_of_batches = np.flatnonzero(np.diff(batch_of)) + 1
+        for batch in np.split(seen, first_of_batches):
             self._draw_batch(
                 corners=corners[batch],
                 shades=shades[batch],
@@ -94,46 +131,58 @@ class Canvas:
         colours: npt.NDArray[np.uint64],
     ) -> None:
         """Draw triangles row by row; `colours` (kinds, 256) are packed in the low bits."""
-        # A row of pixels in a triangle is a span.
+        # A row of pixels in a triangle is a span; its centres are at half-integers.
         triangle, row = _ranges(top, bottom)
         level = row + 0.5
         left, right = _span_ends(corners[..., 0], corners[..., 1], triangle, level)
         start = np.ceil(left - 0.5).clip(0, self.width).astype(np.int64)
         end = np.ceil(right - 0.5).clip(0, self.width).astype(np.int64)
+
+        # Distance and brightness of each pixel of each span.
         span, column = _ranges(start, end)
+        x = column + 0.5
         depths = (corners[..., 2] - self._near) * self._scale
         depth, depth_slope = _along_spans(corners, depths, triangle, level)
         shade, shade_slope = _along_spans(corners, 255.0 * shades, triangle, level)
-        x = column + 0.5
-        z = (depth[span] + depth_slope[span] * x).clip(0, _FARTHEST).astype(np.uint64)
-        brightness = np.rint(shade[span] + shade_slope[span] * x).clip(0, 255).astype(np.int64)
-        colour = colours[kinds[triangle][span], brightness]
+        distance = depth[span] + depth_slope[span] * x
+        light = shade[span] + shade_slope[span] * x
+        # Round-off in a narrow triangle may exceed the range of its corners.
+        z = distance.clip(0, _FARTHEST).astype(np.uint64)
+        brightness = np.rint(light).clip(0, 255).astype(np.int64)
+
+        kind = kinds[triangle][span]
+        colour = colours[kind, brightness]
         pixel = row[span] * self.width + column
         if self._in_front is not None:
             seen = z > self._in_front[pixel]
             pixel = pixel[seen]
             z = z[seen]
             colour = colour[seen]
-        np.minimum.at(self._pixels, pixel, (z << _COLOUR_BITS) | colour)
+        # A batch may have several triangles in one pixel; an assignment would keep an arbitrary one.
+        packed = (z << _COLOUR_BITS) | colour
+        np.minimum.at(self._pixels, pixel, packed)
 
     def outlined(self, jump: float, strength: float) -> Array:
         """The image, darkened at silhouettes, where the distance jumps.
 
         Args:
-            jump: distance from which on a jump is outlined.  It is measured by the second difference, which is zero on
-                any plane, however oblique.
-            strength: share of the light that an outline takes.
+            jump: difference of distances from which on a jump is outlined.  It is the second difference,
+                which is zero on any plane, however oblique.
+            strength: share of the light that an outline absorbs.
 
         Returns:
             Colours (height, width, 3) in [0, 1].
         """
         pixels = self._pixels.reshape(self.height, self.width)
-        z = np.pad((pixels >> _COLOUR_BITS).astype(float) / self._scale, 1, mode="edge")
+        distances = (pixels >> _COLOUR_BITS).astype(float) / self._scale
+        # With repeated edges, the margin of the image is not outlined.
+        z = np.pad(distances, 1, mode="edge")
         middle = z[1:-1, 1:-1]
         down = z[:-2, 1:-1] + z[2:, 1:-1] - 2 * middle
         across = z[1:-1, :-2] + z[1:-1, 2:] - 2 * middle
         at_jump = (down > jump) | (across > jump)
-        image = ((pixels[..., None] >> _CHANNEL_SHIFTS) & np.uint64(255)).astype(float) / 255
+        channels = (pixels[..., None] >> _CHANNEL_SHIFTS) & np.uint64(255)
+        image = channels.astype(float) / 255
         image[at_jump] *= 1 - strength
         return image
 
@@ -142,7 +191,9 @@ def _ranges(start: Integers, end: Integers) -> tuple[Integers, Integers]:
     """All integers j of the ranges start[i] <= j < end[i], as arrays of i and of j."""
     counts = (end - start).clip(0)
     which = np.repeat(np.arange(len(start)), counts)
-    offset = start - (np.cumsum(counts) - counts)
+    # Numbered through all ranges, the first integer of range i has the number of all before it.
+    numbers_before = np.cumsum(counts) - counts
+    offset = start - numbers_before
     return which, np.arange(len(which)) + offset[which]
 
 
@@ -153,22 +204,34 @@ def _twice_area(x: Array, y: Array) -> Array:
     return area
 
 
-def _span_ends(x: Array, y: Array, triangle: Integers, level: Array) -> tuple[Array, Array]:
-    """Where the lines y = level enter and leave their triangles; both are zero where they miss them.
+def _span_ends(
+    x: Array,
+    y: Array,
+    triangle: Integers,
+    level: Array,
+) -> tuple[Array, Array]:
+    """The x at which the lines y = level enter and leave their triangles; both are zero where they miss.
 
-    Every edge is taken from its upper to its lower end.  Both triangles of an edge then compute the same number, and no
-    pixel between them is left out or drawn twice.
+    Args:
+        x: of the corners of n triangles, (n, 3).
+        y: of the corners, (n, 3).
+        triangle: index of the triangle of each line, (m,).
+        level: y of each line, (m,).
     """
     left: Array = np.full(len(level), np.inf)
     right: Array = np.full(len(level), -np.inf)
     every = np.arange(len(x))
     for i, j in ((0, 1), (1, 2), (2, 0)):
-        goes_down = (y[:, i] < y[:, j]) | ((y[:, i] == y[:, j]) & (x[:, i] < x[:, j]))
+        # Every edge is taken from its upper to its lower end.  Both triangles of an edge then compute the
+        # same number, and no pixel between them is left out or drawn twice.
+        is_level = y[:, i] == y[:, j]
+        goes_down = (y[:, i] < y[:, j]) | (is_level & (x[:, i] < x[:, j]))
         upper = np.where(goes_down, i, j)
         lower = np.where(goes_down, j, i)
         x_upper = x[every, upper]
         y_upper = y[every, upper]
         y_lower = y[every, lower]
+        # No line crosses an edge without height, so that its slope is not used.
         height = np.where(y_lower > y_upper, y_lower - y_upper, 1.0)
         slope = (x[every, lower] - x_upper) / height
         crosses = (y_upper[triangle] <= level) & (level < y_lower[triangle])
@@ -182,7 +245,10 @@ def _span_ends(x: Array, y: Array, triangle: Integers, level: Array) -> tuple[Ar
 
 
 def _along_spans(
-    corners: Array, values: Array, triangle: Integers, level: Array
+    corners: Array,
+    values: Array,
+    triangle: Integers,
+    level: Array,
 ) -> tuple[Array, Array]:
     """A linear function of each triangle on the lines y = level: its value at x = 0, and its slope along x.
 
@@ -200,9 +266,11 @@ def _along_spans(
     x_2 = x[:, 2] - x[:, 0]
     y_1 = y[:, 1] - y[:, 0]
     y_2 = y[:, 2] - y[:, 0]
-    # Cramer's rule for the gradient of the function
+    # Cramer's rule for the gradient of the function.  The area is not zero: triangles seen on edge are not
+    # drawn.
     area = _twice_area(x, y)
     slope_x = (value_1 * y_2 - value_2 * y_1) / area
     slope_y = (value_2 * x_1 - value_1 * x_2) / area
     at_origin = values[:, 0] - slope_x * x[:, 0] - slope_y * y[:, 0]
-    return at_origin[triangle] + slope_y[triangle] * level, slope_x[triangle]
+    at_left = at_origin[triangle] + slope_y[triangle] * level
+    return at_left, slope_x[triangle]

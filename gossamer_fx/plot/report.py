@@ -54,18 +54,21 @@ _JSON_ESCAPES = {ord(c): f"\\u{ord(c):04x}" for c in "<>&\u2028\u2029"}
 
 @check_arguments
 def write_report(run: RunReader, path: str | Path) -> None:
-    """Write the page.
+    """Write an HTML page about a run: a view to turn, pictures, curves and tables.
 
     Args:
-        run: what was recorded; it may come from a stranger.
-        path: `.html`.
+        run: a recorded run; it may come from a stranger.
+        path: of the file, ending in `.html`.
 
     Raises:
         InputError: nothing was recorded yet, or the path is a folder.
         OutputFailure: the file cannot be written.
 
     Example:
-        `gx.write_report(gx.plot.RunReader("out/run"), "out/run/report.html")`
+        >>> page = folder / "report.html"
+        >>> gx.write_report(recorded, page)
+        >>> "A fall" in page.read_text()
+        True
     """
     check(
         bool(run.table("ledger.csv")),
@@ -133,9 +136,13 @@ def _status(about: Mapping[str, Any]) -> str:
     status = about["status"]
     numbers = about["statistics"]
     kind = "status" if status in ("finished", "running") else "status bad"
+    closes = "at rest"
+    # Recordings of earlier versions do not say it.
+    if not numbers.get("at rest", False):
+        closes = f"energy closes to {abs(numbers['energy error']):.1e}"
     words = (
         f"{status} at t = {numbers['time']:.6g} s of {numbers['until']:.6g} s, {numbers['steps']} steps, "
-        f"energy closes to {abs(numbers['energy error']):.1e}"
+        f"{closes}"
     )
     return f'<p class="{kind}">{escape(words)}</p>'
 

@@ -39,23 +39,27 @@ _VECTOR_PARTS = 12  # numbers of a frame in solids.csv: origin and three axes
 
 @check_arguments
 class RunReader:
-    """Reads the folder of a run that a `Recording` wrote, also of one that is not over or was killed.
+    """Reads the folder of a run that a `Recording` wrote, also of one that is going on or was killed.
 
     Args:
         folder: of the run.
-
-    Raises:
-        InputError: it is not the folder of a run, or its files cannot be read.
 
     Attributes:
         about: the contents of run.json.
         fields: names of the recorded fields, by body.
         bodies: the bodies on meshes, by name.
-        groups: names of the parts of the films, see `groups_of`; empty if the field "group" was not recorded.
-        times: at which pictures can be drawn [s]: those of the fields or, without bodies on meshes, of all steps.
+        groups: names of the groups of the films' cells, see `fields.groups.groups_of`; empty if the field
+            "group" was not recorded.
+        times: at which pictures can be drawn [s]: those of the fields or, without bodies on meshes, of all
+            steps.
+
+    Raises:
+        InputError: it is not the folder of a run, or its files cannot be read.
 
     Example:
-        `gx.plot.RunReader("out/run").table("ledger.csv")["kinetic"]` is the kinetic energy at each step [J].
+        >>> reader = gx.plot.RunReader(folder / "fall")
+        >>> reader.table("ledger.csv")["step"].tolist()
+        [0.0, 1.0, 2.0]
     """
 
     def __init__(self, folder: str | Path) -> None:

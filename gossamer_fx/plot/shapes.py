@@ -52,7 +52,7 @@ def smooth_normals(corners: Array, vertices: npt.NDArray[np.integer]) -> Array:
     """Unit normals (n, 3, 3) at the corners of triangles.
 
     At each corner it is the mean over the triangles that share the vertex, weighted by their areas.  Where a triangle
-    deviates much from that mean, i.e. at a sharp edge, it keeps its own normal.
+    deviates much from that mean, i.e. at a sharp edge, the normal of the triangle is returned.
 
     Args:
         corners: (n, 3, 3) [m].

@@ -181,7 +181,12 @@ def _part(
     }
 
 
-def _piece_values(surface: _Surface, field: str, step: int, has_field: bool) -> Array:
+def _piece_values(
+    surface: _Surface,
+    field: str,
+    step: int,
+    has_field: bool,
+) -> Array:
     """Values (n,) of a field on the pieces of a surface; not numbers where the body does not have it."""
     if not has_field:
         return np.full(len(surface.origin), np.nan)

@@ -1,4 +1,4 @@
-"""From where pictures are taken, and what is seen through, as users choose it."""
+"""The choices of a user for a picture: camera and transparency."""
 
 from __future__ import annotations
 
@@ -8,25 +8,31 @@ from dataclasses import KW_ONLY, dataclass
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
 
+# Largest enlargement of one picture relative to the others: a small body must not fill the page.
 LARGEST_ZOOM = 20.0
 
 
 @check_arguments
 @dataclass(frozen=True)
 class View:
-    """From where pictures and animations of a run are taken; what is None is chosen from the shapes.
+    """Camera and transparency of pictures and animations; values that are None are chosen from the shapes.
 
-    z is up.  Azimuth 0 looks along y, azimuth π/2 against x: the camera has gone round counterclockwise.
+    z is up.  With azimuth 0 the camera looks along y, with π/2 against x: it has moved counterclockwise.
 
     Args:
         azimuth: [rad].
         elevation: [rad] above the horizon, between -π/2 and π/2.
         follow: whether the camera moves with the shapes; None: if they travel far.
-        zoom: whether each picture is as large as its frame allows, and says by how much; else all have one scale.
-        opacity: share of light that a layer keeps back, between 0 and 1: below 1 folded layers are seen through.
+        zoom: whether each picture is as large as its frame allows, with a note of its enlargement;
+            otherwise all have one scale.
+        opacity: share of light that a layer absorbs, above 0, at most 1; below 1, folded layers are visible.
 
     Raises:
         InputError: an angle or an opacity out of its range.
+
+    Example:
+        >>> view = gx.plot.View(azimuth=0.5, elevation=0.3, opacity=0.6)
+        >>> gx.plot.strip(recorded, "displacement", path=folder / "view.png", view=view)
     """
 
     azimuth: float | None = None

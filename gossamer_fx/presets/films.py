@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gossamer_fx.checks.errors import check
-from gossamer_fx.materials.film import FilmLaw, Miyazaki
+from gossamer_fx.materials.film import IsotropicFilm, Miyazaki
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,9 @@ class FilmMaterial:
     source: str
     yield_stress: float | None = None
 
-    def law(self, thickness: float, kind: type[FilmLaw] = Miyazaki, **numbers: Any) -> FilmLaw:
+    def law(
+        self, thickness: float, kind: type[IsotropicFilm] = Miyazaki, **numbers: Any
+    ) -> IsotropicFilm:
         """The law of a film of this material.
 
         Args:
@@ -46,8 +48,8 @@ class FilmMaterial:
             InputError: a thickness that is not positive, or what the law refuses.
         """
         check(
-            isinstance(kind, type) and issubclass(kind, FilmLaw),
-            f"{self.name}: {kind!r} is no law of a film; give a class, e.g. Miyazaki.",
+            isinstance(kind, type) and issubclass(kind, IsotropicFilm),
+            f"{self.name}: {kind!r} is not a law of a film; give a class, e.g. Miyazaki.",
         )
         return kind(E=self.E, nu=self.nu, density=self.density, thickness=thickness, **numbers)
 

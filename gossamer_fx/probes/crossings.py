@@ -41,7 +41,7 @@ class Crossings:
         for k, film in enumerate(bodies):
             check(
                 isinstance(film, Membrane),
-                f"Crossings: {getattr(film, 'name', film)!r} is no film; give films.",
+                f"Crossings: {getattr(film, 'name', film)!r} is not a film; give films.",
             )
             check(
                 not any(film is other for other in bodies[:k]),

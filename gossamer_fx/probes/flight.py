@@ -160,7 +160,14 @@ class LoadResultant:
         >>> thrust = gx.probes.LoadResultant(orbit, "sunlight", action="force", axis="x")
     """
 
-    def __init__(self, orbit: Orbit, load: str, *, action: str, axis: str) -> None:
+    def __init__(
+        self,
+        orbit: Orbit,
+        load: str,
+        *,
+        action: str,
+        axis: str,
+    ) -> None:
         check(action in ACTIONS, f"A load has no {action!r}; it has: {', '.join(ACTIONS)}.")
         check(
             axis in AXES,

@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from petsc4py import PETSc
 
+from gossamer_fx.algebra.point_measures import attach, is_evaluated_here
 from gossamer_fx.bodies.frames import Frame
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.arguments import check_arguments
@@ -14,6 +16,7 @@ from gossamer_fx.fields.fields import STATES, AreaFractions
 from gossamer_fx.model.body import Array, Port
 from gossamer_fx.probes.run import Run
 from gossamer_fx.system.reactions import Joint, joint_force
+from gossamer_fx.system.system import System
 
 # The gas package is imported for its types only: most scenes with probes have no gas.
 if TYPE_CHECKING:
@@ -49,9 +52,25 @@ class Position:
         self.port = port
         self.axis = axis
 
+    unit = "m"
+
     def __call__(self, run: Run) -> float:
         """The coordinate [m] in the state of a run."""
         return float(run.system.state.vector(self.port)[AXES[self.axis]])
+
+    def add_derivative(
+        self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Add the derivative by the coordinates to a vector of the system, for `gx.analysis.gradient`."""
+        self._add_weights(system, by_position)
+
+    def _add_weights(self, system: System, vector: PETSc.Vec) -> None:
+        """Add the weights with which the port takes the coordinate from the unknowns of its body."""
+        indices, weights, _ = attach(system.numbering, system.bodies, (self.port,))
+        if is_evaluated_here((self.port,)):
+            row = weights[AXES[self.axis]]
+            vector.setValues(indices, row, addv=PETSc.InsertMode.ADD_VALUES)
+        vector.assemble()
 
 
 @check_arguments
@@ -93,9 +112,17 @@ class Velocity(Position):
         0.0
     """
 
+    unit = "m/s"
+
     def __call__(self, run: Run) -> float:
         """The component [m/s] in the state of a run."""
         return float(run.system.state.rate(self.port)[AXES[self.axis]])
+
+    def add_derivative(
+        self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Add the derivative by the velocities to a vector of the system, for `gx.analysis.gradient`."""
+        self._add_weights(system, by_velocity)
 
 
 @check_arguments

@@ -66,8 +66,13 @@ class Run(Protocol):
         ...
 
     @property
+    def at_rest(self) -> bool:
+        """Whether no energy so far was larger than what round-off gives to a scene at rest."""
+        ...
+
+    @property
     def energy_error(self) -> float:
-        """Closing error of the energy balance, as a share of the largest energy so far."""
+        """Closing error of the energy balance, as a share of the largest energy so far; zero at rest."""
         ...
 
     @property

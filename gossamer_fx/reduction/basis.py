@@ -241,7 +241,12 @@ def _count_modes(singular_values: Array) -> int:
     return int((singular_values > MIN_SINGULAR_VALUE_RATIO * largest).sum())
 
 
-def _scaled(film: Membrane, snapshots: Sequence[Array], fixed: Array, mass: float) -> Array:
+def _scaled(
+    film: Membrane,
+    snapshots: Sequence[Array],
+    fixed: Array,
+    mass: float,
+) -> Array:
     """Components (n, 3 · snapshots) of the snapshots without the fixed modes, scaled.
 
     Displacements in the mean plane of the film are smaller than those across it, by the ratio of the
@@ -311,7 +316,12 @@ def _orthonormal(film: Membrane, columns: Array, smallest: float) -> Array:
     return np.column_stack(kept)
 
 
-def _orthonormalised(film: Membrane, modes: Array, fixed: Array, mass: float) -> Array:
+def _orthonormalised(
+    film: Membrane,
+    modes: Array,
+    fixed: Array,
+    mass: float,
+) -> Array:
     """Modes (n, k) made orthogonal to the fixed ones and orthonormal to each other."""
     for _ in range(ORTHOGONALISATION_PASSES):
         of_fixed = film.comm.allreduce(scalar_mass_times(film, fixed).T @ modes) / mass

@@ -16,6 +16,8 @@ components is outside, so that NumPy works on long rows.
 
 from __future__ import annotations
 
+import math
+
 import basix
 import numpy as np
 import ufl
@@ -26,8 +28,13 @@ from gossamer_fx.forms.backend import evaluate
 from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.model.body import Array, Indices
 
-# (a, c, k): component k of a stress (S11, S22, S12) stands at S_ac.
-STRESS_COMPONENTS = ((0, 0, 0), (1, 1, 1), (0, 1, 2), (1, 0, 2))
+# (a, c, k): component k of a stress (S11, S22, S12) is S_ac.
+STRESS_COMPONENTS = (
+    (0, 0, 0),
+    (1, 1, 1),
+    (0, 1, 2),
+    (1, 0, 2),
+)
 
 
 def own_cells(film: Membrane) -> Indices:
@@ -45,7 +52,8 @@ def points_and_areas(film: Membrane) -> tuple[Array, Array]:
     mesh = film.space.mesh
     cells = own_cells(film)
     determinant = compile_expression(ufl.JacobianDeterminant(mesh), points)
-    values = evaluate(determinant, mesh, cells).reshape(len(cells), len(points))
+    values = evaluate(determinant, mesh, cells)
+    values = values.reshape(len(cells), len(points))
     # The determinant is negative in cells whose corners are numbered clockwise.
     return points, abs(values) * weights
 
@@ -64,12 +72,16 @@ def mode_gradients(film: Membrane, φ: Array, points: Array) -> Array:
     # The deformation gradient of a motion has the gradients of its components: three modes at once.
     motion = fem.Function(film.space)
     gradient = compile_expression(film.deformation(motion), points)
-    padded = np.zeros((len(φ), 3 * -(-r // 3)))
+    # Filled up with zeros to a multiple of three.
+    motions = math.ceil(r / 3)
+    padded = np.zeros((len(φ), 3 * motions))
     padded[:, :r] = φ
     found = np.empty((q, 2, r))
     for first in range(0, r, 3):
-        motion.x.array[:] = padded[:, first : first + 3].ravel()
-        values = evaluate(gradient, film.space.mesh, cells).reshape(q, 3, 2)
+        three_modes = padded[:, first : first + 3]
+        motion.x.array[:] = three_modes.ravel()
+        values = evaluate(gradient, film.space.mesh, cells)
+        values = values.reshape(q, 3, 2)
         count = min(3, r - first)
         found[..., first : first + count] = values[:, :count].swapaxes(1, 2)
     return found
@@ -93,7 +105,12 @@ def strain_operator(F: Array) -> Array:
     return B.reshape(3, 6, -1)
 
 
-def stress_derivatives(B_mean: Array, D: Array, B: Array, S: Array) -> Array:
+def stress_derivatives(
+    B_mean: Array,
+    D: Array,
+    B: Array,
+    S: Array,
+) -> Array:
     """T (q, 2, 3, 2, 3) of (2), for stresses that act at the mean of two gradients.
 
     Args:
@@ -103,7 +120,9 @@ def stress_derivatives(B_mean: Array, D: Array, B: Array, S: Array) -> Array:
         S: stress (3, q) times dA.
     """
     DB = np.einsum("klq,ljq->kjq", D, B)
-    T = np.einsum("kiq,kjq->qij", B_mean, DB).reshape(-1, 2, 3, 2, 3)
+    T = np.einsum("kiq,kjq->qij", B_mean, DB)
+    T = T.reshape(-1, 2, 3, 2, 3)
+    # The geometric stiffness S_ac 1 acts on each coordinate alone.
     for i in range(3):
         for a, c, k in STRESS_COMPONENTS:
             T[:, a, i, c, i] += S[k]
@@ -115,9 +134,10 @@ def project(T: Array, G: Array) -> Array:
     q, _, r = G.shape
     K: Array = np.zeros((r, 9 * r))
     for a in range(2):
-        # Σ_c T_ac G_c at each point, then one product of full matrices over all points
+        # Σ_c T_ac G_c at each point, then one product of full matrices over all points.
         T_a = np.ascontiguousarray(T[:, a].swapaxes(2, 3))
         TG = T_a.reshape(q, 9, 2) @ G
         K += G[:, a].T @ TG.reshape(q, 9 * r)
+    # K has the order (mode, coordinate, coordinate, mode).
     by_mode = K.reshape(r, 3, 3, r).swapaxes(2, 3)
     return by_mode.reshape(3 * r, 3 * r)

@@ -31,14 +31,18 @@ class Motion(Protocol):
 
 @check_arguments
 def reduce(
-    body: Membrane, motions: Sequence[Motion], *, modes: int, cells: int | None = None
+    body: Membrane,
+    motions: Sequence[Motion],
+    *,
+    modes: int,
+    cells: int | None = None,
 ) -> ReducedMembrane:
     """A reduced model of a film: 3 · (modes + 3) unknowns that move as the film did in `motions`.
 
     A film that is not plane has 3 · (modes + 4) unknowns.  The modes are mass-weighted singular
     vectors of all shapes, scalar fields with vectors as unknowns, so that energy, momentum and
     angular momentum are conserved; see `reduction.basis`.  The reduced film has the initial state,
-    law and name of the film, and takes its place in a new scene.  Collective.
+    law and name of the film, and replaces it in a new scene.  Collective.
 
     Args:
         body: the film; it may not have bending stiffness, creases or contact.

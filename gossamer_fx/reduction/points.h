@@ -1,53 +1,38 @@
-/* The points of a reduced film: the data that Python hands over, and the functions that it calls.
+/* The points of a reduced film: strains, forces and stiffness.
 
    The C compiler reads this file, and so does cffi, without the preprocessor's lines: see forms/c_source.py.  Shapes
-   stand in brackets; c cells with p points each, q = c p points in all, r modes.  Strains are (E11, E22, 2 E12); a
-   response is a stress and its derivative, 3 and 9 numbers. */
+   stand in brackets; q points, r modes.  Strains are (E11, E22, 2 E12); a response is a stress and its derivative, 3
+   and 9 numbers.  F are the images of the two frame vectors at each point. */
 #ifndef GOSSAMER_POINTS_H
 #define GOSSAMER_POINTS_H
 
 #include <stddef.h>
-#include <stdint.h>
-
-/* An expression that FFCx has compiled. */
-typedef struct {
-    uintptr_t function;      /* its tabulate function */
-    const double *constants; /* its constants, one after the other */
-    int n;                   /* numbers of one cell that it needs */
-    const int32_t *from;     /* (n) where they stand in the pool of a cell */
-} expression;
 
 typedef struct {
-    ptrdiff_t cells;   /* c */
-    ptrdiff_t points;  /* p */
-    ptrdiff_t others;  /* further numbers of a cell, on which the law depends */
-    ptrdiff_t geometry; /* numbers of the coordinates of a cell */
-    const expression *sort; /* which law is the cheapest that serves a point; NULL: there is one */
-    const expression *law;
-    const expression *energy;
-    const double *x;     /* (c, geometry) */
-    const double *other; /* (c, others) */
-    const double *dA;    /* (c, p) [m^2] */
-    double *start;       /* (q, 3) strains at the start of the step */
-    double *strain;      /* (q, 3) of the iteration */
-    double *response;    /* (q, 12) */
-    double *missed;      /* (q) */
-    int32_t *idle;       /* (q) */
-    double *pool;        /* (6 p + others) work: the numbers of one cell */
-    double *arguments;   /* (largest n of an expression) work */
-    double *of_points;   /* (6 p) work */
-} film;
+    ptrdiff_t count;        /* q */
+    const double *dA;       /* (q) [m^2] */
+    const double *strain;   /* (q, 3) of the iterate */
+    const double *response; /* (q, 12) */
+} point_stresses;
 
-void set_strains(const film *f, const double *F, const double *dF, int way);
+/* The states between which forces and tangents are taken. */
+typedef struct {
+    const double *F0; /* (q, 2, 3) at the start of the step */
+    const double *F;  /* (q, 2, 3) at its end */
+    double alpha;     /* weight of the end where forces act */
+} point_gradients;
 
-int choose_strains(const film *f, const double *F, const double *dF, double surroundings, double far, double falls,
-                   int most);
+/* Strains (q, 3) of F (q, 2, 3).  Of their second derivative along dF (q, 2, 3) half is taken off, unless dF is NULL:
+   the strains are then linear about F - dF. */
+void strains(ptrdiff_t count, const double *F, const double *dF, double *strain);
 
-double energy(const film *f);
+/* N_a = sum over b of S_ab Fm_b dA (q, 2, 3), Fm = (1 - alpha) F0 + alpha F, with the stress that is linear in the true
+   strain of F. */
+void forces(const point_stresses *stresses, const point_gradients *at, double *N);
 
-void forces(const film *f, const double *F0, const double *F, double alpha, double *N);
-
-void stiffness_times(const film *f, const double *F0, const double *F, double alpha, double share, int r,
-                     const double *G, double *TG);
+/* Sum over c of T_ac G_c (q, 2, 3, 3, r) with T_ac = (sum over b, d of D_abcd Fm_b (x) F_d + share S_ac 1) dA and
+   G (q, 2, r). */
+void stiffness_times(const point_stresses *stresses, const point_gradients *at, double share, int r, const double *G,
+                     double *TG);
 
 #endif

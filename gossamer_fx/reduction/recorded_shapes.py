@@ -111,7 +111,7 @@ class RecordedShapes:
         """Check that no two nodes have the same name.  Collective."""
         coincide = (
             f"RecordedShapes: nodes of '{self.body.name}' lie on each other, so that they cannot be told apart in "
-            "files; keep its shapes in memory by `Snapshots`."
+            "files; record its shapes in memory with `Snapshots`."
         )
         # All names of the same cube meet on one rank, which compares them; no values are exchanged.
         no_values = np.zeros((len(names), 0))

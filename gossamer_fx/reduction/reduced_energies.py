@@ -7,7 +7,7 @@ G are the gradients of the modes (`mode_gradients`), F and F̄ the gradients at 
 stress S and its derivatives D are those of the mixed iteration in strains, which
 `terms.element_energies` describes; `points` evaluates them at the quadrature points.
 
-Each rank has the points of its own sampled cells.  Sums over ranks go to rank 0, which owns the
+Each rank has the points of the sampled cells that it owns.  Sums over ranks go to rank 0, which owns the
 unknowns.
 """
 
@@ -18,12 +18,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-import ufl
 from dolfinx import fem
 from petsc4py import PETSc
 
-from gossamer_fx.forms.backend import interpolation_points
-from gossamer_fx.forms.compilation import compile_expression
 from gossamer_fx.model.body import Array
 from gossamer_fx.model.roles import (
     Forces,
@@ -35,23 +32,21 @@ from gossamer_fx.model.roles import (
 )
 from gossamer_fx.reduction.coordinates import ReducedCoordinates
 from gossamer_fx.reduction.mode_gradients import mode_gradients, own_cells, points_and_areas
-from gossamer_fx.reduction.points import GIVEN, LINEAR, TRUE, Law, Points
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.reduction.points import Points
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.terms.discrete_gradient import StressRule
-from gossamer_fx.terms.element_energies import (
-    MAX_FRUITLESS_CHOICES,
-    StoredEnergy,
-    first_that_holds,
-    quadrature_element,
-    with_derivative,
-)
-
-# Weight α of the midpoint rules; only they switch between strains, see `terms.element_energies`.
-MIDPOINT = 0.5
+from gossamer_fx.terms.element_energies import MIDPOINT, StoredEnergy, quadrature_element
+from gossamer_fx.terms.law_kernel.functions import LawFunctions, law_functions
 
 
 class ReducedEnergies(
-    StepObserver, IterateObserver, StateObserver, Forces, Tangents, StoredEnergies, CompiledTerms
+    StepObserver,
+    IterateObserver,
+    StateObserver,
+    Forces,
+    Tangents,
+    StoredEnergies,
+    CompiledTerms["ReducedEnergy"],
 ):
     """All `ReducedEnergy` terms of a scene, compiled; `model.roles` describes its methods."""
 
@@ -128,7 +123,7 @@ class ReducedEnergy(StoredEnergy):
 
     modes: Array | None = None
     weights: Array | None = None
-    compiler: ClassVar[type[CompiledTerms]] = ReducedEnergies
+    compiler: ClassVar[Compiler] = ReducedEnergies
 
 
 class ModeForces:
@@ -147,54 +142,34 @@ class ModeForces:
     def __init__(self, term: ReducedEnergy, at: ReducedCoordinates, rule: StressRule) -> None:
         assert term.modes is not None and term.weights is not None
         film: Any = term.body
-        mesh = film.space.mesh
-        cells = own_cells(film)
         reference_points, dA = points_and_areas(film)
         self.name = term.name
         self.points = Points(
-            _law(term, rule),
-            x=mesh.geometry.x[mesh.geometry.dofmap[cells]],
+            _compiled_law(term, rule),
+            own_cells(film),
             dA=dA * term.weights[:, None],
             G=mode_gradients(film, term.modes, reference_points),
+            # A quadratic energy has one linear stress: there is nothing to choose.
+            may_choose=not term.quadratic and rule.alpha == MIDPOINT,
         )
         self._at = at
         self._alpha = rule.alpha
-        # A quadratic energy has one linear stress: there is nothing to choose.
-        self._may_choose = not term.quadratic and rule.alpha == MIDPOINT
-        self.begin()
 
     def begin(self) -> None:
         """Start a step."""
-        # Iterations of the step so far, and whether strains are still chosen in it
-        self._iteration = 0
-        self._chooses = self._may_choose
-        self.points.begin()
+        self.points.law.begin_step()
 
     def move(self, linearly: bool) -> None:
         """Set the strains after q1 was set, as `terms.element_energies` does for a whole film.
 
-        There is one difference: the first strains of a step continue those of the last step,
-        2 e0 - e_past.  A small basis has no modes that alternate from step to step, and a sail takes
-        half an iteration less.
-
         Args:
             linearly: whether strains may follow linearly from the last iterate.
         """
-        points = self.points
-        points.move(self._at.end)
-        if not linearly:
-            points.set_strains(TRUE)
-            return
-        if not self._chooses:
-            points.set_strains(LINEAR, self._at.change)
-        elif self._iteration == 0:
-            points.strain[:] = 2 * points.start - points.past
-            points.set_strains(GIVEN)
+        self.points.move(self._at.end)
+        if linearly:
+            self.points.linearise(self._at.change)
         else:
-            far = points.choose_strains(self._at.change)
-            # After some choices that changed little, strains stay linear for the rest of the step.
-            self._chooses = self._iteration <= MAX_FRUITLESS_CHOICES or far
-        self._iteration += 1
+            self.points.set_true_strains()
 
     def forces(self) -> Array:
         """Forces (r, 3) [N] on the coefficients."""
@@ -205,28 +180,9 @@ class ModeForces:
         return self.points.stiffness(self._alpha, self._alpha * geometric)
 
 
-def _law(term: ReducedEnergy, rule: StressRule) -> Law:
-    """Compile the expressions of a law at the quadrature points."""
+def _compiled_law(term: ReducedEnergy, rule: StressRule) -> LawFunctions:
+    """Compile the functions of a law at the quadrature points."""
     film: Any = term.body
     mesh = film.space.mesh
     Q = fem.functionspace(mesh, quadrature_element(mesh, term.dx.metadata(), (3,)))
-    start = fem.Function(Q)
-    end = fem.Function(Q)
-    chosen = ufl.variable(end)
-    points = interpolation_points(Q)
-    # The first stress serves all points; the others are cheaper and serve points in certain states.
-    cases = rule.cases(term, start, chosen)
-    stresses = [rule.stress(term, start, chosen)]
-    stresses += [stress for _, stress in cases]
-    sort = None
-    if cases:
-        sort = compile_expression(first_that_holds(cases), points)
-    return Law(
-        strains=(start, end),
-        expressions=[
-            compile_expression(with_derivative(stress, chosen), points) for stress in stresses
-        ],
-        sort=sort,
-        energy=compile_expression(term.density(start), points),
-        cells=own_cells(film),
-    )
+    return law_functions(term, rule, start=fem.Function(Q), strain=fem.Function(Q))

@@ -118,8 +118,19 @@ class ReducedMembrane(Membrane):
         for name, value in vars(film.constants).items():
             # Properties that vary from cell to cell are functions; others were set with the law.
             if isinstance(value, fem.Function):
-                of_film = value.x.array[cell_nodes(value.function_space).ravel()]
-                setattr(self.constants, name, _in_cells(sampled, of_film[parents]))
+                nodes = cell_nodes(value.function_space).ravel()
+                size = value.function_space.dofmap.index_map_bs
+                of_film = value.x.array.reshape(-1, size)[nodes]
+                function = _in_cells(sampled, of_film[parents], value.ufl_shape)
+                setattr(self.constants, name, function)
+        direction = getattr(self.constants, "direction", None)
+        if direction is not None:
+            from gossamer_fx.bodies.directions import set_axes
+
+            set_axes(self.constants, direction, self._frame)
+
+    def _orient(self) -> None:
+        """The axes of the law are those of the film, see `_restrict`: the sample has no groups."""
 
     @property
     def full(self) -> Membrane:
@@ -157,6 +168,7 @@ class ReducedMembrane(Membrane):
             self.dx,
             self.law.quadratic,
             self.pieces,
+            c_law=self.law.c_law(self.constants, self.comm),
             modes=self._modes,
             weights=self._weights,
         )
@@ -213,10 +225,18 @@ def check_reducible(film: Membrane) -> None:
     )
 
 
-def _in_cells(mesh: dmesh.Mesh, values: Array) -> fem.Function:
-    """A function that is constant in each cell; ghost values come from the owners.  Collective."""
-    function = fem.Function(fem.functionspace(mesh, ("Discontinuous Lagrange", 0)))
-    function.x.array[cell_nodes(function.function_space).ravel()] = values
+def _in_cells(mesh: dmesh.Mesh, values: Array, shape: tuple[int, ...] = ()) -> fem.Function:
+    """A function that is constant in each cell; ghost values come from the owners.  Collective.
+
+    Args:
+        mesh: the mesh.
+        values: (cells,), or (cells, k) of vectors.
+        shape: () or (k,).
+    """
+    function = fem.Function(fem.functionspace(mesh, ("Discontinuous Lagrange", 0, shape)))
+    nodes = cell_nodes(function.function_space).ravel()
+    size = function.function_space.dofmap.index_map_bs
+    function.x.array.reshape(-1, size)[nodes] = values.reshape(len(nodes), size)
     function.x.scatter_forward()
     return function
 

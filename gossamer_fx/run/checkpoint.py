@@ -1,12 +1,25 @@
-"""Checkpoints: all that a run needs to go on after its end, whatever ended it, on any number of ranks.
+"""Checkpoints: all that a run needs to continue after its end, whatever ended it, on any number of ranks.
 
-A checkpoint is a folder `step-00000100`:
+A checkpoint is a folder such as `step-00000100` with the files
 
-    run.json        numbers and words: time, gas, ledger sums, controllers, step control, where the outputs stand
-    rank-0000.npz   the values of one rank: for each block the names of its nodes, coordinates and velocities
+    run.json        time, states of the gas, sums of the ledger, history variables, step control,
+                    description of the scene, positions of the outputs in their files
+    rank-0000.npz   the share of one rank: for each block of unknowns the names of its nodes, and their
+                    coordinates and velocities
 
-It is written as `.step-00000100` beside and renamed when all is on the disk, so it exists completely or not at all.
-`run.json` holds a checksum of itself and of every other file.  Nodes are found by `node_names`, not by their order.
+Algorithm.
+
+1. Write all files into the folder `.step-00000100`, and wait until they are on the disk.
+2. Rename the folder to `step-00000100`.  A checkpoint therefore exists completely or not at all.
+3. Remove the oldest checkpoints.
+
+`run.json` contains its own checksum and those of all other files: a damaged checkpoint is refused.
+
+A restart may have another number of ranks.  Its nodes are found by the names of `run.node_keys`, which do
+not depend on the partition of the mesh.
+
+Limits.  A checkpoint is read by the version of the package that wrote it, and by the scene that wrote it
+(see `run.same_scene`).
 """
 
 from __future__ import annotations
@@ -37,35 +50,60 @@ from gossamer_fx.run.same_scene import compare, compare_energies
 from gossamer_fx.system.totals import Totals
 from gossamer_fx.version import VERSION
 
+# Number of the format; it changes with the contents of the files.
 FORMAT = 5
-LACKS = "The checkpoint lacks nodes of this scene; restart the scene by which it was written."
-TWICE = "Two nodes of the checkpoint have the same name."
+
+# A file is summed in blocks of this many bytes, so that its size does not matter.
+CHECKSUM_BLOCK = 1 << 20
+
+MISSING_NODES = (
+    "The checkpoint lacks nodes of this scene; restart the scene by which it was written."
+)
+EQUAL_NAMES = "Two nodes of the checkpoint have the same name."
+
+# Kinds of outputs, and where they stand in their files.
+Cursors = list[tuple[str, dict[str, Any]]]
 
 
 class SavedRun(Run, HistoryVariables, Protocol):
-    """A run, and its outputs, whose cursors are saved with it.
+    """A run, with its outputs.
 
-    `recorded` says whether the outputs have seen the present state; if not, `cursors` are theirs of before.
+    Attributes:
+        outputs: those of the run, whose positions in their files are saved with it.
+        recorded: whether the outputs have recorded the present state.
+        cursors: positions of the outputs before the present state, for the case that they have not.
     """
 
     outputs: list[Output]
     recorded: bool
-    cursors: list[tuple[str, dict[str, Any]]]
+    cursors: Cursors
 
 
 @check_arguments
 class Checkpoints:
-    """Where a run writes its checkpoints, and when: at the start, at the end, and in between.
+    """Writes checkpoints of a run: at its start, at its end, and at intervals.
 
     Args:
-        folder: it holds nothing else.
-        every: steps between two checkpoints; None: only by time.
-        minutes: time between two checkpoints; None: only by steps.
-        keep: how many are kept; older ones are removed when a new one is complete.
-        overwrite: whether a run that does not go on from the folder's checkpoints may remove them.
+        folder: for the checkpoints only.
+        every: steps between two checkpoints; None: at intervals of time only.
+        minutes: wall time between two checkpoints [min]; None: at intervals of steps only.
+        keep: number of checkpoints that are kept.  Older ones are removed when a new one is complete.
+        overwrite: whether a run that does not continue from the checkpoints in the folder may remove
+            them.
+
+    Attributes:
+        seconds: wall time of writing [s].
 
     Raises:
-        InputError: the folder cannot be made or written, or holds checkpoints that would be lost.
+        InputError: a value is out of its range.
+
+    Example:
+        >>> checkpoints = gx.Checkpoints(folder / "checkpoints", every=50)
+        >>> free = gx.RigidBody(1.0, (1.0, 1.0, 1.0), comm=comm, name="free body")
+        >>> swing = gx.Simulation(gx.Scene(free), gx.Midpoint(dt=0.1), checkpoints=checkpoints)
+        >>> swing.run(until=1.0)
+        >>> checkpoints.latest.name
+        'step-00000010'
     """
 
     def __init__(
@@ -77,7 +115,10 @@ class Checkpoints:
         keep: int = 2,
         overwrite: bool = False,
     ) -> None:
-        self.folder, self.every, self.minutes, self.keep = Path(folder), every, minutes, keep
+        self.folder = Path(folder)
+        self.every = every
+        self.minutes = minutes
+        self.keep = keep
         self.overwrite = overwrite
         check(
             every is None or (isinstance(every, int) and every >= 1),
@@ -91,80 +132,118 @@ class Checkpoints:
             isinstance(keep, int) and keep >= 1,
             f"Checkpoints: keep is {keep!r}; keep at least one.",
         )
-        self.seconds = 0.0  # spent in writing
-        self._written: int | None = None
+        self.seconds = 0.0
+        self._written: int | None = None  # step of the last checkpoint
 
     def open(self, run: SavedRun, scene: dict[str, Any], restart: str | Path | None) -> None:
-        """Before anything is computed.
+        """Make the folder; before anything is computed.
 
         Args:
             run: at its start, or as it was restarted.
-            scene: what tells it from others, see `scene_of`.
-            restart: where it was restarted from.
+            scene: its description, see `run.same_scene.scene_of`.
+            restart: checkpoint or folder from which the run was restarted, if it was.
+
+        Raises:
+            InputError: the folder cannot be made or written, or contains checkpoints that would be
+                lost.
         """
         make_parent(run.comm, self.folder / "step")
         on_rank_zero(run.comm, lambda: self._check_free(restart))
         self._names = all_names(run.system)
         self._scene = scene
         self._clock = time.monotonic()
-        there = run.step > 0 and (self.folder / _name(run.step)).is_dir()
-        self._written = run.step if run.comm.bcast(there) else None
+        # A restarted run finds the checkpoint of its first state in the folder.  Rank 0 decides, as
+        # not every rank may see the folder.
+        exists = run.step > 0 and (self.folder / _name(run.step)).is_dir()
+        self._written = None
+        if run.comm.bcast(exists):
+            self._written = run.step
 
     def _check_free(self, restart: str | Path | None) -> None:
-        """Raise `InputError` if checkpoints would be lost that the run does not go on from."""
+        """Check that no checkpoints would be lost from which the run does not continue.
+
+        Raises:
+            InputError: the folder contains such checkpoints.
+        """
         newest = latest_checkpoint(self.folder)
+        # The checkpoint of a start has no results that could be lost.
         if newest is None or _step(newest) == 0 or self.overwrite:
             return
-        own = restart is not None and self.folder.resolve() in (
-            Path(restart).resolve(),
-            Path(restart).resolve().parent,
-        )
+        continues = False
+        if restart is not None:
+            source = Path(restart).resolve()
+            continues = self.folder.resolve() in (source, source.parent)
         check(
-            own,
+            continues,
             f"'{self.folder}' holds checkpoints of a run up to step {_step(newest)}; go on from them with restart "
             "(--restart), replace them with overwrite=True (--overwrite), or give another folder.",
         )
 
     @property
     def latest(self) -> Path | None:
-        """The last one that was written."""
-        return None if self._written is None else self.folder / _name(self._written)
+        """Folder of the last checkpoint of this run; None before the first."""
+        if self._written is None:
+            return None
+        return self.folder / _name(self._written)
 
     def record(self, run: SavedRun, last: bool) -> None:
-        """Write one if it is due; after the outputs have recorded the step."""
-        if self._written != run.step and (last or self._written is None or self._due(run)):
-            started = time.perf_counter()
-            self._write(run)
-            self._written, self._clock = run.step, time.monotonic()
-            self.seconds += time.perf_counter() - started
+        """Write a checkpoint if it is due; called after the outputs have recorded the step.
 
-    def _due(self, run: SavedRun) -> bool:
+        Args:
+            run: after a step.
+            last: whether the run ends with this step.
+
+        Raises:
+            OutputFailure: the checkpoint could not be written; older ones are unchanged.
+        """
+        if self._written == run.step:
+            return
+        is_first = self._written is None
+        if not (last or is_first or self._is_due(run)):
+            return
+        started = time.perf_counter()
+        self._write(run)
+        self._written = run.step
+        self._clock = time.monotonic()
+        self.seconds += time.perf_counter() - started
+
+    def _is_due(self, run: SavedRun) -> bool:
+        """Whether the interval of steps or of time has passed; the same on every rank."""
         if self.every is not None and run.step % self.every == 0:
             return True
         if self.minutes is None:
             return False
-        return bool(run.comm.bcast(time.monotonic() - self._clock >= 60 * self.minutes))
+        elapsed = time.monotonic() - self._clock
+        # Clocks differ: rank 0 decides.
+        return bool(run.comm.bcast(elapsed >= 60 * self.minutes))
 
     def _write(self, run: SavedRun) -> None:
-        comm, path = run.comm, self.folder / _name(run.step)
+        """Write a checkpoint of the present state, by the algorithm of the module.
+
+        Raises:
+            OutputFailure: on all ranks; the incomplete folder is removed.
+        """
+        comm = run.comm
+        path = self.folder / _name(run.step)
         new = self.folder / f".{path.name}"
         state = self._state(run)
         checksums: list[list[int]] = []
 
         def prepare() -> None:
             if comm.rank == 0:
-                for left in self.folder.glob(".step-*"):
-                    shutil.rmtree(left, ignore_errors=True)
+                # A run that was killed while it wrote may have left such a folder.
+                for incomplete in self.folder.glob(".step-*"):
+                    shutil.rmtree(incomplete, ignore_errors=True)
                 new.mkdir()
 
-        def own_part() -> None:
-            part = new / _rank(comm.rank)
-            with part.open("wb") as file:
+        def write_share() -> None:
+            share = new / _rank_file(comm.rank)
+            with share.open("wb") as file:
                 np.savez(file, **self._arrays(run))
                 _to_disk(file)
-            checksums.append(_checksum(part))
+            checksums.append(_checksum(share))
 
-        def finish() -> None:
+        def complete_folder() -> None:
             gathered = comm.gather(checksums[0])
             if comm.rank == 0:
                 state["parts"] = gathered
@@ -172,32 +251,51 @@ class Checkpoints:
                 with (new / "run.json").open("wb") as file:
                     file.write(_page(state))
                     _to_disk(file)
+                # A folder is only renamed to a name that is free.
                 shutil.rmtree(path, ignore_errors=True)
                 new.rename(path)
-                others = [p for p in complete(self.folder) if p != path]
-                before = [p for p in others if _step(p) < run.step]
-                for old in set(others) - set(before[len(before) - self.keep + 1 :]):
-                    shutil.rmtree(old, ignore_errors=True)
+                self._remove_old(path)
 
         try:
-            for task in (prepare, own_part, finish):
-                write_on_all(comm, new, task)
+            # All ranks learn of the failure of one, before the next task is begun.
+            write_on_all(comm, new, prepare)
+            write_on_all(comm, new, write_share)
+            write_on_all(comm, new, complete_folder)
         except Exception:
             if comm.rank == 0:
                 shutil.rmtree(new, ignore_errors=True)
             raise
 
+    def _remove_old(self, newest: Path) -> None:
+        """Remove all checkpoints except the newest and those that are kept before it."""
+        others = [path for path in complete(self.folder) if path != newest]
+        # Later steps belong to a run that this one has replaced.
+        earlier = [path for path in others if _step(path) < _step(newest)]
+        # The newest one counts.  A negative start would count from the end of the list.
+        first_kept = max(len(earlier) - self.keep + 1, 0)
+        kept = earlier[first_kept:]
+        for path in others:
+            if path not in kept:
+                shutil.rmtree(path, ignore_errors=True)
+
     def _arrays(self, run: SavedRun) -> dict[str, Any]:
-        """This rank's part: names (n,), and (n, size) of every vector of every block."""
+        """This rank's share: the names (n,) of its n nodes, and (n, size) of every vector, by block."""
         numbering = run.system.numbering
-        arrays: dict[str, Any] = {f"names {k}": names for k, names in enumerate(self._names)}
+        arrays: dict[str, Any] = {}
+        for k, names in enumerate(self._names):
+            arrays[f"names {k}"] = names
         for name, vector in run.history.vectors.items():
             for k, block in enumerate(numbering.blocks):
-                arrays[f"{name} {k}"] = vector.array_r[numbering.owned(k)].reshape(-1, block.size)
+                values = vector.array_r[numbering.owned(k)]
+                arrays[f"{name} {k}"] = values.reshape(-1, block.size)
         return arrays
 
     def _state(self, run: SavedRun) -> dict[str, Any]:
+        """The contents of run.json, except checksums; the same on every rank."""
         system = run.system
+        cursors = run.cursors
+        if run.recorded:
+            cursors = cursors_of(run.outputs)
         return {
             "format": FORMAT,
             "version": VERSION,
@@ -209,172 +307,249 @@ class Checkpoints:
             "run": run.get_state(),
             "history": run.history.get_state(),
             "totals": _plain(run.totals),
-            "outputs": cursors_of(run.outputs) if run.recorded else run.cursors,
+            "outputs": cursors,
         }
 
 
 def complete(folder: Path) -> list[Path]:
     """The checkpoints in a folder, oldest first."""
-    found = [
-        p
-        for p in folder.glob("step-*")
-        if re.fullmatch(r"step-\d{8,}", p.name) and (p / "run.json").is_file()
-    ]
+    found = []
+    for path in folder.glob("step-*"):
+        has_name = re.fullmatch(r"step-\d{8,}", path.name)
+        if has_name and (path / "run.json").is_file():
+            found.append(path)
+    # By number, as more than eight digits would not be sorted by name.
     return sorted(found, key=_step)
 
 
 @check_arguments
 def latest_checkpoint(folder: str | Path) -> Path | None:
-    """The newest complete checkpoint in a folder, if there is one."""
-    return next(reversed(complete(Path(folder))), None)
+    """The newest complete checkpoint in a folder, or None.
+
+    Args:
+        folder: of checkpoints; it need not exist.
+
+    Example:
+        >>> print(gx.run.latest_checkpoint("no such folder"))
+        None
+    """
+    found = complete(Path(folder))
+    if not found:
+        return None
+    return found[-1]
 
 
 def read(
-    run: SavedRun, restart: str | Path, scene: dict[str, Any], changes: Sequence[str]
-) -> tuple[list[tuple[str, dict[str, Any]]], str]:
-    """Give a run, which stands at its start, the state of a checkpoint.
+    run: SavedRun,
+    restart: str | Path,
+    scene: dict[str, Any],
+    changes: Sequence[str],
+) -> tuple[Cursors, str]:
+    """Restore the state of a checkpoint.
 
     Args:
-        run: to be given the state.
+        run: at its start.
         restart: a checkpoint, or a folder, of which the newest one is taken.
-        scene: what tells the run from others, see `scene_of`.
-        changes: names of parts and events whose parameters are meant to be others.
+        scene: description of the run's scene, see `run.same_scene.scene_of`.
+        changes: names of items and events whose arguments are meant to be others.
 
     Returns:
-        Where its outputs stood, and what of the scene could not be compared.
+        Positions of the outputs in their files, and in words what of the scene could not be compared.
 
     Raises:
-        InputError: there is none, it is damaged, of another version, or of another scene.
+        InputError: there is no checkpoint, it is damaged, of another version, or of another scene.
     """
-    path, state = run.comm.bcast(on_rank_zero(run.comm, lambda: _open(Path(restart))))
-    unknown = compare(path, state["scene"], scene, changes)
+    comm = run.comm
+    path, state = comm.bcast(on_rank_zero(comm, lambda: _open(Path(restart))))
+    not_compared = compare(path, state["scene"], scene, changes)
+    arrays = _load_on_all(run, path, state)
+    _restore_vectors(run, arrays)
+
+    system = run.system
+    system.time = state["time"]
+    # The checkpoint contains sums over its ranks.  Here, rank 0 adds them to its share.
+    share = float(comm.rank == 0)
+    losses = state["totals"]["losses"]
+    system.supplied_energy = share * state["supplied"]
+    # Causes of losses that the scene or the checkpoint does not have begin, or remain, as they are.
+    causes = {**losses, **system.losses}
+    system.losses = {name: share * losses.get(name, 0.0) for name in causes}
+    run.history.set_state(state["history"])
+    run.set_state(state["run"])
+    # Arguments that are meant to be others change the energies.
+    if not changes:
+        compare_energies(path, run.totals, state["totals"])
+    cursors = [(kind, cursor) for kind, cursor in state["outputs"]]
+    return cursors, not_compared
+
+
+def _load_on_all(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
+    """The arrays that this rank reads, see `_load`.
+
+    Raises:
+        InputError: a file is damaged; on all ranks, although one only has read it.
+    """
+    arrays: dict[str, Any] = {}
+    reason = ""
     try:
-        arrays, reason = _load(run, path, state), ""
+        arrays = _load(run, path, state)
     except (OSError, ValueError, KeyError, zipfile.BadZipFile, EOFError, zlib.error) as error:
-        arrays, reason = {}, f"{type(error).__name__}: {error}"
-    reason = next(filter(None, run.comm.allgather(reason)), "")
-    if reason:
-        raise InputError(run.comm.bcast(_damaged(path, reason)))
-    system, numbering = run.system, run.system.numbering
-    here = all_names(system)
+        reason = f"{type(error).__name__}: {error}"
+    reasons = [text for text in run.comm.allgather(reason) if text]
+    if reasons:
+        # The message names another checkpoint, which only some ranks may see.
+        raise InputError(run.comm.bcast(_damaged(path, reasons[0])))
+    return arrays
+
+
+def _restore_vectors(run: SavedRun, arrays: dict[str, Any]) -> None:
+    """Set coordinates, velocities and other vectors from what all ranks have loaded.
+
+    Raises:
+        InputError: the checkpoint has no values for a node of this scene.
+    """
+    numbering = run.system.numbering
+    names_here = all_names(run.system)
     for name, vector in run.history.vectors.items():
         with vector as values:
             for k, block in enumerate(numbering.blocks):
                 rows = fetch(
-                    run.comm, arrays[f"names {k}"], arrays[f"{name} {k}"], here[k], LACKS, TWICE
+                    run.comm,
+                    names=arrays[f"names {k}"],
+                    values=arrays[f"{name} {k}"],
+                    wanted=names_here[k],
+                    lacks=MISSING_NODES,
+                    twice=EQUAL_NAMES,
                 )
                 values[numbering.owned(k)] = rows.reshape(-1, block.size).ravel()
-    first, before = (
-        float(run.comm.rank == 0),
-        state["totals"]["losses"],
-    )  # of all ranks: the first carries them on
-    system.time, system.supplied_energy = state["time"], first * state["supplied"]
-    system.losses = {name: first * before.get(name, 0.0) for name in {**before, **system.losses}}
-    run.history.set_state(state["history"])
-    run.set_state(state["run"])
-    if not changes:
-        compare_energies(path, run.totals, state["totals"])
-    return [(kind, cursor) for kind, cursor in state["outputs"]], unknown
 
 
 def _open(path: Path) -> tuple[Path, dict[str, Any]]:
-    chosen = path if (path / "run.json").is_file() else latest_checkpoint(path)
-    if chosen is None:
+    """The folder of a checkpoint, and the contents of its run.json; on one rank.
+
+    Raises:
+        InputError: there is no checkpoint, it is damaged, or of another version.
+    """
+    folder: Path | None = path
+    if not (path / "run.json").is_file():
+        folder = latest_checkpoint(path)
+    if folder is None:
         raise InputError(
             f"There is no checkpoint in '{path}'; give a folder of checkpoints, or start without restart."
         )
     try:
-        page = (chosen / "run.json").read_bytes()
+        page = (folder / "run.json").read_bytes()
         state = json.loads(page)
-        found, told = (state["format"], state["version"]), state.pop("checksum", None)
-        sound = told == _checksum_of(state)
+        written_format = state["format"]
+        written_version = state["version"]
+        checksum = state.pop("checksum", None)
+        is_sound = checksum == _checksum_of(state)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise InputError(_damaged(chosen, f"run.json: {error}")) from error
-    ours = FORMAT, VERSION
-    if found != ours and (sound or told is None):
+        raise InputError(_damaged(folder, f"run.json: {error}")) from error
+    # Earlier formats had no checksum.  A wrong one means damage, also if the version differs.
+    is_other_version = (written_format, written_version) != (FORMAT, VERSION)
+    if is_other_version and (is_sound or checksum is None):
         raise InputError(
-            f"The checkpoint '{chosen}' was written by version {found[1]} (format {found[0]}), this is {ours[1]} "
-            f"(format {ours[0]}); restart with the version that wrote it."
+            f"The checkpoint '{folder}' was written by version {written_version} (format {written_format}), this is "
+            f"{VERSION} (format {FORMAT}); restart with the version that wrote it."
         )
-    if not sound or page != _page(state | {"checksum": told}):
-        raise InputError(_damaged(chosen, "run.json was changed"))
-    return chosen, state
+    # The checksum is one of values; the text is compared too, so that any changed byte is noticed.
+    if not is_sound or page != _page(state | {"checksum": checksum}):
+        raise InputError(_damaged(folder, "run.json was changed"))
+    return folder, state
 
 
 def _damaged(path: Path, reason: str) -> str:
     """A sentence about a damaged checkpoint, with the remedy."""
-    others = [p for p in complete(path.parent) if p.resolve() != path.resolve()]
-    remedy = f"restart from another one, e.g. '{others[-1]}'" if others else "start anew"
+    others = [other for other in complete(path.parent) if other.resolve() != path.resolve()]
+    remedy = "start again"
+    if others:
+        remedy = f"restart from another one, e.g. '{others[-1]}'"
     return f"The checkpoint '{path}' is damaged ({reason}); {remedy}."
 
 
 def _load(run: SavedRun, path: Path, state: dict[str, Any]) -> dict[str, Any]:
-    """The parts of the ranks that this rank reads, one after the other."""
-    names = [
-        f"{what} {k}"
-        for what in ("names", *state["vectors"])
-        for k in range(len(run.system.numbering.blocks))
-    ]
-    parts = []
+    """The shares that this rank reads, one after the other; no rank reads all.
+
+    Returns:
+        Names (n,) and vectors (n, size) of the n nodes in these shares, by the keys of `_arrays`.
+
+    Raises:
+        ValueError: a file was changed.
+    """
+    blocks = run.system.numbering.blocks
+    shares = []
+    # The checkpoint may have more or fewer files than there are ranks now.
     for rank in range(run.comm.rank, state["ranks"], run.comm.size):
-        part = path / _rank(rank)
-        if _checksum(part) != state["parts"][rank]:
-            raise ValueError(f"{part.name} was changed")
-        with np.load(part, allow_pickle=False) as file:
-            parts.append({name: file[name] for name in names})
-    if not parts:
-        sizes = [block.size for block in run.system.numbering.blocks]
-        empty: dict[str, Any] = {
-            f"names {k}": np.zeros(0, dtype=np.uint64) for k in range(len(sizes))
-        }
-        empty |= {
-            f"{what} {k}": np.zeros((0, size))
-            for what in state["vectors"]
-            for k, size in enumerate(sizes)
-        }
-        return empty
-    return {name: np.concatenate([part[name] for part in parts]) for name in names}
+        share = path / _rank_file(rank)
+        if _checksum(share) != state["parts"][rank]:
+            raise ValueError(f"{share.name} was changed")
+        # Pickled objects could run code of whoever wrote the file.
+        with np.load(share, allow_pickle=False) as file:
+            shares.append(dict(file))
+    arrays: dict[str, Any] = {}
+    for k, block in enumerate(blocks):
+        # Ranks without a file take part in the exchange with empty arrays.
+        empty: dict[str, Any] = {f"names {k}": np.zeros(0, dtype=np.uint64)}
+        for name in state["vectors"]:
+            empty[f"{name} {k}"] = np.zeros((0, block.size))
+        for key, no_rows in empty.items():
+            arrays[key] = no_rows
+            if shares:
+                arrays[key] = np.concatenate([share[key] for share in shares])
+    return arrays
 
 
 def _plain(totals: Totals) -> dict[str, Any]:
-    return {
-        name: v.tolist() if isinstance(v, np.ndarray) else v for name, v in asdict(totals).items()
-    }
+    """Totals as numbers, lists and dictionaries, for JSON."""
+    plain = {}
+    for name, value in asdict(totals).items():
+        if isinstance(value, np.ndarray):
+            value = value.tolist()
+        plain[name] = value
+    return plain
 
 
 def _name(step: int) -> str:
+    """Name of the folder of a checkpoint."""
     return f"step-{step:08d}"
 
 
 def _step(path: Path) -> int:
-    """Of a checkpoint."""
+    """Step of a checkpoint, from the name of its folder."""
     return int(path.name.removeprefix("step-"))
 
 
+def _rank_file(rank: int) -> str:
+    """Name of the file with the share of a rank."""
+    return f"rank-{rank:04d}.npz"
+
+
 def _page(state: dict[str, Any]) -> bytes:
-    """What `run.json` holds of a state, to the last byte."""
+    """The text of run.json, to the last byte."""
     return json.dumps(state, indent=1).encode()
 
 
 def _checksum_of(state: dict[str, Any]) -> str:
-    """Of all that `run.json` holds beside it."""
-    text = json.dumps(json.loads(json.dumps(state)), sort_keys=True)
+    """SHA-256 of the contents of run.json, except the checksum itself."""
+    # Written and read once, so that keys and numbers are those that a reader of the file has.
+    as_read = json.loads(json.dumps(state))
+    text = json.dumps(as_read, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _checksum(path: Path) -> list[int]:
-    """Length and CRC-32 of a file."""
-    crc, size = 0, 0
+    """Length in bytes and CRC-32 of a file; that is enough against damage, and faster than SHA-256."""
+    crc = 0
+    size = 0
     with path.open("rb") as file:
-        while block := file.read(1 << 20):
-            crc, size = zlib.crc32(block, crc), size + len(block)
+        while block := file.read(CHECKSUM_BLOCK):
+            crc = zlib.crc32(block, crc)
+            size += len(block)
     return [size, crc]
 
 
-def _rank(rank: int) -> str:
-    return f"rank-{rank:04d}.npz"
-
-
 def _to_disk(file: Any) -> None:
+    """Wait until a file is on the disk: a rename must not come before its contents."""
     file.flush()
     os.fsync(file.fileno())

@@ -1,10 +1,23 @@
-"""What happens in the course of a run: at a time, or when a probe passes a value."""
+"""Events of a run: actions at a time, or when a probe passes a value.
+
+Problem.  An instant at which a probe passes a value lies within a step, and must be found without a step
+that the run does not keep.
+
+Algorithm of `EventMonitor.advance`.
+
+1. Commit the state, and make a step.
+2. If a probe has passed its value, search the length of the step by false position, with a bisection in
+   every third turn: undo the step and make it again with the length that is tried.
+3. The step ends behind the instant, by the tolerance of the event at most; then the event acts.
+
+Limits.  A probe that passes its value and returns within one step is not noticed.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, field
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
@@ -22,16 +35,38 @@ if TYPE_CHECKING:
 Action = Callable[["Run"], object]
 
 
+# Times that differ by less than this fraction of a step are the same.
+SAME_TIME = 1e-9
+
+# Default tolerance of an instant over the step of the stepper.
+INSTANT_TOLERANCE = 1e-6
+
+# A remainder of a step that counts as round-off, over its length.
+STEP_ROUND_OFF = 1e-12
+
+# Each third turn of the search is a bisection: false position alone approaches from one side only, and
+# is slow for a probe that jumps.
+BISECTION_INTERVAL = 3
+
+
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class At:
-    """A time [s] that is met exactly, e.g. to open a valve.
+    """An event at a time, which a step meets exactly; e.g. to open a valve.
 
     Args:
         time: [s].
-        then: called with the run; after a restart once more, so let it set things, and add nothing.
+        then: called with the run.  It is called again after a restart, so it should set values and not
+            add to them.
         stop: whether the run ends there.
-        name: in the log.
+        name: for the log.
+
+    Raises:
+        InputError: the time is negative or not finite, or `then` is not a function.
+
+    Example:
+        >>> gx.At(0.5, lambda run: run.log("half a second has passed")).time
+        0.5
     """
 
     time: float
@@ -51,17 +86,27 @@ class At:
 @check_arguments
 @dataclass(frozen=True, eq=False)
 class When:
-    """The first time at which a probe exceeds a value, located within the step: a step ends there.
-
-    `When(gx.probes.GasState(bag, "pressure"), 1e4, stop=True)` ends a run at 10 kPa;
-    `When(lambda run: area(run.time))` is where a valve of that area opens.
+    """An event at the first time at which a probe exceeds a value; a step ends there.
 
     Args:
-        probe: a function of the run that returns a number, the same on every rank; see `Probes`.
-        value: that it passes, from below.
-        falling: it passes the value from above.
-        then, stop, name: as those of `At`.
-        tolerance: to which the instant is found [s]; default a millionth of the stepper's dt.
+        probe: a function of the run that returns a number, the same on every rank; see `gx.probes`.
+        value: that the probe passes, from below.
+        falling: whether the probe passes the value from above.
+        then: called with the run.  It is called again after a restart, so it should set values and not
+            add to them.
+        stop: whether the run ends there.
+        tolerance: error of the instant [s]; default a millionth of the stepper's dt.
+        name: for the log.
+
+    Raises:
+        InputError: the probe or `then` is not a function, or the tolerance is not positive.
+
+    Example:
+        >>> pressure = gx.probes.GasState(tank, "pressure")
+        >>> empty = gx.When(pressure, 1e4, falling=True, stop=True, name="the tank is empty")
+        >>> fall = gx.When(lambda run: run.time, 0.25)
+        >>> fall.value
+        0.25
     """
 
     probe: Probe
@@ -76,7 +121,7 @@ class When:
     def __post_init__(self) -> None:
         check(
             callable(self.probe),
-            f"When '{self.name}': {self.probe!r} is no function of the run; give one.",
+            f"When '{self.name}': {self.probe!r} is not a function of the run; give one.",
         )
         check(
             self.tolerance is None or self.tolerance > 0,
@@ -89,6 +134,7 @@ Event = At | When
 
 
 def _check_action(event: Event) -> None:
+    """Refuse an action that is not a function."""
     kind = type(event).__name__
     check(
         event.then is None or callable(event.then),
@@ -96,130 +142,211 @@ def _check_action(event: Event) -> None:
     )
 
 
+@dataclass
+class _StepWithEvents:
+    """A step that is made again with other lengths.
+
+    Attributes:
+        start: time at its start [s].
+        before: values of the probes at its start.
+    """
+
+    start: float
+    before: dict[When, float] = field(default_factory=dict)
+
+    @property
+    def waiting(self) -> list[When]:
+        """Events that have not happened at the start of the step."""
+        return list(self.before)
+
+
 class EventMonitor:
-    """Events at work on a run."""
+    """The events of a run: makes its steps, and lets events act.
+
+    Args:
+        run: at its start.
+        events: `At` and `When`.
+        history: state of the run, for steps that are undone.
+
+    Raises:
+        InputError: something else is among the events, or a probe fails.
+    """
 
     def __init__(self, run: Run, events: Sequence[Event], history: History) -> None:
-        self._run, self._history = run, history
+        self._run = run
+        self._history = history
         for event in events:
             check(
-                isinstance(event, At | When), f"{event!r} is no event; give At(...) or When(...)."
+                isinstance(event, At | When),
+                f"{event!r} is not an event; give At(...) or When(...).",
             )
-        self._at = [e for e in events if isinstance(e, At)]
-        self._when = [e for e in events if isinstance(e, When)]
+        self._at = [event for event in events if isinstance(event, At)]
+        self._when = [event for event in events if isinstance(event, When)]
         self._events: list[Event] = [*self._at, *self._when]
-        self._done: list[int] = []  # numbers in `_events`, in the order in which they happened
-        self._last = {e: evaluate_probe(run, f"When '{e.name}'", e.probe) for e in self._when}
+        self._done: list[int] = []  # indices in `_events`, in the order in which they happened
+        self._last: dict[When, float] = {}  # values of the probes at the last look
+        for event in self._when:
+            self._last[event] = self._evaluate(event)
 
     @property
     def times(self) -> list[float]:
-        """That the run must meet."""
-        return [e.time for e in self._at]
+        """Times that the run must meet [s]."""
+        return [event.time for event in self._at]
 
     def start(self) -> bool:
-        """Let those of the start happen.  Returns whether the run ends there."""
-        return self._happen([e for e in self._at if e.time == self._run.time])
+        """Let the events at the start of the run act; returns whether the run ends there."""
+        return self._let_act([event for event in self._at if event.time == self._run.time])
 
     def advance(self, stepping: Stepping, h: float) -> bool:
-        """Go on by h, or by less: to the first event.  Returns whether the run ends there."""
-        run, waiting = self._run, [e for e in self._when if self._events.index(e) not in self._done]
-        if waiting:
+        """Advance the run by h [s], or to the first event.
+
+        Returns:
+            Whether the run ends there.
+
+        Raises:
+            StepFailure: the step failed.
+            InputError: a probe or an action failed; the run is then at the start of the step.
+        """
+        run = self._run
+        step = _StepWithEvents(run.time)
+        for event in self._when:
+            if self._events.index(event) not in self._done:
+                step.before[event] = self._last[event]
+        # A state that need not be restored need not be copied.
+        if step.waiting:
             self._history.commit()
-        start, before = run.time, {e: self._last[e] for e in waiting}
         stepping.advance(h)
         try:
-            happened = self._look(waiting)
-            if happened:
-                happened = self._locate(stepping, start, waiting, before, happened)
-        except InputError:  # of a probe: the state before the step is the last good one
+            passed = self._passed(step.waiting)
+            if passed:
+                passed = self._locate(stepping, step, passed)
+        except InputError:
+            # The probe cannot be evaluated here: the state before the step is the last good one.
             self._history.rollback()
-            self._last |= before
+            self._last |= step.before
             raise
-        arrived = [e for e in self._at if abs(run.time - e.time) <= 1e-9 * stepping.wanted]
-        return self._happen([*arrived, *happened])
+        tolerance = SAME_TIME * stepping.wanted
+        arrived = [event for event in self._at if abs(run.time - event.time) <= tolerance]
+        return self._let_act([*arrived, *passed])
 
-    def _happen(self, events: Sequence[Event]) -> bool:
-        """Act on those that have not happened yet.  Returns whether the run ends there."""
-        new = [k for k, e in enumerate(self._events) if e in events and k not in self._done]
+    def _let_act(self, events: Sequence[Event]) -> bool:
+        """Let those events act that have not yet happened; returns whether the run ends there."""
+        new = [k for k, event in enumerate(self._events) if event in events and k not in self._done]
         for k in new:
+            event = self._events[k]
             self._done.append(k)
-            self._act(self._events[k], f"{self._events[k].name} at t = {self._run.time:.9g} s")
+            self._act(event, f"{event.name} at t = {self._run.time:.9g} s")
         return any(self._events[k].stop for k in new)
 
-    def _look(self, waiting: list[When]) -> list[When]:
-        """Those that have just happened."""
-        happened = []
-        for e in waiting:
-            before, self._last[e] = (
-                self._last[e],
-                evaluate_probe(self._run, f"When '{e.name}'", e.probe),
-            )
-            if _beyond(e, self._last[e]) > 0 >= _beyond(e, before):
-                happened.append(e)
-        return happened
+    def _evaluate(self, event: When) -> float:
+        """The value of an event's probe now."""
+        return evaluate_probe(self._run, f"When '{event.name}'", event.probe)
+
+    def _passed(self, waiting: list[When]) -> list[When]:
+        """Events whose probes have passed their values since the last look."""
+        passed = []
+        for event in waiting:
+            before = self._last[event]
+            self._last[event] = self._evaluate(event)
+            if _excess(event, self._last[event]) > 0 >= _excess(event, before):
+                passed.append(event)
+        return passed
 
     def _locate(
         self,
         stepping: Stepping,
-        start: float,
-        waiting: list[When],
-        before: dict[When, float],
-        happened: list[When],
+        step: _StepWithEvents,
+        passed: list[When],
     ) -> list[When]:
-        """Make the step anew until it ends at its first event, by false position and bisection."""
-        run, a, b, turn = self._run, 0.0, self._run.time - start, 0
-        tolerance = min(e.tolerance or 1e-6 * run.stepper.dt for e in happened)
-        left = {e: _beyond(e, before[e]) for e in waiting}
-        right = {e: _beyond(e, self._last[e]) for e in waiting}
-        here = b
-        while b - a > tolerance:
-            guesses = [a + (b - a) * left[e] / (left[e] - right[e]) for e in happened]
-            here = min(guesses) + tolerance / 2
-            if turn % 3 == 2 or not a + tolerance / 4 < here < b - tolerance / 4:
-                here = (a + b) / 2
-            turn += 1
-            found = self._try(stepping, start, here, waiting, before)
-            if found:
-                b, happened, right = here, found, {e: _beyond(e, self._last[e]) for e in waiting}
-            else:
-                a, left = here, {e: _beyond(e, self._last[e]) for e in waiting}
-        return happened if here == b else self._try(stepping, start, b, waiting, before)
+        """Make the step again until it ends at its first event.
 
-    def _try(
+        Returns:
+            The events that happen there.
+        """
+        run = self._run
+        # No event has happened after the length `shorter`, and some have after `longer`.
+        shorter = 0.0
+        longer = run.time - step.start
+        default_tolerance = INSTANT_TOLERANCE * run.stepper.dt
+        tolerance = min(event.tolerance or default_tolerance for event in passed)
+        left = {event: _excess(event, step.before[event]) for event in step.waiting}
+        right = self._excesses(step.waiting)
+        length = longer
+        turn = 0
+        while longer - shorter > tolerance:
+            interval = longer - shorter
+            guesses = []
+            for event in passed:
+                # The zero of the straight line between both ends.
+                zero = interval * left[event] / (left[event] - right[event])
+                guesses.append(shorter + zero)
+            # The first event counts.  The guess is moved behind it, as the search ends when the
+            # interval is shorter than the tolerance.
+            length = min(guesses) + tolerance / 2
+            is_inside = shorter + tolerance / 4 < length < longer - tolerance / 4
+            if turn % BISECTION_INTERVAL == BISECTION_INTERVAL - 1 or not is_inside:
+                length = (shorter + longer) / 2
+            turn += 1
+            passed_here = self._repeat_step(stepping, step, length)
+            if passed_here:
+                longer = length
+                passed = passed_here
+                right = self._excesses(step.waiting)
+            else:
+                shorter = length
+                left = self._excesses(step.waiting)
+        # The last length tried may have been too short.
+        if length != longer:
+            passed = self._repeat_step(stepping, step, longer)
+        return passed
+
+    def _excesses(self, events: list[When]) -> dict[When, float]:
+        """Distances of the probes beyond the values of their events, at the last look."""
+        return {event: _excess(event, self._last[event]) for event in events}
+
+    def _repeat_step(
         self,
         stepping: Stepping,
-        start: float,
+        step: _StepWithEvents,
         length: float,
-        waiting: list[When],
-        before: dict[When, float],
     ) -> list[When]:
-        """Make the step anew with another length; what happened in it."""
+        """Undo the step and make it again with another length [s]; returns the events that it passes."""
         run = self._run
         self._history.rollback()
-        self._last |= before
-        while (left := start + length - run.time) > 1e-12 * length:
-            stepping.advance(left)
-        return self._look(waiting)
+        self._last |= step.before
+        # A step control may advance by less than it is asked to.
+        end = step.start + length
+        while (remaining := end - run.time) > STEP_ROUND_OFF * length:
+            stepping.advance(remaining)
+        return self._passed(step.waiting)
 
     def _act(self, event: Event, words: str) -> None:
-        run, then = self._run, event.then
+        """Log an event and call its action.
+
+        Raises:
+            InputError: the action failed.
+        """
+        run = self._run
         run.log(words)
+        then = event.then
         if then is not None:
-            ask(
-                run.comm,
-                f"{type(event).__name__} '{event.name}' at t = {run.time:.6g} s",
-                lambda: then(run),
-            )
+            what = f"{type(event).__name__} '{event.name}' at t = {run.time:.6g} s"
+            ask(run.comm, what, lambda: then(run))
 
     def describe(self) -> list[dict[str, Any]]:
-        """What tells the events from others, for checkpoints; `key` is the same for those that are alike."""
+        """Descriptions of the events, for the comparison of scenes at a restart; see `run.same_scene`.
+
+        `key` is the same for events of the same kind, name and value.
+        """
         items = self._run.scene.items
-        return [
-            {"key": _key(event), "name": event.name, **of_item(event, items)}
-            for event in self._events
-        ]
+        descriptions = []
+        for event in self._events:
+            arguments = of_item(event, items)
+            descriptions.append({"key": _key(event), "name": event.name, **arguments})
+        return descriptions
 
     def get_state(self) -> dict[str, Any]:
+        """History variables for a checkpoint: events that have happened, and values of the probes."""
         keys = [_key(event) for event in self._events]
         return {
             "done": [keys[k] for k in self._done],
@@ -227,37 +354,50 @@ class EventMonitor:
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
-        """Events are found by what they are; one that is new has not happened."""
-        left = list(enumerate(self._events))
+        """Restore what `get_state` returned.
+
+        Events are found by their keys, as they may come in another order; a new event has not happened.
+        """
+        # Of events with equal keys, each is found once.
+        remaining = list(enumerate(self._events))
         self._done = []
         for key in state["done"]:
-            found = next(((k, e) for k, e in left if _key(e) == key), None)
-            if found is not None:
-                left.remove(found)
-                self._done.append(found[0])
-        known = [(key, value) for key, value in state["last"]]
+            for k, event in remaining:
+                if _key(event) == key:
+                    remaining.remove((k, event))
+                    self._done.append(k)
+                    break
+        values = [(key, value) for key, value in state["last"]]
         for event in self._when:
-            mine = next((pair for pair in known if pair[0] == _key(event)), None)
-            if mine is not None:
-                known.remove(mine)
-            now = (
-                mine[1] if mine else evaluate_probe(self._run, f"When '{event.name}'", event.probe)
-            )
-            self._last[event] = now
+            known = [pair for pair in values if pair[0] == _key(event)]
+            if known:
+                values.remove(known[0])
+                self._last[event] = known[0][1]
+            else:
+                self._last[event] = self._evaluate(event)
 
     def repeat(self) -> None:
-        """After a restart: act as before."""
+        """Call the actions of all events that have happened; after a restart.
+
+        What they have set, such as the opening of a valve, is not in the checkpoint.
+        """
         for k in self._done:
-            self._act(self._events[k], f"again: {self._events[k].name}")
+            event = self._events[k]
+            self._act(event, f"again: {event.name}")
+
+
+def _excess(event: When, value: float) -> float:
+    """Distance of a value of the probe beyond that of the event, in the direction of the passage."""
+    if event.falling:
+        return event.value - value
+    return value - event.value
 
 
 def _key(event: Event) -> str:
-    """What an event is, in words."""
+    """Kind, name and value of an event, in words."""
     if isinstance(event, At):
         return f"At {event.time:.12g} s '{event.name}'"
-    return f"When '{event.name}' {'falls below' if event.falling else 'exceeds'} {event.value:.12g}"
-
-
-def _beyond(event: When, value: float) -> float:
-    """How far the probe is past the event's value."""
-    return event.value - value if event.falling else value - event.value
+    passage = "exceeds"
+    if event.falling:
+        passage = "falls below"
+    return f"When '{event.name}' {passage} {event.value:.12g}"

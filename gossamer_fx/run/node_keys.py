@@ -1,7 +1,13 @@
-"""Names of nodes that stay the same on any number of ranks.
+"""Names of nodes that are the same on any number of ranks, for checkpoints.
 
-A node of a Lagrange space is named after the vertices of the entity on which it sits, by their numbers in the mesh as
-it was read; a multiplier after the first node that it ties.  A name is a hash of 64 bits.
+Problem.  The order of nodes, and the rank that has them, depend on the partition of the mesh.
+
+Idea.  A node of a Lagrange space is named after the vertices of the entity (vertex, edge or cell) on
+which it is, by their indices in the mesh as it was read.  A multiplier is named after the first node
+that its constraint ties, and by the number of constraints before it that tie the same node.  A name is a
+hash of these indices with 64 bits.
+
+Limits.  Spaces with one node at most on an edge or cell, that is up to order 2.
 """
 
 from __future__ import annotations
@@ -15,70 +21,106 @@ from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Attached, Body, MeshBody, Port, has_nodal_unknowns
 from gossamer_fx.system.system import System
 
+# An entity of triangles has at most this many vertices; fewer are repeated, to give rows of one length.
+MAX_VERTICES = 3
+
 
 def node_names(body: Body) -> Names:
-    """Names of this rank's own nodes of a body."""
+    """Names (n,) of the n nodes of a body that this rank owns.
+
+    Raises:
+        InputError: the space has several nodes on one edge or cell.
+    """
     start, end = body.block.index_map.local_range
     if not has_nodal_unknowns(body):
+        # Masses and reduced films have no mesh; their blocks are numbered in the same way everywhere.
         return hash_rows(np.arange(start, end)[:, None])
-    layout, nodes = body.space.dofmap.dof_layout, body.space.dofmap.list
-    words = np.zeros(
-        (body.block.index_map.size_local + body.block.index_map.num_ghosts, 3), dtype=np.int64
-    )
-    vertices, topology = (
-        cell_vertices(body),
-        basix.topology(basix.CellType[body.space.mesh.topology.cell_name()]),
-    )
-    for dim, entities in enumerate(topology):
+    layout = body.space.dofmap.dof_layout
+    nodes = body.space.dofmap.list
+    index_map = body.block.index_map
+    node_count = index_map.size_local + index_map.num_ghosts
+    entity_of_node = np.zeros((node_count, MAX_VERTICES), dtype=np.int64)
+    vertices = cell_vertices(body)
+    cell_type = basix.CellType[body.space.mesh.topology.cell_name()]
+    for dim, entities in enumerate(basix.topology(cell_type)):
         for i, corners in enumerate(entities):
-            here = layout.entity_dofs(dim, i)
-            if here:
-                check(
-                    len(here) == 1,
-                    f"'{body.name}' has {len(here)} nodes on one edge or cell; checkpoints know one.",
-                )
-                of = np.sort(vertices[:, corners], axis=1)
-                words[nodes[:, here[0]]] = np.pad(of, ((0, 0), (0, 3 - len(corners))), mode="edge")
-    return hash_rows(words[: end - start])
+            nodes_here = layout.entity_dofs(dim, i)
+            if not nodes_here:
+                continue
+            # Two nodes of an edge could not be told apart by its vertices.
+            check(
+                len(nodes_here) == 1,
+                f"'{body.name}' has {len(nodes_here)} nodes on one edge or cell; checkpoints know one.",
+            )
+            # Sorted, as neighbouring cells have the vertices of an edge in different orders.
+            vertices_of_entity = np.sort(vertices[:, corners], axis=1)
+            missing = MAX_VERTICES - len(corners)
+            rows = np.pad(vertices_of_entity, ((0, 0), (0, missing)), mode="edge")
+            entity_of_node[nodes[:, nodes_here[0]]] = rows
+    owned = entity_of_node[: end - start]
+    return hash_rows(owned)
 
 
 def cell_vertices(body: MeshBody) -> npt.NDArray[np.int64]:
-    """Vertices (cells, k) of this rank's cells, own and ghost, by their numbers in the mesh as it was read."""
-    geometry, corners = body.space.mesh.geometry, body.space.mesh.topology.dim + 1
-    own: npt.NDArray[np.int64] = geometry.input_global_indices[geometry.dofmap[:, :corners]]
-    return own
+    """Vertices (cells, k) of this rank's cells, own and ghost, by their indices in the mesh as it was read."""
+    geometry = body.space.mesh.geometry
+    # The first points of a cell are its corners, also if the geometry is of order 2.
+    corner_count = body.space.mesh.topology.dim + 1
+    corners = geometry.dofmap[:, :corner_count]
+    vertices: npt.NDArray[np.int64] = geometry.input_global_indices[corners]
+    return vertices
 
 
 def mesh_name(body: MeshBody) -> int:
     """A number that depends on the cells of a mesh and not on their order; the same on every rank."""
     topology = body.space.mesh.topology
-    cells = cell_vertices(body)[: topology.index_map(topology.dim).size_local]
+    own_count = topology.index_map(topology.dim).size_local
+    cells = cell_vertices(body)[:own_count]
     hashes = hash_rows(np.sort(cells, axis=1))
-    return sum(body.comm.allgather(int(hashes.sum(dtype=np.uint64)))) % 2**64
+    # A sum does not depend on the order, nor on the partition.
+    sum_of_rank = int(hashes.sum(dtype=np.uint64))
+    total = sum(body.comm.allgather(sum_of_rank))
+    return total % 2**64
 
 
 def all_names(system: System) -> list[Names]:
-    """Names of this rank's own nodes of every block of a system: bodies, then the multipliers of each constraint."""
+    """Names of this rank's nodes of every block: bodies, then the multipliers of each constraint."""
     names = [node_names(body) for body in system.bodies]
-    tied = system.constraints.tied_ports() if system.constraints else []
-    for places, block in zip(tied, system.numbering.blocks[len(names) :], strict=True):
-        alone = block.index_map.size_global == 1
-        names.append(
-            hash_rows(np.zeros((len(places), 1))) if alone else _after_nodes(system, names, places)
-        )
+    tied_ports: list[list[tuple[Attached, ...]]] = []
+    if system.constraints:
+        tied_ports = system.constraints.tied_ports()
+    multiplier_blocks = system.numbering.blocks[len(names) :]
+    for ports, block in zip(tied_ports, multiplier_blocks, strict=True):
+        # A single multiplier needs no name; it may tie the ground only, which has no node.
+        if block.index_map.size_global == 1:
+            names.append(hash_rows(np.zeros((len(ports), 1))))
+        else:
+            names.append(_names_of_multipliers(system, names, ports))
     return names
 
 
-def _after_nodes(system: System, names: list[Names], places: list[tuple[Attached, ...]]) -> Names:
-    """Of each place: the first node that it ties, and how many places before it have the same one."""
-    words, seen = [], dict[tuple[int, int], int]()
-    for place in places:
-        port = next(p for p in place if isinstance(p, Port))
+def _names_of_multipliers(
+    system: System,
+    names: list[Names],
+    constraints: list[tuple[Attached, ...]],
+) -> Names:
+    """Names of multipliers (m,), each after the first node that its constraint ties.
+
+    Args:
+        system: compiled scene.
+        names: of the nodes of all bodies.
+        constraints: ports that each constraint of this rank ties.
+    """
+    rows = []
+    counts: dict[tuple[int, int], int] = {}  # constraints so far by their first node
+    for ports in constraints:
+        port = next(port for port in ports if isinstance(port, Port))
         k = system.bodies.index(port.body)
-        key = (
-            k,
-            int(names[k][port.nodes[0] - port.body.block.index_map.local_range[0]] >> np.uint64(1)),
-        )
-        seen[key] = seen.get(key, -1) + 1
-        words.append((*key, seen[key]))
-    return hash_rows(np.array(words, dtype=np.int64).reshape(-1, 3))
+        first_owned = port.body.block.index_map.local_range[0]
+        name = names[k][port.nodes[0] - first_owned]
+        # Names have 64 bits without sign, rows of integers have 63 and a sign.
+        node = (k, int(name >> np.uint64(1)))
+        count = counts.get(node, 0)
+        counts[node] = count + 1
+        rows.append((*node, count))
+    return hash_rows(np.array(rows, dtype=np.int64).reshape(-1, 3))

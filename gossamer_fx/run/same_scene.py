@@ -1,8 +1,17 @@
-"""Whether a checkpoint was written by the scene that is to go on from it.
+"""Comparison of a scene with that of the checkpoint from which it is to be restarted.
 
-Compared are the kinds and names of the scene's items, the numbers of unknowns, the meshes, the arguments of every item
-(see `outputs.arguments`), the events, the kind of stepper, and the energies of the scene in the checkpoint's state.
+Problem.  A restart with another mesh, law or load would give wrong results without an error.
+
+Compared are
+
+1. the kinds and names of the scene's items, and the meshes,
+2. the numbers of unknowns, the kind of stepper, and its vectors,
+3. the arguments of every item, see `outputs.arguments`, and the events,
+4. after the state was restored, the energies.
+
 Initial conditions such as `StartFrom` are not compared: the state of the checkpoint replaces them.
+
+Limits.  Values that functions of the user read from elsewhere may be unknown; they are reported instead.
 """
 
 from __future__ import annotations
@@ -29,17 +38,23 @@ from gossamer_fx.probes.run import Run
 from gossamer_fx.run.node_keys import mesh_name
 from gossamer_fx.system.totals import Totals
 
-# Relative difference of arguments that counts as round-off: a script that is run again computes the same numbers, on
-# another machine up to the last digits.
+# Relative difference of arguments that counts as round-off: a script that is run again computes the
+# same numbers, on another machine up to the last digits.
 SAME_ARGUMENT = 1e-9
-# The same of a component of a vector, over the vector's largest one: a cosine of π/2 is 6e-17, or zero.
+
+# The same for a component of a vector, over the vector's largest one: a cosine of π/2 is 6e-17, or zero.
 SAME_COMPONENT = 1e-15
-# The same of an energy that is computed again from the coordinates: sums on other ranks are in another order, and the
-# strains of a stiff film are small differences.
+
+# The same for an energy that is computed again from the coordinates: sums over other ranks are in another
+# order, and the strains of a stiff film are small differences.
 SAME_ENERGY = 1e-6
-# Of the largest energy: what a smaller energy may differ by.
+
+# An energy may differ by this fraction of the largest energy: a small one may be all round-off.
 NEGLIGIBLE_ENERGY = 1e-9
-MAX_SHOWN = 80  # characters of a value in a message
+
+# Characters of a value in a message: an array would fill the screen.
+MAX_SHOWN = 80
+
 # Keys of the description of a function, see `outputs.arguments`.
 FUNCTION_PARTS = ("function", "constants", "names", "defaults", "outside", "with")
 
@@ -48,7 +63,13 @@ Description = dict[str, Any]
 
 @dataclass(frozen=True)
 class Difference:
-    """Where two descriptions differ: the words that lead there, and the values; None: it is only in the other."""
+    """A difference of two descriptions.
+
+    Attributes:
+        words: keys that lead to it.
+        there: value in the checkpoint; None if it is only here.
+        here: value in this scene; None if it is only there.
+    """
 
     words: tuple[str, ...]
     there: Known
@@ -56,27 +77,35 @@ class Difference:
 
 
 def scene_of(run: Run, events: list[Description]) -> Description:
-    """What distinguishes a scene from others, at the start of a run; the same on any number of ranks.
+    """Describe a scene for the comparison; the same on any number of ranks.  Collective.
 
     Args:
         run: at its start.
-        events: see `EventMonitor.describe`.
+        events: descriptions of the events, see `EventMonitor.describe`.
+
+    Returns:
+        Numbers, words, and lists and dictionaries of them, for JSON.
     """
     meshes: dict[str, int] = {}
     extents: dict[str, list[float]] = {}
     for body in run.system.bodies:
         if is_on_mesh(body):
             geometry = body.space.mesh.geometry
-            x = geometry.x[: geometry.index_map().size_local]
+            own_count = geometry.index_map().size_local
+            x = geometry.x[:own_count]
+            # The name covers the cells; the moments of the points notice a mesh of another size.
             moments = np.concatenate([x.sum(axis=0), (x**2).sum(axis=0)])
             meshes[body.name] = mesh_name(body)
             extents[body.name] = run.comm.allreduce(moments).tolist()
     items = run.scene.items
+    # Sorted, as the order of items does not matter.
+    parts = sorted(f"{type(item).__name__} '{item.name}'" for item in items)
+    unknowns = []
+    for block in run.system.numbering.blocks:
+        unknowns.append(block.index_map.size_global * block.size)
     return {
-        "parts": sorted(f"{type(item).__name__} '{item.name}'" for item in items),
-        "unknowns": [
-            block.index_map.size_global * block.size for block in run.system.numbering.blocks
-        ],
+        "parts": parts,
+        "unknowns": unknowns,
         "meshes": meshes,
         "extents": extents,
         "arguments": arguments_of(items),
@@ -86,23 +115,33 @@ def scene_of(run: Run, events: list[Description]) -> Description:
     }
 
 
-def compare(path: Path, there: Description, here: Description, changes: Sequence[str]) -> str:
-    """Refuse a checkpoint of another scene; returns what could not be compared, in words.
+def compare(
+    path: Path,
+    there: Description,
+    here: Description,
+    changes: Sequence[str],
+) -> str:
+    """Compare the description of this scene with that of a checkpoint.
 
     Args:
         path: of the checkpoint.
-        there: the scene that wrote the checkpoint, see `scene_of`.
-        here: this scene.
+        there: description of the scene that wrote the checkpoint, see `scene_of`.
+        here: description of this scene.
         changes: names of items and events whose arguments are meant to be others.
 
+    Returns:
+        In words, what could not be compared; empty if all was.
+
     Raises:
-        InputError: the first difference, with both values; `changes` names something that the scene does not have.
+        InputError: the first difference, with both values; or `changes` names something that the scene
+            does not have.
     """
     refusal = f"The checkpoint '{path}' is of another scene: "
-    lonely = sorted(set(there["parts"]) ^ set(here["parts"]))
+    # The order of the checks is that of their causes: another item also changes the unknowns.
+    unmatched = sorted(set(there["parts"]) ^ set(here["parts"]))
     check(
-        not lonely,
-        f"{refusal}{''.join(lonely[:1])} is only in one of them; restart the scene that wrote it.",
+        not unmatched,
+        f"{refusal}{''.join(unmatched[:1])} is only in one of them; restart the scene that wrote it.",
     )
     _compare_meshes(refusal, there, here)
     check(
@@ -113,12 +152,14 @@ def compare(path: Path, there: Description, here: Description, changes: Sequence
         there["stepper"] == here["stepper"] and there["vectors"] == here["vectors"],
         f"{refusal}it was stepped by {there['stepper']}, with another control; take the same stepper.",
     )
-    known = [*here["arguments"], *(event["name"] for event in here["events"])]
-    strange = next((name for name in changes if name not in known), None)
-    check(
-        strange is None,
-        f"changes holds '{strange}', but the scene has no such part; it has: {', '.join(known)}.",
-    )
+    event_names = [event["name"] for event in here["events"]]
+    known = [*here["arguments"], *event_names]
+    # A misspelt name would let a difference pass as an error of the scene.
+    for name in changes:
+        check(
+            name in known,
+            f"changes holds '{name}', but the scene has no such part; it has: {', '.join(known)}.",
+        )
     for name, arguments in here["arguments"].items():
         if name not in changes:
             _refuse_difference(refusal, f"'{name}'", there["arguments"][name], arguments)
@@ -127,6 +168,11 @@ def compare(path: Path, there: Description, here: Description, changes: Sequence
 
 
 def _compare_meshes(refusal: str, there: Description, here: Description) -> None:
+    """Check that all meshes have the same cells, and points at the same positions.
+
+    Raises:
+        InputError: names the body; the text begins with `refusal`.
+    """
     for body, name in here["meshes"].items():
         ours = here["extents"][body]
         theirs = there["extents"][body]
@@ -139,52 +185,70 @@ def _compare_meshes(refusal: str, there: Description, here: Description) -> None
 
 
 def _compare_events(
-    refusal: str, there: Iterable[Description], here: Iterable[Description], changes: Sequence[str]
+    refusal: str,
+    there: Iterable[Description],
+    here: Iterable[Description],
+    changes: Sequence[str],
 ) -> None:
-    """Compare events, which may come in another order."""
-    left = list(there)
+    """Check that the events are the same, which may come in another order.
+
+    Raises:
+        InputError: names the event; the text begins with `refusal`.
+    """
+    remaining = list(there)
     for event in here:
-        found = next((other for other in left if other["key"] == event["key"]), None)
-        meant = event["name"] in changes
+        # Several events may have the same key: each is compared with another one.
+        equal = [other for other in remaining if other["key"] == event["key"]]
+        may_change = event["name"] in changes
         check(
-            found is not None or meant,
+            bool(equal) or may_change,
             f"{refusal}the event {event['key']} is not in it; restart with the same, or name it in changes.",
         )
-        if found is not None:
-            left.remove(found)
-            if not meant:
-                _refuse_difference(refusal, f"the event '{event['name']}'", found, event)
-    gone = next((event["key"] for event in left if event["name"] not in changes), None)
-    check(gone is None, f"{refusal}the event {gone} is missing here; restart with the same events.")
+        if equal:
+            remaining.remove(equal[0])
+            if not may_change:
+                _refuse_difference(refusal, f"the event '{event['name']}'", equal[0], event)
+    for event in remaining:
+        check(
+            event["name"] in changes,
+            f"{refusal}the event {event['key']} is missing here; restart with the same events.",
+        )
 
 
-def _refuse_difference(refusal: str, owner: str, there: Known, here: Known) -> None:
+def _refuse_difference(
+    refusal: str,
+    owner: str,
+    there: Known,
+    here: Known,
+) -> None:
     """Raise `InputError` for the first difference between the arguments of an item or event."""
     found = next(differences(there, here), None)
     if found is None:
         return
     values = f"{_shown(found.there)} there and {_shown(found.here)} here"
     what = f"{' '.join(found.words)} of {owner} is {values}"
-    inside = next((k for k, word in enumerate(found.words) if word in FUNCTION_PARTS), None)
-    if inside:
-        name = " ".join(found.words[:inside])
-        part = " ".join(found.words[inside:])
+    # Within a function, the words are parts of its code: the user knows the function by the argument.
+    function_parts = [k for k, word in enumerate(found.words) if word in FUNCTION_PARTS]
+    if function_parts and function_parts[0] > 0:
+        first = function_parts[0]
+        name = " ".join(found.words[:first])
+        part = " ".join(found.words[first:])
         what = f"the function {name} of {owner} is another one ({part}: {values})"
     check(False, f"{refusal}{what}; restart with the same, or name it in changes.")
 
 
 def differences(there: Known, here: Known, words: tuple[str, ...] = ()) -> Iterator[Difference]:
-    """All differences of two descriptions, but where one is unknown on both sides."""
+    """All differences of two descriptions, except values that are unknown in both.
+
+    Args:
+        there: description in the checkpoint.
+        here: description of this scene.
+        words: keys that lead to both.
+    """
     if isinstance(there, dict) and isinstance(here, dict):
         yield from _differences_of_dicts(there, here, words)
     elif isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
-        if all(map(_is_number, [*there, *here])):
-            if not _same_numbers(there, here):
-                yield Difference(words, there, here)
-        else:
-            for k, (one, other) in enumerate(zip(there, here, strict=True)):
-                numbered = isinstance(one, dict) and len(there) > 1
-                yield from differences(one, other, (*words, str(k + 1)) if numbered else words)
+        yield from _differences_of_lists(there, here, words)
     elif _is_number(there) and _is_number(here):
         if not _same_numbers([there], [here]):
             yield Difference(words, there, here)
@@ -192,11 +256,33 @@ def differences(there: Known, here: Known, words: tuple[str, ...] = ()) -> Itera
         yield Difference(words, there, here)
 
 
-def _differences_of_dicts(
-    there: Description, here: Description, words: tuple[str, ...]
+def _differences_of_lists(
+    there: Sequence[Known],
+    here: Sequence[Known],
+    words: tuple[str, ...],
 ) -> Iterator[Difference]:
+    """All differences of two lists of the same length; a list of numbers is compared as a vector."""
+    if all(map(_is_number, [*there, *here])):
+        if not _same_numbers(there, here):
+            yield Difference(words, list(there), list(here))
+        return
+    for k, (one, other) in enumerate(zip(there, here, strict=True)):
+        inside = words
+        # Only of several objects does the message need the number, from one.
+        if isinstance(one, dict) and len(there) > 1:
+            inside = (*words, str(k + 1))
+        yield from differences(one, other, inside)
+
+
+def _differences_of_dicts(
+    there: Description,
+    here: Description,
+    words: tuple[str, ...],
+) -> Iterator[Difference]:
+    """All differences of two dictionaries: of arguments, of a measured position, or of an unknown."""
     if UNKNOWN in there and UNKNOWN in here:
         return
+    # A position that was computed has a known error, which its description states.
     if MEASURED in there and MEASURED in here:
         near = np.allclose(there[MEASURED], here[MEASURED], rtol=0.0, atol=here[TOLERANCE])
         if not near:
@@ -212,11 +298,13 @@ def _differences_of_dicts(
 
 
 def _is_number(value: Known) -> bool:
+    """Whether a value is a number; Python counts True and False as integers."""
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _same_numbers(there: Sequence[float], here: Sequence[float]) -> bool:
-    """Whether numbers are equal up to round-off; there is no absolute tolerance, since areas may be 1e-13 m²."""
+    """Whether numbers are equal up to round-off; two NaN are equal."""
+    # There is no fixed absolute tolerance, since an area may be as small as 1e-13 m².
     largest = max((abs(x) for x in (*there, *here) if math.isfinite(x)), default=0.0)
     for one, other in zip(there, here, strict=True):
         near = math.isclose(one, other, rel_tol=SAME_ARGUMENT, abs_tol=SAME_COMPONENT * largest)
@@ -226,32 +314,42 @@ def _same_numbers(there: Sequence[float], here: Sequence[float]) -> bool:
 
 
 def _shown(value: Known) -> str:
-    text = f"{value:.9g}" if isinstance(value, float) else repr(value)
-    return text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}..."
+    """A value for a message, of `MAX_SHOWN` characters at most."""
+    text = repr(value)
+    if isinstance(value, float):
+        # As many digits as are compared.
+        text = f"{value:.9g}"
+    if len(text) > MAX_SHOWN:
+        return f"{text[:MAX_SHOWN]}..."
+    return text
 
 
 def _not_compared(here: Description, changes: Sequence[str]) -> str:
     """In words: what functions take from outside, what is unknown otherwise, and what is meant to change."""
-    places = [
-        f"{place} of '{name}'"
-        for name, arguments in here["arguments"].items()
-        if name not in changes
-        for place in unknown(arguments)
-    ]
-    places += [
-        f"{place} of '{event['name']}'" for event in here["events"] for place in unknown(event)
-    ]
-    places = list(dict.fromkeys(place.strip() for place in places))
-    return ", ".join([*places, *(f"'{name}', which is meant to change" for name in changes)])
+    found: list[str] = []
+    for name, arguments in here["arguments"].items():
+        if name not in changes:
+            found += [f"{argument} of '{name}'" for argument in unknown(arguments)]
+    for event in here["events"]:
+        found += [f"{argument} of '{event['name']}'" for argument in unknown(event)]
+    # A dictionary removes repetitions and keeps the order.
+    without_repetitions = dict.fromkeys(words.strip() for words in found)
+    changed = [f"'{name}', which is meant to change" for name in changes]
+    return ", ".join([*without_repetitions, *changed])
 
 
 def compare_energies(path: Path, here: Totals, there: Mapping[str, Any]) -> None:
-    """Refuse a checkpoint whose energies this scene does not have in the same state.
+    """Check that this scene has the energies of the checkpoint in the same state.
+
+    This finds differences that a comparison of arguments cannot see, e.g. inside a law of the user.
 
     Args:
         path: of the checkpoint.
-        here: energies of this scene in the state of the checkpoint.
-        there: energies that the checkpoint holds.
+        here: energies of this scene in the state of the checkpoint [J].
+        there: energies in the checkpoint [J].
+
+    Raises:
+        InputError: names the first energy that differs, with both values.
     """
     ours = {"kinetic": here.kinetic, **here.stored}
     theirs = {"kinetic": there["kinetic"], **there["stored"]}

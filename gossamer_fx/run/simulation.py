@@ -1,4 +1,17 @@
-"""Running a scene: the loop over steps, and what outputs look at."""
+"""The run of a scene in time: the loop over steps, with outputs, events, checkpoints and signals.
+
+Algorithm of `Simulation`.
+
+1. Compile the scene, begin a step and undo it, so that errors of loads and motions come before any file.
+2. Lock the files of the outputs, restore a checkpoint if there is one to restart from, open the outputs.
+3. Step from one time that must be met to the next, in steps of equal length (`run`).
+4. After each step: outputs record, then a checkpoint is written if it is due.
+
+The order in 4 makes a restart exact: a checkpoint contains the positions of the outputs after its step.
+
+Errors and signals.  A step that fails leaves the state before it, which outputs record and a checkpoint
+keeps; then the error is raised on all ranks.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +29,12 @@ from petsc4py import PETSc
 
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import InputError, OutputFailure, check
+from gossamer_fx.checks.failures import NotConverged
 from gossamer_fx.checks.lone_errors import abort_on_lone_error, agree_on_error
 from gossamer_fx.outputs.output import Output, Writing, begin, cursors_of
 from gossamer_fx.run.interruption import Interrupted, Listener
 from gossamer_fx.run.log import LOGGER
 from gossamer_fx.scene.scene import Scene
-from gossamer_fx.solvers.failures import NotConverged
 from gossamer_fx.steppers.history import History
 from gossamer_fx.steppers.stepping import Control, EqualSteps, Stepper, Stepping, even_step
 from gossamer_fx.system.totals import Totals
@@ -33,28 +46,53 @@ if TYPE_CHECKING:
     from gossamer_fx.run.events import Event, EventMonitor
     from gossamer_fx.steppers.step_control import StepControl
 
-
+# Counters that a checkpoint contains, and a restart continues.
 _COUNTS = ("step", "iterations", "substeps", "last_iterations", "seconds")
+
+# A time is met if it differs by less than this fraction of a step.
+_SAME_TIME = 1e-9
 
 
 @check_arguments
 class Simulation:
-    """A scene in time.
+    """A run of a scene in time.
 
     Args:
-        scene: what there is.
-        stepper: e.g. `Midpoint(dt=1e-3)`.
-        outputs: e.g. `VTX`, `Ledger`, `Probes`, `Picture`, `Progress`.
+        scene: bodies, gas, constraints, loads, contacts.
+        stepper: time stepping rule, e.g. `Midpoint(dt=1e-3)`.
+        outputs: e.g. `Series`, `Recording`, `Ledger`, `outputs.Progress`.
         halvings: how often a step that does not converge may be halved.
-        control: lets steps grow and shrink; none: steps of the stepper's dt.
-        events: `At` or `When` something happens.
-        checkpoints: where the run is saved.
-        restart: a checkpoint, or a folder of which the newest is taken: the run goes on from there.
-        changes: names of the parts and events whose parameters are meant to differ from the checkpoint's.
+        control: adapts the length of steps; None: steps of the stepper's dt.
+        events: `At` or `When`.
+        checkpoints: where and how often the run is saved.
+        restart: a checkpoint, or a folder, of which the newest is taken, from which the run continues.
+        changes: names of items and events whose arguments are meant to differ from the checkpoint's.
+
+    Attributes:
+        system: the compiled scene, with its state.
+        step: number of steps that were made.
+        iterations: Newton iterations of all steps.
+        last_iterations: Newton iterations of the last step.
+        substeps: rejected steps.
+        seconds: wall time of all steps [s].
+        compile_seconds: wall time of the compilation [s].
+        output_seconds: wall time of outputs and checkpoints [s].
+        first: energies, momenta and masses at the start.
 
     Raises:
-        InputError: what is wrong with the scene or the outputs, or another run writes the same files; nothing has been
-            computed then.
+        InputError: names what is wrong with the scene or the outputs, or the files that another run
+            writes; nothing has been computed then.
+
+    Example:
+        >>> ball = gx.PointMass(2.0, position=(0.0, 0.0, 1.0), comm=comm, name="ball")
+        >>> scene = gx.Scene(ball, gx.Gravity(ball, (0.0, 0.0, -9.81)))
+        >>> fall = gx.Simulation(scene, gx.Midpoint(dt=0.05))
+        >>> fall.run(until=0.4)
+        >>> fall.step
+        8
+        >>> height = gx.probes.Position(ball.port(), "z")(fall)
+        >>> round(height, 4)  # 1 - g t²/2
+        0.2152
     """
 
     def __init__(
@@ -70,11 +108,11 @@ class Simulation:
         restart: str | Path | None = None,
         changes: Sequence[str] = (),
     ) -> None:
-        self.outputs, events = (
-            _several("outputs", outputs, Output),
-            _several("events", events, object),
-        )
-        self.scene, self.stepper, self.checkpoints = scene, stepper, checkpoints
+        self.outputs = _list_of("outputs", outputs, Output)
+        events = _list_of("events", events, object)
+        self.scene = scene
+        self.stepper = stepper
+        self.checkpoints = checkpoints
         check(
             control is None or isinstance(control, Control),
             f"control is {control!r}; give a StepControl, or None.",
@@ -91,22 +129,35 @@ class Simulation:
             self.stepping = control.start(self.system, self.solver, stepper.dt)
         self.compile_seconds = time.perf_counter() - started
         self.history = History(self.system, [self.solver, self.stepping])
-        self.step = self.iterations = self.substeps = self.last_iterations = 0
-        self.seconds = self.output_seconds = 0.0
+        self.step = 0
+        self.iterations = 0
+        self.substeps = 0
+        self.last_iterations = 0
+        self.seconds = 0.0
+        self.output_seconds = 0.0
         self.until = 0.0
-        self.first = self._totals = self.system.totals()
+        self.first = self.system.totals()
+        self._totals = self.first
+        # Residuals are compared with the largest energy so far, see `solvers.newton`.
         self.solver.newton.energy = self.first.size
-        self._watch = self._watch_for(events)
-        # whether the first step was begun, the outputs have recorded the present state, or were asked to
-        self._started = self.recorded = self._offered = restart is not None
+        self._monitor = self._monitor_of(events)
+        # A restarted run has had its start: the events at the start, and the record of that state.
+        self._started = restart is not None
+        self.recorded = restart is not None  # whether the outputs have recorded the present state
+        self._offered = restart is not None  # whether they were asked to, also if one failed
         self.cursors: list[tuple[str, dict[str, Any]]] = []
         self._try_step()
-        self._about = self.describe() if restart is not None or checkpoints is not None else {}
+        # The description costs a pass over all meshes and arguments.
+        self._description: dict[str, Any] = {}
+        if restart is not None or checkpoints is not None:
+            self._description = self.describe()
         self._locks = self._lock_files()
         try:
-            cursors = [] if restart is None else self._restart(restart, changes)
+            cursors: list[tuple[str, dict[str, Any]]] = []
+            if restart is not None:
+                cursors = self._restart(restart, changes)
             if checkpoints is not None:
-                checkpoints.open(self, self._about, restart)
+                checkpoints.open(self, self._description, restart)
             for output in self.outputs:
                 begin(self, output, cursors)
         except Exception:
@@ -114,30 +165,41 @@ class Simulation:
             raise
 
     def _try_step(self) -> None:
-        """Begin a step and go back: what is wrong with loads, valves and motions is told before files are made."""
+        """Begin a step and undo it: errors of loads, valves and motions come before files are made."""
         self.history.commit()
+        # Whether the first step converges is not of interest here.
         with suppress(NotConverged):
             self.system.begin_step(self.stepping.wanted)
             self.system.predict(self.system.numbering.vector())
         self.history.rollback()
 
     def _lock_files(self) -> FileLocks | None:
-        paths = [
-            path for output in self.outputs if isinstance(output, Writing) for path in output.writes
-        ]
-        paths += [] if self.checkpoints is None else [self.checkpoints.folder]
+        """Lock all files and folders that this run writes; None if there are none.
+
+        Raises:
+            InputError: another run writes one of them.
+        """
+        paths: list[Path] = []
+        for output in self.outputs:
+            if isinstance(output, Writing):
+                paths += output.writes
+        if self.checkpoints is not None:
+            paths.append(self.checkpoints.folder)
         if not paths:
             return None
+        # Imported here, as in the following functions: a run that writes nothing does not need it.
         from gossamer_fx.outputs.file_locks import FileLocks
 
         return FileLocks(self.comm, paths)
 
     def _release(self) -> None:
+        """Let other runs write the files of this one."""
         if self._locks is not None:
             self._locks.running = False
             self._locks.release()
 
-    def _watch_for(self, events: Sequence[Event]) -> EventMonitor | None:
+    def _monitor_of(self, events: Sequence[Event]) -> EventMonitor | None:
+        """The monitor of the events; None if there are none."""
         if not events:
             return None
         from gossamer_fx.run.events import EventMonitor
@@ -145,68 +207,99 @@ class Simulation:
         return EventMonitor(self, events, self.history)
 
     def describe(self) -> dict[str, Any]:
-        """What tells this run from others, at its start; for checkpoints."""
+        """Description of the scene at the start of the run, see `run.same_scene`.  Collective."""
         from gossamer_fx.run.same_scene import scene_of
 
-        return scene_of(self, self._watch.describe() if self._watch else [])
+        events: list[dict[str, Any]] = []
+        if self._monitor:
+            events = self._monitor.describe()
+        return scene_of(self, events)
 
     def _restart(
-        self, restart: str | Path, changes: Sequence[str]
+        self,
+        restart: str | Path,
+        changes: Sequence[str],
     ) -> list[tuple[str, dict[str, Any]]]:
-        """Take the state of a checkpoint; returns where its outputs stood."""
+        """Restore the state of a checkpoint.
+
+        Returns:
+            Kinds of the outputs, and their positions in their files.
+
+        Raises:
+            InputError: there is no checkpoint, or one of another scene.
+        """
         from gossamer_fx.run.checkpoint import read
 
-        cursors, unknown = read(self, restart, self._about, changes)
-        words = f"; not compared with the checkpoint: {unknown}" if unknown else ""
-        self.log(f"restarted at t = {self.time:.9g} s, step {self.step}{words}")
-        if self._watch:
-            self._watch.repeat()
+        cursors, not_compared = read(self, restart, self._description, changes)
+        words = f"restarted at t = {self.time:.9g} s, step {self.step}"
+        if not_compared:
+            words += f"; not compared with the checkpoint: {not_compared}"
+        self.log(words)
+        if self._monitor:
+            self._monitor.repeat()
         return cursors
 
-    # ---- what outputs look at ----------------------------------------------------------------------------------
+    # ---- the state of the run ---------------------------------------------------------------------------------
 
     @property
     def time(self) -> float:
-        """[s]"""
+        """Time of the state [s]."""
         return self.system.time
 
     @property
     def totals(self) -> Totals:
-        """Energies, momenta and masses now."""
+        """Energies [J], momenta and masses [kg] of the state.  Collective."""
+        # Several outputs ask after each step; the sums are made once.
         if self._totals.time != self.time:
             self._totals = self.system.totals()
         return self._totals
 
     @property
+    def at_rest(self) -> bool:
+        """Whether no energy of the run so far was larger than what round-off gives to a scene at rest."""
+        return self._largest_energy() <= self.solver.newton.round_off_energy
+
+    @property
     def energy_error(self) -> float:
-        """Closing error of the ledger, over the largest energy that a step so far has ended with."""
-        now, first = self.totals, self.first
-        largest = max(self.solver.newton.energy, now.size)
-        missing = (now.energy - first.energy) - (now.supplied - now.dissipated)
-        return missing / largest if largest else 0.0
+        """Closing error of the energy balance, over the largest energy at the end of a step so far; zero at rest."""
+        if self.at_rest:
+            return 0.0
+        now = self.totals
+        missing = (now.energy - self.first.energy) - (now.supplied - now.dissipated)
+        return missing / self._largest_energy()
+
+    def _largest_energy(self) -> float:
+        """Largest energy so far [J]: kinetic and stored, or supplied and dissipated, whichever is more."""
+        return max(self.solver.newton.energy, self.totals.size)
 
     @property
     def mass_error(self) -> float:
-        """Closing error of the gas masses, over the largest mass."""
-        now, first = self.totals, self.first
-        missing = now.mass - first.mass - now.mass_supplied
-        return missing / max(now.mass, first.mass) if now.mass else 0.0
+        """Closing error of the gas masses, over the largest mass; 0 for a scene without gas."""
+        now = self.totals
+        if not now.mass:
+            return 0.0
+        missing = now.mass - self.first.mass - now.mass_supplied
+        return missing / max(now.mass, self.first.mass)
 
     @property
     def chambers(self) -> dict[str, ChamberState]:
         """States of the gas chambers and tanks by name; none if the scene has no gas."""
-        return {
-            name: state
-            for border in self.system.scalar_unknowns
-            for name, state in border.states().items()
-        }
+        found: dict[str, ChamberState] = {}
+        for scalars in self.system.scalar_unknowns:
+            found |= scalars.states()
+        return found
 
     def chamber(self, name: str) -> ChamberState:
-        """State of the gas in a chamber: `pressure` [Pa], `temperature` [K], `volume` [m³], `mass` [kg],
-        `internal_energy` [J].
+        """State of the gas in a chamber or tank.
+
+        Args:
+            name: of the chamber.
+
+        Returns:
+            `pressure` [Pa], `temperature` [K], `volume` [m³], `mass` [kg], `internal_energy` [J].
 
         Raises:
-            InputError: the scene has no such chamber.
+            InputError: the scene has no chamber of this name.
         """
         chambers = self.chambers
         known = ", ".join(chambers) or "none"
@@ -219,13 +312,18 @@ class Simulation:
     # ---- running -----------------------------------------------------------------------------------------------
 
     def run(self, until: float) -> None:
-        """Advance to the time `until` [s]; steps are evened out so that it and the outputs' times are met.
+        """Advance to a time; may be called again with a later one.
 
-        SIGTERM, SIGINT and SIGUSR1 end it after the step that is being made, with a checkpoint if there are any.
+        Steps are of equal length between the times that outputs and events ask for, so that these are met.
+        SIGTERM, SIGINT and SIGUSR1 end the run after the present step, with a checkpoint if it writes any.
+
+        Args:
+            until: [s].
 
         Raises:
+            InputError: `until` is not a time, or earlier than the present one; or a user's function failed.
             StepFailure: a step failed, also in sub-steps; the outputs are complete up to it.
-            OutputFailure: a file could not be written; what was written before is kept.
+            OutputFailure: a file could not be written; earlier records are kept.
             Interrupted: a signal came.
         """
         check(
@@ -236,42 +334,56 @@ class Simulation:
             until >= self.time,
             f"until is {until!r} s, but the run is at t = {self.time:.9g} s; give a later time.",
         )
-        self.until = until = float(until)
+        until = float(until)
+        self.until = until
         if self._locks is not None:
             self._locks.acquire()
             self._locks.running = True
         with abort_on_lone_error(self.comm), ExitStack() as at_the_end, Listener() as signals:
+            # Callbacks are called in reverse order: files are closed before they are released.
             at_the_end.callback(self._release)
             for output in self.outputs:
                 at_the_end.callback(output.close, self)
-            # all ranks have an error, before one closes files: closing is done together
+            # Closing is collective: a rank that fails alone must end the program before it.
             with abort_on_lone_error(self.comm):
                 signal = self._start_and_go(until, signals)
         if signal:
             self._leave(signal)
 
     def _start_and_go(self, until: float, signals: Listener) -> int:
-        """Record the start, and step; returns the number of a signal if one ended it, else zero."""
-        ended = not self._started and self._watch is not None and self._watch.start()
+        """Record the start, and step to a time [s]; returns the number of the signal that ended it, or 0."""
+        ended = False
+        if self._monitor is not None and not self._started:
+            ended = self._monitor.start()
         self._started = True
         if not self.recorded:
             self._record(last=ended)
         if ended:
             return 0
-        times = [t for o in self.outputs for t in o.times] + (
-            self._watch.times if self._watch else []
-        )
-        return self._go(sorted({t for t in times if self.time < t < until} | {until}), signals)
+        times = {until}
+        for output in self.outputs:
+            times |= set(output.times)
+        if self._monitor is not None:
+            times |= set(self._monitor.times)
+        milestones = sorted(t for t in times if self.time < t < until)
+        return self._go([*milestones, until], signals)
 
     def _go(self, milestones: Sequence[float], signals: Listener) -> int:
-        """Step from milestone to milestone; returns the number of a signal if one ended it, else zero."""
+        """Step to each milestone [s] in turn; returns the number of the signal that ended the run, or 0."""
         for milestone in milestones:
-            while (left := milestone - self.time) > 1e-9 * self.stepping.wanted:
+            while True:
+                remaining = milestone - self.time
+                if remaining <= _SAME_TIME * self.stepping.wanted:
+                    break
                 try:
-                    ended = self._advance(even_step(left, self.stepping.wanted), milestone)
+                    # The control may have changed the wanted length: divide the remaining time again.
+                    h = even_step(remaining, self.stepping.wanted)
+                    ended = self._advance(h, milestone)
                     signal = signals.heard(self.comm)
-                    self._record(last=ended or signal > 0 or self.time == milestones[-1])
+                    is_last = ended or signal > 0 or self.time == milestones[-1]
+                    self._record(last=is_last)
                 except Exception as error:
+                    # `_save` is collective: all ranks must have the error.
                     agree_on_error(self.comm, error)
                     self._save()
                     raise
@@ -280,7 +392,13 @@ class Simulation:
         return 0
 
     def _record(self, last: bool) -> None:
+        """Let the outputs record the state, and write a checkpoint if it is due.
+
+        Args:
+            last: whether the run ends here.
+        """
         started = time.perf_counter()
+        # If an output fails, a checkpoint must contain the positions before this record.
         if self.checkpoints is not None:
             self.cursors = cursors_of(self.outputs)
         self._offered = True
@@ -292,11 +410,12 @@ class Simulation:
         self.output_seconds += time.perf_counter() - started
 
     def _save(self) -> None:
-        """After an error: the outputs see the good state if they have not, and a checkpoint keeps it.
+        """After an error: let the outputs record the last good state, and write a checkpoint of it.
 
-        What cannot be written now must not hide the error.  If it is an output that fails, the checkpoint tells where
-        the outputs stood before, and a restart begins with recording the state.
+        If an output had failed, the checkpoint contains the positions of the outputs before, and a
+        restart begins with recording the state.
         """
+        # Failures to write are suppressed: they would hide the error that ended the run.
         if not self._offered:
             with suppress(InputError, OutputFailure):
                 self._record(last=True)
@@ -305,83 +424,107 @@ class Simulation:
                 self.checkpoints.record(self, last=True)
 
     def _advance(self, h: float, milestone: float = math.inf) -> bool:
-        """One step of h, or less, up to a milestone; returns whether an event ends the run there."""
-        started, before, stepping, ended = time.perf_counter(), self.time, self.stepping, False
-        iterations, substeps = stepping.iterations, stepping.substeps
+        """Make a step of h [s] or less, up to a milestone [s]; returns whether an event ends the run there."""
+        started = time.perf_counter()
+        time_before = self.time
+        stepping = self.stepping
+        iterations = stepping.iterations
+        substeps = stepping.substeps
+        ended = False
         try:
-            if self._watch:
-                ended = self._watch.advance(stepping, h)
+            if self._monitor:
+                ended = self._monitor.advance(stepping, h)
             else:
                 stepping.advance(h)
         finally:
             self.last_iterations = stepping.iterations - iterations
             self.substeps += stepping.substeps - substeps
-            # sub-steps that were made before one failed are a step, too, and are seen by the outputs
-            if self.time > before:
+            # Sub-steps that were made before one failed count as a step, and the outputs record it.
+            if self.time > time_before:
                 self.iterations += self.last_iterations
                 self.step += 1
-                self.recorded = self._offered = False
-                self.solver.newton.energy = max(self.solver.newton.energy, self.totals.size)
+                self.recorded = False
+                self._offered = False
+                newton = self.solver.newton
+                newton.energy = max(newton.energy, self.totals.size)
             self.seconds += time.perf_counter() - started
-        if abs(milestone - self.time) <= 1e-9 * stepping.wanted:
+        # Outputs and events that ask for this time must find it without the round-off of a sum of steps.
+        if abs(milestone - self.time) <= _SAME_TIME * stepping.wanted:
             self.system.time = milestone
-        PETSc.garbage_cleanup(
-            self.comm
-        )  # on several ranks what Python drops is kept until all ask for this
+        # On several ranks PETSc keeps the objects that Python has dropped until all ranks ask for this.
+        PETSc.garbage_cleanup(self.comm)
         return ended
 
     def _leave(self, number: int) -> None:
-        """Say where the run ended, and end the program."""
-        left = Interrupted(number)
-        where = "" if self.checkpoints is None else f"; restart from '{self.checkpoints.latest}'"
+        """Log where the run ended, and end the program.
+
+        Raises:
+            Interrupted: always.
+        """
+        interrupted = Interrupted(number)
+        remedy = ""
+        if self.checkpoints is not None:
+            remedy = f"; restart from '{self.checkpoints.latest}'"
         LOGGER.warning(
             "stopped by %s at t = %.9g s, after step %d%s",
-            left.signal.name,
+            interrupted.signal.name,
             self.time,
             self.step,
-            where,
+            remedy,
         )
-        raise left
+        raise interrupted
 
     def log(self, words: str) -> None:
-        """Say something to those who listen to the log."""
+        """Write a line to the log, see `gx.run.log_to`."""
         LOGGER.info(words)
 
     # ---- checkpoints -------------------------------------------------------------------------------------------
 
     def get_state(self) -> dict[str, Any]:
-        """What a checkpoint keeps beside the history."""
-        first = {
-            name: v.tolist() if isinstance(v, np.ndarray) else v
-            for name, v in asdict(self.first).items()
-        }
+        """Counters, first totals and events, for a checkpoint: numbers, words, lists, dictionaries."""
+        first = {}
+        for name, value in asdict(self.first).items():
+            if isinstance(value, np.ndarray):
+                value = value.tolist()
+            first[name] = value
+        events: dict[str, Any] = {"done": [], "last": []}
+        if self._monitor:
+            events = self._monitor.get_state()
+        counts = {name: getattr(self, name) for name in _COUNTS}
         return {
-            **{name: getattr(self, name) for name in _COUNTS},
+            **counts,
             "first": first,
             "largest energy": self.solver.newton.energy,
+            "round-off energy": self.solver.newton.round_off_energy,
             "recorded": self.recorded,
-            "events": self._watch.get_state() if self._watch else {"done": [], "last": []},
+            "events": events,
         }
 
     def set_state(self, state: dict[str, Any]) -> None:
         """Restore what `get_state` returned."""
         for name in _COUNTS:
             setattr(self, name, state[name])
-        first: dict[str, Any] = {
-            n: np.array(v) if isinstance(v, list) else v for n, v in state["first"].items()
-        }
+        first: dict[str, Any] = {}
+        for name, value in state["first"].items():
+            if isinstance(value, list):
+                value = np.array(value)
+            first[name] = value
         self.first = Totals(**first)
-        self.solver.newton.energy, self._totals = state["largest energy"], self.system.totals()
+        self.solver.newton.energy = state["largest energy"]
+        # Checkpoints of earlier versions have none.
+        self.solver.newton.round_off_energy = state.get("round-off energy", 0.0)
+        # `totals` compares times only, and the restored state may have that of the start.
+        self._totals = self.system.totals()
         self.recorded = state["recorded"]
-        if self._watch:
-            self._watch.set_state(state["events"])
+        if self._monitor:
+            self._monitor.set_state(state["events"])
 
 
-def _several[T](what: str, given: Sequence[T], kind: type) -> list[T]:
-    """A list of things of a kind.
+def _list_of[T](what: str, given: Sequence[T], kind: type) -> list[T]:
+    """Copy a sequence of objects of a kind into a list.
 
     Raises:
-        InputError: it is one of them, or something else.
+        InputError: it is a single object, or contains something else.
     """
     check(
         isinstance(given, Sequence)

@@ -25,6 +25,12 @@ class RigidMotion:
 
     Raises:
         InputError: an argument that is not three finite numbers.
+
+    Example:
+        >>> spinning = gx.Scene(hub, gx.RigidMotion(spin=(0.0, 0.0, 2.0)))
+        >>> run = gx.Simulation(spinning, gx.Midpoint(dt=0.01))
+        >>> round(gx.probes.AngularVelocity(hub.frame(), "z")(run), 12)
+        2.0
     """
 
     spin: Vector = (0.0, 0.0, 0.0)
@@ -65,6 +71,17 @@ class StartFrom:
     Raises:
         InputError: something that is not a compiled scene; when the scene is compiled, a body that
             the other scene does not have, or has with another mesh.
+
+    Example:
+        >>> weight = gx.Gravity(mass, (0.0, 0.0, -10.0))
+        >>> top = gx.Ground((0.0, 0.0, 0.0))
+        >>> spring = gx.connectors.Spring(mass.port(), top, stiffness=100.0, length=1.0)
+        >>> equilibrium = gx.Equilibrium(gx.Scene(weight, spring))
+        >>> result = equilibrium.find()
+        >>> start = gx.StartFrom(equilibrium.system)
+        >>> swing = gx.Simulation(gx.Scene(weight, spring, start), gx.Midpoint(dt=0.01))
+        >>> round(gx.probes.Position(mass.port(), "z")(swing), 3)
+        -1.1
     """
 
     system: Assembly

@@ -69,6 +69,13 @@ class Lapack:
         else:
             x.array[:] = dgetrs(self._lu, self._pivots, b.array_r)[0]
 
+    def applyTranspose(self, pc: PETSc.PC, b: PETSc.Vec, x: PETSc.Vec) -> None:
+        """Solve Aᵀ x = b, as `apply` solves A x = b."""
+        if self.problem:
+            x.array[:] = np.nan
+        else:
+            x.array[:] = dgetrs(self._lu, self._pivots, b.array_r, trans=1)[0]
+
     def recover(self) -> None:
         """Do nothing: the next matrix is factorised whatever became of this one."""
 

@@ -1,4 +1,4 @@
-"""The linear system of a Newton iteration: sparse coordinates, bordered by a few scalar unknowns.
+"""The linear system of a Newton iteration: sparse coordinates and a few scalar unknowns.
 
 Problem.  With the tangent A (n, n) of the coordinates z [m], sparse, and m scalar unknowns y (gas
 pressures and the like), m being of the order of ten,
@@ -8,9 +8,8 @@ pressures and the like), m being of the order of ten,
 
 A pressure acts on all nodes of a film, so that a column of G is dense and must not enter the pattern of A.
 
-Idea.  Block elimination (bordering, Govaerts & Pryce, IMA J. Numer. Anal. 13 (1993) 161,
-doi:10.1093/imanum/13.2.161) with any preconditioner P ≈ A.  With Z = P⁻¹ G and the dense Schur
-complement Σ = C - Hᵀ Z (m, m),
+Idea.  Block elimination (Govaerts & Pryce, IMA J. Numer. Anal. 13 (1993) 161) with any preconditioner
+P ≈ A.  With Z = P⁻¹ G and the dense Schur complement Σ = C - Hᵀ Z (m, m),
 
     δy = Σ⁻¹ (s - Hᵀ P⁻¹ r)                                                                   (2)
     δz = P⁻¹ r - Z δy                                                                         (3)
@@ -168,7 +167,7 @@ class Bordered:
         self._out = composite.fields.duplicate()
 
     def set(self, G: list[Array | None], H: list[Array | None], C: Array) -> None:
-        """Set the borders: parts (n,) of this rank of the columns of G and H (None: zero), and C (m, m)."""
+        """Set G and H, by this rank's parts (n,) of their columns (None: zero), and C (m, m)."""
         self.G = Columns(G)
         self.H = Columns(H)
         self.C = C
@@ -274,7 +273,12 @@ class BorderedPreconditioner:
         operator.composite.join(self._out, δy, out)
 
 
-def configure(ksp: PETSc.KSP, pc: PETSc.PC, system: System, direct: bool) -> None:
+def configure(
+    ksp: PETSc.KSP,
+    pc: PETSc.PC,
+    system: System,
+    direct: bool,
+) -> None:
     """Choose the Krylov method and the preconditioner of the sparse part; PETSc's options may override.
 
     A matrix is factorised if `direct`, if it is small, or if it has Lagrange multipliers: these have

@@ -9,7 +9,7 @@ The predicted increment p comes from the stepper.  A film switches between taut,
 that a plain Newton iteration cycles or diverges at steps of practical length.
 
 Idea.  The strains ε at the quadrature points are unknowns in addition to w, and are eliminated point
-by point (Magisano, Leonetti & Garcea, IJNME 109 (2017) 1237, doi:10.1002/nme.5328).  An iterate k has
+by point (Magisano, Leonetti & Garcea, IJNME 109 (2017) 1237).  An iterate k has
 the strain that is linear in the last update, not the true strain e(q1):
 
     ε_k = e(q_{k-1}) + De(q_{k-1}) (w_k - w_{k-1})                                            (3)
@@ -35,10 +35,11 @@ Convergence.  With R the reference force, the norm of the first residual, |r| mu
 
 F is the scale of the forces that cancel in r (`System.force_scale`), so that the third number is the
 round-off floor: no iteration can reduce r below it.  In scenes with contact, F_stop is the force that
-stops all motion within the step; R is at most F_stop there.  A residual that no longer falls, by a
+stops all motion within the step; R is at most the larger one of F_stop and of the force of loads and
+supports, which contact carries when nothing moves.  A residual that no longer falls, by a
 factor of `STAGNATION_RATIO` from one iterate to the next, counts as solved up to `STAGNATION_FACTOR`
-times the round-off floor.  While it falls, the work of the residual in the step, which is the error of the
-total energy, must also be small:
+times the round-off floor, or, with contact and (5), `CONTACT_STAGNATION_FACTOR` times.  While it falls,
+the work of the residual in the step, which is the error of the total energy, must also be small:
 
     |r·(q1 - q0)| <= energy tolerance × largest energy so far                                 (5)
 
@@ -63,8 +64,8 @@ import gossamer_fx.solvers.factorisation as factorisation
 import gossamer_fx.solvers.linear as linear
 from gossamer_fx.algebra.numbering import PREFIX
 from gossamer_fx.checks.errors import check
+from gossamer_fx.checks.failures import Inadmissible, NotConverged
 from gossamer_fx.model.body import Array
-from gossamer_fx.solvers.failures import Inadmissible, NotConverged
 from gossamer_fx.solvers.tolerances import Tolerances
 from gossamer_fx.system.system import System
 
@@ -100,6 +101,10 @@ CONTACT_FLOOR_RATIO = 1e-12
 # below STAGNATION_FACTOR times the round-off floor.  The floor is an estimate, hence a margin of four.
 STAGNATION_RATIO = 0.5
 STAGNATION_FACTOR = 4.0
+
+# With contact the margin is wider, provided that the residual passes (5): a gap is the difference of two
+# squared distances, so that friction and steep barriers have ten times the round-off of their stiffness.
+CONTACT_STAGNATION_FACTOR = 32.0
 
 
 def _weak_method[**P, T](method: Callable[P, T]) -> Callable[P, T]:
@@ -141,6 +146,7 @@ class Newton:
         geometric_stiffness_delay: number of tangents at the start of a step without geometric
             stiffness; a stepper sets it.
         energy: largest energy so far [J], the reference of (5); zero: (5) is not asked.
+        round_off_energy: energy [J] that round-off gives to a scene at rest, the largest of all steps.
         iterations: of the last solve, also if it failed.
         all_iterations: of all solves.
         linear_iterations: Krylov iterations of all solves.
@@ -161,6 +167,7 @@ class Newton:
         self.tolerances = tolerances
         self.geometric_stiffness_delay = 0
         self.energy = 0.0
+        self.round_off_energy = 0.0
         self.iterations = 0
         self.all_iterations = 0
         self.linear_iterations = 0
@@ -230,7 +237,7 @@ class Newton:
         return parts.matrix
 
     def _set_up_bordered(self) -> PETSc.Mat:
-        """Solve with scalar unknowns or couplings of contact; returns the bordered matrix."""
+        """Solve with scalar unknowns or couplings of contact; returns the matrix of both."""
         system = self.system
         self._bordered = linear.Bordered(self._composite, system.coupled_tangent)
         sizes = self._x.getSizes()
@@ -360,7 +367,13 @@ class Newton:
             self.system.limit_update(values[: self._composite.n])
         return True
 
-    def _jacobian(self, snes: PETSc.SNES, x: PETSc.Vec, J: PETSc.Mat, P: PETSc.Mat) -> None:
+    def _jacobian(
+        self,
+        snes: PETSc.SNES,
+        x: PETSc.Vec,
+        J: PETSc.Mat,
+        P: PETSc.Mat,
+    ) -> None:
         """Tangent at the iterate, unless an earlier one of the step is good enough."""
         iteration = snes.getIterationNumber()
         is_near = self._norm < min(
@@ -403,12 +416,16 @@ class Newton:
         Once a step, but at each tangent with contact: bodies that penetrate each other in the
         predictor have stiffnesses there that are far too large, so the smallest estimate counts.
         """
-        if self._round_off_floor and not self.system.active_sets:
+        is_first = self._round_off_floor == 0
+        if not is_first and not self.system.active_sets:
             return
         A.getDiagonal(self._diagonal)
         units = self.tolerances.floor * np.finfo(float).eps
         floor = units * self.system.force_scale(self._diagonal)
         self._round_off_floor = min(floor, self._round_off_floor or math.inf)
+        if is_first:
+            energy = self.system.round_off_energy(self._diagonal)
+            self.round_off_energy = max(self.round_off_energy, energy)
 
     def _choose_linear_tolerance(self) -> None:
         """Solve tightly if this is likely to be the last linear system of the step."""
@@ -467,23 +484,33 @@ class Newton:
         return 0
 
     def _set_reference(self) -> None:
-        """Choose the reference force R of (4) from the first residual."""
-        stopping = self._stopping_force()
-        self._reference = min(self._norm, stopping)
-        self._contact_floor = 0.0
-        if math.isfinite(stopping):
-            self._contact_floor = CONTACT_FLOOR_RATIO * stopping
-
-    def _stopping_force(self) -> float:
-        """Force [N] that stops and returns all that moves within the step; infinite without contact.
+        """Choose the reference force R of (4) from the first residual.
 
         With contact the predictor may have passed through an obstacle.  Its forces are then thousands
         of times larger than those of the solution, and are not a scale for the residual.
         """
+        self._reference = self._norm
+        self._contact_floor = 0.0
         if not self.system.active_sets:
-            return math.inf
+            return
+        stopping = self._stopping_force()
+        self._contact_floor = CONTACT_FLOOR_RATIO * stopping
+        if stopping < self._norm:
+            largest = max(stopping, self._external_force())
+            self._reference = min(self._norm, largest or math.inf)
+
+    def _stopping_force(self) -> float:
+        """Force [N] that stops and returns all that moves within the step."""
         self.system.M.mult(self.system.v0, self._diagonal)
-        return self.system.c * self.system.h * float(self._diagonal.norm()) or math.inf
+        return self.system.c * self.system.h * float(self._diagonal.norm())
+
+    def _external_force(self) -> float:
+        """Norm [N] of the forces of loads, gas and supports at the last residual.
+
+        What rests on something has no motion to stop: then these are the scale of the contact forces.
+        """
+        external, _ = self.system.imbalance(self.system.external_forces())
+        return external
 
     def _is_solved(self) -> bool:
         """Whether the residual evaluated last passes (4) and (5), and constraints and scalars theirs."""
@@ -493,6 +520,9 @@ class Newton:
             stagnates or residual <= self._round_off_floor or self._energy_error_is_small()
         )
         is_balanced = is_small or (stagnates and residual <= self.round_off)
+        if self.system.active_sets and stagnates and not is_balanced:
+            contact_round_off = CONTACT_STAGNATION_FACTOR * self._round_off_floor
+            is_balanced = residual <= contact_round_off and self._energy_error_is_small()
         satisfies_constraints = self._violation <= self.tolerances.constraint
         satisfies_scalars = bool((abs(self._s) <= self.tolerances.scalars).all())
         return is_balanced and satisfies_constraints and satisfies_scalars
@@ -504,7 +534,7 @@ class Newton:
         system = self.system
         forces = self._r.array_r
         if system.constraints:
-            # Rows of multipliers hold violations of constraints, which are no forces.
+            # Rows of multipliers hold violations of constraints, which are not forces.
             forces = forces[: system.constraints.owned.start]
         n = forces.size
         moved = system.q1.array_r[:n] - system.q0.array_r[:n]

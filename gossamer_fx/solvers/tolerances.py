@@ -25,6 +25,10 @@ class Tolerances:
             (m, or 1 for directions).
         max_iterations: number of Newton iterations after which the step has failed.
 
+    The tolerances are those of one step.  What steps leave below them may add up, as all may miss to the same side: a
+    free rigid body closes its energy to 2e-12 in 400 steps of 26 ms, where two iterations just pass the test of the
+    residual, and to 1e-15 with `relative` 1e-12 (`tests/bodies/test_multibody_motion.py`).
+
     Raises:
         InputError: a tolerance is negative, or one that has to be below 1 is not, or no iteration is
             allowed.

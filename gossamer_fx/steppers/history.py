@@ -64,7 +64,7 @@ class History:
         """Add the history variables of the scene: of scalar unknowns, kinds of terms, and terms."""
         system = self._system
         for k, scalars in enumerate(system.scalar_unknowns):
-            self._variables[f"border {k}"] = scalars
+            self._variables[f"scalar unknowns {k}"] = scalars
         for compiled in system.compiled:
             if isinstance(compiled, HistoryVariables):
                 self._variables[type(compiled).__name__] = compiled

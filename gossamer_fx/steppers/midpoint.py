@@ -10,7 +10,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
-from gossamer_fx.solvers.failures import Inadmissible, NotConverged
+from gossamer_fx.checks.failures import Inadmissible, NotConverged
 from gossamer_fx.solvers.newton import Newton
 from gossamer_fx.solvers.tolerances import Tolerances
 from gossamer_fx.system.system import System

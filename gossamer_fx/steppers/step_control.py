@@ -48,7 +48,7 @@ from petsc4py import PETSc
 
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check
-from gossamer_fx.solvers.failures import NotConverged
+from gossamer_fx.checks.failures import NotConverged
 from gossamer_fx.steppers.history import History
 from gossamer_fx.steppers.stepping import StepSolver, step_failure
 from gossamer_fx.system.system import System
@@ -132,7 +132,13 @@ class StepControl:
 class ControlledSteps:
     """The steps of a run whose lengths a `StepControl` chooses; see `Stepping` for the attributes."""
 
-    def __init__(self, control: StepControl, system: System, solver: StepSolver, dt: float) -> None:
+    def __init__(
+        self,
+        control: StepControl,
+        system: System,
+        solver: StepSolver,
+        dt: float,
+    ) -> None:
         self._control = control
         self._system = system
         self._solver = solver

@@ -6,7 +6,7 @@ import math
 from typing import Protocol, runtime_checkable
 
 from gossamer_fx.checks.errors import StepFailure, check
-from gossamer_fx.solvers.failures import NotConverged
+from gossamer_fx.checks.failures import NotConverged
 from gossamer_fx.solvers.newton import Newton
 from gossamer_fx.system.system import System
 from gossamer_fx.terms.discrete_gradient import StressRule
@@ -96,7 +96,13 @@ class EqualSteps:
         InputError: halvings is negative.
     """
 
-    def __init__(self, system: System, solver: StepSolver, dt: float, halvings: int) -> None:
+    def __init__(
+        self,
+        system: System,
+        solver: StepSolver,
+        dt: float,
+        halvings: int,
+    ) -> None:
         check(
             halvings >= 0,
             f"halvings is {halvings!r}; give the number of times that a step may be halved, or zero.",

@@ -156,7 +156,13 @@ def draw(design: RobustDesign, results: Sequence[Result], path: Path) -> None:
     pyplot.close(figure)
 
 
-def _draw_panel(panel: Any, name: str, levels: Sequence[Any], effect: Any, mean: Any) -> None:
+def _draw_panel(
+    panel: Any,
+    name: str,
+    levels: Sequence[Any],
+    effect: Any,
+    mean: Any,
+) -> None:
     """Draw the effects [dB] of the levels of one factor, and the mean of all runs."""
     panel.axhline(mean, color="#b8bec4", linewidth=1)
     panel.plot(range(len(effect)), effect, "o-", color="#0072B2", markersize=4)

@@ -52,7 +52,7 @@ def support_force(system: System, support: NamedPart, about: Vector) -> tuple[Ar
     """
     check(
         hasattr(support, "terms"),
-        f"{support!r} is no support; give a Fixed of the scene.",
+        f"{support!r} is not a support; give a Fixed of the scene.",
     )
     centre = check_vector(f"The reaction of '{support.name}'", about)
     total = np.zeros((2, 3))
@@ -74,7 +74,7 @@ def support_force(system: System, support: NamedPart, about: Vector) -> tuple[Ar
                 )
     check(
         found,
-        f"'{support.name}' is no support of this scene; add it to the scene, or ask for one that is in it.",
+        f"'{support.name}' is not a support of this scene; add it to the scene, or ask for one that is in it.",
     )
     total = system.comm.allreduce(total)
     return total[0], total[1]
@@ -90,7 +90,7 @@ def joint_force(system: System, joint: Joint, about: Vector | None = None) -> tu
     """
     check(
         hasattr(joint, "b"),
-        f"'{getattr(joint, 'name', joint)}' is no joint; give a BallJoint, FixedJoint, ...",
+        f"'{getattr(joint, 'name', joint)}' is not a joint; give a BallJoint, FixedJoint, ...",
     )
     centre = check_vector(
         f"The force of '{joint.name}'", (0.0, 0.0, 0.0) if about is None else about
@@ -98,7 +98,7 @@ def joint_force(system: System, joint: Joint, about: Vector | None = None) -> tu
     terms = [term for term in system.terms_of(joint) if isinstance(term, PointConstraint)]
     check(
         bool(terms),
-        f"'{joint.name}' is no joint of this scene; add it to the scene, or ask for one that is in it.",
+        f"'{joint.name}' is not a joint of this scene; add it to the scene, or ask for one that is in it.",
     )
     second = list(_bodies(joint.b))
     sign, mine = (1.0, second) if second else (-1.0, list(_bodies(joint.a)))
@@ -137,7 +137,7 @@ def _held(system: System, term: Support, centre: Array) -> Array:
 
 
 def _multipliers(system: System, name: str) -> Array:
-    """λ of a constraint, one row for each of this rank's places."""
+    """λ of a constraint, one row for each of this rank's points."""
     terms = [t for t in system.terms if isinstance(t, PointConstraint)]
     k = next(i for i, term in enumerate(terms) if term.name == name)
     owned = system.numbering.owned(len(system.bodies) + k)
@@ -145,7 +145,11 @@ def _multipliers(system: System, name: str) -> Array:
 
 
 def _tied(
-    system: System, measure: PointMeasure, λ: Array, counts: Callable[[Port], bool], centre: Array
+    system: System,
+    measure: PointMeasure,
+    λ: Array,
+    counts: Callable[[Port], bool],
+    centre: Array,
 ) -> Array:
     """This rank's share of what a constraint exerts on those of its ports that count: -De(q̄)ᵀλ."""
     α = system.rule.alpha

@@ -5,7 +5,9 @@ The system knows the roles that terms play (`model.roles`), but no kind of term 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
+from typing import Never, cast
 
 import numpy as np
 from dolfinx import fem
@@ -21,7 +23,7 @@ from gossamer_fx.model.terms import Term
 from gossamer_fx.system.increment import Increment
 from gossamer_fx.system.tangent import Tangent
 from gossamer_fx.system.totals import Totals
-from gossamer_fx.terms.assembly import CompiledConstraints, CompiledTerms, Part
+from gossamer_fx.terms.assembly import CompiledConstraints, Compiler, Part
 from gossamer_fx.terms.coordinates import Coordinates
 from gossamer_fx.terms.discrete_gradient import StressRule
 from gossamer_fx.terms.scalar_unknowns import ScalarUnknowns
@@ -68,6 +70,7 @@ class System:
         h: length of the step [s].
         geometric: share of the geometric stiffness in tangents, 0 or 1.
         supplied_energy: since the start [J], this rank's share.
+        recorders: called after each accepted step.
         losses: dissipated energies since the start [J] by name, this rank's share.
     """
 
@@ -79,12 +82,13 @@ class System:
         self._parts = parts
         self.terms: list[Term] = [term for part in parts for term in part.terms]
         self.scalar_unknowns: list[ScalarUnknowns] = []
+        self.recorders: list[Callable[[], None]] = []
         self.time = 0.0
         self.h = 1.0
         self.geometric = 1.0
         self.supplied_energy = 0.0
 
-        kinds: dict[type[CompiledTerms], list[Term]] = {}
+        kinds: dict[Compiler, list[Term]] = {}
         for term in self.terms:
             kinds.setdefault(term.compiler, []).append(term)
         multipliers = [
@@ -112,7 +116,8 @@ class System:
         supports = [term for term in kinds.pop(Supports, []) if isinstance(term, Support)]
         self.supports = Supports(supports, self)
         self.increment = Increment(numbering, self.supports)
-        self.compiled = [kind(alike, self) for kind, alike in kinds.items()]
+        # The terms of a kind are those that name it as their compiler, which the type of `kinds` cannot say.
+        self.compiled = [kind(cast("list[Never]", alike), self) for kind, alike in kinds.items()]
         self._sort_by_role()
         self.losses = {name: 0.0 for kind in self._dissipating for name in kind.losses}
 
@@ -153,6 +158,11 @@ class System:
 
     # ---- look-ups ------------------------------------------------------------------------------------
 
+    @property
+    def items(self) -> list[object]:
+        """The items of the scene that bring terms."""
+        return [part.item for part in self._parts]
+
     def block(self, body: Body) -> NumberedBlock:
         """The unknowns of a body in the numbering of the system."""
         return self._block_of[body]
@@ -187,6 +197,49 @@ class System:
         for q in (self.previous, self.q0):
             self.set_end(q)
             self._commit()
+
+    def parameters_changed(self) -> None:
+        """Assemble again what depends on coefficients of forms: masses, constant stiffness and loads."""
+        for kind in self.compiled:
+            if isinstance(kind, roles.ResidualForms):
+                kind.parameters_changed()
+        self.M.zeroEntries()
+        for mass in self._masses:
+            mass.add_mass(self.M)
+        self.M.assemble()
+        self.increment.mass_changed()
+        if self.K is not None:
+            self.K.zeroEntries()
+            for stiffness in self._stiffnesses:
+                stiffness.add_stiffness(self.K)
+            self.K.assemble()
+            # No step has an infinite c, so that the base is built at the next tangent.
+            self._base_inertia = math.inf
+        self.restart()
+
+    def reverse_step(self, start: Array, rates: Array, t: float, end: Array) -> None:
+        """Turn the present step round, of length h: it is to go from `start` at t to `end`, of length -h.
+
+        Kinds with active sets retain the pairs (`roles.ExchangesEnds`); the others take the start as if
+        it had been accepted.
+        """
+        self.time = t
+        self.v0.array[:] = rates
+        self.q0.array[:] = start
+        self.h = -self.h
+        self.set_end(self.q0)
+        for field in self.fields.values():
+            field.q0.x.array[:] = field.q1.x.array
+        for state_observer in self._state_observers:
+            if not isinstance(state_observer, roles.ExchangesEnds):
+                state_observer.commit()
+        for kind in roles.playing(roles.ExchangesEnds, self.compiled):
+            kind.exchange_ends()
+        for one in self._step_observers:
+            one.begin_step(t + self.rule.alpha * self.h)
+        end_vector = self._scratch
+        end_vector.array[:] = end
+        self.set_end(end_vector)
 
     def _build_matrices(self) -> None:
         """Mass matrix M, constant stiffness K if there is one, and tangent A, with one pattern.
@@ -299,11 +352,32 @@ class System:
         self.supports.take(r)
         return np.concatenate([np.zeros(0), *s])
 
-    def external_forces(self) -> PETSc.Vec:
-        """Forces [N] of loads, scalar unknowns and supports at the last residual."""
+    def stored_forces(self) -> PETSc.Vec:
+        """Derivatives ψ'(q0) [N] of all stored energies of bodies in the accepted state.
+
+        They are the forces of a step that goes nowhere.  The step that the terms know is set to q0.
+        """
+        out = self.numbering.vector()
+        self.set_end(self.q0)
+        if self.K is not None:
+            self.K.mult(self.q0, out)
+        for kind in self._forces:
+            if isinstance(kind, roles.StoredEnergies) and not isinstance(kind, roles.ExternalLoads):
+                kind.add_forces(out)
+        return out
+
+    def load_forces(self) -> PETSc.Vec:
+        """Forces [N] of loads at the last residual, with the opposite sign; zero at fixed coordinates."""
         out = self.numbering.vector()
         for load in self._loads:
             load.add_forces(out)
+        with out as values:
+            values[self.supports.held] = 0.0
+        return out
+
+    def external_forces(self) -> PETSc.Vec:
+        """Forces [N] of loads, scalar unknowns and supports at the last residual."""
+        out = self.load_forces()
         with out as values:
             for scalars in self.scalar_unknowns:
                 scalars.add_force(values)
@@ -358,7 +432,7 @@ class System:
         return columns, rows, corner
 
     def commit(self, v1: PETSc.Vec) -> None:
-        """Accept the step: q1 and v1 are the state now, and its works and losses are booked."""
+        """Accept the step: q1 and v1 are the state now, and its works and losses are added to the totals."""
         change = self.q1.array_r - self.q0.array_r
         self.supplied_energy += self.supports.work(change)
         self.supplied_energy += sum(kind.supplied() for kind in self._supplying)
@@ -375,6 +449,20 @@ class System:
             self.v0.array[self.constraints.owned] = 0
         self._commit()
         self.time += self.h
+        for recorder in self.recorders:
+            recorder()
+
+    def restore(self, q: Array, v: Array, t: float) -> None:
+        """Take an earlier accepted state: this rank's coordinates and velocities; totals do not change.
+
+        Kinds with history variables need theirs, too (`roles.StepHistory`).
+        """
+        self.time = t
+        self.v0.array[:] = v
+        self.q0.array[:] = q
+        self.q0.copy(self.previous)
+        self.set_end(self.q0)
+        self._commit()
 
     def _commit(self) -> None:
         """q1 and its strains are the start of the next step."""
@@ -438,6 +526,10 @@ class System:
         The diagonal is that of the tangent.
         """
         return self.increment.force_scale(self.M, diagonal, self.q1)
+
+    def round_off_energy(self, diagonal: PETSc.Vec) -> float:
+        """Energy [J] that round-off gives to a scene at rest; the diagonal is that of the tangent."""
+        return self.increment.round_off_energy(self.M, diagonal, self.q1)
 
     def imbalance(self, r: PETSc.Vec) -> tuple[float, float]:
         """Norm of the forces in r [N], and the largest violation of a constraint."""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Generic, Never, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -71,34 +71,44 @@ class Assembly(Protocol):
         ...
 
 
-class CompiledTerms(Protocol):
+# The kind of terms that a class compiles.  Contravariant: what compiles stored energies and dissipation
+# can also compile stored energies alone.
+KindOfTerm = TypeVar("KindOfTerm", contravariant=True)
+
+
+# Type checkers infer no variance from a constructor, so that it is declared in the older way.
+class CompiledTerms(ABC, Generic[KindOfTerm]):  # noqa: UP046
     """All terms of one kind, compiled; the roles that they play are its other bases (`model.roles`)."""
 
     @abstractmethod
-    def __init__(self, terms: Sequence[Any], system: Assembly) -> None: ...
+    def __init__(self, terms: Sequence[KindOfTerm], system: Assembly) -> None: ...
 
 
-class CompiledConstraints(Tangents, CompiledTerms):
+# What a kind of terms names as its compiler.  Nothing is a `Never`, so any class of compiled terms is one.
+type Compiler = type[CompiledTerms[Never]]
+
+
+class CompiledConstraints(Tangents, CompiledTerms[KindOfTerm]):
     """Measures that stay zero, by multipliers that stand at the end of each rank's unknowns."""
 
     owned: slice  # the multipliers in this rank's part of a vector
 
+    @abstractmethod
     def tied_ports(self) -> list[list[tuple[Attached, ...]]]:
         """The ports that each of this rank's multipliers ties, for each block of them."""
-        raise NotImplementedError
 
+    @abstractmethod
     def violation(self, q: PETSc.Vec) -> float:
         """Largest violation in a state, in the constraint's own units; the same on every rank."""
-        raise NotImplementedError
 
+    @abstractmethod
     def validate(self, q0: PETSc.Vec, v0: PETSc.Vec, free: PETSc.Vec) -> None:
         """See that the initial state keeps the constraints, and none follows from others; `free` is 0 where held."""
-        raise NotImplementedError
 
+    @abstractmethod
     def idle(self, free: PETSc.Vec, q0: PETSc.Vec) -> npt.NDArray[np.int64]:
         """Positions in this rank's part of a vector of multipliers that touch held coordinates only."""
-        raise NotImplementedError
 
+    @abstractmethod
     def add_curvature(self, v: PETSc.Vec, r: PETSc.Vec) -> None:
         """Add D²e[v, v] in the rows of the multipliers."""
-        raise NotImplementedError

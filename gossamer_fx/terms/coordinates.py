@@ -16,7 +16,7 @@ from gossamer_fx.model.body import Array
 class Coordinates:
     """The coordinates of one mesh body in a step: start q0, end q1, increment δ of the iteration, step h.
 
-    γ is how much of the geometric stiffness of stresses that push the tangent has: 1, or 0 in a careful start.
+    γ is how much of the geometric stiffness of stresses that push the tangent has: 1, or 0 in the initial iterations.
     The unknowns are the values at the owned nodes; a reduced body has others, and overrides the three methods.
     """
 

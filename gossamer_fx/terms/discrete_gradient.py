@@ -28,10 +28,11 @@ import numpy as np
 import ufl
 
 from gossamer_fx.checks.arguments import check_arguments
-from gossamer_fx.checks.errors import check
+from gossamer_fx.checks.errors import InputError, check
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.strain_path import Piece
 from gossamer_fx.forms.strain_path import gradient as gradient
+from gossamer_fx.materials.c_law import CLaw
 
 ROUND_OFF = 4 * np.finfo(float).eps  # of a difference of energies, over their sum
 
@@ -47,6 +48,9 @@ class PathEnergy(Protocol):
 
     @property
     def pieces(self) -> Callable[[Expr, Expr], list[Piece]] | None: ...
+
+    @property
+    def c_law(self) -> CLaw | None: ...
 
 
 @runtime_checkable
@@ -66,13 +70,28 @@ class StressRule(Protocol):
         """Conditions under which S̄ costs less, and S̄ under each of them; the first that holds counts."""
         return []
 
+    def function_of(self, law: CLaw) -> int:
+        """Address of the C function for S̄ of a law that is written in C.
+
+        Raises:
+            InputError: the rule has none; it then works only with laws in UFL.
+        """
+        raise InputError(
+            f"{type(self).__name__} has no stress for laws in C (Orthotropic); use PathAverage() or EndPoint()."
+        )
+
 
 @check_arguments
 @dataclass(frozen=True)
 class PathAverage(StressRule):
-    """Stress averaged along the straight path in strain space; see the module.
+    """Stress rule of `Midpoint`: the stress averaged along the straight path in strain space; see the module.
 
-    `points` of Gauss serve the laws that do not tell the pieces of the path.
+    Args:
+        points: of Gauss quadrature, for laws that do not give the smooth pieces of the path.
+
+    Example:
+        >>> gx.steppers.PathAverage(points=4).points
+        4
     """
 
     points: int = 10
@@ -89,7 +108,7 @@ class PathAverage(StressRule):
         if energy.quadratic:
             return gradient(ψ, (e0 + e1) / 2)
         S = ufl.zero(Δe.ufl_shape)
-        # where the pieces meet they have the same stress, so that the places need not be derived
+        # where the pieces meet they have the same stress, so that the points need not be derived
         pieces = energy.pieces(e0, e1.expression()) if energy.pieces else []
         for piece in pieces:
             S += (piece.end - piece.start) * piece.stress(
@@ -99,6 +118,9 @@ class PathAverage(StressRule):
             for p, w in zip(*np.polynomial.legendre.leggauss(self.points), strict=True):
                 S += float(w) / 2 * gradient(ψ, e0 + float(1 + p) / 2 * Δe)
         return S + defect(ψ, S, e0, e1)
+
+    def function_of(self, law: CLaw) -> int:
+        return law.path_average
 
     def cases(self, energy: PathEnergy, e0: Expr, e1: Expr) -> list[tuple[Expr, Expr]]:
         """Paths that stay in one state: six of ten in the iterations of a film that flutters, seven before it does."""
@@ -122,12 +144,20 @@ class PathAverage(StressRule):
 @check_arguments
 @dataclass(frozen=True)
 class EndPoint(StressRule):
-    """Stress at the end of the step."""
+    """Stress rule of backward Euler: the stress at the end of the step.
+
+    Example:
+        >>> gx.steppers.EndPoint()
+        EndPoint()
+    """
 
     alpha = 1.0
 
     def stress(self, energy: PathEnergy, e0: Expr, e1: Expr) -> Expr:
         return gradient(energy.density, e1)
+
+    def function_of(self, law: CLaw) -> int:
+        return law.end_point
 
 
 def gonzalez_correction(
@@ -149,7 +179,12 @@ def gonzalez_correction(
     return [missing / squares * change for change in changes]
 
 
-def defect(ψ: Any, S: Expr, e0: Expr, e1: Expr) -> Expr:
+def defect(
+    ψ: Any,
+    S: Expr,
+    e0: Expr,
+    e1: Expr,
+) -> Expr:
     """Gonzalez correction of the stress S along Δe: ((Δψ - S·Δe)/|Δe|²) Δe.
 
     There is no correction within the round-off of the energies, or for |Δe| < 1e-5 |e|: it would only

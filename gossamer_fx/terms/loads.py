@@ -14,21 +14,33 @@ from petsc4py import PETSc
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.model.body import Array, Body, MeshBody
+from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.roles import (
     ExternalLoads,
     Forces,
     OnMeshes,
+    ResidualForms,
     Resultants,
+    Reversible,
     StepObserver,
     Supply,
     TangentForms,
 )
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.terms.coordinates import Coordinates
 
 
 class Loads(
-    OnMeshes, ExternalLoads, StepObserver, Forces, TangentForms, Supply, Resultants, CompiledTerms
+    OnMeshes,
+    ExternalLoads,
+    StepObserver,
+    Forces,
+    TangentForms,
+    Supply,
+    Resultants,
+    ResidualForms,
+    Reversible,
+    CompiledTerms["Load"],
 ):
     """All `Load` terms of a scene."""
 
@@ -51,6 +63,21 @@ class Loads(
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
         return [load.tangent for load in self._loads if load.term.body is body and load.tangent]
+
+    def residual_forms(self, body: Body, w: Expr) -> list[ufl.Form]:
+        found = []
+        for load in self._loads:
+            if load.term.body is body:
+                at = self._system.fields[load.term.body]
+                found.append(-load.term.work(at.mid, w))
+        return found
+
+    def energy_forms(self, body: Body) -> list[ufl.Form]:
+        return []
+
+    def parameters_changed(self) -> None:
+        for load in self._loads:
+            load.forget()
 
     def supplied(self) -> float:
         work = 0.0
@@ -80,14 +107,18 @@ class Loads(
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """A load: `work(q, w)` is its virtual work, linear in w; `at(t)`, if given, sets its constants to time t."""
+    """A load: `work(q, w)` is its virtual work, linear in w; `at(t)`, if given, sets its constants to time t.
+
+    `parameters` are constants of the work that no `at` sets.
+    """
 
     name: str
     body: MeshBody
     work: Callable[[Expr, Expr], ufl.Form]
     follows: bool = False  # whether the work form depends on the configuration q
     at: Callable[[float], None] | None = None
-    compiler: ClassVar[type[CompiledTerms]] = Loads
+    parameters: tuple[Parameter, ...] = ()
+    compiler: ClassVar[Compiler] = Loads
 
 
 class RateWork(Protocol):
@@ -136,6 +167,10 @@ class LoadForces:
             fem.assemble_vector(self.force.array, self.form)
             self.force.scatter_reverse(la.InsertMode.add)
             self._assembled = True
+
+    def forget(self) -> None:
+        """Assemble the force again when it is asked for, also if it is constant in a run."""
+        self._assembled = False
 
     def path_average(self) -> Array:
         """The force whose product with Δq is the work of the step, owned and ghost.

@@ -15,11 +15,12 @@ from gossamer_fx.algebra.numbering import GlobalIndices
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.model.body import Array, Body, MeshBody
+from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.roles import Mass, MassForms, OnMeshes
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
 
-class Masses(OnMeshes, Mass, MassForms, CompiledTerms):
+class Masses(OnMeshes, Mass, MassForms, CompiledTerms["KineticEnergy"]):
     """All `KineticEnergy` terms of a scene."""
 
     def __init__(self, terms: Sequence[KineticEnergy], system: Assembly) -> None:
@@ -33,6 +34,9 @@ class Masses(OnMeshes, Mass, MassForms, CompiledTerms):
                 at = self._system.fields[term.body]
                 found.append(compile_form(term.mass(at.dq, at.w)))
         return found
+
+    def kinetic_forms(self, body: Body, v: Expr, w: Expr) -> list[ufl.Form]:
+        return [term.mass(v, w) for term in self._terms if term.body is body]
 
     def add_mass(self, M: PETSc.Mat) -> None:
         for body in dict.fromkeys(term.body for term in self._terms):
@@ -56,10 +60,11 @@ class KineticEnergy:
 
     body: MeshBody
     mass: Callable[[Expr, Expr], ufl.Form]
-    compiler: ClassVar[type[CompiledTerms]] = Masses
+    parameters: tuple[Parameter, ...] = ()
+    compiler: ClassVar[Compiler] = Masses
 
 
-class NodeMasses(Mass, CompiledTerms):
+class NodeMasses(Mass, CompiledTerms["NodeKineticEnergy"]):
     """All `NodeKineticEnergy` terms of a scene."""
 
     def __init__(self, terms: Sequence[NodeKineticEnergy], system: Assembly) -> None:
@@ -91,4 +96,4 @@ class NodeKineticEnergy:
 
     body: Body
     mass: Array
-    compiler: ClassVar[type[CompiledTerms]] = NodeMasses
+    compiler: ClassVar[Compiler] = NodeMasses

@@ -6,7 +6,7 @@
 A multiplier whose measure touches held coordinates only has nothing to do: it is held too.
 
 A constraint may close over time: e(q1) = f(t1) e(q_start), with f falling from 1 to 0.  The work
--λ·(e(q1) - e(q0)) of its force is booked as supplied.
+-λ·(e(q1) - e(q0)) of its force counts as supplied.
 
 Where seams meet, a tie may follow from others: three points that are tied in a circle need two ties.
 Such ties are found in the graph whose vertices are coordinates and whose edges are constraints
@@ -36,8 +36,17 @@ from gossamer_fx.algebra.point_measures import (
 )
 from gossamer_fx.checks.errors import check
 from gossamer_fx.model.body import Array, Attached, Block
-from gossamer_fx.model.roles import Forces, Multipliers, StateObserver, StepObserver, Supply
-from gossamer_fx.terms.assembly import Assembly, CompiledConstraints, CompiledTerms
+from gossamer_fx.model.roles import (
+    Forces,
+    IndependentOfShape,
+    Multipliers,
+    Reversible,
+    StateObserver,
+    StepObserver,
+    Supply,
+    WithoutParameters,
+)
+from gossamer_fx.terms.assembly import Assembly, CompiledConstraints, Compiler
 
 # Largest violation at the start, in units of the constraint: the bound for "these points coincide".
 MAX_INITIAL_VIOLATION = 1e-8
@@ -59,7 +68,15 @@ GROUND = -1
 
 
 class PointConstraints(
-    Multipliers, StepObserver, StateObserver, Forces, Supply, CompiledConstraints
+    Multipliers,
+    StepObserver,
+    StateObserver,
+    Forces,
+    Supply,
+    WithoutParameters,
+    Reversible,
+    IndependentOfShape,
+    CompiledConstraints["PointConstraint"],
 ):
     """All `PointConstraint` terms of a scene; those that are alike are one array.
 
@@ -335,7 +352,7 @@ class PointConstraints(
         names = ", ".join(f"'{name}'" for name in sorted(involved))
         return (
             f"{null.shape[1]} of the constraints {names} follow from the others; free one of the joints, e.g. by a "
-            "ball joint in the place of a revolute one."
+            "ball joint instead of a revolute one."
         )
 
 
@@ -368,4 +385,4 @@ class PointConstraint:
     measure: PointMeasure
     closing: Closing | None = None
     may_repeat: bool = False
-    compiler: ClassVar[type[CompiledTerms]] = PointConstraints
+    compiler: ClassVar[Compiler] = PointConstraints

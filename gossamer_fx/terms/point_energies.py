@@ -22,16 +22,23 @@ from gossamer_fx.algebra.point_measures import (
     nodes_of,
 )
 from gossamer_fx.model.body import Array
+from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.roles import (
     Dissipation,
     Forces,
+    IndependentOfShape,
     IterateObserver,
+    PointParameters,
+    Reversible,
     StateObserver,
     StepObserver,
     StoredEnergies,
     Tangents,
 )
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
+
+# Complex steps do not cancel, so that the step is so small that its square is round-off of any number.
+COMPLEX_STEP = 1e-30
 
 
 class PointDensity(Protocol):
@@ -63,7 +70,13 @@ class Stencil:
     With pairs that change from step to step, a new one is made for each list of them.
     """
 
-    def __init__(self, at: PointMeasures, density: Any, dissipates: bool, alpha: float) -> None:
+    def __init__(
+        self,
+        at: PointMeasures,
+        density: Any,
+        dissipates: bool,
+        alpha: float,
+    ) -> None:
         self.at, self.density, self._dissipates, self._α = at, density, dissipates, alpha
         self.h = 1.0
         self._known: tuple[Array, Array, Array, tuple[Array, Array]] | None = (
@@ -107,14 +120,14 @@ class Stencil:
             add_blocks(A, at.indices, at.indices, self.tangent(q1))
 
     def _stiffness(self, q1: Array) -> tuple[Array, Any]:
-        """The same of the vectors that are measured (k, 3k, 3k), and of which places it is."""
+        """Stiffness with respect to the measured vectors (k, 3k, 3k), and the k rows that have one."""
         Y, _, (S, D) = self._end(q1)
         on = _all_or_some(S.any(axis=1) | D.any(axis=(1, 2)))
         B, B1 = self.at.slope(self._middle(Y, on), on), self.at.slope(Y[on], on)
         return B.transpose(0, 2, 1) @ (D[on] @ B1) + self._α * self.at.geometric(S[on], on), on
 
     def _middle(self, Y: Array, on: Any) -> Array:
-        """The vectors of the configuration in which forces act, of the places `on`."""
+        """The vectors of the configuration in which forces act, of the rows `on`."""
         return (1 - self._α) * self._Y0[on] + self._α * Y[on]
 
     def _end(self, q1: Array) -> tuple[Array, Array, tuple[Array, Array]]:
@@ -137,8 +150,43 @@ class Stencil:
         """ψ (n,) at the start of the step."""
         return np.zeros(self.at.n) if self._dissipates else self.density.energy(self.e0)
 
+    def force_by_number(self, q1: Array, key: str) -> Array:
+        """∂force/∂number (n, D) of a number of the density, by a complex step.
+
+        The densities are analytic in their numbers where they are smooth, so that nothing cancels.
+        """
+        Y, e1, _ = self._end(q1)
+        density = self.density
+        self.density = self._varied(key, 1j * COMPLEX_STEP)
+        try:
+            S, _ = self._average(e1)
+        finally:
+            self.density = density
+        dS: Array = S.imag / COMPLEX_STEP
+        forces: Array = self.at.forces(dS[:, None] @ self.at.slope(self._middle(Y, slice(None))))
+        return forces[:, 0]
+
+    def energy_by_number(self, q1: Array, key: str) -> Array:
+        """∂ψ/∂number (n,) at the end of the step."""
+        if self._dissipates:
+            return np.zeros(self.at.n)
+        _, e1, _ = self._end(q1)
+        energy: Array = self._varied(key, 1j * COMPLEX_STEP).energy(e1).imag / COMPLEX_STEP
+        return energy
+
+    def set_number(self, key: str, value: float, at: Array) -> None:
+        """Give a number of the density a value at some tuples of ports, of which `at` (n,) is true."""
+        values = np.broadcast_to(getattr(self.density, key), at.shape)
+        values = np.where(at, value, values)
+        self.density = replace(self.density, **{key: values})
+        self._known = None
+
+    def _varied(self, key: str, change: complex) -> Any:
+        """The density with one number changed everywhere."""
+        return replace(self.density, **{key: getattr(self.density, key) + change})
+
     def loss(self, q1: Array) -> Array:
-        """What each place (n,) of a dissipation takes in the step."""
+        """Dissipated energy of each row of the measure (n,) in the step [J]."""
         _, e1, (S, _) = self._end(q1)
         return np.einsum("nm,nm->n", S, e1 - self.e0)
 
@@ -156,7 +204,10 @@ class PointEnergies(
     Tangents,
     StoredEnergies,
     Dissipation,
-    CompiledTerms,
+    PointParameters,
+    Reversible,
+    IndependentOfShape,
+    CompiledTerms["PointStoredEnergy | PointDissipation"],
 ):
     """All `PointStoredEnergy` and `PointDissipation` terms of a scene."""
 
@@ -184,6 +235,8 @@ class PointEnergies(
         ]
         self._gather = Gather(system.numbering, [stencil.at.indices for stencil in self._stencils])
         self._ends: list[Array] | None = None  # unknowns of the stencils in q1
+        # Numbers of terms that were changed after the compilation, by the identity of the term.
+        self._numbers: dict[tuple[int, str], float] = {}
 
     def begin_step(self, t: float) -> None:
         self._ends = None
@@ -224,6 +277,40 @@ class PointEnergies(
                     found[term.name] += float(share)
         return found
 
+    # ---- sensitivities ---------------------------------------------------------------------------------
+
+    def get_number(self, term: PointStoredEnergy | PointDissipation, key: str) -> Array:
+        return np.atleast_1d(self._numbers.get((id(term), key), getattr(term.density, key)))
+
+    def set_number(
+        self, term: PointStoredEnergy | PointDissipation, key: str, value: Array
+    ) -> None:
+        stencil, i = self._find(term)
+        self._numbers[id(term), key] = float(value[0])
+        stencil.set_number(key, float(value[0]), stencil.at.owner == i)
+
+    def work_by_number(
+        self, term: PointStoredEnergy | PointDissipation, key: str, w: PETSc.Vec
+    ) -> Array:
+        stencil, i = self._find(term)
+        k = self._stencils.index(stencil)
+        forces = stencil.force_by_number(self._at_end()[k], key)
+        work = np.sum(forces * self._gather(w)[k], axis=1)
+        return np.array([work[stencil.at.owner == i].sum()])
+
+    def energy_by_number(self, term: PointStoredEnergy | PointDissipation, key: str) -> Array:
+        stencil, i = self._find(term)
+        energies = stencil.energy_by_number(self._at_end()[self._stencils.index(stencil)], key)
+        return np.array([energies[stencil.at.owner == i].sum()])
+
+    def _find(self, term: PointStoredEnergy | PointDissipation) -> tuple[Stencil, int]:
+        """The stencil of a term, and the number of the term in it."""
+        for terms, stencil in self._groups:
+            for i, one in enumerate(terms):
+                if one is term:
+                    return stencil, i
+        raise ValueError(f"'{term.name}' is not in this scene")
+
     def dissipated(self) -> Array:
         found: list[float] = []
         for (terms, stencil), q in zip(self._groups, self._at_end(), strict=True):
@@ -239,7 +326,8 @@ class PointStoredEnergy:
     name: str
     measure: PointMeasure
     density: PointDensity
-    compiler: ClassVar[type[CompiledTerms]] = PointEnergies
+    parameters: tuple[Parameter, ...] = ()
+    compiler: ClassVar[Compiler] = PointEnergies
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +337,8 @@ class PointDissipation:
     name: str
     measure: PointMeasure
     density: PointDamping
-    compiler: ClassVar[type[CompiledTerms]] = PointEnergies
+    parameters: tuple[Parameter, ...] = ()
+    compiler: ClassVar[Compiler] = PointEnergies
 
 
 def _kind(term: PointStoredEnergy | PointDissipation) -> Any:
@@ -264,7 +353,7 @@ def _kind(term: PointStoredEnergy | PointDissipation) -> Any:
 
 
 def _stacked(densities: Sequence[Any], of: Array) -> Any:
-    """One density for places, each of which belongs to the one that `of` (n,) says."""
+    """One density for all rows; row k belongs to densities[of[k]]."""
     first = densities[0]
     if len(densities) == 1:
         return first

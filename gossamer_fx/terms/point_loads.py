@@ -3,29 +3,40 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Protocol, cast, runtime_checkable
 
 import numpy as np
 from petsc4py import PETSc
 
 from gossamer_fx.algebra.point_measures import Gather, attach, is_evaluated_here, translation_weight
 from gossamer_fx.model.body import Array, Attached
+from gossamer_fx.model.parameters import Parameter
 from gossamer_fx.model.roles import (
     ExternalLoads,
     Forces,
+    GradientLimits,
+    IndependentOfShape,
+    PointParameters,
     Resultants,
+    Reversible,
     StepObserver,
     Supply,
     Tangents,
 )
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
 
 class PointForce(Protocol):
     """Force on attached vectors, evaluated alike on every rank."""
 
-    def begin(self, t: float, lag: float, X: Array, V: Array) -> None:
+    def begin(
+        self,
+        t: float,
+        lag: float,
+        X: Array,
+        V: Array,
+    ) -> None:
         """Start a step at time t from the vectors X (3k,) and their rates V; forces act `lag` seconds later."""
         ...
 
@@ -38,7 +49,30 @@ class PointForce(Protocol):
         ...
 
 
-class PointLoads(ExternalLoads, StepObserver, Forces, Tangents, Supply, Resultants, CompiledTerms):
+@runtime_checkable
+class ForceOfPosition(Protocol):
+    """Marks a force that depends on the configuration and on the time at which forces act, only."""
+
+    depends_on_position_only: bool
+
+
+def _is_of_position(law: PointForce) -> bool:
+    return isinstance(law, ForceOfPosition) and law.depends_on_position_only
+
+
+class PointLoads(
+    ExternalLoads,
+    StepObserver,
+    Forces,
+    Tangents,
+    Supply,
+    Resultants,
+    PointParameters,
+    GradientLimits,
+    Reversible,
+    IndependentOfShape,
+    CompiledTerms["PointLoad"],
+):
     """All `PointLoad` terms of a scene: force f(X̄) on attached vectors X = P q + o, work f·(X1 - X0)."""
 
     def __init__(self, terms: Sequence[PointLoad], system: Assembly) -> None:
@@ -85,6 +119,31 @@ class PointLoads(ExternalLoads, StepObserver, Forces, Tangents, Supply, Resultan
                 K = -self._system.rule.alpha * P.T @ self._laws[k].tangent(X) @ P
                 A.setValues(self._indices[k], self._indices[k], K, addv=PETSc.InsertMode.ADD_VALUES)
 
+    # ---- sensitivities ---------------------------------------------------------------------------------
+
+    def get_number(self, term: PointLoad, key: str) -> Array:
+        return np.array(getattr(self._laws[self._terms.index(term)], key), dtype=float)
+
+    def set_number(self, term: PointLoad, key: str, value: Array) -> None:
+        k = self._terms.index(term)
+        self._laws[k] = replace(cast(Any, self._laws[k]), **{key: np.array(value, dtype=float)})
+
+    def work_by_number(self, term: PointLoad, key: str, w: PETSc.Vec) -> Array:
+        """The force is the number itself, so that the work is that of the vectors on which it acts."""
+        k = self._terms.index(term)
+        P, _ = self._maps[k]
+        work: Array = -P @ self._gather(w)[k]
+        return work if self._mine[k] else np.zeros(len(work))
+
+    def energy_by_number(self, term: PointLoad, key: str) -> Array:
+        return np.zeros(3 * len(term.ports))
+
+    def without_gradient(self) -> str:
+        for term in self._terms:
+            if not _is_of_position(term.law):
+                return f"'{term.name}' depends on more than positions and time; leave it out of the scene"
+        return ""
+
     def supplied(self) -> float:
         total = 0.0
         ends = zip(self._X0, self._vectors(self._system.q1), self._middle(), strict=True)
@@ -107,9 +166,10 @@ class PointLoads(ExternalLoads, StepObserver, Forces, Tangents, Supply, Resultan
 
 @dataclass(frozen=True, eq=False)
 class PointLoad:
-    """A load on attached vectors; its work is booked as supplied."""
+    """A load on attached vectors; its work counts as supplied."""
 
     name: str
     ports: tuple[Attached, ...]
     law: PointForce
-    compiler: ClassVar[type[CompiledTerms]] = PointLoads
+    parameters: tuple[Parameter, ...] = ()
+    compiler: ClassVar[Compiler] = PointLoads

@@ -12,10 +12,10 @@ from petsc4py import PETSc
 from gossamer_fx.algebra.point_measures import add_blocks, attach_all, evaluated_here
 from gossamer_fx.model.body import Array, Port
 from gossamer_fx.model.roles import Mass
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
 
-class AttachedMasses(Mass, CompiledTerms):
+class AttachedMasses(Mass, CompiledTerms["AttachedKineticEnergy"]):
     """All `AttachedKineticEnergy` terms of a scene."""
 
     def __init__(self, terms: Sequence[AttachedKineticEnergy], system: Assembly) -> None:
@@ -50,4 +50,4 @@ class AttachedKineticEnergy:
 
     ports: Sequence[tuple[Port, ...]]
     mass: Array
-    compiler: ClassVar[type[CompiledTerms]] = AttachedMasses
+    compiler: ClassVar[Compiler] = AttachedMasses

@@ -12,16 +12,19 @@ from petsc4py import PETSc
 
 from gossamer_fx.forms.compilation import compile_form
 from gossamer_fx.forms.kinematics import Expr
-from gossamer_fx.model.body import MeshBody
-from gossamer_fx.model.roles import ConstantStiffness, StoredEnergies
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.model.body import Body, MeshBody
+from gossamer_fx.model.roles import ConstantStiffness, ResidualForms, Reversible, StoredEnergies
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
 
-class QuadraticEnergies(ConstantStiffness, StoredEnergies, CompiledTerms):
+class QuadraticEnergies(
+    ConstantStiffness, StoredEnergies, ResidualForms, Reversible, CompiledTerms["QuadraticEnergy"]
+):
     """All `QuadraticEnergy` terms of a scene: a constant matrix, and nothing in an iteration."""
 
     def __init__(self, terms: Sequence[QuadraticEnergy], system: Assembly) -> None:
         self._system = system
+        self._terms = terms
         self._stiffness, self._energies = [], []
         for term in terms:
             at = system.fields[term.body]
@@ -31,6 +34,21 @@ class QuadraticEnergies(ConstantStiffness, StoredEnergies, CompiledTerms):
     def add_stiffness(self, K: PETSc.Mat) -> None:
         for body, form in self._stiffness:
             self._system.block(body).assemble(K, [form])
+
+    def residual_forms(self, body: Body, w: Expr) -> list[ufl.Form]:
+        found = []
+        for term in self._terms:
+            if term.body is body:
+                found.append(term.form(self._system.fields[term.body].mid, w))
+        return found
+
+    def energy_forms(self, body: Body) -> list[ufl.Form]:
+        found = []
+        for term in self._terms:
+            if term.body is body:
+                at = self._system.fields[term.body]
+                found.append(0.5 * term.form(at.q1, at.q1))
+        return found
 
     def energies(self) -> dict[str, float]:
         found: dict[str, float] = {}
@@ -49,4 +67,4 @@ class QuadraticEnergy:
     name: str
     body: MeshBody
     form: Callable[[Expr, Expr], ufl.Form]
-    compiler: ClassVar[type[CompiledTerms]] = QuadraticEnergies
+    compiler: ClassVar[Compiler] = QuadraticEnergies

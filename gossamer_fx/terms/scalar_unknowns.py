@@ -1,4 +1,4 @@
-"""What a compiled scene shows to those that add to it: borders of scalar unknowns, and initial conditions."""
+"""Interfaces of a compiled scene for items that extend it: scalar unknowns and initial conditions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from gossamer_fx.terms.assembly import Assembly
 
 @dataclass(frozen=True)
 class ScalarTotals:
-    """What a border contributes to the ledger: energies [J] and masses [kg], the supplied ones since the start."""
+    """Share of scalar unknowns in the ledger: energies [J], masses [kg]; supplied ones since the start."""
 
     stored: dict[str, float]
     supplied: float
@@ -36,7 +36,7 @@ class InitialCondition(Protocol):
 
 
 class ScalarUnknowns(Protocol):
-    """Scalar unknowns y coupled to whole fields, e.g. gas pressures: a border of the matrix, never a block in it.
+    """Scalar unknowns y coupled to whole fields, e.g. gas pressures: rows and columns outside the sparse matrix.
 
     They are the same on every rank.  With the coordinates z of the bodies, a Newton step reads
 
@@ -59,7 +59,7 @@ class ScalarUnknowns(Protocol):
         ...
 
     def add_force(self, values: Array) -> None:
-        """Add this border's forces, at the y of the last `residual`, to the owned part of r."""
+        """Add the forces of these unknowns, at the y of the last `residual`, to the owned part of r."""
         ...
 
     def tangents(self, body: Body) -> Iterable[fem.Form]:
@@ -104,7 +104,7 @@ class ScalarUnknowns(Protocol):
 
 
 class ScalarUnknownsMaker(Protocol):
-    """Compiles all items of one kind to one border of a system."""
+    """Compiles all items of one kind to one block of scalar unknowns."""
 
     def __call__(self, items: list[Any], system: Assembly) -> ScalarUnknowns: ...
 

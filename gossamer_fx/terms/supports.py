@@ -12,12 +12,12 @@ from petsc4py import PETSc
 
 from gossamer_fx.checks.errors import check_on_all
 from gossamer_fx.model.body import Array, Body, Indices
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
 Motion = Callable[[float], Array]
 
 
-class Supports(CompiledTerms):
+class Supports(CompiledTerms["Support"]):
     """All `Support` terms of a scene; positions count in this rank's part of a vector.
 
     held (n,): positions that the equations do not govern;  reactions (n,): the forces [N] that hold them.
@@ -96,7 +96,7 @@ def _restricted(motion: Motion, mine: npt.NDArray[np.bool_]) -> Motion:
 
 @dataclass(frozen=True, eq=False)
 class Support:
-    """Coordinates that keep their initial values, or take the values `motion(t)` [m], (n,) like `dofs`.
+    """Coordinates that are fixed at their initial values, or have the values `motion(t)` [m], (n,) like `dofs`.
 
     `dofs` are owned and ghost scalar indices of the body's block.
     """
@@ -105,4 +105,4 @@ class Support:
     body: Body
     dofs: Indices
     motion: Callable[[float], Array] | None = None
-    compiler: ClassVar[type[CompiledTerms]] = Supports
+    compiler: ClassVar[Compiler] = Supports

@@ -1,4 +1,4 @@
-"""Pairs of bodies that share the origin, what can act on them, and what must not be lost in their motion."""
+"""Pairs of bodies with a common point, the items that can act on them, and the invariants of their motion."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def joint(kind: str, a: Any, b: Any) -> Any:
     return kinds[kind](full, other, axis=AXIS)
 
 
-# ---- what may act on a body; `loose` is a mass at rest nearby, so that the motion is no rigid one ----------------
+# ---- what may act on a body; `loose` is a mass at rest nearby, so that the motion is not rigid ----------------
 
 
 def loose_mass() -> gx.PointMass:

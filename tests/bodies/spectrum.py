@@ -1,4 +1,4 @@
-"""Small vibrations about a state, by dense algebra on one rank: for comparison with formulas."""
+"""Frequencies of small vibrations about a state, by dense algebra on one rank, to compare with formulas."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Attitude control against the closed form of a rigid body, and the angles that it measures.
+"""Attitude control compared with the closed form of a rigid body, and the angles that it measures.
 
 The closed form is the step response of the linear equation I θ'' + K_d θ' + K_p (θ - θ_c) = 0 of second order, e.g.
 K. Ogata, Modern Control Engineering, 5th ed. (2010), § 5-3; of a sampled torque it is the exact solution under a
@@ -18,23 +18,25 @@ from gossamer_fx.control.rotation import euler_angles, euler_axes, position_grad
 def controlled(
     inertia: float, kp: float, kd: float, target: float, period: float, dt: float
 ) -> gx.Simulation:
+    """A rigid body whose angle about z is controlled to `target` [rad]; inertia [kg m²], period [s]."""
     body = gx.RigidBody(1.0, np.full(3, inertia))
     control = gx.control.AttitudeControl(
         body.frame(), (0, 0, target), stiffness=kp, damping=kd, period=period
     )
-    return gx.Simulation(
-        gx.Scene(body, control), gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
-    )
+    stepper = gx.Midpoint(dt=dt, tolerances=gx.Tolerances(relative=1e-13))
+    return gx.Simulation(gx.Scene(body, control), stepper)
 
 
 def angle_and_rate(run: gx.Simulation) -> tuple[float, float]:
-    frame = run.scene.bodies[0].frame()
-    state = run.system.state
-    d, v = state.vector(frame.directors[0]), state.rate(frame.directors[0])
-    return float(np.arctan2(d[1], d[0])), float(np.cross(d, v)[2])
+    """Angle of the body about z [rad] and its rate [rad/s]."""
+    director = run.scene.bodies[0].frame().directors[0]
+    direction = run.system.state.vector(director)
+    rate = run.system.state.rate(director)
+    return float(np.arctan2(direction[1], direction[0])), float(np.cross(direction, rate)[2])
 
 
-TIMES = (1.0, 2.0, 5.0, 10.0, 20.0)
+TIMES = (1.0, 2.0, 5.0, 10.0, 20.0)  # s
+# Inertia, K_p and K_d, and the angles [degrees] at these times by the closed form.
 RESPONSES = [
     ((1.0, 0.25, 0.5), (0.83524379, 2.72239877, 8.18687664, 8.59672453, 8.01736093)),
     ((2.0, 0.5, 2.0), (0.72163208, 2.11392894, 5.70162004, 7.67657854, 7.99600481)),
@@ -67,11 +69,14 @@ def test_torque_held_between_samples() -> None:
 
 
 def turn(axis: int, angle: float) -> np.ndarray:
-    c, s = np.cos(angle), np.sin(angle)
+    """Rotation matrix about a coordinate axis."""
     R = np.eye(3)
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    R[i, i] = R[j, j] = c
-    R[j, i], R[i, j] = s, -s
+    i = (axis + 1) % 3
+    j = (axis + 2) % 3
+    R[i, i] = np.cos(angle)
+    R[j, j] = np.cos(angle)
+    R[j, i] = np.sin(angle)
+    R[i, j] = -np.sin(angle)
     return R
 
 
@@ -93,7 +98,8 @@ def test_patch_has_the_mean_gradient_of_the_triangles_around_its_centre() -> Non
     x = square + 0.3 * rng.standard_normal((5, 3))
     gradients = []
     for i, j in ((0, 1), (1, 2), (2, 3), (3, 0)):
-        edges, moved = (np.array([y[i] - y[4], y[j] - y[4]]) for y in (square, x))
+        edges = np.array([square[i] - square[4], square[j] - square[4]])
+        moved = np.array([x[i] - x[4], x[j] - x[4]])
         gradients.append(moved.T @ np.linalg.inv(edges[:, :2]).T)
     F = position_gradient(x[:4] - x[4], square[:4])
     assert F[:, :2] == pytest.approx(np.mean(gradients, axis=0), abs=1e-12)
@@ -101,19 +107,21 @@ def test_patch_has_the_mean_gradient_of_the_triangles_around_its_centre() -> Non
 
 def test_axes_of_the_angles() -> None:
     """dR = [ω]× R with ω = Σ dα_i a_i, by central differences."""
-    angles, ε = np.array([0.3, -0.4, 1.1]), 1e-6
+    angles = np.array([0.3, -0.4, 1.1])
+    ε = 1e-6
 
     def R(a: np.ndarray) -> np.ndarray:
         return turn(2, a[2]) @ turn(1, a[1]) @ turn(0, a[0])
 
     for i, axis in enumerate(euler_axes(angles)):
         step = ε * np.eye(3)[i]
-        W = (R(angles + step) - R(angles - step)) / (2 * ε) @ R(angles).T
+        derivative = (R(angles + step) - R(angles - step)) / (2 * ε)
+        W = derivative @ R(angles).T
         assert np.array([W[2, 1], W[0, 2], W[1, 0]]) == pytest.approx(axis, abs=1e-9)
 
 
 def test_the_error_of_an_angle_is_the_short_way_round() -> None:
-    """Target 170 degrees, angle 181, which is told as -179: the torque turns back by 11 degrees, not on by 349."""
+    """Target 170°, angle 181°, which is measured as -179°: the torque acts on an error of -11°, not 349°."""
     body = gx.RigidBody(1.0, (1.0, 1.0, 1.0))
     control = gx.control.AttitudeControl(
         body.frame(), np.radians([170.0, 0.0, -175.0]), stiffness=2.0, damping=0.0

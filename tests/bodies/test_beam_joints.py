@@ -1,4 +1,4 @@
-"""Sections of beams joined to each other: as if grown together, in every relative direction, and conserving."""
+"""Joints between sections of beams: equal to a continuous beam, in every relative direction, and conserving."""
 
 from __future__ import annotations
 

@@ -9,6 +9,7 @@ from mpi4py import MPI
 import gossamer_fx as gx
 from demos import antenna_free
 from gossamer_fx.meshes.sheet import sheet
+from tests.contact.scenes import film as contact_film
 from tests.rates import observed_order
 
 COMM = MPI.COMM_WORLD
@@ -109,3 +110,12 @@ def test_free_antenna_drifts_where_the_midpoint_rule_does_not() -> None:
     assert conserving["energy_drift"] < 1e-10 and conserving[drift] < 1e-10
     assert other["energy_drift"] > 1e-8 and other[drift] > 1e-8
     assert other["constraint_error"] < 1e-10
+
+
+def test_contact_is_refused():
+    """A film that fell on a floor came back at three times its height, with an open energy balance."""
+    sheet = contact_film(MPI.COMM_SELF)
+    floor = gx.contact.Plane(point=(0.0, 0.0, -0.01), normal=(0.0, 0.0, 1.0))
+    scene = gx.Scene(gx.Contact(sheet, floor, distance=1e-3))
+    with pytest.raises(gx.InputError, match="GeneralizedAlpha: the scene has contact"):
+        gx.Simulation(scene, gx.GeneralizedAlpha(dt=1e-4))

@@ -1,4 +1,4 @@
-"""What cannot be joined is refused with one sentence; closed loops are solved where they are not redundant."""
+"""Invalid joints are refused with one sentence; closed loops are solved if their constraints are not redundant."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ REFUSED = [
     (lambda: gx.RigidBody(0.0, (1, 1, 1)), "mass is 0.0 kg"),
     (lambda: gx.RigidBody(1.0, (0, 1, 1)), "inertia is singular"),
     (lambda: gx.RigidBody(1.0, (1, 1, 3)), "no body has"),
-    (lambda: gx.RigidBody(1.0, (1, 1, 1), attitude=2 * np.eye(3)), "no rotation matrix"),
+    (lambda: gx.RigidBody(1.0, (1, 1, 1), attitude=2 * np.eye(3)), "not a rotation matrix"),
     (
         lambda: gx.constraints.BallJoint(gx.Ground((0, 0, 0)), gx.Ground((0, 0, 0))),
         "joins the ground to itself",

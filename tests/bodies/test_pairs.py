@@ -1,4 +1,4 @@
-"""Every body alone, every pair with every joint, scenes put together at random: nothing is lost (property tests)."""
+"""Conservation for every body, every pair of bodies with every joint, and random scenes (property tests)."""
 
 from __future__ import annotations
 

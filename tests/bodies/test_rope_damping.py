@@ -1,4 +1,4 @@
-"""Ropes with viscosity: damped while they are taut, free while they are slack, and they never push."""
+"""Ropes with viscosity: damped while they are taut, without force while they are slack, and never in compression."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def scene(x, v, *more, damping=C):
 
 @pytest.mark.mpi
 def test_a_slack_rope_is_free_and_a_plain_damper_is_not():
-    """A mass that flies below the rope's length keeps its speed; beside a damper it does not."""
+    """A mass that flies below the rope's length has a constant speed; with a damper in addition it slows down."""
     free, mass = scene(0.2, 0.5)
     run = gx.Simulation(free, gx.Midpoint(dt=1e-2))
     run.run(until=0.5)

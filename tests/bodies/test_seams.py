@@ -1,4 +1,4 @@
-"""Seams draw edges of films together, book their work, and are ties from then on."""
+"""Seams draw edges of films together, their work counts as supplied, and then they are ties."""
 
 from __future__ import annotations
 

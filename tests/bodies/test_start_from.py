@@ -1,4 +1,4 @@
-"""Scenes that start where another one ended: joints, springs and probes see the places of the start."""
+"""Scenes that start from the end of another scene: joints, springs and probes use the initial positions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tethers that are paid out along a history or against a brake, masses at points, driven hubs, probes of spin."""
+"""Tethers with prescribed length or brake, attached masses, driven hubs, probes of spin."""
 
 from __future__ import annotations
 

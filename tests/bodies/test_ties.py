@@ -1,4 +1,4 @@
-"""Films and cables that are tied along lines move as one, and keep energy and both momenta."""
+"""Films and cables that are tied along lines: common motion, and conservation of energy and momenta."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A part whose places change from step to step: spheres that collide, found anew before each step."""
+"""A part whose pairs change from step to step: spheres that collide, found before each step."""
 
 from __future__ import annotations
 
@@ -23,14 +23,20 @@ from gossamer_fx.model.roles import (
 )
 from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
-from gossamer_fx.terms.assembly import Assembly, CompiledTerms
+from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.terms.point_energies import Stencil
 
 Pairs = frozenset[tuple[int, int]]
 
 
 class Collisions(
-    ActiveSet, StateObserver, StepCheck, Forces, StoredEnergies, HistoryVariables, CompiledTerms
+    ActiveSet,
+    StateObserver,
+    StepCheck,
+    Forces,
+    StoredEnergies,
+    HistoryVariables,
+    CompiledTerms["CollidingSpheres"],
 ):
     """Pairs of spheres that may touch in the step, as one stencil.
 
@@ -122,7 +128,7 @@ class CollidingSpheres:
     stiffness: float
     foresight: float = 1.0
     name: str = "collisions"
-    compiler: ClassVar[type[CompiledTerms]] = Collisions
+    compiler: ClassVar[Compiler] = Collisions
 
     def requires(self) -> Iterable[Any]:
         for port in self.ports:

@@ -1,4 +1,4 @@
-"""Air that slows films: closed forms of a fall and a throw, books that close, moments that symmetry forbids."""
+"""Air that slows films: closed forms of a fall and a throw, energy balance, moments that vanish by symmetry."""
 
 from __future__ import annotations
 

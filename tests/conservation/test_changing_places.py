@@ -1,4 +1,4 @@
-"""Places that are found anew in each step: pattern that grows, steps that are refused, and what is conserved."""
+"""Pairs that are found in each step: growing pattern of the matrix, rejected steps, and conservation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Chambers that share a film: rings, the strips that close them, and what passes through."""
+"""Chambers that share a film: rings, the strips that close them, and the flow between them."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def test_a_ring_inside_of_a_surface_is_refused():
         dead_volume=1e-6,
         rings=(gx.gas.Ring(film, "ring 1"),),
     )
-    with pytest.raises(gx.InputError, match="its ring 'ring 1' is not a border of its surface"):
+    with pytest.raises(gx.InputError, match="its ring 'ring 1' is not a boundary of its surface"):
         gx.Simulation(gx.Scene(film, bag), gx.Midpoint(dt=1e-4))
 
 

@@ -1,4 +1,4 @@
-"""Creases on films: energy and angular momentum through flat, yielding, folds that start pressed shut, checkpoints."""
+"""Creases on films: conservation through the flat state, with yielding and folds pressed shut; checkpoints."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_a_stiff_crease_snaps_through_flat() -> None:
 
 
 def test_a_rest_angle_that_yields_dissipates() -> None:
-    """Panels that turn about a crease at rest make it yield, and what it takes is booked."""
+    """Panels that turn about a crease at rest make it yield, and its loss counts as dissipated."""
     c, s = math.cos(0.7), math.sin(0.7)
     fling = lambda X: 200.0 * np.stack([s * X[0], 0 * X[0], -c * abs(X[0])])  # noqa: E731
     film, crease = strip(MPI.COMM_SELF, velocity=fling, rest_angle=1.4, yield_angle=0.3)

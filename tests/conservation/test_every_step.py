@@ -1,4 +1,4 @@
-"""Energy and momenta are kept whatever the step: round-off grows neither as 1/h² nor with the distance from 0."""
+"""Energy and momenta are conserved for every step: round-off grows neither as 1/h² nor with the distance to 0."""
 
 from __future__ import annotations
 

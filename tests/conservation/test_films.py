@@ -92,7 +92,7 @@ def test_a_guide_leaves_the_momentum_along_it():
 
 @pytest.mark.mpi
 def test_mass_damping_slows_every_motion_alike(comm):
-    """P shrinks by (1 - ch/2)/(1 + ch/2) a step, L but for terms in h²; all that is lost is booked."""
+    """P shrinks by (1 - ch/2)/(1 + ch/2) a step, L but for terms in h²; the whole loss counts as dissipated."""
     film = gx.Membrane(
         sheet(comm, 5, 5), LAW, velocity=lambda X: thrown(X) + np.array([[1.0], [2.0], [3.0]])
     )

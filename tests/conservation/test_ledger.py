@@ -1,8 +1,9 @@
-"""Nothing is lost: energy and momenta of films that switch, with loads, supports, damping and gas."""
+"""Energy and momenta of films that switch their state, with loads, supports, damping and gas."""
 
 from __future__ import annotations
 
 import csv
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from demos import inflate_tube, spinning_sheet
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.outputs.output import Output
+from gossamer_fx.outputs.run_file import read_run_file
 
 LAW = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
 SHEET = sheet(MPI.COMM_WORLD, 5, 5)
@@ -142,3 +144,54 @@ def test_a_run_that_goes_on_continues_the_ledger(folder: Path) -> None:
     run.run(until=0.5)
     times = [float(row["time"]) for row in csv.DictReader((folder / "ledger.csv").open())]
     assert np.allclose(times, np.arange(6) * 0.1)
+
+
+@pytest.mark.mpi
+def test_a_film_at_rest_is_said_to_be_at_rest(comm, folder: Path) -> None:
+    film = gx.Membrane(sheet(comm, 6, 6), LAW)
+    words = StringIO()
+    recording = gx.Recording(folder)
+    outputs = [recording, gx.outputs.Progress(words, seconds=0.0)]
+    run = gx.Simulation(
+        gx.Scene(film, gx.Fixed(film, "left")), gx.Midpoint(dt=1e-3), outputs=outputs
+    )
+    run.run(until=0.03)
+    # what there is, is round-off, of which any share is without meaning
+    assert 0 < run.totals.energy < 1e-20
+    assert run.at_rest
+    assert run.energy_error == 0
+    comm.barrier()
+    about = read_run_file(folder)
+    assert about["statistics"]["at rest"] is True
+    assert about["statistics"]["energy error"] == 0
+    if comm.rank == 0:
+        assert words.getvalue().count("at rest") >= 2
+        assert "energy closes to" not in words.getvalue()
+        gx.write_report(gx.plot.RunReader(folder), folder / "report.html")
+        assert "steps, at rest" in (folder / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.mpi
+def test_a_film_that_hardly_moves_is_not_at_rest(comm) -> None:
+    """A strain of 1e-10 is far below all that is computed, and far above round-off."""
+    film = gx.Membrane(sheet(comm, 6, 6), LAW, displacement=lambda X: 1e-10 * X)
+    run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3))
+    run.run(until=0.03)
+    assert not run.at_rest
+    assert 0 < abs(run.energy_error) < 1e-2
+
+
+def test_a_restart_of_a_film_at_rest_stays_at_rest(folder: Path) -> None:
+    def simulation(restart: Path | None) -> gx.Simulation:
+        film = gx.Membrane(SHEET, LAW)
+        return gx.Simulation(
+            gx.Scene(film, gx.Fixed(film, "left")),
+            gx.Midpoint(dt=1e-3),
+            checkpoints=gx.Checkpoints(folder),
+            restart=restart,
+        )
+
+    simulation(None).run(until=0.01)
+    again = simulation(folder)
+    assert again.totals.energy > 0
+    assert again.at_rest

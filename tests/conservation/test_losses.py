@@ -1,4 +1,4 @@
-"""What is lost is told by what took it: each loss against its own closed form, in files and over restarts."""
+"""Dissipation by cause: each loss compared with its closed form, in files and over restarts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Balances of plates: what bends conserves, and what turns a clamp is booked."""
+"""Balances of plates: bending conserves energy, and the work of a turning clamp counts as supplied."""
 
 from __future__ import annotations
 

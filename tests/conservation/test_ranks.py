@@ -1,4 +1,4 @@
-"""The same scene on all ranks and on one gives the same answer."""
+"""A scene on all ranks has the results of the scene on one rank."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Domain decomposition gives what a factorisation gives."""
+"""Domain decomposition has the results of a factorisation."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def thrown(mesh: gx.Mesh, subdomains: str | None, held: bool) -> gx.Simulation:
 @pytest.mark.parametrize("method, held", [("bddc", False), ("bddc", True), ("fetidp", True)])
 def test_a_sheet_in_subdomains_moves_as_the_whole(comm, method, held):
     if comm.size == 1:
-        pytest.skip("one rank is no decomposition")
+        pytest.skip("one rank is not a decomposition")
     mesh = sheet(comm, 6, 6)
     whole, parts = thrown(mesh, None, held), thrown(mesh, method, held)
     difference = np.abs(whole.system.q0.array_r - parts.system.q0.array_r).max()
@@ -38,7 +38,7 @@ def test_a_sheet_in_subdomains_moves_as_the_whole(comm, method, held):
 @pytest.mark.parametrize("method", ["bddc", "fetidp"])
 def test_a_wrinkled_sheet_in_subdomains_needs_no_halved_step(comm, method):
     if comm.size == 1:
-        pytest.skip("one rank is no decomposition")
+        pytest.skip("one rank is not a decomposition")
     film = gx.Membrane(sheet(comm, 20, 20), LAW, velocity=throw)
     run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=4e-3, subdomains=method))
     run.run(until=8e-3)

@@ -83,7 +83,7 @@ def make_degenerate(kind: int, x: np.ndarray) -> None:
     """Make degenerate pairs of x (n, 4, 3), in place.
 
     A third are parallel edges or slivers, a third edges of no length or triangles of two corners, and a
-    sixth have a point of both sides in one place.
+    sixth have a common point of both sides.
     """
     third = slice(0, len(x) // 3)
     other = slice(len(x) // 3, 2 * len(x) // 3)

@@ -1,4 +1,4 @@
-"""Scenes of contact for tests, and what they are asked for."""
+"""Scenes of contact for tests, and functions that evaluate them."""
 
 from __future__ import annotations
 

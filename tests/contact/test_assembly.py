@@ -1,4 +1,4 @@
-"""The tangent of contact: what is in the system's matrix, and what is beside it."""
+"""The tangent of contact: which blocks are in the system's matrix, and which are multiplied separately."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contact in scenes: conservation, nothing passes through, order 2, lines, restart, ranks, bad input."""
+"""Contact in scenes: conservation, no penetration, second order, lines, restart, ranks, bad input."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ def test_bad_input_is_refused():
         gx.Contact(one, distance=1e-3, stiffness=-1.0)
     with pytest.raises(gx.InputError, match="distance is 0"):
         gx.Contact(one, distance=0.0)
-    with pytest.raises(gx.InputError, match="no film"):
+    with pytest.raises(gx.InputError, match="has no film"):
         gx.Contact(gx.contact.Plane(point=(0, 0, 0), normal=(0, 0, 1)), distance=1e-3)
     with pytest.raises(gx.InputError, match="give a body on a mesh or an obstacle"):
         gx.Contact(one, gx.PointMass(1.0), distance=1e-3)
@@ -209,7 +209,8 @@ def test_probes_tell_force_gap_and_penetrations(comm):
         for name, (body, axis) in names.items()
     }
     seen = gx.Series(
-        probes | {"gap": gx.probes.ContactGap(contact), "pierced": gx.probes.Penetrations(contact)}
+        probes
+        | {"gap": gx.probes.ContactGap(contact), "penetrations": gx.probes.Penetrations(contact)}
     )
     run = simulate([contact], 8e-4, outputs=[seen])
     assert np.allclose(seen["down"], -seen["up"], atol=1e-12)
@@ -220,7 +221,7 @@ def test_probes_tell_force_gap_and_penetrations(comm):
     momentum = comm.allreduce(P.array_r[owned][2::3].sum())
     assert impulse == pytest.approx(momentum + 2.0 * 0.14 * 0.01, rel=1e-9)
     assert 0 < min(seen["gap"]) < 1e-3
-    assert max(seen["pierced"]) == 0
+    assert max(seen["penetrations"]) == 0
     with pytest.raises(gx.InputError, match="no component"):
         gx.probes.ContactForce(contact, lower, axis="w")
     with pytest.raises(gx.InputError, match="which holds: lower, upper"):

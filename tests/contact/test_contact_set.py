@@ -1,4 +1,4 @@
-"""Newton's iteration with contact: how far an update may go, and which tangents it takes."""
+"""Newton's iteration with contact: the limit of updates, and the tangents that are used."""
 
 from __future__ import annotations
 

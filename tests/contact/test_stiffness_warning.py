@@ -1,4 +1,4 @@
-"""A stiffness that cannot stop what comes is reported, once."""
+"""A contact stiffness that is too soft for the impact is reported, once."""
 
 from __future__ import annotations
 

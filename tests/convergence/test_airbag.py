@@ -1,4 +1,4 @@
-"""The inflated square airbag of the literature: mostly wrinkled, found as the rest of damped dynamics.
+"""The inflated square airbag of the literature, mostly wrinkled, as the rest state of damped dynamics.
 
 Two flat square sheets, diagonal 1.2 m, thickness 0.6 mm, E = 588 MPa, ν = 0.4, joined along their edges, follower
 pressure 5 kPa inside.  M is the centre of a sheet, A a corner, B the middle of an edge.  Converged solutions of several

@@ -1,4 +1,4 @@
-"""The integrator on exact toy systems, without any finite element: a mass on a spring, and masses that fly freely."""
+"""The integrator on problems with exact solutions, without finite elements: a mass on a spring, and free masses."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_free_masses_fly_straight_in_one_iteration_at_most():
 
 
 def test_fall_is_exact_whatever_the_step():
-    """The midpoint rule integrates a constant force exactly; its work is booked as supplied."""
+    """The midpoint rule integrates a constant force exactly; its work counts as supplied."""
     mass = gx.PointMass(2.0, velocity=(1.0, 0.0, 3.0), comm=MPI.COMM_SELF)
     run = gx.Simulation(gx.Scene(mass, gx.Gravity(mass)), gx.Midpoint(dt=0.7))
     run.run(until=10.0)

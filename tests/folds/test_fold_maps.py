@@ -1,4 +1,4 @@
-"""Fold maps: isometric on lines of the mesh, apart for contact, and seen by all that asks for positions."""
+"""Fold maps: isometric on lines of the mesh, layers separated for contact, and used by all that reads positions."""
 
 from __future__ import annotations
 
@@ -47,6 +47,18 @@ SPIRAL = gx.fold.Spiral(length=0.5, columns=50, around=30, rows=4, pitch=0.03, g
 _STRAIGHT = 2 * math.asin(
     math.sin(0.8) * math.cos(1.0) / math.sqrt(1 - (math.sin(0.8) * math.sin(1.0)) ** 2)
 )
+
+
+def begun_at(comm: MPI.Intracomm, x: float, y: float) -> gx.Mesh:
+    """A sheet of 0.3 by 0.1 m that begins at (x, y)."""
+    mesh = sheet(comm, 9, 2, 0.3, 0.1)
+    mesh.domain.geometry.x[:] += (x, y, 0.0)
+    return mesh
+
+
+def placed(comm: MPI.Intracomm, folds: Any, film: gx.Membrane) -> gx.Simulation:
+    """A run in which a film starts folded, without creases."""
+    return gx.Simulation(gx.Scene(film, folds.start(film)), gx.Midpoint(dt=1e-5))
 
 
 def oblique_tube(comm: MPI.Intracomm) -> gx.Mesh:
@@ -149,7 +161,7 @@ def test_fold_lines_and_their_angles(comm, name: str) -> None:
     "name", [name for name in SAMPLES if name not in ("zigzag", "miura", "fold with a radius")]
 )
 def test_layers_are_apart(comm, name: str) -> None:
-    """Contact takes the start, nothing pierces anything, and films that hang together nowhere near are not in touch."""
+    """Contact accepts the start, nothing intersects, and unconnected layers of film do not touch."""
     sample = SAMPLES[name]
     film = gx.Membrane(sample.mesh(comm), LAW)
     contact = gx.Contact(film, distance=2e-4)
@@ -218,7 +230,7 @@ def test_a_turned_start(comm) -> None:
 
 
 def test_sizes_of_miuras_fold() -> None:
-    """A parallelogram keeps its sides and its angle."""
+    """Sides and angle of a parallelogram are constant."""
     H, S, L, V = MIURA.sizes
     a, b = np.array([0.0, L, H]), np.array([S, V, 0.0])
     assert [np.linalg.norm(a), np.linalg.norm(b)] == pytest.approx([0.05, 0.05], rel=1e-12)
@@ -275,6 +287,27 @@ def test_a_polygon_along_miuras_lines(comm) -> None:
             "take more than a panel",
         ),
         (lambda c: gx.fold.Roll(length=0.3, bends=3, radius=0.02), "do not go round"),
+        # a map that is longer than its film, and films that begin elsewhere
+        (
+            lambda c: ZIGZAG.mark(sheet(c, 8, 2, 0.2, 0.1)),
+            "from x = 0 to 0.3 m, but the mesh reaches from 0 to 0.2 m",
+        ),
+        (
+            lambda c: gx.fold.Roll(length=0.3, bends=30, radius=0.02).mark(begun_at(c, 0.1, 0.0)),
+            "but the mesh reaches from 0.1 to 0.4 m",
+        ),
+        (
+            lambda c: placed(c, ZIGZAG, gx.Membrane(begun_at(c, -0.15, 0.0), LAW)),
+            "but the mesh reaches from -0.15 to 0.15 m",
+        ),
+        (
+            lambda c: placed(
+                c,
+                gx.fold.Spiral(0.3, 9, around=6, rows=2, pitch=0.05),
+                gx.Membrane(begun_at(c, 0.0, 0.05), LAW),
+            ),
+            "from y = 0 to 0.1 m, but the mesh reaches from 0.05 to 0.15 m",
+        ),
         (lambda c: replace(CROSS, wound=True, out=7), "out is 7"),
         (lambda c: replace(CROSS, out=2), "give wound=True"),
         (
@@ -298,7 +331,7 @@ def test_what_cannot_be_folded_is_refused(
 
 
 def test_contact_starts_from_layers_that_meet_at_folds() -> None:
-    """At a fold line edges lie in the next panel's triangles to round-off, and pierce none."""
+    """At a fold line edges lie in the next panel's triangles to round-off, and intersect none."""
     film = gx.Membrane(sheet(MPI.COMM_WORLD, 20, 4, 0.8, 0.1), LAW)
     fold = gx.fold.Zigzag(length=0.8, panels=5, angle=1.4)
     contact = gx.Contact(film, distance=2e-4)

@@ -189,7 +189,7 @@ def test_the_ring_of_guides_is_braked_against_the_hub(comm) -> None:
 def test_arms_wound_round_the_hub_are_isometric_and_apart(
     comm, n: int, inner: int, outer: int, bends: int, out: int
 ) -> None:
-    """Pressed together without strain; opened by 1 mm nothing pierces, and some 10 mJ are stored."""
+    """Pressed together without strain; opened by 1 mm no layers intersect, and some 10 mJ are stored."""
     energies = []
     for gap in (0.0, 1e-3):
         folds = gx.fold.Ikaros(

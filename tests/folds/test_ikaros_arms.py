@@ -1,4 +1,4 @@
-"""Arms that are wound round a hub are held and let out by guides on a braked ring."""
+"""Arms wound round a hub are let out by guides on a braked ring."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_the_closed_form_begins_as_the_scene_does(comm) -> None:
 
 @pytest.mark.mpi
 def test_a_reel_draws_the_guides_away(comm) -> None:
-    """Its work is booked as supplied, what the damper takes as lost; momentum and angular momentum stay."""
+    """Its work counts as supplied, the damper's loss as dissipated; both momenta are conserved."""
     hub = gx.RigidBody(10.0, (2.0, 2.0, 2.0), name="hub", comm=comm)
     guides = gx.assemblies.RotationGuides(
         hub, 4, radius=0.8, mass=2.0, drawn=lambda t: 0.5 * min(t / 0.4, 1.0), reel_depth=0.7

@@ -1,4 +1,4 @@
-"""The inflatable tube in one call: its parts, and folded it deploys, touches itself, and closes its balance."""
+"""The inflatable tube in one call: its parts, its deployment from the folded state with contact, and its balances."""
 
 from __future__ import annotations
 
@@ -52,14 +52,17 @@ def test_its_parts(comm) -> None:
 def test_a_folded_tube_begins_to_deploy(comm) -> None:
     it = tube(comm, folds=FOLDS, crease_stiffness=1e-3, contact_distance=5e-4)
     series = gx.Series(
-        {"ring": gx.probes.RingArea(it.rings[0]), "pierced": gx.probes.Penetrations(it.contact)}
+        {
+            "ring": gx.probes.RingArea(it.rings[0]),
+            "penetrations": gx.probes.Penetrations(it.contact),
+        }
     )
     run = gx.Simulation(
         gx.Scene(it, it.inlet(tank(), 1e-7)), gx.Midpoint(dt=5e-5), outputs=[series]
     )
     run.run(until=4e-4 if comm.size == 1 else 5e-5)
     assert abs(run.energy_error) < 1e-10 and abs(run.mass_error) < 1e-13
-    assert series["pierced"].max() == 0
+    assert series["penetrations"].max() == 0
     first, second = (run.chamber(bag.name).pressure for bag in it.chambers)
     assert first > second > 0.99
     assert series["ring"].max() < 0.5 * math.pi * DIAMETER**2 / 4

@@ -1,4 +1,4 @@
-"""The lid of a box: held by its latch, opened by its spring as the closed form says, held up by its stop."""
+"""The lid of a box: closed by its latch, opened by its spring according to the closed form, limited by its stop."""
 
 from __future__ import annotations
 

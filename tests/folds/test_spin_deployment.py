@@ -1,4 +1,4 @@
-"""A sail that is wound round a hub leaves it, touches itself, and keeps energy and angular momentum."""
+"""A sail wound round a hub deploys with contact with itself and conserves energy and angular momentum."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Two tubes in V and the film between them leave a cube that is free: they touch, and keep energy and momenta."""
+"""Two tubes in V and the film between them deploy from a free cube, with contact and conservation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cords that unwind from a spinning hub stop it as the closed form says."""
+"""Cords that unwind from a spinning hub stop it according to the closed form."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gravity and magnetic field of the Earth: tables of two evaluations, a second route, derivatives, no trace."""
+"""Gravity and magnetic field of the Earth: tables, independent evaluations, derivatives, zero trace."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenes in orbit: Kepler's motion, conservation of the whole, tides, perturbations, strains untouched by 7000 km."""
+"""Scenes in orbit: Kepler's motion, conservation, tides, perturbations, and strains without round-off of 7000 km."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The demos of flights, in short."""
+"""Short runs of the demos in orbit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Probes and pictures of scenes that fly, checkpoints on the way."""
+"""Probes and pictures of scenes in orbit, and their checkpoints."""
 
 from __future__ import annotations
 

@@ -267,7 +267,7 @@ def test_a_folded_film_shades_itself() -> None:
     assert np.allclose(lit_parts(MPI.COMM_SELF, aside, u, 256)[2:].mean(), 0.5, atol=0.01)
     assert np.allclose(
         lit_parts(MPI.COMM_SELF, layer, np.array([0.9, 0.0, -0.436]), 64), 1
-    )  # no shade of its own
+    )  # it casts no shade
 
 
 def test_wrong_loads_are_refused() -> None:

@@ -1,4 +1,4 @@
-"""Reduced films: what they conserve, how close they are to the film, and what they refuse."""
+"""Reduced films: conservation, error compared with the film, and refused input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ends of beams and cables that are held in a direction, turned, twisted or moved."""
+"""Ends of beams and cables with prescribed direction, twist or motion."""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ def test_a_crease_alone_carries_the_moment_at_its_hinge(comm) -> None:
 
 
 def test_own_weight_opens_a_hanging_strip() -> None:
-    """Half of the weight of a strip that is light beside its weight acts at its end."""
+    """Half of the weight of a strip that is light compared with its load acts at its end."""
     heavy = gx.analysis.HangingStrip(
         LENGTH, WIDTH, bending_stiffness=STRIP.bending_stiffness, area_density=0.07
     )

@@ -1,4 +1,4 @@
-"""Static equilibria with known answers, reactions and work, and what is said when there is none."""
+"""Static equilibria with known solutions, reactions and work, and the message if there is none."""
 
 from __future__ import annotations
 

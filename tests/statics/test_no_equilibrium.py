@@ -1,4 +1,4 @@
-"""What has no equilibrium is refused, and what is free to move is named: parts of a scene apart, about any centre."""
+"""Scenes without equilibrium are refused, and their free rigid motions are named."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def test_the_reaction_of_what_is_not_in_the_scene_is_refused(comm):
     body = film(comm)
     equilibrium = Equilibrium(gx.Scene(gx.Fixed(body, "left"), gx.Gravity(body)))
     equilibrium.find()
-    with pytest.raises(gx.InputError, match="no support of this scene"):
+    with pytest.raises(gx.InputError, match="not a support of this scene"):
         equilibrium.reaction(gx.Fixed(body, "right"))
     with pytest.raises(gx.InputError, match="three numbers"):
         equilibrium.reaction(gx.Fixed(body, "left"), about=(np.nan, 0.0, 0.0))

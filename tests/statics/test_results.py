@@ -1,4 +1,4 @@
-"""What an equilibrium tells through public names: positions, stresses, reactions, joint forces; probes on it."""
+"""Results of an equilibrium by public names: positions, stresses, reactions, joint forces, probes."""
 
 from __future__ import annotations
 

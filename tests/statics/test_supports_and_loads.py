@@ -1,4 +1,4 @@
-"""Supports of any body in any direction, loads along edges, weights of what is attached, damping of lines."""
+"""Supports of any body in any direction, loads along edges, weights of attached masses, damping of lines."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def test_edge_loads_that_are_none(comm, bad, words):
 
 @pytest.mark.mpi
 def test_beams_and_cables_are_held_moved_and_damped_as_films_are(comm):
-    """A cantilever by three supports of its ends; damping takes what the ledger books."""
+    """A cantilever by three supports of its ends; damping dissipates what the ledger says."""
     beam = gx.Beam(line(comm, [(0, 0, 0), (1, 0, 0)], 4), TUBE)
     pinned = gx.Fixed(beam, "start")
     lifted = gx.Fixed(

@@ -1,4 +1,4 @@
-"""Films that wrinkle in a part of them, against tension-field solutions."""
+"""Partly wrinkled films compared with tension-field solutions."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def test_bending_with_quadratic_elements(comm):
 
 @pytest.mark.parametrize("torque", [1.5, 3.0])
 def test_torsion_of_a_hub(comm, torque):
-    """Rotation at a torque, and stress beside the hub; the first wrinkles come at torque 1."""
+    """Rotation at a torque, and stress next to the hub; the first wrinkles come at torque 1."""
     result = hub_torsion.problem(comm, "Miyazaki 1e-6", "P2", torque, 48)
     assert result["θ/exact"] == pytest.approx(1, abs=1.5e-2)
     assert result["σ1/exact"] == pytest.approx(1, abs=3e-2)

@@ -1,4 +1,4 @@
-"""A run that meets something bad, as a program of its own: python3 -m tests.survival.faults FOLDER WHAT."""
+"""A run that meets a fault, as a separate program: python3 -m tests.survival.faults FOLDER WHAT."""
 
 from __future__ import annotations
 
@@ -10,9 +10,11 @@ from pathlib import Path
 from mpi4py import MPI
 
 import gossamer_fx as gx
+from gossamer_fx.checks import errors
 from tests.survival.scenes import DT, fluttering_sheet
 
 COMM = MPI.COMM_WORLD
+NEVER_SENT = 4711  # tag of a message
 
 
 class Trouble:
@@ -39,6 +41,10 @@ class Trouble:
             case "folder removed" if COMM.rank == 0:
                 shutil.rmtree(self.out / "checkpoints")
                 (self.out / "checkpoints").write_text("no folder")
+            case "stuck":
+                # as of a library in which the other ranks wait for the one that has failed
+                errors.WRITE_PATIENCE = 1.0
+                errors.write_on_all(COMM, self.out / "fields", fail_on_first_rank)
             case "one rank" if COMM.rank == COMM.size - 1:
                 raise ZeroDivisionError("of this rank alone")
             case "every rank":
@@ -46,6 +52,13 @@ class Trouble:
 
     def close(self, run: gx.Simulation) -> None:
         pass
+
+
+def fail_on_first_rank() -> None:
+    """Fail like a library that other ranks do not leave, as they wait for the first one."""
+    if COMM.rank == 0:
+        raise RuntimeError("\x1b[1;36mToolkit\x1b[0m errno = 28: No space left on device: error")
+    COMM.recv(source=0, tag=NEVER_SENT)
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""A restart goes on with the scene that wrote the checkpoint: other parameters are refused, unless they are meant."""
+"""A restart compares the scene with that of the checkpoint and refuses other parameters, unless they are named."""
 
 from __future__ import annotations
 
@@ -374,7 +374,7 @@ def test_small_numbers_are_compared_relatively(
 
 
 def test_what_is_noticed_of_a_function() -> None:
-    """Its name, constants and what it takes from outside, whatever the version of Python; not the order of names."""
+    """Its name, constants and values of enclosing scopes, whatever the version of Python; not the order of names."""
 
     def noticed(one: Any, other: Any) -> bool:
         there, here = (json.loads(json.dumps(describe(f))) for f in (one, other))

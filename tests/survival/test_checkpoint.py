@@ -1,4 +1,4 @@
-"""Checkpoints: a run that goes on from one is the run that was never interrupted, on any number of ranks."""
+"""Checkpoints: a restarted run equals the uninterrupted run, on any number of ranks."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_other_number_of_ranks(folder: Path, kind: str) -> None:
 
 @pytest.mark.mpi
 def test_coordinates_find_their_nodes_on_other_ranks(folder: Path) -> None:
-    """Every node of the state that is read has the place and velocity that its point of the mesh has."""
+    """Every node of the state that is read has the position and velocity that its point of the mesh has."""
     run_to(3, fluttering_sheet(COMM, 5, order=2), checkpoints=gx.Checkpoints(folder))
     COMM.barrier()
     for comm in (COMM, MPI.COMM_SELF):
@@ -142,7 +142,7 @@ def table(path: Path) -> np.ndarray:
 
 @pytest.mark.mpi
 def test_outputs_go_on_without_gap_or_duplicate(folder: Path) -> None:
-    """A run that came to step 7, 13 is taken up at step 5, 10: what was written later is cut off and written anew."""
+    """A run that came to step 7, 13 is restarted at step 5, 10: later rows are cut off and written again."""
     run_to(15, fluttering_sheet(COMM), outputs=outputs(folder / "whole"))
     broken, saves = folder / "broken", {"every": 5, "keep": 9}
     run_to(
@@ -216,6 +216,22 @@ def test_minutes(folder: Path) -> None:
     run.run(until=3 * DT)
     COMM.barrier()
     assert len(list(folder.iterdir())) == 4
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(("keep", "steps"), [(1, [5]), (4, [2, 3, 4, 5]), (9, [0, 1, 2, 3, 4, 5])])
+def test_as_many_checkpoints_are_kept_as_were_asked_for(
+    folder: Path, keep: int, steps: list[int]
+) -> None:
+    ball = gx.PointMass(1.0, comm=COMM)
+    run = gx.Simulation(
+        gx.Scene(ball),
+        gx.Midpoint(dt=DT),
+        checkpoints=gx.Checkpoints(folder, every=1, keep=keep),
+    )
+    run.run(until=5 * DT)
+    COMM.barrier()
+    assert sorted(int(path.name[5:]) for path in folder.iterdir()) == steps
 
 
 # ---- refusals ------------------------------------------------------------------------------------------------------

@@ -104,7 +104,7 @@ def scene_items(folder: Path) -> Iterator[tuple[type, dict[str, Any], Any]]:
         kind = functools.reduce(getattr, name.split("."), gx)
         if not inspect.isclass(kind):
             continue
-        # calls that are refused need something that the list of calls does not have; what is no item is no scene
+        # Calls that are refused need something that the list does not have; a scene needs items.
         with suppress(gx.InputError, TypeError, AttributeError):
             item = kind(**given)
             gx.Scene(item)

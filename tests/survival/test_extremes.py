@@ -1,4 +1,4 @@
-"""Extreme cases: each ends well or with its reason, never with a wrong answer."""
+"""Extreme cases: each run ends with small errors of its balances, or with the reason of its failure."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 import gossamer_fx as gx
 from demos.studies.stability import STUDY, cases, problem, values_of
-from gossamer_fx.solvers.failures import NotConverged
+from gossamer_fx.checks.failures import NotConverged
 
 COMM = MPI.COMM_WORLD
 

@@ -1,4 +1,4 @@
-"""What a run may meet: a full disk, a folder that is gone, a function that fails.  It is named, and nothing is lost."""
+"""Faults of a run: a full disk, a removed folder, a function that fails. They are named, and no data are lost."""
 
 from __future__ import annotations
 
@@ -19,6 +19,10 @@ from tests.survival.scenes import DT, filled_tube, fluttering_sheet
 
 COMM = MPI.COMM_WORLD
 ROOT = Path(gx.__file__).parent.parent
+# A command that may mount file systems in a separate name space; others need a user name space for that.
+MOUNTING = ["unshare", "--mount"]
+if os.geteuid() != 0:
+    MOUNTING.insert(1, "--map-root-user")
 
 
 def meet(
@@ -91,13 +95,14 @@ def test_a_restart_on_a_disk_that_is_full_is_refused(tmp_path: Path) -> None:
     disk = tmp_path / "disk"
     disk.mkdir()
     again = f"{sys.executable} -m tests.survival.faults {disk} nothing vtx restart"
+    mount = f"{sys.executable} -m tests.survival.small_disk {disk}"
     script = (
-        f"mount -t tmpfs -o size=2m tmpfs {disk} && cp -r {tmp_path}/run/. {disk} || exit 77;"
+        f"{mount} && cp -r {tmp_path}/run/. {disk} || exit 77;"
         f"head -c 3000000 /dev/zero > {disk}/filler 2> /dev/null; {again}; code=$?; rm {disk}/filler;"
         f"[ $code = 3 ] && {again}"
     )
     said = subprocess.run(
-        ["unshare", "--map-root-user", "--mount", "sh", "-c", script],
+        [*MOUNTING, "sh", "-c", script],
         cwd=ROOT,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
@@ -134,6 +139,49 @@ def test_an_error_of_one_rank_alone_ends_the_run(tmp_path: Path) -> None:
     assert "rank 1 failed alone" in said.stderr
     assert rows(tmp_path / "ledger.csv") == [0, 1, 2, 3, 4, 5, 6]
     assert whole_checkpoints(tmp_path / "checkpoints") == ["step-00000002", "step-00000004"]
+
+
+def test_a_rank_that_cannot_write_does_not_wait_for_ever(tmp_path: Path) -> None:
+    """The other rank is inside the library that writes, and waits for the first one."""
+    said = meet(tmp_path, "stuck", ranks=2)
+    assert said.returncode == 1
+    assert "fields' (No space left on device)" in said.stderr
+    assert "Rank 0 failed alone" in said.stderr
+    assert whole_checkpoints(tmp_path / "checkpoints") == ["step-00000002", "step-00000004"]
+
+
+@pytest.mark.parametrize("free", [0, 8, 24, 60])
+def test_a_start_on_a_disk_that_is_full_says_so(tmp_path: Path, free: int) -> None:
+    """With so many kB free: for nothing, an output, all but the first checkpoint, and some steps."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    start = f"{sys.executable} -m tests.survival.faults {disk} nothing vtx"
+    mount = f"{sys.executable} -m tests.survival.small_disk {disk}"
+    script = (
+        f"{mount} || exit 77;"
+        f"head -c 3000000 /dev/zero > {disk}/filler 2> /dev/null;"
+        f"truncate -s {(2048 - free) * 1024} {disk}/filler; {start}; code=$?; rm {disk}/filler;"
+        f"cp -r {disk}/. {tmp_path}; exit $code"
+    )
+    said = subprocess.run(
+        [*MOUNTING, "sh", "-c", script],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=HANG_TIMEOUT,
+    )
+    if said.returncode == 77 or "unshare:" in said.stderr:
+        pytest.skip("no file system can be mounted here without privileges")
+    assert said.returncode == 3, said.stdout + said.stderr
+    assert said.stdout.count("Cannot write") == 1
+    assert "(No space left on device)" in said.stdout or free == 60
+    assert "Traceback" not in said.stderr
+    assert "terminate called" not in said.stderr
+    # what is there is whole
+    checkpoints = tmp_path / "checkpoints"
+    names = whole_checkpoints(checkpoints) if checkpoints.is_dir() else []
+    assert bool(names) == (free == 60)
 
 
 def test_an_error_of_every_rank_is_raised_as_it_is(tmp_path: Path) -> None:

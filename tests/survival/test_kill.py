@@ -28,7 +28,7 @@ ROOT = Path(gx.__file__).parent.parent
 
 
 def start(ranks: int, folder: Path, *options: str, steps: int = STEPS) -> subprocess.Popen[str]:
-    """The tube on some ranks; each in the process group of its own session."""
+    """The tube on some ranks; each rank in a separate session."""
     command = [*python(ranks), "-m", "tests.survival.tube_run", str(folder), str(steps), *options]
     return subprocess.Popen(
         command,

@@ -1,4 +1,4 @@
-"""Files belong to one run: a second one is refused, forgotten restarts delete nothing, damage is told at once."""
+"""Files belong to one run: a second run is refused, a forgotten restart deletes nothing, damage is reported."""
 
 from __future__ import annotations
 

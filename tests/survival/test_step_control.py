@@ -1,4 +1,4 @@
-"""Steps that grow and shrink: their error, their iterations, and that nothing is lost whatever their lengths."""
+"""Step control: error, iterations, and conservation for steps of changing length."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Errors of the user's functions in the course of a run: one sentence on all ranks, and the good state is kept."""
+"""Errors of the user's functions during a run: one sentence on all ranks, and the last good state is saved."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Processes that share a sweep are killed: no run that has a result is made again, and all are made."""
+"""Processes that share a sweep are killed: no run with a result is repeated, and all runs are completed."""
 
 from __future__ import annotations
 

@@ -791,7 +791,7 @@ def handwritten(folder: Path) -> dict[str, tuple[Callable[[], Any], str]]:
             ),
             "damping",
         ),
-        "a damper of one place": (
+        "a damper between one point and itself": (
             lambda: run(A, B, gx.connectors.Damper(A.port(), B.port(), damping=1.0)),
             "coincide",
         ),

@@ -24,7 +24,11 @@ Call = dict[str, Any]
 UNCALLED = {
     "orbit.MagneticDipole",  # needs ERFA
     "steppers.EndPoint",
+    "analysis.Derivative",
+    "analysis.RunTape",
     "analysis.EquilibriumResult",
+    "analysis.Gradient",
+    "analysis.Optimum",
     "InputError",
     "run.Interrupted",
     "Mesh",
@@ -104,6 +108,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
     tube = {"E": 1e11, "nu": 0.3, "density": 1560.0}
     section = gx.sections.tube(0.02, 5e-4, **tube)
     film_law = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
+    fabric = {"E1": 1e9, "E2": 1e8, "nu12": 0.3, "G12": 1e8, "density": 1400.0, "thickness": 1e-4}
     law = gx.Miyazaki(**film_law)
     film, beam = gx.Membrane(mesh, law), gx.Beam(curve, section)
     plate = gx.Plate(mesh, gx.Linear(**film_law))
@@ -214,6 +219,16 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
             "rotation": 1e-5,
         },
         "constraints.Driven": {"body": block, "axis": z, "angle": lambda t: t},
+        "analysis.EnclosedVolume": {"film": film},
+        "analysis.Energy": {},
+        "analysis.Frequency": {"equilibrium": inputs.equilibrium, "number": 1},
+        "analysis.Limit": {"of": gx.analysis.Energy(), "low": 0.0, "high": 1.0},
+        "analysis.Functional": {
+            "value": lambda run: 0.0,
+            "derivative": lambda run: {},
+            "unit": "m",
+        },
+        "analysis.Integral": {"body": film, "form": lambda q: q[2] * film.dx, "unit": "m³"},
         "analysis.EdgeCable": {"body": film, "edges": "left", "force": 1.0},
         "loads.EdgeLoad": {"body": film, "edges": "left", "force": z},
         "loads.EdgeMoment": {"body": plate, "edges": "left", "moment": 1.0},
@@ -281,9 +296,16 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "constraints.Link": {"a": P, "b": Q},
         "probes.MeanSpin": {"body": film, "axis": "z"},
         "Membrane": {"mesh": mesh, "law": law, "order": 1, "name": "film"},
+        "LinearOrthotropic": {**fabric, "direction": (1.0, 0.0, 0.0)},
+        "materials.AroundAxis": {"axis": (0.0, 0.0, 1.0), "point": (0.0, 0.0, 0.0)},
         "Midpoint": {"dt": 1e-3, "rule": gx.steppers.PathAverage(), "tolerances": gx.Tolerances()},
         "probes.LoadResultant": {"orbit": orbit, "load": "drag", "action": "force", "axis": "x"},
         "Miyazaki": {**film_law, "residual_stiffness": 1e-6},
+        "Orthotropic": {
+            **fabric,
+            "direction": (1.0, 0.0, 0.0),
+            "residual_stiffness": 1e-6,
+        },
         "Orifice": {
             "a": tank,
             "b": gx.gas.Ambient(),
@@ -509,6 +531,20 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         "ground_frame": {"point": z},
         "run.latest_checkpoint": {"folder": folder},
         "run.log_to": {"comm": WORLD, "file": folder / "log.txt", "quiet": False},
+        "analysis.gradient": {
+            "source": inputs.equilibrium,
+            "of": gx.analysis.Energy(),
+            "by": [f"{inputs.film.name}.E"],
+        },
+        "analysis.minimise": {
+            "equilibrium": inputs.equilibrium,
+            "of": gx.analysis.Energy(),
+            "by": [f"{inputs.film.name}.E"],
+            "bounds": {f"{inputs.film.name}.E": (1e9, 3e9)},
+            "limits": [gx.analysis.Limit(gx.analysis.Energy(), high=1e9)],
+            "iterations": 1,
+            "tolerance": 0.1,
+        },
         "analysis.modes": {
             "equilibrium": inputs.equilibrium,
             "count": 1,
@@ -548,7 +584,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
 
 
 def spoiled(call: Call) -> Iterator[tuple[str, Any]]:
-    """Arguments and values that no call of this project can take in their place."""
+    """Arguments and values that no call of this project accepts instead of them."""
     for argument, value in call.items():
         if argument in ("build", "scene") and callable(value):
             continue

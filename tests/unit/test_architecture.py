@@ -46,6 +46,7 @@ FLOORS = (
     "scene",
     "solvers",
     "steppers",
+    "sensitivity",
     "analysis",
     "fields",
     "probes",

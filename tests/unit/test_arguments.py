@@ -1,4 +1,4 @@
-"""Arguments are checked where a class or function is defined, before it acts, by annotations that can be tested."""
+"""Arguments of classes and functions are checked by their annotations before they act."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The seam to dolfinx: one file knows what differs between versions; sheets meet where dolfinx allows it."""
+"""The interface to dolfinx: one file contains all that depends on its version; sheets meet where dolfinx allows it."""
 
 from __future__ import annotations
 

@@ -89,6 +89,13 @@ def test_the_limit_of_a_newton_iteration_is_the_sum_of_its_parts(tmp_path):
     assert figures["tangent/traffic"] == pytest.approx(tangent / writing, rel=1e-6)
 
 
+def test_the_pass_backwards_is_exact_and_costs_a_part_of_the_run(tmp_path):
+    _, (row,) = bench("gradient", tmp_path)
+    assert float(row["energy's gradient off by"]) < 1e-6
+    assert float(row["backward [s]"]) > 0
+    assert int(float(row["parameters"])) > 100
+
+
 def test_the_parts_of_a_newton_iteration_are_its_time(tmp_path):
     _, (row,) = bench("profile", tmp_path)
     parts = [

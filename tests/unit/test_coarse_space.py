@@ -1,4 +1,4 @@
-"""The coarse space of large meshes: what it holds, and that it keeps Krylov's iterations few."""
+"""The coarse space of large meshes: the functions that it contains, and the number of Krylov iterations with it."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from scipy.sparse.csgraph import connected_components
 
 import gossamer_fx as gx
 from demos.spinning_sheet import throw
+from gossamer_fx.checks.failures import NotConverged
 from gossamer_fx.meshes.line import line
 from gossamer_fx.meshes.sheet import sheet
 from gossamer_fx.meshes.tube import flat_tube
 from gossamer_fx.solvers.coarse_space import NODES_PER_PATCH, patches, prolongation
-from gossamer_fx.solvers.failures import NotConverged
 
 FILM = gx.Miyazaki(E=1e9, nu=0.3, density=1400.0, thickness=1e-4)
 

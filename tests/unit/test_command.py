@@ -81,9 +81,16 @@ def test_what_open_mpi_repeats_is_removed(size: int, repetition: bytes) -> None:
     assert filtered(middle, size) == middle.replace(repetition, b"")
 
 
-def test_the_line_of_mpich_about_an_abort_is_removed() -> None:
-    abort = b"application called MPI_Abort(MPI_COMM_WORLD, 2) - process 0\n"
-    line = b"Abort(2) on node 0 (rank 0 in comm 0): " + abort
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"Abort(2) on node 0 (rank 0 in comm 0): "
+        b"application called MPI_Abort(MPI_COMM_WORLD, 2) - process 0\n",
+        b"[vm:21134] PMIX ERROR: PMIX_ERR_UNREACH in file ../src/server/pmix_server.c at line 3184\n",
+    ],
+    ids=["MPICH", "PMIx"],
+)
+def test_a_line_about_a_rank_that_has_ended_is_removed(line: bytes) -> None:
     sentence = b"gossamer: The mesh is damaged.\n"
     assert filtered(sentence + line, 10**6) == sentence
     assert filtered(line, 10**6) == line

@@ -1,4 +1,4 @@
-"""Stress rules: the averaged stress does the work that the energy says, whatever states the path passes."""
+"""Stress rules: the work of the averaged stress equals the change of energy, for all states on the path."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ def test_nodes_go_from_end_to_end(order: int) -> None:
 
 @pytest.mark.mpi
 def test_groups_of_edges() -> None:
-    """The seam of an airbag is inside its closed surface, and the border of each of its sheets."""
+    """The seam of an airbag is inside its closed surface, and the boundary of each of its sheets."""
     mesh = airbag(WORLD, 1.0, 6)
     table, seam = mesh.edges, mesh.curve("seam", "test")
     assert owned(table, np.isin(np.arange(len(table.count)), seam)) == 24

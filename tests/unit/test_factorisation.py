@@ -1,4 +1,4 @@
-"""What becomes of a factorisation that fails: a larger workspace, MUMPS's own reason, and another try."""
+"""Failures of a factorisation: a larger workspace, MUMPS's reason, and another attempt."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names of files: one to one, and no file takes another one for its own."""
+"""Names of files are one to one: two outputs never share a file."""
 
 from __future__ import annotations
 

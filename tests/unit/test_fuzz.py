@@ -253,7 +253,7 @@ def run_pillow(mesh: gx.Mesh, n: dict[str, Any]) -> str:
         return str(error)
     except TypeError as error:  # of the division above
         assert "unsupported operand" in str(error)
-        return "until and dt are no numbers."
+        return "until and dt are not numbers."
     assert math.isfinite(run.totals.energy) and np.isfinite(run.system.q0.array_r).all()
     return ""
 

@@ -1,4 +1,4 @@
-"""Chambers and openings without a mesh: what flows where, and that nothing is lost on the way."""
+"""Chambers and orifices without a mesh: flows, and conservation of mass and energy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How gas and bodies see each other: signs of volumes, derivatives, rings, and steps that failed."""
+"""Coupling of gas and bodies: signs of volumes, derivatives, rings, and rejected steps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measures of the film: quadratic, blind to rigid motions, exact for homogeneous ones."""
+"""Measures of the film: quadratic, invariant under rigid motions, exact for homogeneous deformations."""
 
 from __future__ import annotations
 
@@ -30,12 +30,14 @@ every_film = pytest.mark.parametrize(
 
 
 def rotation(axis=(1.0, 2.0, -0.5), angle=2.3):
-    a = np.array(axis) / np.linalg.norm(axis)
-    A = np.array([[0, -a[2], a[1]], [a[2], 0, -a[0]], [-a[1], a[0], 0]])
+    """Return a rotation matrix, by Rodrigues' formula."""
+    x, y, z = np.array(axis) / np.linalg.norm(axis)
+    A = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + math.sin(angle) * A + (1 - math.cos(angle)) * A @ A
 
 
 def moved(film, motion):
+    """Return the positions that a function of the undeformed points (3, n) gives."""
     x = fem.Function(film.space)
     x.interpolate(motion)
     return x
@@ -50,6 +52,7 @@ def strains(film, x):
 
 
 def integral(film, expression, degree=8):
+    """Return the integral over the undeformed film, on all ranks."""
     form = fem.form(expression * film.dx(metadata={"quadrature_degree": degree}))
     return film.comm.allreduce(fem.assemble_scalar(form))
 
@@ -58,8 +61,10 @@ def integral(film, expression, degree=8):
 @every_film
 def test_rigid_motion_gives_no_strain(comm, surface, order):
     film = Membrane(SURFACES[surface](comm), LAW, order=order)
-    R, c = rotation(), np.array([[3.0], [-1.0], [0.5]])
-    assert abs(strains(film, moved(film, lambda X: R @ X + c))).max() <= 1e-13
+    R = rotation()
+    shift = np.array([[3.0], [-1.0], [0.5]])
+    x = moved(film, lambda X: R @ X + shift)
+    assert abs(strains(film, x)).max() <= 1e-13
 
 
 @pytest.mark.mpi
@@ -69,12 +74,14 @@ def test_strain_of_a_homogeneous_deformation(comm, surface, order):
     film = Membrane(SURFACES[surface](comm), LAW, order=order)
     G = np.array([[1.2, 0.3, -0.1], [0.05, 0.9, 0.2], [-0.3, 0.1, 1.1]])
     E = film.measure(moved(film, lambda X: G @ X))
-    n, Green = ufl.CellNormal(film.mesh.domain), (G.T @ G - np.eye(3)) / 2
-    P = ufl.Identity(3) - ufl.outer(n, n)
-    exact = P * ufl.as_matrix(Green.tolist()) * P
-    trace, norm = E[0] + E[1], E[0] ** 2 + E[1] ** 2 + E[2] ** 2 / 2
+    green_strain = (G.T @ G - np.eye(3)) / 2
+    normal = ufl.CellNormal(film.mesh.domain)
+    projection = ufl.Identity(3) - ufl.outer(normal, normal)
+    exact = projection * ufl.as_matrix(green_strain.tolist()) * projection
+    trace = E[0] + E[1]
+    squared_norm = E[0] ** 2 + E[1] ** 2 + E[2] ** 2 / 2
     assert integral(film, (trace - ufl.tr(exact)) ** 2) <= 1e-25
-    assert integral(film, (norm - ufl.inner(exact, exact)) ** 2) <= 1e-25
+    assert integral(film, (squared_norm - ufl.inner(exact, exact)) ** 2) <= 1e-25
 
 
 @pytest.mark.mpi
@@ -82,19 +89,19 @@ def test_strain_of_a_homogeneous_deformation(comm, surface, order):
 def test_strain_is_quadratic_in_the_positions(comm, surface, order):
     """De(q̄)·(q1 - q0) = e1 - e0 for any two configurations, on which the conservation of energy rests."""
     film = Membrane(SURFACES[surface](comm), LAW, order=order)
-    q0, q1 = (
-        moved(film, lambda X: np.sin(3 * X) + X),
-        moved(film, lambda X: 2 * X[[1, 2, 0]] - X**2),
-    )
-    mid, Δq = fem.Function(film.space), fem.Function(film.space)
-    mid.x.array[:], Δq.x.array[:] = (q0.x.array + q1.x.array) / 2, q1.x.array - q0.x.array
+    q0 = moved(film, lambda X: np.sin(3 * X) + X)
+    q1 = moved(film, lambda X: 2 * X[[1, 2, 0]] - X**2)
+    mid = fem.Function(film.space)
+    mid.x.array[:] = (q0.x.array + q1.x.array) / 2
+    Δq = fem.Function(film.space)
+    Δq.x.array[:] = q1.x.array - q0.x.array
     De = ufl.derivative(film.measure(mid), mid, Δq)
     domain = film.mesh.domain
     cells = np.arange(domain.topology.index_map(2).size_local, dtype=np.int32)
-    change = evaluate(fem.Expression(De, np.array([[0.2, 0.3]])), domain, cells)
-    difference = evaluate(
-        fem.Expression(film.measure(q1) - film.measure(q0), np.array([[0.2, 0.3]])), domain, cells
-    )
+    point = np.array([[0.2, 0.3]])
+    change = evaluate(fem.Expression(De, point), domain, cells)
+    exact_change = film.measure(q1) - film.measure(q0)
+    difference = evaluate(fem.Expression(exact_change, point), domain, cells)
     assert abs(change - difference).max() <= 1e-12 * abs(difference).max()
 
 
@@ -142,8 +149,6 @@ def test_tension_is_the_positive_part_of_a_stress():
     for S in [*random.normal(size=(20, 3)), (2.0, 2.0, 0.0), (-1.0, -1.0, 0.0), (0.0, 0.0, 0.0)]:
         values, axes = np.linalg.eigh([[S[0], S[2]], [S[2], S[1]]])
         exact = axes @ np.diag(np.maximum(values, 0)) @ axes.T
-        found = [
-            float(component)
-            for component in tension(ufl.as_vector([ufl.as_ufl(float(s)) for s in S]))
-        ]
+        stress = ufl.as_vector([ufl.as_ufl(float(s)) for s in S])
+        found = [float(component) for component in tension(stress)]
         assert found == pytest.approx([exact[0, 0], exact[1, 1], exact[0, 1]], abs=1e-12)

@@ -1,4 +1,4 @@
-"""The launcher, from inside an environment: it passes everything through and misuse is told in one sentence."""
+"""The launcher inside an environment: it passes arguments through, and misuse is reported in one sentence."""
 
 import os
 import pty
@@ -228,7 +228,7 @@ def test_a_scene_that_is_refused_on_two_ranks_is_told_in_one_sentence(tmp_path):
 
 @pytest.fixture
 def project(tmp_path):
-    """A project of one small test file, beside a copy of the launcher."""
+    """A project of one small test file, with a copy of the launcher."""
     for name in ("gossamer", "pyproject.toml"):
         shutil.copy(ROOT / name, tmp_path)
     shutil.copytree(ROOT / "tools", tmp_path / "tools")
@@ -285,7 +285,7 @@ def test_doctor():
 def test_a_private_tree_is_protected():
     if not os.environ.get("GOSSAMER_ENVIRONMENT", "").startswith("a private"):
         pytest.skip("this machine has dolfinx 0.9 itself, so that no private tree is used")
-    if sys.prefix == sys.base_prefix:  # no environment of its own, as dolfinx 0.11 has
+    if sys.prefix == sys.base_prefix:  # not a virtual environment, as dolfinx 0.11 has
         assert sys.executable == "/usr/bin/python3"
     for folder in ("/usr", "/etc"):
         with pytest.raises(OSError):

@@ -1,4 +1,4 @@
-"""The look at meshes and numbers before a run: what is found, what is not, on any number of ranks."""
+"""Checks of meshes and parameters before a run, on any number of ranks."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_a_curved_triangle_that_turns_inside_is_refused():
 @pytest.mark.mpi
 def test_slivers_folds_and_opposite_normals_are_told():
     points, cells = rows_of_squares(3)
-    # a triangle on an edge of the border, almost without height
+    # a triangle on an edge of the boundary, almost without height
     [words] = words_of(triangles([*points, (1.0 + 1e-7, 1 / 2, 0.0)], [*cells, (13, 16, 14)]))
     assert "1 slivers" in words
     [words] = words_of(triangles(points, [*cells[:-1], cells[-1][::-1]]))
@@ -124,12 +124,12 @@ def test_a_slit_whose_sides_are_named_is_meant():
 
 
 @pytest.mark.mpi
-def test_a_film_that_pierces_itself_is_told():
+def test_a_film_that_penetrates_itself_is_reported():
     flat, cells = rows_of_squares(4)
     steep = [(0.49, y, x - 0.53) for x, y, _ in flat]
     mesh = triangles(flat + steep, cells + [tuple(i + 25 for i in cell) for cell in cells])
     [words] = self_intersections([gx.Membrane(mesh, LAW)])
-    assert "pierces itself" in words
+    assert "penetrates itself" in words
     apart = [(x + 2, y, z) for x, y, z in steep]
     mesh = triangles(flat + apart, cells + [tuple(i + 25 for i in cell) for cell in cells])
     assert list(self_intersections([gx.Membrane(mesh, LAW)])) == []

@@ -1,4 +1,4 @@
-"""What a run leaves behind: fields, probes, pictures; complete also after a failure, nothing where it is refused."""
+"""Outputs of a run: fields, probes, pictures; complete also after a failure, and no files if the run is refused."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_principal_values_of_a_uniform_strain(
 ) -> None:
     """A film that is stretched and then turned in space; the direction of stress turns with it.
 
-    The stresses are those of the potential of `Miyazaki` (IJNME 66 (2006) 1179, doi:10.1002/nme.1580, eqs. 13-20, with
+    The stresses are those of the potential of `Miyazaki` (IJNME 66 (2006) 1179, eqs. 13-20, with
     the ratios (1, u) where the film is wrinkled and (u, u) where it is slack), evaluated by hand for u = 1e-4.
     """
     U = np.diag(np.sqrt(1 + 2 * np.array([E11, E22, 0.0])))

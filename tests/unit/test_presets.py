@@ -27,7 +27,7 @@ def test_numbers_of_a_law_are_handed_on_and_nonsense_is_refused() -> None:
     assert films.KAPTON_HN.law(25e-6, residual_stiffness=1e-4).residual_stiffness == 1e-4
     with pytest.raises(gx.InputError, match="thickness"):
         films.KAPTON_HN.law(-1.0)
-    with pytest.raises(gx.InputError, match="no law"):
+    with pytest.raises(gx.InputError, match="is not a law"):
         films.MYLAR.law(1e-6, float)
 
 

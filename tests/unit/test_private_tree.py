@@ -70,7 +70,7 @@ def test_words_of_a_command_name_paths(monkeypatch: pytest.MonkeyPatch, tmp_path
 def test_what_the_tree_has_is_not_mounted_over(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """The machine's folders are seen only where the tree has nothing of its own."""
+    """The machine's folders are seen only where the tree has no content itself."""
     monkeypatch.chdir(tmp_path)
     for name in ("HOME", "PWD", "TMPDIR", "XDG_CACHE_HOME"):
         monkeypatch.setenv(name, str(tmp_path))

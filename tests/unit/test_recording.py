@@ -1,4 +1,4 @@
-"""The folder of a run, and what is made of it: values, pictures, curves, animation, report."""
+"""The folder of a run, and what is drawn from it: values, pictures, curves, animation, report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sections through films: where a plane cuts them, layers by colour, and what cannot be cut."""
+"""Sections through films: lines in a plane, layers by colour, and refused input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Films that are seen through, and coloured by group."""
+"""Pictures of transparent films, and of films coloured by group."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 # A program that has started, has children, and tidies up when it is ended, as mmdebstrap does.  Of
-# the children one has a process group of its own, and one a session, as dpkg under apt-get.
+# One of the children has a separate process group, and one a session, as dpkg under apt-get.
 AT_WORK = f"""
 /bin/sleep 600 & first=$!
 {sys.executable} -c 'import os; os.setpgid(0, 0); os.execv("/bin/sleep", ["sleep", "600"])' &
@@ -245,7 +245,7 @@ def test_a_second_set_up_waits_for_the_first(machine: Machine) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 def test_an_interrupted_set_up_leaves_no_process(machine: Machine, number: signal.Signals) -> None:
-    """Also none that has a process group or a session of its own."""
+    """Also none in a separate process group or session."""
     machine.does("mmdebstrap", AT_WORK)
     run = machine.start("setup")
     wait_until(machine.started)

@@ -1,4 +1,4 @@
-"""Obstacles in pictures and recordings: their surfaces, and where they are as they move."""
+"""Obstacles in pictures and recordings: their surfaces and positions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Paths in strain space: where they lie in a cone, and averages along them."""
+"""Paths in strain space: their intersections with a cone, and averages along them."""
 
 from __future__ import annotations
 
@@ -9,15 +9,20 @@ import ufl
 from gossamer_fx.forms.strain_path import mean_gradient, within_cone
 from tests.strain_samples import CELLS, Samples, random_strains
 
-S = (np.arange(4000) + 0.5) / 4000
+# Parameters of sampled points of a path, the middles of equal pieces.
+SAMPLES = (np.arange(4000) + 0.5) / 4000
 
 
 def mohr(e):
-    """h, and the two components of the radius, of strains (..., 3)."""
-    return (e[..., 0] + e[..., 1]) / 2, (e[..., 0] - e[..., 1]) / 2, e[..., 2] / 2
+    """Return centre and radius of Mohr's circle of strains (..., 3), the radius as its two components."""
+    centre = (e[..., 0] + e[..., 1]) / 2
+    half_difference = (e[..., 0] - e[..., 1]) / 2
+    half_shear = e[..., 2] / 2
+    return centre, half_difference, half_shear
 
 
-def along(e0, e1, s=S):
+def along(e0, e1, s=SAMPLES):
+    """Return strains (len(s), n, 3) on the straight paths from e0 to e1 (n, 3)."""
     return e0 + s[:, None, None] * (e1 - e0)
 
 
@@ -25,31 +30,36 @@ def along(e0, e1, s=S):
 @pytest.mark.parametrize("margin", [0.0, 1e-3])
 def test_stretch_within_a_cone(m, margin):
     stretch = Samples(lambda a, b: ufl.as_vector(within_cone(a, b, m, margin)), arguments=2)
-    e0, e1 = random_strains(CELLS, 0.1, seed=1), random_strains(CELLS, 0.1, seed=2)
+    e0 = random_strains(CELLS, 0.1, seed=1)
+    e1 = random_strains(CELLS, 0.1, seed=2)
     start, end = stretch(e0, e1).T
     h, x, y = mohr(along(e0, e1))
-    within = h + margin >= m * np.hypot(x, y)
-    assert (start >= 0).all() and (start <= end).all() and (end <= 1).all()
-    assert abs(within.mean(axis=0) - (end - start)).max() <= 1.1 / len(S)
+    is_within = h + margin >= m * np.hypot(x, y)
+    assert (start >= 0).all()
+    assert (start <= end).all()
+    assert (end <= 1).all()
+    # Sampling finds the length of the stretch up to one piece.
+    assert abs(is_within.mean(axis=0) - (end - start)).max() <= 1.1 / len(SAMPLES)
     middle = (e0.T + (start + end) / 2 * (e1 - e0).T).T[end > start + 1e-9]
     h, x, y = mohr(middle)
     assert (h + margin >= m * np.hypot(x, y)).all()
-    assert {(bool(a), bool(b)) for a, b in zip(within[0], within[-1], strict=True)} == {
-        (a, b) for a in (False, True) for b in (False, True)
-    }
+    # The random paths enter, leave, cross and avoid the cone.
+    ends = set(zip(is_within[0].tolist(), is_within[-1].tolist(), strict=True))
+    assert ends == {(False, False), (False, True), (True, False), (True, True)}
 
 
 @pytest.mark.parametrize("length", [1.0, 0.3, 0.1, 1e-2, 1e-5])
 def test_average_of_the_gradient_of_centre_times_radius(length):
-    e0, e1 = random_strains(CELLS, 0.1, seed=3), random_strains(CELLS, 0.1, seed=4)
-    e1 = e0 + length * (e1 - e0)
+    e0 = random_strains(CELLS, 0.1, seed=3)
+    e1 = e0 + length * (random_strains(CELLS, 0.1, seed=4) - e0)
     found = Samples(mean_gradient, arguments=2)(e0, e1)
     points, weights = np.polynomial.legendre.leggauss(400)
     h, x, y = mohr(along(e0, e1, (1 + points) / 2))
     r = np.hypot(x, y)
-    exact = np.stack([(r + h * x / r) / 2, (r - h * x / r) / 2, h * y / r / 2], axis=-1)
-    exact = np.tensordot(weights / 2, exact, axes=1)
-    assert abs(found - exact).max() <= 3e-4 * 0.1  # 400 points miss what passes close to r = 0
+    gradient = np.stack([(r + h * x / r) / 2, (r - h * x / r) / 2, h * y / r / 2], axis=-1)
+    exact = np.tensordot(weights / 2, gradient, axes=1)
+    # 400 Gauss points are not accurate for paths that pass close to r = 0.
+    assert abs(found - exact).max() <= 3e-4 * 0.1
     assert np.median(abs(found - exact).max(axis=1)) <= 1e-13 * 0.1
 
 

@@ -1,4 +1,4 @@
-"""Recordings from strangers: every key of run.json is checked when it is read, and no name becomes part of a page."""
+"""Recordings from other users: every key of run.json is checked, and no name is executed as part of a page."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def check_page(text: str, name: str) -> None:
 def test_names_are_texts_in_a_report(
     tmp_path: Path, attack: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Names of bodies, groups, chambers, probes, the title, and of a field, in every place of the page and the data."""
+    """Names of bodies, groups, chambers, probes, the title, and of a field, in every part of the page and the data."""
     fields: tuple[str, ...] = ()
     if attack.isprintable():
         field = attack.replace("(", "`").replace(")", "`")  # dolfinx cuts names at parentheses
@@ -183,7 +183,7 @@ def places(tree: Any, way: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
 
 
 def changed(tree: Any, way: tuple[Any, ...], value: Any) -> Any:
-    """A copy in which one place has another value, or is removed (None)."""
+    """A copy in which one entry has another value, or is removed (None)."""
     found = copy.deepcopy(tree)
     inner = found
     for key in way[:-1]:

@@ -25,7 +25,7 @@ def tool(monkeypatch: pytest.MonkeyPatch) -> object:
 
 
 class Children:
-    """Takes the place of `run_child`: keeps the commands, and ends them with given codes."""
+    """Replaces `run_child`: keeps the commands, and ends them with given codes."""
 
     def __init__(self, *codes: int) -> None:
         self.commands: list[list[str]] = []

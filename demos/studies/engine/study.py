@@ -58,6 +58,8 @@ class Study:
         size: h of a case.
         measures: the results that have references.
         quick: axes with fewer values, for `quick` runs.
+        quick_options: further arguments of the problem in `quick` runs, such as an earlier end.  Their results are not
+            those of the full study, and have a file of their own.
         columns: further results that the table shows.
         may_fail: whether a case that fails by name is a result, too.
         draw: draws all results, draw(results, path), in the place of errors against run time and h.
@@ -70,6 +72,7 @@ class Study:
     size: Callable[[Trial], float]
     measures: tuple[Measure, ...] = ()
     quick: Mapping[str, Sequence[Any]] = field(default_factory=dict)
+    quick_options: Mapping[str, Any] = field(default_factory=dict)
     columns: tuple[str, ...] = ("iterations", "seconds")
     may_fail: bool = False
     draw: Callable[[list[Result], Path], None] | None = None
@@ -96,18 +99,19 @@ class Result:
 
 
 def run(study: Study, folder: Path, comm: MPI.Intracomm, quick: bool = False) -> list[Result]:
-    """Compute the cases that `folder/NAME.csv` lacks for this number of ranks; returns all, in order.
+    """Compute the cases that `folder/NAME.csv` (or `NAME-quick.csv`, see `Study`) lacks for this number of ranks; returns all, in order.
 
     Raises:
         InputError: the file cannot be read or written, or is of a study with other axes.
     """
-    path = folder / f"{study.name}.csv"
+    options = study.quick_options if quick else {}
+    path = folder / f"{study.name}{'-quick' * bool(options)}.csv"
     known = comm.bcast(on_rank_zero(comm, lambda: _read(study, path)))
     results = []
     for case in study.cases(quick):
         key = _key(case, comm.size)
         if key not in known:
-            row = _compute(study, case, comm)
+            row = _compute(study, case, comm, options)
             known[key] = row
             on_rank_zero(comm, lambda: _write(path, list(known.values())))
             if comm.rank == 0:
@@ -119,11 +123,13 @@ def run(study: Study, folder: Path, comm: MPI.Intracomm, quick: bool = False) ->
     return results
 
 
-def _compute(study: Study, case: dict[str, Any], comm: MPI.Intracomm) -> Row:
+def _compute(
+    study: Study, case: dict[str, Any], comm: MPI.Intracomm, options: Mapping[str, Any]
+) -> Row:
     started = time.perf_counter()
     row = {name: str(value) for name, value in case.items()} | {"ranks": str(comm.size)}
     try:
-        values = study.problem(comm, **case)
+        values = study.problem(comm, **case, **options)
         check(
             "seconds" in values,
             f"Study '{study.name}': its problem returns no 'seconds'; return the run time.",

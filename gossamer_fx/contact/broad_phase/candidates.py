@@ -60,7 +60,14 @@ class CandidateSearch:
         bounds = self._bounds(x, at_rest, time, duration=0.0)
         self._find(bounds)
 
-    def find(self, x: Array, v: Array, time: float, step: float, end: Array) -> None:
+    def find(
+        self,
+        x: Array,
+        v: Array,
+        time: float,
+        step: float,
+        end: Array,
+    ) -> None:
         """Search for the next steps; collective.
 
         Args:
@@ -84,12 +91,18 @@ class CandidateSearch:
         else:
             self._horizon = max(self._age, 1)
 
-    def _bounds(self, x: Array, v: Array, time: float, duration: float) -> TrajectoryBounds:
+    def _bounds(
+        self,
+        x: Array,
+        v: Array,
+        time: float,
+        duration: float,
+    ) -> TrajectoryBounds:
         """Return bounds for a motion from points x (m, 3) with velocities v (m, 3)."""
         vertices = self._mesh.surface.vertices
         drift = RigidDrift.of(x[vertices], v[vertices], time)
         velocities = v - drift.velocities(x)
-        # Points of walls are no part of a primitive: their pairs are candidates wherever they are.
+        # Points of walls do not belong to a primitive: their pairs are candidates wherever they are.
         margin = np.full(len(x), np.inf)
         way = duration * np.linalg.norm(velocities[vertices], axis=1)
         margin[vertices] = self._activation_distance / 2 + WAY_MARGIN * way
@@ -141,7 +154,12 @@ def find_candidates(
     )
 
 
-def nearest_gaps(pairs: CandidatePairs, gap: Array, point_count: int, comm: MPI.Intracomm) -> Array:
+def nearest_gaps(
+    pairs: CandidatePairs,
+    gap: Array,
+    point_count: int,
+    comm: MPI.Intracomm,
+) -> Array:
     """Return the gap (m,) [m] of each point to what is nearest, on every rank; collective.
 
     Args:

@@ -231,7 +231,11 @@ class FrictionPairs:
         np.add.at(blocks, self.block_index, K.reshape(*self.block_index.shape, 9))
 
     def _material_part(
-        self, sliding: _Sliding, grip: _Grip, pressing: Array, creep: float
+        self,
+        sliding: _Sliding,
+        grip: _Grip,
+        pressing: Array,
+        creep: float,
     ) -> Array:
         """Return Dm(q_mid)ᵀ (∂S/∂w) Dm(q1) (n, k, k, 3, 3); pressing is μ N (n,)."""
         w = sliding.w

@@ -1,4 +1,4 @@
-"""The collision filter: parts that constraints keep together are no pairs.
+"""The collision filter: parts that constraints keep together do not form pairs.
 
 Cells of one film that share a node cannot be kept apart.  The same holds where a `Tie` or a `BallJoint`
 joins bodies.  Every point therefore gets labels: two primitives with a label in common are connected.
@@ -28,7 +28,10 @@ POINT_DIFFERENCE = np.hstack([np.eye(3), -np.eye(3)])
 
 
 def filter_labels(
-    system: Assembly, bodies: Sequence[Body], nodes: Sequence[Int64Array], point_count: int
+    system: Assembly,
+    bodies: Sequence[Body],
+    nodes: Sequence[Int64Array],
+    point_count: int,
 ) -> Int32Array | None:
     """Return labels (m, w) of points, the same on every rank; None if nothing is tied.  Collective.
 

@@ -61,7 +61,7 @@ class CollisionMesh:
         has_friction: of each obstacle whether it needs a frame; none: no obstacle does.
 
     Attributes:
-        bodies, names: the bodies, and the names of bodies and obstacles.
+        bodies, obstacles, names: what touches, and the names of bodies and obstacles.
         points: the m points.
         surface: primitives between them.
         nodes: global numbers (n,) of the points of bodies among the nodes of their body.
@@ -83,6 +83,7 @@ class CollisionMesh:
         has_friction: Sequence[bool] = (),
     ) -> None:
         self.bodies = list(bodies)
+        self.obstacles = list(obstacles)
         self.names = [body.name for body in bodies] + [obstacle.name for obstacle in obstacles]
         facets = [facets_of(body) for body in bodies]
         parts = [obstacle.parts() for obstacle in obstacles]
@@ -156,7 +157,11 @@ class CollisionMesh:
         return start
 
     def _add_solid(
-        self, solid: ObstacleSolid, edge_area: float, start: int, found: _Primitives
+        self,
+        solid: ObstacleSolid,
+        edge_area: float,
+        start: int,
+        found: _Primitives,
     ) -> int:
         """Add a solid whose points begin at `start`; return where they end."""
         end = start + len(solid.corners)
@@ -301,7 +306,7 @@ def _obstacle_points(
     if has_frame:
         vectors += obstacle.frame()
         is_point += [True, False, False, False]
-    return ObstaclePoints(vectors, is_point, obstacle.motion)
+    return ObstaclePoints(vectors, is_point, obstacle.motion, obstacle.name)
 
 
 def _stacked(parts: list[Int32Array], width: int) -> Int32Array:

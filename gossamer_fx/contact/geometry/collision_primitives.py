@@ -19,7 +19,7 @@ class FilteredPrimitives:
     Attributes:
         boxes: least and greatest coordinates (n, 6) [m].
         labels: numbers (n, l); two primitives with one in common are connected, and no pair.
-        is_fixed: 1 where contact moves none of its points (n,); two such primitives are no pair.
+        is_fixed: 1 where contact moves none of its points (n,); two such primitives never form a pair.
     """
 
     boxes: Array

@@ -10,7 +10,7 @@ A *block row* is a vector of three unknowns.  Block row i of the first n is the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,11 +19,11 @@ from petsc4py import PETSc
 from scipy.sparse import csr_matrix
 
 from gossamer_fx.algebra.point_measures import Gather
+from gossamer_fx.checks.failures import Inadmissible
 from gossamer_fx.contact.arrays import Array, Int32Array, Int64Array, MaskArray
+from gossamer_fx.contact.geometry.obstacle_motion import ObstacleMotion, PrescribedMotion
 from gossamer_fx.model.body import Attached, Body, Ground, Port
 from gossamer_fx.terms.assembly import Assembly
-
-PrescribedMotion = Callable[[float], Sequence[float]]
 
 
 @dataclass(frozen=True)
@@ -34,11 +34,13 @@ class ObstaclePoints:
         at: where they are (k,), in space or on a body.
         is_point: whether each takes part in a prescribed motion (k,); directions do not.
         motion: displacement [m] over the time [s]; None: none.
+        name: of the obstacle, for messages.
     """
 
     at: Sequence[Attached]
     is_point: Sequence[bool]
     motion: PrescribedMotion | None
+    name: str = "obstacle"
 
 
 class _Map:
@@ -108,14 +110,15 @@ class ContactPoints:
         of_bodies = [system.block(body).to_global(of_body)[:, 0] for body, of_body in nodes]
         self.body_count = sum(len(first_dofs) for first_dofs in of_bodies)
         added = _Map(system, self.body_count)
-        self._moved: list[tuple[Int64Array, PrescribedMotion]] = []
+        self._moved: list[tuple[Int64Array, ObstacleMotion]] = []
         for obstacle in obstacles:
             numbers = [added.add(vector) for vector in obstacle.at]
             if obstacle.motion is not None:
                 moved = [
                     n for n, is_point in zip(numbers, obstacle.is_point, strict=True) if is_point
                 ]
-                self._moved.append((np.array(moved, dtype=np.int64), obstacle.motion))
+                motion = ObstacleMotion(obstacle.name, obstacle.motion, system.comm)
+                self._moved.append((np.array(moved, dtype=np.int64), motion))
 
         self.count = self.body_count + len(added.constants)
         of_obstacles = np.array(added.first_dofs, dtype=np.int64)
@@ -156,7 +159,7 @@ class ContactPoints:
             whole[: len(x)] = x
             x = whole + self._constants
             for points, motion in self._moved:
-                x[points] += np.asarray(motion(time), dtype=float)
+                x[points] += motion.at(time)
         return np.ascontiguousarray(x)
 
     def rates(self, v: PETSc.Vec, time: float, step: float) -> Array:
@@ -166,10 +169,28 @@ class ContactPoints:
         """
         rates: Array = np.asarray(self.weights @ self.of_block_rows(v))
         for points, motion in self._moved:
-            start = np.asarray(motion(time), dtype=float)
-            end = np.asarray(motion(time + step), dtype=float)
-            rates[points] = (end - start) / step
+            rates[points] = (motion.at(time + step) - motion.at(time)) / step
         return rates
+
+    def refuse_jumps(self, time: float, step: float, limit: float) -> None:
+        """Refuse a step in which the motion of an obstacle is far from straight and uniform; collective.
+
+        Args:
+            time: at the start of the step [s].
+            step: its length [s].
+            limit: largest deviation [m].
+
+        Raises:
+            Inadmissible: names the obstacle, its deviation and the limit.
+        """
+        for _, motion in self._moved:
+            deviation = motion.deviation(time, step)
+            if deviation > limit:
+                raise Inadmissible(
+                    f"the motion of the obstacle '{motion.name}' jumps or turns: it is {deviation:.3g} m off "
+                    f"a straight way, of which contact can follow {limit:.3g} m; give a continuous motion, or "
+                    "a shorter step"
+                )
 
     def of_block_rows(self, q: PETSc.Vec) -> Array:
         """Return the entries (v, 3) of a vector of the system at all block rows; collective."""
@@ -210,7 +231,7 @@ class ContactPoints:
             for p in range(4):
                 weight = self.weights.data[entry[:, p]]
                 weights[:, p, p, j] = np.where(exists[:, p], weight, 0.0)
-        # The first point may be one of an obstacle, whose number is no block row: a node of the pair is.
+        # The first point may be one of an obstacle, whose number is not a block row: a node of the pair is.
         is_node = points[:, 0] < self.body_count
         node = np.where(is_node, points[:, 0], points.min(axis=1))
         is_used = weights.any(axis=1)

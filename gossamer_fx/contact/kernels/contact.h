@@ -46,7 +46,7 @@ typedef struct {
     const double *x1;       /* (m, 3) points at the end */
     double alpha;           /* weight of the end where forces act; 1: forces of the state x1 alone */
     double geometric_share; /* share of the geometric stiffness in tangents */
-    double push_back;       /* stiffness of pairs that passed through, over their own */
+    double push_back;       /* stiffness of pairs that passed through, over their own; 0: a step that is accepted */
 } contact_step;
 
 /* Results of `evaluate_pairs`.  Forces and tangents are wanted by pairs, or summed over pairs; NULL: not wanted. */

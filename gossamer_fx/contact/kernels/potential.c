@@ -298,7 +298,7 @@ static enum pair_state evaluate_pair(const active_pairs *pairs, const contact_st
     set_up(pairs, step, i, &pair);
     const int has_passed =
         !is_wall(pair.frame.kind) && !pair.is_state && has_passed_through(&pair.frame, &pair.start, &pair.end);
-    const int too_steep = !has_passed && is_too_steep(&pair);
+    const int too_steep = step->push_back > 0 && !has_passed && is_too_steep(&pair);
     /* no energy is defined there; a point behind a penalised wall still has one */
     const int is_below_zero = pair.x1 <= 0 && !too_steep && (pairs->law == BARRIER || !is_wall(pair.frame.kind));
     if ((has_passed || is_below_zero) && step->push_back > 0) {

@@ -33,7 +33,7 @@ def refuse_intersections(mesh: CollisionMesh, x: Array, comm: MPI.Intracomm) -> 
         return
     one, other, middle = next(example for _, example in counts if example)
     raise InputError(
-        f"Contact: layers pierce each other at the start, {count} edges of the mesh, the first of '{one}' through "
+        f"Contact: layers penetrate each other at the start, {count} edges of the mesh, the first of '{one}' through "
         f"'{other}' near {_point(middle)} m; open them, or leave one of the bodies out."
     )
 
@@ -57,6 +57,35 @@ def refuse_coincident(
         f"Contact: {len(close)} points of '{mesh.name_of(first)}' and others touch something at the start, or are "
         f"within it, the first at {_point(x[first])} m; open the layers by a little, or tie them there."
     )
+
+
+def refuse_points_inside(mesh: CollisionMesh, x: Array) -> None:
+    """Raise `InputError` where points (m, 3) [m] of bodies are inside a box at the start.
+
+    The surface of a box keeps points apart on both sides, so that a body within it would be taken for one that
+    is kept there.  Spheres and cylinders are a radius round a point or an axis: `refuse_coincident` finds their
+    points.
+    """
+    triangles = mesh.surface.triangles
+    is_of_box = triangles[:, 0] >= mesh.points.body_count
+    owner = mesh.body[triangles[:, 0]]
+    of_bodies = x[: mesh.points.body_count]
+    for box in np.unique(owner[is_of_box]):
+        corners = x[triangles[is_of_box & (owner == box)]]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        heights = np.einsum("pk,tk->pt", of_bodies, normals)
+        heights -= np.einsum("tk,tk->t", corners[:, 0], normals)
+        # The height of the middle over each face tells which side is inside.
+        middle = corners.reshape(-1, 3).mean(axis=0)
+        inside_sign = np.sign(((middle - corners[:, 0]) * normals).sum(axis=1))
+        inside = np.flatnonzero((heights * inside_sign > 0).all(axis=1))
+        if len(inside):
+            first = inside[0]
+            raise InputError(
+                f"Contact: {len(inside)} points of '{mesh.name_of(first)}' and others are inside the box "
+                f"'{mesh.names[box]}' at the start, the first at {_point(x[first])} m; move one of them, or give the "
+                "box inside=True to keep bodies within it."
+            )
 
 
 def _point(x: Array) -> str:

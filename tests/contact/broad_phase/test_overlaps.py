@@ -48,7 +48,7 @@ def test_ranks_find_together_what_one_finds() -> None:
 
 
 def test_connected_and_fixed_primitives_are_no_pairs() -> None:
-    """Of three triangles in one place, two are connected by a label and two are fixed."""
+    """Of three triangles that coincide, two are connected by a label and two are fixed."""
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
     x = np.vstack([corners, corners + 0.01, corners + 0.02])
     surface, _ = triangle_soup(3, seed=0)

@@ -1,4 +1,4 @@
-"""Bounds of trajectories: the rigid drift of points, and where they are expected."""
+"""Trajectory bounds: the rigid drift of points, and their expected positions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Friction of single pairs: no resultant, no moment, the loss that is stated, and its derivative."""
+"""Friction of single pairs: no resultant, no moment, the stated loss, and its derivative."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contact of films that are tied along a line: they hang together there, and touch everywhere else."""
+"""Contact of films that are tied along a line: they are connected there, and touch everywhere else."""
 
 from __future__ import annotations
 
@@ -41,7 +41,10 @@ def test_leaves_clap_together_about_the_line_on_which_they_are_tied(comm, n, ord
     upper = leaf(comm, n, angle=0.03, spin=-20.0, order=order, name="upper")
     contact = gx.Contact(lower, upper, distance=1e-3)
     seen = gx.Series(
-        {"pierced": gx.probes.Penetrations(contact), "crossings": gx.probes.Crossings(lower, upper)}
+        {
+            "penetrations": gx.probes.Penetrations(contact),
+            "crossings": gx.probes.Crossings(lower, upper),
+        }
     )
     run = simulate(
         [contact, gx.Tie(upper, lower, group_a="left", group_b="left")], 4e-3, outputs=[seen]
@@ -51,7 +54,7 @@ def test_leaves_clap_together_about_the_line_on_which_they_are_tied(comm, n, ord
         contact_set_of(run).history.activation_distance.min() > 1e-4
     )  # no joined cells are taken for near ones
     assert contact_set_of(run).closest < 1e-3
-    assert max(seen["pierced"]) == max(seen["crossings"]) == count_intersections(run) == 0
+    assert max(seen["penetrations"]) == max(seen["crossings"]) == count_intersections(run) == 0
     assert_conserved(run, energy=1e-10, momentum=1e-12)
     assert gx.probes.Velocity(lower.port("top right"), "z")(run) < -0.1  # it was hit
     difference = [gx.probes.Position(b.port("bottom left"), "z")(run) for b in (lower, upper)]

@@ -1,4 +1,4 @@
-"""The C files of the package: each compiles by itself without a warning, and numbers agree with Python."""
+"""The C files of the package: each compiles by itself without a warning, and constants agree with Python."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Continuous collision detection against positions on the way, and against ipctk."""
+"""Continuous collision detection compared with sampled positions and with ipctk."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Closest points and gaps: degenerate pairs, bounds of the approach, and what is computed once."""
+"""Closest points and gaps: degenerate pairs, bounds of the approach, and lazy evaluation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Intersections of edges and triangles against all pairs, and exactly where double precision cannot tell."""
+"""Intersections of edges and triangles compared with all pairs, exact where double precision is not sufficient."""
 
 from __future__ import annotations
 

@@ -1,0 +1,88 @@
+"""What a gradient costs: the pass backwards through a run, over the run itself.
+
+`scene` is "sheet", the free sheet that wrinkles, of which the thickness of every cell is a parameter, or
+"contact", two films that collide.
+"""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from contestants import words
+from mpi4py import MPI
+from stopwatch import show
+
+import gossamer_fx as gx
+from demos.spinning_sheet import throw
+from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.sensitivity.transient import TransientGradients
+
+COMM = MPI.COMM_WORLD
+THICKNESS = 1e-4  # m
+
+
+def wrinkling(n: int) -> tuple[gx.Scene, float]:
+    """The sheet and its time step [s]."""
+    law = gx.Miyazaki(1e9, 0.3, density=1400.0, thickness=THICKNESS, residual_stiffness=1e-3)
+    film = gx.Membrane(
+        sheet(COMM, n, n),
+        law,
+        velocity=throw,
+        properties={"thickness": lambda x: np.full(x.shape[1], THICKNESS)},
+    )
+    return gx.Scene(film), 1e-3
+
+
+def colliding(n: int) -> tuple[gx.Scene, float]:
+    """Two films and their time step [s]."""
+    law = gx.Linear(1e7, 0.3, density=1400.0, thickness=THICKNESS)
+    lower = gx.Membrane(sheet(COMM, n, n, 0.2, 0.2), law, name="lower")
+    shift = np.array([[0.011], [0.013], [1.5e-3]])
+    film = gx.Membrane(
+        sheet(COMM, n, n, 0.2, 0.2),
+        law,
+        displacement=lambda X: 0 * X + shift,
+        velocity=lambda X: np.vstack([0.5 + 0 * X[0], 3 * X[0], X[1] - 2]),
+        properties={"thickness": lambda x: np.full(x.shape[1], THICKNESS)},
+    )
+    return gx.Scene(gx.Contact(lower, film, distance=1e-3, stiffness=6e6)), 5e-5
+
+
+case = words({"n": 20, "steps": 50, "scene": "sheet"})
+scene, h = (colliding if case["scene"] == "contact" else wrinkling)(int(case["n"]))
+run = gx.Simulation(scene, gx.Midpoint(dt=h, tolerances=gx.Tolerances(relative=1e-12)))
+tape = gx.analysis.RunTape(run)
+started = time.process_time()
+run.run(until=case["steps"] * h)
+forward = time.process_time() - started
+
+gradients = TransientGradients(tape, ["film.thickness", "film.initial_velocity"])
+energy = gx.analysis.Energy()
+# The first pass compiles what the derivatives of the result need.
+gradients.of(energy)
+started = time.process_time()
+found = gradients.of(energy)
+backward = time.process_time() - started
+
+velocity = run.system.numbering.vector()
+velocity.array[:] = tape.nodes[0].v
+momenta = velocity.duplicate()
+run.system.M.mult(velocity, momenta)
+film = next(body for body in run.system.bodies if body.name == "film")
+exact = momenta.array_r[run.system.block(film).owned]
+error = np.abs(found["film.initial_velocity"].values - exact).max() / np.abs(exact).max()
+show(
+    {
+        "cpu": forward,
+        "wall": forward,
+        "dofs": run.system.numbering.size,
+        "steps": run.step,
+        "Newton/step": run.iterations / run.step,
+        "backward [s]": backward,
+        "ratio": backward / forward,
+        "parameters": sum(len(derivative.values) for derivative in found),
+        "tape [MB]": tape.bytes / 2**20,
+        "energy's gradient off by": float(error),
+    }
+)

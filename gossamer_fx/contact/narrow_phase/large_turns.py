@@ -1,0 +1,170 @@
+"""Bodies that turn so far in a step that straight lines do not approximate their motion.
+
+Collision detection lets points move on straight lines from the start to the end of a step.  A film that
+turns by θ about its middle is shorter by the factor cos(θ/2) on the way, so that with a large angle it
+shrinks past what it would hit.  Such a step is refused where something else is within reach.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import permutations
+
+import numpy as np
+from mpi4py import MPI
+
+from gossamer_fx.bodies.rigid_body import RigidBody
+from gossamer_fx.contact.arrays import Array
+from gossamer_fx.contact.geometry.collision_mesh import CollisionMesh
+from gossamer_fx.contact.narrow_phase.closest_points import PairDistances
+from gossamer_fx.contact.pair_table import is_wall
+from gossamer_fx.contact.system_view import ContactAssembly
+
+# Angle [rad] between two bodies in one step up to which straight lines are accepted: they are shorter
+# than the arcs by an eighth of the radius.  Deployments turn by a tenth of it in a step.
+MAX_TURN = 1.0
+
+# Part of the moments of a body that is added to all directions, so that points on a line, which have no
+# turn about it, are not given one.
+LINE_REGULARISATION = 1e-6
+
+
+@dataclass(frozen=True)
+class _Turn:
+    """How a body or obstacle turns in a step.
+
+    Attributes:
+        rotation: matrix (3, 3) from the start to the end.
+        centre: point (2, 3) [m] about which it turns, at the start and at the end.
+    """
+
+    rotation: Array
+    centre: Array
+
+    def angle_to(self, other: _Turn) -> float:
+        """Return by which angle [rad] one turns relative to the other."""
+        cosine = (np.sum(self.rotation * other.rotation) - 1) / 2
+        return float(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+STAYS = _Turn(np.eye(3), np.zeros((2, 3)))
+
+
+class LargeTurns:
+    """Finds bodies that turn past others in a step.
+
+    Args:
+        mesh: bodies and obstacles of a contact.
+        activation_distance: gap [m] at which contact begins.
+        system: with the rigid bodies of which obstacles are parts.
+    """
+
+    def __init__(
+        self,
+        mesh: CollisionMesh,
+        activation_distance: float,
+        system: ContactAssembly,
+    ) -> None:
+        self._mesh = mesh
+        self._system = system
+        self._activation_distance = activation_distance
+        self._points = [np.flatnonzero(mesh.body == k) for k in range(len(mesh.names))]
+        self._rigid_bodies: list[RigidBody | None] = [None] * len(mesh.bodies)
+        self._rigid_bodies += [obstacle.body for obstacle in mesh.obstacles]
+        self._has_walls = [False] * len(mesh.names)
+        for numbered in mesh.walls:
+            self._has_walls[numbered.obstacle] = True
+        self._has_corners = [
+            np.isin(points, mesh.surface.vertices).any() for points in self._points
+        ]
+
+    def find(self, distances: PairDistances, x1: Array) -> str:
+        """Return in words which body turns too far past what in a step; else nothing.  Collective.
+
+        Args:
+            distances: of the candidates at the start of the step.
+            x1: points (m, 3) [m] at its end.
+        """
+        count = len(self._mesh.names)
+        body_count = len(self._mesh.bodies)
+        # Without a second body or an obstacle there is nothing to turn past.
+        if count < 2:
+            return ""
+        turns = [self._turn(k, distances.x, x1) for k in range(count)]
+        for one, other in permutations(range(count), 2):
+            angle = turns[one].angle_to(turns[other])
+            # Of two bodies the one that turns in space is named.  Obstacles do not touch each other.
+            turns_itself = turns[one].angle_to(STAYS) > MAX_TURN / 2
+            can_touch = min(one, other) < body_count
+            if not (angle > MAX_TURN and turns_itself and can_touch):
+                continue
+            if self._may_meet(one, other, turns[one], distances, x1):
+                return (
+                    f"'{self._mesh.names[one]}' would turn by {np.degrees(angle):.0f}° past "
+                    f"'{self._mesh.names[other]}' in one step"
+                )
+        return ""
+
+    def _turn(self, k: int, x0: Array, x1: Array) -> _Turn:
+        """Return how a body or obstacle turns in a step."""
+        if k < len(self._mesh.bodies):
+            points = self._points[k]
+            return _best_turn(x0[points], x1[points])
+        body = self._rigid_bodies[k]
+        if body is None:
+            return STAYS
+        frame = body.frame()
+        vectors = [frame.origin, *frame.directors]
+        start = self._system.state.vectors(vectors)
+        end = self._system.end.vectors(vectors)
+        return _Turn(end[1:].T @ start[1:], np.array([start[0], end[0]]))
+
+    def _may_meet(
+        self, one: int, other: int, turn: _Turn, distances: PairDistances, x1: Array
+    ) -> bool:
+        """Return whether a body or obstacle that turns may meet another on its way; collective."""
+        touching = min(one, other)  # a body on a mesh
+        gap = self._gap_to_walls(touching, max(one, other), distances)
+        if gap < self._radius(touching, turn, distances.x, x1):
+            return True
+        mine = self._points[one]
+        others = self._points[other]
+        if not (self._has_corners[one] and self._has_corners[other]):
+            return False
+        reach = self._radius(one, turn, distances.x, x1) + self._activation_distance
+        reach += self._mesh.radius[mine].max() + self._mesh.radius[others].max()
+        ends = np.vstack([distances.x[others], x1[others]])
+        lower = turn.centre.min(axis=0) - reach
+        upper = turn.centre.max(axis=0) + reach
+        is_apart = (ends.min(axis=0) > upper) | (ends.max(axis=0) < lower)
+        return not is_apart.any()
+
+    def _radius(self, k: int, turn: _Turn, x0: Array, x1: Array) -> float:
+        """Return the largest distance [m] of the points of a body from the centre of a turn."""
+        points = self._points[k]
+        start = np.linalg.norm(x0[points] - turn.centre[0], axis=1)
+        end = np.linalg.norm(x1[points] - turn.centre[1], axis=1)
+        return float(max(start.max(), end.max()))
+
+    def _gap_to_walls(self, body: int, obstacle: int, distances: PairDistances) -> float:
+        """Return the least gap [m] of a body to the walls of an obstacle at the start; collective."""
+        if not self._has_walls[obstacle]:
+            return np.inf
+        pairs = distances.candidates
+        sides = self._mesh.body[pairs.points[:, :2]]
+        is_between = is_wall(pairs.kind) & (sides == (body, obstacle)).all(axis=1)
+        nearest = float(distances.gap[is_between].min(initial=np.inf))
+        return self._system.comm.allreduce(nearest, op=MPI.MIN)
+
+
+def _best_turn(start: Array, end: Array) -> _Turn:
+    """Return the rotation that brings points (n, 3) [m] nearest to their end (n, 3) [m].
+
+    W. Kabsch, Acta Cryst. A 32 (1976) 922, doi:10.1107/S0567739476001873.
+    """
+    centre = np.array([start.mean(axis=0), end.mean(axis=0)])
+    moments = (end - centre[1]).T @ (start - centre[0])
+    scale = np.linalg.norm(moments)
+    u, _, vt = np.linalg.svd(moments + LINE_REGULARISATION * scale * np.eye(3))
+    handedness = np.array([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    return _Turn((u * handedness) @ vt, centre)

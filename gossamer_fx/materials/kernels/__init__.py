@@ -1,0 +1,1 @@
+"""Laws of films whose response is computed in C."""

@@ -1,0 +1,172 @@
+"""The adjoint of the midpoint rule: derivatives of the end of a step carried to its start.
+
+A step of length h from (q0, v0) to (q1, v1) solves
+
+    r(q1; q0, v0, θ) = c M (q1 - q0 - h v0) + f(q0, q1, θ) = 0,    c = 2/h²                      (1)
+    v1 = 2 (q1 - q0)/h - v0                                                                      (2)
+
+With a = dJ/dq1, b = dJ/dv1 and the tangent A = c M + ∂f/∂q1 of the solved step,
+
+    Aᵀ μ = a + 2 b/h                                                                             (3)
+    dJ/dq0 = c M μ - Bᵀ μ - 2 b/h,    B = ∂f/∂q0                                                 (4)
+    dJ/dv0 = h c M μ - b                                                                         (5)
+    dJ/dθ -= μ·∂r/∂θ                                                                             (6)
+
+The rule is symmetric in time, f(q0, q1; h) = f(q1, q0; -h).  So B is the tangent of the reversed step,
+which starts at q1 and ends at q0: no term provides anything for it (`roles.Reversible`).
+
+Lagrange multipliers are part of q1 and have neither mass nor rate.  Those of the step act in the
+reversed step, too, and their equations e(q1) = 0 do not depend on q0: their rows of μ do not count in (4).
+
+Fixed and prescribed coordinates are given functions of time, so that their entries of a, b and μ are zero.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from petsc4py import PETSc
+
+from gossamer_fx.checks.errors import StepFailure
+from gossamer_fx.model import roles
+from gossamer_fx.model.body import Array
+from gossamer_fx.sensitivity.tape import Node, RunTape
+from gossamer_fx.sensitivity.transposed import TransposedSolver
+from gossamer_fx.system.system import System
+
+# Largest residual of a step that was made again, over the inertia in it.  More means that something
+# changed the scene between the steps, e.g. an event, which the tape does not know.
+MAX_RESIDUAL = 1e-3
+
+TINY = 1e-300  # against division by zero
+
+
+class BackwardSteps:
+    """Carries derivatives backwards through the steps of a tape, one at a time.
+
+    Args:
+        tape: of the run.
+
+    Attributes:
+        μ: the adjoint vector of the last step.
+        inertia: z = c (q1 - q0 - h v0) [m/s²] of the last step, of which M z is in (1).
+        residual: the largest residual of the steps so far, over the inertia in it.
+    """
+
+    def __init__(self, tape: RunTape) -> None:
+        self._tape = tape
+        self._system: System = tape.system
+        numbering = self._system.numbering
+        self.μ = numbering.vector()
+        self.inertia = numbering.vector()
+        self.residual = 0.0
+        self._right_side = numbering.vector()
+        self._Mμ = numbering.vector()
+        self._Bμ = numbering.vector()
+        self._scratch = numbering.vector()
+        self._solver: TransposedSolver | None = None
+        self._exchanging = roles.playing(roles.ExchangesEnds, self._system.compiled)
+
+    # ---- the step itself -------------------------------------------------------------------------------
+
+    def repeat(self, start: Node, end: Node) -> None:
+        """Make the system stand at the end of a recorded step that it has not accepted.  Collective.
+
+        Raises:
+            StepFailure: the recorded states do not solve the equations of the scene as it is now.
+        """
+        system = self._system
+        h = end.h
+        self._tape.restore(start)
+        y = system.begin_step(h)
+        system.set_inertia(2 / h**2)
+        self._end_at(start, end)
+        # Contact may need pairs that its prediction of the step left out.
+        while system.extend_active_set():
+            self._end_at(start, end)
+        system.residual(y, self._scratch)
+        self._check_residual(start, end)
+
+    def _end_at(self, start: Node, end: Node) -> None:
+        """Set q1 to the end of a step; the increment is that of the step, without its round-off."""
+        system = self._system
+        system.increment.remainder.set(0.0)
+        self._right_side.array[:] = end.h * start.v
+        system.predict(self._right_side)
+        self._right_side.array[:] = end.q - start.q - end.h * start.v
+        system.set_increment(self._right_side, None)
+        self.inertia.array[:] = 2 / end.h**2 * self._right_side.array_r
+
+    def _check_residual(self, start: Node, end: Node) -> None:
+        """Compare the residual of the repeated step to the change of momentum in it."""
+        system = self._system
+        forces, _ = system.imbalance(self._scratch)
+        # Without change of momentum nothing can be compared; both velocities are then a fair scale.
+        self._right_side.array[:] = abs(end.v - start.v) + abs(end.v) + abs(start.v)
+        system.M.mult(self._right_side, self._Mμ)
+        scale = float(self._Mμ.norm()) / end.h
+        self.residual = max(self.residual, forces / max(scale, TINY))
+        if forces > MAX_RESIDUAL * max(scale, TINY):
+            raise StepFailure(
+                f"gradient: the step from t = {start.time:.9g} s cannot be repeated, its residual is "
+                f"{forces / max(scale, TINY):.1e} of its momenta; an event or a change of a parameter between steps "
+                "has no gradient."
+            )
+
+    # ---- its adjoint -------------------------------------------------------------------------------------
+
+    def solve(self, start: Node, end: Node, a: PETSc.Vec, b: PETSc.Vec) -> None:
+        """Repeat a step and solve (3) for μ.  Collective."""
+        system = self._system
+        self.repeat(start, end)
+        A = system.tangent()
+        if self._solver is None:
+            self._solver = TransposedSolver(A)
+        self._solver.factorise(A)
+        self._right_side.waxpy(2 / end.h, b, a)
+        self._right_side.array[system.supports.held] = 0
+        self._solver.solve(self._right_side, self.μ)
+
+    def carry(self, start: Node, end: Node, a: PETSc.Vec, b: PETSc.Vec) -> None:
+        """Replace (a, b) by the derivatives with respect to the start of the step; after `solve`.  Collective."""
+        system = self._system
+        h = end.h
+        c = 2 / h**2
+        system.M.mult(self.μ, self._Mμ)
+        self._multiply_by_exchanged(start, end)
+        a.set(0.0)
+        a.axpy(c, self._Mμ)
+        a.axpy(-1.0, self._Bμ)
+        a.axpy(-2 / h, b)
+        b.scale(-1.0)
+        b.axpy(h * c, self._Mμ)
+        self.clear(a)
+        self.clear(b)
+
+    def clear(self, vector: PETSc.Vec) -> None:
+        """Set the entries of fixed coordinates and of multipliers to zero."""
+        vector.array[self._system.supports.held] = 0
+        if self._system.constraints:
+            vector.array[self._system.constraints.owned] = 0
+
+    def _multiply_by_exchanged(self, start: Node, end: Node) -> None:
+        """Set Bμ = Bᵀ μ, by the tangent of the reversed step."""
+        self.reverse(start, end)
+        μ = self._scratch
+        self.μ.copy(μ)
+        self.clear(μ)
+        self._system.tangent().multTranspose(μ, self._Bμ)
+
+    def reverse(self, start: Node, end: Node) -> None:
+        """Make the system stand at the end of the reversed step: it starts at q1 and ends at q0.  Collective."""
+        system = self._system
+        # The pairs of contact stay, which accepting another start would forget.
+        system.reverse_step(end.q, -end.v, end.time, self._with_multipliers_of(start, end))
+        system.set_inertia(0.0)
+
+    def _with_multipliers_of(self, start: Node, end: Node) -> Array:
+        """The coordinates of the start with the multipliers of the step."""
+        q = np.array(start.q)
+        constraints = self._system.constraints
+        if constraints:
+            q[constraints.owned] = end.q[constraints.owned]
+        return q

@@ -1,0 +1,254 @@
+"""Results that have derivatives: what a gradient is taken of.
+
+An objective is a probe, a function of a run that returns a number, which also knows its derivatives with
+respect to coordinates and velocities.  `probes.Position` and its relatives are objectives, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import ufl
+from dolfinx import fem, la
+from petsc4py import PETSc
+
+from gossamer_fx.bodies.membrane import Membrane
+from gossamer_fx.checks.arguments import check_arguments
+from gossamer_fx.checks.errors import check
+from gossamer_fx.forms.compilation import compile_form
+from gossamer_fx.forms.kinematics import Expr, area_vector
+from gossamer_fx.model import roles
+from gossamer_fx.model.body import Array, MeshBody
+from gossamer_fx.system.system import System
+
+
+class HasScene(Protocol):
+    """A run or an equilibrium, as far as objectives read it."""
+
+    @property
+    def system(self) -> System:
+        """The compiled scene in its present state."""
+        ...
+
+
+@runtime_checkable
+class Objective(Protocol):
+    """A result with derivatives.  All methods are collective.
+
+    Attributes:
+        unit: SI unit of the result.
+    """
+
+    unit: str
+
+    def __call__(self, run: Any) -> float:
+        """The result in the present state, the same on every rank."""
+        ...
+
+    def add_derivative(
+        self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Add ∂J/∂q and ∂J/∂v of the present state to vectors of the system."""
+        ...
+
+
+@runtime_checkable
+class FormObjective(Protocol):
+    """An objective that depends on parameters also directly, by forms."""
+
+    def forms(self, system: System) -> list[ufl.Form]:
+        """Forms whose sum, at `fields[body].q1`, is the part of the result with parameters."""
+        ...
+
+
+@check_arguments
+class Integral:
+    """An integral over a body, e.g. a measure of wrinkling or the difference from a wanted shape.
+
+    Args:
+        body: a film, plate, cable or beam.
+        form: function of the positions q of the body, a UFL expression, that returns a UFL form.
+        unit: SI unit of the integral.
+
+    Example:
+        >>> equilibrium = gx.Equilibrium(gx.Scene(film))
+        >>> deflection = gx.analysis.Integral(film, lambda q: q[2] ** 2 * film.dx, unit="m⁴")
+        >>> deflection(equilibrium)
+        0.0
+    """
+
+    def __init__(self, body: MeshBody, form: Callable[[Expr], ufl.Form], *, unit: str = "") -> None:
+        self.body = body
+        self.unit = unit
+        self._form = form
+        self._q = fem.Function(body.space)
+        self._compiled: tuple[fem.Form, fem.Form] | None = None
+
+    def _prepare(self, system: System) -> tuple[fem.Form, fem.Form]:
+        """Value and derivative, compiled at the first use; they read the present positions.  Collective."""
+        check(
+            self.body in system.bodies,
+            f"Integral: '{self.body.name}' is not in the scene; add it.",
+        )
+        if self._compiled is None:
+            form = self._form(self._q)
+            derivative = ufl.derivative(form, self._q, ufl.TestFunction(self.body.space))
+            self._compiled = compile_form(form), compile_form(derivative)
+        owned = system.q0.array_r[system.block(self.body).owned]
+        system.fields[self.body].take(self._q, owned)
+        return self._compiled
+
+    def __call__(self, run: HasScene) -> float:
+        """The integral in the present state of a run."""
+        value, _ = self._prepare(run.system)
+        return float(run.system.comm.allreduce(fem.assemble_scalar(value)))
+
+    def add_derivative(
+        self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Add the derivative by the positions."""
+        _, derivative = self._prepare(system)
+        dofs = self.body.space.dofmap
+        b = la.vector(dofs.index_map, dofs.index_map_bs)
+        b.array[:] = 0
+        fem.assemble_vector(b.array, derivative)
+        b.scatter_reverse(la.InsertMode.add)
+        with by_position as values:
+            owned = system.block(self.body).owned
+            system.fields[self.body].add_forces(b.array, values[owned])
+
+    def forms(self, system: System) -> list[ufl.Form]:
+        """The integral at the end of a step."""
+        return [self._form(system.fields[self.body].q1)]
+
+
+@check_arguments
+class EnclosedVolume(Integral):
+    """Volume [m³] between a film and the origin, V = ⅓ ∫ x·n da.
+
+    It is the volume of a closed film.  Of an open one it is that of the cone from its rim to the origin,
+    e.g. the volume above the plane of the rim if the origin lies in that plane.
+
+    Args:
+        film: the film; the normal points outwards.
+
+    Example:
+        >>> equilibrium = gx.Equilibrium(gx.Scene(film))
+        >>> volume = gx.analysis.EnclosedVolume(film)
+        >>> volume(equilibrium)
+        0.0
+    """
+
+    def __init__(self, film: Membrane) -> None:
+        # Exact for the deformed surface: the area vector has the degree 2 (order - 1), x the order.
+        degree = 2 * (film.order - 1) + film.order
+        dx = ufl.Measure("dx", film.space.mesh, metadata={"quadrature_degree": degree})
+
+        def volume(q: Expr) -> ufl.Form:
+            return ufl.dot(area_vector(film.deformation(q)), q) / 3 * dx
+
+        super().__init__(film, volume, unit="m³")
+
+
+@check_arguments
+class Energy:
+    """Energy [J] of a scene, stored and kinetic; of an equilibrium the stored energy.
+
+    The energy of gas is not in it: what a gradient needs of that depends on the gas alone.
+
+    Example:
+        >>> energy = gx.analysis.Energy()
+        >>> energy(run)
+        0.0
+    """
+
+    unit = "J"
+
+    def __call__(self, run: HasScene) -> float:
+        """The energy in the present state of a run."""
+        totals = run.system.totals()
+        gas = {name for scalars in run.system.scalar_unknowns for name in scalars.states()}
+        stored = sum(energy for name, energy in totals.stored.items() if name not in gas)
+        return float(totals.kinetic + stored)
+
+    def add_derivative(
+        self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Add ψ'(q), the forces of stored energies in a step of no length, and M v."""
+        forces = system.stored_forces()
+        by_position.axpy(1.0, forces)
+        momenta = system.numbering.vector()
+        system.M.mult(system.v0, momenta)
+        by_velocity.axpy(1.0, momenta)
+
+    def forms(self, system: System) -> list[ufl.Form]:
+        """The stored energy of forms; the kinetic energy depends on masses, see `kinetic_forms`."""
+        found = []
+        for kind in roles.playing(roles.ResidualForms, system.compiled):
+            for body in system.fields:
+                found += kind.energy_forms(body)
+        return found
+
+
+@check_arguments
+class Functional:
+    """A result given by two functions: its value and its derivative with respect to all coordinates.
+
+    Args:
+        value: function of a run that returns a number, the same on every rank.
+        derivative: function of a run that returns, for each body that the result depends on, the
+            derivative with respect to its coordinates: {body: array of this rank's coordinates}.
+        unit: SI unit of the result.
+
+    Raises:
+        InputError: when derived: an array of another size than the coordinates of the body.
+
+    Example:
+        >>> highest = gx.analysis.Functional(
+        ...     lambda run: run.system.state[mass].positions()[0, 2],
+        ...     lambda run: {mass: np.array([0.0, 0.0, 1.0])},
+        ...     unit="m",
+        ... )
+        >>> highest(run)
+        -1.0
+    """
+
+    def __init__(
+        self,
+        value: Callable[[Any], float],
+        derivative: Callable[[Any], dict[Any, Array]],
+        *,
+        unit: str = "",
+    ) -> None:
+        self._value = value
+        self._derivative = derivative
+        self.unit = unit
+
+    def __call__(self, run: HasScene) -> float:
+        """The value in the present state of a run."""
+        return float(self._value(run))
+
+    def add_derivative(
+        self, system: System, by_position: PETSc.Vec, by_velocity: PETSc.Vec
+    ) -> None:
+        """Add the given derivative."""
+        found = self._derivative(_View(system))
+        with by_position as values:
+            for body, by_coordinates in found.items():
+                owned = system.block(body).owned
+                given = np.ravel(np.asarray(by_coordinates, dtype=float))
+                check(
+                    len(given) == owned.stop - owned.start,
+                    f"Functional: the derivative by '{body.name}' has {len(given)} entries; give one for each of the "
+                    f"{owned.stop - owned.start} coordinates of this rank.",
+                )
+                values[owned] += given
+
+
+class _View:
+    """A compiled scene as a run, for functions of the user."""
+
+    def __init__(self, system: System) -> None:
+        self.system = system

@@ -1,0 +1,118 @@
+"""What a gradient returns: a value, and its derivatives by name, with units."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from dolfinx import fem
+from mpi4py import MPI
+
+from gossamer_fx.checks.arguments import check_arguments
+from gossamer_fx.model.body import Array
+from gossamer_fx.sensitivity.variables import Variable
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Derivative:
+    """The derivative of a result with respect to one parameter.
+
+    Attributes:
+        name: "item.parameter".
+        unit: SI unit of the derivative.
+        values: for a field (k,) the entries of this rank; for numbers (k,) all, on every rank.
+        function: the same as a function on the mesh, which can be drawn; None for numbers.  Its values
+            are derivatives with respect to single entries, so that they are the smaller, the finer the
+            mesh is.
+
+    Example:
+        >>> found = gx.analysis.Derivative("spring.length", "m/m", np.array([-1.0]), None)
+        >>> found.along(0.1)
+        -0.1
+    """
+
+    name: str
+    unit: str
+    values: Array
+    function: fem.Function | None
+
+    def along(self, change: Array | float) -> float:
+        """The change of the result, to first order, for a change of the parameter.
+
+        Args:
+            change: of the entries of `values`, or of all of them alike.
+
+        Returns:
+            on every rank the sum over all ranks.
+        """
+        share = float(np.sum(self.values * change))
+        if self.function is None:
+            return share
+        comm = self.function.function_space.mesh.comm
+        return float(comm.allreduce(share))
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Gradient:
+    """A result and its derivatives.
+
+    Attributes:
+        value: the result.
+        unit: SI unit of the result.
+        derivatives: in the order in which they were asked for.
+        growth: of a run: by how much the adjoint grew from the end to the start, as a factor; None for
+            an equilibrium.  See `gx.analysis.gradient`.
+
+    Example:
+        >>> by_length = gx.analysis.Derivative("spring.length", "m/m", np.array([-1.0]), None)
+        >>> found = gx.analysis.Gradient(-1.1, "m", (by_length,))
+        >>> found["spring.length"].values
+        array([-1.])
+    """
+
+    value: float
+    unit: str
+    derivatives: tuple[Derivative, ...]
+    growth: float | None = None
+
+    def __getitem__(self, name: str) -> Derivative:
+        for derivative in self.derivatives:
+            if derivative.name == name:
+                return derivative
+        known = ", ".join(derivative.name for derivative in self.derivatives)
+        raise KeyError(f"'{name}'; the gradient has: {known}")
+
+    def __iter__(self) -> Iterator[Derivative]:
+        return iter(self.derivatives)
+
+
+def collected(
+    value: float,
+    unit: str,
+    variables: Sequence[Variable],
+    comm: MPI.Intracomm,
+    growth: float | None = None,
+) -> Gradient:
+    """The gradient that variables have summed up.  Collective."""
+    derivatives = []
+    for variable in variables:
+        values = variable.sum.copy()
+        if not variable.is_distributed:
+            comm.Allreduce(MPI.IN_PLACE, values, op=MPI.SUM)
+        derivatives.append(
+            Derivative(
+                variable.name, _quotient(unit, variable.unit), values, variable.function(values)
+            )
+        )
+    return Gradient(value, unit, tuple(derivatives), growth)
+
+
+def _quotient(unit: str, by: str) -> str:
+    """Unit of a derivative."""
+    if not by:
+        return unit
+    divisor = f"({by})" if "/" in by or " " in by else by
+    return f"{unit or '1'}/{divisor}"

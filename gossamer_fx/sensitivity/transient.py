@@ -1,0 +1,167 @@
+"""Gradients of results at the end of a run, by one pass backwards through its steps.
+
+Each step is repeated from the tape, its tangent factorised once, and one transposed system solved,
+whatever the number of parameters; `sensitivity.backward` has the equations.
+
+How long a gradient means anything.  Where films flutter or touch, neighbouring motions separate
+exponentially.  The derivative is exact all the same, but it predicts finite changes only as long as their
+amplified size stays small.  The backward pass measures that: the norm of dJ/dv grows with it.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from gossamer_fx.checks.errors import check
+from gossamer_fx.model import roles
+from gossamer_fx.sensitivity.backward import BackwardSteps
+from gossamer_fx.sensitivity.form_derivative import FormDerivative
+from gossamer_fx.sensitivity.objectives import Energy, FormObjective, Objective
+from gossamer_fx.sensitivity.results import Gradient, collected
+from gossamer_fx.sensitivity.tape import RunTape
+from gossamer_fx.sensitivity.variables import (
+    AdjointFields,
+    FormVariable,
+    PointVariable,
+    find_variables,
+)
+
+LOGGER = logging.getLogger("gossamer_fx")
+
+# Growth of the adjoint over a run from which a warning is given.  A free motion lets it grow linearly
+# with time, which is a factor of 4 by the measure of `growth_of`.
+GROWTH_TO_WARN_OF = 1e3
+
+
+class TransientGradients:
+    """Gradients of results at the end of a recorded run.
+
+    Args:
+        tape: of the run, which stands at its last step.
+        by: names of the variables.
+
+    Raises:
+        InputError: a name that the scene has not, a part of the scene without a gradient, or no step.
+    """
+
+    def __init__(self, tape: RunTape, by: Sequence[str]) -> None:
+        system = tape.system
+        check(
+            len(tape.nodes) > 1,
+            "gradient: the tape has no step; make it before run.run().",
+        )
+        check(
+            not system.scalar_unknowns,
+            "gradient: gas chambers have no gradient yet; give the pressure as Pressure.",
+        )
+        for kind in system.compiled:
+            is_reversible = isinstance(kind, roles.Reversible | roles.Mass)
+            check(
+                is_reversible,
+                f"gradient: '{type(kind).__name__}' of the scene has forces that differ in the reversed step; "
+                "leave it out of the scene.",
+            )
+        self._tape = tape
+        self._system = system
+        self._adjoint = AdjointFields(system)
+        self.variables = find_variables(system, by, self._adjoint, in_time=True)
+        self.steps = BackwardSteps(tape)
+        self._a = system.numbering.vector()
+        self._b = system.numbering.vector()
+        self.norms: list[float] = []
+
+    def of(self, objective: Objective) -> Gradient:
+        """The gradient of one result; the system is as before afterwards.  Collective.
+
+        Raises:
+            StepFailure: a step of the tape cannot be repeated.
+        """
+        system = self._system
+        nodes = self._tape.nodes
+        remainder = system.increment.remainder.copy()
+        value = objective(_View(self._tape))
+        for variable in self.variables:
+            variable.start()
+        self._start(objective)
+        self.norms = [float(self._b.norm())]
+        for k in range(len(nodes) - 1, 0, -1):
+            self.steps.solve(nodes[k - 1], nodes[k], self._a, self._b)
+            self._adjoint.set(self.steps.μ)
+            self._adjoint.set_inertia(self.steps.inertia)
+            for variable in self.variables:
+                variable.add_residual(self.steps.μ, with_inertia=True)
+            self.steps.carry(nodes[k - 1], nodes[k], self._a, self._b)
+            self.norms.append(float(self._b.norm()))
+        for variable in self.variables:
+            variable.add_start(self._a, self._b)
+        self._tape.restore(nodes[-1])
+        remainder.copy(system.increment.remainder)
+        growth = growth_of(self.norms)
+        self._warn(growth)
+        return collected(value, objective.unit, self.variables, system.comm, growth)
+
+    def _start(self, objective: Objective) -> None:
+        """Take the derivatives of the result at the end, also those by parameters."""
+        system = self._system
+        self._a.set(0.0)
+        self._b.set(0.0)
+        objective.add_derivative(system, self._a, self._b)
+        self.steps.clear(self._a)
+        self.steps.clear(self._b)
+        forms = objective.forms(system) if isinstance(objective, FormObjective) else []
+        for variable in self.variables:
+            if isinstance(variable, FormVariable):
+                for coefficient in variable.coefficients:
+                    variable.sum += FormDerivative(forms, coefficient).assemble()
+            if isinstance(objective, Energy):
+                self._add_energy(variable)
+
+    def _add_energy(self, variable: object) -> None:
+        """Add the derivative of the energy that is not in its forms: of points, and of masses."""
+        system = self._system
+        if isinstance(variable, PointVariable):
+            variable.sum += variable.energy_derivative()
+        elif isinstance(variable, FormVariable):
+            # ½ v·∂M v, by the forms of the inertia with the velocity in place of both vectors.
+            self._adjoint.set(system.v0)
+            self._adjoint.set_inertia(system.v0)
+            variable.sum += variable.inertia_derivative() / 2
+
+    def _warn(self, growth: float) -> None:
+        """Say for how long the gradient predicts anything, if that is shorter than the run."""
+        if growth < GROWTH_TO_WARN_OF:
+            return
+        nodes = self._tape.nodes
+        duration = nodes[-1].time - nodes[0].time
+        rate = math.log(growth) / duration
+        if self._system.comm.rank == 0:
+            LOGGER.warning(
+                "gradient: changes of the motion grow by a factor of %.1e in this run, as exp(%.3g t); "
+                "a relative change of 1e-4 is predicted for about %.3g s",
+                growth,
+                rate,
+                math.log(1e4) / rate,
+            )
+
+
+def growth_of(norms: Sequence[float]) -> float:
+    """Growth of the adjoint over a run from its norms, last step first, as a factor.
+
+    It is the square of the growth over the earlier half of the run, so that a linear growth, which
+    predicts finite changes well, counts as 4.
+    """
+    middle = norms[len(norms) // 2]
+    if len(norms) < 3 or middle == 0:
+        return 1.0
+    return float(np.square(norms[-1] / middle))
+
+
+class _View:
+    """The last state of a tape as a run, for objectives."""
+
+    def __init__(self, tape: RunTape) -> None:
+        self.system = tape.system

@@ -1,0 +1,1 @@
+"""Laws with several states at quadrature points: responses and the choice of strains, in C."""

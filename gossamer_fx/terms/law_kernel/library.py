@@ -1,0 +1,22 @@
+"""The compiled C functions of the law kernel."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mpi4py import MPI
+
+from gossamer_fx.forms.backend import KERNELS_TAKE_DATA
+from gossamer_fx.forms.c_source import CLibrary, compile_library
+
+HEADER = Path(__file__).parent / "law.h"
+
+_loaded: list[CLibrary] = []
+
+
+def library(comm: MPI.Intracomm = MPI.COMM_SELF) -> CLibrary:
+    """Return the C functions; the first call compiles them on rank 0 of `comm` and is collective."""
+    if not _loaded:
+        definitions = ["KERNELS_TAKE_DATA"] if KERNELS_TAKE_DATA else []
+        _loaded.append(compile_library(comm, "law", HEADER, ["law.c"], definitions))
+    return _loaded[0]

@@ -1,0 +1,130 @@
+"""Orthotropic films in motion: energy and momenta are kept while cells switch between taut, wrinkled and slack."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.meshes.sheet import sheet
+
+NUMBERS = {"density": 1400.0, "thickness": 1e-4}
+FABRIC = gx.Orthotropic(1e9, 1e8, 0.3, 5e7, direction=(1.0, 0.3, 0.0), **NUMBERS)
+BRAID = gx.Orthotropic.from_stiffnesses(
+    335.8e3, 704.1e3, 1525.8e3, 702.9e3, direction=(1.0, 0.3, 0.0), **NUMBERS
+)
+RESIDUAL = gx.Orthotropic(
+    1e9, 1e8, 0.3, 5e7, direction=(1.0, 0.3, 0.0), residual_stiffness=1e-3, **NUMBERS
+)
+NEVER_WRINKLES = gx.LinearOrthotropic(1e9, 1e8, 0.3, 5e7, direction=(1.0, 0.3, 0.0), **NUMBERS)
+ISOTROPIC = gx.TensionField(1e9, 0.3, **NUMBERS)
+
+
+def thrown(X: np.ndarray) -> np.ndarray:
+    """A spin with flutter: every cell switches between taut, wrinkled and slack."""
+    x, y, _ = X
+    return np.vstack([-5 * (y - 0.5), 5 * (x - 0.5), np.sin(np.pi * x) * np.sin(2 * np.pi * y)])
+
+
+def free_sheet(comm, law, steps: int, order: int = 1, n: int = 6) -> gx.Simulation:
+    """A free film, thrown: every step solved to 1e-12, so that what is measured is the rule."""
+    film = gx.Membrane(sheet(comm, n, n), law, order=order, velocity=thrown)
+    tolerances = gx.Tolerances(relative=1e-12)
+    run = gx.Simulation(gx.Scene(film), gx.Midpoint(dt=1e-3, tolerances=tolerances))
+    run.run(until=steps * 1e-3)
+    return run
+
+
+def momentum_errors(run: gx.Simulation) -> list[float]:
+    """Changes of momentum and angular momentum over those of the moving mass."""
+    film_mass = NUMBERS["density"] * NUMBERS["thickness"]
+    scale = math.sqrt(2 * film_mass * run.first.kinetic)
+    changes = (
+        run.totals.momentum - run.first.momentum,
+        run.totals.angular_momentum - run.first.angular_momentum,
+    )
+    return [abs(change).max() / scale for change in changes]
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(
+    "law",
+    [FABRIC, BRAID, RESIDUAL, NEVER_WRINKLES],
+    ids=["fabric", "braid", "residual stiffness", "never wrinkles"],
+)
+def test_a_free_sheet_keeps_energy_and_momenta(comm, law, order: int) -> None:
+    run = free_sheet(comm, law, steps=20, order=order)
+    assert run.totals.stored["film"] > 1e-8
+    assert abs(run.energy_error) <= 1e-12
+    assert max(momentum_errors(run)) <= 1e-12
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", [FABRIC, BRAID], ids=["fabric", "braid"])
+def test_a_free_sheet_keeps_energy_and_momenta_for_long(law) -> None:
+    run = free_sheet(MPI.COMM_SELF, law, steps=1000)
+    assert run.step == 1000
+    assert abs(run.energy_error) <= 1e-9
+    assert max(momentum_errors(run)) <= 1e-12
+    isotropic = free_sheet(MPI.COMM_SELF, ISOTROPIC, steps=1000)
+    assert run.iterations <= 1.5 * isotropic.iterations
+
+
+def test_iterations_are_those_of_an_isotropic_film() -> None:
+    fabric = free_sheet(MPI.COMM_SELF, FABRIC, steps=40)
+    isotropic = free_sheet(MPI.COMM_SELF, ISOTROPIC, steps=40)
+    assert fabric.iterations <= 1.5 * isotropic.iterations
+
+
+def test_equal_stiffness_in_all_directions_moves_as_a_tension_field() -> None:
+    alike = gx.Orthotropic(1e9, 1e9, 0.3, 1e9 / 2.6, direction=(1.0, 0.3, 0.0), **NUMBERS)
+    found = free_sheet(MPI.COMM_SELF, alike, steps=10)
+    expected = free_sheet(MPI.COMM_SELF, ISOTROPIC, steps=10)
+    x = found.system.q0.array_r
+    assert abs(x - expected.system.q0.array_r).max() <= 1e-8
+    assert found.totals.kinetic == pytest.approx(expected.totals.kinetic, rel=1e-9)
+
+
+def test_energy_of_other_rules_and_steppers() -> None:
+    """`GeneralizedAlpha` takes the stress at the end of a step: it loses energy and gains none."""
+    film = gx.Membrane(sheet(MPI.COMM_SELF, 6, 6), FABRIC, velocity=thrown)
+    run = gx.Simulation(gx.Scene(film), gx.GeneralizedAlpha(dt=1e-3))
+    run.run(until=0.02)
+    assert run.totals.energy == pytest.approx(run.first.energy, rel=0.05)
+
+
+@pytest.mark.mpi
+def test_a_reduced_film_keeps_energy(comm) -> None:
+    """Sampled cells take the axes of the film by groups, which the sample does not have."""
+    law = gx.Orthotropic(1e9, 1e8, 0.3, 5e7, direction={"film": (1.0, 0.3, 0.0)}, **NUMBERS)
+    film = gx.Membrane(sheet(comm, 6, 6), law, velocity=thrown)
+    shapes = gx.reduction.Snapshots(film)
+    X = film.space.tabulate_dof_coordinates()[: film.block.index_map.size_local]
+    x, y = X[:, 0], X[:, 1]
+    for k in range(1, 4):
+        bent = X.copy()
+        bent[:, 2] = 0.1 * np.sin(k * np.pi * x) * np.cos(np.pi * y)
+        bent[:, 0] += 0.02 * np.sin(k * np.pi * y)
+        shapes.positions.append(bent)
+    reduced = gx.reduction.reduce(film, [shapes], modes=6)
+    tolerances = gx.Tolerances(relative=1e-12)
+    run = gx.Simulation(gx.Scene(reduced), gx.Midpoint(dt=1e-3, tolerances=tolerances))
+    run.run(until=0.02)
+    assert max(run.totals.stored.values()) > 1e-9
+    assert abs(run.energy_error) <= 1e-11
+
+
+@pytest.mark.parametrize("law", [FABRIC, NEVER_WRINKLES], ids=["wrinkles", "never"])
+@pytest.mark.parametrize("tension_only", [False, True])
+def test_damping_takes_what_the_energy_loses(law, tension_only: bool) -> None:
+    film = gx.Membrane(sheet(MPI.COMM_SELF, 5, 5), law, velocity=thrown)
+    damping = gx.Damping(film, stiffness_factor=1e-4, tension_only=tension_only)
+    tolerances = gx.Tolerances(relative=1e-12)
+    run = gx.Simulation(gx.Scene(film, damping), gx.Midpoint(dt=1e-3, tolerances=tolerances))
+    run.run(until=0.02)
+    assert run.totals.dissipated > 1e-8
+    assert abs(run.energy_error) <= 1e-12

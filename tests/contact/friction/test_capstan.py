@@ -1,0 +1,91 @@
+"""A cable with friction round a drum: the capstan equation, and a rest in which contact carries all load."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.meshes.line import line
+
+RADIUS = 0.05
+WRAP = math.radians(120)
+TAIL = 0.03
+FRICTION = 0.3
+CABLE_RADIUS = 2e-4
+DISTANCE = 3e-4
+LINE_DENSITY = 3.5e-4
+DAMPING = 2e4
+
+# Pull [N] at the end that holds.
+HOLDING = 1.0
+
+
+def wrapped_cable(pull):
+    """Return a run of a cable that lies on a drum, and the cable; its ends are pulled, one of them more."""
+    arc = RADIUS * WRAP
+    s = np.linspace(-arc / 2 - TAIL, arc / 2 + TAIL, 17)
+    angle = np.clip(s, -arc / 2, arc / 2) / RADIUS
+    beyond = s - RADIUS * angle
+    height = RADIUS + CABLE_RADIUS + 0.9 * DISTANCE
+    x = height * np.sin(angle) + beyond * np.cos(angle)
+    z = height * np.cos(angle) - np.abs(beyond) * np.sin(np.abs(angle))
+    points = [(float(one), 0.0, float(other)) for one, other in zip(x, z, strict=True)]
+    cable = gx.Cable(
+        line(MPI.COMM_SELF, points, 1), gx.CableLaw(EA=2500.0, line_density=LINE_DENSITY)
+    )
+    drum = gx.contact.Cylinder(start=(0.0, -0.05, 0.0), end=(0.0, 0.05, 0.0), radius=RADIUS)
+    contact = gx.Contact(
+        cable, drum, distance=DISTANCE, friction=FRICTION, radius={"cable": CABLE_RADIUS}
+    )
+    down = -math.sin(WRAP / 2)
+    along = math.cos(WRAP / 2)
+
+    def hold(time):
+        force = HOLDING * min(time / 4e-3, 1.0)
+        return -force * along, 0.0, force * down
+
+    def draw(time):
+        share = min(max(time - 8e-3, 0.0) / 5e-3, 1.0)
+        force = (HOLDING + (pull - HOLDING) * share) * min(time / 4e-3, 1.0)
+        return force * along, 0.0, force * down
+
+    scene = gx.Scene(
+        contact,
+        gx.loads.Force(cable.port("start"), hold, name="hold"),
+        gx.loads.Force(cable.port("end"), draw, name="draw"),
+        gx.Damping(cable, mass_factor=DAMPING),
+    )
+    return gx.Simulation(scene, gx.Midpoint(dt=2e-4)), cable
+
+
+def test_sliding_follows_the_capstan_equation():
+    """Pull of a cable that slides at the speed v through air of the drag c v per length.
+
+    On the drum dT/ds = μ T/R + c v, on the tails dT/ds = c v.
+    """
+    run, cable = wrapped_cable(pull=2.2)
+    run.run(until=0.02)
+    velocity = run.system.state[cable].velocities()
+    speed = np.linalg.norm(velocity, axis=1)
+    assert speed.min() == pytest.approx(speed.max(), rel=0.05)
+    drag = DAMPING * LINE_DENSITY * float(speed.mean())
+    start = HOLDING + drag * TAIL
+    share = drag * RADIUS / FRICTION
+    end = (start + share) * math.exp(FRICTION * WRAP) - share + drag * TAIL
+    assert end == pytest.approx(2.2, rel=0.02)
+
+
+def test_what_rests_under_load_takes_no_shorter_steps():
+    """The residual is compared with the load that contact carries, as there is no motion to stop."""
+    run, cable = wrapped_cable(pull=1.5)
+    start = run.system.state[cable].positions().copy()
+    run.run(until=0.022)
+    moved = np.linalg.norm(run.system.state[cable].positions() - start, axis=1)
+    assert run.substeps == 0
+    # The ends come nearer to the drum by the contact distance at most; they do not slide.
+    assert moved.max() < DISTANCE
+    assert abs(run.energy_error) < 1e-9

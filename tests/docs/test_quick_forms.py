@@ -1,0 +1,64 @@
+"""The quick form of every study ends as it declares, and every demo is run: ./gossamer test -m slow tests/docs.
+
+Demos are run by the tests of what they show, with coarse meshes and short times.
+"""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from demos import robust_tube
+
+ROOT = Path(gx.__file__).parent.parent
+STUDIES = sorted(path.stem for path in (ROOT / "demos/studies").glob("*.py") if path.stem[0] != "_")
+DEMOS = sorted(path.stem for path in (ROOT / "demos").glob("*.py"))
+# Those that no test imports; their tests run the program itself.
+RUN_AS_PROGRAMS = {"pillow"}
+
+
+def run(*words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, *words], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", STUDIES)
+def test_a_quick_study_ends_as_it_declares(tmp_path: Path, name: str) -> None:
+    done = run("demos/studies", name, "--quick", "--out", str(tmp_path))
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.endswith("Everything is as the studies declare.\n")
+    assert (tmp_path / f"{name}.md").read_text(encoding="utf-8").count("|") > 10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("start", robust_tube.SWEEP.control["start"])
+def test_a_run_of_the_robust_design_starts(start: str) -> None:
+    levels = {name: values[0] for name, values in robust_tube.SWEEP.control.items()}
+    levels |= {name: values[0] for name, values in robust_tube.SWEEP.noise.items()}
+    case = robust_tube.build(MPI.COMM_SELF, **(levels | {"start": start, "panels": 3}))
+    simulation = case.simulation([gx.Series(case.probes)])
+    simulation.run(until=1e-4)
+    assert simulation.step > 0
+    assert abs(simulation.energy_error) < 1e-9
+
+
+@pytest.mark.parametrize("name", DEMOS)
+def test_every_demo_is_run_by_a_test(name: str) -> None:
+    tested = set(RUN_AS_PROGRAMS)
+    for path in (ROOT / "tests").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom):
+                module = node.module or ""
+                if module == "demos":
+                    tested |= {alias.name for alias in node.names}
+                elif module.startswith("demos."):
+                    tested.add(module.split(".")[1])
+    assert name in tested

@@ -1,0 +1,93 @@
+"""Equilibria with contact: a film on a floor, and a tube that is pressed between two planes."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from mpi4py import MPI
+from scipy.optimize import brentq
+
+import gossamer_fx as gx
+from gossamer_fx.meshes.tube_section import cylinder
+from tests.contact.scenes import SIGMA, film
+
+DISTANCE = 1e-3
+GRAVITY = 9.81
+
+
+def barrier_slope(x):
+    """Derivative of the barrier (1 - x)³/(4x)."""
+    return -((1 - x) ** 2) * (1 + 2 * x) / (4 * x**2)
+
+
+def penalty_slope(x):
+    """Derivative of the penalty of walls (1 - x)²/2."""
+    return x - 1
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(("law", "slope"), [("barrier", barrier_slope), ("penalty", penalty_slope)])
+@pytest.mark.parametrize("stiffness", [None, 1e6])
+def test_a_film_lies_on_a_floor_where_contact_carries_its_weight(comm, law, slope, stiffness):
+    """K d b'(z/d) + σ g = 0; without a stiffness K d is ten times the pressure of the loads."""
+    sheet = film(comm, height=2 * DISTANCE)
+    floor = gx.contact.Plane(point=(0.0, 0.0, 0.0), normal=(0.0, 0.0, 1.0))
+    contact = gx.Contact(sheet, floor, distance=DISTANCE, law=law, stiffness=stiffness)
+    equilibrium = gx.Equilibrium(gx.Scene(contact, gx.Gravity(sheet, (0.0, 0.0, -GRAVITY))))
+    result = equilibrium.find()
+    weight = SIGMA * GRAVITY
+    largest = 10 * weight if stiffness is None else stiffness * DISTANCE
+    expected = brentq(lambda x: largest * slope(x) + weight, 1e-6, 1.0)
+    heights = equilibrium.system.state[sheet].positions()[:, 2]
+    assert heights == pytest.approx(expected * DISTANCE, rel=1e-6)
+    assert set(result.free) == {"translation x", "translation y", "rotation z"}
+    assert result.residual < 1e-7
+
+
+RADIUS = 0.05
+LENGTH = 0.02
+PRESSURE = 1000.0
+STIFFNESS = 1e9 * 25e-6
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(("law", "increments"), [("penalty", 8), ("barrier", 40)])
+def test_a_tube_between_two_planes(comm, law, increments):
+    """A tube of the radius R, pressed to the height 2 H, lies flat on a width of π (R - H) on each side.
+
+    The force is that of the pressure on this width.
+    """
+    tube = gx.Membrane(
+        cylinder(comm, RADIUS, LENGTH, 32, 2),
+        gx.Miyazaki(1e9, 0.3, density=1400.0, thickness=25e-6, residual_stiffness=1e-6),
+        name="tube",
+    )
+    press = 0.02
+    start = RADIUS + 1.5 * DISTANCE
+    planes = [
+        gx.contact.Plane(
+            point=(0.0, 0.0, side * start),
+            normal=(0.0, 0.0, -side),
+            motion=lambda t, side=side: (0.0, 0.0, -side * press * t),
+            name=name,
+        )
+        for side, name in ((1.0, "upper"), (-1.0, "lower"))
+    ]
+    contact = gx.Contact(tube, *planes, distance=DISTANCE, law=law)
+    supports = [gx.Fixed(tube, rim, components=(0,)) for rim in ("first rim", "last rim")]
+    supports += [gx.Fixed(tube, line, components=(1,)) for line in ("top", "bottom")]
+    equilibrium = gx.Equilibrium(gx.Scene(contact, gx.Pressure(tube, PRESSURE), *supports))
+    for k in range(increments + 1):
+        result = equilibrium.find(at=k / increments)
+    assert result.regular
+    heights = equilibrium.system.state[tube].positions()[:, 2]
+    top = comm.allreduce(float(heights.max(initial=-1.0)), MPI.MAX)
+    bottom = comm.allreduce(float(heights.min(initial=1.0)), MPI.MIN)
+    hoop_strain = PRESSURE * RADIUS / STIFFNESS * (1 - 0.3**2)
+    width = math.pi * (RADIUS * (1 + hoop_strain) - (top - bottom) / 2)
+    force = PRESSURE * width * LENGTH
+    on_upper = gx.probes.ContactForce(contact, planes[0], axis="z")
+    on_lower = gx.probes.ContactForce(contact, planes[1], axis="z")
+    assert on_upper(equilibrium) == pytest.approx(force, rel=0.01)
+    assert on_lower(equilibrium) == pytest.approx(-force, rel=0.01)

@@ -1,0 +1,275 @@
+"""Scenes that can be computed, but are not what was meant: each is refused or warned of in one sentence."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from dolfinx import mesh as dmesh
+from mpi4py import MPI
+
+import gossamer_fx as gx
+from gossamer_fx.gas.parts import label_parts
+from gossamer_fx.mesh.mesh import Mesh
+from gossamer_fx.mesh.quality import folded_in_plane
+from gossamer_fx.meshes.arrays import mesh_of_arrays
+from gossamer_fx.meshes.sheet import sheet
+from gossamer_fx.meshes.tube import flat_tube
+
+LAW = gx.Linear(2.5e9, 0.34, density=1420.0, thickness=25e-6)
+DISTANCE = 1e-3
+
+
+def film(comm: MPI.Intracomm, name: str = "film") -> gx.Membrane:
+    return gx.Membrane(sheet(comm, 4, 4), LAW, name=name)
+
+
+def compiled(*items: Any) -> gx.Simulation:
+    return gx.Simulation(gx.Scene(*items), gx.Midpoint(dt=1e-4))
+
+
+# ---- contact ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.mpi
+def test_the_same_contact_twice_is_refused(comm) -> None:
+    sail = film(comm)
+    floors = [
+        gx.contact.Plane(point=(0.0, 0.0, -0.1), normal=(0.0, 0.0, 1.0), name=name)
+        for name in ("floor", "ground")
+    ]
+    contacts = [
+        gx.Contact(sail, floor, distance=DISTANCE, name=f"contact with {floor.name}")
+        for floor in floors
+    ]
+    with pytest.raises(gx.InputError, match="'contact with floor' and 'contact with ground' are"):
+        compiled(*contacts)
+    # a contact of which all is in another one
+    with pytest.raises(gx.InputError, match="leave one of them out"):
+        compiled(contacts[0], gx.Contact(sail, distance=DISTANCE, name="of the sail"))
+
+
+def test_two_contacts_of_one_film_are_warned_of(caplog: pytest.LogCaptureFixture) -> None:
+    sail = film(MPI.COMM_SELF)
+    below = gx.contact.Plane(point=(0.0, 0.0, -0.1), normal=(0.0, 0.0, 1.0), name="below")
+    above = gx.contact.Plane(point=(0.0, 0.0, 0.1), normal=(0.0, 0.0, -1.0), name="above")
+    with caplog.at_level(logging.WARNING):
+        compiled(
+            gx.Contact(sail, below, distance=DISTANCE, name="first"),
+            gx.Contact(sail, above, distance=DISTANCE, name="second"),
+        )
+    assert "'first' and 'second' both keep 'film' apart from itself" in caplog.text
+
+
+@pytest.mark.mpi
+def test_a_box_around_all_of_a_film_is_refused(comm) -> None:
+    sail = film(comm)
+    centre = (0.5, 0.5, 0.0)
+    around = gx.contact.Box(centre=centre, sizes=(3.0, 3.0, 3.0), name="bus")
+    with pytest.raises(gx.InputError, match=r"25 points of 'film' .* inside the box 'bus'"):
+        compiled(gx.Contact(sail, around, distance=DISTANCE))
+    room = gx.contact.Box(centre=centre, sizes=(3.0, 3.0, 3.0), inside=True)
+    beside = gx.contact.Box(centre=(0.5, 0.5, 0.5), sizes=(3.0, 3.0, 0.5))
+    compiled(gx.Contact(sail, room, beside, distance=DISTANCE))
+
+
+# ---- plates ----------------------------------------------------------------------------------------
+
+
+def test_a_hinge_group_given_twice_is_refused() -> None:
+    mesh = sheet(MPI.COMM_SELF, 4, 4)
+    edges = dmesh.locate_entities(mesh.domain, 1, lambda X: np.isclose(X[0], 0.5))
+    hinged = Mesh(mesh.domain, mesh.groups | {"line": (1, np.sort(edges))})
+    gx.Plate(hinged, LAW, hinges=["line"])
+    with pytest.raises(gx.InputError, match="hinge group 'line' is given twice; give it once"):
+        gx.Plate(hinged, LAW, hinges=["line", "line"])
+
+
+def along_y(X: np.ndarray, t: float) -> np.ndarray:
+    return np.tile([[0.0], [1.0], [0.0]], X.shape[1])
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("direction", [(0.0, 1.0, 0.0), (0.0, -2.0, 0.1), along_y])
+def test_a_clamped_edge_with_a_direction_along_it_is_refused(comm, direction: Any) -> None:
+    plate = gx.Plate(sheet(comm, 4, 4), LAW)
+    with pytest.raises(
+        gx.InputError, match=r"'plate/left clamped': .* lies along the edge at \(0, "
+    ):
+        compiled(gx.Fixed(plate, "left", direction=direction))
+
+
+@pytest.mark.mpi
+def test_a_clamped_edge_may_have_an_oblique_direction(comm) -> None:
+    plate = gx.Plate(sheet(comm, 4, 4), LAW)
+    compiled(gx.Fixed(plate, "left", direction=(-1.0, 0.5, 1.0)))
+
+
+def stiffness_of_cantilever(aspect: float, thickness: float) -> float:
+    """Stiffness over exact of a strip of unit length, clamped at x = 0, with eight columns of cells."""
+    width = 1 / 8 / aspect
+    law = gx.Linear(1e9, 0.0, density=1000.0, thickness=thickness)
+    plate = gx.Plate(sheet(MPI.COMM_SELF, 8, 1, 1.0, width), law, name=f"{aspect} {thickness}")
+    deflection = 1e-3
+    line_force = 3 * 1e9 * thickness**3 / 12 * deflection
+    load = gx.loads.EdgeLoad(plate, "right", force=(0.0, 0.0, line_force))
+    equilibrium = gx.Equilibrium(gx.Scene(plate, load, gx.Fixed(plate, "left", rotation=True)))
+    equilibrium.find()
+    tip = plate.nodes("right")
+    return float(deflection / equilibrium.system.q0.array_r.reshape(-1, 3)[tip, 2].mean())
+
+
+@pytest.mark.parametrize(("aspect", "thickness"), [(1, 1e-2), (1, 1e-6), (30, 1e-5), (100, 1e-4)])
+def test_thin_plates_and_oblong_cells_are_right(
+    aspect: float, thickness: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.WARNING):
+        stiffness = stiffness_of_cantilever(aspect, thickness)
+    assert stiffness == pytest.approx(1.0, rel=0.01)
+    assert "round-off" not in caplog.text
+
+
+@pytest.mark.parametrize(("aspect", "thickness"), [(1000, 1e-5), (30, 1e-7), (1, 1e-8)])
+def test_a_plate_whose_bending_is_below_round_off_is_warned_of(
+    aspect: float, thickness: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.WARNING):
+        stiffness = stiffness_of_cantilever(aspect, thickness)
+    assert abs(stiffness) > 100
+    assert "bending forces are less than the round-off of its membrane forces" in caplog.text
+    assert "The equilibrium does not show the loads" in caplog.text
+
+
+CURVATURE = np.diag((0.5, 0.0, 0.0))
+COMPLEX = {
+    "array": CURVATURE * (1 + 1e-3j),
+    "list": (CURVATURE * (1 + 1e-3j)).tolist(),
+    "function": lambda X: (CURVATURE * (1 + 1e-3j))[..., None] * np.ones(X.shape[1]),
+    "words": lambda X: "flat",
+    "words in an array": lambda X: np.full((3, 3, X.shape[1]), "0.1"),
+}
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("given", list(COMPLEX))
+def test_a_rest_curvature_that_is_not_real_is_refused(comm, given: str) -> None:
+    with pytest.raises(gx.InputError, match=r"rest_curvature .* numbers"):
+        gx.Plate(sheet(comm, 4, 4), LAW, rest_curvature=COMPLEX[given])
+
+
+def test_a_complex_motion_is_refused() -> None:
+    """NumPy would drop the imaginary part with no more than a warning."""
+    sail = film(MPI.COMM_SELF)
+    held = gx.Fixed(sail, "left", motion=lambda X, t: 0j * X)
+    with pytest.raises(gx.InputError, match=r"film/left moved .* it must return finite numbers"):
+        compiled(held)
+
+
+# ---- bags ------------------------------------------------------------------------------------------
+
+
+# Corners of a cube about the origin, the bits of their number being their signs; triangles with outward normals.
+CUBE = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+OUTWARD = np.array(
+    [
+        *([0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]),
+        *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]),
+    ]
+)
+
+
+def two_cubes(comm: MPI.Intracomm, offset: float, size: float, inside_out: bool) -> Mesh:
+    """A unit cube at the origin, and one with edges of `size` [m] about (offset, 0, 0)."""
+    points = np.vstack([CUBE, size * CUBE + [offset, 0.0, 0.0]])
+    second = OUTWARD[:, ::-1] if inside_out else OUTWARD
+    triangles = np.vstack([OUTWARD, second + len(CUBE)])
+    return mesh_of_arrays(comm, lambda: (points, triangles, {}))
+
+
+def bag(mesh: Mesh) -> gx.Simulation:
+    air = gx.IdealGas(R=287.0, gamma=1.4)
+    skin = gx.Membrane(mesh, LAW, name="bag")
+    return compiled(gx.Chamber(skin, gas=air, pressure=1.0, temperature=300.0))
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("size", [1.0, 0.5])
+def test_a_bag_of_which_one_part_is_inside_out_is_refused(comm, size: float) -> None:
+    cubes = two_cubes(comm, 3.0, size, inside_out=True)
+    with pytest.raises(gx.InputError, match="one of the 2 parts of 'bag' is inside out"):
+        bag(cubes)
+
+
+@pytest.mark.mpi
+def test_parts_with_normals_on_one_side_add_their_volumes(comm) -> None:
+    run = bag(two_cubes(comm, 3.0, 0.5, inside_out=False))
+    (state,) = run.chambers.values()
+    assert state.volume == pytest.approx(1.125, rel=1e-12)
+
+
+@pytest.mark.mpi
+def test_a_hollow_part_is_no_defect(comm) -> None:
+    run = bag(two_cubes(comm, 0.0, 0.5, inside_out=True))
+    (state,) = run.chambers.values()
+    assert state.volume == pytest.approx(0.875, rel=1e-12)
+
+
+@pytest.mark.mpi
+def test_parts_are_labelled_alike_on_all_ranks(comm) -> None:
+    mesh = two_cubes(comm, 3.0, 1.0, inside_out=False)
+    domain = mesh.domain
+    table = mesh.edges
+    index_map = domain.topology.index_map(2)
+    cells = np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+    labels = label_parts(table, cells)
+    x = domain.geometry.x[domain.geometry.dofmap[:, :3]].mean(axis=1)[:, 0]
+    of_first = comm.allgather(np.unique(labels[x < 1.5]).tolist())
+    of_second = comm.allgather(np.unique(labels[x > 1.5]).tolist())
+    first = {label for part in of_first for label in part}
+    second = {label for part in of_second for label in part}
+    assert len(first) == len(second) == 1
+    assert first.isdisjoint(second)
+
+
+# ---- meshes that are folded over -------------------------------------------------------------------
+
+
+def moved(comm: MPI.Intracomm, move: Callable[[np.ndarray], np.ndarray]) -> Mesh:
+    mesh = sheet(comm, 8, 8)
+    mesh.domain.geometry.x[:] = move(mesh.domain.geometry.x)
+    return mesh
+
+
+def overlap(X: np.ndarray) -> np.ndarray:
+    """A column of nodes is moved across the next one."""
+    x = X.copy()
+    x[np.isclose(X[:, 0], 0.5), 0] = 0.65
+    return x
+
+
+@pytest.mark.mpi
+def test_cells_folded_over_in_the_plane_are_warned_of(comm, caplog) -> None:
+    mesh = moved(comm, overlap)
+    count, share = folded_in_plane(mesh.edges)
+    # one column of sixteen triangles between x = 0.5, now 0.65, and 0.625: 0.025 wide of 1.05 in all
+    assert count == 16
+    assert share == pytest.approx(0.025 / 1.05, rel=1e-9)
+    with caplog.at_level(logging.WARNING):
+        compiled(gx.Membrane(mesh, LAW, name="folded film"))
+    if comm.rank == 0:
+        assert "'folded film' has 16 triangles upside down in its plane" in caplog.text
+
+
+@pytest.mark.mpi
+def test_a_sound_sheet_a_tube_pressed_flat_and_a_box_are_not_folded_over(comm) -> None:
+    turned = moved(comm, lambda X: X[:, [1, 0, 2]])
+    for mesh in (
+        sheet(comm, 8, 8),
+        turned,
+        flat_tube(comm, 1.0, 0.2, 6),
+        two_cubes(comm, 3.0, 1.0, inside_out=False),
+    ):
+        assert folded_in_plane(mesh.edges) == (0, 0.0)
