@@ -194,14 +194,8 @@ def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[
     """
     edges_at: dict[int, list[int]] = {}
     point: dict[int, Array] = {}
-<<<<<<< HEAD
     ends_of: list[tuple[int, int]] = [(int(pair[0]), int(pair[1])) for pair in vertices]
     for i, (first, last) in enumerate(ends_of):
-=======
-    for i in range(len(vertices)):
-        first = int(vertices[i, 0])
-        last = int(vertices[i, 1])
->>>>>>> refs/heads/main
         edges_at.setdefault(first, []).append(i)
         edges_at.setdefault(last, []).append(i)
         point[first] = X[i, 0]

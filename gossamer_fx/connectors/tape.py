@@ -70,8 +70,12 @@ class Tape:
 
     @staticmethod
     def along_edges(
-<<<<<<< HEAD
-        body: Membrane, law: BarLaw, *, edges: str, length_factor: float = 1.0, name: str = "tape"
+        body: Membrane,
+        law: BarLaw,
+        *,
+        edges: str,
+        length_factor: float = 1.0,
+        name: str = "tape",
     ) -> Tape:
         """Along the edges of the mesh in a named group of curves.
 
@@ -82,15 +86,6 @@ class Tape:
             0 < length_factor < math.inf,
             f"Tape '{name}': length_factor is {length_factor!r}; give a positive number.",
         )
-=======
-        body: Membrane,
-        law: BarLaw,
-        *,
-        edges: str,
-        name: str = "tape",
-    ) -> Tape:
-        """Along the edges of the mesh in a named group of curves."""
->>>>>>> refs/heads/main
         table, space = body.mesh.edges, body.space
         lines = body.mesh.curve(edges, f"Tape '{name}' on '{body.name}'")
         chains = table.nodes(space, lines[lines < table.owned])

@@ -166,9 +166,6 @@ class FilmEnclosure:
             self._check_parts(cells, system)
         return _CompiledFilm(geometry.surface(self.film), Side(owned, loops, signs))
 
-<<<<<<< HEAD
-    def cells(self, film: Membrane) -> np.ndarray:
-=======
     def _check_parts(self, cells: np.ndarray, system: Assembly) -> None:
         """Refuse a surface of several parts, one of which is inside out.  Collective."""
         labels = label_parts(self.film.mesh.edges, cells)
@@ -180,8 +177,7 @@ class FilmEnclosure:
         self.film.reconstruct(x, system.initial[self.film].positions().ravel())
         check_normals(self.film, self.chamber, cells, labels, x.x.array.reshape(-1, 3))
 
-    def cells(self) -> np.ndarray:
->>>>>>> refs/heads/main
+    def cells(self, film: Membrane) -> np.ndarray:
         """Local triangles (owned and ghost) of the bounding surface, in rising order.
 
         Raises:
