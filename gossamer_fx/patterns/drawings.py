@@ -30,7 +30,7 @@ TEXTS = ("TEXT", "MTEXT")
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class DrawnCurve:
     """A line or a smooth curve of a drawing: points (m, 2) [m], and the layer that it is on."""
 
     points: Array
@@ -41,7 +41,7 @@ class Curve:
 class Panel:
     """A closed outline and the holes in it, each as a loop of curves in order; and its name."""
 
-    loops: list[list[Curve]]
+    loops: list[list[DrawnCurve]]
     name: str = ""
 
 
@@ -49,7 +49,7 @@ class Panel:
 class Drawing:
     """What is read from a file: curves, and texts with their places (2,) [m]."""
 
-    curves: list[Curve] = field(default_factory=list)
+    curves: list[DrawnCurve] = field(default_factory=list)
     labels: list[tuple[str, Array]] = field(default_factory=list)
 
 
@@ -84,7 +84,10 @@ def read_dxf(
     if scale is not None:
         require_positive("read_dxf: scale", scale, "m")
     panels = on_rank_zero(comm, lambda: panels_of(_read(Path(path), scale), str(path)))
+<<<<<<< HEAD
     # Only rank 0 builds the model, and only it has the panels.
+=======
+>>>>>>> refs/heads/sewn
     return gmsh_mesh(lambda model: _build(model, panels or [], size), comm)
 
 
@@ -158,7 +161,7 @@ def _take(entity: Any, scale: float, drawing: Drawing) -> None:
     layer = str(entity.dxf.layer)
     if kind == "LINE":
         ends = [entity.dxf.start, entity.dxf.end]
-        drawing.curves.append(Curve(scale * np.array([[p[0], p[1]] for p in ends]), layer))
+        drawing.curves.append(DrawnCurve(scale * np.array([[p[0], p[1]] for p in ends]), layer))
     elif kind in SMOOTH:
         from ezdxf import path as paths
 
@@ -166,7 +169,7 @@ def _take(entity: Any, scale: float, drawing: Drawing) -> None:
         corners = np.array([[p[0], p[1]] for p in drawn.approximate(16)])
         tolerance = SAGITTA * float(np.linalg.norm(np.ptp(corners, axis=0)))
         points = np.array([[p[0], p[1]] for p in drawn.flattening(tolerance, segments=16)])
-        drawing.curves += _halves(Curve(scale * points, layer))
+        drawing.curves += _halves(DrawnCurve(scale * points, layer))
     elif kind in POLYLINES or kind == "INSERT":
         for part in entity.virtual_entities():
             _take(part, scale, drawing)
@@ -176,17 +179,17 @@ def _take(entity: Any, scale: float, drawing: Drawing) -> None:
         drawing.labels.append((str(text).strip(), scale * np.array([place[0], place[1]])))
 
 
-def _halves(curve: Curve) -> list[Curve]:
+def _halves(curve: DrawnCurve) -> list[DrawnCurve]:
     """A closed smooth curve in two, so that each has two ends; others as they are."""
     points = curve.points
     extent = float(np.ptp(points, axis=0).max())
     if np.linalg.norm(points[0] - points[-1]) > MEETING * extent:
         return [curve]
     middle = len(points) // 2
-    return [Curve(points[: middle + 1], curve.layer), Curve(points[middle:], curve.layer)]
+    return [DrawnCurve(points[: middle + 1], curve.layer), DrawnCurve(points[middle:], curve.layer)]
 
 
-def _loops(curves: Sequence[Curve], tolerance: float, path: str) -> list[list[Curve]]:
+def _loops(curves: Sequence[DrawnCurve], tolerance: float, path: str) -> list[list[DrawnCurve]]:
     """Closed loops of curves, each turned so that it begins where the one before ends."""
     places: list[Array] = []
     meeting: list[list[int]] = []
@@ -226,23 +229,23 @@ def _loops(curves: Sequence[Curve], tolerance: float, path: str) -> list[list[Cu
             if ends[i][0] == place:
                 place = ends[i][1]
             else:
-                curve = Curve(curve.points[::-1], curve.layer)
+                curve = DrawnCurve(curve.points[::-1], curve.layer)
                 place = ends[i][0]
             loop.append(curve)
         loops.append(_counterclockwise(loop))
     return loops
 
 
-def _counterclockwise(loop: list[Curve]) -> list[Curve]:
+def _counterclockwise(loop: list[DrawnCurve]) -> list[DrawnCurve]:
     """The loop, turned so that the normal of its panel points along z."""
     x, y = _polygon(loop).T
     area = float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
     if area > 0:
         return loop
-    return [Curve(curve.points[::-1], curve.layer) for curve in reversed(loop)]
+    return [DrawnCurve(curve.points[::-1], curve.layer) for curve in reversed(loop)]
 
 
-def _polygon(loop: Sequence[Curve]) -> Array:
+def _polygon(loop: Sequence[DrawnCurve]) -> Array:
     """The points (m, 2) of a loop."""
     return np.concatenate([curve.points[:-1] for curve in loop])
 

@@ -9,12 +9,14 @@ Sources:
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scipy.integrate import quad
 
 import gossamer_fx as gx
+from demos import pumpkin
 from gossamer_fx.meshes.disc import quarter_disc
 from gossamer_fx.meshes.sheet import sheet
 
@@ -117,13 +119,7 @@ def own_nodes(film: gx.Membrane) -> int:
 
 def mylar_gores(n: int) -> gx.patterns.Gores:
     """Gores of the mylar balloon of discs of radius 1, from its lower to its upper pole."""
-    angle = np.linspace(0, np.pi / 2, 60)
-    slope = lambda θ: np.sin(θ) ** 2 / np.sqrt(1 + np.sin(θ) ** 2)  # noqa: E731
-    height = MYLAR_RADIUS * np.array([quad(slope, 0, θ)[0] for θ in angle])
-    radius = MYLAR_RADIUS * np.sin(angle)
-    lower = np.stack([radius, height - height[-1]], axis=1)
-    upper = np.stack([radius, height[-1] - height], axis=1)[::-1]
-    return gx.patterns.gores(np.vstack([lower, upper[1:]]), n)
+    return gx.patterns.gores(pumpkin.meridian(), n)
 
 
 def test_gores_have_the_circumference_of_the_body() -> None:
@@ -248,3 +244,10 @@ def test_open_gores_hold_no_gas() -> None:
     bag = gx.Chamber(film, gas=air, pressure=100.0, temperature=300.0, seams=seams[:-1])
     with pytest.raises(gx.InputError, match="8 edges of 'film' are open"):
         gx.Equilibrium(gx.Scene(bag))
+
+
+def test_demo_of_a_pumpkin_balloon(tmp_path: Path) -> None:
+    found = pumpkin.main(tmp_path, gores=8)
+    assert found["radius/limit"] == pytest.approx(1.0, abs=0.06)
+    assert 0.5 < found["load in tendons"] < 1.0
+    assert (tmp_path / "pumpkin.png").read_bytes()[1:4] == b"PNG"
