@@ -56,6 +56,9 @@ def constants(law: Any, mesh: Mesh) -> SimpleNamespace:
 # SI units of the numbers of laws, by name; numbers of other names are taken for pure numbers.
 UNITS = {
     "E": "Pa",
+    "E1": "Pa",
+    "E2": "Pa",
+    "G12": "Pa",
     "density": "kg/m³",
     "thickness": "m",
     "EA": "N",
