@@ -296,11 +296,7 @@ def _check_table(strain: Array, force: Array) -> None:
     )
 
 
-<<<<<<< HEAD
 def _first(found: npt.NDArray[np.integer]) -> int:
-=======
-def _first(found: npt.NDArray[np.intp]) -> int:
->>>>>>> refs/heads/sewn
     """The first of some numbers, counted from one; zero if there is none."""
     return int(found[0]) + 1 if len(found) else 0
 

@@ -84,10 +84,7 @@ def read_dxf(
     if scale is not None:
         require_positive("read_dxf: scale", scale, "m")
     panels = on_rank_zero(comm, lambda: panels_of(_read(Path(path), scale), str(path)))
-<<<<<<< HEAD
     # Only rank 0 builds the model, and only it has the panels.
-=======
->>>>>>> refs/heads/sewn
     return gmsh_mesh(lambda model: _build(model, panels or [], size), comm)
 
 
