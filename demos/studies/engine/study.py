@@ -99,7 +99,9 @@ class Result:
 
 
 def run(study: Study, folder: Path, comm: MPI.Intracomm, quick: bool = False) -> list[Result]:
-    """Compute the cases that `folder/NAME.csv` (or `NAME-quick.csv`, see `Study`) lacks for this number of ranks; returns all, in order.
+    """Compute the cases that `folder/NAME.csv` lacks for this number of ranks; returns all, in order.
+
+    Of a quick study with its own options the file is `NAME-quick.csv`, see `Study`.
 
     Raises:
         InputError: the file cannot be read or written, or is of a study with other axes.
