@@ -53,6 +53,8 @@ class ContactGap:
     def __call__(self, run: Any) -> float:
         contact_set = contact_set_of(self.contact, run)
         x = contact_set.points.at(run.system.q0, run.system.time)
+        # At the accepted state: the pairs' distances of the last iterate may belong to another
+        # one.
         gap = PairDistances.of(contact_set.candidates, x).gap
         return float(run.comm.allreduce(float(gap.min(initial=np.inf)), op=MPI.MIN))
 
@@ -76,6 +78,7 @@ class ContactForce:
     """
 
     def __init__(self, contact: Contact, body: MeshBody | Obstacle, *, axis: str) -> None:
+        """Check axis and body, and find the number of the body among those of the contact."""
         check(
             axis in AXES,
             f"A vector has no component {axis!r}; its components are: {', '.join(AXES)}.",
@@ -92,7 +95,10 @@ class ContactForce:
         self._number = numbers[0]
 
     def __call__(self, run: Any) -> float:
+        """The component [N] of the mean force in the last step of a run."""
         contact_set = contact_set_of(self.contact, run)
+        # Each rank holds the forces of its pairs on all points, so that the sum over ranks is
+        # complete.
         of_body = contact_set.mesh.body == self._number
         # The forces of the residual are internal ones, opposite to those on the body.
         force = -float(contact_set.point_forces[of_body, AXES[self.axis]].sum())

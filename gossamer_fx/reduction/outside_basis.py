@@ -70,6 +70,7 @@ class OutsideBasis:
     """
 
     def __init__(self, body: ReducedMembrane) -> None:
+        """Take the reduced film; the estimate is set up at the first call."""
         check(
             isinstance(body, ReducedMembrane),
             f"OutsideBasis: '{getattr(body, 'name', body)}' is not a reduced film; give one that `reduce` has made.",
