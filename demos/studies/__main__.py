@@ -36,7 +36,7 @@ def main() -> int:
     parser.add_argument(
         "--out", type=Path, default=Path("out/studies"), help="folder of the results"
     )
-    parser.add_argument("--fresh", action="store_true", help="compute everything anew")
+    parser.add_argument("--fresh", action="store_true", help="compute everything again")
     wanted = parser.parse_args()
     names = NAMES if wanted.name == "all" else [wanted.name]
     missing, done = [], []

@@ -8,7 +8,7 @@ straight and are turned by ±κL/2.  With K = E t H² κ/(2P),
 
 The ends get the displacement of that solution, ε = κ (y - b) - ν σ0/E; P and M, about
 the centre of the end as it has moved, are reactions; m = 2M/(PH) is compared with the solution for the K of that P:
-turned by 1e-3, dead loads have couples that are not quite nothing beside the moment of a strain of 1e-4.
+turned by 1e-3, dead loads have couples that are not negligible compared with the moment of a strain of 1e-4.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ at a time:
     sharp         zigzag of 80°, layers 0.2 mm apart at the folds, 25 µm, no crease memory: the usual one
     lift 0.3      layers 0.6 mm apart at the folds
     open 60       panels that rise by 60°
-    roll          rolled up: bends with a radius in the place of sharp folds
+    roll          rolled up: bends with a radius instead of sharp folds
     film 12.5, film 50       thickness [µm]
     crease 0.02, crease 0.2  folds with memory [N m/m/rad], rest angle half of the fold
     no contact    layers pass through each other: what a computation without contact says
@@ -62,9 +62,11 @@ def problem(comm: MPI.Comm, tube: str) -> dict[str, float]:
         found |= {f"least{i}": float(area[early].min()), f"mean{i}": float(area[early].mean())}
         opened = np.flatnonzero(area >= OPEN)
         found[f"opened{i} [ms]"] = 1e3 * float(t[opened[0]]) if len(opened) else math.inf
-    pierced = float(series["penetrations"].max()) if "penetrations" in case.probes else math.nan
+    penetrations = (
+        float(series["penetrations"].max()) if "penetrations" in case.probes else math.nan
+    )
     return found | {
-        "penetrations": pierced,
+        "penetrations": penetrations,
         "energy_error": abs(run.energy_error),
         "halved": run.substeps,
         "steps": run.step,

@@ -1,4 +1,4 @@
-"""Contact: iterations and books over step and law, against exact answers, and how far from ordinary numbers may be.
+"""Contact: iterations and errors of conservation over step and law, exact answers, and extreme numbers.
 
 films     a square film of 0.2 m is thrown at 2 m/s, turned and turning, onto another one; d̂ 1 mm, K 2e6 N/m³, 10 ms
 zigzag    a strip folded into 6 layers 2 mm apart, thrown at each other at random 1 m/s; d̂ 0.5 mm, K 8e6 N/m³, 10 ms
@@ -14,7 +14,7 @@ tube      0.8 m, 58 mm, five compartments folded to a zigzag, filled from a tank
 map       films of 0.1 m, 4 x 4 cells, at 2 m/s, d̂ 1 mm, h 1e-4 s, 3 ms; one number goes from ordinary to extreme
 
 `deviation` is the largest relative error of contact time, velocities and mean stress, zero where there is no exact
-answer.  Every case must keep energy and momenta, and have no edge that pierces a triangle at its end; anything else
+answer.  Every case must keep energy and momenta, and have no edge that intersects a triangle at its end; anything else
 is an error.  The picture is the map.
 """
 
@@ -353,12 +353,12 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
         )
         / size
     )
-    pierced = 0.0 if contact is None else gx.probes.Penetrations(contact)(run)
-    sound = abs(run.energy_error) < ENERGY and (change < MOMENTUM or not free) and pierced == 0
+    penetrations = 0.0 if contact is None else gx.probes.Penetrations(contact)(run)
+    sound = abs(run.energy_error) < ENERGY and (change < MOMENTUM or not free) and penetrations == 0
     check(
         sound,
         f"Case '{case}' is wrong without a word: energy {run.energy_error:.1e}, momenta {change:.1e}, "
-        f"{pierced:.0f} pierced.",
+        f"{penetrations:.0f} penetrations.",
     )
     return {
         "iterations": run.iterations / run.step,
@@ -403,7 +403,7 @@ def draw(results: list[Result], path: Path) -> None:
 
 STUDY = Study(
     "contact",
-    "Contact: iterations and halved steps, books, and deviation from exact answers",
+    "Contact: iterations and rejected steps, conservation, and deviation from exact answers",
     problem,
     {"case": cases()},
     lambda case: 1.0,

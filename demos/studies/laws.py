@@ -44,19 +44,19 @@ def problem(comm: MPI.Comm, scene: str, law: str) -> dict[str, float]:
         force, moment = search.reaction(moved, about=(bending_strip.L, bending_strip.H / 2, 0.0))
         accepted = bending_strip.exact(K)[0]
         global_result = -2 * moment[2] / (force[0] * bending_strip.H)
-        place, component = "top right", 1
+        point, component = "top right", 1
     else:
         film, search = airbag.airbag(comm, AIRBAG[law], 1, AIRBAG_CELLS)
         found = search.find()
         accepted = 0.1250
         global_result = airbag.SHEETS * airbag.QUARTERS * found.totals.supplied / airbag.PRESSURE
-        place, component = "bottom left", 2
+        point, component = "bottom left", 2
     slack, wrinkled, taut = AreaFractions([film])(search.system)
     return {
         "m or V": float(global_result),
         "error": abs(float(global_result) / accepted - 1),
-        "u": float(airbag.displacement(film, search, place)[component]),
-        "σ1": airbag.stress_at(film, search, place),
+        "u": float(airbag.displacement(film, search, point)[component]),
+        "σ1": airbag.stress_at(film, search, point),
         "taut": taut,
         "wrinkled": wrinkled,
         "slack": slack,

@@ -58,7 +58,7 @@ def problem(comm: MPI.Comm, law: str, steps: int) -> dict[str, float]:
 
 STUDY = Study(
     "orthotropic",
-    "Orthotropic films beside the isotropic one, on a thrown free sheet",
+    "Orthotropic films and the isotropic one, on a thrown free sheet",
     problem,
     {"law": list(LAWS), "steps": [200]},
     lambda case: case["steps"],

@@ -12,7 +12,7 @@
                    shortening of the extensible elastica with e_E = 1e-4 (Magnusson, Ristinmaa & Ljung 2001)
     pressed 1..3   clamped disc, t/a = 0.01, ν = 0.3, under pressure: w0/t of the meridian's equations
     modes          lowest frequencies of squares and circles, free and clamped, by polynomials of Ritz and Bessel
-                   functions; Leissa's values (NASA SP-160, 1969; J. Sound Vib. 31 (1973) 257) beside them
+                   functions; Leissa's values (NASA SP-160, 1969; J. Sound Vib. 31 (1973) 257) for comparison
 
 The references are derived again in `tests/unit/test_plate_references.py`.  "error/accepted" is the worst error of a
 scene over what is accepted: 0.5 % of the largest displacement; roll-up 0.1 %; curl 0.2 % of the length; buckled and

@@ -3,7 +3,7 @@
 The sail has 16 × 16 × 2 triangles and 909 unknowns with hub and masses.  Two flights of two turns are recorded; a third
 kick with another spin is then predicted for two turns.
 
-    cells 100 % to 1 %   the reduced model: Σ φ_i c_i, `modes` of them beside 1, X, Y; strains over so many of the cells
+    cells 100 % to 1 %   the reduced model: Σ φ_i c_i, `modes` of them and 1, X, Y; strains over so many of the cells
     vector modes         ordinary proper orthogonal decomposition in inertial axes with as many unknowns, x̄ + Σ u_i a_i:
                          the flight itself, projected.  No model with these modes can come nearer
 

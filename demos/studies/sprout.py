@@ -10,7 +10,7 @@ from __future__ import annotations
 from mpi4py import MPI
 
 from demos.sprout import main
-from demos.studies.engine.deployments import BOOKS, STARTS, nudged
+from demos.studies.engine.deployments import LEDGER, STARTS, nudged
 from demos.studies.engine.study import Study
 
 
@@ -43,6 +43,6 @@ STUDY = Study(
     lambda case: case["h"],
     quick={"start": ["usual"], "cell": [0.06], "h": [4e-4]},
     quick_options={"until": 5e-3},
-    columns=("span", "reach", "spin", "least pressure", "largest pressure", *BOOKS),
+    columns=("span", "reach", "spin", "least pressure", "largest pressure", *LEDGER),
     may_fail=True,
 )

@@ -1,4 +1,4 @@
-"""A sheared film that wrinkles: as a plate, whose wrinkles are resolved, and as a tension field, beside each other.
+"""A sheared film that wrinkles: as a plate, whose wrinkles are resolved, and as a tension field, for comparison.
 
 Kapton, L × H = 380 × 128 mm, t = 25 µm; both long edges are clamped, and one is moved by δ = 3 mm along itself (Wong &
 Pellegrino, J. Mech. Mater. Struct. 1 (2006) 3, 27, 63, doi:10.2140/jomms.2006.1.3).  With γ = δ/H their theory has
@@ -38,7 +38,7 @@ LAMBDA = (
 AMPLITUDE = LAMBDA / math.pi * math.sqrt(2 * (1 - FILM["nu"]) * GAMMA)
 FORCE = FILM["E"] * FILM["thickness"] * LENGTH * GAMMA / 4
 CENTRE = (0.3, 0.7)  # of the length, where wrinkles are measured
-# pseudo-steps of wrinkles need not be solved well; what is left unbalanced is in the slack corners
+# Pseudo-steps of wrinkles need not be solved well; the remaining forces are in the slack corners.
 SEARCH = gx.analysis.Continuation(
     first_step=1e-4,
     growth_factor=2.0,

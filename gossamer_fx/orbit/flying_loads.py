@@ -163,6 +163,7 @@ class FacesForce:
         self._arms = np.column_stack([np.ones(len(centres)), centres])
 
     def forces(self, X: Array, rate: Array) -> Array:
+        """Forces (..., 4, 3) on position and directors X (..., 4, 3) that move with the rates."""
         # Area vectors turn with the directors; the position does not move them.
         faces = self._areas @ X[..., 1:, :]
         f = self.on_faces(faces, self._arms @ X, self._arms @ rate)

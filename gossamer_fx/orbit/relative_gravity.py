@@ -438,6 +438,7 @@ class RelativeGravity:
     def __init__(
         self, name: str, flight: Flight, flights: MutableMapping[Assembly, Flight]
     ) -> None:
+        """Take the orbit's name, its flight, and where the flight is entered."""
         self.name = name
         self.flight = flight
         self.flights = flights

@@ -122,6 +122,7 @@ class SolarPressure:
             return pressure * ufl.dot(force, w) * dx
 
         def prepare(flight: Flight, system: Assembly) -> None:
+            """Set direction and pressure [N/m²] of sunlight, and the shadows, for a step."""
             direction, P.value = flight.light()
             u.value = direction
             if shades is not None:

@@ -20,6 +20,7 @@ from gossamer_fx.model.body import MeshBody
 AXES = {"x": 0, "y": 1, "z": 2}
 
 
+# Two contacts of a scene are compiled together; a probe needs one of them.
 def contact_set_of(contact: Contact, run: Any) -> ContactSet:
     """Return the pairs of a contact in a run.
 
@@ -51,6 +52,7 @@ class ContactGap:
         self.contact = contact
 
     def __call__(self, run: Any) -> float:
+        """The least gap [m] of all candidates in the state of a run.  Collective."""
         contact_set = contact_set_of(self.contact, run)
         x = contact_set.points.at(run.system.q0, run.system.time)
         # At the accepted state: the pairs' distances of the last iterate may belong to another

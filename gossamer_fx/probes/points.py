@@ -287,6 +287,7 @@ class RingArea:
         )
         # A loop belongs to one compiled system; the probe may be used in one run after another.
         key = id(run.system)
+        # The loop finds its edges once, and measures them at every call.
         if key not in self._loops:
             self._loops = {key: Loop(self.ring, run.system)}
         # a step of no length: the area of the current state

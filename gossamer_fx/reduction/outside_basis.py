@@ -97,6 +97,7 @@ class _Estimate:
     """
 
     def __init__(self, film: ReducedMembrane) -> None:
+        """Compile energy and force of the full film, and the weights of its nodes.  Collective."""
         full = film.full
         index_map = full.space.dofmap.index_map
         self._comm = film.comm

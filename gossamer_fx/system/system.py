@@ -363,7 +363,7 @@ class System:
         with r as values:
             for scalars in self.scalar_unknowns:
                 scalars.add_force(values)
-        # Last: what remains at fixed coordinates is their reaction.
+        # Last: the sum of all forces on fixed coordinates is the reaction of their supports.
         self.supports.take(r)
         return np.concatenate([np.zeros(0), *s])
 

@@ -59,10 +59,10 @@ class Study:
         measures: the results that have references.
         quick: axes with fewer values, for `quick` runs.
         quick_options: further arguments of the problem in `quick` runs, such as an earlier end.  Their results are not
-            those of the full study, and have a file of their own.
+            those of the full study, and have a separate file.
         columns: further results that the table shows.
         may_fail: whether a case that fails by name is a result, too.
-        draw: draws all results, draw(results, path), in the place of errors against run time and h.
+        draw: draws all results, draw(results, path), instead of errors against run time and h.
     """
 
     name: str
@@ -99,7 +99,9 @@ class Result:
 
 
 def run(study: Study, folder: Path, comm: MPI.Intracomm, quick: bool = False) -> list[Result]:
-    """Compute the cases that `folder/NAME.csv` (or `NAME-quick.csv`, see `Study`) lacks for this number of ranks; returns all, in order.
+    """Compute the cases that `folder/NAME.csv` lacks for this number of ranks; returns all, in order.
+
+    Quick forms with other options have the file `NAME-quick.csv`, see `Study`.
 
     Raises:
         InputError: the file cannot be read or written, or is of a study with other axes.
