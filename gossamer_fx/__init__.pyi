@@ -13,6 +13,7 @@ from . import materials as materials
 from . import mesh as mesh
 from . import orbit as orbit
 from . import outputs as outputs
+from . import patterns as patterns
 from . import plot as plot
 from . import presets as presets
 from . import probes as probes

@@ -34,7 +34,7 @@ from gossamer_fx.bodies.cable import CableLaw
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import NoEquilibrium, check
-from gossamer_fx.connectors.tape import RunTape
+from gossamer_fx.connectors.tape import Tape
 from gossamer_fx.forms.kinematics import Expr
 from gossamer_fx.forms.spaces import cell_nodes
 from gossamer_fx.materials.film import IsotropicFilm
@@ -138,7 +138,7 @@ class EdgeCable:
     def terms(self, start: State) -> Iterable[Term]:
         """One stored energy ψ = ½ |√(N/L) (x_b - x_a)|² - ½ N L for each edge with ends a and b."""
         # The law of the tape is not used, only its edges and their lengths.
-        bars = RunTape.along_edges(
+        bars = Tape.along_edges(
             self.body, CableLaw(self.force, 1.0), edges=self.edges, name=self.name
         )
         lengths = np.asarray(bars.lengths)

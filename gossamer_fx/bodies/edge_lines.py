@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -132,6 +133,20 @@ class EdgeLine:
         return found
 
 
+@runtime_checkable
+class SewnEdges(Protocol):
+    """Two edges of films that are sewn together; `constraints.Seam` is one."""
+
+    @property
+    def name(self) -> str:
+        """Name in messages."""
+        ...
+
+    def lines(self, start: State) -> tuple[EdgeLine, EdgeLine]:
+        """Both edges, so that points of like fractions of arc length belong together.  Collective."""
+        ...
+
+
 def shape_functions(order: int, ξ: Array) -> tuple[Array, Array]:
     """Lagrange functions (k, order + 1) on [0, 1] at ξ (k,), nodes from start to end, and their slopes."""
     one = np.ones_like(ξ)
@@ -179,9 +194,8 @@ def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[
     """
     edges_at: dict[int, list[int]] = {}
     point: dict[int, Array] = {}
-    for i in range(len(vertices)):
-        first = int(vertices[i, 0])
-        last = int(vertices[i, 1])
+    ends_of: list[tuple[int, int]] = [(int(pair[0]), int(pair[1])) for pair in vertices]
+    for i, (first, last) in enumerate(ends_of):
         edges_at.setdefault(first, []).append(i)
         edges_at.setdefault(last, []).append(i)
         point[first] = X[i, 0]
@@ -200,8 +214,8 @@ def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[
         return tuple(np.rint((point[vertex] - low) / resolution).tolist())
 
     def other(edge: int, vertex: int) -> int:
-        first, last = vertices[edge].tolist()
-        return int(last if vertex == first else first)
+        first, last = ends_of[edge]
+        return last if vertex == first else first
 
     start = min(ends or point, key=height)
     edge = min(edges_at[start], key=lambda one: height(other(one, start)))
@@ -210,7 +224,7 @@ def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[
     vertex = start
     while True:
         walk.append(edge)
-        forwards.append(bool(vertices[edge, 0] == vertex))
+        forwards.append(ends_of[edge][0] == vertex)
         vertex = other(edge, vertex)
         further = [one for one in edges_at[vertex] if one != edge]
         if not further or vertex == start:

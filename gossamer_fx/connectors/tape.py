@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from itertools import pairwise
@@ -73,9 +74,18 @@ class Tape:
         law: BarLaw,
         *,
         edges: str,
+        length_factor: float = 1.0,
         name: str = "tape",
     ) -> Tape:
-        """Along the edges of the mesh in a named group of curves."""
+        """Along the edges of the mesh in a named group of curves.
+
+        `length_factor` is the natural length over that of the edges: below 1 for a tendon that is
+        shorter than the seam on which it is.
+        """
+        check(
+            0 < length_factor < math.inf,
+            f"Tape '{name}': length_factor is {length_factor!r}; give a positive number.",
+        )
         table, space = body.mesh.edges, body.space
         lines = body.mesh.curve(edges, f"Tape '{name}' on '{body.name}'")
         chains = table.nodes(space, lines[lines < table.owned])
@@ -88,7 +98,7 @@ class Tape:
         )
         bars = [row for part in rows for row in part]
         pairs = [(Port(body, (a,)), Port(body, (b,))) for a, b, _ in bars]
-        lengths = [length for _, _, length in bars]
+        lengths = [length_factor * length for _, _, length in bars]
         return Tape(body, law, bars=pairs, lengths=lengths, name=name)
 
     @staticmethod

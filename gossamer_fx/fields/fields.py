@@ -287,12 +287,12 @@ def _collect_pressure(function: fem.Function, film: MeshBody, system: System) ->
     for unknowns in system.scalar_unknowns:
         for state in unknowns.states().values():
             enclosure = state.chamber.enclosure
-            if enclosure is None or enclosure.film is not film:
+            if enclosure is None or not any(film is one for one in enclosure.films):
                 continue
             outside = 0.0
             if state.chamber.outside is not None:
                 outside = state.chamber.outside.pressure
-            nodes = cell_nodes(function.function_space)[enclosure.cells()]
+            nodes = cell_nodes(function.function_space)[enclosure.cells(film)]
             # A cell between two chambers is visited twice: the second pressure less the first.
             values[nodes] = state.pressure - outside - values[nodes]
 

@@ -10,7 +10,7 @@ last digit, so film and gas exchange energy without loss.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -81,17 +81,17 @@ class Enclosure(Protocol):
     """What bounds a chamber, as an item of a scene."""
 
     @property
-    def film(self) -> Membrane | None:
-        """The film that bounds the chamber, on which outputs show the pressure; None for a piston."""
+    def films(self) -> Sequence[Membrane]:
+        """The films that bound the chamber, on which outputs show the pressure; none for a piston."""
         ...
 
     @property
-    def is_whole_film(self) -> bool:
-        """Whether all of its film bounds the chamber, so that no second chamber may use the film."""
+    def whole_films(self) -> Sequence[Membrane]:
+        """Films of which all triangles bound the chamber, so that no second chamber may use them."""
         ...
 
-    def cells(self) -> np.ndarray:
-        """Local triangles (owned and ghost) of its film that bound the chamber."""
+    def cells(self, film: Membrane) -> np.ndarray:
+        """Local triangles (owned and ghost) of one of its films that bound the chamber."""
         ...
 
     def requires(self) -> Iterable[Any]:
@@ -126,7 +126,7 @@ class FilmEnclosure:
         rings: tuple[Ring, ...],
         chamber: str,
     ) -> None:
-        self._film = film
+        self.film = film
         self.surface = surface
         self.rings = rings
         self.chamber = chamber
@@ -137,14 +137,14 @@ class FilmEnclosure:
             )
 
     @property
-    def film(self) -> Membrane:
+    def films(self) -> Sequence[Membrane]:
         """The film that bounds the chamber."""
-        return self._film
+        return (self.film,)
 
     @property
-    def is_whole_film(self) -> bool:
-        """Whether all of the film bounds the chamber."""
-        return not self.surface
+    def whole_films(self) -> Sequence[Membrane]:
+        """The film, if all of it bounds the chamber."""
+        return () if self.surface else (self.film,)
 
     def requires(self) -> Iterable[Any]:
         """The film, which joins the scene with the chamber."""
@@ -157,7 +157,7 @@ class FilmEnclosure:
             InputError: see `check_closed`; or one of several parts is inside out.
         """
         loops = [geometry.loop(ring) for ring in self.rings]
-        cells = self.cells()
+        cells = self.cells(self.film)
         signs = self.check_closed(cells, loops)
         # Each triangle is integrated by the rank that owns it.
         owned = cells[cells < self.film.mesh.domain.topology.index_map(2).size_local]
@@ -177,16 +177,14 @@ class FilmEnclosure:
         self.film.reconstruct(x, system.initial[self.film].positions().ravel())
         check_normals(self.film, self.chamber, cells, labels, x.x.array.reshape(-1, 3))
 
-    def cells(self) -> np.ndarray:
+    def cells(self, film: Membrane) -> np.ndarray:
         """Local triangles (owned and ghost) of the bounding surface, in rising order.
 
         Raises:
             InputError: a name of `surface` is not that of a group of triangles.
         """
-        topology = self.film.mesh.domain.topology
         if not self.surface:
-            index_map = topology.index_map(2)
-            return np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
+            return all_triangles(film)
         groups = [self.film.mesh.group(name) for name in self.surface]
         check(
             all(dim == 2 for dim, _ in groups),
@@ -248,6 +246,12 @@ class FilmEnclosure:
             "surface consistently (gmsh: model.mesh.reverse).",
         )
         return signs
+
+
+def all_triangles(film: Membrane) -> np.ndarray:
+    """All local triangles of a film (owned and ghost)."""
+    index_map = film.mesh.domain.topology.index_map(2)
+    return np.arange(index_map.size_local + index_map.num_ghosts, dtype=np.int32)
 
 
 class _CompiledFilm:
@@ -331,16 +335,16 @@ class Piston:
         self.direction = unit(direction)
 
     @property
-    def film(self) -> None:
-        """None: a piston has no film."""
-        return None
+    def films(self) -> Sequence[Membrane]:
+        """Empty: a piston has no film."""
+        return ()
 
     @property
-    def is_whole_film(self) -> bool:
-        """False: a piston has no film."""
-        return False
+    def whole_films(self) -> Sequence[Membrane]:
+        """Empty: a piston has no film."""
+        return ()
 
-    def cells(self) -> np.ndarray:
+    def cells(self, film: Membrane) -> np.ndarray:
         """An empty array: a piston has no film."""
         return np.zeros(0, dtype=np.int32)
 

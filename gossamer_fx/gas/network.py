@@ -342,14 +342,14 @@ def _check_chambers(chambers: list[Volume]) -> None:
         )
     whole_films: list[object] = []
     for chamber in chambers:
-        enclosure = chamber.enclosure
-        if enclosure is None or enclosure.film is None or not enclosure.is_whole_film:
+        if chamber.enclosure is None:
             continue
-        check(
-            enclosure.film not in whole_films,
-            f"Two chambers enclose the whole of '{enclosure.film.name}'; give each its surface, or leave one out.",
-        )
-        whole_films.append(enclosure.film)
+        for film in chamber.enclosure.whole_films:
+            check(
+                film not in whole_films,
+                f"Two chambers enclose the whole of '{film.name}'; give each its surface, or leave one out.",
+            )
+            whole_films.append(film)
 
 
 def _compile_enclosure(

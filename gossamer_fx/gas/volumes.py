@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Any
 
+from gossamer_fx.bodies.edge_lines import SewnEdges
 from gossamer_fx.bodies.membrane import Membrane
 from gossamer_fx.checks.arguments import check_arguments
 from gossamer_fx.checks.errors import check, check_positive, require_positive
@@ -90,7 +91,8 @@ class Chamber:
     from which the gas comes.
 
     Args:
-        enclosure: the closed film that bounds it, or a `Piston`; None for a rigid chamber.
+        enclosure: the closed film that bounds it, several films that are sewn together, or a `Piston`;
+            None for a rigid chamber.
         gas: the gas; the same for all chambers of a scene.
         pressure: initial absolute pressure [Pa], > 0.
         temperature: initial temperature [K], > 0.
@@ -100,12 +102,14 @@ class Chamber:
         surface: names of the groups of triangles that bound the chamber; empty for the whole film.
         rings: closed lines of film edges where no film closes the chamber.  Gas passes there only if
             an `Orifice` has the ring as its area.
+        seams: those that close the film or films; they join the scene with the chamber.  Let the gas in
+            when they are closed: gas in an open gap pushes, but does not leave.
         outside: what acts on the outer side of the film; None for a vacuum.
         name: in messages, outputs and `run.chamber(name)`.
 
     Raises:
         InputError: a quantity is out of its range, enclosure and volume are both given or both
-            missing, or surface and rings are given without a film.
+            missing, or surface, rings and seams are given without a film.
 
     Example:
         >>> bag = gx.Chamber(
@@ -117,7 +121,7 @@ class Chamber:
 
     def __init__(
         self,
-        enclosure: Membrane | Enclosure | None = None,
+        enclosure: Membrane | Sequence[Membrane] | Enclosure | None = None,
         *,
         gas: IdealGas,
         pressure: float,
@@ -126,6 +130,7 @@ class Chamber:
         volume: float | None = None,
         surface: tuple[str, ...] = (),
         rings: tuple[Ring, ...] = (),
+        seams: Sequence[SewnEdges] = (),
         outside: Ambient | None = None,
         name: str = "chamber",
     ) -> None:
@@ -144,11 +149,8 @@ class Chamber:
             isinstance(enclosure, Membrane) or not (surface or rings),
             f"Chamber '{name}': surface and rings belong to a film; give one as enclosure, or leave them out.",
         )
-        self.enclosure: Enclosure | None
-        if isinstance(enclosure, Membrane):
-            self.enclosure = FilmEnclosure(enclosure, surface, rings, name)
-        else:
-            self.enclosure = enclosure
+        self.seams = tuple(seams)
+        self.enclosure = _enclosure(enclosure, surface, rings, self.seams, name)
 
     def requires(self) -> Iterable[Any]:
         """The bodies of the enclosure and the surroundings, which join the scene with the chamber."""
@@ -192,6 +194,33 @@ class Tank(Chamber):
             volume=volume,
             name=name,
         )
+
+
+def _enclosure(
+    enclosure: Membrane | Sequence[Membrane] | Enclosure | None,
+    surface: tuple[str, ...],
+    rings: tuple[Ring, ...],
+    seams: tuple[SewnEdges, ...],
+    chamber: str,
+) -> Enclosure | None:
+    """What bounds the chamber of this name."""
+    if isinstance(enclosure, Membrane) and not seams:
+        return FilmEnclosure(enclosure, surface, rings, chamber)
+    if isinstance(enclosure, Membrane | Sequence):
+        # Imported here: a scene without seams does not load them.
+        from gossamer_fx.gas.sewn import SewnEnclosure
+
+        check(
+            not (surface or rings),
+            f"Chamber '{chamber}': seams are given beside surface or rings; sew all of the film, or leave them out.",
+        )
+        films = (enclosure,) if isinstance(enclosure, Membrane) else tuple(enclosure)
+        return SewnEnclosure(films, seams, chamber)
+    check(
+        not seams,
+        f"Chamber '{chamber}': seams belong to films; give them as enclosure, or leave the seams out.",
+    )
+    return enclosure
 
 
 def _rigid_part(name: str, dead_volume: float, volume: float | None) -> float:

@@ -56,6 +56,9 @@ def constants(law: Any, mesh: Mesh) -> SimpleNamespace:
 # SI units of the numbers of laws, by name; numbers of other names are taken for pure numbers.
 UNITS = {
     "E": "Pa",
+    "E1": "Pa",
+    "E2": "Pa",
+    "G12": "Pa",
     "density": "kg/m³",
     "thickness": "m",
     "EA": "N",
@@ -67,13 +70,13 @@ def parameters(law: Any, coefficients: SimpleNamespace) -> tuple[Parameter, ...]
     """The numbers of a law as parameters of its terms.
 
     A law with numbers that are derived from others has none but its density: the forms do not show how
-    the derived ones change.
+    the derived ones change.  Tables of a law do not count as parameters.
     """
     has_derived = any(not field.init for field in fields(law))
     return tuple(
         Parameter(field.name, UNITS.get(field.name, ""), getattr(coefficients, field.name))
         for field in fields(law)
-        if not has_derived or field.name == "density"
+        if hasattr(coefficients, field.name) and (not has_derived or field.name == "density")
     )
 
 

@@ -314,7 +314,8 @@ def _default_fields(body: Body, run: Run) -> tuple[str, ...]:
     if not isinstance(body, Membrane):
         return ("displacement",)
     enclosures = [state.chamber.enclosure for state in run.chambers.values()]
-    bounds_gas = any(enclosure is not None and enclosure.film is body for enclosure in enclosures)
+    films = [film for enclosure in enclosures if enclosure for film in enclosure.films]
+    bounds_gas = any(film is body for film in films)
     if bounds_gas:
         return (*FILM_FIELDS, "pressure")
     return FILM_FIELDS

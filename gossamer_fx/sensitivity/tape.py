@@ -135,7 +135,7 @@ class RunTape:
         check_on_all(
             system.comm,
             (len(self.nodes) + 1) * per_node <= self.memory,
-            f"RunTape: step {len(self.nodes)} needs more than {self.memory:.3g} bytes on a rank; record fewer steps, or "
+            f"RunTape: step {len(self.nodes)} needs more than {self.memory:.3g} bytes on a rank; record less, or "
             "give the tape more memory.",
         )
         self.nodes.append(self._present(system.h))

@@ -43,6 +43,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         "folder": folder,
         "mesh": mesh,
         "curve": curve,
+        "law": law,
         "film": gx.Membrane(mesh, law),
         "plate": gx.Plate(mesh, stiff),
         "creased": gx.Membrane(creased_strip(COMM, 2, 1, 0.1, 0.1), law, name="creased"),

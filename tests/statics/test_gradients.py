@@ -49,6 +49,27 @@ def sail(comm: MPI.Intracomm) -> tuple[gx.Scene, list[gx.analysis.Integral]]:
     return scene, [gx.analysis.EnclosedVolume(film), energy]
 
 
+def fabric(comm: MPI.Intracomm) -> tuple[gx.Scene, list[gx.analysis.Integral]]:
+    """Orthotropic film that is sheared so far that part of it wrinkles, under gravity."""
+
+    def sheared(X):
+        return np.vstack([1e-3 * X[0] + 4e-3 * X[1], 8e-4 * X[1], 0 * X[0]])
+
+    law = gx.Orthotropic(
+        4e9,
+        1e9,
+        0.3,
+        0.5e9,
+        density=1420.0,
+        thickness=25e-6,
+        direction=(1.0, 0.3, 0.0),
+        residual_stiffness=1e-2,
+    )
+    film = gx.Membrane(crossed_sheet(comm, 3, 3, SIDE, SIDE), law, displacement=sheared)
+    scene = gx.Scene(gx.Pressure(film, 20.0), *(gx.Fixed(film, edge) for edge in EDGES))
+    return scene, [gx.analysis.EnclosedVolume(film)]
+
+
 def cushion(comm: MPI.Intracomm) -> tuple[gx.Scene, list[gx.analysis.Integral]]:
     """A quarter of an airbag of elements of order 2, whose rim slides inwards in its plane."""
     law = gx.Miyazaki(588e6, 0.4, density=1000.0, thickness=6e-4, residual_stiffness=1e-2)
@@ -127,6 +148,10 @@ CASES = {
             "pressure.pressure",
             "gravity of film.g",
         ],
+    ),
+    "fabric": (
+        fabric,
+        ["film.E1", "film.E2", "film.nu12", "film.G12", "film.thickness", "film.shape"],
     ),
     "cushion": (cushion, ["film.shape", "film.E", "pressure.pressure"]),
     "net": (

@@ -211,7 +211,10 @@ def test_properties_vary_by_group_or_by_place():
         (lambda m: gx.Plate(m, LAW, hinges=("no such",)), "has no group 'no such'"),
         (lambda m: gx.Plate(m, LAW, rest_curvature=np.diag((0, 0, 1.0))), "plane of the mesh"),
         (lambda m: gx.Plate(m, LAW, rest_curvature=((1.0, 2.0), (3.0, 4.0))), "give a tensor"),
-        (lambda m: gx.Plate(m, LAW, rest_curvature={"left": np.eye(3)}), "no group of triangles"),
+        (
+            lambda m: gx.Plate(m, LAW, rest_curvature={"left": np.eye(3)}),
+            "not a group of triangles",
+        ),
         (lambda m: gx.Membrane(m, LAW, properties={"thickness": {"film": 0.0}}), "not above 0"),
         (lambda m: gx.Membrane(m, LAW, properties={"colour": {"film": 0.0}}), "choose from E, nu"),
         (

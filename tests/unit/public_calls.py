@@ -44,6 +44,7 @@ UNCALLED |= {
     "StartFrom",
     "Scene",
     "outputs.Progress",
+    "patterns.Gores",
 }
 
 
@@ -440,6 +441,7 @@ def valid_calls(folder: Path, inputs: Inputs) -> dict[str, Call]:
         },
         "TensionField": film_law,
         "Seam": {"a": film, "edge_a": "left", "b": film, "edge_b": "right", "closing": (0.0, 1.0)},
+        "patterns.gores": {"profile": [[0.0, 0.0], [1.0, 0.5], [0.0, 1.0]], "n": 4},
         "TabulatedCable": {"strain": [0.0, 0.1], "force": [0.0, 50.0], "line_density": 0.1},
         "TensionOnly": cable_law,
         "Tie": {"a": film, "group_a": "left", "b": plate, "group_b": "left"},

@@ -33,6 +33,7 @@ FLOORS = (
     "gas",
     "constraints",
     "connectors",
+    "patterns",
     "fold",
     "contact",
     "loads",
