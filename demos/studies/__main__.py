@@ -27,6 +27,9 @@ BETWEEN = re.compile(r"(?<=<!-- studies -->\n).*?(?=<!-- /studies -->)", re.DOTA
 
 
 def main() -> int:
+    """Compute the studies that the command line names; returns 1 if one falls short of its
+    references.
+    """
     comm = MPI.COMM_WORLD
     parser = argparse.ArgumentParser(prog="gossamer study", description=__doc__.splitlines()[0])
     parser.add_argument(

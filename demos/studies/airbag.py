@@ -28,6 +28,7 @@ LAWS: dict[str, FilmLaw] = {
     "Elastica 0.4 m": gx.Elastica(**FILM, half_wavelength=0.4),
     "TensionField": gx.TensionField(**FILM),
 }
+# A quarter of one sheet is computed; volumes are those of the whole.
 SHEETS, QUARTERS = 2, 4
 
 

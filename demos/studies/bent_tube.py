@@ -31,6 +31,7 @@ INFLATED = RADIUS * (1 + (1 - NU / 2) * P * RADIUS / (E * THICKNESS))
 FIRST = P / (2 * E * THICKNESS)  # κ_w
 M_FIRST = P * math.pi * INFLATED**3 / 2
 BENT = (2.0, 5.0)  # κ/κ_w at which the moment is compared
+# Bisections of the curvature at which the first wrinkles appear, to a 256th of the interval.
 BISECTIONS = 8
 
 
@@ -85,6 +86,7 @@ def problem(comm: MPI.Comm, element: str, sides: int) -> dict[str, float]:
         return abs(float(search.reaction(middle)[1][1])), slack + wrinkled
 
     results = {"M(½κ_w)/exact": bend(0.5)[0] / moment(0.5)}
+    # κ/κ_w without and with wrinkles, and the moment at the smallest one with them.
     taut, buckled, M_w = 0.8, 1.3, math.nan
     for _ in range(BISECTIONS):
         ratio = (taut + buckled) / 2

@@ -47,6 +47,7 @@ CASES: dict[str, dict[str, Any]] = {
 
 
 def problem(comm: MPI.Comm, tube: str) -> dict[str, float]:
+    """Fill one tube, and measure how its folds open and what pressures they hold back."""
     case = build(comm, **{"until": UNTIL, **CASES[tube]})
     series = gx.Series(case.probes)
     run = case.simulation([series])

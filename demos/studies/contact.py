@@ -38,6 +38,7 @@ from gossamer_fx.presets.films import KAPTON_HN
 from gossamer_fx.presets.gases import NITROGEN
 
 LAW = {"E": 1e9, "nu": 0.3, "density": 1400.0, "thickness": 1e-4}
+# Largest errors, relative, with which a case counts as right.
 ENERGY, MOMENTUM = 1e-10, 1e-12
 MAP = {
     "speed": [0.01, 0.1, 10.0, 100.0],
@@ -94,6 +95,7 @@ def zigzag(
     X = np.where(layer % 2, cells * cell - way, way)
 
     def build(model: Any) -> None:
+        """Nodes and triangles of a flat strip whose columns are at x."""
         x_, y_ = np.meshgrid(x, np.arange(6) * cell)
         grid = np.arange(1, x_.size + 1).reshape(x_.shape)
         a, b, c, d = grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]
@@ -371,6 +373,7 @@ def problem(comm: MPI.Comm, case: str) -> Mapping[str, float]:
 
 
 def cases() -> list[str]:
+    """Names of all cases: scenes over law and step, exact ones, and the cells of the map."""
     table = [
         f"{s} {law} {h:g}"
         for s in ("films", "zigzag")

@@ -17,6 +17,7 @@ from demos.studies.engine.study import Study
 def problem(
     comm: MPI.Comm, start: str, cell: float, h: float, until: float = 0.12
 ) -> dict[str, float]:
+    """Deploy tubes and film with cells of some length [m] and steps of at most h [s]."""
     found = main(
         until=until,
         length=0.6,
@@ -24,6 +25,7 @@ def problem(
         tank=5e-4,
         damping=3e-4,
         cell=cell,
+        # Widths of cells in proportion to the length, as those of the demo.
         fine=0.2 * cell / 0.06,
         coarse=0.3 * cell / 0.06,
         largest=h,

@@ -29,6 +29,7 @@ from demos.studies.engine.study import Result, Study
 from gossamer_fx.checks.errors import check
 from gossamer_fx.meshes.tube import flat_tube
 
+# Steps of a run, and their usual length [s].
 STEPS, H = 30, 1e-4
 LENGTH, DIAMETER, CELLS = 0.2, 0.058, 4
 ORDINARY = {
@@ -56,6 +57,7 @@ PAIRS = {
     ("mass", "h"): ([1e-6, 1e6], [0.1, 10.0]),
     ("aspect", "thickness"): ([10.0, 1000.0], [1e-6, 1e-3]),
 }
+# Largest closing errors, relative, with which a cell counts as right.
 ENERGY, MASS = 1e-9, 1e-12
 
 

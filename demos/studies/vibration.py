@@ -37,6 +37,7 @@ EXACT = {  # Hz
 
 
 def film_of(comm: MPI.Comm, scene: str, order: int, cells: int) -> gx.Scene:
+    """The scene of a square, a quarter of a circle, a film on a hub, or a free spinning disc."""
     if scene == "square":
         film = gx.Membrane(
             sheet(comm, cells, cells, 2.1, 2.1),

@@ -78,6 +78,7 @@ class Study:
     draw: Callable[[list[Result], Path], None] | None = None
 
     def cases(self, quick: bool) -> list[dict[str, Any]]:
+        """All combinations of the values of the axes, or of those of a quick run."""
         axes = {**self.axes, **(self.quick if quick else {})}
         unknown = set(axes) - set(self.axes)
         check(
@@ -128,6 +129,7 @@ def run(study: Study, folder: Path, comm: MPI.Intracomm, quick: bool = False) ->
 def _compute(
     study: Study, case: dict[str, Any], comm: MPI.Intracomm, options: Mapping[str, Any]
 ) -> Row:
+    """Compute one case; a row of text, with the reason of a failure that has a name."""
     started = time.perf_counter()
     row = {name: str(value) for name, value in case.items()} | {"ranks": str(comm.size)}
     try:
@@ -147,6 +149,7 @@ def _key(case: Mapping[str, Any], ranks: int) -> tuple[str, ...]:
 
 
 def _read(study: Study, path: Path) -> dict[tuple[str, ...], Row]:
+    """Rows of a file that was written before, by their keys; none if there is no file."""
     if not path.is_file():
         return {}
     with path.open(newline="") as file:
