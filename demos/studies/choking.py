@@ -30,7 +30,10 @@ import gossamer_fx as gx
 from demos.folded_tube import OPEN, build
 from demos.studies.engine.study import Result, Study
 
-UNTIL, DIAMETER = 12e-3, 0.03
+# End of a run [s], and diameter of the round tube of the demo [m].
+UNTIL = 12e-3
+DIAMETER = 0.03
+# Times [s] at which ratios of pressures are compared.
 TIMES = (2e-3, 3e-3, 5e-3)
 CASES: dict[str, dict[str, Any]] = {
     "sharp": {},

@@ -130,9 +130,13 @@ def zigzag(
     )
 
 
-UNTIL = 0.04  # s, of the tube
+# End of the run of the tube [s].
+UNTIL = 0.04
 BAR = {"E": 2.3e9, "nu": 0.0, "density": 1400.0, "thickness": 1e-4}
-LENGTH, WIDTH, SPEED = 0.5, 0.02, 1.0  # m, m, m/s of each bar
+# Sizes [m] and speed [m/s] of each bar, and speed of waves in it [m/s].
+LENGTH = 0.5
+WIDTH = 0.02
+SPEED = 1.0
 WAVE = (BAR["E"] / BAR["density"]) ** 0.5
 
 
@@ -157,6 +161,7 @@ def impact(comm: MPI.Comm, against: str) -> tuple[gx.Simulation, gx.Contact, flo
     run = gx.Simulation(gx.Scene(contact), gx.Midpoint(dt=h), outputs=[force])
     run.run(until=2.2 * 2 * LENGTH / WAVE)
     values = -np.array(force["force"])
+    # Contact lasts for the steps with a force above round-off.
     time = h * np.count_nonzero(values > 1e-6 * values.max())
     stress = h * values.sum() / time / (WIDTH * BAR["thickness"])
     x = bar_velocity(run, left)
@@ -170,10 +175,8 @@ def impact(comm: MPI.Comm, against: str) -> tuple[gx.Simulation, gx.Contact, flo
 
 def bar_velocity(run: gx.Simulation, body: gx.Membrane) -> float:
     """Mean velocity along x, by mass."""
-    owned, P = (
-        run.system.state[body].part,
-        run.system.numbering.vector(),
-    )
+    owned = run.system.state[body].part
+    P = run.system.numbering.vector()
     run.system.M.mult(run.system.v0, P)
     mass = BAR["density"] * BAR["thickness"] * LENGTH * WIDTH
     return float(run.comm.allreduce(P.array_r[owned][::3].sum()) / mass)
@@ -184,6 +187,7 @@ def block(comm: MPI.Comm) -> tuple[gx.Simulation, gx.Contact, float]:
     d, V, size = 1e-3, 2.0, 0.1
     mass = LAW["density"] * LAW["thickness"] * size**2
     reduced = 0.75 * mass
+    # A spring of this stiffness is closed by 0.6 of the distance.
     k = reduced * (V / (0.6 * d)) ** 2
     face = gx.RigidBody(
         3 * mass, (1e-5, 1e-5, 1e-5), position=(0, 0, -0.01), comm=comm, name="block"

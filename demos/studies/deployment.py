@@ -19,6 +19,7 @@ from demos.folded_tube import build, opening_times
 from demos.studies.engine.deployments import STARTS, nudged
 from demos.studies.engine.study import Study
 
+# End of a run [s], the same as in the study of choking.
 UNTIL = 12e-3
 
 

@@ -21,7 +21,9 @@ from demos.studies.engine.study import Measure, Study
 from gossamer_fx.meshes.tube_section import capped_cylinder
 from gossamer_fx.model.body import Array
 
-RADIUS, LENGTH = 1.0, 4.0
+# Of the wall without pressure [m].
+RADIUS = 1.0
+LENGTH = 4.0
 FILM = {"E": 1e9, "nu": 0.3, "density": 1000.0, "thickness": 1e-3}
 LAW = gx.Miyazaki(**FILM, residual_stiffness=1e-6)
 

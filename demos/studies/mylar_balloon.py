@@ -22,12 +22,15 @@ LAWS: dict[str, FilmLaw] = {
     "Miyazaki 1e-6": gx.Miyazaki(**FILM, residual_stiffness=1e-6),
     "TensionField": gx.TensionField(**FILM),
 }
+# Pressure over E t/a: so small that the film hardly stretches.
 Q = 1e-3
+# A quarter of the upper half is computed.
 HALVES, QUARTERS = 2, 4
+# Cells along a radius; finer meshes of order 2 wrinkle in many ways at this pressure.
 CELLS = {
     "P1": (6, 12, 24),
     "P2": (4, 8, 12),
-}  # along a radius; finer ones of order 2 wrinkle in many ways at this q
+}
 
 
 def inflate(

@@ -32,7 +32,7 @@ STEPPERS: dict[str, Callable[[float], gx.Midpoint | gx.GeneralizedAlpha]] = {
     "GeneralizedAlpha 0.8": lambda dt: gx.GeneralizedAlpha(dt=dt, spectral_radius=0.8),
     "GeneralizedAlpha 0": lambda dt: gx.GeneralizedAlpha(dt=dt, spectral_radius=0.0),
 }
-# Coarsest step [s] of each scene, which resolves its motion just so, and the number of such steps in a run.
+# Coarsest step [s] of each scene, and the number of such steps in a run.
 COARSEST = {
     "sheet": 5e-5,
     "flutter": 1e-4,

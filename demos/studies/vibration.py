@@ -24,7 +24,9 @@ from gossamer_fx.meshes.sheet import EDGES, sheet
 N0, THICKNESS, E, NU = 10.0, 2e-5, 2.3e9, 0.3
 TENSIONED = gx.Miyazaki(E, NU, density=0.028 / THICKNESS, thickness=THICKNESS)
 STRETCH = N0 * (1 - NU) / (E * THICKNESS)
-SPIN, HUB = 10.0, 0.2
+# Spin [rad/s], and radius of the hub over that of the film.
+SPIN = 10.0
+HUB = 0.2
 SPUN = gx.Miyazaki(1e9, NU, density=5e-5 * 1e9 / SPIN**2, thickness=1e-4)
 EXACT = {  # Hz
     "square": (6.363363, 10.06136, 10.06136, 12.726726),

@@ -116,6 +116,7 @@ def run(study: Study, folder: Path, comm: MPI.Intracomm, quick: bool = False) ->
         if key not in known:
             row = _compute(study, case, comm, options)
             known[key] = row
+            # After each case, so that a study that was ended goes on from there.
             on_rank_zero(comm, lambda: _write(path, list(known.values())))
             if comm.rank == 0:
                 print(f"{study.name}: {', '.join(f'{k} {v}' for k, v in row.items())}", flush=True)
@@ -139,6 +140,7 @@ def _compute(
             f"Study '{study.name}': its problem returns no 'seconds'; return the run time.",
         )
         row |= {name: repr(float(value)) for name, value in values.items()}
+    # A failure with a name is a result; any other error ends the study.
     except (NoEquilibrium, StepFailure) as failure:
         row |= {"seconds": repr(time.perf_counter() - started), "failed": str(failure)}
     return row
