@@ -30,6 +30,10 @@ from gossamer_fx.terms.element_energies import StoredEnergy
 from gossamer_fx.terms.masses import KineticEnergy
 from gossamer_fx.terms.point_constraints import PointConstraint
 
+# Sine of the angle between the given normal and the beam, below which the normal counts as parallel
+# to it: the direction of the section would be round-off.
+PARALLEL = 1e-6
+
 
 @check_arguments
 class Beam(Curve):
@@ -69,22 +73,22 @@ class Beam(Curve):
         name: str = "beam",
     ) -> None:
         super().__init__("Beam", name, mesh, 2, 9)
-        self.section, self._velocity = (
-            section,
-            checked(velocity, f"Beam '{name}': its velocity", mesh.comm),
-        )
+        self.section = section
+        self._velocity = checked(velocity, f"Beam '{name}': its velocity", mesh.comm)
         self.constants = constants(section, self.mesh.domain)
         self._frames: dict[int, Frame] = {}
-        self._normal = tuple(normal)  # a restart compares it, see `outputs.arguments`
+        # A restart compares this argument, see `outputs.arguments`.
+        self._normal = tuple(normal)
         self._reference = self._stress_free(np.asarray(normal, dtype=float))
 
     def _stress_free(self, normal: Array) -> fem.Function:
         """Positions of the mesh, and directors normal to its mean tangent at each node."""
-        J, w = ufl.Jacobian(self.mesh.domain)[:, 0], ufl.TestFunction(self.space)
+        J = ufl.Jacobian(self.mesh.domain)[:, 0]
+        w = ufl.TestFunction(self.space)
         tangent = J / ufl.sqrt(ufl.dot(J, J))
-        mean = fem.assemble_vector(
-            compile_form(sum(tangent[i] * w[i] for i in range(3)) * self.mass_dx)
-        )
+        # The tangent may jump between cells; at a node it is the mean of both sides.
+        weighted_tangent = sum(tangent[i] * w[i] for i in range(3)) * self.mass_dx
+        mean = fem.assemble_vector(compile_form(weighted_tangent))
         mean.scatter_reverse(la.InsertMode.add)
         mean.scatter_forward()
         t = mean.array.reshape(-1, 9)[:, :3]
@@ -93,7 +97,7 @@ class Beam(Curve):
         length = np.linalg.norm(d2, axis=1, keepdims=True)
         check_on_all(
             self.comm,
-            bool((length > 1e-6 * np.linalg.norm(normal)).all()),
+            bool((length > PARALLEL * np.linalg.norm(normal)).all()),
             f"Beam '{self.name}': its normal {normal.tolist()} is along the beam somewhere; choose another direction.",
         )
         d2 = d2 / length
@@ -112,39 +116,53 @@ class Beam(Curve):
         return beam_strain(q) - beam_strain(self._reference)
 
     def density(self, e: Expr) -> Expr:
-        """Stored energy per unit reference length."""
+        """Stored energy per unit reference length [J/m] of the strains e (6,)."""
         c = self.constants
-        return (
-            sum(k * e[i] ** 2 for i, k in enumerate((c.EA, c.GA2, c.GA3, c.EI2, c.EI3, c.GJ))) / 2
-        )
+        stiffnesses = (c.EA, c.GA2, c.GA3, c.EI2, c.EI3, c.GJ)
+        return sum(stiffness * e[i] ** 2 for i, stiffness in enumerate(stiffnesses)) / 2
 
     def mass(self, v: Expr, w: Expr) -> ufl.Form:
-        """Of velocities (ẋ, ḋ2, ḋ3)."""
+        """Bilinear form of the mass of velocities v = (ẋ, ḋ2, ḋ3); ½ mass(v, v) is the kinetic
+        energy [J].
+        """
         c = self.constants
         inertia = [c.line_density] * 3 + [c.rotary2] * 3 + [c.rotary3] * 3
         return sum(m * v[i] * w[i] for i, m in enumerate(inertia)) * self.mass_dx
 
     def terms(self, start: State) -> Iterable[Term]:
+        """Kinetic and stored energy, and the constraint that the directors of each node stay
+        orthonormal.
+        """
         yield KineticEnergy(self, self.mass)
         yield StoredEnergy(self.name, self, self.measure, self.density, self.dx, quadratic=True)
         first, end = self.block.index_map.local_range
-        places = [self._directors(node) for node in range(first, end)]
-        yield PointConstraint(f"{self.name} directors", PointMeasure(places, *orthonormality(2)))
+        directors = [self._directors(node) for node in range(first, end)]
+        H, L, c = orthonormality(2)
+        yield PointConstraint(f"{self.name} directors", PointMeasure(directors, H, L, c))
 
     def _directors(self, node: int) -> tuple[Port, Port]:
-        return Port(self, (node,), weights=(1.0,), vectors=(1,)), Port(
-            self, (node,), weights=(1.0,), vectors=(2,)
-        )
+        """The directors d2 and d3 of a global node."""
+        d2 = Port(self, (node,), weights=(1.0,), vectors=(1,))
+        d3 = Port(self, (node,), weights=(1.0,), vectors=(2,))
+        return d2, d3
 
     def frame(self, group: str) -> Frame:
         """Position and directors (d2, d3) at a named point of the mesh."""
         node = global_node(self, self.mesh, group)
-        return self._frames.setdefault(
-            node, Frame(Port(self, (node,)), self._directors(node), name=f"{self.name}/{group}")
-        )
+        # One object for one node: frames are compared by identity.
+        if node not in self._frames:
+            position = Port(self, (node,))
+            directors = self._directors(node)
+            self._frames[node] = Frame(position, directors, name=f"{self.name}/{group}")
+        return self._frames[node]
 
     @cached_property
     def _start(self) -> tuple[Array, Array]:
+        """Initial coordinates and velocities (9 n,) of the n owned nodes.
+
+        The velocity of a director is the difference of the given velocities at its tip and its
+        root: a rigid velocity field gives exactly the rates of a rigid rotation.
+        """
         q = self._reference.x.array.reshape(-1, 3, 3)[: self.block.index_map.size_local]
         v = np.zeros_like(q)
         if self._velocity is not None:

@@ -70,6 +70,7 @@ class EdgeLine:
 
     @property
     def order(self) -> int:
+        """Order p of the body's elements."""
         return int(self.nodes.shape[1]) - 1
 
     def reversed(self) -> EdgeLine:
@@ -92,13 +93,17 @@ class EdgeLine:
 
     def all_nodes(self) -> tuple[Numbers, Array]:
         """Global nodes (m,) of the line without repetition, and σ (m,) of each."""
-        local = np.linspace(0.0, 1.0, self.order + 1)[:-1]
+        # The last node of an edge is the first one of the next.
         nodes = self.nodes[:, :-1].ravel()
-        widths = np.diff(self.fractions)
-        at = (self.fractions[:-1, None] + widths[:, None] * local).ravel()
+        starts = self.fractions[:-1, None]
+        widths = np.diff(self.fractions)[:, None]
+        local = np.linspace(0.0, 1.0, self.order + 1)[:-1]
+        fractions = (starts + widths * local).ravel()
         if self.is_closed:
-            return nodes, at
-        return np.append(nodes, self.nodes[-1, -1]), np.append(at, 1.0)
+            return nodes, fractions
+        all_nodes = np.append(nodes, self.nodes[-1, -1])
+        all_fractions = np.append(fractions, 1.0)
+        return all_nodes, all_fractions
 
     def locate(self, fraction: float) -> tuple[int, float]:
         """The edge at σ, and the position on it from 0 to 1."""
@@ -114,12 +119,10 @@ class EdgeLine:
         nearest = round(ξ * self.order)
         if abs(ξ - nearest / self.order) < NODE_FRACTION:
             return Port(self.body, (int(self.nodes[k, nearest]),))
-        weights = shape_functions(self.order, np.array([ξ]))[0][0]
-        return Port(
-            self.body,
-            tuple(int(node) for node in self.nodes[k]),
-            weights=tuple(float(weight) for weight in weights),
-        )
+        values, _ = shape_functions(self.order, np.array([ξ]))
+        nodes = tuple(int(node) for node in self.nodes[k])
+        weights = tuple(float(value) for value in values[0])
+        return Port(self.body, nodes, weights=weights)
 
     def positions(self, state: State) -> Array:
         """Positions (n + 1, 3) [m] of the ends of its edges in a state.  Collective."""
@@ -128,8 +131,9 @@ class EdgeLine:
         mine = np.flatnonzero((ends >= first) & (ends < last))
         own = state[self.body].positions()[ends[mine] - first]
         found = np.zeros((len(ends), 3))
-        for which, there in self.body.comm.allgather((mine, own.copy())):
-            found[which] = there
+        # Only the nodes of the line are exchanged, not those of the film.
+        for which, positions in self.body.comm.allgather((mine, own.copy())):
+            found[which] = positions
         return found
 
 
@@ -148,19 +152,28 @@ class SewnEdges(Protocol):
 
 
 def shape_functions(order: int, ξ: Array) -> tuple[Array, Array]:
-    """Lagrange functions (k, order + 1) on [0, 1] at ξ (k,), nodes from start to end, and their slopes."""
-    one = np.ones_like(ξ)
+    """Lagrange functions (k, order + 1) on [0, 1] at ξ (k,), nodes from start to end, and their
+    slopes.
+
+    Args:
+        order: 1 or 2; bodies have no others.
+    """
     if order == 1:
-        return np.stack([1 - ξ, ξ], axis=1), np.stack([-one, one], axis=1)
-    values = [(1 - ξ) * (1 - 2 * ξ), 4 * ξ * (1 - ξ), ξ * (2 * ξ - 1)]
-    slopes = [4 * ξ - 3, 4 - 8 * ξ, 4 * ξ - 1]
+        one = np.ones_like(ξ)
+        values = [1 - ξ, ξ]
+        slopes = [-one, one]
+    else:
+        values = [(1 - ξ) * (1 - 2 * ξ), 4 * ξ * (1 - ξ), ξ * (2 * ξ - 1)]
+        slopes = [4 * ξ - 3, 4 - 8 * ξ, 4 * ξ - 1]
     return np.stack(values, axis=1), np.stack(slopes, axis=1)
 
 
 def edge_line(body: Meshed, group: str, user: str) -> EdgeLine:
-    """The line that a named group of curves of a film is.  Collective.
+    """Find the line of edges of a named group of curves of a film.  Collective.
 
     Args:
+        body: the film or plate.
+        group: name of the group in the mesh.
         user: the item that needs the line, the first words of messages.
 
     Raises:
@@ -168,6 +181,7 @@ def edge_line(body: Meshed, group: str, user: str) -> EdgeLine:
     """
     table = body.mesh.edges
     curve = body.mesh.curve(group, user)
+    # Each edge is sent once, by its owner.
     own = curve[curve < table.owned]
     local = table.nodes(body.space, own)
     nodes = body.block.index_map.local_to_global(local.ravel()).reshape(local.shape)
@@ -180,10 +194,16 @@ def edge_line(body: Meshed, group: str, user: str) -> EdgeLine:
         len(nodes) > 0, f"{user}: the group '{group}' of '{body.name}' has no edges; name a line."
     )
     order, forwards, is_closed = _walk(vertices, X, f"{user}: '{group}' of '{body.name}'")
-    turned = np.where(forwards[:, None], vertices[order], vertices[order, ::-1])
-    turned_nodes = np.where(forwards[:, None], nodes[order], nodes[order, ::-1])
-    turned_X = np.where(forwards[:, None, None], X[order], X[order, ::-1])
-    return EdgeLine(body, group, turned, turned_nodes, turned_X, is_closed)
+    # Edges that are walked backwards have their vertices and nodes reversed.
+    is_forwards = forwards[:, None]
+    return EdgeLine(
+        body=body,
+        group=group,
+        vertices=np.where(is_forwards, vertices[order], vertices[order, ::-1]),
+        nodes=np.where(is_forwards, nodes[order], nodes[order, ::-1]),
+        X=np.where(is_forwards[:, None], X[order], X[order, ::-1]),
+        is_closed=is_closed,
+    )
 
 
 def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[np.bool_], bool]:
@@ -208,9 +228,12 @@ def _walk(vertices: Numbers, X: Array, what: str) -> tuple[Numbers, npt.NDArray[
     )
     coordinates = np.array(list(point.values()))
     low = coordinates.min(axis=0)
-    resolution = COORDINATE_TOLERANCE * float(np.linalg.norm(np.ptp(coordinates, axis=0))) or 1.0
+    size = float(np.linalg.norm(np.ptp(coordinates, axis=0)))
+    # A line without extent has any resolution.
+    resolution = COORDINATE_TOLERANCE * size or 1.0
 
     def height(vertex: int) -> tuple[float, ...]:
+        """Rounded coordinates, so that round-off does not choose between equal ones."""
         return tuple(np.rint((point[vertex] - low) / resolution).tolist())
 
     def other(edge: int, vertex: int) -> int:
@@ -245,23 +268,32 @@ def aligned(a: EdgeLine, b: EdgeLine, start: State) -> EdgeLine:
     """
     x_a = a.positions(start)
     x_b = b.positions(start)
-    best = (np.inf, b)
+    # An open line begins at one of its two ends, a closed one at any vertex.
+    first_edges: Sequence[int] = (0,)
+    if b.is_closed:
+        first_edges = range(len(b.nodes))
+    least = np.inf
+    nearest = b
     for line, x in ((b, x_b), (b.reversed(), x_b[::-1])):
-        shifts: Sequence[int] = range(len(line.nodes)) if b.is_closed else (0,)
-        for k in shifts:
-            candidate = line.begun_at(k) if k else line
+        for k in first_edges:
+            candidate = line
+            if k > 0:
+                candidate = line.begun_at(k)
             points = np.roll(x[:-1], -k, axis=0)
-            last = points[:1] if b.is_closed else x[-1:]
-            distance = _mean_square(
-                a.fractions, x_a, candidate.fractions, np.vstack([points, last])
-            )
+            last = x[-1:]
+            if b.is_closed:
+                last = points[:1]
+            x_candidate = np.vstack([points, last])
+            distance = _mean_square(a.fractions, x_a, candidate.fractions, x_candidate)
             # Round-off must not choose between two that are equally far.
-            if distance < best[0] * (1 - COORDINATE_TOLERANCE):
-                best = (distance, candidate)
-    return best[1]
+            if distance < least * (1 - COORDINATE_TOLERANCE):
+                least = distance
+                nearest = candidate
+    return nearest
 
 
 def _mean_square(σ_a: Array, x_a: Array, σ_b: Array, x_b: Array) -> float:
     """Mean of |x_a - x_b|² [m²] at the points of a."""
-    there = np.stack([np.interp(σ_a, σ_b, component) for component in x_b.T], axis=1)
-    return float(((x_a - there) ** 2).sum(axis=1).mean())
+    at_points_of_a = np.stack([np.interp(σ_a, σ_b, component) for component in x_b.T], axis=1)
+    squared_distances = ((x_a - at_points_of_a) ** 2).sum(axis=1)
+    return float(squared_distances.mean())

@@ -13,6 +13,10 @@ from gossamer_fx.checks.errors import check, check_on_all
 from gossamer_fx.mesh.mesh import Mesh
 from gossamer_fx.model.body import MeshBody, Port
 
+# Shape functions below this value count as zero: a point on an edge of a cell depends on the nodes
+# of that edge only, and then on fewer unknowns.
+ZERO_WEIGHT = 1e-12
+
 
 def local_nodes(space: fem.FunctionSpace, mesh: Mesh, group: str) -> np.ndarray:
     """Local nodes (owned and ghost) of a named group of the mesh."""
@@ -23,12 +27,19 @@ def local_nodes(space: fem.FunctionSpace, mesh: Mesh, group: str) -> np.ndarray:
 
 
 def global_node(body: MeshBody, mesh: Mesh, group: str) -> int:
-    """The one node of a named point of the mesh."""
-    nodes, index_map = local_nodes(body.space, mesh, group), body.block.index_map
+    """Global number of the one node of a named point of the mesh.  Collective.
+
+    Raises:
+        InputError: the group has no node, or several.
+    """
+    nodes = local_nodes(body.space, mesh, group)
+    index_map = body.block.index_map
+    # Each node is counted once, by its owner.
     owned = nodes[nodes < index_map.size_local]
-    found = [
-        i for part in body.comm.allgather(index_map.local_to_global(owned).tolist()) for i in part
-    ]
+    mine = index_map.local_to_global(owned).tolist()
+    found = []
+    for part in body.comm.allgather(mine):
+        found += part
     check(
         len(found) == 1,
         f"Group '{group}' of '{body.name}' has {len(found)} nodes; a port is one point.",
@@ -37,44 +48,59 @@ def global_node(body: MeshBody, mesh: Mesh, group: str) -> int:
 
 
 def interpolated(body: MeshBody, point: Sequence[float], tolerance: float = 1e-6) -> Port:
-    """The point of a body at `point` [m] of its mesh: a combination of the nodes of the cell that holds it.
+    """The point of a body at `point` [m] of its mesh: a combination of the nodes of the cell around
+    it.
+
+    Collective.
 
     Raises:
         InputError: the point is further than `tolerance` [m] from the mesh.
     """
-    mesh, x = body.space.mesh, np.asarray(point, dtype=float)
+    mesh = body.space.mesh
+    x = np.asarray(point, dtype=float)
     tdim = mesh.topology.dim
     cells = np.arange(mesh.topology.index_map(tdim).size_local, dtype=np.int32)
-    distance, cell = np.inf, -1
     check_on_all(
         body.comm,
         x.shape == (3,),
         f"A port of '{body.name}' is at {list(point)!r}; give three coordinates.",
     )
+    # A rank without cells is infinitely far away.
+    distance = np.inf
+    cell = -1
     if len(cells):
         tree = geometry.bb_tree(mesh, tdim, entities=cells)
         middle = geometry.create_midpoint_tree(mesh, tdim, cells)
         cell = int(geometry.compute_closest_entity(tree, middle, mesh, x)[0])
-        here: Any = np.array([cell], dtype=np.int32)  # dolfinx says list and means array
-        distance = float(np.sqrt(geometry.squared_distance(mesh, tdim, here, x)[0]))
+        # The annotation of dolfinx is a list, but the function needs an array.
+        cell_array: Any = np.array([cell], dtype=np.int32)
+        squared_distance = geometry.squared_distance(mesh, tdim, cell_array, x)[0]
+        distance = float(np.sqrt(squared_distance))
+    # Of ranks at the same distance, the lowest one: a point between two ranks belongs to one of
+    # them.
     nearest, rank = body.comm.allreduce((distance, body.comm.rank), op=MPI.MIN)
     check(
         nearest <= tolerance,
         f"The point {x.tolist()} m is {nearest:.3g} m away from '{body.name}'; give a point of its mesh.",
     )
-    nodes, weights = body.comm.bcast(
-        _weights(body, cell, x) if body.comm.rank == rank else None, root=rank
-    )
+    found = None
+    if body.comm.rank == rank:
+        found = _weights(body, cell, x)
+    nodes, weights = body.comm.bcast(found, root=rank)
     return Port(body, nodes, weights=weights)
 
 
 def _weights(body: MeshBody, cell: int, x: np.ndarray) -> tuple[tuple[int, ...], tuple[float, ...]]:
-    """Global nodes of a cell and their shape functions at a point; those that vanish are left out."""
+    """Global nodes of a local cell and their shape functions at x (3,) [m], without those that
+    vanish.
+    """
     space: Any = body.space
     mesh = space.mesh
     corners = mesh.geometry.x[mesh.geometry.dofmap[cell]]
     reference = mesh.geometry.cmap.pull_back(x[None], corners)
     values = space.element.basix_element.tabulate(0, reference)[0, 0, :, 0]
     nodes = body.block.index_map.local_to_global(space.dofmap.cell_dofs(cell))
-    kept = np.abs(values) > 1e-12
-    return tuple(int(n) for n in nodes[kept]), tuple(float(w) for w in values[kept])
+    is_kept = np.abs(values) > ZERO_WEIGHT
+    kept_nodes = tuple(int(node) for node in nodes[is_kept])
+    weights = tuple(float(value) for value in values[is_kept])
+    return kept_nodes, weights

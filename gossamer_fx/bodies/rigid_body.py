@@ -20,19 +20,37 @@ from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.masses import NodeKineticEnergy
 from gossamer_fx.terms.point_constraints import PointConstraint
 
+# The six products of three directors: three lengths, then three right angles.
 PAIRS = ((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))
+
+# Least principal inertia over the largest one.  Below it the mass matrix of the directors is
+# singular to working precision.
+SINGULAR_INERTIA = 1e-12
+
+# Round-off that is allowed in the triangle inequality of principal inertias, relative to the
+# largest. A flat plate satisfies the inequality as an equality.
+INERTIA_TOLERANCE = 1e-9
+
+# Allowed error of an attitude's orthonormality.  A matrix that a user typed with few digits is
+# refused.
+ATTITUDE_TOLERANCE = 1e-12
 
 
 def orthonormality(count: int) -> tuple[Array, Array, Array]:
     """H, L, c of the measures ½(d_i·d_i - 1) and d_i·d_j of `count` stacked directors."""
     pairs = [(i, j) for i, j in PAIRS if i < count and j < count]
-    H, c = np.zeros((len(pairs), 3 * count, 3 * count)), np.zeros(len(pairs))
+    H = np.zeros((len(pairs), 3 * count, 3 * count))
+    L = np.zeros((len(pairs), 3 * count))
+    c = np.zeros(len(pairs))
     for k, (i, j) in enumerate(pairs):
         product = np.zeros((count, count))
-        product[i, j] = product[j, i] = 1.0
+        product[i, j] = 1.0
+        product[j, i] = 1.0
         H[k] = np.kron(product, np.eye(3))
-        c[k] = -0.5 if i == j else 0.0
-    return H, np.zeros((len(pairs), 3 * count)), c
+        # A length is measured from that of a unit vector; a right angle has the product 0.
+        if i == j:
+            c[k] = -0.5
+    return H, L, c
 
 
 @check_arguments
@@ -78,67 +96,90 @@ class RigidBody:
             f"RigidBody '{name}': mass is {mass!r} kg; give a positive number.",
         )
         tensor = np.asarray(inertia, dtype=float)
-        tensor = np.diag(tensor) if tensor.shape == (3,) else tensor
-        check(
+        if tensor.shape == (3,):
+            tensor = np.diag(tensor)
+        # The shape is tested first: a matrix of another shape cannot be compared with its
+        # transpose.
+        is_symmetric = (
             tensor.shape == (3, 3)
             and bool(np.isfinite(tensor).all())
-            and bool(np.allclose(tensor, tensor.T)),
+            and bool(np.allclose(tensor, tensor.T))
+        )
+        check(
+            is_symmetric,
             f"RigidBody '{name}': inertia is {tensor.tolist()} kg m²; give three numbers or a symmetric (3, 3).",
         )
         self.euler_tensor = np.trace(tensor) / 2 * np.eye(3) - tensor
         principal = np.linalg.eigvalsh(tensor)
         check(
-            bool(principal[0] > 1e-12 * principal[2]),
+            bool(principal[0] > SINGULAR_INERTIA * principal[2]),
             f"RigidBody '{name}': the inertia is singular, its principal values are {principal.tolist()} kg m²; give a "
             "rod its thickness.",
         )
+        # Euler's tensor has the eigenvalue (I1 + I2 - I3)/2 along the axis of the largest inertia
+        # I3.
+        excess = principal[0] + principal[1] - principal[2]
         check(
-            bool(principal[0] + principal[1] - principal[2] >= -1e-9 * principal[2]),
+            bool(excess >= -INERTIA_TOLERANCE * principal[2]),
             f"RigidBody '{name}': no body has the principal inertias {principal.tolist()} kg m²; the largest is at "
             "most the sum of the two others.",
         )
         R = np.asarray(attitude, dtype=float)
-        check(
+        is_rotation = (
             R.shape == (3, 3)
-            and bool(np.allclose(R.T @ R, np.eye(3), atol=1e-12))
-            and np.linalg.det(R) > 0,
+            and bool(np.allclose(R.T @ R, np.eye(3), atol=ATTITUDE_TOLERANCE))
+            and np.linalg.det(R) > 0
+        )
+        check(
+            is_rotation,
             f"RigidBody '{name}': the attitude is not a rotation matrix; give orthonormal columns of determinant 1.",
         )
-        self.mass, self.name, self.comm = mass, name, comm
-        # arguments that a restart compares, see `outputs.arguments`
+        self.mass = mass
+        self.name = name
+        self.comm = comm
+        # Arguments that a restart compares, see `outputs.arguments`.
         self._inertia = tensor
         self._position = np.asarray(position, dtype=float)
         self._attitude = R
         self._velocity = np.asarray(velocity, dtype=float)
         self._spin = np.asarray(spin, dtype=float)
+        # The attitude is orthonormal to `ATTITUDE_TOLERANCE` only; its QR factor is so to
+        # round-off, as the constraints ask.  QR may reverse columns, and the signs turn them back.
         directors = np.linalg.qr(R)[0]
         directors *= np.sign(np.sum(directors * R, axis=0))
         self._q = np.vstack([self._position, directors.T])
         self._v = np.vstack([self._velocity, np.cross(self._spin, directors.T)])
-        self.block = Block(IndexMap(comm, 1 if comm.rank == 0 else 0), 12)
+        # One node of four vectors.  Rank 0 owns it; all ranks know the initial state.
+        owned_nodes = int(comm.rank == 0)
+        self.block = Block(IndexMap(comm, owned_nodes), 12)
 
     def initial_state(self) -> tuple[Array, Array]:
+        """Coordinates [m, 1] and velocities [m/s, 1/s] (12 on the owning rank, else 0) at the
+        start.
+        """
         here = 12 * self.block.index_map.size_local
         return self._q.ravel()[:here].copy(), self._v.ravel()[:here].copy()
 
     def terms(self, start: State) -> Iterable[Term]:
+        """The kinetic energy, and the constraint that the directors stay orthonormal."""
         mass = np.zeros((self.block.index_map.size_local, 4, 4))
         mass[:, 0, 0] = self.mass
         mass[:, 1:, 1:] = self.euler_tensor
         yield NodeKineticEnergy(self, mass)
-        yield PointConstraint(
-            f"{self.name} directors", PointMeasure([self.frame().directors], *orthonormality(3))
-        )
+        H, L, c = orthonormality(3)
+        measure = PointMeasure([self.frame().directors], H, L, c)
+        yield PointConstraint(f"{self.name} directors", measure)
 
     def port(self, point: Sequence[float] = (0.0, 0.0, 0.0)) -> Port:
         """The material point with body coordinates `point` [m], from the centre of mass."""
-        return Port(
-            self, (0, 0, 0, 0), weights=(1.0, *(float(c) for c in point)), vectors=(0, 1, 2, 3)
-        )
+        weights = (1.0, *(float(component) for component in point))
+        return Port(self, (0, 0, 0, 0), weights=weights, vectors=(0, 1, 2, 3))
 
     def port_at(self, place: Sequence[float]) -> Port:
         """The material point that is at `place` [m] in space at the start."""
-        return self.port((self._q[1:] @ (np.asarray(place, dtype=float) - self._q[0])).tolist())
+        from_centre = np.asarray(place, dtype=float) - self._q[0]
+        directors = self._q[1:]
+        return self.port((directors @ from_centre).tolist())
 
     def frame(self, point: Sequence[float] = (0.0, 0.0, 0.0)) -> Frame:
         """The body's axes at the material point with body coordinates `point` [m]."""
@@ -150,4 +191,5 @@ class RigidBody:
         return Frame(self.port_at(place), self.frame().directors)
 
     def describe(self, node: int) -> str:
+        """What a message calls the body's node."""
         return "the rigid body"

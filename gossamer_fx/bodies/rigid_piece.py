@@ -17,6 +17,12 @@ from gossamer_fx.model.state import State
 from gossamer_fx.model.terms import Term
 from gossamer_fx.terms.point_constraints import PointConstraint
 
+# Extent of a set of points, over its largest one, below which it counts as flat in that direction.
+FLAT = 1e-9
+
+# [m] Avoids 0 < 0 in the comparison of extents where all points coincide.
+SMALLEST_EXTENT = 1e-300
+
 
 class RigidPiece:
     """Position x and directors d_i, orthonormal by multipliers, without mass: what is tied to it decides its motion.
@@ -37,70 +43,97 @@ class RigidPiece:
         rates: Array,
         rigid: bool = True,
     ) -> None:
-        self.name, self.comm, self._owner, self._rigid = name, owner.comm, owner, rigid
-        self._q, self._v = start, rates
-        self.block = Block(IndexMap(self.comm, 1 if self.comm.rank == 0 else 0), start.size)
+        self.name = name
+        self.comm = owner.comm
+        self._owner = owner
+        self._rigid = rigid
+        self._q = start
+        self._v = rates
+        # One node, which rank 0 owns; all ranks know the initial state.
+        owned_nodes = int(self.comm.rank == 0)
+        self.block = Block(IndexMap(self.comm, owned_nodes), start.size)
 
     def requires(self) -> Iterable[Any]:
         yield self._owner
 
     def initial_state(self) -> tuple[Array, Array]:
+        """Coordinates and velocities on the owning rank, else empty arrays."""
         here = self._q.size * self.block.index_map.size_local
         return self._q.ravel()[:here].copy(), self._v.ravel()[:here].copy()
 
     @property
     def directors(self) -> tuple[Port, ...]:
+        """The k directors as ports."""
         return tuple(Port(self, (0,), weights=(1.0,), vectors=(k,)) for k in range(1, len(self._q)))
 
     def port(self, *along: float) -> Port:
         """The point x + Σ along[i] d_i."""
-        return Port(
-            self,
-            (0,) * (1 + len(along)),
-            weights=(1.0, *along),
-            vectors=tuple(range(1 + len(along))),
-        )
+        count = 1 + len(along)
+        nodes = (0,) * count
+        vectors = tuple(range(count))
+        return Port(self, nodes, weights=(1.0, *along), vectors=vectors)
 
     def terms(self, start: State) -> Iterable[Term]:
+        """The constraint that the directors stay orthonormal; there is no mass, hence no energy."""
         if self._rigid:
-            measures = orthonormality(len(self._q) - 1)
-            yield PointConstraint(
-                f"{self.name} directors", PointMeasure([self.directors], *measures)
-            )
+            H, L, c = orthonormality(len(self._q) - 1)
+            measure = PointMeasure([self.directors], H, L, c)
+            yield PointConstraint(f"{self.name} directors", measure)
 
     def describe(self, node: int) -> str:
+        """What a message calls the piece's node."""
         return "the piece without mass"
 
 
 def fitted(comm: MPI.Intracomm, x: Array, v: Array) -> tuple[Array, Array, Array]:
-    """The frame of points that this rank owns, x and velocities v (n, 3): see `frame_of`.
+    """Frame of the points of all ranks, from those that this rank owns.  Collective.
 
-    Returns the centre and the k directors (1 + k, 3), their rates in the best affine motion, and the coordinates (n, k)
-    of the points along the directors.
+    Args:
+        comm: of the body.
+        x, v: positions [m] and velocities [m/s] (n, 3) of this rank's points.
+
+    Returns:
+        The centre and the k directors (1 + k, 3), see `directors_of`; their rates in the best
+        affine motion; and the coordinates (n, k) [m] of the points along the directors.
     """
     count = comm.allreduce(len(x))
-    mean, drift = (comm.allreduce(values.sum(axis=0)) / count for values in (x, v))
+    mean = comm.allreduce(x.sum(axis=0)) / count
+    mean_velocity = comm.allreduce(v.sum(axis=0)) / count
     arms = x - mean
-    covariance, rates = comm.allreduce(arms.T @ arms), comm.allreduce(arms.T @ (v - drift))
+    covariance = comm.allreduce(arms.T @ arms)
+    rates = comm.allreduce(arms.T @ (v - mean_velocity))
+    # Sums may differ between ranks in the last digit, and with it the sign of an eigenvector.
     d = comm.bcast(directors_of(covariance))
     along = arms @ d.T
-    turning = np.linalg.solve(d @ covariance @ d.T, d @ rates) if len(d) else np.zeros((0, 3))
-    return np.vstack([mean[None], d]), np.vstack([drift[None], turning]), along
+    director_rates = np.zeros((0, 3))
+    if len(d):
+        director_rates = np.linalg.solve(d @ covariance @ d.T, d @ rates)
+    frame = np.vstack([mean[None], d])
+    frame_rates = np.vstack([mean_velocity[None], director_rates])
+    return frame, frame_rates, along
 
 
-def directors_of(covariance: Array, flat: float = 1e-9) -> Array:
-    """Directors (k, 3) of points with this covariance about their centre: as many as they have dimensions.
+def directors_of(covariance: Array, flat: float = FLAT) -> Array:
+    """Directors (k, 3) of points with this covariance (3, 3) [m²]: as many as the points have
+    dimensions.
 
     One along a line; two in a plane, right-handed with its normal; the axes of space for points in space.
     """
-    squares, vectors = np.linalg.eigh(covariance)  # ascending
+    # Eigenvalues are in ascending order.  Round-off may make the least of them negative.
+    squares, vectors = np.linalg.eigh(covariance)
     extents = np.sqrt(np.maximum(squares, 0.0))
-    dimension = int((extents > flat * max(extents[2], 1e-300)).sum()) if extents[2] > 0 else 0
+    dimension = 0
+    if extents[2] > 0:
+        dimension = int((extents > flat * max(extents[2], SMALLEST_EXTENT)).sum())
     if dimension == 0:
         return np.zeros((0, 3))
     if dimension == 3:
         return np.eye(3)
-    n: Array = vectors[:, 2 if dimension == 1 else 0]
+    # The direction of a line has the largest extent, the normal of a plane the smallest one.
+    n: Array = vectors[:, 0]
+    if dimension == 1:
+        n = vectors[:, 2]
+    # An eigenvector has no sign; its largest component is made positive.
     n = n * np.sign(n[np.argmax(np.abs(n))])
     if dimension == 1:
         return n[None]

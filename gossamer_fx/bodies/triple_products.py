@@ -29,9 +29,23 @@ from gossamer_fx.model.roles import Forces, StoredEnergies, TangentForms
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.terms.discrete_gradient import gonzalez_correction
 
-SMALLEST = 1e-24  # of the sum of squares; vectors are dimensionless
+# Lower bound of the divisor Σ (g_i'·Δ)², which vanishes in a step without motion.  The vectors are
+# dimensionless, so that changes of 1e-12, the root of this, are round-off.
+SMALLEST = 1e-24
 
 Vectors = tuple[Expr, Expr, Expr]
+
+
+@dataclass(frozen=True, eq=False)
+class _Compiled:
+    """Compiled forms of one term, and the array of its forces with ghosts."""
+
+    body: MeshBody
+    name: str
+    residual: fem.Form
+    tangent: fem.Form
+    energy: fem.Form
+    force: la.Vector
 
 
 class TripleProductEnergies(
@@ -40,46 +54,55 @@ class TripleProductEnergies(
     """All `TripleProductEnergy` terms of a scene."""
 
     def __init__(self, terms: Sequence[TripleProductEnergy], system: Assembly) -> None:
-        self._system, self._compiled = system, []
+        self._system = system
+        self._compiled: list[_Compiled] = []
         for term in terms:
             at = system.fields[term.body]
-            residual, tangent, energy = ufl.Form([]), ufl.Form([]), term.constant
+            residual = ufl.Form([])
+            tangent = ufl.Form([])
+            energy = term.constant
             for scale, vectors, dx in term.products:
-                mid, δ, dq = vectors(at.mid), vectors(at.w), vectors(at.dq)
+                mid = vectors(at.mid)
+                δ = vectors(at.w)
+                dq = vectors(at.dq)
                 force = _gradient(mid, δ)
+                # Only the midpoint rule conserves energy; other rules need no correction.
                 if system.rule.alpha == 0.5:
                     force += _defect(mid, vectors(at.q1 - at.q0), δ)
                 residual += scale * force * dx
                 tangent += at.α * scale * _second(mid, dq, δ) * dx
                 energy += scale * _triple(*vectors(at.q0)) * dx
-            force = la.vector(term.body.block.index_map, term.body.block.size)
-            self._compiled.append(
-                (
-                    term.body,
-                    term.name,
-                    compile_form(residual),
-                    compile_form(tangent),
-                    compile_form(energy),
-                    force,
-                )
+            compiled = _Compiled(
+                body=term.body,
+                name=term.name,
+                residual=compile_form(residual),
+                tangent=compile_form(tangent),
+                energy=compile_form(energy),
+                force=la.vector(term.body.block.index_map, term.body.block.size),
             )
+            self._compiled.append(compiled)
 
     def add_forces(self, r: PETSc.Vec) -> None:
-        for body, _, residual, _, _, force in self._compiled:
+        """Add the forces [N] of all terms to r."""
+        for compiled in self._compiled:
+            force = compiled.force
             force.array[:] = 0
-            fem.assemble_vector(force.array, residual)
+            fem.assemble_vector(force.array, compiled.residual)
             force.scatter_reverse(la.InsertMode.add)
-            owned = self._system.block(body).owned
+            owned = self._system.block(compiled.body).owned
             with r as values:
                 values[owned] += force.array[: owned.stop - owned.start]
 
     def tangent_forms(self, body: Body) -> list[fem.Form]:
-        return [tangent for one, _, _, tangent, _, _ in self._compiled if one is body]
+        """Bilinear forms of the tangents [N/m] of this body's terms."""
+        return [compiled.tangent for compiled in self._compiled if compiled.body is body]
 
     def energies(self) -> dict[str, float]:
+        """This rank's share of the stored energy [J] at the start of the step, by name."""
         found: dict[str, float] = {}
-        for _, name, _, _, energy, _ in self._compiled:
-            found[name] = found.get(name, 0.0) + float(fem.assemble_scalar(energy))
+        for compiled in self._compiled:
+            energy = float(fem.assemble_scalar(compiled.energy))
+            found[compiled.name] = found.get(compiled.name, 0.0) + energy
         return found
 
 
@@ -105,29 +128,43 @@ def _triple(u: Expr, v: Expr, s: Expr) -> Expr:
 
 def _gradient(X: Vectors, δ: Vectors) -> Expr:
     """Derivative of the triple product of X along δ."""
-    (u, v, s), (du, dv, ds) = X, δ
+    u, v, s = X
+    du, dv, ds = δ
     return _triple(du, v, s) + _triple(u, dv, s) + _triple(u, v, ds)
 
 
 def _second(X: Vectors, a: Vectors, b: Vectors) -> Expr:
-    """Its second derivative along a and b."""
-    (u, v, s), (au, av, as_), (bu, bv, bs) = X, a, b
-    pairs = (_triple(au, bv, s), _triple(bu, av, s), _triple(au, v, bs), _triple(bu, v, as_))
+    """Second derivative of the triple product of X along a and b."""
+    u, v, s = X
+    au, av, as_ = a
+    bu, bv, bs = b
+    pairs = (
+        _triple(au, bv, s),
+        _triple(bu, av, s),
+        _triple(au, v, bs),
+        _triple(bu, v, as_),
+    )
     return sum(pairs) + _triple(u, av, bs) + _triple(u, bv, as_)
 
 
 def _invariants(X: Vectors, δ: Vectors) -> list[Expr]:
     """The derivatives of the six invariants of X along δ."""
-    (u, v, s), (du, dv, ds) = X, δ
-    products = [
-        ufl.dot(a, db) + ufl.dot(da, b)
-        for a, b, da, db in ((u, v, du, dv), (u, s, du, ds), (v, s, dv, ds))
+    u, v, s = X
+    du, dv, ds = δ
+    return [
+        ufl.dot(u, du),
+        ufl.dot(v, dv),
+        ufl.dot(u, dv) + ufl.dot(du, v),
+        ufl.dot(u, ds) + ufl.dot(du, s),
+        ufl.dot(v, ds) + ufl.dot(dv, s),
+        _gradient(X, δ),
     ]
-    return [ufl.dot(u, du), ufl.dot(v, dv), *products, _gradient(X, δ)]
 
 
 def _defect(mid: Vectors, Δ: Vectors, δ: Vectors) -> Expr:
-    """What the gradient misses of the energy, along the change of the invariants."""
+    """The correction that closes the energy balance: ¼ (Δu×Δv)·Δs along the change of the
+    invariants.
+    """
     missing = _triple(*Δ) / 4
     coefficients = gonzalez_correction(missing, _invariants(mid, Δ), SMALLEST)
     along = _invariants(mid, δ)

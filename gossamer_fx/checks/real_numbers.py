@@ -48,9 +48,16 @@ def real_numbers(value: Any) -> npt.NDArray[np.float64] | None:
 def are_usual_sizes(numbers: npt.NDArray[np.floating]) -> bool:
     """Return whether all numbers are finite, and zero or of a size that can be computed with.
 
-    >>> are_usual_sizes(np.array([0.0, -1e9])), are_usual_sizes(np.array([1e300]))
+    Entries of a list may also be smaller: a component that vanishes beside the others is harmless.
+
+    >>> are_usual_sizes(np.array([1e-300, -1e9])), are_usual_sizes(np.array([1e300]))
     (True, False)
+    >>> are_usual_sizes(np.array(1e-300))
+    False
     """
     sizes = np.abs(numbers)
-    # NaN is neither zero nor within the limits.
-    return bool(((sizes == 0) | ((sizes >= SMALLEST) & (sizes <= LARGEST))).all())
+    # NaN is not below the limit.
+    is_below = bool((sizes <= LARGEST).all())
+    if sizes.ndim > 0:
+        return is_below
+    return is_below and bool(sizes == 0 or sizes >= SMALLEST)

@@ -1,9 +1,10 @@
-"""Energies of folds: rotational springs between the cells on both sides of edges, as arrays over points of the edges.
+"""Energies of folds: rotational springs between the cells on both sides of edges.
 
-With ψ = ½ k (θ - θr)² at each point the force of a step is m̄ G, G the discrete gradient of
-`dihedral_angle` and m̄ the mean moment along the path from θ0 to θ1, so that m̄ G·ΔX = ∫ m dθ.
-A fold that yields holds |θ - θr| ≤ φ: beyond it the rest
-angle θr slips along, at the constant moment k φ, and what the step dissipates, k φ |Δθr|, closes the balance exactly.
+The springs are arrays over points of the edges.  With ψ = ½ k (θ - θr)² at each point the force of
+a step is m_mean G, with G the discrete gradient of `dihedral_angle` and m_mean the mean moment
+along the path from θ0 to θ1, so that m_mean G·ΔX = ∫ m dθ.  A fold that yields holds |θ - θr| ≤ φ:
+beyond it the rest angle θr follows at the constant moment k φ.  The dissipation of the step, k φ
+|Δθr|, closes the energy balance exactly.
 
 θ is continuous from step to step: a fold that is more than half a turn from flat, or pressed shut
 at ±π, retains its sign and its number of turns.
@@ -11,7 +12,7 @@ at ±π, retains its sign and its number of turns.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -40,8 +41,13 @@ from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 
 Names = np.ndarray[Any, np.dtype[np.int64]]
 
-SHUT = np.radians(1.0)  # from half a turn: there the positions do not tell the sign of a fold
-FARTHEST = 0.95 * np.pi  # that a fold may turn in a step: at half a turn its sense is not known
+# [rad] Distance from ±π below which a fold counts as pressed shut.  Positions do not show on which
+# side of π such a fold is: its sign is that of the input.
+SHUT = np.radians(1.0)
+
+# [rad] Largest change of an angle in a step.  At half a turn the sense of the rotation is
+# ambiguous; the margin of 5 % rejects a step before that.
+FARTHEST = 0.95 * np.pi
 
 
 class CreaseEnergies(
@@ -62,7 +68,9 @@ class CreaseEnergies(
     """All `CreaseEnergy` terms of a scene; those with as many nodes a point are one array."""
 
     def __init__(self, terms: Sequence[CreaseEnergy], system: Assembly) -> None:
-        self._system, self.terms = system, terms
+        self._system = system
+        self.terms = terms
+        # Terms of meshes of different order have different numbers of nodes.
         groups: dict[int, list[int]] = {}
         for i, term in enumerate(terms):
             groups.setdefault(term.nodes.shape[1], []).append(i)
@@ -74,43 +82,44 @@ class CreaseEnergies(
         self._numbers: dict[tuple[int, str], float] = {}
 
     def commit(self) -> None:
+        """Update angles and rest angles from the accepted coordinates."""
         for points, q in zip(self._arrays, self._gather(self._system.q0), strict=True):
             points.keep(q)
 
     def add_forces(self, r: PETSc.Vec) -> None:
-        for points, q in zip(self._arrays, self._gather(self._system.q1), strict=True):
-            r.setValues(
-                points.indices.ravel(), points.forces(q).ravel(), addv=PETSc.InsertMode.ADD_VALUES
-            )
+        """Add the forces [N] of all folds to r."""
+        for points, q in self._at_end():
+            indices = points.indices.ravel()
+            forces = points.forces(q).ravel()
+            r.setValues(indices, forces, addv=PETSc.InsertMode.ADD_VALUES)
         r.assemble()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
-        for points, q in zip(self._arrays, self._gather(self._system.q1), strict=True):
-            add_blocks(
-                A, points.indices, points.indices, points.tangents(q, self._system.geometric)
-            )
+        """Add the tangents [N/m] of all folds to A."""
+        for points, q in self._at_end():
+            blocks = points.tangents(q, self._system.geometric)
+            add_blocks(A, points.indices, points.indices, blocks)
 
     def inadmissible(self) -> str:
-        far = [
-            points.turned(q)
-            for points, q in zip(self._arrays, self._gather(self._system.q1), strict=True)
-        ]
-        worst, name = max(self._system.comm.allgather(max(far, default=(0.0, ""))))
-        return (
-            ""
-            if worst < FARTHEST
-            else f"'{name}' turns by {np.degrees(worst):.0f}° in one step: its sense is lost"
-        )
+        """Why the step must be rejected: a fold turns by nearly half a turn.  Empty if none does."""
+        rotations = [points.largest_rotation(q) for points, q in self._at_end()]
+        largest = max(rotations, default=(0.0, ""))
+        angle, name = max(self._system.comm.allgather(largest))
+        if angle < FARTHEST:
+            return ""
+        return f"'{name}' turns by {np.degrees(angle):.0f}° in one step: its sense is lost"
 
     def dissipated(self) -> Array:
+        """Energy [J] that each term with a yield angle dissipates on this rank in the step."""
         if not self._yielding:
             return np.zeros(0)
         found = np.zeros(len(self.terms))
-        for points, q in zip(self._arrays, self._gather(self._system.q1), strict=True):
+        for points, q in self._at_end():
             found += np.bincount(points.owner, points.loss(q), len(self.terms))
         return found[self._yielding]
 
     def energies(self) -> dict[str, float]:
+        """This rank's share of the stored energy [J] at the start of the step, by name."""
         found = dict.fromkeys((term.name for term in self.terms), 0.0)
         for points in self._arrays:
             for i, energy in zip(points.of, points.energies(), strict=True):
@@ -119,25 +128,35 @@ class CreaseEnergies(
 
     def angles(self, term: CreaseEnergy) -> tuple[Array, Array]:
         """Angle and rest angle (n,) [rad] at q0 of this rank's points of a term."""
-        i = next(k for k, known in enumerate(self.terms) if known is term)
-        points = next(p for p in self._arrays if i in p.of)
+        points, i = self._find(term)
         here = points.owner == i
         return points.θ[here], points.rest[here]
 
     def cell_values(self, field: str, body: Body) -> tuple[Indices, Array] | None:
+        """Values of the field `fold_angle` [rad] at q0: local cells (n,) next to folds, and their
+        angle (n,).
+        """
         mine = [term for term in self.terms if term.body is body]
         if field != "fold_angle" or not mine:
             return None
-        cells = np.concatenate([term.cells.ravel() for term in mine])
-        return cells, np.concatenate([np.repeat(self.angles(term)[0], 2) for term in mine])
+        cells = []
+        values = []
+        for term in mine:
+            angles, _ = self.angles(term)
+            # A point has a cell on the left and one on the right.
+            cells.append(term.cells.ravel())
+            values.append(np.repeat(angles, 2))
+        return np.concatenate(cells), np.concatenate(values)
 
     # ---- sensitivities ---------------------------------------------------------------------------------
 
     def get_number(self, term: CreaseEnergy, key: str) -> Array:
+        """Present value (1,) of the parameter `key` of a term."""
         given = term.rest if key == "rest" else term.moment_per_angle
         return np.atleast_1d(self._numbers.get((id(term), key), given))
 
     def set_number(self, term: CreaseEnergy, key: str, value: Array) -> None:
+        """Change the parameter `key` of a term to `value` (1,)."""
         before = float(self.get_number(term, key)[0])
         now = float(value[0])
         points, i = self._find(term)
@@ -145,6 +164,7 @@ class CreaseEnergies(
         self._numbers[id(term), key] = now
 
     def work_by_number(self, term: CreaseEnergy, key: str, w: PETSc.Vec) -> Array:
+        """Derivative (1,) of w·forces by the parameter `key`, this rank's share."""
         points, i = self._find(term)
         k = self._arrays.index(points)
         q = self._gather(self._system.q1)[k]
@@ -153,53 +173,79 @@ class CreaseEnergies(
         return np.array([work[points.owner == i].sum()])
 
     def energy_by_number(self, term: CreaseEnergy, key: str) -> Array:
+        """Derivative (1,) of the stored energy by the parameter `key`, this rank's share."""
         points, i = self._find(term)
         q = self._gather(self._system.q1)[self._arrays.index(points)]
         by_number = points.energy_by_number(q, key, float(self.get_number(term, "stiffness")[0]))
         return np.array([by_number[points.owner == i].sum()])
 
     def without_gradient(self) -> str:
+        """Why the scene has no gradient: a fold yields.  Empty if none does."""
         for i in self._yielding:
             return f"'{self.terms[i].name}' yields, so that its rest angle depends on the path; give it no yield_angle"
         return ""
 
     def save_history(self) -> list[Array]:
+        """Angles (n,) [rad] of each array of points at the start of the step."""
         return [points.θ.copy() for points in self._arrays]
 
     def load_history(self, saved: list[Array]) -> None:
+        """Set the angles to those of `save_history`."""
         for points, angles in zip(self._arrays, saved, strict=True):
             points.θ = angles.copy()
 
     def _find(self, term: CreaseEnergy) -> tuple[_Points, int]:
         """The array of points of a term, and the number of the term."""
         i = next(k for k, known in enumerate(self.terms) if known is term)
-        return next(points for points in self._arrays if i in points.of), i
+        points = next(points for points in self._arrays if i in points.of)
+        return points, i
+
+    def _at_end(self) -> Iterator[tuple[_Points, Array]]:
+        """Each array of points with its unknowns (n, D) at the end of the step.  Collective."""
+        unknowns = self._gather(self._system.q1)
+        return zip(self._arrays, unknowns, strict=True)
+
+    # ---- history variables -----------------------------------------------------------------------
 
     def get_state(self) -> dict[str, Any]:
-        """The points whose angle or rest angle is not what positions and input tell, by the names of their edges."""
-        unusual = [row for points in self._arrays for row in points.unusual()]
-        return {
-            "points": sorted(row for rows in self._system.comm.allgather(unusual) for row in rows)
-        }
+        """Points whose angle or rest angle does not follow from positions and input, by their
+        names.
+
+        Only these are stored: most folds have neither slipped nor turned by more than half a turn.
+        """
+        unusual = []
+        for points in self._arrays:
+            unusual += points.unusual()
+        of_all_ranks = []
+        for rows in self._system.comm.allgather(unusual):
+            of_all_ranks += rows
+        # Sorted, so that the file is the same for any number of ranks.
+        return {"points": sorted(of_all_ranks)}
 
     def set_state(self, state: dict[str, Any]) -> None:
-        told = {tuple(place): (turns, rest) for place, turns, rest in state["points"]}
+        """Set angles and rest angles from those of `get_state`; the positions are set already."""
+        stored = {tuple(name): (turns, rest) for name, turns, rest in state["points"]}
         for points in self._arrays:
-            points.recall(told)
+            points.recall(stored)
 
 
 @dataclass(frozen=True, eq=False)
 class CreaseEnergy:
-    """Stored energy Σ ½ k (θ - θr)² over n points of folds, and what they dissipate where they yield.
+    """Stored energy Σ ½ k (θ - θr)² over n points of folds, which may yield.
 
-    nodes (n, k)    local nodes of the body; a point is evaluated on one rank
-    cells (n, 2)    local cells on the left and on the right
-    maps (n, 3, k)  the vectors along the fold, into the left and into the right panel are maps · positions of the nodes
-    stiffness (n,)  k [N m/rad] of the part of the fold that the point stands for
-    rest            θr [rad] at the start
-    slip            φ [rad], infinite for a fold that does not yield
-    shut            sign of the angle of a fold that starts pressed shut
-    names (n, 3)    numbers that tell the points apart on any number of ranks
+    Args:
+        name: in the energy balance and in messages.
+        body: the film or plate.
+        nodes: local nodes (n, k) of the body; a point is evaluated on one rank.
+        cells: local cells (n, 2) on the left and on the right.
+        maps: (n, 3, k); maps · positions of the nodes are three vectors: along the fold, into the
+            left panel, and into the right one.
+        stiffness: k (n,) [N m/rad] of the part of the fold that the point stands for.
+        rest: θr [rad] at the start.
+        slip: φ [rad], infinite for a fold that does not yield.
+        shut: sign of the angle of a fold that starts pressed shut.
+        names: numbers (n, 3) that identify the points on any number of ranks.
+        moment_per_angle: k [N m/m/rad] per length, to which `stiffness` is proportional.
     """
 
     name: str
@@ -212,7 +258,7 @@ class CreaseEnergy:
     slip: float
     shut: int
     names: Names
-    moment_per_angle: float = 1.0  # k [N m/m/rad], to which `stiffness` is proportional
+    moment_per_angle: float = 1.0
     parameters: tuple[Parameter, ...] = (
         Parameter("stiffness", "N m/m/rad", "stiffness"),
         Parameter("rest_angle", "rad", "rest"),
@@ -221,31 +267,55 @@ class CreaseEnergy:
 
 
 class _Points:
-    """The points of some terms on this rank, and their state: θ and the rest angle at the start of the step."""
+    """The points of some terms on this rank, and their history variables.
+
+    Args:
+        terms: of the scene.
+        of: indices of those with points in this array, which have the same number of nodes k a
+            point.
+        system: of the scene.
+
+    Attributes:
+        owner: (n,) index of the term of each point.
+        indices: (n, D) global indices of its unknowns, D = 3k.
+        θ, rest: (n,) [rad] angle and rest angle at the start of the step.
+    """
 
     def __init__(self, terms: Sequence[CreaseEnergy], of: list[int], system: Assembly) -> None:
-        self.of, self._α = of, float(system.rule.alpha)
-        self._names = [terms[i].name for i in of]
-        counts = [len(terms[i].nodes) for i in of]
+        self.of = of
+        self._α = float(system.rule.alpha)
+        mine = [terms[i] for i in of]
+        self._names = [term.name for term in mine]
+        counts = [len(term.nodes) for term in mine]
+
+        def of_points(numbers: list[float]) -> Array:
+            """One number of each term as an array (n,) over the points."""
+            return np.repeat(np.array(numbers, dtype=float), counts)
+
         self.owner = np.repeat(of, counts)
-        self._maps = np.concatenate([terms[i].maps for i in of])
-        self._k = np.concatenate([terms[i].stiffness for i in of])
-        self._slip, self._shut, self._first_rest = (
-            np.repeat(np.array([getattr(terms[i], what) for i in of], dtype=float), counts)
-            for what in ("slip", "shut", "rest")
-        )
-        self._places = np.concatenate([terms[i].names for i in of])
-        self.indices = np.concatenate([_unknowns(system, terms[i]) for i in of])
+        self._maps = np.concatenate([term.maps for term in mine])
+        self._k = np.concatenate([term.stiffness for term in mine])
+        self._slip = of_points([term.slip for term in mine])
+        self._shut = of_points([term.shut for term in mine])
+        self._first_rest = of_points([term.rest for term in mine])
+        self._point_names = np.concatenate([term.names for term in mine])
+        self.indices = np.concatenate([_unknowns(system, term) for term in mine])
         self.rest = self._first_rest.copy()
         self._begun = False
 
     def vectors(self, q: Array) -> Array:
-        """X (n, 3, 3)."""
-        result: Array = self._maps @ q.reshape(len(q), q.shape[1] // 3, 3)
+        """X (n, 3, 3) [m] at unknowns q (n, D): along the fold, into the left and into the right
+        panel.
+        """
+        positions = q.reshape(len(q), q.shape[1] // 3, 3)
+        result: Array = self._maps @ positions
         return result
 
     def keep(self, q: Array) -> None:
-        """Unknowns at the start of a step, which were those at the end of the last one."""
+        """Update the history variables from the unknowns q (n, D) at the start of a step.
+
+        They were those at the end of the last step, so rest angles slip here.
+        """
         X = self.vectors(q)
         if self._begun:
             θ1 = self._end(X)
@@ -253,33 +323,41 @@ class _Points:
             self.θ = θ1
         else:
             self.θ = self._principal(X)
+            # No fold starts beyond its yield angle: it would have slipped before.
             self.rest = np.clip(self.rest, self.θ - self._slip, self.θ + self._slip)
             self._begun = True
         self._X = X
 
     def forces(self, q: Array) -> Array:
-        """(n, D)"""
+        """Forces (n, D) [N] of a step to the unknowns q (n, D)."""
         X = self.vectors(q)
         θ1 = self._end(X)
-        return self._to_nodes((self._moment(θ1)[0])[:, None, None] * self._direction(X, θ1))
+        moment, _ = self._moment(θ1)
+        return self._to_nodes(moment[:, None, None] * self._direction(X, θ1))
 
     def tangents(self, q: Array, geometric: float) -> Array:
-        """(n, D, D); of the part that the moment has, `geometric` counts."""
+        """Derivatives (n, D, D) [N/m] of the forces, with the share `geometric` of the geometric
+        stiffness.
+        """
         X = self.vectors(q)
-        n, θ1 = len(X), self._end(X)
-        m, slope = self._moment(θ1)
-        G, g = self._direction(X, θ1).reshape(n, 9), dihedral_angle.gradient(X).reshape(n, 9)
-        K = slope[:, None, None] * G[:, :, None] * g[:, None, :]
+        n = len(X)
+        θ1 = self._end(X)
+        moment, slope = self._moment(θ1)
+        G = self._direction(X, θ1).reshape(n, 9)
+        gradient = dihedral_angle.gradient(X).reshape(n, 9)
+        K = slope[:, None, None] * G[:, :, None] * gradient[:, None, :]
         if geometric:
-            dG = (
-                dihedral_angle.gradient_derivative(X)
-                if self._α == 1.0
-                else dihedral_angle.discrete_gradient_derivative(self._X, X, self.θ, θ1)
-            )
-            K = K + (geometric * m)[:, None, None] * dG.reshape(n, 9, 9)
-        B = self._maps
-        blocks = np.einsum("nvk,nvcwd,nwl->nkcld", B, K.reshape(n, 3, 3, 3, 3), B, optimize=True)
-        return blocks.reshape(n, 3 * B.shape[2], 3 * B.shape[2])
+            # Backward Euler takes the gradient at the end of the step.
+            if self._α == 1.0:
+                dG = dihedral_angle.gradient_derivative(X)
+            else:
+                dG = dihedral_angle.discrete_gradient_derivative(self._X, X, self.θ, θ1)
+            K = K + (geometric * moment)[:, None, None] * dG.reshape(n, 9, 9)
+        maps = self._maps
+        D = 3 * maps.shape[2]
+        K_vectors = K.reshape(n, 3, 3, 3, 3)
+        blocks = np.einsum("nvk,nvcwd,nwl->nkcld", maps, K_vectors, maps, optimize=True)
+        return blocks.reshape(n, D, D)
 
     def forces_by_number(self, q: Array, key: str, stiffness: float) -> Array:
         """Derivatives (n, D) of the forces of folds that do not yield; their moment is k (θ_mean - θr)."""
@@ -307,42 +385,56 @@ class _Points:
             self.rest = np.where(here, now, self.rest)
             self._first_rest = np.where(here, now, self._first_rest)
 
-    def turned(self, q: Array) -> tuple[float, str]:
-        """The largest change of angle in the step, and whose it is."""
+    def largest_rotation(self, q: Array) -> tuple[float, str]:
+        """Largest change of an angle [rad] in a step to the unknowns q (n, D), and the name of its
+        term.
+        """
         change = np.abs(self._end(self.vectors(q)) - self.θ)
-        i = int(change.argmax()) if len(change) else -1
-        return (
-            (float(change[i]), self._names[self.of.index(self.owner[i])]) if i >= 0 else (0.0, "")
-        )
+        if len(change) == 0:
+            return 0.0, ""
+        i = int(change.argmax())
+        name = self._names[self.of.index(self.owner[i])]
+        return float(change[i]), name
 
     def loss(self, q: Array) -> Array:
-        """What each point (n,) takes in the step."""
+        """Dissipation k φ |Δθr| (n,) [J] of the points in a step to the unknowns q (n, D)."""
+        # A fold without a yield angle never slips; ∞ · 0 would be no number.
         limit = np.where(np.isfinite(self._slip), self._slip, 0.0)
-        return self._k * limit * np.abs(self._slipped(self._end(self.vectors(q))))
+        θ1 = self._end(self.vectors(q))
+        return self._k * limit * np.abs(self._slipped(θ1))
 
     def energies(self) -> Array:
-        """Of each term, at the start of the step."""
+        """Stored energy [J] of each term in `of`, at the start of the step."""
         ψ = self._k * (self.θ - self.rest) ** 2 / 2
         return np.array([ψ[self.owner == i].sum() for i in self.of])
 
     def unusual(self) -> list[tuple[list[int], int, float | None]]:
-        turns = np.rint((self.θ - self._principal(self._X)) / (2 * np.pi)).astype(int)
-        moved = self.rest != self._first_rest
-        return [
-            (
-                [int(self.owner[i]), *self._places[i].tolist()],
-                int(turns[i]),
-                float(self.rest[i]) if moved[i] else None,
-            )
-            for i in np.flatnonzero(moved | (turns != 0))
-        ]
+        """Points whose angle or rest angle does not follow from positions and input.
 
-    def recall(self, told: dict[tuple[int, ...], tuple[int, float | None]]) -> None:
-        """Take the state from what was unusual, by place; the positions are set."""
-        self.θ, self.rest = self._principal(self._X), self._first_rest.copy()
-        places: Any = self._places.tolist()
-        for i, place in enumerate(places):
-            turns, rest = told.get((int(self.owner[i]), *place), (0, None))
+        Each has its term and name, the number of full turns of its angle, and its rest angle [rad],
+        or None where that is the one of the input.
+        """
+        full_turns = (self.θ - self._principal(self._X)) / (2 * np.pi)
+        turns = np.rint(full_turns).astype(int)
+        has_slipped = self.rest != self._first_rest
+        found = []
+        for i in np.flatnonzero(has_slipped | (turns != 0)):
+            name = [int(self.owner[i]), *self._point_names[i].tolist()]
+            rest = None
+            if has_slipped[i]:
+                rest = float(self.rest[i])
+            found.append((name, int(turns[i]), rest))
+        return found
+
+    def recall(self, stored: dict[tuple[int, ...], tuple[int, float | None]]) -> None:
+        """Set the history variables from those of `unusual`, by name; the positions are set
+        already.
+        """
+        self.θ = self._principal(self._X)
+        self.rest = self._first_rest.copy()
+        names: Any = self._point_names.tolist()
+        for i, name in enumerate(names):
+            turns, rest = stored.get((int(self.owner[i]), *name), (0, None))
             self.θ[i] += 2 * np.pi * turns
             if rest is not None:
                 self.rest[i] = rest
@@ -354,44 +446,52 @@ class _Points:
         return np.where(wrong, θ + 2 * np.pi * self._shut, θ)
 
     def _end(self, X: Array) -> Array:
-        """The angle of X that is within half a turn of that at the start."""
-        return self.θ + np.remainder(dihedral_angle.angle(X) - self.θ + np.pi, 2 * np.pi) - np.pi
+        """Angle (n,) [rad] of X that is within half a turn of that at the start of the step."""
+        change = dihedral_angle.angle(X) - self.θ
+        return self.θ + np.remainder(change + np.pi, 2 * np.pi) - np.pi
 
     def _direction(self, X: Array, θ1: Array) -> Array:
-        """G (n, 3, 3)."""
+        """G (n, 3, 3) [1/m]: the discrete gradient of θ, or with α = 1 its gradient at the end of
+        the step.
+        """
         if self._α == 1.0:
             return np.asarray(dihedral_angle.gradient(X))
         return np.asarray(dihedral_angle.discrete_gradient(self._X, X, self.θ, θ1))
 
     def _slipped(self, θ1: Array) -> Array:
-        """By how much the rest angle moves."""
+        """Change (n,) [rad] of the rest angle in a step to the angle θ1 (n,)."""
         u = θ1 - self.rest
         return np.sign(u) * np.maximum(np.abs(u) - self._slip, 0.0)
 
     def _moment(self, θ1: Array) -> tuple[Array, Array]:
-        """Mean moment of the step, or with α = 1 that at its end, and its derivative with respect to θ1."""
+        """Mean moment (n,) [N m] of a step, or with α = 1 that at its end, and its derivative by
+        θ1.
+        """
         slipped = self._slipped(θ1)
-        at_end = θ1 - self.rest - slipped  # the elastic part of the angle
+        elastic_start = self.θ - self.rest
+        elastic_end = θ1 - self.rest - slipped
         if self._α == 1.0:
-            return self._k * at_end, self._k * (slipped == 0)
-        Δ = np.abs(θ1 - self.θ)
-        # of the path, the part on which the fold slips: there the moment is that at the end, before it grows linearly
-        part = np.where(
-            slipped == 0, 0.0, np.minimum(np.abs(slipped) / np.where(Δ > 0, Δ, 1.0), 1.0)
-        )
-        mean = part * at_end + (1 - part) * (self.θ - self.rest + at_end) / 2
-        return self._k * mean, self._k * (1 - part) ** 2 / 2
+            return self._k * elastic_end, self._k * (slipped == 0)
+        # Share of the path on which the fold slips.  There the moment is that at the end; before,
+        # it grows linearly.  The bound of 1 is for round-off.
+        path = np.abs(θ1 - self.θ)
+        divisor = np.where(path > 0, path, 1.0)
+        share = np.minimum(np.abs(slipped) / divisor, 1.0)
+        share = np.where(slipped == 0, 0.0, share)
+        mean = share * elastic_end + (1 - share) * (elastic_start + elastic_end) / 2
+        return self._k * mean, self._k * (1 - share) ** 2 / 2
 
     def _to_nodes(self, F: Array) -> Array:
+        """Forces (n, D) on the nodes of forces F (n, 3, 3) on the vectors X."""
         forces: Array = np.swapaxes(self._maps, 1, 2) @ F
         return forces.reshape(len(F), 3 * forces.shape[1])
 
 
 def _unknowns(system: Assembly, term: CreaseEnergy) -> Any:
     """Global indices (n, D) of the positions of a term's nodes."""
-    nodes = term.body.block.index_map.local_to_global(term.nodes.ravel().astype(np.int32))
-    return (
-        system.block(term.body)
-        .to_global(nodes)[:, :3]
-        .reshape(len(term.nodes), 3 * term.nodes.shape[1])
-    )
+    n, k = term.nodes.shape
+    local_nodes = term.nodes.ravel().astype(np.int32)
+    nodes = term.body.block.index_map.local_to_global(local_nodes)
+    # A plate has further unknowns after the positions of a node.
+    positions = system.block(term.body).to_global(nodes)[:, :3]
+    return positions.reshape(n, 3 * k)

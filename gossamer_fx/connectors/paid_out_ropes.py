@@ -1,13 +1,14 @@
 """Ropes whose length changes in a step: along a given history, or against the friction of a brake.
 
-With the distance l of the ends and the natural length L the stretch is y = l - L, the stored energy ½ k y² for y > 0.
-In a step from (l0, L0) to (l1, L1) the mean tension T̄ is the average of T(y) over y0 ≤ y ≤ y1, so that
+With the distance l of the ends and the natural length L the stretch is y = l - L, the stored energy
+½ k y² for y > 0. In a step from (l0, L0) to (l1, L1) the mean tension T_mean is the average of T(y)
+over y0 ≤ y ≤ y1, so that exactly
 
-    given L(t)   y1 = l1 - L1, T = k y       T̄ Δl = Δψ + T̄ ΔL     -T̄ ΔL is supplied by the reel
-    brake B      y1 = l1 - L0, T ≤ B         T̄ Δl = Δψ + B ΔL      B ΔL is dissipated, ΔL = max(y1 - B/k, 0)
+    given L(t)   y1 = l1 - L1, T = k y     T_mean Δl = Δψ + T_mean ΔL   the reel supplies -T_mean ΔL
+    brake B      y1 = l1 - L0, T ≤ B       T_mean Δl = Δψ + B ΔL        the brake dissipates B ΔL
 
-exactly.  Both are the slope of a convex potential of l1.  The rope on the reel ends at the length `most`; from
-there on the rope is stretched beyond B.
+with ΔL = max(y1 - B/k, 0).  Both are the slope of a convex potential of l1.  The rope on the reel
+ends at the length `most`; from there on the rope is stretched beyond B.
 """
 
 from __future__ import annotations
@@ -34,6 +35,13 @@ from gossamer_fx.model.roles import (
 from gossamer_fx.terms.assembly import Assembly, CompiledTerms, Compiler
 from gossamer_fx.terms.point_energies import Stencil
 
+# [m²] Lower bound of e = ½ l², so that a rope whose ends coincide has no division by zero.
+SMALLEST_MEASURE = 1e-300
+
+# Change of the stretch over the length, below which the mean tension is that of the trapezoidal
+# rule. The quotient area/change would be a small difference of large numbers there.
+ROUND_OFF = 1e-9
+
 
 class PaidOutRopes(
     StepObserver,
@@ -49,22 +57,27 @@ class PaidOutRopes(
     """All `PaidOutRope` terms of a scene, as arrays over those of this rank."""
 
     def __init__(self, terms: Sequence[PaidOutRope], system: Assembly) -> None:
-        self._system, self._terms = system, terms
+        self._system = system
+        self._terms = terms
         self._at = PointMeasures(system.numbering, system.bodies, [term.measure for term in terms])
         self._gather = Gather(system.numbering, [self._at.indices])
         mine = [terms[i] for i in self._at.owner]
-        self._k, self._brake, self._most, self.length = (
-            np.array([getattr(term, what) for term in mine], dtype=float)
-            for what in ("stiffness", "brake", "most", "length")
-        )
-        self._given = [
-            (i, term.history) for i, term in enumerate(terms) if term.history is not None
-        ]
-        self._yield = np.where(np.isfinite(self._brake), self._brake, 0.0) / self._k
+        self._k = np.array([term.stiffness for term in mine], dtype=float)
+        self._brake = np.array([term.brake for term in mine], dtype=float)
+        self._most = np.array([term.most for term in mine], dtype=float)
+        self.length = np.array([term.length for term in mine], dtype=float)
+        self._given = []
+        for i, term in enumerate(terms):
+            if term.history is not None:
+                self._given.append((i, term.history))
+        # Stretch at which a brake slips [m].  A rope without a brake never slips: its entry is not
+        # read.
         self._brakes = np.isfinite(self._brake)
+        self._yield = np.where(self._brakes, self._brake, 0.0) / self._k
         self._braked = [i for i, term in enumerate(terms) if np.isfinite(term.brake)]
         self.losses = [terms[i].name for i in self._braked]
-        self._next = self.length  # L1 of a step with a history
+        # L1 of a step with a history.
+        self._next = self.length
         self._stencil = Stencil(self._at, self, False, system.rule.alpha)
         self._l: Array = np.zeros(self._at.n)
         self._begun = False
@@ -72,19 +85,29 @@ class PaidOutRopes(
     # ---- a step -----------------------------------------------------------------------------------------------------
 
     def begin_step(self, t: float) -> None:
-        system, lengths = self._system, np.full(len(self._terms), np.nan)
-        end = t if system.rule.alpha == 1.0 else system.time + system.h
+        """Evaluate the given lengths L1 at the end of the step whose forces are those at time t
+        [s].
+        """
+        system = self._system
+        # The length is that of the end of the step, also where the forces are those of its middle.
+        end = system.time + system.h
+        if system.rule.alpha == 1.0:
+            end = t
+        lengths = np.full(len(self._terms), np.nan)
         for i, history in self._given:
             lengths[i] = history(end)
         given = lengths[self._at.owner]
         self._next = np.where(np.isfinite(given), given, self.length)
 
     def commit(self) -> None:
+        """Update the lengths L from the accepted coordinates."""
         q = self._gather(self._system.q0)[0]
         length = self._lengths(q)
         if self._begun:
             self.length = self._next + self._slip(length)
-        else:  # no brake is pulled harder than it holds
+        else:
+            # A rope that is too short at the start has slipped before: no tension exceeds its
+            # brake.
             self.length = self.length + self._slip(length)
             self._begun = True
         self._next = self.length
@@ -92,45 +115,60 @@ class PaidOutRopes(
         self._stencil.keep(q)
 
     def add_forces(self, r: PETSc.Vec) -> None:
+        """Add the forces [N] of all ropes to r."""
         q = self._gather(self._system.q1)[0]
-        r.setValues(
-            self._at.indices.ravel(),
-            self._stencil.force(q).ravel(),
-            addv=PETSc.InsertMode.ADD_VALUES,
-        )
+        indices = self._at.indices.ravel()
+        forces = self._stencil.force(q).ravel()
+        r.setValues(indices, forces, addv=PETSc.InsertMode.ADD_VALUES)
         r.assemble()
 
     def add_tangents(self, A: PETSc.Mat) -> None:
+        """Add the tangents [N/m] of all ropes to A."""
         q = self._gather(self._system.q1)[0]
         add_blocks(A, self._at.indices, self._at.indices, self._stencil.tangent(q))
 
     def average(self, e0: Array, e1: Array) -> tuple[Array, Array]:
-        """S̄ = T̄/l̄ (n, 1) with S̄·Δe = T̄ Δl, and dS̄/de1 (n, 1, 1): what the stencil asks for."""
-        l0, l1 = (np.sqrt(2 * np.maximum(e[:, 0], 1e-300)) for e in (e0, e1))
+        """Mean stress S_mean = T_mean/l_mean (n, 1) [N/m] of a step, and dS_mean/de1 (n, 1, 1).
+
+        With e = ½ l² and l_mean = (l0 + l1)/2, S_mean Δe = T_mean Δl.
+
+        Args:
+            e0, e1: measures (n, 1) [m²] at the start and at the end of the step.
+        """
+        l0 = np.sqrt(2 * np.maximum(e0[:, 0], SMALLEST_MEASURE))
+        l1 = np.sqrt(2 * np.maximum(e1[:, 0], SMALLEST_MEASURE))
         T, slope = self._tension(l1)
-        mean = (l0 + l1) / 2
-        return (T / mean)[:, None], ((slope - T / mean / 2) / mean / l1)[:, None, None]
+        l_mean = (l0 + l1) / 2
+        stress = T / l_mean
+        # dl1/de1 = 1/l1, and dl_mean/dl1 = ½.
+        derivative = (slope - T / l_mean / 2) / l_mean / l1
+        return stress[:, None], derivative[:, None, None]
 
     def supplied(self) -> float:
-        T = self._tension(self._lengths(self._gather(self._system.q1)[0]))[0]
-        return float(np.sum(-T * (self._next - self.length)))
+        """Work [J] that the reels with a given length supply on this rank in the step."""
+        l1 = self._lengths(self._gather(self._system.q1)[0])
+        T, _ = self._tension(l1)
+        paid_out = self._next - self.length
+        return float(np.sum(-T * paid_out))
 
     def dissipated(self) -> Array:
+        """Energy [J] that each term with a brake dissipates on this rank in the step."""
         if not self._braked:
             return np.zeros(0)
         slip = self._slip(self._lengths(self._gather(self._system.q1)[0]))
         loss = np.where(self._brakes, self._brake, 0.0) * slip
-        return np.bincount(self._at.owner, loss, len(self._terms)).astype(float)[self._braked]
+        of_terms = np.bincount(self._at.owner, loss, len(self._terms)).astype(float)
+        return of_terms[self._braked]
 
     def energies(self) -> dict[str, float]:
+        """This rank's share of the stored energy [J] at the start of the step, by name."""
         found = dict.fromkeys((term.name for term in self._terms), 0.0)
-        for i, energy in zip(
-            self._at.owner, self._k * np.maximum(self._l - self.length, 0.0) ** 2 / 2, strict=True
-        ):
+        energies = self._k * np.maximum(self._l - self.length, 0.0) ** 2 / 2
+        for i, energy in zip(self._at.owner, energies, strict=True):
             found[self._terms[i].name] += float(energy)
         return found
 
-    # ---- what the coordinates do not tell ---------------------------------------------------------------------------
+    # ---- history variables -----------------------------------------------------------------------
 
     def lengths(self) -> Array:
         """L [m] of all terms, the same on every rank."""
@@ -145,62 +183,87 @@ class PaidOutRopes(
         return np.asarray(self._system.comm.allreduce(found))
 
     def get_state(self) -> dict[str, Any]:
+        """The lengths L [m], for a restart."""
         return {"lengths": self.lengths().tolist()}
 
     def set_state(self, state: dict[str, Any]) -> None:
+        """Set the lengths L to those of `get_state`."""
         self.length = np.array(state["lengths"])[self._at.owner]
         self._next = self.length
 
     # ---- the law ----------------------------------------------------------------------------------------------------
 
     def _lengths(self, q: Array) -> Array:
-        l: Array = np.sqrt(2 * np.maximum(self._at.strain(q)[:, 0], 1e-300))  # noqa: E741
-        return l
+        """Distances l (n,) [m] of the ends at unknowns q (n, D)."""
+        e = self._at.strain(q)[:, 0]
+        distances: Array = np.sqrt(2 * np.maximum(e, SMALLEST_MEASURE))
+        return distances
 
     def _room(self) -> Array:
-        """Lengths that remain on the reels [m]."""
-        return np.where(self._brakes, np.maximum(self._most - self.length, 0.0), 0.0)
+        """Lengths (n,) [m] that remain on the reels; zero without a brake."""
+        remaining = np.maximum(self._most - self.length, 0.0)
+        return np.where(self._brakes, remaining, 0.0)
 
     def _slip(self, l1: Array) -> Array:
-        """ΔL (n,) of the brakes when the ends come to the distance l1."""
-        slip: Array = np.where(
-            self._brakes, np.clip(l1 - self._next - self._yield, 0.0, self._room()), 0.0
-        )
+        """ΔL (n,) [m] of the brakes when the ends come to the distance l1 (n,)."""
+        beyond = np.clip(l1 - self._next - self._yield, 0.0, self._room())
+        slip: Array = np.where(self._brakes, beyond, 0.0)
         return slip
 
     def _pull(self, y: Array) -> Array:
-        """T(y): k y, but no more than B as long as there is room."""
-        beyond = np.where(self._brakes, np.clip(y - self._yield, 0.0, self._room()), 0.0)
+        """T(y) (n,) [N]: k y, but no more than B as long as rope remains on the reel."""
+        slip = np.clip(y - self._yield, 0.0, self._room())
+        beyond = np.where(self._brakes, slip, 0.0)
         pull: Array = self._k * np.maximum(y - beyond, 0.0)
         return pull
 
     def _tension(self, l1: Array) -> tuple[Array, Array]:
-        """T̄ (n,) of a step to the distance l1, and its derivative: T is linear between its corners."""
+        """T_mean (n,) [N] of a step to the distance l1 (n,) [m], and its derivative dT_mean/dl1
+        (n,) [N/m].
+        """
         y1 = l1 - self._next
-        y0 = y1 if self._system.rule.alpha == 1.0 else self._l - self.length
-        stiff = (y1 > 0) & ~(self._brakes & (y1 > self._yield) & (y1 < self._yield + self._room()))
-        slope = np.where(stiff, self._k, 0.0)
-        low, high = np.minimum(y0, y1), np.maximum(y0, y1)
-        corners = [0 * y0, self._yield, self._yield + self._room()]
-        y = np.sort([low, *(np.clip(corner, low, high) for corner in corners), high], axis=0)
+        y0 = self._l - self.length
+        # Backward Euler takes the tension at the end of the step.
+        if self._system.rule.alpha == 1.0:
+            y0 = y1
+        end_of_slip = self._yield + self._room()
+        slips = self._brakes & (y1 > self._yield) & (y1 < end_of_slip)
+        slope = np.where((y1 > 0) & ~slips, self._k, 0.0)
+
+        # The area under T from y0 to y1 by the trapezoidal rule between the corners of T, where T
+        # is linear, so that it is exact.  Corners outside the path are moved to its ends and add
+        # nothing.
+        low = np.minimum(y0, y1)
+        high = np.maximum(y0, y1)
+        corners = [0 * y0, self._yield, end_of_slip]
+        corners_of_path = [np.clip(corner, low, high) for corner in corners]
+        y = np.sort([low, *corners_of_path, high], axis=0)
         pull = np.array([self._pull(each) for each in y])
-        Δ = high - low
         area = np.sum((pull[1:] + pull[:-1]) / 2 * np.diff(y, axis=0), axis=0)
-        far = 1e-9 * np.maximum(self._l, l1) < Δ
-        safe = np.where(far, Δ, 1.0)
-        T = np.where(far, area / safe, (self._pull(y0) + self._pull(y1)) / 2)
-        derivative = np.where(far, (self._pull(y1) - T) / np.where(far, y1 - y0, 1.0), slope / 2)
+
+        path = high - low
+        is_far = ROUND_OFF * np.maximum(self._l, l1) < path
+        safe_path = np.where(is_far, path, 1.0)
+        safe_change = np.where(is_far, y1 - y0, 1.0)
+        pull0 = self._pull(y0)
+        pull1 = self._pull(y1)
+        T = np.where(is_far, area / safe_path, (pull0 + pull1) / 2)
+        derivative = np.where(is_far, (pull1 - T) / safe_change, slope / 2)
         return T, derivative
 
 
 @dataclass(frozen=True, eq=False)
 class PaidOutRope:
-    """A rope between the two points of `measure`, e = ½|x_a - x_b|², with the stiffness k [N/m].
+    """A rope between two points, whose length is given or held by a brake.
 
-    length    L [m] at the start
-    history   L(t) [m], the same on every rank; none: a brake holds it
-    brake     B [N], at which it slips; infinite with a history
-    most      L [m] at which a brake has nothing left
+    Args:
+        name: in the energy balance and in messages.
+        measure: e = ½|x_a - x_b|² [m²] of the two points.
+        stiffness: k [N/m].
+        length: L [m] at the start.
+        history: L(t) [m], the same on every rank; without it a brake holds the rope.
+        brake: B [N], at which the brake slips; infinite with a history.
+        most: L [m] at which the reel is empty.
     """
 
     name: str

@@ -74,6 +74,7 @@ class Ikaros(FoldMap):
     out: int = 0
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         self._check(self.n >= 3, f"n is {self.n!r}; give at least 3 trapezoids.")
         self._check(
             0 < self.inner < self.outer,
@@ -118,12 +119,15 @@ class Ikaros(FoldMap):
         return self.outer
 
     def pressed(self) -> Ikaros:
+        """The same fold with layers that touch."""
         return replace(self, gap=0.0, hub_gap=0.0)
 
     def ajar(self) -> Ikaros:
+        """The same fold, loose enough to distinguish mountains and valleys."""
         return _Tilted(**vars(self.pressed()))
 
     def place(self, X: Array, side: Array) -> Array:
+        """Folded positions (n, 3) [m] of points X (n, 3) of the flat sail, on both sides alike."""
         # The trapezoid of each point, and its turn from the one whose middle is at negative y.
         angle = np.arctan2(X[:, 1], X[:, 0]) + np.pi / 2
         trapezoid = np.round(angle / (2 * np.pi / self.n))
@@ -194,9 +198,12 @@ class Ikaros(FoldMap):
         It lies on the hub at first, and leaves it to make room for the turns of the next trapezoid.
         """
         quarter = 2 * self.bends
-        whole = np.ceil(p / quarter) - 1  # 0 in the first quarter, its end included
-        rest = np.maximum(p - quarter * whole, 1.0)
-        rise: Array = whole * (2 * self._arm + 1) + (self._arm + 1) * (rest - 1) / (quarter - 1)
+        # 0 in the first quarter, its end included.
+        whole_quarters = np.ceil(p / quarter) - 1
+        # Columns since the last whole quarter.  In the first of them the strip does not rise.
+        columns = np.maximum(p - quarter * whole_quarters, 1.0)
+        below = whole_quarters * (2 * self._arm + 1)
+        rise: Array = below + (self._arm + 1) * (columns - 1) / (quarter - 1)
         return rise
 
     @property
@@ -206,7 +213,8 @@ class Ikaros(FoldMap):
         # Of the strip as it goes out, and of its half that has turned back.
         front = self._rise(j + 2.0 * self.bends) + self._arm - j
         back = self._rise(1.0 * j) + 2 * self._arm + 1
-        return float(max(front.max(), back.max()))
+        highest = max(front.max(), back.max())
+        return float(highest)
 
     def _wound(self, i: Array, row: Array, back: npt.NDArray[np.bool_]) -> Array:
         """Columns i of rows in the roll (n, 2); `back` where the strip has turned back at the column -bends.
@@ -227,7 +235,8 @@ class Ikaros(FoldMap):
         seam = self._rise(p) + np.where(back, 2 * N + 1, 0)
         is_turn = p < 0.5
         beyond = np.maximum(np.abs(i) - corner, 0.0)
-        on_strip = np.where(beyond > 0, seam - self.out - 1, seam + side * from_seam)
+        on_tip = seam - self.out - 1
+        on_strip = np.where(beyond > 0, on_tip, seam + side * from_seam)
         layer = np.where(is_turn, N + 0.5, on_strip)
         r = self.radius + self.hub_gap * layer + self.column * beyond
 
@@ -242,7 +251,8 @@ class Ikaros(FoldMap):
         direction = (1 - short) * at(p) + short * at(p + 1)
         # Outer layers of a standing tip bend outwards earlier.
         is_standing = (np.abs(i) >= corner) & (self.out > 0)
-        early = np.where(is_standing, self.hub_gap * (self.out + 1 + side * from_seam), 0.0)
+        height_in_tip = self.hub_gap * (self.out + 1 + side * from_seam)
+        early = np.where(is_standing, height_in_tip, 0.0)
         quarter_turn = np.array([[0.0, 1.0], [-1.0, 0.0]])
         across = at(p) @ quarter_turn
         result: Array = r[:, None] * direction - early[:, None] * across
@@ -253,8 +263,12 @@ class _Tilted(Ikaros):
     """Neighbouring panels are turned apart about their folds, so that none of these is shut."""
 
     def pressed(self) -> Ikaros:
+        """The fold itself: its layers must not touch."""
         return self
 
     def place(self, X: Array, side: Array) -> Array:
+        """Positions (n, 3) [m] in a roll whose thickness is `AJAR` times its radius."""
         gap = AJAR * self.radius / self._layers
-        return replace(Ikaros(**vars(self)), gap=gap, hub_gap=gap).place(X, side)
+        # A plain `Ikaros`, as the gaps of this class are zero.
+        loose = replace(Ikaros(**vars(self)), gap=gap, hub_gap=gap)
+        return loose.place(X, side)

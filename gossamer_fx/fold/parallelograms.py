@@ -58,6 +58,7 @@ class Miura(FoldMap):
     lift: float = 0.0
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         self._check_positive("a", "b")
         self._check_not_negative("opening", "lift")
         for what in ("gamma", "theta"):
@@ -69,59 +70,75 @@ class Miura(FoldMap):
 
     @cached_property
     def sizes(self) -> tuple[float, float, float, float]:
-        """H, S, L, V [m]."""
-        c, s, g = (
-            math.cos(self.theta),
-            math.sin(self.theta) * math.sin(self.gamma),
-            math.tan(self.gamma),
-        )
-        root = math.sqrt(1 + (c * g) ** 2)
-        return self.a * s, self.b * c * g / root, self.a * math.sqrt(1 - s * s), self.b / root
+        """H, S, L, V [m] of a folded parallelogram, see the class."""
+        cos_θ = math.cos(self.theta)
+        tan_γ = math.tan(self.gamma)
+        sines = math.sin(self.theta) * math.sin(self.gamma)
+        root = math.sqrt(1 + (cos_θ * tan_γ) ** 2)
+        H = self.a * sines
+        S = self.b * cos_θ * tan_γ / root
+        L = self.a * math.sqrt(1 - sines * sines)
+        V = self.b / root
+        return H, S, L, V
 
     def lattice(self, X: Array) -> tuple[Array, Array]:
         """Column u (n,) and row v (n,) of points X (n, 3) of the flat sheet; fold lines are at whole numbers."""
         u = X[:, 0] / (self.b * math.sin(self.gamma))
-        return u, (X[:, 1] - self.b * math.cos(self.gamma) * _wave(u)) / self.a
+        zigzag = self.b * math.cos(self.gamma) * _wave(u)
+        v = (X[:, 1] - zigzag) / self.a
+        return u, v
 
     def segments(self, low: tuple[float, float], high: tuple[float, float]) -> list[Segment]:
         """Ends (x, y) of the fold lines that pass over the rectangle from `low` to `high` [m] of the flat sheet."""
-        width, rise = self.b * math.sin(self.gamma), self.b * math.cos(self.gamma)
-        columns = range(math.floor(low[0] / width), math.ceil(high[0] / width) + 1)
-        rows = range(math.floor((low[1] - rise) / self.a), math.ceil(high[1] / self.a) + 1)
-        straight = [((i * width, low[1]), (i * width, high[1])) for i in columns]
-        oblique = [
-            (
-                (i * width, j * self.a + rise * (i % 2)),
-                ((i + 1) * width, j * self.a + rise * ((i + 1) % 2)),
-            )
-            for i in columns[:-1]
-            for j in rows
-        ]
-        return straight + oblique
+        width = self.b * math.sin(self.gamma)
+        rise = self.b * math.cos(self.gamma)
+        first_column = math.floor(low[0] / width)
+        last_column = math.ceil(high[0] / width)
+        # A zigzag rises from its row, so the one below the rectangle may reach into it.
+        first_row = math.floor((low[1] - rise) / self.a)
+        last_row = math.ceil(high[1] / self.a)
+
+        segments = []
+        for i in range(first_column, last_column + 1):
+            segments.append(((i * width, low[1]), (i * width, high[1])))
+        for i in range(first_column, last_column):
+            for j in range(first_row, last_row + 1):
+                start = (i * width, j * self.a + rise * (i % 2))
+                end = ((i + 1) * width, j * self.a + rise * ((i + 1) % 2))
+                segments.append((start, end))
+        return segments
 
     @cached_property
     def axes(self) -> Array:
         """Directions (3, 3), as columns, in which x, y and the normal of the first parallelogram are folded."""
         H, S, L, V = self.sizes
         along = np.array([0.0, L, H]) / self.a
-        across = (np.array([S, V, 0.0]) / self.b - math.cos(self.gamma) * along) / math.sin(
-            self.gamma
-        )
-        return np.stack([across, along, np.cross(across, along)], axis=1)
+        # The side b of the parallelogram is at the angle γ to the side a.
+        side_b = np.array([S, V, 0.0]) / self.b
+        across = (side_b - math.cos(self.gamma) * along) / math.sin(self.gamma)
+        normal = np.cross(across, along)
+        return np.stack([across, along, normal], axis=1)
 
     def place(self, X: Array, side: Array) -> Array:
+        """Folded positions (n, 3) [m] of points X (n, 3) of the flat sheet on the sides `side`
+        (n,).
+        """
         H, S, L, V = self.sizes
         u, v = self.lattice(X)
         p = np.stack([S * u, L * v + V * _wave(u), H * _wave(v)], axis=1)
         if self.opening or self.lift:
-            # the upper side of the first parallelogram looks along its normal, those around it along mirrored ones
-            sense = np.stack([_sense(u) * _sense(v), _sense(v), np.ones(len(X))], axis=1)
+            # The upper side of the first parallelogram looks along its normal; those of its
+            # neighbours look along mirrored ones.
+            sense_u = _sense(u)
+            sense_v = _sense(v)
+            sense = np.stack([sense_u * sense_v, sense_v, np.ones(len(X))], axis=1)
             pillow = self.opening * np.abs(np.sin(math.pi * u) * np.sin(math.pi * v))
             p = p + (side * pillow)[:, None] * sense * self.axes[:, 2]
             p[:, 2] += side * self.lift
         return p
 
     def pressed(self) -> Miura:
+        """The same fold of one sheet: an isometric map."""
         return replace(self, opening=0.0, lift=0.0)
 
 
@@ -132,6 +149,6 @@ def _wave(u: Array) -> Array:
 
 
 def _sense(u: Array) -> Array:
-    """1 where that wave rises, -1 where it falls."""
+    """Sign of the slope of `_wave`: 1 where it rises, -1 where it falls."""
     sense: Array = np.where(np.remainder(u, 2) < 1, 1.0, -1.0)
     return sense

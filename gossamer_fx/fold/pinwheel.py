@@ -16,6 +16,13 @@ from gossamer_fx.model.body import Array
 # round-off, and small enough for the shape to stay the same.
 AJAR = 0.01
 
+# Relative round-off of coordinates on the flat sheet: a point on a column or on a bound of a sector
+# must not count as beyond it.
+COORDINATE_ROUND_OFF = 1e-9
+
+# [m] Lower bound of depths by which others are divided: at the corner of the hub both are zero.
+SMALLEST_DEPTH = 1e-300
+
 
 @check_arguments
 @dataclass(frozen=True)
@@ -60,6 +67,7 @@ class Star(FoldMap):
     gap: float = 0.0
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         self._check(self.n >= 3, f"n is {self.n!r}; give a polygon of at least 3 sides.")
         self._check(
             1 <= self.columns <= self.reach,
@@ -79,58 +87,89 @@ class Star(FoldMap):
 
     @property
     def radius(self) -> float:
-        """Of the corners of the innermost layer [m]."""
+        """Radius of the corners of the innermost layer [m]."""
+        # A column of the outermost layer is a chord of its circle, and is not stretched.
         outermost = self.column / 2 / math.sin(math.pi / self.n / self.columns)
         return outermost - 2 * self.gap * self.reach / self.columns
 
     def pressed(self) -> Star:
+        """The same fold with layers that touch."""
         return replace(self, gap=0.0)
 
     def ajar(self) -> Star:
+        """The same fold, loose enough to distinguish mountains and valleys."""
         return _Open(self.n, self.side, columns=self.columns, reach=self.reach)
 
     def place(self, X: Array, side: Array) -> Array:
-        k, s, down, second = self._unrolled(X)
-        i = np.floor(s / self.column + 1e-9)
+        """Folded positions (n, 3) [m] of points X (n, 3) of the flat ring, on both sides alike."""
+        k, s, down, is_behind = self._unrolled(X)
+        # A point lies between the columns i and i + 1.
+        i = np.floor(s / self.column + COORDINATE_ROUND_OFF)
         part = (s / self.column - i)[:, None]
-        full = np.maximum((i + np.array([[0.0], [1.0]])) * self.column, 1e-300) * math.tan(
-            math.pi / self.n
-        )
-        p = [self._corner(k, i + j, down / full[j], second) for j in range(2)]
-        return np.column_stack([(1 - part) * p[0] + part * p[1], -down])
+        slope = math.tan(math.pi / self.n)
+        positions = []
+        for j in range(2):
+            depth_of_bisector = np.maximum((i + j) * self.column, SMALLEST_DEPTH) * slope
+            positions.append(self._corner(k, i + j, down / depth_of_bisector, is_behind))
+        p = (1 - part) * positions[0] + part * positions[1]
+        return np.column_stack([p, -down])
 
     def _unrolled(self, X: Array) -> tuple[Array, Array, Array, Array]:
-        """Of points (n, 3): corner k, way s - k a from it, depth -z, and whether they are behind the bisector.
+        """Coordinates of points (n, 3) in the sector of their corner.
 
-        Points within the hub's polygon have no coordinates.
+        Returns:
+            the corner k, the distance s - k a [m] from it, the depth -z [m], and 1 behind the
+            bisector, else 0; each (n,).  Points within the hub's polygon have no coordinates: all
+            are NaN.
         """
-        step, apothem = 2 * math.pi / self.n, self.side / 2 / math.tan(math.pi / self.n)
-        found = [np.full(len(X), np.nan) for _ in range(4)]
-        # corner k is where side k ends, side 0 at y = -apothem; far bounds belong to the next corner, if they reach it
-        for k, closed in [(k, closed) for closed in (False, True) for k in range(self.n)]:
-            c, d = math.cos(step * k), math.sin(step * k)
-            x, y = c * X[:, 0] + d * X[:, 1] - self.side / 2, c * X[:, 1] - d * X[:, 0] + apothem
-            ρ, ψ = np.hypot(x, y), np.arctan2(y, x)
-            tiny = np.minimum(1e-9 * (1 + self.side / np.maximum(ρ, 1e-9 * self.side)), 10.0)
-            here = (ψ > -tiny) & (ψ < step + (tiny if closed else -tiny)) & np.isnan(found[0])
-            ψ = np.clip(ψ, 0, step)
-            nearer = np.minimum(ψ, step - ψ)
-            behind = ψ > step / 2 + 1e-9
-            values = np.full(len(X), k), ρ * np.cos(nearer), ρ * np.sin(nearer), behind
-            for known, new in zip(found, values, strict=True):
-                known[here] = new[here]
-        return found[0], found[1], found[2], found[3]
+        sector = 2 * math.pi / self.n
+        apothem = self.side / 2 / math.tan(math.pi / self.n)
+        corner = np.full(len(X), np.nan)
+        distance = np.full(len(X), np.nan)
+        depth = np.full(len(X), np.nan)
+        is_behind = np.full(len(X), np.nan)
+        # The far bound of a sector is the near one of the next, to which its points belong.  Only
+        # those that no sector has taken so far are given to the far bound, in the second pass.
+        passes = [(k, False) for k in range(self.n)] + [(k, True) for k in range(self.n)]
+        for k, is_far_bound_included in passes:
+            # Corner k is where side k ends; side 0 is at y = -apothem.
+            c = math.cos(sector * k)
+            d = math.sin(sector * k)
+            x = c * X[:, 0] + d * X[:, 1] - self.side / 2
+            y = c * X[:, 1] - d * X[:, 0] + apothem
+            ρ = np.hypot(x, y)
+            ψ = np.arctan2(y, x)
+            # Round-off of a coordinate, of the order of 1e-9 of a side, as an angle about the
+            # corner.  At the corner, where all angles are undetermined, it is 1 rad.
+            safe_ρ = np.maximum(ρ, COORDINATE_ROUND_OFF * self.side)
+            round_off = COORDINATE_ROUND_OFF * (1 + self.side / safe_ρ)
+            end = sector - round_off
+            if is_far_bound_included:
+                end = sector + round_off
+            here = (ψ > -round_off) & (ψ < end) & np.isnan(corner)
+            ψ = np.clip(ψ, 0, sector)
+            nearer = np.minimum(ψ, sector - ψ)
+            corner[here] = k
+            distance[here] = (ρ * np.cos(nearer))[here]
+            depth[here] = (ρ * np.sin(nearer))[here]
+            is_behind[here] = (ψ > sector / 2 + COORDINATE_ROUND_OFF)[here]
+        return corner, distance, depth, is_behind
 
     def _corner(
         self,
         k: Array,
         column: Array,
         depth: Array,
-        second: Array,
+        is_behind: Array,
     ) -> Array:
-        """Positions (n, 2) on columns, at depths from 0 (z = 0) to 1 (the bisector)."""
+        """Positions (n, 2) [m] on columns from corner k, at depths from 0 (z = 0) to 1 (the
+        bisector).
+        """
+        # Sides of the hub since the corner.  A pleat of two layers starts at the corner, and has
+        # its whole thickness after the first side.
         j = column / self.columns
-        layer = 2 * j - np.where(second > 0, 2 - depth, depth) * np.minimum(j, 1.0)
+        from_outside = np.where(is_behind > 0, 2 - depth, depth)
+        layer = 2 * j - from_outside * np.minimum(j, 1.0)
         angle = 2 * math.pi / self.n * (k + j + 0.5)
         r = self.radius + self.gap * layer
         result: Array = r[:, None] * np.stack([np.sin(angle), -np.cos(angle)], axis=1)
@@ -142,12 +181,21 @@ class _Open(Star):
 
     @property
     def _ajar(self) -> float:
+        """Distance of layers [m]."""
         return AJAR * self.radius * self.columns / self.reach
 
     def pressed(self) -> Star:
+        """The fold itself: its layers must not touch."""
         return self
 
     def place(self, X: Array, side: Array) -> Array:
-        return Star(
-            self.n, self.side, columns=self.columns, reach=self.reach, gap=self._ajar
-        ).place(X, side)
+        """Positions (n, 3) [m] in a roll with layers `_ajar` apart."""
+        # A plain `Star`, as the radius of this class is that without a gap.
+        star = Star(
+            n=self.n,
+            side=self.side,
+            columns=self.columns,
+            reach=self.reach,
+            gap=self._ajar,
+        )
+        return star.place(X, side)

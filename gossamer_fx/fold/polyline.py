@@ -15,6 +15,11 @@ from gossamer_fx.model.body import Array, Indices
 
 # Share of the length: points that differ by less are the same.
 SAME = 1e-7
+
+# Length of the sum of two unit normals below which it has no direction: two pieces that are folded
+# back on each other.
+SMALLEST_NORMAL = 1e-9
+
 # Share of its angles at which the mountains and valleys of an accordion are distinguished: no fold is
 # shut then.
 AJAR = 0.5
@@ -25,9 +30,11 @@ MAX_BENDS = 100_000
 
 @dataclass(frozen=True)
 class Bent:
-    """A line along x that is bent at `corners` (m,) [m]: piece i, of m + 1, rises against the x axis by rise[i] [rad].
+    """A line along x that is bent at corners; it begins at the origin.
 
-    Before the first corner it begins at the origin.
+    Attributes:
+        corners: their coordinates x (m,) [m] on the straight line.
+        rise: angle (m + 1,) [rad] of each piece against the x axis.
     """
 
     corners: Array
@@ -35,27 +42,48 @@ class Bent:
 
     @cached_property
     def _knots(self) -> tuple[Array, Array, Array]:
-        """Coordinates x (m + 1,) on the straight line where pieces begin, there (m + 1, 2), and tangents (m + 1, 2)."""
-        t = np.stack([np.cos(self.rise), np.sin(self.rise)], axis=1)
+        """Starts x (m + 1,) of pieces on the straight line, their positions (m + 1, 2), tangents (m
+        + 1, 2).
+        """
+        tangents = np.stack([np.cos(self.rise), np.sin(self.rise)], axis=1)
         x = np.concatenate([[0.0], self.corners])
-        return x, np.vstack([[0.0, 0.0], np.cumsum(np.diff(x)[:, None] * t[:-1], axis=0)]), t
+        steps = np.diff(x)[:, None] * tangents[:-1]
+        positions = np.vstack([[0.0, 0.0], np.cumsum(steps, axis=0)])
+        return x, positions, tangents
 
     def at(self, x: Array) -> tuple[Array, Array]:
         """Positions (n, 2) of points x (n,) of the straight line, and unit normals; at corners the mean of both."""
-        begin, there, t = self._knots
-        tiny = SAME * max(float(np.abs(begin).max()), float(np.abs(x).max(initial=0.0)))
-        i = np.clip(np.searchsorted(begin, x + tiny, side="right") - 1, 0, len(t) - 1)
-        before = np.clip(np.searchsorted(begin, x - tiny, side="right") - 1, 0, len(t) - 1)
-        normal = np.stack([-t[i, 1] - t[before, 1], t[i, 0] + t[before, 0]], axis=1)
-        size = np.linalg.norm(normal, axis=1, keepdims=True)
-        return there[i] + (x - begin[i])[:, None] * t[i], normal / np.where(size > 1e-9, size, 1.0)
+        starts, positions, tangents = self._knots
+        last = len(tangents) - 1
+        size = max(float(np.abs(starts).max()), float(np.abs(x).max(initial=0.0)))
+        tolerance = SAME * size
+        # The pieces just after and just before a point; they differ at corners only.
+        after = np.clip(np.searchsorted(starts, x + tolerance, side="right") - 1, 0, last)
+        before = np.clip(np.searchsorted(starts, x - tolerance, side="right") - 1, 0, last)
+        t_after = tangents[after]
+        t_before = tangents[before]
+        normal = np.stack(
+            [
+                -t_after[:, 1] - t_before[:, 1],
+                t_after[:, 0] + t_before[:, 0],
+            ],
+            axis=1,
+        )
+        length = np.linalg.norm(normal, axis=1, keepdims=True)
+        safe_length = np.where(length > SMALLEST_NORMAL, length, 1.0)
+        p = positions[after] + (x - starts[after])[:, None] * t_after
+        return p, normal / safe_length
 
 
 @dataclass(frozen=True)
 class Strip(FoldMap):
-    """What accordions and rolls have in common: a `length` [m] along x from x = 0, and the room between two sheets.
+    """A strip along x from x = 0, bent across: the common part of accordions and rolls.
 
-    Nothing but a sheet on each side of it differs from the isometric `pressed` map.
+    Two sheets, one on each side of the strip, may be apart; the map of one sheet alone is
+    isometric.
+
+    Args:
+        length: of the strip [m].
     """
 
     length: float
@@ -66,11 +94,16 @@ class Strip(FoldMap):
         raise NotImplementedError
 
     def place(self, X: Array, side: Array) -> Array:
+        """Folded positions (n, 3) [m] of points X (n, 3) of the flat strip on the sides `side`
+        (n,).
+        """
         p, normal = self.bent.at(X[:, 0])
         p = p + (side * self.thickness(X))[:, None] * normal
-        return np.stack([p[:, 0], X[:, 1], p[:, 1] + side * self.shift(X)], axis=1)
+        z = p[:, 1] + side * self.shift(X)
+        return np.stack([p[:, 0], X[:, 1], z], axis=1)
 
     def film_sizes(self) -> tuple[float, ...]:
+        """Length [m] of the film that the map needs."""
         return (self.length,)
 
     def thickness(self, X: Array) -> Array:
@@ -82,11 +115,15 @@ class Strip(FoldMap):
         return np.zeros(len(X))
 
     def label(self, X: Array) -> Indices:
-        corners = self.bent.corners
-        nearest: Indices = np.abs(X[:, :1] - corners).argmin(axis=1).astype(np.int32) + 1
+        """Number (n,), from 1, of the corner that is nearest to each point X (n, 3) of the flat
+        strip.
+        """
+        distances = np.abs(X[:, :1] - self.bent.corners)
+        nearest: Indices = distances.argmin(axis=1).astype(np.int32) + 1
         return nearest
 
     def _check_strip(self, lengths: tuple[str, ...]) -> None:
+        """Check the length, these other lengths, and that sheets that are opened have a width."""
         self._check_positive("length")
         self._check_not_negative(*lengths)
         opened = any(getattr(self, what, 0.0) for what in ("opening", "lift"))
@@ -96,9 +133,12 @@ class Strip(FoldMap):
         )
 
     def _across(self, X: Array) -> Array:
-        """One on the centre line, zero at the seams |y| = width/2."""
-        result: Array = np.cos(np.pi * np.clip(X[:, 1] / getattr(self, "width", 1.0), -0.5, 0.5))
-        return result
+        """Share (n,) of an opening at X (n, 3): one on the centre line, zero at the seams |y| =
+        width/2.
+        """
+        width = getattr(self, "width", 1.0)
+        share: Array = np.cos(np.pi * np.clip(X[:, 1] / width, -0.5, 0.5))
+        return share
 
 
 @check_arguments
@@ -144,6 +184,7 @@ class Zigzag(Strip):
     spacing: float = 0.0
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         self._check_strip(("width", "opening", "lift", "spacing"))
         self._check(self.panels >= 2, f"panels is {self.panels!r}; give at least 2.")
         self._check(
@@ -158,41 +199,57 @@ class Zigzag(Strip):
             (self.spacing > 0) == (self.bends > 1),
             "spacing is the distance of several bends; give both or none.",
         )
+        panel_length = self.length / self.panels
         self._check(
-            (self.bends - 1) * self.spacing < self.length / self.panels,
-            f"{self.bends} bends of {self.spacing:g} m take more than a panel of {self.length / self.panels:g} m; give "
-            "less.",
+            (self.bends - 1) * self.spacing < panel_length,
+            f"{self.bends} bends of {self.spacing:g} m take more than a panel of "
+            f"{panel_length:g} m; give less.",
         )
 
     @cached_property
     def bent(self) -> Bent:
         """The bent line of the strip."""
+        # The rows of a fold lie symmetrically about its middle.
         rows = (np.arange(self.bends) - (self.bends - 1) / 2) * self.spacing
         folds = self.length * np.arange(1, self.panels) / self.panels
-        sense = (-1.0) ** np.arange(self.panels - 1)  # up, then down
+        # The first panel rises; folds turn down and up in turn, each row by an equal part.
+        sense = (-1.0) ** np.arange(self.panels - 1)
         part = 1 - 2 * np.arange(1, self.bends + 1) / self.bends
         rise = np.concatenate([[1.0], np.outer(sense, part).ravel()])
-        return Bent((folds[:, None] + rows).ravel(), self.angle * rise)
+        corners = (folds[:, None] + rows).ravel()
+        return Bent(corners, self.angle * rise)
 
     def pressed(self) -> Zigzag:
+        """The same fold of one sheet: an isometric map."""
         return replace(self, opening=0.0, lift=0.0)
 
     def ajar(self) -> Zigzag:
+        """The same fold, open enough to distinguish mountains and valleys."""
         return replace(self, angle=AJAR * self.angle)
 
     def thickness(self, X: Array) -> Array:
+        """Half of the distance (n,) [m] of the sheets: a pillow between folds, zero at folds and
+        seams.
+        """
         if not self.opening:
             return np.zeros(len(X))
         along = np.abs(np.sin(np.pi * X[:, 0] / self.length * self.panels))
         return self.opening * along * self._across(X)
 
     def shift(self, X: Array) -> Array:
+        """Shift (n,) [m] of the upper sheet along z: `lift` at all folds, growing from zero at the
+        ends.
+        """
         if not self.lift:
             return np.zeros(len(X))
-        ramp = np.clip(np.minimum(X[:, 0], self.length - X[:, 0]) / self.length * self.panels, 0, 1)
+        from_end = np.minimum(X[:, 0], self.length - X[:, 0])
+        ramp = np.clip(from_end / self.length * self.panels, 0, 1)
         return self.lift * ramp * self._across(X)
 
     def label(self, X: Array) -> Indices:
+        """Number (n,), from 1, of the fold that is nearest to each point X (n, 3): its rows count
+        as one.
+        """
         return np.asarray((super().label(X) - 1) // self.bends + 1, dtype=np.int32)
 
 
@@ -234,6 +291,7 @@ class Roll(Strip):
     opening: float = 0.0
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         self._check_strip(("radius", "pitch", "width", "opening"))
         self._check(
             1 <= self.bends <= MAX_BENDS,
@@ -244,6 +302,7 @@ class Roll(Strip):
             f"flat is {self.flat!r} m; give a part of the length, above zero.",
         )
         spacing = float(np.diff(self._rows).max())
+        # A row turns by 2 asin(spacing/2r): at two thirds of the radius that is 39°, 9 rows a turn.
         self._check(
             self.radius > 0 and spacing <= 2 * self.radius / 3,
             f"rows {spacing:.3g} m apart do not go round a radius of {self.radius:g} m; give more bends or a larger "
@@ -252,25 +311,38 @@ class Roll(Strip):
 
     @property
     def _rows(self) -> Array:
-        """Rows at which it is bent, and the end (bends + 1,)."""
-        flat = self.length / (self.bends + 1) if self.flat is None else self.flat
+        """Coordinates x (bends + 1,) [m] of the rows at which the strip is bent, and of its end."""
+        flat = self.flat
+        if flat is None:
+            flat = self.length / (self.bends + 1)
         return np.linspace(flat, self.length, self.bends + 1)
 
     @cached_property
     def bent(self) -> Bent:
         """The bent line of the strip."""
         rows = self._rows
-        turn, turns = 0.0, []  # of the pieces, from the innermost one
-        for edge in np.diff(rows)[::-1]:
-            turns.append(turn)
-            turn += 2 * math.asin(edge / 2 / (self.radius + self.pitch * turn / (2 * math.pi)))
-        return Bent(rows[:-1], turn - np.array([turn, *turns[::-1]]))
+        # From the innermost piece outwards, as the radius grows in this direction: each piece is a
+        # chord of the circle with the present radius.
+        angle = 0.0
+        angles = []
+        for chord in np.diff(rows)[::-1]:
+            angles.append(angle)
+            radius = self.radius + self.pitch * angle / (2 * math.pi)
+            angle += 2 * math.asin(chord / 2 / radius)
+        # The piece before the first bend lies along x.
+        rise = angle - np.array([angle, *angles[::-1]])
+        return Bent(rows[:-1], rise)
 
     def pressed(self) -> Roll:
+        """The same roll of one sheet: an isometric map."""
         return replace(self, opening=0.0)
 
     def thickness(self, X: Array) -> Array:
+        """Half of the distance (n,) [m] of the sheets; it grows over a tenth of the length from
+        each end.
+        """
         if not self.opening:
             return np.zeros(len(X))
-        ramp = np.clip(np.minimum(X[:, 0], self.length - X[:, 0]) / (self.length / 10), 0, 1)
+        from_end = np.minimum(X[:, 0], self.length - X[:, 0])
+        ramp = np.clip(from_end / (self.length / 10), 0, 1)
         return self.opening * ramp * self._across(X)

@@ -16,6 +16,9 @@ from gossamer_fx.model.body import Array
 # round-off, and small enough for the shape to stay the same.
 AJAR = 1e-2
 
+# Round-off of a point's column, in columns: a node on a column must not count as left of it.
+COLUMN_ROUND_OFF = 1e-9
+
 
 @check_arguments
 @dataclass(frozen=True)
@@ -54,9 +57,11 @@ class Spiral(FoldMap):
     gap: float = 0.0
 
     def film_sizes(self) -> tuple[float, ...]:
+        """Length and width [m] of the film that the map needs."""
         return (self.length, self.rows * self.pitch)
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         self._check_positive("length", "pitch")
         for what, least in (("columns", 1), ("around", 6), ("rows", 1)):
             value = getattr(self, what)
@@ -69,26 +74,39 @@ class Spiral(FoldMap):
 
     @property
     def radius(self) -> float:
-        """Of the corners of the innermost layer [m]."""
-        layers = self.rows + (self.rows + 1) * self.columns / self.around
-        return self.length / self.columns / 2 / math.sin(math.pi / self.around) - self.gap * layers
+        """Radius of the corners of the innermost layer [m]."""
+        # A column of the outermost layer is a chord of its circle, and is not stretched.
+        outermost = self.length / self.columns / 2 / math.sin(math.pi / self.around)
+        return outermost - self.gap * self._layers
+
+    @property
+    def _layers(self) -> float:
+        """Number of gaps from the innermost corner to the outermost one."""
+        return self.rows + (self.rows + 1) * self.columns / self.around
 
     def pressed(self) -> Spiral:
+        """The same fold with layers that touch."""
         return replace(self, gap=0.0)
 
     def ajar(self) -> Spiral:
+        """The same fold, loose enough to distinguish mountains and valleys."""
         return _Open(**vars(self.pressed()))
 
     def place(self, X: Array, side: Array) -> Array:
+        """Folded positions (n, 3) [m] of points X (n, 3) of the flat strip, on both sides alike."""
         layer = X[:, 1] / self.pitch
         z = self.pitch * np.abs(np.remainder(layer + 1, 2) - 1)
+        # A point lies between the columns i and i + 1, on the chord between their corners.
         u = X[:, 0] / self.length * self.columns
-        i = np.floor(u + 1e-9)
+        i = np.floor(u + COLUMN_ROUND_OFF)
         part = (u - i)[:, None]
-        p = (1 - part) * self._corner(i, layer) + part * self._corner(i + 1, layer)
+        at_column = self._corner(i, layer)
+        at_next = self._corner(i + 1, layer)
+        p = (1 - part) * at_column + part * at_next
         return np.column_stack([p, z])
 
     def _corner(self, i: Array, layer: Array) -> Array:
+        """Corners (n, 2) [m] at columns i (n,) of layers (n,), counted from the innermost one."""
         turns = i / self.around
         r = self.radius + self.gap * (layer + (self.rows + 1) * turns)
         angle = 2 * math.pi * turns
@@ -100,8 +118,12 @@ class _Open(Spiral):
     """Layers are so far apart that no fold is shut."""
 
     def pressed(self) -> Spiral:
+        """The fold itself: its layers must not touch."""
         return self
 
     def place(self, X: Array, side: Array) -> Array:
-        layers = self.rows + (self.rows + 1) * self.columns / self.around
-        return replace(Spiral(**vars(self)), gap=AJAR * self.radius / layers).place(X, side)
+        """Positions (n, 3) [m] in a roll whose thickness is `AJAR` times its radius."""
+        gap = AJAR * self.radius / self._layers
+        # A plain `Spiral`, as the gap of this class is zero.
+        spiral = replace(Spiral(**vars(self)), gap=gap)
+        return spiral.place(X, side)

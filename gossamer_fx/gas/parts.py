@@ -7,6 +7,8 @@ inwards.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import numpy.typing as npt
 from dolfinx import la
@@ -23,6 +25,37 @@ Cells = npt.NDArray[np.int32]
 
 # A volume below this share of the sum of its terms' sizes is round-off: a flat part has no inside.
 FLAT = 1e-9
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Volume and bounding box of one part of a surface, or of what one rank has of it.
+
+    Attributes:
+        volume: signed volume [m³] of the cones from the origin to the triangles.
+        size: sum [m³] of the absolute volumes of these cones, the scale of its round-off.
+        low, high: corners (3,) [m] of the bounding box.
+    """
+
+    volume: float
+    size: float
+    low: Array
+    high: Array
+
+    def merged(self, other: _Part) -> _Part:
+        """The part that consists of both."""
+        return _Part(
+            volume=other.volume + self.volume,
+            size=other.size + self.size,
+            low=np.minimum(other.low, self.low),
+            high=np.maximum(other.high, self.high),
+        )
+
+    def is_within(self, other: _Part) -> bool:
+        """Whether the bounding box is strictly inside that of another part."""
+        is_above = bool((self.low > other.low).all())
+        is_below = bool((self.high < other.high).all())
+        return is_above and is_below
 
 
 def label_parts(table: EdgeTable, cells: Cells) -> Array:
@@ -44,17 +77,24 @@ def label_parts(table: EdgeTable, cells: Cells) -> Array:
 
     index_map = table.domain.topology.index_map(2)
     comm = table.domain.comm
-    is_of_surface = np.zeros(index_map.size_local + index_map.num_ghosts, dtype=bool)
+    local_count = index_map.size_local + index_map.num_ghosts
+    is_of_surface = np.zeros(local_count, dtype=bool)
     is_of_surface[cells] = True
+
+    # Triangles of the surface are neighbours where they share an edge.
     has_both = (table.cells >= 0).all(axis=1)
     pairs = table.cells[has_both]
     pairs = pairs[is_of_surface[pairs].all(axis=1)]
     ones = np.ones(len(pairs), dtype=np.int8)
-    neighbours = coo_array((ones, (pairs[:, 0], pairs[:, 1])), shape=(len(is_of_surface),) * 2)
+    entries = (ones, (pairs[:, 0], pairs[:, 1]))
+    neighbours = coo_array(entries, shape=(local_count, local_count))
     count, part = connected_components(neighbours, directed=False)
 
+    local_cells = np.arange(local_count, dtype=np.int32)
     labels = la.vector(index_map)
-    labels.array[:] = index_map.local_to_global(np.arange(len(is_of_surface), dtype=np.int32))
+    labels.array[:] = index_map.local_to_global(local_cells)
+    # A number passes one rank in each round, so there are at most as many rounds as ranks along a
+    # part.
     while True:
         lowest = np.full(count, np.inf)
         np.minimum.at(lowest, part, labels.array)
@@ -85,38 +125,36 @@ def check_normals(film: Membrane, chamber: str, cells: Cells, labels: Array, x: 
     is_owned = cells < owned
     corners = x[cell_nodes(film.space)[cells[is_owned], :3]]
     terms = np.einsum("ij,ij->i", corners.mean(axis=1), area_vectors(corners)) / 3
+    owned_labels = labels[is_owned]
     mine = {}
-    for label in np.unique(labels[is_owned]):
-        of_part = labels[is_owned] == label
-        points = corners[of_part].reshape(-1, 3)
-        sums = np.array([terms[of_part].sum(), abs(terms[of_part]).sum()])
-        mine[label] = (sums, points.min(axis=0), points.max(axis=0))
+    for label in np.unique(owned_labels):
+        is_of_part = owned_labels == label
+        points = corners[is_of_part].reshape(-1, 3)
+        mine[label] = _Part(
+            volume=terms[is_of_part].sum(),
+            size=abs(terms[is_of_part]).sum(),
+            low=points.min(axis=0),
+            high=points.max(axis=0),
+        )
 
-    # One entry for each part, not for each triangle.
-    parts: dict[float, tuple[Array, Array, Array]] = {}
+    # Ranks exchange one entry for each part, not one for each triangle.
+    parts: dict[float, _Part] = {}
     for share in film.comm.allgather(mine):
-        for label, (sums, low, high) in share.items():
+        for label, part in share.items():
             if label in parts:
-                sums = sums + parts[label][0]
-                low = np.minimum(low, parts[label][1])
-                high = np.maximum(high, parts[label][2])
-            parts[label] = (sums, low, high)
+                parts[label] = parts[label].merged(part)
+            else:
+                parts[label] = part
 
-    found = [part for part in parts.values() if abs(part[0][0]) > FLAT * part[0][1]]
-    outer = [part for part in found if not any(_is_within(part, other) for other in found)]
-    outer.sort(key=lambda part: -abs(part[0][0]))
-    for sums, low, high in outer[1:]:
-        volume = sums[0]
-        # The largest part is taken to be right.
-        if volume * outer[0][0][0] < 0:
-            middle = ", ".join(f"{value:.4g}" for value in (low + high) / 2)
+    solid = [part for part in parts.values() if abs(part.volume) > FLAT * part.size]
+    outer = [part for part in solid if not any(part.is_within(other) for other in solid)]
+    # The largest part is taken to be right.
+    outer.sort(key=lambda part: -abs(part.volume))
+    for part in outer[1:]:
+        if part.volume * outer[0].volume < 0:
+            middle = ", ".join(f"{value:.4g}" for value in (part.low + part.high) / 2)
             raise InputError(
-                f"Chamber '{chamber}': one of the {len(parts)} parts of '{film.name}' is inside out, the one about "
-                f"({middle}) m, whose volume of {abs(volume):.4g} m³ would be subtracted from the others; turn its "
-                "normals (gmsh: model.mesh.reverse)."
+                f"Chamber '{chamber}': one of the {len(parts)} parts of '{film.name}' is inside out, "
+                f"the one about ({middle}) m, whose volume of {abs(part.volume):.4g} m³ would be "
+                "subtracted from the others; turn its normals (gmsh: model.mesh.reverse)."
             )
-
-
-def _is_within(part: tuple[Array, Array, Array], other: tuple[Array, Array, Array]) -> bool:
-    """Whether the box around a part is strictly inside that of another one."""
-    return bool((part[1] > other[1]).all() and (part[2] < other[2]).all())

@@ -14,19 +14,33 @@ from gossamer_fx.model.body import Array
 
 
 class Coordinates:
-    """The coordinates of one mesh body in a step: start q0, end q1, increment δ of the iteration, step h.
+    """The coordinates of one mesh body in a step, as the symbols of its forms.
 
-    γ is how much of the geometric stiffness of stresses that push the tangent has: 1, or 0 in the initial iterations.
-    The unknowns are the values at the owned nodes; a reduced body has others, and overrides the three methods.
+    The unknowns are the values at the owned nodes; a reduced body has others, and overrides the
+    three methods.
+
+    Attributes:
+        q0, q1: coordinates at the start and at the end of the step.
+        δ: increment of the iteration.
+        α: the forces are those at q_mid = (1 - α) q0 + α q1; ½ for the midpoint rule.
+        mid: q_mid.
+        h: step [s].
+        γ: factor of the geometric stiffness of compressive stresses in the tangent: 1, or 0 in the
+            initial iterations.
+        w, dq: test and trial functions.
     """
 
     def __init__(self, space: fem.FunctionSpace, alpha: float) -> None:
-        self.q0, self.q1, self.δ = (fem.Function(space) for _ in range(3))
+        self.q0 = fem.Function(space)
+        self.q1 = fem.Function(space)
+        self.δ = fem.Function(space)
+        # Constants, as a number in a form would be compiled into its kernel.
         self.α = constant(space.mesh, alpha)
         self.h = constant(space.mesh, 1.0)
         self.γ = constant(space.mesh, 1.0)
         self.mid = (1 - self.α) * self.q0 + self.α * self.q1
-        self.w, self.dq = ufl.TestFunction(space), ufl.TrialFunction(space)
+        self.w = ufl.TestFunction(space)
+        self.dq = ufl.TrialFunction(space)
 
     def take(self, function: fem.Function, unknowns: Array) -> None:
         """Set a function, ghosts included, from this rank's unknowns of the body."""

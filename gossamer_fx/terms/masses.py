@@ -28,6 +28,7 @@ class Masses(OnMeshes, Mass, MassForms, CompiledTerms["KineticEnergy"]):
         self._terms = terms
 
     def mass_forms(self, body: Body) -> list[fem.Form]:
+        """Compiled bilinear forms of the mass [kg] of a body's terms."""
         found = []
         for term in self._terms:
             if term.body is body:
@@ -36,22 +37,32 @@ class Masses(OnMeshes, Mass, MassForms, CompiledTerms["KineticEnergy"]):
         return found
 
     def kinetic_forms(self, body: Body, v: Expr, w: Expr) -> list[ufl.Form]:
+        """The same forms as expressions of velocities v [m/s] and test functions w."""
         return [term.mass(v, w) for term in self._terms if term.body is body]
 
     def add_mass(self, M: PETSc.Mat) -> None:
+        """Add the mass [kg] of all terms to M."""
+        # The forms of one body are assembled in one call.
         for body in dict.fromkeys(term.body for term in self._terms):
             self._system.block(body).assemble(M, self.mass_forms(body))
 
     def add_gyroscopic(self, G: PETSc.Mat, spin: tuple[float, float, float]) -> None:
+        """Add the matrix 2 w·M (spin × v) [kg/s] of a frame that turns with `spin` (3,) [rad/s] to
+        G.
+        """
         for term in self._terms:
             at = self._system.fields[term.body]
+            # A constant, so that another spin needs no new kernel.
             ω = fem.Constant(at.q0.function_space.mesh, tuple(float(c) for c in spin))
-            v = [
-                ufl.cross(ω, ufl.as_vector([at.dq[i + j] for j in range(3)]))
-                for i in range(0, len(at.dq), 3)
-            ]
-            turned = ufl.as_vector([vector[j] for vector in v for j in range(3)])
-            self._system.block(term.body).assemble(G, [compile_form(2 * term.mass(turned, at.w))])
+            # The components of a node are one or more vectors: its position, then directors.
+            components = []
+            for first in range(0, len(at.dq), 3):
+                vector = ufl.as_vector([at.dq[first + j] for j in range(3)])
+                turned_vector = ufl.cross(ω, vector)
+                components += [turned_vector[j] for j in range(3)]
+            turned = ufl.as_vector(components)
+            gyroscopic = compile_form(2 * term.mass(turned, at.w))
+            self._system.block(term.body).assemble(G, [gyroscopic])
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,13 +83,18 @@ class NodeMasses(Mass, CompiledTerms["NodeKineticEnergy"]):
         self._terms = terms
 
     def add_mass(self, M: PETSc.Mat) -> None:
+        """Add the mass of all nodes to M; its units are those of `NodeKineticEnergy.mass`."""
         for rows, mass in self._nodes():
-            M.setValues(rows, rows, np.kron(mass, np.eye(3)), addv=PETSc.InsertMode.ADD_VALUES)
+            of_components = np.kron(mass, np.eye(3))
+            M.setValues(rows, rows, of_components, addv=PETSc.InsertMode.ADD_VALUES)
 
     def add_gyroscopic(self, G: PETSc.Mat, spin: tuple[float, float, float]) -> None:
+        """Add the matrix 2 w·M (spin × v) of a frame that turns with `spin` (3,) [rad/s] to G."""
+        # Row i is e_i × spin, so that w·(cross v) = w·(spin × v).
+        cross = np.cross(np.eye(3), np.asarray(spin))
         for rows, mass in self._nodes():
-            turned = np.kron(2 * mass, np.cross(np.eye(3), np.asarray(spin)))
-            G.setValues(rows, rows, turned, addv=PETSc.InsertMode.ADD_VALUES)
+            of_components = np.kron(2 * mass, cross)
+            G.setValues(rows, rows, of_components, addv=PETSc.InsertMode.ADD_VALUES)
 
     def _nodes(self) -> Iterator[tuple[GlobalIndices, Array]]:
         """Global indices and mass (s, s) of every owned node."""

@@ -19,22 +19,34 @@ class AttachedMasses(Mass, CompiledTerms["AttachedKineticEnergy"]):
     """All `AttachedKineticEnergy` terms of a scene."""
 
     def __init__(self, terms: Sequence[AttachedKineticEnergy], system: Assembly) -> None:
-        self._terms, self._system = terms, system
+        self._terms = terms
+        self._system = system
 
     def add_mass(self, M: PETSc.Mat) -> None:
+        """Add the mass of all terms to M; its units are those of `AttachedKineticEnergy.mass`."""
         self._add(M, np.eye(3))
 
     def add_gyroscopic(self, G: PETSc.Mat, spin: tuple[float, float, float]) -> None:
-        self._add(G, 2 * np.cross(np.eye(3), np.asarray(spin)))
+        """Add the matrix 2 w·M (spin × v) of a frame that turns with `spin` (3,) [rad/s] to G."""
+        cross = np.cross(np.eye(3), np.asarray(spin))
+        self._add(G, 2 * cross)
 
     def _add(self, matrix: PETSc.Mat, each: Array) -> None:
-        """Add Σ_ij mass[i, j] w_i·(each v_j)."""
+        """Add Σ_ij mass[i, j] w_i·(each v_j), with the same matrix `each` (3, 3) for all vectors."""
         for term in self._terms:
             own = evaluated_here(term.ports)
-            k = term.mass.shape[1]
+            n = len(own)
+            rows = 3 * term.mass.shape[1]
             tuples = [term.ports[i] for i in own]
-            indices, P, _ = attach_all(self._system.numbering, self._system.bodies, tuples, 3 * k)
-            mass = np.einsum("nij,ab->niajb", term.mass[own], each).reshape(len(own), 3 * k, 3 * k)
+            # Offsets of the ground are not needed: it has no velocity.
+            indices, P, _ = attach_all(
+                numbering=self._system.numbering,
+                bodies=self._system.bodies,
+                tuples=tuples,
+                rows=rows,
+            )
+            of_vectors = np.einsum("nij,ab->niajb", term.mass[own], each)
+            mass = of_vectors.reshape(n, rows, rows)
             of_unknowns = np.einsum("nax,nab,nby->nxy", P, mass, P, optimize=True)
             add_blocks(matrix, indices, indices, of_unknowns)
 
