@@ -73,6 +73,7 @@ def flutter(comm: MPI.Comm) -> gx.Scene:
 
 
 def balloon(comm: MPI.Comm) -> gx.Scene:
+    """A rubber sphere of 0.2 m radius that fills from 1 bar through an orifice of 0.3 cm²."""
     law = gx.Linear(E=2e6, nu=0.45, density=1100.0, thickness=2e-4)
     film = gx.Membrane(sphere(comm, 0.2, 6, order=2), law, order=2)
     bag = gx.Chamber(film, gas=gx.IdealGas(gamma=1.4, R=287.0), pressure=50.0, temperature=300.0)
